@@ -1,0 +1,72 @@
+# Everything runs in .venv, which the targets create by themselves.
+# Needs: make, and Python >= 3.11 with its venv module (make PYTHON=python3.12 ... to choose one).
+
+PYTHON ?= python3
+
+VENV := .venv
+BIN := $(VENV)/bin
+INSTALLED := $(VENV)/.installed
+PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+
+.PHONY: help paper test lint format typecheck wheel-check lock clean
+
+help:
+	@echo "make paper        run the scenario wang2013 and write its report to reports/"
+	@echo "make test         run the tests"
+	@echo "make lint         check style and format"
+	@echo "make format       apply style fixes and format"
+	@echo "make typecheck    check the type annotations"
+	@echo "make wheel-check  build the wheel, install it in an empty environment and use it"
+	@echo "make lock         renew requirements.lock with the newest versions allowed"
+	@echo "make clean        remove the environment and what the tools built; results/ stays"
+
+paper: $(INSTALLED)
+	$(BIN)/ggbench run wang2013 --assumptions -o results/wang2013
+	$(BIN)/ggbench report results/wang2013 -o reports
+
+test: $(INSTALLED)
+	$(BIN)/python -m pytest
+
+lint: $(INSTALLED)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+format: $(INSTALLED)
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+# mypy knows no mapping of folders to packages, so the package is laid out for it with links.
+typecheck: $(INSTALLED)
+	rm -rf build/typecheck
+	mkdir -p build/typecheck/ggbench
+	cd build/typecheck/ggbench && ln -s $(addprefix ../../../,$(wildcard ggbench/*.py) ggbench/py.typed estimators scenarios) .
+	$(BIN)/mypy -p ggbench
+
+wheel-check: $(INSTALLED)
+	tests/check_wheel.sh $(BIN)/python
+
+$(INSTALLED): pyproject.toml requirements.lock
+	@command -v "$(PYTHON)" >/dev/null || \
+		{ echo "$(PYTHON): not found. Choose a Python >= 3.11: make PYTHON=/path/to/python" >&2; exit 1; }
+	@"$(PYTHON)" -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+		{ echo "ggbench needs Python >= 3.11, and $(PYTHON) is $$("$(PYTHON)" -V 2>&1)." \
+		       "Choose another: make PYTHON=/path/to/python" >&2; exit 1; }
+	"$(PYTHON)" -m venv $(VENV)
+	$(PIP_INSTALL) -r requirements.lock
+	$(PIP_INSTALL) --no-deps --no-build-isolation --editable .
+	@touch $@
+
+# The lock is what a fresh environment gets, setuptools included and the installer left out.
+lock:
+	rm -rf build/lock
+	"$(PYTHON)" -m venv build/lock
+	build/lock/bin/python -m pip install --quiet ".[test,dev]"
+	{ echo "# Exact versions for the make targets; renewed by: make lock"; \
+	  build/lock/bin/python -m pip freeze --all --exclude pip --exclude ggbench; } \
+		>build/requirements.lock
+	mv build/requirements.lock requirements.lock
+	rm -rf build/lock
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache
+	find ggbench estimators scenarios tests -name __pycache__ -prune -exec rm -rf {} +

@@ -1,0 +1,248 @@
+"""Factor graph (GTSAM): batch, incremental (iSAM2) and fixed-lag smoothing of one graph.
+
+One vector node per measurement epoch, in units of the prior's standard deviations; a prior on the
+first node; a linear process factor between neighbours; a gradient factor on each node.
+
+The process noise is singular: constant biases have none. A process factor therefore carries its
+residual in the eigenvectors of Q, and the directions without noise are hard constraints (Dellaert
+& Kaess 2017, sec. 2.5). Q is never inflated. Constraints need QR instead of Cholesky elimination.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Literal
+
+import gtsam
+import numpy as np
+
+from ..problem import Causality, Estimate, Estimator, MeasurementModel, Problem
+
+_NO_NOISE = 1e-13
+"""Eigenvalue of a correlation matrix below which a direction of Q counts as free of noise."""
+
+
+@dataclass(frozen=True)
+class FactorGraph(Estimator):
+    """Maximum a posteriori estimate on a factor graph.
+
+    Parameters
+    ----------
+    mode : ``isam2`` gives the newest node after each epoch (causal), ``fixed-lag`` each node when
+        it leaves a sliding window (measurements up to ``lag`` later), ``batch`` all nodes from all
+        measurements.
+    lag : length of the sliding window [s].
+    relinearize_threshold : change of a node, in standard deviations of the prior, from which iSAM2
+        linearises it anew.
+    max_iterations : limit of the batch optimizer (Levenberg–Marquardt).
+    """
+
+    mode: Literal["batch", "isam2", "fixed-lag"] = "isam2"
+    lag: float = 20.0
+    relinearize_threshold: float = 1.0
+    max_iterations: int = 50
+
+    name = "factor-graph"
+
+    @property
+    def causality(self) -> Causality:
+        """That of the mode."""
+        modes: dict[str, Causality] = {
+            "batch": "batch",
+            "isam2": "filter",
+            "fixed-lag": "fixed-lag",
+        }
+        return modes[self.mode]
+
+    def skip(self, problem: Problem) -> str | None:
+        """Refuse limits that leave nothing to do."""
+        if self.lag <= 0.0:
+            return f"lag must be positive, and is {self.lag:g} s"
+        if self.relinearize_threshold <= 0.0:
+            return f"relinearize_threshold must be positive, and is {self.relinearize_threshold:g}"
+        if self.max_iterations < 1:
+            return f"max_iterations must be at least 1, and is {self.max_iterations}"
+        return None
+
+    def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
+        """Build the graph of the problem and solve it in the chosen mode."""
+        solve = {"batch": self._batch, "isam2": self._isam2, "fixed-lag": self._fixed_lag}
+        scaled = _ScaledProblem(problem)
+        mean, cov, info = solve[self.mode](scaled)
+        scale = scaled.scale
+        lag = self.lag if self.mode == "fixed-lag" else None
+        return Estimate(mean * scale, cov * np.outer(scale, scale), self.causality, lag, info)
+
+    def _batch(self, scaled: _ScaledProblem) -> tuple[np.ndarray, np.ndarray, dict[str, Any]]:
+        graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+        for k, factors in enumerate(scaled.factors()):
+            for factor in factors:
+                graph.add(factor)
+            values.insert(k, scaled.predict(k, values.atVector(k - 1) if k else None))
+        parameters = gtsam.LevenbergMarquardtParams()
+        parameters.setLinearSolverType("MULTIFRONTAL_QR")
+        parameters.setMaxIterations(self.max_iterations)
+        parameters.setRelativeErrorTol(1e-10)
+        # The graph is close to linear and well scaled: little damping, so that it takes
+        # Gauss-Newton steps until one of them fails.
+        parameters.setlambdaInitial(1e-12)
+        optimizer = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters)
+        before = optimizer.error()
+        values = optimizer.optimize()
+        if optimizer.iterations() == 0 and before > 0.0:
+            raise RuntimeError("Levenberg-Marquardt gave up at its first step")
+        linear = graph.linearize(values)
+        marginals = gtsam.Marginals(linear, values)
+        epochs = range(scaled.problem.epochs)
+        mean = np.stack([values.atVector(k) for k in epochs])
+        cov = np.stack([marginals.marginalCovariance(k) for k in epochs])
+        return mean, cov, {"iterations": optimizer.iterations(), "error": optimizer.error()}
+
+    def _isam2(self, scaled: _ScaledProblem) -> tuple[np.ndarray, np.ndarray, dict[str, Any]]:
+        isam = gtsam.ISAM2(self._isam2_parameters())
+        mean, cov = scaled.empty()
+        relinearized = 0
+        for k, factors in enumerate(scaled.factors()):
+            result = isam.update(*scaled.news(k, factors, mean))
+            relinearized += result.getVariablesRelinearized()
+            mean[k] = isam.calculateEstimateVector(k)
+            cov[k] = isam.marginalCovariance(k)
+        return mean, cov, {"relinearized": relinearized}
+
+    def _fixed_lag(self, scaled: _ScaledProblem) -> tuple[np.ndarray, np.ndarray, dict[str, Any]]:
+        smoother = gtsam.IncrementalFixedLagSmoother(self.lag, self._isam2_parameters())
+        times = scaled.problem.times
+        mean, cov = scaled.empty()
+        newest, _ = scaled.empty()
+        kept = 0  # nodes before this one have left the window and are final
+        for k, factors in enumerate(scaled.factors()):
+            while times[kept] < times[k] - self.lag:
+                mean[kept] = smoother.calculateEstimateVector(kept)
+                cov[kept] = smoother.marginalCovariance(kept)
+                kept += 1
+            graph, values = scaled.news(k, factors, newest)
+            smoother.update(graph, values, {k: times[k]})
+            newest[k] = smoother.calculateEstimateVector(k)
+        for k in range(kept, len(times)):
+            mean[k] = smoother.calculateEstimateVector(k)
+            cov[k] = smoother.marginalCovariance(k)
+        return mean, cov, {}
+
+    def _isam2_parameters(self) -> gtsam.ISAM2Params:
+        parameters = gtsam.ISAM2Params()
+        parameters.setFactorization("QR")
+        parameters.relinearizeSkip = 1
+        parameters.setRelinearizeThreshold(self.relinearize_threshold)
+        parameters.findUnusedFactorSlots = True
+        # No wildfire threshold: every change reaches every node, so that the result is exact.
+        parameters.setOptimizationParams(gtsam.ISAM2GaussNewtonParams(0.0))
+        return parameters
+
+
+class _ScaledProblem:
+    """A problem in units of the prior's standard deviations, and its factors."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self.scale = np.sqrt(np.diag(problem.prior_cov))
+        self.transition = problem.transition * self.scale / self.scale[:, None]
+        self.process_cov = problem.process_cov / np.outer(self.scale, self.scale)
+        self.measurement_noise = gtsam.noiseModel.Gaussian.Covariance(problem.noise_cov)
+
+    def empty(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return arrays for the mean (K, n) and the covariance (K, n, n)."""
+        epochs, n = self.problem.epochs, self.problem.dimension
+        return np.empty((epochs, n)), np.empty((epochs, n, n))
+
+    def predict(self, k: int, previous: np.ndarray | None) -> np.ndarray:
+        """Return the predicted node k from the node before it (None: from the prior)."""
+        if previous is None:
+            previous = self.problem.prior_mean / self.scale
+        return self.transition[k] @ previous
+
+    def news(
+        self, k: int, factors: list[gtsam.NonlinearFactor], mean: np.ndarray
+    ) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
+        """Return what epoch k adds to an incremental solver that stands at ``mean[k - 1]``."""
+        graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+        for factor in factors:
+            graph.add(factor)
+        values.insert(k, self.predict(k, mean[k - 1] if k else None))
+        return graph, values
+
+    def factors(self) -> Iterator[list[gtsam.NonlinearFactor]]:
+        """Yield the factors that each epoch adds to the graph."""
+        for k in range(self.problem.epochs):
+            motion = self._process_factor(k) if k else self._prior_factor()
+            yield [motion, self._gradient_factor(k)]
+
+    def _prior_factor(self) -> gtsam.NonlinearFactor:
+        """Return the prior, carried from the start to the first epoch."""
+        phi = self.transition[0]
+        start = self.problem.prior_cov / np.outer(self.scale, self.scale)
+        cov = phi @ start @ phi.T + self.process_cov[0]
+        noise = gtsam.noiseModel.Gaussian.Covariance(0.5 * (cov + cov.T))
+        return gtsam.PriorFactorVector(0, self.predict(0, None), noise)
+
+    def _process_factor(self, k: int) -> gtsam.NonlinearFactor:
+        """Return the factor Mᵀ(x_k − Φ x_{k−1}) with the rows of Mᵀ whitened or constrained."""
+        rows, sigmas = _noise_directions(self.process_cov[k])
+        noise = gtsam.noiseModel.Constrained.MixedSigmas(np.ones(len(sigmas)), sigmas)
+        origin = gtsam.Values()  # without it the container ignores the point it is evaluated at
+        origin.insert(k - 1, np.zeros(len(sigmas)))
+        origin.insert(k, np.zeros(len(sigmas)))
+        linear = gtsam.JacobianFactor(
+            k - 1, -rows @ self.transition[k], k, rows, np.zeros(len(sigmas)), noise
+        )
+        return gtsam.LinearContainerFactor(linear, origin)
+
+    def _gradient_factor(self, k: int) -> gtsam.NonlinearFactor:
+        """Return the custom factor h(k, x_k) − z_k."""
+        # A partial of a module-level function: a callback that owned its factor would leak.
+        error = partial(
+            _gradient_error, self.problem.model, self.problem.measurements[k], self.scale, k
+        )
+        return gtsam.CustomFactor(self.measurement_noise, [k], error)
+
+
+def _gradient_error(
+    model: MeasurementModel,
+    measurement: np.ndarray,
+    scale: np.ndarray,
+    k: int,
+    factor: gtsam.CustomFactor,
+    values: gtsam.Values,
+    jacobians: list[np.ndarray] | None,
+) -> np.ndarray:
+    """Return h(k, x) − z and, if asked, its Jacobian.
+
+    The one place where Python answers GTSAM: a Jacobian that is not assigned, one-dimensional or
+    of the wrong width kills the process or falsifies the result, so its shape is enforced here.
+    """
+    x = values.atVector(k) * scale
+    if jacobians is not None:
+        jacobian = np.atleast_2d(np.asarray(model.jacobian(k, x), dtype=float)) * scale
+        if jacobian.shape != (len(measurement), len(scale)):
+            raise ValueError(
+                f"the model's Jacobian has shape {jacobian.shape}, "
+                f"not {(len(measurement), len(scale))}"
+            )
+        jacobians[0] = np.asfortranarray(jacobian)
+    return np.asarray(model.predict(k, x) - measurement, dtype=float).reshape(len(measurement))
+
+
+def _noise_directions(cov: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return rows M and sigmas σ with M w ~ N(0, diag(σ²)) for w ~ N(0, cov), cov singular."""
+    sigma = np.sqrt(np.diag(cov))
+    noisy = sigma > 0.0
+    rows = np.eye(len(cov))
+    sigmas = np.zeros(len(cov))
+    if noisy.any():
+        # Eigenvectors of the correlation, so that no unit outweighs another.
+        block = np.ix_(noisy, noisy)
+        values, vectors = np.linalg.eigh(cov[block] / np.outer(sigma[noisy], sigma[noisy]))
+        rows[block] = vectors.T / sigma[noisy]
+        sigmas[noisy] = np.where(values > _NO_NOISE, np.sqrt(np.maximum(values, 0.0)), 0.0)
+    return rows, sigmas

@@ -1,0 +1,322 @@
+"""The gravity-gradient tensor at a point: normal field plus a map of the disturbing field.
+
+A :class:`Field` interpolates a :class:`~ggbench.maps.GradientMap` by a tensor-product cubic
+B-spline in latitude, longitude and height (not-a-knot ends) and adds the exact normal field. The
+compiled point kernels below are the only implementation: simulation, h and H all call them.
+
+Tensor components are ordered [EE, EN, EU, NN, NU, UU] (x = east, y = north, z = up), in E;
+derivatives are for a displacement of one metre east, north and up, with axes that move along.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike
+from scipy.linalg import solve_banded
+
+from .earth import normal_gradient, radii_of_curvature
+from .errors import GGBenchError
+from .maps import GradientMap
+
+
+class OutsideMapError(GGBenchError):
+    """A position lies outside the gradient map."""
+
+
+def spline_coefficients(values: np.ndarray, axis: int) -> np.ndarray:
+    """Return uniform cubic B-spline coefficients that interpolate ``values`` along ``axis``.
+
+    n nodes (n >= 4) give n + 2 coefficients; the two end conditions are not-a-knot (the third
+    derivative is continuous across the second and the last but one node).
+    """
+    data = np.moveaxis(values, axis, 0)
+    n = data.shape[0]
+    right = np.zeros((n + 2, *data.shape[1:]))
+    right[1:-1] = data
+    band = np.zeros((9, n + 2))  # LAPACK's band storage, four diagonals on either side
+
+    def put(row: int, column: int, value: float) -> None:
+        band[4 + row - column, column] = value
+
+    for offset, weight in enumerate((1.0, -4.0, 6.0, -4.0, 1.0)):
+        put(0, offset, weight)
+        put(n + 1, n - 3 + offset, weight)
+    for row in range(1, n + 1):
+        for column, weight in zip(range(row - 1, row + 2), (1 / 6, 4 / 6, 1 / 6), strict=True):
+            put(row, column, weight)
+    solved = solve_banded((4, 4), band, right.reshape(n + 2, -1))
+    return np.moveaxis(solved.reshape(right.shape), 0, axis)
+
+
+@njit(cache=True)
+def _weights(t: float, weight: np.ndarray, slope: np.ndarray) -> None:
+    """Fill the four cubic B-spline weights at 0 <= t <= 1 of a cell and their derivatives."""
+    u = 1.0 - t
+    weight[0] = u * u * u / 6.0
+    weight[1] = (4.0 - 6.0 * t * t + 3.0 * t * t * t) / 6.0
+    weight[2] = (4.0 - 6.0 * u * u + 3.0 * u * u * u) / 6.0
+    weight[3] = t * t * t / 6.0
+    slope[0] = -0.5 * u * u
+    slope[1] = -2.0 * t + 1.5 * t * t
+    slope[2] = 2.0 * u - 1.5 * u * u
+    slope[3] = 0.5 * t * t
+
+
+@njit(cache=True)
+def spline_at(
+    position: np.ndarray,
+    origin: np.ndarray,
+    step: np.ndarray,
+    coefficients: np.ndarray,
+    value: np.ndarray,
+    derivative: np.ndarray,
+) -> bool:
+    """Evaluate the spline and its derivatives at one (latitude, longitude, height).
+
+    Outside the grid the value at its border is kept and the derivative across it is zero: an
+    estimator's trial point must have a number, and this one is continuous.
+
+    Parameters
+    ----------
+    position, origin, step : (3,) in the units of the grid's three axes.
+    coefficients : (n0 + 2, n1 + 2, n2 + 2, m).
+    value : (m,) output. derivative : (m, 3) output, per unit of each axis.
+
+    Returns
+    -------
+    Whether the position lies inside the grid.
+    """
+    weights = np.empty((3, 4))
+    slopes = np.empty((3, 4))
+    first = np.empty(3, np.int64)
+    inside = True
+    for axis in range(3):
+        cells = coefficients.shape[axis] - 3
+        u = (position[axis] - origin[axis]) / step[axis]
+        clamped = 0.0  # also for NaN, which must not become an index; the normal field keeps it
+        if u > 0.0:
+            clamped = min(u, float(cells))
+        cell = min(int(clamped), cells - 1)
+        first[axis] = cell
+        _weights(clamped - cell, weights[axis], slopes[axis])
+        # Half a millionth of a cell: a border node computed in another order is inside.
+        if abs(u - clamped) <= 5e-7:
+            slopes[axis] /= step[axis]
+        else:
+            inside = False
+            slopes[axis] = 0.0
+    count = coefficients.shape[3]
+    value[:] = 0.0
+    derivative[:, :] = 0.0
+    inner = np.empty(count)
+    inner_slope = np.empty(count)
+    for i in range(4):
+        for j in range(4):
+            inner[:] = 0.0
+            inner_slope[:] = 0.0
+            for k in range(4):
+                row = coefficients[first[0] + i, first[1] + j, first[2] + k]
+                weight, slope = weights[2, k], slopes[2, k]
+                for m in range(count):
+                    inner[m] += weight * row[m]
+                    inner_slope[m] += slope * row[m]
+            both = weights[0, i] * weights[1, j]
+            along_0 = slopes[0, i] * weights[1, j]
+            along_1 = weights[0, i] * slopes[1, j]
+            for m in range(count):
+                value[m] += both * inner[m]
+                derivative[m, 0] += along_0 * inner[m]
+                derivative[m, 1] += along_1 * inner[m]
+                derivative[m, 2] += both * inner_slope[m]
+    return inside
+
+
+@njit(cache=True)
+def gradient_at(
+    position: np.ndarray,
+    origin: np.ndarray,
+    step: np.ndarray,
+    coefficients: np.ndarray,
+    value: np.ndarray,
+    derivative: np.ndarray,
+) -> bool:
+    """Fill the full tensor (6,) [E] and its derivative (6, 3) [E/m east, north, up] at a point.
+
+    ``coefficients`` of size zero mean the normal field alone. Returns whether the point lies
+    inside the map (always true for the normal field alone).
+    """
+    latitude, height = position[0], position[2]
+    if coefficients.size == 0:
+        normal_gradient(latitude, height, value, derivative)
+        return True
+    disturbing = np.empty(6)
+    slope = np.empty((6, 3))
+    inside = spline_at(position, origin, step, coefficients, disturbing, slope)
+    normal_gradient(latitude, height, value, derivative)
+    meridian, prime_vertical = radii_of_curvature(latitude)
+    per_east = 1.0 / ((prime_vertical + height) * math.cos(latitude))
+    per_north = 1.0 / (meridian + height)
+    for m in range(6):
+        value[m] += disturbing[m]
+        derivative[m, 0] += slope[m, 1] * per_east
+        derivative[m, 1] += slope[m, 0] * per_north
+        derivative[m, 2] += slope[m, 2]
+    return inside
+
+
+@njit(cache=True)
+def _gradient_at_all(
+    positions: np.ndarray,
+    origin: np.ndarray,
+    step: np.ndarray,
+    coefficients: np.ndarray,
+    values: np.ndarray,
+    derivatives: np.ndarray,
+) -> int:
+    """Evaluate :func:`gradient_at` at (n, 3) positions; return the first outside index or -1."""
+    outside = -1
+    for n in range(positions.shape[0]):
+        if not gradient_at(positions[n], origin, step, coefficients, values[n], derivatives[n]):
+            if outside < 0:
+                outside = n
+    return outside
+
+
+@njit(cache=True)
+def _spline_at_all(
+    positions: np.ndarray,
+    origin: np.ndarray,
+    step: np.ndarray,
+    coefficients: np.ndarray,
+    values: np.ndarray,
+) -> int:
+    """Evaluate the value of the spline at (n, 3) positions; return the first outside or -1."""
+    outside = -1
+    derivative = np.empty((coefficients.shape[3], 3))
+    for n in range(positions.shape[0]):
+        if not spline_at(positions[n], origin, step, coefficients, values[n], derivative):
+            if outside < 0:
+                outside = n
+    return outside
+
+
+@dataclass(frozen=True)
+class Field:
+    """The Earth's gravity-gradient field in the area of a scenario.
+
+    Attributes
+    ----------
+    origin, step : (3,) first node and spacing of the map in latitude, longitude [rad], height [m].
+    tensor_coefficients : (n0, n1, n2, 6) B-spline coefficients [E]; size 0 for no map.
+    disturbance_coefficients : (n0, n1, n2, 3) of the gravity disturbance vector, ENU [m/s²].
+    """
+
+    origin: np.ndarray
+    step: np.ndarray
+    tensor_coefficients: np.ndarray
+    disturbance_coefficients: np.ndarray
+
+    @classmethod
+    def normal(cls) -> Field:
+        """Return the normal field of WGS84 alone (no map, valid everywhere)."""
+        nothing = np.zeros((0, 0, 0, 6))
+        return cls(np.zeros(3), np.ones(3), nothing, nothing[..., :3])
+
+    @classmethod
+    def from_map(cls, gradient_map: GradientMap) -> Field:
+        """Return the normal field plus the disturbing field of a map."""
+        tensor, disturbance = gradient_map.tensor, gradient_map.gravity_disturbance
+        for axis in range(3):
+            tensor = spline_coefficients(tensor, axis)
+            disturbance = spline_coefficients(disturbance, axis)
+        return cls(
+            np.array([gradient_map.latitude0, gradient_map.longitude0, gradient_map.height0]),
+            np.array(
+                [gradient_map.latitude_step, gradient_map.longitude_step, gradient_map.height_step]
+            ),
+            np.ascontiguousarray(tensor),
+            np.ascontiguousarray(disturbance),
+        )
+
+    @property
+    def has_map(self) -> bool:
+        """Whether a disturbing field is added to the normal field."""
+        return self.tensor_coefficients.size > 0
+
+    @property
+    def upper(self) -> np.ndarray:
+        """Last node of the map in latitude, longitude [rad] and height [m]."""
+        cells = np.array(self.tensor_coefficients.shape[:3]) - 3
+        return self.origin + cells * self.step
+
+    def tensor(self, latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike) -> np.ndarray:
+        """Return the gradient tensor (..., 6) [E] at positions of any (broadcast) shape.
+
+        Raises
+        ------
+        OutsideMapError
+            If a position lies outside the map; the message names it and the map's bounds.
+        """
+        return self.tensor_and_derivative(latitude, longitude, height)[0]
+
+    def tensor_and_derivative(
+        self, latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the tensor (..., 6) [E] and its derivative (..., 6, 3) [E/m east, north, up].
+
+        Raises
+        ------
+        OutsideMapError
+            If a position lies outside the map; the message names it and the map's bounds.
+        """
+        positions, shape = self._positions(latitude, longitude, height)
+        values = np.empty((len(positions), 6))
+        derivatives = np.empty((len(positions), 6, 3))
+        outside = _gradient_at_all(
+            positions, self.origin, self.step, self.tensor_coefficients, values, derivatives
+        )
+        self._require_inside(positions, outside)
+        return values.reshape(*shape, 6), derivatives.reshape(*shape, 6, 3)
+
+    def gravity_disturbance(
+        self, latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike
+    ) -> np.ndarray:
+        """Return the gravity disturbance vector (..., 3), ENU [m/s²]; zero without a map.
+
+        Raises
+        ------
+        OutsideMapError
+            If a position lies outside the map.
+        """
+        positions, shape = self._positions(latitude, longitude, height)
+        values = np.zeros((len(positions), 3))
+        if self.has_map:
+            outside = _spline_at_all(
+                positions, self.origin, self.step, self.disturbance_coefficients, values
+            )
+            self._require_inside(positions, outside)
+        return values.reshape(*shape, 3)
+
+    @staticmethod
+    def _positions(
+        latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike
+    ) -> tuple[np.ndarray, tuple[int, ...]]:
+        axes = np.broadcast_arrays(*(np.asarray(a, float) for a in (latitude, longitude, height)))
+        return np.stack([axis.ravel() for axis in axes], axis=-1), axes[0].shape
+
+    def _require_inside(self, positions: np.ndarray, outside: int) -> None:
+        if outside < 0:
+            return
+        lower, upper = self.origin.copy(), self.upper
+        point = positions[outside].copy()
+        for corner in (lower, upper, point):
+            corner[:2] = np.degrees(corner[:2])
+        raise OutsideMapError(
+            f"position {point[0]:.5f}° N, {point[1]:.5f}° E, {point[2]:.0f} m is outside the "
+            f"gradient map, which covers {lower[0]:.3f}° to {upper[0]:.3f}° N, "
+            f"{lower[1]:.3f}° to {upper[1]:.3f}° E, {lower[2]:.0f} to {upper[2]:.0f} m"
+        )

@@ -1,0 +1,273 @@
+"""The linear error model of the strapdown INS: F, and Φ and Q between two measurements.
+
+Fifteen states: position, velocity and attitude error (φ: C̃_nb = (I − [φ×]) C_nb), gyro bias ε_b
+and accelerometer bias ∇_b; error = indicated − true, measured = true + bias. F is written in the
+textbook variables (δL, δλ, δh) and with the exact derivative of the radii of curvature with
+latitude, so it is the Jacobian of :mod:`ggbench.strapdown` and not an approximation of it. Φ and Q
+leave this module for the benchmark's state, whose position error is (δr_E, δr_N, δr_U) in metres::
+
+    δr_E = (R_N + h) cos L δλ,   δr_N = (R_M + h) δL,   δr_U = δh
+
+All of it depends on the INS-indicated states only, so every estimator of a run shares it.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from .earth import normal_gravity, radii_latitude_derivatives, radii_of_curvature
+from .strapdown import frame_rates
+
+STATES = 15
+POSITION, VELOCITY, ATTITUDE = slice(0, 3), slice(3, 6), slice(6, 9)
+GYRO_BIAS, ACCELEROMETER_BIAS = slice(9, 12), slice(12, 15)
+
+
+@njit(cache=True)
+def system_matrix(
+    position: np.ndarray,
+    velocity: np.ndarray,
+    c_nb: np.ndarray,
+    specific_force: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Fill F (15, 15) in the variables (δL, δλ, δh), δv, φ, ε_b, ∇_b.
+
+    Parameters
+    ----------
+    position, velocity, c_nb : navigation state [rad, rad, m], ENU [m/s], (3, 3).
+    specific_force : (3,) f^n, ENU [m/s²].
+    out : (15, 15) output.
+    """
+    latitude, height = position[0], position[2]
+    v_e, v_n, v_u = velocity[0], velocity[1], velocity[2]
+    sine, cosine = math.sin(latitude), math.cos(latitude)
+    tangent, secant = sine / cosine, 1.0 / cosine
+    meridian, prime_vertical = radii_of_curvature(latitude)
+    d_meridian, d_prime_vertical = radii_latitude_derivatives(latitude)
+    r_m, r_n = meridian + height, prime_vertical + height
+    omega_ie = np.empty(3)
+    omega_en = np.empty(3)
+    frame_rates(latitude, height, velocity, omega_ie, omega_en)
+
+    out[:, :] = 0.0
+    # Position.
+    out[0, 0] = -v_n * d_meridian / r_m**2
+    out[0, 2] = -v_n / r_m**2
+    out[0, 4] = 1.0 / r_m
+    out[1, 0] = v_e * secant / r_n * (tangent - d_prime_vertical / r_n)
+    out[1, 2] = -v_e * secant / r_n**2
+    out[1, 3] = secant / r_n
+    out[2, 5] = 1.0
+
+    # Derivatives of ω_ie and ω_en with respect to L, h and v_E, v_N.
+    ie_latitude = np.array([0.0, -omega_ie[2], omega_ie[1]])
+    en_latitude = np.array(
+        [
+            v_n * d_meridian / r_m**2,
+            -v_e * d_prime_vertical / r_n**2,
+            v_e * (secant * secant / r_n - tangent * d_prime_vertical / r_n**2),
+        ]
+    )
+    en_height = np.array([v_n / r_m**2, -v_e / r_n**2, -v_e * tangent / r_n**2])
+    en_velocity_e = np.array([0.0, 1.0 / r_n, tangent / r_n])
+    en_velocity_n = np.array([-1.0 / r_m, 0.0, 0.0])
+
+    # Velocity: −(∂(2ω_ie + ω_en) × v) − (2ω_ie + ω_en) × ∂v + ∂g.
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        v_j, v_k = velocity[j], velocity[k]
+        out[3 + i, 0] = -(
+            (2.0 * ie_latitude[j] + en_latitude[j]) * v_k
+            - (2.0 * ie_latitude[k] + en_latitude[k]) * v_j
+        )
+        out[3 + i, 2] = -(en_height[j] * v_k - en_height[k] * v_j)
+        out[3 + i, 3] = -(en_velocity_e[j] * v_k - en_velocity_e[k] * v_j)
+        out[3 + i, 4] = -(en_velocity_n[j] * v_k - en_velocity_n[k] * v_j)
+        out[3 + i, 3 + k] -= 2.0 * omega_ie[j] + omega_en[j]
+        out[3 + i, 3 + j] += 2.0 * omega_ie[k] + omega_en[k]
+        # [f^n ×] φ and C_nb ∇_b
+        out[3 + i, 6 + k] = specific_force[j]
+        out[3 + i, 6 + j] = -specific_force[k]
+        # Attitude: ∂ω_in − ω_in × φ − C_nb ε_b.
+        out[6 + i, 0] = ie_latitude[i] + en_latitude[i]
+        out[6 + i, 2] = en_height[i]
+        out[6 + i, 3] = en_velocity_e[i]
+        out[6 + i, 4] = en_velocity_n[i]
+        out[6 + i, 6 + k] = -(omega_ie[j] + omega_en[j])
+        out[6 + i, 6 + j] = omega_ie[k] + omega_en[k]
+        for axis in range(3):
+            out[6 + i, 9 + axis] = -c_nb[i, axis]
+            out[3 + i, 12 + axis] = c_nb[i, axis]
+    _, gamma_latitude, gamma_height = normal_gravity(latitude, height)
+    out[5, 0] -= gamma_latitude
+    out[5, 2] -= gamma_height
+
+
+@njit(cache=True)
+def system_matrices(
+    positions: np.ndarray,
+    velocities: np.ndarray,
+    attitudes: np.ndarray,
+    delta_velocities: np.ndarray,
+    dt: float,
+) -> np.ndarray:
+    """Return F (N, 15, 15) at the middle of each of N IMU intervals of an INS track."""
+    count = delta_velocities.shape[0]
+    matrices = np.empty((count, STATES, STATES))
+    middle = np.empty((3, 3))
+    force = np.empty(3)
+    for n in range(count):
+        middle[:, :] = 0.5 * (attitudes[n] + attitudes[n + 1])
+        for i in range(3):
+            force[i] = (
+                middle[i, 0] * delta_velocities[n, 0]
+                + middle[i, 1] * delta_velocities[n, 1]
+                + middle[i, 2] * delta_velocities[n, 2]
+            ) / dt
+        system_matrix(
+            0.5 * (positions[n] + positions[n + 1]),
+            0.5 * (velocities[n] + velocities[n + 1]),
+            middle,
+            force,
+            matrices[n],
+        )
+    return matrices
+
+
+@njit(cache=True)
+def discretize(
+    matrix: np.ndarray, noise: np.ndarray, dt: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return Φ = exp(F dt) and Q = ∫ Φ(s) G q Gᵀ Φ(s)ᵀ ds of one short step.
+
+    The series of Van Loan's matrix exponential, to the order at which its terms fall below
+    rounding for an IMU interval (F's chain bias → attitude → velocity → position ends after three
+    products; what comes back is 1e-3 s⁻¹ at most).
+
+    Parameters
+    ----------
+    matrix : (n, n) F. noise : (n, n) G q Gᵀ, power spectral densities. dt : step [s].
+    """
+    transition = np.eye(matrix.shape[0])
+    term = np.eye(matrix.shape[0])
+    for order in range(1, 6):
+        term = matrix @ term * (dt / order)
+        transition += term
+    covariance = noise * dt
+    moment = covariance.copy()
+    for order in range(2, 7):
+        half = matrix @ moment * (dt / order)
+        moment = half + half.T
+        covariance += moment
+    return transition, covariance
+
+
+@njit(cache=True)
+def metres_per_radian(position: np.ndarray) -> tuple[float, float]:
+    """Return (R_M + h) and (R_N + h) cos L [m/rad]: what δL and δλ are worth in metres."""
+    meridian, prime_vertical = radii_of_curvature(position[0])
+    return meridian + position[2], (prime_vertical + position[2]) * math.cos(position[0])
+
+
+@njit(cache=True)
+def _to_metres(position: np.ndarray) -> np.ndarray:
+    """Return the matrix that takes (δL, δλ, δh, ...) to (δr_E, δr_N, δr_U, ...)."""
+    north, east = metres_per_radian(position)
+    change = np.eye(STATES)
+    change[0, 0] = change[1, 1] = 0.0
+    change[0, 1] = east
+    change[1, 0] = north
+    return change
+
+
+@njit(cache=True)
+def _from_metres(position: np.ndarray) -> np.ndarray:
+    """Return the inverse of :func:`_to_metres`."""
+    north, east = metres_per_radian(position)
+    change = np.eye(STATES)
+    change[0, 0] = change[1, 1] = 0.0
+    change[1, 0] = 1.0 / east
+    change[0, 1] = 1.0 / north
+    return change
+
+
+@njit(cache=True)
+def transitions(
+    matrices: np.ndarray,
+    positions: np.ndarray,
+    attitudes: np.ndarray,
+    epochs: np.ndarray,
+    dt: float,
+    accelerometer_psd: float,
+    gyro_psd: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Compose Φ and Q of the IMU steps between measurement epochs, for the state in metres.
+
+    Parameters
+    ----------
+    matrices : (N, 15, 15) from :func:`system_matrices`.
+    positions, attitudes : (N + 1, ...) INS track.
+    epochs : (K,) increasing indices of IMU samples; the first transition starts at sample 0.
+    dt : IMU interval [s].
+    accelerometer_psd, gyro_psd : white-noise power spectral densities [(m/s²)²/Hz, (rad/s)²/Hz].
+
+    Returns
+    -------
+    transition, process_cov : (K, 15, 15) each, from epoch k − 1 to epoch k.
+    """
+    count = epochs.shape[0]
+    transition = np.empty((count, STATES, STATES))
+    process_cov = np.empty((count, STATES, STATES))
+    # w_a enters δv' and w_g enters φ' through C_nb; equal axes make G q Gᵀ diagonal.
+    noise = np.zeros((STATES, STATES))
+    for i in range(3):
+        noise[3 + i, 3 + i] = accelerometer_psd
+        noise[6 + i, 6 + i] = gyro_psd
+    start = 0
+    for k in range(count):
+        phi = np.eye(STATES)
+        q = np.zeros((STATES, STATES))
+        for n in range(start, epochs[k]):
+            step_phi, step_q = discretize(matrices[n], noise, dt)
+            phi = step_phi @ phi
+            q = step_phi @ q @ step_phi.T + step_q
+        to_metres = _to_metres(positions[epochs[k]])
+        transition[k] = to_metres @ phi @ _from_metres(positions[start])
+        q = to_metres @ q @ to_metres.T
+        process_cov[k] = 0.5 * (q + q.T)
+        start = epochs[k]
+    return transition, process_cov
+
+
+@njit(cache=True)
+def delayed_position_rows(
+    matrices: np.ndarray, positions: np.ndarray, epochs: np.ndarray, delays: np.ndarray, dt: float
+) -> np.ndarray:
+    """Return B (K, 3, 15): the position error at t_k − τ_k is B_k x(t_k), in metres.
+
+    The rows of Φ(t_k, t_k − τ_k)⁻¹; process noise within the delay (millimetres) is neglected.
+    ``delays`` (K,) are in seconds, zero or positive, and do not reach before sample 0.
+    """
+    count = epochs.shape[0]
+    rows = np.zeros((count, 3, STATES))
+    for k in range(count):
+        back = np.eye(STATES)
+        remaining = delays[k]
+        n = epochs[k] - 1
+        while remaining > 1e-9 * dt and n >= 0:
+            part = min(remaining, dt)
+            term = np.eye(STATES)
+            inverse = np.eye(STATES)
+            for order in range(1, 6):
+                term = matrices[n] @ term * (-part / order)
+                inverse += term
+            back = inverse @ back
+            remaining -= part
+            n -= 1
+        then = positions[max(epochs[k] - int(round(delays[k] / dt)), 0)]
+        rows[k] = (_to_metres(then) @ back @ _from_metres(positions[epochs[k]]))[:3]
+    return rows

@@ -1,0 +1,129 @@
+"""THE interface: what an estimator is given, what it gives back, and what it is.
+
+A :class:`Problem` is all that an estimator may see; truth never enters it. The same interface
+carries any system with linear dynamics and a nonlinear measurement of a position.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from types import MappingProxyType
+from typing import Any, ClassVar, Literal, Protocol
+
+import numpy as np
+
+Causality = Literal["none", "filter", "fixed-lag", "batch"]
+
+
+class MeasurementModel(Protocol):
+    """h and its Jacobian, as functions of epoch and state."""
+
+    def predict(self, k: int, x: np.ndarray) -> np.ndarray:
+        """Return h(k, x) of shape (..., m) for states x (..., n), any leading axes."""
+
+    def jacobian(self, k: int, x: np.ndarray) -> np.ndarray:
+        """Return ∂h/∂x of shape (m, n) at one state x (n,)."""
+
+
+@dataclass(frozen=True)
+class StateBlock:
+    """A named part of the state: its slice of the vector and the unit of its elements."""
+
+    name: str
+    slice: slice
+    unit: str
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One estimation problem. Every array is made read-only.
+
+    x_0 ~ N(prior_mean, prior_cov) at the start; x_k = transition[k] x_{k−1} + w_k with
+    w_k ~ N(0, process_cov[k]) (which may be singular); measurements[k] = h(k, x_k) + v_k with
+    v_k ~ N(0, noise_cov), k = 0..K−1. ``transition[0]`` leads from the start to times[0].
+
+    Attributes
+    ----------
+    times : (K,) measurement epochs [s].
+    measurements : (K, m).
+    noise_cov : (m, m).
+    transition, process_cov : (K, n, n).
+    prior_mean : (n,). prior_cov : (n, n), positive definite.
+    model : h and H.
+    layout : names, slices and units of the n states.
+    """
+
+    times: np.ndarray
+    measurements: np.ndarray
+    noise_cov: np.ndarray
+    transition: np.ndarray
+    process_cov: np.ndarray
+    prior_mean: np.ndarray
+    prior_cov: np.ndarray
+    model: MeasurementModel
+    layout: tuple[StateBlock, ...]
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if isinstance(value, np.ndarray):
+                frozen = np.ascontiguousarray(value, dtype=float).view()
+                frozen.flags.writeable = False
+                object.__setattr__(self, item.name, frozen)
+
+    @property
+    def epochs(self) -> int:
+        """Number of measurement epochs K."""
+        return len(self.times)
+
+    @property
+    def dimension(self) -> int:
+        """Number of states n."""
+        return len(self.prior_mean)
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What an estimator returns.
+
+    Attributes
+    ----------
+    mean : (K, n) state at the measurement epochs.
+    cov : (K, n, n) its error covariance, or None if the estimator has none.
+    causality : ``filter`` (uses measurements up to each epoch), ``fixed-lag`` (up to a lag beyond
+        it), ``batch`` (all of them) or ``none`` (no measurement at all).
+    lag : the lag of a fixed-lag estimate [s], else None.
+    info : counters and remarks of this run (iterations, repairs, ...).
+    """
+
+    mean: np.ndarray
+    cov: np.ndarray | None
+    causality: Causality
+    lag: float | None = None
+    info: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+
+
+@dataclass(frozen=True)
+class Estimator(ABC):
+    """Base of all estimators: a frozen dataclass whose fields are its parameters.
+
+    A parameter is a field with a default, typed ``int``, ``float``, ``bool``, ``str`` or a
+    ``Literal`` of strings; ``name[parameter=value]`` on the command line sets it.
+    """
+
+    name: ClassVar[str]
+
+    @property
+    @abstractmethod
+    def causality(self) -> Causality:
+        """Which measurements an estimate at time t may depend on."""
+
+    @abstractmethod
+    def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
+        """Estimate the state at every epoch; all randomness comes from ``rng``."""
+
+    def skip(self, problem: Problem) -> str | None:
+        """Return why this estimator cannot take the problem, or None if it can."""
+        return None

@@ -1,0 +1,423 @@
+"""Scenario files: TOML, validated, with the provenance of every value.
+
+A scenario file describes one flight, its instruments and the navigator's prior, and names *cases*
+(changes that are compared side by side, each with the numbers of a paper if there are any) and
+*assumptions* (changes whose influence on the results a report shows). A value is written plainly
+or as ``{ value = 33.5, provenance = "paper: Table 1" }``.
+"""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import importlib.resources
+import json
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from .errors import GGBenchError
+from .gradiometer import COMPONENTS
+
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Latitude = Annotated[float, Field(ge=-89.0, le=89.0, allow_inf_nan=False)]
+Longitude = Annotated[float, Field(ge=-180.0, le=360.0, allow_inf_nan=False)]
+Title = Annotated[str, Field(min_length=1)]
+CaseName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
+T = TypeVar("T", bound=BaseModel)
+
+
+class ScenarioError(GGBenchError):
+    """A scenario file cannot be found, read or accepted."""
+
+
+class Section(BaseModel):
+    """Base of all tables of a scenario file: strict types, no unknown keys."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
+
+
+class SegmentSpec(Section):
+    """One ``[[trajectory.segment]]``."""
+
+    duration_s: Positive
+    turn_rate_deg_per_s: Annotated[float, Field(ge=-30.0, le=30.0)] = 0.0
+    acceleration_mps2: Annotated[float, Field(ge=-50.0, le=50.0)] = 0.0
+    climb_rate_deg_per_s: Annotated[float, Field(ge=-30.0, le=30.0)] = 0.0
+
+
+class TrajectorySpec(Section):
+    """``[trajectory]``: initial state and segments of the true flight."""
+
+    latitude_deg: Latitude
+    longitude_deg: Longitude
+    height_m: Annotated[float, Field(ge=-12000.0, le=100000.0, allow_inf_nan=False)]
+    speed_mps: NonNegative
+    heading_deg: Finite
+    pitch_deg: Finite = 0.0
+    roll_deg: Finite = 0.0
+    segment: Annotated[list[SegmentSpec], Field(min_length=1)]
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the flight [s]."""
+        return sum(segment.duration_s for segment in self.segment)
+
+
+class ImuSpec(Section):
+    """``[imu]``: the inertial sensors."""
+
+    period_s: Positive
+    gyro_bias_deg_per_h: NonNegative
+    gyro_noise_deg_per_sqrt_h: NonNegative
+    accelerometer_bias_ug: NonNegative
+    accelerometer_noise_ug_per_sqrt_hz: NonNegative
+    biases: Literal["drawn", "fixed"] = "drawn"
+
+
+class InitialErrorSpec(Section):
+    """``[initial_error]``: standard deviation of the INS error per axis at the start."""
+
+    position_m: Positive
+    velocity_mps: Positive
+    attitude_arcmin: Positive
+
+
+class GradiometerSpec(Section):
+    """``[gradiometer]``: noise (as RMS or as density), filter, and the treatment of the filter."""
+
+    period_s: Positive
+    noise_eotvos: Positive | None = None
+    noise_density_eotvos_per_sqrt_hz: Positive | None = None
+    components: Annotated[
+        list[Literal["xx", "xy", "xz", "yy", "yz", "zz"]], Field(min_length=1)
+    ] = list(COMPONENTS)  # type: ignore[assignment]
+    filter: Literal["butterworth", "none"] = "none"
+    filter_order: Annotated[int, Field(ge=1, le=12)] = 7
+    filter_cutoff_hz: Positive = 0.2
+    filter_treatment: Literal["whitened", "delayed"] = "whitened"
+    noise_behind_filter_ratio: Annotated[float, Field(ge=1e-8, le=1.0)] = 1e-6
+
+    @model_validator(mode="after")
+    def _check(self) -> GradiometerSpec:
+        if (self.noise_eotvos is None) == (self.noise_density_eotvos_per_sqrt_hz is None):
+            raise ValueError(
+                "give exactly one of noise_eotvos (RMS) and noise_density_eotvos_per_sqrt_hz"
+            )
+        if len(set(self.components)) != len(self.components):
+            raise ValueError("components names a component twice")
+        nyquist = 0.5 / self.period_s
+        if self.filter != "none" and self.filter_cutoff_hz >= nyquist:
+            raise ValueError(
+                f"filter_cutoff_hz is {self.filter_cutoff_hz:g} Hz and must lie below the Nyquist "
+                f"frequency of the readings, {nyquist:g} Hz (period_s = {self.period_s:g}); "
+                'use filter = "none" or read faster'
+            )
+        return self
+
+
+class FieldSpec(Section):
+    """``[field]``: the gradient map over the normal field, and what the accelerometers feel."""
+
+    source: str
+    south_deg: Latitude = 0.0
+    north_deg: Latitude = 0.0
+    west_deg: Longitude = 0.0
+    east_deg: Longitude = 0.0
+    lowest_m: Finite = 0.0
+    highest_m: Finite = 0.0
+    spacing_arcmin: Positive = 1.25
+    height_spacing_m: Positive = 500.0
+    land_correction: bool = True
+    gravity_disturbance: bool = False
+
+
+class WindowsSpec(Section):
+    """``[windows]``: the parts of the flight over which errors are averaged."""
+
+    settled_from_s: NonNegative
+    last_s: Positive
+
+
+class ReferenceSpec(Section):
+    """``case.reference``: published numbers of this case."""
+
+    position_mrse_m: Positive
+    velocity_mrse_mps: Positive
+
+
+class CampaignSpec(Section):
+    """``[campaign]``: defaults of ``ggbench run``."""
+
+    runs: Annotated[int, Field(ge=1)] = 100
+    seed: Annotated[int, Field(ge=0)] = 1
+    assumption_runs: Annotated[int, Field(ge=1)] = 100
+    assumption_estimator: str = "ekf"
+    estimators: Annotated[list[str], Field(min_length=1)] = ["ins", "ekf"]
+
+
+class CaseSpec(Section):
+    """One case, fully resolved: the base of the file with the case's changes."""
+
+    name: CaseName
+    title: Title
+    trajectory: TrajectorySpec
+    imu: ImuSpec
+    initial_error: InitialErrorSpec
+    gradiometer: GradiometerSpec
+    field: FieldSpec
+    windows: WindowsSpec
+    reference: ReferenceSpec | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> CaseSpec:
+        steps = self.gradiometer.period_s / self.imu.period_s
+        if abs(steps - round(steps)) > 1e-6 or round(steps) < 1:
+            raise ValueError(
+                f"gradiometer.period_s ({self.gradiometer.period_s:g} s) must be a whole multiple "
+                f"of imu.period_s ({self.imu.period_s:g} s)"
+            )
+        duration = self.trajectory.duration_s
+        if duration < 2.0 * self.gradiometer.period_s:
+            raise ValueError(
+                f"the flight lasts {duration:g} s, too short for two readings "
+                f"({self.gradiometer.period_s:g} s apart)"
+            )
+        for key in ("settled_from_s", "last_s"):
+            if getattr(self.windows, key) >= duration:
+                raise ValueError(f"windows.{key} must be less than the flight's {duration:g} s")
+        return self
+
+    @property
+    def content_hash(self) -> str:
+        """SHA-256 of everything that defines the case's results (not its name or title)."""
+        content = self.model_dump(exclude={"name", "title", "reference"})
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+@dataclass(frozen=True)
+class Assumption:
+    """A change of the scenario whose influence is studied, applied to every reference case."""
+
+    name: str
+    title: str
+    cases: tuple[CaseSpec, ...]
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A validated scenario file.
+
+    Attributes
+    ----------
+    name, title, description : identity; ``name`` is the file's stem.
+    cases : the cases, in the file's order.
+    assumptions : studies of single assumptions.
+    campaign : defaults for running it.
+    provenance : dotted key of the file to where its value comes from.
+    content_hash : SHA-256 of the file's content as parsed.
+    """
+
+    name: str
+    title: str
+    description: str
+    cases: tuple[CaseSpec, ...]
+    assumptions: tuple[Assumption, ...]
+    campaign: CampaignSpec
+    provenance: Mapping[str, str]
+    content_hash: str
+
+    def case(self, name: str) -> CaseSpec:
+        """Return the case of that name (of the cases, not the assumptions)."""
+        return next(case for case in self.cases if case.name == name)
+
+
+def shipped() -> list[str]:
+    """Return the names of the scenarios that come with the package."""
+    folder = importlib.resources.files("ggbench.scenarios")
+    return sorted(f.name[:-5] for f in folder.iterdir() if f.name.endswith(".toml"))
+
+
+def load(name_or_path: str) -> Scenario:
+    """Read a scenario by name (shipped) or path.
+
+    Raises
+    ------
+    ScenarioError
+        With a sentence that names the file, the key, what was found and what is allowed.
+    """
+    path = Path(name_or_path)
+    if path.suffix == ".toml" or path.exists():
+        if path.is_dir():
+            raise ScenarioError(f"{path} is a folder; a scenario is a .toml file")
+        try:
+            raw = path.read_bytes()
+        except OSError as error:
+            raise ScenarioError(f"cannot read scenario {path}: {error.strerror}") from None
+        return parse(raw, path.stem, str(path))
+    if name_or_path not in shipped():
+        raise ScenarioError(
+            f"there is no scenario '{name_or_path}'{_suggest(name_or_path, shipped())}; "
+            f"shipped scenarios: {', '.join(shipped())}; or give the path of a .toml file"
+        )
+    file = importlib.resources.files("ggbench.scenarios") / f"{name_or_path}.toml"
+    return parse(file.read_bytes(), name_or_path, f"{name_or_path}.toml")
+
+
+def parse(raw: bytes, name: str, origin: str) -> Scenario:
+    """Parse and validate the content of a scenario file; ``origin`` names it in messages."""
+    try:
+        document = tomllib.loads(raw.decode("utf-8"))
+    except UnicodeDecodeError:
+        raise ScenarioError(f"{origin}: is not UTF-8 text") from None
+    except tomllib.TOMLDecodeError as error:
+        raise ScenarioError(f"{origin}: is not valid TOML: {error}") from None
+    provenance: dict[str, str] = {}
+    document = _strip_provenance(document, "", provenance, origin)
+    content_hash = hashlib.sha256(json.dumps(document, sort_keys=True, default=str).encode())
+    title = _take_text(document, "title", origin)
+    description = _take_text(document, "description", origin)
+    campaign = _validate(CampaignSpec, document.pop("campaign", {}), f"{origin}: campaign")
+    changes = _take_changes(document, "case", origin)
+    studies = _take_changes(document, "assumption", origin)
+    if not changes:
+        raise ScenarioError(f"{origin}: has no [[case]]; a scenario needs at least one")
+    cases = tuple(_resolve(document, change, f"{origin}: case", {}) for change in changes)
+    assumptions = []
+    for study in studies:
+        label = f"{origin}: assumption '{study.get('name')}'"
+        head = {key: study.pop(key, None) for key in ("name", "title")}
+        if not all(isinstance(text, str) and text for text in head.values()):
+            raise ScenarioError(f"{label}: needs a name and a title")
+        resolved = tuple(
+            _resolve(document, change, label, study) for change in changes if "reference" in change
+        )
+        assumptions.append(Assumption(str(head["name"]), str(head["title"]), resolved))
+    for kind, names in (
+        ("case", [case.name for case in cases]),
+        ("assumption", [study.name for study in assumptions]),
+    ):
+        twice = sorted({n for n in names if names.count(n) > 1})
+        if twice:
+            raise ScenarioError(f"{origin}: {kind} '{twice[0]}' is defined twice")
+    return Scenario(
+        name, title, description, cases, tuple(assumptions), campaign, provenance,
+        content_hash.hexdigest(),
+    )  # fmt: skip
+
+
+def _take_text(document: dict[str, Any], key: str, origin: str) -> str:
+    text = document.pop(key, None)
+    if not isinstance(text, str) or not text.strip():
+        raise ScenarioError(f"{origin}: needs a text '{key}'")
+    return text.strip()
+
+
+def _take_changes(document: dict[str, Any], key: str, origin: str) -> list[dict[str, Any]]:
+    changes = document.pop(key, [])
+    if not isinstance(changes, list) or not all(isinstance(c, dict) for c in changes):
+        raise ScenarioError(f"{origin}: '{key}' must be written as [[{key}]] tables")
+    return changes
+
+
+def _resolve(
+    base: dict[str, Any], change: dict[str, Any], label: str, study: dict[str, Any]
+) -> CaseSpec:
+    merged = _merge(_merge(base, change), study)
+    return _validate(CaseSpec, merged, f"{label} '{change.get('name', '?')}'")
+
+
+def _merge(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
+    """Return ``base`` with ``change`` laid over it, table by table.
+
+    The two ways to state the gradiometer's noise replace each other.
+    """
+    merged = dict(base)
+    for key, value in change.items():
+        if isinstance(value, Mapping) and isinstance(merged.get(key), Mapping):
+            merged[key] = _merge(merged[key], value)
+        else:
+            merged[key] = value
+    noises = ("noise_eotvos", "noise_density_eotvos_per_sqrt_hz")
+    for new, old in (noises, noises[::-1]):
+        if new in change and old in base and old not in change:
+            merged.pop(old)
+    return merged
+
+
+def _strip_provenance(node: Any, path: str, provenance: dict[str, str], origin: str) -> Any:
+    """Replace every ``{ value, provenance }`` by its value and collect the provenance by key."""
+    if isinstance(node, list):
+        return [
+            _strip_provenance(item, f"{path}[{i}]", provenance, origin)
+            for i, item in enumerate(node)
+        ]
+    if not isinstance(node, dict):
+        return node
+    if "value" in node:
+        if set(node) != {"value", "provenance"} or not isinstance(node["provenance"], str):
+            raise ScenarioError(
+                f"{origin}: {path}: a value with provenance is written "
+                '{ value = ..., provenance = "..." }'
+            )
+        provenance[path] = node["provenance"]
+        return node["value"]
+    return {
+        key: _strip_provenance(item, f"{path}.{key}" if path else key, provenance, origin)
+        for key, item in node.items()
+    }
+
+
+def _validate(model: type[T], content: Any, label: str) -> T:
+    try:
+        return model.model_validate(content)
+    except ValidationError as error:
+        problems = error.errors()
+        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+        raise ScenarioError(f"{label}: {_sentence(model, problems[0])}{more}") from None
+
+
+def _sentence(model: type[BaseModel], problem: Any) -> str:
+    """Return one of pydantic's findings as a sentence: key, what was found, what is allowed."""
+    path = [part for part in problem["loc"] if part not in ("float", "int")]
+    key = ".".join(str(part) for part in path)
+    found = problem["input"]
+    kind = problem["type"]
+    if kind == "extra_forbidden":
+        allowed = _known_keys(model, path[:-1])
+        return f"unknown key '{key}'{_suggest(str(path[-1]), allowed)}; known: {', '.join(allowed)}"
+    if kind == "missing":
+        return f"'{key}' is missing"
+    if kind == "value_error":
+        return f"{key}: {problem['ctx']['error']}" if key else str(problem["ctx"]["error"])
+    if isinstance(found, float) and math.isnan(found):
+        return f"{key} is not a number (NaN)"
+    wanted = problem["msg"].replace("Input should be ", "must be ").replace("input", "value")
+    if kind in ("float_type", "int_type"):
+        wanted = "must be a plain number in the unit that the key names"
+    return f"{key} is {found!r} and {wanted}"
+
+
+def _known_keys(model: type[BaseModel], path: list[Any]) -> list[str]:
+    """Return the keys allowed in the table at ``path`` below a model."""
+    for part in path:
+        if isinstance(part, int):
+            continue
+        annotation = model.model_fields[part].annotation
+        candidates = [annotation, *getattr(annotation, "__args__", ())]
+        model = next(
+            c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel)
+        )
+    return list(model.model_fields)
+
+
+def _suggest(word: str, allowed: list[str]) -> str:
+    close = difflib.get_close_matches(word, allowed, n=1)
+    return f" (did you mean '{close[0]}'?)" if close else ""

@@ -1,0 +1,1 @@
+"""The scenarios of the benchmark: one TOML file each, with their data."""

@@ -1,0 +1,67 @@
+#!/usr/bin/env bash
+# Builds the wheel, installs it alone into an empty environment, and uses it from another folder.
+# Protects: nothing is missing from the wheel or from its declared dependencies, and it puts
+# nothing but `ggbench` at the top level of site-packages.
+#
+# usage: tests/check_wheel.sh PYTHON    (a Python that has `build` and setuptools)
+set -euo pipefail
+
+repo=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+python=$(cd "$(dirname "$1")" && pwd)/$(basename "$1")
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+unset PYTHONPATH
+
+fail() {
+    echo "check_wheel: $*" >&2
+    exit 1
+}
+
+# The sdist is built first and the wheel from it, so no leftover of build/ gets in.
+"$python" -m build --no-isolation --outdir "$work/dist" "$repo" >"$work/build.log" 2>&1 ||
+    { cat "$work/build.log" >&2; fail "the build failed"; }
+
+"$python" - "$work"/dist/*.whl "$repo" <<'EOF'
+import sys
+import zipfile
+from pathlib import Path
+
+wheel, repo = Path(sys.argv[1]), Path(sys.argv[2])
+names = set(zipfile.ZipFile(wheel).namelist())
+top_level = {name.split("/")[0] for name in names}
+strangers = {t for t in top_level if t != "ggbench" and not t.endswith(".dist-info")}
+if strangers:
+    sys.exit(f"check_wheel: at the top level of the wheel: {sorted(strangers)}")
+
+installed_as = {"ggbench": "ggbench", "estimators": "ggbench/estimators", "scenarios": "ggbench/scenarios"}
+wanted = {
+    f"{package}/{path.relative_to(repo / folder).as_posix()}"
+    for folder, package in installed_as.items()
+    for path in (repo / folder).rglob("*")
+    if path.suffix in {".py", ".toml", ".npz", ".md"} or path.name == "py.typed"
+}
+if missing := wanted - names:
+    sys.exit(f"check_wheel: not in the wheel: {sorted(missing)}")
+print(f"{wheel.name}: {len(names)} files, {wheel.stat().st_size / 1e6:.1f} MB")
+EOF
+
+"$python" -m venv "$work/venv"
+"$work/venv/bin/python" -m pip install --quiet --disable-pip-version-check \
+    --constraint "$repo/requirements.lock" "$work"/dist/*.whl
+
+site_packages=$("$work/venv/bin/python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
+for name in estimators scenarios tests; do
+    [[ ! -e $site_packages/$name ]] || fail "site-packages holds a top-level $name"
+done
+
+mkdir "$work/elsewhere"
+cd "$work/elsewhere"
+ggbench=$work/venv/bin/ggbench
+for command in "list" "validate wang2013" "run wang2013 -n 2 -e ekf -o out"; do
+    echo "ggbench $command"
+    # shellcheck disable=SC2086  # the words of a command
+    "$ggbench" $command >"$work/output" 2>&1 ||
+        { cat "$work/output" >&2; fail "\`ggbench $command\` failed"; }
+done
+[[ -s out/summary.csv ]] || fail "\`ggbench run\` wrote no out/summary.csv"
+echo "wheel check passed"
