@@ -110,7 +110,8 @@ class Estimator(ABC):
     """Base of all estimators: a frozen dataclass whose fields are its parameters.
 
     A parameter is a field with a default, typed ``int``, ``float``, ``bool``, ``str`` or a
-    ``Literal`` of strings; ``name[parameter=value]`` on the command line sets it.
+    ``Literal`` of strings; ``name[parameter=value]`` on the command line sets it. An estimator
+    whose causality is ``fixed-lag`` has a parameter ``lag`` [s].
     """
 
     name: ClassVar[str]

@@ -16,13 +16,13 @@ import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from .errors import GGBenchError
-from .gradiometer import COMPONENTS
 
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
@@ -98,7 +98,7 @@ class GradiometerSpec(Section):
     noise_density_eotvos_per_sqrt_hz: Positive | None = None
     components: Annotated[
         list[Literal["xx", "xy", "xz", "yy", "yz", "zz"]], Field(min_length=1)
-    ] = list(COMPONENTS)  # type: ignore[assignment]
+    ] = ["xx", "xy", "xz", "yy", "yz", "zz"]
     filter: Literal["butterworth", "none"] = "none"
     filter_order: Annotated[int, Field(ge=1, le=12)] = 7
     filter_cutoff_hz: Positive = 0.2
@@ -136,6 +136,7 @@ class FieldSpec(Section):
     spacing_arcmin: Positive = 1.25
     height_spacing_m: Positive = 500.0
     land_correction: bool = True
+    relief_smoothing_deg: Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)] = 0.0
     gravity_disturbance: bool = False
 
 
@@ -223,6 +224,8 @@ class Scenario:
     campaign : defaults for running it.
     provenance : dotted key of the file to where its value comes from.
     content_hash : SHA-256 of the file's content as parsed.
+    source : the text of the file.
+    notes : markdown that a report appends, from the file that ``notes`` names; may be empty.
     """
 
     name: str
@@ -233,6 +236,8 @@ class Scenario:
     campaign: CampaignSpec
     provenance: Mapping[str, str]
     content_hash: str
+    source: str
+    notes: str
 
     def case(self, name: str) -> CaseSpec:
         """Return the case of that name (of the cases, not the assumptions)."""
@@ -255,30 +260,76 @@ def load(name_or_path: str) -> Scenario:
     """
     path = Path(name_or_path)
     if path.suffix == ".toml" or path.exists():
-        if path.is_dir():
-            raise ScenarioError(f"{path} is a folder; a scenario is a .toml file")
-        try:
-            raw = path.read_bytes()
-        except OSError as error:
-            raise ScenarioError(f"cannot read scenario {path}: {error.strerror}") from None
-        return parse(raw, path.stem, str(path))
+        return _read(path, path.stem, str(path))
     if name_or_path not in shipped():
         raise ScenarioError(
             f"there is no scenario '{name_or_path}'{_suggest(name_or_path, shipped())}; "
             f"shipped scenarios: {', '.join(shipped())}; or give the path of a .toml file"
         )
     file = importlib.resources.files("ggbench.scenarios") / f"{name_or_path}.toml"
-    return parse(file.read_bytes(), name_or_path, f"{name_or_path}.toml")
+    return _read(file, name_or_path, file.name)
 
 
-def parse(raw: bytes, name: str, origin: str) -> Scenario:
-    """Parse and validate the content of a scenario file; ``origin`` names it in messages."""
+def from_text(source: str, name: str, notes: str) -> Scenario:
+    """Return the scenario of a text that was read before, as a results folder keeps it."""
     try:
-        document = tomllib.loads(raw.decode("utf-8"))
-    except UnicodeDecodeError:
-        raise ScenarioError(f"{origin}: is not UTF-8 text") from None
+        document = tomllib.loads(source)
+    except tomllib.TOMLDecodeError as error:
+        raise ScenarioError(f"scenario.toml of {name}: is not valid TOML: {error}") from None
+    document.pop("notes", None)
+    return parse(document, name, f"scenario.toml of {name}", source, notes)
+
+
+def values(source: str) -> dict[str, Any]:
+    """Return the value of every dotted key of a scenario's text, without provenance."""
+    flat: dict[str, Any] = {}
+
+    def walk(node: Any, path: str) -> None:
+        if isinstance(node, dict):
+            for key, item in node.items():
+                walk(item, f"{path}.{key}" if path else key)
+        elif isinstance(node, list) and any(isinstance(item, dict) for item in node):
+            for i, item in enumerate(node):
+                walk(item, f"{path}[{i}]")
+        else:
+            flat[path] = node
+
+    walk(_strip_provenance(tomllib.loads(source), "", {}, ""), "")
+    return flat
+
+
+def _read(file: Traversable, name: str, origin: str) -> Scenario:
+    """Read and validate a scenario file; ``origin`` names it in messages."""
+    source = _text(file, origin)
+    try:
+        document = tomllib.loads(source)
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError(f"{origin}: is not valid TOML: {error}") from None
+    notes_name = document.pop("notes", None)
+    notes = ""
+    if notes_name is not None:
+        if not isinstance(notes_name, str) or Path(notes_name).name != notes_name:
+            raise ScenarioError(f"{origin}: notes must name a file beside the scenario")
+        folder = importlib.resources.files("ggbench.scenarios")
+        beside = file.parent if isinstance(file, Path) else folder
+        notes = _text(beside / notes_name, f"{origin}: notes {notes_name}")
+    return parse(document, name, origin, source, notes)
+
+
+def _text(file: Traversable, origin: str) -> str:
+    """Return the content of a text file, or raise ScenarioError with a sentence."""
+    try:
+        return file.read_bytes().decode("utf-8")
+    except UnicodeDecodeError:
+        raise ScenarioError(f"{origin}: is not UTF-8 text") from None
+    except OSError as error:
+        raise ScenarioError(f"{origin}: cannot be read: {error.strerror}") from None
+
+
+def parse(
+    document: dict[str, Any], name: str, origin: str, source: str = "", notes: str = ""
+) -> Scenario:
+    """Validate the content of a scenario file; ``origin`` names it in messages."""
     provenance: dict[str, str] = {}
     document = _strip_provenance(document, "", provenance, origin)
     content_hash = hashlib.sha256(json.dumps(document, sort_keys=True, default=str).encode())
@@ -290,16 +341,7 @@ def parse(raw: bytes, name: str, origin: str) -> Scenario:
     if not changes:
         raise ScenarioError(f"{origin}: has no [[case]]; a scenario needs at least one")
     cases = tuple(_resolve(document, change, f"{origin}: case", {}) for change in changes)
-    assumptions = []
-    for study in studies:
-        label = f"{origin}: assumption '{study.get('name')}'"
-        head = {key: study.pop(key, None) for key in ("name", "title")}
-        if not all(isinstance(text, str) and text for text in head.values()):
-            raise ScenarioError(f"{label}: needs a name and a title")
-        resolved = tuple(
-            _resolve(document, change, label, study) for change in changes if "reference" in change
-        )
-        assumptions.append(Assumption(str(head["name"]), str(head["title"]), resolved))
+    assumptions = tuple(_study(document, study, changes, origin) for study in studies)
     for kind, names in (
         ("case", [case.name for case in cases]),
         ("assumption", [study.name for study in assumptions]),
@@ -308,9 +350,24 @@ def parse(raw: bytes, name: str, origin: str) -> Scenario:
         if twice:
             raise ScenarioError(f"{origin}: {kind} '{twice[0]}' is defined twice")
     return Scenario(
-        name, title, description, cases, tuple(assumptions), campaign, provenance,
-        content_hash.hexdigest(),
+        name, title, description, cases, assumptions, campaign, provenance,
+        content_hash.hexdigest(), source, notes,
     )  # fmt: skip
+
+
+def _study(
+    base: dict[str, Any], study: dict[str, Any], cases: list[dict[str, Any]], origin: str
+) -> Assumption:
+    """Return an assumption applied to every case that has published numbers."""
+    name, title = study.get("name"), study.get("title")
+    label = f"{origin}: assumption '{name}'"
+    if not (isinstance(name, str) and isinstance(title, str) and name and title):
+        raise ScenarioError(f"{label}: needs a name and a title")
+    change = {key: value for key, value in study.items() if key not in ("name", "title")}
+    studied = [case for case in cases if "reference" in case]
+    return Assumption(
+        name, title, tuple(_resolve(base, case, f"{label}, case", change) for case in studied)
+    )
 
 
 def _take_text(document: dict[str, Any], key: str, origin: str) -> str:

@@ -200,6 +200,7 @@ def make_field(spec: FieldSpec) -> Field:
         spacing_arcmin=spec.spacing_arcmin,
         height_spacing_m=spec.height_spacing_m,
         land_correction=spec.land_correction,
+        relief_smoothing_deg=spec.relief_smoothing_deg,
     )
     return Field.from_map(load_or_build(recipe))
 

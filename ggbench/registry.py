@@ -1,0 +1,172 @@
+"""Finding estimators: entry points of the group ``ggbench.estimators``, or a file of one's own.
+
+An estimator is chosen by a text ``NAME`` or ``NAME[parameter=value,...]``, where NAME is a
+registered name or the path of a Python file that defines one :class:`~ggbench.problem.Estimator`.
+"""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import importlib.metadata
+import importlib.util
+import inspect
+import re
+import sys
+import typing
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from pydantic import TypeAdapter, ValidationError
+
+from .errors import GGBenchError
+from .problem import Estimator
+
+GROUP = "ggbench.estimators"
+
+
+class EstimatorError(GGBenchError):
+    """An estimator cannot be found or its parameters cannot be accepted."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """An estimator as chosen: its class with its parameters, and its label.
+
+    Attributes
+    ----------
+    label : the text by which results name it, ``ukf[points=merwe]``.
+    estimator : the instance.
+    """
+
+    label: str
+    estimator: Estimator
+
+    @property
+    def parameters(self) -> str:
+        """The parameters set by the user, ``points=merwe``; empty if all are defaults."""
+        return self.label.partition("[")[2].rstrip("]")
+
+
+def registered() -> dict[str, type[Estimator]]:
+    """Return the registered estimator classes by name.
+
+    Raises
+    ------
+    EstimatorError
+        If an installed entry point cannot be imported.
+    """
+    found = {}
+    for point in sorted(importlib.metadata.entry_points(group=GROUP), key=lambda p: p.name):
+        try:
+            found[point.name] = point.load()
+        except Exception as error:
+            raise EstimatorError(
+                f"the estimator '{point.name}' ({point.value}) cannot be imported: {error}"
+            ) from error
+    return found
+
+
+def choose(text: str) -> Choice:
+    """Return the estimator that a text names.
+
+    Raises
+    ------
+    EstimatorError
+        If the text, the name, the file or a parameter is wrong; the message says what is allowed.
+    """
+    match = re.fullmatch(r"\s*([^\[\]]+?)\s*(?:\[([^\[\]]*)\])?\s*", text)
+    if not match:
+        raise EstimatorError(
+            f"'{text}' does not name an estimator; write NAME or NAME[parameter=value,...]"
+        )
+    name, listed = match.group(1), match.group(2) or ""
+    if name.endswith(".py"):
+        cls = _from_file(Path(name))
+    else:
+        classes = registered()
+        if name not in classes:
+            close = difflib.get_close_matches(name, classes, n=1)
+            hint = f" (did you mean '{close[0]}'?)" if close else ""
+            raise EstimatorError(
+                f"there is no estimator '{name}'{hint}; known: {', '.join(classes)}; "
+                "or give the path of a .py file"
+            )
+        cls = classes[name]
+    parameters = _parse(cls, name, listed)
+    shown = ",".join(f"{key}={raw}" for key, (raw, _) in parameters.items())
+    estimator = cls(**{key: value for key, (_, value) in parameters.items()})
+    return Choice(f"{name}[{shown}]" if shown else name, estimator)
+
+
+def parameters_of(cls: type[Estimator]) -> dict[str, tuple[Any, Any]]:
+    """Return the (type, default) of each parameter of an estimator class."""
+    hints = typing.get_type_hints(cls)
+    return {item.name: (hints[item.name], item.default) for item in fields(cls)}
+
+
+def describe(annotation: Any) -> str:
+    """Return a parameter's type as a user reads it."""
+    if typing.get_origin(annotation) is typing.Literal:
+        return " | ".join(str(choice) for choice in typing.get_args(annotation))
+    return getattr(annotation, "__name__", str(annotation))
+
+
+def _parse(cls: type[Estimator], name: str, listed: str) -> dict[str, tuple[str, Any]]:
+    known = parameters_of(cls)
+    parsed: dict[str, tuple[str, Any]] = {}
+    for item in filter(None, (part.strip() for part in listed.split(","))):
+        key, equals, raw = (part.strip() for part in item.partition("="))
+        if not equals:
+            raise EstimatorError(f"{name}: '{item}' is not of the form parameter=value")
+        if key not in known:
+            allowed = ", ".join(known) or "it has none"
+            raise EstimatorError(f"{name} has no parameter '{key}'; its parameters: {allowed}")
+        if key in parsed:
+            raise EstimatorError(f"{name}: parameter '{key}' is given twice")
+        annotation, _ = known[key]
+        try:
+            parsed[key] = (raw, TypeAdapter(annotation).validate_python(raw))
+        except ValidationError:
+            raise EstimatorError(
+                f"{name}: parameter '{key}' is '{raw}' and must be {describe(annotation)}"
+            ) from None
+    return parsed
+
+
+def _from_file(path: Path) -> type[Estimator]:
+    """Import a file and return the one estimator class that it defines."""
+    try:
+        source = path.read_bytes()
+    except OSError as error:
+        raise EstimatorError(f"cannot read estimator file {path}: {error.strerror}") from None
+    # The same file is imported once; two files of one name do not collide.
+    module_name = f"ggbench_user_{hashlib.sha256(source + str(path).encode()).hexdigest()[:16]}"
+    module = sys.modules.get(module_name)
+    if module is None:
+        spec = importlib.util.spec_from_file_location(module_name, path)
+        assert spec is not None and spec.loader is not None  # a .py file always has both
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[module_name] = module
+        try:
+            spec.loader.exec_module(module)
+        except Exception as error:
+            del sys.modules[module_name]
+            raise EstimatorError(
+                f"{path} cannot be imported: {type(error).__name__}: {error}"
+            ) from error
+    classes = [
+        item
+        for item in vars(module).values()
+        if inspect.isclass(item)
+        and issubclass(item, Estimator)
+        and not inspect.isabstract(item)
+        and item.__module__ == module_name
+    ]
+    if len(classes) != 1:
+        raise EstimatorError(
+            f"{path} defines {len(classes)} estimators; it must define exactly one class that "
+            "derives from ggbench.problem.Estimator and has causality and estimate"
+        )
+    return classes[0]

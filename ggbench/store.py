@@ -1,0 +1,184 @@
+"""Where a campaign's results live: a folder with a manifest, a database of records and arrays.
+
+``manifest.json``  what was run: scenario hash, versions, machine, seed, date.
+``scenario.toml``  the scenario file itself.
+``records.sqlite`` one record per run and estimator, each durable when its transaction ends.
+``case-NAME.npz``  what all runs of a case share: bounds and signals for the figures.
+``summary.csv``, ``assumptions.csv``  made from the records.
+
+A results folder is data: nothing in it is ever executed.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sqlite3
+import zipfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .errors import GGBenchError
+
+_SCHEMA = """
+CREATE TABLE IF NOT EXISTS records (
+    assumption TEXT NOT NULL,
+    "case" TEXT NOT NULL,
+    estimator TEXT NOT NULL,
+    run INTEGER NOT NULL,
+    record TEXT NOT NULL,
+    series BLOB,
+    detail BLOB,
+    PRIMARY KEY (assumption, "case", estimator, run)
+) WITHOUT ROWID
+"""
+
+
+class StoreError(GGBenchError):
+    """A results folder cannot be used."""
+
+
+class Store:
+    """A results folder.
+
+    Parameters
+    ----------
+    folder : where it is.
+    create : make it (and its database) if it does not exist.
+
+    Raises
+    ------
+    StoreError
+        If it does not exist or is damaged.
+    """
+
+    def __init__(self, folder: Path, create: bool = False) -> None:
+        self.folder = folder
+        database = folder / "records.sqlite"
+        try:
+            if create:
+                folder.mkdir(parents=True, exist_ok=True)
+            elif not database.exists():
+                raise StoreError(f"{folder} holds no results: it has no records.sqlite")
+            self._connection = sqlite3.connect(database)
+            if create:
+                self._connection.execute("PRAGMA journal_mode = WAL")
+                self._connection.execute(_SCHEMA)
+            self._connection.execute("SELECT count(*) FROM records").fetchone()
+        except OSError as error:
+            raise StoreError(f"cannot use results folder {folder}: {error.strerror}") from None
+        except sqlite3.Error as error:
+            raise StoreError(f"{database} is not a usable database: {error}") from None
+
+    def close(self) -> None:
+        """Close the database; the folder then has no files beside the documented ones."""
+        self._connection.close()
+
+    def add(self, results: list[tuple[dict[str, Any], np.ndarray | None, np.ndarray | None]]) -> None:
+        """Store records with their series (K, 4) and details (K, 12) in one transaction."""
+        rows = [
+            (
+                record["assumption"], record["case"], record["estimator"], record["run"],
+                json.dumps(record), _pack(series), _pack(detail),
+            )
+            for record, series, detail in results
+        ]  # fmt: skip
+        try:
+            with self._connection:
+                self._connection.executemany(
+                    "INSERT OR REPLACE INTO records VALUES (?, ?, ?, ?, ?, ?, ?)", rows
+                )
+        except sqlite3.Error as error:
+            raise StoreError(f"cannot write to {self.folder}: {error}") from None
+
+    def finished(self) -> set[tuple[str, str, str, int]]:
+        """Return the (assumption, case, estimator, run) of every stored record."""
+        rows = self._connection.execute('SELECT assumption, "case", estimator, run FROM records')
+        return set(rows)
+
+    def records(self, assumption: str = "") -> Iterator[dict[str, Any]]:
+        """Yield the records of the cases ("") or of one assumption, ordered by run."""
+        rows = self._connection.execute(
+            'SELECT record FROM records WHERE assumption = ? ORDER BY run, "case", estimator',
+            (assumption,),
+        )
+        for (text,) in rows:
+            yield json.loads(text)
+
+    def series(self, case: str, estimator: str) -> np.ndarray:
+        """Return (runs, K, 4): position and velocity error [m, m/s], NEES, NIS of finished runs."""
+        rows = self._connection.execute(
+            "SELECT series FROM records WHERE assumption = '' AND \"case\" = ? AND estimator = ? "
+            "AND series IS NOT NULL ORDER BY run",
+            (case, estimator),
+        )
+        return np.array([_unpack(blob, 4) for (blob,) in rows])
+
+    def detail(self, case: str, estimator: str, run: int) -> np.ndarray | None:
+        """Return (K, 12) of a run kept in detail: errors of position and velocity, their σ."""
+        row = self._connection.execute(
+            "SELECT detail FROM records WHERE assumption = '' AND \"case\" = ? AND estimator = ? "
+            "AND run = ?",
+            (case, estimator, run),
+        ).fetchone()
+        return None if row is None or row[0] is None else _unpack(row[0], 12)
+
+    def write_json(self, name: str, content: Mapping[str, Any]) -> None:
+        """Write a JSON file of the folder, whole or not at all."""
+        self.write_text(name, json.dumps(content, indent=2) + "\n")
+
+    def write_text(self, name: str, text: str) -> None:
+        """Write a text file of the folder, whole or not at all."""
+        temporary = self.folder / f".{name}.part"
+        try:
+            temporary.write_text(text, encoding="utf-8")
+            os.replace(temporary, self.folder / name)
+        except OSError as error:
+            raise StoreError(f"cannot write {self.folder / name}: {error.strerror}") from None
+
+    def read_text(self, name: str) -> str:
+        """Read a text file of the folder."""
+        try:
+            return (self.folder / name).read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            raise StoreError(f"cannot read {self.folder / name}: {error}") from None
+
+    def manifest(self) -> dict[str, Any]:
+        """Return the manifest."""
+        try:
+            manifest = json.loads(self.read_text("manifest.json"))
+        except json.JSONDecodeError as error:
+            raise StoreError(f"{self.folder / 'manifest.json'} is damaged: {error}") from None
+        if not isinstance(manifest, dict):
+            raise StoreError(f"{self.folder / 'manifest.json'} is damaged: not a JSON object")
+        return manifest
+
+    def write_arrays(self, case: str, arrays: Mapping[str, np.ndarray]) -> None:
+        """Write what all runs of a case share, whole or not at all."""
+        temporary = self.folder / f".case-{case}.npz"
+        try:
+            with temporary.open("wb") as file:
+                np.savez_compressed(file, allow_pickle=False, **arrays)
+            os.replace(temporary, self.folder / f"case-{case}.npz")
+        except OSError as error:
+            raise StoreError(f"cannot write to {self.folder}: {error.strerror}") from None
+
+    def arrays(self, case: str) -> dict[str, np.ndarray]:
+        """Return what all runs of a case share."""
+        path = self.folder / f"case-{case}.npz"
+        try:
+            with np.load(path, allow_pickle=False) as archive:
+                return {name: archive[name] for name in archive.files}
+        except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+            raise StoreError(f"{path} cannot be read: {error}") from None
+
+
+def _pack(array: np.ndarray | None) -> bytes | None:
+    return None if array is None else np.ascontiguousarray(array, dtype="<f4").tobytes()
+
+
+def _unpack(blob: bytes, columns: int) -> np.ndarray:
+    return np.frombuffer(blob, dtype="<f4").reshape(-1, columns).astype(float)
