@@ -7,10 +7,10 @@ the process noise is in them.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
-from filterpy.kalman import JulierSigmaPoints, MerweScaledSigmaPoints
+from filterpy.kalman import JulierSigmaPoints, MerweScaledSigmaPoints, unscented_transform
 from filterpy.kalman import UnscentedKalmanFilter as FilterpyUKF
 
 from ..problem import Causality, Estimate, Estimator, Problem
@@ -37,7 +37,32 @@ class _MatrixSquareRoot:
         scale[scale == 0.0] = 1.0
         values, vectors = np.linalg.eigh(symmetric / np.outer(scale, scale))
         values = np.maximum(values, np.finfo(float).eps * values[-1])
-        return np.linalg.qr((scale[:, None] * vectors * np.sqrt(values)).T, mode="r")
+        # The triangular factor of any square root of P is one, too.
+        return np.asarray(np.linalg.qr((scale[:, None] * vectors * np.sqrt(values)).T).R)
+
+
+class _VectorizedUKF(FilterpyUKF):
+    """filterpy's filter with all sigma points through f and h in one call each.
+
+    filterpy calls them point by point; its equations are unchanged.
+    """
+
+    x: np.ndarray
+    P: np.ndarray
+
+    def compute_process_sigmas(self, dt: float, fx: Any = None, **fx_args: Any) -> None:
+        points = self.points_fn.sigma_points(self.x, self.P)
+        self.sigmas_f = (fx or self.fx)(points, dt, **fx_args)
+
+    def update(self, z: np.ndarray, **hx_args: Any) -> None:
+        self.sigmas_h = self.hx(self.sigmas_f, **hx_args)
+        predicted, self.S = unscented_transform(self.sigmas_h, self.Wm, self.Wc, self.R)
+        deviations = self.Wc[:, None] * (self.sigmas_f - self.x)
+        cross_cov = deviations.T @ (self.sigmas_h - predicted)
+        self.K = np.linalg.solve(self.S, cross_cov.T).T
+        self.y = z - predicted
+        self.x = self.x + self.K @ self.y
+        self.P = self.P - self.K @ self.S @ self.K.T
 
 
 @dataclass(frozen=True)
@@ -82,12 +107,12 @@ class UnscentedKalmanFilter(Estimator):
             points = MerweScaledSigmaPoints(
                 n, alpha=self.alpha, beta=self.beta, kappa=given or 0.0, sqrt_method=root
             )
-        ukf = FilterpyUKF(
+        ukf = _VectorizedUKF(
             dim_x=n,
             dim_z=m,
             dt=1.0,
-            fx=lambda x, dt, epoch: problem.transition[epoch] @ x,
-            hx=lambda x, epoch: problem.model.predict(epoch, x),
+            fx=lambda points, dt, epoch: points @ problem.transition[epoch].T,
+            hx=lambda points, epoch: problem.model.predict(epoch, points),
             points=points,
         )
         ukf.x, ukf.P = problem.prior_mean.copy(), problem.prior_cov.copy()

@@ -7,10 +7,12 @@ the same campaign is not run again.
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 import hashlib
 import importlib.metadata
 import importlib.resources
+import itertools
 import json
 import math
 import os
@@ -86,10 +88,8 @@ def _warm_choice(label: str, case_json: str, seed: int) -> Choice:
     """Return the chosen estimator, after one run that is not timed: it compiles and imports."""
     choice = choose(label)
     problem, _ = simulate(_flight(case_json), seed, 0)
-    try:
+    with contextlib.suppress(Exception):  # its failure is recorded where it counts
         choice.estimator.estimate(problem, _estimator_rng(seed, 0, label))
-    except Exception:
-        pass  # its failure is recorded where it counts
     return choice
 
 
@@ -136,9 +136,7 @@ def _judge(task: Task, flight: Flight, problem: Problem, truth: Truth, choice: C
     evaluation = metrics.evaluate(problem, estimate, truth)
     case = task.case
     lag = lag_epochs(case, estimate.lag)
-    bound, _ = metrics.squared_bounds(
-        metrics.bound_for(flight.bound, estimate.causality, lag)[-1:]
-    )
+    bound, _ = metrics.squared_bounds(metrics.bound_for(flight.bound, estimate.causality, lag)[-1:])
     ins_error = float(np.linalg.norm(truth.error_state[-1, :3]))
     final_error = float(evaluation.position_error[-1])
     record |= {
@@ -163,15 +161,13 @@ def _judge(task: Task, flight: Flight, problem: Problem, truth: Truth, choice: C
 def _require_complete(problem: Problem, estimate: Estimate) -> None:
     """Raise ValueError unless the estimate has the right shapes and only finite numbers."""
     epochs, n = problem.epochs, problem.dimension
-    for name, array, shape in (
-        ("mean", estimate.mean, (epochs, n)),
-        ("cov", estimate.cov, (epochs, n, n)),
-    ):
-        if array is None and name == "cov":
-            continue
+    expected: dict[str, tuple[np.ndarray, tuple[int, ...]]] = {"mean": (estimate.mean, (epochs, n))}
+    if estimate.cov is not None:
+        expected["cov"] = (estimate.cov, (epochs, n, n))
+    for name, (array, shape) in expected.items():
         if np.shape(array) != shape:
             raise ValueError(f"the estimate's {name} has shape {np.shape(array)}, not {shape}")
-        finite = np.isfinite(np.asarray(array)).reshape(epochs, -1).all(axis=1)
+        finite = np.isfinite(array).reshape(epochs, -1).all(axis=1)
         if not finite.all():
             raise ValueError(f"the estimate's {name} is not finite from epoch {finite.argmin()} on")
 
@@ -270,12 +266,15 @@ class Campaign:
                 reason = estimator.skip(problem)
                 if reason:
                     reasons.setdefault(label, f"{label} is left out: {reason}")
-                lag = getattr(estimator, "lag") if estimator.causality == "fixed-lag" else None
-                lags[label] = lag_epochs(case, lag)
+                lags[label] = None
+                if estimator.causality == "fixed-lag":
+                    lags[label] = lag_epochs(case, vars(estimator)["lag"])
             store.write_arrays(case.name, _shared_arrays(flight, self.seed, self.labels, lags))
         self.labels = tuple(label for label in self.labels if label not in reasons)
         if not self.labels:
-            raise CampaignError("no estimator can take this scenario: " + "; ".join(reasons.values()))
+            raise CampaignError(
+                "no estimator can take this scenario: " + "; ".join(reasons.values())
+            )
         return list(reasons.values())
 
     def tasks(self, store: Store) -> list[Task]:
@@ -289,9 +288,7 @@ class Campaign:
                 if (task.assumption, task.case.name, label, task.run) not in finished
             )
             if missing:
-                open_tasks.append(
-                    Task(task.case, task.assumption, task.run, task.seed, missing)
-                )
+                open_tasks.append(Task(task.case, task.assumption, task.run, task.seed, missing))
         return open_tasks
 
     def _identity(self) -> dict[str, Any]:
@@ -425,7 +422,7 @@ def execute(
     done = 0
     try:
         while True:
-            while len(waiting) < 3 * jobs and (task := next(queue, None)) is not None:
+            for task in itertools.islice(queue, 3 * jobs - len(waiting)):
                 waiting.add(pool.submit(run_task, task))
             if not waiting:
                 break

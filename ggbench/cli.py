@@ -2,14 +2,8 @@
 
 from __future__ import annotations
 
-import os
-
-# One BLAS thread per process: more double the processor time for nothing on matrices this small.
-# It must be said before NumPy is loaded, so the commands import what they need themselves.
-for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(_variable, "1")
-
 import datetime
+import os
 import sys
 import time
 from collections.abc import Callable
@@ -55,6 +49,10 @@ class _Commands(click.Group):
 @click.version_option(package_name="ggbench", message="%(prog)s %(version)s")
 def main() -> None:
     """Benchmark estimators for gravity-gradient-aided inertial navigation."""
+    # One BLAS thread per process: more double the processor time for nothing on matrices this
+    # small. It must be said before NumPy is loaded, so each command imports what it needs itself.
+    for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(variable, "1")
 
 
 @main.command("list")

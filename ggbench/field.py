@@ -180,9 +180,9 @@ def _gradient_at_all(
     """Evaluate :func:`gradient_at` at (n, 3) positions; return the first outside index or -1."""
     outside = -1
     for n in range(positions.shape[0]):
-        if not gradient_at(positions[n], origin, step, coefficients, values[n], derivatives[n]):
-            if outside < 0:
-                outside = n
+        inside = gradient_at(positions[n], origin, step, coefficients, values[n], derivatives[n])
+        if not inside and outside < 0:
+            outside = n
     return outside
 
 
@@ -198,9 +198,9 @@ def _spline_at_all(
     outside = -1
     derivative = np.empty((coefficients.shape[3], 3))
     for n in range(positions.shape[0]):
-        if not spline_at(positions[n], origin, step, coefficients, values[n], derivative):
-            if outside < 0:
-                outside = n
+        inside = spline_at(positions[n], origin, step, coefficients, values[n], derivative)
+        if not inside and outside < 0:
+            outside = n
     return outside
 
 

@@ -43,7 +43,7 @@ def system_matrix(
     out : (15, 15) output.
     """
     latitude, height = position[0], position[2]
-    v_e, v_n, v_u = velocity[0], velocity[1], velocity[2]
+    v_e, v_n = velocity[0], velocity[1]
     sine, cosine = math.sin(latitude), math.cos(latitude)
     tangent, secant = sine / cosine, 1.0 / cosine
     meridian, prime_vertical = radii_of_curvature(latitude)
@@ -139,9 +139,7 @@ def system_matrices(
 
 
 @njit(cache=True)
-def discretize(
-    matrix: np.ndarray, noise: np.ndarray, dt: float
-) -> tuple[np.ndarray, np.ndarray]:
+def discretize(matrix: np.ndarray, noise: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
     """Return Φ = exp(F dt) and Q = ∫ Φ(s) G q Gᵀ Φ(s)ᵀ ds of one short step.
 
     The series of Van Loan's matrix exponential, to the order at which its terms fall below
@@ -268,6 +266,6 @@ def delayed_position_rows(
             back = inverse @ back
             remaining -= part
             n -= 1
-        then = positions[max(epochs[k] - int(round(delays[k] / dt)), 0)]
+        then = positions[max(epochs[k] - round(delays[k] / dt), 0)]
         rows[k] = (_to_metres(then) @ back @ _from_metres(positions[epochs[k]]))[:3]
     return rows

@@ -174,9 +174,7 @@ class Flight:
         )
         zero = np.zeros(STATES)
         jacobians = np.stack([model.jacobian(k, zero) for k in range(len(self.epochs))])
-        return posterior_bound(
-            transition, process_cov, self.prior_cov, jacobians, self.noise_cov
-        )
+        return posterior_bound(transition, process_cov, self.prior_cov, jacobians, self.noise_cov)
 
 
 def make_field(spec: FieldSpec) -> Field:
@@ -318,9 +316,7 @@ def simulate(flight: Flight, seed: int, run: int) -> tuple[Problem, Truth]:
     return problem, Truth(times, error_state)
 
 
-def _perturbed(
-    truth: Trajectory, error: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _perturbed(truth: Trajectory, error: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the INS state at the start: truth plus a (15,) error state."""
     position = truth.positions[0].copy()
     north, east = metres_per_radian(position)

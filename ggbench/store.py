@@ -12,7 +12,6 @@ A results folder is data: nothing in it is ever executed.
 from __future__ import annotations
 
 import json
-import os
 import sqlite3
 import zipfile
 from collections.abc import Iterator, Mapping
@@ -77,7 +76,9 @@ class Store:
         """Close the database; the folder then has no files beside the documented ones."""
         self._connection.close()
 
-    def add(self, results: list[tuple[dict[str, Any], np.ndarray | None, np.ndarray | None]]) -> None:
+    def add(
+        self, results: list[tuple[dict[str, Any], np.ndarray | None, np.ndarray | None]]
+    ) -> None:
         """Store records with their series (K, 4) and details (K, 12) in one transaction."""
         rows = [
             (
@@ -135,7 +136,7 @@ class Store:
         temporary = self.folder / f".{name}.part"
         try:
             temporary.write_text(text, encoding="utf-8")
-            os.replace(temporary, self.folder / name)
+            temporary.replace(self.folder / name)
         except OSError as error:
             raise StoreError(f"cannot write {self.folder / name}: {error.strerror}") from None
 
@@ -162,7 +163,7 @@ class Store:
         try:
             with temporary.open("wb") as file:
                 np.savez_compressed(file, allow_pickle=False, **arrays)
-            os.replace(temporary, self.folder / f"case-{case}.npz")
+            temporary.replace(self.folder / f"case-{case}.npz")
         except OSError as error:
             raise StoreError(f"cannot write to {self.folder}: {error.strerror}") from None
 

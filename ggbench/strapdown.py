@@ -68,9 +68,7 @@ def product(a: np.ndarray, b: np.ndarray, out: np.ndarray) -> None:
 
 
 @njit(cache=True)
-def attitude_matrix(
-    heading: float, pitch: float, roll: float
-) -> np.ndarray:
+def attitude_matrix(heading: float, pitch: float, roll: float) -> np.ndarray:
     """Return C_nb of heading (clockwise from north), pitch (nose up), roll (right down) [rad]."""
     sin_h, cos_h = math.sin(heading), math.cos(heading)
     sin_p, cos_p = math.sin(pitch), math.cos(pitch)
@@ -148,7 +146,11 @@ def attitude_rate(
 
 @njit(cache=True)
 def advance_position(
-    position: np.ndarray, velocity: np.ndarray, next_velocity: np.ndarray, dt: float, out: np.ndarray
+    position: np.ndarray,
+    velocity: np.ndarray,
+    next_velocity: np.ndarray,
+    dt: float,
+    out: np.ndarray,
 ) -> None:
     """Fill the position after a step with the mean of the two velocities (midpoint rule)."""
     mean = np.empty(3)

@@ -102,9 +102,7 @@ def fly(
     for n in range(samples):
         attitudes[n] = attitude_matrix(heading_t[n], pitch + climb_t[n], bank[n])
         if n > 0:
-            advance_position(
-                positions[n - 1], velocities[n - 1], velocities[n], dt, positions[n]
-            )
+            advance_position(positions[n - 1], velocities[n - 1], velocities[n], dt, positions[n])
     return Trajectory(np.arange(samples) * dt, dt, positions, velocities, attitudes)
 
 

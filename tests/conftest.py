@@ -17,7 +17,10 @@ WEIGHTS = np.array([-1.0, 9.0, -45.0, 45.0, -9.0, 1.0]) / 60.0
 
 def difference(function: Callable[[float], np.ndarray], step: float) -> np.ndarray:
     """Derivative at 0 of a function of one number, exact for polynomials of degree 6."""
-    return sum(w * np.asarray(function(o * step)) for o, w in zip(OFFSETS, WEIGHTS, strict=True)) / step
+    return (
+        sum(w * np.asarray(function(o * step)) for o, w in zip(OFFSETS, WEIGHTS, strict=True))
+        / step
+    )
 
 
 def local_axes(latitude: float, longitude: float) -> np.ndarray:
@@ -83,7 +86,11 @@ def cross_matrix(vector: np.ndarray) -> np.ndarray:
 
 
 def mechanization_jacobian(
-    position: np.ndarray, velocity: np.ndarray, c_nb: np.ndarray, force: np.ndarray, rate: np.ndarray
+    position: np.ndarray,
+    velocity: np.ndarray,
+    c_nb: np.ndarray,
+    force: np.ndarray,
+    rate: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """F (15, 15) in (δL, δλ, δh), δv, φ, ε, ∇ by finite differences of the mechanization's rates.
 
@@ -114,9 +121,11 @@ def mechanization_jacobian(
     steps[2] = 1e3
     jacobian = np.zeros((15, 15))
     for column in range(15):
-        jacobian[:9, column] = difference(lambda d, c=column: rates(d * np.eye(15)[c]), steps[column])
-    # Largest numbers that are added up in a rate: v/R, gravity, earth rate.
-    largest = np.repeat([1e-4, 20.0, 2e-3], 3)
+        jacobian[:9, column] = difference(
+            lambda d, c=column: rates(d * np.eye(15)[c]), steps[column]
+        )
+    # Numbers that are added up in a rate: v/R, gravity and specific force, angular rate.
+    largest = np.repeat([1e-4, 10.0 + np.linalg.norm(force), 2e-3 + np.linalg.norm(rate)], 3)
     largest[2] = 300.0
     rounding = np.zeros((15, 15))
     rounding[:9] = 8.0 * np.finfo(float).eps * largest[:, None] / steps

@@ -182,9 +182,9 @@ def test_normal_gradient_derivative():
         numeric = np.stack(
             [
                 difference(
-                    lambda d, axis=axis, at=position: gradient(
-                        displaced(at, d * np.eye(3)[axis])
-                    )[0],
+                    lambda d, axis=axis, at=position: gradient(displaced(at, d * np.eye(3)[axis]))[
+                        0
+                    ],
                     5e3,
                 )
                 for axis in range(3)

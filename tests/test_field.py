@@ -95,9 +95,7 @@ def test_map_nodes_and_normal_field_add_up():
     np.testing.assert_allclose(
         field.tensor(*grid) - Field.normal().tensor(*grid), tensor, rtol=0.0, atol=1e-11
     )
-    np.testing.assert_allclose(
-        field.gravity_disturbance(*grid), disturbance, rtol=0.0, atol=1e-15
-    )
+    np.testing.assert_allclose(field.gravity_disturbance(*grid), disturbance, rtol=0.0, atol=1e-15)
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
