@@ -376,6 +376,7 @@ def _shared_arrays(
     arrays["noisy"] = arrays["vertical"] + noise[:, vertical]
     if flight.gradiometer.lowpass is not None:
         arrays["filtered"] = flight.gradiometer.lowpass.apply(arrays["noisy"])
+        arrays["filtered_true"] = flight.gradiometer.lowpass.apply(arrays["vertical"])
     if flight.field.has_map:
         lower, upper = flight.field.origin, flight.field.upper
         latitude = np.linspace(lower[0], upper[0], 101)

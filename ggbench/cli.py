@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from rich import box
 from rich.console import Console
 from rich.progress import (
     BarColumn,
@@ -214,7 +215,7 @@ class _progress:
 
 
 def _print_summary(summary: pd.DataFrame, scenario: Scenario) -> None:
-    """Print the settled window of every case, best causal estimator first."""
+    """Print the settled window of every case: causal estimators, best first, then smoothers."""
     from .report import ranked
 
     for case in scenario.cases:
@@ -222,27 +223,35 @@ def _print_summary(summary: pd.DataFrame, scenario: Scenario) -> None:
         if rows.empty:
             continue
         table = Table(
-            "estimator", "causality", "runs", "position MRSE [m]", "velocity MRSE [m/s]",
-            "/ bound", "NEES", "failed", "diverged", "ms/run",
-            title=f"{case.title}: settled window, from {case.windows.settled_from_s:g} s",
+            title=f"{case.title}: MRSE from {case.windows.settled_from_s:g} s on",
             title_justify="left",
-        )  # fmt: skip
+            box=box.SIMPLE_HEAD,
+            pad_edge=False,
+            padding=(0, 1, 0, 0),
+        )
+        table.add_column("estimator", no_wrap=True)
+        for heading in ("m", "m/s", "/bound", "NEES", "fail/div", "ms/run"):
+            table.add_column(heading, justify="right", no_wrap=True)
+        causal = True
         for row in rows.to_dict("records"):
+            if causal and row["causality"] in ("fixed-lag", "batch"):
+                causal = False
+                table.add_section()
             table.add_row(
                 row["label"].replace("[", r"\["),
-                row["causality"],
-                str(row["runs"]),
                 f"{row['position_mrse_m']:.3f}",
                 f"{row['velocity_mrse_mps']:.4f}",
-                f"{row['position_efficiency']:.2f}",
+                f"{row['position_efficiency']:.3f}",
                 f"{row['nees_mean']:.2f}",
-                str(row["failed"]),
-                str(row["diverged"]),
+                f"{row['failed']}/{row['diverged']}",
                 f"{1e3 * row['seconds_per_run']:.1f}",
             )
+        table.add_section()
         if case.reference:
             table.add_row(
-                "paper", "", "", f"{case.reference.position_mrse_m:.3f}",
-                f"{case.reference.velocity_mrse_mps:.4f}", "", "", "", "", "", style="dim",
-            )  # fmt: skip
+                "paper",
+                f"{case.reference.position_mrse_m:.3f}",
+                f"{case.reference.velocity_mrse_mps:.4f}",
+                style="dim",
+            )
         console.print(table)

@@ -37,23 +37,28 @@ def _save(figure: Figure, path: Path) -> None:
 def gradient_along_track(arrays: Mapping[str, np.ndarray], title: str, path: Path) -> None:
     """Draw the vertical gradient along the track, and what noise and filter do to it."""
     times, true = arrays["times"], arrays["vertical"]
-    figure, (top, bottom) = plt.subplots(
-        2, 1, figsize=(7.0, 5.0), sharex=True, height_ratios=(3, 2), layout="constrained"
+    figure, (top, middle, bottom) = plt.subplots(
+        3, 1, figsize=(7.0, 6.4), sharex=True, height_ratios=(3, 2, 2), layout="constrained"
     )
-    top.plot(times, arrays["noisy"], ".", color="tab:orange", ms=3, label="noisy")
+    dots = {"color": "tab:orange", "marker": ".", "ls": "", "ms": 3}
+    top.plot(times, arrays["noisy"], **dots, label="noisy")
+    bottom.plot(times, arrays["noisy"] - true, **dots, label="noise before the filter")
     if "filtered" in arrays:
-        top.plot(times, arrays["filtered"], color="tab:blue", lw=1.2, label="filtered")
+        filtered, passed = arrays["filtered"], arrays["filtered_true"]
+        top.plot(times, filtered, color="tab:blue", lw=1.2, label="filtered")
+        middle.plot(times, passed - true, color="tab:blue", lw=1.2, label="what the filter delays")
+        bottom.plot(times, filtered - passed, color="tab:blue", lw=1.2, label="behind the filter")
+        middle.legend()
+    else:
+        middle.set_visible(False)
     top.plot(times, true, "k--", lw=0.8, label="true")
-    top.set_ylabel("Γ$_{UU}$ [E]")
     top.set_title(title)
-    top.legend()
-    bottom.plot(times, arrays["noisy"] - true, ".", color="tab:orange", ms=3, label="noisy − true")
-    if "filtered" in arrays:
-        lag = arrays["filtered"] - true
-        bottom.plot(times, lag, color="tab:blue", lw=1.2, label="filtered − true: delay")
-    bottom.set_ylabel("difference [E]")
+    top.set_ylabel("Γ$_{UU}$ [E]")
+    middle.set_ylabel("difference [E]")
+    bottom.set_ylabel("noise [E]")
     bottom.set_xlabel("time [s]")
-    bottom.legend()
+    top.legend()
+    bottom.legend(ncols=2)
     _save(figure, path)
 
 

@@ -100,6 +100,7 @@ class _Report:
         parts = [
             f"# {self.scenario.title}",
             self._verdict(),
+            self._glance(),
             self.scenario.description,
             "## Results",
             self._reading(),
@@ -156,6 +157,45 @@ class _Report:
             "times the Cramér–Rao bound, and within one case they differ by "
             f"{100 * spread:.1g} % at most.**"
         )
+
+    def _glance(self) -> str:
+        """Return the table of a README: every estimator beside the paper and the bound."""
+        cases = self.references or list(self.scenario.cases[:1])
+        lines = [
+            "| settled window | causality | "
+            + " | ".join(f"{case.title}: m, m/s" for case in cases)
+            + " | ms/run |",
+            "|---|---|" + "---|" * len(cases) + "---|",
+        ]
+        if self.references:
+            published = [
+                f"{c.reference.position_mrse_m:.2f}, {c.reference.velocity_mrse_mps:.3f}"
+                for c in self.references
+                if c.reference
+            ]
+            lines.append("| *paper (UKF)* | *filter* | " + " | ".join(published) + " | |")
+        tables = [self._rows(case, "settled").set_index("label").to_dict("index") for case in cases]
+        bounded = ""
+        for label, first in tables[0].items():
+            if first["causality"] not in ("none", bounded):
+                bounded = first["causality"]
+                bounds = [
+                    f"{t[label]['position_bound_m']:.2f}, {t[label]['velocity_bound_mps']:.3f}"
+                    for t in tables
+                    if label in t
+                ]
+                lines.append(f"| *Cramér–Rao bound* | *{bounded}* | " + " | ".join(bounds) + " | |")
+            cells = [
+                f"{t[label]['position_mrse_m']:.2f}, {t[label]['velocity_mrse_mps']:.3f}"
+                if label in t
+                else ""
+                for t in tables
+            ]
+            lines.append(
+                f"| `{label}` | {first['causality']} | " + " | ".join(cells) + " | "
+                f"{1e3 * first['seconds_per_run']:.0f} |"
+            )
+        return "\n".join(lines)
 
     def _reading(self) -> str:
         case = self.scenario.cases[0]
