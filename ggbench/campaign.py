@@ -298,7 +298,7 @@ class Campaign:
             "scenario_hash": self.scenario.content_hash,
             "seed": self.seed,
             "ggbench": __version__,
-            "source_hash": source_hash(self.labels),
+            "source_hash": source_hash(self.labels, self.scenario.cases),
         }
 
     def _require_same(self, manifest: dict[str, Any]) -> None:
@@ -332,18 +332,18 @@ class Campaign:
         }
 
 
-def source_hash(labels: Iterable[str] = ()) -> str:
-    """Return a hash of the package's source and of the estimator files that labels name."""
+def source_hash(labels: Iterable[str], cases: Iterable[CaseSpec]) -> str:
+    """Return a hash of the package's source and of the user's own estimator and map files."""
     digest = hashlib.sha256()
     for package in ("ggbench", "ggbench.estimators"):
         folder = importlib.resources.files(package)
         for file in sorted(folder.iterdir(), key=lambda f: f.name):
             if file.name.endswith(".py"):
                 digest.update(file.name.encode() + file.read_bytes())
-    for label in sorted(labels):
-        path = Path(label.partition("[")[0])
-        if path.suffix == ".py":
-            digest.update(path.read_bytes())
+    named = {label.partition("[")[0] for label in labels} | {case.field.source for case in cases}
+    for name in sorted(named):
+        if name.endswith((".py", ".npz")):
+            digest.update(Path(name).read_bytes())
     return digest.hexdigest()[:16]
 
 

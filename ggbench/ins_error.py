@@ -22,6 +22,7 @@ from .earth import normal_gravity, radii_latitude_derivatives, radii_of_curvatur
 from .strapdown import frame_rates
 
 STATES = 15
+NAVIGATION_STATES = 9
 POSITION, VELOCITY, ATTITUDE = slice(0, 3), slice(3, 6), slice(6, 9)
 GYRO_BIAS, ACCELEROMETER_BIAS = slice(9, 12), slice(12, 15)
 
@@ -139,29 +140,51 @@ def system_matrices(
 
 
 @njit(cache=True)
-def discretize(matrix: np.ndarray, noise: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return Φ = exp(F dt) and Q = ∫ Φ(s) G q Gᵀ Φ(s)ᵀ ds of one short step.
+def _product(a: np.ndarray, b: np.ndarray, scale: float, out: np.ndarray) -> None:
+    """Fill ``out`` with scale · a b (small matrices, plain loops: faster than calling BLAS)."""
+    for i in range(a.shape[0]):
+        for j in range(b.shape[1]):
+            out[i, j] = 0.0
+        for k in range(a.shape[1]):
+            factor = scale * a[i, k]
+            if factor != 0.0:  # half of F is zero
+                for j in range(b.shape[1]):
+                    out[i, j] += factor * b[k, j]
+
+
+@njit(cache=True)
+def discretize(
+    matrix: np.ndarray, noise: np.ndarray, dt: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return Φ = exp(F dt), Ψ = ∫ exp(F s) ds and Q = ∫ Φ(s) G q Gᵀ Φ(s)ᵀ ds of one short step.
 
     The series of Van Loan's matrix exponential, to the order at which its terms fall below
     rounding for an IMU interval (F's chain bias → attitude → velocity → position ends after three
-    products; what comes back is 1e-3 s⁻¹ at most).
+    products; what comes back is 1e-3 s⁻¹ at most). Ψ carries a constant input u: x += Ψ B u.
 
     Parameters
     ----------
     matrix : (n, n) F. noise : (n, n) G q Gᵀ, power spectral densities. dt : step [s].
     """
-    transition = np.eye(matrix.shape[0])
-    term = np.eye(matrix.shape[0])
+    n = matrix.shape[0]
+    transition = np.eye(n)
+    integral = np.eye(n) * dt
+    term = np.eye(n)
+    scratch = np.empty((n, n))
     for order in range(1, 6):
-        term = matrix @ term * (dt / order)
+        _product(matrix, term, dt / order, scratch)
+        term, scratch = scratch, term
         transition += term
+        integral += term * (dt / (order + 1))
     covariance = noise * dt
     moment = covariance.copy()
     for order in range(2, 7):
-        half = matrix @ moment * (dt / order)
-        moment = half + half.T
+        _product(matrix, moment, dt / order, scratch)
+        for i in range(n):
+            for j in range(n):
+                moment[i, j] = scratch[i, j] + scratch[j, i]
         covariance += moment
-    return transition, covariance
+    return transition, integral, covariance
 
 
 @njit(cache=True)
@@ -217,26 +240,44 @@ def transitions(
     -------
     transition, process_cov : (K, 15, 15) each, from epoch k − 1 to epoch k.
     """
+    # Constant biases: only the nine navigation states evolve, Φ = [Φ_n, Ψ_n B; 0, I].
+    nav = NAVIGATION_STATES
     count = epochs.shape[0]
-    transition = np.empty((count, STATES, STATES))
-    process_cov = np.empty((count, STATES, STATES))
+    transition = np.zeros((count, STATES, STATES))
+    process_cov = np.zeros((count, STATES, STATES))
     # w_a enters δv' and w_g enters φ' through C_nb; equal axes make G q Gᵀ diagonal.
-    noise = np.zeros((STATES, STATES))
+    noise = np.zeros((nav, nav))
     for i in range(3):
         noise[3 + i, 3 + i] = accelerometer_psd
         noise[6 + i, 6 + i] = gyro_psd
+    bias_input = np.empty((nav, STATES - nav))
+    from_bias = np.empty((nav, STATES - nav))
+    phi = np.empty((nav, STATES))
+    next_phi = np.empty((nav, STATES))
+    scratch = np.empty((nav, nav))
     start = 0
     for k in range(count):
-        phi = np.eye(STATES)
-        q = np.zeros((STATES, STATES))
+        phi[:, :] = 0.0
+        for i in range(nav):
+            phi[i, i] = 1.0
+        q = np.zeros((nav, nav))
         for n in range(start, epochs[k]):
-            step_phi, step_q = discretize(matrices[n], noise, dt)
-            phi = step_phi @ phi
-            q = step_phi @ q @ step_phi.T + step_q
+            step_phi, step_psi, step_q = discretize(matrices[n, :nav, :nav], noise, dt)
+            bias_input[:, :] = matrices[n, :nav, nav:]
+            _product(step_psi, bias_input, 1.0, from_bias)
+            _product(step_phi, phi, 1.0, next_phi)
+            next_phi[:, nav:] += from_bias
+            phi, next_phi = next_phi, phi
+            _product(step_phi, q, 1.0, scratch)
+            _product(scratch, step_phi.T, 1.0, q)
+            q += step_q
         to_metres = _to_metres(positions[epochs[k]])
-        transition[k] = to_metres @ phi @ _from_metres(positions[start])
-        q = to_metres @ q @ to_metres.T
-        process_cov[k] = 0.5 * (q + q.T)
+        full = np.eye(STATES)
+        full[:nav] = phi
+        transition[k] = to_metres @ full @ _from_metres(positions[start])
+        full[:, :] = 0.0
+        full[:nav, :nav] = 0.5 * (q + q.T)
+        process_cov[k] = to_metres @ full @ to_metres.T
         start = epochs[k]
     return transition, process_cov
 
@@ -251,21 +292,21 @@ def delayed_position_rows(
     ``delays`` (K,) are in seconds, zero or positive, and do not reach before sample 0.
     """
     count = epochs.shape[0]
-    rows = np.zeros((count, 3, STATES))
+    rows = np.empty((count, 3, STATES))
+    term = np.empty((3, STATES))
+    scratch = np.empty((3, STATES))
     for k in range(count):
-        back = np.eye(STATES)
-        remaining = delays[k]
-        n = epochs[k] - 1
-        while remaining > 1e-9 * dt and n >= 0:
-            part = min(remaining, dt)
-            term = np.eye(STATES)
-            inverse = np.eye(STATES)
+        steps = delays[k] / dt
+        whole = math.ceil(steps - 1e-9)
+        first = max(epochs[k] - whole, 0)
+        row = _to_metres(positions[max(epochs[k] - round(steps), 0)])[:3].copy()
+        # Back from t_k − τ_k: Φ⁻¹ of the steps in the order of time, the first one in part.
+        for n in range(first, epochs[k]):
+            part = dt * (steps - (whole - 1)) if n == first else dt
+            term[:, :] = row
             for order in range(1, 6):
-                term = matrices[n] @ term * (-part / order)
-                inverse += term
-            back = inverse @ back
-            remaining -= part
-            n -= 1
-        then = positions[max(epochs[k] - round(delays[k] / dt), 0)]
-        rows[k] = (_to_metres(then) @ back @ _from_metres(positions[epochs[k]]))[:3]
+                _product(term, matrices[n], -part / order, scratch)
+                term, scratch = scratch, term
+                row += term
+        rows[k] = row @ _from_metres(positions[epochs[k]])
     return rows

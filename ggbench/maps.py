@@ -117,12 +117,12 @@ def load_or_build(recipe: MapRecipe) -> GradientMap:
     _check(recipe)
     folder = os.environ.get(CACHE_VARIABLE) or platformdirs.user_cache_path("ggbench")
     path = Path(folder) / "maps" / f"{_cache_key(recipe)}.npz"
-    gradient_map = _read(path)
-    if gradient_map is None:
-        gradient_map = build(recipe)
-        # Without a copy on disk the map itself is as good.
-        with contextlib.suppress(OSError):
-            _write(path, gradient_map)
+    with contextlib.suppress(MapError):
+        return read(path)
+    gradient_map = build(recipe)
+    # Without a copy on disk the map itself is as good.
+    with contextlib.suppress(OSError):
+        write(path, gradient_map)
     return gradient_map
 
 
@@ -236,22 +236,59 @@ def _cache_key(recipe: MapRecipe) -> str:
     return digest.hexdigest()[:32]
 
 
-def _read(path: Path) -> GradientMap | None:
-    """The map in a cache file, or None if there is none or it is damaged."""
+def read(path: Path) -> GradientMap:
+    """Return the map in a file that :func:`write` wrote.
+
+    Raises
+    ------
+    MapError
+        If there is no such file, or it is no complete map; the message says what is missing.
+    """
+    names = [item.name for item in dataclasses.fields(GradientMap)]
     try:
-        arrays = read_arrays(path.read_bytes(), [f.name for f in dataclasses.fields(GradientMap)])
-        return GradientMap(**{k: v if v.ndim else v.item() for k, v in arrays.items()})
-    except Exception:
-        return None
+        arrays = read_arrays(path.read_bytes(), names)
+    except OSError as error:
+        raise MapError(f"cannot read the map {path}: {error.strerror}") from None
+    except Exception as error:  # whatever a damaged archive makes of itself
+        raise MapError(
+            f"{path} is not a gradient map: {error}; it must hold the arrays {', '.join(names)}"
+        ) from None
+    tensor, disturbance = arrays["tensor"], arrays["gravity_disturbance"]
+    shape = tensor.shape
+    grids = (
+        len(shape) == 4
+        and min(shape[:3]) >= _FEWEST_NODES
+        and shape[3] == 6
+        and disturbance.shape == (*shape[:3], 3)
+        and all(a.dtype.kind == "f" and np.isfinite(a).all() for a in (tensor, disturbance))
+    )
+    if not grids:
+        raise MapError(
+            f"{path} is not a gradient map: tensor must be (n_lat, n_lon, n_h, 6) and "
+            f"gravity_disturbance (n_lat, n_lon, n_h, 3), finite numbers at no less than "
+            f"{_FEWEST_NODES} nodes per axis; found {shape} and {disturbance.shape}"
+        )
+    scalars = {key: arrays[key] for key in names if key.endswith(("0", "_step"))}
+    for key, value in scalars.items():
+        if value.shape != () or value.dtype.kind not in "fi" or not np.isfinite(value):
+            raise MapError(f"{path} is not a gradient map: {key} must be one finite number")
+        if key.endswith("_step") and value <= 0:
+            raise MapError(f"{path} is not a gradient map: {key} must be positive, not {value}")
+    return GradientMap(
+        **{key: float(value) for key, value in scalars.items()},
+        tensor=tensor.astype(float),
+        gravity_disturbance=disturbance.astype(float),
+        provenance=str(arrays["provenance"]),
+    )
 
 
-def _write(path: Path, gradient_map: GradientMap) -> None:
-    """Put the map into the cache in one stroke: a reader sees a whole file or none."""
+def write(path: Path, gradient_map: GradientMap) -> None:
+    """Write a map to a ``.npz`` file in one stroke: a reader sees a whole file or none."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".tmp", delete=False) as file:
         temporary = Path(file.name)
         try:
-            np.savez(file, **vars(gradient_map))
+            np.savez(file, allow_pickle=False, **vars(gradient_map))
             file.close()
             temporary.replace(path)
         except BaseException:

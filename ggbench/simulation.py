@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
@@ -38,7 +39,7 @@ from .ins_error import (
     transitions,
 )
 from .lowpass import LowPass, prefilter
-from .maps import MapRecipe, load_or_build
+from .maps import MapRecipe, load_or_build, read
 from .problem import Problem, StateBlock
 from .scenario import CaseSpec, FieldSpec
 from .trajectory import Segment, Trajectory, fly
@@ -178,7 +179,10 @@ class Flight:
 
 
 def make_field(spec: FieldSpec) -> Field:
-    """Return the field of a scenario's ``[field]`` table, from the map cache or built anew.
+    """Return the field of a scenario's ``[field]`` table.
+
+    ``source`` is ``normal`` (no map), the path of a map's ``.npz`` file, or the name of a source
+    from which the map is built, or taken from the cache.
 
     Raises
     ------
@@ -187,6 +191,8 @@ def make_field(spec: FieldSpec) -> Field:
     """
     if spec.source == "normal":
         return Field.normal()
+    if spec.source.endswith(".npz"):
+        return Field.from_map(read(Path(spec.source)))
     recipe = MapRecipe(
         source=spec.source,
         south_deg=spec.south_deg,

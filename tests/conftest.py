@@ -1,4 +1,4 @@
-"""What several tests need: the paper's flights, and oracles for frames and for the mechanization."""
+"""What several tests need: the paper's flights, oracles for frames and for the mechanization."""
 
 from __future__ import annotations
 

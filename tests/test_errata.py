@@ -1,4 +1,4 @@
-"""The misprints of Wang et al. 2013, one test each: as printed it is wrong, as corrected it is right.
+"""The misprints of Wang et al. 2013, a test each: printed it is wrong, corrected right.
 
 The judge of eqs. 5, 6 and 9 is the finite difference of the mechanization's rates; of eqs. 13 and
 14, the moments that sigma points must have; of eq. 6's gravity term also Schuler's period. The
@@ -67,7 +67,7 @@ def test_eq5_attitude_from_north_velocity_has_a_minus(motion):
 
 
 def test_eq5_gyro_bias_enters_with_a_minus(motion):
-    """With measured = true + ε and C̃_nb = (I − [φ×]) C_nb the bias tilts the platform by −C_nb ε."""
+    """With measured = true + ε and C̃_nb = (I − [φ×]) C_nb a bias tilts the platform by −C_nb ε."""
     np.testing.assert_allclose(motion[PHI, GYRO], -C_NB, rtol=0.0, atol=1e-8)
     assert np.abs(motion[PHI, GYRO] - C_NB).max() > 1.0
 
@@ -91,7 +91,7 @@ def test_eq6_latitude_term_has_the_vertical_velocity(motion):
 
 
 def test_eq6_height_term_has_opposite_signs(motion):
-    """F_vr(1,3) is (v_E v_U − v_E v_N tan L)/(R_N+h)²: up and north contribute with one sign each."""
+    """F_vr(1,3) is (v_E v_U − v_E v_N tan L)/(R_N+h)²: up and north have one sign each."""
     printed = -(V_E * V_U + V_E * V_N * TANGENT) / R_N**2
     corrected = (V_E * V_U - V_E * V_N * TANGENT) / R_N**2
     true = motion[DV, DR][0, 2]
@@ -158,22 +158,20 @@ def test_eq6_displacement_of_latitude_and_longitude_is_not_diagonal(wang):
     """If the mechanization adds a map's disturbance, ∂δg/∂(L, λ, h) = Γ D with D as in physics.
 
     δL moves north and δλ east, by (R_M+h) and (R_N+h) cos L; the printed diagonal R_M, R_N, 1 moves
-    δL east. To 2 % of the largest entry: the spline and the turning axes; the printed is off by half.
+    δL east. To 2 % of the largest entry (spline, turning axes); the printed is off by half.
     """
+    place = POSITION + np.array([0.0, np.radians(0.3), 0.0])
     step = (1e-6, 1e-6, 10.0)
     true = np.stack(
         [
             difference(
-                lambda d, axis=axis: wang.field.gravity_disturbance(
-                    *(POSITION + [0.0, np.radians(0.3), 0.0] + d * np.eye(3)[axis])
-                ),
+                lambda d, axis=axis: wang.field.gravity_disturbance(*(place + d * np.eye(3)[axis])),
                 step[axis],
             )
             for axis in range(3)
         ],
         axis=-1,
     )
-    place = POSITION + [0.0, np.radians(0.3), 0.0]
     disturbing = square(wang.field.tensor(*place) - Field.normal().tensor(*place)) * EOTVOS
     corrected = disturbing @ np.array([[0, R_N * COSINE, 0], [R_M, 0, 0], [0, 0, 1.0]])
     printed = disturbing @ np.diag([R_M, R_N, 1.0])

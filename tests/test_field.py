@@ -1,4 +1,4 @@
-"""The gradient field: an exact, smooth spline over the normal field, safe at and beyond its edges."""
+"""The gradient field: an exact, smooth spline over the normal field, safe beyond its edges."""
 
 from __future__ import annotations
 
@@ -220,7 +220,7 @@ def test_kernel_survives_any_number(rough, axis, number):
     """No trial point of an estimator, however lost, reads outside the coefficients' memory."""
     point = inside(1, seed=14)[0]
     point[axis] = number
-    value, derivative, within = kernel(rough, point)
+    value, _, within = kernel(rough, point)
     assert not within
     stored = rough.tensor_coefficients
     disturbing, _, _ = spline(rough, point)

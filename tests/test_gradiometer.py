@@ -30,7 +30,7 @@ def chain(request, wang) -> tuple[simulation.Flight, object, object]:
 
 
 def plain_model(field: Field, positions: np.ndarray, times: np.ndarray, components=COMPONENTS):
-    """h of an unfiltered gradiometer whose state is the position error alone, (3,) [m]."""
+    """The model of an unfiltered gradiometer whose state is the position error alone, (3,) [m]."""
     count = len(times)
     return GradiometerModel(
         field,
@@ -95,7 +95,7 @@ def test_inertial_axes_coincide_with_ecef_at_time_zero():
 
 
 def test_a_fixed_point_reads_the_same_after_a_sidereal_day():
-    """The earth turns once against the platform in 2π/ω, and in no shorter time is all as before."""
+    """The earth turns once against the platform in 2π/ω; a few hours later nothing is as before."""
     positions, times = world(20, seed=3)
     field = Field.normal()
     now = gradiometer.readings(field, positions, times)
@@ -146,7 +146,7 @@ def test_jacobian_all_over_the_world():
 
 
 def test_jacobian_in_the_map(chain):
-    """H is the slope of h in all 15 states, behind the filter and its treatments, delays included."""
+    """H is the slope of h in all 15 states, behind filter and treatment, delays included."""
     flight, problem, _ = chain
     rng = np.random.default_rng(7)
     largest = 0.0
@@ -172,9 +172,7 @@ def test_model_at_the_true_error_is_the_true_reading(wang_unfiltered):
     """
     flight = wang_unfiltered
     problem, truth = simulation.simulate(flight, seed=1, run=0)
-    predicted = np.array(
-        [problem.model.predict(k, x) for k, x in enumerate(truth.error_state)]
-    )
+    predicted = np.array([problem.model.predict(k, x) for k, x in enumerate(truth.error_state)])
     worst = np.abs(predicted - flight.noise_free).max()
     print(f"model at the truth: {worst:.1e} E")
     assert worst < 1e-8
@@ -185,8 +183,8 @@ def test_model_at_the_true_error_is_the_true_reading(wang_unfiltered):
 def test_model_at_the_true_error_explains_the_filtered_output(chain):
     """Behind the filter, what h leaves unexplained of a noise-free run is small against the noise.
 
-    The delay and gain of slow signals stand for the filter's whole response: good to 0.01 σ rms, and
-    to 0.05 σ in the worst reading.
+    The delay and gain of slow signals stand for the filter's whole response: good to 0.01 σ rms
+    and to 0.05 σ in the worst reading.
     """
     flight, problem, truth = chain
     spec = flight.case.gradiometer
@@ -199,11 +197,11 @@ def test_model_at_the_true_error_explains_the_filtered_output(chain):
             spec.noise_behind_filter_ratio,
         )
         noise_free = treatment.matrix @ flight.gradiometer.lowpass.apply(noise_free)
-    predicted = np.array(
-        [problem.model.predict(k, x) for k, x in enumerate(truth.error_state)]
-    )
+    predicted = np.array([problem.model.predict(k, x) for k, x in enumerate(truth.error_state)])
     unexplained = (predicted - noise_free) / flight.gradiometer.noise_eotvos
-    print(f"{np.sqrt((unexplained**2).mean()):.1e} σ rms, {np.abs(unexplained).max():.1e} σ at most")
+    print(
+        f"{np.sqrt((unexplained**2).mean()):.1e} σ rms, {np.abs(unexplained).max():.1e} σ at most"
+    )
     assert np.sqrt((unexplained**2).mean()) < 0.01
     assert np.abs(unexplained).max() < 0.05
 
@@ -269,7 +267,7 @@ def test_a_lost_state_in_a_map(wang):
 
 
 def test_displacement_is_linear_in_metres_at_the_reference():
-    """h of an error of some metres is the reading at the point so many metres away."""
+    """The model of an error of some metres is the reading at the point so many metres away."""
     positions, times = world(20, seed=11)
     model = plain_model(Field.normal(), positions, times)
     error = np.array([30.0, -20.0, 10.0])

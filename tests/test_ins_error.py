@@ -87,24 +87,29 @@ def natural_units(position: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("dt", [0.005, 0.05, 0.25])
 def test_discretize_is_van_loans(dt):
-    """Φ and Q of a step are those of the 30 by 30 matrix exponential of Van Loan (1978)."""
+    """Φ, Ψ and Q of a step are those of the matrix exponentials of Van Loan (1978)."""
     rng = np.random.default_rng(3)
     for state in random_states(20, seed=3):
         matrix = system_matrix(*state[:4])
         root = block_diag(np.zeros((3, 3)), *rng.normal(size=(2, 3, 3)), np.zeros((6, 6)))
         root *= np.repeat([0.0, 1e-3, 1e-6, 0.0, 0.0], 3)[:, None]
         noise = root @ root.T
-        transition, covariance = ins_error.discretize(matrix, noise, dt)
+        transition, integral, covariance = ins_error.discretize(matrix, noise, dt)
         units = natural_units(state[0])
         scaled = matrix * units / units[:, None]
         scaled_noise = noise / np.outer(units, units)
-        oracle = expm(
-            np.block([[-scaled, scaled_noise], [np.zeros((15, 15)), scaled.T]]) * dt
-        )
+        oracle = expm(np.block([[-scaled, scaled_noise], [np.zeros((15, 15)), scaled.T]]) * dt)
         oracle_transition = oracle[15:, 15:].T
         oracle_covariance = oracle_transition @ oracle[:15, 15:]
         np.testing.assert_allclose(
             transition * units / units[:, None], oracle_transition, rtol=1e-10, atol=1e-14
+        )
+        with_input = np.block([[scaled, np.eye(15)], [np.zeros((15, 30))]])
+        np.testing.assert_allclose(
+            integral * units / units[:, None],
+            expm(with_input * dt)[:15, 15:],
+            rtol=1e-10,
+            atol=1e-14,
         )
         # Entries of Q are compared with the product of their two standard deviations.
         deviation = np.sqrt(np.diag(oracle_covariance))
@@ -223,7 +228,7 @@ def test_transitions_compose_the_exponentials(flown):
         deviation[9:] = 1.0
         scale = np.outer(deviation, deviation)
         np.testing.assert_allclose(process_cov[k] / scale, expected_q / scale, rtol=0.0, atol=1e-9)
-        np.testing.assert_array_equal(process_cov[k], process_cov[k].T)
+        np.testing.assert_allclose(process_cov[k], process_cov[k].T, rtol=1e-14)
         start = end
 
 
@@ -264,7 +269,9 @@ def test_delayed_position_rows(flown, delay):
         matrices, track[0], epochs, np.full(len(epochs), delay), truth.dt
     )
     assert rows.shape == (len(epochs), 3, 15)
-    now = np.hstack([errors_at(flown, track, epochs), np.tile(0.02 * INITIAL[9:], (len(epochs), 1))])
+    now = np.hstack(
+        [errors_at(flown, track, epochs), np.tile(0.02 * INITIAL[9:], (len(epochs), 1))]
+    )
     earlier = epochs - delay / truth.dt
     below = np.floor(earlier + 1e-9).astype(int)
     share = (earlier - below)[:, None]
@@ -333,7 +340,9 @@ def test_process_noise_is_the_scatter_of_real_runs(flown):
         track = run_ins(short, np.zeros(15), noise)
         errors[run] = errors_at(short, track, np.array([count]))[0]
     scale = np.sqrt(np.diag(covariance))
-    white = np.linalg.solve(np.linalg.cholesky(covariance / np.outer(scale, scale)), (errors / scale).T)
+    white = np.linalg.solve(
+        np.linalg.cholesky(covariance / np.outer(scale, scale)), (errors / scale).T
+    )
     low, high = chi2.ppf([5e-4, 1.0 - 5e-4], 9 * runs)
     assert low < (white**2).sum() < high
     sample = white @ white.T / runs

@@ -58,7 +58,7 @@ def test_first_outputs_equal_the_inputs():
 
 
 def test_the_difference_equation_runs_on_from_the_first_outputs():
-    """From the eighth output on: sum a_j y_{n-j} = sum b_j x_{n-j}, eq. 3, past outputs included."""
+    """From the eighth output on: sum a_j y_{n-j} = sum b_j x_{n-j}, eq. 3, with past outputs."""
     lowpass = LowPass(1, 0.2, 1.0)
     x = np.random.default_rng(3).normal(size=30)
     y = lowpass.apply(x)

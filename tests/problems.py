@@ -1,0 +1,233 @@
+"""Problems whose answer is known, and the textbook recursions that give it."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import os
+import typing
+from dataclasses import dataclass
+
+import numpy as np
+from conftest import flight
+
+from ggbench import registry, simulation
+from ggbench.problem import Estimate, Estimator, Problem, StateBlock
+from ggbench.simulation import Truth
+
+CASES = (
+    "0.01E-1Hz",
+    "0.001E-1Hz",
+    "0.01E-0.2Hz",
+    "0.01E-1Hz-unfiltered",
+    "0.001E-1Hz-unfiltered",
+)
+SEED = 2013
+PLUGIN_VARIABLE = "GGBENCH_TEST_ESTIMATOR"
+"""Environment variable with estimators of one's own, ``my.py;my.py[size=3]``, to be tested too."""
+
+
+def labels() -> list[str]:
+    """Every registered estimator in every mode, and those that the environment names."""
+    found = []
+    for name, cls in registry.registered().items():
+        modes = [
+            f"{name}[{key}={choice}]"
+            for key, (annotation, _) in registry.parameters_of(cls).items()
+            if typing.get_origin(annotation) is typing.Literal
+            for choice in typing.get_args(annotation)
+        ]
+        found += modes or [name]
+    return found + [text for text in os.environ.get(PLUGIN_VARIABLE, "").split(";") if text]
+
+
+@functools.cache
+def estimator(label: str) -> Estimator:
+    return registry.choose(label).estimator
+
+
+def rng() -> np.random.Generator:
+    """The generator given to estimators: the same each time."""
+    return np.random.default_rng(7)
+
+
+@functools.cache
+def simulated(case: str, run: int = 0) -> tuple[Problem, Truth]:
+    """A run of a case of the paper."""
+    return simulation.simulate(flight(case), SEED, run)
+
+
+@functools.cache
+def estimated(case: str, label: str) -> Estimate:
+    """An estimator's answer to run 0 of a case of the paper."""
+    return estimator(label).estimate(simulated(case)[0], rng())
+
+
+@dataclass(frozen=True)
+class LinearModel:
+    """h(k, x) = H_k x."""
+
+    rows: np.ndarray
+
+    def predict(self, k: int, x: np.ndarray) -> np.ndarray:
+        return np.asarray(x) @ self.rows[k].T
+
+    def jacobian(self, k: int, x: np.ndarray) -> np.ndarray:
+        return self.rows[k].copy()
+
+
+UNITS = np.array([1e3, 1e-2, 1e-6, 1e-8, 1e2])
+"""Sizes of the states of :func:`linear_problem`: 1 km, 1 cm/s, 1 µrad, ..."""
+CONSTANT = slice(3, 5)
+"""Its states that never change."""
+
+
+def linear_problem(seed: int, epochs: int = 40, m: int = 2, period: float = 1.0) -> Problem:
+    """A random linear-Gaussian problem with a truth drawn from it; five states in mixed units.
+
+    Three states move, driven by noise of rank two (exactly singular) and by two constant ones.
+    """
+    rng = np.random.default_rng(seed)
+    n = len(UNITS)
+    turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    transition = np.tile(np.eye(n), (epochs, 1, 1))
+    process_cov = np.zeros((epochs, n, n))
+    for k in range(epochs):
+        transition[k, :3, :3] = 0.97 * turn + 0.02 * rng.normal(size=(3, 3))
+        transition[k, :3, CONSTANT] = 0.1 * rng.normal(size=(3, 2))
+        spread = 0.2 * rng.normal(size=(2, 2))
+        process_cov[k, :2, :2] = spread @ spread.T
+    root = np.eye(n) + 0.3 * np.tril(rng.normal(size=(n, n)), -1)
+    rows = rng.normal(size=(epochs, m, n))
+    noise_root = np.diag(np.geomspace(0.3, 1.0, m)) + 0.1 * np.tril(np.ones((m, m)), -1)
+    mean = rng.normal(size=n)
+    x = mean + root @ rng.standard_normal(n)
+    measurements = np.empty((epochs, m))
+    for k in range(epochs):
+        x = transition[k] @ x
+        x[:2] += np.linalg.cholesky(process_cov[k, :2, :2]) @ rng.standard_normal(2)
+        measurements[k] = rows[k] @ x + noise_root @ rng.standard_normal(m)
+    sizes = np.outer(UNITS, UNITS)
+    return Problem(
+        times=period * np.arange(1, epochs + 1),
+        measurements=measurements,
+        noise_cov=noise_root @ noise_root.T,
+        transition=transition * UNITS[:, None] / UNITS,
+        process_cov=process_cov * sizes,
+        prior_mean=mean * UNITS,
+        prior_cov=root @ root.T * sizes,
+        model=LinearModel(rows / UNITS),
+        layout=(StateBlock("moving", slice(0, 3), "mixed"), StateBlock("constant", CONSTANT, "1")),
+    )
+
+
+def changed(problem: Problem, **changes: object) -> Problem:
+    """The problem with other values of some attributes."""
+    return dataclasses.replace(problem, **changes)
+
+
+def propagated(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and covariance of every epoch without any measurement, from the start in one product."""
+    means, covs = [], []
+    phi = np.eye(problem.dimension)
+    noise = np.zeros_like(problem.prior_cov)
+    for k in range(problem.epochs):
+        phi = problem.transition[k] @ phi
+        noise = problem.transition[k] @ noise @ problem.transition[k].T + problem.process_cov[k]
+        means.append(phi @ problem.prior_mean)
+        covs.append(phi @ problem.prior_cov @ phi.T + noise)
+    return np.array(means), np.array(covs)
+
+
+def kalman(problem: Problem) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Kalman filter with Joseph's update: filtered and predicted means and covariances."""
+    x, p = problem.prior_mean, problem.prior_cov
+    eye = np.eye(problem.dimension)
+    out: tuple[list, ...] = ([], [], [], [])
+    for k in range(problem.epochs):
+        phi = problem.transition[k]
+        x, p = phi @ x, phi @ p @ phi.T + problem.process_cov[k]
+        out[2].append(x)
+        out[3].append(p)
+        h = problem.model.jacobian(k, x)
+        s = h @ p @ h.T + problem.noise_cov
+        gain = np.linalg.solve(s, h @ p).T
+        x = x + gain @ (problem.measurements[k] - problem.model.predict(k, x))
+        keep = eye - gain @ h
+        p = keep @ p @ keep.T + gain @ problem.noise_cov @ gain.T
+        out[0].append(x)
+        out[1].append(p)
+    return tuple(np.array(item) for item in out)
+
+
+def smoothed(problem: Problem, ahead: int) -> tuple[np.ndarray, np.ndarray]:
+    """Each epoch given the measurements up to ``ahead`` epochs later: Rauch, Tung & Striebel."""
+    x_f, p_f, x_p, p_p = kalman(problem)
+    units = np.sqrt(np.diag(problem.prior_cov))
+    means, covs = [], []
+    for k in range(problem.epochs):
+        last = min(k + ahead, problem.epochs - 1)
+        x, p = x_f[last], p_f[last]
+        for j in range(last - 1, k - 1, -1):
+            # The inverse in units of the prior: kilometres beside microradians would spoil it.
+            scaled = p_p[j + 1] / np.outer(units, units)
+            right = problem.transition[j + 1] @ p_f[j] / units[:, None]
+            gain = (np.linalg.solve(scaled, right) / units[:, None]).T
+            x = x_f[j] + gain @ (x - x_p[j + 1])
+            p = p_f[j] + gain @ (p - p_p[j + 1]) @ gain.T
+        means.append(x)
+        covs.append(p)
+    return np.array(means), np.array(covs)
+
+
+def conditioned(problem: Problem, ahead: int) -> tuple[np.ndarray, np.ndarray]:
+    """The same as :func:`smoothed` by definition: the joint Gaussian of all epochs, conditioned."""
+    n, epochs = problem.dimension, problem.epochs
+    mean, marginal = propagated(problem)
+    joint = np.zeros((epochs, n, epochs, n))
+    for k in range(epochs):
+        across = marginal[k]
+        joint[k, :, k, :] = across
+        for j in range(k + 1, epochs):
+            across = problem.transition[j] @ across
+            joint[j, :, k, :], joint[k, :, j, :] = across, across.T
+    means, covs = np.empty((epochs, n)), np.empty((epochs, n, n))
+    for k in range(epochs):
+        count = min(k + ahead, epochs - 1) + 1
+        rows = [problem.model.jacobian(j, mean[j]) for j in range(count)]
+        cross = np.concatenate([joint[k, :, j, :] @ rows[j].T for j in range(count)], axis=1)
+        innovation_cov = np.block(
+            [
+                [
+                    rows[i] @ joint[i, :, j, :] @ rows[j].T + (i == j) * problem.noise_cov
+                    for j in range(count)
+                ]
+                for i in range(count)
+            ]
+        )
+        gain = np.linalg.solve(innovation_cov, cross.T).T
+        residual = [problem.measurements[j] - rows[j] @ mean[j] for j in range(count)]
+        means[k] = mean[k] + gain @ np.concatenate(residual)
+        covs[k] = marginal[k] - gain @ cross.T
+    return means, covs
+
+
+def exact(problem: Problem, estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
+    """The mean and covariance of a linear-Gaussian problem that an estimate's causality asks."""
+    if estimate.causality == "none":
+        return propagated(problem)
+    if estimate.causality == "fixed-lag":
+        period = problem.times[-1] - problem.times[-2] if problem.epochs > 1 else 1.0
+        return smoothed(problem, int(np.floor(estimate.lag / period + 1e-9)))
+    return smoothed(problem, problem.epochs if estimate.causality == "batch" else 0)
+
+
+def deviation(
+    mean: np.ndarray, cov: np.ndarray, true_mean: np.ndarray, true_cov: np.ndarray
+) -> tuple[float, float]:
+    """Largest differences of mean and covariance in units of the posterior deviations."""
+    sigma = np.sqrt(np.diagonal(true_cov, axis1=1, axis2=2))
+    return (
+        float(np.max(np.abs(mean - true_mean) / sigma)),
+        float(np.max(np.abs(cov - true_cov) / (sigma[:, :, None] * sigma[:, None, :]))),
+    )
