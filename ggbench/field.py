@@ -97,9 +97,11 @@ def spline_at(
     for axis in range(3):
         cells = coefficients.shape[axis] - 3
         u = (position[axis] - origin[axis]) / step[axis]
-        clamped = 0.0  # also for NaN, which must not become an index; the normal field keeps it
-        if u > 0.0:
-            clamped = min(u, float(cells))
+        if math.isnan(u):  # it must not become an index, nor a number
+            value[:] = math.nan
+            derivative[:, :] = math.nan
+            return False
+        clamped = min(max(u, 0.0), float(cells))
         cell = min(int(clamped), cells - 1)
         first[axis] = cell
         _weights(clamped - cell, weights[axis], slopes[axis])

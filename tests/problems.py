@@ -163,21 +163,22 @@ def kalman(problem: Problem) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.nda
 def smoothed(problem: Problem, ahead: int) -> tuple[np.ndarray, np.ndarray]:
     """Each epoch given the measurements up to ``ahead`` epochs later: Rauch, Tung & Striebel."""
     x_f, p_f, x_p, p_p = kalman(problem)
+    # The inverse in units of the prior: kilometres beside microradians would spoil it.
     units = np.sqrt(np.diag(problem.prior_cov))
-    means, covs = [], []
-    for k in range(problem.epochs):
-        last = min(k + ahead, problem.epochs - 1)
+    right = problem.transition[1:] @ p_f[:-1] / units[:, None]
+    gains = np.linalg.solve(p_p[1:] / np.outer(units, units), right) / units[:, None]
+    means, covs = x_f.copy(), p_f.copy()
+    end = problem.epochs - 1
+    for last in range(min(ahead, end), end + 1):
+        # Back from the end of a window to its start; from the last end, to all windows it ends.
         x, p = x_f[last], p_f[last]
-        for j in range(last - 1, k - 1, -1):
-            # The inverse in units of the prior: kilometres beside microradians would spoil it.
-            scaled = p_p[j + 1] / np.outer(units, units)
-            right = problem.transition[j + 1] @ p_f[j] / units[:, None]
-            gain = (np.linalg.solve(scaled, right) / units[:, None]).T
+        for j in range(last - 1, max(last - ahead, 0) - 1, -1):
+            gain = gains[j].T
             x = x_f[j] + gain @ (x - x_p[j + 1])
             p = p_f[j] + gain @ (p - p_p[j + 1]) @ gain.T
-        means.append(x)
-        covs.append(p)
-    return np.array(means), np.array(covs)
+            if last == end or j == last - ahead:
+                means[j], covs[j] = x, p
+    return means, covs
 
 
 def conditioned(problem: Problem, ahead: int) -> tuple[np.ndarray, np.ndarray]:

@@ -254,9 +254,10 @@ def leaks(roots: list[object], case: str, run: int) -> list[str]:
             if np.may_share_memory(array, secret):
                 found.append(f"an array {array.shape} shares the memory of the truth")
             if array.ndim and len(array) == len(secret):
-                columns = array.reshape(len(array), -1)
-                for column in columns.T:
-                    if (np.abs(column[:, None] - secret) < tolerance).all(axis=0).any():
+                telling = secret.std(axis=0) > 30.0 * tolerance  # zeros and constants tell nothing
+                for column in array.reshape(len(array), -1).T:
+                    distance = np.abs(column[:, None] - secret)
+                    if ((distance < tolerance).all(axis=0) & telling).any():
                         found.append(f"a column of an array {array.shape} is nearly the truth")
     return found
 
@@ -333,7 +334,7 @@ def test_the_search_for_truth_finds_it_where_it_is_hidden(way):
 
 @pytest.mark.parametrize("case", CASES)
 def test_model_takes_any_leading_axes(case):
-    """h of many states at once is h of each: sigma points, particles and grids are one call."""
+    """The h of many states at once is h of each: sigma points, particles and grids are one call."""
     problem, _ = simulated(case)
     generator = np.random.default_rng(3)
     m, n = problem.measurements.shape[1], problem.dimension

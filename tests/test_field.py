@@ -215,20 +215,18 @@ def test_kernel_continues_the_border_outside(rough, distance):
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
-@pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf, 1e300, -1e300, 1e18])
+@pytest.mark.parametrize("number", [np.inf, -np.inf, 1e300, -1e300, 1e18])
 def test_kernel_survives_any_number(rough, axis, number):
     """No trial point of an estimator, however lost, reads outside the coefficients' memory."""
     point = inside(1, seed=14)[0]
     point[axis] = number
-    value, _, within = kernel(rough, point)
+    _, _, within = kernel(rough, point)
     assert not within
     stored = rough.tensor_coefficients
     disturbing, _, _ = spline(rough, point)
     # Weights of a spline are positive and sum to one: its values lie within the coefficients.
     assert disturbing.min() >= stored.min()
     assert disturbing.max() <= stored.max()
-    if np.isnan(number) and axis != 1:  # neither normal field nor map depends on a NaN longitude
-        assert np.isnan(value).any()
     with pytest.raises(OutsideMapError):
         rough.tensor(*point)
 
@@ -243,6 +241,8 @@ def test_nan_in_nan_out(rough, axis):
         if axis == 1 and not field.has_map:
             continue  # the normal field is the same at every longitude
         assert np.isnan(value).any(), field.has_map
+    with pytest.raises(OutsideMapError):
+        rough.tensor(*point)
 
 
 def test_normal_field_alone_is_valid_everywhere():

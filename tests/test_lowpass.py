@@ -57,17 +57,25 @@ def test_first_outputs_equal_the_inputs():
         np.testing.assert_array_equal(PAPER.apply(samples[:count]), samples[:count])
 
 
-def test_the_difference_equation_runs_on_from_the_first_outputs():
-    """From the eighth output on: sum a_j y_{n-j} = sum b_j x_{n-j}, eq. 3, with past outputs."""
-    lowpass = LowPass(1, 0.2, 1.0)
-    x = np.random.default_rng(3).normal(size=30)
-    y = lowpass.apply(x)
-    # First order by hand: bilinear transform of 1/(1 + s/w).
-    w = np.tan(np.pi * 0.2)
+@pytest.mark.parametrize("order", [1, 2, 7])
+def test_the_difference_equation_runs_on_from_the_first_outputs(order):
+    """From output N on: sum a_j y_{n-j} = sum b_j x_{n-j}, eq. 3, with the first outputs as past.
+
+    The coefficients from the poles of the analogue prototype, by hand: bilinear transform of
+    1/prod(1 - s/p_k), p_k = w exp(iπ(2k+N+1)/(2N)).
+    """
+    x = np.random.default_rng(3).normal(size=40)
+    poles = np.tan(np.pi * 0.2) * np.exp(
+        1j * np.pi * (2 * np.arange(order) + order + 1) / (2 * order)
+    )
+    a = np.poly((1.0 + poles) / (1.0 - poles)).real
+    b = np.poly(np.full(order, -1.0))
+    b *= a.sum() / b.sum()
     expected = x.copy()
-    for n in range(1, 30):
-        expected[n] = (w * (x[n] + x[n - 1]) + (1.0 - w) * expected[n - 1]) / (1.0 + w)
-    np.testing.assert_allclose(y, expected, rtol=0.0, atol=1e-14)
+    for n in range(order, len(x)):
+        past = slice(n - order, n)
+        expected[n] = b @ x[n - order : n + 1][::-1] - a[1:] @ expected[past][::-1]
+    np.testing.assert_allclose(LowPass(order, 0.2, 1.0).apply(x), expected, rtol=0.0, atol=1e-11)
 
 
 def test_a_constant_passes_from_the_start():

@@ -120,16 +120,31 @@ def short(wang_unfiltered) -> Flight:
     )
 
 
-def test_errors_are_drawn_from_the_prior(short):
+SMALL_START = {"position_m": 1e-3, "velocity_mps": 1e-3, "attitude_arcmin": 0.01}
+TINY_START = {"position_m": 1e-5, "velocity_mps": 1e-6, "attitude_arcmin": 1e-5}
+NO_NOISE = {"gyro_noise_deg_per_sqrt_h": 0.0, "accelerometer_noise_ug_per_sqrt_hz": 0.0}
+SOURCES: dict[str, dict[str, Any]] = {
+    "all": {},
+    "noise": {
+        "initial_error": TINY_START,
+        "imu": {"gyro_bias_deg_per_h": 1e-6, "accelerometer_bias_ug": 1e-4},
+    },
+    "biases": {"initial_error": SMALL_START, "imu": {"gyro_bias_deg_per_h": 15.0, **NO_NOISE}},
+}
+
+
+@pytest.mark.parametrize("source", SOURCES)
+def test_errors_are_drawn_from_the_prior(short, source):
     """Initial errors, biases and IMU noise of 300 runs are what prior, Φ and Q say.
 
-    At the first and the last epoch: the sum of xᵀ P⁻¹ x over the runs against chi-square, and each
-    state's own; false-alarm probability 1e-3 in each epoch.
+    Together, and with one source that drowns the others. At the first and the last epoch: the sum
+    of xᵀ P⁻¹ x over the runs against chi-square, and each state's own; false-alarm probability
+    1e-3 in each epoch.
     """
-    runs = 300
+    flight, runs = changed(short, **SOURCES[source]), 300
     states, covariances = np.empty((runs, 4, 15)), None
     for run in range(runs):
-        problem, truth = simulate(short, seed=11, run=run)
+        problem, truth = simulate(flight, seed=11, run=run)
         states[run] = truth.error_state
         if covariances is None:  # those of the first run serve all: Φ differs by 1e-6
             np.testing.assert_array_equal(problem.prior_mean, 0.0)
@@ -150,11 +165,11 @@ def test_errors_are_drawn_from_the_prior(short):
 
 @pytest.mark.parametrize("treatment", ["none", "whitened", "delayed"])
 def test_measurements_scatter_as_the_problem_says(wang, treatment):
-    """What h(true error) leaves of z is the instrument's white noise after filter and treatment, W v.
+    """What h(true error) leaves of z is the instrument's noise after filter and treatment, W v.
 
     Its power is that of W Wᵀ, by a normal approximation of the sum of 18000 squares (false-alarm
     probability 1e-3). The problem claims R = σ² I: exact without a filter; whitened, it is generous
-    by the one direction in nine in which the filter passes nothing; delayed, it claims no such thing.
+    by the one direction in nine in which the filter passes nothing; delayed, it claims nothing.
     """
     kind = {"none": {"filter": "none"}}.get(treatment, {"filter_treatment": treatment})
     behind = changed(wang, gradiometer=kind)
