@@ -7,23 +7,18 @@ the same campaign is not run again.
 
 from __future__ import annotations
 
-import contextlib
 import datetime
 import hashlib
 import importlib.metadata
 import importlib.resources
 import itertools
-import json
-import math
 import os
 import platform
 import signal
-import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from functools import lru_cache
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -33,148 +28,16 @@ import pandas as pd
 
 from . import __version__, metrics
 from .errors import GGBenchError
-from .field import Field
-from .gradiometer import COMPONENTS
-from .problem import Estimate, MeasurementModel, Problem
-from .registry import Choice, choose
-from .scenario import CaseSpec, Scenario
-from .simulation import Flight, Truth, prepare, simulate
+from .registry import choose
+from .runner import DETAILED_RUN, Result, Task, flight_of, lag_epochs, run_task, shared_arrays
+from .scenario import Scenario
+from .schema import CaseSpec
+from .simulation import simulate
 from .store import Store, StoreError
-
-DETAILED_RUN = 0
-"""The run whose errors and claimed deviations are kept component by component, for the figures."""
-
-Result = tuple[dict[str, Any], np.ndarray | None, np.ndarray | None]
-
-
-@dataclass(frozen=True)
-class Task:
-    """One run of one case with the estimators that still miss it."""
-
-    case: CaseSpec
-    assumption: str
-    run: int
-    seed: int
-    estimators: tuple[str, ...]
 
 
 class CampaignError(GGBenchError):
     """A campaign cannot be run as asked."""
-
-
-class _CountingModel:
-    """A measurement model that counts the points at which the map is evaluated."""
-
-    def __init__(self, model: MeasurementModel) -> None:
-        self._model = model
-        self.evaluations = 0
-
-    def predict(self, k: int, x: np.ndarray) -> np.ndarray:
-        self.evaluations += math.prod(np.shape(x)[:-1])
-        return self._model.predict(k, x)
-
-    def jacobian(self, k: int, x: np.ndarray) -> np.ndarray:
-        self.evaluations += 1
-        return self._model.jacobian(k, x)
-
-
-@lru_cache(maxsize=64)
-def _flight(case_json: str) -> Flight:
-    return prepare(CaseSpec.model_validate_json(case_json))
-
-
-@lru_cache(maxsize=256)
-def _warm_choice(label: str, case_json: str, seed: int) -> Choice:
-    """Return the chosen estimator, after one run that is not timed: it compiles and imports."""
-    choice = choose(label)
-    problem, _ = simulate(_flight(case_json), seed, 0)
-    with contextlib.suppress(Exception):  # its failure is recorded where it counts
-        choice.estimator.estimate(problem, _estimator_rng(seed, 0, label))
-    return choice
-
-
-def _estimator_rng(seed: int, run: int, label: str) -> np.random.Generator:
-    """Return the estimator's own generator: reproducible, and no key to the simulation's."""
-    digest = hashlib.sha256(f"{label}|{seed}|{run}".encode()).digest()
-    return np.random.default_rng(int.from_bytes(digest[:16], "little"))
-
-
-def run_task(task: Task) -> list[Result]:
-    """Simulate one run and judge every estimator on it; an estimator's failure is a record."""
-    case_json = task.case.model_dump_json()
-    flight = _flight(case_json)
-    problem, truth = simulate(flight, task.seed, task.run)
-    return [
-        _judge(task, flight, problem, truth, _warm_choice(label, case_json, task.seed))
-        for label in task.estimators
-    ]
-
-
-def _judge(task: Task, flight: Flight, problem: Problem, truth: Truth, choice: Choice) -> Result:
-    record: dict[str, Any] = {
-        "assumption": task.assumption,
-        "case": task.case.name,
-        "estimator": choice.label,
-        "name": choice.estimator.name,
-        "parameters": choice.parameters,
-        "causality": choice.estimator.causality,
-        "run": task.run,
-        "seed": task.seed,
-        "status": "failed",
-    }
-    model = _CountingModel(problem.model)
-    given = Problem(**{**vars(problem), "model": model})
-    start = time.perf_counter()
-    try:
-        rng = _estimator_rng(task.seed, task.run, choice.label)
-        estimate = choice.estimator.estimate(given, rng)
-        record["seconds"] = time.perf_counter() - start
-        _require_complete(problem, estimate)
-    except Exception as error:
-        record["reason"] = f"{type(error).__name__}: {error}"
-        return record, None, None
-    evaluation = metrics.evaluate(problem, estimate, truth)
-    case = task.case
-    lag = lag_epochs(case, estimate.lag)
-    bound, _ = metrics.squared_bounds(metrics.bound_for(flight.bound, estimate.causality, lag)[-1:])
-    ins_error = float(np.linalg.norm(truth.error_state[-1, :3]))
-    final_error = float(evaluation.position_error[-1])
-    record |= {
-        "status": "ok",
-        "causality": estimate.causality,
-        "lag": estimate.lag,
-        "map_evaluations": model.evaluations,
-        "final_position_error_m": final_error,
-        "diverged": metrics.has_diverged(final_error, math.sqrt(bound[0]), ins_error),
-        "windows": metrics.window_figures(evaluation, truth.times, case.windows),
-        "info": json.loads(json.dumps(dict(estimate.info), default=float)),
-    }
-    series = np.column_stack(
-        [evaluation.position_error, evaluation.velocity_error, evaluation.nees, evaluation.nis]
-    )
-    detail = None
-    if task.run == DETAILED_RUN and not task.assumption:
-        detail = np.column_stack([evaluation.components, evaluation.sigmas])
-    return record, series, detail
-
-
-def _require_complete(problem: Problem, estimate: Estimate) -> None:
-    """Raise ValueError unless the estimate has the right shapes and only finite numbers."""
-    epochs, n = problem.epochs, problem.dimension
-    expected: dict[str, tuple[np.ndarray, tuple[int, ...]]] = {"mean": (estimate.mean, (epochs, n))}
-    if estimate.cov is not None:
-        expected["cov"] = (estimate.cov, (epochs, n, n))
-    for name, (array, shape) in expected.items():
-        if np.shape(array) != shape:
-            raise ValueError(f"the estimate's {name} has shape {np.shape(array)}, not {shape}")
-        finite = np.isfinite(array).reshape(epochs, -1).all(axis=1)
-        if not finite.all():
-            raise ValueError(f"the estimate's {name} is not finite from epoch {finite.argmin()} on")
-
-
-def lag_epochs(case: CaseSpec, lag: float | None) -> int | None:
-    """Return how many epochs after each one a fixed lag [s] sees."""
-    return None if lag is None else math.floor(lag / case.gradiometer.period_s + 1e-9)
 
 
 def plan(
@@ -227,7 +90,7 @@ class Campaign:
         studied = self.scenario.assumptions if self.assumptions else ()
         for case in (*self.scenario.cases, *(c for study in studied for c in study.cases)):
             try:
-                _flight(case.model_dump_json())
+                flight_of(case)
             except GGBenchError as error:
                 raise CampaignError(f"{self.scenario.name}, case {case.name}: {error}") from None
 
@@ -258,18 +121,17 @@ class Campaign:
         """
         reasons: dict[str, str] = {}
         for case in self.scenario.cases:
-            flight = _flight(case.model_dump_json())
+            flight = flight_of(case)
             problem, _ = simulate(flight, self.seed, DETAILED_RUN)
-            lags: dict[str, int | None] = {}
+            lags: set[int] = set()
             for label in self.labels:
                 estimator = choose(label).estimator
                 reason = estimator.skip(problem)
                 if reason:
                     reasons.setdefault(label, f"{label} is left out: {reason}")
-                lags[label] = None
                 if estimator.causality == "fixed-lag":
-                    lags[label] = lag_epochs(case, vars(estimator)["lag"])
-            store.write_arrays(case.name, _shared_arrays(flight, self.seed, self.labels, lags))
+                    lags.add(lag_epochs(case, vars(estimator)["lag"]))
+            store.write_arrays(case.name, shared_arrays(flight, self.seed, sorted(lags)))
         self.labels = tuple(label for label in self.labels if label not in reasons)
         if not self.labels:
             raise CampaignError(
@@ -355,43 +217,6 @@ def _discard(folder: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-def _shared_arrays(
-    flight: Flight, seed: int, labels: Sequence[str], lags: dict[str, int | None]
-) -> dict[str, np.ndarray]:
-    """Return the bounds of a case and the signals that its figures show."""
-    arrays = {"times": flight.times, "track": flight.trajectory.positions[flight.epochs]}
-    bounds = {"filter": flight.bound.filtering, "batch": flight.bound.smoothing}
-    for label in labels:
-        lag = lags[label]
-        if lag is not None:
-            bounds[f"fixed-lag-{lag}"] = flight.bound.fixed_lag(lag)
-    for name, cov in bounds.items():
-        arrays[f"bound-{name}"] = np.stack(metrics.squared_bounds(cov), axis=-1)
-    # The zz component of the first run as the instrument delivers it, with and without filter.
-    rng = np.random.default_rng(np.random.SeedSequence([seed, DETAILED_RUN]).spawn(4)[3])
-    vertical = COMPONENTS.index("zz")
-    enu = flight.field.tensor(*arrays["track"].T)
-    noise = flight.gradiometer.noise_eotvos * rng.standard_normal(flight.noise_free.shape)
-    arrays["vertical"] = enu[:, vertical]
-    arrays["noisy"] = arrays["vertical"] + noise[:, vertical]
-    if flight.gradiometer.lowpass is not None:
-        arrays["filtered"] = flight.gradiometer.lowpass.apply(arrays["noisy"])
-        arrays["filtered_true"] = flight.gradiometer.lowpass.apply(arrays["vertical"])
-    if flight.field.has_map:
-        lower, upper = flight.field.origin, flight.field.upper
-        latitude = np.linspace(lower[0], upper[0], 101)
-        longitude = np.linspace(lower[1], upper[1], 161)
-        height = np.mean(arrays["track"][:, 2])
-        full = flight.field.tensor(latitude[:, None], longitude[None, :], height)
-        normal = Field.normal().tensor(latitude[:, None], longitude[None, :], height)
-        arrays |= {
-            "map_latitude": latitude,
-            "map_longitude": longitude,
-            "map_vertical": full[..., vertical] - normal[..., vertical],
-        }
-    return arrays
-
-
 def _start_worker() -> None:
     # The parent decides what an interrupt means; a worker finishes its task.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -457,35 +282,42 @@ def summarize(store: Store, scenario: Scenario) -> tuple[pd.DataFrame, pd.DataFr
         for case in scenario.cases
     }
     records = list(store.records())
-    labels = store.manifest()["estimators"]
-    lags = {(r["case"], r["estimator"]): r.get("lag") for r in records if r["status"] == "ok"}
-    causalities = {r["estimator"]: r["causality"] for r in records}
-    bounds: dict[tuple[str, str], dict[str, tuple[float, float]]] = {}
-    for case in scenario.cases:
-        arrays = store.arrays(case.name)
-        for label in labels:
-            lag = lag_epochs(case, lags.get((case.name, label)))
-            squared = arrays[bound_key(causalities.get(label, "filter"), lag)]
-            bounds[case.name, label] = {}
-            for window in metrics.WINDOWS:
-                mask = metrics.window_mask(arrays["times"], case.windows, window)
-                position, velocity = np.sqrt(squared[mask].mean(axis=0))
-                bounds[case.name, label][window] = (float(position), float(velocity))
+    # Rows in the order in which the cases and estimators were asked for.
+    bounds: dict[tuple[str, str], dict[str, tuple[float, float]]] = {
+        (case.name, label): {}
+        for case in scenario.cases
+        for label in store.manifest()["estimators"]
+    }
+    names = {(r["case"], r["estimator"]): r["bound"] for r in records if r["status"] == "ok"}
+    for (case_name, label), name in names.items():
+        case, arrays = scenario.case(case_name), store.arrays(case_name)
+        for window in metrics.WINDOWS:
+            mask = metrics.window_mask(arrays["times"], case.windows, window)
+            position, velocity = np.sqrt(arrays[f"bound-{name}"][mask].mean(axis=0))
+            bounds[case_name, label][window] = (float(position), float(velocity))
     summary = metrics.summarize(records, bounds, references, scenario.name)
     store.write_text("summary.csv", summary[list(metrics.SUMMARY_COLUMNS)].to_csv(index=False))
-    studies = []
-    for study in scenario.assumptions:
-        frame = metrics.summarize(store.records(study.name), {}, references, scenario.name)
-        if len(frame):
-            studies.append(frame.assign(assumption=study.name))
-    study_frame = pd.concat(studies, ignore_index=True) if studies else pd.DataFrame()
-    if len(study_frame):
-        store.write_text("assumptions.csv", study_frame.to_csv(index=False))
-    return summary, study_frame
+    return summary, _summarize_studies(store, scenario, records, references)
 
 
-def bound_key(causality: str, lag: int | None) -> str:
-    """Return the name of the stored bound that goes with a causality."""
-    if causality == "batch":
-        return "bound-batch"
-    return "bound-filter" if lag is None else f"bound-fixed-lag-{lag}"
+def _summarize_studies(
+    store: Store,
+    scenario: Scenario,
+    records: list[dict[str, Any]],
+    references: Mapping[str, tuple[float, float] | None],
+) -> pd.DataFrame:
+    """Write ``assumptions.csv``: each assumption's rows, and as ``""`` the same runs without it."""
+    groups = {study.name: list(store.records(study.name)) for study in scenario.assumptions}
+    runs = {record["run"] for group in groups.values() for record in group}
+    if not runs:
+        return pd.DataFrame()
+    estimator = choose(scenario.campaign.assumption_estimator).label
+    groups[""] = [r for r in records if r["run"] in runs and r["estimator"] == estimator]
+    frames = [
+        metrics.summarize(group, {}, references, scenario.name).assign(assumption=name)
+        for name, group in groups.items()
+        if group
+    ]
+    studies = pd.concat(frames, ignore_index=True)
+    store.write_text("assumptions.csv", studies.to_csv(index=False))
+    return studies

@@ -216,11 +216,11 @@ class _progress:
 
 def _print_summary(summary: pd.DataFrame, scenario: Scenario) -> None:
     """Print the settled window of every case: causal estimators, best first, then smoothers."""
-    from .report import ranked
+    from .tables import rows_of
 
     for case in scenario.cases:
-        rows = ranked(summary[(summary["case"] == case.name) & (summary["window"] == "settled")])
-        if rows.empty:
+        rows = rows_of(summary, case, "settled")
+        if not rows:
             continue
         table = Table(
             title=f"{case.title}: MRSE from {case.windows.settled_from_s:g} s on",
@@ -233,7 +233,7 @@ def _print_summary(summary: pd.DataFrame, scenario: Scenario) -> None:
         for heading in ("m", "m/s", "/bound", "NEES", "fail/div", "ms/run"):
             table.add_column(heading, justify="right", no_wrap=True)
         causal = True
-        for row in rows.to_dict("records"):
+        for row in rows.values():
             if causal and row["causality"] in ("fixed-lag", "batch"):
                 causal = False
                 table.add_section()

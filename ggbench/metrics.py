@@ -17,7 +17,7 @@ from scipy.stats import chi2
 
 from .bound import Bound
 from .problem import Estimate, Problem
-from .scenario import WindowsSpec
+from .schema import WindowsSpec
 from .simulation import Truth
 
 WINDOWS = ("whole", "settled", "last20")

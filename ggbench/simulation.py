@@ -41,7 +41,7 @@ from .ins_error import (
 from .lowpass import LowPass, prefilter
 from .maps import MapRecipe, load_or_build, read
 from .problem import Problem, StateBlock
-from .scenario import CaseSpec, FieldSpec
+from .schema import CaseSpec, FieldSpec
 from .trajectory import Segment, Trajectory, fly
 
 STANDARD_GRAVITY = 9.80665

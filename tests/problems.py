@@ -232,3 +232,57 @@ def deviation(
         float(np.max(np.abs(mean - true_mean) / sigma)),
         float(np.max(np.abs(cov - true_cov) / (sigma[:, :, None] * sigma[:, None, :]))),
     )
+
+
+SMALL = """
+title = "A short flight over the normal field"
+description = "For tests of everything that is not physics."
+
+[trajectory]
+latitude_deg = 33.5
+longitude_deg = 108.0
+height_m = 10000.0
+speed_mps = 250.0
+heading_deg = 90.0
+
+[[trajectory.segment]]
+duration_s = 20.0
+
+[imu]
+period_s = 0.1
+gyro_bias_deg_per_h = 0.015
+gyro_noise_deg_per_sqrt_h = 0.005
+accelerometer_bias_ug = 500.0
+accelerometer_noise_ug_per_sqrt_hz = 100.0
+
+[initial_error]
+position_m = 5.0
+velocity_mps = 0.1
+attitude_arcmin = 1.0
+
+[gradiometer]
+period_s = 1.0
+noise_eotvos = 0.01
+
+[field]
+source = "normal"
+
+[windows]
+settled_from_s = 10.0
+last_s = 5.0
+
+[campaign]
+estimators = ["ins", "ekf"]
+
+[[case]]
+name = "base"
+title = "as it is"
+reference.position_mrse_m = { value = 6.0, provenance = "paper: none" }
+reference.velocity_mrse_mps = { value = 0.3, provenance = "paper: none" }
+
+[[case]]
+name = "noisy"
+title = "with ten times the noise"
+gradiometer.noise_eotvos = 0.1
+"""
+"""A valid scenario that flies in milliseconds."""

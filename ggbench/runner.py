@@ -1,0 +1,210 @@
+"""One run: simulate it, give it to every estimator, judge the estimates.
+
+This is what a worker process does; nothing here writes anything.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from . import metrics
+from .field import Field
+from .gradiometer import COMPONENTS
+from .problem import Estimate, Estimator, MeasurementModel, Problem
+from .registry import Choice, choose
+from .schema import CaseSpec
+from .simulation import Flight, Truth, prepare, simulate
+
+DETAILED_RUN = 0
+"""The run whose errors and claimed deviations are kept component by component, for the figures."""
+
+Result = tuple[dict[str, Any], np.ndarray | None, np.ndarray | None]
+
+
+@dataclass(frozen=True)
+class Task:
+    """One run of one case with the estimators that still miss it."""
+
+    case: CaseSpec
+    assumption: str
+    run: int
+    seed: int
+    estimators: tuple[str, ...]
+
+
+class _CountingModel:
+    """A measurement model that counts the points at which the map is evaluated."""
+
+    def __init__(self, model: MeasurementModel) -> None:
+        self._model = model
+        self.evaluations = 0
+
+    def predict(self, k: int, x: np.ndarray) -> np.ndarray:
+        self.evaluations += math.prod(np.shape(x)[:-1])
+        return self._model.predict(k, x)
+
+    def jacobian(self, k: int, x: np.ndarray) -> np.ndarray:
+        self.evaluations += 1
+        return self._model.jacobian(k, x)
+
+
+@lru_cache(maxsize=64)
+def _flight(case_json: str) -> Flight:
+    return prepare(CaseSpec.model_validate_json(case_json))
+
+
+def flight_of(case: CaseSpec) -> Flight:
+    """Return the flight of a case, made once in each process."""
+    return _flight(case.model_dump_json())
+
+
+@lru_cache(maxsize=256)
+def _warm_choice(label: str, case_json: str, seed: int) -> Choice:
+    """Return the chosen estimator, after one run that is not timed: it compiles and imports."""
+    choice = choose(label)
+    problem, _ = simulate(_flight(case_json), seed, 0)
+    with contextlib.suppress(Exception):  # its failure is recorded where it counts
+        choice.estimator.estimate(problem, _estimator_rng(seed, 0, label))
+    return choice
+
+
+def _estimator_rng(seed: int, run: int, label: str) -> np.random.Generator:
+    """Return the estimator's own generator: reproducible, and no key to the simulation's."""
+    digest = hashlib.sha256(f"{label}|{seed}|{run}".encode()).digest()
+    return np.random.default_rng(int.from_bytes(digest[:16], "little"))
+
+
+def run_task(task: Task) -> list[Result]:
+    """Simulate one run and judge every estimator on it; an estimator's failure is a record."""
+    case_json = task.case.model_dump_json()
+    flight = _flight(case_json)
+    problem, truth = simulate(flight, task.seed, task.run)
+    return [
+        _judge(task, flight, problem, truth, _warm_choice(label, case_json, task.seed))
+        for label in task.estimators
+    ]
+
+
+def _judge(task: Task, flight: Flight, problem: Problem, truth: Truth, choice: Choice) -> Result:
+    record: dict[str, Any] = {
+        "assumption": task.assumption,
+        "case": task.case.name,
+        "estimator": choice.label,
+        "name": choice.estimator.name,
+        "parameters": choice.parameters,
+        "causality": choice.estimator.causality,
+        "run": task.run,
+        "seed": task.seed,
+        "status": "failed",
+    }
+    model = _CountingModel(problem.model)
+    given = Problem(**{**vars(problem), "model": model})
+    start = time.perf_counter()
+    try:
+        rng = _estimator_rng(task.seed, task.run, choice.label)
+        estimate = choice.estimator.estimate(given, rng)
+        record["seconds"] = time.perf_counter() - start
+        _require_complete(problem, choice.estimator, estimate)
+    except Exception as error:
+        record["reason"] = f"{type(error).__name__}: {error}"
+        return record, None, None
+    evaluation = metrics.evaluate(problem, estimate, truth)
+    case = task.case
+    bound_name: str = estimate.causality
+    lag = None
+    if estimate.lag is not None:
+        lag = lag_epochs(case, estimate.lag)
+        bound_name = f"fixed-lag-{lag}"
+    bound, _ = metrics.squared_bounds(metrics.bound_for(flight.bound, estimate.causality, lag)[-1:])
+    ins_error = float(np.linalg.norm(truth.error_state[-1, :3]))
+    final_error = float(evaluation.position_error[-1])
+    record |= {
+        "status": "ok",
+        "causality": estimate.causality,
+        "bound": {"none": "filter"}.get(bound_name, bound_name),
+        "map_evaluations": model.evaluations,
+        "final_position_error_m": final_error,
+        "diverged": metrics.has_diverged(final_error, math.sqrt(bound[0]), ins_error),
+        "windows": metrics.window_figures(evaluation, truth.times, case.windows),
+        "info": json.loads(json.dumps(dict(estimate.info), default=float)),
+    }
+    series = np.column_stack(
+        [evaluation.position_error, evaluation.velocity_error, evaluation.nees, evaluation.nis]
+    )
+    detail = None
+    if task.run == DETAILED_RUN and not task.assumption:
+        detail = np.column_stack([evaluation.components, evaluation.sigmas])
+    return record, series, detail
+
+
+def _require_complete(problem: Problem, estimator: Estimator, estimate: Estimate) -> None:
+    """Raise ValueError unless the estimate is what its estimator declares, whole and finite."""
+    lag = vars(estimator)["lag"] if estimator.causality == "fixed-lag" else None
+    if (estimate.causality, estimate.lag) != (estimator.causality, lag):
+        raise ValueError(
+            f"the estimate is '{estimate.causality}' with lag {estimate.lag}, but its estimator "
+            f"declares '{estimator.causality}' with lag {lag}"
+        )
+    epochs, n = problem.epochs, problem.dimension
+    expected: dict[str, tuple[np.ndarray, tuple[int, ...]]] = {"mean": (estimate.mean, (epochs, n))}
+    if estimate.cov is not None:
+        expected["cov"] = (estimate.cov, (epochs, n, n))
+    for name, (array, shape) in expected.items():
+        if np.shape(array) != shape:
+            raise ValueError(f"the estimate's {name} has shape {np.shape(array)}, not {shape}")
+        finite = np.isfinite(array).reshape(epochs, -1).all(axis=1)
+        if not finite.all():
+            raise ValueError(f"the estimate's {name} is not finite from epoch {finite.argmin()} on")
+
+
+def lag_epochs(case: CaseSpec, lag: float) -> int:
+    """Return how many epochs after each one a fixed lag [s] sees."""
+    return math.floor(lag / case.gradiometer.period_s + 1e-9)
+
+
+def shared_arrays(flight: Flight, seed: int, lags: Sequence[int]) -> dict[str, np.ndarray]:
+    """Return what all runs of a case share: bounds, and the signals that figures show.
+
+    Parameters
+    ----------
+    flight : the case. seed : the campaign's. lags : fixed lags in use [epochs].
+    """
+    arrays = {"times": flight.times, "track": flight.trajectory.positions[flight.epochs]}
+    bounds = {"filter": flight.bound.filtering, "batch": flight.bound.smoothing}
+    for lag in lags:
+        bounds[f"fixed-lag-{lag}"] = flight.bound.fixed_lag(lag)
+    for name, cov in bounds.items():
+        arrays[f"bound-{name}"] = np.stack(metrics.squared_bounds(cov), axis=-1)
+    # The zz component of the first run as the instrument delivers it, with and without filter.
+    rng = np.random.default_rng(np.random.SeedSequence([seed, DETAILED_RUN]).spawn(4)[3])
+    vertical = COMPONENTS.index("zz")
+    enu = flight.field.tensor(*arrays["track"].T)
+    noise = flight.gradiometer.noise_eotvos * rng.standard_normal(flight.noise_free.shape)
+    arrays["vertical"] = enu[:, vertical]
+    arrays["noisy"] = arrays["vertical"] + noise[:, vertical]
+    if flight.gradiometer.lowpass is not None:
+        arrays["filtered"] = flight.gradiometer.lowpass.apply(arrays["noisy"])
+        arrays["filtered_true"] = flight.gradiometer.lowpass.apply(arrays["vertical"])
+    if flight.field.has_map:
+        lower, upper = flight.field.origin, flight.field.upper
+        latitude = np.linspace(lower[0], upper[0], 101)
+        longitude = np.linspace(lower[1], upper[1], 161)
+        height = np.mean(arrays["track"][:, 2])
+        full = flight.field.tensor(latitude[:, None], longitude[None, :], height)
+        normal = Field.normal().tensor(latitude[:, None], longitude[None, :], height)
+        arrays |= {
+            "map_latitude": latitude,
+            "map_longitude": longitude,
+            "map_vertical": full[..., vertical] - normal[..., vertical],
+        }
+    return arrays

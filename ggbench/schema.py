@@ -1,0 +1,185 @@
+"""What a scenario file may say: its tables, keys, types and limits (pydantic models).
+
+A key carries its unit. Rules that tie several keys together are checked where the keys meet.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Latitude = Annotated[float, Field(ge=-89.0, le=89.0, allow_inf_nan=False)]
+Longitude = Annotated[float, Field(ge=-180.0, le=360.0, allow_inf_nan=False)]
+Title = Annotated[str, Field(min_length=1)]
+CaseName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
+
+
+class Section(BaseModel):
+    """Base of all tables of a scenario file: strict types, no unknown keys."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
+
+
+class SegmentSpec(Section):
+    """One ``[[trajectory.segment]]``."""
+
+    duration_s: Positive
+    turn_rate_deg_per_s: Annotated[float, Field(ge=-30.0, le=30.0)] = 0.0
+    acceleration_mps2: Annotated[float, Field(ge=-50.0, le=50.0)] = 0.0
+    climb_rate_deg_per_s: Annotated[float, Field(ge=-30.0, le=30.0)] = 0.0
+
+
+class TrajectorySpec(Section):
+    """``[trajectory]``: initial state and segments of the true flight."""
+
+    latitude_deg: Latitude
+    longitude_deg: Longitude
+    height_m: Annotated[float, Field(ge=-12000.0, le=100000.0, allow_inf_nan=False)]
+    speed_mps: NonNegative
+    heading_deg: Finite
+    pitch_deg: Finite = 0.0
+    roll_deg: Finite = 0.0
+    segment: Annotated[list[SegmentSpec], Field(min_length=1)]
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the flight [s]."""
+        return sum(segment.duration_s for segment in self.segment)
+
+
+class ImuSpec(Section):
+    """``[imu]``: the inertial sensors."""
+
+    period_s: Positive
+    gyro_bias_deg_per_h: NonNegative
+    gyro_noise_deg_per_sqrt_h: NonNegative
+    accelerometer_bias_ug: NonNegative
+    accelerometer_noise_ug_per_sqrt_hz: NonNegative
+    biases: Literal["drawn", "fixed"] = "drawn"
+
+
+class InitialErrorSpec(Section):
+    """``[initial_error]``: standard deviation of the INS error per axis at the start."""
+
+    position_m: Positive
+    velocity_mps: Positive
+    attitude_arcmin: Positive
+
+
+class GradiometerSpec(Section):
+    """``[gradiometer]``: noise (as RMS or as density), filter, and the treatment of the filter."""
+
+    period_s: Positive
+    noise_eotvos: Positive | None = None
+    noise_density_eotvos_per_sqrt_hz: Positive | None = None
+    components: Annotated[
+        list[Literal["xx", "xy", "xz", "yy", "yz", "zz"]], Field(min_length=1)
+    ] = ["xx", "xy", "xz", "yy", "yz", "zz"]
+    filter: Literal["butterworth", "none"] = "none"
+    filter_order: Annotated[int, Field(ge=1, le=12)] = 7
+    filter_cutoff_hz: Positive = 0.2
+    filter_treatment: Literal["whitened", "delayed"] = "whitened"
+    noise_behind_filter_ratio: Annotated[float, Field(ge=1e-8, le=1.0)] = 1e-6
+
+    @model_validator(mode="after")
+    def _check(self) -> GradiometerSpec:
+        if (self.noise_eotvos is None) == (self.noise_density_eotvos_per_sqrt_hz is None):
+            raise ValueError(
+                "give exactly one of noise_eotvos (RMS) and noise_density_eotvos_per_sqrt_hz"
+            )
+        if len(set(self.components)) != len(self.components):
+            raise ValueError("components names a component twice")
+        nyquist = 0.5 / self.period_s
+        if self.filter != "none" and self.filter_cutoff_hz >= nyquist:
+            raise ValueError(
+                f"filter_cutoff_hz is {self.filter_cutoff_hz:g} Hz and must lie below the Nyquist "
+                f"frequency of the readings, {nyquist:g} Hz (period_s = {self.period_s:g}); "
+                'use filter = "none" or read faster'
+            )
+        return self
+
+
+class FieldSpec(Section):
+    """``[field]``: the gradient map over the normal field, and what the accelerometers feel."""
+
+    source: str
+    south_deg: Latitude = 0.0
+    north_deg: Latitude = 0.0
+    west_deg: Longitude = 0.0
+    east_deg: Longitude = 0.0
+    lowest_m: Finite = 0.0
+    highest_m: Finite = 0.0
+    spacing_arcmin: Positive = 1.25
+    height_spacing_m: Positive = 500.0
+    land_correction: bool = True
+    relief_smoothing_deg: Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)] = 0.0
+    gravity_disturbance: bool = False
+
+
+class WindowsSpec(Section):
+    """``[windows]``: the parts of the flight over which errors are averaged."""
+
+    settled_from_s: NonNegative
+    last_s: Positive
+
+
+class ReferenceSpec(Section):
+    """``case.reference``: published numbers of this case."""
+
+    position_mrse_m: Positive
+    velocity_mrse_mps: Positive
+
+
+class CampaignSpec(Section):
+    """``[campaign]``: defaults of ``ggbench run``."""
+
+    runs: Annotated[int, Field(ge=1)] = 100
+    seed: Annotated[int, Field(ge=0)] = 1
+    assumption_runs: Annotated[int, Field(ge=1)] = 100
+    assumption_estimator: str = "ekf"
+    estimators: Annotated[list[str], Field(min_length=1)] = ["ins", "ekf"]
+
+
+class CaseSpec(Section):
+    """One case, fully resolved: the base of the file with the case's changes."""
+
+    name: CaseName
+    title: Title
+    trajectory: TrajectorySpec
+    imu: ImuSpec
+    initial_error: InitialErrorSpec
+    gradiometer: GradiometerSpec
+    field: FieldSpec
+    windows: WindowsSpec
+    reference: ReferenceSpec | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> CaseSpec:
+        steps = self.gradiometer.period_s / self.imu.period_s
+        if abs(steps - round(steps)) > 1e-6 or round(steps) < 1:
+            raise ValueError(
+                f"gradiometer.period_s ({self.gradiometer.period_s:g} s) must be a whole multiple "
+                f"of imu.period_s ({self.imu.period_s:g} s)"
+            )
+        duration = self.trajectory.duration_s
+        if duration < 2.0 * self.gradiometer.period_s:
+            raise ValueError(
+                f"the flight lasts {duration:g} s, too short for two readings "
+                f"({self.gradiometer.period_s:g} s apart)"
+            )
+        for key in ("settled_from_s", "last_s"):
+            if getattr(self.windows, key) >= duration:
+                raise ValueError(f"windows.{key} must be less than the flight's {duration:g} s")
+        return self
+
+    @property
+    def content_hash(self) -> str:
+        """SHA-256 of everything that defines the case's results (not its name or title)."""
+        content = self.model_dump(exclude={"name", "title", "reference"})
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

@@ -1,0 +1,200 @@
+"""The markdown tables of a report, from summary rows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from . import metrics
+from .scenario import Scenario
+from .schema import CaseSpec
+
+WINDOW_TITLES = {
+    "whole": "whole flight",
+    "settled": "settled window",
+    "last20": "end of the flight",
+}
+_ORDER = {"filter": 0, "none": 1, "fixed-lag": 2, "batch": 3}
+
+
+def ranked(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return summary rows with the best causal estimator first, smoothers in a block at the end."""
+    order = rows["causality"].map(_ORDER)
+    return (
+        rows.assign(_order=order).sort_values(["_order", "position_mrse_m"]).drop(columns="_order")
+    )
+
+
+def rows_of(summary: pd.DataFrame, case: CaseSpec, window: str) -> dict[str, dict[str, Any]]:
+    """Return the ranked summary rows of a case and window by estimator."""
+    chosen = summary[(summary["case"] == case.name) & (summary["window"] == window)]
+    return {row["label"]: row for row in ranked(chosen).to_dict("records")}
+
+
+def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a markdown table."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def glance(scenario: Scenario, summary: pd.DataFrame) -> str:
+    """Return the table at a glance: every estimator beside the paper and the bound."""
+    cases = [case for case in scenario.cases if case.reference] or list(scenario.cases[:1])
+    tables = [rows_of(summary, case, "settled") for case in cases]
+    rows = []
+    if any(case.reference for case in cases):
+        published = [
+            f"{c.reference.position_mrse_m:.2f}, {c.reference.velocity_mrse_mps:.3f}"
+            for c in cases
+            if c.reference
+        ]
+        rows.append(["*paper (UKF)*", "*filter*", *published, ""])
+
+    def cells(label: str, position: str, velocity: str) -> list[str]:
+        return [
+            f"{table[label][position]:.2f}, {table[label][velocity]:.3f}" if label in table else ""
+            for table in tables
+        ]
+
+    bounded = ""
+    for label, first in tables[0].items():
+        causality = first["causality"]
+        if causality not in ("none", bounded):
+            bounded = causality
+            bounds = cells(label, "position_bound_m", "velocity_bound_mps")
+            rows.append(["*Cramér–Rao bound*", f"*{causality}*", *bounds, ""])
+        errors = cells(label, "position_mrse_m", "velocity_mrse_mps")
+        milliseconds = f"{1e3 * first['seconds_per_run']:.0f}"
+        rows.append([f"`{label}`", causality, *errors, milliseconds])
+    titles = [f"{case.title}: m, m/s" for case in cases]
+    return markdown(["settled window", "causality", *titles, "ms/run"], rows)
+
+
+def case_table(case: CaseSpec, summary: pd.DataFrame, updates: int) -> str:
+    """Return all figures of one case in the settled window, smoothers in their own block."""
+    head = [
+        "estimator", "position MRSE [m]", "bound", "efficiency", "velocity MRSE [m/s]", "bound",
+        "NEES (band)", "coverage", "NIS", "failed / diverged", "ms/run", "ms/update", "map points",
+    ]  # fmt: skip
+    blank = [""] * len(head)
+    rows = []
+    if case.reference:
+        paper = blank.copy()
+        paper[0] = "**paper**"
+        paper[1] = f"{case.reference.position_mrse_m:.4f}"
+        paper[4] = f"{case.reference.velocity_mrse_mps:.4f}"
+        rows.append(paper)
+    smoothing = False
+    for row in rows_of(summary, case, "settled").values():
+        if not smoothing and row["causality"] in ("fixed-lag", "batch"):
+            smoothing = True
+            rows.append(["*smoothers*", *blank[1:]])
+        rows.append(_figures(row, updates))
+    return markdown(head, rows)
+
+
+def efficiency(scenario: Scenario, summary: pd.DataFrame) -> str:
+    """Return MRSE over bound for every case, estimator and window."""
+    head = ["case", "estimator"]
+    for window in metrics.WINDOWS:
+        head += [f"{WINDOW_TITLES[window]}: position", "velocity"]
+    rows = []
+    for case in scenario.cases:
+        tables = {window: rows_of(summary, case, window) for window in metrics.WINDOWS}
+        for label, settled in tables["settled"].items():
+            if settled["causality"] == "none":
+                continue
+            cells = [case.name, f"`{label}`"]
+            for table in tables.values():
+                cells.append(f"{table[label]['position_efficiency']:.3f}")
+                cells.append(f"{table[label]['velocity_efficiency']:.3f}")
+            rows.append(cells)
+    return markdown(head, rows)
+
+
+def bounds(scenario: Scenario, arrays: Mapping[str, Mapping[str, np.ndarray]]) -> str:
+    """Return the filtering bounds of every case and window; ``arrays`` are those of the cases."""
+    rows = []
+    for case in scenario.cases:
+        cells = [case.name]
+        for window in metrics.WINDOWS:
+            stored = arrays[case.name]
+            mask = metrics.window_mask(stored["times"], case.windows, window)
+            position, velocity = np.sqrt(stored["bound-filter"][mask].mean(axis=0))
+            cells.append(f"{position:.3f}, {velocity:.4f}")
+        rows.append(cells)
+    return markdown(["case", *(WINDOW_TITLES[w] for w in metrics.WINDOWS)], rows)
+
+
+def study(scenario: Scenario, studies: pd.DataFrame) -> str:
+    """Return how the published numbers move when one assumption changes."""
+    cases = [case for case in scenario.cases if case.reference]
+    head = ["assumption"]
+    for case in cases:
+        head += [case.name, "NEES"]
+    paper = ["*paper*"]
+    for case in cases:
+        if case.reference:
+            paper += [f"{case.reference.position_mrse_m}, {case.reference.velocity_mrse_mps}", ""]
+    rows = [paper]
+    declared = studies[studies["assumption"] == ""]
+    for title, window in (
+        ("**as declared**", "settled"),
+        ("window: the whole flight", "whole"),
+        ("window: the end of the flight", "last20"),
+    ):
+        rows.append([title, *_study_cells(cases, declared, window)])
+    for assumption in scenario.assumptions:
+        frame = studies[studies["assumption"] == assumption.name]
+        rows.append([assumption.title, *_study_cells(cases, frame, "settled")])
+    return markdown(head, rows)
+
+
+def _study_cells(cases: Sequence[CaseSpec], frame: pd.DataFrame, window: str) -> list[str]:
+    cells = []
+    for case in cases:
+        chosen = frame[(frame["case"] == case.name) & (frame["window"] == window)]
+        if chosen.empty:
+            cells += ["–", "–"]
+            continue
+        row = chosen.iloc[0]
+        lost = int(row["failed"] + row["diverged"])
+        note = f" ({lost} of {row['runs']} failed or diverged)" if lost else ""
+        cells.append(f"{row['position_mrse_m']:.3f}, {row['velocity_mrse_mps']:.4f}{note}")
+        cells.append(_short(row["nees_mean"]))
+    return cells
+
+
+def _figures(row: dict[str, Any], updates: int) -> list[str]:
+    """Return the cells of one estimator in a case table."""
+    milliseconds = 1e3 * row["seconds_per_run"]
+    return [
+        f"`{row['label']}`",
+        _interval(row, "position_mrse", "m", 3),
+        f"{row['position_bound_m']:.3f}",
+        f"{row['position_efficiency']:.3f}",
+        _interval(row, "velocity_mrse", "mps", 4),
+        f"{row['velocity_bound_mps']:.4f}",
+        f"{_short(row['nees_mean'])} ({row['nees_lo']:.2f}–{row['nees_hi']:.2f})",
+        f"{100 * row['coverage']:.1f} %",
+        "" if math.isnan(row["nis_mean"]) else _short(row["nis_mean"]),
+        f"{row['failed']} / {row['diverged']}",
+        f"{milliseconds:.1f}",
+        f"{milliseconds / updates:.3f}",
+        f"{row['map_evaluations']:.0f}",
+    ]
+
+
+def _interval(row: dict[str, Any], key: str, unit: str, digits: int) -> str:
+    low, high = row[f"{key}_lo"], row[f"{key}_hi"]
+    text = f"{row[f'{key}_{unit}']:.{digits}f}"
+    return text if math.isnan(low) else f"{text} [{low:.{digits}f}, {high:.{digits}f}]"
+
+
+def _short(value: float) -> str:
+    """Return a number with two decimals, or without any if it is large."""
+    return f"{value:.2f}" if abs(value) < 100.0 else f"{value:.0f}"
