@@ -11,7 +11,7 @@ derivatives are for a displacement of one metre east, north and up, with axes th
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numba import njit
@@ -21,6 +21,7 @@ from scipy.linalg import solve_banded
 from .earth import normal_gradient, radii_of_curvature
 from .errors import GGBenchError
 from .maps import GradientMap
+from .problem import frozen
 
 
 class OutsideMapError(GGBenchError):
@@ -222,6 +223,10 @@ class Field:
     tensor_coefficients: np.ndarray
     disturbance_coefficients: np.ndarray
 
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            object.__setattr__(self, item.name, frozen(getattr(self, item.name)))
+
     @classmethod
     def normal(cls) -> Field:
         """Return the normal field of WGS84 alone (no map, valid everywhere)."""
@@ -240,8 +245,8 @@ class Field:
             np.array(
                 [gradient_map.latitude_step, gradient_map.longitude_step, gradient_map.height_step]
             ),
-            np.ascontiguousarray(tensor),
-            np.ascontiguousarray(disturbance),
+            tensor,
+            disturbance,
         )
 
     @property

@@ -19,6 +19,7 @@ from .earth import ROTATION_RATE
 from .field import Field, gradient_at
 from .ins_error import metres_per_radian
 from .lowpass import LowPass, Prefilter
+from .problem import frozen
 
 COMPONENTS = ("xx", "xy", "xz", "yy", "yz", "zz")
 
@@ -284,17 +285,15 @@ class GradiometerModel:
     ) -> None:
         self._map = (field.origin, field.step, field.tensor_coefficients)
         self._selected = gradiometer.selected
-        self._references = np.ascontiguousarray(delayed_positions)
-        self._times = times - delays
-        self._rows = np.ascontiguousarray(rows)
+        self._references = frozen(delayed_positions)
+        self._times = frozen(times - delays)
+        self._rows = frozen(rows)
         self._gain = treatment.gain
         predicted = _readings(positions, times, *self._map)[:, self._selected]
         if gradiometer.lowpass is not None:
             predicted = treatment.matrix @ gradiometer.lowpass.apply(predicted)
         at_reference = _readings(self._references, self._times, *self._map)[:, self._selected]
-        self._offset = predicted - self._gain[:, None] * at_reference
-        for array in (self._references, self._times, self._rows, self._offset):
-            array.flags.writeable = False
+        self._offset = frozen(predicted - self._gain[:, None] * at_reference)
 
     def predict(self, k: int, x: np.ndarray) -> np.ndarray:
         """Return h (..., m) [E] at epoch ``k`` for states x (..., n); any leading axes."""

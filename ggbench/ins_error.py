@@ -276,8 +276,9 @@ def transitions(
         full[:nav] = phi
         transition[k] = to_metres @ full @ _from_metres(positions[start])
         full[:, :] = 0.0
-        full[:nav, :nav] = 0.5 * (q + q.T)
-        process_cov[k] = to_metres @ full @ to_metres.T
+        full[:nav, :nav] = q
+        full = to_metres @ full @ to_metres.T
+        process_cov[k] = 0.5 * (full + full.T)
         start = epochs[k]
     return transition, process_cov
 

@@ -33,6 +33,7 @@ from scipy import signal
 from scipy.linalg import qr, solve_triangular
 
 from .errors import GGBenchError
+from .problem import frozen
 
 Treatment = Literal["whitened", "delayed"]
 
@@ -115,7 +116,7 @@ def prefilter(lowpass: LowPass | None, count: int, treatment: Treatment, rho: fl
     """
     identity = np.eye(count)
     if lowpass is None:
-        return Prefilter(identity, np.ones(count), np.zeros(count))
+        return Prefilter(frozen(identity), frozen(np.ones(count)), frozen(np.zeros(count)))
     response = lowpass.apply(identity)
     if treatment == "delayed":
         matrix = identity
@@ -128,4 +129,4 @@ def prefilter(lowpass: LowPass | None, count: int, treatment: Treatment, rho: fl
     samples = np.arange(count)
     gain = chain.sum(axis=1)
     delay = np.maximum(samples - chain @ samples / gain, 0.0)
-    return Prefilter(matrix, gain, delay)
+    return Prefilter(frozen(matrix), frozen(gain), frozen(delay))

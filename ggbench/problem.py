@@ -17,6 +17,12 @@ import numpy as np
 Causality = Literal["none", "filter", "fixed-lag", "batch"]
 
 
+def frozen(array: np.ndarray) -> np.ndarray:
+    """Return an immutable copy: backed by bytes, it cannot be made writeable again."""
+    contiguous = np.ascontiguousarray(array, dtype=float)
+    return np.frombuffer(contiguous.tobytes()).reshape(contiguous.shape)
+
+
 class MeasurementModel(Protocol):
     """h and its Jacobian, as functions of epoch and state."""
 
@@ -38,7 +44,7 @@ class StateBlock:
 
 @dataclass(frozen=True)
 class Problem:
-    """One estimation problem. Every array is made read-only.
+    """One estimation problem. Every array is an immutable copy of what it is made from.
 
     x_0 ~ N(prior_mean, prior_cov) at the start; x_k = transition[k] x_{k−1} + w_k with
     w_k ~ N(0, process_cov[k]) (which may be singular); measurements[k] = h(k, x_k) + v_k with
@@ -69,9 +75,7 @@ class Problem:
         for item in fields(self):
             value = getattr(self, item.name)
             if isinstance(value, np.ndarray):
-                frozen = np.ascontiguousarray(value, dtype=float).view()
-                frozen.flags.writeable = False
-                object.__setattr__(self, item.name, frozen)
+                object.__setattr__(self, item.name, frozen(value))
 
     @property
     def epochs(self) -> int:

@@ -31,6 +31,7 @@ from problems import (
 from ggbench import scenario, simulation
 from ggbench.estimators.ukf import _MatrixSquareRoot
 from ggbench.problem import Problem
+from ggbench.schema import CaseSpec
 
 GRAPHS = [label for label in labels() if label.startswith("factor-graph")]
 
@@ -350,7 +351,7 @@ def test_a_prior_beyond_the_map_crashes_nothing(label):
     case = scenario.load("wang2013").case("0.01E-0.2Hz").model_dump()
     case["initial_error"]["position_m"] = 3e5
     problem, _ = simulation.simulate(
-        simulation.prepare(scenario.CaseSpec.model_validate(case)), SEED, 0
+        simulation.prepare(CaseSpec.model_validate(case)), SEED, 0
     )
     far = np.zeros((4, 15))
     far[:, :3] = [[1e7, 0, 0], [0, 1e8, 0], [0, 0, 1e9], [1e12, 1e12, 1e12]]
