@@ -31,7 +31,6 @@ from .errors import GGBenchError
 from .registry import choose
 from .runner import DETAILED_RUN, Result, Task, flight_of, lag_epochs, run_task, shared_arrays
 from .scenario import Scenario
-from .schema import CaseSpec
 from .simulation import simulate
 from .store import Store, StoreError
 
@@ -102,16 +101,17 @@ class Campaign:
         StoreError
             If the folder holds results of another campaign (and ``fresh`` is not set).
         """
+        manifest = self._manifest()
         if (self.folder / "manifest.json").exists():
             if self.fresh:
                 _discard(self.folder)
             else:
-                self._require_same(Store(self.folder).manifest())
+                manifest = self._joined(manifest)
         elif self.folder.is_dir() and any(self.folder.iterdir()):
             raise StoreError(f"{self.folder} is not empty and holds no results; choose another -o")
         store = Store(self.folder, create=True)
         store.write_text("scenario.toml", self.scenario.source)
-        store.write_json("manifest.json", self._manifest())
+        store.write_json("manifest.json", manifest)
         return store
 
     def prepare_cases(self, store: Store) -> list[str]:
@@ -131,6 +131,7 @@ class Campaign:
                     reasons.setdefault(label, f"{label} is left out: {reason}")
                 if estimator.causality == "fixed-lag":
                     lags.add(lag_epochs(case, vars(estimator)["lag"]))
+            lags |= store.stored_lags(case.name)
             store.write_arrays(case.name, shared_arrays(flight, self.seed, sorted(lags)))
         self.labels = tuple(label for label in self.labels if label not in reasons)
         if not self.labels:
@@ -155,22 +156,33 @@ class Campaign:
 
     def _identity(self) -> dict[str, Any]:
         """Return what must agree for results to belong to one campaign."""
+        maps = {case.field.source for case in self.scenario.cases}
         return {
             "scenario": self.scenario.name,
             "scenario_hash": self.scenario.content_hash,
             "seed": self.seed,
             "ggbench": __version__,
-            "source_hash": source_hash(self.labels, self.scenario.cases),
+            "source_hash": source_hash(),
+            "map_files": _file_hashes(name for name in maps if name.endswith(".npz")),
         }
 
-    def _require_same(self, manifest: dict[str, Any]) -> None:
-        for key, value in self._identity().items():
-            if manifest.get(key) != value:
+    def _joined(self, manifest: dict[str, Any]) -> dict[str, Any]:
+        """Return the manifest of this campaign together with what its folder already holds."""
+        old = Store(self.folder).manifest()
+        files = manifest["estimator_files"]
+        same = {name: files.get(name, digest) for name, digest in old["estimator_files"].items()}
+        for key, value in {**self._identity(), "estimator_files": same}.items():
+            if old.get(key) != value:
                 raise StoreError(
                     f"{self.folder} holds results with another {key.replace('_', ' ')} "
-                    f"({manifest.get(key)}, now {value}); choose another -o, or --fresh to discard "
-                    "them"
+                    f"({old.get(key)}, now {value}); choose another -o, or --fresh to discard them"
                 )
+        return manifest | {
+            "runs": max(old["runs"], self.runs),
+            "estimators": list(dict.fromkeys([*old["estimators"], *self.labels])),
+            "estimator_files": old["estimator_files"] | files,
+            "assumptions": old["assumptions"] or self.assumptions,
+        }
 
     def _manifest(self) -> dict[str, Any]:
         packages = ("numpy", "scipy", "filterpy", "gtsam", "numba", "pandas")
@@ -180,6 +192,9 @@ class Campaign:
             "notes": self.scenario.notes,
             "runs": self.runs,
             "estimators": list(self.labels),
+            "estimator_files": _file_hashes(
+                name for label in self.labels if (name := label.partition("[")[0]).endswith(".py")
+            ),
             "assumptions": self.assumptions,
             "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
             "versions": {
@@ -194,19 +209,20 @@ class Campaign:
         }
 
 
-def source_hash(labels: Iterable[str], cases: Iterable[CaseSpec]) -> str:
-    """Return a hash of the package's source and of the user's own estimator and map files."""
+def source_hash() -> str:
+    """Return a hash of the package's source."""
     digest = hashlib.sha256()
     for package in ("ggbench", "ggbench.estimators"):
         folder = importlib.resources.files(package)
         for file in sorted(folder.iterdir(), key=lambda f: f.name):
             if file.name.endswith(".py"):
                 digest.update(file.name.encode() + file.read_bytes())
-    named = {label.partition("[")[0] for label in labels} | {case.field.source for case in cases}
-    for name in sorted(named):
-        if name.endswith((".py", ".npz")):
-            digest.update(Path(name).read_bytes())
     return digest.hexdigest()[:16]
+
+
+def _file_hashes(names: Iterable[str]) -> dict[str, str]:
+    """Return a hash of each of the user's own files, by its name."""
+    return {n: hashlib.sha256(Path(n).read_bytes()).hexdigest()[:16] for n in sorted(set(names))}
 
 
 def _discard(folder: Path) -> None:

@@ -167,6 +167,13 @@ class Store:
         except OSError as error:
             raise StoreError(f"cannot write to {self.folder}: {error.strerror}") from None
 
+    def stored_lags(self, case: str) -> set[int]:
+        """Return the fixed lags [epochs] whose bounds are stored for a case."""
+        if not (self.folder / f"case-{case}.npz").exists():
+            return set()
+        prefix = "bound-fixed-lag-"
+        return {int(k.removeprefix(prefix)) for k in self.arrays(case) if k.startswith(prefix)}
+
     def arrays(self, case: str) -> dict[str, np.ndarray]:
         """Return what all runs of a case share."""
         path = self.folder / f"case-{case}.npz"
