@@ -100,9 +100,7 @@ def judge(twin: str, block: int) -> list[tuple[str, str, int, dict]]:
                 evaluation = metrics.evaluate(problem, estimate, truth)
                 figures = metrics.window_figures(evaluation, truth.times, made.case.windows)
                 final_error = float(evaluation.position_error[-1])
-                figures["diverged"] = metrics.has_diverged(
-                    final_error, math.sqrt(bound), ins_error
-                )
+                figures["diverged"] = metrics.has_diverged(final_error, math.sqrt(bound), ins_error)
                 out.append((case, label, run, figures))
     return out
 

@@ -18,7 +18,7 @@ from ggbench.errors import GGBenchError
 from ggbench.store import Store, StoreError
 
 LABELS = ("ins", "ekf", "ukf[points=merwe]")
-NAUGHTY = '''
+NAUGHTY = """
 import os
 from dataclasses import dataclass
 from typing import Literal
@@ -60,7 +60,7 @@ class Naughty(Estimator):
         if self.kind == "complex":
             mean = mean + 1j
         return Estimate(mean, cov, "filter")
-'''
+"""
 FAULTS = {
     "returns nan": "mean is not finite from epoch 3 on",
     "returns nan covariance": "cov is not finite from epoch 5 on",
@@ -300,11 +300,8 @@ TEXTS = {
     "database overwritten": ("records.sqlite", "not a database" * 1000),
     "database empty": ("records.sqlite", ""),
 }
-GONE = {
-    "manifest gone": "manifest.json",
-    "scenario gone": "scenario.toml",
-    "arrays gone": "case-base.npz",
-}
+GONE = {"manifest gone": "manifest.json", "scenario gone": "scenario.toml"}
+GONE["arrays gone"] = "case-base.npz"
 
 
 def damage(folder: Path, kind: str) -> None:

@@ -10,15 +10,19 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
 import pytest
+from click.testing import CliRunner
 from problems import SMALL
 
+from ggbench.cli import main
 from ggbench.metrics import SUMMARY_COLUMNS
 
 COMMAND = str(Path(sys.executable).parent / "ggbench")
+LAGGED = "factor-graph[mode=fixed-lag,lag="
 GOOD = {
     "version": ["--version"],
     "help": ["--help"],
@@ -26,6 +30,19 @@ GOOD = {
     "validate": ["validate", "small.toml"],
     "validate shipped": ["validate", "wang2013"],
 }
+PROCESSES = (
+    "version",
+    "list",
+    "validate shipped",
+    "unknown scenario",
+    "unknown key",
+    "unknown estimator",
+    "lag that is no number",
+    "output in the way",
+    "report of nothing",
+    "unknown option",
+)
+"""Commands that are run as processes; the others, for their number, inside this one."""
 BAD = {
     "unknown scenario": (["run", "wang2012"], "did you mean 'wang2013'"),
     "missing file": (["validate", "gone.toml"], "gone.toml: cannot be read: No such file"),
@@ -39,18 +56,12 @@ BAD = {
     "unknown estimator": (["run", "small.toml", "-e", "ekff"], "did you mean 'ekf'"),
     "unknown parameter": (["run", "small.toml", "-e", "ekf[gain=1]"], "no parameter 'gain'"),
     "wrong value": (["run", "small.toml", "-e", "ukf[points=x]"], "must be julier | merwe"),
-    "lag that is no number": (
-        ["run", "small.toml", "-n1", "-j1", "-e", "factor-graph[mode=fixed-lag,lag=nan]", "-o", "a"],
-        "lag",
-    ),
-    "endless lag": (
-        ["run", "small.toml", "-n1", "-j1", "-e", "factor-graph[mode=fixed-lag,lag=inf]", "-o", "b"],
-        "lag",
-    ),
-    "missing estimator file": (["run", "small.toml", "-e", "gone.py"], "cannot read estimator file"),
-    "broken estimator file": (["run", "small.toml", "-e", "broken.py"], "broken.py cannot be impo"),
-    "output in the way": (["run", "small.toml", "-n1", "-o", "small.toml"], "cannot use results fo"),
-    "output below a file": (["run", "small.toml", "-n1", "-o", "small.toml/x"], "cannot use result"),
+    "lag that is no number": (["run", "small.toml", "-n1", "-e", LAGGED + "nan]"], "lag"),
+    "endless lag": (["run", "small.toml", "-n1", "-e", LAGGED + "inf]"], "lag"),
+    "missing estimator file": (["run", "small.toml", "-e", "gone.py"], "cannot read estimator"),
+    "broken estimator file": (["run", "small.toml", "-e", "broken.py"], "broken.py cannot be"),
+    "output in the way": (["run", "small.toml", "-n1", "-o", "small.toml"], "cannot use results"),
+    "output below a file": (["run", "small.toml", "-n1", "-o", "small.toml/x"], "cannot use"),
     "report of nothing": (["report", "nowhere"], "nowhere holds no results"),
     "report of a file": (["report", "small.toml"], "small.toml holds no results"),
     "no runs": (["run", "small.toml", "-n", "0"], "0 is not in the range"),
@@ -60,11 +71,32 @@ BAD = {
 }
 
 
-def call(arguments: list[str], cwd: Path) -> subprocess.CompletedProcess:
-    """Run the command to its end."""
-    return subprocess.run(
+@dataclass(frozen=True)
+class Outcome:
+    """What a command left behind."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+def call(arguments: list[str], cwd: Path) -> Outcome:
+    """Run the installed command to its end."""
+    done = subprocess.run(
         [COMMAND, *arguments], cwd=cwd, capture_output=True, text=True, timeout=100
     )
+    return Outcome(done.returncode, done.stdout, done.stderr)
+
+
+def invoke(arguments: list[str], cwd: Path) -> Outcome:
+    """Run the command's function in this process; a crash is an outcome with a traceback."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(cwd)
+        done = CliRunner().invoke(main, arguments, prog_name="ggbench")
+    crash = ""
+    if done.exception is not None and not isinstance(done.exception, SystemExit):
+        crash = f"Traceback: {done.exception!r}"
+    return Outcome(done.exit_code, done.stdout, done.stderr + crash)
 
 
 @pytest.fixture(scope="module")
@@ -89,16 +121,16 @@ def folder(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def outcome(folder):
-    """The outcomes of all commands that stand for themselves, two at a time."""
+    """The outcome of a command by its name; the processes are run once, two at a time."""
     commands = GOOD | {name: arguments for name, (arguments, _) in BAD.items()}
 
     @functools.cache
-    def outcomes() -> dict[str, subprocess.CompletedProcess]:
+    def processes() -> dict[str, Outcome]:
         with ThreadPoolExecutor(2) as pool:
-            done = pool.map(lambda arguments: call(arguments, folder), commands.values())
-            return dict(zip(commands, done, strict=True))
+            done = pool.map(lambda name: call(commands[name], folder), PROCESSES)
+            return dict(zip(PROCESSES, done, strict=True))
 
-    return lambda name: outcomes()[name]
+    return lambda name: processes()[name] if name in PROCESSES else invoke(commands[name], folder)
 
 
 @pytest.mark.parametrize("name", GOOD)
@@ -155,10 +187,10 @@ def test_run_and_report(folder, tmp_path):
     assert (table["runs"] == 2).all()
     assert (table["failed"] == 0).all()
 
-    again = call(run, tmp_path)
+    again = invoke(run, tmp_path)
     assert again.returncode == 0
     assert "4 of 4 runs" not in again.stdout
-    other = call([*run, "-s", "4"], tmp_path)
+    other = invoke([*run, "-s", "4"], tmp_path)
     assert (other.returncode, len(other.stderr.splitlines())) == (2, 1)
     assert "holds results with another seed" in other.stderr
 
@@ -171,7 +203,7 @@ def test_run_and_report(folder, tmp_path):
     assert [p.name for p in pictures if f"small/{p.name}" not in text] == []
 
     (tmp_path / "blocked").write_text("")
-    done = call(["report", "out", "-o", "blocked"], tmp_path)
+    done = invoke(["report", "out", "-o", "blocked"], tmp_path)
     assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
     assert done.stderr.startswith("ggbench: cannot write to blocked")
 
@@ -189,7 +221,7 @@ def test_a_failing_estimator_does_not_end_a_run(folder):
         "        raise ValueError('I give up')\n"
     )
     run = ["run", "small.toml", "-n", "2", "-j", "1", "-e", "bad.py", "-e", "ekf", "-o", "bad"]
-    done = call(run, folder)
+    done = invoke(run, folder)
     assert (done.returncode, done.stderr) == (0, "")
     table = pd.read_csv(folder / "bad" / "summary.csv").set_index("estimator")
     assert table["failed"].to_dict() == {"bad": 2, "ekf": 0}
@@ -213,20 +245,19 @@ def test_an_interrupt_leaves_results_that_can_be_reported(jobs, moment, folder, 
     The signal goes to all processes of the command, as a terminal sends it: after the first
     records, and (moment 0) while the workers are still starting.
     """
-    run = ["run", str(folder / "small.toml"), "-n", "200000", "-j", jobs, "-s", "3", "-o", "out"]
+    run = ["run", str(folder / "small.toml"), "-n", "5000", "-j", jobs, "-s", "3", "-o", "out"]
     process = subprocess.Popen(
         [COMMAND, *run], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
         text=True, start_new_session=True,
     )  # fmt: skip
     database = tmp_path / "out" / "records.sqlite"
     try:
-        assert process.stdout is not None
-        while "0 of" not in process.stdout.readline():
-            assert process.poll() is None
         deadline = time.monotonic() + 60.0
-        while stored(database) < 4 * moment and time.monotonic() < deadline:
+        prepared = tmp_path / "out" / "case-noisy.npz"
+        while not prepared.exists() or stored(database) < 4 * moment:
+            assert process.poll() is None and time.monotonic() < deadline
             time.sleep(0.05)
-        time.sleep(0.3)
+        time.sleep(0.5)
         os.killpg(process.pid, signal.SIGINT)
         output, errors = process.communicate(timeout=60.0)
     finally:
@@ -240,11 +271,11 @@ def test_an_interrupt_leaves_results_that_can_be_reported(jobs, moment, folder, 
     count = stored(database)
     if moment:
         assert count >= 4
-        done = call(["report", "out"], tmp_path)
+        done = invoke(["report", "out"], tmp_path)
         assert (done.returncode, done.stderr) == (0, "")
         assert (tmp_path / "out" / "small.md").exists()
     else:
         # Nothing may be finished yet: the same command goes on from there.
-        done = call([*run[:3], "1", *run[4:]], tmp_path)
+        done = invoke([*run[:3], "1", *run[4:]], tmp_path)
         assert (done.returncode, done.stderr) == (0, "")
         assert stored(database) >= 4

@@ -350,9 +350,7 @@ def test_a_prior_beyond_the_map_crashes_nothing(label):
     """
     case = scenario.load("wang2013").case("0.01E-0.2Hz").model_dump()
     case["initial_error"]["position_m"] = 3e5
-    problem, _ = simulation.simulate(
-        simulation.prepare(CaseSpec.model_validate(case)), SEED, 0
-    )
+    problem, _ = simulation.simulate(simulation.prepare(CaseSpec.model_validate(case)), SEED, 0)
     far = np.zeros((4, 15))
     far[:, :3] = [[1e7, 0, 0], [0, 1e8, 0], [0, 0, 1e9], [1e12, 1e12, 1e12]]
     assert np.isfinite(problem.model.predict(0, far)).all()

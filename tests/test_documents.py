@@ -1,0 +1,72 @@
+"""What the README, the notes and the committed report say agrees with the code."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ggbench import registry, scenario, simulation
+
+ROOT = Path(__file__).parent.parent
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+REPORT = (ROOT / "reports" / "wang2013.md").read_text(encoding="utf-8")
+
+
+def test_first_commands_are_make_targets():
+    """The README's first block is the two commands that a fresh clone understands."""
+    block = re.search(r"```\n(.*?)```", README, re.DOTALL)
+    commands = [line.split("#")[0].strip() for line in block.group(1).splitlines()]
+    assert commands == ["make paper", "make test"]
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    for command in commands:
+        assert re.search(rf"^{command.removeprefix('make ')}:", makefile, re.MULTILINE)
+
+
+def test_table_is_the_reports():
+    """Every row of the README's table stands in the generated report, word for word."""
+    marked = re.search(r"<!-- the table.*?-->\n(.*?)<!-- end", README, re.DOTALL)
+    rows = [line for line in marked.group(1).splitlines() if line.startswith("|")]
+    assert len(rows) > 8
+    assert "\n".join(rows) in REPORT
+
+
+@pytest.mark.parametrize("document", ["README.md", "reports/wang2013.md", "CONTRIBUTING.md"])
+def test_links_lead_somewhere(document):
+    """Every relative link and figure exists."""
+    path = ROOT / document
+    targets = re.findall(r"\]\(([^)#]+)\)", path.read_text(encoding="utf-8"))
+    missing = [t for t in targets if "://" not in t and not (path.parent / t).exists()]
+    assert not missing
+
+
+def test_example_estimator_works(tmp_path):
+    """The README's one-file estimator runs as printed, and as well as the EKF."""
+    code = re.search(r"```python\n(.*?IteratedEKF.*?)```", README, re.DOTALL).group(1)
+    file = tmp_path / "iterated_ekf.py"
+    file.write_text(code, encoding="utf-8")
+    flight = simulation.prepare(scenario.load("wang2013").case("0.01E-0.2Hz"))
+    problem, _ = simulation.simulate(flight, seed=3, run=0)
+    estimates = [
+        registry.choose(text).estimator.estimate(problem, np.random.default_rng(0))
+        for text in (f"{file}[iterations=5]", "ekf")
+    ]
+    sigma = np.sqrt(np.diagonal(estimates[1].cov, axis1=1, axis2=2))
+    assert np.abs((estimates[0].mean - estimates[1].mean) / sigma).max() < 0.05
+
+
+def test_errata_cite_existing_tests():
+    """Every erratum of the report names a test that exists."""
+    tests = (ROOT / "tests" / "test_errata.py").read_text(encoding="utf-8")
+    cited = re.findall(r"`(test_eq\w+)`", REPORT)
+    assert len(cited) >= 10
+    assert not [name for name in cited if f"def {name}(" not in tests]
+
+
+def test_report_is_of_the_shipped_scenario():
+    """The committed report was made from the scenario as it is, at its declared number of runs."""
+    loaded = scenario.load("wang2013")
+    assert f"scenario {loaded.content_hash[:16]}" in REPORT
+    assert f"-n {loaded.campaign.runs} --seed {loaded.campaign.seed} --assumptions" in REPORT
