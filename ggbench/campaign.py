@@ -32,7 +32,7 @@ from .registry import choose
 from .runner import DETAILED_RUN, Result, Task, flight_of, lag_epochs, run_task, shared_arrays
 from .scenario import Scenario
 from .simulation import simulate
-from .store import Store, StoreError
+from .store import FORMAT, Store, StoreError
 
 
 class CampaignError(GGBenchError):
@@ -187,6 +187,7 @@ class Campaign:
     def _manifest(self) -> dict[str, Any]:
         packages = ("numpy", "scipy", "filterpy", "gtsam", "numba", "pandas")
         return {
+            "format": FORMAT,
             **self._identity(),
             "title": self.scenario.title,
             "notes": self.scenario.notes,

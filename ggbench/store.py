@@ -36,6 +36,19 @@ CREATE TABLE IF NOT EXISTS records (
 """
 
 
+FORMAT = 1
+"""Version of what a folder holds; another one is refused."""
+_MANIFEST_KEYS = (
+    "scenario", "scenario_hash", "seed", "ggbench", "source_hash", "notes", "runs", "estimators",
+    "estimator_files", "assumptions", "date", "versions", "machine",
+)  # fmt: skip
+_RECORD_KEYS = ("assumption", "case", "estimator", "name", "parameters", "causality", "run", "seed")
+_STATUS_KEYS = {
+    "failed": ("reason",),
+    "ok": ("seconds", "bound", "map_evaluations", "diverged", "windows"),
+}
+
+
 class StoreError(GGBenchError):
     """A results folder cannot be used."""
 
@@ -107,7 +120,12 @@ class Store:
             (assumption,),
         )
         for (text,) in rows:
-            yield json.loads(text)
+            record = json.loads(text)
+            if not all(key in record for key in _RECORD_KEYS) or not all(
+                key in record for key in _STATUS_KEYS[record["status"]]
+            ):
+                raise StoreError(f"a record of {self.folder} is damaged: {text[:80]}...")
+            yield record
 
     def series(self, case: str, estimator: str) -> np.ndarray:
         """Return (runs, K, 4): position and velocity error [m, m/s], NEES, NIS of finished runs."""
@@ -153,8 +171,17 @@ class Store:
             manifest = json.loads(self.read_text("manifest.json"))
         except json.JSONDecodeError as error:
             raise StoreError(f"{self.folder / 'manifest.json'} is damaged: {error}") from None
+        path = self.folder / "manifest.json"
         if not isinstance(manifest, dict):
-            raise StoreError(f"{self.folder / 'manifest.json'} is damaged: not a JSON object")
+            raise StoreError(f"{path} is damaged: not a JSON object")
+        if manifest.get("format") != FORMAT:
+            raise StoreError(
+                f"{path} has format {manifest.get('format')}, and this version of ggbench reads "
+                f"format {FORMAT}: run the scenario again"
+            )
+        missing = [key for key in _MANIFEST_KEYS if key not in manifest]
+        if missing:
+            raise StoreError(f"{path} is damaged: it has no {', '.join(missing)}")
         return manifest
 
     def write_arrays(self, case: str, arrays: Mapping[str, np.ndarray]) -> None:
