@@ -21,7 +21,7 @@ help:
 	@echo "make clean        remove the environment and what the tools built; results/ stays"
 
 paper: $(INSTALLED)
-	$(BIN)/ggbench run wang2013 --assumptions -o results/wang2013
+	$(BIN)/ggbench run wang2013 --assumptions --fresh -o results/wang2013
 	$(BIN)/ggbench report results/wang2013 -o reports
 
 test: $(INSTALLED)

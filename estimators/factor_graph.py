@@ -22,6 +22,8 @@ from ..problem import Causality, Estimate, Estimator, MeasurementModel, Problem
 
 _NO_NOISE = 1e-13
 """Eigenvalue of a correlation matrix below which a direction of Q counts as free of noise."""
+_SAME_TIME = 1e-6
+"""Times that differ by less are equal [s]."""
 
 
 @dataclass(frozen=True)
@@ -58,9 +60,14 @@ class FactorGraph(Estimator):
 
     def skip(self, problem: Problem) -> str | None:
         """Refuse limits that leave nothing to do."""
-        if self.lag <= 0.0:
-            return f"lag must be positive, and is {self.lag:g} s"
-        if self.relinearize_threshold <= 0.0:
+        if self.mode == "fixed-lag":
+            longest = float(np.diff(problem.times).max(initial=0.0))
+            if not (0.0 < self.lag < np.inf and self.lag + _SAME_TIME >= longest):
+                return (
+                    f"lag must be finite, positive and at least the time between two readings, "
+                    f"{longest:g} s; it is {self.lag:g} s"
+                )
+        if not 0.0 < self.relinearize_threshold < np.inf:
             return f"relinearize_threshold must be positive, and is {self.relinearize_threshold:g}"
         if self.max_iterations < 1:
             return f"max_iterations must be at least 1, and is {self.max_iterations}"
@@ -91,6 +98,8 @@ class FactorGraph(Estimator):
         optimizer = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters)
         before = optimizer.error()
         values = optimizer.optimize()
+        if not np.isfinite(optimizer.error()):
+            raise FloatingPointError("the error of the graph is not a finite number")
         if optimizer.iterations() == 0 and before > 0.0:
             raise RuntimeError("Levenberg-Marquardt gave up at its first step")
         linear = graph.linearize(values)
@@ -112,13 +121,15 @@ class FactorGraph(Estimator):
         return mean, cov, {"relinearized": relinearized}
 
     def _fixed_lag(self, scaled: _ScaledProblem) -> tuple[np.ndarray, np.ndarray, dict[str, Any]]:
-        smoother = gtsam.IncrementalFixedLagSmoother(self.lag, self._isam2_parameters())
+        # GTSAM drops nodes older than the lag; times that differ by rounding must not count.
+        lag = self.lag + _SAME_TIME
+        smoother = gtsam.IncrementalFixedLagSmoother(lag, self._isam2_parameters())
         times = scaled.problem.times
         mean, cov = scaled.empty()
         newest, _ = scaled.empty()
         kept = 0  # nodes before this one have left the window and are final
         for k, factors in enumerate(scaled.factors()):
-            while times[kept] < times[k] - self.lag:
+            while times[kept] < times[k] - lag:
                 mean[kept] = smoother.calculateEstimateVector(kept)
                 cov[kept] = smoother.marginalCovariance(kept)
                 kept += 1
@@ -223,14 +234,17 @@ def _gradient_error(
     """
     x = values.atVector(k) * scale
     if jacobians is not None:
-        jacobian = np.atleast_2d(np.asarray(model.jacobian(k, x), dtype=float)) * scale
-        if jacobian.shape != (len(measurement), len(scale)):
-            raise ValueError(
-                f"the model's Jacobian has shape {jacobian.shape}, "
-                f"not {(len(measurement), len(scale))}"
-            )
-        jacobians[0] = np.asfortranarray(jacobian)
-    return np.asarray(model.predict(k, x) - measurement, dtype=float).reshape(len(measurement))
+        jacobian = np.asarray(model.jacobian(k, x), dtype=float)
+        _require_shape("Jacobian", jacobian, (len(measurement), len(scale)))
+        jacobians[0] = np.asfortranarray(jacobian * scale)
+    predicted = np.asarray(model.predict(k, x), dtype=float)
+    _require_shape("prediction", predicted, measurement.shape)
+    return predicted - measurement
+
+
+def _require_shape(name: str, array: np.ndarray, shape: tuple[int, ...]) -> None:
+    if array.shape != shape:
+        raise ValueError(f"the model's {name} has shape {array.shape}, not {shape}")
 
 
 def _noise_directions(cov: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

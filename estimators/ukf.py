@@ -36,9 +36,15 @@ class _MatrixSquareRoot:
         scale = np.sqrt(np.abs(np.diag(symmetric)))
         scale[scale == 0.0] = 1.0
         values, vectors = np.linalg.eigh(symmetric / np.outer(scale, scale))
-        values = np.maximum(values, np.finfo(float).eps * values[-1])
+        values = np.maximum(values, len(values) * np.finfo(float).eps * values[-1])
         # The triangular factor of any square root of P is one, too.
         return np.asarray(np.linalg.qr((scale[:, None] * vectors * np.sqrt(values)).T).R)
+
+    def repaired(self, matrix: np.ndarray) -> np.ndarray:
+        """Return the symmetric, positive definite covariance that the square root stands for."""
+        before = self.repairs
+        root = self(matrix)
+        return 0.5 * (matrix + matrix.T) if self.repairs == before else root.T @ root
 
 
 class _VectorizedUKF(FilterpyUKF):
@@ -72,13 +78,12 @@ class UnscentedKalmanFilter(Estimator):
     Parameters
     ----------
     points : ``julier`` for the paper's set, λ = κ; ``merwe`` for the scaled set (van der Merwe).
-    kappa : Julier's κ; NaN means the paper's 3 − n. For ``merwe`` the secondary parameter, NaN
-        meaning 0.
+    kappa : κ; if not given, the paper's 3 − n for ``julier`` and 0 for ``merwe``.
     alpha, beta : spread and prior-knowledge parameters of the scaled set.
     """
 
     points: Literal["julier", "merwe"] = "julier"
-    kappa: float = float("nan")
+    kappa: float | None = None
     alpha: float = 0.5
     beta: float = 2.0
 
@@ -90,23 +95,30 @@ class UnscentedKalmanFilter(Estimator):
         return "filter"
 
     def skip(self, problem: Problem) -> str | None:
-        """Refuse sigma points that do not exist: n + κ must be positive."""
+        """Refuse sigma points that do not exist: their spread must be positive and finite."""
         n = problem.dimension
-        if self.points == "julier" and n + self.kappa <= 0.0:
-            return f"n + kappa must be positive, and is {n} + {self.kappa:g}"
+        kappa = self._kappa(n)
+        if not 0.0 < n + kappa < np.inf:
+            return f"n + kappa must be positive and finite, and is {n} + {kappa:g}"
+        if self.points == "merwe" and not 0.0 < self.alpha < np.inf:
+            return f"alpha must be positive and finite, and is {self.alpha:g}"
         return None
+
+    def _kappa(self, n: int) -> float:
+        """Return κ, or the default of the chosen set for n states."""
+        if self.kappa is not None:
+            return self.kappa
+        return 3.0 - n if self.points == "julier" else 0.0
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
         """Sigma points through Φ and h, epoch by epoch."""
         n, m = problem.dimension, problem.measurements.shape[1]
         root = _MatrixSquareRoot()
-        given = None if np.isnan(self.kappa) else self.kappa
+        kappa = self._kappa(n)
         if self.points == "julier":
-            points = JulierSigmaPoints(n, kappa=3 - n if given is None else given, sqrt_method=root)
+            points = JulierSigmaPoints(n, kappa=kappa, sqrt_method=root)
         else:
-            points = MerweScaledSigmaPoints(
-                n, alpha=self.alpha, beta=self.beta, kappa=given or 0.0, sqrt_method=root
-            )
+            points = MerweScaledSigmaPoints(n, self.alpha, self.beta, kappa, sqrt_method=root)
         ukf = _VectorizedUKF(
             dim_x=n,
             dim_z=m,
@@ -123,6 +135,6 @@ class UnscentedKalmanFilter(Estimator):
             ukf.Q = problem.process_cov[k]
             ukf.predict(epoch=k)
             ukf.update(problem.measurements[k], epoch=k)
-            ukf.P = 0.5 * (ukf.P + ukf.P.T)
+            ukf.P = root.repaired(ukf.P)
             mean[k], cov[k] = ukf.x, ukf.P
         return Estimate(mean, cov, self.causality, info={"covariance_repairs": root.repairs})

@@ -7,6 +7,7 @@ the same campaign is not run again.
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 import hashlib
 import importlib.metadata
@@ -15,7 +16,7 @@ import itertools
 import os
 import platform
 import signal
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
@@ -34,9 +35,30 @@ from .scenario import Scenario
 from .simulation import simulate
 from .store import FORMAT, Store, StoreError
 
+_PACKAGES = ("numpy", "scipy", "filterpy", "gtsam", "numba")
+"""Packages whose version may change a result."""
+
 
 class CampaignError(GGBenchError):
     """A campaign cannot be run as asked."""
+
+
+def check(scenario: Scenario, assumptions: bool) -> None:
+    """Fly every case (and every assumption's) without errors, before anything is written.
+
+    Raises
+    ------
+    CampaignError
+        If a map cannot be made, a flight leaves it, or a filter cannot be computed.
+    """
+    studies = scenario.assumptions if assumptions else ()
+    named = [("", case) for case in scenario.cases]
+    named += [(f"assumption {study.name}, ", case) for study in studies for case in study.cases]
+    for prefix, case in named:
+        try:
+            simulate(flight_of(case), seed=0, run=0)
+        except GGBenchError as error:
+            raise CampaignError(f"{scenario.name}, {prefix}case {case.name}: {error}") from None
 
 
 def plan(
@@ -45,11 +67,12 @@ def plan(
     """Return the tasks of a campaign, run by run, so that an interrupted one has all cases."""
     tasks = []
     settings = scenario.campaign
+    studied = (choose(settings.assumption_estimator).label,)
     for run in range(runs):
         tasks += [Task(case, "", run, seed, tuple(labels)) for case in scenario.cases]
         if assumptions and run < min(runs, settings.assumption_runs):
             tasks += [
-                Task(case, study.name, run, seed, (settings.assumption_estimator,))
+                Task(case, study.name, run, seed, studied)
                 for study in scenario.assumptions
                 for case in study.cases
             ]
@@ -78,21 +101,6 @@ class Campaign:
     folder: Path
     fresh: bool = False
 
-    def check(self) -> None:
-        """Fly every case without errors, before anything is written.
-
-        Raises
-        ------
-        GGBenchError
-            If a map cannot be made or a flight leaves it.
-        """
-        studied = self.scenario.assumptions if self.assumptions else ()
-        for case in (*self.scenario.cases, *(c for study in studied for c in study.cases)):
-            try:
-                flight_of(case)
-            except GGBenchError as error:
-                raise CampaignError(f"{self.scenario.name}, case {case.name}: {error}") from None
-
     def open(self) -> Store:
         """Return the results folder, made or found again.
 
@@ -107,8 +115,13 @@ class Campaign:
                 _discard(self.folder)
             else:
                 manifest = self._joined(manifest)
+        elif self.fresh:
+            _discard(self.folder)
         elif self.folder.is_dir() and any(self.folder.iterdir()):
-            raise StoreError(f"{self.folder} is not empty and holds no results; choose another -o")
+            raise StoreError(
+                f"{self.folder} is not empty and has no manifest.json; choose another -o, or "
+                "--fresh to discard what is left of results there"
+            )
         store = Store(self.folder, create=True)
         store.write_text("scenario.toml", self.scenario.source)
         store.write_json("manifest.json", manifest)
@@ -126,10 +139,13 @@ class Campaign:
             lags: set[int] = set()
             for label in self.labels:
                 estimator = choose(label).estimator
-                reason = estimator.skip(problem)
+                try:
+                    reason = estimator.skip(problem)
+                except Exception as error:
+                    reason = f"its skip raises {type(error).__name__}: {error}"
                 if reason:
                     reasons.setdefault(label, f"{label} is left out: {reason}")
-                if estimator.causality == "fixed-lag":
+                elif estimator.causality == "fixed-lag":
                     lags.add(lag_epochs(case, vars(estimator)["lag"]))
             lags |= store.stored_lags(case.name)
             store.write_arrays(case.name, shared_arrays(flight, self.seed, sorted(lags)))
@@ -164,6 +180,10 @@ class Campaign:
             "ggbench": __version__,
             "source_hash": source_hash(),
             "map_files": _file_hashes(name for name in maps if name.endswith(".npz")),
+            "versions": {
+                "python": platform.python_version(),
+                **{name: importlib.metadata.version(name) for name in _PACKAGES},
+            },
         }
 
     def _joined(self, manifest: dict[str, Any]) -> dict[str, Any]:
@@ -185,7 +205,6 @@ class Campaign:
         }
 
     def _manifest(self) -> dict[str, Any]:
-        packages = ("numpy", "scipy", "filterpy", "gtsam", "numba", "pandas")
         return {
             "format": FORMAT,
             **self._identity(),
@@ -198,10 +217,6 @@ class Campaign:
             ),
             "assumptions": self.assumptions,
             "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-            "versions": {
-                "python": platform.python_version(),
-                **{name: importlib.metadata.version(name) for name in packages},
-            },
             "machine": {
                 "system": platform.system(),
                 "architecture": platform.machine(),
@@ -234,15 +249,23 @@ def _discard(folder: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-def _start_worker() -> None:
-    # The parent decides what an interrupt means; a worker finishes its task.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+@contextlib.contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Hold Ctrl-C back; processes started meanwhile never receive it.
+
+    The parent decides what an interrupt means; a worker finishes its task.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def execute(
     tasks: Sequence[Task], store: Store, jobs: int, progress: Callable[[int, int], None]
 ) -> None:
-    """Run tasks in ``jobs`` processes (1: in this one) and store results as they arrive.
+    """Run tasks in ``jobs`` worker processes and store results as they arrive.
 
     ``progress(done, of)`` is called after each task. KeyboardInterrupt passes through after the
     tasks in flight have been stored.
@@ -253,20 +276,18 @@ def execute(
         If a worker process dies.
     """
     progress(0, len(tasks))
-    if jobs == 1:
-        for done, task in enumerate(tasks, 1):
-            store.add(run_task(task))
-            progress(done, len(tasks))
+    if not tasks:
         return
     # Spawned, not forked: the parent has threads and compiled code.
-    pool = ProcessPoolExecutor(jobs, get_context("spawn"), initializer=_start_worker)
+    pool = ProcessPoolExecutor(jobs, get_context("spawn"))
     waiting: set[Future[list[Result]]] = set()
     queue = iter(tasks)
     done = 0
     try:
         while True:
-            for task in itertools.islice(queue, 3 * jobs - len(waiting)):
-                waiting.add(pool.submit(run_task, task))
+            with _interrupts_held():  # submitting starts the processes
+                for task in itertools.islice(queue, 3 * jobs - len(waiting)):
+                    waiting.add(pool.submit(run_task, task))
             if not waiting:
                 break
             ready, waiting = wait(waiting, return_when=FIRST_COMPLETED)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from rich import box
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -64,7 +65,7 @@ def list_command() -> None:
     table = Table("scenario", "title", "cases", title="Scenarios", title_justify="left")
     for name in scenario.shipped():
         loaded = scenario.load(name)
-        table.add_row(name, loaded.title, ", ".join(case.name for case in loaded.cases))
+        table.add_row(name, escape(loaded.title), ", ".join(case.name for case in loaded.cases))
     console.print(table)
     table = Table("estimator", "what it is", "parameters", title="Estimators", title_justify="left")
     for name, cls in registry.registered().items():
@@ -73,8 +74,7 @@ def list_command() -> None:
             for key, (annotation, default) in registry.parameters_of(cls).items()
         ]
         summary = (cls.__doc__ or "").strip().splitlines()[0]
-        # Brackets would be taken for markup.
-        table.add_row(name, summary, "\n".join(parameters).replace("[", r"\["))
+        table.add_row(name, escape(summary), escape("\n".join(parameters)))
     console.print(table)
 
 
@@ -82,11 +82,10 @@ def list_command() -> None:
 @click.argument("file")
 def validate(file: str) -> None:
     """Check a scenario: FILE is a path or the name of a shipped one."""
-    from . import scenario, simulation
+    from . import campaign, scenario
 
     loaded = scenario.load(file)
-    for case in loaded.cases:
-        simulation.prepare(case)  # a map that cannot be made, a flight that leaves it
+    campaign.check(loaded, assumptions=True)
     for text in (*loaded.campaign.estimators, loaded.campaign.assumption_estimator):
         _choose(text)
     click.echo(
@@ -121,9 +120,10 @@ def run(
     from . import campaign, scenario
 
     loaded = scenario.load(scenario_name)
-    labels = tuple(dict.fromkeys(_choose(e) for e in estimators or loaded.campaign.estimators))
-    if assumptions:
-        _choose(loaded.campaign.assumption_estimator)
+    texts = [*(estimators or loaded.campaign.estimators)]
+    if assumptions:  # its runs without the change are what the study is compared with
+        texts.append(loaded.campaign.assumption_estimator)
+    labels = tuple(dict.fromkeys(_choose(text) for text in texts))
     stamp = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
     folder = output or Path("results") / f"{loaded.name}-{stamp}"
     work = campaign.Campaign(
@@ -135,13 +135,13 @@ def run(
         folder,
         fresh,
     )
-    work.check()
+    campaign.check(loaded, assumptions)
     store = work.open()
-    for reason in work.prepare_cases(store):
-        click.echo(reason)
-    tasks = work.tasks(store)
     interrupted = False
     try:
+        for reason in work.prepare_cases(store):
+            click.echo(reason)
+        tasks = work.tasks(store)
         with _progress(f"{loaded.name}") as progress:
             campaign.execute(tasks, store, jobs or os.cpu_count() or 1, progress)
     except KeyboardInterrupt:
@@ -195,7 +195,7 @@ class _progress:
                 TextColumn("left"), TimeRemainingColumn(),
                 console=console,
             )  # fmt: skip
-            self._task = self._bar.add_task(f"{self._title} (runs)", total=None)
+            self._task = self._bar.add_task(f"{self._title} (case runs)", total=None)
             self._bar.start()
         return self._show
 
@@ -211,7 +211,7 @@ class _progress:
         if done == total or now - self._last > 10.0:
             self._last = now
             left = (now - self._start) * (total - done) / done if done else 0.0
-            click.echo(f"{self._title}: {done} of {total} runs, {left:.0f} s left")
+            click.echo(f"{self._title}: {done} of {total} case runs, {left:.0f} s left")
 
 
 def _print_summary(summary: pd.DataFrame, scenario: Scenario) -> None:
@@ -223,7 +223,7 @@ def _print_summary(summary: pd.DataFrame, scenario: Scenario) -> None:
         if not rows:
             continue
         table = Table(
-            title=f"{case.title}: MRSE from {case.windows.settled_from_s:g} s on",
+            title=f"{escape(case.title)}: MRSE from {case.windows.settled_from_s:g} s on",
             title_justify="left",
             box=box.SIMPLE_HEAD,
             pad_edge=False,
@@ -231,14 +231,14 @@ def _print_summary(summary: pd.DataFrame, scenario: Scenario) -> None:
         )
         table.add_column("estimator", no_wrap=True)
         for heading in ("m", "m/s", "/bound", "NEES", "fail/div", "ms/run"):
-            table.add_column(heading, justify="right", no_wrap=True)
+            table.add_column(heading, justify="right", no_wrap=True, min_width=len(heading) + 2)
         causal = True
         for row in rows.values():
             if causal and row["causality"] in ("fixed-lag", "batch"):
                 causal = False
                 table.add_section()
             table.add_row(
-                row["label"].replace("[", r"\["),
+                escape(row["label"]),
                 f"{row['position_mrse_m']:.3f}",
                 f"{row['velocity_mrse_mps']:.4f}",
                 f"{row['position_efficiency']:.3f}",

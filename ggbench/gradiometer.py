@@ -291,13 +291,13 @@ class GradiometerModel:
         self._gain = treatment.gain
         predicted = _readings(positions, times, *self._map)[:, self._selected]
         if gradiometer.lowpass is not None:
-            predicted = treatment.matrix @ gradiometer.lowpass.apply(predicted)
+            predicted = treatment.apply(gradiometer.lowpass.apply(predicted))
         at_reference = _readings(self._references, self._times, *self._map)[:, self._selected]
         self._offset = frozen(predicted - self._gain[:, None] * at_reference)
 
     def predict(self, k: int, x: np.ndarray) -> np.ndarray:
         """Return h (..., m) [E] at epoch ``k`` for states x (..., n); any leading axes."""
-        states = np.ascontiguousarray(x, dtype=float)
+        states = self._states(k, x)
         flat = states.reshape(-1, states.shape[-1])
         out = _predict(
             flat, self._rows[k], self._references[k], self._times[k], self._offset[k],
@@ -307,10 +307,23 @@ class GradiometerModel:
 
     def jacobian(self, k: int, x: np.ndarray) -> np.ndarray:
         """Return H = ∂h/∂x (m, n) [E per unit of the state] at epoch ``k`` and state x (n,)."""
+        state = self._states(k, x)
+        if state.ndim != 1:
+            raise ValueError(f"the Jacobian is taken at one state (n,), not at {state.shape}")
         return _jacobian(
-            np.ascontiguousarray(x, dtype=float), self._rows[k], self._references[k],
+            state, self._rows[k], self._references[k],
             self._times[k], self._gain[k], self._selected, *self._map,
         )  # fmt: skip
+
+    def _states(self, k: int, x: np.ndarray) -> np.ndarray:
+        """Return states ready for the kernels, which check nothing."""
+        states = np.ascontiguousarray(x, dtype=float)
+        epochs, _, n = self._rows.shape
+        if not 0 <= k < epochs:
+            raise IndexError(f"there is no epoch {k}; the problem has epochs 0 to {epochs - 1}")
+        if states.ndim == 0 or states.shape[-1] != n:
+            raise ValueError(f"states must be (..., {n}), not {states.shape}")
+        return states
 
 
 def parse_components(names: Sequence[str]) -> tuple[str, ...]:

@@ -9,10 +9,11 @@ delay and coloured noise, by one of two treatments:
     The filter is causal and invertible, so its output carries all the information of its input. A
     state augmented by the filter's own would recover it; since the filter is linear and known, the
     innovation form of that augmented filter can be run once, ahead of all estimators: y is
-    multiplied by A = C⁻¹ with C Cᵀ = L Lᵀ + ρ² I (Cholesky). A y has white noise again, and a
-    delay of a fraction of a sample remains. ρ is the noise allowed behind the filter, relative to
-    the noise in front of it. The paper's instrument has none, but an exact inverse (ρ = 0)
-    amplifies rounding without limit at the Nyquist frequency, where the filter passes nothing.
+    multiplied by A = C⁻¹ with C Cᵀ = L Lᵀ + ρ² I (Cholesky). A delay of a fraction of a sample
+    remains. The constant ρ only bounds the inverse, which would amplify rounding without limit
+    near the Nyquist frequency, where the filter passes nothing; in those directions (one in nine
+    for the paper's filter) A y has less noise than the unit covariance claimed for it, and no
+    signal.
 
 ``delayed``
     y is taken as it is, as a measurement of the state one group delay ago with the noise of the
@@ -36,6 +37,7 @@ from .errors import GGBenchError
 from .problem import frozen
 
 Treatment = Literal["whitened", "delayed"]
+_MOST_RESPONSE = 10.0  # a computed response beyond this is rounding run wild
 
 
 @dataclass(frozen=True)
@@ -94,13 +96,18 @@ class Prefilter:
 
     Attributes
     ----------
-    matrix : (K, K) lower-triangular A, applied to each component's output sequence.
+    matrix : (K, K) lower-triangular A, applied to each component's output sequence; None for the
+        identity.
     gain, delay_samples : (K,) g_k and τ_k (in samples) of the chain filter + A for slow signals.
     """
 
-    matrix: np.ndarray
+    matrix: np.ndarray | None
     gain: np.ndarray
     delay_samples: np.ndarray
+
+    def apply(self, output: np.ndarray) -> np.ndarray:
+        """Return A times output sequences (K, m)."""
+        return output if self.matrix is None else self.matrix @ output
 
 
 @lru_cache(maxsize=16)
@@ -112,21 +119,31 @@ def prefilter(lowpass: LowPass | None, count: int, treatment: Treatment, rho: fl
     lowpass : the instrument's filter.
     count : number of epochs K.
     treatment : ``whitened`` or ``delayed``, see the module's docstring.
-    rho : noise behind the filter over noise in front of it, for ``whitened``.
+    rho : the constant of ``whitened`` that bounds the inverse.
+
+    Raises
+    ------
+    GGBenchError
+        If the filter's difference equation cannot be computed in double precision.
     """
-    identity = np.eye(count)
     if lowpass is None:
-        return Prefilter(frozen(identity), frozen(np.ones(count)), frozen(np.zeros(count)))
+        return Prefilter(None, frozen(np.ones(count)), frozen(np.zeros(count)))
+    identity = np.eye(count)
     response = lowpass.apply(identity)
-    if treatment == "delayed":
-        matrix = identity
-    else:
+    if not np.abs(response).max() < _MOST_RESPONSE:
+        raise GGBenchError(
+            f"the low-pass of order {lowpass.order} at {lowpass.cutoff_hz:g} Hz cannot be computed "
+            f"at a rate of {lowpass.rate_hz:g} Hz: its cut-off is too low for its order"
+        )
+    matrix = None
+    chain = response
+    if treatment == "whitened":
         # QR of [L, ρ I]ᵀ gives the Cholesky factor of L Lᵀ + ρ² I without squaring its condition.
         (factor,) = qr(np.vstack([response.T, rho * identity]), mode="r")
         factor = factor[:count] * np.sign(np.diag(factor[:count]))[:, None]
-        matrix = solve_triangular(factor, identity, trans="T")
-    chain = matrix @ response
+        matrix = frozen(solve_triangular(factor, identity, trans="T"))
+        chain = matrix @ response
     samples = np.arange(count)
     gain = chain.sum(axis=1)
     delay = np.maximum(samples - chain @ samples / gain, 0.0)
-    return Prefilter(frozen(matrix), frozen(gain), frozen(delay))
+    return Prefilter(matrix, frozen(gain), frozen(delay))

@@ -34,6 +34,10 @@ SUMMARY_COLUMNS = (
     "window", "position_bound_m", "velocity_bound_mps", "position_efficiency",
     "paper_position_m", "paper_velocity_mps", "nees_mean", "nees_lo", "nees_hi", "seconds_per_run",
 )  # fmt: skip
+EXTRA_COLUMNS = (
+    "label", "velocity_efficiency", "position_without_diverged_m", "position_median_m",
+    "position_p95_m", "nis_mean", "coverage", "map_evaluations",
+)  # fmt: skip
 
 
 def window_mask(times: np.ndarray, windows: WindowsSpec, name: str) -> np.ndarray:
@@ -199,9 +203,8 @@ def summarize(
 
     Returns
     -------
-    The documented columns first, then ``velocity_efficiency, position_without_diverged_m,
-    position_median_m, position_p95_m, nis_mean, coverage, map_evaluations``. Order: that in which
-    cases and estimators first occur in ``bounds``.
+    The documented columns first, then :data:`EXTRA_COLUMNS`. Rows in the order in which cases and
+    estimators first occur in ``bounds``.
     """
     grouped: dict[tuple[str, str], list[Mapping[str, Any]]] = {key: [] for key in bounds}
     for record in records:
@@ -230,11 +233,7 @@ def summarize(
             }
             row |= _window_row(good, window, bounds.get((case, estimator), {}).get(window))
             rows.append(row)
-    frame = pd.DataFrame(rows)
-    if frame.empty:
-        return pd.DataFrame(columns=[*SUMMARY_COLUMNS, "label"])
-    extra = [column for column in frame.columns if column not in SUMMARY_COLUMNS]
-    return frame[[*SUMMARY_COLUMNS, *extra]]
+    return pd.DataFrame(rows).reindex(columns=[*SUMMARY_COLUMNS, *EXTRA_COLUMNS])
 
 
 def _window_row(

@@ -14,14 +14,14 @@ import inspect
 import re
 import sys
 import typing
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
 from .errors import GGBenchError
-from .problem import Estimator
+from .problem import Causality, Estimator
 
 GROUP = "ggbench.estimators"
 
@@ -94,9 +94,23 @@ def choose(text: str) -> Choice:
                 "or give the path of a .py file"
             )
         cls = classes[name]
+    _require_interface(cls, name)
     parameters = _parse(cls, name, listed)
     shown = ",".join(f"{key}={raw}" for key, (raw, _) in parameters.items())
-    estimator = cls(**{key: value for key, (_, value) in parameters.items()})
+    try:
+        estimator = cls(**{key: value for key, (_, value) in parameters.items()})
+        causality = estimator.causality
+    except Exception as error:
+        raise EstimatorError(
+            f"{name} cannot be made with '{shown}': {type(error).__name__}: {error}"
+        ) from error
+    if causality not in typing.get_args(Causality):
+        raise EstimatorError(
+            f"{name}: causality is {causality!r} and must be one of "
+            f"{', '.join(typing.get_args(Causality))}"
+        )
+    if causality == "fixed-lag" and "lag" not in parameters_of(cls):
+        raise EstimatorError(f"{name}: a fixed-lag estimator needs a parameter 'lag' [s]")
     return Choice(f"{name}[{shown}]" if shown else name, estimator)
 
 
@@ -111,6 +125,19 @@ def describe(annotation: Any) -> str:
     if typing.get_origin(annotation) is typing.Literal:
         return " | ".join(str(choice) for choice in typing.get_args(annotation))
     return getattr(annotation, "__name__", str(annotation))
+
+
+def _require_interface(cls: type[Estimator], name: str) -> None:
+    """Raise EstimatorError unless a class is a named dataclass whose parameters have defaults."""
+    if not isinstance(getattr(cls, "name", None), str) or not cls.name:
+        raise EstimatorError(f"{name}: the class {cls.__name__} needs a text 'name'")
+    if "__dataclass_fields__" not in vars(cls):
+        raise EstimatorError(
+            f"{name}: the class {cls.__name__} needs the decorator @dataclass(frozen=True)"
+        )
+    for key, (_, default) in parameters_of(cls).items():
+        if default is MISSING:
+            raise EstimatorError(f"{name}: the parameter '{key}' needs a default")
 
 
 def _parse(cls: type[Estimator], name: str, listed: str) -> dict[str, tuple[str, Any]]:
@@ -151,7 +178,7 @@ def _from_file(path: Path) -> type[Estimator]:
         sys.modules[module_name] = module
         try:
             spec.loader.exec_module(module)
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             del sys.modules[module_name]
             raise EstimatorError(
                 f"{path} cannot be imported: {type(error).__name__}: {error}"

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import numpy as np
 import pandas as pd
 
 from . import campaign, figures, scenario, tables
 from .errors import GGBenchError
+from .registry import choose
 from .runner import DETAILED_RUN
 from .scenario import Scenario
 from .schema import CaseSpec
@@ -49,7 +52,10 @@ def write(folder: Path, output: Path) -> Path:
         raise ReportError(f"cannot write to {output}: {error.strerror}") from None
     report = _Report(store, loaded, summary, studies, pictures)
     path = output / f"{loaded.name}.md"
-    path.write_text(report.text(), encoding="utf-8")
+    try:
+        path.write_text(report.text(), encoding="utf-8")
+    except OSError as error:
+        raise ReportError(f"cannot write {path}: {error.strerror}") from None
     store.close()
     return path
 
@@ -57,9 +63,15 @@ def write(folder: Path, output: Path) -> Path:
 def stored_scenario(store: Store) -> Scenario:
     """Return the scenario of a results folder, from the copy it holds."""
     manifest = store.manifest()
-    return scenario.from_text(
-        store.read_text("scenario.toml"), manifest["scenario"], manifest.get("notes", "")
+    loaded = scenario.from_text(
+        store.read_text("scenario.toml"), manifest["scenario"], manifest["notes"]
     )
+    if loaded.content_hash != manifest["scenario_hash"]:
+        raise ReportError(
+            f"scenario.toml in {store.folder} is not the scenario that was run: its hash differs "
+            "from the manifest's"
+        )
+    return loaded
 
 
 class _Report:
@@ -135,10 +147,10 @@ class _Report:
             f"settled window; position errors are {efficiency.min():.2f} to "
             f"{efficiency.max():.2f} times the Cramér–Rao bound"
         )
-        if len(names) > 1:
+        if len(names) > 1 and causal["runs"].nunique() == 1 and not lost:
             errors = causal.groupby("case")["position_mrse_m"]
             spread = 100.0 * float((errors.max() / errors.min() - 1.0).max())
-            sentence += f", and within one case the estimators differ by {spread:.1g} % at most"
+            sentence += f", and within one case the estimators differ by {spread:.2f} % at most"
         sentence += f"; {lost if lost else 'no'} runs failed or diverged."
         return f"**{sentence}**"
 
@@ -149,8 +161,10 @@ class _Report:
             "MRSE is the root of the mean, over runs and epochs of a window, of the squared "
             f"spherical error. Windows: the settled one from {w.settled_from_s:g} s on, the whole "
             f"flight from the first update, the last {w.last_s:g} s. In brackets: 95 % bootstrap "
-            "interval over runs. *Bound*: posterior Cramér–Rao bound of the unfiltered readings, "
-            "for filters the filtering bound, for smoothers that of their data; *efficiency* = "
+            "interval over runs; beside it the median and the 95th percentile of the runs' own "
+            "root-mean-square errors. *Bound*: posterior Cramér–Rao bound of the unfiltered "
+            "readings, for filters the filtering bound, for smoothers that of their data; "
+            "*efficiency* = "
             "MRSE / bound, for position. *NEES* of the six position and velocity errors, 6 if "
             "consistent; its 95 % band treats each run as a single draw, so that its false-alarm "
             "rate is below 5 %. *Coverage*: share of epochs whose truth lies in the claimed 95 % "
@@ -192,14 +206,15 @@ class _Report:
         shown = []
 
         def show(file: str, caption: str) -> None:
-            shown.append(f"![{caption}]({name}/{file})\n\n*{caption}*")
+            shown.append(f"![{caption}]({quote(name)}/{file})\n\n*{caption}*")
 
         panels = []
         for case in self.references or [lead]:
             curves = {}
             for label in tables.rows_of(self.summary, case, "settled"):
                 series = self.store.series(case.name, label)
-                curves[label] = np.sqrt(np.mean(series[:, :, :2] ** 2, axis=0))
+                if len(series):
+                    curves[label] = np.sqrt(np.mean(series[:, :, :2] ** 2, axis=0))
             stored = self.arrays[case.name]
             bounds = {
                 f"bound: {key.removeprefix('bound-').rstrip('-0123456789')}": np.sqrt(value)
@@ -222,7 +237,8 @@ class _Report:
         figures.gradient_along_track(arrays, lead.title, self.pictures / "gradient.png")
         show(
             "gradient.png",
-            "Vertical gradient along the track: true, noisy, and filtered (the paper's figure 2)",
+            "Vertical gradient Γ_UU along the track: true, with the instrument's noise, and "
+            "filtered; below, what the filter delays, and the noise before and behind it",
         )
         rows = tables.rows_of(self.summary, lead, "settled")
         causal = [label for label, row in rows.items() if row["causality"] == "filter"]
@@ -239,7 +255,7 @@ class _Report:
                     show(
                         file,
                         f"ENU {quantity} errors of run {DETAILED_RUN}, {lead.title}: "
-                        f"`{label}` and the pure INS (the paper's figure {3 if first == 0 else 4})",
+                        f"`{label}` and the pure INS",
                     )
         return "\n\n".join(shown)
 
@@ -272,21 +288,26 @@ class _Report:
         m = self.manifest
         versions = ", ".join(f"{name} {version}" for name, version in m["versions"].items())
         machine = m["machine"]
-        flags = " --assumptions" if m["assumptions"] else ""
+        name = m["scenario"] if m["scenario"] in scenario.shipped() else f"{m['scenario']}.toml"
+        labels = m["estimators"]
+        declared = [choose(text).label for text in self.scenario.campaign.estimators]
+        flags = "".join(f' -e "{label}"' for label in labels) if labels != declared else ""
+        flags += " --assumptions" if m["assumptions"] else ""
+        memory = max((r.get("peak_memory_mb", 0.0) for r in self.store.records()), default=0.0)
         return "\n".join(
             [
                 "Generated, not edited. To get it again:",
                 "",
                 "```",
-                f"ggbench run {self.scenario.name} -n {m['runs']} --seed {m['seed']}{flags} "
-                f"-o results/{self.scenario.name}",
-                f"ggbench report results/{self.scenario.name} -o reports",
+                f"ggbench run {shlex.quote(name)} -n {m['runs']} --seed {m['seed']}{flags} "
+                f"-o results/{shlex.quote(m['scenario'])}",
+                f"ggbench report results/{shlex.quote(m['scenario'])} -o reports",
                 "```",
                 "",
                 f"- ggbench {m['ggbench']}, source {m['source_hash']}, scenario "
                 f"{m['scenario_hash'][:16]}, seed {m['seed']}, run on {m['date'][:10]}",
                 f"- {versions}",
                 f"- {machine['system']} on {machine['architecture']}, "
-                f"{machine['processors']} processors",
+                f"{machine['processors']} processors; peak memory of a worker {memory:.0f} MB",
             ]
         )

@@ -6,9 +6,11 @@ This is what a worker process does; nothing here writes anything.
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import hashlib
 import json
 import math
+import resource
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -73,8 +75,8 @@ def _warm_choice(label: str, case_json: str, seed: int) -> Choice:
     """Return the chosen estimator, after one run that is not timed: it compiles and imports."""
     choice = choose(label)
     problem, _ = simulate(_flight(case_json), seed, 0)
-    with contextlib.suppress(Exception):  # its failure is recorded where it counts
-        choice.estimator.estimate(problem, _estimator_rng(seed, 0, label))
+    with contextlib.suppress(Exception, SystemExit):  # its failure is recorded where it counts
+        dataclasses.replace(choice.estimator).estimate(problem, _estimator_rng(seed, 0, label))
     return choice
 
 
@@ -109,16 +111,18 @@ def _judge(task: Task, flight: Flight, problem: Problem, truth: Truth, choice: C
     }
     model = _CountingModel(problem.model)
     given = Problem(**{**vars(problem), "model": model})
-    start = time.perf_counter()
+    rng = _estimator_rng(task.seed, task.run, choice.label)
     try:
-        rng = _estimator_rng(task.seed, task.run, choice.label)
-        estimate = choice.estimator.estimate(given, rng)
+        start = time.perf_counter()
+        # A new instance each time: what one run leaves in it cannot reach the next.
+        estimate = dataclasses.replace(choice.estimator).estimate(given, rng)
         record["seconds"] = time.perf_counter() - start
-        _require_complete(problem, choice.estimator, estimate)
-    except Exception as error:
+        estimate = _complete(problem, choice.estimator, estimate)
+        record["info"] = json.loads(json.dumps(dict(estimate.info), default=float))
+        evaluation = metrics.evaluate(problem, estimate, truth)
+    except (Exception, SystemExit) as error:
         record["reason"] = f"{type(error).__name__}: {error}"
         return record, None, None
-    evaluation = metrics.evaluate(problem, estimate, truth)
     case = task.case
     bound_name: str = estimate.causality
     lag = None
@@ -130,13 +134,12 @@ def _judge(task: Task, flight: Flight, problem: Problem, truth: Truth, choice: C
     final_error = float(evaluation.position_error[-1])
     record |= {
         "status": "ok",
-        "causality": estimate.causality,
         "bound": {"none": "filter"}.get(bound_name, bound_name),
         "map_evaluations": model.evaluations,
+        "peak_memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0,
         "final_position_error_m": final_error,
         "diverged": metrics.has_diverged(final_error, math.sqrt(bound[0]), ins_error),
         "windows": metrics.window_figures(evaluation, truth.times, case.windows),
-        "info": json.loads(json.dumps(dict(estimate.info), default=float)),
     }
     series = np.column_stack(
         [evaluation.position_error, evaluation.velocity_error, evaluation.nees, evaluation.nis]
@@ -147,8 +150,17 @@ def _judge(task: Task, flight: Flight, problem: Problem, truth: Truth, choice: C
     return record, series, detail
 
 
-def _require_complete(problem: Problem, estimator: Estimator, estimate: Estimate) -> None:
-    """Raise ValueError unless the estimate is what its estimator declares, whole and finite."""
+def _complete(problem: Problem, estimator: Estimator, estimate: Estimate) -> Estimate:
+    """Return the estimate with plain arrays; raise unless it is whole and what was declared.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it is no Estimate, is of another causality than its estimator declares, has a wrong
+        shape, or numbers that are complex, not finite or no covariance.
+    """
+    if not isinstance(estimate, Estimate):
+        raise TypeError(f"estimate() returned {type(estimate).__name__}, not an Estimate")
     lag = vars(estimator)["lag"] if estimator.causality == "fixed-lag" else None
     if (estimate.causality, estimate.lag) != (estimator.causality, lag):
         raise ValueError(
@@ -156,15 +168,34 @@ def _require_complete(problem: Problem, estimator: Estimator, estimate: Estimate
             f"declares '{estimator.causality}' with lag {lag}"
         )
     epochs, n = problem.epochs, problem.dimension
-    expected: dict[str, tuple[np.ndarray, tuple[int, ...]]] = {"mean": (estimate.mean, (epochs, n))}
+    mean = _real_array("mean", estimate.mean, (epochs, n))
+    cov = None
     if estimate.cov is not None:
-        expected["cov"] = (estimate.cov, (epochs, n, n))
-    for name, (array, shape) in expected.items():
-        if np.shape(array) != shape:
-            raise ValueError(f"the estimate's {name} has shape {np.shape(array)}, not {shape}")
-        finite = np.isfinite(array).reshape(epochs, -1).all(axis=1)
-        if not finite.all():
-            raise ValueError(f"the estimate's {name} is not finite from epoch {finite.argmin()} on")
+        cov = _real_array("cov", estimate.cov, (epochs, n, n))
+        judged = cov[:, : metrics.JUDGED, : metrics.JUDGED]
+        sigma = np.sqrt(np.maximum(np.diagonal(judged, axis1=1, axis2=2), 0.0))
+        positive = (sigma > 0.0).all(axis=1)
+        scale = np.where(sigma > 0.0, sigma, 1.0)
+        correlation = judged / (scale[:, :, None] * scale[:, None, :])
+        positive &= np.linalg.eigvalsh(correlation)[:, 0] > 0.0
+        if not positive.all():
+            raise ValueError(
+                f"the estimate's cov is not positive definite at epoch {positive.argmin()}"
+            )
+    return Estimate(mean, cov, estimate.causality, estimate.lag, estimate.info)
+
+
+def _real_array(name: str, array: Any, shape: tuple[int, ...]) -> np.ndarray:
+    """Return an array of floats of this shape, all finite."""
+    if np.shape(array) != shape:
+        raise ValueError(f"the estimate's {name} has shape {np.shape(array)}, not {shape}")
+    if np.iscomplexobj(array):
+        raise ValueError(f"the estimate's {name} is complex")
+    numbers = np.asarray(array, dtype=float)
+    finite = np.isfinite(numbers).reshape(len(numbers), -1).all(axis=1)
+    if not finite.all():
+        raise ValueError(f"the estimate's {name} is not finite from epoch {finite.argmin()} on")
+    return numbers
 
 
 def lag_epochs(case: CaseSpec, lag: float) -> int:

@@ -88,9 +88,9 @@ def load(name_or_path: str) -> Scenario:
         With a sentence that names the file, the key, what was found and what is allowed.
     """
     path = Path(name_or_path)
-    if path.suffix == ".toml" or path.exists():
-        return _read(path, path.stem, str(path))
     if name_or_path not in shipped():
+        if path.suffix == ".toml" or path.is_file():
+            return _read(path, path.stem, str(path))
         raise ScenarioError(
             f"there is no scenario '{name_or_path}'{_suggest(name_or_path, shipped())}; "
             f"shipped scenarios: {', '.join(shipped())}; or give the path of a .toml file"
@@ -132,7 +132,7 @@ def _read(file: Traversable, name: str, origin: str) -> Scenario:
     source = _text(file, origin)
     try:
         document = tomllib.loads(source)
-    except tomllib.TOMLDecodeError as error:
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise ScenarioError(f"{origin}: is not valid TOML: {error}") from None
     notes_name = document.pop("notes", None)
     notes = ""
@@ -148,7 +148,7 @@ def _read(file: Traversable, name: str, origin: str) -> Scenario:
 def _text(file: Traversable, origin: str) -> str:
     """Return the content of a text file, or raise ScenarioError with a sentence."""
     try:
-        return file.read_bytes().decode("utf-8")
+        return file.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError:
         raise ScenarioError(f"{origin}: is not UTF-8 text") from None
     except OSError as error:
@@ -286,8 +286,15 @@ def _sentence(model: type[BaseModel], problem: Any) -> str:
     if isinstance(found, float) and math.isnan(found):
         return f"{key} is not a number (NaN)"
     wanted = problem["msg"].replace("Input should be ", "must be ").replace("input", "value")
-    if kind in ("float_type", "int_type"):
-        wanted = "must be a plain number in the unit that the key names"
+    wanted = {
+        "float_type": "must be a plain number in the unit that the key names",
+        "int_type": "must be a whole number",
+        "model_type": "must be a table of keys",
+        "list_type": "must be a list",
+        "too_short": "must not be empty",
+        "string_too_short": "must not be empty",
+        "string_pattern_mismatch": "must consist of letters, digits, '.', '_' and '-'",
+    }.get(kind, wanted)
     return f"{key} is {found!r} and {wanted}"
 
 

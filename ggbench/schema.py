@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -17,7 +18,9 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 Latitude = Annotated[float, Field(ge=-89.0, le=89.0, allow_inf_nan=False)]
 Longitude = Annotated[float, Field(ge=-180.0, le=360.0, allow_inf_nan=False)]
 Title = Annotated[str, Field(min_length=1)]
-CaseName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
+CaseName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=60)]
+MOST_SAMPLES = 5_000_000
+"""Most IMU samples of a flight (about 2 GB of intermediate matrices at a million)."""
 
 
 class Section(BaseModel):
@@ -41,7 +44,7 @@ class TrajectorySpec(Section):
     latitude_deg: Latitude
     longitude_deg: Longitude
     height_m: Annotated[float, Field(ge=-12000.0, le=100000.0, allow_inf_nan=False)]
-    speed_mps: NonNegative
+    speed_mps: Annotated[float, Field(ge=0.0, le=10000.0)]
     heading_deg: Finite
     pitch_deg: Finite = 0.0
     roll_deg: Finite = 0.0
@@ -67,9 +70,9 @@ class ImuSpec(Section):
 class InitialErrorSpec(Section):
     """``[initial_error]``: standard deviation of the INS error per axis at the start."""
 
-    position_m: Positive
-    velocity_mps: Positive
-    attitude_arcmin: Positive
+    position_m: Annotated[float, Field(gt=0.0, le=1e6)]
+    velocity_mps: Annotated[float, Field(gt=0.0, le=1000.0)]
+    attitude_arcmin: Annotated[float, Field(gt=0.0, le=600.0)]
 
 
 class GradiometerSpec(Section):
@@ -85,7 +88,7 @@ class GradiometerSpec(Section):
     filter_order: Annotated[int, Field(ge=1, le=12)] = 7
     filter_cutoff_hz: Positive = 0.2
     filter_treatment: Literal["whitened", "delayed"] = "whitened"
-    noise_behind_filter_ratio: Annotated[float, Field(ge=1e-8, le=1.0)] = 1e-6
+    whitening_regularization: Annotated[float, Field(ge=1e-7, le=0.1)] = 1e-6
 
     @model_validator(mode="after")
     def _check(self) -> GradiometerSpec:
@@ -173,9 +176,18 @@ class CaseSpec(Section):
                 f"the flight lasts {duration:g} s, too short for two readings "
                 f"({self.gradiometer.period_s:g} s apart)"
             )
-        for key in ("settled_from_s", "last_s"):
-            if getattr(self.windows, key) >= duration:
-                raise ValueError(f"windows.{key} must be less than the flight's {duration:g} s")
+        samples = duration / self.imu.period_s
+        if samples > MOST_SAMPLES:
+            raise ValueError(
+                f"the flight of {duration:g} s has {samples:.3g} samples of {self.imu.period_s:g} "
+                f"s; at most {MOST_SAMPLES} are allowed"
+            )
+        last = self.gradiometer.period_s * math.floor(duration / self.gradiometer.period_s + 1e-9)
+        if self.windows.settled_from_s > last:
+            raise ValueError(
+                f"windows.settled_from_s is {self.windows.settled_from_s:g} s and must not lie "
+                f"beyond the last reading, at {last:g} s"
+            )
         return self
 
     @property

@@ -285,7 +285,7 @@ def simulate(flight: Flight, seed: int, run: int) -> tuple[Problem, Truth]:
         flight.gradiometer.lowpass,
         len(epochs),
         spec.filter_treatment,
-        spec.noise_behind_filter_ratio,
+        spec.whitening_regularization,
     )
     delays = treatment.delay_samples * spec.period_s
     rows = delayed_position_rows(matrices, positions, epochs, delays, dt)
@@ -294,7 +294,7 @@ def simulate(flight: Flight, seed: int, run: int) -> tuple[Problem, Truth]:
     )
     problem = Problem(
         times=times,
-        measurements=treatment.matrix @ output,
+        measurements=treatment.apply(output),
         noise_cov=flight.noise_cov,
         transition=transition,
         process_cov=process_cov,

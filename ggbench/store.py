@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import json
 import sqlite3
-import zipfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -47,6 +46,7 @@ _STATUS_KEYS = {
     "failed": ("reason",),
     "ok": ("seconds", "bound", "map_evaluations", "diverged", "windows"),
 }
+_ARRAYS = ("times", "track", "bound-filter", "bound-batch", "vertical", "noisy")
 
 
 class StoreError(GGBenchError):
@@ -79,7 +79,7 @@ class Store:
             if create:
                 self._connection.execute("PRAGMA journal_mode = WAL")
                 self._connection.execute(_SCHEMA)
-            self._connection.execute("SELECT count(*) FROM records").fetchone()
+            self._connection.execute("SELECT record, series FROM records LIMIT 1").fetchone()
         except OSError as error:
             raise StoreError(f"cannot use results folder {folder}: {error.strerror}") from None
         except sqlite3.Error as error:
@@ -110,40 +110,57 @@ class Store:
 
     def finished(self) -> set[tuple[str, str, str, int]]:
         """Return the (assumption, case, estimator, run) of every stored record."""
-        rows = self._connection.execute('SELECT assumption, "case", estimator, run FROM records')
+        rows = self._select('SELECT assumption, "case", estimator, run FROM records')
         return set(rows)
 
     def records(self, assumption: str = "") -> Iterator[dict[str, Any]]:
         """Yield the records of the cases ("") or of one assumption, ordered by run."""
-        rows = self._connection.execute(
+        rows = self._select(
             'SELECT record FROM records WHERE assumption = ? ORDER BY run, "case", estimator',
             (assumption,),
         )
         for (text,) in rows:
-            record = json.loads(text)
-            if not all(key in record for key in _RECORD_KEYS) or not all(
-                key in record for key in _STATUS_KEYS[record["status"]]
-            ):
-                raise StoreError(f"a record of {self.folder} is damaged: {text[:80]}...")
+            try:
+                record = json.loads(text)
+                keys = (*_RECORD_KEYS, *_STATUS_KEYS[record["status"]])
+                whole = all(key in record for key in keys)
+            except (ValueError, TypeError, KeyError):
+                whole = False
+            if not whole:
+                raise StoreError(f"a record in {self.folder} is damaged: {str(text)[:60]!r}")
             yield record
 
     def series(self, case: str, estimator: str) -> np.ndarray:
         """Return (runs, K, 4): position and velocity error [m, m/s], NEES, NIS of finished runs."""
-        rows = self._connection.execute(
+        rows = self._select(
             "SELECT series FROM records WHERE assumption = '' AND \"case\" = ? AND estimator = ? "
             "AND series IS NOT NULL ORDER BY run",
             (case, estimator),
         )
-        return np.array([_unpack(blob, 4) for (blob,) in rows])
+        runs = [self._unpack(blob, 4) for (blob,) in rows]
+        if len({len(run) for run in runs}) > 1:
+            raise StoreError(f"a time series in {self.folder} is damaged")
+        return np.array(runs)
 
     def detail(self, case: str, estimator: str, run: int) -> np.ndarray | None:
         """Return (K, 12) of a run kept in detail: errors of position and velocity, their σ."""
-        row = self._connection.execute(
+        found = self._select(
             "SELECT detail FROM records WHERE assumption = '' AND \"case\" = ? AND estimator = ? "
             "AND run = ?",
             (case, estimator, run),
-        ).fetchone()
-        return None if row is None or row[0] is None else _unpack(row[0], 12)
+        )
+        return None if not found or found[0][0] is None else self._unpack(found[0][0], 12)
+
+    def _select(self, query: str, values: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+        try:
+            return self._connection.execute(query, values).fetchall()
+        except sqlite3.Error as error:
+            raise StoreError(f"the records in {self.folder} cannot be read: {error}") from None
+
+    def _unpack(self, blob: Any, columns: int) -> np.ndarray:
+        if not isinstance(blob, bytes) or len(blob) % (4 * columns):
+            raise StoreError(f"a time series in {self.folder} is damaged")
+        return np.frombuffer(blob, dtype="<f4").reshape(-1, columns).astype(float)
 
     def write_json(self, name: str, content: Mapping[str, Any]) -> None:
         """Write a JSON file of the folder, whole or not at all."""
@@ -206,14 +223,14 @@ class Store:
         path = self.folder / f"case-{case}.npz"
         try:
             with np.load(path, allow_pickle=False) as archive:
-                return {name: archive[name] for name in archive.files}
-        except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+                arrays = {name: archive[name] for name in archive.files}
+        except Exception as error:  # NumPy, zipfile and zlib each have their own for damage
             raise StoreError(f"{path} cannot be read: {error}") from None
+        missing = [name for name in _ARRAYS if name not in arrays]
+        if missing:
+            raise StoreError(f"{path} is damaged: it has no {', '.join(missing)}")
+        return arrays
 
 
 def _pack(array: np.ndarray | None) -> bytes | None:
     return None if array is None else np.ascontiguousarray(array, dtype="<f4").tobytes()
-
-
-def _unpack(blob: bytes, columns: int) -> np.ndarray:
-    return np.frombuffer(blob, dtype="<f4").reshape(-1, columns).astype(float)
