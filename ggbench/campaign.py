@@ -33,7 +33,7 @@ from .registry import choose
 from .runner import DETAILED_RUN, Result, Task, flight_of, lag_epochs, run_task, shared_arrays
 from .scenario import Scenario
 from .simulation import simulate
-from .store import FORMAT, Store, StoreError
+from .store import FORMAT, RESULT_FILES, Store, StoreError
 
 _PACKAGES = ("numpy", "scipy", "filterpy", "gtsam", "numba")
 """Packages whose version may change a result."""
@@ -115,12 +115,12 @@ class Campaign:
                 _discard(self.folder)
             else:
                 manifest = self._joined(manifest)
-        elif self.fresh:
+        elif self.fresh and any((self.folder / name).exists() for name in RESULT_FILES):
             _discard(self.folder)
         elif self.folder.is_dir() and any(self.folder.iterdir()):
             raise StoreError(
-                f"{self.folder} is not empty and has no manifest.json; choose another -o, or "
-                "--fresh to discard what is left of results there"
+                f"{self.folder} is not empty and holds no results; choose another -o, or --fresh "
+                "if they are what is left of results"
             )
         store = Store(self.folder, create=True)
         store.write_text("scenario.toml", self.scenario.source)
@@ -243,9 +243,7 @@ def _file_hashes(names: Iterable[str]) -> dict[str, str]:
 
 def _discard(folder: Path) -> None:
     """Remove the files of an earlier campaign, and nothing else."""
-    names = ["manifest.json", "scenario.toml", "summary.csv", "assumptions.csv", "report.md"]
-    names += [f"records.sqlite{suffix}" for suffix in ("", "-wal", "-shm")]
-    for path in [*(folder / name for name in names), *folder.glob("case-*.npz")]:
+    for path in [*(folder / name for name in RESULT_FILES), *folder.glob("case-*.npz")]:
         path.unlink(missing_ok=True)
 
 
@@ -265,7 +263,7 @@ def _interrupts_held() -> Iterator[None]:
 def execute(
     tasks: Sequence[Task], store: Store, jobs: int, progress: Callable[[int, int], None]
 ) -> None:
-    """Run tasks in ``jobs`` worker processes and store results as they arrive.
+    """Run tasks in ``jobs`` worker processes (0: in this one) and store results as they arrive.
 
     ``progress(done, of)`` is called after each task. KeyboardInterrupt passes through after the
     tasks in flight have been stored.
@@ -276,7 +274,10 @@ def execute(
         If a worker process dies.
     """
     progress(0, len(tasks))
-    if not tasks:
+    if jobs == 0:
+        for done, task in enumerate(tasks, 1):
+            store.add(run_task(task))
+            progress(done, len(tasks))
         return
     # Spawned, not forked: the parent has threads and compiled code.
     pool = ProcessPoolExecutor(jobs, get_context("spawn"))

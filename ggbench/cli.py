@@ -101,7 +101,12 @@ def validate(file: str) -> None:
     help="Estimator to run: a name or a .py file; repeat for more. Default: the scenario's.",
 )  # fmt: skip
 @click.option("-n", "--runs", type=click.IntRange(1), help="Runs per case [the scenario's].")
-@click.option("-j", "--jobs", type=click.IntRange(1), help="Worker processes [all processors].")
+@click.option(
+    "-j",
+    "--jobs",
+    type=click.IntRange(0),
+    help="Worker processes [all processors]; 0: none, to debug.",
+)
 @click.option("-s", "--seed", type=click.IntRange(0), help="Seed [the scenario's].")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Results folder [new].")
 @click.option("--assumptions", is_flag=True, help="Also study the scenario's assumptions.")
@@ -143,7 +148,9 @@ def run(
             click.echo(reason)
         tasks = work.tasks(store)
         with _progress(f"{loaded.name}") as progress:
-            campaign.execute(tasks, store, jobs or os.cpu_count() or 1, progress)
+            campaign.execute(
+                tasks, store, (os.cpu_count() or 1) if jobs is None else jobs, progress
+            )
     except KeyboardInterrupt:
         interrupted = True
     summary, _ = campaign.summarize(store, loaded)

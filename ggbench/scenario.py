@@ -89,7 +89,7 @@ def load(name_or_path: str) -> Scenario:
     """
     path = Path(name_or_path)
     if name_or_path not in shipped():
-        if path.suffix == ".toml" or path.is_file():
+        if path.suffix == ".toml" or path.exists():
             return _read(path, path.stem, str(path))
         raise ScenarioError(
             f"there is no scenario '{name_or_path}'{_suggest(name_or_path, shipped())}; "

@@ -37,6 +37,10 @@ CREATE TABLE IF NOT EXISTS records (
 
 FORMAT = 1
 """Version of what a folder holds; another one is refused."""
+RESULT_FILES = (
+    "manifest.json", "scenario.toml", "summary.csv", "assumptions.csv",
+    "records.sqlite", "records.sqlite-wal", "records.sqlite-shm",
+)  # fmt: skip
 _MANIFEST_KEYS = (
     "scenario", "scenario_hash", "seed", "ggbench", "source_hash", "notes", "runs", "estimators",
     "estimator_files", "assumptions", "date", "versions", "machine",
@@ -69,7 +73,7 @@ class Store:
 
     def __init__(self, folder: Path, create: bool = False) -> None:
         self.folder = folder
-        database = folder / "records.sqlite"
+        self._database = database = folder / "records.sqlite"
         try:
             if create:
                 folder.mkdir(parents=True, exist_ok=True)
@@ -127,7 +131,7 @@ class Store:
             except (ValueError, TypeError, KeyError):
                 whole = False
             if not whole:
-                raise StoreError(f"a record in {self.folder} is damaged: {str(text)[:60]!r}")
+                raise StoreError(f"a record in {self._database} is damaged: {str(text)[:60]!r}")
             yield record
 
     def series(self, case: str, estimator: str) -> np.ndarray:
@@ -139,7 +143,7 @@ class Store:
         )
         runs = [self._unpack(blob, 4) for (blob,) in rows]
         if len({len(run) for run in runs}) > 1:
-            raise StoreError(f"a time series in {self.folder} is damaged")
+            raise StoreError(f"a time series in {self._database} is damaged")
         return np.array(runs)
 
     def detail(self, case: str, estimator: str, run: int) -> np.ndarray | None:
@@ -155,11 +159,11 @@ class Store:
         try:
             return self._connection.execute(query, values).fetchall()
         except sqlite3.Error as error:
-            raise StoreError(f"the records in {self.folder} cannot be read: {error}") from None
+            raise StoreError(f"{self._database} cannot be read: {error}") from None
 
     def _unpack(self, blob: Any, columns: int) -> np.ndarray:
         if not isinstance(blob, bytes) or len(blob) % (4 * columns):
-            raise StoreError(f"a time series in {self.folder} is damaged")
+            raise StoreError(f"a time series in {self._database} is damaged")
         return np.frombuffer(blob, dtype="<f4").reshape(-1, columns).astype(float)
 
     def write_json(self, name: str, content: Mapping[str, Any]) -> None:

@@ -175,7 +175,7 @@ def test_run_and_report(folder, tmp_path):
     ]  # fmt: skip
     done = call(run, tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
-    assert "4 of 4 runs" in done.stdout
+    assert "4 of 4 case runs" in done.stdout
     for title in ("as it is", "with ten times the noise"):
         table = done.stdout[done.stdout.index(title) :]
         places = [table.index(f"\n {name} ") for name in ("ekf", "ins", "factor-graph[mode=batch]")]
@@ -189,7 +189,7 @@ def test_run_and_report(folder, tmp_path):
 
     again = invoke(run, tmp_path)
     assert again.returncode == 0
-    assert "4 of 4 runs" not in again.stdout
+    assert "4 of 4 case runs" not in again.stdout
     other = invoke([*run, "-s", "4"], tmp_path)
     assert (other.returncode, len(other.stderr.splitlines())) == (2, 1)
     assert "holds results with another seed" in other.stderr

@@ -136,14 +136,12 @@ def parabola(epochs: int = 10) -> Problem:
 
 
 def test_ukf_survives_and_counts_the_loss_of_definiteness():
-    """A run whose P becomes indefinite goes on, and ``covariance_repairs`` tells how often."""
+    """Where plain filterpy's P becomes indefinite, ours is repaired and the repairs counted."""
     settings = {-1.5: True, 1.0: False}
     for kappa, broken in settings.items():
         estimate = estimator(f"ukf[kappa={kappa}]").estimate(parabola(), rng())
         assert np.isfinite(estimate.mean).all()
-        negative = np.linalg.eigvalsh(estimate.cov[:-1])[:, 0] < 0.0
-        assert negative.any() == broken
-        assert estimate.info["covariance_repairs"] >= negative.sum()
+        assert (np.linalg.eigvalsh(estimate.cov)[:, 0] > 0.0).all()
         assert (estimate.info["covariance_repairs"] > 0) == broken
 
 
@@ -164,6 +162,7 @@ def test_sigma_points_that_do_not_exist_are_refused_with_a_reason(kappa):
         ("lag=-1", "lag"),
         ("lag=nan", "lag"),
         ("lag=inf", "lag"),
+        ("lag=4.9", "at least the time between two readings, 5 s"),
         ("relinearize_threshold=0", "relinearize_threshold"),
         ("relinearize_threshold=nan", "relinearize_threshold"),
         ("max_iterations=0", "max_iterations"),
@@ -175,7 +174,7 @@ def test_graph_settings_that_mean_nothing_are_refused_with_a_reason(setting, rea
     assert reason in (estimator(label).skip(simulated("0.01E-0.2Hz")[0]) or "")
 
 
-@pytest.mark.parametrize("lag", [0.05, 0.1, 0.3, 0.35, 0.7, 1.0, 10.0])
+@pytest.mark.parametrize("lag", [0.1, 0.3, 0.35, 0.7, 1.0, 10.0])
 def test_fixed_lag_sees_its_whole_window(lag):
     """At 10 Hz a lag of 0.3 s is three epochs, although 0.3 is no multiple of 0.1 in binary.
 

@@ -194,9 +194,9 @@ def test_model_at_the_true_error_explains_the_filtered_output(chain):
             flight.gradiometer.lowpass,
             problem.epochs,
             spec.filter_treatment,
-            spec.noise_behind_filter_ratio,
+            spec.whitening_regularization,
         )
-        noise_free = treatment.matrix @ flight.gradiometer.lowpass.apply(noise_free)
+        noise_free = treatment.apply(flight.gradiometer.lowpass.apply(noise_free))
     predicted = np.array([problem.model.predict(k, x) for k, x in enumerate(truth.error_state)])
     unexplained = (predicted - noise_free) / flight.gradiometer.noise_eotvos
     print(

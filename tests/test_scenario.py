@@ -174,8 +174,8 @@ BAD = {
     ),
     "flight too short": ("duration_s = 20.0", "duration_s = 1.0", r"the flight lasts 1 s"),
     "window beyond the flight": (
-        "settled_from_s = 10.0", "settled_from_s = 20.0",
-        r"windows.settled_from_s must be less than the flight's 20 s",
+        "settled_from_s = 10.0", "settled_from_s = 21.0",
+        r"windows.settled_from_s is 21 s and must not lie beyond the last reading, at 20 s",
     ),
     "latitude beyond the pole": (
         "latitude_deg = 33.5", "latitude_deg = 133.5", r"trajectory.latitude_deg is 133.5 and must",

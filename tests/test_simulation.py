@@ -183,8 +183,8 @@ def test_measurements_scatter_as_the_problem_says(wang, treatment):
     chain = np.eye(problem.epochs)
     if lowpass is not None:
         chain = prefilter(
-            lowpass, problem.epochs, spec.filter_treatment, spec.noise_behind_filter_ratio
-        ).matrix @ lowpass.apply(chain)
+            lowpass, problem.epochs, spec.filter_treatment, spec.whitening_regularization
+        ).apply(lowpass.apply(chain))
     power = chain @ chain.T
     sequences = 6 * runs
     deviation = np.sqrt(2.0 * sequences * (power**2).sum())
