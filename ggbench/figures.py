@@ -58,6 +58,7 @@ def gradient_along_track(arrays: Mapping[str, np.ndarray], title: str, path: Pat
     bottom.set_ylabel("noise [E]")
     bottom.set_xlabel("time [s]")
     top.legend()
+    bottom.margins(y=0.25)
     bottom.legend(ncols=2)
     _save(figure, path)
 

@@ -103,6 +103,7 @@ class _Report:
             self.scenario.description,
             "## Results",
             self._reading(),
+            self._unaided(),
             *(self._case_table(case) for case in self.scenario.cases),
             "## Efficiency: MRSE over the Cramér–Rao bound, in every window",
             tables.efficiency(self.scenario, self.summary),
@@ -150,7 +151,8 @@ class _Report:
         if len(names) > 1 and causal["runs"].nunique() == 1 and not lost:
             errors = causal.groupby("case")["position_mrse_m"]
             spread = 100.0 * float((errors.max() / errors.min() - 1.0).max())
-            sentence += f", and within one case the estimators differ by {spread:.2f} % at most"
+            amount = f"{spread:.2f} % at most" if spread >= 0.01 else "less than 0.01 %"
+            sentence += f", and within one case the estimators differ by {amount}"
         sentence += f"; {lost if lost else 'no'} runs failed or diverged."
         return f"**{sentence}**"
 
@@ -173,6 +175,19 @@ class _Report:
             "INS's. Times are medians, warmed up, of one process. *Map points*: positions at which "
             "a run evaluates the field. Causal estimators and smoothers never share a block. `ins` "
             "is set beside the filtering bound: what aiding could give."
+        )
+
+    def _unaided(self) -> str:
+        """Return what the INS does alone, from its stored errors at the end of the flight."""
+        case = self.scenario.cases[0]
+        series = self.store.series(case.name, "ins")
+        if not len(series):
+            return ""
+        position, velocity = np.sqrt(np.mean(series[:, -1, :2] ** 2, axis=0) / 3.0)
+        return (
+            f"The pure INS ends the flight, after {self.arrays[case.name]['times'][-1]:g} s, with "
+            f"errors of {position:.0f} m and {velocity:.2f} m/s per axis (root mean square over "
+            f"{len(series)} runs and the three axes)."
         )
 
     def _case_table(self, case: CaseSpec) -> str:
