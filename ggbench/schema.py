@@ -19,7 +19,7 @@ Latitude = Annotated[float, Field(ge=-89.0, le=89.0, allow_inf_nan=False)]
 Longitude = Annotated[float, Field(ge=-180.0, le=360.0, allow_inf_nan=False)]
 Title = Annotated[str, Field(min_length=1)]
 CaseName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=60)]
-MOST_SAMPLES = 5_000_000
+MOST_SAMPLES = 2_000_000
 """Most IMU samples of a flight (about 2 GB of intermediate matrices at a million)."""
 
 
