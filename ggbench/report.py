@@ -119,13 +119,9 @@ class _Report:
         ]
         return "\n\n".join(part.strip() for part in parts if part.strip()) + "\n"
 
-    def _causal(self, window: str = "settled") -> pd.DataFrame:
-        return self.summary[
-            (self.summary["causality"] == "filter") & (self.summary["window"] == window)
-        ]
-
     def _verdict(self) -> str:
-        causal = self._causal()
+        settled = self.summary[self.summary["window"] == "settled"]
+        causal = settled[settled["causality"] == "filter"]
         with_reference = causal.dropna(subset=["paper_position_m"])
         if with_reference.empty:
             return ""

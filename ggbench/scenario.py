@@ -101,12 +101,10 @@ def load(name_or_path: str) -> Scenario:
 
 def from_text(source: str, name: str, notes: str) -> Scenario:
     """Return the scenario of a text that was read before, as a results folder keeps it."""
-    try:
-        document = tomllib.loads(source)
-    except tomllib.TOMLDecodeError as error:
-        raise ScenarioError(f"scenario.toml of {name}: is not valid TOML: {error}") from None
+    origin = f"scenario.toml of {name}"
+    document = _toml(source, origin)
     document.pop("notes", None)
-    return parse(document, name, f"scenario.toml of {name}", source, notes)
+    return parse(document, name, origin, source, notes)
 
 
 def values(source: str) -> dict[str, Any]:
@@ -130,10 +128,7 @@ def values(source: str) -> dict[str, Any]:
 def _read(file: Traversable, name: str, origin: str) -> Scenario:
     """Read and validate a scenario file; ``origin`` names it in messages."""
     source = _text(file, origin)
-    try:
-        document = tomllib.loads(source)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise ScenarioError(f"{origin}: is not valid TOML: {error}") from None
+    document = _toml(source, origin)
     notes_name = document.pop("notes", None)
     notes = ""
     if notes_name is not None:
@@ -153,6 +148,14 @@ def _text(file: Traversable, origin: str) -> str:
         raise ScenarioError(f"{origin}: is not UTF-8 text") from None
     except OSError as error:
         raise ScenarioError(f"{origin}: cannot be read: {error.strerror}") from None
+
+
+def _toml(source: str, origin: str) -> dict[str, Any]:
+    """Return the content of a TOML text, or raise ScenarioError with a sentence."""
+    try:
+        return tomllib.loads(source)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise ScenarioError(f"{origin}: is not valid TOML: {error}") from None
 
 
 def parse(

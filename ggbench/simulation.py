@@ -12,6 +12,7 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -256,6 +257,21 @@ def prepare(case: CaseSpec) -> Flight:
     return Flight(case, trajectory, delta_angles, delta_velocities, field, epochs, noise_free)
 
 
+class RandomStreams(NamedTuple):
+    """The generators of a run, one per source of error."""
+
+    initial: np.random.Generator
+    biases: np.random.Generator
+    imu: np.random.Generator
+    gradiometer: np.random.Generator
+
+
+def random_streams(seed: int, run: int) -> RandomStreams:
+    """Return the generators of a run, spawned from the campaign's seed and the run's number."""
+    children = np.random.SeedSequence([seed, run]).spawn(len(RandomStreams._fields))
+    return RandomStreams(*(np.random.default_rng(child) for child in children))
+
+
 def simulate(flight: Flight, seed: int, run: int) -> tuple[Problem, Truth]:
     """Return the estimation problem of one run, and the truth it hides.
 
@@ -263,20 +279,19 @@ def simulate(flight: Flight, seed: int, run: int) -> tuple[Problem, Truth]:
     ----------
     flight : the case. seed, run : the campaign's seed and the run's number.
     """
-    streams = [np.random.default_rng(s) for s in np.random.SeedSequence([seed, run]).spawn(4)]
-    rng_initial, rng_bias, rng_imu, rng_gradiometer = streams
+    streams = random_streams(seed, run)
     truth, imu = flight.trajectory, flight.imu
     dt, epochs, times = truth.dt, flight.epochs, flight.times
 
-    biases = imu.draw_biases(rng_bias)
+    biases = imu.draw_biases(streams.biases)
     delta_angles, delta_velocities = imu.corrupt(
-        flight.delta_angles, flight.delta_velocities, biases, dt, rng_imu
+        flight.delta_angles, flight.delta_velocities, biases, dt, streams.imu
     )
-    initial = np.sqrt(np.diag(flight.prior_cov)) * rng_initial.standard_normal(STATES)
+    initial = np.sqrt(np.diag(flight.prior_cov)) * streams.initial.standard_normal(STATES)
     positions, velocities, attitudes = strapdown.navigate(
         *_perturbed(truth, initial), delta_angles, delta_velocities, dt
     )
-    output = flight.gradiometer.output(flight.noise_free, rng_gradiometer)
+    output = flight.gradiometer.output(flight.noise_free, streams.gradiometer)
 
     matrices = system_matrices(positions, velocities, attitudes, delta_velocities, dt)
     transition, process_cov = flight.transitions(matrices, positions, attitudes)
