@@ -8,10 +8,11 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: help paper test lint format typecheck wheel-check lock clean
+.PHONY: help paper sweep test lint format typecheck wheel-check lock clean
 
 help:
 	@echo "make paper        run the scenario wang2013 and write its report to reports/"
+	@echo "make sweep        run the scenario noise_rate_sweep and write its report to reports/"
 	@echo "make test         run the tests"
 	@echo "make lint         check style and format"
 	@echo "make format       apply style fixes and format"
@@ -23,6 +24,10 @@ help:
 paper: $(INSTALLED)
 	$(BIN)/ggbench run wang2013 --assumptions --fresh -o results/wang2013
 	$(BIN)/ggbench report results/wang2013 -o reports
+
+sweep: $(INSTALLED)
+	$(BIN)/ggbench run noise_rate_sweep --fresh -o results/noise_rate_sweep
+	$(BIN)/ggbench report results/noise_rate_sweep -o reports
 
 test: $(INSTALLED)
 	$(BIN)/python -m pytest

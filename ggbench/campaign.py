@@ -1,42 +1,29 @@
-"""Many runs: tasks, worker processes, storage, summary.
+"""Many runs: what they are, which of them are stored already, and running the others.
 
 A task is one run of one case, simulated once and given to every estimator, so that differences
-between estimators are paired. Results are stored as they arrive; what a folder already holds of
-the same campaign is not run again.
+between estimators are paired. Results are stored as they arrive, under keys of their content
+(:mod:`ggbench.keys`); what a folder already holds is not run again.
 """
 
 from __future__ import annotations
 
 import contextlib
 import datetime
-import hashlib
-import importlib.metadata
-import importlib.resources
-import itertools
 import os
 import platform
-import signal
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
-from multiprocessing import get_context
+from collections.abc import Callable, Generator, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import pandas as pd
-
-from . import __version__, metrics
+from . import keys
 from .errors import GGBenchError
-from .registry import choose
-from .runner import DETAILED_RUN, Result, Task, flight_of, lag_epochs, run_task, shared_arrays
+from .registry import EstimatorError, choose
+from .runner import DETAILED_RUN, Task, flight_of, lag_epochs, shared_arrays
 from .scenario import Scenario
+from .schema import CaseSpec
 from .simulation import simulate
-from .store import FORMAT, RESULT_FILES, Store, StoreError
-
-_PACKAGES = ("numpy", "scipy", "filterpy", "gtsam", "numba")
-"""Packages whose version may change a result."""
+from .store import FORMAT, Result, Store, StoreError, is_ours, read_manifest
 
 
 class CampaignError(GGBenchError):
@@ -51,32 +38,21 @@ def check(scenario: Scenario, assumptions: bool) -> None:
     CampaignError
         If a map cannot be made, a flight leaves it, or a filter cannot be computed.
     """
-    studies = scenario.assumptions if assumptions else ()
-    named = [("", case) for case in scenario.cases]
-    named += [(f"assumption {study.name}, ", case) for study in studies for case in study.cases]
-    for prefix, case in named:
+    for study, case in _cases(scenario, assumptions):
         try:
             simulate(flight_of(case), seed=0, run=0)
         except GGBenchError as error:
+            prefix = f"assumption {study}, " if study else ""
             raise CampaignError(f"{scenario.name}, {prefix}case {case.name}: {error}") from None
 
 
-def plan(
-    scenario: Scenario, labels: Sequence[str], runs: int, seed: int, assumptions: bool
-) -> list[Task]:
-    """Return the tasks of a campaign, run by run, so that an interrupted one has all cases."""
-    tasks = []
-    settings = scenario.campaign
-    studied = (choose(settings.assumption_estimator).label,)
-    for run in range(runs):
-        tasks += [Task(case, "", run, seed, tuple(labels)) for case in scenario.cases]
-        if assumptions and run < min(runs, settings.assumption_runs):
-            tasks += [
-                Task(case, study.name, run, seed, studied)
-                for study in scenario.assumptions
-                for case in study.cases
-            ]
-    return tasks
+def _cases(scenario: Scenario, assumptions: bool) -> Iterator[tuple[str, CaseSpec]]:
+    """Yield every case with the name of the study it belongs to, "" for the cases themselves."""
+    for case in scenario.cases:
+        yield "", case
+    for study in scenario.assumptions if assumptions else ():
+        for case in study.cases:
+            yield study.name, case
 
 
 @dataclass
@@ -85,70 +61,125 @@ class Campaign:
 
     Parameters
     ----------
-    scenario : the scenario.
+    scenario : the whole scenario.
+    argument : the text by which the user named it.
     labels : estimators as chosen, ``ukf[points=merwe]``.
     runs, seed : number of runs per case, and the seed from which all randomness comes.
     assumptions : also study the scenario's assumptions.
     folder : where results go.
+    cases : names of the cases to run; none: all.
+    limit : longest time of one run of one estimator [s].
     fresh : discard what the folder holds of an earlier campaign.
     """
 
     scenario: Scenario
+    argument: str
     labels: tuple[str, ...]
     runs: int
     seed: int
     assumptions: bool
     folder: Path
+    cases: tuple[str, ...] = ()
+    limit: float = 600.0
     fresh: bool = False
 
-    def open(self) -> Store:
-        """Return the results folder, made or found again.
+    def open(self) -> tuple[Store, list[str]]:
+        """Return the results folder, made or found again, and remarks for the user.
 
         Raises
         ------
         StoreError
-            If the folder holds results of another campaign (and ``fresh`` is not set).
+            If the folder holds something else, or results of another scenario.
+        CampaignError
+            If no estimator can take the scenario.
         """
-        manifest = self._manifest()
+        self._require_folder()
+        remarks = self._leave_out()
+        store = Store(self.folder, create=True, fresh=self.fresh)
+        whole = self
         if (self.folder / "manifest.json").exists():
-            if self.fresh:
-                _discard(self.folder)
-            else:
-                manifest = self._joined(manifest)
-        elif self.fresh and any((self.folder / name).exists() for name in RESULT_FILES):
-            _discard(self.folder)
-        elif self.folder.is_dir() and any(self.folder.iterdir()):
-            raise StoreError(
-                f"{self.folder} is not empty and holds no results; choose another -o, or --fresh "
-                "if they are what is left of results"
+            whole = self._joined(store)
+        manifest = whole._manifest()
+        whole._share(store)
+        store.write_manifest(manifest)
+        used = {cell["key"] for cell in manifest["cells"]}
+        unused = sum(key not in used for key, _ in store.finished())
+        if unused:
+            remarks.append(
+                f"{self.folder} holds {unused} results of other content (seed, scenario, source, "
+                "versions): they are kept and not used; --fresh discards them"
             )
-        store = Store(self.folder, create=True)
-        store.write_text("scenario.toml", self.scenario.source)
-        store.write_json("manifest.json", manifest)
-        return store
+        return store, remarks
 
-    def prepare_cases(self, store: Store) -> list[str]:
-        """Store what each case's runs share; return why estimators must be left out, if any are.
+    def tasks(self, store: Store) -> list[Task]:
+        """Return the tasks whose results are not stored yet.
 
-        An estimator that cannot take a problem (``skip``) is left out of the whole campaign.
+        Run by run, so that an interrupted campaign has runs of all cases.
         """
+        finished = store.finished(self.limit)
+        cells = self._cells()
+        tasks = []
+        for run in range(self.runs):
+            for study, case, estimators in cells:
+                if study and run >= self.scenario.campaign.assumption_runs:
+                    continue
+                missing = tuple(pair for pair in estimators if (pair[1], run) not in finished)
+                if missing:
+                    tasks.append(Task(case, study, run, self.seed, missing))
+        return tasks
+
+    def check(self) -> None:
+        """Fly everything that is to be flown without errors (:func:`check`)."""
+        check(self._selected, self.assumptions)
+
+    @property
+    def _selected(self) -> Scenario:
+        return self.scenario.select(self.cases) if self.cases else self.scenario
+
+    def _cells(self) -> list[tuple[str, CaseSpec, tuple[tuple[str, str], ...]]]:
+        """Return every study and case with its estimators and the keys of their runs."""
+        choices = [choose(label) for label in self.labels]
+        studied = [choose(self.scenario.campaign.assumption_estimator)]
+        return [
+            (
+                study,
+                case,
+                tuple(
+                    (choice.label, keys.run_key(case, choice, self.seed))
+                    for choice in (studied if study else choices)
+                ),
+            )
+            for study, case in _cases(self._selected, self.assumptions)
+        ]
+
+    def _require_folder(self) -> None:
+        """Raise StoreError if the folder holds something that is not ours, or not to be joined."""
+        if self.folder.is_dir():
+            names = [path.name for path in self.folder.iterdir()]
+            if names and not any(map(is_ours, names)):
+                raise StoreError(
+                    f"{self.folder} is not empty and holds no results; choose another -o"
+                )
+        if (self.folder / "manifest.json").exists() and not self.fresh:
+            held = read_manifest(self.folder)["scenario"]
+            if held != self.scenario.name:
+                raise StoreError(
+                    f"{self.folder} holds results of the scenario {held}, not of "
+                    f"{self.scenario.name}; choose another -o, or --fresh to discard them"
+                )
+
+    def _leave_out(self) -> list[str]:
+        """Leave estimators out that cannot take a problem (``skip``); return why."""
         reasons: dict[str, str] = {}
-        for case in self.scenario.cases:
-            flight = flight_of(case)
-            problem, _ = simulate(flight, self.seed, DETAILED_RUN)
-            lags: set[int] = set()
+        for case in self._selected.cases:
+            problem, _ = simulate(flight_of(case), self.seed, DETAILED_RUN)
             for label in self.labels:
-                estimator = choose(label).estimator
                 try:
-                    reason = estimator.skip(problem)
+                    reason = choose(label).estimator.skip(problem)
                 except Exception as error:
                     reason = f"its skip raises {type(error).__name__}: {error}"
                 if reason:
                     reasons.setdefault(label, f"{label} is left out: {reason}")
-                elif estimator.causality == "fixed-lag":
-                    lags.add(lag_epochs(case, vars(estimator)["lag"]))
-            lags |= store.stored_lags(case.name)
-            store.write_arrays(case.name, shared_arrays(flight, self.seed, sorted(lags)))
         self.labels = tuple(label for label in self.labels if label not in reasons)
         if not self.labels:
             raise CampaignError(
@@ -156,66 +187,58 @@ class Campaign:
             )
         return list(reasons.values())
 
-    def tasks(self, store: Store) -> list[Task]:
-        """Return the tasks whose results are not stored yet."""
-        finished = store.finished()
-        open_tasks = []
-        for task in plan(self.scenario, self.labels, self.runs, self.seed, self.assumptions):
-            missing = tuple(
-                label
-                for label in task.estimators
-                if (task.assumption, task.case.name, label, task.run) not in finished
-            )
-            if missing:
-                open_tasks.append(Task(task.case, task.assumption, task.run, task.seed, missing))
-        return open_tasks
-
-    def _identity(self) -> dict[str, Any]:
-        """Return what must agree for results to belong to one campaign."""
-        maps = {case.field.source for case in self.scenario.cases}
-        return {
-            "scenario": self.scenario.name,
-            "scenario_hash": self.scenario.content_hash,
-            "seed": self.seed,
-            "ggbench": __version__,
-            "source_hash": source_hash(),
-            "map_files": _file_hashes(name for name in maps if name.endswith(".npz")),
-            "versions": {
-                "python": platform.python_version(),
-                **{name: importlib.metadata.version(name) for name in _PACKAGES},
-            },
-        }
-
-    def _joined(self, manifest: dict[str, Any]) -> dict[str, Any]:
-        """Return the manifest of this campaign together with what its folder already holds."""
-        old = Store(self.folder).manifest()
-        files = manifest["estimator_files"]
-        same = {name: files.get(name, digest) for name, digest in old["estimator_files"].items()}
-        for key, value in {**self._identity(), "estimator_files": same}.items():
-            if old.get(key) != value:
-                raise StoreError(
-                    f"{self.folder} holds results with another {key.replace('_', ' ')} "
-                    f"({old.get(key)}, now {value}); choose another -o, or --fresh to discard them"
-                )
-        return manifest | {
-            "runs": max(old["runs"], self.runs),
-            "estimators": list(dict.fromkeys([*old["estimators"], *self.labels])),
-            "estimator_files": old["estimator_files"] | files,
-            "assumptions": old["assumptions"] or self.assumptions,
-        }
+    def _joined(self, store: Store) -> Campaign:
+        """Return this campaign together with what its folder holds of the same content."""
+        old = read_manifest(self.folder)
+        now = keys.environment() | {"seed": self.seed}
+        if any(old[name] != value for name, value in now.items()):
+            return self
+        known = [case.name for case in self.scenario.cases]
+        cases = {*old["cases"], *(self.cases or known)}
+        finished = {key for key, _ in store.finished()}
+        labels = []
+        for label in [*old["estimators"], *self.labels]:
+            with contextlib.suppress(EstimatorError):  # its file may be gone
+                choice = choose(label)
+                held = {keys.run_key(case, choice, self.seed) for case in self.scenario.cases}
+                if choice.label not in labels and (choice.label in self.labels or held & finished):
+                    labels.append(choice.label)
+        return replace(
+            self,
+            labels=tuple(labels),
+            runs=max(old["runs"], self.runs),
+            assumptions=old["assumptions"] or self.assumptions,
+            cases=tuple(name for name in known if name in cases),
+        )
 
     def _manifest(self) -> dict[str, Any]:
+        cases = self._selected.cases
         return {
             "format": FORMAT,
-            **self._identity(),
+            **keys.environment(),
+            "scenario": self.scenario.name,
+            "scenario_hash": self.scenario.content_hash,
+            "scenario_text": self.scenario.source,
+            "argument": self.argument,
             "title": self.scenario.title,
             "notes": self.scenario.notes,
+            "seed": self.seed,
             "runs": self.runs,
-            "estimators": list(self.labels),
-            "estimator_files": _file_hashes(
-                name for label in self.labels if (name := label.partition("[")[0]).endswith(".py")
-            ),
+            "estimators": {label: choose(label).content for label in self.labels},
+            "cases": [case.name for case in cases],
             "assumptions": self.assumptions,
+            "cells": [
+                {
+                    "assumption": study,
+                    "case": case.name,
+                    "case_hash": case.content_hash,
+                    "estimator": label,
+                    "key": key,
+                }
+                for study, case, estimators in self._cells()
+                for label, key in estimators
+            ],
+            "shared": {case.name: keys.case_key(case, self.seed) for case in cases},
             "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
             "machine": {
                 "system": platform.system(),
@@ -224,139 +247,34 @@ class Campaign:
             },
         }
 
-
-def source_hash() -> str:
-    """Return a hash of the package's source."""
-    digest = hashlib.sha256()
-    for package in ("ggbench", "ggbench.estimators"):
-        folder = importlib.resources.files(package)
-        for file in sorted(folder.iterdir(), key=lambda f: f.name):
-            if file.name.endswith(".py"):
-                digest.update(file.name.encode() + file.read_bytes())
-    return digest.hexdigest()[:16]
-
-
-def _file_hashes(names: Iterable[str]) -> dict[str, str]:
-    """Return a hash of each of the user's own files, by its name."""
-    return {n: hashlib.sha256(Path(n).read_bytes()).hexdigest()[:16] for n in sorted(set(names))}
-
-
-def _discard(folder: Path) -> None:
-    """Remove the files of an earlier campaign, and nothing else."""
-    for path in [*(folder / name for name in RESULT_FILES), *folder.glob("case-*.npz")]:
-        path.unlink(missing_ok=True)
-
-
-@contextlib.contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """Hold Ctrl-C back; processes started meanwhile never receive it.
-
-    The parent decides what an interrupt means; a worker finishes its task.
-    """
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    def _share(self, store: Store) -> None:
+        """Store what each case's runs share, unless it is stored: bounds, signals for figures."""
+        lagged = [
+            estimator
+            for label in self.labels
+            if (estimator := choose(label).estimator).causality == "fixed-lag"
+        ]
+        for case in self._selected.cases:
+            key = keys.case_key(case, self.seed)
+            lags = {lag_epochs(case, vars(estimator)["lag"]) for estimator in lagged}
+            if store.has_arrays(key):
+                held = store.arrays(key, case.name)
+                missing = {lag for lag in lags if f"bound-fixed-lag-{lag}" not in held}
+                if not missing:
+                    continue
+                prefix = "bound-fixed-lag-"
+                lags |= {int(n.removeprefix(prefix)) for n in held if n.startswith(prefix)}
+            store.write_arrays(key, shared_arrays(flight_of(case), self.seed, sorted(lags)))
 
 
 def execute(
-    tasks: Sequence[Task], store: Store, jobs: int, progress: Callable[[int, int], None]
+    results: Generator[list[Result]], store: Store, progress: Callable[[list[Result]], None]
 ) -> None:
-    """Run tasks in ``jobs`` worker processes (0: in this one) and store results as they arrive.
+    """Store the results of an engine as they come, and tell ``progress`` of them.
 
-    ``progress(done, of)`` is called after each task. KeyboardInterrupt passes through after the
-    tasks in flight have been stored.
-
-    Raises
-    ------
-    CampaignError
-        If a worker process dies.
+    However it ends, the engine is closed: nothing runs on.
     """
-    progress(0, len(tasks))
-    if jobs == 0:
-        for done, task in enumerate(tasks, 1):
-            store.add(run_task(task))
-            progress(done, len(tasks))
-        return
-    # Spawned, not forked: the parent has threads and compiled code.
-    pool = ProcessPoolExecutor(jobs, get_context("spawn"))
-    waiting: set[Future[list[Result]]] = set()
-    queue = iter(tasks)
-    done = 0
-    try:
-        while True:
-            with _interrupts_held():  # submitting starts the processes
-                for task in itertools.islice(queue, 3 * jobs - len(waiting)):
-                    waiting.add(pool.submit(run_task, task))
-            if not waiting:
-                break
-            ready, waiting = wait(waiting, return_when=FIRST_COMPLETED)
-            for future in ready:
-                store.add(future.result())
-                done += 1
-                progress(done, len(tasks))
-    except KeyboardInterrupt:
-        for future in waiting:
-            future.cancel()
-        for future in waiting:
-            if not future.cancelled() and future.exception() is None:
-                store.add(future.result())
-        raise
-    except BrokenProcessPool:
-        raise CampaignError(
-            f"a worker process died (out of memory, or killed); the {done} tasks that finished are "
-            f"in {store.folder}, and the same command goes on from there"
-        ) from None
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
-
-
-def summarize(store: Store, scenario: Scenario) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Write ``summary.csv`` (and ``assumptions.csv``) from the records; return both tables."""
-    references = {
-        case.name: (case.reference.position_mrse_m, case.reference.velocity_mrse_mps)
-        if case.reference
-        else None
-        for case in scenario.cases
-    }
-    records = list(store.records())
-    # Rows in the order in which the cases and estimators were asked for.
-    bounds: dict[tuple[str, str], dict[str, tuple[float, float]]] = {
-        (case.name, label): {}
-        for case in scenario.cases
-        for label in store.manifest()["estimators"]
-    }
-    names = {(r["case"], r["estimator"]): r["bound"] for r in records if r["status"] == "ok"}
-    for (case_name, label), name in names.items():
-        case, arrays = scenario.case(case_name), store.arrays(case_name)
-        for window in metrics.WINDOWS:
-            mask = metrics.window_mask(arrays["times"], case.windows, window)
-            position, velocity = np.sqrt(arrays[f"bound-{name}"][mask].mean(axis=0))
-            bounds[case_name, label][window] = (float(position), float(velocity))
-    summary = metrics.summarize(records, bounds, references, scenario.name)
-    store.write_text("summary.csv", summary[list(metrics.SUMMARY_COLUMNS)].to_csv(index=False))
-    return summary, _summarize_studies(store, scenario, records, references)
-
-
-def _summarize_studies(
-    store: Store,
-    scenario: Scenario,
-    records: list[dict[str, Any]],
-    references: Mapping[str, tuple[float, float] | None],
-) -> pd.DataFrame:
-    """Write ``assumptions.csv``: each assumption's rows, and as ``""`` the same runs without it."""
-    groups = {study.name: list(store.records(study.name)) for study in scenario.assumptions}
-    runs = {record["run"] for group in groups.values() for record in group}
-    if not runs:
-        return pd.DataFrame()
-    estimator = choose(scenario.campaign.assumption_estimator).label
-    groups[""] = [r for r in records if r["run"] in runs and r["estimator"] == estimator]
-    frames = [
-        metrics.summarize(group, {}, references, scenario.name).assign(assumption=name)
-        for name, group in groups.items()
-        if group
-    ]
-    studies = pd.concat(frames, ignore_index=True)
-    store.write_text("assumptions.csv", studies.to_csv(index=False))
-    return studies
+    with contextlib.closing(results):
+        for batch in results:
+            store.add(batch)
+            progress(batch)

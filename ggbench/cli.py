@@ -1,37 +1,27 @@
-"""The ``ggbench`` command: list, validate, run, report."""
+"""The ``ggbench`` command: list, validate, run, report, show, compare."""
 
 from __future__ import annotations
 
-import datetime
 import os
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from rich import box
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
 from rich.table import Table
 
 from .errors import GGBenchError
 
 if TYPE_CHECKING:
-    import pandas as pd
-
-    from .scenario import Scenario
+    from .campaign import Campaign
+    from .store import Store
 
 console = Console()
+if not console.is_terminal:
+    console.width = 120  # a file or a pipe has no edge at which tables must fold
+EXIT_WORSE = 1
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
 
@@ -65,7 +55,11 @@ def list_command() -> None:
     table = Table("scenario", "title", "cases", title="Scenarios", title_justify="left")
     for name in scenario.shipped():
         loaded = scenario.load(name)
-        table.add_row(name, escape(loaded.title), ", ".join(case.name for case in loaded.cases))
+        cases = ", ".join(case.name for case in loaded.cases)
+        if loaded.sweep:
+            axes = (f"{len(axis.values)} of {axis.name}" for axis in loaded.sweep.axes)
+            cases = f"{len(loaded.cases)}: {' × '.join(axes)}"
+        table.add_row(name, escape(loaded.title), cases)
     console.print(table)
     table = Table("estimator", "what it is", "parameters", title="Estimators", title_justify="left")
     for name, cls in registry.registered().items():
@@ -101,27 +95,57 @@ def validate(file: str) -> None:
     help="Estimator to run: a name or a .py file; repeat for more. Default: the scenario's.",
 )  # fmt: skip
 @click.option("-n", "--runs", type=click.IntRange(1), help="Runs per case [the scenario's].")
+@click.option("-s", "--seed", type=click.IntRange(0), help="Seed [the scenario's].")
+@click.option(
+    "-c", "--case", "cases", multiple=True, metavar="NAME", help="Case to run; repeat for more."
+)
+@click.option("--assumptions", is_flag=True, help="Also study the scenario's assumptions.")
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path), help="Results folder [results/SCENARIO]."
+)
+@click.option(
+    "--resume/--fresh",
+    default=True,
+    help="Go on from what the results folder holds, or discard it  [resume].",
+)
 @click.option(
     "-j",
     "--jobs",
     type=click.IntRange(0),
-    help="Worker processes [all processors]; 0: none, to debug.",
+    help="Worker processes [all processors]; 0: none, to debug, without time limit.",
 )
-@click.option("-s", "--seed", type=click.IntRange(0), help="Seed [the scenario's].")
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="Results folder [new].")
-@click.option("--assumptions", is_flag=True, help="Also study the scenario's assumptions.")
-@click.option("--fresh", is_flag=True, help="Discard what the results folder holds.")
+@click.option("--cluster", metavar="ADDRESS", help="Run on the Dask scheduler at this address.")
+@click.option(
+    "--time-limit",
+    type=click.FloatRange(0.0, min_open=True),
+    metavar="SECONDS",
+    help="Longest time of one run of one estimator [the scenario's, else 600].",
+)
+@click.option(
+    "--run",
+    "one_run",
+    type=click.IntRange(0),
+    metavar="K",
+    help="Only run number K, in this process; tell its story and store nothing.",
+)
 def run(
     scenario_name: str,
     estimators: tuple[str, ...],
     runs: int | None,
-    jobs: int | None,
     seed: int | None,
-    output: Path | None,
+    cases: tuple[str, ...],
     assumptions: bool,
-    fresh: bool,
+    output: Path | None,
+    resume: bool,
+    jobs: int | None,
+    cluster: str | None,
+    time_limit: float | None,
+    one_run: int | None,
 ) -> None:
-    """Run a scenario: SCENARIO is the name of a shipped one or a path."""
+    """Run a scenario: SCENARIO is the name of a shipped one or a path.
+
+    Finished runs are stored at once; the same command goes on where it was stopped.
+    """
     from . import campaign, scenario
 
     loaded = scenario.load(scenario_name)
@@ -129,41 +153,136 @@ def run(
     if assumptions:  # its runs without the change are what the study is compared with
         texts.append(loaded.campaign.assumption_estimator)
     labels = tuple(dict.fromkeys(_choose(text) for text in texts))
-    stamp = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
-    folder = output or Path("results") / f"{loaded.name}-{stamp}"
+    seed = loaded.campaign.seed if seed is None else seed
+    if one_run is not None:
+        from . import story
+
+        good = story.repeat(loaded, cases, labels, seed, one_run, console)
+        sys.exit(0 if good else EXIT_WORSE)
+    if cluster and jobs is not None:
+        raise click.UsageError("-j is for this machine and --cluster for others: give one of them")
     work = campaign.Campaign(
         loaded,
+        scenario_name,
         labels,
         runs or loaded.campaign.runs,
-        loaded.campaign.seed if seed is None else seed,
+        seed,
         assumptions,
-        folder,
-        fresh,
+        output or Path("results") / loaded.name,
+        cases,
+        time_limit or loaded.campaign.time_limit_s,
+        not resume,
     )
-    campaign.check(loaded, assumptions)
-    store = work.open()
-    interrupted = False
+    work.check()
+    store, remarks = work.open()
+    for remark in remarks:
+        click.echo(remark)
+    interrupted = _execute(work, store, jobs, cluster)
+    _finish(work.folder, store, interrupted)
+
+
+def _execute(work: Campaign, store: Store, jobs: int | None, cluster: str | None) -> bool:
+    """Run what is missing; return whether it was interrupted."""
+    from . import campaign, execution
+    from .progress import Progress
+    from .results import Results
+
+    tasks = work.tasks(store)
+    if not tasks:
+        return False
+    if cluster:
+        from .cluster import on_cluster
+
+        engine = on_cluster(tasks, cluster, work.limit)
+    elif jobs == 0:
+        engine = execution.in_process(tasks)
+    else:
+        engine = execution.in_processes(tasks, jobs or os.cpu_count() or 1, work.limit)
+    held = Results(work.folder, store)
+    cells = {c.key: (c.case, c.estimator) for c in held.cells if not c.assumption}
+    total = sum(len(task.estimators) for task in tasks)
+    progress = Progress(work.scenario.name, total, cells, console)
+    for key in cells:
+        progress.count_stored((key, record) for record in store.records(key, work.runs))
     try:
-        for reason in work.prepare_cases(store):
-            click.echo(reason)
-        tasks = work.tasks(store)
-        with _progress(f"{loaded.name}") as progress:
-            campaign.execute(
-                tasks, store, (os.cpu_count() or 1) if jobs is None else jobs, progress
-            )
+        with progress:
+            campaign.execute(engine, store, progress.update)
     except KeyboardInterrupt:
-        interrupted = True
-    summary, _ = campaign.summarize(store, loaded)
-    store.close()
+        return True
+    return False
+
+
+def _finish(folder: Path, store: Store, interrupted: bool) -> None:
+    """Write the tables of what is stored, print the summary, say how to go on."""
+    from .results import Results, write_tables
+    from .terminal import print_summary
+
+    results = Results(folder, store)
+    summary = write_tables(results)
     if len(summary):
-        _print_summary(summary, loaded)
+        print_summary(summary, results.scenario, console)
+    failed = len(results.failures())
+    store.close()
+    if failed:
+        click.echo(f"{failed} runs failed: 'ggbench show {folder}' tells why and repeats them.")
     if interrupted:
         click.echo(
             f"Interrupted. The runs that finished are in {folder}: 'ggbench report {folder}' "
-            "reports them, the same command with -o goes on."
+            "reports them, the same command goes on."
         )
         sys.exit(EXIT_INTERRUPTED)
     click.echo(f"Results are in {folder}; 'ggbench report {folder}' writes the report.")
+
+
+@main.command()
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option("--run", "number", type=click.IntRange(0), metavar="K", help="Run to show.")
+@click.option("-c", "--case", metavar="NAME", help="Case to show.")
+def show(folder: Path, number: int | None, case: str | None) -> None:
+    """Show what a results FOLDER holds and the story of one run.
+
+    Without --run or --case: those that most deserve a look.
+    """
+    from . import story
+    from .results import Results
+
+    results = Results(folder)
+    chosen, which, reason = story.choose_run(results, case, number)
+    if number is None:
+        story.overview(results, console)
+    console.print(f"Shown: {reason}", highlight=False, markup=False)
+    story.tell(results, chosen, which, console)
+
+
+@main.command()
+@click.argument("before", type=click.Path(path_type=Path))
+@click.argument("after", type=click.Path(path_type=Path))
+@click.option(
+    "--threshold",
+    type=click.FloatRange(0.0),
+    default=0.0,
+    show_default=True,
+    help="Relative increase of an error that is still accepted; 0.05: five percent.",
+)
+@click.option(
+    "--window",
+    type=click.Choice(["whole", "settled", "last20"]),
+    default="settled",
+    show_default=True,
+    help="Part of the flight over which errors are averaged.",
+)
+def compare(before: Path, after: Path, threshold: float, window: str) -> None:
+    """Compare two results folders: what got better or worse, and how surely.
+
+    Exit code 1 if something got significantly worse than the threshold.
+    """
+    from .comparison import compare as compare_runs
+    from .results import Results
+    from .terminal import print_comparison
+
+    compared = compare_runs(Results(before).table, Results(after).table, threshold, window)
+    print_comparison(compared, console)
+    sys.exit(EXIT_WORSE if compared.worse else 0)
 
 
 @main.command()
@@ -184,81 +303,3 @@ def _choose(text: str) -> str:
     from . import registry
 
     return registry.choose(text).label
-
-
-class _progress:
-    """Progress of a campaign: a bar in a terminal, a plain line now and then elsewhere."""
-
-    def __init__(self, title: str) -> None:
-        self._title = title
-        self._bar: Progress | None = None
-
-    def __enter__(self) -> Callable[[int, int], None]:
-        self._start = self._last = time.monotonic()
-        if console.is_terminal:
-            self._bar = Progress(
-                TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(),
-                TextColumn("elapsed"), TimeElapsedColumn(),
-                TextColumn("left"), TimeRemainingColumn(),
-                console=console,
-            )  # fmt: skip
-            self._task = self._bar.add_task(f"{self._title} (case runs)", total=None)
-            self._bar.start()
-        return self._show
-
-    def __exit__(self, *exception: object) -> None:
-        if self._bar is not None:
-            self._bar.stop()
-
-    def _show(self, done: int, total: int) -> None:
-        if self._bar is not None:
-            self._bar.update(self._task, completed=done, total=total)
-            return
-        now = time.monotonic()
-        if done == total or now - self._last > 10.0:
-            self._last = now
-            left = (now - self._start) * (total - done) / done if done else 0.0
-            click.echo(f"{self._title}: {done} of {total} case runs, {left:.0f} s left")
-
-
-def _print_summary(summary: pd.DataFrame, scenario: Scenario) -> None:
-    """Print the settled window of every case: causal estimators, best first, then smoothers."""
-    from .tables import rows_of
-
-    for case in scenario.cases:
-        rows = rows_of(summary, case, "settled")
-        if not rows:
-            continue
-        table = Table(
-            title=f"{escape(case.title)}: MRSE from {case.windows.settled_from_s:g} s on",
-            title_justify="left",
-            box=box.SIMPLE_HEAD,
-            pad_edge=False,
-            padding=(0, 1, 0, 0),
-        )
-        table.add_column("estimator", no_wrap=True)
-        for heading in ("m", "m/s", "/bound", "NEES", "fail/div", "ms/run"):
-            table.add_column(heading, justify="right", no_wrap=True, min_width=len(heading) + 2)
-        causal = True
-        for row in rows.values():
-            if causal and row["causality"] in ("fixed-lag", "batch"):
-                causal = False
-                table.add_section()
-            table.add_row(
-                escape(row["label"]),
-                f"{row['position_mrse_m']:.3f}",
-                f"{row['velocity_mrse_mps']:.4f}",
-                f"{row['position_efficiency']:.3f}",
-                f"{row['nees_mean']:.2f}",
-                f"{row['failed']}/{row['diverged']}",
-                f"{1e3 * row['seconds_per_run']:.1f}",
-            )
-        table.add_section()
-        if case.reference:
-            table.add_row(
-                "paper",
-                f"{case.reference.position_mrse_m:.3f}",
-                f"{case.reference.velocity_mrse_mps:.4f}",
-                style="dim",
-            )
-        console.print(table)

@@ -1,11 +1,13 @@
 """How good an estimate is: errors, consistency, divergence, and their summary over runs.
 
 A run is judged once, in the worker, by :func:`evaluate`; :func:`summarize` then turns the stored
-records of many runs into one row per case, estimator and window.
+records of many runs into one row per case, estimator and window, and :func:`paired_table` sets the
+estimators beside each other, run by run.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -19,13 +21,12 @@ from .bound import Bound
 from .problem import Estimate, Problem
 from .schema import WindowsSpec
 from .simulation import Truth
+from .statistics import coverage_band, nees_band, nis_band, paired_all, root_mean_interval
 
 WINDOWS = ("whole", "settled", "last20")
 JUDGED = 6
 """Position and velocity error: the states whose consistency is judged."""
 COVERAGE = 0.95
-_BOOTSTRAP_SAMPLES = 2000
-_BOOTSTRAP_SEED = 20130
 
 SUMMARY_COLUMNS = (
     "scenario", "case", "estimator", "parameters", "causality", "runs", "failed", "diverged",
@@ -37,6 +38,17 @@ SUMMARY_COLUMNS = (
 EXTRA_COLUMNS = (
     "label", "velocity_efficiency", "position_without_diverged_m", "position_median_m",
     "position_p95_m", "nis_mean", "coverage", "map_evaluations",
+    "velocity_median_mps", "velocity_p95_mps", "nis_lo", "nis_hi", "coverage_lo", "coverage_hi",
+)  # fmt: skip
+_QUANTITIES = {"position": "m2", "velocity": "m2ps2"}
+"""Judged quantities, and the unit of their squared errors."""
+PAIRED_COLUMNS = (
+    "case", "window", "first", "second", "runs", "first_only", "second_only",
+    *(
+        f"{quantity}_{figure}"
+        for quantity, unit in _QUANTITIES.items()
+        for figure in (f"difference_{unit}", "lo", "hi", "relative", "win_rate", "verdict")
+    ),
 )  # fmt: skip
 
 
@@ -141,7 +153,8 @@ def window_figures(
     evaluation: Evaluation, times: np.ndarray, windows: WindowsSpec
 ) -> dict[str, dict[str, float]]:
     """Return each window's mean squared errors, mean NEES and NIS, and coverage of one run."""
-    inside = evaluation.nees <= chi2.ppf(COVERAGE, JUDGED)
+    inside = (evaluation.nees <= chi2.ppf(COVERAGE, JUDGED)).astype(float)
+    inside[np.isnan(evaluation.nees)] = np.nan
     figures = {}
     for name in WINDOWS:
         mask = window_mask(times, windows, name)
@@ -160,37 +173,12 @@ def has_diverged(final_error: float, final_bound: float, final_ins_error: float)
     return final_error > max(10.0 * final_bound, final_ins_error)
 
 
-def root_mean_interval(mean_squares: np.ndarray) -> tuple[float, float, float]:
-    """Return √mean over runs and its 95 % bootstrap interval (over runs, fixed seed).
-
-    One run has no interval: its ends are NaN.
-    """
-    value = math.sqrt(float(np.mean(mean_squares)))
-    if len(mean_squares) < 2:
-        return value, math.nan, math.nan
-    rng = np.random.default_rng(_BOOTSTRAP_SEED)
-    draws = rng.integers(0, len(mean_squares), (_BOOTSTRAP_SAMPLES, len(mean_squares)))
-    low, high = np.percentile(np.sqrt(mean_squares[draws].mean(axis=1)), [2.5, 97.5])
-    return value, float(low), float(high)
-
-
-def nees_band(runs: int, dimension: int = JUDGED) -> tuple[float, float]:
-    """Return the 95 % band of the mean NEES of a consistent estimator over ``runs`` runs.
-
-    χ² with runs × dimension degrees of freedom, as if each run were a single epoch (its epochs
-    are strongly correlated): the false-alarm rate of a window's mean is 5 % at most.
-    """
-    if runs == 0:
-        return math.nan, math.nan
-    low, high = chi2.ppf([0.025, 0.975], runs * dimension) / runs
-    return float(low), float(high)
-
-
 def summarize(
     records: Iterable[Mapping[str, Any]],
     bounds: Mapping[tuple[str, str], Mapping[str, tuple[float, float]]],
     references: Mapping[str, tuple[float, float] | None],
     scenario: str,
+    readings: Mapping[str, Mapping[str, tuple[int, int]]] | None = None,
 ) -> pd.DataFrame:
     """Return one row per case, estimator and window, with :data:`SUMMARY_COLUMNS` and more.
 
@@ -200,6 +188,8 @@ def summarize(
     bounds : (case, estimator) to window to root-mean bounds on position [m] and velocity [m/s].
     references : case to published position and velocity MRSE, or None.
     scenario : name of the scenario.
+    readings : case to window to (epochs, components): its readings in one run. Where absent, the
+        mean NIS has no band.
 
     Returns
     -------
@@ -216,6 +206,7 @@ def summarize(
         good = [record for record in group if record["status"] == "ok"]
         reference = references.get(case)
         first = group[0]
+        sizes = (readings or {}).get(case, {})
         for window in WINDOWS:
             row: dict[str, Any] = {
                 "scenario": scenario,
@@ -231,13 +222,17 @@ def summarize(
                 "paper_position_m": reference[0] if reference else math.nan,
                 "paper_velocity_mps": reference[1] if reference else math.nan,
             }
-            row |= _window_row(good, window, bounds.get((case, estimator), {}).get(window))
+            bound = bounds.get((case, estimator), {}).get(window)
+            row |= _window_row(good, window, bound, sizes.get(window, (0, 0)))
             rows.append(row)
     return pd.DataFrame(rows).reindex(columns=[*SUMMARY_COLUMNS, *EXTRA_COLUMNS])
 
 
 def _window_row(
-    good: list[Mapping[str, Any]], window: str, bound: tuple[float, float] | None
+    good: list[Mapping[str, Any]],
+    window: str,
+    bound: tuple[float, float] | None,
+    readings: tuple[int, int],
 ) -> dict[str, Any]:
     """Return the figures of one window over the runs that finished."""
     if not good:
@@ -252,7 +247,11 @@ def _window_row(
     velocity_mrse = root_mean_interval(velocity)
     position_bound, velocity_bound = bound or (math.nan, math.nan)
     kept = position[[not record["diverged"] for record in good]]
-    low, high = nees_band(len(good))
+    nees_lo, nees_hi = nees_band(len(good), JUDGED)
+    coverage_lo, coverage_hi = coverage_band(len(good), COVERAGE)
+    nis = float(column("nis").mean())
+    # Only a filter has innovations: without a mean there is no band.
+    nis_lo, nis_hi = nis_band(0 if math.isnan(nis) else len(good), *readings)
     return {
         "position_mrse_m": position_mrse[0],
         "position_mrse_lo": position_mrse[1],
@@ -264,14 +263,86 @@ def _window_row(
         "velocity_bound_mps": velocity_bound,
         "position_efficiency": position_mrse[0] / position_bound,
         "nees_mean": float(column("nees").mean()),
-        "nees_lo": low,
-        "nees_hi": high,
-        "seconds_per_run": float(np.median([record["seconds"] for record in good])),
+        "nees_lo": nees_lo,
+        "nees_hi": nees_hi,
+        "seconds_per_run": _median_seconds(good),
         "velocity_efficiency": velocity_mrse[0] / velocity_bound,
         "position_without_diverged_m": math.sqrt(kept.mean()) if len(kept) else math.nan,
         "position_median_m": float(np.median(np.sqrt(position))),
         "position_p95_m": float(np.percentile(np.sqrt(position), 95)),
-        "nis_mean": float(column("nis").mean()),
+        "nis_mean": nis,
         "coverage": float(column("coverage").mean()),
         "map_evaluations": float(np.mean([record["map_evaluations"] for record in good])),
+        "velocity_median_mps": float(np.median(np.sqrt(velocity))),
+        "velocity_p95_mps": float(np.percentile(np.sqrt(velocity), 95)),
+        "nis_lo": nis_lo,
+        "nis_hi": nis_hi,
+        "coverage_lo": coverage_lo,
+        "coverage_hi": coverage_hi,
     }
+
+
+def _median_seconds(good: list[Mapping[str, Any]]) -> float:
+    """Return the median time of a run; the first of a process compiles, and counts if alone."""
+    warm = [record["seconds"] for record in good if not record.get("cold")]
+    return float(np.median(warm or [record["seconds"] for record in good]))
+
+
+def paired_table(runs: pd.DataFrame) -> pd.DataFrame:
+    """Return every two estimators of a case beside each other, on the runs that both were given.
+
+    Parameters
+    ----------
+    runs : table of runs, one row per run and estimator; those of assumptions are left out.
+
+    Returns
+    -------
+    One row per case, window and pair of estimators, all in order of first appearance, with
+    :data:`PAIRED_COLUMNS`: ``runs`` both finished, ``first_only`` and ``second_only`` one of them;
+    then for position and velocity the figures of :func:`ggbench.statistics.paired`, of the first
+    against the second. Differences are over the runs that both finished; in the win rate a run that
+    failed loses against one that finished, and one that both failed does not count. A verdict is
+    wrong in 5 % of the pairs that do not differ.
+    """
+    cases = runs[runs["assumption"] == ""]
+    rows: list[dict[str, Any]] = []
+    pairs: list[tuple[np.ndarray, np.ndarray]] = []
+    errors = [f"{window}_{quantity}_ms" for window in WINDOWS for quantity in _QUANTITIES]
+    for case, group in cases.groupby("case", sort=False):
+        tables = {
+            label: own.set_index(["seed", "run"])
+            for label, own in group.groupby("estimator", sort=False)
+        }
+        for first, second in itertools.combinations(tables, 2):
+            one, two = tables[first].align(tables[second], join="inner", axis=0)
+            one_finished, two_finished = (
+                np.isfinite(table[errors].to_numpy(float)).all(axis=1) for table in (one, two)
+            )
+            both = one_finished & two_finished
+            counts = {
+                "case": case,
+                "first": first,
+                "second": second,
+                "runs": int(both.sum()),
+                "first_only": int((one_finished & ~both).sum()),
+                "second_only": int((two_finished & ~both).sum()),
+            }
+            rows += [counts | {"window": window} for window in WINDOWS]
+            pairs += [
+                (one[column].to_numpy(float)[both], two[column].to_numpy(float)[both])
+                for column in errors
+            ]
+    figures = iter(paired_all(pairs))
+    for row, (quantity, unit) in itertools.product(rows, _QUANTITIES.items()):
+        found = next(figures)
+        decided = row["runs"] + row["first_only"] + row["second_only"]
+        wins = row["first_only"] + (found.win_rate * found.runs if found.runs else 0.0)
+        row |= {
+            f"{quantity}_difference_{unit}": found.difference,
+            f"{quantity}_lo": found.lo,
+            f"{quantity}_hi": found.hi,
+            f"{quantity}_relative": found.relative,
+            f"{quantity}_win_rate": wins / decided if decided else math.nan,
+            f"{quantity}_verdict": found.verdict,
+        }
+    return pd.DataFrame(rows, columns=PAIRED_COLUMNS)

@@ -9,12 +9,13 @@ from __future__ import annotations
 import difflib
 import hashlib
 import importlib.metadata
-import importlib.util
 import inspect
 import re
 import sys
+import types
 import typing
 from dataclasses import MISSING, dataclass, fields
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from .errors import GGBenchError
 from .problem import Causality, Estimator
 
 GROUP = "ggbench.estimators"
+_SOURCE = "__ggbench_source__"
 
 
 class EstimatorError(GGBenchError):
@@ -42,6 +44,16 @@ class Choice:
 
     label: str
     estimator: Estimator
+
+    @property
+    def content(self) -> dict[str, Any]:
+        """What its results depend on: class, all parameters, and a hash of its source file."""
+        cls = type(self.estimator)
+        return {
+            "class": cls.__qualname__,
+            "parameters": {item.name: getattr(self.estimator, item.name) for item in fields(cls)},
+            "source": _source_of(cls),
+        }
 
     @property
     def parameters(self) -> str:
@@ -162,6 +174,15 @@ def _parse(cls: type[Estimator], name: str, listed: str) -> dict[str, tuple[str,
     return parsed
 
 
+@cache
+def _source_of(cls: type[Estimator]) -> str:
+    """Return a hash of the file that defines a class, as it was when it was loaded."""
+    module = sys.modules[cls.__module__]
+    if _SOURCE in vars(module):
+        return str(vars(module)[_SOURCE])
+    return hashlib.sha256(Path(inspect.getfile(cls)).read_bytes()).hexdigest()
+
+
 def _from_file(path: Path) -> type[Estimator]:
     """Import a file and return the one estimator class that it defines."""
     try:
@@ -172,12 +193,13 @@ def _from_file(path: Path) -> type[Estimator]:
     module_name = f"ggbench_user_{hashlib.sha256(source + str(path).encode()).hexdigest()[:16]}"
     module = sys.modules.get(module_name)
     if module is None:
-        spec = importlib.util.spec_from_file_location(module_name, path)
-        assert spec is not None and spec.loader is not None  # a .py file always has both
-        module = importlib.util.module_from_spec(spec)
+        # Not by an import: a cached byte code could be older than what is hashed here.
+        module = types.ModuleType(module_name)
+        module.__file__ = str(path)
+        vars(module)[_SOURCE] = hashlib.sha256(source).hexdigest()
         sys.modules[module_name] = module
         try:
-            spec.loader.exec_module(module)
+            exec(compile(source, str(path), "exec"), vars(module))
         except (Exception, SystemExit) as error:
             del sys.modules[module_name]
             raise EstimatorError(

@@ -10,13 +10,13 @@ from urllib.parse import quote
 import numpy as np
 import pandas as pd
 
-from . import campaign, figures, scenario, tables
+from . import figures, scenario, tables
 from .errors import GGBenchError
 from .registry import choose
+from .results import Results
 from .runner import DETAILED_RUN
-from .scenario import Scenario
 from .schema import CaseSpec
-from .store import Store
+from .sweep_report import SweepReport
 
 
 class ReportError(GGBenchError):
@@ -40,63 +40,57 @@ def write(folder: Path, output: Path) -> Path:
     StoreError, ScenarioError, ReportError
         If the folder is not a results folder, is damaged or holds no finished run.
     """
-    store = Store(folder)
-    loaded = stored_scenario(store)
-    summary, studies = campaign.summarize(store, loaded)
+    results = Results(folder)
+    summary = results.summary()
     if summary.empty:
         raise ReportError(f"{folder} holds no finished run to report")
-    pictures = output / loaded.name
+    name = results.scenario.name
+    pictures = output / name
+    path = output / f"{name}.md"
     try:
         pictures.mkdir(parents=True, exist_ok=True)
+        path.write_text(_Report(results, summary, pictures).text(), encoding="utf-8")
     except OSError as error:
         raise ReportError(f"cannot write to {output}: {error.strerror}") from None
-    report = _Report(store, loaded, summary, studies, pictures)
-    path = output / f"{loaded.name}.md"
-    try:
-        path.write_text(report.text(), encoding="utf-8")
-    except OSError as error:
-        raise ReportError(f"cannot write {path}: {error.strerror}") from None
-    store.close()
+    results.store.close()
     return path
-
-
-def stored_scenario(store: Store) -> Scenario:
-    """Return the scenario of a results folder, from the copy it holds."""
-    manifest = store.manifest()
-    loaded = scenario.from_text(
-        store.read_text("scenario.toml"), manifest["scenario"], manifest["notes"]
-    )
-    if loaded.content_hash != manifest["scenario_hash"]:
-        raise ReportError(
-            f"scenario.toml in {store.folder} is not the scenario that was run: its hash differs "
-            "from the manifest's"
-        )
-    return loaded
 
 
 class _Report:
     """One report in the making."""
 
-    def __init__(
-        self,
-        store: Store,
-        loaded: Scenario,
-        summary: pd.DataFrame,
-        studies: pd.DataFrame,
-        pictures: Path,
-    ) -> None:
-        self.store = store
-        self.scenario = loaded
+    def __init__(self, results: Results, summary: pd.DataFrame, pictures: Path) -> None:
+        self.results = results
+        self.scenario = loaded = results.scenario
         self.summary = summary
-        self.studies = studies
+        self.studies = results.studies()
+        self.paired = results.paired()
         self.pictures = pictures
-        self.manifest = store.manifest()
-        self.arrays = {case.name: store.arrays(case.name) for case in loaded.cases}
+        self.manifest = results.manifest
+        plain = () if loaded.sweep else loaded.cases  # a sweep's figures are of its summary alone
+        self.arrays = {case.name: results.arrays(case.name) for case in plain}
         self.references = [case for case in loaded.cases if case.reference]
 
     def text(self) -> str:
         """Return the whole report as markdown."""
-        parts = [
+        parts = self._of_sweep() if self.scenario.sweep else self._of_cases()
+        return "\n\n".join(part.strip() for part in parts if part.strip()) + "\n"
+
+    def _of_sweep(self) -> list[str]:
+        return [
+            f"# {self.scenario.title}",
+            *SweepReport(self.scenario, self.summary, self.pictures).sections(),
+            "## Assumptions",
+            self._assumptions(),
+            self.scenario.notes,
+            "## How this was made",
+            "Velocity errors, the other windows and all intervals are in the results folder's "
+            "`summary.csv`.",
+            self._making(),
+        ]
+
+    def _of_cases(self) -> list[str]:
+        return [
             f"# {self.scenario.title}",
             self._verdict(),
             tables.glance(self.scenario, self.summary),
@@ -105,6 +99,7 @@ class _Report:
             self._reading(),
             self._unaided(),
             *(self._case_table(case) for case in self.scenario.cases),
+            *self._paired(),
             "## Efficiency: MRSE over the Cramér–Rao bound, in every window",
             tables.efficiency(self.scenario, self.summary),
             "The bounds themselves, position [m] and velocity [m/s], filtering:",
@@ -117,7 +112,6 @@ class _Report:
             "## How this was made",
             self._making(),
         ]
-        return "\n\n".join(part.strip() for part in parts if part.strip()) + "\n"
 
     def _verdict(self) -> str:
         settled = self.summary[self.summary["window"] == "settled"]
@@ -166,7 +160,9 @@ class _Report:
             "MRSE / bound, for position. *NEES* of the six position and velocity errors, 6 if "
             "consistent; its 95 % band treats each run as a single draw, so that its false-alarm "
             "rate is below 5 %. *Coverage*: share of epochs whose truth lies in the claimed 95 % "
-            "region. *NIS*: normalised innovation squared, the number of components if consistent. "
+            "region, with a band of the same kind. *NIS*: normalised innovation squared, the "
+            "number of components if consistent; a consistent filter's innovations are white, so "
+            "that the band counts every epoch and is far narrower. "
             "A run *diverges* when its final position error exceeds both ten bounds and the pure "
             "INS's. Times are medians, warmed up, of one process. *Map points*: positions at which "
             "a run evaluates the field. Best first; of equal errors (to three digits) the cheaper. "
@@ -177,7 +173,7 @@ class _Report:
     def _unaided(self) -> str:
         """Return what the INS does alone, from its stored errors at the end of the flight."""
         case = self.scenario.cases[0]
-        series = self.store.series(case.name, "ins")
+        series = self.results.series(case.name, "ins")
         if not len(series):
             return ""
         position, velocity = np.sqrt(np.mean(series[:, -1, :2] ** 2, axis=0) / 3.0)
@@ -201,15 +197,32 @@ class _Report:
                 )
             if row["failed"]:
                 notes.append(f"`{label}` failed in {row['failed']} runs: {self._failure(row)}")
-        table = tables.case_table(case, self.summary, updates)
-        return f"### {case.title}\n\n{table}\n\n{' '.join(notes)}"
+        errors = tables.case_errors(case, self.summary)
+        consistency = tables.case_consistency(case, self.summary, updates)
+        return f"### {case.title}\n\n{errors}\n\n{consistency}\n\n{' '.join(notes)}"
+
+    def _paired(self) -> list[str]:
+        table = tables.paired(self.scenario, self.summary, self.paired)
+        reading = (
+            "Every estimator against the best causal one of its case, on the same runs (settled "
+            "window): mean difference of squared position error with its 95 % bootstrap-t interval "
+            "over runs, relative difference of MRSE, share of runs with the smaller error (a run "
+            "that one of them failed is lost by it). *better* and *worse*: the interval does not "
+            "hold 0; if two do not differ, that is said of one pair in twenty. A verdict is of "
+            "statistics, not of importance: many runs find differences that nobody needs. All "
+            "pairs and windows are in the results folder's `paired.csv`."
+        )
+        return ["## Estimators beside each other, run by run", reading, table] if table else []
 
     def _failure(self, row: dict[str, Any]) -> str:
-        for record in self.store.records():
-            same = (record["case"], record["estimator"]) == (row["case"], row["label"])
-            if same and record["status"] != "ok":
-                return f"{record['reason']} (run {record['run']})."
-        return ""
+        failures = self.results.failures()
+        same = failures[
+            (failures["case"] == row["case"])
+            & (failures["estimator"] == row["label"])
+            & (failures["assumption"] == "")
+        ]
+        first = same.iloc[0]
+        return f"{first['reason']} (run {first['run']}; again: `{first['command']}`)."
 
     def _figures(self) -> str:
         name = self.scenario.name
@@ -224,16 +237,17 @@ class _Report:
         for case in self.references or [lead]:
             curves = {}
             for label in tables.rows_of(self.summary, case, "settled"):
-                series = self.store.series(case.name, label)
+                series = self.results.series(case.name, label)
                 if len(series):
                     curves[label] = np.sqrt(np.mean(series[:, :, :2] ** 2, axis=0))
             stored = self.arrays[case.name]
+            kept = stored["kept"]
             bounds = {
-                f"bound: {key.removeprefix('bound-').rstrip('-0123456789')}": np.sqrt(value)
+                f"bound: {key.removeprefix('bound-').rstrip('-0123456789')}": np.sqrt(value[kept])
                 for key, value in stored.items()
                 if key.startswith("bound-")
             }
-            panels.append((case.title, stored["times"], curves, bounds))
+            panels.append((case.title, stored["times"][kept], curves, bounds))
         figures.error_over_time(panels, self.pictures / "error_over_time.png")
         show(
             "error_over_time.png",
@@ -256,8 +270,8 @@ class _Report:
         causal = [label for label, row in rows.items() if row["causality"] == "filter"]
         if causal:
             label = causal[0]
-            aided = self.store.detail(lead.name, label, DETAILED_RUN)
-            ins = self.store.detail(lead.name, "ins", DETAILED_RUN)
+            aided = self.results.detail(lead.name, label, DETAILED_RUN)
+            ins = self.results.detail(lead.name, "ins", DETAILED_RUN)
             if aided is not None:
                 for first, quantity, unit in ((0, "position", "m"), (3, "velocity", "m/s")):
                     file = f"{quantity}_error.png"
@@ -305,7 +319,7 @@ class _Report:
         declared = [choose(text).label for text in self.scenario.campaign.estimators]
         flags = "".join(f' -e "{label}"' for label in labels) if labels != declared else ""
         flags += " --assumptions" if m["assumptions"] else ""
-        memory = max((r.get("peak_memory_mb", 0.0) for r in self.store.records()), default=0.0)
+        memory = max((r.get("peak_memory_mb", 0.0) for r in self.results.records()), default=0.0)
         return "\n".join(
             [
                 "Generated, not edited. To get it again:",

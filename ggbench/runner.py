@@ -5,43 +5,63 @@ This is what a worker process does; nothing here writes anything.
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import hashlib
 import json
 import math
 import resource
 import time
-from collections.abc import Sequence
+import traceback
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from . import metrics
+from . import keys, metrics
+from .errors import GGBenchError
 from .field import Field
 from .gradiometer import COMPONENTS
 from .problem import Estimate, Estimator, MeasurementModel, Problem
 from .registry import Choice, choose
 from .schema import CaseSpec
 from .simulation import Flight, Truth, prepare, random_streams, simulate
+from .store import Result
 
 DETAILED_RUN = 0
 """The run whose errors and claimed deviations are kept component by component, for the figures."""
+MOST_KEPT = 400
+"""Most epochs of a run whose errors are kept as a time series."""
 
-Result = tuple[dict[str, Any], np.ndarray | None, np.ndarray | None]
+
+class OtherSourceError(GGBenchError):
+    """What would run here is not what the campaign was planned with."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """One run of one case with the estimators that still miss it."""
+    """One run of one case with the estimators that still miss it.
+
+    Attributes
+    ----------
+    case : the case. assumption : the study it belongs to, "" for the cases themselves.
+    run, seed : the run's number and the campaign's seed.
+    estimators : (label, key) of each estimator to run.
+    """
 
     case: CaseSpec
     assumption: str
     run: int
     seed: int
-    estimators: tuple[str, ...]
+    estimators: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True)
+class Started:
+    """Says that the run of an estimator begins."""
+
+    label: str
 
 
 class _CountingModel:
@@ -60,7 +80,7 @@ class _CountingModel:
         return self._model.jacobian(k, x)
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=1024)
 def _flight(case_json: str) -> Flight:
     return prepare(CaseSpec.model_validate_json(case_json))
 
@@ -70,38 +90,86 @@ def flight_of(case: CaseSpec) -> Flight:
     return _flight(case.model_dump_json())
 
 
-@lru_cache(maxsize=256)
-def _warm_choice(label: str, case_json: str, seed: int) -> Choice:
-    """Return the chosen estimator, after one run that is not timed: it compiles and imports."""
-    choice = choose(label)
-    problem, _ = simulate(_flight(case_json), seed, 0)
-    with contextlib.suppress(Exception, SystemExit):  # its failure is recorded where it counts
-        dataclasses.replace(choice.estimator).estimate(problem, _estimator_rng(seed, 0, label))
-    return choice
+@lru_cache(maxsize=1024)
+def chosen(label: str) -> Choice:
+    """Return the estimator of a label, chosen once in each process."""
+    return choose(label)
 
 
-def _estimator_rng(seed: int, run: int, label: str) -> np.random.Generator:
+@lru_cache(maxsize=4096)
+def _key(case_json: str, label: str, seed: int) -> str:
+    return keys.run_key(CaseSpec.model_validate_json(case_json), chosen(label), seed)
+
+
+def _estimator_rng(seed: int, run: int, choice: Choice) -> np.random.Generator:
     """Return the estimator's own generator: reproducible, and no key to the simulation's."""
-    digest = hashlib.sha256(f"{label}|{seed}|{run}".encode()).digest()
+    content = choice.content
+    name = f"{content['class']}|{json.dumps(content['parameters'], sort_keys=True)}|{seed}|{run}"
+    digest = hashlib.sha256(name.encode()).digest()
     return np.random.default_rng(int.from_bytes(digest[:16], "little"))
 
 
-def run_task(task: Task) -> list[Result]:
-    """Simulate one run and judge every estimator on it; an estimator's failure is a record."""
+_warm: set[str] = set()
+"""Labels of the estimators that this process has run: their first run compiles and imports."""
+
+
+def run_task(task: Task) -> Iterator[Started | Result]:
+    """Simulate one run and judge every estimator on it; a failure is a record.
+
+    Yields
+    ------
+    For each estimator ``Started``, then its result.
+
+    Raises
+    ------
+    OtherSourceError
+        If the package, a library, an estimator's source or a map file is not what the task's keys
+        were made with.
+    """
     case_json = task.case.model_dump_json()
-    flight = _flight(case_json)
-    problem, truth = simulate(flight, task.seed, task.run)
-    return [
-        _judge(task, flight, problem, truth, _warm_choice(label, case_json, task.seed))
-        for label in task.estimators
-    ]
+    for label, key in task.estimators:
+        if _key(case_json, label, task.seed) != key:
+            raise OtherSourceError(
+                f"the source or version of ggbench, of a library, of {label} or of a map file "
+                f"is not what the campaign was started with; here: {keys.environment()}"
+            )
+    reason, trace = "", ""
+    try:
+        flight = _flight(case_json)
+        problem, truth = simulate(flight, task.seed, task.run)
+    except Exception as error:
+        reason, trace = f"simulation: {type(error).__name__}: {error}", traceback.format_exc()
+    for label, key in task.estimators:
+        yield Started(label)
+        if reason:
+            yield failure(task, label, key, reason, trace)
+            continue
+        choice = chosen(label)
+        cold = label not in _warm
+        _warm.add(label)
+        record, series, detail = _judge(task, flight, problem, truth, choice)
+        # Times of a process's first run hold compilation and imports: summaries leave them out.
+        yield Result(key, record | {"cold": cold}, series, detail)
 
 
-def _judge(task: Task, flight: Flight, problem: Problem, truth: Truth, choice: Choice) -> Result:
-    record: dict[str, Any] = {
-        "assumption": task.assumption,
-        "case": task.case.name,
-        "estimator": choice.label,
+def failure(
+    task: Task,
+    label: str,
+    key: str,
+    reason: str,
+    trace: str = "",
+    retry_above: float | None = None,
+) -> Result:
+    """Return the result of a run that has none, with the reason."""
+    record = _blank(task, chosen(label)) | {"reason": reason}
+    if trace:
+        record["traceback"] = trace
+    return Result(key, record, retry_above=retry_above)
+
+
+def _blank(task: Task, choice: Choice) -> dict[str, Any]:
+    """Return what a record says of its run before it is known how it went."""
+    return {
         "name": choice.estimator.name,
         "parameters": choice.parameters,
         "causality": choice.estimator.causality,
@@ -109,9 +177,15 @@ def _judge(task: Task, flight: Flight, problem: Problem, truth: Truth, choice: C
         "seed": task.seed,
         "status": "failed",
     }
+
+
+def _judge(
+    task: Task, flight: Flight, problem: Problem, truth: Truth, choice: Choice
+) -> tuple[dict[str, Any], np.ndarray | None, np.ndarray | None]:
+    record = _blank(task, choice)
     model = _CountingModel(problem.model)
     given = Problem(**{**vars(problem), "model": model})
-    rng = _estimator_rng(task.seed, task.run, choice.label)
+    rng = _estimator_rng(task.seed, task.run, choice)
     try:
         start = time.perf_counter()
         # A new instance each time: what one run leaves in it cannot reach the next.
@@ -122,14 +196,13 @@ def _judge(task: Task, flight: Flight, problem: Problem, truth: Truth, choice: C
         evaluation = metrics.evaluate(problem, estimate, truth)
     except (Exception, SystemExit) as error:
         record["reason"] = f"{type(error).__name__}: {error}"
+        record["traceback"] = traceback.format_exc()
         return record, None, None
     case = task.case
     # An estimate without aiding is set beside the filtering bound: what aiding could give.
     bound_name = "batch" if estimate.causality == "batch" else "filter"
     if estimate.lag is not None:
         bound_name = f"fixed-lag-{lag_epochs(case, estimate.lag)}"
-    # Whatever the causality: at the last epoch no bound has more data than the filtering one.
-    bound, _ = metrics.squared_bounds(flight.bound.filtering[-1:])
     ins_error = float(np.linalg.norm(truth.error_state[-1, :3]))
     final_error = float(evaluation.position_error[-1])
     record |= {
@@ -138,16 +211,23 @@ def _judge(task: Task, flight: Flight, problem: Problem, truth: Truth, choice: C
         "map_evaluations": model.evaluations,
         "peak_memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0,
         "final_position_error_m": final_error,
-        "diverged": metrics.has_diverged(final_error, math.sqrt(bound[0]), ins_error),
+        "final_ins_error_m": ins_error,
+        "diverged": metrics.has_diverged(final_error, flight.final_bound, ins_error),
         "windows": metrics.window_figures(evaluation, truth.times, case.windows),
     }
     series = np.column_stack(
         [evaluation.position_error, evaluation.velocity_error, evaluation.nees, evaluation.nis]
-    )
+    )[kept_epochs(len(truth.times))]
     detail = None
     if task.run == DETAILED_RUN and not task.assumption:
         detail = np.column_stack([evaluation.components, evaluation.sigmas])
     return record, series, detail
+
+
+def kept_epochs(epochs: int) -> np.ndarray:
+    """Return which of the epochs are kept as a time series: all, or an even choice of many."""
+    kept = np.linspace(0, epochs - 1, min(epochs, MOST_KEPT))
+    return np.round(kept).astype(int)
 
 
 def _complete(problem: Problem, estimator: Estimator, estimate: Estimate) -> Estimate:
@@ -210,7 +290,11 @@ def shared_arrays(flight: Flight, seed: int, lags: Sequence[int]) -> dict[str, n
     ----------
     flight : the case. seed : the campaign's. lags : fixed lags in use [epochs].
     """
-    arrays = {"times": flight.times, "track": flight.trajectory.positions[flight.epochs]}
+    arrays = {
+        "times": flight.times,
+        "kept": kept_epochs(len(flight.times)),
+        "track": flight.trajectory.positions[flight.epochs],
+    }
     bounds = {name: metrics.bound_for(flight.bound, name, None) for name in ("filter", "batch")}
     for lag in lags:
         bounds[f"fixed-lag-{lag}"] = metrics.bound_for(flight.bound, "fixed-lag", lag)

@@ -1,9 +1,10 @@
 """Scenario files: TOML, validated, with the provenance of every value.
 
 A scenario file describes one flight, its instruments and the navigator's prior, and names *cases*
-(changes that are compared side by side, each with the numbers of a paper if there are any) and
-*assumptions* (changes whose influence on the results a report shows). A value is written plainly
-or as ``{ value = 33.5, provenance = "paper: Table 1" }``.
+(changes that are compared side by side, each with the numbers of a paper if there are any),
+*assumptions* (changes whose influence on the results a report shows), and a *sweep* (a grid of
+changes, laid over every case). A value is written plainly or as
+``{ value = 33.5, provenance = "paper: Table 1" }``.
 """
 
 from __future__ import annotations
@@ -13,19 +14,26 @@ import hashlib
 import importlib.resources
 import json
 import math
+import re
 import tomllib
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, reduce
 from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
+from . import sweep
 from .errors import GGBenchError
-from .schema import CampaignSpec, CaseSpec
+from .schema import MOST_POINTS, CampaignSpec, CaseSpec, SweepSpec
+from .sweep import Sweep
 
 T = TypeVar("T", bound=BaseModel)
+_MOST_NAMED = 20
+"""Most cases that a message lists."""
 
 
 class ScenarioError(GGBenchError):
@@ -48,13 +56,14 @@ class Scenario:
     Attributes
     ----------
     name, title, description : identity; ``name`` is the file's stem.
-    cases : the cases, in the file's order.
+    cases : the cases, in the file's order; with a sweep, the points of its grid.
     assumptions : studies of single assumptions.
     campaign : defaults for running it.
     provenance : dotted key of the file to where its value comes from.
     content_hash : SHA-256 of the file's content as parsed.
     source : the text of the file.
     notes : markdown that a report appends, from the file that ``notes`` names; may be empty.
+    sweep : the grid on which the cases lie, if they do.
     """
 
     name: str
@@ -67,10 +76,48 @@ class Scenario:
     content_hash: str
     source: str
     notes: str
+    sweep: Sweep | None = None
+
+    @cached_property
+    def _named(self) -> dict[str, CaseSpec]:
+        return {case.name: case for case in self.cases}
 
     def case(self, name: str) -> CaseSpec:
         """Return the case of that name (of the cases, not the assumptions)."""
-        return next(case for case in self.cases if case.name == name)
+        return self._named[name]
+
+    def find(self, name: str) -> tuple[str, CaseSpec]:
+        """Return the study ("" for none) and the case that ``CASE`` or ``STUDY/CASE`` names.
+
+        Raises
+        ------
+        ScenarioError
+            If there is none of that name; the message says which there are.
+        """
+        known = {case.name: ("", case) for case in self.cases} | {
+            f"{study.name}/{case.name}": (study.name, case)
+            for study in self.assumptions
+            for case in study.cases
+        }
+        if name not in known:
+            more = f" and {len(known) - _MOST_NAMED} more" if len(known) > _MOST_NAMED else ""
+            raise ScenarioError(
+                f"{self.name} has no case '{name}'{_suggest(name, list(known))}; its cases: "
+                f"{', '.join(list(known)[:_MOST_NAMED])}{more}"
+            )
+        return known[name]
+
+    def select(self, names: Sequence[str]) -> Scenario:
+        """Return the scenario with only the cases of these names, in its own order.
+
+        Raises
+        ------
+        ScenarioError
+            If it has no case of a name.
+        """
+        whole = replace(self, assumptions=())
+        chosen = {whole.find(name)[1].name for name in names}
+        return replace(self, cases=tuple(case for case in self.cases if case.name in chosen))
 
 
 def shipped() -> list[str]:
@@ -168,23 +215,62 @@ def parse(
     title = _take_text(document, "title", origin)
     description = _take_text(document, "description", origin)
     campaign = _validate(CampaignSpec, document.pop("campaign", {}), f"{origin}: campaign")
+    grid = document.pop("sweep", None)
     changes = _take_changes(document, "case", origin)
     studies = _take_changes(document, "assumption", origin)
-    if not changes:
+    laid_out = None
+    if grid is not None:
+        if studies:
+            raise ScenarioError(
+                f"{origin}: [[assumption]] cannot stand beside [sweep]; make it an axis of the "
+                "sweep, or a scenario of its own"
+            )
+        cases, laid_out = _spread(document, changes, grid, origin)
+    elif changes:
+        cases = tuple(_resolve(document, change, f"{origin}: case", {}) for change in changes)
+    else:
         raise ScenarioError(f"{origin}: has no [[case]]; a scenario needs at least one")
-    cases = tuple(_resolve(document, change, f"{origin}: case", {}) for change in changes)
     assumptions = tuple(_study(document, study, changes, origin) for study in studies)
-    for kind, names in (
-        ("case", [case.name for case in cases]),
-        ("assumption", [study.name for study in assumptions]),
-    ):
-        twice = sorted({n for n in names if names.count(n) > 1})
-        if twice:
-            raise ScenarioError(f"{origin}: {kind} '{twice[0]}' is defined twice")
+    _check_unique("case", [case.name for case in cases], origin)
+    _check_unique("assumption", [study.name for study in assumptions], origin)
     return Scenario(
         name, title, description, cases, assumptions, campaign, provenance,
-        content_hash.hexdigest(), source, notes,
+        content_hash.hexdigest(), source, notes, laid_out,
     )  # fmt: skip
+
+
+def _check_unique(kind: str, names: list[str], origin: str) -> None:
+    twice = sorted(name for name, count in Counter(names).items() if count > 1)
+    if twice:
+        raise ScenarioError(f"{origin}: {kind} '{twice[0]}' is defined twice")
+
+
+def _spread(
+    base: dict[str, Any], changes: list[dict[str, Any]], grid: Any, origin: str
+) -> tuple[tuple[CaseSpec, ...], Sweep]:
+    """Return the points of a grid, laid over every case of the file or over the base alone."""
+    spec = _validate(SweepSpec, grid, f"{origin}: sweep")
+    titles, bases = {}, {}
+    for number, change in enumerate(changes):
+        label = f"{origin}: case[{number}]"
+        # The published numbers of a case are not those of what the sweep makes of it.
+        rest = {key: value for key, value in change.items() if key != "reference"}
+        title, name = (_take_text(rest, key, label) for key in ("title", "name"))
+        if name in bases:
+            raise ScenarioError(f"{origin}: case '{name}' is defined twice")
+        titles[name], bases[name] = title, rest
+    points = math.prod(len(axis.values) for axis in spec.axis) * max(len(bases), 1)
+    if points > MOST_POINTS:
+        raise ScenarioError(
+            f"{origin}: sweep: has {points} grid points; at most {MOST_POINTS} are allowed"
+        )
+    laid_out, cells = sweep.lay_out(spec, titles)
+    cases = []
+    for cell in cells:
+        merged = reduce(_merge, cell.changes, _merge(base, bases.get(cell.base, {})))
+        named = merged | {"name": cell.name, "title": cell.title}
+        cases.append(_validate(CaseSpec, named, f"{origin}: sweep at {cell.title}"))
+    return tuple(cases), laid_out
 
 
 def _study(
@@ -276,7 +362,7 @@ def _validate(model: type[T], content: Any, label: str) -> T:
 def _sentence(model: type[BaseModel], problem: Any) -> str:
     """Return one of pydantic's findings as a sentence: key, what was found, what is allowed."""
     path = [part for part in problem["loc"] if part not in ("float", "int")]
-    key = ".".join(str(part) for part in path)
+    key = re.sub(r"\.(\d+)", r"[\1]", ".".join(str(part) for part in path)) or "it"
     found = problem["input"]
     kind = problem["type"]
     if kind == "extra_forbidden":
@@ -285,10 +371,11 @@ def _sentence(model: type[BaseModel], problem: Any) -> str:
     if kind == "missing":
         return f"'{key}' is missing"
     if kind == "value_error":
-        return f"{key}: {problem['ctx']['error']}" if key else str(problem["ctx"]["error"])
+        return f"{key}: {problem['ctx']['error']}" if path else str(problem["ctx"]["error"])
     if isinstance(found, float) and math.isnan(found):
         return f"{key} is not a number (NaN)"
     wanted = problem["msg"].replace("Input should be ", "must be ").replace("input", "value")
+    wanted = wanted.replace("String should have", "must have")
     wanted = {
         "float_type": "must be a plain number in the unit that the key names",
         "int_type": "must be a whole number",

@@ -6,9 +6,10 @@ A key carries its unit. Rules that tie several keys together are checked where t
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -19,6 +20,9 @@ Latitude = Annotated[float, Field(ge=-89.0, le=89.0, allow_inf_nan=False)]
 Longitude = Annotated[float, Field(ge=-180.0, le=360.0, allow_inf_nan=False)]
 Title = Annotated[str, Field(min_length=1)]
 CaseName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=60)]
+AxisName = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9.]*$", max_length=20)]
+MOST_POINTS = 10_000
+"""Most grid points of a sweep."""
 MOST_SAMPLES = 2_000_000
 """Most IMU samples of a flight (about 2 GB of intermediate matrices at a million)."""
 
@@ -147,6 +151,83 @@ class CampaignSpec(Section):
     assumption_runs: Annotated[int, Field(ge=1)] = 100
     assumption_estimator: str = "ekf"
     estimators: Annotated[list[str], Field(min_length=1)] = ["ins", "ekf"]
+    time_limit_s: Positive = 600.0
+    """Longest time of one run of one estimator [s]."""
+
+
+class AxisSpec(Section):
+    """One ``[[sweep.axis]]``: its values, and what each of them changes in a case."""
+
+    name: AxisName
+    label: Title
+    unit: str = ""
+    scale: Literal["linear", "log"] = "linear"
+    values: Annotated[list[Finite | int], Field(min_length=2)]
+    key: Title | None = None
+    changes: list[dict[str, Any]] | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> AxisSpec:
+        axis = f"axis '{self.name}'"
+        if any(b <= a for a, b in itertools.pairwise(self.values)):
+            raise ValueError(f"values of {axis} must increase strictly, found {self.values}")
+        if self.scale == "log" and self.values[0] <= 0.0:
+            raise ValueError(
+                f"values of {axis} must be positive on a logarithmic scale, found {self.values[0]}"
+            )
+        if (self.key is None) == (self.changes is None):
+            raise ValueError(f"{axis} needs exactly one of 'key' and 'changes'")
+        if self.changes is not None and len(self.changes) != len(self.values):
+            raise ValueError(
+                f"{axis} has {len(self.values)} values and {len(self.changes)} changes; give one "
+                "change for each value"
+            )
+        for key in sorted(self.changed_keys()):
+            if key.partition(".")[0] in ("name", "title", "reference"):
+                raise ValueError(f"{axis} changes '{key}', which says nothing about the flight")
+        return self
+
+    def change(self, index: int) -> dict[str, Any]:
+        """Return what a value changes, as nested tables."""
+        if self.changes is not None:
+            return self.changes[index]
+        assert self.key is not None  # checked above
+        change: Any = self.values[index]
+        for part in reversed(self.key.split(".")):
+            change = {part: change}
+        return dict(change)
+
+    def changed_keys(self) -> set[str]:
+        """Return the dotted keys that the axis changes."""
+        return {key for i in range(len(self.values)) for key in _dotted(self.change(i))}
+
+
+class SweepSpec(Section):
+    """``[sweep]``: the axes of a grid of cases, and the errors a report aims at."""
+
+    axis: list[AxisSpec] = []
+    targets_m: list[Positive] = []
+
+    @model_validator(mode="after")
+    def _check(self) -> SweepSpec:
+        if not self.axis:
+            raise ValueError("needs at least one [[sweep.axis]]")
+        for one, other in itertools.combinations(self.axis, 2):
+            if one.name == other.name:
+                raise ValueError(f"axis '{one.name}' is defined twice")
+            for key, other_key in itertools.product(one.changed_keys(), other.changed_keys()):
+                if f"{key}.".startswith(f"{other_key}.") or f"{other_key}.".startswith(f"{key}."):
+                    raise ValueError(f"axes '{one.name}' and '{other.name}' both change {key}")
+        return self
+
+
+def _dotted(table: dict[str, Any]) -> list[str]:
+    """Return the dotted keys of nested tables."""
+    return [
+        f"{key}.{rest}" if rest else key
+        for key, value in table.items()
+        for rest in (_dotted(value) if isinstance(value, dict) else [""])
+    ]
 
 
 class CaseSpec(Section):

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -42,7 +42,7 @@ from .ins_error import (
 from .lowpass import LowPass, prefilter
 from .maps import MapRecipe, load_or_build, read
 from .problem import Problem, StateBlock
-from .schema import CaseSpec, FieldSpec
+from .schema import CaseSpec, FieldSpec, TrajectorySpec
 from .trajectory import Segment, Trajectory, fly
 
 STANDARD_GRAVITY = 9.80665
@@ -178,6 +178,13 @@ class Flight:
         jacobians = np.stack([model.jacobian(k, zero) for k in range(len(self.epochs))])
         return posterior_bound(transition, process_cov, self.prior_cov, jacobians, self.noise_cov)
 
+    @cached_property
+    def final_bound(self) -> float:
+        """Bound [m] on the spherical position error at the last epoch, whatever the causality."""
+        squared = float(np.trace(self.bound.filtering[-1, POSITION, POSITION]))
+        vars(self).pop("bound")  # up to tens of MB, and a worker keeps the flights of all cases
+        return math.sqrt(squared)
+
 
 def make_field(spec: FieldSpec) -> Field:
     """Return the field of a scenario's ``[field]`` table.
@@ -218,7 +225,25 @@ def prepare(case: CaseSpec) -> Flight:
     MapError, OutsideMapError
         If the map cannot be made, or the flight leaves it.
     """
-    spec = case.trajectory
+    # A map of the user's own may be written anew while this process lives.
+    own = Path(case.field.source)
+    version = own.stat().st_mtime_ns if own.suffix == ".npz" and own.exists() else 0
+    trajectory, delta_angles, delta_velocities, field = _error_free(
+        case.trajectory.model_dump_json(), case.imu.period_s, case.field.model_dump_json(), version
+    )
+    stride = round(case.gradiometer.period_s / trajectory.dt)
+    epochs = np.arange(stride, len(trajectory.times), stride)
+    noise_free = readings(field, trajectory.positions[epochs], trajectory.times[epochs])
+    return Flight(case, trajectory, delta_angles, delta_velocities, field, epochs, noise_free)
+
+
+@lru_cache(maxsize=8)
+def _error_free(
+    trajectory_json: str, dt: float, field_json: str, version: int
+) -> tuple[Trajectory, np.ndarray, np.ndarray, Field]:
+    """Return what cases that differ in sensors and priors share: truth, IMU increments, field."""
+    spec = TrajectorySpec.model_validate_json(trajectory_json)
+    field_spec = FieldSpec.model_validate_json(field_json)
     trajectory = fly(
         position=np.array(
             [math.radians(spec.latitude_deg), math.radians(spec.longitude_deg), spec.height_m]
@@ -236,12 +261,11 @@ def prepare(case: CaseSpec) -> Flight:
             )
             for s in spec.segment
         ],
-        dt=case.imu.period_s,
+        dt=dt,
     )
-    field = make_field(case.field)
-    intervals = len(trajectory.times) - 1
-    disturbances = np.zeros((intervals, 3))
-    if case.field.gravity_disturbance:
+    field = make_field(field_spec)
+    disturbances = np.zeros((len(trajectory.times) - 1, 3))
+    if field_spec.gravity_disturbance:
         middle = 0.5 * (trajectory.positions[1:] + trajectory.positions[:-1])
         disturbances = field.gravity_disturbance(*middle.T)
     delta_angles, delta_velocities = strapdown.error_free_increments(
@@ -251,10 +275,7 @@ def prepare(case: CaseSpec) -> Flight:
         disturbances,
         trajectory.dt,
     )
-    stride = round(case.gradiometer.period_s / trajectory.dt)
-    epochs = np.arange(stride, intervals + 1, stride)
-    noise_free = readings(field, trajectory.positions[epochs], trajectory.times[epochs])
-    return Flight(case, trajectory, delta_angles, delta_velocities, field, epochs, noise_free)
+    return trajectory, delta_angles, delta_velocities, field
 
 
 class RandomStreams(NamedTuple):

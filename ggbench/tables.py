@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -60,7 +60,7 @@ def glance(scenario: Scenario, summary: pd.DataFrame) -> str:
             for c in cases
             if c.reference
         ]
-        rows.append(["*paper (UKF)*", "*filter*", *published, ""])
+        rows.append(["*paper (UKF)*", "*filter*", *published, "", ""])
 
     def cells(label: str, position: str, velocity: str) -> list[str]:
         return [
@@ -74,36 +74,103 @@ def glance(scenario: Scenario, summary: pd.DataFrame) -> str:
         if causality not in ("none", bounded):
             bounded = causality
             bounds = cells(label, "position_bound_m", "velocity_bound_mps")
-            rows.append(["*Cramér–Rao bound*", f"*{causality}*", *bounds, ""])
+            rows.append(["*Cramér–Rao bound*", f"*{causality}*", *bounds, "", ""])
         errors = cells(label, "position_mrse_m", "velocity_mrse_mps")
         milliseconds = f"{1e3 * first['seconds_per_run']:.0f}"
-        rows.append([f"`{label}`", causality, *errors, milliseconds])
+        held = [table[label] for table in tables if label in table]
+        lost = " / ".join(str(sum(row[key] for row in held)) for key in ("failed", "diverged"))
+        rows.append([f"`{label}`", causality, *errors, lost, milliseconds])
     titles = [f"{case.title}: m, m/s" for case in cases]
-    return markdown(["settled window", "causality", *titles, "ms/run"], rows)
+    return markdown(["settled window", "causality", *titles, "failed / diverged", "ms/run"], rows)
 
 
-def case_table(case: CaseSpec, summary: pd.DataFrame, updates: int) -> str:
-    """Return all figures of one case in the settled window, smoothers in their own block."""
+def case_errors(case: CaseSpec, summary: pd.DataFrame) -> str:
+    """Return the errors of one case in the settled window, smoothers in their own block."""
     head = [
-        "estimator", "position MRSE [m]", "median, 95 % [m]", "bound", "efficiency",
-        "velocity MRSE [m/s]", "bound",
-        "NEES (band)", "coverage", "NIS", "failed / diverged", "ms/run", "ms/update", "map points",
+        "estimator", "position MRSE [m]", "median, 95 %", "bound", "efficiency",
+        "velocity MRSE [m/s]", "median, 95 %", "bound", "failed / diverged",
     ]  # fmt: skip
-    blank = [""] * len(head)
     rows = []
     if case.reference:
-        paper = blank.copy()
+        paper = [""] * len(head)
         paper[0] = "**paper**"
         paper[1] = f"{case.reference.position_mrse_m:.4f}"
         paper[5] = f"{case.reference.velocity_mrse_mps:.4f}"
         rows.append(paper)
+    return markdown(head, [*rows, *_blocks(case, summary, len(head), _errors)])
+
+
+def case_consistency(case: CaseSpec, summary: pd.DataFrame, updates: int) -> str:
+    """Return consistency (with 95 % bands) and cost of one case in the settled window."""
+    head = [
+        "estimator", "NEES (band)", "NIS (band)", "coverage (band)", "ms/run", "ms/update",
+        "map points",
+    ]  # fmt: skip
+    return markdown(head, _blocks(case, summary, len(head), lambda row: _consistency(row, updates)))
+
+
+def _blocks(
+    case: CaseSpec,
+    summary: pd.DataFrame,
+    columns: int,
+    cells: Callable[[dict[str, Any]], list[str]],
+) -> list[list[str]]:
+    """Return a row of cells for each estimator, smoothers under their own title."""
+    rows = []
     smoothing = False
     for row in rows_of(summary, case, "settled").values():
         if not smoothing and row["causality"] in ("fixed-lag", "batch"):
             smoothing = True
-            rows.append(["*smoothers*", *blank[1:]])
-        rows.append(_figures(row, updates))
-    return markdown(head, rows)
+            rows.append(["*smoothers*", *[""] * (columns - 1)])
+        rows.append(cells(row))
+    return rows
+
+
+def paired(scenario: Scenario, summary: pd.DataFrame, pairs: pd.DataFrame) -> str:
+    """Return how every estimator does against the best causal one of its case, run by run.
+
+    ``pairs`` are the rows of :func:`ggbench.metrics.paired_table`.
+    """
+    head = [
+        "case", "estimator", "against", "runs", "position: difference of squared error [m²]",
+        "MRSE", "wins", "verdict", "velocity: MRSE", "wins", "verdict",
+    ]  # fmt: skip
+    settled = pairs[pairs["window"] == "settled"]
+    rows = []
+    for case in scenario.cases:
+        ranking = rows_of(summary, case, "settled")
+        best = next((k for k, row in ranking.items() if row["causality"] == "filter"), None)
+        for label in ranking:
+            pair = settled[
+                (settled["case"] == case.name)
+                & settled["first"].isin([label, best])
+                & settled["second"].isin([label, best])
+            ]
+            if label != best and len(pair):
+                rows.append([case.name, *_pair(pair.iloc[0].to_dict(), label)])
+    return markdown(head, rows) if rows else ""
+
+
+def _pair(pair: dict[str, Any], label: str) -> list[str]:
+    """Return the cells of a pair, seen from the estimator ``label``."""
+    mine = pair["first"] == label
+    sign = 1.0 if mine else -1.0
+    ends = sorted((sign * pair["position_lo"], sign * pair["position_hi"]))
+    difference = sign * pair["position_difference_m2"]
+    text = f"{difference:+.3g}"
+    if not math.isnan(ends[0]):
+        text += f" [{ends[0]:+.3g}, {ends[1]:+.3g}]"
+    cells = [f"`{label}`", f"`{pair['second' if mine else 'first']}`", str(pair["runs"]), text]
+    opposite = {"better": "worse", "worse": "better"}
+    for quantity in ("position", "velocity"):
+        ratio = 1.0 + pair[f"{quantity}_relative"]
+        wins, verdict = pair[f"{quantity}_win_rate"], pair[f"{quantity}_verdict"]
+        cells += [
+            f"{100.0 * (ratio if mine else 1.0 / ratio) - 100.0:+.2f} %",
+            f"{100.0 * (wins if mine else 1.0 - wins):.0f} %",
+            verdict if mine else opposite.get(verdict, verdict),
+        ]
+    return cells
 
 
 def efficiency(scenario: Scenario, summary: pd.DataFrame) -> str:
@@ -178,9 +245,8 @@ def _study_cells(cases: Sequence[CaseSpec], frame: pd.DataFrame, window: str) ->
     return cells
 
 
-def _figures(row: dict[str, Any], updates: int) -> list[str]:
-    """Return the cells of one estimator in a case table."""
-    milliseconds = 1e3 * row["seconds_per_run"]
+def _errors(row: dict[str, Any]) -> list[str]:
+    """Return the cells of one estimator's errors."""
     return [
         f"`{row['label']}`",
         _interval(row, "position_mrse", "m", 3),
@@ -188,15 +254,32 @@ def _figures(row: dict[str, Any], updates: int) -> list[str]:
         f"{row['position_bound_m']:.3f}",
         f"{row['position_efficiency']:.3f}",
         _interval(row, "velocity_mrse", "mps", 4),
+        f"{row['velocity_median_mps']:.4f}, {row['velocity_p95_mps']:.4f}",
         f"{row['velocity_bound_mps']:.4f}",
-        f"{_short(row['nees_mean'])} ({row['nees_lo']:.2f}–{row['nees_hi']:.2f})",
-        f"{100 * row['coverage']:.1f} %",
-        "" if math.isnan(row["nis_mean"]) else _short(row["nis_mean"]),
         f"{row['failed']} / {row['diverged']}",
+    ]
+
+
+def _consistency(row: dict[str, Any], updates: int) -> list[str]:
+    """Return the cells of one estimator's consistency and cost."""
+    milliseconds = 1e3 * row["seconds_per_run"]
+    covered = [100.0 * row[f"coverage{end}"] for end in ("", "_lo", "_hi")]
+    return [
+        f"`{row['label']}`",
+        _band(_short(row["nees_mean"]), row["nees_lo"], row["nees_hi"], 2),
+        _band(_short(row["nis_mean"]), row["nis_lo"], row["nis_hi"], 2),
+        _band(f"{covered[0]:.1f} %", covered[1], covered[2], 1),
         f"{milliseconds:.1f}",
         f"{milliseconds / updates:.3f}",
         f"{row['map_evaluations']:.0f}",
     ]
+
+
+def _band(text: str, low: float, high: float, digits: int) -> str:
+    """Return a figure with its band; blank if there is no figure."""
+    if text.startswith("nan"):
+        return ""
+    return text if math.isnan(low) else f"{text} ({low:.{digits}f}–{high:.{digits}f})"
 
 
 def _interval(row: dict[str, Any], key: str, unit: str, digits: int) -> str:

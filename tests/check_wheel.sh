@@ -57,7 +57,8 @@ done
 mkdir "$work/elsewhere"
 cd "$work/elsewhere"
 ggbench=$work/venv/bin/ggbench
-for command in "list" "validate wang2013" "run wang2013 -n 2 -e ekf -o out"; do
+for command in "list" "validate wang2013" "run wang2013 -n 2 -e ekf -o out" \
+    "show out" "report out" "compare out out"; do
     echo "ggbench $command"
     # shellcheck disable=SC2086  # the words of a command
     "$ggbench" $command >"$work/output" 2>&1 ||

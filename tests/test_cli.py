@@ -64,6 +64,14 @@ BAD = {
     "output below a file": (["run", "small.toml", "-n1", "-o", "small.toml/x"], "cannot use"),
     "report of nothing": (["report", "nowhere"], "nowhere holds no results"),
     "report of a file": (["report", "small.toml"], "small.toml holds no results"),
+    "unknown case": (["run", "small.toml", "-c", "bas"], "no case 'bas' (did you mean 'base'?)"),
+    "unknown case of one run": (["run", "small.toml", "-c", "x", "--run", "1"], "no case 'x'"),
+    "no time": (["run", "small.toml", "--time-limit", "0"], "0.0 is not in the range"),
+    "cluster and jobs": (["run", "small.toml", "-j", "1", "--cluster", "x"], "give one of them"),
+    "address": (["run", "small.toml", "--cluster", "x"], "'x' is no address of a Dask scheduler"),
+    "show nothing": (["show", "nowhere"], "nowhere holds no results"),
+    "compare nothing": (["compare", "nowhere", "nowhere"], "nowhere holds no results"),
+    "threshold": (["compare", "a", "b", "--threshold", "-1"], "-1.0 is not in the range"),
     "no runs": (["run", "small.toml", "-n", "0"], "0 is not in the range"),
     "runs in words": (["run", "small.toml", "-n", "many"], "'many' is not a valid integer"),
     "unknown option": (["run", "small.toml", "--fast"], "No such option"),
@@ -167,7 +175,7 @@ def test_bad_input_ends_with_a_sentence(name, outcome):
 def test_run_and_report(folder, tmp_path):
     """A run from another folder ends with the tables, best causal estimator first; then a report.
 
-    The same command again runs nothing anew; another seed in the same folder is refused.
+    The same command again runs nothing anew; another seed keeps the first one's results.
     """
     run = [
         "run", str(folder / "small.toml"), "-n", "2", "-j", "2", "-s", "3", "-o", "out",
@@ -175,7 +183,8 @@ def test_run_and_report(folder, tmp_path):
     ]  # fmt: skip
     done = call(run, tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
-    assert "4 of 4 case runs" in done.stdout
+    assert "12 of 12 runs" in done.stdout
+    assert "runs/s, 0 s left; MRSE of base in m: ins " in done.stdout
     for title in ("as it is", "with ten times the noise"):
         table = done.stdout[done.stdout.index(title) :]
         places = [table.index(f"\n {name} ") for name in ("ekf", "ins", "factor-graph[mode=batch]")]
@@ -189,10 +198,12 @@ def test_run_and_report(folder, tmp_path):
 
     again = invoke(run, tmp_path)
     assert again.returncode == 0
-    assert "4 of 4 case runs" not in again.stdout
+    assert "runs to do" not in again.stdout
     other = invoke([*run, "-s", "4"], tmp_path)
-    assert (other.returncode, len(other.stderr.splitlines())) == (2, 1)
-    assert "holds results with another seed" in other.stderr
+    assert "out holds 12 results of other content" in other.stdout
+    assert "12 of 12 runs" in other.stdout
+    again = invoke(run, tmp_path)
+    assert "runs to do" not in again.stdout
 
     done = call(["report", "out", "-o", "text"], tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
@@ -253,7 +264,7 @@ def test_an_interrupt_leaves_results_that_can_be_reported(jobs, moment, folder, 
     database = tmp_path / "out" / "records.sqlite"
     try:
         deadline = time.monotonic() + 60.0
-        prepared = tmp_path / "out" / "case-noisy.npz"
+        prepared = tmp_path / "out" / "scenario.toml"
         while not prepared.exists() or stored(database) < 4 * moment:
             assert process.poll() is None and time.monotonic() < deadline
             time.sleep(0.05)

@@ -31,7 +31,7 @@ from problems import (
     smoothed,
 )
 
-from ggbench import runner, scenario, simulation
+from ggbench import keys, registry, runner, scenario, simulation
 from ggbench.problem import Estimate, Problem
 from ggbench.schema import CaseSpec
 
@@ -292,7 +292,8 @@ def test_truth_cannot_be_reached_from_what_an_estimator_is_given(case, tmp_path)
     file = tmp_path / "spy.py"
     file.write_text(SPY)
     spec = scenario.load("wang2013").case(case)
-    runner.run_task(runner.Task(spec, "", 1, SEED, (str(file),)))
+    key = keys.run_key(spec, registry.choose(str(file)), SEED)
+    list(runner.run_task(runner.Task(spec, "", 1, SEED, ((str(file), key),))))
     seen = inspect.getmodule(type(estimator(str(file)))).SEEN
     spy, problem, generator = seen[-1]
     assert leaks([spy, problem, generator], case, 1) == []

@@ -44,7 +44,7 @@ def test_links_lead_somewhere(document):
 
 def test_example_estimator_works(tmp_path):
     """The README's one-file estimator runs as printed, and as well as the EKF."""
-    code = re.search(r"```python\n(.*?IteratedEKF.*?)```", README, re.DOTALL).group(1)
+    code = re.search(r"```python\n((?:(?!```).)*IteratedEKF.*?)```", README, re.DOTALL).group(1)
     file = tmp_path / "iterated_ekf.py"
     file.write_text(code, encoding="utf-8")
     flight = simulation.prepare(scenario.load("wang2013").case("0.01E-0.2Hz"))

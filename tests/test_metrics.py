@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pandas as pd
 import pytest
 from problems import LinearModel, changed, exact, kalman, linear_problem
 from scipy.stats import chi2
 
-from ggbench import metrics
+from ggbench import metrics, statistics
 from ggbench.bound import posterior_bound
 from ggbench.problem import Estimate, Problem, StateBlock
 from ggbench.schema import WindowsSpec
@@ -74,6 +75,7 @@ def test_an_estimate_without_covariance_has_no_consistency():
     assert figures["whole"]["position_ms"] == pytest.approx(3.0)
     assert math.isnan(figures["whole"]["nees"])
     assert math.isnan(figures["whole"]["nis"])
+    assert math.isnan(figures["whole"]["coverage"])
 
 
 @pytest.mark.parametrize(
@@ -90,48 +92,6 @@ def test_an_estimate_without_covariance_has_no_consistency():
 def test_divergence_is_worse_than_ten_bounds_and_than_no_aiding(final, bound, ins, diverged):
     """A run diverges when it ends beyond both limits, and not by one of them."""
     assert metrics.has_diverged(final, bound, ins) is diverged
-
-
-def test_mrse_and_its_interval():
-    """MRSE is the root of the mean square; its interval contains it, and one run has none."""
-    value, low, high = metrics.root_mean_interval(np.array([9.0, 16.0, 25.0]))
-    assert value == pytest.approx(math.sqrt(50.0 / 3.0))
-    assert 3.0 <= low < value < high <= 5.0
-    value, low, high = metrics.root_mean_interval(np.array([9.0]))
-    assert value == 3.0
-    assert math.isnan(low) and math.isnan(high)
-    again = metrics.root_mean_interval(np.array([9.0, 16.0, 25.0]))
-    assert again == metrics.root_mean_interval(np.array([9.0, 16.0, 25.0]))
-
-
-def test_interval_covers_the_truth():
-    """The 95 % interval holds the true MRSE in about 95 of 100 campaigns of 100 runs.
-
-    300 campaigns with mean squares of three degrees of freedom, skewed as real ones are. The
-    bootstrap is known to be a little short (94 %); between 91 and 98 % the false-alarm rate is
-    below 2 %.
-    """
-    generator = np.random.default_rng(11)
-    hits = 0
-    for _ in range(300):
-        _, low, high = metrics.root_mean_interval(generator.chisquare(3, 100))
-        hits += low < math.sqrt(3.0) < high
-    assert 0.91 <= hits / 300 <= 0.98
-
-
-def test_nees_band_is_that_of_chi_square():
-    """The band of a mean of χ² variables: around the dimension, 95 % wide, shrinking as 1/√runs."""
-    low, high = metrics.nees_band(1)
-    assert (low, high) == pytest.approx(tuple(chi2.ppf([0.025, 0.975], 6)))
-    low, high = metrics.nees_band(400)
-    assert low < 6.0 < high
-    assert high - low == pytest.approx(2 * 1.96 * math.sqrt(12 / 400), rel=0.01)
-    assert all(math.isnan(end) for end in metrics.nees_band(0))
-    generator = np.random.default_rng(5)
-    means = generator.chisquare(6, (2000, 50)).mean(axis=1)
-    low, high = metrics.nees_band(50)
-    # 2000 draws: a standard error of 0.5 %, four of them.
-    assert np.mean((means < low) | (means > high)) == pytest.approx(0.05, abs=0.02)
 
 
 def ten_states(seed: int) -> Problem:
@@ -256,9 +216,99 @@ def test_summary_has_the_documented_columns_and_numbers():
         assert row["position_efficiency"] == pytest.approx(math.sqrt(6.0) / 2.0)
         assert (row["paper_position_m"], row["paper_velocity_mps"]) == (3.5, 0.25)
         assert row["nees_mean"] == 6.0
-        assert (row["nees_lo"], row["nees_hi"]) == metrics.nees_band(3)
+        assert (row["nees_lo"], row["nees_hi"]) == statistics.nees_band(3, 6)
         assert row["seconds_per_run"] == pytest.approx(0.2)
         assert row["position_without_diverged_m"] == pytest.approx(math.sqrt(4.5))
+        assert row["velocity_median_mps"] == pytest.approx(math.sqrt(0.05))
+        assert math.sqrt(0.05) < row["velocity_p95_mps"] < math.sqrt(0.09)
+        assert (row["coverage_lo"], row["coverage_hi"]) == statistics.coverage_band(3)
+        assert math.isnan(row["nis_lo"]) and math.isnan(row["nis_hi"])
+
+
+def test_the_band_of_the_innovations_counts_the_readings():
+    """The NIS has the band of its window's readings; an estimator without innovations has none."""
+    readings = {"c": {"whole": (20, 5), "settled": (10, 5)}}
+    records = [record(0, 4.0), record(1, 9.0)]
+    table = metrics.summarize(records, BOUNDS, {}, "s", readings).set_index("window")
+    for window, epochs in (("whole", 20), ("settled", 10)):
+        band = tuple(table.loc[window, ["nis_lo", "nis_hi"]])
+        assert band == statistics.nis_band(2, epochs, 5)
+    assert math.isnan(table.loc["last20", "nis_lo"])
+    for entry in records:
+        entry["windows"]["whole"]["nis"] = math.nan
+    table = metrics.summarize(records, BOUNDS, {}, "s", readings).set_index("window")
+    assert math.isnan(table.loc["whole", "nis_lo"])
+
+
+def runs_table(position: dict[str, list[float]], case: str = "c") -> pd.DataFrame:
+    """A table of runs with given position errors by estimator; NaN failed, None was not run."""
+    rows = [
+        {"assumption": "", "case": case, "estimator": label, "seed": 1, "run": run}
+        | {f"{window}_position_ms": value for window in metrics.WINDOWS}
+        | {f"{window}_velocity_ms": value / 100.0 for window in metrics.WINDOWS}
+        for label, values in position.items()
+        for run, value in enumerate(values)
+        if value is not None
+    ]
+    return pd.DataFrame(rows)
+
+
+def test_estimators_are_set_beside_each_other_run_by_run():
+    """Every pair once, in order; a failed run loses, one not run does not count; by hand."""
+    nan = math.nan
+    table = runs_table(
+        {
+            "z": [1.0, 2.0, 3.0, 4.0, nan, nan, 7.0],
+            "a": [2.0, 3.0, 3.0, 2.0, 5.0, nan, None],
+            "m": [1.0, 2.0, 3.0, nan, nan, 6.0, 7.0],
+        }
+    )
+    study = table.assign(assumption="other")
+    pairs = metrics.paired_table(pd.concat([table, study, runs_table({"alone": [1.0]}, "d")]))
+    assert tuple(pairs.columns) == metrics.PAIRED_COLUMNS
+    assert list(zip(pairs["first"], pairs["second"], pairs["window"], strict=True)) == [
+        (*pair, window)
+        for pair in (("z", "a"), ("z", "m"), ("a", "m"))
+        for window in metrics.WINDOWS
+    ]
+    row = pairs.iloc[0]
+    assert (row["case"], row["runs"], row["first_only"], row["second_only"]) == ("c", 4, 0, 1)
+    assert row["position_difference_m2"] == 0.0
+    assert row["position_relative"] == 0.0
+    assert row["position_win_rate"] == pytest.approx((2 + 0.5) / 5)  # one tie, one lost by failing
+    assert row["velocity_win_rate"] == row["position_win_rate"]
+    row = pairs[(pairs["first"] == "z") & (pairs["second"] == "m")].iloc[0]
+    assert (row["runs"], row["first_only"], row["second_only"]) == (4, 1, 1)
+    assert (row["position_win_rate"], row["position_verdict"]) == (0.5, "not distinguishable")
+
+
+def test_pairs_without_a_common_run():
+    """Where no run finished in both there are counts and no differences; without runs, no rows."""
+    failed = runs_table({"a": [1.0, 2.0], "b": [math.nan, math.nan]})
+    row = metrics.paired_table(failed).iloc[0]
+    assert (row["runs"], row["first_only"], row["second_only"]) == (0, 2, 0)
+    assert math.isnan(row["position_difference_m2"]) and math.isnan(row["velocity_lo"])
+    assert (row["position_win_rate"], row["position_verdict"]) == (1.0, "not distinguishable")
+    both = runs_table({"a": [math.nan], "b": [math.nan]})
+    assert math.isnan(metrics.paired_table(both).iloc[0]["position_win_rate"])
+    assert metrics.paired_table(failed[:0]).empty
+
+
+def test_the_verdict_of_a_table_is_that_of_the_pair():
+    """A pair of the table has the figures of the same pair alone, in both quantities."""
+    generator = np.random.default_rng(2)
+    common = generator.chisquare(3, 40)
+    table = runs_table({label: list(common * generator.chisquare(9, 40)) for label in "abc"})
+    for row in metrics.paired_table(table).to_dict("records"):
+        first, second = (
+            table.loc[table["estimator"] == row[key], "whole_velocity_ms"].to_numpy()
+            for key in ("first", "second")
+        )
+        alone = statistics.paired(first, second)
+        for key in ("lo", "hi", "relative", "win_rate"):
+            assert row[f"velocity_{key}"] == pytest.approx(getattr(alone, key))
+        assert row["velocity_difference_m2ps2"] == pytest.approx(alone.difference)
+        assert row["velocity_verdict"] == alone.verdict
 
 
 def test_summary_without_a_finished_run():

@@ -1,0 +1,124 @@
+"""Running tasks on a Dask cluster: the same tasks, the same results, other machines.
+
+Each thread of a Dask worker keeps a process of ours (:mod:`ggbench.worker`) and lets it run the
+tasks that come, so that time limits and deaths are dealt with there as on one's own machine.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+import socket
+import threading
+from collections.abc import Generator, Sequence
+from typing import TYPE_CHECKING
+
+from .errors import GGBenchError
+from .execution import Member, drive
+from .runner import Task, failure
+from .store import Result
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+_CONNECT_S = 15.0
+_AHEAD = 3
+"""Tasks handed over per thread of the cluster, so that none of them waits for the next one."""
+_mine = threading.local()
+
+
+class ClusterError(GGBenchError):
+    """A cluster cannot be used."""
+
+
+def on_cluster(tasks: Sequence[Task], address: str, limit: float) -> Generator[list[Result]]:
+    """Run tasks on the cluster of a running Dask scheduler.
+
+    A task whose Dask worker dies is given to another one by Dask; if its workers die again and
+    again (``distributed.scheduler.allowed-failures``), that is its result.
+
+    Raises
+    ------
+    ClusterError
+        If Dask is not installed, the scheduler cannot be reached or is lost, or a worker has
+        another version or source than this process.
+    """
+    try:
+        from distributed import Client
+    except ImportError:
+        raise ClusterError(
+            "--cluster needs Dask, which is not installed: pip install 'ggbench[cluster]'"
+        ) from None
+    _require_listener(address)
+    try:
+        client = Client(address, timeout=_CONNECT_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise ClusterError(f"no Dask scheduler answers at {address}: {error}") from None
+    with client:
+        yield from _on(client, tasks, limit)
+
+
+def _require_listener(address: str) -> None:
+    """Raise ClusterError unless somebody listens; Dask's own client would complain at length."""
+    found = re.fullmatch(r"(?:(?:tcp|tls)://)?([^/:]+|\[[^/]+\]):(\d{1,5})", address)
+    if not found or int(found[2]) > 65535:
+        raise ClusterError(
+            f"'{address}' is no address of a Dask scheduler; write tcp://HOST:PORT, or "
+            "tls://HOST:PORT"
+        )
+    try:
+        socket.create_connection((found[1].strip("[]"), int(found[2])), _CONNECT_S).close()
+    except OSError as error:
+        raise ClusterError(
+            f"no Dask scheduler answers at {address}: {error.strerror or error}"
+        ) from None
+
+
+def _on(client: Client, tasks: Sequence[Task], limit: float) -> Generator[list[Result]]:
+    from distributed import CancelledError, KilledWorker, as_completed
+    from distributed.comm.core import CommClosedError
+
+    queue = iter(tasks)
+    handed: dict[object, Task] = {}
+
+    def hand_over(count: int) -> list[Future]:
+        # Not pure: equal calls are not to be taken for one, their results are stored here.
+        new = list(itertools.islice(queue, count))
+        futures = [client.submit(run_here, task, limit, pure=False) for task in new]
+        handed.update({future.key: task for future, task in zip(futures, new, strict=True)})
+        return futures
+
+    threads = sum(client.nthreads().values())
+    completed = as_completed(hand_over(max(threads, 1) * _AHEAD), loop=client.loop)
+    try:
+        for future in completed:
+            task = handed.pop(future.key)
+            try:
+                results = future.result()
+            except KilledWorker:
+                reason = "the cluster's workers died of it, again and again"
+                results = [
+                    failure(task, *pair, reason, retry_above=0.0) for pair in task.estimators
+                ]
+            completed.update(hand_over(1))
+            yield results
+    except (CancelledError, CommClosedError, OSError, TimeoutError) as error:
+        raise ClusterError(
+            f"the connection to the Dask scheduler is lost ({type(error).__name__}: {error}); the "
+            "same command goes on from what is stored"
+        ) from None
+    except ModuleNotFoundError as error:
+        raise ClusterError(f"the cluster cannot run ggbench: {error}") from None
+
+
+def run_here(task: Task, limit: float) -> list[Result]:
+    """Run a task in this thread's own process, on a worker of the cluster."""
+    if not hasattr(_mine, "member"):
+        _mine.member = Member(limit)
+    _mine.member.limit = limit
+    try:
+        return list(itertools.chain.from_iterable(drive([task], [_mine.member])))
+    except BaseException:
+        _mine.member.worker.kill()
+        del _mine.member
+        raise

@@ -1,0 +1,243 @@
+"""What a results folder holds, read back: records, tables of them, and files for other tools.
+
+Only what the folder itself holds is read: no estimator is loaded and nothing is simulated.
+"""
+
+from __future__ import annotations
+
+import io
+import shlex
+from collections.abc import Iterator
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from . import metrics, scenario
+from .errors import GGBenchError
+from .scenario import Scenario
+from .store import Store, StoreError, read_manifest
+
+RUN_COLUMNS = (
+    "assumption", "case", "case_hash", "estimator", "name", "parameters", "causality", "seed",
+    "run", "status", "reason", "command", "diverged", "seconds", "cold", "map_evaluations",
+    "peak_memory_mb", "final_position_error_m", "final_ins_error_m", "bound",
+)  # fmt: skip
+"""Columns of the table of runs, before those of the windows."""
+
+
+class ResultsError(GGBenchError):
+    """What is asked of a results folder is not in it."""
+
+
+class Cell(NamedTuple):
+    """The runs of one estimator on one case."""
+
+    assumption: str
+    case: str
+    case_hash: str
+    estimator: str
+    key: str
+
+
+class Results:
+    """A results folder, finished or stopped.
+
+    Parameters
+    ----------
+    folder : where it is.
+    store : the open folder, if it is open already.
+
+    Raises
+    ------
+    StoreError
+        If it is no results folder or is damaged.
+    """
+
+    def __init__(self, folder: Path, store: Store | None = None) -> None:
+        self.folder = folder
+        self.store = store or Store(folder)
+        self.manifest = read_manifest(folder)
+        try:
+            self.cells = [Cell(**cell) for cell in self.manifest["cells"]]
+        except TypeError:
+            raise StoreError(f"{folder / 'manifest.json'} is damaged: its cells") from None
+        self._keys = {(*cell[:2], cell.estimator): cell.key for cell in self.cells}
+
+    @cached_property
+    def scenario(self) -> Scenario:
+        """The scenario that was run, from the copy in the folder, with the cases that were run."""
+        manifest = self.manifest
+        loaded = scenario.from_text(
+            manifest["scenario_text"], manifest["scenario"], manifest["notes"]
+        )
+        if loaded.content_hash != manifest["scenario_hash"]:
+            raise StoreError(
+                f"the scenario in {self.folder / 'manifest.json'} is not the one that was run: "
+                "its hash differs"
+            )
+        return loaded.select(manifest["cases"])
+
+    @property
+    def labels(self) -> list[str]:
+        """The estimators, in the order in which they were asked for."""
+        return list(self.manifest["estimators"])
+
+    @property
+    def runs(self) -> int:
+        """How many runs of each case were asked for."""
+        return int(self.manifest["runs"])
+
+    def records(self, assumption: str = "") -> Iterator[dict[str, Any]]:
+        """Yield the records of the cases ("") or of one assumption, with the names of their cell.
+
+        Case by case, estimator by estimator, run by run.
+        """
+        for cell in self.cells:
+            if cell.assumption == assumption:
+                for record in self.store.records(cell.key, self.runs):
+                    yield record | {"case": cell.case, "estimator": cell.estimator}
+
+    def series(self, case: str, estimator: str) -> np.ndarray:
+        """Return (runs, K', 4): position and velocity error [m, m/s], NEES, NIS of finished runs.
+
+        K' are the epochs that ``kept`` of the case's arrays names. Empty if there are none.
+        """
+        key = self._keys.get(("", case, estimator))
+        return np.empty((0, 0, 4)) if key is None else self.store.series(key, self.runs)
+
+    def series_of(self, case: str, estimator: str, run: int) -> np.ndarray | None:
+        """Return (K', 4) of one run, or None if it has none."""
+        key = self._keys.get(("", case, estimator))
+        return None if key is None else self.store.series_of(key, run)
+
+    def detail(self, case: str, estimator: str, run: int) -> np.ndarray | None:
+        """Return (K, 12) of a run kept in detail: errors of position and velocity, their σ."""
+        key = self._keys.get(("", case, estimator))
+        return None if key is None else self.store.detail(key, run)
+
+    def arrays(self, case: str) -> dict[str, np.ndarray]:
+        """Return what all runs of a case share: epochs, track, bounds, signals."""
+        return self.store.arrays(self.manifest["shared"].get(case, ""), case)
+
+    @cached_property
+    def table(self) -> pd.DataFrame:
+        """The table of runs: one row per run and estimator, the cases first, then the studies.
+
+        :data:`RUN_COLUMNS`, then for each window its mean squared errors, NEES, NIS and coverage.
+        """
+        rows = []
+        for cell in self.cells:
+            for record in self.store.records(cell.key, self.runs):
+                row = {**record, **cell._asdict(), "reason": record.get("reason", "")}
+                row["command"] = self.command(cell, record["run"])
+                for window, figures in record.get("windows", {}).items():
+                    row |= {f"{window}_{name}": value for name, value in figures.items()}
+                rows.append(row)
+        figures = ("position_ms", "velocity_ms", "nees", "nis", "coverage")
+        windows = [f"{window}_{name}" for window in metrics.WINDOWS for name in figures]
+        table = pd.DataFrame(rows, columns=[*RUN_COLUMNS, *windows])
+        for name in ("diverged", "cold"):
+            table[name] = table[name].eq(True)
+        numbers = [*RUN_COLUMNS[13:14], *RUN_COLUMNS[15:19], *windows]
+        return table.astype(dict.fromkeys(numbers, float))
+
+    def command(self, cell: Cell, run: int) -> str:
+        """Return the command that runs one run again, alone, in one process."""
+        case = f"{cell.assumption}/{cell.case}" if cell.assumption else cell.case
+        words = [
+            "ggbench", "run", self.manifest["argument"], "--case", case, "-e", cell.estimator,
+            "--seed", str(self.manifest["seed"]), "--run", str(run),
+        ]  # fmt: skip
+        return shlex.join(words)
+
+    def summary(self) -> pd.DataFrame:
+        """Return one row per case, estimator and window (:func:`ggbench.metrics.summarize`)."""
+        loaded = self.scenario
+        # Rows in the order in which the cases and estimators were asked for.
+        bounds: dict[tuple[str, str], dict[str, tuple[float, float]]] = {
+            (case.name, label): {} for case in loaded.cases for label in self.labels
+        }
+        records = list(self.records())
+        named = {(r["case"], r["estimator"]): r["bound"] for r in records if r["status"] == "ok"}
+        readings: dict[str, dict[str, tuple[int, int]]] = {}
+        for case in loaded.cases:
+            used = [label for label in self.labels if (case.name, label) in named]
+            if not used:
+                continue
+            arrays = self.arrays(case.name)
+            readings[case.name] = {}
+            for window in metrics.WINDOWS:
+                mask = metrics.window_mask(arrays["times"], case.windows, window)
+                count = int(np.count_nonzero(mask))
+                readings[case.name][window] = count, len(case.gradiometer.components)
+                for label in used:
+                    squared = arrays.get(f"bound-{named[case.name, label]}")
+                    if squared is None:
+                        raise StoreError(f"{self.folder} does not hold the bound of {label}")
+                    position, velocity = np.sqrt(squared[mask].mean(axis=0))
+                    bounds[case.name, label][window] = (float(position), float(velocity))
+        return metrics.summarize(records, bounds, self._references(), loaded.name, readings)
+
+    def studies(self) -> pd.DataFrame:
+        """Return each assumption's summary rows, and as ``""`` the same runs without it."""
+        loaded = self.scenario
+        groups = {study.name: list(self.records(study.name)) for study in loaded.assumptions}
+        runs = {record["run"] for group in groups.values() for record in group}
+        if not runs:
+            return pd.DataFrame()
+        estimator = next(cell.estimator for cell in self.cells if cell.assumption)
+        declared = [r for r in self.records() if r["run"] in runs and r["estimator"] == estimator]
+        frames = [
+            metrics.summarize(group, {}, self._references(), loaded.name).assign(assumption=name)
+            for name, group in [*groups.items(), ("", declared)]
+            if group
+        ]
+        return pd.concat(frames, ignore_index=True)
+
+    def paired(self) -> pd.DataFrame:
+        """Return the paired comparison of every two estimators, in every case and window."""
+        return metrics.paired_table(self.table)
+
+    def failures(self) -> pd.DataFrame:
+        """Return the runs that failed, each with its reason and the command that repeats it."""
+        table = self.table
+        columns = ["assumption", "case", "estimator", "run", "reason", "command"]
+        return table.loc[table["status"] != "ok", columns].reset_index(drop=True)
+
+    def _references(self) -> dict[str, tuple[float, float] | None]:
+        return {
+            case.name: (case.reference.position_mrse_m, case.reference.velocity_mrse_mps)
+            if case.reference
+            else None
+            for case in self.scenario.cases
+        }
+
+
+def write_tables(results: Results) -> pd.DataFrame:
+    """Write the tables of a results folder into it; return the summary.
+
+    ``summary.csv`` (:data:`ggbench.metrics.SUMMARY_COLUMNS`), ``paired.csv``, ``failures.csv``,
+    ``runs.parquet`` (the table of runs) and, if assumptions were studied, ``assumptions.csv``.
+
+    Raises
+    ------
+    StoreError
+        If a file cannot be written.
+    """
+    summary, studies = results.summary(), results.studies()
+
+    def write_csv(name: str, table: pd.DataFrame) -> None:
+        results.store.write(name, table.to_csv(index=False).encode())
+
+    write_csv("summary.csv", summary[list(metrics.SUMMARY_COLUMNS)])
+    write_csv("paired.csv", results.paired())
+    write_csv("failures.csv", results.failures())
+    if len(studies):
+        write_csv("assumptions.csv", studies)
+    content = io.BytesIO()
+    results.table.to_parquet(content, index=False)
+    results.store.write("runs.parquet", content.getvalue())
+    return summary

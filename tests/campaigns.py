@@ -1,0 +1,68 @@
+"""Campaigns on a small scenario: run, read back, compare without what clocks and memory say."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from problems import SMALL
+
+from ggbench import campaign, execution, scenario
+from ggbench.campaign import Campaign
+from ggbench.results import Results, write_tables
+
+COMMAND = str(Path(sys.executable).parent / "ggbench")
+LABELS = ("ins", "ekf", "ukf[points=merwe]")
+TIMINGS = ("seconds", "peak_memory_mb", "cold", "traceback")
+
+
+def small(tmp_path: Path, text: str = SMALL) -> scenario.Scenario:
+    path = tmp_path / "small.toml"
+    path.write_text(text)
+    return scenario.load(str(path))
+
+
+def plan(tmp_path: Path, folder: str, labels: tuple[str, ...], **options: Any) -> Campaign:
+    settings = {"runs": 3, "seed": 5, "assumptions": False} | options
+    loaded = settings.pop("scenario", None) or small(tmp_path)
+    return Campaign(loaded, "small.toml", labels, folder=tmp_path / folder, **settings)
+
+
+def ran(
+    tmp_path: Path, folder: str = "out", labels: tuple[str, ...] = LABELS, **options: Any
+) -> Results:
+    """The results of a campaign on the small scenario, run to its end."""
+    jobs = options.pop("jobs", 0)
+    work = plan(tmp_path, folder, labels, **options)
+    work.check()
+    store, _ = work.open()
+    tasks = work.tasks(store)
+    engine = (
+        execution.in_processes(tasks, jobs, work.limit) if jobs else execution.in_process(tasks)
+    )
+    campaign.execute(engine, store, lambda batch: None)
+    results = Results(work.folder, store)
+    write_tables(results)
+    return results
+
+
+def records(results: Results) -> dict[tuple[str, str, int], dict[str, Any]]:
+    """Records without what may differ between two equal campaigns: time and memory."""
+    return {
+        (r["case"], r["estimator"], r["run"]): {k: v for k, v in r.items() if k not in TIMINGS}
+        for r in results.records()
+    }
+
+
+def assert_equal(one: Results, other: Results) -> None:
+    """Two folders hold the same bits: records, series, details and tables, timings aside."""
+    expected = records(one)
+    assert records(other) == expected
+    for case, label in {key[:2] for key in expected}:
+        for read in (Results.series, lambda r, c, e: r.detail(c, e, 0)):
+            assert np.array_equal(read(one, case, label), read(other, case, label), equal_nan=True)
+    drop = ["seconds_per_run"]
+    assert one.summary().drop(columns=drop).equals(other.summary().drop(columns=drop))
+    assert one.paired().equals(other.paired())
