@@ -23,4 +23,7 @@ time have the epochs first: (K, ...).
 
 from importlib.metadata import version
 
+from . import cache
+
 __version__ = version("ggbench")
+cache.keep_apart()

@@ -9,50 +9,121 @@ from __future__ import annotations
 
 import contextlib
 import datetime
+import math
 import os
 import platform
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Mapping, Set
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from . import keys
 from .errors import GGBenchError
-from .registry import EstimatorError, choose
-from .runner import DETAILED_RUN, Task, flight_of, lag_epochs, shared_arrays
+from .problem import Problem
+from .registry import choose
+from .runner import DETAILED_RUN, Task, flight_of, lag_epochs, said, shared_arrays
 from .scenario import Scenario
 from .schema import CaseSpec
 from .simulation import simulate
-from .store import FORMAT, Result, Store, StoreError, is_ours, read_manifest
+from .store import FORMAT, Result, Store, StoreError, read_manifest, require_ours
 
 
 class CampaignError(GGBenchError):
     """A campaign cannot be run as asked."""
 
 
-def check(scenario: Scenario, assumptions: bool) -> None:
-    """Fly every case (and every assumption's) without errors, before anything is written.
+def check(scenario: Scenario, seed: int = 0) -> Iterator[tuple[str, CaseSpec, Problem]]:
+    """Fly every case and every assumption's, before anything is written.
+
+    Yields
+    ------
+    The study ("" for none), the case and the problem of its first run.
 
     Raises
     ------
     CampaignError
         If a map cannot be made, a flight leaves it, or a filter cannot be computed.
     """
-    for study, case in _cases(scenario, assumptions):
+    for study, case in _cases(scenario):
         try:
-            simulate(flight_of(case), seed=0, run=0)
+            problem, _ = simulate(flight_of(case), seed, DETAILED_RUN)
         except GGBenchError as error:
             prefix = f"assumption {study}, " if study else ""
             raise CampaignError(f"{scenario.name}, {prefix}case {case.name}: {error}") from None
+        yield study, case, problem
 
 
-def _cases(scenario: Scenario, assumptions: bool) -> Iterator[tuple[str, CaseSpec]]:
+def _cases(scenario: Scenario) -> Iterator[tuple[str, CaseSpec]]:
     """Yield every case with the name of the study it belongs to, "" for the cases themselves."""
     for case in scenario.cases:
         yield "", case
-    for study in scenario.assumptions if assumptions else ():
+    for study in scenario.assumptions:
         for case in study.cases:
             yield study.name, case
+
+
+Pairs = tuple[tuple[str, str], ...]
+"""(label, key) of estimators on a case."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The runs that belong together, and their keys.
+
+    Attributes
+    ----------
+    scenario : with the cases that are run, and with assumptions only if they are studied.
+    estimators : label to content (:attr:`ggbench.registry.Choice.content`) of the cases' runs.
+    studied : the same of the assumptions' runs.
+    runs, seed : number of runs per case, and the seed.
+    """
+
+    scenario: Scenario
+    estimators: Mapping[str, Mapping[str, Any]]
+    studied: Mapping[str, Mapping[str, Any]]
+    runs: int
+    seed: int
+
+    def cells(self) -> list[tuple[str, CaseSpec, Pairs]]:
+        """Return every study ("" for none) and case with its estimators and their keys."""
+        return [
+            (study, case, self._pairs(case, self.studied if study else self.estimators))
+            for study, case in _cases(self.scenario)
+        ]
+
+    def _pairs(self, case: CaseSpec, contents: Mapping[str, Mapping[str, Any]]) -> Pairs:
+        return tuple(
+            (label, keys.run_key(case, content, self.seed)) for label, content in contents.items()
+        )
+
+    def joined(self, old: Mapping[str, Any], whole: Scenario, finished: Set[str]) -> Plan:
+        """Return this plan together with what a folder holds of the same content.
+
+        Parameters
+        ----------
+        old : the folder's manifest. whole : the scenario with all of its cases.
+        finished : keys under which there are results.
+        """
+        now = keys.environment() | {"seed": self.seed}
+        if any(old[name] != value for name, value in now.items()):
+            return self
+        known = [case.name for case in whole.cases]
+        names = {*old["cases"], *(case.name for case in self.scenario.cases)}
+        # By the contents that the manifest states: what it names is not to be loaded.
+        held = {
+            label: content
+            for label, content in old["estimators"].items()
+            if any(keys.run_key(case, content, self.seed) in finished for case in whole.cases)
+        }
+        scenario = whole.select([name for name in known if name in names])
+        if not (old["assumptions"] or self.scenario.assumptions):
+            scenario = replace(scenario, assumptions=())
+        return replace(
+            self,
+            scenario=scenario,
+            estimators=held | dict(self.estimators),
+            runs=max(old["runs"], self.runs),
+        )
 
 
 @dataclass
@@ -83,6 +154,19 @@ class Campaign:
     limit: float = 600.0
     fresh: bool = False
 
+    @property
+    def plan(self) -> Plan:
+        """What is asked for."""
+        scenario = self.scenario.select(self.cases) if self.cases else self.scenario
+        studied = choose(self.scenario.campaign.assumption_estimator)
+        return Plan(
+            scenario if self.assumptions else replace(scenario, assumptions=()),
+            {label: choose(label).content for label in self.labels},
+            {studied.label: studied.content},
+            self.runs,
+            self.seed,
+        )
+
     def open(self) -> tuple[Store, list[str]]:
         """Return the results folder, made or found again, and remarks for the user.
 
@@ -91,16 +175,17 @@ class Campaign:
         StoreError
             If the folder holds something else, or results of another scenario.
         CampaignError
-            If no estimator can take the scenario.
+            If a case cannot be flown, or no estimator can take the scenario.
         """
         self._require_folder()
         remarks = self._leave_out()
         store = Store(self.folder, create=True, fresh=self.fresh)
-        whole = self
+        plan = self.plan
+        self._share(store, plan)
         if (self.folder / "manifest.json").exists():
-            whole = self._joined(store)
-        manifest = whole._manifest()
-        whole._share(store)
+            finished = {key for key, _ in store.finished()}
+            plan = plan.joined(read_manifest(self.folder), self.scenario, finished)
+        manifest = self._manifest(plan)
         store.write_manifest(manifest)
         used = {cell["key"] for cell in manifest["cells"]}
         unused = sum(key not in used for key, _ in store.finished())
@@ -116,50 +201,40 @@ class Campaign:
 
         Run by run, so that an interrupted campaign has runs of all cases.
         """
-        finished = store.finished(self.limit)
-        cells = self._cells()
+        known = store.finished(self.limit)
+        cells = self.plan.cells()
         tasks = []
         for run in range(self.runs):
             for study, case, estimators in cells:
                 if study and run >= self.scenario.campaign.assumption_runs:
                     continue
-                missing = tuple(pair for pair in estimators if (pair[1], run) not in finished)
+                missing = tuple(pair for pair in estimators if (pair[1], run) not in known)
+                # Two names of one content are run once.
+                known.update((key, run) for _, key in missing)
                 if missing:
                     tasks.append(Task(case, study, run, self.seed, missing))
         return tasks
 
-    def check(self) -> None:
-        """Fly everything that is to be flown without errors (:func:`check`)."""
-        check(self._selected, self.assumptions)
-
-    @property
-    def _selected(self) -> Scenario:
-        return self.scenario.select(self.cases) if self.cases else self.scenario
-
-    def _cells(self) -> list[tuple[str, CaseSpec, tuple[tuple[str, str], ...]]]:
-        """Return every study and case with its estimators and the keys of their runs."""
-        choices = [choose(label) for label in self.labels]
-        studied = [choose(self.scenario.campaign.assumption_estimator)]
-        return [
-            (
-                study,
-                case,
-                tuple(
-                    (choice.label, keys.run_key(case, choice, self.seed))
-                    for choice in (studied if study else choices)
-                ),
+    def missing(self, store: Store) -> int:
+        """Return how many of the results asked for are not there, not even as failures."""
+        held = store.finished(-math.inf)
+        return sum(
+            (key, run) not in held
+            for study, _, estimators in self.plan.cells()
+            for run in range(
+                min(self.runs, self.scenario.campaign.assumption_runs) if study else self.runs
             )
-            for study, case in _cases(self._selected, self.assumptions)
-        ]
+            for _, key in estimators
+        )
 
     def _require_folder(self) -> None:
-        """Raise StoreError if the folder holds something that is not ours, or not to be joined."""
-        if self.folder.is_dir():
-            names = [path.name for path in self.folder.iterdir()]
-            if names and not any(map(is_ours, names)):
-                raise StoreError(
-                    f"{self.folder} is not empty and holds no results; choose another -o"
-                )
+        """Raise StoreError if the folder is not ours, or not to be joined."""
+        require_ours(self.folder)
+        if Path(self.argument).absolute() == (self.folder / "scenario.toml").absolute():
+            raise StoreError(
+                f"{self.folder} is the folder of the scenario itself, whose file would be "
+                "overwritten; choose another -o"
+            )
         if (self.folder / "manifest.json").exists() and not self.fresh:
             held = read_manifest(self.folder)["scenario"]
             if held != self.scenario.name:
@@ -171,13 +246,13 @@ class Campaign:
     def _leave_out(self) -> list[str]:
         """Leave estimators out that cannot take a problem (``skip``); return why."""
         reasons: dict[str, str] = {}
-        for case in self._selected.cases:
-            problem, _ = simulate(flight_of(case), self.seed, DETAILED_RUN)
-            for label in self.labels:
+        estimators = {label: choose(label).estimator for label in self.labels}
+        for study, _, problem in check(self.plan.scenario, self.seed):
+            for label, estimator in estimators.items() if not study else ():
                 try:
-                    reason = choose(label).estimator.skip(problem)
+                    reason = estimator.skip(problem)
                 except Exception as error:
-                    reason = f"its skip raises {type(error).__name__}: {error}"
+                    reason = f"its skip raises {said(error)}"
                 if reason:
                     reasons.setdefault(label, f"{label} is left out: {reason}")
         self.labels = tuple(label for label in self.labels if label not in reasons)
@@ -187,32 +262,23 @@ class Campaign:
             )
         return list(reasons.values())
 
-    def _joined(self, store: Store) -> Campaign:
-        """Return this campaign together with what its folder holds of the same content."""
-        old = read_manifest(self.folder)
-        now = keys.environment() | {"seed": self.seed}
-        if any(old[name] != value for name, value in now.items()):
-            return self
-        known = [case.name for case in self.scenario.cases]
-        cases = {*old["cases"], *(self.cases or known)}
-        finished = {key for key, _ in store.finished()}
-        labels = []
-        for label in [*old["estimators"], *self.labels]:
-            with contextlib.suppress(EstimatorError):  # its file may be gone
-                choice = choose(label)
-                held = {keys.run_key(case, choice, self.seed) for case in self.scenario.cases}
-                if choice.label not in labels and (choice.label in self.labels or held & finished):
-                    labels.append(choice.label)
-        return replace(
-            self,
-            labels=tuple(labels),
-            runs=max(old["runs"], self.runs),
-            assumptions=old["assumptions"] or self.assumptions,
-            cases=tuple(name for name in known if name in cases),
-        )
+    def _share(self, store: Store, plan: Plan) -> None:
+        """Store what each case's runs share, unless it is stored: bounds, signals for figures."""
+        estimators = [choose(label).estimator for label in self.labels]
+        lagged = [vars(e)["lag"] for e in estimators if e.causality == "fixed-lag"]
+        for case in plan.scenario.cases:
+            key = keys.case_key(case, self.seed)
+            lags = {lag_epochs(case, lag) for lag in lagged}
+            if store.has_arrays(key):
+                prefix = "bound-fixed-lag-"
+                names = [n for n in store.arrays(key, case.name) if n.startswith(prefix)]
+                held = {int(name.removeprefix(prefix)) for name in names}
+                if lags <= held:
+                    continue
+                lags |= held
+            store.write_arrays(key, shared_arrays(flight_of(case), self.seed, sorted(lags)))
 
-    def _manifest(self) -> dict[str, Any]:
-        cases = self._selected.cases
+    def _manifest(self, plan: Plan) -> dict[str, Any]:
         return {
             "format": FORMAT,
             **keys.environment(),
@@ -223,22 +289,22 @@ class Campaign:
             "title": self.scenario.title,
             "notes": self.scenario.notes,
             "seed": self.seed,
-            "runs": self.runs,
-            "estimators": {label: choose(label).content for label in self.labels},
-            "cases": [case.name for case in cases],
-            "assumptions": self.assumptions,
+            "runs": plan.runs,
+            "estimators": dict(plan.estimators),
+            "cases": [case.name for case in plan.scenario.cases],
+            "assumptions": bool(plan.scenario.assumptions),
             "cells": [
                 {
                     "assumption": study,
                     "case": case.name,
-                    "case_hash": case.content_hash,
+                    "problem": keys.problem_key(case, plan.seed),
                     "estimator": label,
                     "key": key,
                 }
-                for study, case, estimators in self._cells()
+                for study, case, estimators in plan.cells()
                 for label, key in estimators
             ],
-            "shared": {case.name: keys.case_key(case, self.seed) for case in cases},
+            "shared": {case.name: keys.case_key(case, self.seed) for case in plan.scenario.cases},
             "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
             "machine": {
                 "system": platform.system(),
@@ -246,25 +312,6 @@ class Campaign:
                 "processors": os.cpu_count(),
             },
         }
-
-    def _share(self, store: Store) -> None:
-        """Store what each case's runs share, unless it is stored: bounds, signals for figures."""
-        lagged = [
-            estimator
-            for label in self.labels
-            if (estimator := choose(label).estimator).causality == "fixed-lag"
-        ]
-        for case in self._selected.cases:
-            key = keys.case_key(case, self.seed)
-            lags = {lag_epochs(case, vars(estimator)["lag"]) for estimator in lagged}
-            if store.has_arrays(key):
-                held = store.arrays(key, case.name)
-                missing = {lag for lag in lags if f"bound-fixed-lag-{lag}" not in held}
-                if not missing:
-                    continue
-                prefix = "bound-fixed-lag-"
-                lags |= {int(n.removeprefix(prefix)) for n in held if n.startswith(prefix)}
-            store.write_arrays(key, shared_arrays(flight_of(case), self.seed, sorted(lags)))
 
 
 def execute(

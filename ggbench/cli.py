@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
+from collections import deque
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +15,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from .errors import GGBenchError
+from .schema import MOST_RUNS, MOST_SEED
 
 if TYPE_CHECKING:
     from .campaign import Campaign
@@ -22,6 +25,7 @@ console = Console()
 if not console.is_terminal:
     console.width = 120  # a file or a pipe has no edge at which tables must fold
 EXIT_WORSE = 1
+_MANY_CASES = 10
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
 
@@ -35,6 +39,9 @@ class _Commands(click.Group):
         except GGBenchError as error:
             click.echo(f"ggbench: {error}", err=True)
             context.exit(EXIT_BAD_INPUT)
+        except KeyboardInterrupt:
+            click.echo("Interrupted.", err=True)
+            context.exit(EXIT_INTERRUPTED)
 
 
 @click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
@@ -76,12 +83,11 @@ def list_command() -> None:
 @click.argument("file")
 def validate(file: str) -> None:
     """Check a scenario: FILE is a path or the name of a shipped one."""
-    from . import campaign, scenario
+    from . import campaign, registry, scenario
 
     loaded = scenario.load(file)
-    campaign.check(loaded, assumptions=True)
-    for text in (*loaded.campaign.estimators, loaded.campaign.assumption_estimator):
-        _choose(text)
+    deque(campaign.check(loaded), maxlen=0)
+    registry.choose_all([*loaded.campaign.estimators, loaded.campaign.assumption_estimator])
     click.echo(
         f"{file} is valid: {len(loaded.cases)} cases, {len(loaded.assumptions)} assumptions, "
         f"{len(loaded.provenance)} values with provenance"
@@ -94,8 +100,10 @@ def validate(file: str) -> None:
     "-e", "--estimator", "estimators", multiple=True, metavar="NAME[param=value,...]",
     help="Estimator to run: a name or a .py file; repeat for more. Default: the scenario's.",
 )  # fmt: skip
-@click.option("-n", "--runs", type=click.IntRange(1), help="Runs per case [the scenario's].")
-@click.option("-s", "--seed", type=click.IntRange(0), help="Seed [the scenario's].")
+@click.option(
+    "-n", "--runs", type=click.IntRange(1, MOST_RUNS), help="Runs per case [the scenario's]."
+)
+@click.option("-s", "--seed", type=click.IntRange(0, MOST_SEED), help="Seed [the scenario's].")
 @click.option(
     "-c", "--case", "cases", multiple=True, metavar="NAME", help="Case to run; repeat for more."
 )
@@ -117,14 +125,14 @@ def validate(file: str) -> None:
 @click.option("--cluster", metavar="ADDRESS", help="Run on the Dask scheduler at this address.")
 @click.option(
     "--time-limit",
-    type=click.FloatRange(0.0, min_open=True),
+    type=click.FloatRange(0.0, 1e9, min_open=True),
     metavar="SECONDS",
     help="Longest time of one run of one estimator [the scenario's, else 600].",
 )
 @click.option(
     "--run",
     "one_run",
-    type=click.IntRange(0),
+    type=click.IntRange(0, MOST_RUNS),
     metavar="K",
     help="Only run number K, in this process; tell its story and store nothing.",
 )
@@ -146,13 +154,14 @@ def run(
 
     Finished runs are stored at once; the same command goes on where it was stopped.
     """
-    from . import campaign, scenario
+    from . import campaign, registry, scenario
 
+    _treat_as_interrupt(signal.SIGTERM, signal.SIGHUP)
     loaded = scenario.load(scenario_name)
     texts = [*(estimators or loaded.campaign.estimators)]
     if assumptions:  # its runs without the change are what the study is compared with
         texts.append(loaded.campaign.assumption_estimator)
-    labels = tuple(dict.fromkeys(_choose(text) for text in texts))
+    labels = tuple(choice.label for choice in registry.choose_all(texts))
     seed = loaded.campaign.seed if seed is None else seed
     if one_run is not None:
         from . import story
@@ -173,12 +182,16 @@ def run(
         time_limit or loaded.campaign.time_limit_s,
         not resume,
     )
-    work.check()
+    if len(loaded.cases) > _MANY_CASES:
+        click.echo(f"preparing {len(loaded.cases)} cases")
     store, remarks = work.open()
     for remark in remarks:
         click.echo(remark)
     interrupted = _execute(work, store, jobs, cluster)
+    missing = 0 if interrupted else work.missing(store)
     _finish(work.folder, store, interrupted)
+    if missing:
+        raise campaign.CampaignError(f"{missing} runs gave no result; the same command goes on")
 
 
 def _execute(work: Campaign, store: Store, jobs: int | None, cluster: str | None) -> bool:
@@ -214,7 +227,7 @@ def _execute(work: Campaign, store: Store, jobs: int | None, cluster: str | None
 
 def _finish(folder: Path, store: Store, interrupted: bool) -> None:
     """Write the tables of what is stored, print the summary, say how to go on."""
-    from .results import Results, write_tables
+    from .results import Results, as_argument, write_tables
     from .terminal import print_summary
 
     results = Results(folder, store)
@@ -223,15 +236,26 @@ def _finish(folder: Path, store: Store, interrupted: bool) -> None:
         print_summary(summary, results.scenario, console)
     failed = len(results.failures())
     store.close()
+    name = as_argument(str(folder))
     if failed:
-        click.echo(f"{failed} runs failed: 'ggbench show {folder}' tells why and repeats them.")
+        click.echo(f"{failed} runs failed: 'ggbench show {name}' tells why and repeats them.")
     if interrupted:
         click.echo(
-            f"Interrupted. The runs that finished are in {folder}: 'ggbench report {folder}' "
+            f"Interrupted. The runs that finished are in {name}: 'ggbench report {name}' "
             "reports them, the same command goes on."
         )
         sys.exit(EXIT_INTERRUPTED)
-    click.echo(f"Results are in {folder}; 'ggbench report {folder}' writes the report.")
+    click.echo(f"Results are in {name}; 'ggbench report {name}' writes the report.")
+
+
+def _treat_as_interrupt(*signals: signal.Signals) -> None:
+    """Have signals that ask for the end do what Ctrl-C does: what is finished is summed up."""
+
+    def interrupt(number: int, frame: object) -> None:
+        raise KeyboardInterrupt
+
+    for each in signals:
+        signal.signal(each, interrupt)
 
 
 @main.command()
@@ -271,7 +295,10 @@ def show(folder: Path, number: int | None, case: str | None) -> None:
     show_default=True,
     help="Part of the flight over which errors are averaged.",
 )
-def compare(before: Path, after: Path, threshold: float, window: str) -> None:
+@click.option(
+    "--require-all", is_flag=True, help="Also fail if AFTER lacks an estimator or case of BEFORE."
+)
+def compare(before: Path, after: Path, threshold: float, window: str, require_all: bool) -> None:
     """Compare two results folders: what got better or worse, and how surely.
 
     Exit code 1 if something got significantly worse than the threshold.
@@ -282,7 +309,8 @@ def compare(before: Path, after: Path, threshold: float, window: str) -> None:
 
     compared = compare_runs(Results(before).table, Results(after).table, threshold, window)
     print_comparison(compared, console)
-    sys.exit(EXIT_WORSE if compared.worse else 0)
+    gone = require_all and bool(compared.only_before)
+    sys.exit(EXIT_WORSE if compared.worse or gone else 0)
 
 
 @main.command()
@@ -296,10 +324,3 @@ def report(folder: Path, output: Path | None) -> None:
 
     path = reporting.write(folder, output or folder)
     click.echo(f"Wrote {path}")
-
-
-def _choose(text: str) -> str:
-    """Return the label of an estimator, checked."""
-    from . import registry
-
-    return registry.choose(text).label

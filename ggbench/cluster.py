@@ -6,16 +6,18 @@ tasks that come, so that time limits and deaths are dealt with there as on one's
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import re
 import socket
 import threading
+import uuid
 from collections.abc import Generator, Sequence
 from typing import TYPE_CHECKING
 
 from .errors import GGBenchError
 from .execution import Member, drive
-from .runner import Task, failure
+from .runner import OtherSourceError, Task, failure
 from .store import Result
 
 if TYPE_CHECKING:
@@ -75,50 +77,75 @@ def _require_listener(address: str) -> None:
 
 
 def _on(client: Client, tasks: Sequence[Task], limit: float) -> Generator[list[Result]]:
-    from distributed import CancelledError, KilledWorker, as_completed
+    from distributed import CancelledError, Event, KilledWorker, as_completed
     from distributed.comm.core import CommClosedError
 
     queue = iter(tasks)
     handed: dict[object, Task] = {}
+    stopped = Event(f"ggbench-{uuid.uuid4()}", client)
 
-    def hand_over(count: int) -> list[Future]:
+    def hand_over() -> list[Future]:
+        # As many as keep the cluster busy as it is now: it may grow.
+        threads = max(1, sum(client.nthreads().values()))
+        new = list(itertools.islice(queue, max(0, _AHEAD * threads - len(handed))))
         # Not pure: equal calls are not to be taken for one, their results are stored here.
-        new = list(itertools.islice(queue, count))
-        futures = [client.submit(run_here, task, limit, pure=False) for task in new]
+        futures = [client.submit(run_here, task, limit, stopped.name, pure=False) for task in new]
         handed.update({future.key: task for future, task in zip(futures, new, strict=True)})
         return futures
 
-    threads = sum(client.nthreads().values())
-    completed = as_completed(hand_over(max(threads, 1) * _AHEAD), loop=client.loop)
     try:
+        completed = as_completed(hand_over(), loop=client.loop)
         for future in completed:
             task = handed.pop(future.key)
             try:
                 results = future.result()
             except KilledWorker:
-                reason = "the cluster's workers died of it, again and again"
                 results = [
-                    failure(task, *pair, reason, retry_above=0.0) for pair in task.estimators
+                    failure(task, *pair, "the cluster's workers died, twice", retry_above=0.0)
+                    for pair in task.estimators
                 ]
-            completed.update(hand_over(1))
+            completed.update(hand_over())
             yield results
-    except (CancelledError, CommClosedError, OSError, TimeoutError) as error:
+    except (CancelledError, CommClosedError, OSError) as error:
         raise ClusterError(
             f"the connection to the Dask scheduler is lost ({type(error).__name__}: {error}); the "
             "same command goes on from what is stored"
         ) from None
     except ModuleNotFoundError as error:
         raise ClusterError(f"the cluster cannot run ggbench: {error}") from None
+    finally:
+        with contextlib.suppress(Exception):  # the scheduler may be gone
+            stopped.set()
 
 
-def run_here(task: Task, limit: float) -> list[Result]:
-    """Run a task in this thread's own process, on a worker of the cluster."""
-    if not hasattr(_mine, "member"):
+def run_here(task: Task, limit: float, stopped: str) -> list[Result]:
+    """Run a task in this thread's own process, on a worker of the cluster.
+
+    ``stopped`` names the event that says that nobody waits for it any more.
+    """
+    from distributed import Event
+
+    event = Event(stopped)
+    served = hasattr(_mine, "member")
+    if not served:
         _mine.member = Member(limit)
     _mine.member.limit = limit
     try:
-        return list(itertools.chain.from_iterable(drive([task], [_mine.member])))
+        results = list(itertools.chain.from_iterable(drive([task], [_mine.member], event.is_set)))
+        if not _mine.member.idle:  # stopped
+            _discard_member()
+        return results
+    except OtherSourceError:
+        # It may have loaded what has been edited since: a new process sees what is there now.
+        _discard_member()
+        if not served:
+            raise
+        return run_here(task, limit, stopped)
     except BaseException:
-        _mine.member.worker.kill()
-        del _mine.member
+        _discard_member()
         raise
+
+
+def _discard_member() -> None:
+    _mine.member.worker.kill()
+    del _mine.member

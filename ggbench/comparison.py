@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.stats import hypergeom
+from scipy.stats import binom, hypergeom
 
 from .errors import GGBenchError
 from .metrics import WINDOWS
@@ -71,9 +71,13 @@ def compare(
     raise false alarms (30 against 300 runs: in one of three comparisons of ten rows). Where runs
     were lost, errors thus say nothing of them; the row "lost runs" does, over all runs of either.
 
+    An estimator of which each campaign has one set of parameters that the other lacks is compared
+    under both its labels.
+
     Errors are worse if MRSE grew by more than ``threshold`` (:func:`excess_p_value`); lost runs if
-    there are more (Fisher's exact test, one-sided, whatever the threshold): with a p-value below
-    0.05 after Holm's procedure over all rows. The probability that :attr:`Comparison.worse` is true
+    there are more (one-sided exact tests, McNemar's of pairs and Fisher's of independent samples,
+    whatever the threshold): with a p-value below 0.05 after Holm's procedure over all rows in which
+    anything differs. The probability that :attr:`Comparison.worse` is true
     with nothing worse is thus 5 % for the whole comparison, and the same holds for "better".
     Measured with ten rows, χ² or log-normal errors, paired or not: at most 6 % with 5 to 300 runs.
     The t-tests need more runs where only the law changes: independent samples of equal means, but
@@ -95,6 +99,8 @@ def compare(
         raise ComparisonError(f"there is no window {window!r}; choose one of {', '.join(WINDOWS)}")
     if not (math.isfinite(threshold) and threshold >= 0.0):
         raise ComparisonError(f"the threshold must be a number from 0 on, and is {threshold}")
+    renamed = _changed_parameters(before, after)
+    before, after = (table.replace({"estimator": renamed}) for table in (before, after))
     groups_before, groups_after = _groups(before), _groups(after)
     common = [key for key in groups_before if key in groups_after]
     if not common:
@@ -109,15 +115,33 @@ def compare(
             for row in _rows(groups_before[key], groups_after[key], threshold, window)
         ]
     )
-    same = rows["verdict"] == SAME
+    # What could not have been found, whatever its margins, takes part in no family of tests.
+    open_rows = (rows["verdict"] != SAME) & ~(
+        (rows["quantity"] == LOST) & (rows["before"] + rows["after"] == 0.0)
+    )
     for column, verdict in (("p", WORSE), ("p_better", BETTER)):
-        rows[column] = holm(rows[column])
-        rows.loc[~same & (rows[column] < ALPHA), "verdict"] = verdict
+        rows.loc[open_rows, column] = holm(rows.loc[open_rows, column])
+        rows.loc[open_rows & (rows[column] < ALPHA), "verdict"] = verdict
     return Comparison(
         rows[list(ROW_COLUMNS)],
         _missing(groups_before, groups_after),
         _missing(groups_after, groups_before),
     )
+
+
+def _changed_parameters(before: pd.DataFrame, after: pd.DataFrame) -> dict[str, str]:
+    """Return the labels of estimators that differ in their parameters alone, as "old → new"."""
+    old, new = (dict(zip(t["estimator"], t["name"], strict=True)) for t in (before, after))
+    alone_old = {label: name for label, name in old.items() if label not in new}
+    alone_new = {label: name for label, name in new.items() if label not in old}
+    renamed: dict[str, str] = {}
+    for name in set(alone_old.values()) & set(alone_new.values()):
+        pair = [
+            label for alone in (alone_old, alone_new) for label in alone if alone[label] == name
+        ]
+        if len(pair) == 2:
+            renamed |= dict.fromkeys(pair, " → ".join(pair))
+    return renamed
 
 
 def _groups(table: pd.DataFrame) -> dict[tuple[str, ...], pd.DataFrame]:
@@ -168,14 +192,25 @@ def _rows(
 
 def _problems(runs: pd.DataFrame) -> set[tuple[str, int]]:
     """Return what was simulated: the case hashes and seeds of some runs."""
-    return set(zip(runs["case_hash"], runs.index.get_level_values("seed"), strict=True))
+    return set(zip(runs["problem"], runs.index.get_level_values("seed"), strict=True))
 
 
 def _lost_runs(before: pd.DataFrame, after: pd.DataFrame, paired: bool) -> dict[str, Any]:
     """Return the row of the runs that failed or diverged."""
     lost = [(runs["status"] != "ok") | runs["diverged"].astype(bool) for runs in (before, after)]
     old, new = (int(runs.sum()) for runs in lost)
-    runs = len(before) + len(after)
+    if paired:
+        # McNemar's exact test, on the runs that only one of the two lost.
+        one, other = lost[0].align(lost[1], join="inner")
+        only_old, only_new = int((one & ~other).sum()), int((other & ~one).sum())
+        p, p_better = (
+            float(binom.sf(only - 1, only_old + only_new, 0.5)) for only in (only_new, only_old)
+        )
+    else:
+        # Fisher's exact test: given all that are lost, how many of them are after's.
+        runs = len(before) + len(after)
+        p = float(hypergeom.sf(new - 1, runs, old + new, len(after)))
+        p_better = float(hypergeom.sf(old - 1, runs, old + new, len(before)))
     return {
         "quantity": LOST,
         "before": float(old),
@@ -186,9 +221,8 @@ def _lost_runs(before: pd.DataFrame, after: pd.DataFrame, paired: bool) -> dict[
         "runs_before": len(before),
         "runs": len(after),
         "paired": paired,
-        # Fisher's exact test: given all that are lost, how many of them are after's.
-        "p": float(hypergeom.sf(new - 1, runs, old + new, len(after))),
-        "p_better": float(hypergeom.sf(old - 1, runs, old + new, len(before))),
+        "p": p,
+        "p_better": p_better,
         "verdict": SAME if lost[0].equals(lost[1]) else UNDECIDED,
     }
 

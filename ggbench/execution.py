@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import time
 from collections import deque
-from collections.abc import Generator, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass, replace
 from multiprocessing.connection import wait
 
@@ -47,18 +47,28 @@ def in_processes(tasks: Sequence[Task], jobs: int, limit: float) -> Generator[li
     GGBenchError
         If a worker finds that it would run something else than was planned.
     """
-    crew = [Member(limit) for _ in range(min(jobs, len(tasks)))]
+    crew: list[Member] = []
     try:
+        while len(crew) < min(jobs, len(tasks)):
+            crew.append(Member(limit))
         yield from drive(tasks, crew)
+    except OSError as error:
+        raise ExecutionError(f"worker processes cannot be started: {error.strerror}") from None
     finally:
         for member in crew:
             member.worker.kill()
 
 
-def drive(tasks: Iterable[Task], crew: Sequence[Member]) -> Generator[list[Result]]:
-    """Let a crew run tasks to their end, after which all of it is idle again."""
+def drive(
+    tasks: Iterable[Task], crew: Sequence[Member], stop: Callable[[], bool] = lambda: False
+) -> Generator[list[Result]]:
+    """Let a crew run tasks to their end, after which all of it is idle again.
+
+    Or until ``stop``, asked about once a second, says so.
+    """
     queue = deque(Attempt(task) for task in tasks)
     results: list[Result] = []
+    asked = time.monotonic()
     while True:
         for member in crew:
             if queue and member.idle:
@@ -67,8 +77,17 @@ def drive(tasks: Iterable[Task], crew: Sequence[Member]) -> Generator[list[Resul
             yield results
         if not queue and not any(member.attempt for member in crew):
             return
-        patience = min([_WAKE_S, *(m.deadline - time.monotonic() for m in crew)])
-        wait([m.worker.connection for m in crew if not m.idle], max(patience, 0.0))
+        start = time.monotonic()
+        if start - asked > _WAKE_S:
+            asked = start
+            if stop():
+                return
+        patience = max(0.0, min([_WAKE_S, *(m.deadline - start for m in crew)]))
+        wait([m.worker.connection for m in crew if not m.idle], patience)
+        asleep = time.monotonic() - start - patience
+        if asleep > _WAKE_S:  # Ctrl-Z, a closed laptop: no run's time
+            for member in crew:
+                member.deadline += asleep
         results = []
         for member in crew:
             finished, again = member.attend()
@@ -121,17 +140,22 @@ class Member:
         return results, again
 
     def _take(self, message: object, results: list[Result]) -> None:
-        if isinstance(message, Started):
+        if isinstance(message, Started) and message.label in self._left:
             self._label, self.deadline = message.label, time.monotonic() + self.limit
-        elif isinstance(message, Result):
+        elif (
+            isinstance(message, Result)
+            and self._label is not None
+            and message.key == self._left[self._label]
+        ):
             results.append(message)
-            if self._label is not None:
-                del self._left[self._label]
+            del self._left[self._label]
             self._label, self.deadline = None, math.inf
-        elif isinstance(message, Ready):
+        elif isinstance(message, Ready) and not self._left:
             self.idle, self.attempt, self._false_starts = True, None, 0
         elif isinstance(message, GGBenchError):
             raise message
+        else:
+            raise WorkerDiedError("its process said what was not asked")
 
     def _bury(self, death: str, results: list[Result], again: list[Attempt]) -> None:
         """See to what a worker that died was at, and start another one."""

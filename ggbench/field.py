@@ -207,7 +207,7 @@ def _spline_at_all(
     return outside
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Field:
     """The Earth's gravity-gradient field in the area of a scenario.
 

@@ -40,6 +40,7 @@ plt.rcParams |= {
     "axes.spines.right": False,
     "legend.frameon": False,
     "svg.hashsalt": "ggbench",
+    "text.parse_math": False,  # a $ in somebody's title is a $
 }
 
 
@@ -67,7 +68,7 @@ def gradient_along_track(arrays: Mapping[str, np.ndarray], title: str, path: Pat
         middle.set_visible(False)
     top.plot(times, true, "k--", lw=0.8, label="true")
     top.set_title(title)
-    top.set_ylabel("Γ$_{UU}$ [E]")
+    top.set_ylabel("Γ_UU [E]")
     middle.set_ylabel("difference [E]")
     bottom.set_ylabel("noise [E]")
     bottom.set_xlabel("time [s]")
@@ -132,7 +133,7 @@ def field_map(arrays: Mapping[str, np.ndarray], path: Path) -> None:
     axis.set_xlabel("longitude [° E]")
     axis.set_ylabel("latitude [° N]")
     axis.grid(False)
-    figure.colorbar(mesh, label="disturbing Γ$_{UU}$ [E]", shrink=0.8)
+    figure.colorbar(mesh, label="disturbing Γ_UU [E]", shrink=0.8)
     _save(figure, path)
 
 

@@ -12,14 +12,16 @@ import importlib.metadata
 import importlib.resources
 import json
 import platform
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from . import __version__
 from .disturbing_field import MapError
-from .registry import Choice
-from .schema import CaseSpec
+from .maps import content_key
+from .schema import CaseSpec, FieldSpec
+from .simulation import map_recipe
 
 _PACKAGES = ("numpy", "scipy", "filterpy", "gtsam", "numba")
 """Packages whose version may change a result."""
@@ -38,22 +40,28 @@ def environment() -> dict[str, Any]:
     }
 
 
-def case_key(case: CaseSpec, seed: int) -> str:
-    """Return the key of what all runs of a case share, whatever the estimator.
+def problem_key(case: CaseSpec, seed: int) -> str:
+    """Return the key of what is simulated, whatever version of the package does it.
 
     Raises
     ------
     MapError
         If the case's map file cannot be read.
     """
-    source = case.field.source
-    map_file = _file_hash(Path(source)) if source.endswith(".npz") else None
-    return _hash([environment(), case.content_hash, map_file, seed])
+    return _hash([case.content_hash, _map_content(case.field.model_dump_json()), seed])
 
 
-def run_key(case: CaseSpec, choice: Choice, seed: int) -> str:
-    """Return the key of the runs of an estimator on a case; a run's number completes it."""
-    return _hash([case_key(case, seed), choice.content])
+def case_key(case: CaseSpec, seed: int) -> str:
+    """Return the key of what all runs of a case share, whatever the estimator."""
+    return _hash([environment(), problem_key(case, seed)])
+
+
+def run_key(case: CaseSpec, estimator: Mapping[str, Any], seed: int) -> str:
+    """Return the key of the runs of an estimator on a case; a run's number completes it.
+
+    ``estimator`` is its content (:attr:`ggbench.registry.Choice.content`).
+    """
+    return _hash([case_key(case, seed), estimator])
 
 
 def _hash(content: Any) -> str:
@@ -61,19 +69,24 @@ def _hash(content: Any) -> str:
 
 
 @cache
-def _file_hash(path: Path) -> str:
+def _map_content(field_json: str) -> str | None:
+    """Return a hash of the map of a ``[field]`` table, None if it has none."""
+    field = FieldSpec.model_validate_json(field_json)
+    if field.source == "normal":
+        return None
+    if not field.source.endswith(".npz"):
+        return content_key(map_recipe(field))
     try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
+        return hashlib.sha256(Path(field.source).read_bytes()).hexdigest()
     except OSError as error:
-        raise MapError(f"cannot read the map {path}: {error.strerror}") from None
+        raise MapError(f"cannot read the map {field.source}: {error.strerror}") from None
 
 
 def _source_hash() -> str:
-    """Return a hash of the package's source."""
+    """Return a hash of the package's source, without its estimators: each has its own."""
     digest = hashlib.sha256()
-    for package in ("ggbench", "ggbench.estimators"):
-        folder = importlib.resources.files(package)
-        for file in sorted(folder.iterdir(), key=lambda f: f.name):
-            if file.name.endswith(".py"):
-                digest.update(file.name.encode() + file.read_bytes())
+    folder = importlib.resources.files("ggbench")
+    for file in sorted(folder.iterdir(), key=lambda f: f.name):
+        if file.name.endswith(".py"):
+            digest.update(file.name.encode() + file.read_bytes())
     return digest.hexdigest()[:16]

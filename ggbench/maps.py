@@ -13,15 +13,14 @@ import hashlib
 import importlib.resources
 import json
 import math
-import os
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import platformdirs
 from numpy.typing import NDArray
 
+from .cache import cache_folder
 from .disturbing_field import (
     SOURCES,
     MapError,
@@ -35,9 +34,6 @@ from .disturbing_field import (
 from .earth import SEMI_MAJOR_AXIS
 
 Array = NDArray[np.float64]
-
-CACHE_VARIABLE = "GGBENCH_CACHE_DIR"
-"""Environment variable that names another cache folder than the user's."""
 
 _BUILDING_MODULES = ("disturbing_field.py", "earth.py", "maps.py", "spherical_harmonics.py")
 _SPACING_PER_HEIGHT = 0.25
@@ -110,13 +106,12 @@ def load_or_build(recipe: MapRecipe) -> GradientMap:
 
     The cache is a folder of files named by a hash of the recipe, the data and the code that
     builds, so it never goes stale. A damaged file is replaced; a folder that cannot be written
-    costs only time. :data:`CACHE_VARIABLE` moves it.
+    costs only time. :data:`ggbench.cache.CACHE_VARIABLE` moves it.
 
     Raises MapError as :func:`build` does.
     """
     _check(recipe)
-    folder = os.environ.get(CACHE_VARIABLE) or platformdirs.user_cache_path("ggbench")
-    path = Path(folder) / "maps" / f"{_cache_key(recipe)}.npz"
+    path = cache_folder() / "maps" / f"{content_key(recipe)}.npz"
     with contextlib.suppress(MapError):
         return read(path)
     gradient_map = build(recipe)
@@ -223,7 +218,7 @@ def _node_counts(recipe: MapRecipe) -> tuple[int, int, int]:
     return n_lat, n_lon, n_h
 
 
-def _cache_key(recipe: MapRecipe) -> str:
+def content_key(recipe: MapRecipe) -> str:
     """Hash of all that determines the map: recipe, data, code."""
     values = [v if isinstance(v, str) else float(v) for v in dataclasses.astuple(recipe)]
     digest = hashlib.sha256(json.dumps(values).encode())

@@ -120,7 +120,7 @@ class Progress:
         more = len(self._cases) - len(shown)
         table = Table(
             escape("MRSE so far [m]"), *(escape(case) for case in shown), box=box.SIMPLE_HEAD,
-            caption=f"and {more} more cases" if more else None, caption_justify="left",
+            caption=f"and of {more} other cases" if more else None, caption_justify="left",
         )  # fmt: skip
         for label in self._labels:
             table.add_row(escape(label), *(self._mrse(case, label) for case in shown))

@@ -14,6 +14,7 @@ import re
 import sys
 import types
 import typing
+from collections.abc import Iterable
 from dataclasses import MISSING, dataclass, fields
 from functools import cache
 from pathlib import Path
@@ -126,6 +127,21 @@ def choose(text: str) -> Choice:
     return Choice(f"{name}[{shown}]" if shown else name, estimator)
 
 
+def choose_all(texts: Iterable[str]) -> list[Choice]:
+    """Return the estimators that texts name, each content once, under its first label.
+
+    Raises
+    ------
+    EstimatorError
+        As :func:`choose`.
+    """
+    chosen: list[Choice] = []
+    for choice in map(choose, texts):
+        if all(choice.content != other.content for other in chosen):
+            chosen.append(choice)
+    return chosen
+
+
 def parameters_of(cls: type[Estimator]) -> dict[str, tuple[Any, Any]]:
     """Return the (type, default) of each parameter of an estimator class."""
     hints = typing.get_type_hints(cls)
@@ -150,6 +166,11 @@ def _require_interface(cls: type[Estimator], name: str) -> None:
     for key, (_, default) in parameters_of(cls).items():
         if default is MISSING:
             raise EstimatorError(f"{name}: the parameter '{key}' needs a default")
+        if not isinstance(default, bool | int | float | str | None):
+            raise EstimatorError(
+                f"{name}: the parameter '{key}' is {default!r}; it must be a number, a text or a "
+                "truth value"
+            )
 
 
 def _parse(cls: type[Estimator], name: str, listed: str) -> dict[str, tuple[str, Any]]:

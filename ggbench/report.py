@@ -12,8 +12,7 @@ import pandas as pd
 
 from . import figures, scenario, tables
 from .errors import GGBenchError
-from .registry import choose
-from .results import Results
+from .results import Results, as_argument
 from .runner import DETAILED_RUN
 from .schema import CaseSpec
 from .sweep_report import SweepReport
@@ -80,6 +79,8 @@ class _Report:
         return [
             f"# {self.scenario.title}",
             *SweepReport(self.scenario, self.summary, self.pictures).sections(),
+            "## Estimators beside each other, run by run",
+            tables.verdicts(self.paired),
             "## Assumptions",
             self._assumptions(),
             self.scenario.notes,
@@ -314,10 +315,12 @@ class _Report:
         m = self.manifest
         versions = ", ".join(f"{name} {version}" for name, version in m["versions"].items())
         machine = m["machine"]
-        name = m["scenario"] if m["scenario"] in scenario.shipped() else f"{m['scenario']}.toml"
-        labels = m["estimators"]
-        declared = [choose(text).label for text in self.scenario.campaign.estimators]
-        flags = "".join(f' -e "{label}"' for label in labels) if labels != declared else ""
+        labels, cases = list(m["estimators"]), m["cases"]
+        flags = ""
+        if labels != self.scenario.campaign.estimators:
+            flags += "".join(f" -e {shlex.quote(label)}" for label in labels)
+        if cases != [case.name for case in self.results.whole_scenario.cases]:
+            flags += "".join(f" -c {shlex.quote(name)}" for name in cases)
         flags += " --assumptions" if m["assumptions"] else ""
         memory = max((r.get("peak_memory_mb", 0.0) for r in self.results.records()), default=0.0)
         return "\n".join(
@@ -325,9 +328,9 @@ class _Report:
                 "Generated, not edited. To get it again:",
                 "",
                 "```",
-                f"ggbench run {shlex.quote(name)} -n {m['runs']} --seed {m['seed']}{flags} "
-                f"-o results/{shlex.quote(m['scenario'])}",
-                f"ggbench report results/{shlex.quote(m['scenario'])} -o reports",
+                f"ggbench run {as_argument(m['argument'])} -n {m['runs']} --seed {m['seed']}"
+                f"{flags} -o {shlex.quote('results/' + m['scenario'])}",
+                f"ggbench report {shlex.quote('results/' + m['scenario'])} -o reports",
                 "```",
                 "",
                 f"- ggbench {m['ggbench']}, source {m['source_hash']}, scenario "

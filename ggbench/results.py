@@ -21,7 +21,7 @@ from .scenario import Scenario
 from .store import Store, StoreError, read_manifest
 
 RUN_COLUMNS = (
-    "assumption", "case", "case_hash", "estimator", "name", "parameters", "causality", "seed",
+    "assumption", "case", "problem", "estimator", "name", "parameters", "causality", "seed",
     "run", "status", "reason", "command", "diverged", "seconds", "cold", "map_evaluations",
     "peak_memory_mb", "final_position_error_m", "final_ins_error_m", "bound",
 )  # fmt: skip
@@ -37,7 +37,7 @@ class Cell(NamedTuple):
 
     assumption: str
     case: str
-    case_hash: str
+    problem: str
     estimator: str
     key: str
 
@@ -60,15 +60,23 @@ class Results:
         self.folder = folder
         self.store = store or Store(folder)
         self.manifest = read_manifest(folder)
-        try:
-            self.cells = [Cell(**cell) for cell in self.manifest["cells"]]
-        except TypeError:
-            raise StoreError(f"{folder / 'manifest.json'} is damaged: its cells") from None
+        self.cells = [Cell(**cell) for cell in self.manifest["cells"]]
         self._keys = {(*cell[:2], cell.estimator): cell.key for cell in self.cells}
 
     @cached_property
     def scenario(self) -> Scenario:
-        """The scenario that was run, from the copy in the folder, with the cases that were run."""
+        """The scenario with the cases that were run."""
+        return self.whole_scenario.select(self.manifest["cases"])
+
+    @cached_property
+    def whole_scenario(self) -> Scenario:
+        """The scenario from the copy in the folder, with all of its cases.
+
+        Raises
+        ------
+        ScenarioError, StoreError
+            If this version cannot read it, or it is not the one that was run.
+        """
         manifest = self.manifest
         loaded = scenario.from_text(
             manifest["scenario_text"], manifest["scenario"], manifest["notes"]
@@ -78,7 +86,7 @@ class Results:
                 f"the scenario in {self.folder / 'manifest.json'} is not the one that was run: "
                 "its hash differs"
             )
-        return loaded.select(manifest["cases"])
+        return loaded
 
     @property
     def labels(self) -> list[str]:
@@ -147,11 +155,9 @@ class Results:
     def command(self, cell: Cell, run: int) -> str:
         """Return the command that runs one run again, alone, in one process."""
         case = f"{cell.assumption}/{cell.case}" if cell.assumption else cell.case
-        words = [
-            "ggbench", "run", self.manifest["argument"], "--case", case, "-e", cell.estimator,
-            "--seed", str(self.manifest["seed"]), "--run", str(run),
-        ]  # fmt: skip
-        return shlex.join(words)
+        words = ["--case", case, "-e", cell.estimator, "--seed", str(self.manifest["seed"])]
+        name = as_argument(self.manifest["argument"])
+        return f"ggbench run {name} {shlex.join([*words, '--run', str(run)])}"
 
     def summary(self) -> pd.DataFrame:
         """Return one row per case, estimator and window (:func:`ggbench.metrics.summarize`)."""
@@ -214,6 +220,11 @@ class Results:
             else None
             for case in self.scenario.cases
         }
+
+
+def as_argument(path: str) -> str:
+    """Return a path as it can be pasted into a command: quoted, and not taken for an option."""
+    return shlex.quote(f"./{path}" if path.startswith("-") else path)
 
 
 def write_tables(results: Results) -> pd.DataFrame:

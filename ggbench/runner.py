@@ -5,16 +5,20 @@ This is what a worker process does; nothing here writes anything.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import hashlib
 import json
 import math
+import os
 import resource
 import time
 import traceback
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -31,6 +35,8 @@ from .store import Result
 
 DETAILED_RUN = 0
 """The run whose errors and claimed deviations are kept component by component, for the figures."""
+_LONGEST_TEXT = 4000
+_LONGEST_INFO = 100_000
 MOST_KEPT = 400
 """Most epochs of a run whose errors are kept as a time series."""
 
@@ -98,7 +104,7 @@ def chosen(label: str) -> Choice:
 
 @lru_cache(maxsize=4096)
 def _key(case_json: str, label: str, seed: int) -> str:
-    return keys.run_key(CaseSpec.model_validate_json(case_json), chosen(label), seed)
+    return keys.run_key(CaseSpec.model_validate_json(case_json), chosen(label).content, seed)
 
 
 def _estimator_rng(seed: int, run: int, choice: Choice) -> np.random.Generator:
@@ -138,7 +144,7 @@ def run_task(task: Task) -> Iterator[Started | Result]:
         flight = _flight(case_json)
         problem, truth = simulate(flight, task.seed, task.run)
     except Exception as error:
-        reason, trace = f"simulation: {type(error).__name__}: {error}", traceback.format_exc()
+        reason, trace = f"simulation: {said(error)}", _trace()
     for label, key in task.estimators:
         yield Started(label)
         if reason:
@@ -167,6 +173,58 @@ def failure(
     return Result(key, record, retry_above=retry_above)
 
 
+@contextlib.contextmanager
+def _own_surroundings() -> Iterator[None]:
+    """Undo what an estimator changes for all that run in its process after it.
+
+    NumPy's treatment of floating-point errors, warning filters and the working directory; not what
+    it may do to modules.
+    """
+    folder = Path.cwd()
+    try:
+        with np.errstate(), warnings.catch_warnings():
+            yield
+    finally:
+        os.chdir(folder)
+
+
+def said(error: BaseException) -> str:
+    """Return an exception as a record can hold it and a terminal show it: printable, not long."""
+    try:
+        text = str(error)
+    except Exception:
+        text = "(its text cannot be made)"
+    return _printable(f"{type(error).__name__}: {text}")
+
+
+def _trace() -> str:
+    """Return the traceback of the exception being handled, its end if it is long."""
+    try:
+        return _printable(traceback.format_exc()[-_LONGEST_TEXT:])
+    except Exception:  # as long as the exception's own text is part of it
+        return ""
+
+
+def _printable(text: str) -> str:
+    shown = (c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text[:_LONGEST_TEXT])
+    return "".join(shown)
+
+
+def _remarks(estimate: Estimate) -> dict[str, Any]:
+    """Return an estimate's remarks as JSON can hold them.
+
+    Raises
+    ------
+    ValueError
+        If they are too long to be stored with every run.
+    """
+    text = json.dumps(dict(estimate.info), default=float)
+    if len(text) > _LONGEST_INFO:
+        raise ValueError(f"the estimate's info has {len(text)} characters, over {_LONGEST_INFO}")
+    found: dict[str, Any] = json.loads(text)
+    return found
+
+
 def _blank(task: Task, choice: Choice) -> dict[str, Any]:
     """Return what a record says of its run before it is known how it went."""
     return {
@@ -187,16 +245,17 @@ def _judge(
     given = Problem(**{**vars(problem), "model": model})
     rng = _estimator_rng(task.seed, task.run, choice)
     try:
-        start = time.perf_counter()
         # A new instance each time: what one run leaves in it cannot reach the next.
-        estimate = dataclasses.replace(choice.estimator).estimate(given, rng)
-        record["seconds"] = time.perf_counter() - start
+        estimator = dataclasses.replace(choice.estimator)
+        with _own_surroundings():
+            start = time.perf_counter()
+            estimate = estimator.estimate(given, rng)
+            record["seconds"] = time.perf_counter() - start
         estimate = _complete(problem, choice.estimator, estimate)
-        record["info"] = json.loads(json.dumps(dict(estimate.info), default=float))
+        record["info"] = _remarks(estimate)
         evaluation = metrics.evaluate(problem, estimate, truth)
     except (Exception, SystemExit) as error:
-        record["reason"] = f"{type(error).__name__}: {error}"
-        record["traceback"] = traceback.format_exc()
+        record |= {"reason": said(error), "traceback": _trace()}
         return record, None, None
     case = task.case
     # An estimate without aiding is set beside the filtering bound: what aiding could give.
@@ -219,7 +278,7 @@ def _judge(
         [evaluation.position_error, evaluation.velocity_error, evaluation.nees, evaluation.nis]
     )[kept_epochs(len(truth.times))]
     detail = None
-    if task.run == DETAILED_RUN and not task.assumption:
+    if task.run == DETAILED_RUN:
         detail = np.column_stack([evaluation.components, evaluation.sigmas])
     return record, series, detail
 
@@ -311,15 +370,20 @@ def shared_arrays(flight: Flight, seed: int, lags: Sequence[int]) -> dict[str, n
         arrays["filtered"] = flight.gradiometer.lowpass.apply(arrays["noisy"])
         arrays["filtered_true"] = flight.gradiometer.lowpass.apply(arrays["vertical"])
     if flight.field.has_map:
-        lower, upper = flight.field.origin, flight.field.upper
-        latitude = np.linspace(lower[0], upper[0], 101)
-        longitude = np.linspace(lower[1], upper[1], 161)
-        height = np.mean(arrays["track"][:, 2])
-        full = flight.field.tensor(latitude[:, None], longitude[None, :], height)
-        normal = Field.normal().tensor(latitude[:, None], longitude[None, :], height)
-        arrays |= {
-            "map_latitude": latitude,
-            "map_longitude": longitude,
-            "map_vertical": full[..., vertical] - normal[..., vertical],
-        }
+        arrays |= _map_signals(flight.field, float(np.mean(arrays["track"][:, 2])))
     return arrays
+
+
+@lru_cache(maxsize=8)
+def _map_signals(field: Field, height: float) -> dict[str, np.ndarray]:
+    """Return the disturbing vertical gradient over the whole map, at a height [m]."""
+    latitude = np.linspace(field.origin[0], field.upper[0], 101)
+    longitude = np.linspace(field.origin[1], field.upper[1], 161)
+    full = field.tensor(latitude[:, None], longitude[None, :], height)
+    normal = Field.normal().tensor(latitude[:, None], longitude[None, :], height)
+    vertical = COMPONENTS.index("zz")
+    return {
+        "map_latitude": latitude,
+        "map_longitude": longitude,
+        "map_vertical": full[..., vertical] - normal[..., vertical],
+    }

@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+Noise = Annotated[float, Field(ge=1e-9, le=1e9)]
 NonNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Latitude = Annotated[float, Field(ge=-89.0, le=89.0, allow_inf_nan=False)]
@@ -25,6 +26,12 @@ MOST_POINTS = 10_000
 """Most grid points of a sweep."""
 MOST_SAMPLES = 2_000_000
 """Most IMU samples of a flight (about 2 GB of intermediate matrices at a million)."""
+
+
+MOST_RUNS = 1_000_000
+"""Most runs of a case."""
+MOST_SEED = 2**63 - 1
+"""Largest seed, what a table of whole numbers can hold."""
 
 
 class Section(BaseModel):
@@ -83,8 +90,8 @@ class GradiometerSpec(Section):
     """``[gradiometer]``: noise (as RMS or as density), filter, and the treatment of the filter."""
 
     period_s: Positive
-    noise_eotvos: Positive | None = None
-    noise_density_eotvos_per_sqrt_hz: Positive | None = None
+    noise_eotvos: Noise | None = None
+    noise_density_eotvos_per_sqrt_hz: Noise | None = None
     components: Annotated[
         list[Literal["xx", "xy", "xz", "yy", "yz", "zz"]], Field(min_length=1)
     ] = ["xx", "xy", "xz", "yy", "yz", "zz"]
@@ -146,8 +153,8 @@ class ReferenceSpec(Section):
 class CampaignSpec(Section):
     """``[campaign]``: defaults of ``ggbench run``."""
 
-    runs: Annotated[int, Field(ge=1)] = 100
-    seed: Annotated[int, Field(ge=0)] = 1
+    runs: Annotated[int, Field(ge=1, le=MOST_RUNS)] = 100
+    seed: Annotated[int, Field(ge=0, le=MOST_SEED)] = 1
     assumption_runs: Annotated[int, Field(ge=1)] = 100
     assumption_estimator: str = "ekf"
     estimators: Annotated[list[str], Field(min_length=1)] = ["ins", "ekf"]
@@ -274,5 +281,6 @@ class CaseSpec(Section):
     @property
     def content_hash(self) -> str:
         """SHA-256 of everything that defines the case's results (not its name or title)."""
-        content = self.model_dump(exclude={"name", "title", "reference"})
+        # Without defaults, so that a key that is new in a later version changes nothing.
+        content = self.model_dump(exclude={"name", "title", "reference"}, exclude_defaults=True)
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

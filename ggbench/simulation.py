@@ -201,7 +201,12 @@ def make_field(spec: FieldSpec) -> Field:
         return Field.normal()
     if spec.source.endswith(".npz"):
         return Field.from_map(read(Path(spec.source)))
-    recipe = MapRecipe(
+    return Field.from_map(load_or_build(map_recipe(spec)))
+
+
+def map_recipe(spec: FieldSpec) -> MapRecipe:
+    """Return the recipe of the map that a ``[field]`` table with a named source describes."""
+    return MapRecipe(
         source=spec.source,
         south_deg=spec.south_deg,
         north_deg=spec.north_deg,
@@ -214,7 +219,6 @@ def make_field(spec: FieldSpec) -> Field:
         land_correction=spec.land_correction,
         relief_smoothing_deg=spec.relief_smoothing_deg,
     )
-    return Field.from_map(load_or_build(recipe))
 
 
 def prepare(case: CaseSpec) -> Flight:

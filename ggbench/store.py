@@ -24,7 +24,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .errors import GGBenchError
+from .formats import flaw_of_arrays, flaw_of_manifest, flaw_of_record
 
+_APPLICATION_ID = 0x67676231
+"""Says in the header of a database that it is one of ours."""
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS records (
     key TEXT NOT NULL,
@@ -41,26 +44,19 @@ CREATE TABLE IF NOT EXISTS shared (key TEXT PRIMARY KEY, arrays BLOB NOT NULL);
 
 FORMAT = 2
 """Version of what a folder holds; another one is refused."""
-DATABASE_FILES = ("records.sqlite-shm", "records.sqlite-wal", "records.sqlite")
-"""In the order of removal: a log that outlives its database would be replayed into the next."""
-RESULT_FILES = (
-    *DATABASE_FILES, "manifest.json", "scenario.toml",
-    "summary.csv", "assumptions.csv", "paired.csv", "failures.csv", "runs.parquet",
+DATABASE_FILES = (
+    "records.sqlite-journal", "records.sqlite-shm", "records.sqlite-wal", "records.sqlite",
 )  # fmt: skip
+"""The logs first: one that outlives its database would be replayed into the next."""
+RESULT_FILES = (
+    *DATABASE_FILES, "scenario.toml",
+    "summary.csv", "assumptions.csv", "paired.csv", "failures.csv", "runs.parquet", "manifest.json",
+)  # fmt: skip
+"""In the order of removal: as long as there is something of ours, the manifest says whose it is."""
 LOCK = ".lock"
 _PART = re.compile(rf"\.({'|'.join(map(re.escape, RESULT_FILES))})\.\d+\.part")
-_MANIFEST_KEYS = (
-    "scenario", "scenario_hash", "scenario_text", "argument", "title", "notes", "seed", "runs",
-    "estimators", "cases", "assumptions", "cells", "shared", "ggbench", "source_hash", "versions",
-    "date", "machine",
-)  # fmt: skip
-_RECORD_KEYS = ("name", "parameters", "causality", "run", "seed", "status")
-_STATUS_KEYS = {
-    "failed": ("reason",),
-    "ok": ("seconds", "bound", "map_evaluations", "diverged", "windows"),
-}
-_ARRAYS = ("times", "kept", "track", "bound-filter", "bound-batch", "vertical", "noisy")
 _BUSY_S = 60.0
+_MANIFEST_MARKS = (b'"format"', b'"source_hash"', b'"scenario_hash"')
 
 
 class StoreError(GGBenchError):
@@ -108,16 +104,18 @@ class Store:
         self._database = database = folder / "records.sqlite"
         try:
             if create:
+                new = not folder.exists()
                 folder.mkdir(parents=True, exist_ok=True)
+                if new:
+                    _sync(folder.parent)
                 self._lock()
                 _remove_left(folder, all_of_them=fresh)
             elif not database.exists():
                 raise StoreError(f"{folder} holds no results: it has no records.sqlite")
-            # Where nothing may be written, the log's index cannot be made that a reader needs.
-            fixed = not create and not os.access(folder, os.W_OK)
-            name = f"{database.absolute().as_uri()}{'?immutable=1' if fixed else ''}"
-            self._connection = sqlite3.connect(name, timeout=_BUSY_S, uri=True)
+            self._connection = self._connect(create)
             if create:
+                # In the file itself, before there is a log that it could be in instead.
+                self._connection.execute(f"PRAGMA application_id = {_APPLICATION_ID}")
                 self._connection.execute("PRAGMA journal_mode = WAL")
                 self._connection.executescript(_SCHEMA)
             self._connection.execute("PRAGMA synchronous = FULL")
@@ -126,6 +124,20 @@ class Store:
             raise StoreError(f"cannot use results folder {folder}: {error.strerror}") from None
         except sqlite3.Error as error:
             raise StoreError(f"{database} is not a usable database: {error}") from None
+
+    def _connect(self, write: bool) -> sqlite3.Connection:
+        """Open the database; a folder in which nothing may be written is read as it is."""
+        name = self._database.absolute().as_uri()
+        if write or os.access(self.folder, os.W_OK):
+            return sqlite3.connect(name, timeout=_BUSY_S, uri=True)
+        log = self.folder / "records.sqlite-wal"
+        if log.exists() and log.stat().st_size:
+            # What the log holds can be read only where its index can be made.
+            raise StoreError(
+                f"{self.folder} may not be written to and its campaign was stopped (or is running):"
+                " let its owner look at it once with 'ggbench show', or copy it"
+            )
+        return sqlite3.connect(f"{name}?immutable=1", timeout=_BUSY_S, uri=True)
 
     def _lock(self) -> None:
         """Take the folder for this process, until it ends however it ends."""
@@ -171,10 +183,6 @@ class Store:
             )
         )
 
-    def count(self) -> int:
-        """Return how many results are stored, of whatever campaign."""
-        return int(self._select("SELECT count(*) FROM records")[0][0])
-
     def records(self, key: str, runs: int) -> Iterator[dict[str, Any]]:
         """Yield the records under a key of the runs below ``runs``, in their order."""
         rows = self._select(
@@ -183,12 +191,12 @@ class Store:
         for (text,) in rows:
             try:
                 record = json.loads(text)
-                keys = (*_RECORD_KEYS, *_STATUS_KEYS[record["status"]])
-                whole = all(name in record for name in keys)
-            except (ValueError, TypeError, KeyError):
-                whole = False
-            if not whole:
-                raise StoreError(f"a record in {self._database} is damaged: {str(text)[:60]!r}")
+            except (ValueError, TypeError, RecursionError) as error:
+                flaw: str | None = str(error)
+            else:
+                flaw = flaw_of_record(record)
+            if flaw:
+                raise StoreError(f"a record in {self._database} is damaged: {flaw}")
             yield record
 
     def series(self, key: str, runs: int) -> np.ndarray:
@@ -243,11 +251,9 @@ class Store:
             raise StoreError(
                 f"what the runs of case {case} share, in {self._database}, cannot be read: {error}"
             ) from None
-        missing = [name for name in _ARRAYS if name not in arrays]
-        if missing:
+        if flaw := flaw_of_arrays(arrays):
             raise StoreError(
-                f"what the runs of case {case} share, in {self._database}, is damaged: it has no "
-                f"{', '.join(missing)}"
+                f"what the runs of case {case} share, in {self._database}, is damaged: {flaw}"
             )
         return arrays
 
@@ -286,19 +292,33 @@ class Store:
                 file.flush()
                 os.fsync(file.fileno())
             temporary.replace(self.folder / name)
-            folder = os.open(self.folder, os.O_RDONLY)
-            try:
-                os.fsync(folder)
-            finally:
-                os.close(folder)
+            _sync(self.folder)
         except OSError as error:
             temporary.unlink(missing_ok=True)
             raise StoreError(f"cannot write {self.folder / name}: {error.strerror}") from None
 
 
-def is_ours(name: str) -> bool:
-    """Return whether a file of this name belongs to a campaign, finished or stopped."""
-    return name in RESULT_FILES or name == LOCK or _PART.fullmatch(name) is not None
+def require_ours(folder: Path) -> None:
+    """Raise StoreError if a folder exists and holds anything but what a campaign left there.
+
+    Ours is one with our database or a manifest of ours (whatever else somebody put beside them),
+    or with nothing but what a campaign makes first.
+    """
+    try:
+        names = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
+        database, manifest = folder / "records.sqlite", folder / "manifest.json"
+        size = database.stat().st_size if database.is_file() else 0
+        if size:
+            with database.open("rb") as file:
+                if file.read(72)[68:] == _APPLICATION_ID.to_bytes(4, "big"):
+                    return
+        if manifest.is_file() and all(w in manifest.read_bytes() for w in _MANIFEST_MARKS):
+            return
+    except OSError as error:
+        raise StoreError(f"cannot use results folder {folder}: {error.strerror}") from None
+    first = {LOCK, *DATABASE_FILES} if size == 0 else {LOCK}
+    if any(name not in first and not _PART.fullmatch(name) for name in names):
+        raise StoreError(f"{folder} is not empty and holds no results; choose another -o")
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
@@ -316,16 +336,13 @@ def read_manifest(folder: Path) -> dict[str, Any]:
         raise StoreError(f"cannot read {path}: {error.strerror}") from None
     except (ValueError, RecursionError) as error:
         raise StoreError(f"{path} is damaged: {error}") from None
-    if not isinstance(manifest, dict):
-        raise StoreError(f"{path} is damaged: not a JSON object")
-    if manifest.get("format") != FORMAT:
+    if isinstance(manifest, dict) and manifest.get("format") != FORMAT:
         raise StoreError(
-            f"{path} has format {manifest.get('format')}, and this version of ggbench reads "
+            f"{path} has format {manifest.get('format')!r}, and this version of ggbench reads "
             f"format {FORMAT}: run the scenario again, with --fresh or another -o"
         )
-    missing = [key for key in _MANIFEST_KEYS if key not in manifest]
-    if missing:
-        raise StoreError(f"{path} is damaged: it has no {', '.join(missing)}")
+    if flaw := flaw_of_manifest(manifest):
+        raise StoreError(f"{path} is damaged: {flaw}")
     return manifest
 
 
@@ -336,6 +353,15 @@ def _remove_left(folder: Path, all_of_them: bool) -> None:
             path.unlink()
     for name in RESULT_FILES if all_of_them else ():
         (folder / name).unlink(missing_ok=True)
+
+
+def _sync(folder: Path) -> None:
+    """Write a folder's list of files through to the disk."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def _pack(array: np.ndarray | None) -> bytes | None:

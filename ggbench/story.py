@@ -142,7 +142,7 @@ def repeat(
     good = True
     names = case_names or [case.name for case in scenario.cases]
     for study, case in map(scenario.find, names):
-        pairs = tuple((label, keys.run_key(case, choose(label), seed)) for label in labels)
+        pairs = tuple((label, keys.run_key(case, choose(label).content, seed)) for label in labels)
         task = Task(case, study, run, seed, pairs)
         results = [message for message in run_task(task) if isinstance(message, Result)]
         told = [

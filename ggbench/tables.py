@@ -12,6 +12,7 @@ import pandas as pd
 from . import metrics
 from .scenario import Scenario
 from .schema import CaseSpec
+from .statistics import BETTER, UNDECIDED, WORSE
 
 WINDOW_TITLES = {
     "whole": "whole flight",
@@ -151,6 +152,30 @@ def paired(scenario: Scenario, summary: pd.DataFrame, pairs: pd.DataFrame) -> st
     return markdown(head, rows) if rows else ""
 
 
+def verdicts(pairs: pd.DataFrame) -> str:
+    """Return in how many cases each two estimators differ, for many cases.
+
+    ``pairs`` are the rows of :func:`ggbench.metrics.paired_table`.
+    """
+    head = ["estimator", "against", "quantity", "better", "worse", "not distinguishable",
+            "MRSE ratio farthest from 1"]  # fmt: skip
+    settled = pairs[pairs["window"] == "settled"]
+    rows = []
+    for (first, second), pair in settled.groupby(["first", "second"], sort=False):
+        for quantity in ("position", "velocity"):
+            found = pair[f"{quantity}_verdict"].value_counts()
+            ratios = 1.0 + pair[f"{quantity}_relative"].dropna().to_numpy()
+            farthest = ratios[np.abs(np.log(ratios)).argmax()] if len(ratios) else math.nan
+            counts = [str(found.get(verdict, 0)) for verdict in (BETTER, WORSE, UNDECIDED)]
+            rows.append([f"`{first}`", f"`{second}`", quantity, *counts, f"{farthest:.5g}"])
+    reading = (
+        "Paired over runs, settled window: the number of grid points at which the 95 % bootstrap-t "
+        "interval of the mean difference of squared error lies below 0, above 0, or holds it (one "
+        "in twenty does not, of estimators that do not differ)."
+    )
+    return f"{reading}\n\n{markdown(head, rows)}"
+
+
 def _pair(pair: dict[str, Any], label: str) -> list[str]:
     """Return the cells of a pair, seen from the estimator ``label``."""
     mine = pair["first"] == label
@@ -161,7 +186,7 @@ def _pair(pair: dict[str, Any], label: str) -> list[str]:
     if not math.isnan(ends[0]):
         text += f" [{ends[0]:+.3g}, {ends[1]:+.3g}]"
     cells = [f"`{label}`", f"`{pair['second' if mine else 'first']}`", str(pair["runs"]), text]
-    opposite = {"better": "worse", "worse": "better"}
+    opposite = {BETTER: WORSE, WORSE: BETTER}
     for quantity in ("position", "velocity"):
         ratio = 1.0 + pair[f"{quantity}_relative"]
         wins, verdict = pair[f"{quantity}_win_rate"], pair[f"{quantity}_verdict"]

@@ -30,9 +30,10 @@ def print_summary(summary: pd.DataFrame, scenario: Scenario, console: Console) -
         if not rows:
             continue
         table = _table(f"{case.title}: MRSE from {case.windows.settled_from_s:g} s on")
-        table.add_column("estimator", no_wrap=True)
-        for heading in ("m", "median", "95 %", "m/s", "/bound", "NEES", "fail/div", "ms/run"):
-            table.add_column(heading, justify="right", no_wrap=True, min_width=len(heading))
+        table.add_column("estimator", overflow="fold", min_width=10)
+        headings = ("m", "median", "95 %", "m/s", "/bound", "NEES", "fail/div", "ms/run")
+        for heading in headings:
+            table.add_column(heading, justify="right", no_wrap=True, min_width=max(len(heading), 6))
         causal = True
         for row in rows.values():
             if causal and row["causality"] in ("fixed-lag", "batch"):

@@ -21,6 +21,7 @@ from typing import Any
 from .errors import GGBenchError
 
 _WATCH_S = 1.0
+_PATIENCE_S = 2.0
 ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Environment of one BLAS thread: more double the processor time for nothing on small matrices."""
 
@@ -48,6 +49,7 @@ class Worker:
                 pass_fds=[theirs.fileno()],
                 stdin=subprocess.DEVNULL,
                 env=os.environ | ONE_THREAD,
+                process_group=0,  # so that what an estimator starts ends with it
             )
         theirs.close()
 
@@ -79,13 +81,14 @@ class Worker:
 
     def kill(self) -> None:
         """End the process at once."""
-        self._process.kill()
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()
         self.connection.close()
 
     def _how_it_ended(self) -> str:
         try:
-            code = self._process.wait(timeout=10.0)
+            code = self._process.wait(timeout=_PATIENCE_S)
         except subprocess.TimeoutExpired:  # it closed its pipe, and lives
             self.kill()
             return "its process broke off the connection"
@@ -114,7 +117,7 @@ def _end_with_parent() -> None:
     def watch() -> None:
         while os.getppid() == parent:
             time.sleep(_WATCH_S)
-        os._exit(1)
+        os.killpg(0, signal.SIGKILL)
 
     threading.Thread(target=watch, daemon=True).start()
 
@@ -122,18 +125,25 @@ def _end_with_parent() -> None:
 def main(descriptor: int) -> None:
     """Run the tasks that arrive, until there will be no more."""
     _end_with_parent()
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # stdout is the campaign's own
     from .runner import run_task
 
-    connection = Connection(descriptor)
+    connection, mine = Connection(descriptor), os.getpid()
+
+    def send(message: object) -> None:
+        if os.getpid() != mine:  # an estimator forked, and its copy came back, too
+            os._exit(1)
+        connection.send(message)
+
     with contextlib.suppress(EOFError, ConnectionError):
         while True:
-            connection.send(Ready())
+            send(Ready())
             task = connection.recv()
             try:
                 for message in run_task(task):
-                    connection.send(message)
+                    send(message)
             except GGBenchError as error:
-                connection.send(error)
+                send(error)
 
 
 if __name__ == "__main__":

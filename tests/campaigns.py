@@ -36,7 +36,6 @@ def ran(
     """The results of a campaign on the small scenario, run to its end."""
     jobs = options.pop("jobs", 0)
     work = plan(tmp_path, folder, labels, **options)
-    work.check()
     store, _ = work.open()
     tasks = work.tasks(store)
     engine = (

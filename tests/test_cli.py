@@ -48,7 +48,10 @@ BAD = {
     "missing file": (["validate", "gone.toml"], "gone.toml: cannot be read: No such file"),
     "unknown key": (["run", "unknown_key.toml"], "unknown_key.toml: case 'base': unknown key"),
     "unit in a value": (["validate", "unit.toml"], "unit.toml: case 'base': gradiometer.noise_eo"),
-    "negative noise": (["run", "negative.toml"], "is -0.01 and must be greater than 0"),
+    "negative noise": (
+        ["run", "negative.toml"],
+        "is -0.01 and must be greater than or equal to 0.000000001",
+    ),
     "cut-off": (["run", "nyquist.toml"], "must lie below the Nyquist frequency"),
     "invalid TOML": (["validate", "invalid.toml"], "invalid.toml: is not valid TOML"),
     "unknown map": (["validate", "map.toml"], "egm2088"),

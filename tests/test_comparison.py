@@ -17,7 +17,7 @@ def campaign(
     errors: dict[str, np.ndarray],
     case: str = "c",
     assumption: str = "",
-    case_hash: str = "hash",
+    problem: str = "hash",
     lost: Sequence[int] = (),
     diverged: Sequence[int] = (),
 ) -> pd.DataFrame:
@@ -27,7 +27,8 @@ def campaign(
         run = np.arange(len(squares))
         failed = np.isin(run, lost)
         columns = {
-            "assumption": assumption, "case": case, "case_hash": case_hash, "estimator": label,
+            "assumption": assumption, "case": case, "problem": problem, "estimator": label,
+            "name": label,
             "seed": 1, "run": run, "status": np.where(failed, "failed", "ok"),
             "diverged": np.isin(run, diverged),
         }  # fmt: skip
@@ -102,7 +103,7 @@ def test_pairs_are_of_the_same_problems():
     """With another case or seed the samples are independent; a common drift then hides more."""
     before, after = campaign({"a": squares(1)}), campaign({"a": 1.05 * squares(1)})
     assert compare(before, after, 0.0).worse
-    for other in (after.assign(case_hash="other"), after.assign(seed=2)):
+    for other in (after.assign(problem="other"), after.assign(seed=2)):
         result = compare(before, other, 0.0)
         assert not result.rows["paired"].any()
         assert not result.worse
@@ -111,7 +112,7 @@ def test_pairs_are_of_the_same_problems():
 def test_runs_that_only_one_campaign_has():
     """Pairs are of common runs; independent samples are cut to equally many; losses count all."""
     long, short = campaign({"a": squares(1)}), campaign({"a": squares(1, 300)[:100]})
-    for before, after in ((long, short), (long, short.assign(case_hash="other"))):
+    for before, after in ((long, short), (long, short.assign(problem="other"))):
         rows = compare(before, after, 0.0).rows.set_index("quantity")
         assert rows.loc["position", "runs_before"] == rows.loc["position", "runs"] == 100
         assert (rows.loc[LOST, "runs_before"], rows.loc[LOST, "runs"]) == (300, 100)

@@ -33,7 +33,10 @@ def test_table_is_the_reports():
     assert "\n".join(rows) in REPORT
 
 
-@pytest.mark.parametrize("document", ["README.md", "reports/wang2013.md", "CONTRIBUTING.md"])
+@pytest.mark.parametrize(
+    "document",
+    ["README.md", "CONTRIBUTING.md", "reports/wang2013.md", "reports/noise_rate_sweep.md"],
+)
 def test_links_lead_somewhere(document):
     """Every relative link and figure exists."""
     path = ROOT / document
@@ -65,8 +68,20 @@ def test_errata_cite_existing_tests():
     assert not [name for name in cited if f"def {name}(" not in tests]
 
 
-def test_report_is_of_the_shipped_scenario():
+@pytest.mark.parametrize(
+    ("name", "options"), [("wang2013", " --assumptions"), ("noise_rate_sweep", "")]
+)
+def test_report_is_of_the_shipped_scenario(name, options):
     """The committed report was made from the scenario as it is, at its declared number of runs."""
-    loaded = scenario.load("wang2013")
-    assert f"scenario {loaded.content_hash[:16]}" in REPORT
-    assert f"-n {loaded.campaign.runs} --seed {loaded.campaign.seed} --assumptions" in REPORT
+    loaded = scenario.load(name)
+    report = (ROOT / "reports" / f"{name}.md").read_text(encoding="utf-8")
+    assert f"scenario {loaded.content_hash[:16]}" in report
+    settings = loaded.campaign
+    assert f"{name} -n {settings.runs} --seed {settings.seed}{options} -o " in report
+
+
+def test_every_shipped_scenario_has_its_report():
+    """What the package ships has been run, and its report is committed."""
+    assert [
+        name for name in scenario.shipped() if not (ROOT / "reports" / f"{name}.md").exists()
+    ] == []

@@ -63,7 +63,7 @@ def kill_worker_then_parent(process: subprocess.Popen, moment: random.Random) ->
     workers = psutil.Process(process.pid).children()
     if workers:
         moment.choice(workers).kill()
-    time.sleep(moment.uniform(0.0, 1.5))
+    time.sleep(moment.uniform(0.0, 0.6))
     process.kill()
 
 
@@ -111,7 +111,7 @@ def test_two_thousand_runs_interrupted_ten_times(tmp_path, started):
     interruptions, held = 0, 0
     for way in ways:
         process = started(tmp_path, run)
-        target = held + moment.randint(1, 150)
+        target = held + moment.randint(1, 60)
         deadline = time.monotonic() + DEADLINE_S
         while stored(tmp_path / "out") < target:
             assert process.poll() is None, process.stderr.read()
@@ -349,6 +349,124 @@ def test_no_process_is_left_behind(deadly, started):
     process.kill()
     _, alive = psutil.wait_procs(workers, timeout=20.0)
     assert not alive
+
+
+ODD = """
+import os, subprocess, warnings
+from dataclasses import dataclass
+from typing import Literal
+import numpy as np
+from ggbench.problem import Estimate, Estimator
+
+
+class Mute(Exception):
+    def __str__(self):
+        raise RuntimeError("no text")
+
+
+@dataclass(frozen=True)
+class Odd(Estimator):
+    way: Literal["good", "fork", "spoil", "speechless", "surrogate", "talkative", "loud",
+                 "children"] = "good"
+    name = "odd"
+    causality = "filter"
+
+    def estimate(self, problem, rng):
+        if self.way == "fork":
+            os.fork()
+        if self.way == "spoil":
+            np.seterr(all="raise")
+            warnings.simplefilter("error")
+            os.chdir("/")
+        if self.way == "speechless":
+            raise Mute
+        if self.way == "surrogate":
+            raise ValueError("bad \\udc80 name \\x1b[31m")
+        if self.way == "talkative":
+            raise ValueError("x" * 10_000_000)
+        if self.way == "loud":
+            print("RACKET")
+        if self.way == "children":
+            subprocess.Popen(["sleep", "97531"])
+        np.exp(-1e4)
+        assert os.path.exists("small.toml")
+        cov = np.tile(problem.prior_cov, (problem.epochs, 1, 1))
+        return Estimate(np.zeros((problem.epochs, problem.dimension)), cov, "filter")
+"""
+
+
+@pytest.fixture
+def odd(tmp_path) -> Path:
+    """A folder with a scenario and an estimator that behaves oddly."""
+    (tmp_path / "small.toml").write_text(SMALL)
+    (tmp_path / "odd.py").write_text(ODD)
+    return tmp_path
+
+
+@pytest.mark.parametrize("way", ["fork", "spoil", "loud", "children"])
+def test_an_estimator_leaves_the_others_alone(way, odd):
+    """Whatever one does to its process, all runs have their results, and the others' are good.
+
+    It forks and both return, changes how NumPy, warnings and paths behave, prints, or leaves
+    processes behind.
+    """
+    run = command(odd / "out", "-n", "4", "-j", "2", "-e", f"odd.py[way={way}]", "-e", "odd.py")
+    done = finish(odd, [*run, "-e", "ekf"])
+    assert done.returncode == 0, done.stderr
+    assert "RACKET" not in done.stdout
+    table = Results(odd / "out").table
+    assert len(table) == 4 * 2 * 3
+    assert (table.loc[table["estimator"] != f"odd.py[way={way}]", "status"] == "ok").all()
+    assert not [p for p in psutil.process_iter(["cmdline"]) if "97531" in (p.info["cmdline"] or [])]
+
+
+@pytest.mark.parametrize(
+    ("way", "reason"),
+    [
+        ("speechless", "Mute: (its text cannot be made)"),
+        ("surrogate", r"ValueError: bad \udc80 name \x1b[31m"),
+        ("talkative", "ValueError: xxx"),
+    ],
+)
+def test_what_an_exception_says_can_be_stored_and_shown(way, reason, odd):
+    """Exceptions without a text, with one that is no Unicode, or without end: records, tables."""
+    run = command(odd / "out", "-n", "1", "-j", "1", "-c", "base", "-e", f"odd.py[way={way}]")
+    done = finish(odd, run)
+    assert (done.returncode, done.stderr) == (0, "")
+    (record,) = Results(odd / "out").records()
+    assert record["reason"].startswith(reason) and len(record["reason"]) < 5000
+    assert finish(odd, [COMMAND, "show", "out"]).returncode == 0
+
+
+def test_time_that_a_campaign_was_stopped_is_not_a_runs(deadly, started):
+    """Ctrl-Z in the middle of a run, for longer than the limit, does not make it too slow."""
+    label = "deadly.py[way=sleep,seconds=2]"
+    run = command(deadly / "out", "-n", "4", "-j", "1", "-c", "base", "-e", label)
+    process = started(deadly, [*run, "--time-limit", "5"])
+    while stored(deadly / "out") < 1:
+        time.sleep(0.05)
+        assert process.poll() is None
+    everyone = [psutil.Process(process.pid), *psutil.Process(process.pid).children()]
+    for one in everyone:
+        one.suspend()
+    time.sleep(7.0)
+    for one in everyone:
+        one.resume()
+    process.communicate(timeout=DEADLINE_S)
+    assert (Results(deadly / "out").table["status"] == "ok").all()
+
+
+def test_a_request_to_end_is_an_interrupt(deadly, started):
+    """SIGTERM, as a batch system sends it: what is finished is summed up, exit code 130."""
+    label = "deadly.py[way=sleep,seconds=100000]"
+    process = started(deadly, command(deadly / "out", "-n", "4", "-j", "2", "-e", label))
+    while stored(deadly / "out") < 4:
+        time.sleep(0.05)
+        assert process.poll() is None
+    process.terminate()
+    _, errors = process.communicate(timeout=DEADLINE_S)
+    assert (process.returncode, errors) == (130, "")
+    assert (deadly / "out" / "summary.csv").exists()
 
 
 def test_each_worker_has_one_blas_thread(tmp_path):

@@ -12,6 +12,7 @@ import pytest
 from scipy.interpolate import make_interp_spline
 
 from ggbench import earth, maps
+from ggbench.cache import CACHE_VARIABLE
 from ggbench.disturbing_field import SOURCES, MapError, disturbing_field
 from ggbench.maps import MapRecipe, build, load_or_build
 from ggbench.spherical_harmonics import (
@@ -34,7 +35,7 @@ def qinling() -> maps.GradientMap:
 
 @pytest.fixture
 def cache(tmp_path, monkeypatch):
-    monkeypatch.setenv(maps.CACHE_VARIABLE, str(tmp_path))
+    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path))
     return tmp_path / "maps"
 
 
@@ -345,7 +346,7 @@ def test_builders_at_the_same_time_leave_one_whole_file(cache):
 def test_cache_that_cannot_be_written_is_not_fatal(tmp_path, monkeypatch):
     obstacle = tmp_path / "file"
     obstacle.write_text("a file where a folder should be")
-    monkeypatch.setenv(maps.CACHE_VARIABLE, str(obstacle))
+    monkeypatch.setenv(CACHE_VARIABLE, str(obstacle))
     assert_same(load_or_build(SMALL), build(SMALL))
 
 

@@ -148,7 +148,7 @@ BAD = {
     ),
     "negative noise": (
         NOISE, "noise_eotvos = -0.01",
-        r"gradiometer.noise_eotvos is -0.01 and must be greater than 0",
+        r"gradiometer.noise_eotvos is -0.01 and must be greater than or equal to 0.000000001",
     ),
     "no noise at all": (NOISE, "noise_eotvos = 0.0", r"noise_eotvos is 0.0 and must be greater"),
     "negative gyro noise": (

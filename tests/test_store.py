@@ -5,12 +5,13 @@ from __future__ import annotations
 import io
 import json
 import pickle
+import shutil
 import sqlite3
 from pathlib import Path
 
 import numpy as np
 import pytest
-from campaigns import LABELS, plan, ran
+from campaigns import LABELS, plan, ran, small
 from problems import SMALL
 
 from ggbench import metrics, report
@@ -32,7 +33,78 @@ def test_a_folder_of_other_things_is_left_alone(tmp_path):
     results = ran(tmp_path, runs=1, seed=9, fresh=True)
     assert (tmp_path / "out" / "notes.txt").read_text() == "mine"
     assert (tmp_path / "out" / ".notes.part").read_text() == "mine too"
-    assert results.store.count() == 2 * len(LABELS)
+    assert len(results.store.finished()) == 2 * len(LABELS)
+
+
+FOREIGN = {
+    "scenario.toml": "mine",
+    "summary.csv": "a,b",
+    "manifest.json": '{"name": "my web app"}',
+    "records.sqlite": "SQLite format 3",
+}
+
+
+@pytest.mark.parametrize("name", FOREIGN)
+@pytest.mark.parametrize("fresh", [False, True])
+def test_files_of_others_with_our_names_are_left_alone(name, fresh, tmp_path):
+    """A folder that has only names in common with a results folder is not one."""
+    folder = tmp_path / "thesis"
+    folder.mkdir()
+    (folder / name).write_text(FOREIGN[name])
+    with pytest.raises(StoreError, match="is not empty and holds no results"):
+        plan(tmp_path, "thesis", ("ins",), fresh=fresh).open()
+    assert [path.name for path in folder.iterdir()] == [name]
+    assert (folder / name).read_text() == FOREIGN[name]
+
+
+def test_a_scenario_is_not_overwritten_by_its_own_copy(tmp_path, monkeypatch):
+    """Results cannot go where their scenario.toml would replace the scenario's file."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / ".lock").touch()
+    work = plan(tmp_path, "out", ("ins",))
+    work.argument = "out/scenario.toml"
+    with pytest.raises(StoreError, match="is the folder of the scenario itself"):
+        work.open()
+
+
+def test_a_folder_that_may_only_be_read(results, tmp_path, monkeypatch):
+    """Someone else's folder is read as it is, or, with an unmerged log, refused with a sentence."""
+    folder = tmp_path / "out"
+    shutil.copytree(results, folder)
+    monkeypatch.setattr("os.access", lambda path, mode: False)
+    whole = len(Results(folder).table)
+    assert whole == len(Results(results).table) > 0
+    (folder / "records.sqlite-wal").write_bytes(b"not merged")
+    with pytest.raises(StoreError, match="may not be written to and its campaign was stopped"):
+        Results(folder)
+
+
+def test_a_report_stays_in_its_folder(results, tmp_path):
+    """A manifest that names a scenario like a path does not lead a report elsewhere."""
+    folder = tmp_path / "out"
+    shutil.copytree(results, folder)
+    manifest = json.loads((folder / "manifest.json").read_text())
+    for name in ("../escaped", "/tmp/escaped", "..", ".", ""):
+        (folder / "manifest.json").write_text(json.dumps(manifest | {"scenario": name}))
+        with pytest.raises(StoreError, match=r"manifest\.json is damaged: its scenario"):
+            report.write(folder, tmp_path / "deep" / "er")
+
+
+def test_what_a_folder_names_is_not_loaded(tmp_path, monkeypatch):
+    """Neither reading nor resuming a folder runs a file that its manifest or scenario names."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "trap.py").write_text(f"open({str(tmp_path / 'sprung')!r}, 'w')")
+    loaded = small(tmp_path, SMALL.replace('["ins", "ekf"]', '["ins", "trap.py"]'))
+    results = ran(tmp_path, labels=("ins",), runs=2, scenario=loaded)
+    results.store.close()
+    path = tmp_path / "out" / "manifest.json"
+    manifest = json.loads(path.read_text())
+    manifest["estimators"]["trap.py"] = manifest["estimators"]["ins"]
+    path.write_text(json.dumps(manifest))
+    (tmp_path / "sprung").unlink(missing_ok=True)
+    report.write(tmp_path / "out", tmp_path / "reports")
+    assert not (tmp_path / "sprung").exists()
 
 
 def test_results_of_another_scenario_are_not_overwritten(tmp_path):
@@ -44,7 +116,7 @@ def test_results_of_another_scenario_are_not_overwritten(tmp_path):
     loaded = scenario.load(str(tmp_path / "other.toml"))
     with pytest.raises(StoreError, match="holds results of the scenario small, not of other"):
         plan(tmp_path, "out", ("ins",), scenario=loaded).open()
-    assert ran(tmp_path, scenario=loaded, labels=("ins",), runs=1, fresh=True).store.count() == 2
+    assert ran(tmp_path, scenario=loaded, labels=("ins",), runs=1, fresh=True).table.shape[0] == 2
 
 
 def test_two_processes_do_not_share_a_folder(tmp_path):
@@ -153,12 +225,12 @@ DAMAGES = {
     "record without its content": "records.sqlite",
     "series cut": "records.sqlite",
     "manifest cut": "manifest.json.* is damaged",
-    "manifest of something else": "manifest.json.* is damaged: not a JSON object",
+    "manifest of something else": "manifest.json has format None|is damaged",
     "manifest empty": "manifest.json",
     "manifest gone": "manifest.json.*No such file",
     "scenario spoilt": "scenario.* is not valid TOML",
     "scenario of something else": "is not the one that was run: its hash differs",
-    "cells spoilt": "manifest.json is damaged: its cells",
+    "cells spoilt": "manifest.json is damaged: it has no cells.0.assumption",
     "arrays gone": "does not hold what the runs of case base share.*goes on from there",
     "arrays cut": "case base share.* cannot be read",
     "arrays of something else": "case base share.* is damaged: it has no times",

@@ -64,12 +64,40 @@ def test_compare_in_the_other_direction_and_below_the_threshold(folder):
     assert "worse" not in done.stdout.split("Runs are")[0]
 
 
+def test_compare_another_parameter(folder):
+    """An estimator with another parameter is compared with itself, under both labels."""
+    run = ["run", "small.toml", "-n", "60", "-s", "5", "-j", "2", "-c", "base"]
+    for name, blur in (("low", "0.9"), ("high", "0.1")):
+        assert invoke([*run, "-o", name, "-e", f"blurred.py[blur={blur}]"], folder).returncode == 0
+    done = invoke(["compare", "low", "high"], folder)
+    assert done.returncode == 1
+    text = " ".join(done.stdout.split())
+    assert "blurred.py[blur=0.9] → blurred.py[blur=0.1]" in text
+
+
 def test_compare_folders_with_nothing_in_common(folder, tmp_path):
     """Folders of other estimators cannot be compared: a sentence, exit code 2."""
     ran(tmp_path, labels=("ins",), runs=2).store.close()
     done = invoke(["compare", str(folder / "before"), str(tmp_path / "out")], folder)
     assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
     assert "ins" in done.stderr
+
+
+def test_a_report_sets_estimators_beside_each_other(folder, tmp_path):
+    """Each estimator against the best one, whichever of the two was asked for first."""
+    for order in (["ekf", "blurred.py"], ["blurred.py", "ekf"]):
+        run = ["run", "small.toml", "-n", "60", "-s", "5", "-c", "base", "-o", str(tmp_path / "o")]
+        run += ["--fresh", "-j", "2", *(f"-e{label}" for label in order)]
+        assert invoke(run, folder).returncode == 0
+        assert invoke(["report", str(tmp_path / "o")], folder).returncode == 0
+        (row,) = [
+            line
+            for line in (tmp_path / "o" / "small.md").read_text().splitlines()
+            if line.startswith("| base | `blurred.py` | `ekf` | 60 | +")
+        ]
+        cells = [cell.strip() for cell in row.strip("|").split("|")]
+        assert cells[5].startswith("+") and float(cells[6].split()[0]) < 50.0
+        assert cells[7] == "worse"
 
 
 def test_show_tells_the_run_that_deserves_a_look(folder):

@@ -1,0 +1,150 @@
+"""What a manifest and a record must hold to be believed: a results folder may come from anyone."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from .schema import MOST_RUNS, MOST_SEED
+
+Count = Annotated[int, Field(ge=0)]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(strict=True, extra="allow")
+
+
+class _Cell(_Part):
+    model_config = ConfigDict(strict=True, extra="forbid")
+
+    assumption: str
+    case: str
+    problem: str
+    estimator: str
+    key: str
+
+
+class _Machine(_Part):
+    system: str
+    architecture: str
+    processors: int | None
+
+
+class _Manifest(_Part):
+    scenario: Annotated[str, Field(min_length=1, pattern=r"^[^/\\\x00]*[^/\\\x00.]$")]
+    scenario_hash: str
+    scenario_text: str
+    argument: str
+    title: str
+    notes: str
+    seed: Annotated[int, Field(ge=0, le=MOST_SEED)]
+    runs: Annotated[int, Field(ge=1, le=MOST_RUNS)]
+    estimators: dict[str, dict[str, Any]]
+    cases: Annotated[list[str], Field(min_length=1)]
+    assumptions: bool
+    cells: list[_Cell]
+    shared: dict[str, str]
+    ggbench: str
+    source_hash: str
+    versions: dict[str, str]
+    date: str
+    machine: _Machine
+
+
+class _Figures(_Part):
+    position_ms: Annotated[float, Field(ge=0.0)]
+    velocity_ms: Annotated[float, Field(ge=0.0)]
+    nees: float
+    nis: float
+    coverage: float
+
+
+class _Windows(_Part):
+    whole: _Figures
+    settled: _Figures
+    last20: _Figures
+
+
+class _Run(_Part):
+    name: str
+    parameters: str
+    causality: Literal["none", "filter", "fixed-lag", "batch"]
+    run: Annotated[int, Field(ge=0, le=MOST_RUNS)]
+    seed: Annotated[int, Field(ge=0, le=MOST_SEED)]
+
+
+class _Failed(_Run):
+    status: Literal["failed"]
+    reason: str
+    traceback: str = ""
+
+
+class _Finished(_Run):
+    status: Literal["ok"]
+    seconds: Annotated[float, Field(ge=0.0)]
+    bound: str
+    map_evaluations: Count
+    peak_memory_mb: float
+    diverged: bool
+    final_position_error_m: float
+    final_ins_error_m: float
+    windows: _Windows
+
+
+_MANIFEST = TypeAdapter(_Manifest)
+_RECORD: TypeAdapter[Any] = TypeAdapter(
+    Annotated[_Failed | _Finished, Field(discriminator="status")]
+)
+
+
+def flaw_of_manifest(content: Any) -> str | None:
+    """Return what is wrong with a manifest, in a few words, or None."""
+    return _flaw(_MANIFEST, content)
+
+
+def flaw_of_record(content: Any) -> str | None:
+    """Return what is wrong with a record, in a few words, or None."""
+    return _flaw(_RECORD, content)
+
+
+def flaw_of_arrays(arrays: dict[str, np.ndarray]) -> str | None:
+    """Return what is wrong with what all runs of a case share, in a few words, or None."""
+    bounds = {name: 2 for name in arrays if name.startswith("bound-")}
+    columns = {"times": 0, "kept": 0, "track": 3, "bound-filter": 2, "bound-batch": 2,
+               "vertical": 0, "noisy": 0} | bounds  # fmt: skip
+    optional = {"filtered": 0, "filtered_true": 0}
+    columns |= {name: width for name, width in optional.items() if name in arrays}
+    for name, width in columns.items():
+        if name not in arrays:
+            return f"it has no {name}"
+        epochs = len(np.atleast_1d(arrays["times"]))
+        length = len(np.atleast_1d(arrays[name])) if name == "kept" else epochs
+        if arrays[name].shape != ((length, width) if width else (length,)):
+            return f"its {name} has the shape {arrays[name].shape}"
+        if arrays[name].dtype.kind != ("i" if name == "kept" else "f"):
+            return f"its {name} holds {arrays[name].dtype}"
+    kept = arrays["kept"]
+    if len(kept) == 0 or kept.min() < 0 or kept.max() >= len(arrays["times"]):
+        return "its kept names other epochs than there are"
+    if "map_vertical" in arrays:
+        sides = [arrays.get(f"map_{name}", np.empty(())) for name in ("latitude", "longitude")]
+        if any(side.ndim != 1 or side.dtype.kind != "f" for side in sides):
+            return "its map has no latitudes or longitudes"
+        values = arrays["map_vertical"]
+        if values.dtype.kind != "f" or values.shape != (len(sides[0]), len(sides[1])):
+            return "its map has another size than its sides"
+    return None
+
+
+def _flaw(adapter: TypeAdapter[Any], content: Any) -> str | None:
+    try:
+        adapter.validate_python(content)
+    except ValidationError as error:
+        problem = error.errors()[0]
+        where = ".".join(str(part) for part in problem["loc"])
+        if problem["type"] == "missing":
+            return f"it has no {where}"
+        return f"its {where or 'content'} is not what it should be ({problem['msg']})"
+    return None

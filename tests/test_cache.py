@@ -1,0 +1,49 @@
+"""Compiled code belongs to one source: a changed formula is never served from an old cache."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import ggbench
+
+PACKAGE = Path(ggbench.__file__).parent
+SCRIPT = """
+import numpy as np
+from ggbench import earth, ins_error
+print(repr(float(earth.radii_of_curvature(0.5)[0])))
+print(repr(float(ins_error.metres_per_radian(np.array([0.5, 0.0, 0.0]))[0])))
+"""
+
+
+def run(folder: Path, cache: Path) -> list[float]:
+    """What two functions give, of which the second one inlines the first, from another file."""
+    environment = os.environ | {"PYTHONPATH": str(folder), "GGBENCH_CACHE_DIR": str(cache)}
+    environment.pop("NUMBA_CACHE_DIR", None)
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", SCRIPT],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return [float(line) for line in done.stdout.splitlines()]
+
+
+def test_a_changed_formula_is_compiled_anew(tmp_path):
+    """A formula of one module that is compiled into another one's code changes both."""
+    copy = tmp_path / "source" / "ggbench"
+    shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__"), symlinks=False)
+    cache = tmp_path / "cache"
+    before = run(copy.parent, cache)
+    assert run(copy.parent, cache) == before
+    earth = copy / "earth.py"
+    text = earth.read_text()
+    assert "SEMI_MAJOR_AXIS = 6378137.0" in text
+    earth.write_text(text.replace("SEMI_MAJOR_AXIS = 6378137.0", "SEMI_MAJOR_AXIS = 2 * 6378137.0"))
+    after = run(copy.parent, cache)
+    assert [round(new / old, 6) for new, old in zip(after, before, strict=True)] == [2.0, 2.0]
+    assert len(list((cache / "numba").iterdir())) == 2
