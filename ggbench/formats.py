@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -119,12 +120,18 @@ def flaw_of_arrays(arrays: dict[str, np.ndarray]) -> str | None:
     for name, width in columns.items():
         if name not in arrays:
             return f"it has no {name}"
+        if name.startswith("bound-") and not re.fullmatch(
+            r"bound-(filter|batch|fixed-lag-\d+)", name
+        ):
+            return f"it has an unknown {name}"
         epochs = len(np.atleast_1d(arrays["times"]))
         length = len(np.atleast_1d(arrays[name])) if name == "kept" else epochs
         if arrays[name].shape != ((length, width) if width else (length,)):
             return f"its {name} has the shape {arrays[name].shape}"
         if arrays[name].dtype.kind != ("i" if name == "kept" else "f"):
             return f"its {name} holds {arrays[name].dtype}"
+        if not np.isfinite(arrays[name]).all():
+            return f"its {name} is not finite"
     kept = arrays["kept"]
     if len(kept) == 0 or kept.min() < 0 or kept.max() >= len(arrays["times"]):
         return "its kept names other epochs than there are"

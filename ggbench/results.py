@@ -61,6 +61,7 @@ class Results:
         self.store = store or Store(folder)
         self.manifest = read_manifest(folder)
         self.cells = [Cell(**cell) for cell in self.manifest["cells"]]
+        self._arrays: dict[str, dict[str, np.ndarray]] = {}
         self._keys = {(*cell[:2], cell.estimator): cell.key for cell in self.cells}
 
     @cached_property
@@ -114,21 +115,34 @@ class Results:
         K' are the epochs that ``kept`` of the case's arrays names. Empty if there are none.
         """
         key = self._keys.get(("", case, estimator))
-        return np.empty((0, 0, 4)) if key is None else self.store.series(key, self.runs)
+        found = np.empty((0, 0, 4)) if key is None else self.store.series(key, self.runs)
+        return found if not len(found) else self._of_length(found, case, "kept")
 
     def series_of(self, case: str, estimator: str, run: int) -> np.ndarray | None:
         """Return (K', 4) of one run, or None if it has none."""
         key = self._keys.get(("", case, estimator))
-        return None if key is None else self.store.series_of(key, run)
+        found = None if key is None else self.store.series_of(key, run)
+        return None if found is None else self._of_length(found, case, "kept")
 
     def detail(self, case: str, estimator: str, run: int) -> np.ndarray | None:
         """Return (K, 12) of a run kept in detail: errors of position and velocity, their σ."""
         key = self._keys.get(("", case, estimator))
-        return None if key is None else self.store.detail(key, run)
+        found = None if key is None else self.store.detail(key, run)
+        return None if found is None else self._of_length(found, case, "times")
+
+    def _of_length(self, found: np.ndarray, case: str, epochs: str) -> np.ndarray:
+        """Return (..., K, columns) as it is if K is the number of a case's epochs."""
+        errors = found[..., :2]  # a NEES or NIS may be undefined, an error may not
+        if found.shape[-2] != len(self.arrays(case)[epochs]) or not np.isfinite(errors).all():
+            raise StoreError(f"a time series of case {case} in {self.folder} is damaged")
+        return found
 
     def arrays(self, case: str) -> dict[str, np.ndarray]:
         """Return what all runs of a case share: epochs, track, bounds, signals."""
-        return self.store.arrays(self.manifest["shared"].get(case, ""), case)
+        if case not in self._arrays:
+            key = self.manifest["shared"].get(case, "")
+            self._arrays[case] = self.store.arrays(key, case)
+        return self._arrays[case]
 
     @cached_property
     def table(self) -> pd.DataFrame:

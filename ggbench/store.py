@@ -365,4 +365,7 @@ def _sync(folder: Path) -> None:
 
 
 def _pack(array: np.ndarray | None) -> bytes | None:
-    return None if array is None else np.ascontiguousarray(array, dtype="<f4").tobytes()
+    if array is None:
+        return None
+    largest = np.finfo("<f4").max  # a diverged filter's error may be beyond
+    return np.ascontiguousarray(np.clip(array, -largest, largest), dtype="<f4").tobytes()
