@@ -12,7 +12,7 @@ import datetime
 import math
 import os
 import platform
-from collections.abc import Callable, Generator, Iterator, Mapping, Set
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Set
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -126,6 +126,20 @@ class Plan:
         )
 
 
+def _each_once(
+    cells: Iterable[tuple[str, CaseSpec, Pairs]],
+) -> list[tuple[str, CaseSpec, Pairs]]:
+    """Return cells without what another one before them runs: two names of one content."""
+    seen: set[str] = set()
+    once = []
+    for study, case, estimators in cells:
+        new = tuple(pair for pair in estimators if pair[1] not in seen)
+        seen.update(key for _, key in new)
+        if new:
+            once.append((study, case, new))
+    return once
+
+
 @dataclass
 class Campaign:
     """A campaign on a results folder.
@@ -201,16 +215,14 @@ class Campaign:
 
         Run by run, so that an interrupted campaign has runs of all cases.
         """
-        known = store.finished(self.limit)
-        cells = self.plan.cells()
+        finished = store.finished(self.limit)
+        cells = _each_once(self.plan.cells())
         tasks = []
         for run in range(self.runs):
             for study, case, estimators in cells:
                 if study and run >= self.scenario.campaign.assumption_runs:
                     continue
-                missing = tuple(pair for pair in estimators if (pair[1], run) not in known)
-                # Two names of one content are run once.
-                known.update((key, run) for _, key in missing)
+                missing = tuple(pair for pair in estimators if (pair[1], run) not in finished)
                 if missing:
                     tasks.append(Task(case, study, run, self.seed, missing))
         return tasks

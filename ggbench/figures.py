@@ -166,6 +166,7 @@ def error_over_time(
                     times, bound[:, row], color=_BOUND, lw=0.9, ls=("-", ":", "--")[number % 3],
                     label=name,
                 )  # fmt: skip
+            axis.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
             if row == 0:
                 axis.set_title(title)
             else:

@@ -207,7 +207,7 @@ class _Report:
         reading = (
             "Every estimator against the best causal one of its case, on the same runs (settled "
             "window): mean difference of squared position error with its 95 % bootstrap-t interval "
-            "over runs, relative difference of MRSE, share of runs with the smaller error (a run "
+            "over runs, ratio of MRSE, share of runs with the smaller error (a run "
             "that one of them failed is lost by it). *better* and *worse*: the interval does not "
             "hold 0; if two do not differ, that is said of one pair in twenty. A verdict is of "
             "statistics, not of importance: many runs find differences that nobody needs. All "

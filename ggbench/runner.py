@@ -45,7 +45,7 @@ class OtherSourceError(GGBenchError):
     """What would run here is not what the campaign was planned with."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Task:
     """One run of one case with the estimators that still miss it.
 

@@ -134,7 +134,7 @@ def paired(scenario: Scenario, summary: pd.DataFrame, pairs: pd.DataFrame) -> st
     """
     head = [
         "case", "estimator", "against", "runs", "position: difference of squared error [m²]",
-        "MRSE", "wins", "verdict", "velocity: MRSE", "wins", "verdict",
+        "MRSE ratio", "wins", "verdict", "velocity: MRSE ratio", "wins", "verdict",
     ]  # fmt: skip
     settled = pairs[pairs["window"] == "settled"]
     rows = []
@@ -191,7 +191,7 @@ def _pair(pair: dict[str, Any], label: str) -> list[str]:
         ratio = 1.0 + pair[f"{quantity}_relative"]
         wins, verdict = pair[f"{quantity}_win_rate"], pair[f"{quantity}_verdict"]
         cells += [
-            f"{100.0 * (ratio if mine else 1.0 / ratio) - 100.0:+.2f} %",
+            f"{ratio if mine else 1.0 / ratio:.5g}",
             f"{100.0 * (wins if mine else 1.0 - wins):.0f} %",
             verdict if mine else opposite.get(verdict, verdict),
         ]

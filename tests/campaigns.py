@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sqlite3
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -13,6 +15,7 @@ from ggbench import campaign, execution, scenario
 from ggbench.campaign import Campaign
 from ggbench.results import Results, write_tables
 
+DEADLINE_S = 240.0
 COMMAND = str(Path(sys.executable).parent / "ggbench")
 LABELS = ("ins", "ekf", "ukf[points=merwe]")
 TIMINGS = ("seconds", "peak_memory_mb", "cold", "traceback")
@@ -65,3 +68,53 @@ def assert_equal(one: Results, other: Results) -> None:
     drop = ["seconds_per_run"]
     assert one.summary().drop(columns=drop).equals(other.summary().drop(columns=drop))
     assert one.paired().equals(other.paired())
+
+
+def command(folder: Path, *options: str) -> list[str]:
+    return [COMMAND, "run", "small.toml", "-s", "5", "-o", str(folder), *options]
+
+
+def finish(cwd: Path, arguments: list[str], **options) -> subprocess.CompletedProcess:
+    return subprocess.run(
+        arguments, cwd=cwd, capture_output=True, text=True, timeout=DEADLINE_S, **options
+    )
+
+
+def stored(folder: Path) -> int:
+    """Number of records in a folder that another process writes, 0 if there is none yet."""
+    try:
+        with sqlite3.connect(f"{(folder / 'records.sqlite').as_uri()}?mode=ro", uri=True) as found:
+            return found.execute("SELECT count(*) FROM records").fetchone()[0]
+    except sqlite3.Error:
+        return 0
+
+
+DEADLY = """
+import ctypes, os, signal, time
+from dataclasses import dataclass
+from typing import Literal
+import numpy as np
+from ggbench.problem import Estimate, Estimator
+
+
+@dataclass(frozen=True)
+class Deadly(Estimator):
+    way: Literal["exit", "segfault", "killed", "sleep", "raise", "none"] = "none"
+    seconds: float = 0.0
+    name = "deadly"
+    causality = "filter"
+
+    def estimate(self, problem, rng):
+        if problem.measurements[0, 0] > THRESHOLD:
+            if self.way == "exit":
+                os._exit(7)
+            if self.way == "segfault":
+                ctypes.string_at(0)
+            if self.way == "killed":
+                os.kill(os.getpid(), signal.SIGKILL)
+            if self.way == "raise":
+                np.linalg.cholesky(-np.eye(2))
+            time.sleep(self.seconds)
+        cov = np.tile(problem.prior_cov, (problem.epochs, 1, 1))
+        return Estimate(np.zeros((problem.epochs, problem.dimension)), cov, "filter")
+"""

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
-from collections.abc import Callable
+import os
+import signal
+import subprocess
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -147,3 +152,24 @@ def wang() -> simulation.Flight:
 @pytest.fixture(scope="session")
 def wang_unfiltered() -> simulation.Flight:
     return flight("0.01E-1Hz-unfiltered")
+
+
+@pytest.fixture
+def started() -> Iterator[Callable[..., subprocess.Popen]]:
+    """Start commands, none of which outlives the test."""
+    processes = []
+
+    def start(cwd: Path, arguments: list[str]) -> subprocess.Popen:
+        processes.append(
+            subprocess.Popen(
+                arguments, cwd=cwd, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+                start_new_session=True,
+            )
+        )  # fmt: skip
+        return processes[-1]
+
+    yield start
+    for process in processes:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()

@@ -8,10 +8,9 @@ from collections.abc import Iterator
 
 import psutil
 import pytest
-from campaigns import COMMAND, assert_equal, ran
+from campaigns import COMMAND, DEADLINE_S, DEADLY, assert_equal, ran, stored
 from distributed import LocalCluster
 from problems import SMALL
-from test_faults import DEADLINE_S, DEADLY, stored
 
 from ggbench.results import Results
 
