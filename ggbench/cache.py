@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import os
+import re
 import shutil
 import sys
 from pathlib import Path
@@ -19,6 +20,7 @@ import platformdirs
 CACHE_VARIABLE = "GGBENCH_CACHE_DIR"
 """Environment variable that names another cache folder than the user's."""
 _VARIABLE = "NUMBA_CACHE_DIR"
+_OURS = re.compile(r"ggbench-[0-9a-f]{16}")
 _MOST_KEPT = 5
 
 
@@ -31,7 +33,7 @@ def keep_apart() -> None:
     """Have numba keep what it compiles in a folder of this source; before anything is compiled."""
     name = f"ggbench-{_source()}"
     base = Path(os.environ.get(_VARIABLE) or cache_folder() / "numba")
-    if base.name.startswith("ggbench-"):  # a process that this package started
+    if _OURS.fullmatch(base.name):  # a process that this package started
         base = base.parent
     folder = base / name
     os.environ[_VARIABLE] = str(folder)
@@ -55,6 +57,7 @@ def _source() -> str:
 
 def _remove_old(base: Path) -> None:
     """Remove all but the newest folders of other sources."""
-    folders = sorted(base.glob("ggbench-*"), key=lambda f: f.stat().st_mtime, reverse=True)
+    ours = [f for f in base.iterdir() if _OURS.fullmatch(f.name) and f.is_dir()]
+    folders = sorted(ours, key=lambda f: f.stat().st_mtime, reverse=True)
     for folder in folders[_MOST_KEPT:]:
         shutil.rmtree(folder, ignore_errors=True)

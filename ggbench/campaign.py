@@ -13,7 +13,7 @@ import math
 import os
 import platform
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Set
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -107,23 +107,24 @@ class Plan:
         now = keys.environment() | {"seed": self.seed}
         if any(old[name] != value for name, value in now.items()):
             return self
-        known = [case.name for case in whole.cases]
-        names = {*old["cases"], *(case.name for case in self.scenario.cases)}
         # By the contents that the manifest states: what it names is not to be loaded.
-        held = {
-            label: content
-            for label, content in old["estimators"].items()
-            if any(keys.run_key(case, content, self.seed) in finished for case in whole.cases)
-        }
-        scenario = whole.select([name for name in known if name in names])
+        held: dict[str, Mapping[str, Any]] = {}
+        names = {case.name for case in self.scenario.cases}
+        for label, content in old["estimators"].items():
+            found = {
+                case.name
+                for case in whole.cases
+                if keys.run_key(case, content, self.seed) in finished
+            }
+            names |= found
+            if found and content not in self.estimators.values():
+                held[label] = content
+        shown = whole.select([case.name for case in whole.cases if case.name in names])
         if not (old["assumptions"] or self.scenario.assumptions):
-            scenario = replace(scenario, assumptions=())
-        return replace(
-            self,
-            scenario=scenario,
-            estimators=held | dict(self.estimators),
-            runs=max(old["runs"], self.runs),
-        )
+            shown = replace(shown, assumptions=())
+        joined = replace(self, scenario=shown, estimators=held | dict(self.estimators))
+        stored = {key for _, _, pairs in joined.cells() for _, key in pairs} & finished
+        return replace(joined, runs=max(old["runs"], self.runs)) if stored else joined
 
 
 def _each_once(
@@ -150,6 +151,7 @@ class Campaign:
     argument : the text by which the user named it.
     labels : estimators as chosen, ``ukf[points=merwe]``.
     runs, seed : number of runs per case, and the seed from which all randomness comes.
+    plan : what is asked for, made of the above.
     assumptions : also study the scenario's assumptions.
     folder : where results go.
     cases : names of the cases to run; none: all.
@@ -167,16 +169,18 @@ class Campaign:
     cases: tuple[str, ...] = ()
     limit: float = 600.0
     fresh: bool = False
+    plan: Plan = field(init=False)
 
-    @property
-    def plan(self) -> Plan:
-        """What is asked for."""
+    def __post_init__(self) -> None:
+        # Once: a file that is edited later changes nothing of what is run and how it is stored.
         scenario = self.scenario.select(self.cases) if self.cases else self.scenario
+        contents = {label: choose(label).content for label in self.labels}
         studied = choose(self.scenario.campaign.assumption_estimator)
-        return Plan(
+        label = next((k for k, v in contents.items() if v == studied.content), studied.label)
+        self.plan = Plan(
             scenario if self.assumptions else replace(scenario, assumptions=()),
-            {label: choose(label).content for label in self.labels},
-            {studied.label: studied.content},
+            contents,
+            {label: studied.content},
             self.runs,
             self.seed,
         )
@@ -195,18 +199,19 @@ class Campaign:
         remarks = self._leave_out()
         store = Store(self.folder, create=True, fresh=self.fresh)
         plan = self.plan
-        self._share(store, plan)
         if (self.folder / "manifest.json").exists():
             finished = {key for key, _ in store.finished()}
             plan = plan.joined(read_manifest(self.folder), self.scenario, finished)
+        self._share(store, plan)
         manifest = self._manifest(plan)
         store.write_manifest(manifest)
         used = {cell["key"] for cell in manifest["cells"]}
         unused = sum(key not in used for key, _ in store.finished())
         if unused:
             remarks.append(
-                f"{self.folder} holds {unused} results of other content (seed, scenario, source, "
-                "versions): they are kept and not used; --fresh discards them"
+                f"{self.folder} holds {unused} results that are not part of this (another seed, "
+                "source or version; a case or estimator since changed or removed): they are kept "
+                "and not used; --fresh discards them"
             )
         return store, remarks
 
@@ -267,8 +272,9 @@ class Campaign:
                     reason = f"its skip raises {said(error)}"
                 if reason:
                     reasons.setdefault(label, f"{label} is left out: {reason}")
-        self.labels = tuple(label for label in self.labels if label not in reasons)
-        if not self.labels:
+        kept = {k: v for k, v in self.plan.estimators.items() if k not in reasons}
+        self.plan = replace(self.plan, estimators=kept)
+        if not kept:
             raise CampaignError(
                 "no estimator can take this scenario: " + "; ".join(reasons.values())
             )
@@ -276,7 +282,8 @@ class Campaign:
 
     def _share(self, store: Store, plan: Plan) -> None:
         """Store what each case's runs share, unless it is stored: bounds, signals for figures."""
-        estimators = [choose(label).estimator for label in self.labels]
+        # Of those asked for now: what others needed has been stored when they were.
+        estimators = [choose(label).estimator for label in self.plan.estimators]
         lagged = [vars(e)["lag"] for e in estimators if e.causality == "fixed-lag"]
         for case in plan.scenario.cases:
             key = keys.case_key(case, self.seed)

@@ -164,6 +164,8 @@ def run(
     labels = tuple(choice.label for choice in registry.choose_all(texts))
     seed = loaded.campaign.seed if seed is None else seed
     if one_run is not None:
+        if runs or output or not resume or jobs is not None or cluster or time_limit or assumptions:
+            raise click.UsageError("--run goes with -e, -c and --seed only: it stores nothing")
         from . import story
 
         good = story.repeat(loaded, cases, labels, seed, one_run, console)

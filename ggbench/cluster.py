@@ -101,7 +101,7 @@ def _on(client: Client, tasks: Sequence[Task], limit: float) -> Generator[list[R
                 results = future.result()
             except KilledWorker:
                 results = [
-                    failure(task, *pair, "the cluster's workers died, twice", retry_above=0.0)
+                    failure(task, *pair, "its Dask workers died, again and again", retry_above=0.0)
                     for pair in task.estimators
                 ]
             completed.update(hand_over())
@@ -128,7 +128,10 @@ def run_here(task: Task, limit: float, stopped: str) -> list[Result]:
     event = Event(stopped)
     served = hasattr(_mine, "member")
     if not served:
-        _mine.member = Member(limit)
+        try:
+            _mine.member = Member(limit)
+        except OSError as error:
+            raise ClusterError(f"a Dask worker cannot start a process: {error}") from None
     _mine.member.limit = limit
     try:
         results = list(itertools.chain.from_iterable(drive([task], [_mine.member], event.is_set)))

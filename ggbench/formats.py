@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
-from .schema import MOST_RUNS, MOST_SEED
+from .schema import MOST_RUNS, MOST_SEED, SCENARIO_NAME
 
 Count = Annotated[int, Field(ge=0)]
 
@@ -34,7 +34,7 @@ class _Machine(_Part):
 
 
 class _Manifest(_Part):
-    scenario: Annotated[str, Field(min_length=1, pattern=r"^[^/\\\x00]*[^/\\\x00.]$")]
+    scenario: Annotated[str, Field(min_length=1, pattern=SCENARIO_NAME)]
     scenario_hash: str
     scenario_text: str
     argument: str

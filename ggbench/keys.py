@@ -48,7 +48,9 @@ def problem_key(case: CaseSpec, seed: int) -> str:
     MapError
         If the case's map file cannot be read.
     """
-    return _hash([case.content_hash, _map_content(case.field.model_dump_json()), seed])
+    # A map is its content: where its file lies, and how that is spelt, is no part of the problem.
+    placeless = case.model_copy(update={"field": case.field.model_copy(update={"source": "map"})})
+    return _hash([placeless.content_hash, _map_content(case.field.model_dump_json()), seed])
 
 
 def case_key(case: CaseSpec, seed: int) -> str:

@@ -26,6 +26,9 @@ RUN_COLUMNS = (
     "peak_memory_mb", "final_position_error_m", "final_ins_error_m", "bound",
 )  # fmt: skip
 """Columns of the table of runs, before those of the windows."""
+_NUMBERS = (
+    "seconds", "map_evaluations", "peak_memory_mb", "final_position_error_m", "final_ins_error_m",
+)  # fmt: skip
 
 
 class ResultsError(GGBenchError):
@@ -163,8 +166,7 @@ class Results:
         table = pd.DataFrame(rows, columns=[*RUN_COLUMNS, *windows])
         for name in ("diverged", "cold"):
             table[name] = table[name].eq(True)
-        numbers = [*RUN_COLUMNS[13:14], *RUN_COLUMNS[15:19], *windows]
-        return table.astype(dict.fromkeys(numbers, float))
+        return table.astype(dict.fromkeys([*_NUMBERS, *windows], float))
 
     def command(self, cell: Cell, run: int) -> str:
         """Return the command that runs one run again, alone, in one process."""

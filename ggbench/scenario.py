@@ -28,7 +28,7 @@ from pydantic import BaseModel, ValidationError
 
 from . import sweep
 from .errors import GGBenchError
-from .schema import MOST_POINTS, CampaignSpec, CaseSpec, SweepSpec
+from .schema import MOST_POINTS, SCENARIO_NAME, CampaignSpec, CaseSpec, SweepSpec
 from .sweep import Sweep
 
 T = TypeVar("T", bound=BaseModel)
@@ -137,6 +137,11 @@ def load(name_or_path: str) -> Scenario:
     path = Path(name_or_path)
     if name_or_path not in shipped():
         if path.suffix == ".toml" or path.exists():
+            if not re.match(SCENARIO_NAME, path.stem):
+                raise ScenarioError(
+                    f"{path}: cannot be the name of a scenario; rename the file to one without "
+                    "backslash and without a dot before '.toml'"
+                )
             return _read(path, path.stem, str(path))
         raise ScenarioError(
             f"there is no scenario '{name_or_path}'{_suggest(name_or_path, shipped())}; "

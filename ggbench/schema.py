@@ -28,6 +28,8 @@ MOST_SAMPLES = 2_000_000
 """Most IMU samples of a flight (about 2 GB of intermediate matrices at a million)."""
 
 
+SCENARIO_NAME = r"^[^/\\\x00]*[^/\\\x00.]$"
+"""What a scenario may be called: files and folders of its report are."""
 MOST_RUNS = 1_000_000
 """Most runs of a case."""
 MOST_SEED = 2**63 - 1

@@ -10,7 +10,7 @@ import pytest
 from campaigns import LABELS, assert_equal, plan, ran, records, small
 from problems import SMALL
 
-from ggbench import campaign, execution, keys, report, runner
+from ggbench import campaign, execution, keys, registry, report, runner
 from ggbench.campaign import CampaignError
 from ggbench.results import Results
 from ggbench.scenario import ScenarioError
@@ -232,6 +232,48 @@ def test_stored_runs_are_known_by_their_content(change, tmp_path):
     }
 
 
+@pytest.mark.parametrize("change", ["noise_eotvos = 0.2", "name"])
+def test_a_folder_is_joined_by_content(change, tmp_path):
+    """After an edit of one case, a command for the other one reports what is still true.
+
+    Results of the edited case are out, those of a renamed one are in.
+    """
+    ran(tmp_path, labels=("ins", "ekf"), runs=3).store.close()
+    text = SMALL.replace('name = "noisy"', 'name = "loud"')
+    if change != "name":
+        text = SMALL.replace("gradiometer.noise_eotvos = 0.1", f"gradiometer.{change}")
+        assert text != SMALL
+    loaded = small(tmp_path, text)
+    results = ran(tmp_path, labels=("ekf",), runs=1, cases=("base",), scenario=loaded)
+    expected = ["base", "loud"] if change == "name" else ["base"]
+    assert results.manifest["cases"] == expected
+    assert len(results.table) == len(expected) * 2 * 3
+    assert "-n 3 " in report.write(results.folder, tmp_path / "reports").read_text()
+
+
+def test_a_map_is_its_content(tmp_path):
+    """Where a map's file lies is no part of what is simulated; what it holds is."""
+    case = small(tmp_path).cases[0]
+    problems = []
+    for name, content in (("a.npz", b"map"), ("b.npz", b"map"), ("c.npz", b"other map")):
+        (tmp_path / name).write_bytes(content)
+        field = case.field.model_copy(update={"source": str(tmp_path / name)})
+        problems.append(keys.problem_key(case.model_copy(update={"field": field}), 1))
+    problems.append(keys.problem_key(case, 1))
+    assert problems[0] == problems[1]
+    assert len(set(problems)) == 3
+
+
+def test_two_spellings_of_one_estimator_are_one(tmp_path):
+    """Defaults spelt out are no other estimator, in one command or in two."""
+    ran(tmp_path, labels=("ukf",), runs=1).store.close()
+    results = ran(tmp_path, labels=("ukf[points=julier]",), runs=1)
+    assert results.labels == ["ukf[points=julier]"]
+    assert len(results.table) == 2
+    chosen = registry.choose_all(["ukf", "ekf", "ukf[points=julier]"])
+    assert [choice.label for choice in chosen] == ["ukf", "ekf"]
+
+
 OTHER_CONTENT = {
     "seed": {"seed": 6},
     "scenario": {"text": FASTER},
@@ -266,7 +308,7 @@ def test_runs_of_other_content_are_neither_used_nor_lost(change, tmp_path, monke
     store, remarks = work.open()
     assert missing(work, store) == {(case, label, 0) for case in ("base", "noisy")}
     if change != "estimator's parameter":  # then both are of this campaign
-        assert "holds 2 results of other content" in remarks[0]
+        assert "holds 2 results that are not part of this" in remarks[0]
         assert list(Results(store.folder, store).records()) == []
     store.close()
 
