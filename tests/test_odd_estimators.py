@@ -70,17 +70,17 @@ def test_a_worker_that_dies_is_a_record(way, reason, deadly):
 
 def test_a_run_over_its_time_limit_is_a_record(deadly):
     """A run that takes too long is killed and is a record; a higher limit gives it another try."""
-    label = "deadly.py[way=sleep,seconds=8]"
-    run = command(deadly / "out", "-n", "4", "-j", "2", "-c", "base", "-e", label, "-e", "ekf")
-    done = finish(deadly, [*run, "--time-limit", "3"])
+    label = "deadly.py[way=sleep,seconds=4]"
+    run = command(deadly / "out", "-n", "4", "-j", "2", "-c", "base", "-e", label, "-e", "ins")
+    done = finish(deadly, [*run, "--time-limit", "2"])
     assert done.returncode == 0, done.stderr
     table = Results(deadly / "out").table
-    assert (table.loc[table["estimator"] == "ekf", "status"] == "ok").all()
+    assert (table.loc[table["estimator"] == "ins", "status"] == "ok").all()
     failed = table[table["status"] != "ok"]
-    assert set(failed["reason"]) == {"over its time limit of 3 s"}
+    assert set(failed["reason"]) == {"over its time limit of 2 s"}
     assert len(failed) == 2
     # The same command has nothing left to do, another limit has.
-    done = finish(deadly, [*run, "--time-limit", "3"])
+    done = finish(deadly, [*run, "--time-limit", "2"])
     assert "runs to do" not in done.stdout
     done = finish(deadly, [*run, "--time-limit", "100"])
     assert "2 runs to do" in done.stdout
@@ -193,14 +193,14 @@ def test_time_that_a_campaign_was_stopped_is_not_a_runs(deadly, started):
     """Ctrl-Z in the middle of a run, for longer than the limit, does not make it too slow."""
     label = "deadly.py[way=sleep,seconds=2]"
     run = command(deadly / "out", "-n", "4", "-j", "1", "-c", "base", "-e", label)
-    process = started(deadly, [*run, "--time-limit", "5"])
+    process = started(deadly, [*run, "--time-limit", "4"])
     while stored(deadly / "out") < 1:
         time.sleep(0.05)
         assert process.poll() is None
     everyone = [psutil.Process(process.pid), *psutil.Process(process.pid).children()]
     for one in everyone:
         one.suspend()
-    time.sleep(7.0)
+    time.sleep(5.0)
     for one in everyone:
         one.resume()
     process.communicate(timeout=DEADLINE_S)

@@ -85,7 +85,7 @@ def test_a_report_stays_in_its_folder(results, tmp_path):
     folder = tmp_path / "out"
     shutil.copytree(results, folder)
     manifest = json.loads((folder / "manifest.json").read_text())
-    for name in ("../escaped", "/tmp/escaped", "..", ".", ""):
+    for name in ("../escaped", "/escaped", "..", ".", ""):
         (folder / "manifest.json").write_text(json.dumps(manifest | {"scenario": name}))
         with pytest.raises(StoreError, match=r"manifest\.json is damaged: its scenario"):
             report.write(folder, tmp_path / "deep" / "er")
