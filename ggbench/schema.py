@@ -11,14 +11,12 @@ import json
 import math
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
-Noise = Annotated[float, Field(ge=1e-9, le=1e9)]
-NonNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Latitude = Annotated[float, Field(ge=-89.0, le=89.0, allow_inf_nan=False)]
-Longitude = Annotated[float, Field(ge=-180.0, le=360.0, allow_inf_nan=False)]
+from .sections import Finite, NonNegative, Positive, Section
+from .sensor_schema import FieldSpec, GradiometerSpec, ImuSpec, InitialErrorSpec
+from .trajectory_schema import TrajectorySpec
+
 Title = Annotated[str, Field(min_length=1)]
 CaseName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=60)]
 AxisName = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9.]*$", max_length=20)]
@@ -34,108 +32,6 @@ MOST_RUNS = 1_000_000
 """Most runs of a case."""
 MOST_SEED = 2**63 - 1
 """Largest seed, what a table of whole numbers can hold."""
-
-
-class Section(BaseModel):
-    """Base of all tables of a scenario file: strict types, no unknown keys."""
-
-    model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
-
-
-class SegmentSpec(Section):
-    """One ``[[trajectory.segment]]``."""
-
-    duration_s: Positive
-    turn_rate_deg_per_s: Annotated[float, Field(ge=-30.0, le=30.0)] = 0.0
-    acceleration_mps2: Annotated[float, Field(ge=-50.0, le=50.0)] = 0.0
-    climb_rate_deg_per_s: Annotated[float, Field(ge=-30.0, le=30.0)] = 0.0
-
-
-class TrajectorySpec(Section):
-    """``[trajectory]``: initial state and segments of the true flight."""
-
-    latitude_deg: Latitude
-    longitude_deg: Longitude
-    height_m: Annotated[float, Field(ge=-12000.0, le=100000.0, allow_inf_nan=False)]
-    speed_mps: Annotated[float, Field(ge=0.0, le=10000.0)]
-    heading_deg: Finite
-    pitch_deg: Finite = 0.0
-    roll_deg: Finite = 0.0
-    segment: Annotated[list[SegmentSpec], Field(min_length=1)]
-
-    @property
-    def duration_s(self) -> float:
-        """Length of the flight [s]."""
-        return sum(segment.duration_s for segment in self.segment)
-
-
-class ImuSpec(Section):
-    """``[imu]``: the inertial sensors."""
-
-    period_s: Positive
-    gyro_bias_deg_per_h: NonNegative
-    gyro_noise_deg_per_sqrt_h: NonNegative
-    accelerometer_bias_ug: NonNegative
-    accelerometer_noise_ug_per_sqrt_hz: NonNegative
-    biases: Literal["drawn", "fixed"] = "drawn"
-
-
-class InitialErrorSpec(Section):
-    """``[initial_error]``: standard deviation of the INS error per axis at the start."""
-
-    position_m: Annotated[float, Field(gt=0.0, le=1e6)]
-    velocity_mps: Annotated[float, Field(gt=0.0, le=1000.0)]
-    attitude_arcmin: Annotated[float, Field(gt=0.0, le=600.0)]
-
-
-class GradiometerSpec(Section):
-    """``[gradiometer]``: noise (as RMS or as density), filter, and the treatment of the filter."""
-
-    period_s: Positive
-    noise_eotvos: Noise | None = None
-    noise_density_eotvos_per_sqrt_hz: Noise | None = None
-    components: Annotated[
-        list[Literal["xx", "xy", "xz", "yy", "yz", "zz"]], Field(min_length=1)
-    ] = ["xx", "xy", "xz", "yy", "yz", "zz"]
-    filter: Literal["butterworth", "none"] = "none"
-    filter_order: Annotated[int, Field(ge=1, le=12)] = 7
-    filter_cutoff_hz: Positive = 0.2
-    filter_treatment: Literal["whitened", "delayed"] = "whitened"
-    whitening_regularization: Annotated[float, Field(ge=1e-7, le=0.1)] = 1e-6
-
-    @model_validator(mode="after")
-    def _check(self) -> GradiometerSpec:
-        if (self.noise_eotvos is None) == (self.noise_density_eotvos_per_sqrt_hz is None):
-            raise ValueError(
-                "give exactly one of noise_eotvos (RMS) and noise_density_eotvos_per_sqrt_hz"
-            )
-        if len(set(self.components)) != len(self.components):
-            raise ValueError("components names a component twice")
-        nyquist = 0.5 / self.period_s
-        if self.filter != "none" and self.filter_cutoff_hz >= nyquist:
-            raise ValueError(
-                f"filter_cutoff_hz is {self.filter_cutoff_hz:g} Hz and must lie below the Nyquist "
-                f"frequency of the readings, {nyquist:g} Hz (period_s = {self.period_s:g}); "
-                'use filter = "none" or read faster'
-            )
-        return self
-
-
-class FieldSpec(Section):
-    """``[field]``: the gradient map over the normal field, and what the accelerometers feel."""
-
-    source: str
-    south_deg: Latitude = 0.0
-    north_deg: Latitude = 0.0
-    west_deg: Longitude = 0.0
-    east_deg: Longitude = 0.0
-    lowest_m: Finite = 0.0
-    highest_m: Finite = 0.0
-    spacing_arcmin: Positive = 1.25
-    height_spacing_m: Positive = 500.0
-    land_correction: bool = True
-    relief_smoothing_deg: Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)] = 0.0
-    gravity_disturbance: bool = False
 
 
 class WindowsSpec(Section):
