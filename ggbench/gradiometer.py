@@ -1,9 +1,20 @@
-"""The gravity gradiometer: its reading, its noise and filter, and the measurement model h, H.
+"""The gravity gradiometer: what it reads in the axes of its mount, and which of it it delivers.
 
-An inertially stabilised (platform) gradiometer reads the gravitational gradient tensor in inertial
-axes, L^i = C_in Γ^n C_inᵀ with C_in = C_in(L, λ + ω_ie t): a position error shows because the field
-changes and because the local level turns against inertial space. Inertial axes coincide with ECEF
-axes at t = 0. Tensors are vectors [xx, xy, xz, yy, yz, zz], in E.
+A gradiometer reads the gravitational gradient tensor Γ in the axes of its mount s, C_sn Γ^n C_snᵀ:
+
+``platform``
+    inertially stabilised, C_sn = C_in(L, λ + ω_ie t): a position error shows because the field
+    changes and because the local level turns against inertial space. Inertial axes coincide with
+    ECEF axes at t = 0.
+``local-level``
+    held level and to the north without error, C_sn = I: only the field's change shows.
+``strapdown``
+    fixed to the body, C_sn = C_bn: the reading depends on the attitude, too. Its rotation is taken
+    as compensated: no centrifugal term of ω_ib is left in the reading.
+
+Tensors are vectors [xx, xy, xz, yy, yz, zz], in E. A *channel* is a linear combination of the six:
+a component, half the difference of two diagonal ones (``xx-yy`` = (xx − yy)/2), or what a disk of
+rotating accelerometers measures (:mod:`ggbench.rotating_gradiometer`).
 """
 
 from __future__ import annotations
@@ -18,10 +29,13 @@ from numba import njit
 from .earth import ROTATION_RATE
 from .field import Field, gradient_at
 from .ins_error import metres_per_radian
-from .lowpass import LowPass, Prefilter
-from .problem import frozen
+from .lowpass import LowPass
 
 COMPONENTS = ("xx", "xy", "xz", "yy", "yz", "zz")
+DIFFERENCES = ("xx-yy", "yy-zz", "zz-xx")
+INSTRUMENTS = ("platform", "local-level", "strapdown")
+PLATFORM, LOCAL_LEVEL, STRAPDOWN = range(3)
+"""Kinds of instruments, as the compiled code knows them: indices of :data:`INSTRUMENTS`."""
 
 
 @njit(cache=True)
@@ -57,53 +71,87 @@ def rotate_tensor(rotation: np.ndarray, tensor: np.ndarray, out: np.ndarray) -> 
 
 
 @njit(cache=True)
-def _displaced(reference: np.ndarray, east: float, north: float, up: float) -> np.ndarray:
-    """Return reference − (east, north, up) [m] as (L, λ, h), linear as the error state is."""
-    per_north, per_east = metres_per_radian(reference)
-    return np.array(
-        [reference[0] - north / per_north, reference[1] - east / per_east, reference[2] - up]
-    )
-
-
-@njit(cache=True)
 def reading_at(
+    instrument: int,
     position: np.ndarray,
     time: float,
+    c_nb: np.ndarray,
     origin: np.ndarray,
     step: np.ndarray,
     coefficients: np.ndarray,
     out: np.ndarray,
 ) -> bool:
-    """Fill the noise-free reading (6,) [E] at (L, λ, h) and time [s]; return: inside the map."""
+    """Fill the noise-free tensor (6,) [E] in the axes of the mount; return: inside the map.
+
+    ``instrument`` is an index of :data:`INSTRUMENTS`; only a platform depends on ``time`` [s], only
+    a strapdown instrument on ``c_nb``.
+    """
     tensor = np.empty(6)
     derivative = np.empty((6, 3))
     rotation = np.empty((3, 3))
     inside = gradient_at(position, origin, step, coefficients, tensor, derivative)
-    inertial_from_local(position[0], position[1], time, rotation)
+    if instrument == LOCAL_LEVEL:
+        out[:] = tensor
+        return inside
+    if instrument == PLATFORM:
+        inertial_from_local(position[0], position[1], time, rotation)
+    else:
+        rotation[:, :] = c_nb.T
     rotate_tensor(rotation, tensor, out)
     return inside
 
 
 @njit(cache=True)
+def _add_turn(tensor: np.ndarray, x: float, y: float, z: float, out: np.ndarray) -> None:
+    """Add [φ×] M − M [φ×] for φ = (x, y, z) to ``out`` (6,): eq. 12's ∂L_φ/∂φ times φ."""
+    xx, xy, xz, yy, yz, zz = tensor[0], tensor[1], tensor[2], tensor[3], tensor[4], tensor[5]
+    out[0] = out[0] + 2.0 * xz * y - 2.0 * xy * z
+    out[1] = out[1] - xz * x + yz * y + (xx - yy) * z
+    out[2] = out[2] + xy * x + (zz - xx) * y - yz * z
+    out[3] = out[3] - 2.0 * yz * x + 2.0 * xy * z
+    out[4] = out[4] + (yy - zz) * x - xy * y + xz * z
+    out[5] = out[5] + 2.0 * yz * x - 2.0 * xz * y
+
+
+@njit(cache=True)
 def reading_jacobian_at(
+    instrument: int,
     position: np.ndarray,
     time: float,
+    c_nb: np.ndarray,
     origin: np.ndarray,
     step: np.ndarray,
     coefficients: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Fill ∂(reading)/∂(east, north, up) (6, 3) [E/m] at (L, λ, h) and time [s] (eqs. 11, 12).
+    """Fill ∂(reading)/∂(east, north, up; ψ) (6, 6) [E/m; E/rad] at a point (eqs. 11, 12).
 
-    D6(C_in) { ∂Γ/∂r + [∂L_φ/∂φ][∂φ_in/∂r] }: the field's change and the local level's turn.
+    For a platform D6(C_in) { ∂Γ/∂r + [∂L_φ/∂φ][∂φ_in/∂r] }: the field's change and the local
+    level's turn. ψ turns the body, C_nb → exp([ψ×]) C_nb, which only a strapdown instrument sees.
     """
     tensor = np.empty(6)
     derivative = np.empty((6, 3))
     rotation = np.empty((3, 3))
     column = np.empty(6)
     gradient_at(position, origin, step, coefficients, tensor, derivative)
+    out[:, 3:] = 0.0
+    if instrument == LOCAL_LEVEL:
+        out[:, :3] = derivative
+        return
+    if instrument == STRAPDOWN:
+        rotation[:, :] = c_nb.T
+        against = np.empty(3)
+        for axis in range(3):
+            column[:] = derivative[:, axis]
+            rotate_tensor(rotation, column, out[:, axis])
+            # The mount turns with the body, so the tensor turns against it.
+            against[:] = 0.0
+            against[axis] = -1.0
+            column[:] = 0.0
+            _add_turn(tensor, against[0], against[1], against[2], column)
+            rotate_tensor(rotation, column, out[:, 3 + axis])
+        return
     inertial_from_local(position[0], position[1], time, rotation)
-    xx, xy, xz, yy, yz, zz = tensor[0], tensor[1], tensor[2], tensor[3], tensor[4], tensor[5]
     per_north, per_east = metres_per_radian(position)
     for axis in range(3):
         # φ_in: the rotation of the local level for one metre along the axis.
@@ -113,103 +161,46 @@ def reading_jacobian_at(
             phi_z = math.sin(position[0]) / per_east
         elif axis == 1:
             phi_x = -1.0 / per_north
-        column[0] = derivative[0, axis] + 2.0 * xz * phi_y - 2.0 * xy * phi_z
-        column[1] = derivative[1, axis] - xz * phi_x + yz * phi_y + (xx - yy) * phi_z
-        column[2] = derivative[2, axis] + xy * phi_x + (zz - xx) * phi_y - yz * phi_z
-        column[3] = derivative[3, axis] - 2.0 * yz * phi_x + 2.0 * xy * phi_z
-        column[4] = derivative[4, axis] + (yy - zz) * phi_x - xy * phi_y + xz * phi_z
-        column[5] = derivative[5, axis] + 2.0 * yz * phi_x - 2.0 * xz * phi_y
+        column[:] = derivative[:, axis]
+        _add_turn(tensor, phi_x, phi_y, phi_z, column)
         rotate_tensor(rotation, column, out[:, axis])
 
 
 @njit(cache=True)
-def _readings(
+def readings_along(
+    instrument: int,
     positions: np.ndarray,
     times: np.ndarray,
+    attitudes: np.ndarray,
     origin: np.ndarray,
     step: np.ndarray,
     coefficients: np.ndarray,
 ) -> np.ndarray:
-    """Return the noise-free readings (K, 6) at (K, 3) positions and (K,) times."""
+    """Return the noise-free tensors (K, 6) in the mount at (K, 3), (K,) and (K, 3, 3)."""
     out = np.empty((positions.shape[0], 6))
     for k in range(positions.shape[0]):
-        reading_at(positions[k], times[k], origin, step, coefficients, out[k])
+        reading_at(
+            instrument, positions[k], times[k], attitudes[k], origin, step, coefficients, out[k]
+        )
     return out
 
 
-@njit(cache=True)
-def _predict(
-    states: np.ndarray,
-    rows: np.ndarray,
-    reference: np.ndarray,
-    time: float,
-    offset: np.ndarray,
-    gain: float,
-    selected: np.ndarray,
-    origin: np.ndarray,
-    step: np.ndarray,
-    coefficients: np.ndarray,
+def readings(
+    field: Field,
+    positions: np.ndarray,
+    times: np.ndarray,
+    attitudes: np.ndarray | None = None,
+    instrument: str = "platform",
 ) -> np.ndarray:
-    """Return h (N, m) of N states: offset + gain · reading(reference − B x)."""
-    out = np.empty((states.shape[0], selected.shape[0]))
-    reading = np.empty(6)
-    error = np.empty(3)
-    for n in range(states.shape[0]):
-        for axis in range(3):
-            error[axis] = 0.0
-            for i in range(states.shape[1]):
-                error[axis] += rows[axis, i] * states[n, i]
-        position = _displaced(reference, error[0], error[1], error[2])
-        reading_at(position, time, origin, step, coefficients, reading)
-        for m in range(selected.shape[0]):
-            out[n, m] = offset[m] + gain * reading[selected[m]]
-    return out
-
-
-@njit(cache=True)
-def _jacobian(
-    state: np.ndarray,
-    rows: np.ndarray,
-    reference: np.ndarray,
-    time: float,
-    gain: float,
-    selected: np.ndarray,
-    origin: np.ndarray,
-    step: np.ndarray,
-    coefficients: np.ndarray,
-) -> np.ndarray:
-    """Return H (m, n) of one state."""
-    error = np.zeros(3)
-    for axis in range(3):
-        for i in range(state.shape[0]):
-            error[axis] += rows[axis, i] * state[i]
-    position = _displaced(reference, error[0], error[1], error[2])
-    slope = np.empty((6, 3))
-    reading_jacobian_at(position, time, origin, step, coefficients, slope)
-    # The state's metres are measured at the reference, the slope's at the displaced point.
-    reference_north, reference_east = metres_per_radian(reference)
-    north, east = metres_per_radian(position)
-    slope[:, 0] *= east / reference_east
-    slope[:, 1] *= north / reference_north
-    out = np.empty((selected.shape[0], state.shape[0]))
-    for m in range(selected.shape[0]):
-        for i in range(state.shape[0]):
-            out[m, i] = -gain * (
-                slope[selected[m], 0] * rows[0, i]
-                + slope[selected[m], 1] * rows[1, i]
-                + slope[selected[m], 2] * rows[2, i]
-            )
-    return out
-
-
-def readings(field: Field, positions: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Return noise-free readings (K, 6) [E] of a platform gradiometer along a track.
+    """Return noise-free tensors (K, 6) [E] in the mount of an instrument along a track.
 
     Parameters
     ----------
     field : the gradient field.
     positions : (K, 3) geodetic latitude, longitude [rad], height [m].
     times : (K,) [s] since the inertial frame coincided with ECEF.
+    attitudes : (K, 3, 3) C_nb, which only a strapdown instrument needs.
+    instrument : one of :data:`INSTRUMENTS`.
 
     Raises
     ------
@@ -217,35 +208,54 @@ def readings(field: Field, positions: np.ndarray, times: np.ndarray) -> np.ndarr
         If a position lies outside the map; the message names it and the map's bounds.
     """
     field.tensor(*positions.T)  # raises outside the map, which the kernel below would extend
-    return _readings(positions, times, field.origin, field.step, field.tensor_coefficients)
+    if attitudes is None:
+        attitudes = np.tile(np.eye(3), (len(positions), 1, 1))
+    return readings_along(
+        INSTRUMENTS.index(instrument), positions, times, np.ascontiguousarray(attitudes),
+        field.origin, field.step, field.tensor_coefficients,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Gradiometer:
-    """An inertially stabilised gradiometer.
+    """A gradiometer as the estimators know it.
 
     Attributes
     ----------
-    noise_eotvos : RMS of the white noise of each component, before the filter [E].
+    noise_eotvos : RMS of the white noise of each channel, before the filter [E].
     lowpass : the instrument's filter, or None.
-    components : which of the six components it delivers.
+    components : names of its channels.
+    instrument : how it is mounted, one of :data:`INSTRUMENTS`.
+    bias_eotvos : σ of each channel's bias at the start [E].
+    drift : root PSD of the bias's random walk [E/√s].
     """
 
     noise_eotvos: float
     lowpass: LowPass | None
     components: tuple[str, ...] = COMPONENTS
+    instrument: str = "platform"
+    bias_eotvos: float = 0.0
+    drift: float = 0.0
 
     @property
-    def selected(self) -> np.ndarray:
-        """Indices of the delivered components in the six."""
-        return np.array([COMPONENTS.index(name) for name in self.components])
+    def channels(self) -> np.ndarray:
+        """Rows (m, 6) that take the tensor in the mount to the channels."""
+        return np.stack([channel(name) for name in self.components])
 
-    def output(self, noise_free: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Return the instrument's output (K, m) [E] for noise-free readings (K, 6) [E]."""
-        exact = noise_free[:, self.selected]
-        # All six are drawn, so that a subset of components sees the same noise in them.
-        noisy = exact + self.noise_eotvos * rng.standard_normal(noise_free.shape)[:, self.selected]
-        return noisy if self.lowpass is None else self.lowpass.apply(noisy)
+    @property
+    def biased(self) -> bool:
+        """Whether its channels have biases, which are states of the estimation problem then."""
+        return self.bias_eotvos > 0.0 or self.drift > 0.0
+
+
+def channel(name: str) -> np.ndarray:
+    """Return the row (6,) that takes a tensor to a component or to half a difference of two."""
+    row = np.zeros(6)
+    plus, _, minus = name.partition("-")
+    row[COMPONENTS.index(plus)] = 0.5 if minus else 1.0
+    if minus:
+        row[COMPONENTS.index(minus)] = -0.5
+    return row
 
 
 def noise_rms(root_psd: float, rate_hz: float) -> float:
@@ -253,79 +263,6 @@ def noise_rms(root_psd: float, rate_hz: float) -> float:
     return math.sqrt(root_psd**2 * rate_hz / 2.0)
 
 
-class GradiometerModel:
-    """The measurement model of all estimators: h(k, x) and its Jacobian H(k, x).
-
-    h(k, x) = ẑ_k + g_k [L(p̂_k − B_k x) − L(p̂_k)], where ẑ is the reading predicted along the INS
-    track and passed through the same filter and prefilter as the instrument's output, p̂_k the INS
-    position at t_k − τ_k, B_k x the position error there, and g_k the chain's gain. Without a
-    filter this is L(p_INS − δr). Outside the map the field at its border is continued.
-
-    Parameters
-    ----------
-    field, gradiometer : the map and the instrument, as the estimators know them.
-    times : (K,) measurement epochs [s].
-    positions : (K, 3) INS positions at the epochs [rad, rad, m].
-    delayed_positions : (K, 3) INS positions at t_k − τ_k.
-    delays : (K,) τ_k [s].
-    rows : (K, 3, n) B_k: from x(t_k) to the position error at t_k − τ_k [m].
-    treatment : the prefilter of the instrument's output.
-    """
-
-    def __init__(
-        self,
-        field: Field,
-        gradiometer: Gradiometer,
-        times: np.ndarray,
-        positions: np.ndarray,
-        delayed_positions: np.ndarray,
-        delays: np.ndarray,
-        rows: np.ndarray,
-        treatment: Prefilter,
-    ) -> None:
-        self._map = (field.origin, field.step, field.tensor_coefficients)
-        self._selected = gradiometer.selected
-        self._references = frozen(delayed_positions)
-        self._times = frozen(times - delays)
-        self._rows = frozen(rows)
-        self._gain = treatment.gain
-        predicted = _readings(positions, times, *self._map)[:, self._selected]
-        if gradiometer.lowpass is not None:
-            predicted = treatment.apply(gradiometer.lowpass.apply(predicted))
-        at_reference = _readings(self._references, self._times, *self._map)[:, self._selected]
-        self._offset = frozen(predicted - self._gain[:, None] * at_reference)
-
-    def predict(self, k: int, x: np.ndarray) -> np.ndarray:
-        """Return h (..., m) [E] at epoch ``k`` for states x (..., n); any leading axes."""
-        states = self._states(k, x)
-        flat = states.reshape(-1, states.shape[-1])
-        out = _predict(
-            flat, self._rows[k], self._references[k], self._times[k], self._offset[k],
-            self._gain[k], self._selected, *self._map,
-        )  # fmt: skip
-        return out.reshape(*states.shape[:-1], out.shape[-1])
-
-    def jacobian(self, k: int, x: np.ndarray) -> np.ndarray:
-        """Return H = ∂h/∂x (m, n) [E per unit of the state] at epoch ``k`` and state x (n,)."""
-        state = self._states(k, x)
-        if state.ndim != 1:
-            raise ValueError(f"the Jacobian is taken at one state (n,), not at {state.shape}")
-        return _jacobian(
-            state, self._rows[k], self._references[k],
-            self._times[k], self._gain[k], self._selected, *self._map,
-        )  # fmt: skip
-
-    def _states(self, k: int, x: np.ndarray) -> np.ndarray:
-        """Return states ready for the kernels, which check nothing."""
-        states = np.ascontiguousarray(x, dtype=float)
-        epochs, _, n = self._rows.shape
-        if not 0 <= k < epochs:
-            raise IndexError(f"there is no epoch {k}; the problem has epochs 0 to {epochs - 1}")
-        if states.ndim == 0 or states.shape[-1] != n:
-            raise ValueError(f"states must be (..., {n}), not {states.shape}")
-        return states
-
-
 def parse_components(names: Sequence[str]) -> tuple[str, ...]:
-    """Return component names in the standard order."""
-    return tuple(name for name in COMPONENTS if name in names)
+    """Return the names of channels in the standard order."""
+    return tuple(name for name in (*COMPONENTS, *DIFFERENCES) if name in names)

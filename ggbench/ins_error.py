@@ -216,40 +216,74 @@ def _from_metres(position: np.ndarray) -> np.ndarray:
     return change
 
 
+def noise_psd(accelerometer_psd: float, gyro_psd: float) -> np.ndarray:
+    """Return G q Gᵀ (15, 15) of white sensor noise [(m/s²)²/Hz, (rad/s)²/Hz].
+
+    w_a enters δv' and w_g enters φ' through C_nb; equal axes make G q Gᵀ diagonal.
+    """
+    noise = np.zeros((STATES, STATES))
+    noise[VELOCITY, VELOCITY] = accelerometer_psd * np.eye(3)
+    noise[ATTITUDE, ATTITUDE] = gyro_psd * np.eye(3)
+    return noise
+
+
+def add_bias_decay(
+    matrices: np.ndarray, noise: np.ndarray, block: slice, sigma: float, time: float
+) -> None:
+    """Make a bias a Gauss–Markov process: b' = −b/T + w of stationary standard deviation σ.
+
+    Parameters
+    ----------
+    matrices, noise : (N, 15, 15) F and (15, 15) G q Gᵀ, changed in place.
+    block : :data:`GYRO_BIAS` or :data:`ACCELEROMETER_BIAS`. sigma : [its unit]. time : T [s].
+    """
+    matrices[:, block, block] -= np.eye(3) / time
+    noise[block, block] += 2.0 * sigma**2 / time * np.eye(3)
+
+
+def add_altimeter(
+    matrices: np.ndarray, noise: np.ndarray, gains: tuple[float, float], psd: float
+) -> None:
+    """Add the damping of the vertical channel: δh' −= k₁ (δh − e), δv_U' −= k₂ (δh − e).
+
+    Parameters
+    ----------
+    matrices, noise : (N, 15, 15) F and (15, 15) G q Gᵀ, changed in place.
+    gains : k₁ [1/s], k₂ [1/s²], from :func:`ggbench.strapdown.altimeter_gains`.
+    psd : of the altimeter's white noise e [m²/Hz].
+    """
+    vertical = np.array([2, 5])
+    matrices[:, vertical, 2] -= gains
+    noise[np.ix_(vertical, vertical)] += psd * np.outer(gains, gains)
+
+
 @njit(cache=True)
 def transitions(
-    matrices: np.ndarray,
-    positions: np.ndarray,
-    attitudes: np.ndarray,
-    epochs: np.ndarray,
-    dt: float,
-    accelerometer_psd: float,
-    gyro_psd: float,
+    matrices: np.ndarray, positions: np.ndarray, epochs: np.ndarray, dt: float, noise: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Compose Φ and Q of the IMU steps between measurement epochs, for the state in metres.
 
     Parameters
     ----------
     matrices : (N, 15, 15) from :func:`system_matrices`.
-    positions, attitudes : (N + 1, ...) INS track.
+    positions : (N + 1, 3) INS track.
     epochs : (K,) increasing indices of IMU samples; the first transition starts at sample 0.
     dt : IMU interval [s].
-    accelerometer_psd, gyro_psd : white-noise power spectral densities [(m/s²)²/Hz, (rad/s)²/Hz].
+    noise : (15, 15) G q Gᵀ, from :func:`noise_psd`.
 
     Returns
     -------
     transition, process_cov : (K, 15, 15) each, from epoch k − 1 to epoch k.
     """
     # Constant biases: only the nine navigation states evolve, Φ = [Φ_n, Ψ_n B; 0, I].
-    nav = NAVIGATION_STATES
+    constant = not np.any(matrices[:, NAVIGATION_STATES:, NAVIGATION_STATES:]) and not np.any(
+        noise[NAVIGATION_STATES:, NAVIGATION_STATES:]
+    )
+    nav = NAVIGATION_STATES if constant else STATES
+    moving_noise = noise[:nav, :nav].copy()
     count = epochs.shape[0]
     transition = np.zeros((count, STATES, STATES))
     process_cov = np.zeros((count, STATES, STATES))
-    # w_a enters δv' and w_g enters φ' through C_nb; equal axes make G q Gᵀ diagonal.
-    noise = np.zeros((nav, nav))
-    for i in range(3):
-        noise[3 + i, 3 + i] = accelerometer_psd
-        noise[6 + i, 6 + i] = gyro_psd
     bias_input = np.empty((nav, STATES - nav))
     from_bias = np.empty((nav, STATES - nav))
     phi = np.empty((nav, STATES))
@@ -262,7 +296,7 @@ def transitions(
             phi[i, i] = 1.0
         q = np.zeros((nav, nav))
         for n in range(start, epochs[k]):
-            step_phi, step_psi, step_q = discretize(matrices[n, :nav, :nav], noise, dt)
+            step_phi, step_psi, step_q = discretize(matrices[n, :nav, :nav], moving_noise, dt)
             bias_input[:, :] = matrices[n, :nav, nav:]
             _product(step_psi, bias_input, 1.0, from_bias)
             _product(step_phi, phi, 1.0, next_phi)
@@ -284,23 +318,25 @@ def transitions(
 
 
 @njit(cache=True)
-def delayed_position_rows(
+def delayed_rows(
     matrices: np.ndarray, positions: np.ndarray, epochs: np.ndarray, delays: np.ndarray, dt: float
 ) -> np.ndarray:
-    """Return B (K, 3, 15): the position error at t_k − τ_k is B_k x(t_k), in metres.
+    """Return B (K, 6, 15): position [m] and attitude error [rad] at t_k − τ_k are B_k x(t_k).
 
-    The rows of Φ(t_k, t_k − τ_k)⁻¹; process noise within the delay (millimetres) is neglected.
+    Rows of Φ(t_k, t_k − τ_k)⁻¹; process noise within the delay (millimetres) is neglected.
     ``delays`` (K,) are in seconds, zero or positive, and do not reach before sample 0.
     """
     count = epochs.shape[0]
-    rows = np.empty((count, 3, STATES))
-    term = np.empty((3, STATES))
-    scratch = np.empty((3, STATES))
+    rows = np.empty((count, 6, STATES))
+    term = np.empty((6, STATES))
+    scratch = np.empty((6, STATES))
+    row = np.empty((6, STATES))
     for k in range(count):
         steps = delays[k] / dt
         whole = math.ceil(steps - 1e-9)
         first = max(epochs[k] - whole, 0)
-        row = _to_metres(positions[max(epochs[k] - round(steps), 0)])[:3].copy()
+        row[:3] = _to_metres(positions[max(epochs[k] - round(steps), 0)])[:3]
+        row[3:] = np.eye(STATES)[6:9]
         # Back from t_k − τ_k: Φ⁻¹ of the steps in the order of time, the first one in part.
         for n in range(first, epochs[k]):
             part = dt * (steps - (whole - 1)) if n == first else dt

@@ -14,14 +14,12 @@ import json
 import platform
 from collections.abc import Mapping
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 from . import __version__
-from .disturbing_field import MapError
-from .maps import content_key
-from .schema import CaseSpec, FieldSpec
-from .simulation import map_recipe
+from .field_source import map_content
+from .schema import CaseSpec
+from .sensor_schema import FieldSpec
 
 _PACKAGES = ("numpy", "scipy", "filterpy", "gtsam", "numba")
 """Packages whose version may change a result."""
@@ -49,8 +47,14 @@ def problem_key(case: CaseSpec, seed: int) -> str:
         If the case's map file cannot be read.
     """
     # A map is its content: where its file lies, and how that is spelt, is no part of the problem.
-    placeless = case.model_copy(update={"field": case.field.model_copy(update={"source": "map"})})
-    return _hash([placeless.content_hash, _map_content(case.field.model_dump_json()), seed])
+    placeless: dict[str, Any] = {"field": case.field.model_copy(update={"source": "map"})}
+    for name in ("truth", "model"):
+        side = getattr(case, name)
+        field = side.field.model_copy(update={"source": None})
+        placeless[name] = side.model_copy(update={"field": field})
+    maps = [_map_content(case.side(name).field.model_dump_json()) for name in ("truth", "model")]
+    content = case.model_copy(update=placeless).content_hash
+    return _hash([content, *maps, seed])
 
 
 def case_key(case: CaseSpec, seed: int) -> str:
@@ -72,16 +76,8 @@ def _hash(content: Any) -> str:
 
 @cache
 def _map_content(field_json: str) -> str | None:
-    """Return a hash of the map of a ``[field]`` table, None if it has none."""
-    field = FieldSpec.model_validate_json(field_json)
-    if field.source == "normal":
-        return None
-    if not field.source.endswith(".npz"):
-        return content_key(map_recipe(field))
-    try:
-        return hashlib.sha256(Path(field.source).read_bytes()).hexdigest()
-    except OSError as error:
-        raise MapError(f"cannot read the map {field.source}: {error.strerror}") from None
+    """Return a hash of the map of a field; a process reads its file once."""
+    return map_content(FieldSpec.model_validate_json(field_json))
 
 
 def _source_hash() -> str:

@@ -16,6 +16,7 @@ import numpy as np
 import pandas as pd
 
 from . import metrics, scenario
+from .equipment import channel_names
 from .errors import GGBenchError
 from .scenario import Scenario
 from .store import Store, StoreError, read_manifest
@@ -194,7 +195,7 @@ class Results:
             for window in metrics.WINDOWS:
                 mask = metrics.window_mask(arrays["times"], case.windows, window)
                 count = int(np.count_nonzero(mask))
-                readings[case.name][window] = count, len(case.gradiometer.components)
+                readings[case.name][window] = count, len(channel_names(case.gradiometer))
                 for label in used:
                     squared = arrays.get(f"bound-{named[case.name, label]}")
                     if squared is None:

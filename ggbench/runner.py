@@ -363,12 +363,12 @@ def shared_arrays(flight: Flight, seed: int, lags: Sequence[int]) -> dict[str, n
     rng = random_streams(seed, DETAILED_RUN).gradiometer
     vertical = COMPONENTS.index("zz")
     enu = flight.field.tensor(*arrays["track"].T)
-    noise = flight.gradiometer.noise_eotvos * rng.standard_normal(flight.noise_free.shape)
+    noise = flight.true.gradiometer.noise_eotvos * rng.standard_normal(flight.noise_free.shape)
     arrays["vertical"] = enu[:, vertical]
     arrays["noisy"] = arrays["vertical"] + noise[:, vertical]
-    if flight.gradiometer.lowpass is not None:
-        arrays["filtered"] = flight.gradiometer.lowpass.apply(arrays["noisy"])
-        arrays["filtered_true"] = flight.gradiometer.lowpass.apply(arrays["vertical"])
+    if flight.true.gradiometer.lowpass is not None:
+        arrays["filtered"] = flight.true.gradiometer.lowpass.apply(arrays["noisy"])
+        arrays["filtered_true"] = flight.true.gradiometer.lowpass.apply(arrays["vertical"])
     if flight.field.has_map:
         arrays |= _map_signals(flight.field, float(np.mean(arrays["track"][:, 2])))
     return arrays

@@ -11,10 +11,20 @@ import json
 import math
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from .sections import Finite, NonNegative, Positive, Section
-from .sensor_schema import FieldSpec, GradiometerSpec, ImuSpec, InitialErrorSpec
+from .sensor_schema import (
+    AltimeterSpec,
+    FieldSpec,
+    GradiometerSpec,
+    ImuSpec,
+    InitialErrorSpec,
+    ModelSpec,
+    Side,
+    TruthSpec,
+    changed,
+)
 from .trajectory_schema import TrajectorySpec
 
 Title = Annotated[str, Field(min_length=1)]
@@ -146,10 +156,28 @@ class CaseSpec(Section):
     gradiometer: GradiometerSpec
     field: FieldSpec
     windows: WindowsSpec
+    altimeter: AltimeterSpec | None = None
+    truth: TruthSpec = TruthSpec()
+    model: ModelSpec = ModelSpec()
     reference: ReferenceSpec | None = None
 
     @model_validator(mode="after")
     def _check(self) -> CaseSpec:
+        for name in ("truth", "model"):
+            self.side(name)  # raises if what it changes breaks a rule
+        instrument = self.truth.gradiometer
+        if self.gradiometer.filter != "none" and (
+            instrument.dropouts_s or instrument.dropout_share > 0.0
+        ):
+            raise ValueError(
+                "truth.gradiometer: readings can only drop out of an instrument without a filter; "
+                'set gradiometer.filter = "none"'
+            )
+        if instrument.rotating is not None and self.gradiometer.rotating is None:
+            raise ValueError(
+                "truth.gradiometer.rotating gives errors of an instrument that "
+                "[gradiometer.rotating] does not describe"
+            )
         steps = self.gradiometer.period_s / self.imu.period_s
         if abs(steps - round(steps)) > 1e-6 or round(steps) < 1:
             raise ValueError(
@@ -175,6 +203,25 @@ class CaseSpec(Section):
                 f"beyond the last reading, at {last:g} s"
             )
         return self
+
+    def side(self, name: Literal["truth", "model"]) -> Side:
+        """Return sensors, field and initial errors as the truth or the model has them.
+
+        Raises
+        ------
+        ValueError
+            If what it changes breaks a rule; the message names the table.
+        """
+        changes = getattr(self, name)
+        tables = {}
+        for key in Side._fields:
+            try:
+                tables[key] = changed(getattr(self, key), getattr(changes, key))
+            except ValidationError as error:
+                found = error.errors()[0]
+                said = found.get("ctx", {}).get("error", found["msg"])
+                raise ValueError(f"{name}.{key}: {said}") from None
+        return Side(**tables)
 
     @property
     def content_hash(self) -> str:

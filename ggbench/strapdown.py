@@ -237,7 +237,14 @@ def step(
     product(turn, scratch, next_c_nb)
 
 
-@njit(cache=True)
+def altimeter_gains(time_constant: float) -> tuple[float, float]:
+    """Return k₁ [1/s], k₂ [1/s²] that give the vertical channel two poles at −1/T.
+
+    Its own dynamics are δh'' = (2g/R) δh, so k₁ = 2/T and k₂ = 1/T² + 2g/R.
+    """
+    return 2.0 / time_constant, 1.0 / time_constant**2 + 2.0 * 9.80665 / 6378137.0
+
+
 def navigate(
     position: np.ndarray,
     velocity: np.ndarray,
@@ -245,19 +252,46 @@ def navigate(
     delta_angles: np.ndarray,
     delta_velocities: np.ndarray,
     dt: float,
+    heights: np.ndarray | None = None,
+    gains: tuple[float, float] = (0.0, 0.0),
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Run the mechanization open loop in normal gravity over N increments.
+
+    With an altimeter each step ends with a correction of the vertical channel by the difference
+    from its height, h −= k₁ dt (h − h_a), v_U −= k₂ dt (h − h_a), which keeps it stable (Titterton
+    and Weston 2004, sec. 12.3).
 
     Parameters
     ----------
     position, velocity, c_nb : initial state, as in :func:`step`.
     delta_angles, delta_velocities : (N, 3) [rad], [m/s].
     dt : IMU interval [s].
+    heights : (N,) of the altimeter at the end of each interval [m]; none without one.
+    gains : k₁ [1/s], k₂ [1/s²], from :func:`altimeter_gains`.
 
     Returns
     -------
     positions (N + 1, 3) [rad, rad, m], velocities (N + 1, 3) [m/s], C_nb (N + 1, 3, 3).
     """
+    heights = np.empty(0) if heights is None else heights
+    positions, velocities, attitudes = _navigate(
+        position, velocity, c_nb, delta_angles, delta_velocities, dt, heights, gains
+    )
+    return positions, velocities, attitudes
+
+
+@njit(cache=True)
+def _navigate(
+    position: np.ndarray,
+    velocity: np.ndarray,
+    c_nb: np.ndarray,
+    delta_angles: np.ndarray,
+    delta_velocities: np.ndarray,
+    dt: float,
+    heights: np.ndarray,
+    gains: tuple[float, float],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Run :func:`navigate`."""
     count = delta_angles.shape[0]
     positions = np.empty((count + 1, 3))
     velocities = np.empty((count + 1, 3))
@@ -269,6 +303,10 @@ def navigate(
             positions[n], velocities[n], attitudes[n], delta_angles[n], delta_velocities[n],
             disturbance, dt, positions[n + 1], velocities[n + 1], attitudes[n + 1],
         )  # fmt: skip
+        if heights.shape[0] > 0:
+            difference = positions[n + 1, 2] - heights[n]
+            positions[n + 1, 2] -= gains[0] * dt * difference
+            velocities[n + 1, 2] -= gains[1] * dt * difference
     return positions, velocities, attitudes
 
 

@@ -1,0 +1,184 @@
+"""Sensors and prior of a case in SI units, as the truth has them or as the estimators know them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from .gradiometer import Gradiometer, noise_rms, parse_components
+from .gradiometer_errors import Faults
+from .imu import Imu, SensorErrors
+from .ins_error import (
+    ACCELEROMETER_BIAS,
+    ATTITUDE,
+    GYRO_BIAS,
+    POSITION,
+    STATES,
+    VELOCITY,
+    add_altimeter,
+    add_bias_decay,
+    noise_psd,
+    transitions,
+)
+from .lowpass import LowPass
+from .schema import CaseSpec
+from .sensor_schema import GradiometerSpec, ImuSpec, Side, TrueGradiometer, TrueImu
+from .strapdown import altimeter_gains
+
+STANDARD_GRAVITY = 9.80665
+"""The g of accelerometer data sheets [m/s²]."""
+_MICRO_G = 1e-6 * STANDARD_GRAVITY
+_SPIN_CHANNELS = {"x": ("yy-zz", "yz"), "y": ("zz-xx", "xz"), "z": ("xx-yy", "xy")}
+"""What a disk of rotating accelerometers measures, by its spin axis."""
+
+
+@dataclass(frozen=True)
+class Equipment:
+    """Sensors and prior of one side of a case.
+
+    Attributes
+    ----------
+    imu, gradiometer : the sensors.
+    side : the tables of the scenario.
+    altimeter : gains k₁ [1/s], k₂ [1/s²] and noise PSD [m²/Hz] of the altimeter, if there is one.
+    """
+
+    imu: Imu
+    gradiometer: Gradiometer
+    side: Side
+    altimeter: tuple[tuple[float, float], float] | None
+
+    @property
+    def dimension(self) -> int:
+        """Number of states: 15, and the gradiometer's biases if it has any."""
+        return STATES + (len(self.gradiometer.components) if self.gradiometer.biased else 0)
+
+    @cached_property
+    def noise_cov(self) -> np.ndarray:
+        """Covariance (m, m) of the measurement noise [E²]."""
+        return self.gradiometer.noise_eotvos**2 * np.eye(len(self.gradiometer.components))
+
+    @cached_property
+    def prior_cov(self) -> np.ndarray:
+        """Covariance (n, n) of the INS error at the start, biases included."""
+        initial = self.side.initial_error
+        sigma = np.empty(self.dimension)
+        sigma[POSITION] = initial.position_m
+        if initial.height_m is not None:
+            sigma[2] = initial.height_m
+        sigma[VELOCITY] = initial.velocity_mps
+        sigma[ATTITUDE] = math.radians(initial.attitude_arcmin / 60.0)
+        # A sensor without bias leaves no freedom; a covariance must stay positive definite.
+        sigma[GYRO_BIAS] = max(self.imu.gyro_bias, 1e-15)
+        sigma[ACCELEROMETER_BIAS] = max(self.imu.accelerometer_bias, 1e-12)
+        sigma[STATES:] = max(self.gradiometer.bias_eotvos, 1e-9)
+        return np.diag(sigma**2)
+
+    def complete(self, matrices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return F (N, 15, 15), changed in place, and G q Gᵀ (15, 15) of these sensors."""
+        imu = self.imu
+        noise = noise_psd(imu.accelerometer_root_psd**2, imu.gyro_root_psd**2)
+        for block, sigma, time in (
+            (GYRO_BIAS, imu.gyro_bias, imu.gyro_bias_time),
+            (ACCELEROMETER_BIAS, imu.accelerometer_bias, imu.accelerometer_bias_time),
+        ):
+            if math.isfinite(time):
+                add_bias_decay(matrices, noise, block, sigma, time)
+        if self.altimeter is not None:
+            add_altimeter(matrices, noise, *self.altimeter)
+        return matrices, noise
+
+    def system(
+        self,
+        matrices: np.ndarray,
+        noise: np.ndarray,
+        positions: np.ndarray,
+        epochs: np.ndarray,
+        dt: float,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return Φ and Q (K, n, n) between the measurement epochs along an INS track.
+
+        ``matrices`` and ``noise`` are those of :meth:`complete`. The gradiometer's biases walk.
+        """
+        navigation, navigation_cov = transitions(matrices, positions, epochs, dt, noise)
+        if not self.gradiometer.biased:
+            return navigation, navigation_cov
+        count, n = len(epochs), self.dimension
+        transition = np.tile(np.eye(n), (count, 1, 1))
+        process_cov = np.zeros((count, n, n))
+        transition[:, :STATES, :STATES] = navigation
+        process_cov[:, :STATES, :STATES] = navigation_cov
+        walk = self.gradiometer.drift**2 * np.diff(epochs, prepend=0) * dt
+        bias = np.arange(STATES, n)
+        process_cov[:, bias, bias] = walk[:, np.newaxis]
+        return transition, process_cov
+
+
+def equip(case: CaseSpec, name: Literal["truth", "model"]) -> Equipment:
+    """Return the equipment of one side of a case."""
+    side = case.side(name)
+    altimeter = None
+    if case.altimeter is not None:
+        gains = altimeter_gains(case.altimeter.time_constant_s)
+        altimeter = gains, case.altimeter.noise_m_per_sqrt_hz**2
+    errors = case.truth.imu if name == "truth" else TrueImu()
+    return Equipment(_imu(side.imu, errors), _gradiometer(side.gradiometer), side, altimeter)
+
+
+def _imu(spec: ImuSpec, errors: TrueImu) -> Imu:
+    def triad(scale_factor_ppm: float, misalignment_arcmin: float) -> SensorErrors:
+        return SensorErrors(1e-6 * scale_factor_ppm, math.radians(misalignment_arcmin / 60.0))
+
+    return Imu(
+        gyro_bias=math.radians(spec.gyro_bias_deg_per_h) / 3600.0,
+        accelerometer_bias=spec.accelerometer_bias_ug * _MICRO_G,
+        gyro_root_psd=math.radians(spec.gyro_noise_deg_per_sqrt_h) / 60.0,
+        accelerometer_root_psd=spec.accelerometer_noise_ug_per_sqrt_hz * _MICRO_G,
+        fixed_biases=spec.biases == "fixed",
+        gyro_bias_time=spec.gyro_bias_time_s or math.inf,
+        accelerometer_bias_time=spec.accelerometer_bias_time_s or math.inf,
+        gyro_errors=triad(errors.gyro_scale_factor_ppm, errors.gyro_misalignment_arcmin),
+        accelerometer_errors=triad(
+            errors.accelerometer_scale_factor_ppm, errors.accelerometer_misalignment_arcmin
+        ),
+    )
+
+
+def _gradiometer(spec: GradiometerSpec) -> Gradiometer:
+    rate = 1.0 / spec.period_s
+    noise = spec.noise_eotvos
+    if noise is None:
+        assert spec.noise_density_eotvos_per_sqrt_hz is not None  # the scenario checks it
+        noise = noise_rms(spec.noise_density_eotvos_per_sqrt_hz, rate)
+    lowpass = None
+    if spec.filter == "butterworth":
+        lowpass = LowPass(spec.filter_order, spec.filter_cutoff_hz, rate)
+    return Gradiometer(
+        noise, lowpass, channel_names(spec), spec.instrument, spec.bias_eotvos,
+        spec.drift_eotvos_per_sqrt_h / 60.0,
+    )  # fmt: skip
+
+
+def channel_names(spec: GradiometerSpec) -> tuple[str, ...]:
+    """Return the names of an instrument's channels, in the standard order."""
+    if spec.rotating is None:
+        return parse_components(spec.components)
+    return parse_components([name for a in spec.rotating.spin_axes for name in _SPIN_CHANNELS[a]])
+
+
+def faults(spec: TrueGradiometer) -> Faults:
+    """Return the errors of the true gradiometer beyond noise and biases."""
+    return Faults(
+        scale_factor=1e-6 * spec.scale_factor_ppm,
+        misalignment=math.radians(spec.misalignment_arcmin / 60.0),
+        outlier_share=spec.outlier_share,
+        outlier_eotvos=spec.outlier_eotvos,
+        dropout_share=spec.dropout_share,
+        dropouts=tuple((start, end) for start, end in spec.dropouts_s),
+        clock=spec.clock_error_s,
+        jitter=spec.timing_jitter_s,
+    )

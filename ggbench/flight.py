@@ -1,0 +1,186 @@
+"""A case flown without errors: all that is the same in every run."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from . import strapdown
+from .bound import Bound, posterior_bound
+from .equipment import Equipment, equip, faults
+from .field import Field
+from .field_source import make_field
+from .gradiometer import readings
+from .gradiometer_errors import Faults
+from .ins_error import POSITION, STATES, system_matrices
+from .lowpass import prefilter
+from .measurement_model import GradiometerModel
+from .schema import CaseSpec
+from .trajectory import Segment, Trajectory, fly
+from .trajectory_schema import TrajectorySpec
+
+
+@dataclass(frozen=True)
+class Flight:
+    """All of a case that is the same in every run.
+
+    Attributes
+    ----------
+    case : its specification.
+    trajectory : truth at the INS rate.
+    delta_angles, delta_velocities : (N, 3) error-free IMU increments.
+    field : map and normal field in which the truth flies.
+    model_field : the field that the estimators are told.
+    epochs : (K,) indices of the measurement epochs among the INS samples.
+    noise_free : (K, 6) tensors in the gradiometer's mount at the truth [E].
+    """
+
+    case: CaseSpec
+    trajectory: Trajectory
+    delta_angles: np.ndarray
+    delta_velocities: np.ndarray
+    field: Field
+    model_field: Field
+    epochs: np.ndarray
+    noise_free: np.ndarray
+
+    @property
+    def times(self) -> np.ndarray:
+        """Measurement epochs (K,) [s]."""
+        return self.trajectory.times[self.epochs]
+
+    @cached_property
+    def true(self) -> Equipment:
+        """Sensors and prior as they are."""
+        return equip(self.case, "truth")
+
+    @cached_property
+    def model(self) -> Equipment:
+        """Sensors and prior as the estimators know them."""
+        return equip(self.case, "model")
+
+    @cached_property
+    def faults(self) -> Faults:
+        """What is wrong with the gradiometer beyond noise and biases."""
+        return faults(self.case.truth.gradiometer)
+
+    @cached_property
+    def bound(self) -> Bound:
+        """Posterior Cramér–Rao bound of the unfiltered readings, H and Φ at the truth.
+
+        Of the true noise, biases and initial errors, with the true field known; outliers and errors
+        that no model has a state for are left out, so that it stays a lower bound. Of readings that
+        drop out by chance only the expected share informs.
+        """
+        truth, true = self.trajectory, self.true
+        matrices, noise = true.complete(
+            system_matrices(
+                truth.positions, truth.velocities, truth.attitudes, self.delta_velocities, truth.dt
+            )
+        )
+        transition, process_cov = true.system(
+            matrices, noise, truth.positions, self.epochs, truth.dt
+        )
+        rows = np.zeros((len(self.epochs), 6, STATES))
+        rows[:, :3, POSITION] = np.eye(3)
+        rows[:, 3:, 6:9] = np.eye(3)
+        at_epochs, attitudes = truth.positions[self.epochs], truth.attitudes[self.epochs]
+        instrument = dataclasses.replace(true.gradiometer, lowpass=None)
+        model = GradiometerModel(
+            self.field,
+            instrument,
+            self.times,
+            at_epochs,
+            attitudes,
+            at_epochs,
+            attitudes,
+            np.zeros(len(self.epochs)),
+            rows,
+            prefilter(None, len(self.epochs), "whitened", 0.0),
+            self.faults.in_dropouts(self.times),
+        )
+        zero = np.zeros(true.dimension)
+        jacobians = np.stack([model.jacobian(k, zero) for k in range(len(self.epochs))])
+        jacobians *= math.sqrt(1.0 - self.faults.dropout_share)
+        return posterior_bound(transition, process_cov, true.prior_cov, jacobians, true.noise_cov)
+
+    @cached_property
+    def final_bound(self) -> float:
+        """Bound [m] on the spherical position error at the last epoch, whatever the causality."""
+        squared = float(np.trace(self.bound.filtering[-1, POSITION, POSITION]))
+        vars(self).pop("bound")  # up to tens of MB, and a worker keeps the flights of all cases
+        return math.sqrt(squared)
+
+
+def prepare(case: CaseSpec) -> Flight:
+    """Fly the case without errors.
+
+    Raises
+    ------
+    MapError, OutsideMapError
+        If a map cannot be made, or the flight leaves it.
+    """
+    true, model = case.side("truth"), case.side("model")
+    field, model_field = make_field(true.field), make_field(model.field)
+    trajectory, delta_angles, delta_velocities = _error_free(
+        case.trajectory.model_dump_json(),
+        case.imu.period_s,
+        field if true.field.gravity_disturbance else None,
+    )
+    stride = round(case.gradiometer.period_s / trajectory.dt)
+    epochs = np.arange(stride, len(trajectory.times), stride)
+    positions, times = trajectory.positions[epochs], trajectory.times[epochs]
+    noise_free = readings(
+        field, positions, times, trajectory.attitudes[epochs], case.gradiometer.instrument
+    )
+    if model_field is not field:
+        model_field.tensor(*positions.T)  # raises if the flight leaves the estimators' map
+    return Flight(
+        case, trajectory, delta_angles, delta_velocities, field, model_field, epochs, noise_free
+    )
+
+
+@lru_cache(maxsize=8)
+def _error_free(
+    trajectory_json: str, dt: float, felt: Field | None
+) -> tuple[Trajectory, np.ndarray, np.ndarray]:
+    """Return what cases that differ in sensors and priors share: truth and IMU increments.
+
+    ``felt`` is the field whose disturbance of gravity the accelerometers feel, if they do.
+    """
+    spec = TrajectorySpec.model_validate_json(trajectory_json)
+    trajectory = fly(
+        position=np.array(
+            [math.radians(spec.latitude_deg), math.radians(spec.longitude_deg), spec.height_m]
+        ),
+        speed=spec.speed_mps,
+        heading=math.radians(spec.heading_deg),
+        pitch=math.radians(spec.pitch_deg),
+        roll=math.radians(spec.roll_deg),
+        segments=[
+            Segment(
+                s.duration_s,
+                math.radians(s.turn_rate_deg_per_s),
+                s.acceleration_mps2,
+                math.radians(s.climb_rate_deg_per_s),
+            )
+            for s in spec.segment
+        ],
+        dt=dt,
+    )
+    disturbances = np.zeros((len(trajectory.times) - 1, 3))
+    if felt is not None:
+        middle = 0.5 * (trajectory.positions[1:] + trajectory.positions[:-1])
+        disturbances = felt.gravity_disturbance(*middle.T)
+    delta_angles, delta_velocities = strapdown.error_free_increments(
+        trajectory.positions,
+        trajectory.velocities,
+        trajectory.attitudes,
+        disturbances,
+        trajectory.dt,
+    )
+    return trajectory, delta_angles, delta_velocities
