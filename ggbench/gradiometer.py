@@ -242,6 +242,17 @@ class Gradiometer:
         """Rows (m, 6) that take the tensor in the mount to the channels."""
         return np.stack([channel(name) for name in self.components])
 
+    def noise(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Return white noise (count, m) of its channels [E].
+
+        All that any instrument could deliver is drawn, so that a subset sees the same noise.
+        """
+        groups = (COMPONENTS, DIFFERENCES)
+        draws = np.hstack([rng.standard_normal((count, len(group))) for group in groups])
+        names = [name for group in groups for name in group]
+        chosen = [names.index(name) for name in self.components]
+        return np.asarray(self.noise_eotvos * draws[:, chosen])
+
     @property
     def biased(self) -> bool:
         """Whether its channels have biases, which are states of the estimation problem then."""

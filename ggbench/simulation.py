@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from . import strapdown
 from .flight import Flight as Flight
 from .flight import prepare as prepare
-from .gradiometer import COMPONENTS, DIFFERENCES, readings
+from .gradiometer import readings
 from .gradiometer_errors import biases as gradiometer_biases
 from .ins_error import (
     ACCELEROMETER_BIAS,
@@ -188,15 +188,7 @@ def _gradiometer_output(flight: Flight, streams: RandomStreams) -> tuple[np.ndar
         tensors = _mistimed(flight, streams.timing)
     exact = faults.distort(tensors, instrument.channels, streams.gradiometer_errors)
     biases = gradiometer_biases(instrument, exact.shape[1], times, streams.gradiometer_biases)
-    # All that could be delivered are drawn, so that a subset sees the same noise in its channels.
-    names = (*COMPONENTS, *DIFFERENCES)
-    draws = np.hstack(
-        [
-            streams.gradiometer.standard_normal((len(times), len(group)))
-            for group in (COMPONENTS, DIFFERENCES)
-        ]
-    )[:, [names.index(name) for name in instrument.components]]
-    output = exact + biases + instrument.noise_eotvos * draws
+    output = exact + biases + instrument.noise(len(times), streams.gradiometer)
     output += faults.outliers(output.shape, streams.outliers)
     if instrument.lowpass is not None:
         output = instrument.lowpass.apply(output)

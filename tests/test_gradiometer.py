@@ -12,8 +12,9 @@ from scipy.stats import chi2
 
 from ggbench import earth, gradiometer, simulation
 from ggbench.field import Field, OutsideMapError
-from ggbench.gradiometer import COMPONENTS, Gradiometer, GradiometerModel
+from ggbench.gradiometer import COMPONENTS, Gradiometer
 from ggbench.lowpass import prefilter
+from ggbench.measurement_model import GradiometerModel
 
 LOST = np.array([3e5, -3e5, 1e4])  # a position error [m] that leads out of the map
 TREATMENTS = {"unfiltered": ("none", "whitened"), "whitened": ("butterworth", "whitened"),
@@ -37,9 +38,11 @@ def plain_model(field: Field, positions: np.ndarray, times: np.ndarray, componen
         Gradiometer(0.01, None, components),
         times,
         positions,
-        positions,
-        np.zeros(count),
         np.tile(np.eye(3), (count, 1, 1)),
+        positions,
+        np.tile(np.eye(3), (count, 1, 1)),
+        np.zeros(count),
+        np.tile(np.eye(6, 3), (count, 1, 1)),
         prefilter(None, count, "whitened", 0.0),
     )
 
@@ -161,7 +164,7 @@ def test_jacobian_in_the_map(chain):
         numeric = numeric_jacobian(problem.model, k, state, steps)
         np.testing.assert_allclose(jacobian * steps, numeric * steps, rtol=0.0, atol=1e-8)
         largest = max(largest, np.abs(jacobian[:, :3]).max())
-        assert jacobian.shape == (len(flight.gradiometer.components), 15)
+        assert jacobian.shape == (len(flight.true.gradiometer.components), 15)
     assert largest > 1e-3
 
 
@@ -189,16 +192,16 @@ def test_model_at_the_true_error_explains_the_filtered_output(chain):
     flight, problem, truth = chain
     spec = flight.case.gradiometer
     noise_free = flight.noise_free
-    if flight.gradiometer.lowpass is not None:
+    if flight.true.gradiometer.lowpass is not None:
         treatment = prefilter(
-            flight.gradiometer.lowpass,
+            flight.true.gradiometer.lowpass,
             problem.epochs,
             spec.filter_treatment,
             spec.whitening_regularization,
         )
-        noise_free = treatment.apply(flight.gradiometer.lowpass.apply(noise_free))
+        noise_free = treatment.apply(flight.true.gradiometer.lowpass.apply(noise_free))
     predicted = np.array([problem.model.predict(k, x) for k, x in enumerate(truth.error_state)])
-    unexplained = (predicted - noise_free) / flight.gradiometer.noise_eotvos
+    unexplained = (predicted - noise_free) / flight.true.gradiometer.noise_eotvos
     print(
         f"{np.sqrt((unexplained**2).mean()):.1e} σ rms, {np.abs(unexplained).max():.1e} σ at most"
     )
@@ -236,9 +239,7 @@ def test_component_subset(wang):
         np.testing.assert_array_equal(part.predict(k, state), full.predict(k, state)[[1, 5]])
         np.testing.assert_array_equal(part.jacobian(k, state), full.jacobian(k, state)[[1, 5]])
     noisy = {
-        components: Gradiometer(0.01, None, components).output(
-            wang.noise_free, np.random.default_rng(9)
-        )
+        components: Gradiometer(0.01, None, components).noise(200, np.random.default_rng(9))
         for components in (COMPONENTS, names)
     }
     np.testing.assert_array_equal(noisy[names], noisy[COMPONENTS][:, [1, 5]])
@@ -297,9 +298,9 @@ def test_output_noise_has_the_stated_rms(wang):
     """
     instrument = Gradiometer(0.01, None)
     rng = np.random.default_rng(13)
-    noise = np.array(
-        [instrument.output(wang.noise_free, rng) - wang.noise_free for _ in range(50)]
-    ).reshape(-1, 6)
+    noise = np.array([instrument.noise(len(wang.noise_free), rng) for _ in range(50)]).reshape(
+        -1, 6
+    )
     white = noise / 0.01
     low, high = chi2.ppf([5e-4, 1.0 - 5e-4], white.size)
     assert low < (white**2).sum() < high

@@ -202,7 +202,11 @@ def test_transitions_compose_the_exponentials(flown):
     epochs = np.array([20, 21, 60])
     accelerometer, gyro = 1e-3, 1e-5
     transition, process_cov = ins_error.transitions(
-        matrices, truth.positions, truth.attitudes, epochs, truth.dt, accelerometer**2, gyro**2
+        matrices,
+        truth.positions,
+        epochs,
+        truth.dt,
+        ins_error.noise_psd(accelerometer**2, gyro**2),
     )
     noise = np.diag(np.repeat([0.0, accelerometer**2, gyro**2, 0.0, 0.0], 3))
 
@@ -244,7 +248,7 @@ def test_open_loop_error_is_the_propagated_initial_error(flown):
         track = run_ins(flown, factor * INITIAL)
         matrices = ins_error.system_matrices(*track, truth.dt)
         transition, _ = ins_error.transitions(
-            matrices, track[0], track[2], samples, truth.dt, 0.0, 0.0
+            matrices, track[0], samples, truth.dt, ins_error.noise_psd(0.0, 0.0)
         )
         state, predicted = factor * INITIAL, []
         for phi in transition:
@@ -259,29 +263,30 @@ def test_open_loop_error_is_the_propagated_initial_error(flown):
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.05, 0.35, 3.1, 3.093, 0.02])
-def test_delayed_position_rows(flown, delay):
-    """B x(t) is the position error of the same run at t − τ, also between two samples."""
+def test_delayed_rows(flown, delay):
+    """B x(t) is the position and attitude error of the run at t − τ, also between samples."""
     truth = flown[0]
     track = run_ins(flown, 0.02 * INITIAL)
     matrices = ins_error.system_matrices(*track, truth.dt)
     epochs = np.arange(100, 2401, 100)
-    rows = ins_error.delayed_position_rows(
-        matrices, track[0], epochs, np.full(len(epochs), delay), truth.dt
-    )
-    assert rows.shape == (len(epochs), 3, 15)
+    rows = ins_error.delayed_rows(matrices, track[0], epochs, np.full(len(epochs), delay), truth.dt)
+    assert rows.shape == (len(epochs), 6, 15)
     now = np.hstack(
         [errors_at(flown, track, epochs), np.tile(0.02 * INITIAL[9:], (len(epochs), 1))]
     )
     earlier = epochs - delay / truth.dt
     below = np.floor(earlier + 1e-9).astype(int)
     share = (earlier - below)[:, None]
-    then = (1.0 - share) * errors_at(flown, track, below)[:, :3]
-    then += share * errors_at(flown, track, np.minimum(below + 1, 2400))[:, :3]
-    predicted = np.einsum("kij,kj->ki", rows, now)
+    then = (1.0 - share) * errors_at(flown, track, below)
+    then += share * errors_at(flown, track, np.minimum(below + 1, 2400))
+    tilt, then = then[:, 6:9], then[:, :3]
+    predicted, attitude = np.split(np.einsum("kij,kj->ki", rows, now), 2, axis=1)
     # The errors are 20 m and grow by 0.1 m/s.
     moved = np.abs(then - now[:, :3]).max()
     print(delay, np.abs(predicted - then).max(), "of", moved)
     assert np.abs(predicted - then).max() < 1e-3
+    # The attitude errors are 1e-5 rad and change with the turn of the navigation axes.
+    assert np.abs(attitude - tilt).max() < 1e-3 * np.abs(tilt).max()
     if delay > 0.1:
         assert moved > 0.03
 
@@ -291,13 +296,13 @@ def test_delay_does_not_reach_before_the_start(flown):
     truth = flown[0]
     track = run_ins(flown, 0.02 * INITIAL)
     matrices = ins_error.system_matrices(*track, truth.dt)
-    rows = ins_error.delayed_position_rows(
-        matrices, track[0], np.array([20]), np.array([1.0]), truth.dt
-    )
+    rows = ins_error.delayed_rows(matrices, track[0], np.array([20]), np.array([1.0]), truth.dt)
     transition, _ = ins_error.transitions(
-        matrices, track[0], track[2], np.array([20]), truth.dt, 0.0, 0.0
+        matrices, track[0], np.array([20]), truth.dt, ins_error.noise_psd(0.0, 0.0)
     )
-    np.testing.assert_allclose(rows[0] @ transition[0], np.eye(15)[:3], rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(
+        rows[0] @ transition[0], np.eye(15)[[0, 1, 2, 6, 7, 8]], rtol=0.0, atol=1e-9
+    )
 
 
 def test_process_noise_is_the_scatter_of_real_runs(flown):
@@ -325,8 +330,8 @@ def test_process_noise_is_the_scatter_of_real_runs(flown):
         short[0].positions, short[0].velocities, short[0].attitudes, short[2], truth.dt
     )
     phi, q = ins_error.transitions(
-        matrices, short[0].positions, short[0].attitudes, epochs, truth.dt,
-        accelerometer**2, gyro**2,
+        matrices, short[0].positions, epochs, truth.dt,
+        ins_error.noise_psd(accelerometer**2, gyro**2),
     )  # fmt: skip
     covariance = (phi[1] @ q[0] @ phi[1].T + q[1])[:9, :9]
     rng = np.random.default_rng(5)

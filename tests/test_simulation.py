@@ -179,7 +179,7 @@ def test_measurements_scatter_as_the_problem_says(wang, treatment):
         for k, state in enumerate(truth.error_state):
             residual = problem.measurements[k] - problem.model.predict(k, state)
             total += residual @ np.linalg.solve(problem.noise_cov, residual)
-    spec, lowpass = behind.case.gradiometer, behind.gradiometer.lowpass
+    spec, lowpass = behind.case.gradiometer, behind.true.gradiometer.lowpass
     chain = np.eye(problem.epochs)
     if lowpass is not None:
         chain = prefilter(
@@ -349,7 +349,7 @@ PLANTED = {
     "readings in a closure": lambda f, t: lambda: f.noise_free,
     "readings in a default": lambda f, t: with_default(f.noise_free[:, :2].copy()),
     "bound method": lambda f, t: t.error_state.mean,
-    "bound method of a flight": lambda f, t: f.transitions,
+    "bound method of a flight": lambda f, t: f.true.system,
     "partial": lambda f, t: functools.partial(np.add, t.error_state[5].copy()),
     "slots": lambda f, t: Holder(f.noise_free.copy()),
     "generator": lambda f, t: np.random.default_rng(1),

@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner
 from problems import SMALL
 
-from ggbench import scenario, simulation, sweep, sweep_report
+from ggbench import flight, scenario, simulation, sweep, sweep_report
 from ggbench.cli import main
 from ggbench.scenario import Scenario, ScenarioError
 from ggbench.sweep import Axis, largest_within
@@ -190,7 +190,7 @@ def test_what_cases_share_is_made_once_and_changes_nothing(tmp_path):
     assert together[0].trajectory is together[2].trajectory  # they differ in the rate only
     assert together[0].trajectory is not together[1].trajectory  # and these in the altitude
     for case, shared in zip(cases, together, strict=True):
-        simulation._error_free.cache_clear()
+        flight._error_free.cache_clear()
         alone = simulation.prepare(case)
         for name in ("delta_angles", "delta_velocities", "epochs", "noise_free"):
             assert np.array_equal(getattr(alone, name), getattr(shared, name))
