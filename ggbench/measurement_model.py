@@ -185,6 +185,8 @@ class GradiometerModel:
         self._instrument = INSTRUMENTS.index(gradiometer.instrument)
         self._channels = frozen(gradiometer.channels)
         self._references = frozen(delayed_positions)
+        if self._instrument != STRAPDOWN:  # no other reading depends on them
+            attitudes = delayed_attitudes = np.tile(np.eye(3), (len(times), 1, 1))
         self._attitudes = frozen(delayed_attitudes)
         self._times = frozen(times - delays)
         self._rows = frozen(rows)
