@@ -22,8 +22,9 @@ with e^{2iΩt}. With F = f_x + i f_y, the errors put into the channels of a read
 * Z times the common scale factor and baseline errors; Z turned by the common lean of the sensitive
   axes towards the radius and by the demodulation's phase error;
 * nothing of a mismatch within a pair × constant F (it is at Ω), but F's retrograde part at Ω and
-  prograde part at 3Ω; the lean of a pair acts likewise. In an *odd number of half turns*, or with a
-  wrong rotation rate, the 1Ω term leaks: 10³ E for a mismatch of 1e-6 under 10 m/s²;
+  prograde part at 3Ω; the lean of a pair acts likewise. An *odd number of half turns* lets the 1Ω
+  term through, 10³ E for a mismatch of 1e-6 under 10 m/s²; a rotation rate wrong by ε, about ε
+  of that term;
 * nothing of a lean towards the spin axis × constant f_z (it is a constant), but f_z's part at 2Ω
   if the pairs differ; within a pair it brings in L_xz, L_yz and Coriolis' 2Ωω, at Ω;
 * iκF²/b for the mean quadratic coefficient κ: the only one that brings in a constant force;
@@ -63,7 +64,7 @@ Harmonics = dict[int, np.ndarray]  # X(t) = Σ X_n exp(inΩt); each X_n complex,
 
 
 class RotatingGradiometerError(GGBenchError):
-    """An instrument, an error of it or a record of its signal that cannot be."""
+    """An instrument, an error, a vibration or a record of a signal that cannot be."""
 
 
 @dataclass(frozen=True)
@@ -191,6 +192,17 @@ class Vibration:
     specific_force_sin: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
     spin_rate_cos: float = 0.0
     spin_rate_sin: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse what is no vibration."""
+        for name in ("specific_force_cos", "specific_force_sin"):
+            value = np.asarray(getattr(self, name), dtype=float)
+            if value.shape != (3, 3) or not np.all(np.isfinite(value)):
+                raise RotatingGradiometerError(
+                    f"rotating gradiometer: the vibration's {name}, of shape {value.shape},"
+                    " must be 3 harmonics by 3 axes of finite numbers"
+                )
+            object.__setattr__(self, name, frozen(value))
 
     def motion(
         self, instrument: RotatingGradiometer, times: np.ndarray
@@ -436,7 +448,7 @@ def error_budget(
     # Along the spin axis, of 1: −(b/2) (L r)_z and Coriolis' 2Ω (b/2) ω·r.
     cross = rate[..., 0] + 1j * rate[..., 1]
     l_z = gamma[..., 2] + 1j * gamma[..., 4] - cross * rate[..., 2]
-    out_of_plane = {0: 0.5 * b * (2.0 * spin * cross - l_z)}
+    out_of_plane = {0: 0.5 * b * (2.0 * spin * (1.0 + slip) * cross - l_z)}
     jitter = 0j  # ω_z = its constant part + Re(jitter · e^{2iΩt})
     if vibration is not None:
         jitter = complex(vibration.spin_rate_cos, -vibration.spin_rate_sin)
@@ -454,7 +466,7 @@ def error_budget(
         "radial_misalignment_pair34": -along_3,
         # The centripetal acceleration −(b/2)(Ω + ω_z)², linearised in the jitter.
         "radial_misalignment_between_pairs": channel(
-            {2: -2.0 * b * (spin + rate[..., 2]) * jitter}, 0
+            {2: -2.0 * b * (spin * (1.0 + slip) + rate[..., 2]) * jitter}, 0
         ),
         "axial_misalignment_pair12": channel(out_of_plane, 1),
         "axial_misalignment_pair34": channel({n: 1j * x for n, x in out_of_plane.items()}, 1),

@@ -227,6 +227,28 @@ def test_a_mismatch_under_a_constant_force_is_rejected_by_whole_turns_alone():
     assert close(leak, error_budget(WHOLE, both, tensor, force, rate)["scale_factor_pair12"])
 
 
+@pytest.mark.parametrize("name", [name for name in SCALARS if "pair" in name])
+def test_a_reference_far_out_of_step_lets_every_difference_through_as_foretold(name):
+    """Large errors of phase and rotation rate, in an odd number of half turns."""
+    world = (*motion(np.random.default_rng(15)), VIBRATION)
+    reference = RotatingErrors(demodulation_phase=0.3, rotation_rate=0.02)
+    errors = dataclasses.replace(reference, **{name: 1e-5})
+    simulated = read(ODD, errors, *world) - read(ODD, reference, *world)
+    expected = error_budget(ODD, errors, *world)[name]
+    assert np.abs(expected).max() > 1.0
+    assert close(simulated, expected)
+
+
+def test_jitter_about_the_spin_axis_meets_a_cross_rate_in_the_axial_lean():
+    """L_xz holds −ω_x ω_z: large rates, so that it is not hidden by Coriolis' 2Ωω."""
+    vibration = Vibration(spin_rate_cos=0.3, spin_rate_sin=-0.2)
+    world = (np.zeros(6), np.zeros(3), np.array([0.5, -0.3, 0.4]), vibration)
+    for name in ("axial_misalignment_pair12", "axial_misalignment_pair34"):
+        plus, minus = (RotatingErrors(**{name: value}) for value in (1e-5, -1e-5))
+        simulated = (read(ODD, plus, *world) - read(ODD, minus, *world)) / 2.0
+        assert close(simulated, error_budget(ODD, plus, *world)[name])
+
+
 @pytest.mark.parametrize("instrument", [WHOLE, ODD], ids=["whole", "odd"])
 def test_an_isotropic_tensor_is_not_seen_whatever_the_errors(instrument):
     rng = np.random.default_rng(17)
@@ -331,6 +353,12 @@ def test_an_instrument_that_cannot_be(values, words):
 def test_errors_that_cannot_be(values, words):
     with pytest.raises(GGBenchError, match=words):
         RotatingErrors(**values)
+
+
+@pytest.mark.parametrize("force", [np.zeros((2, 3)), np.zeros(3), np.full((3, 3), np.nan)])
+def test_a_vibration_that_cannot_be(force):
+    with pytest.raises(GGBenchError, match="must be 3 harmonics by 3 axes of finite numbers"):
+        Vibration(specific_force_sin=force)
 
 
 def test_a_record_that_is_not_one_reading():
