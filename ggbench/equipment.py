@@ -25,15 +25,15 @@ from .ins_error import (
     transitions,
 )
 from .lowpass import LowPass
+from .rotating_gradiometer import RotatingGradiometer, channel_noise_eotvos
 from .schema import CaseSpec
 from .sensor_schema import GradiometerSpec, ImuSpec, Side, TrueGradiometer, TrueImu
+from .spinning_disks import DISK_CHANNELS, SpinningDisks
 from .strapdown import altimeter_gains
 
 STANDARD_GRAVITY = 9.80665
 """The g of accelerometer data sheets [m/s²]."""
 _MICRO_G = 1e-6 * STANDARD_GRAVITY
-_SPIN_CHANNELS = {"x": ("yy-zz", "yz"), "y": ("zz-xx", "xz"), "z": ("xx-yy", "xy")}
-"""What a disk of rotating accelerometers measures, by its spin axis."""
 
 
 @dataclass(frozen=True)
@@ -151,9 +151,13 @@ def _imu(spec: ImuSpec, errors: TrueImu) -> Imu:
 def _gradiometer(spec: GradiometerSpec) -> Gradiometer:
     rate = 1.0 / spec.period_s
     noise = spec.noise_eotvos
-    if noise is None:
-        assert spec.noise_density_eotvos_per_sqrt_hz is not None  # the scenario checks it
+    if spec.noise_density_eotvos_per_sqrt_hz is not None:
         noise = noise_rms(spec.noise_density_eotvos_per_sqrt_hz, rate)
+    elif noise is None:
+        assert spec.rotating is not None  # the scenario checks it
+        assert spec.rotating.accelerometer_noise_ng_per_sqrt_hz is not None
+        root_psd = 1e-3 * _MICRO_G * spec.rotating.accelerometer_noise_ng_per_sqrt_hz
+        noise = channel_noise_eotvos(_disk(spec), root_psd)
     lowpass = None
     if spec.filter == "butterworth":
         lowpass = LowPass(spec.filter_order, spec.filter_cutoff_hz, rate)
@@ -167,7 +171,30 @@ def channel_names(spec: GradiometerSpec) -> tuple[str, ...]:
     """Return the names of an instrument's channels, in the standard order."""
     if spec.rotating is None:
         return parse_components(spec.components)
-    return parse_components([name for a in spec.rotating.spin_axes for name in _SPIN_CHANNELS[a]])
+    return parse_components([name for a in spec.rotating.spin_axes for name in DISK_CHANNELS[a]])
+
+
+def _disk(spec: GradiometerSpec) -> RotatingGradiometer:
+    assert spec.rotating is not None
+    return RotatingGradiometer(spec.rotating.baseline_m, spec.rotating.rotation_hz, spec.period_s)
+
+
+def spinning_disks(case: CaseSpec) -> SpinningDisks | None:
+    """Return the disks of a rotating instrument whose imperfections a case gives, else None."""
+    spec, errors = case.gradiometer, case.truth.gradiometer.rotating
+    if spec.rotating is None or errors is None:
+        return None
+    return SpinningDisks(
+        instrument=_disk(spec),
+        spin_axes=tuple(spec.rotating.spin_axes),
+        scale_factor=1e-6 * errors.scale_factor_ppm,
+        scale_factor_mismatch=1e-6 * errors.scale_factor_mismatch_ppm,
+        baseline=1e-6 * errors.baseline_error_ppm,
+        misalignment=math.radians(errors.misalignment_arcmin / 60.0),
+        demodulation_phase=math.radians(errors.demodulation_phase_arcmin / 60.0),
+        rotation_rate=1e-6 * errors.rotation_rate_error_ppm,
+        vibration=errors.vibration_mps2,
+    )
 
 
 def faults(spec: TrueGradiometer) -> Faults:

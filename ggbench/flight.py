@@ -11,15 +11,16 @@ import numpy as np
 
 from . import strapdown
 from .bound import Bound, posterior_bound
-from .equipment import Equipment, equip, faults
+from .equipment import Equipment, equip, faults, spinning_disks
 from .field import Field
 from .field_source import make_field
-from .gradiometer import readings
+from .gradiometer import inertial_from_local, readings
 from .gradiometer_errors import Faults
 from .ins_error import POSITION, STATES, system_matrices
 from .lowpass import prefilter
 from .measurement_model import GradiometerModel
 from .schema import CaseSpec
+from .spinning_disks import SpinningDisks
 from .trajectory import Segment, Trajectory, fly
 from .trajectory_schema import TrajectorySpec
 
@@ -67,6 +68,36 @@ class Flight:
     def faults(self) -> Faults:
         """What is wrong with the gradiometer beyond noise and biases."""
         return faults(self.case.truth.gradiometer)
+
+    @cached_property
+    def disks(self) -> SpinningDisks | None:
+        """The disks of a rotating instrument whose imperfections are simulated."""
+        return spinning_disks(self.case)
+
+    @cached_property
+    def motion(self) -> tuple[np.ndarray, np.ndarray]:
+        """Mean specific force [m/s²] and angular rate [rad/s] (K, 3) of each reading, in the mount.
+
+        A platform does not turn in inertial axes; a local level turns with the Earth and with the
+        flight over it, by 1e-4 rad/s, which is neglected here.
+        """
+        truth, count = self.trajectory, self.epochs[0]
+        force, rate = (
+            increments[: self.epochs[-1]].reshape(len(self.epochs), count, 3).sum(axis=1)
+            / (count * truth.dt)
+            for increments in (self.delta_velocities, self.delta_angles)
+        )
+        instrument = self.case.gradiometer.instrument
+        if instrument == "strapdown":
+            return force, rate
+        force = np.einsum("kij,kj->ki", truth.attitudes[self.epochs], force)
+        if instrument == "platform":
+            for k, n in enumerate(self.epochs):
+                c_in = np.empty((3, 3))
+                latitude, longitude, _ = truth.positions[n]
+                inertial_from_local(latitude, longitude, truth.times[n], c_in)
+                force[k] = c_in @ force[k]
+        return force, np.zeros_like(force)
 
     @cached_property
     def bound(self) -> Bound:

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 from pydantic import Field, model_validator
 
+from .rotating_gradiometer import RotatingGradiometer, RotatingGradiometerError
 from .sections import Finite, Latitude, Longitude, Noise, NonNegative, Positive, Section
 
 Component = Literal["xx", "xy", "xz", "yy", "yz", "zz", "xx-yy", "yy-zz", "zz-xx"]
@@ -92,6 +93,8 @@ class RotatingSpec(Section):
     baseline_m: Annotated[float, Field(gt=0.0, le=10.0)]
     rotation_hz: Annotated[float, Field(gt=0.0, le=1000.0)]
     spin_axes: Annotated[list[Literal["x", "y", "z"]], Field(min_length=1)] = ["x", "y", "z"]
+    accelerometer_noise_ng_per_sqrt_hz: Noise | None = None
+    """White noise of each accelerometer, from which that of the channels follows."""
 
     @model_validator(mode="after")
     def _check(self) -> RotatingSpec:
@@ -121,10 +124,20 @@ class GradiometerSpec(Section):
 
     @model_validator(mode="after")
     def _check(self) -> GradiometerSpec:
-        if (self.noise_eotvos is None) == (self.noise_density_eotvos_per_sqrt_hz is None):
-            raise ValueError(
-                "give exactly one of noise_eotvos (RMS) and noise_density_eotvos_per_sqrt_hz"
-            )
+        noises = [self.noise_eotvos, self.noise_density_eotvos_per_sqrt_hz]
+        said = "noise_eotvos (RMS) and noise_density_eotvos_per_sqrt_hz"
+        if self.rotating is not None:
+            noises.append(self.rotating.accelerometer_noise_ng_per_sqrt_hz)
+            said += " and rotating.accelerometer_noise_ng_per_sqrt_hz"
+        if sum(noise is not None for noise in noises) != 1:
+            raise ValueError(f"give exactly one of {said}")
+        if self.rotating is not None:
+            try:
+                RotatingGradiometer(
+                    self.rotating.baseline_m, self.rotating.rotation_hz, self.period_s
+                )
+            except RotatingGradiometerError as error:
+                raise ValueError(str(error)) from None
         if len(set(self.components)) != len(self.components):
             raise ValueError("components names a component twice")
         if self.rotating is not None and len(self.components) != 6:
@@ -154,11 +167,13 @@ class GradiometerChange(Section):
 class RotatingErrorsSpec(Section):
     """``[truth.gradiometer.rotating]``: σ of what is wrong with a spinning disk, per run."""
 
+    scale_factor_ppm: Ppm = 0.0
     scale_factor_mismatch_ppm: Ppm = 0.0
     baseline_error_ppm: Ppm = 0.0
     misalignment_arcmin: Arcmin = 0.0
     demodulation_phase_arcmin: Arcmin = 0.0
     rotation_rate_error_ppm: Ppm = 0.0
+    vibration_mps2: Annotated[float, Field(ge=0.0, le=100.0)] = 0.0
 
 
 class TrueGradiometer(GradiometerChange):

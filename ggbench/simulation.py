@@ -187,6 +187,10 @@ def _gradiometer_output(flight: Flight, streams: RandomStreams) -> tuple[np.ndar
     if faults.clock > 0.0 or faults.jitter > 0.0:
         tensors = _mistimed(flight, streams.timing)
     exact = faults.distort(tensors, instrument.channels, streams.gradiometer_errors)
+    if flight.disks is not None:
+        exact = exact + flight.disks.errors(
+            instrument.components, tensors, *flight.motion, streams.gradiometer_errors
+        )
     biases = gradiometer_biases(instrument, exact.shape[1], times, streams.gradiometer_biases)
     output = exact + biases + instrument.noise(len(times), streams.gradiometer)
     output += faults.outliers(output.shape, streams.outliers)
