@@ -1,0 +1,294 @@
+"""Batch maximum a posteriori by Gauss–Newton as an iterated Kalman smoother, from many starts.
+
+Each step linearises h about the whole trajectory and solves the linear problem with a Kalman
+filter and smoother (Bell 1994), and goes only as far towards its solution as the cost falls: the
+line-search iterated extended Kalman smoother of Särkkä & Svensson 2020. The process noise may be
+singular: a trajectory is carried with its Lagrange multipliers, x_0 = prior_mean + P_0 λ and
+x_k = Φ_k x_{k−1} + Q_k r_k, in which the cost of the motion is ½ λᵀ P_0 λ + ½ Σ r_kᵀ Q_k r_k.
+
+A field of gravity gradients looks alike in many places, and Gauss–Newton finds the nearest. So the
+cost is looked at from many starts across the prior of the position, and the best are refined.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba import njit
+from scipy.special import ndtri
+from scipy.stats import qmc
+
+from ..problem import Causality, Estimate, Estimator, Problem
+
+_HALVINGS = 15
+_CONVERGED = 1e-6
+"""Decrease of the cost below which a search has ended: a thousandth of a standard deviation."""
+_SCREENED = 50
+"""Number of epochs at which the cost of a start is looked at."""
+
+
+@dataclass(frozen=True)
+class GaussNewton(Estimator):
+    """Most probable trajectory, by Gauss–Newton from several starts.
+
+    Parameters
+    ----------
+    starts : number of initial positions (states in metres) spread over the prior; 1 starts from
+        the prior's mean alone.
+    refine : how many of them, those of the lowest costs, are refined.
+    max_iterations : limit of Gauss–Newton steps from each start.
+    """
+
+    starts: int = 1024
+    refine: int = 5
+    max_iterations: int = 30
+
+    name = "gauss-newton"
+
+    @property
+    def causality(self) -> Causality:
+        """All measurements."""
+        return "batch"
+
+    def skip(self, problem: Problem) -> str | None:
+        """Refuse limits that leave nothing to do."""
+        for name in ("starts", "refine", "max_iterations"):
+            if getattr(self, name) < 1:
+                return f"{name} must be at least 1, and is {getattr(self, name)}"
+        return None
+
+    def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
+        """Refine the best starts and return the trajectory of the lowest cost."""
+        smoother = _Smoother(problem)
+        found = [
+            smoother.search(start, self.max_iterations)
+            for start in smoother.best_starts(self.starts, self.refine)
+        ]
+        best = min(found, key=lambda item: item.cost)
+        mean, cov = smoother.answer(best)
+        info = {
+            "cost": best.cost,
+            "iterations": sum(item.iterations for item in found),
+            "converged": best.converged,
+            "refined": len(found),
+        }
+        return Estimate(mean, cov, self.causality, info=info)
+
+
+@dataclass(frozen=True)
+class _Trajectory:
+    """States (K, n), multipliers λ (n,) and r (K, n), in units of the prior's deviations."""
+
+    states: np.ndarray
+    start: np.ndarray
+    motion: np.ndarray
+
+    def towards(self, other: _Trajectory, share: float) -> _Trajectory:
+        """Return the trajectory a share of the way to another one."""
+        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
+        return _Trajectory(*(a + share * (b - a) for a, b in pairs))
+
+
+@dataclass(frozen=True)
+class _Minimum:
+    """The end of a search, and the filter that was linearised there."""
+
+    trajectory: _Trajectory
+    cost: float
+    iterations: int
+    converged: bool
+    rows: np.ndarray
+    filtered_cov: np.ndarray
+
+
+class _Smoother:
+    """A problem in units of the prior's deviations, its cost and its linearised solution."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self.scale = scale = np.sqrt(np.diag(problem.prior_cov))
+        self.transition = problem.transition * scale / scale[:, None]
+        self.process_cov = problem.process_cov / np.outer(scale, scale)
+        self.prior_mean = problem.prior_mean / scale
+        self.prior_cov = problem.prior_cov / np.outer(scale, scale)
+        self.noise_root = np.linalg.cholesky(problem.noise_cov)
+
+    def from_prior(self, start: np.ndarray) -> _Trajectory:
+        """Return the undisturbed motion from prior_mean + P_0 λ."""
+        states = np.empty((self.problem.epochs, self.problem.dimension))
+        x = self.prior_mean + self.prior_cov @ start
+        for k, phi in enumerate(self.transition):
+            x = phi @ x
+            states[k] = x
+        return _Trajectory(states, start, np.zeros_like(states))
+
+    def best_starts(self, count: int, keep: int) -> list[_Trajectory]:
+        """Return the undisturbed motions of lowest costs from positions across the prior.
+
+        They are a Halton sequence in the normal distribution whose density is that of the prior to
+        the power d / (d + 2): with it d-dimensional points leave the smallest mean square distance
+        to the nearest one (Zador 1982).
+        """
+        centre = np.zeros(self.problem.dimension)
+        axes = [
+            i
+            for block in self.problem.layout
+            if block.unit == "m"
+            for i in range(*block.slice.indices(self.problem.dimension))
+        ]
+        if count == 1 or not axes:
+            return [self.from_prior(centre)]
+        uniform = qmc.Halton(len(axes), scramble=False).random(count)[1:]  # the first is zero
+        normal = np.sqrt(1.0 + 2.0 / len(axes)) * ndtri(uniform)
+        starts = np.zeros((count, len(centre)))
+        root = np.linalg.cholesky(self.prior_cov[np.ix_(axes, axes)])
+        starts[1:, axes] = np.linalg.solve(root.T, normal.T).T
+        order = np.argsort(self._screen(starts), kind="stable")
+        return [self.from_prior(starts[i]) for i in order[:keep]]
+
+    def _screen(self, starts: np.ndarray) -> np.ndarray:
+        """Return the cost of each start (S, n), from a part of the epochs."""
+        problem = self.problem
+        shown = np.linspace(0, problem.epochs - 1, min(problem.epochs, _SCREENED)).astype(int)
+        moved = starts @ self.prior_cov
+        costs = 0.5 * np.einsum("si,si->s", starts, moved)
+        states = (self.prior_mean + moved).T
+        for k, phi in enumerate(self.transition):
+            states = phi @ states
+            if k in shown:
+                residuals = problem.measurements[k] - problem.model.predict(
+                    k, states.T * self.scale
+                )
+                white = np.linalg.solve(self.noise_root, residuals.T)
+                costs += 0.5 * problem.epochs / len(shown) * np.sum(white**2, axis=0)
+        return costs
+
+    def _residuals(self, states: np.ndarray) -> np.ndarray:
+        problem = self.problem
+        return problem.measurements - np.stack(
+            [problem.model.predict(k, x) for k, x in enumerate(states * self.scale)]
+        )
+
+    def _cost(self, trajectory: _Trajectory, residuals: np.ndarray) -> float:
+        start, motion = trajectory.start, trajectory.motion
+        white = np.linalg.solve(self.noise_root, residuals.T)
+        moving = np.einsum("ki,kij,kj->", motion, self.process_cov, motion)
+        return float(0.5 * (start @ self.prior_cov @ start + moving + np.sum(white**2)))
+
+    def search(self, trajectory: _Trajectory, max_iterations: int) -> _Minimum:
+        """Follow Gauss–Newton steps, each halved until the cost falls, to a minimum."""
+        problem = self.problem
+        residuals = self._residuals(trajectory.states)
+        cost = self._cost(trajectory, residuals)
+        converged = False
+        iterations = 0
+        while not converged and iterations < max_iterations:
+            iterations += 1
+            states = trajectory.states * self.scale
+            rows = np.stack([problem.model.jacobian(k, x) for k, x in enumerate(states)])
+            rows = rows * self.scale
+            target = residuals + np.einsum("kmi,ki->km", rows, trajectory.states)
+            *solution, filtered_cov = _smooth(
+                self.transition, self.process_cov, self.prior_mean, self.prior_cov,
+                rows, target, problem.noise_cov,
+            )  # fmt: skip
+            full = _Trajectory(*solution)
+            before = cost
+            for halving in range(_HALVINGS):
+                moved = trajectory.towards(full, 0.5**halving)
+                new_residuals = self._residuals(moved.states)
+                new = self._cost(moved, new_residuals)
+                if new < cost:
+                    trajectory, residuals, cost = moved, new_residuals, new
+                    break
+            converged = before - cost < _CONVERGED
+        return _Minimum(trajectory, cost, iterations, converged, rows, filtered_cov)
+
+    def answer(self, minimum: _Minimum) -> tuple[np.ndarray, np.ndarray]:
+        """Return the mean (K, n) and the smoothed covariance (K, n, n) at a minimum."""
+        inverse = np.linalg.inv(self.noise_root)
+        information = np.einsum("kmi,ml->kli", minimum.rows, inverse.T)
+        information = information.transpose(0, 2, 1) @ information
+        cov = _smoothed_cov(self.transition, self.process_cov, minimum.filtered_cov, information)
+        return minimum.trajectory.states * self.scale, cov * np.outer(self.scale, self.scale)
+
+
+@njit(cache=True)
+def _smooth(
+    transition: np.ndarray,
+    process_cov: np.ndarray,
+    prior_mean: np.ndarray,
+    prior_cov: np.ndarray,
+    rows: np.ndarray,
+    target: np.ndarray,
+    noise_cov: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Solve the linear problem target[k] = rows[k] x_k + v_k.
+
+    A Kalman filter in Joseph's form, then the multipliers backwards (Bryson & Frazier; de Jong
+    1989): r_k = Hᵀ S⁻¹ y + (I − K H)ᵀ Φ_{k+1}ᵀ r_{k+1}, and x = x_filtered + P Φᵀ r of the next.
+
+    Returns
+    -------
+    Smoothed states (K, n), multipliers λ (n,) and r (K, n), filtered covariance (K, n, n).
+    """
+    epochs, m, n = rows.shape
+    mean = np.empty((epochs, n))
+    cov = np.empty((epochs, n, n))
+    keep = np.empty((epochs, n, n))
+    news = np.empty((epochs, n))
+    x, p = prior_mean.copy(), prior_cov.copy()
+    for k in range(epochs):
+        phi, h = transition[k], rows[k]
+        x = phi @ x
+        p = phi @ p @ phi.T + process_cov[k]
+        hp = h @ p
+        s = hp @ h.T + noise_cov
+        gain = np.ascontiguousarray(np.linalg.solve(s, hp).T)
+        innovation = target[k] - h @ x
+        x = x + gain @ innovation
+        keep[k] = np.eye(n) - gain @ h
+        p = keep[k] @ p @ keep[k].T + gain @ noise_cov @ gain.T
+        p = 0.5 * (p + p.T)
+        news[k] = h.T @ np.linalg.solve(s, innovation)
+        mean[k], cov[k] = x, p
+    motion = np.empty((epochs, n))
+    back = np.zeros(n)
+    for k in range(epochs - 1, -1, -1):
+        mean[k] += cov[k] @ back
+        motion[k] = news[k] + keep[k].T @ back
+        back = transition[k].T @ motion[k]
+    return mean, back, motion, cov
+
+
+@njit(cache=True)
+def _smoothed_cov(
+    transition: np.ndarray, process_cov: np.ndarray, filtered: np.ndarray, information: np.ndarray
+) -> np.ndarray:
+    """Return the covariance (K, n, n) of filtered states and all later measurements.
+
+    The two-filter smoother (Fraser & Potter 1969): M, the information of what comes later, is
+    carried backwards through singular Q as N − N (Q⁻¹ + N)⁻¹ N = A (N + N Q N) Aᵀ with
+    A = (I + N Q)⁻¹, and P = (P_filtered⁻¹ + M)⁻¹ likewise: sums that stay positive definite.
+
+    Parameters
+    ----------
+    information : (K, n, n) Hᵀ R⁻¹ H of each epoch.
+    """
+    epochs, n, _ = filtered.shape
+    out = np.empty((epochs, n, n))
+    later = np.zeros((n, n))
+    eye = np.eye(n)
+    for k in range(epochs - 1, -1, -1):
+        p = filtered[k]
+        b = np.linalg.solve(eye + p @ later, p + p @ later @ p)
+        out[k] = np.linalg.solve(eye + p @ later, np.ascontiguousarray(b.T))
+        out[k] = 0.5 * (out[k] + out[k].T)
+        n_k = later + information[k]
+        q = process_cov[k]
+        c = np.linalg.solve(eye + n_k @ q, n_k + n_k @ q @ n_k)
+        c = np.linalg.solve(eye + n_k @ q, np.ascontiguousarray(c.T))
+        later = transition[k].T @ (0.5 * (c + c.T)) @ transition[k]
+    return out
