@@ -76,16 +76,19 @@ class ExtendedKalmanFilter(Estimator):
                 problem.model, k, problem.measurements[k], ekf.x, ekf.P, noise.cov,
                 self.loss, threshold,
             )  # fmt: skip
-            update.minimise(self.iterations)
+            if self.iterations > 1:
+                update.minimise(self.iterations)
             linearisations += update.linearisations
             ekf.update(
                 problem.measurements[k],
                 HJacobian=lambda x, u: u.rows,
-                Hx=lambda x, u: u.h + u.rows @ (x - u.x),
+                Hx=lambda x, u: u.h,
                 R=update.noise_cov,
                 args=(update,),
                 hx_args=(update,),
             )
+            if self.iterations > 1:
+                ekf.x = update.x  # filterpy takes the whole of one step, from the prediction
             ekf.P = 0.5 * (ekf.P + ekf.P.T)
             mean[k], cov[k] = ekf.x, ekf.P
             if self.noise_memory and update.rows.any():  # no rows: there was no reading
@@ -145,26 +148,23 @@ class _Update:
 
     def minimise(self, iterations: int) -> None:
         """Move x to the minimum of J by Gauss–Newton steps, each halved until J falls."""
-        if iterations == 1:
-            return
         cost = self._cost(self.dual, self.h)
-        while self.linearisations < iterations:
+        for iteration in range(iterations):
+            if iteration:
+                self._linearise()
             innovation, spread = self._innovation()
             step = self.rows.T @ np.linalg.solve(spread + self.noise_cov, innovation) - self.dual
+            before = cost
             for halving in range(_HALVINGS):
                 dual = self.dual + 0.5**halving * step
                 x = self.predicted + self.cov @ dual
                 h = self.model.predict(self.k, x)
                 new = self._cost(dual, h)
                 if new < cost:
+                    self.x, self.dual, self.h, cost = x, dual, h, new
                     break
-            else:
-                return  # no step lowers the cost: x is the minimum
-            decrease, cost = cost - new, new
-            self.x, self.dual, self.h = x, dual, h
-            self._linearise()
-            if decrease < _CONVERGED:
-                return
+            if before - cost < _CONVERGED:
+                break
 
 
 class _AdaptiveNoise:

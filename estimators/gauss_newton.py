@@ -13,7 +13,6 @@ cost is looked at from many starts across the prior of the position, and the bes
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numba import njit
@@ -234,7 +233,7 @@ def _smooth(
     -------
     Smoothed states (K, n), multipliers λ (n,) and r (K, n), filtered covariance (K, n, n).
     """
-    epochs, m, n = rows.shape
+    epochs, _, n = rows.shape
     mean = np.empty((epochs, n))
     cov = np.empty((epochs, n, n))
     keep = np.empty((epochs, n, n))

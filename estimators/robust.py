@@ -38,7 +38,7 @@ def cost(residuals: np.ndarray, loss: Loss, threshold: float) -> float:
     """Return Σ ρ(r) of residuals in standard deviations; ½ Σ r² without a loss."""
     size = np.abs(residuals)
     half = 0.5 * size**2
-    if loss == "huber":
+    if loss == "huber" and np.isfinite(threshold):
         half = np.where(size > threshold, threshold * (size - 0.5 * threshold), half)
     elif loss == "cauchy" and np.isfinite(threshold):
         half = 0.5 * threshold**2 * np.log1p((size / threshold) ** 2)

@@ -1,0 +1,264 @@
+"""Gaussian-sum filter: a bank of iterated extended Kalman filters across a wide prior.
+
+Where the prior is wide against the features of the field, one linearisation cannot hold, and a
+filter locks onto whatever part of the field looks alike. So the prior is written as a sum of
+narrow Gaussians on a grid of positions, each with a filter of its own, weighted by how well it
+predicts (Sorenson & Alspach 1971; Alspach & Sorenson 1972; Bar-Shalom, Li & Kirubarajan 2001,
+sec. 11.6). What weighs nothing is dropped, what has become the same is merged.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from ..problem import Causality, Estimate, Estimator, Problem
+
+_REACH = 3.5
+"""The grid ends at this many standard deviations of the prior."""
+_WIDTH = 0.6
+"""Standard deviation of a Gaussian over the grid's spacing: their sum ripples by less than 1 %."""
+_NEGLIGIBLE = 1e-12
+"""Weight against the largest one below which a hypothesis is dropped."""
+_SAME = 1.0
+"""Squared Mahalanobis distance of the means below which two hypotheses are one."""
+_HALVINGS = 6
+
+
+@dataclass(frozen=True)
+class GaussianSum(Estimator):
+    """Gaussian-sum filter over the position.
+
+    Parameters
+    ----------
+    spacing_m : distance of the hypotheses [m], some fraction of the field's correlation length.
+        Directions of the position in which the prior is narrower are not split.
+    most : largest number of hypotheses; where the grid would need more, it is made coarser.
+    iterations : linearisations of h in each update of a hypothesis (see ``ekf``).
+    """
+
+    spacing_m: float = 500.0
+    most: int = 2000
+    iterations: int = 5
+
+    name = "gaussian-sum"
+
+    @property
+    def causality(self) -> Causality:
+        """Measurements up to each epoch."""
+        return "filter"
+
+    def skip(self, problem: Problem) -> str | None:
+        """Refuse grids that do not exist."""
+        if not 0.0 < self.spacing_m < np.inf:
+            return f"spacing_m must be positive and finite, and is {self.spacing_m:g}"
+        for name in ("most", "iterations"):
+            if getattr(self, name) < 1:
+                return f"{name} must be at least 1, and is {getattr(self, name)}"
+        return None
+
+    def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
+        """Carry the mixture from epoch to epoch; return its mean and covariance."""
+        bank = _Bank(problem, self.spacing_m, self.most)
+        mean = np.empty((problem.epochs, problem.dimension))
+        cov = np.empty((problem.epochs, problem.dimension, problem.dimension))
+        started = len(bank.weights)
+        counts = []
+        for k in range(problem.epochs):
+            bank.predict(k)
+            bank.update(k, self.iterations)
+            mean[k], cov[k] = bank.moments()
+            counts.append(len(bank.weights))
+        info = {"hypotheses": started, "mean_hypotheses": float(np.mean(counts))}
+        scale = bank.scale
+        return Estimate(mean * scale, cov * np.outer(scale, scale), self.causality, info=info)
+
+
+class _Bank:
+    """The hypotheses: log weights (J,), means (J, n), covariances (J, n, n).
+
+    In units of the prior's standard deviations.
+    """
+
+    def __init__(self, problem: Problem, spacing_m: float, most: int) -> None:
+        self.problem = problem
+        self.scale = scale = np.sqrt(np.diag(problem.prior_cov))
+        self.transition = problem.transition * scale / scale[:, None]
+        self.process_cov = problem.process_cov / np.outer(scale, scale)
+        self.noise_root = np.linalg.cholesky(problem.noise_cov)
+        self.weights, self.means, self.covs = _split_prior(problem, spacing_m, most)
+
+    def predict(self, k: int) -> None:
+        """Carry all hypotheses to epoch k."""
+        phi = self.transition[k]
+        self.means = self.means @ phi.T
+        self.covs = phi @ self.covs @ phi.T + self.process_cov[k]
+
+    def update(self, k: int, iterations: int) -> None:
+        """Update all hypotheses with reading k; drop and merge.
+
+        The likelihood of a reading is Laplace's: the density at the most probable state, over the
+        part of the prior that the reading leaves. For a linear h it is exact.
+        """
+        problem = self.problem
+        predicted, cov = self.means, self.covs
+        x, dual = predicted, np.zeros_like(predicted)
+        white, cost = self._residuals(k, x, dual)
+        for _ in range(iterations):
+            rows = self._white_rows(k, x)
+            projected = rows @ cov
+            s = projected @ rows.transpose(0, 2, 1) + np.eye(rows.shape[1])
+            innovation = white - np.einsum("jmi,ji->jm", rows, predicted - x)
+            solved = np.linalg.solve(s, innovation[..., None])
+            full = (rows.transpose(0, 2, 1) @ solved)[..., 0]
+            if iterations == 1:  # the extended Kalman filter takes the step as it is
+                x = predicted + np.einsum("jab,jb->ja", cov, full)
+                cost = 0.5 * np.einsum("jm,jm->j", innovation, solved[..., 0])
+                break
+            before = cost.copy()
+            x, dual, white, cost = self._step(k, x, dual, white, cost, full - dual)
+            if np.max(before - cost) < 1e-6:
+                break
+        self.means = x
+        self.covs = cov - projected.transpose(0, 2, 1) @ np.linalg.solve(s, projected)
+        self.covs = 0.5 * (self.covs + self.covs.transpose(0, 2, 1))
+        self.weights = self.weights - cost - 0.5 * np.linalg.slogdet(s).logabsdet
+        self.weights -= self.weights.max()
+        kept = self.weights > np.log(_NEGLIGIBLE)
+        self.weights, self.means, self.covs = _merged(
+            self.weights[kept], self.means[kept], self.covs[kept]
+        )
+
+    def _step(self, k, x, dual, white, cost, step):
+        """Go along a step of each hypothesis, halved until its cost falls."""
+        x, dual, white, cost = x.copy(), dual.copy(), white.copy(), cost.copy()
+        waiting = np.arange(len(x))
+        for halving in range(_HALVINGS):
+            new_dual = dual[waiting] + 0.5**halving * step[waiting]
+            new_x = self.means[waiting] + np.einsum("jab,jb->ja", self.covs[waiting], new_dual)
+            new_white, new_cost = self._residuals(k, new_x, new_dual, waiting)
+            lower = new_cost < cost[waiting]
+            done = waiting[lower]
+            x[done], dual[done], white[done] = new_x[lower], new_dual[lower], new_white[lower]
+            cost[done] = new_cost[lower]
+            waiting = waiting[~lower]
+            if not len(waiting):
+                break
+        return x, dual, white, cost
+
+    def _residuals(self, k, x, dual, which=slice(None)):
+        """Whitened residuals (J, m) at states and the costs (J,) of prior and reading."""
+        residual = self.problem.measurements[k] - self.problem.model.predict(k, x * self.scale)
+        white = np.linalg.solve(self.noise_root, residual.T).T
+        prior = np.einsum("ja,jab,jb->j", dual, self.covs[which], dual)
+        return white, 0.5 * (prior + np.einsum("jm,jm->j", white, white))
+
+    def _white_rows(self, k: int, x: np.ndarray) -> np.ndarray:
+        """Jacobians (J, m, n) of the whitened reading."""
+        rows = np.stack([self.problem.model.jacobian(k, state) for state in x * self.scale])
+        return np.linalg.solve(self.noise_root, rows * self.scale)
+
+    def moments(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return mean (n,) and covariance (n, n) of the mixture."""
+        share = np.exp(self.weights)
+        share /= share.sum()
+        mean = share @ self.means
+        off = self.means - mean
+        return mean, np.einsum("j,jab->ab", share, self.covs) + (off.T * share) @ off
+
+
+def _split_prior(
+    problem: Problem, spacing_m: float, most: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return log weights, means and covariances of the prior's grid of Gaussians.
+
+    The grid lies along the principal axes of the states in metres. A Gaussian at a point of it is
+    the prior with the standard deviation along these axes made narrow: all correlations are kept.
+    """
+    scale = np.sqrt(np.diag(problem.prior_cov))
+    mean = problem.prior_mean / scale
+    cov = problem.prior_cov / np.outer(scale, scale)
+    axes = [
+        i
+        for block in problem.layout
+        if block.unit == "m"
+        for i in range(*block.slice.indices(problem.dimension))
+    ]
+    if not axes:
+        return np.zeros(1), mean[None], cov[None]
+    values, vectors = np.linalg.eigh(problem.prior_cov[np.ix_(axes, axes)])
+    # Not finer than what `most` intervals along the longest axis are: a grid must fit in memory.
+    spacing_m = max(spacing_m, 2.0 * _REACH * float(np.sqrt(values[-1])) / most)
+    grid = _grid(np.sqrt(values), spacing_m)
+    while len(grid) > most:
+        spacing_m *= 1.1
+        grid = _grid(np.sqrt(values), spacing_m)
+    split = np.sqrt(values) > spacing_m
+    grid = grid[:, split]
+    narrowing = values[split] - (_WIDTH * spacing_m) ** 2
+    # Regression of the whole state on the coordinates along the split axes.
+    gain = (problem.prior_cov[:, axes] @ vectors[:, split]) / values[split] / scale[:, None]
+    weights = -0.5 * np.sum(grid**2 / narrowing, axis=1)
+    narrow = cov - (gain * narrowing) @ gain.T
+    return weights, mean + grid @ gain.T, np.tile(narrow, (len(grid), 1, 1))
+
+
+def _grid(sigma: np.ndarray, spacing: float) -> np.ndarray:
+    """Return the points (J, d) of a grid within an ellipsoid; an axis below the spacing has one."""
+    sides = [
+        spacing * np.arange(-reach, reach + 1) if axis > spacing else np.zeros(1)
+        for axis, reach in zip(sigma, (_REACH * sigma / spacing).astype(int), strict=True)
+    ]
+    grid = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, len(sigma))
+    return grid[np.sum((grid / sigma) ** 2, axis=1) <= _REACH**2]
+
+
+@njit(cache=True)
+def _merged(
+    weights: np.ndarray, means: np.ndarray, covs: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Merge hypotheses whose means are the same within the deviations of the heavier one.
+
+    From the heaviest on, each takes in the lighter ones near it (Salmond 1990), keeping mean and
+    covariance of the sum.
+    """
+    count, n = means.shape
+    order = np.argsort(-weights)
+    taken = np.zeros(count, dtype=np.bool_)
+    out_weights = np.empty(count)
+    out_means = np.empty((count, n))
+    out_covs = np.empty((count, n, n))
+    found = 0
+    for first in order:
+        if taken[first]:
+            continue
+        group = [first]
+        for other in order:
+            if taken[other] or other == first:
+                continue
+            off = means[other] - means[first]
+            near = True
+            for i in range(n):  # d² ≥ off² / P_ii: most pairs need no more than this
+                if off[i] * off[i] > _SAME * covs[first, i, i]:
+                    near = False
+                    break
+            if near and off @ np.linalg.solve(covs[first], off) < _SAME:
+                group.append(other)
+        total = 0.0
+        mean = np.zeros(n)
+        for i in group:
+            taken[i] = True
+            total += np.exp(weights[i])
+            mean += np.exp(weights[i]) * means[i]
+        mean /= total
+        cov = np.zeros((n, n))
+        for i in group:
+            off = means[i] - mean
+            cov += np.exp(weights[i]) / total * (covs[i] + np.outer(off, off))
+        out_weights[found] = np.log(total)
+        out_means[found] = mean
+        out_covs[found] = cov
+        found += 1
+    return out_weights[:found], out_means[:found], out_covs[:found]
