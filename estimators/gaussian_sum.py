@@ -20,11 +20,13 @@ _REACH = 3.5
 """The grid ends at this many standard deviations of the prior."""
 _WIDTH = 0.6
 """Standard deviation of a Gaussian over the grid's spacing: their sum ripples by less than 1 %."""
-_NEGLIGIBLE = 1e-12
+_NEGLIGIBLE = 1e-6
 """Weight against the largest one below which a hypothesis is dropped."""
 _SAME = 1.0
 """Squared Mahalanobis distance of the means below which two hypotheses are one."""
 _HALVINGS = 6
+_CONVERGED = 1e-6
+"""Decrease of a cost below which an update has converged: a thousandth of a deviation."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,7 @@ class GaussianSum(Estimator):
 
     spacing_m: float = 500.0
     most: int = 2000
-    iterations: int = 5
+    iterations: int = 3
 
     name = "gaussian-sum"
 
@@ -102,12 +104,14 @@ class _Bank:
         The likelihood of a reading is Laplace's: the density at the most probable state, over the
         part of the prior that the reading leaves. For a linear h it is exact.
         """
-        problem = self.problem
         predicted, cov = self.means, self.covs
-        x, dual = predicted, np.zeros_like(predicted)
-        white, cost = self._residuals(k, x, dual)
-        for _ in range(iterations):
-            rows = self._white_rows(k, x)
+        x, dual = predicted.copy(), np.zeros_like(predicted)
+        white, cost = self._residuals(k, x, dual, cov)
+        rows = self._white_rows(k, x)
+        active = np.arange(len(x))  # those whose cost still falls
+        for iteration in range(iterations):
+            if iteration:
+                rows[active] = self._white_rows(k, x[active])
             projected = rows @ cov
             s = projected @ rows.transpose(0, 2, 1) + np.eye(rows.shape[1])
             innovation = white - np.einsum("jmi,ji->jm", rows, predicted - x)
@@ -118,8 +122,19 @@ class _Bank:
                 cost = 0.5 * np.einsum("jm,jm->j", innovation, solved[..., 0])
                 break
             before = cost.copy()
-            x, dual, white, cost = self._step(k, x, dual, white, cost, full - dual)
-            if np.max(before - cost) < 1e-6:
+            waiting = active
+            for halving in range(_HALVINGS):
+                new_dual = dual[waiting] + 0.5**halving * (full - dual)[waiting]
+                new_x = predicted[waiting] + np.einsum("jab,jb->ja", cov[waiting], new_dual)
+                new_white, new_cost = self._residuals(k, new_x, new_dual, cov[waiting])
+                falls = new_cost < cost[waiting]
+                moved, waiting = waiting[falls], waiting[~falls]
+                x[moved], dual[moved] = new_x[falls], new_dual[falls]
+                white[moved], cost[moved] = new_white[falls], new_cost[falls]
+                if not len(waiting):
+                    break
+            active = active[(before - cost)[active] > _CONVERGED]
+            if not len(active):
                 break
         self.means = x
         self.covs = cov - projected.transpose(0, 2, 1) @ np.linalg.solve(s, projected)
@@ -131,28 +146,13 @@ class _Bank:
             self.weights[kept], self.means[kept], self.covs[kept]
         )
 
-    def _step(self, k, x, dual, white, cost, step):
-        """Go along a step of each hypothesis, halved until its cost falls."""
-        x, dual, white, cost = x.copy(), dual.copy(), white.copy(), cost.copy()
-        waiting = np.arange(len(x))
-        for halving in range(_HALVINGS):
-            new_dual = dual[waiting] + 0.5**halving * step[waiting]
-            new_x = self.means[waiting] + np.einsum("jab,jb->ja", self.covs[waiting], new_dual)
-            new_white, new_cost = self._residuals(k, new_x, new_dual, waiting)
-            lower = new_cost < cost[waiting]
-            done = waiting[lower]
-            x[done], dual[done], white[done] = new_x[lower], new_dual[lower], new_white[lower]
-            cost[done] = new_cost[lower]
-            waiting = waiting[~lower]
-            if not len(waiting):
-                break
-        return x, dual, white, cost
-
-    def _residuals(self, k, x, dual, which=slice(None)):
+    def _residuals(
+        self, k: int, x: np.ndarray, dual: np.ndarray, cov: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Whitened residuals (J, m) at states and the costs (J,) of prior and reading."""
         residual = self.problem.measurements[k] - self.problem.model.predict(k, x * self.scale)
         white = np.linalg.solve(self.noise_root, residual.T).T
-        prior = np.einsum("ja,jab,jb->j", dual, self.covs[which], dual)
+        prior = np.einsum("ja,jab,jb->j", dual, cov, dual)
         return white, 0.5 * (prior + np.einsum("jm,jm->j", white, white))
 
     def _white_rows(self, k: int, x: np.ndarray) -> np.ndarray:

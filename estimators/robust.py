@@ -75,7 +75,9 @@ def reweighted_noise(
     root = np.linalg.cholesky(noise_cov)
     white = np.linalg.solve(root, innovation)
     spread = np.linalg.solve(root, np.linalg.solve(root, spread).T)
-    weight = weights(white / np.sqrt(1.0 + np.diag(spread)), loss, threshold)
+    # A set of sigma points with negative weights can have a negative spread.
+    deviations = np.sqrt(1.0 + np.maximum(np.diag(spread), 0.0))
+    weight = weights(white / deviations, loss, threshold)
     for _ in range(_ROUNDS):
         # What the update leaves: y − H K y = R (H P Hᵀ + R)⁻¹ y.
         left = np.linalg.solve(spread + np.diag(1.0 / weight), white) / weight

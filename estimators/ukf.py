@@ -1,4 +1,4 @@
-"""Unscented Kalman filter (filterpy): the paper's sigma points and the scaled set.
+"""Unscented Kalman filter (filterpy): the paper's sigma points, the scaled set, cubature points.
 
 filterpy 2.0 redraws the sigma points from the predicted mean and covariance before the update, so
 the process noise is in them.
@@ -14,6 +14,8 @@ from filterpy.kalman import JulierSigmaPoints, MerweScaledSigmaPoints, unscented
 from filterpy.kalman import UnscentedKalmanFilter as FilterpyUKF
 
 from ..problem import Causality, Estimate, Estimator, Problem
+from . import robust
+from .robust import Loss
 
 
 class _MatrixSquareRoot:
@@ -50,11 +52,13 @@ class _MatrixSquareRoot:
 class _VectorizedUKF(FilterpyUKF):
     """filterpy's filter with all sigma points through f and h in one call each.
 
-    filterpy calls them point by point; its equations are unchanged.
+    filterpy calls them point by point; its equations are unchanged. A robust loss replaces R.
     """
 
     x: np.ndarray
     P: np.ndarray
+    loss: Loss = "none"
+    threshold: float = np.inf
 
     def compute_process_sigmas(self, dt: float, fx: Any = None, **fx_args: Any) -> None:
         points = self.points_fn.sigma_points(self.x, self.P)
@@ -63,6 +67,11 @@ class _VectorizedUKF(FilterpyUKF):
     def update(self, z: np.ndarray, **hx_args: Any) -> None:
         self.sigmas_h = self.hx(self.sigmas_f, **hx_args)
         predicted, self.S = unscented_transform(self.sigmas_h, self.Wm, self.Wc, self.R)
+        if self.loss != "none":
+            _, spread = unscented_transform(self.sigmas_h, self.Wm, self.Wc)
+            self.S = spread + robust.reweighted_noise(
+                z - predicted, spread, self.R, self.loss, self.threshold
+            )
         deviations = self.Wc[:, None] * (self.sigmas_f - self.x)
         cross_cov = deviations.T @ (self.sigmas_h - predicted)
         self.K = np.linalg.solve(self.S, cross_cov.T).T
@@ -77,15 +86,23 @@ class UnscentedKalmanFilter(Estimator):
 
     Parameters
     ----------
-    points : ``julier`` for the paper's set, λ = κ; ``merwe`` for the scaled set (van der Merwe).
+    points : ``julier`` for the paper's set, λ = κ; ``merwe`` for the scaled set (van der Merwe);
+        ``cubature`` for the 2n points of Arasaratnam & Haykin 2009, which are the paper's set with
+        κ = 0: its centre then weighs nothing, and no weight is negative.
     kappa : κ; if not given, the paper's 3 − n for ``julier`` and 0 for ``merwe``.
     alpha, beta : spread and prior-knowledge parameters of the scaled set.
+    loss : ``huber`` or ``cauchy`` weigh down the components of a reading that fit neither the
+        prediction nor each other; see :mod:`ggbench.estimators.robust`.
+    threshold : residual [standard deviations of the noise] from which the loss acts; if not
+        given, 1.345 for ``huber`` and 2.385 for ``cauchy``.
     """
 
-    points: Literal["julier", "merwe"] = "julier"
+    points: Literal["julier", "merwe", "cubature"] = "julier"
     kappa: float | None = None
     alpha: float = 0.5
     beta: float = 2.0
+    loss: Loss = "none"
+    threshold: float | None = None
 
     name = "ukf"
 
@@ -97,12 +114,14 @@ class UnscentedKalmanFilter(Estimator):
     def skip(self, problem: Problem) -> str | None:
         """Refuse sigma points that do not exist: their spread must be positive and finite."""
         n = problem.dimension
+        if self.points == "cubature" and self.kappa is not None:
+            return "cubature points have no kappa"
         kappa = self._kappa(n)
         if not 0.0 < n + kappa < np.inf:
             return f"n + kappa must be positive and finite, and is {n} + {kappa:g}"
         if self.points == "merwe" and not 0.0 < self.alpha < np.inf:
             return f"alpha must be positive and finite, and is {self.alpha:g}"
-        return None
+        return robust.refusal(self.loss, self.threshold)
 
     def _kappa(self, n: int) -> float:
         """Return κ, or the default of the chosen set for n states."""
@@ -115,7 +134,7 @@ class UnscentedKalmanFilter(Estimator):
         n, m = problem.dimension, problem.measurements.shape[1]
         root = _MatrixSquareRoot()
         kappa = self._kappa(n)
-        if self.points == "julier":
+        if self.points in ("julier", "cubature"):
             points = JulierSigmaPoints(n, kappa=kappa, sqrt_method=root)
         else:
             points = MerweScaledSigmaPoints(n, self.alpha, self.beta, kappa, sqrt_method=root)
@@ -129,6 +148,7 @@ class UnscentedKalmanFilter(Estimator):
         )
         ukf.x, ukf.P = problem.prior_mean.copy(), problem.prior_cov.copy()
         ukf.R = problem.noise_cov
+        ukf.loss, ukf.threshold = self.loss, robust.threshold_of(self.loss, self.threshold)
         mean = np.empty((problem.epochs, n))
         cov = np.empty((problem.epochs, n, n))
         for k in range(problem.epochs):
