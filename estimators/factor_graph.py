@@ -19,6 +19,8 @@ import gtsam
 import numpy as np
 
 from ..problem import Causality, Estimate, Estimator, MeasurementModel, Problem
+from . import robust
+from .robust import Loss
 
 _NO_NOISE = 1e-13
 """Eigenvalue of a correlation matrix below which a direction of Q counts as free of noise."""
@@ -39,12 +41,17 @@ class FactorGraph(Estimator):
     relinearize_threshold : change of a node, in standard deviations of the prior, from which iSAM2
         linearises it anew.
     max_iterations : limit of the batch optimizer (Levenberg–Marquardt).
+    loss : ``huber`` or ``cauchy`` (GTSAM's m-estimators) on each component of a reading.
+    threshold : residual [standard deviations of the noise] from which the loss acts; if not
+        given, 1.345 for ``huber`` and 2.385 for ``cauchy``.
     """
 
     mode: Literal["batch", "isam2", "fixed-lag"] = "isam2"
     lag: float = 20.0
     relinearize_threshold: float = 1.0
     max_iterations: int = 50
+    loss: Loss = "none"
+    threshold: float | None = None
 
     name = "factor-graph"
 
@@ -71,12 +78,12 @@ class FactorGraph(Estimator):
             return f"relinearize_threshold must be positive, and is {self.relinearize_threshold:g}"
         if self.max_iterations < 1:
             return f"max_iterations must be at least 1, and is {self.max_iterations}"
-        return None
+        return robust.refusal(self.loss, self.threshold)
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
         """Build the graph of the problem and solve it in the chosen mode."""
         solve = {"batch": self._batch, "isam2": self._isam2, "fixed-lag": self._fixed_lag}
-        scaled = _ScaledProblem(problem)
+        scaled = _ScaledProblem(problem, self.loss, robust.threshold_of(self.loss, self.threshold))
         mean, cov, info = solve[self.mode](scaled)
         scale = scaled.scale
         lag = self.lag if self.mode == "fixed-lag" else None
@@ -155,12 +162,14 @@ class FactorGraph(Estimator):
 class _ScaledProblem:
     """A problem in units of the prior's standard deviations, and its factors."""
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: Problem, loss: Loss, threshold: float) -> None:
         self.problem = problem
+        self.loss, self.threshold = loss, threshold
         self.scale = np.sqrt(np.diag(problem.prior_cov))
         self.transition = problem.transition * self.scale / self.scale[:, None]
         self.process_cov = problem.process_cov / np.outer(self.scale, self.scale)
         self.measurement_noise = gtsam.noiseModel.Gaussian.Covariance(problem.noise_cov)
+        self.noise_root = np.linalg.cholesky(problem.noise_cov)
 
     def empty(self) -> tuple[np.ndarray, np.ndarray]:
         """Return arrays for the mean (K, n) and the covariance (K, n, n)."""
@@ -187,7 +196,10 @@ class _ScaledProblem:
         """Yield the factors that each epoch adds to the graph."""
         for k in range(self.problem.epochs):
             motion = self._process_factor(k) if k else self._prior_factor()
-            yield [motion, self._gradient_factor(k)]
+            if self.loss == "none" or self.threshold == np.inf:
+                yield [motion, self._gradient_factor(k)]
+            else:
+                yield [motion, *self._robust_factors(k)]
 
     def _prior_factor(self) -> gtsam.NonlinearFactor:
         """Return the prior, carried from the start to the first epoch."""
@@ -217,6 +229,24 @@ class _ScaledProblem:
         )
         return gtsam.CustomFactor(self.measurement_noise, [k], error)
 
+    def _robust_factors(self, k: int) -> list[gtsam.NonlinearFactor]:
+        """Return a custom factor with a robust loss for each component of the whitened residual.
+
+        GTSAM's robust noise of a vector weighs its norm, and would throw a whole reading away.
+        """
+        estimators = gtsam.noiseModel.mEstimator
+        kind = {"huber": estimators.Huber, "cauchy": estimators.Cauchy}[self.loss]
+        noise = gtsam.noiseModel.Robust.Create(
+            kind.Create(self.threshold), gtsam.noiseModel.Unit.Create(1)
+        )
+        reading = _Reading(
+            self.problem.model, self.problem.measurements[k], self.scale, self.noise_root, k
+        )
+        return [
+            gtsam.CustomFactor(noise, [k], partial(_component_error, reading, c))
+            for c in range(len(self.noise_root))
+        ]
+
 
 def _gradient_error(
     model: MeasurementModel,
@@ -240,6 +270,51 @@ def _gradient_error(
     predicted = np.asarray(model.predict(k, x), dtype=float)
     _require_shape("prediction", predicted, measurement.shape)
     return predicted - measurement
+
+
+class _Reading:
+    """The whitened residual of a reading and its Jacobian at the last state asked for.
+
+    The components of a reading are asked for one by one, all at the same state.
+    """
+
+    def __init__(
+        self,
+        model: MeasurementModel,
+        measurement: np.ndarray,
+        scale: np.ndarray,
+        noise_root: np.ndarray,
+        k: int,
+    ) -> None:
+        self._evaluate = partial(_gradient_error, model, measurement, scale, k)
+        self._root = noise_root
+        self._at = b""
+        self.residual = self.jacobian = np.empty(0)
+
+    def at(self, factor: gtsam.CustomFactor, values: gtsam.Values) -> None:
+        """Evaluate at the state of the factor's node, unless that is done."""
+        state = values.atVector(factor.keys()[0]).tobytes()
+        if state == self._at:
+            return
+        jacobians = [np.empty(0)]
+        residual = self._evaluate(factor, values, jacobians)
+        self.residual = np.linalg.solve(self._root, residual)
+        self.jacobian = np.linalg.solve(self._root, jacobians[0])
+        self._at = state
+
+
+def _component_error(
+    reading: _Reading,
+    component: int,
+    factor: gtsam.CustomFactor,
+    values: gtsam.Values,
+    jacobians: list[np.ndarray] | None,
+) -> np.ndarray:
+    """Return one component of the whitened residual and, if asked, its Jacobian (1, n)."""
+    reading.at(factor, values)
+    if jacobians is not None:
+        jacobians[0] = np.asfortranarray(reading.jacobian[component : component + 1])
+    return reading.residual[component : component + 1]
 
 
 def _require_shape(name: str, array: np.ndarray, shape: tuple[int, ...]) -> None:
