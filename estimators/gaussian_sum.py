@@ -189,13 +189,15 @@ def _split_prior(
     if not axes:
         return np.zeros(1), mean[None], cov[None]
     values, vectors = np.linalg.eigh(problem.prior_cov[np.ix_(axes, axes)])
-    # Not finer than what `most` intervals along the longest axis are: a grid must fit in memory.
-    spacing_m = max(spacing_m, 2.0 * _REACH * float(np.sqrt(values[-1])) / most)
-    grid = _grid(np.sqrt(values), spacing_m)
+    sigma = np.sqrt(values)
+    # The box around the ellipsoid has to fit in memory, too.
+    while np.prod(1.0 + 2.0 * _REACH * sigma / spacing_m) > 4.0 * most:
+        spacing_m *= 1.1
+    grid = _grid(sigma, spacing_m)
     while len(grid) > most:
         spacing_m *= 1.1
-        grid = _grid(np.sqrt(values), spacing_m)
-    split = np.sqrt(values) > spacing_m
+        grid = _grid(sigma, spacing_m)
+    split = sigma > spacing_m
     grid = grid[:, split]
     narrowing = values[split] - (_WIDTH * spacing_m) ** 2
     # Regression of the whole state on the coordinates along the split axes.
@@ -208,8 +210,10 @@ def _split_prior(
 def _grid(sigma: np.ndarray, spacing: float) -> np.ndarray:
     """Return the points (J, d) of a grid within an ellipsoid; an axis below the spacing has one."""
     sides = [
-        spacing * np.arange(-reach, reach + 1) if axis > spacing else np.zeros(1)
-        for axis, reach in zip(sigma, (_REACH * sigma / spacing).astype(int), strict=True)
+        spacing * np.arange(-int(_REACH * s / spacing), int(_REACH * s / spacing) + 1)
+        if s > spacing
+        else np.zeros(1)
+        for s in sigma
     ]
     grid = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, len(sigma))
     return grid[np.sum((grid / sigma) ** 2, axis=1) <= _REACH**2]
