@@ -144,7 +144,8 @@ class _Update:
 
     def _cost(self, dual: np.ndarray, h: np.ndarray) -> float:
         white = np.linalg.solve(np.linalg.cholesky(self.given), self.measurement - h)
-        return 0.5 * dual @ self.cov @ dual + robust.cost(white, self.loss, self.threshold)
+        left = robust.losses(white, self.loss, self.threshold)
+        return float(0.5 * dual @ self.cov @ dual + left.sum())
 
     def minimise(self, iterations: int) -> None:
         """Move x to the minimum of J by Gauss–Newton steps, each halved until J falls."""

@@ -20,6 +20,8 @@ from scipy.special import ndtri
 from scipy.stats import qmc
 
 from ..problem import Causality, Estimate, Estimator, Problem
+from . import robust
+from .robust import Loss
 
 _HALVINGS = 15
 _CONVERGED = 1e-6
@@ -38,11 +40,17 @@ class GaussNewton(Estimator):
         the prior's mean alone.
     refine : how many of them, those of the lowest costs, are refined.
     max_iterations : limit of Gauss–Newton steps from each start.
+    loss : ``huber`` or ``cauchy`` on each component of a reading, by iteratively reweighted least
+        squares; see :mod:`ggbench.estimators.robust`.
+    threshold : residual [standard deviations of the noise] from which the loss acts; if not
+        given, 1.345 for ``huber`` and 2.385 for ``cauchy``.
     """
 
     starts: int = 1024
     refine: int = 5
     max_iterations: int = 30
+    loss: Loss = "none"
+    threshold: float | None = None
 
     name = "gauss-newton"
 
@@ -56,11 +64,12 @@ class GaussNewton(Estimator):
         for name in ("starts", "refine", "max_iterations"):
             if getattr(self, name) < 1:
                 return f"{name} must be at least 1, and is {getattr(self, name)}"
-        return None
+        return robust.refusal(self.loss, self.threshold)
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
         """Refine the best starts and return the trajectory of the lowest cost."""
-        smoother = _Smoother(problem)
+        threshold = robust.threshold_of(self.loss, self.threshold)
+        smoother = _Smoother(problem, self.loss, threshold)
         found = [
             smoother.search(start, self.max_iterations)
             for start in smoother.best_starts(self.starts, self.refine)
@@ -105,8 +114,9 @@ class _Minimum:
 class _Smoother:
     """A problem in units of the prior's deviations, its cost and its linearised solution."""
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: Problem, loss: Loss, threshold: float) -> None:
         self.problem = problem
+        self.loss, self.threshold = loss, threshold
         self.scale = scale = np.sqrt(np.diag(problem.prior_cov))
         self.transition = problem.transition * scale / scale[:, None]
         self.process_cov = problem.process_cov / np.outer(scale, scale)
@@ -161,20 +171,21 @@ class _Smoother:
                     k, states.T * self.scale
                 )
                 white = np.linalg.solve(self.noise_root, residuals.T)
-                costs += 0.5 * problem.epochs / len(shown) * np.sum(white**2, axis=0)
+                left = robust.losses(white, self.loss, self.threshold).sum(axis=0)
+                costs += problem.epochs / len(shown) * left
         return costs
 
     def _residuals(self, states: np.ndarray) -> np.ndarray:
+        """Return the whitened residuals (K, m) of a trajectory."""
         problem = self.problem
-        return problem.measurements - np.stack(
-            [problem.model.predict(k, x) for k, x in enumerate(states * self.scale)]
-        )
+        predicted = [problem.model.predict(k, x) for k, x in enumerate(states * self.scale)]
+        return np.linalg.solve(self.noise_root, (problem.measurements - predicted).T).T
 
     def _cost(self, trajectory: _Trajectory, residuals: np.ndarray) -> float:
         start, motion = trajectory.start, trajectory.motion
-        white = np.linalg.solve(self.noise_root, residuals.T)
         moving = np.einsum("ki,kij,kj->", motion, self.process_cov, motion)
-        return float(0.5 * (start @ self.prior_cov @ start + moving + np.sum(white**2)))
+        left = robust.losses(residuals, self.loss, self.threshold).sum()
+        return float(0.5 * (start @ self.prior_cov @ start + moving) + left)
 
     def search(self, trajectory: _Trajectory, max_iterations: int) -> _Minimum:
         """Follow Gauss–Newton steps, each halved until the cost falls, to a minimum."""
@@ -187,11 +198,13 @@ class _Smoother:
             iterations += 1
             states = trajectory.states * self.scale
             rows = np.stack([problem.model.jacobian(k, x) for k, x in enumerate(states)])
-            rows = rows * self.scale
+            rows = np.linalg.solve(self.noise_root, rows * self.scale)
             target = residuals + np.einsum("kmi,ki->km", rows, trajectory.states)
+            weight = np.sqrt(robust.weights(residuals, self.loss, self.threshold))
+            rows *= weight[:, :, None]
             *solution, filtered_cov = _smooth(
                 self.transition, self.process_cov, self.prior_mean, self.prior_cov,
-                rows, target, problem.noise_cov,
+                rows, weight * target,
             )  # fmt: skip
             full = _Trajectory(*solution)
             before = cost
@@ -207,10 +220,7 @@ class _Smoother:
 
     def answer(self, minimum: _Minimum) -> tuple[np.ndarray, np.ndarray]:
         """Return the mean (K, n) and the smoothed covariance (K, n, n) at a minimum."""
-        inverse = np.linalg.inv(self.noise_root)
-        information = np.einsum("kmi,ml->kli", minimum.rows, inverse.T)
-        information = information.transpose(0, 2, 1) @ information
-        cov = _smoothed_cov(self.transition, self.process_cov, minimum.filtered_cov, information)
+        cov = _smoothed_cov(self.transition, self.process_cov, minimum.filtered_cov, minimum.rows)
         return minimum.trajectory.states * self.scale, cov * np.outer(self.scale, self.scale)
 
 
@@ -222,9 +232,8 @@ def _smooth(
     prior_cov: np.ndarray,
     rows: np.ndarray,
     target: np.ndarray,
-    noise_cov: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Solve the linear problem target[k] = rows[k] x_k + v_k.
+    """Solve the linear problem target[k] = rows[k] x_k + v_k with white v_k of unit variance.
 
     A Kalman filter in Joseph's form, then the multipliers backwards (Bryson & Frazier; de Jong
     1989): r_k = Hᵀ S⁻¹ y + (I − K H)ᵀ Φ_{k+1}ᵀ r_{k+1}, and x = x_filtered + P Φᵀ r of the next.
@@ -244,12 +253,12 @@ def _smooth(
         x = phi @ x
         p = phi @ p @ phi.T + process_cov[k]
         hp = h @ p
-        s = hp @ h.T + noise_cov
+        s = hp @ h.T + np.eye(len(h))
         gain = np.ascontiguousarray(np.linalg.solve(s, hp).T)
         innovation = target[k] - h @ x
         x = x + gain @ innovation
         keep[k] = np.eye(n) - gain @ h
-        p = keep[k] @ p @ keep[k].T + gain @ noise_cov @ gain.T
+        p = keep[k] @ p @ keep[k].T + gain @ gain.T
         p = 0.5 * (p + p.T)
         news[k] = h.T @ np.linalg.solve(s, innovation)
         mean[k], cov[k] = x, p
@@ -264,17 +273,13 @@ def _smooth(
 
 @njit(cache=True)
 def _smoothed_cov(
-    transition: np.ndarray, process_cov: np.ndarray, filtered: np.ndarray, information: np.ndarray
+    transition: np.ndarray, process_cov: np.ndarray, filtered: np.ndarray, rows: np.ndarray
 ) -> np.ndarray:
     """Return the covariance (K, n, n) of filtered states and all later measurements.
 
     The two-filter smoother (Fraser & Potter 1969): M, the information of what comes later, is
     carried backwards through singular Q as N − N (Q⁻¹ + N)⁻¹ N = A (N + N Q N) Aᵀ with
     A = (I + N Q)⁻¹, and P = (P_filtered⁻¹ + M)⁻¹ likewise: sums that stay positive definite.
-
-    Parameters
-    ----------
-    information : (K, n, n) Hᵀ R⁻¹ H of each epoch.
     """
     epochs, n, _ = filtered.shape
     out = np.empty((epochs, n, n))
@@ -285,7 +290,7 @@ def _smoothed_cov(
         b = np.linalg.solve(eye + p @ later, p + p @ later @ p)
         out[k] = np.linalg.solve(eye + p @ later, np.ascontiguousarray(b.T))
         out[k] = 0.5 * (out[k] + out[k].T)
-        n_k = later + information[k]
+        n_k = later + rows[k].T @ rows[k]
         q = process_cov[k]
         c = np.linalg.solve(eye + n_k @ q, n_k + n_k @ q @ n_k)
         c = np.linalg.solve(eye + n_k @ q, np.ascontiguousarray(c.T))

@@ -34,24 +34,24 @@ def refusal(loss: Loss, threshold: float | None) -> str | None:
     return None
 
 
-def cost(residuals: np.ndarray, loss: Loss, threshold: float) -> float:
-    """Return Σ ρ(r) of residuals in standard deviations; ½ Σ r² without a loss."""
-    size = np.abs(residuals)
-    half = 0.5 * size**2
-    if loss == "huber" and np.isfinite(threshold):
-        half = np.where(size > threshold, threshold * (size - 0.5 * threshold), half)
-    elif loss == "cauchy" and np.isfinite(threshold):
-        half = 0.5 * threshold**2 * np.log1p((size / threshold) ** 2)
-    return float(half.sum())
+def losses(residuals: np.ndarray, loss: Loss, threshold: float) -> np.ndarray:
+    """Return the loss ρ(r) of each residual in standard deviations; ½ r² without a loss."""
+    half = 0.5 * residuals**2
+    if loss == "none" or threshold == np.inf:
+        return half
+    if loss == "huber":
+        size = np.abs(residuals)
+        return np.where(size > threshold, threshold * (size - 0.5 * threshold), half)
+    return 0.5 * threshold**2 * np.log1p((residuals / threshold) ** 2)
 
 
 def weights(residuals: np.ndarray, loss: Loss, threshold: float) -> np.ndarray:
     """Return the weight ρ'(r) / r of each residual, 1 for small ones."""
+    if loss == "none" or threshold == np.inf:
+        return np.ones_like(residuals)
     if loss == "huber":
         return threshold / np.maximum(np.abs(residuals), threshold)
-    if loss == "cauchy":
-        return 1.0 / (1.0 + (residuals / threshold) ** 2)
-    return np.ones_like(residuals)
+    return 1.0 / (1.0 + (residuals / threshold) ** 2)
 
 
 def reweighted_noise(
