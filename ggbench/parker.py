@@ -35,9 +35,8 @@ GRAVITATIONAL_CONSTANT = 6.6743e-11
 
 _SPACING_PER_HEIGHT = 0.25  # of the Fourier grid, to the height above the highest ground
 _MOST_NODES = 30_000_000  # of the Fourier grid: about three gigabytes
-_BORDER = 0.1  # at least, of the longer side of the terrain
-_BORDER_PER_HEIGHT = 4.0  # above the lowest ground
-_BORDER_NODES = 8
+_BORDER = 0.1  # of the longer side of the terrain
+_MARGIN_NODES = 8  # of the Fourier grid, beyond the border
 _LARGEST_DISTORTION = 5e-3  # of lengths, by the map
 _FEWEST_ORDERS = 6
 _MOST_ORDERS = 80
@@ -196,12 +195,9 @@ class _Series:
             math.radians(terrain.latitude_step_deg) * meridian,
         )
         self.step = np.minimum(native, _SPACING_PER_HEIGHT * clearance)
-        self.border = max(
-            _BORDER * size.max(),
-            _BORDER_PER_HEIGHT * (self._lowest_level - float(ground.min())),
-            _BORDER_NODES * self.step.max(),
-        )
-        wanted = np.ceil((size + 2.0 * self.border) / self.step)
+        # Of the terrain alone: a field must not depend on what other heights are asked for.
+        self.border = _BORDER * float(size.max())
+        wanted = np.ceil((size + 2.0 * self.border) / self.step) + 2 * _MARGIN_NODES
         if wanted.prod() > _MOST_NODES:
             allowed = math.sqrt((size + 2.0 * self.border).prod() / _MOST_NODES)
             raise TerrainError(
@@ -246,6 +242,7 @@ class _Series:
 
         factor = half * np.exp(-k * distance)
         self._spectrum = np.zeros(k.shape, complex)
+        self._moments: list[NDArray] = []
         left = math.inf
         for n in range(1, _MOST_ORDERS + 1):
             moment = np.zeros((n_y, n_x))
@@ -255,8 +252,8 @@ class _Series:
                 moment -= density * edge**n
             term = scipy.fft.rfft2(moment, workers=2)
             del moment
-            if n == 1:
-                self._mass = half * _lowest_harmonics(term, self.count)
+            if n <= 2:
+                self._moments.append(half**n / n * _lowest_harmonics(term, self.count))
             term *= factor
             self._spectrum += term
             term *= k
@@ -281,7 +278,7 @@ class _Series:
 
         The Fourier series is that of a terrain repeated for ever. The field of the images is
         smooth: it is the difference between two coarse grids of the same masses, one of the same
-        period and one of eight times that.
+        period and one of eight times that, of which two orders of the series are enough.
         """
         n_x, n_y = self.count
         k_x, k_y, k = self._k_x, self._k_y, np.hypot(self._k_x, self._k_y[:, np.newaxis])
@@ -294,15 +291,15 @@ class _Series:
         for index, component in enumerate(_components(continued, k_x, k_y, k, n_x, dtype)):
             fine[index] = component
 
-        mass, step = self._mass, self.coarse_step
-        m_y, m_x = mass.shape
-        alone = np.zeros((_COARSE_PERIODS * m_y, _COARSE_PERIODS * m_x))
-        alone[:m_y, :m_x] = mass
+        m_y, m_x = self._moments[0].shape
         coarse = np.zeros((8, m_y, m_x))
-        for sign, source in ((1.0, alone), (-1.0, mass)):
-            k_x, k_y, k = _wavenumbers(source.shape[1], source.shape[0], step)
-            continued = scipy.fft.rfft2(source) * np.exp(-k * (level - self.middle))
-            parts = _components(continued, k_x, k_y, k, source.shape[1], np.dtype(float))
+        for sign, periods in ((1.0, _COARSE_PERIODS), (-1.0, 1)):
+            shape = (periods * m_y, periods * m_x)
+            k_x, k_y, k = _wavenumbers(shape[1], shape[0], self.coarse_step)
+            # rfft2 fills up with level ground.
+            first, second = (scipy.fft.rfft2(moment, shape) for moment in self._moments)
+            continued = (first + k * second) * np.exp(-k * (level - self.middle))
+            parts = _components(continued, k_x, k_y, k, shape[1], np.dtype(float))
             for index, component in enumerate(parts):
                 coarse[index] += sign * component[:m_y, :m_x]
         return fine, np.array([spline_filter(part, 3, mode="mirror") for part in coarse])
@@ -310,7 +307,7 @@ class _Series:
     @property
     def coarse_step(self) -> NDArray:
         """Spacing of the coarse grid in x and y [m]; its origin is that of the fine one."""
-        return self.step * self.count / np.array(self._mass.shape[::-1])
+        return self.step * self.count / np.array(self._moments[0].shape[::-1])
 
 
 def _layers(
