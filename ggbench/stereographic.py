@@ -1,4 +1,4 @@
-"""The oblique stereographic map of WGS84: a conformal plane for regions of a few hundred kilometres.
+"""The oblique stereographic map of WGS84: a conformal plane for a few hundred kilometres.
 
 Angles are kept, and lengths on the plane exceed true ones by ρ²/(4R²) at the distance ρ from the
 centre (8e-5 at 110 km), so that one Fourier series serves a region without bands of latitude.
@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from .earth import ECCENTRICITY_SQUARED, SEMI_MAJOR_AXIS, radii_of_curvature
+from .earth import ECCENTRICITY_SQUARED, radii_of_curvature
 
 _ECCENTRICITY = math.sqrt(ECCENTRICITY_SQUARED)
 _LARGEST_SINE = 1.0 - 1e-15  # the isometric latitude of a pole is infinite
@@ -51,9 +51,7 @@ def _conformal_sine(latitude: float) -> float:
 
 
 @njit(cache=True)
-def to_plane(
-    latitude: float, longitude: float, plane: Plane
-) -> tuple[float, float, float, float]:
+def to_plane(latitude: float, longitude: float, plane: Plane) -> tuple[float, float, float, float]:
     """Return x, y [m] and the x and y components of the local unit vector east."""
     sine = _conformal_sine(latitude)
     cosine = math.sqrt(1.0 - sine * sine)
@@ -80,9 +78,7 @@ def from_plane(x: float, y: float, plane: Plane) -> tuple[float, float]:
         c = 2.0 * math.atan(rho / plane.diameter)
         sin_c, cos_c = math.sin(c), math.cos(c)
         sine = cos_c * plane.sine + y * sin_c * plane.cosine / rho
-        difference = math.atan2(
-            x * sin_c, rho * plane.cosine * cos_c - y * plane.sine * sin_c
-        )
+        difference = math.atan2(x * sin_c, rho * plane.cosine * cos_c - y * plane.sine * sin_c)
     isometric = math.atanh(min(max(sine, -_LARGEST_SINE), _LARGEST_SINE))
     geodetic = sine
     for _ in range(6):  # each step gains two digits, e² being 0.0067
@@ -95,9 +91,7 @@ def scale_factor(latitude: float, longitude: float, plane: Plane) -> float:
     sine = _conformal_sine(latitude)
     cosine = math.sqrt(1.0 - sine * sine)
     denominator = (
-        1.0
-        + plane.sine * sine
-        + plane.cosine * cosine * math.cos(longitude - plane.longitude)
+        1.0 + plane.sine * sine + plane.cosine * cosine * math.cos(longitude - plane.longitude)
     )
     _, prime_vertical = radii_of_curvature(latitude)
     return float(plane.diameter * cosine / (denominator * prime_vertical * np.cos(latitude)))

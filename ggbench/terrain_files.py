@@ -1,0 +1,350 @@
+"""Readers of digital elevation models: rasters, netCDF grids, NumPy archives.
+
+Rasterio and xarray are imported when a file needs them: they are an optional part of the
+installation.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import griddata
+from scipy.ndimage import binary_dilation, distance_transform_edt
+
+from .terrain import FEWEST_NODES, Terrain, TerrainError
+
+Array = NDArray[np.floating]
+
+_MOST_CELLS = 100_000_000
+_MOST_VOIDS = 0.01  # share of the cells that may be filled
+_VOID_MARKS = (-32768.0, -32767.0, -9999.0, -99999.0)  # where a file does not declare its own
+_IRREGULAR = 0.02  # of a step: more than coordinates in single precision are off
+_METRES = {
+    **dict.fromkeys(("", "m", "metre", "meter", "metres", "meters", "metre(s)"), 1.0),
+    **dict.fromkeys(("ft", "foot", "feet", "international foot"), 0.3048),
+    **dict.fromkeys(("us-ft", "ftus", "us survey foot", "foot_us"), 1200.0 / 3937.0),
+    **dict.fromkeys(("dm", "decimetre", "decimeter"), 0.1),
+    **dict.fromkeys(("cm", "centimetre", "centimeter"), 0.01),
+    **dict.fromkeys(("km", "kilometre", "kilometer"), 1000.0),
+}
+_LATITUDE_NAMES = ("lat", "latitude", "y")
+_LONGITUDE_NAMES = ("lon", "long", "longitude", "x")
+_HEIGHT_NAMES = ("z", "elevation", "band1", "altitude", "topo", "topography", "height")
+
+
+def _import(module: str, path: Path) -> Any:
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        raise TerrainError(
+            f"{path.name} needs the package {module.partition('.')[0]} ({error}): pip install "
+            "'ggbench[terrain]'."
+        ) from None
+
+
+def _read_raster(path: Path) -> Terrain:
+    """Read whatever GDAL reads, of one band, in degrees or projected."""
+    rasterio = _import("rasterio", path)
+    try:
+        with rasterio.open(path) as dataset:
+            return _from_dataset(dataset, path)
+    except TerrainError:
+        raise
+    except Exception as error:  # GDAL's, rasterio's own, and those of its parsers of metadata
+        raise TerrainError(
+            f"{path.name} cannot be read as a raster ({_one_line(error)})."
+        ) from None
+
+
+def _from_dataset(dataset: Any, path: Path) -> Terrain:
+    name, crs = path.name, dataset.crs
+    if dataset.count != 1:
+        raise TerrainError(f"{name} has {dataset.count} bands; one, of heights, is allowed.")
+    _check_size(name, (dataset.height, dataset.width))
+    if dataset.transform.is_identity:
+        raise TerrainError(f"{name} does not say where it lies; a georeferenced raster is allowed.")
+    scale, offset = dataset.scales[0], dataset.offsets[0]
+    factor, remark = _metres(dataset.units[0] or "", name)
+    remarks = [remark]
+    if crs is not None and crs.is_projected:
+        band, transform = _to_degrees(dataset, path)
+        remarks.append("resampled to latitude and longitude")
+    elif crs is None or crs.is_geographic:
+        band, transform = dataset.read(1, masked=True), dataset.transform
+    else:
+        raise TerrainError(
+            f"{name} has coordinates that are neither geographic nor projected: {crs}."
+        )
+    if transform.b or transform.d:
+        raise TerrainError(
+            f"{name} is rotated; rows along parallels and columns along meridians are allowed."
+        )
+    columns, rows = np.arange(band.shape[1]) + 0.5, np.arange(band.shape[0]) + 0.5
+    # GDAL's transform is that of the corners of cells, for a raster of points, too.
+    return _terrain(
+        transform.f + transform.e * rows,
+        transform.c + transform.a * columns,
+        (np.ma.filled(band.astype(float), np.nan) * scale + offset) * factor,
+        name,
+        remarks,
+    )
+
+
+def _to_degrees(dataset: Any, path: Path) -> tuple[Any, Any]:
+    """Resample a projected raster to the largest box of degrees that lies within its edges."""
+    warp = _import("rasterio.warp", path)
+    rasterio = _import("rasterio", path)
+    n_rows, n_columns = dataset.shape
+    rows, columns = np.arange(n_rows) + 0.5, np.arange(n_columns) + 0.5
+    target = "EPSG:4326"
+
+    def degrees(column: Array | float, row: Array | float) -> tuple[Array, Array]:
+        x, y = dataset.transform * (
+            np.broadcast_to(column, np.broadcast(column, row).shape).ravel(),
+            np.broadcast_to(row, np.broadcast(column, row).shape).ravel(),
+        )
+        longitude, latitude = warp.transform(dataset.crs, target, x, y)
+        return np.asarray(longitude), np.asarray(latitude)
+
+    sides = [
+        degrees(0.5, rows), degrees(n_columns - 0.5, rows),
+        degrees(columns, 0.5), degrees(columns, n_rows - 0.5),
+    ]  # fmt: skip
+    lon_sides = sorted((lon for lon, _ in sides), key=np.mean)
+    lat_sides = sorted((lat for _, lat in sides), key=np.mean)
+    west, east = lon_sides[0].max(), lon_sides[-1].min()
+    south, north = lat_sides[0].max(), lat_sides[-1].min()
+    default, _, _ = warp.calculate_default_transform(
+        dataset.crs, target, n_columns, n_rows, *dataset.bounds
+    )
+    step = default.a
+    shape = (int((north - south) / step), int((east - west) / step))
+    if not (west < east and south < north and min(shape) >= FEWEST_NODES):
+        raise TerrainError(
+            f"{path.name} is projected, and no box of latitudes and longitudes fits into it: warp "
+            "it to EPSG:4326 with gdalwarp."
+        )
+    _check_size(path.name, shape)
+    transform = rasterio.transform.from_origin(west, north, step, step)
+    with _import("rasterio.vrt", path).WarpedVRT(
+        dataset,
+        crs=target,
+        transform=transform,
+        height=shape[0],
+        width=shape[1],
+        resampling=_import("rasterio.enums", path).Resampling.cubic,
+    ) as warped:
+        return warped.read(1, masked=True), transform
+
+
+def _read_netcdf(path: Path) -> Terrain:
+    """Read the heights of a netCDF file, of version 3 or 4, with coordinates in degrees."""
+    xarray = _import("xarray", path)
+    with path.open("rb") as file:
+        version4 = file.read(4) == b"\x89HDF"
+    if version4:
+        _import("h5netcdf", path)
+    try:
+        with xarray.open_dataset(
+            path, engine="h5netcdf" if version4 else "scipy", decode_times=False
+        ) as dataset:
+            return _from_variables(dataset, path.name)
+    except TerrainError:
+        raise
+    except Exception as error:  # the engines raise a dozen kinds
+        raise TerrainError(
+            f"{path.name} cannot be read as a netCDF grid ({_one_line(error)})."
+        ) from None
+
+
+def _from_variables(dataset: Any, name: str) -> Terrain:
+    grids = {}
+    for key, variable in dataset.data_vars.items():
+        if variable.dtype.kind not in "iuf":
+            continue
+        squeezed = variable.squeeze(drop=True)
+        axes = {_axis_kind(dataset, dim): dim for dim in squeezed.dims}
+        if squeezed.ndim == 2 and axes.keys() == {"latitude", "longitude"}:
+            grids[str(key)] = squeezed.transpose(axes["latitude"], axes["longitude"])
+    if len(grids) > 1:
+        named = {key: grid for key, grid in grids.items() if key.lower() in _HEIGHT_NAMES}
+        grids = named or grids
+    if len(grids) != 1:
+        raise TerrainError(
+            f"{name} has {len(grids)} grids in latitude and longitude "
+            f"({', '.join(grids) or 'none'}); one, or one named {', '.join(_HEIGHT_NAMES)}, with "
+            "coordinate variables lat and lon, or x and y, is allowed."
+        )
+    ((_, grid),) = grids.items()
+    _check_size(name, grid.shape)
+    latitude, longitude = (dataset[dim] for dim in grid.dims)
+    for axis in (latitude, longitude):
+        unit = str(axis.attrs.get("units", "degrees"))
+        if not unit.lower().startswith("deg"):
+            raise TerrainError(f"{name} has {axis.name} in {unit!r}; degrees are allowed.")
+    factor, remark = _metres(str(grid.attrs.get("units", "")), name)
+    heights = np.asarray(grid.values, dtype=float) * factor
+    return _terrain(latitude.values, longitude.values, heights, name, [remark])
+
+
+def _axis_kind(dataset: Any, dimension: Any) -> str | None:
+    """Whether a dimension is one of latitude or longitude, by its coordinate variable."""
+    if dimension not in dataset.variables:
+        return None
+    name = str(dimension).lower()
+    standard = str(dataset[dimension].attrs.get("standard_name", "")).lower()
+    if "projection" in standard:
+        raise TerrainError(
+            f"The coordinate {dimension} is one of a projection; degrees are allowed: warp the "
+            "grid to EPSG:4326 with gdalwarp."
+        )
+    if standard == "latitude" or name in _LATITUDE_NAMES:
+        return "latitude"
+    return "longitude" if standard == "longitude" or name in _LONGITUDE_NAMES else None
+
+
+def _read_npz(path: Path) -> Terrain:
+    """Read a NumPy archive with one of three sets of arrays."""
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            arrays = {key: archive[key] for key in archive.files}
+        return _from_arrays(arrays, path.name)
+    except TerrainError:
+        raise
+    except Exception as error:  # whatever a damaged archive makes of itself
+        raise TerrainError(
+            f"{path.name} cannot be read as a NumPy archive of heights ({_one_line(error)})."
+        ) from None
+
+
+def _from_arrays(arrays: Mapping[str, Any], name: str) -> Terrain:
+    if {"lat", "lon", "z"} <= arrays.keys():
+        heights = arrays["z"].astype(float)
+        return _terrain(arrays["lat"], arrays["lon"], heights, name, [])
+    if {"south_deg", "west_deg", "latitude_step_deg", "longitude_step_deg", "height_m"} <= set(
+        arrays
+    ):
+        heights = arrays["height_m"].astype(float)
+        rows, columns = (np.arange(count) for count in heights.shape)
+        return _terrain(
+            float(arrays["south_deg"]) + float(arrays["latitude_step_deg"]) * rows,
+            float(arrays["west_deg"]) + float(arrays["longitude_step_deg"]) * columns,
+            heights,
+            name,
+            [str(arrays["name"])] if "name" in arrays else [],
+        )
+    if {"elevation", "xmin", "ymax", "dx", "dy"} <= arrays.keys():
+        # As matplotlib's sample jacksboro_fault_dem.npz: the first row is the northern one, and
+        # the bounds are those of cells. That file's ymin is not used: it lies to the north of
+        # ymax by the height of the grid, instead of to the south.
+        heights = arrays["elevation"].astype(float)
+        rows, columns = (np.arange(count) + 0.5 for count in heights.shape)
+        latitude = float(arrays["ymax"]) - float(arrays["dy"]) * rows
+        longitude = float(arrays["xmin"]) + float(arrays["dx"]) * columns
+        return _terrain(latitude, longitude, heights, name, [])
+    raise TerrainError(
+        f"{name} has the arrays {', '.join(sorted(arrays))}; those of a Terrain, or lat, lon and "
+        "z, or elevation, xmin, ymax, dx and dy are allowed."
+    )
+
+
+def _terrain(
+    latitude: Array, longitude: Array, heights: Array, name: str, remarks: list[str]
+) -> Terrain:
+    """A terrain of rows and columns in any order, voids being NaN or one of the usual marks."""
+    for axis, count in zip((latitude, longitude), heights.shape, strict=True):
+        if axis.shape != (count,):
+            raise TerrainError(
+                f"{name} has heights of shape {heights.shape}, but {latitude.shape} latitudes and "
+                f"{longitude.shape} longitudes."
+            )
+    longitude = np.unwrap(np.asarray(longitude, dtype=float), period=360.0)
+    south, latitude_step, flipped = _regular(np.asarray(latitude, dtype=float), "latitudes", name)
+    heights = heights[::-1] if flipped else heights
+    west, longitude_step, flipped = _regular(longitude, "longitudes", name)
+    heights = heights[:, ::-1] if flipped else heights
+    west = (west + 180.0) % 360.0 - 180.0
+
+    void = ~np.isfinite(heights) | np.isin(heights, _VOID_MARKS)
+    if void.any():
+        row, column = np.argwhere(void)[0]
+        where = f"{south + latitude_step * row:.5f}, {west + longitude_step * column:.5f}"
+        count = int(void.sum())
+        if count >= _MOST_VOIDS * void.size:
+            raise TerrainError(
+                f"{name} has {count} voids among {void.size} cells, the first at latitude, "
+                f"longitude {where}: less than {_MOST_VOIDS:.0%} is allowed; fill them first, for "
+                "example with gdal_fillnodata."
+            )
+        heights = _filled(heights, void)
+        remarks = [*remarks, f"{count} voids filled, the first at {where}"]
+    shape = " x ".join(map(str, heights.shape))
+    words = [f"{name} ({shape})", *filter(None, remarks)]
+    return Terrain(
+        south, west, latitude_step, longitude_step, np.ascontiguousarray(heights), ", ".join(words)
+    )
+
+
+def _regular(axis: Array, what: str, name: str) -> tuple[float, float, bool]:
+    """First node and step of ascending coordinates, and whether they were descending."""
+    if axis.size < FEWEST_NODES:
+        raise TerrainError(f"{name} has {axis.size} {what}; at least {FEWEST_NODES} are allowed.")
+    step = float(axis[-1] - axis[0]) / (axis.size - 1)
+    nodes = axis[0] + step * np.arange(axis.size)
+    if not (step != 0.0 and np.abs(axis - nodes).max() <= _IRREGULAR * abs(step)):  # NaN fails too
+        raise TerrainError(
+            f"{name} has {what} that are not evenly spaced; a regular grid is allowed."
+        )
+    if step < 0.0:
+        return float(axis[-1]), -step, True
+    return float(axis[0]), step, False
+
+
+def _filled(heights: Array, void: NDArray[np.bool_]) -> Array:
+    """Voids filled linearly from the cells around them, at the borders with the nearest cell."""
+    around = binary_dilation(void, np.ones((3, 3))) & ~void
+    known, wanted = np.argwhere(around), np.argwhere(void)
+    nearest = distance_transform_edt(void, return_distances=False, return_indices=True)
+    filled = heights[tuple(nearest)]
+    if len(np.unique(known[:, 0])) > 1 and len(np.unique(known[:, 1])) > 1:
+        linear = griddata(known, heights[around], wanted, method="linear")
+        inside = np.isfinite(linear)
+        filled[tuple(wanted[inside].T)] = linear[inside]
+    return filled
+
+
+def _metres(unit: str, name: str) -> tuple[float, str]:
+    """Metres per unit of height, and what to say of it."""
+    factor = _METRES.get(unit.strip().lower())
+    if factor is None:
+        raise TerrainError(f"{name} has heights in {unit!r}; metres or feet are allowed.")
+    return factor, "" if factor == 1.0 else f"converted from {unit}"
+
+
+def _check_size(name: str, shape: tuple[int, ...]) -> None:
+    if np.prod(shape, dtype=float) > _MOST_CELLS:
+        raise TerrainError(
+            f"{name} has {' x '.join(map(str, shape))} cells; at most {_MOST_CELLS:.0g} are "
+            "allowed: cut out the region with gdal_translate -projwin."
+        )
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+READERS: dict[str, Callable[[Path], Terrain]] = {
+    ".tif": _read_raster,
+    ".tiff": _read_raster,
+    ".hgt": _read_raster,
+    ".asc": _read_raster,
+    ".nc": _read_netcdf,
+    ".grd": _read_netcdf,
+    ".npz": _read_npz,
+}
+"""Readers by the suffix of the file."""
