@@ -53,6 +53,7 @@ def resample(
     no cliff makes it ring; beyond the edges its mirror image, faded into ``edge`` over ``border``.
     """
     rows, columns = ground.shape
+    near_row, near_column = np.empty(4, np.int64), np.empty(4, np.int64)
     for j in range(surface.shape[0]):
         for i in range(surface.shape[1]):
             latitude, longitude = from_plane(
@@ -69,11 +70,14 @@ def resample(
                 continue
             row, column = math.floor(v), math.floor(u)
             w_row, w_column = _weights(v - row), _weights(u - column)
+            for a in range(4):
+                near_row[a] = _mirrored(row - 1 + a, rows)
+                near_column[a] = _mirrored(column - 1 + a, columns)
             value, lowest, highest = 0.0, math.inf, -math.inf
             for a in range(4):
-                r = _mirrored(row - 1 + a, rows)
+                r = near_row[a]
                 for b in range(4):
-                    c = _mirrored(column - 1 + b, columns)
+                    c = near_column[b]
                     value += w_row[a] * w_column[b] * coefficients[r, c]
                     lowest = min(lowest, ground[r, c])
                     highest = max(highest, ground[r, c])

@@ -81,7 +81,7 @@ def from_plane(x: float, y: float, plane: Plane) -> tuple[float, float]:
         difference = math.atan2(x * sin_c, rho * plane.cosine * cos_c - y * plane.sine * sin_c)
     isometric = math.atanh(min(max(sine, -_LARGEST_SINE), _LARGEST_SINE))
     geodetic = sine
-    for _ in range(6):  # each step gains two digits, e² being 0.0067
+    for _ in range(5):  # each step gains two digits, e² being 0.0067
         geodetic = math.tanh(isometric + _ECCENTRICITY * math.atanh(_ECCENTRICITY * geodetic))
     return math.asin(geodetic), plane.longitude + difference
 
