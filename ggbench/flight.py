@@ -21,8 +21,8 @@ from .lowpass import prefilter
 from .measurement_model import GradiometerModel
 from .schema import CaseSpec
 from .spinning_disks import SpinningDisks
-from .trajectory import Segment, Trajectory, fly
-from .trajectory_schema import TrajectorySpec
+from .trajectory import Trajectory, from_spec
+from .trajectory_schema import TrajectorySpec, file_versions
 
 
 @dataclass(frozen=True)
@@ -160,6 +160,7 @@ def prepare(case: CaseSpec) -> Flight:
     trajectory, delta_angles, delta_velocities = _error_free(
         case.trajectory.model_dump_json(),
         case.imu.period_s,
+        tuple(file_versions(case.trajectory)),
         field if true.field.gravity_disturbance else None,
     )
     stride = round(case.gradiometer.period_s / trajectory.dt)
@@ -177,32 +178,14 @@ def prepare(case: CaseSpec) -> Flight:
 
 @lru_cache(maxsize=8)
 def _error_free(
-    trajectory_json: str, dt: float, felt: Field | None
+    trajectory_json: str, dt: float, versions: tuple[object, ...], felt: Field | None
 ) -> tuple[Trajectory, np.ndarray, np.ndarray]:
     """Return what cases that differ in sensors and priors share: truth and IMU increments.
 
-    ``felt`` is the field whose disturbance of gravity the accelerometers feel, if they do.
+    ``versions`` are those of the files of which the flight is made; ``felt`` is the field whose disturbance of gravity the accelerometers feel, if they do.
     """
     spec = TrajectorySpec.model_validate_json(trajectory_json)
-    trajectory = fly(
-        position=np.array(
-            [math.radians(spec.latitude_deg), math.radians(spec.longitude_deg), spec.height_m]
-        ),
-        speed=spec.speed_mps,
-        heading=math.radians(spec.heading_deg),
-        pitch=math.radians(spec.pitch_deg),
-        roll=math.radians(spec.roll_deg),
-        segments=[
-            Segment(
-                s.duration_s,
-                math.radians(s.turn_rate_deg_per_s),
-                s.acceleration_mps2,
-                math.radians(s.climb_rate_deg_per_s),
-            )
-            for s in spec.segment
-        ],
-        dt=dt,
-    )
+    trajectory = from_spec(spec, dt)
     disturbances = np.zeros((len(trajectory.times) - 1, 3))
     if felt is not None:
         middle = 0.5 * (trajectory.positions[1:] + trajectory.positions[:-1])

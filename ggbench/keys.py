@@ -46,15 +46,18 @@ def problem_key(case: CaseSpec, seed: int) -> str:
     MapError
         If the case's map file cannot be read.
     """
-    # A map is its content: where its file lies, and how that is spelt, is no part of the problem.
-    placeless: dict[str, Any] = {"field": case.field.model_copy(update={"source": "map"})}
+    # A file is its content: where it lies, and how that is spelt, is no part of the problem.
+    placeless: dict[str, Any] = {
+        "field": case.field.model_copy(update={"source": "map"}),
+        "trajectory": case.trajectory.placeless(),
+    }
     for name in ("truth", "model"):
         side = getattr(case, name)
         field = side.field.model_copy(update={"source": None})
         placeless[name] = side.model_copy(update={"field": field})
     maps = [_map_content(case.side(name).field.model_dump_json()) for name in ("truth", "model")]
     content = case.model_copy(update=placeless).content_hash
-    return _hash([content, *maps, seed])
+    return _hash([content, *maps, *case.trajectory.file_hashes(), seed])
 
 
 def case_key(case: CaseSpec, seed: int) -> str:

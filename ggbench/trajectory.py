@@ -1,7 +1,7 @@
-"""True trajectories: segments of cruise, turn and climb, sampled at the INS rate.
+"""True trajectories: segments of cruise, turn and climb, or a track, sampled at the INS rate.
 
-Velocity and attitude are analytic in time; position follows from velocity by the mechanization's
-own rule, so that an error-free INS can return the truth to rounding.
+Velocity and attitude are smooth in time; position follows from velocity by the mechanization's own
+rule, so that an error-free INS can return the truth to rounding.
 """
 
 from __future__ import annotations
@@ -11,26 +11,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
-from .strapdown import advance_position, attitude_matrix
+from .manoeuvres import BANK_GRAVITY, Manoeuvre, Segment, State, enu, follow, plan, sample
+from .strapdown import attitude_matrix
+from .track import read_track, resample
+from .trajectory_schema import TrajectorySpec
 
-
-@dataclass(frozen=True)
-class Segment:
-    """A part of a flight in which speed, heading and climb angle change at constant rates.
-
-    Attributes
-    ----------
-    duration : [s].
-    turn_rate : rate of the heading, clockwise positive [rad/s].
-    acceleration : rate of the speed [m/s²].
-    climb_rate : rate of the vertical velocity's angle above the horizon [rad/s].
-    """
-
-    duration: float
-    turn_rate: float = 0.0
-    acceleration: float = 0.0
-    climb_rate: float = 0.0
+__all__ = ["Segment", "Trajectory", "fly", "from_spec"]
 
 
 @dataclass(frozen=True)
@@ -51,14 +39,40 @@ class Trajectory:
     attitudes: np.ndarray
 
 
+def from_spec(spec: TrajectorySpec, dt: float) -> Trajectory:
+    """Return the truth of a ``[trajectory]`` table, of segments or of a track.
+
+    Parameters
+    ----------
+    spec : the table. dt : sampling interval [s].
+
+    Raises
+    ------
+    TrajectoryError
+        If it cannot be flown, or a file that it names cannot be used.
+    """
+    pitch, roll = math.radians(spec.pitch_deg), math.radians(spec.roll_deg)
+    if spec.file is None:
+        start = spec.start()
+        return fly(
+            start.position, start.speed, start.heading, pitch, roll, spec.manoeuvres(), dt,
+            banks=spec.vehicle == "aircraft", size=len(spec.segment),
+        )  # fmt: skip
+    track = read_track(spec.file, spec.track_limits())
+    position, velocities, angles = resample(track, dt, pitch, roll, spec.vehicle == "aircraft")
+    return _trajectory(position, velocities, angles, dt)
+
+
 def fly(
     position: np.ndarray,
     speed: float,
     heading: float,
     pitch: float,
     roll: float,
-    segments: Sequence[Segment],
+    segments: Sequence[Manoeuvre],
     dt: float,
+    banks: bool = True,
+    size: int | None = None,
 ) -> Trajectory:
     """Fly segments from a starting state.
 
@@ -72,47 +86,50 @@ def fly(
     speed, heading : [m/s], clockwise from north [rad].
     pitch, roll : attitude in straight and level flight [rad].
     segments : flown one after the other. dt : sampling interval [s].
+    banks : whether the vehicle leans into its turns and pitches with its climb angle.
+    size : number of segments, of which those beyond it are repetitions (for messages).
 
     Returns
     -------
     Trajectory of round(total duration / dt) + 1 samples.
+
+    Raises
+    ------
+    TrajectoryError
+        If a segment cannot be flown; the message says which and why.
     """
-    rates = np.concatenate([_segment_rates(segment, dt) for segment in segments])
-    # Midpoint values of the rates integrate exactly into values at the samples.
-    heading_t, speed_t, climb_t = (
-        start + np.concatenate([[0.0], np.cumsum(rates[:, i]) * dt])
-        for i, start in enumerate((heading, speed, 0.0))
-    )
+    start = State(np.asarray(position, dtype=float), heading, speed, 0.0)
+    rates, _ = plan(start, segments, dt, size)
+    heading_t, speed_t, climb_t = sample(start, rates, dt)
     samples = len(heading_t)
     turn_at_samples = np.interp(
         np.arange(samples), np.arange(samples - 1) + 0.5, rates[:, 0], left=0.0, right=0.0
     )
-    bank = roll + np.arctan(speed_t * turn_at_samples / 9.81)
-    velocities = np.stack(
-        [
-            speed_t * np.cos(climb_t) * np.sin(heading_t),
-            speed_t * np.cos(climb_t) * np.cos(heading_t),
-            speed_t * np.sin(climb_t),
-        ],
-        axis=-1,
+    if banks:
+        bank = roll + np.arctan(speed_t * turn_at_samples / BANK_GRAVITY)
+        angles = np.stack([heading_t, pitch + climb_t, bank], axis=-1)
+    else:
+        level = np.ones(samples)
+        angles = np.stack([heading_t, pitch * level, roll * level], axis=-1)
+    return _trajectory(start.position, enu(heading_t, speed_t, climb_t), angles, dt)
+
+
+def _trajectory(
+    position: np.ndarray, velocities: np.ndarray, angles: np.ndarray, dt: float
+) -> Trajectory:
+    """Return the truth of velocities and of heading, pitch, roll (N + 1, 3) at the samples."""
+    return Trajectory(
+        np.arange(len(velocities)) * dt,
+        dt,
+        follow(position, velocities, dt),
+        velocities,
+        _attitudes(angles),
     )
-    positions = np.empty((samples, 3))
-    attitudes = np.empty((samples, 3, 3))
-    positions[0] = position
-    for n in range(samples):
-        attitudes[n] = attitude_matrix(heading_t[n], pitch + climb_t[n], bank[n])
-        if n > 0:
-            advance_position(positions[n - 1], velocities[n - 1], velocities[n], dt, positions[n])
-    return Trajectory(np.arange(samples) * dt, dt, positions, velocities, attitudes)
 
 
-def _segment_rates(segment: Segment, dt: float) -> np.ndarray:
-    """Return (N, 3) heading, speed and climb rates at the middle of each interval."""
-    count = max(round(segment.duration / dt), 1)
-    middle = (np.arange(count) + 0.5) * dt
-    # Rates start and end at zero smoothly; the mean over the segment is kept.
-    ramp = min(5.0, 0.5 * segment.duration)
-    edge = np.minimum(middle, count * dt - middle)
-    shape = np.where(edge < ramp, 0.5 * (1.0 - np.cos(math.pi * edge / ramp)), 1.0)
-    shape /= shape.mean()
-    return np.outer(shape, [segment.turn_rate, segment.acceleration, segment.climb_rate])
+@njit(cache=True)
+def _attitudes(angles: np.ndarray) -> np.ndarray:
+    attitudes = np.empty((angles.shape[0], 3, 3))
+    for n in range(angles.shape[0]):
+        attitudes[n] = attitude_matrix(angles[n, 0], angles[n, 1], angles[n, 2])
+    return attitudes

@@ -1,0 +1,404 @@
+"""Tracks of the user's own: a CSV file of positions, checked, and made smooth at the INS rate."""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+import warnings
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from scipy.interpolate import BSpline, CubicSpline, PchipInterpolator, make_smoothing_spline
+
+from .earth import radii_of_curvature
+from .manoeuvres import BANK_GRAVITY, Array, TrajectoryError
+
+FEWEST_ROWS = 5
+FASTEST = 10000.0
+"""Highest speed of a track [m/s]."""
+_GAP = 5.0  # the longest step, in medians, unless the scenario says otherwise
+_STILL = 1.0  # speed below which the heading of the velocity means nothing [m/s]
+_LARGEST_TURN = 90.0  # of an attitude angle from row to row [deg]
+_ALIASES = {
+    "time_s": ("time_s", "time", "t", "t_s", "seconds"),
+    "latitude_deg": ("latitude_deg", "latitude", "lat", "lat_deg"),
+    "longitude_deg": ("longitude_deg", "longitude", "lon", "lng", "long", "lon_deg", "lng_deg"),
+    "height_m": ("height_m", "height", "h", "h_m", "altitude", "altitude_m", "alt", "alt_m"),
+    "heading_deg": ("heading_deg", "heading", "yaw", "yaw_deg"),
+    "pitch_deg": ("pitch_deg", "pitch"),
+    "roll_deg": ("roll_deg", "roll"),
+}
+_REQUIRED = ("time_s", "latitude_deg", "longitude_deg", "height_m")
+_RANGES = {
+    "latitude_deg": (-89.0, 89.0, "degrees"),
+    "longitude_deg": (-180.0, 360.0, "degrees"),
+    "height_m": (-12000.0, 100000.0, "metres"),
+    "heading_deg": (-360.0, 360.0, "degrees"),
+    "pitch_deg": (-85.0, 85.0, "degrees"),
+    "roll_deg": (-180.0, 180.0, "degrees"),
+}
+
+
+@dataclass(frozen=True)
+class TrackLimits:
+    """What a track may look like, and how it is smoothed.
+
+    Attributes
+    ----------
+    gap : longest time between two rows [s]; None for five times the median.
+    acceleration : largest one [m/s²].
+    smoothing : period at which a smoothing halves the amplitude [s]; 0 for none.
+    """
+
+    gap: float | None = None
+    acceleration: float = 50.0
+    smoothing: float = 0.0
+
+
+@dataclass(frozen=True)
+class Track:
+    """Positions over time as twice continuously differentiable functions, and attitudes if known.
+
+    Attributes
+    ----------
+    times : (N,) of the rows, from 0 [s].
+    position : splines of latitude, longitude [rad, without jumps at 180°] and height [m].
+    angles : heading, pitch and roll [rad], each a function of time, None where it is not given.
+    """
+
+    times: Array
+    position: tuple[CubicSpline | BSpline, ...]
+    angles: tuple[PchipInterpolator | None, ...]
+
+
+def read_track(file: str, limits: TrackLimits) -> Track:
+    """Read a track from a CSV file.
+
+    Its first line names the columns: time_s, latitude_deg, longitude_deg and height_m, and heading,
+    pitch and roll in degrees if they are known. Other columns are passed over.
+
+    Parameters
+    ----------
+    file : path. limits : what the track may look like.
+
+    Raises
+    ------
+    TrajectoryError
+        With a sentence that names the file, the line, what was found and what is allowed.
+    """
+    try:
+        status = Path(file).stat()
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not a path"
+        raise TrajectoryError(f"cannot read the track {file}: {reason}") from None
+    return _read_track(file, limits, status.st_mtime_ns, status.st_size)
+
+
+@lru_cache(maxsize=4)
+def _read_track(file: str, limits: TrackLimits, time: int, size: int) -> Track:
+    try:
+        content = Path(file).read_bytes()
+    except OSError as error:
+        raise TrajectoryError(f"cannot read the track {file}: {error.strerror}") from None
+    try:
+        columns, first = _parse(content)
+        return _track(columns, first, limits)
+    except TrajectoryError as error:
+        raise TrajectoryError(f"track {file}: {error}") from None
+
+
+def _parse(content: bytes) -> tuple[dict[str, Array], int]:
+    """Return the known columns of a CSV text, and the number of the line of their first row."""
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = "\0"
+    if "\0" in text:
+        raise TrajectoryError("is not UTF-8 text; it must be a CSV file")
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").rstrip().split("\n")
+    top = next((n for n, line in enumerate(lines) if line.strip() and line[0] != "#"), None)
+    if top is None:
+        raise TrajectoryError("is empty; its first line must name the columns, " + _wanted())
+    separator = max(",;\t", key=lines[top].count)
+    names = [name.strip().strip('"').strip().lower() for name in lines[top].split(separator)]
+    known = _columns(names, top + 1)
+    for n in range(top + 1, len(lines)):
+        if lines[n].count(separator) != len(names) - 1 and '"' not in lines[n]:
+            found = lines[n].count(separator) + 1 if lines[n].strip() else 0
+            hint = (
+                "; a decimal comma is not understood, write 33.5"
+                if separator == "," and found > len(names)
+                else ""
+            )
+            raise TrajectoryError(
+                f"line {n + 1} has {found} fields and line {top + 1} names {len(names)} columns"
+                f"{hint}"
+            )
+    if len(lines) - top - 1 < FEWEST_ROWS:
+        raise TrajectoryError(
+            f"has {len(lines) - top - 1} rows; a track needs at least {FEWEST_ROWS}"
+        )
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            table = pd.read_csv(
+                io.StringIO("\n".join(lines[top + 1 :])),
+                sep=separator,
+                header=None,
+                usecols=list(known.values()),
+                skip_blank_lines=False,
+                skipinitialspace=True,
+                keep_default_na=False,
+                na_values=[""],
+                float_precision="round_trip",
+                low_memory=False,
+            )
+    except ValueError as error:
+        raise TrajectoryError(f"is no table of numbers: {str(error).splitlines()[0]}") from None
+    first = top + 2
+    return {key: _numbers(table[at], key, first) for key, at in known.items()}, first
+
+
+def _columns(names: list[str], line: int) -> dict[str, int]:
+    """Return where the known columns are."""
+    known: dict[str, int] = {}
+    for key, aliases in _ALIASES.items():
+        found = [n for n, name in enumerate(names) if name in aliases]
+        if len(found) > 1:
+            raise TrajectoryError(
+                f"line {line} names {key} twice, '{names[found[0]]}' and '{names[found[1]]}'"
+            )
+        if found:
+            known[key] = found[0]
+    for key in _REQUIRED:
+        if key not in known:
+            shown = ", ".join(name[:20] for name in names[:12])
+            raise TrajectoryError(
+                f"line {line} names no column {key} (found: {shown}); a column may be called "
+                f"{', '.join(_ALIASES[key])}, and other units than those of {key} are not read"
+            )
+    for key in _ALIASES:
+        # A heading in radians, say, must not be passed over as if there were none.
+        stem = key.rpartition("_")[0]
+        other = [n for n in names if re.match(rf"({stem}|yaw)[ _(\[]", n) and stem == "heading"]
+        other += [n for n in names if re.match(rf"{stem}[ _(\[]", n) and stem in ("pitch", "roll")]
+        if key not in known and other:
+            raise TrajectoryError(
+                f"line {line} names a column '{other[0]}', whose unit is not known; it must be "
+                f"called {key} and be in degrees, or have another name altogether"
+            )
+    return known
+
+
+def _wanted() -> str:
+    return f"{', '.join(_REQUIRED)}, and heading_deg, pitch_deg, roll_deg if they are known"
+
+
+def _numbers(column: pd.Series, key: str, first: int) -> Array:
+    """Return a column as finite numbers."""
+    if column.dtype.kind in "iuf":
+        values = column.to_numpy(dtype=float)
+    else:
+        texts = column.astype(str)
+        numbers = pd.to_numeric(texts, errors="coerce")
+        values = numbers.to_numpy(dtype=float)
+        if column.dtype.kind == "b":
+            values = np.full(len(column), np.nan)
+    bad = ~np.isfinite(values)
+    if bad.any():
+        n = int(np.argmax(bad))
+        cell = column.iloc[n]
+        found = "empty" if cell is None or cell != cell else f"'{str(cell)[:40]}'"
+        hint = ""
+        if re.fullmatch(r"\s*[-+]?\d+,\d+\s*", str(cell)):
+            hint = "; a decimal comma is not understood, write 33.5"
+        elif key == "time_s" and re.match(r"\s*\d+[-:/]", str(cell)):
+            hint = "; a date or a time of day is not understood, give seconds"
+        raise TrajectoryError(f"line {first + n}: {key} is {found} and must be a number{hint}")
+    return values
+
+
+def _track(columns: dict[str, Array], first: int, limits: TrackLimits) -> Track:
+    """Check the columns of a track and make it smooth; ``first`` is the line of its first row."""
+    for key, (low, high, unit) in _RANGES.items():
+        if key in columns:
+            bad = (columns[key] < low) | (columns[key] > high)
+            if bad.any():
+                n = int(np.argmax(bad))
+                raise TrajectoryError(
+                    f"line {first + n}: {key} is {columns[key][n]:g} and must lie between {low:g} "
+                    f"and {high:g} {unit}"
+                )
+    latitude, longitude = columns["latitude_deg"], columns["longitude_deg"]
+    times = _times(columns["time_s"], first, limits)
+    longitude = np.unwrap(longitude, period=360.0)
+    position = [np.radians(latitude), np.radians(longitude), columns["height_m"]]
+    _check_speed(times, position, first)
+    splines: list[CubicSpline | BSpline] = []
+    for values in position:
+        if limits.smoothing > 0.0:
+            # Half the amplitude at that period: the integral of squared deviations against
+            # (period / 2π)⁴ times that of the squared second derivative.
+            weights = np.gradient(times)
+            scale = float(np.abs(values - values[0]).max()) or 1.0
+            spline = make_smoothing_spline(
+                times,
+                (values - values[0]) / scale,
+                w=weights,
+                lam=(limits.smoothing / math.tau) ** 4,
+            )
+            splines.append(BSpline(spline.t, spline.c * scale + values[0], spline.k))
+        else:
+            splines.append(CubicSpline(times, values))
+    _check_acceleration(times, splines, first, limits)
+    angles = []
+    for key in ("heading_deg", "pitch_deg", "roll_deg"):
+        if key not in columns:
+            angles.append(None)
+            continue
+        unwrapped = np.unwrap(columns[key], period=360.0)
+        turn = np.abs(np.diff(unwrapped))
+        if turn.max() > _LARGEST_TURN:
+            n = int(np.argmax(turn > _LARGEST_TURN)) + 1
+            raise TrajectoryError(
+                f"line {first + n}: {key} turns by {turn[n - 1]:g}° from the line before; at most "
+                f"{_LARGEST_TURN:g}° are allowed from line to line"
+            )
+        angles.append(PchipInterpolator(times, np.radians(unwrapped)))
+    return Track(times, tuple(splines), tuple(angles))
+
+
+def _times(times: Array, first: int, limits: TrackLimits) -> Array:
+    """Return the times from zero, which increase without a gap."""
+    steps = np.diff(times)
+    if (steps <= 0.0).any():
+        n = int(np.argmax(steps <= 0.0)) + 1
+        raise TrajectoryError(
+            f"line {first + n}: time_s is {times[n]:.10g} after {times[n - 1]:.10g} in the line "
+            "before; times must increase from line to line"
+        )
+    median = float(np.median(steps))
+    allowed = _GAP * median if limits.gap is None else limits.gap
+    if steps.max() > allowed * (1.0 + 1e-9):
+        n = int(np.argmax(steps > allowed * (1.0 + 1e-9))) + 1
+        rule = f"{_GAP:g} times the median" if limits.gap is None else "max_gap_s"
+        raise TrajectoryError(
+            f"line {first + n}: comes {steps[n - 1]:g} s after the line before; at most "
+            f"{allowed:g} s ({rule}) are allowed"
+            + ("; set max_gap_s to allow more" if limits.gap is None else "")
+        )
+    return np.asarray(times - times[0])
+
+
+def _check_speed(times: Array, position: list[Array], first: int) -> None:
+    """Raise TrajectoryError at a jump."""
+    middle = [0.5 * (p[1:] + p[:-1]) for p in position]
+    meridian, prime_vertical = radii_of_curvature(middle[0])
+    north = (meridian + middle[2]) * np.diff(position[0])
+    east = (prime_vertical + middle[2]) * np.cos(middle[0]) * np.diff(position[1])
+    speed = np.sqrt(north**2 + east**2 + np.diff(position[2]) ** 2) / np.diff(times)
+    if speed.max() > FASTEST:
+        n = int(np.argmax(speed > FASTEST)) + 1
+        raise TrajectoryError(
+            f"line {first + n}: lies {speed[n - 1] * (times[n] - times[n - 1]):.4g} m from the line"
+            f" before, {speed[n - 1]:.4g} m/s; at most {FASTEST:g} m/s are allowed"
+        )
+
+
+def _check_acceleration(
+    times: Array, splines: list[CubicSpline | BSpline], first: int, limits: TrackLimits
+) -> None:
+    """Raise TrajectoryError where the splines ask for too much; it is largest at their knots."""
+    _, acceleration = _motion(splines, times)
+    size = np.sqrt((acceleration**2).sum(axis=-1))
+    if size.max() > limits.acceleration:
+        n = int(np.argmax(size))
+        raise TrajectoryError(
+            f"line {first + n}: the positions around it ask for an acceleration of "
+            f"{size[n]:.4g} m/s²; at most {limits.acceleration:g} m/s² (max_acceleration_mps2) "
+            "are allowed: there is a jump, or noise, which smoothing_s would take away"
+        )
+
+
+def _motion(splines: list[CubicSpline | BSpline], times: Array) -> tuple[Array, Array]:
+    """Return velocity and acceleration (N, 3) ENU, the latter without terms of the earth's turn."""
+    latitude, height = (np.asarray(splines[i](times)) for i in (0, 2))
+    meridian, prime_vertical = radii_of_curvature(latitude)
+    scale = np.stack(
+        [
+            (prime_vertical + height) * np.cos(latitude),
+            meridian + height,
+            np.ones_like(height),
+        ],
+        axis=-1,
+    )
+    order = [splines[1], splines[0], splines[2]]
+    velocity = scale * np.stack([s.derivative(1)(times) for s in order], axis=-1)
+    acceleration = scale * np.stack([s.derivative(2)(times) for s in order], axis=-1)
+    # Meridians converge: the scale of longitude changes on the way north.
+    acceleration[:, 0] -= velocity[:, 0] * velocity[:, 1] * np.tan(latitude) / scale[:, 1]
+    return velocity, acceleration
+
+
+def resample(
+    track: Track, dt: float, pitch: float, roll: float, banks: bool
+) -> tuple[Array, Array, Array]:
+    """Return what the truth of a track is made of, at the INS rate.
+
+    Velocities are those of the splines. Positions follow from them by the mechanization's rule and
+    stay with the splines, because the midpoint rule's errors cancel from step to step.
+
+    Parameters
+    ----------
+    track : as read. dt : sampling interval [s].
+    pitch, roll : added to those of coordinated flight where the track gives none [rad].
+    banks : whether the vehicle leans into its turns and pitches with its climb angle.
+
+    Returns
+    -------
+    The first position (3,) [rad, rad, m], velocities (N, 3) ENU [m/s], and heading, pitch and roll
+    (N, 3) [rad].
+
+    Raises
+    ------
+    TrajectoryError
+        If the heading cannot be told from the velocity.
+    """
+    times = np.arange(math.floor(track.times[-1] / dt + 1e-9) + 1) * dt
+    times = np.minimum(times, track.times[-1])
+    velocity, acceleration = _motion(list(track.position), times)
+    given = [None if angle is None else np.asarray(angle(times)) for angle in track.angles]
+    speed = np.hypot(velocity[:, 0], velocity[:, 1])
+    if given[0] is None:
+        moving = speed > _STILL
+        if not moving.any():
+            raise TrajectoryError(
+                f"the track never exceeds {_STILL:g} m/s, and has no heading; give it a column "
+                "heading_deg"
+            )
+        heading = np.unwrap(np.arctan2(velocity[moving, 0], velocity[moving, 1]))
+        given[0] = np.interp(times, times[moving], heading)
+    sideways = (velocity[:, 1] * acceleration[:, 0] - velocity[:, 0] * acceleration[:, 1]) / (
+        np.maximum(speed, _STILL)
+    )
+    if given[1] is None:
+        climb = np.arctan2(velocity[:, 2], np.maximum(speed, _STILL))
+        given[1] = pitch + climb if banks else np.full(len(times), pitch)
+    if given[2] is None:
+        bank = np.arctan(sideways / BANK_GRAVITY)
+        given[2] = roll + bank if banks else np.full(len(times), roll)
+    angles = np.stack([np.asarray(angle) for angle in given], axis=-1)
+    turn = np.abs(np.diff(angles, axis=0)).max(axis=-1)
+    if turn.max() > 0.5:
+        n = int(np.argmax(turn))
+        raise TrajectoryError(
+            f"the track turns by {math.degrees(turn[n]):.3g}° within one IMU interval at "
+            f"{times[n]:g} s, and at most 28° are allowed; give it columns of attitude, or "
+            "smooth it (smoothing_s)"
+        )
+    start = np.array([float(spline(0.0)) for spline in track.position])
+    return start, velocity, angles
