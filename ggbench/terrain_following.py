@@ -27,6 +27,7 @@ from .errors import GGBenchError
 from .manoeuvres import Array, State, TrajectoryError, enu, follow
 
 _STEP = 0.1  # of the plan [s]
+_LONGEST = 36000.0  # [s]
 _BLUR = 2.0  # half the width of the moving average, a raised cosine [s]
 
 
@@ -68,6 +69,10 @@ class TerrainFollowing:
                 "must begin in level flight with a speed, and there the climb angle is "
                 f"{math.degrees(start.climb):g}° and the speed {start.speed:g} m/s"
             )
+        if count * dt > _LONGEST:
+            raise TrajectoryError(
+                f"lasts {count * dt:g} s; terrain can be followed for {_LONGEST:g} s at most"
+            )
         times = np.arange(count + 1) * dt
         steps = math.ceil(times[-1] / _STEP)
         step = times[-1] / steps
@@ -108,9 +113,10 @@ def heights(name: str, latitude: Array, longitude: Array) -> Array:
     """
     south, west, latitude_step, longitude_step, grid = _terrain(name, _version(name))
     row = (np.degrees(latitude) - south) / latitude_step
-    column = np.mod(np.degrees(longitude) - west + 1e-9, 360.0) / longitude_step
+    rounding = 1e-9
+    column = (np.mod(np.degrees(longitude) - west + rounding, 360.0) - rounding) / longitude_step
     rows, columns = grid.shape
-    outside = (row < 0.0) | (row > rows - 1) | (column > columns - 1)
+    outside = (row < -rounding) | (row > rows - 1 + rounding) | (column > columns - 1 + rounding)
     if outside.any():
         n = int(np.argmax(outside))
         raise TrajectoryError(
@@ -119,8 +125,8 @@ def heights(name: str, latitude: Array, longitude: Array) -> Array:
             f"{south + (rows - 1) * latitude_step:.3f}° N, {west:.3f}° to "
             f"{west + (columns - 1) * longitude_step:.3f}° E"
         )
-    i = np.minimum(row.astype(int), rows - 2)
-    j = np.minimum(column.astype(int), columns - 2)
+    i = np.clip(row.astype(int), 0, rows - 2)
+    j = np.clip(column.astype(int), 0, columns - 2)
     u, v = row - i, column - j
     height = (1.0 - u) * ((1.0 - v) * grid[i, j] + v * grid[i, j + 1]) + u * (
         (1.0 - v) * grid[i + 1, j] + v * grid[i + 1, j + 1]
@@ -174,7 +180,7 @@ def _profile(floor: Array, height: float, step: float, slope: float, acceleratio
     """Return heights (N,) above a floor (N,) that begin at a height and begin and end level."""
     # Level flight beyond both ends, within them for as long as the moving average sees.
     flat = min(round(_BLUR / step) + 2, len(floor) // 3)
-    edge = round(2.0 * slope / acceleration / step) + flat + 2
+    edge = flat + 2
     blur = 0.5 * (1.0 + np.cos(math.pi * np.linspace(-1.0, 1.0, 2 * flat - 1)))
     blur /= blur.sum()
     # A mean of a curve lies below it by half its curvature times the variance of the weights.
@@ -234,25 +240,38 @@ def _limited(floor: Array, step: float, slope: float, acceleration: float) -> Ar
         lifted[n] = max(lifted[n], lifted[n - 1] - fall)
     for n in range(count - 2, -1, -1):
         lifted[n] = max(lifted[n], lifted[n + 1] - fall)
-    # Where a parabola is steeper than the slope limit it touches nothing.
-    dilated = np.empty(count)
-    half = 0.25 * acceleration * step * step
-    reach = int(slope / (0.5 * acceleration * step)) + 1
-    for n in range(count):
-        best = lifted[n]
-        for m in range(max(0, n - reach), min(count, n + reach + 1)):
-            value = lifted[m] - half * (n - m) ** 2
-            if value > best:
-                best = value
-        dilated[n] = best
+    curvature = 0.5 * acceleration * step * step
+    dilated = -_envelope(-lifted, 0.5 * curvature)
+    return _envelope(dilated, curvature)
+
+
+@njit(cache=True)
+def _envelope(values: Array, curvature: float) -> Array:
+    """Return min over m of values[m] + curvature (n − m)² for every n (N,), in linear time.
+
+    Felzenszwalb and Huttenlocher (2012): the parabolas that are lowest somewhere, from left to
+    right, and where each begins to be.
+    """
+    count = values.shape[0]
+    lowest = np.zeros(count, dtype=np.int64)
+    begins = np.empty(count)
+    last = 0
+    begins[0] = -np.inf
+    for n in range(1, count):
+        while True:
+            m = lowest[last]
+            crossing = 0.5 * ((values[n] - values[m]) / (curvature * (n - m)) + (n + m))
+            if crossing > begins[last]:
+                break
+            last -= 1
+        last += 1
+        lowest[last] = n
+        begins[last] = crossing
     out = np.empty(count)
-    full = 0.5 * acceleration * step * step
-    reach = int(slope / (acceleration * step)) + 1
+    at = 0
     for n in range(count):
-        best = dilated[n]
-        for m in range(max(0, n - reach), min(count, n + reach + 1)):
-            value = dilated[m] + full * (n - m) ** 2
-            if value < best:
-                best = value
-        out[n] = best
+        while at < last and begins[at + 1] < n:
+            at += 1
+        m = lowest[at]
+        out[n] = values[m] + curvature * (n - m) ** 2
     return out

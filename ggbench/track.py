@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import io
 import math
 import re
@@ -12,7 +13,9 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from scipy.interpolate import BSpline, CubicSpline, PchipInterpolator, make_smoothing_spline
+from numba import njit
+from scipy.interpolate import CubicSpline, PchipInterpolator
+from scipy.linalg import solveh_banded
 
 from .earth import radii_of_curvature
 from .manoeuvres import BANK_GRAVITY, Array, TrajectoryError
@@ -22,6 +25,7 @@ FASTEST = 10000.0
 """Highest speed of a track [m/s]."""
 _GAP = 5.0  # the longest step, in medians, unless the scenario says otherwise
 _STILL = 1.0  # speed below which the heading of the velocity means nothing [m/s]
+_WIDEST = 1000.0  # smoothing, in medians of the step: beyond it rounding shows
 _LARGEST_TURN = 90.0  # of an attitude angle from row to row [deg]
 _ALIASES = {
     "time_s": ("time_s", "time", "t", "t_s", "seconds"),
@@ -71,7 +75,7 @@ class Track:
     """
 
     times: Array
-    position: tuple[CubicSpline | BSpline, ...]
+    position: tuple[CubicSpline, ...]
     angles: tuple[PchipInterpolator | None, ...]
 
 
@@ -119,19 +123,20 @@ def _parse(content: bytes) -> tuple[dict[str, Array], int]:
         text = "\0"
     if "\0" in text:
         raise TrajectoryError("is not UTF-8 text; it must be a CSV file")
+    text = text.replace('"', "")  # around fields; none of those that count needs them
     lines = text.replace("\r\n", "\n").replace("\r", "\n").rstrip().split("\n")
     top = next((n for n, line in enumerate(lines) if line.strip() and line[0] != "#"), None)
     if top is None:
         raise TrajectoryError("is empty; its first line must name the columns, " + _wanted())
     separator = max(",;\t", key=lines[top].count)
-    names = [name.strip().strip('"').strip().lower() for name in lines[top].split(separator)]
+    names = [name.strip().lower() for name in lines[top].split(separator)]
     known = _columns(names, top + 1)
     for n in range(top + 1, len(lines)):
-        if lines[n].count(separator) != len(names) - 1 and '"' not in lines[n]:
+        if lines[n].count(separator) != len(names) - 1:
             found = lines[n].count(separator) + 1 if lines[n].strip() else 0
             hint = (
                 "; a decimal comma is not understood, write 33.5"
-                if separator == "," and found > len(names)
+                if separator == "," and found >= 2 * len(names) - 1
                 else ""
             )
             raise TrajectoryError(
@@ -156,11 +161,22 @@ def _parse(content: bytes) -> tuple[dict[str, Array], int]:
                 na_values=[""],
                 float_precision="round_trip",
                 low_memory=False,
+                quoting=csv.QUOTE_NONE,
             )
     except ValueError as error:
         raise TrajectoryError(f"is no table of numbers: {str(error).splitlines()[0]}") from None
     first = top + 2
-    return {key: _numbers(table[at], key, first) for key, at in known.items()}, first
+    columns = {key: _numbers(table[at], key, first) for key, at in known.items()}
+    bare = {"latitude", "lat", "longitude", "lon", "lng", "long"}.intersection(names)
+    if bare and all(
+        np.abs(columns[key]).max() <= limit
+        for key, limit in (("latitude_deg", 0.5 * math.pi), ("longitude_deg", math.pi))
+    ):
+        raise TrajectoryError(
+            "all of latitude and longitude could be radians; if they are degrees, name the columns "
+            f"latitude_deg and longitude_deg instead of '{min(bare)}'"
+        )
+    return columns, first
 
 
 def _columns(names: list[str], line: int) -> dict[str, int]:
@@ -181,15 +197,12 @@ def _columns(names: list[str], line: int) -> dict[str, int]:
                 f"line {line} names no column {key} (found: {shown}); a column may be called "
                 f"{', '.join(_ALIASES[key])}, and other units than those of {key} are not read"
             )
-    for key in _ALIASES:
-        # A heading in radians, say, must not be passed over as if there were none.
-        stem = key.rpartition("_")[0]
-        other = [n for n in names if re.match(rf"({stem}|yaw)[ _(\[]", n) and stem == "heading"]
-        other += [n for n in names if re.match(rf"{stem}[ _(\[]", n) and stem in ("pitch", "roll")]
-        if key not in known and other:
+    for name in names:
+        # A heading in radians must not be passed over as if there were none.
+        if re.match(r"(heading|yaw|pitch|roll)\W*_?(m?rad|gon|grad|mil)", name):
             raise TrajectoryError(
-                f"line {line} names a column '{other[0]}', whose unit is not known; it must be "
-                f"called {key} and be in degrees, or have another name altogether"
+                f"line {line} names a column '{name}'; heading, pitch and roll are read in degrees "
+                "(heading_deg, pitch_deg, roll_deg)"
             )
     return known
 
@@ -238,22 +251,16 @@ def _track(columns: dict[str, Array], first: int, limits: TrackLimits) -> Track:
     longitude = np.unwrap(longitude, period=360.0)
     position = [np.radians(latitude), np.radians(longitude), columns["height_m"]]
     _check_speed(times, position, first)
-    splines: list[CubicSpline | BSpline] = []
+    if limits.smoothing > _WIDEST * float(np.median(np.diff(times))):
+        raise TrajectoryError(
+            f"smoothing_s is {limits.smoothing:g} and must not exceed {_WIDEST:g} times the median "
+            f"step, {_WIDEST * float(np.median(np.diff(times))):g} s"
+        )
+    splines: list[CubicSpline] = []
     for values in position:
         if limits.smoothing > 0.0:
-            # Half the amplitude at that period: the integral of squared deviations against
-            # (period / 2π)⁴ times that of the squared second derivative.
-            weights = np.gradient(times)
-            scale = float(np.abs(values - values[0]).max()) or 1.0
-            spline = make_smoothing_spline(
-                times,
-                (values - values[0]) / scale,
-                w=weights,
-                lam=(limits.smoothing / math.tau) ** 4,
-            )
-            splines.append(BSpline(spline.t, spline.c * scale + values[0], spline.k))
-        else:
-            splines.append(CubicSpline(times, values))
+            values = _smooth(times, values, limits.smoothing)
+        splines.append(CubicSpline(times, values))
     _check_acceleration(times, splines, first, limits)
     angles = []
     for key in ("heading_deg", "pitch_deg", "roll_deg"):
@@ -270,6 +277,40 @@ def _track(columns: dict[str, Array], first: int, limits: TrackLimits) -> Track:
             )
         angles.append(PchipInterpolator(times, np.radians(unwrapped)))
     return Track(times, tuple(splines), tuple(angles))
+
+
+def _smooth(times: Array, values: Array, period: float) -> Array:
+    """Return values (N,) of a cubic smoothing spline that halves the amplitude at a period.
+
+    The integral of the squared deviations and (period / 2π)⁴ times that of the squared second
+    derivative are least together; Reinsch (1967), solved for the second derivatives at the inner
+    points.
+    """
+    steps = np.diff(times)
+    inverse = (period / math.tau) ** 4 / np.gradient(times)
+    left, right = 1.0 / steps[:-1], 1.0 / steps[1:]
+    centre = -left - right
+    bands = np.zeros((3, len(times) - 2))
+    bands[2] = (steps[:-1] + steps[1:]) / 3.0 + (
+        left**2 * inverse[:-2] + centre**2 * inverse[1:-1] + right**2 * inverse[2:]
+    )
+    bands[1, 1:] = steps[1:-1] / 6.0 + (
+        centre[:-1] * left[1:] * inverse[1:-2] + right[:-1] * centre[1:] * inverse[2:-1]
+    )
+    bands[0, 2:] = right[:-2] * left[2:] * inverse[2:-2]
+    bend = left * values[:-2] + centre * values[1:-1] + right * values[2:]
+    try:
+        second = solveh_banded(bands, bend)
+    except np.linalg.LinAlgError:
+        raise TrajectoryError(
+            f"smoothing_s is {period:g}, too wide for steps as short as {steps.min():.3g} s; "
+            "smooth less, or leave out lines that are close together"
+        ) from None
+    change = np.zeros(len(times))
+    change[:-2] += left * second
+    change[1:-1] += centre * second
+    change[2:] += right * second
+    return np.asarray(values - inverse * change)
 
 
 def _times(times: Array, first: int, limits: TrackLimits) -> Array:
@@ -297,7 +338,7 @@ def _times(times: Array, first: int, limits: TrackLimits) -> Array:
 def _check_speed(times: Array, position: list[Array], first: int) -> None:
     """Raise TrajectoryError at a jump."""
     middle = [0.5 * (p[1:] + p[:-1]) for p in position]
-    meridian, prime_vertical = radii_of_curvature(middle[0])
+    meridian, prime_vertical = _radii(middle[0])
     north = (meridian + middle[2]) * np.diff(position[0])
     east = (prime_vertical + middle[2]) * np.cos(middle[0]) * np.diff(position[1])
     speed = np.sqrt(north**2 + east**2 + np.diff(position[2]) ** 2) / np.diff(times)
@@ -310,7 +351,7 @@ def _check_speed(times: Array, position: list[Array], first: int) -> None:
 
 
 def _check_acceleration(
-    times: Array, splines: list[CubicSpline | BSpline], first: int, limits: TrackLimits
+    times: Array, splines: list[CubicSpline], first: int, limits: TrackLimits
 ) -> None:
     """Raise TrajectoryError where the splines ask for too much; it is largest at their knots."""
     _, acceleration = _motion(splines, times)
@@ -324,10 +365,10 @@ def _check_acceleration(
         )
 
 
-def _motion(splines: list[CubicSpline | BSpline], times: Array) -> tuple[Array, Array]:
+def _motion(splines: list[CubicSpline], times: Array) -> tuple[Array, Array]:
     """Return velocity and acceleration (N, 3) ENU, the latter without terms of the earth's turn."""
     latitude, height = (np.asarray(splines[i](times)) for i in (0, 2))
-    meridian, prime_vertical = radii_of_curvature(latitude)
+    meridian, prime_vertical = _radii(latitude)
     scale = np.stack(
         [
             (prime_vertical + height) * np.cos(latitude),
@@ -344,13 +385,23 @@ def _motion(splines: list[CubicSpline | BSpline], times: Array) -> tuple[Array, 
     return velocity, acceleration
 
 
+@njit(cache=True)
+def _radii(latitude: Array) -> Array:
+    """Return the radii of curvature (2, N) [m] at latitudes (N,) [rad]."""
+    radii = np.empty((2, latitude.shape[0]))
+    for n in range(latitude.shape[0]):
+        radii[0, n], radii[1, n] = radii_of_curvature(latitude[n])
+    return radii
+
+
 def resample(
     track: Track, dt: float, pitch: float, roll: float, banks: bool
 ) -> tuple[Array, Array, Array]:
     """Return what the truth of a track is made of, at the INS rate.
 
-    Velocities are those of the splines. Positions follow from them by the mechanization's rule and
-    stay with the splines, because the midpoint rule's errors cancel from step to step.
+    Velocities are those of cubic splines with a knot at every sample. Positions follow from them by
+    the mechanization's rule and stay with the track: of a cubic, the midpoint rule misses
+    dt² (a_{n+1} - a_n) / 12 in a step, which cancels from step to step and leaves dt² a / 12.
 
     Parameters
     ----------
@@ -369,16 +420,21 @@ def resample(
         If the heading cannot be told from the velocity.
     """
     times = np.arange(math.floor(track.times[-1] / dt + 1e-9) + 1) * dt
-    times = np.minimum(times, track.times[-1])
-    velocity, acceleration = _motion(list(track.position), times)
+    if len(times) < 2:
+        raise TrajectoryError(
+            f"lasts {track.times[-1]:g} s, less than one IMU interval of {dt:g} s"
+        )
+    # New splines through the values at the samples: those of rows denser than the samples would
+    # leave a random walk.
+    positions = [np.asarray(s(np.minimum(times, track.times[-1]))) for s in track.position]
+    velocity, acceleration = _motion([CubicSpline(times, p) for p in positions], times)
     given = [None if angle is None else np.asarray(angle(times)) for angle in track.angles]
     speed = np.hypot(velocity[:, 0], velocity[:, 1])
     if given[0] is None:
         moving = speed > _STILL
         if not moving.any():
             raise TrajectoryError(
-                f"the track never exceeds {_STILL:g} m/s, and has no heading; give it a column "
-                "heading_deg"
+                f"never exceeds {_STILL:g} m/s, and has no heading; give it a column heading_deg"
             )
         heading = np.unwrap(np.arctan2(velocity[moving, 0], velocity[moving, 1]))
         given[0] = np.interp(times, times[moving], heading)
@@ -396,9 +452,9 @@ def resample(
     if turn.max() > 0.5:
         n = int(np.argmax(turn))
         raise TrajectoryError(
-            f"the track turns by {math.degrees(turn[n]):.3g}° within one IMU interval at "
+            f"turns by {math.degrees(turn[n]):.3g}° within one IMU interval at "
             f"{times[n]:g} s, and at most 28° are allowed; give it columns of attitude, or "
             "smooth it (smoothing_s)"
         )
-    start = np.array([float(spline(0.0)) for spline in track.position])
+    start = np.array([p[0] for p in positions])
     return start, velocity, angles

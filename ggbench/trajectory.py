@@ -13,7 +13,17 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from .manoeuvres import BANK_GRAVITY, Manoeuvre, Segment, State, enu, follow, plan, sample
+from .manoeuvres import (
+    BANK_GRAVITY,
+    Manoeuvre,
+    Segment,
+    State,
+    TrajectoryError,
+    enu,
+    follow,
+    plan,
+    sample,
+)
 from .strapdown import attitude_matrix
 from .track import read_track, resample
 from .trajectory_schema import TrajectorySpec
@@ -59,7 +69,10 @@ def from_spec(spec: TrajectorySpec, dt: float) -> Trajectory:
             banks=spec.vehicle == "aircraft", size=len(spec.segment),
         )  # fmt: skip
     track = read_track(spec.file, spec.track_limits())
-    position, velocities, angles = resample(track, dt, pitch, roll, spec.vehicle == "aircraft")
+    try:
+        position, velocities, angles = resample(track, dt, pitch, roll, spec.vehicle == "aircraft")
+    except TrajectoryError as error:
+        raise TrajectoryError(f"track {spec.file}: {error}") from None
     return _trajectory(position, velocities, angles, dt)
 
 
