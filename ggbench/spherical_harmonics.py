@@ -5,8 +5,9 @@ one degree higher (Cunningham 1970; Petrovskaya and Vershkov 2010). So each Cart
 the gravity vector and of the gradient tensor is a series with coefficients of its own, and all
 are summed with the same Legendre functions: no derivative of a Legendre function is formed, nothing
 is divided by cos(latitude), and the poles are points like any other. Legendre functions come from
-the standard forward column recursion, which neither overflows nor loses digits by underflow up to
-about degree 1900 at any latitude (Holmes and Featherstone 2002).
+the standard forward column recursion. Above degree 1900 or so it would underflow near the poles
+(Holmes and Featherstone 2002), so numbers too small for double precision carry an exponent of their
+own (Fukushima 2012): the synthesis is sound to any degree.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from .earth import (
@@ -28,6 +30,12 @@ from .earth import (
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
+
+_BLOCK = 2**24  # numbers in the largest array of a synthesis: 128 MB; more circles go in turns
+# Numbers below 2^-480 are kept as x * 2^(960 e), e < 0. Powers of two change no digit.
+_TINY = 2.0**-480
+_HUGE = 2.0**480
+_RADIX = 2.0**960
 
 
 @dataclass(frozen=True)
@@ -48,6 +56,18 @@ class HarmonicCoefficients:
     cosine: Array
     sine: Array
 
+    @property
+    def degree(self) -> int:
+        """The highest degree."""
+        return len(self.cosine) - 1
+
+    def between(self, lowest: int, highest: int) -> HarmonicCoefficients:
+        """The same without the degrees below ``lowest`` and above ``highest``."""
+        size = min(highest, self.degree) + 1
+        cosine, sine = self.cosine[:size, :size].copy(), self.sine[:size, :size].copy()
+        cosine[:lowest], sine[:lowest] = 0.0, 0.0
+        return HarmonicCoefficients(self.gm, self.radius, cosine, sine)
+
 
 def without_normal_field(coefficients: HarmonicCoefficients) -> HarmonicCoefficients:
     """Coefficients of the disturbing potential: less the even zonals J2..J12 of WGS84.
@@ -56,7 +76,7 @@ def without_normal_field(coefficients: HarmonicCoefficients) -> HarmonicCoeffici
     """
     cosine, sine = coefficients.cosine.copy(), coefficients.sine.copy()
     scale = GM / coefficients.gm
-    for n, zonal in zip(range(2, 2 * EVEN_ZONALS.size + 1, 2), EVEN_ZONALS, strict=True):
+    for n, zonal in zip(range(2, len(cosine), 2), EVEN_ZONALS, strict=False):
         fully_normalised = -zonal / np.sqrt(2 * n + 1)
         cosine[n, 0] -= scale * (SEMI_MAJOR_AXIS / coefficients.radius) ** n * fully_normalised
     cosine[:2], sine[:2] = 0.0, 0.0
@@ -78,7 +98,7 @@ def potential(
     -------
     Shape (n_lat, n_lon, n_h).
     """
-    series = _complex(coefficients)[np.newaxis]
+    series = _complex(coefficients).T[:, np.newaxis]
     values = _synthesis(series, coefficients.radius, latitude, longitude, height)
     return coefficients.gm / coefficients.radius * values[0]
 
@@ -101,14 +121,16 @@ def gravity_and_gradient(
     geodetic (not the geocentric) local level.
     """
     c = _complex(coefficients)
-    x, y, z = (_derivative(c, axis) for axis in "xyz")
-    second = [
-        _derivative(first, axis)
-        for first, axis in ((x, "x"), (x, "y"), (x, "z"), (y, "y"), (y, "z"), (z, "z"))
-    ]
-    series = np.zeros((9, *second[0].shape), dtype=np.complex128)
-    series[:3, :-1, :-1] = x, y, z
-    series[3:] = second
+    size = len(c) + 2
+    series = np.zeros((size, 9, size), dtype=np.complex128)
+    pairs = {"x": "xyz", "y": "yz", "z": "z"}  # xx, xy, xz, yy, yz, zz
+    place = 3
+    for index, (axis, others) in enumerate(pairs.items()):
+        first = _derivative(c, axis)
+        series[:-1, index, :-1] = first.T
+        for other in others:
+            series[:, place] = _derivative(first, other).T
+            place += 1
     values = _synthesis(series, coefficients.radius, latitude, longitude, height)
 
     C_ne = _ecef_to_enu(np.asarray(latitude, dtype=float), np.asarray(longitude, dtype=float))
@@ -169,7 +191,8 @@ def _synthesis(
 ) -> Array:
     """Real part of the sum of c_nm (R/r)^(n+1) P_nm exp(i m lon) for several series at once.
 
-    Takes series of shape (n_series, N + 1, N + 1), returns shape (n_series, n_lat, n_lon, n_h).
+    Takes series of shape (N + 1, n_series, N + 1), order before degree; returns shape
+    (n_series, n_lat, n_lon, n_h).
     """
     lat = np.asarray(latitude, dtype=float)[:, np.newaxis]
     lon = np.asarray(longitude, dtype=float)
@@ -179,17 +202,22 @@ def _synthesis(
     from_equator = ((prime_vertical * (1.0 - ECCENTRICITY_SQUARED) + h) * np.sin(lat)).ravel()
     r = np.hypot(from_axis, from_equator)
 
-    n_series, size, _ = series.shape
-    powers = (radius / r) ** np.arange(1, size + 1)[:, np.newaxis]
-    per_order = np.empty((size, 2, n_series, r.size))
-    for m, legendre in enumerate(_legendre_columns(size - 1, from_equator / r, from_axis / r)):
-        legendre *= powers[m:]
-        per_order[m, 0] = series[:, m:, m].real @ legendre
-        per_order[m, 1] = -series[:, m:, m].imag @ legendre
-
+    size, n_series, _ = series.shape
     angle = np.arange(size)[:, np.newaxis] * lon
     harmonics = np.stack((np.cos(angle), np.sin(angle)), axis=1).reshape(2 * size, lon.size)
-    values = per_order.reshape(2 * size, -1).T @ harmonics
+    values = np.empty((n_series, r.size, lon.size))
+    circles = max(1, _BLOCK // (2 * n_series * size))
+    for first in range(0, r.size, circles):
+        block = slice(first, first + circles)
+        sine, cosine = from_equator[block] / r[block], from_axis[block] / r[block]
+        powers = (radius / r[block]) ** np.arange(1, size + 1)[:, np.newaxis]
+        per_order = np.empty((size, 2, n_series, sine.size))
+        for m, legendre in enumerate(_legendre_columns(size - 1, sine, cosine)):
+            legendre *= powers[m:]
+            per_order[m, 0] = series[m, :, m:].real @ legendre
+            per_order[m, 1] = -series[m, :, m:].imag @ legendre
+        summed = per_order.reshape(2 * size, -1).T @ harmonics
+        values[:, block] = summed.reshape(n_series, sine.size, lon.size)
     return np.swapaxes(values.reshape(n_series, len(lat), h.size, lon.size), 2, 3)
 
 
@@ -198,20 +226,60 @@ def _legendre_columns(degree: int, sine: Array, cosine: Array) -> Iterator[Array
 
     ``sine`` and ``cosine`` are those of the geocentric latitude, shape (n_points,).
     """
-    sectorial = np.ones_like(sine)
+    sectorial, exponent = np.ones_like(sine), np.zeros(sine.size, np.int64)
     for m in range(degree + 1):
         if m > 0:
             sectorial = sectorial * cosine * np.sqrt((2 * m + 1) / (2 * m) if m > 1 else 3.0)
-        column = np.empty((degree - m + 1, sine.size))
-        column[0] = sectorial
-        if m < degree:
-            column[1] = np.sqrt(2 * m + 3) * sine * sectorial
+            tiny = np.abs(sectorial) < _TINY
+            sectorial[tiny] *= _RADIX
+            exponent[tiny] -= 1
         n = np.arange(m + 2, degree + 1, dtype=float)
         a = np.sqrt((2 * n - 1) * (2 * n + 1) / ((n - m) * (n + m)))
         b = np.sqrt((2 * n + 1) * (n + m - 1) * (n - m - 1) / ((n - m) * (n + m) * (2 * n - 3)))
-        for i in range(len(n)):
-            column[i + 2] = a[i] * sine * column[i + 1] - b[i] * column[i]
+        column = np.empty((degree - m + 1, sine.size))
+        _fill_column(sine, sectorial, exponent, np.sqrt(2.0 * m + 3.0), a, b, column)
         yield column
+
+
+@njit(cache=True, nogil=True)
+def _fill_column(
+    sine: np.ndarray,
+    sectorial: np.ndarray,
+    exponent: np.ndarray,
+    first: float,
+    a: np.ndarray,
+    b: np.ndarray,
+    column: np.ndarray,
+) -> None:
+    """Fill P_nm of one order for all points; what is below 2^-480 and grows later is zero.
+
+    The sectorial functions are ``sectorial * 2^(960 exponent)``.
+    """
+    rows, points = column.shape
+    old, new = np.empty(points), np.empty(points)
+    power = exponent.copy()
+    pending = 0
+    for p in range(points):
+        old[p] = sectorial[p]
+        new[p] = first * sine[p] * sectorial[p]
+        pending += power[p] < 0
+        column[0, p] = old[p] if power[p] == 0 else 0.0
+    for i in range(1, rows):
+        if i > 1:
+            for p in range(points):
+                value = a[i - 2] * sine[p] * new[p] - b[i - 2] * old[p]
+                old[p] = new[p]
+                new[p] = value
+        if pending == 0:
+            column[i] = new
+            continue
+        for p in range(points):
+            while power[p] < 0 and abs(new[p]) > _HUGE:
+                old[p] /= _RADIX
+                new[p] /= _RADIX
+                power[p] += 1
+                pending -= power[p] == 0
+            column[i, p] = new[p] if power[p] == 0 else 0.0
 
 
 def _ecef_to_enu(latitude: Array, longitude: Array) -> Array:
