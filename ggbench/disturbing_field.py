@@ -1,11 +1,7 @@
-"""The disturbing field of a source of real data, by remove, compute and restore.
+"""The disturbing field of a region for which the package carries data.
 
-The steps (Hofmann-Wellenhof and Moritz 2006, ch. 8):
-
-1. the geoid of the source becomes the disturbing potential at the ellipsoid by Bruns' formula;
-2. the synthesis of the harmonic coefficients of low degree is removed;
-3. the residual is continued upwards as a Fourier series in latitude and longitude;
-4. the coefficients of low degree are restored exactly at altitude.
+Geoid and harmonic coefficients make it by remove, compute and restore
+(:mod:`ggbench.remove_restore`).
 
 The normal field is no part of the result: :mod:`ggbench.earth` has it exactly. Tensor components
 are ordered [EE, EN, EU, NN, NU, UU], x = east, y = north, z = up.
@@ -13,6 +9,7 @@ are ordered [EE, EN, EU, NN, NU, UU], x = east, y = north, z = up.
 
 from __future__ import annotations
 
+import dataclasses
 import importlib.resources
 import io
 import math
@@ -24,24 +21,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import gaussian_filter
 
-from .earth import EOTVOS, normal_gravity, radii_of_curvature
 from .errors import GGBenchError
-from .spherical_harmonics import (
-    HarmonicCoefficients,
-    gravity_and_gradient,
-    potential,
-    without_normal_field,
-)
+from .remove_restore import MARGIN_DEG, GravityGrid, Residual, height_anomaly, linear_weights
+from .spherical_harmonics import HarmonicCoefficients, gravity_and_gradient, without_normal_field
 
 Array = NDArray[np.float64]
 
-_TAPER_DEG = 1.0  # the residual fades to zero over this width along the edges of its grid
-_MARGIN_DEG = 1.5  # the field is good from this distance on: the taper and five heights of 10 km
-_BAND_DEG = 0.5  # one flat-Earth wavenumber grid per band of latitude
 _WIDEST_SMOOTHING_DEG = 1.0
-# The geoid of land lies inside the masses; the potential that continues the outer field down to the
-# ellipsoid exceeds it by 2 pi G rho H². In height anomaly, for 2670 kg/m³: this times H² [1/m].
-_GEOID_TO_HEIGHT_ANOMALY = 1.142e-7
 
 
 class MapError(GGBenchError):
@@ -57,6 +43,8 @@ class Source:
     geoid, topography, coefficients : names of the data files.
     lowest_height_m, highest_height_m : above the ellipsoid [m].
     provenance : where the data come from, in words.
+    source_depth_m : depth below the ellipsoid of sources whose field would be as smooth [m]. Zero
+        for land; at sea, half of the shortest wavelength that the data hold.
     """
 
     geoid: str
@@ -65,6 +53,7 @@ class Source:
     lowest_height_m: float
     highest_height_m: float
     provenance: str
+    source_depth_m: float = 0.0
 
 
 SOURCES = {
@@ -76,7 +65,19 @@ SOURCES = {
         highest_height_m=30000.0,
         provenance="EGM2008 geoid (NGA) at 2.5 arc minutes and coefficients to degree 120, "
         "ETOPO1 topography (NOAA)",
-    )
+    ),
+    # For ships too. Between 1 and 4 km above the sea floor, yet no steeper than EGM2008 knows it:
+    # degree 2160 is a wavelength of 10 arc minutes.
+    "egm2008_south_china_sea": Source(
+        geoid="egm2008_geoid_2.5min_south_china_sea.npz",
+        topography="etopo1_6min_south_china_sea.npz",
+        coefficients="egm2008_degree120.npz",
+        lowest_height_m=0.0,
+        highest_height_m=30000.0,
+        provenance="EGM2008 geoid (NGA) at 2.5 arc minutes and coefficients to degree 120, "
+        "ETOPO1 topography (NOAA), South China Sea",
+        source_depth_m=9270.0,
+    ),
 }
 """The regions for which the package carries data, by the name that a recipe uses."""
 
@@ -111,20 +112,16 @@ def disturbing_field(
     check_relief_smoothing(relief_smoothing_deg)
     files = find_source(source)
     lat, lon, h = (np.asarray(axis, dtype=float) for axis in (latitude, longitude, height))
-    coefficients = _disturbing_coefficients(files)
-    residual = _Residual(files, coefficients, land_correction, relief_smoothing_deg)
+    coefficients = disturbing_coefficients(files.coefficients)
+    geoid = _geoid(files)
+    if land_correction:
+        elevation = _elevation(files, geoid, relief_smoothing_deg)
+        values = height_anomaly(geoid.values, elevation)
+        geoid = dataclasses.replace(geoid, values=values)
+    residual = Residual(geoid, coefficients)
 
     gravity_disturbance, tensor = gravity_and_gradient(coefficients, lat, lon, h)
-    band = math.radians(_BAND_DEG)
-    first, last = math.floor(lat.min() / band), math.floor(lat.max() / band) + 1
-    centres = band * np.arange(first, last + 1)
-    for centre, weight in zip(centres, _linear_weights(centres, lat).T, strict=True):
-        rows = np.flatnonzero(weight)
-        if rows.size:
-            vector, gradient = residual.field(lat[rows], lon, h, centre)
-            blend = weight[rows, np.newaxis, np.newaxis, np.newaxis]
-            gravity_disturbance[rows] += blend * vector
-            tensor[rows] += blend * gradient
+    residual.add_to(tensor, gravity_disturbance, lat, lon, h)
     return tensor, gravity_disturbance
 
 
@@ -142,140 +139,44 @@ def extent_deg(source: Source) -> tuple[tuple[float, float], tuple[float, float]
 
     Raises MapError if its geoid is missing or damaged.
     """
-    _, lat_deg, lon_deg, _ = _geoid(source)
-    south, north = lat_deg[0] + _MARGIN_DEG, lat_deg[-1] - _MARGIN_DEG
-    west, east = lon_deg[0] + _MARGIN_DEG, lon_deg[-1] - _MARGIN_DEG
+    geoid = _geoid(source)
+    lat_deg, lon_deg = geoid.latitude_deg, geoid.longitude_deg
+    south, north = lat_deg[0] + MARGIN_DEG, lat_deg[-1] - MARGIN_DEG
+    west, east = lon_deg[0] + MARGIN_DEG, lon_deg[-1] - MARGIN_DEG
     return (float(south), float(north)), (float(west), float(east))
 
 
-class _Residual:
-    """The disturbing potential at the ellipsoid beyond the coefficients, as a Fourier series."""
-
-    def __init__(
-        self,
-        files: Source,
-        coefficients: HarmonicCoefficients,
-        land_correction: bool,
-        relief_smoothing_deg: float,
-    ) -> None:
-        geoid, lat_deg, lon_deg, step_deg = _geoid(files)
-        height_anomaly = geoid
-        if land_correction:
-            topography = _load(files.topography, ("lat", "lon", "z"))
-            land = np.maximum(topography["z"], 0.0)
-            if relief_smoothing_deg > 0.0:
-                steps = [float(np.diff(topography[axis]).mean()) for axis in ("lat", "lon")]
-                land = gaussian_filter(land, [relief_smoothing_deg / step for step in steps])
-            at_rows = _linear_weights(topography["lat"], lat_deg)
-            at_columns = _linear_weights(topography["lon"], lon_deg)
-            elevation = at_rows @ land @ at_columns.T
-            height_anomaly = geoid + _GEOID_TO_HEIGHT_ANOMALY * elevation**2
-
-        lat, lon = np.radians(lat_deg), np.radians(lon_deg)
-        gamma = np.array([normal_gravity(angle, 0.0)[0] for angle in lat])
-        residual = gamma[:, np.newaxis] * height_anomaly  # Bruns
-        residual -= potential(coefficients, lat, lon, np.zeros(1))[:, :, 0]
-        # With the mean goes the zero-degree term of the geoid, and any offset of its datum.
-        residual -= residual.mean()
-        residual *= np.outer(_taper(lat_deg), _taper(lon_deg))
-
-        step = math.radians(step_deg)
-        # A real field of odd dimensions (a grid with both its ends) has no Nyquist term.
-        self._series = np.fft.rfft2(residual) / residual.size
-        self._series[:, 1:] *= 2.0
-        self._wavenumber_lat = 2.0 * np.pi * np.fft.fftfreq(len(lat), step)  # [1/rad]
-        self._wavenumber_lon = 2.0 * np.pi * np.fft.rfftfreq(len(lon), step)
-        self._south, self._west = lat[0], lon[0]
-
-    def field(
-        self, latitude: Array, longitude: Array, height: Array, centre: float
-    ) -> tuple[Array, Array]:
-        """Gravity vector and gradient tensor, with the convergence of one latitude ``centre``.
-
-        The horizontal Laplacian of a wave on the sphere of radius R is -n(n+1)/R²; that gives
-        its degree n, not a whole number, and with it the continuation (R/(R+h))^(n+1), the
-        vertical derivative -(n+1)/(R+h), and so all derivatives. For n -> infinity this is the
-        flat Earth's exp(-kh), whose tensor is one or two per cent off at degree 120.
-        Second derivatives are covariant: in axes that turn with the position, gravity itself
-        enters the tensor (Hofmann-Wellenhof and Moritz 2006).
-        """
-        meridian, prime_vertical = radii_of_curvature(centre)
-        radius = math.sqrt(meridian * prime_vertical)
-        eigenvalue = (self._wavenumber_lat[:, np.newaxis] / meridian) ** 2 + (
-            self._wavenumber_lon / (prime_vertical * math.cos(centre))
-        ) ** 2
-        degree = np.sqrt(0.25 + radius**2 * eigenvalue) - 0.5
-
-        i_k = 1j * self._wavenumber_lat
-        wave_lat = np.exp(np.outer(latitude - self._south, i_k))
-        waves_lat = np.concatenate((wave_lat, wave_lat * i_k, wave_lat * i_k**2))
-        i_k = 1j * self._wavenumber_lon
-        wave_lon = np.exp(np.outer(longitude - self._west, i_k))
-        waves_lon = np.concatenate((wave_lon, wave_lon * i_k, wave_lon * i_k**2)).T
-
-        shape = (latitude.size, longitude.size, height.size)
-        vector, tensor = np.empty((*shape, 3)), np.empty((*shape, 6))
-        cosine, tangent = np.cos(latitude)[:, np.newaxis], np.tan(latitude)[:, np.newaxis]
-        radii_north, radii_east = np.array([radii_of_curvature(a) for a in latitude]).T[..., None]
-        for index, h in enumerate(height):
-            r = radius + h
-            continued = self._series * (radius / r) ** (degree + 1.0)
-            # d[i, j]: i-th derivative in latitude, j-th in longitude.
-            d, d_up = (
-                (waves_lat @ series @ waves_lon)
-                .real.reshape(3, latitude.size, 3, longitude.size)
-                .swapaxes(1, 2)
-                for series in (continued, continued * (-(degree + 1.0) / r))
-            )
-            r_north, r_east = radii_north + h, radii_east + h
-            per_lon = r_east * cosine  # metres per radian of longitude
-            east, north, up = d[0, 1] / per_lon, d[1, 0] / r_north, d_up[0, 0]
-            ee = d[0, 2] / per_lon**2 + (up - tangent * north) / r_east
-            en = d[1, 1] / (per_lon * r_north) + tangent * east / r_east
-            eu = d_up[0, 1] / per_lon - east / r_east
-            nn = d[2, 0] / r_north**2 + up / r_north
-            nu = d_up[1, 0] / r_north - north / r_north
-            vector[:, :, index] = np.stack((east, north, up), axis=-1)
-            tensor[:, :, index] = np.stack((ee, en, eu, nn, nu, -ee - nn), axis=-1) / EOTVOS
-        return vector, tensor
-
-
-def _geoid(files: Source) -> tuple[Array, Array, Array, float]:
-    """Undulation (n_lat, n_lon) [m], latitudes (n_lat,), longitudes (n_lon,), step [deg]."""
+def _geoid(files: Source) -> GravityGrid:
     grid = _load(files.geoid, ("lat0", "lon0", "step", "N_1e4m"))
-    undulation, step = 1e-4 * grid["N_1e4m"], float(grid["step"])
-    n_lat, n_lon = undulation.shape
-    lat = float(grid["lat0"]) + step * np.arange(n_lat)
-    lon = float(grid["lon0"]) + step * np.arange(n_lon)
-    return undulation, lat, lon, step
+    step = float(grid["step"])
+    undulation = 1e-4 * grid["N_1e4m"]
+    return GravityGrid(
+        "geoid", float(grid["lat0"]), float(grid["lon0"]), step, step, undulation
+    )
 
 
-def _disturbing_coefficients(files: Source) -> HarmonicCoefficients:
-    data = _load(files.coefficients, ("cs", "gm", "r"))
+def _elevation(files: Source, geoid: GravityGrid, smoothing_deg: float) -> Array:
+    """Heights of the land at the nodes of the geoid [m], 0 at sea."""
+    topography = _load(files.topography, ("lat", "lon", "z"))
+    land = np.maximum(topography["z"], 0.0)
+    if smoothing_deg > 0.0:
+        steps = [float(np.diff(topography[axis]).mean()) for axis in ("lat", "lon")]
+        land = gaussian_filter(land, [smoothing_deg / step for step in steps])
+    at_rows = linear_weights(topography["lat"], geoid.latitude_deg)
+    at_columns = linear_weights(topography["lon"], geoid.longitude_deg)
+    elevation: Array = at_rows @ land @ at_columns.T
+    return elevation
+
+
+def disturbing_coefficients(name: str) -> HarmonicCoefficients:
+    """Coefficients in a data file of the package, less those of the normal field."""
+    data = _load(name, ("cs", "gm", "r"))
     size = math.isqrt(2 * len(data["cs"]))
     cosine, sine = np.zeros((2, size, size))
     cosine[np.tril_indices(size)], sine[np.tril_indices(size)] = data["cs"].T
     return without_normal_field(
         HarmonicCoefficients(float(data["gm"]), float(data["r"]), cosine, sine)
     )
-
-
-def _linear_weights(nodes: Array, points: Array) -> Array:
-    """Matrix (n_points, n_nodes) of linear interpolation between ascending nodes."""
-    nodes = np.asarray(nodes, dtype=float)
-    left = np.clip(np.searchsorted(nodes, points, side="right") - 1, 0, nodes.size - 2)
-    fraction = (points - nodes[left]) / (nodes[left + 1] - nodes[left])
-    weights = np.zeros((points.size, nodes.size))
-    rows = np.arange(points.size)
-    weights[rows, left] = 1.0 - fraction
-    weights[rows, left + 1] = fraction
-    return weights
-
-
-def _taper(degrees: Array) -> Array:
-    """Cosine taper: zero at both ends of an axis, one from _TAPER_DEG inwards."""
-    inwards = np.minimum(degrees - degrees[0], degrees[-1] - degrees)
-    return np.sin(0.5 * np.pi * np.clip(inwards / _TAPER_DEG, 0.0, 1.0)) ** 2
 
 
 def find_source(name: str) -> Source:

@@ -35,7 +35,13 @@ from .earth import SEMI_MAJOR_AXIS
 
 Array = NDArray[np.float64]
 
-_BUILDING_MODULES = ("disturbing_field.py", "earth.py", "maps.py", "spherical_harmonics.py")
+_BUILDING_MODULES = (
+    "disturbing_field.py",
+    "earth.py",
+    "maps.py",
+    "remove_restore.py",
+    "spherical_harmonics.py",
+)
 _SPACING_PER_HEIGHT = 0.25
 _FEWEST_NODES = 4  # per axis, what a cubic spline needs
 _MOST_NODES = 5_000_000  # in all: about half a gigabyte
@@ -80,9 +86,9 @@ class MapRecipe:
     south_deg, north_deg, west_deg, east_deg : bounds [deg].
     min_height_m, max_height_m : bounds [m above the ellipsoid].
     spacing_arcmin : in latitude and in longitude. At most a quarter of the height above the
-        sources, that is above the ellipsoid, in all but the two lowest layers of nodes; the error
+        sources (on land, above the ellipsoid) in all but the two lowest layers of nodes; the error
         of a cubic spline is then below 1e-3 E.
-    height_spacing_m : at most a quarter of the lowest height.
+    height_spacing_m : at most a quarter of the lowest height above half the sources' depth.
     land_correction : whether to turn the geoid into the height anomaly with the topography.
     relief_smoothing_deg : standard deviation of a Gaussian that smooths the topography before;
         0, no smoothing, is the field that the benchmark declares. At most 1.
@@ -185,18 +191,23 @@ def _check(recipe: MapRecipe) -> None:
                     f"{least:g} to {most:g} is allowed."
                 )
 
-    if recipe.height_spacing_m > _SPACING_PER_HEIGHT * recipe.min_height_m:
+    depth = files.source_depth_m
+    quarter = "a quarter of that height"
+    # Half the depth: the error of a spline is largest in the lowest layer, where it ends.
+    widest = _SPACING_PER_HEIGHT * (recipe.min_height_m + 0.5 * depth)
+    if depth > 0.0:
+        quarter += f" above sources {depth:g} m deep (vertically: above half that depth)"
+    if recipe.height_spacing_m > widest:
         raise MapError(
             f"height_spacing_m = {recipe.height_spacing_m} is too wide for min_height_m = "
-            f"{recipe.min_height_m}: at most {_SPACING_PER_HEIGHT * recipe.min_height_m:g} "
-            "is allowed, a quarter of that height."
+            f"{recipe.min_height_m}: at most {widest:g} is allowed, {quarter}."
         )
     height = recipe.min_height_m + _MARGIN_NODES * recipe.height_spacing_m
-    widest = math.degrees(_SPACING_PER_HEIGHT * height / SEMI_MAJOR_AXIS) * 60.0
+    widest = math.degrees(_SPACING_PER_HEIGHT * (height + depth) / SEMI_MAJOR_AXIS) * 60.0
     if recipe.spacing_arcmin > widest:
         raise MapError(
             f"spacing_arcmin = {recipe.spacing_arcmin} is too wide for a map that serves heights "
-            f"from {height:g} m: at most {widest:.3g} is allowed, a quarter of that height."
+            f"from {height:g} m: at most {widest:.3g} is allowed, {quarter}."
         )
     counts = _node_counts(recipe)
     if min(counts) < _FEWEST_NODES or math.prod(counts) > _MOST_NODES:
