@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from . import map_file
 from .cache import cache_folder
 from .disturbing_field import (
     SOURCES,
@@ -242,14 +243,22 @@ def content_key(recipe: MapRecipe) -> str:
     return digest.hexdigest()[:32]
 
 
-def read(path: Path) -> GradientMap:
-    """Return the map in a file that :func:`write` wrote.
+def read(path: Path, crop: map_file.Crop | None = None) -> GradientMap:
+    """Return the map in a netCDF file, or in an ``.npz`` file that :func:`write` wrote.
+
+    Parameters
+    ----------
+    path : of the file.
+    crop : south, north, west, east [deg]: of a netCDF file, only the nodes of this region and a
+        few around it are read.
 
     Raises
     ------
     MapError
         If there is no such file, or it is no complete map; the message says what is missing.
     """
+    if path.suffix != ".npz":
+        return map_file.read(path, crop)
     names = [item.name for item in dataclasses.fields(GradientMap)]
     try:
         arrays = read_arrays(path.read_bytes(), names)
