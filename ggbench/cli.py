@@ -15,6 +15,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from .errors import GGBenchError
+from .map_cli import map_group
 from .schema import MOST_RUNS, MOST_SEED
 
 if TYPE_CHECKING:
@@ -52,6 +53,9 @@ def main() -> None:
     # small. It must be said before NumPy is loaded, so each command imports what it needs itself.
     for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
+
+
+main.add_command(map_group)
 
 
 @main.command("list")

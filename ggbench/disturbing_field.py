@@ -150,9 +150,7 @@ def _geoid(files: Source) -> GravityGrid:
     grid = _load(files.geoid, ("lat0", "lon0", "step", "N_1e4m"))
     step = float(grid["step"])
     undulation = 1e-4 * grid["N_1e4m"]
-    return GravityGrid(
-        "geoid", float(grid["lat0"]), float(grid["lon0"]), step, step, undulation
-    )
+    return GravityGrid("geoid", float(grid["lat0"]), float(grid["lon0"]), step, step, undulation)
 
 
 def _elevation(files: Source, geoid: GravityGrid, smoothing_deg: float) -> Array:

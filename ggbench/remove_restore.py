@@ -221,7 +221,9 @@ def _removed(
     reference = -gravity_and_gradient(coefficients, lat, lon, height)[0][:, :, 0, 2]
     if grid.kind == "anomaly":
         per_potential = np.array([_relative_vertical_gradient(a, height[0]) for a in lat])
-        reference += per_potential[:, np.newaxis] * potential(coefficients, lat, lon, height)[..., 0]
+        reference += (
+            per_potential[:, np.newaxis] * potential(coefficients, lat, lon, height)[..., 0]
+        )
     removed: Array = values - reference
     return removed
 
@@ -236,4 +238,3 @@ def _taper(degrees: Array, width: float) -> Array:
     """Cosine taper: zero at both ends of an axis, one from ``width`` inwards."""
     inwards = np.minimum(degrees - degrees[0], degrees[-1] - degrees)
     return np.sin(0.5 * np.pi * np.clip(inwards / width, 0.0, 1.0)) ** 2
-

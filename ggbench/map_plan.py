@@ -1,0 +1,401 @@
+"""From a user's files to the parts, the nodes and the description of a map."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import __version__
+from .disturbing_field import MapError, disturbing_coefficients
+from .earth import SEMI_MAJOR_AXIS
+from .gravity_grid import elevation_at, read_grid
+from .gravity_model import read_model
+from .map_file import FEWEST_NODES, TENSOR, VECTOR, Layer, Nodes, described
+from .map_sources import FILTER_ORDER, HarmonicPart, Part, ResidualPart, TerrainPart, summed
+from .remove_restore import MARGIN_DEG, TAPER_DEG, Residual, height_anomaly
+from .spherical_harmonics import HarmonicCoefficients, without_normal_field
+
+if TYPE_CHECKING:
+    from .terrain import Terrain
+
+Array = NDArray[np.float64]
+
+SHIPPED_COEFFICIENTS = "egm2008_degree120.npz"
+_SHIPPED_DEGREE = 120
+_MOST_NODES = 400_000_000  # 14 GB of float32
+_INSET = 0.1  # of a terrain's width: nearer to its edges what lies beyond them matters most
+_CLEARANCE_M = 500.0  # least height above the highest ground, by default
+_LAYERS = 9
+_SPACING_PER_HEIGHT = 0.25
+_WIDEST_HEIGHT_SPACING = 1000.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Inputs:
+    """What a map is to be made of; see ``ggbench map build --help``.
+
+    Attributes
+    ----------
+    terrain, coefficients, grid, land_correction : files.
+    grid_kind : ``geoid``, ``anomaly`` or ``disturbance``.
+    grid_height_m : above the ellipsoid, where the grid's values hold [m].
+    min_degree, max_degree : of the coefficients.
+    terrain_from_degree : up to which the other files hold the field.
+    density, water_density, order : of the terrain; see :mod:`ggbench.parker`.
+    geoid_height_m : of the terrain's zero level above the ellipsoid [m].
+    """
+
+    terrain: Path | None = None
+    coefficients: Path | None = None
+    grid: Path | None = None
+    grid_kind: str = "geoid"
+    grid_height_m: float = 0.0
+    land_correction: Path | None = None
+    min_degree: int = 2
+    max_degree: int | None = None
+    terrain_from_degree: int | None = None
+    density: float = 2670.0
+    water_density: float = 1030.0
+    order: int = 8
+    geoid_height_m: float = 0.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Wishes:
+    """Bounds and spacings that a user asks for; None: derived from the inputs."""
+
+    south_deg: float | None = None
+    north_deg: float | None = None
+    west_deg: float | None = None
+    east_deg: float | None = None
+    lowest_m: float | None = None
+    highest_m: float | None = None
+    spacing_deg: float | None = None
+    height_spacing_m: float | None = None
+
+
+@dataclasses.dataclass
+class Reach:
+    """Where a source can serve, and where it should.
+
+    Attributes
+    ----------
+    bounds : south, north, west, east [deg] that must not be left; infinite for the whole Earth.
+    good : the same without the edges, where the field is poor.
+    floor_m : heights must be above this [m].
+    lowest_m : lowest height by default [m].
+    sources_m : height of the sources [m]; their distance decides on the spacing.
+    """
+
+    bounds: Array
+    good: Array
+    floor_m: float
+    lowest_m: float
+    sources_m: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Plan:
+    """A map that can be computed."""
+
+    parts: tuple[Part, ...]
+    nodes: Nodes
+    attributes: dict[str, str]
+    remarks: tuple[str, ...]
+
+    def layers(self) -> Iterator[Layer]:
+        """Yield the layers of the map, from the lowest up."""
+        return summed(self.parts, self.nodes)
+
+
+def plan(inputs: Inputs, wishes: Wishes, command: str) -> Plan:
+    """Return the plan of a map.
+
+    ``command`` is how the user asked for it, for the history of the file.
+
+    Raises
+    ------
+    MapError, TerrainError
+        If a file cannot be used, files do not go together, or bounds cannot be served.
+    """
+    sources = _Sources(inputs)
+    nodes, remarks = _nodes(sources.reaches, wishes)
+    attributes = {
+        "title": f"Gravity-gradient map: {sources.title}",
+        "source": "; ".join(sources.words),
+        "history": f"ggbench {__version__}: {command}",
+        "source_files": described(sources.hashes),
+        "parameters": described(sources.parameters),
+    }
+    return Plan(tuple(sources.parts), nodes, attributes, (*sources.remarks, *remarks))
+
+
+class _Sources:
+    """The parts of a map with what there is to say about them."""
+
+    def __init__(self, inputs: Inputs) -> None:
+        self.parts: list[Part] = []
+        self.reaches: list[Reach] = []
+        self.words: list[str] = []
+        self.remarks: list[str] = []
+        self.hashes: dict[str, str] = {}
+        self.parameters: dict[str, Any] = {}
+        if not (inputs.terrain or inputs.coefficients or inputs.grid):
+            raise MapError(
+                "a map is made of something: give --terrain, --coefficients, --geoid, --anomaly or "
+                "--disturbance."
+            )
+        if inputs.land_correction and (inputs.grid is None or inputs.grid_kind != "geoid"):
+            raise MapError("--land-correction turns a geoid into height anomalies: give --geoid.")
+        coefficients = self._coefficients(inputs)
+        if inputs.grid:
+            assert coefficients is not None
+            self._grid(inputs, inputs.grid, coefficients)
+        if inputs.terrain:
+            self._terrain(inputs, inputs.terrain, coefficients)
+        self.title = " + ".join(path.name for path in
+                                (inputs.coefficients, inputs.grid, inputs.terrain) if path)  # fmt: skip
+
+    def _coefficients(self, inputs: Inputs) -> HarmonicCoefficients | None:
+        if inputs.coefficients is None:
+            if inputs.grid is None:
+                if inputs.max_degree is not None or inputs.min_degree > 2:
+                    raise MapError("--max-degree and --min-degree are for --coefficients.")
+                return None
+            whole = disturbing_coefficients(SHIPPED_COEFFICIENTS)
+            name, highest = "EGM2008", inputs.max_degree or _SHIPPED_DEGREE
+            if highest > whole.degree:
+                raise MapError(
+                    f"the package carries EGM2008 to degree {whole.degree} only: for degree "
+                    f"{highest} give --coefficients."
+                )
+            whole = whole.between(0, highest)
+        else:
+            self._hash(inputs.coefficients)
+            model = read_model(inputs.coefficients, inputs.max_degree)
+            name, whole = model.name, without_normal_field(model.coefficients)
+        lowest = inputs.min_degree
+        if not 2 <= lowest <= whole.degree:
+            raise MapError(
+                f"--min-degree {lowest} must lie between 2 and the highest degree, {whole.degree}."
+            )
+        if lowest > 2:
+            if inputs.grid is not None:
+                raise MapError("--min-degree is for coefficients alone or with a terrain.")
+            whole = whole.between(lowest, whole.degree)
+        self.parameters |= {"coefficients": name, "degrees": [lowest, whole.degree]}
+        self.words.append(f"{name}, spherical harmonics of degree {lowest} to {whole.degree}")
+        self.parts.append(HarmonicPart(whole))
+        everywhere = np.array([-90.0, 90.0, -math.inf, math.inf])
+        half_wave = math.pi * SEMI_MAJOR_AXIS / whole.degree
+        self.reaches.append(Reach(everywhere, everywhere, -12e3, 0.0, -half_wave))
+        return whole
+
+    def _grid(self, inputs: Inputs, path: Path, coefficients: HarmonicCoefficients) -> None:
+        self._hash(path)
+        grid = read_grid(path, inputs.grid_kind, inputs.grid_height_m)
+        if inputs.grid_kind == "geoid" and inputs.grid_height_m != 0.0:
+            raise MapError("--grid-height is for gravity: a geoid holds at the ellipsoid.")
+        word = f"{inputs.grid_kind} grid {path.name} less the harmonics"
+        if inputs.land_correction:
+            terrain = self._read_terrain(inputs.land_correction)
+            values = height_anomaly(grid.values, elevation_at(grid, terrain))
+            grid = dataclasses.replace(grid, values=values)
+            word += f", land correction with {inputs.land_correction.name}"
+        self.words.append(word)
+        # Harmonics of higher degree leave a residual of shorter waves, which needs less of an edge.
+        narrower = min(1.0, _SHIPPED_DEGREE / coefficients.degree)
+        lat, lon = grid.latitude_deg, grid.longitude_deg
+        bounds = np.array([lat[0], lat[-1], lon[0], lon[-1]])
+        good = bounds + narrower * MARGIN_DEG * np.array([1.0, -1.0, 1.0, -1.0])
+        if not (good[0] < good[1] and good[2] < good[3]):
+            raise MapError(
+                f"{path} spans {lat[-1] - lat[0]:.3g}° x {lon[-1] - lon[0]:.3g}°; with harmonics to "
+                f"degree {coefficients.degree}, {narrower * MARGIN_DEG:.3g}° along each edge are "
+                "lost and nothing is left: it must be larger, or the harmonics of higher degree."
+            )
+        self.parts.append(ResidualPart(Residual(grid, coefficients, narrower * TAPER_DEG)))
+        height = inputs.grid_height_m
+        step = math.radians(max(grid.latitude_step_deg, grid.longitude_step_deg))
+        self.reaches.append(Reach(good, good, height, height, height - step * SEMI_MAJOR_AXIS))
+        self.parameters |= {"grid": inputs.grid_kind, "grid_height_m": height}
+
+    def _terrain(
+        self, inputs: Inputs, path: Path, coefficients: HarmonicCoefficients | None
+    ) -> None:
+        from .parker import TerrainOptions
+
+        options = TerrainOptions(inputs.density, inputs.water_density, inputs.order)
+        terrain = self._read_terrain(path)
+        degree = inputs.terrain_from_degree
+        if degree is not None and coefficients is None:
+            raise MapError("--terrain-from-degree goes with --coefficients or a gravity grid.")
+        if coefficients is not None and degree is None:
+            if inputs.grid is not None:
+                raise MapError(
+                    "a gravity grid with a terrain needs --terrain-from-degree: the degree up to "
+                    "which the grid holds the field."
+                )
+            degree = coefficients.degree
+        if degree is not None and degree < 2:
+            raise MapError(f"--terrain-from-degree {degree} must be at least 2.")
+        self.parts.append(TerrainPart(terrain, options, degree, inputs.geoid_height_m))
+        word = f"terrain {path.name}, {options.density:g} kg/m³, by Parker's series"
+        if degree is not None:
+            word += f", of what is shorter than degree {degree}"
+        self.words.append(word)
+        self.parameters |= {
+            "density_kg_m3": options.density,
+            "water_density_kg_m3": options.water_density,
+            "order": options.order,
+            "geoid_height_m": inputs.geoid_height_m,
+        }
+        if degree is not None:
+            self.parameters |= {
+                "terrain_from_degree": degree,
+                "terrain_filter": f"Butterworth, order {FILTER_ORDER}",
+            }
+        self._reach_terrain(terrain, inputs.geoid_height_m)
+
+    def _reach_terrain(self, terrain: Terrain, geoid_height_m: float) -> None:
+        n_lat, n_lon = terrain.height_m.shape
+        south, west = terrain.south_deg, terrain.west_deg
+        spans = terrain.latitude_step_deg * (n_lat - 1), terrain.longitude_step_deg * (n_lon - 1)
+        bounds = np.array([south, south + spans[0], west, west + spans[1]])
+        inset = _INSET * np.repeat(spans, 2) * np.array([1.0, -1.0, 1.0, -1.0])
+        ground = float(np.max(terrain.height_m)) + geoid_height_m
+        step = math.radians(terrain.latitude_step_deg) * SEMI_MAJOR_AXIS
+        lowest = 100.0 * math.ceil((ground + max(_CLEARANCE_M, step)) / 100.0)
+        self.reaches.append(Reach(bounds, bounds + inset, ground, lowest, ground))
+
+    def _read_terrain(self, path: Path) -> Terrain:
+        from .terrain import read_terrain
+
+        self._hash(path)
+        return read_terrain(path)
+
+    def _hash(self, path: Path) -> None:
+        try:
+            with path.open("rb") as file:
+                self.hashes[path.name] = hashlib.file_digest(file, "sha256").hexdigest()
+        except OSError as error:
+            raise MapError(f"cannot read {path}: {error.strerror}") from None
+
+
+def _nodes(reaches: list[Reach], wishes: Wishes) -> tuple[Nodes, list[str]]:
+    """The nodes, within what all sources can serve, and remarks about them."""
+    remarks: list[str] = []
+    inner = np.array([1.0, -1.0, 1.0, -1.0])  # times a bound: the larger is further inside
+    allowed = inner * np.max([inner * reach.bounds for reach in reaches], axis=0)
+    good = inner * np.max([inner * reach.good for reach in reaches], axis=0)
+    names = ("south", "north", "west", "east")
+    asked = [getattr(wishes, f"{name}_deg") for name in names]
+    bounds = np.array([g if a is None else a for a, g in zip(asked, good, strict=True)])
+    if not np.isfinite(bounds).all() or (len(reaches) == 1 and None in asked and good[0] == -90.0):
+        raise MapError(
+            "coefficients serve the whole Earth: give the bounds --south, --north, --west and "
+            "--east [deg]."
+        )
+    for name, value, allow, sign in zip(names, bounds, allowed, inner, strict=True):
+        if sign * value < sign * allow - 1e-9:
+            raise MapError(
+                f"--{name} {value:g} lies outside what the inputs serve: {allowed[0]:.4f}° to "
+                f"{allowed[1]:.4f}° N, {allowed[2]:.4f}° to {allowed[3]:.4f}° E."
+            )
+    for low, high in ((0, 1), (2, 3)):
+        if not bounds[low] < bounds[high]:
+            raise MapError(
+                f"--{names[low]} {bounds[low]:g} must be less than --{names[high]} "
+                f"{bounds[high]:g}: else nothing is left of what the inputs serve."
+            )
+    heights, spacing_deg = _heights_and_spacing(reaches, wishes, remarks)
+    latitude = bounds[0] + spacing_deg * np.arange(_count(bounds[0], bounds[1], spacing_deg))
+    longitude = bounds[2] + spacing_deg * np.arange(_count(bounds[2], bounds[3], spacing_deg))
+    counts = (latitude.size, longitude.size, heights.size)
+    if min(counts) < FEWEST_NODES or math.prod(counts) > _MOST_NODES:
+        raise MapError(
+            f"bounds and spacings give {counts[0]} x {counts[1]} x {counts[2]} nodes in latitude, "
+            f"longitude and height: at least {FEWEST_NODES} in each and at most {_MOST_NODES} in "
+            "all are allowed."
+        )
+    return Nodes(latitude, longitude, heights), remarks
+
+
+def _heights_and_spacing(
+    reaches: list[Reach], wishes: Wishes, remarks: list[str]
+) -> tuple[Array, float]:
+    floor = max(reach.floor_m for reach in reaches)
+    sources = max(reach.sources_m for reach in reaches)
+    lowest = wishes.lowest_m
+    if lowest is None:
+        lowest = max(reach.lowest_m for reach in reaches)
+    if not lowest >= floor:
+        raise MapError(
+            f"--lowest {lowest:g} lies below the sources: at least {floor:g} m is allowed."
+        )
+    distance = lowest - sources
+    quarter = _SPACING_PER_HEIGHT * distance
+    spacing_m = wishes.height_spacing_m
+    if spacing_m is None:
+        spacing_m = _round_down(min(quarter, _WIDEST_HEIGHT_SPACING))
+    if not 0.0 < spacing_m < math.inf:
+        raise MapError(
+            f"--height-spacing {spacing_m:g} must be positive: is --lowest above the ground?"
+        )
+    highest = wishes.highest_m
+    if highest is None:
+        highest = lowest + (_LAYERS - 1) * spacing_m
+    if not lowest < highest <= 1e6:
+        raise MapError(f"--highest {highest:g} must lie above --lowest {lowest:g}.")
+    heights = lowest + spacing_m * np.arange(_count(lowest, highest, spacing_m))
+    widest = math.degrees(quarter / SEMI_MAJOR_AXIS)
+    spacing_deg = wishes.spacing_deg
+    if spacing_deg is None:
+        spacing_deg = _round_down(3600.0 * widest) / 3600.0
+    elif spacing_deg > 1.001 * widest:
+        remarks.append(
+            f"the spacing of {3600 * spacing_deg:g}″ is wider than {3600 * widest:.3g}″, a quarter "
+            f"of the {distance:.0f} m to the sources: what lies between the nodes is interpolated "
+            "poorly"
+        )
+    if not 0.0 < spacing_deg < math.inf:
+        raise MapError(f"the spacing of {3600 * spacing_deg:g}″ must be positive.")
+    return heights, spacing_deg
+
+
+def _count(low: float, high: float, step: float) -> int:
+    """Nodes from ``low`` on that do not lie beyond ``high``, but for rounding."""
+    return int(min(math.floor((high - low) / step + 1e-6), 10**9)) + 1
+
+
+def _round_down(value: float) -> float:
+    """Two significant digits, not more than the value."""
+    if not value > 0.0:
+        return value
+    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return math.floor(value / unit + 1e-9) * unit
+
+
+class Watched:
+    """Layers on their way into a file, with the rms of their components."""
+
+    def __init__(self, layers: Iterator[Layer]) -> None:
+        self._layers = layers
+        self.rms: list[Array] = []
+
+    def __iter__(self) -> Iterator[Layer]:
+        for tensor, disturbance in self._layers:
+            rms = [
+                math.sqrt(np.einsum("ij,ij->", plane, plane, dtype=float) / plane.size)
+                for values, count in ((tensor, len(TENSOR)), (disturbance, len(VECTOR)))
+                for plane in (values[..., index] for index in range(count))
+            ]
+            self.rms.append(np.array(rms))
+            yield tensor, disturbance
