@@ -28,11 +28,12 @@ _FEWEST = 16  # nodes per axis
 
 
 def read_grid(path: Path, kind: str, height_m: float = 0.0) -> GravityGrid:
-    """Return the grid in a netCDF file (also GMT's) or in an ``.npz`` file.
+    """Return the grid in a netCDF file (also GMT's), a raster or an ``.npz`` file.
 
     A netCDF file has one variable on latitude x longitude; its attribute ``units`` is m for a geoid
-    and mGal or m/s² for gravity, in which mGal is taken when nothing is said. An ``.npz`` file has
-    ``lat0``, ``lon0``, ``step`` [deg] and ``N_1e4m`` [1e-4 m], a geoid.
+    and mGal or m/s² for gravity, in which mGal is taken when nothing is said. A raster (GeoTIFF,
+    ESRI ASCII) is one of m or mGal. An ``.npz`` file has ``lat0``, ``lon0``, ``step`` [deg] and
+    ``N_1e4m`` [1e-4 m], a geoid.
 
     Parameters
     ----------
@@ -52,6 +53,8 @@ def read_grid(path: Path, kind: str, height_m: float = 0.0) -> GravityGrid:
         raise MapError(f"cannot read the grid {path}: {error.strerror}") from None
     if path.suffix == ".npz":
         latitude, longitude, values = _from_archive(path, kind)
+    elif path.suffix in (".tif", ".tiff", ".asc"):
+        latitude, longitude, values = _from_raster(path, kind)
     else:
         latitude, longitude, values = _from_netcdf(path, kind)
     latitude, values = _ascending(latitude, values, 0)
@@ -115,6 +118,16 @@ def _from_archive(path: Path, kind: str) -> tuple[Array, Array, Array]:
             f"{path} holds no geoid: {error}; it must hold the arrays lat0, lon0, step and N_1e4m."
         ) from None
     return south + step * np.arange(n_lat), west + step * np.arange(n_lon), values
+
+
+def _from_raster(path: Path, kind: str) -> tuple[Array, Array, Array]:
+    from .terrain import read_terrain
+
+    raster = read_terrain(path)
+    values = np.asarray(raster.height_m, dtype=float)
+    latitude = raster.south_deg + raster.latitude_step_deg * np.arange(values.shape[0])
+    longitude = raster.west_deg + raster.longitude_step_deg * np.arange(values.shape[1])
+    return latitude, longitude, values * (1.0 if kind == "geoid" else _TO_SI["mgal"])
 
 
 def _from_netcdf(path: Path, kind: str) -> tuple[Array, Array, Array]:

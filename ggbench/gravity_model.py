@@ -131,7 +131,7 @@ def _from_text(path: Path, content: bytes, highest: int | None) -> GravityModel:
     gm = _number(path, header, "earth_gravity_constant", "gravity_constant")
     radius = _number(path, header, "radius")
     declared = _number(path, header, "max_degree")
-    if not (declared == int(declared) and 2 <= declared):
+    if not (declared == int(declared) and declared >= 2):
         raise MapError(f"{path}: max_degree is {declared:g}; it must be a whole number from 2 on.")
     degree = int(min(declared, highest if highest is not None and highest >= 2 else declared))
     if degree > MOST_DEGREE:
@@ -258,7 +258,7 @@ def _checked(
         raise MapError(f"{path} has coefficients that are no finite numbers.")
     if len(cosine) < 3 or not -5.0e-4 < cosine[2, 0] < -4.7e-4:
         raise MapError(
-            f"{path}: its coefficient of degree 2 and order 0 must be the Earth's, -4.84e-4; is the "
-            "normal field removed already?"
+            f"{path}: its coefficient of degree 2 and order 0 must be the Earth's, -4.84e-4; is "
+            "the normal field removed already?"
         )
     return HarmonicCoefficients(gm, radius, cosine, sine)

@@ -78,7 +78,7 @@ def map_group() -> None:
     help="0: none, fastest; 9: smallest.",
 )
 def build(output: Path, precision: str, compression: int, **options: Any) -> None:
-    """Build a map of the disturbing gravity gradient from data of your own.
+    r"""Build a map of the disturbing gravity gradient from data of your own.
 
     \b
     Sources:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.ticker import MaxNLocator
 
 from .disturbing_field import MapError
 from .figures import _save, plt
@@ -26,7 +27,7 @@ def draw(nodes: Nodes, tensor: Any, height: float, source: str, path: Path) -> N
     extent = (lon[0] - half[1], lon[-1] + half[1], lat[0] - half[0], lat[-1] + half[0])
     stretch = 1.0 / math.cos(math.radians(0.5 * (lat[0] + lat[-1])))
     shape = (extent[3] - extent[2]) * stretch / (extent[1] - extent[0])
-    size = (10.0, min(12.0, max(3.5, 1.2 + 6.0 * shape)))
+    size = (10.0, min(14.0, max(4.0, 1.6 + 4.9 * shape)))
     figure, axes = plt.subplots(2, 3, figsize=size, sharex=True, sharey=True, layout="constrained")
     for index, (axis, name) in enumerate(zip(axes.flat, TENSOR, strict=True)):
         values = tensor[::stride, ::stride, index]
@@ -40,6 +41,7 @@ def draw(nodes: Nodes, tensor: Any, height: float, source: str, path: Path) -> N
         figure.colorbar(image, ax=axis, shrink=0.85, label="[E]", extend="both")
     for axis in axes[-1]:
         axis.set_xlabel("longitude [°]")
+        axis.xaxis.set_major_locator(MaxNLocator(4))
     for axis in axes[:, 0]:
         axis.set_ylabel("latitude [°]")
     title = f"Disturbing gradient at {height:g} m"

@@ -12,6 +12,7 @@ import json
 import math
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -192,12 +193,12 @@ def _write(
                 tuple(axes),
                 compression="zlib" if compression else None,
                 complevel=compression,
-                chunksizes=(1, min(n_lat, _CHUNK), min(n_lon, _CHUNK)),
+                chunksizes=(1, _chunk(n_lat), _chunk(n_lon)),
                 fill_value=False,
             )
             variable.setncatts({**attrs, "grid_mapping": "crs"})
         count = 0
-        for index, (tensor, disturbance) in enumerate(layers):
+        for index, (tensor, disturbance) in enumerate(_ahead(layers)):
             for prefix, names, values in (
                 ("gradient_", TENSOR, tensor),
                 ("disturbance_", VECTOR, disturbance),
@@ -213,6 +214,21 @@ def _write(
             count += 1
         if count != n_h:
             raise MapError(f"the map has {n_h} heights, but {count} layers were computed.")
+
+
+def _chunk(count: int) -> int:
+    """Nodes per chunk, so that the last one is nearly full, too."""
+    return math.ceil(count / math.ceil(count / _CHUNK))
+
+
+def _ahead(layers: Iterable[Layer]) -> Iterator[Layer]:
+    """Yield the layers, each while the next is being computed: compression takes as long."""
+    iterator = iter(layers)
+    with ThreadPoolExecutor(1) as pool:
+        coming = pool.submit(next, iterator, None)
+        while (layer := coming.result()) is not None:
+            coming = pool.submit(next, iterator, None)
+            yield layer
 
 
 def _variables() -> dict[str, dict[str, str]]:

@@ -35,6 +35,7 @@ _CLEARANCE_M = 500.0  # least height above the highest ground, by default
 _LAYERS = 9
 _SPACING_PER_HEIGHT = 0.25
 _WIDEST_HEIGHT_SPACING = 1000.0
+_ROUNDING_DEG = 1e-6  # what a bound may lie outside for being typed with few digits
 
 
 @dataclasses.dataclass(frozen=True)
@@ -160,8 +161,8 @@ class _Sources:
             self._grid(inputs, inputs.grid, coefficients)
         if inputs.terrain:
             self._terrain(inputs, inputs.terrain, coefficients)
-        self.title = " + ".join(path.name for path in
-                                (inputs.coefficients, inputs.grid, inputs.terrain) if path)  # fmt: skip
+        files = (inputs.coefficients, inputs.grid, inputs.terrain)
+        self.title = " + ".join(path.name for path in files if path)
 
     def _coefficients(self, inputs: Inputs) -> HarmonicCoefficients | None:
         if inputs.coefficients is None:
@@ -217,8 +218,8 @@ class _Sources:
         good = bounds + narrower * MARGIN_DEG * np.array([1.0, -1.0, 1.0, -1.0])
         if not (good[0] < good[1] and good[2] < good[3]):
             raise MapError(
-                f"{path} spans {lat[-1] - lat[0]:.3g}° x {lon[-1] - lon[0]:.3g}°; with harmonics to "
-                f"degree {coefficients.degree}, {narrower * MARGIN_DEG:.3g}° along each edge are "
+                f"{path} spans {lat[-1] - lat[0]:.3g}° x {lon[-1] - lon[0]:.3g}°; with harmonics "
+                f"to degree {coefficients.degree}, {narrower * MARGIN_DEG:.3g}° along each edge is "
                 "lost and nothing is left: it must be larger, or the harmonics of higher degree."
             )
         self.parts.append(ResidualPart(Residual(grid, coefficients, narrower * TAPER_DEG)))
@@ -304,11 +305,12 @@ def _nodes(reaches: list[Reach], wishes: Wishes) -> tuple[Nodes, list[str]]:
             "--east [deg]."
         )
     for name, value, allow, sign in zip(names, bounds, allowed, inner, strict=True):
-        if sign * value < sign * allow - 1e-9:
+        if not sign * value >= sign * allow - _ROUNDING_DEG:  # NaN fails too
             raise MapError(
-                f"--{name} {value:g} lies outside what the inputs serve: {allowed[0]:.4f}° to "
-                f"{allowed[1]:.4f}° N, {allowed[2]:.4f}° to {allowed[3]:.4f}° E."
+                f"--{name} {value:.9g} lies outside what the inputs serve: {allowed[0]:.9g}° to "
+                f"{allowed[1]:.9g}° N, {allowed[2]:.9g}° to {allowed[3]:.9g}° E."
             )
+    bounds = inner * np.maximum(inner * bounds, inner * allowed)
     for low, high in ((0, 1), (2, 3)):
         if not bounds[low] < bounds[high]:
             raise MapError(
@@ -316,8 +318,8 @@ def _nodes(reaches: list[Reach], wishes: Wishes) -> tuple[Nodes, list[str]]:
                 f"{bounds[high]:g}: else nothing is left of what the inputs serve."
             )
     heights, spacing_deg = _heights_and_spacing(reaches, wishes, remarks)
-    latitude = bounds[0] + spacing_deg * np.arange(_count(bounds[0], bounds[1], spacing_deg))
-    longitude = bounds[2] + spacing_deg * np.arange(_count(bounds[2], bounds[3], spacing_deg))
+    latitude = _axis(bounds[0], bounds[1], spacing_deg, allowed[1])
+    longitude = _axis(bounds[2], bounds[3], spacing_deg, allowed[3])
     counts = (latitude.size, longitude.size, heights.size)
     if min(counts) < FEWEST_NODES or math.prod(counts) > _MOST_NODES:
         raise MapError(
@@ -354,7 +356,7 @@ def _heights_and_spacing(
         highest = lowest + (_LAYERS - 1) * spacing_m
     if not lowest < highest <= 1e6:
         raise MapError(f"--highest {highest:g} must lie above --lowest {lowest:g}.")
-    heights = lowest + spacing_m * np.arange(_count(lowest, highest, spacing_m))
+    heights = _axis(lowest, highest, spacing_m, math.inf)
     widest = math.degrees(quarter / SEMI_MAJOR_AXIS)
     spacing_deg = wishes.spacing_deg
     if spacing_deg is None:
@@ -370,9 +372,12 @@ def _heights_and_spacing(
     return heights, spacing_deg
 
 
-def _count(low: float, high: float, step: float) -> int:
-    """Nodes from ``low`` on that do not lie beyond ``high``, but for rounding."""
-    return int(min(math.floor((high - low) / step + 1e-6), 10**9)) + 1
+def _axis(low: float, high: float, step: float, limit: float) -> Array:
+    """Nodes from ``low`` to ``high``, or beyond it by less than a step if the limit allows it."""
+    cells = math.ceil(min((high - low) / step, 1e9) - 1e-6)
+    if low + cells * step > limit + 1e-9:
+        cells -= 1
+    return low + step * np.arange(min(cells, _MOST_NODES) + 1)
 
 
 def _round_down(value: float) -> float:
