@@ -15,6 +15,8 @@ import numpy as np
 from numba import njit
 
 from ..problem import Causality, Estimate, Estimator, Problem
+from . import robust
+from .robust import Loss
 
 _REACH = 3.5
 """The grid ends at this many standard deviations of the prior."""
@@ -39,11 +41,17 @@ class GaussianSum(Estimator):
         Directions of the position in which the prior is narrower are not split.
     most : largest number of hypotheses; where the grid would need more, it is made coarser.
     iterations : linearisations of h in each update of a hypothesis (see ``ekf``).
+    loss : ``huber`` or ``cauchy`` on each component of a reading, reweighted at each
+        linearisation; see :mod:`ggbench.estimators.robust`.
+    threshold : residual [standard deviations of the noise] from which the loss acts; if not
+        given, 1.345 for ``huber`` and 2.385 for ``cauchy``.
     """
 
     spacing_m: float = 500.0
     most: int = 2000
     iterations: int = 3
+    loss: Loss = "none"
+    threshold: float | None = None
 
     name = "gaussian-sum"
 
@@ -59,11 +67,14 @@ class GaussianSum(Estimator):
         for name in ("most", "iterations"):
             if getattr(self, name) < 1:
                 return f"{name} must be at least 1, and is {getattr(self, name)}"
-        return None
+        if self.loss != "none" and self.iterations == 1:
+            return "a loss needs at least 2 iterations"
+        return robust.refusal(self.loss, self.threshold)
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
         """Carry the mixture from epoch to epoch; return its mean and covariance."""
-        bank = _Bank(problem, self.spacing_m, self.most)
+        threshold = robust.threshold_of(self.loss, self.threshold)
+        bank = _Bank(problem, self.spacing_m, self.most, self.loss, threshold)
         mean = np.empty((problem.epochs, problem.dimension))
         cov = np.empty((problem.epochs, problem.dimension, problem.dimension))
         started = len(bank.weights)
@@ -84,8 +95,11 @@ class _Bank:
     In units of the prior's standard deviations.
     """
 
-    def __init__(self, problem: Problem, spacing_m: float, most: int) -> None:
+    def __init__(
+        self, problem: Problem, spacing_m: float, most: int, loss: Loss, threshold: float
+    ) -> None:
         self.problem = problem
+        self.loss, self.threshold = loss, threshold
         self.scale = scale = np.sqrt(np.diag(problem.prior_cov))
         self.transition = problem.transition * scale / scale[:, None]
         self.process_cov = problem.process_cov / np.outer(scale, scale)
@@ -112,11 +126,16 @@ class _Bank:
         for iteration in range(iterations):
             if iteration:
                 rows[active] = self._white_rows(k, x[active])
-            projected = rows @ cov
-            s = projected @ rows.transpose(0, 2, 1) + np.eye(rows.shape[1])
+            # At first the innovation may be large because the prior is wide: see robust.py.
+            spread = 0.0 if iteration else np.einsum("jma,jab,jmb->jm", rows, cov, rows)
+            weight = robust.weights(white / np.sqrt(1.0 + spread), self.loss, self.threshold)
+            weighted = np.sqrt(weight)[..., None] * rows
+            projected = weighted @ cov
+            s = projected @ weighted.transpose(0, 2, 1) + np.eye(rows.shape[1])
             innovation = white - np.einsum("jmi,ji->jm", rows, predicted - x)
+            innovation *= np.sqrt(weight)
             solved = np.linalg.solve(s, innovation[..., None])
-            full = (rows.transpose(0, 2, 1) @ solved)[..., 0]
+            full = (weighted.transpose(0, 2, 1) @ solved)[..., 0]
             if iterations == 1:  # the extended Kalman filter takes the step as it is
                 x = predicted + np.einsum("jab,jb->ja", cov, full)
                 cost = 0.5 * np.einsum("jm,jm->j", innovation, solved[..., 0])
@@ -153,7 +172,7 @@ class _Bank:
         residual = self.problem.measurements[k] - self.problem.model.predict(k, x * self.scale)
         white = np.linalg.solve(self.noise_root, residual.T).T
         prior = np.einsum("ja,jab,jb->j", dual, cov, dual)
-        return white, 0.5 * (prior + np.einsum("jm,jm->j", white, white))
+        return white, 0.5 * prior + robust.losses(white, self.loss, self.threshold).sum(axis=1)
 
     def _white_rows(self, k: int, x: np.ndarray) -> np.ndarray:
         """Jacobians (J, m, n) of the whitened reading."""
