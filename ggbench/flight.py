@@ -182,7 +182,8 @@ def _error_free(
 ) -> tuple[Trajectory, np.ndarray, np.ndarray]:
     """Return what cases that differ in sensors and priors share: truth and IMU increments.
 
-    ``versions`` are those of the files of which the flight is made; ``felt`` is the field whose disturbance of gravity the accelerometers feel, if they do.
+    ``versions`` are those of the files of which the flight is made. ``felt`` is the field whose
+    disturbance of gravity the accelerometers feel, if they do.
     """
     spec = TrajectorySpec.model_validate_json(trajectory_json)
     trajectory = from_spec(spec, dt)
