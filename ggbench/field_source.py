@@ -77,6 +77,7 @@ def map_recipe(spec: FieldSpec) -> MapRecipe:
         height_spacing_m=spec.height_spacing_m,
         land_correction=spec.land_correction,
         relief_smoothing_deg=spec.relief_smoothing_deg,
+        density_kg_m3=spec.density_kg_m3,
     )
 
 

@@ -29,10 +29,16 @@ from .disturbing_field import (
     data_bytes,
     disturbing_field,
     extent_deg,
-    find_source,
     read_arrays,
 )
 from .earth import SEMI_MAJOR_AXIS
+from .terrain_source import (
+    TERRAINS,
+    highest_ground_m,
+    terrain_disturbing_field,
+    terrain_extent_deg,
+    terrain_heights_m,
+)
 
 Array = NDArray[np.float64]
 
@@ -43,7 +49,16 @@ _BUILDING_MODULES = (
     "remove_restore.py",
     "spherical_harmonics.py",
 )
+_TERRAIN_MODULES = (
+    "maps.py",
+    "parker.py",
+    "plane_splines.py",
+    "stereographic.py",
+    "terrain.py",
+    "terrain_source.py",
+)
 _SPACING_PER_HEIGHT = 0.25
+_SPACING_PER_CLEARANCE = 0.6
 _FEWEST_NODES = 4  # per axis, what a cubic spline needs
 _MOST_NODES = 5_000_000  # in all: about half a gigabyte
 _MARGIN_NODES = 2  # lowest layers, which serve as the margin of an interpolation in height
@@ -83,16 +98,20 @@ class MapRecipe:
 
     Attributes
     ----------
-    source : a key of :data:`SOURCES`.
+    source : a key of :data:`SOURCES` or of :data:`ggbench.terrain_source.TERRAINS`.
     south_deg, north_deg, west_deg, east_deg : bounds [deg].
     min_height_m, max_height_m : bounds [m above the ellipsoid].
     spacing_arcmin : in latitude and in longitude. At most a quarter of the height above the
         sources (on land, above the ellipsoid) in all but the two lowest layers of nodes; the error
         of a cubic spline is then below 1e-3 E.
-    height_spacing_m : at most a quarter of the lowest height above half the sources' depth.
+        Of a terrain: at most 0.6 of the height above its highest ground there; the error at a
+        tenth of a kilometre above it is then 0.01 E rms.
+    height_spacing_m : at most a quarter of the lowest height above half the sources' depth; of a
+        terrain, at most the lowest height above its highest ground.
     land_correction : whether to turn the geoid into the height anomaly with the topography.
     relief_smoothing_deg : standard deviation of a Gaussian that smooths the topography before;
         0, no smoothing, is the field that the benchmark declares. At most 1.
+    density_kg_m3 : of the ground of a terrain.
     """
 
     source: str
@@ -106,6 +125,7 @@ class MapRecipe:
     height_spacing_m: float = 500.0
     land_correction: bool = True
     relief_smoothing_deg: float = 0.0
+    density_kg_m3: float = 2670.0
 
 
 def load_or_build(recipe: MapRecipe) -> GradientMap:
@@ -140,20 +160,24 @@ def build(recipe: MapRecipe) -> GradientMap:
     step = math.radians(recipe.spacing_arcmin / 60.0)
     south, west = math.radians(recipe.south_deg), math.radians(recipe.west_deg)
     n_lat, n_lon, n_h = _node_counts(recipe)
-    tensor, gravity_disturbance = disturbing_field(
-        recipe.source,
-        south + step * np.arange(n_lat),
-        west + step * np.arange(n_lon),
-        recipe.min_height_m + recipe.height_spacing_m * np.arange(n_h),
-        recipe.land_correction,
-        recipe.relief_smoothing_deg,
-    )
-    if not recipe.land_correction:
-        correction = "without land correction"
-    elif recipe.relief_smoothing_deg > 0.0:
-        correction = f"with land correction, relief smoothed by {recipe.relief_smoothing_deg} deg"
+    latitude = south + step * np.arange(n_lat)
+    longitude = west + step * np.arange(n_lon)
+    height = recipe.min_height_m + recipe.height_spacing_m * np.arange(n_h)
+    smoothing = recipe.relief_smoothing_deg
+    relief = f"relief smoothed by {smoothing} deg" if smoothing > 0.0 else "relief not smoothed"
+    if recipe.source in TERRAINS:
+        tensor, gravity_disturbance = terrain_disturbing_field(
+            recipe.source, latitude, longitude, height, recipe.density_kg_m3, smoothing
+        )
+        made = f"{TERRAINS[recipe.source].provenance}; {recipe.density_kg_m3:g} kg/m³, {relief}"
     else:
-        correction = "with land correction, relief not smoothed"
+        tensor, gravity_disturbance = disturbing_field(
+            recipe.source, latitude, longitude, height, recipe.land_correction, smoothing
+        )
+        correction = f"with land correction, {relief}"
+        if not recipe.land_correction:
+            correction = "without land correction"
+        made = f"{SOURCES[recipe.source].provenance}; {correction}"
     return GradientMap(
         latitude0=south,
         longitude0=west,
@@ -163,23 +187,40 @@ def build(recipe: MapRecipe) -> GradientMap:
         height_step=float(recipe.height_spacing_m),
         tensor=tensor,
         gravity_disturbance=gravity_disturbance,
-        provenance=f"{SOURCES[recipe.source].provenance}; {correction}",
+        provenance=made,
     )
 
 
 def _check(recipe: MapRecipe) -> None:
     """Raise MapError if the recipe cannot be followed. Comparisons are such that NaN fails."""
-    files = find_source(recipe.source)
+    known = [*SOURCES, *TERRAINS]
+    if recipe.source not in known:
+        raise MapError(
+            f"Unknown map source {recipe.source!r}; allowed: {', '.join(sorted(known))}."
+        )
     check_relief_smoothing(recipe.relief_smoothing_deg)
     for name in ("spacing_arcmin", "height_spacing_m"):
         if not 0.0 < getattr(recipe, name) < math.inf:
             raise MapError(f"{name} = {getattr(recipe, name)} must be positive and finite.")
 
-    latitudes, longitudes = extent_deg(files)
+    if recipe.source in TERRAINS:
+        latitudes, longitudes = terrain_extent_deg(recipe.source)
+        heights = terrain_heights_m(recipe.source)
+        if not recipe.land_correction:
+            raise MapError(f"land_correction has no meaning for a terrain, {recipe.source!r}.")
+    else:
+        files = SOURCES[recipe.source]
+        latitudes, longitudes = extent_deg(files)
+        heights = files.lowest_height_m, files.highest_height_m
+        if recipe.density_kg_m3 != MapRecipe.density_kg_m3:
+            raise MapError(
+                f"density_kg_m3 belongs to a terrain ({', '.join(TERRAINS)}), not to "
+                f"{recipe.source!r}."
+            )
     limits = (
         ("south_deg", "north_deg", *latitudes),
         ("west_deg", "east_deg", *longitudes),
-        ("min_height_m", "max_height_m", files.lowest_height_m, files.highest_height_m),
+        ("min_height_m", "max_height_m", *heights),
     )
     for low, high, least, most in limits:
         lower, upper = getattr(recipe, low), getattr(recipe, high)
@@ -192,10 +233,29 @@ def _check(recipe: MapRecipe) -> None:
                     f"{least:g} to {most:g} is allowed."
                 )
 
-    depth = files.source_depth_m
-    quarter = "a quarter of that height"
+    _check_spacings(recipe)
+    counts = _node_counts(recipe)
+    if min(counts) < _FEWEST_NODES or math.prod(counts) > _MOST_NODES:
+        raise MapError(
+            f"Bounds and spacings give {counts} nodes in latitude, longitude and height: at least "
+            f"{_FEWEST_NODES} in each and at most {_MOST_NODES} in all are allowed."
+        )
+
+
+def _check_spacings(recipe: MapRecipe) -> None:
+    """Raise MapError if the nodes lie too far apart for the height above the sources."""
+    if recipe.source in TERRAINS:
+        ground = highest_ground_m(recipe.source)
+        depth, deepest, share = -ground, -ground, _SPACING_PER_CLEARANCE
+        vertical_share = 1.0
+        quarter = f"{share:g} of the height above the highest ground, {ground:g} m"
+    else:
+        depth = SOURCES[recipe.source].source_depth_m
+        deepest, share = 0.5 * depth, _SPACING_PER_HEIGHT
+        vertical_share = share
+        quarter = "a quarter of that height"
     # Half the depth: the error of a spline is largest in the lowest layer, where it ends.
-    widest = _SPACING_PER_HEIGHT * (recipe.min_height_m + 0.5 * depth)
+    widest = vertical_share * (recipe.min_height_m + deepest)
     if depth > 0.0:
         quarter += f" above sources {depth:g} m deep (vertically: above half that depth)"
     if recipe.height_spacing_m > widest:
@@ -204,17 +264,11 @@ def _check(recipe: MapRecipe) -> None:
             f"{recipe.min_height_m}: at most {widest:g} is allowed, {quarter}."
         )
     height = recipe.min_height_m + _MARGIN_NODES * recipe.height_spacing_m
-    widest = math.degrees(_SPACING_PER_HEIGHT * (height + depth) / SEMI_MAJOR_AXIS) * 60.0
+    widest = math.degrees(share * (height + depth) / SEMI_MAJOR_AXIS) * 60.0
     if recipe.spacing_arcmin > widest:
         raise MapError(
             f"spacing_arcmin = {recipe.spacing_arcmin} is too wide for a map that serves heights "
             f"from {height:g} m: at most {widest:.3g} is allowed, {quarter}."
-        )
-    counts = _node_counts(recipe)
-    if min(counts) < _FEWEST_NODES or math.prod(counts) > _MOST_NODES:
-        raise MapError(
-            f"Bounds and spacings give {counts} nodes in latitude, longitude and height: at least "
-            f"{_FEWEST_NODES} in each and at most {_MOST_NODES} in all are allowed."
         )
 
 
@@ -234,10 +288,14 @@ def content_key(recipe: MapRecipe) -> str:
     """Hash of all that determines the map: recipe, data, code."""
     values = [v if isinstance(v, str) else float(v) for v in dataclasses.astuple(recipe)]
     digest = hashlib.sha256(json.dumps(values).encode())
-    files = SOURCES[recipe.source]
-    for name in (files.geoid, files.topography, files.coefficients):
+    if recipe.source in TERRAINS:
+        names, modules = (TERRAINS[recipe.source].file,), _TERRAIN_MODULES
+    else:
+        files = SOURCES[recipe.source]
+        names, modules = (files.geoid, files.topography, files.coefficients), _BUILDING_MODULES
+    for name in names:
         digest.update(hashlib.sha256(data_bytes(name)).digest())
-    for name in _BUILDING_MODULES:
+    for name in modules:
         source = (importlib.resources.files("ggbench") / name).read_bytes()
         digest.update(hashlib.sha256(source).digest())
     return digest.hexdigest()[:32]
