@@ -299,8 +299,10 @@ class _Series:
             shape = (periods * m_y, periods * m_x)
             k_x, k_y, k = _wavenumbers(shape[1], shape[0], self.coarse_step)
             # rfft2 fills up with level ground.
-            first, second = (scipy.fft.rfft2(moment, shape) for moment in self._moments)
-            continued = (first + k * second) * np.exp(-k * (level - self.middle))
+            continued = np.zeros(k.shape, complex)
+            for order, moment in enumerate(self._moments):
+                continued += k**order * scipy.fft.rfft2(moment, shape)
+            continued *= np.exp(-k * (level - self.middle))
             parts = _components(continued, k_x, k_y, k, shape[1], np.dtype(float))
             for index, component in enumerate(parts):
                 coarse[index] += sign * component[:m_y, :m_x]

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import griddata
-from scipy.ndimage import binary_dilation, distance_transform_edt
+from scipy.ndimage import binary_dilation, distance_transform_edt, map_coordinates, spline_filter
 
 from .terrain import FEWEST_NODES, Terrain, TerrainError
 
@@ -62,21 +62,19 @@ def _read_raster(path: Path) -> Terrain:
 
 
 def _from_dataset(dataset: Any, path: Path) -> Terrain:
-    name, crs = path.name, dataset.crs
+    name, crs, transform = path.name, dataset.crs, dataset.transform
     if dataset.count != 1:
         raise TerrainError(f"{name} has {dataset.count} bands; one, of heights, is allowed.")
-    _check_size(name, (dataset.height, dataset.width))
-    if dataset.transform.is_identity:
+    _check_size(name, dataset.shape)
+    if transform.is_identity:
         raise TerrainError(f"{name} does not say where it lies; a georeferenced raster is allowed.")
-    scale, offset = dataset.scales[0], dataset.offsets[0]
     factor, remark = _metres(dataset.units[0] or "", name)
-    remarks = [remark]
+    band = dataset.read(1, masked=True).astype(float).filled(np.nan)
+    band[np.isin(band, _VOID_MARKS)] = np.nan
+    heights = (band * dataset.scales[0] + dataset.offsets[0]) * factor
     if crs is not None and crs.is_projected:
-        band, transform = _to_degrees(dataset, path)
-        remarks.append("resampled to latitude and longitude")
-    elif crs is None or crs.is_geographic:
-        band, transform = dataset.read(1, masked=True), dataset.transform
-    else:
+        return _from_projected(heights, transform, crs, path, [remark])
+    if not (crs is None or crs.is_geographic):
         raise TerrainError(
             f"{name} has coordinates that are neither geographic nor projected: {crs}."
         )
@@ -84,75 +82,83 @@ def _from_dataset(dataset: Any, path: Path) -> Terrain:
         raise TerrainError(
             f"{name} is rotated; rows along parallels and columns along meridians are allowed."
         )
-    columns, rows = np.arange(band.shape[1]) + 0.5, np.arange(band.shape[0]) + 0.5
+    rows, columns = (np.arange(count) + 0.5 for count in heights.shape)
     # GDAL's transform is that of the corners of cells, for a raster of points, too.
     return _terrain(
         transform.f + transform.e * rows,
         transform.c + transform.a * columns,
-        (np.ma.filled(band.astype(float), np.nan) * scale + offset) * factor,
+        heights,
         name,
-        remarks,
+        [remark],
     )
 
 
-def _to_degrees(dataset: Any, path: Path) -> tuple[Any, Any]:
-    """Resample a projected raster to the largest box of degrees that lies within its edges."""
+def _from_projected(
+    heights: Array, transform: Any, crs: Any, path: Path, remarks: list[str]
+) -> Terrain:
+    """Resample a projected raster, by cubic splines, to a box of degrees within its edges."""
     warp = _import("rasterio.warp", path)
-    rasterio = _import("rasterio", path)
-    n_rows, n_columns = dataset.shape
-    rows, columns = np.arange(n_rows) + 0.5, np.arange(n_columns) + 0.5
-    target = "EPSG:4326"
 
-    def degrees(column: Array | float, row: Array | float) -> tuple[Array, Array]:
-        x, y = dataset.transform * (
-            np.broadcast_to(column, np.broadcast(column, row).shape).ravel(),
-            np.broadcast_to(row, np.broadcast(column, row).shape).ravel(),
-        )
-        longitude, latitude = warp.transform(dataset.crs, target, x, y)
-        return np.asarray(longitude), np.asarray(latitude)
+    def to_degrees(row: ArrayLike, column: ArrayLike) -> tuple[Array, Array]:
+        row, column = (part.ravel() + 0.5 for part in np.broadcast_arrays(row, column))
+        x = transform.a * column + transform.b * row + transform.c
+        y = transform.d * column + transform.e * row + transform.f
+        longitude, latitude = warp.transform(crs, "EPSG:4326", x, y)
+        return np.array(latitude), np.unwrap(longitude, period=360.0)
 
-    sides = [
-        degrees(0.5, rows), degrees(n_columns - 0.5, rows),
-        degrees(columns, 0.5), degrees(columns, n_rows - 0.5),
-    ]  # fmt: skip
-    lon_sides = sorted((lon for lon, _ in sides), key=np.mean)
-    lat_sides = sorted((lat for _, lat in sides), key=np.mean)
-    west, east = lon_sides[0].max(), lon_sides[-1].min()
-    south, north = lat_sides[0].max(), lat_sides[-1].min()
-    default, _, _ = warp.calculate_default_transform(
-        dataset.crs, target, n_columns, n_rows, *dataset.bounds
+    heights, remark = _without_voids(
+        heights, path.name, lambda row, column: tuple(a[0] for a in to_degrees(row, column))
     )
-    step = default.a
-    shape = (int((north - south) / step), int((east - west) / step))
-    if not (west < east and south < north and min(shape) >= FEWEST_NODES):
+    n_rows, n_columns = heights.shape
+    rows, columns = np.arange(n_rows), np.arange(n_columns)
+    sides = [
+        to_degrees(rows, 0), to_degrees(rows, n_columns - 1),
+        to_degrees(0, columns), to_degrees(n_rows - 1, columns),
+    ]  # fmt: skip
+    (southern, *_, northern), (western, *_, eastern) = (
+        sorted((side[axis] for side in sides), key=np.mean) for axis in (0, 1)
+    )
+    south, north = southern.max(), northern.min()
+    west, east = western.max(), eastern.min()
+    # Spacings as in the middle of the raster, so that no detail is lost.
+    middle = (n_rows - 1) / 2, (n_columns - 1) / 2
+    d_row, d_column = (
+        np.ravel(to_degrees(middle[0] + step, middle[1] + 1.0 - step))
+        - np.ravel(to_degrees(middle[0], middle[1]))
+        for step in (1.0, 0.0)
+    )
+    latitude_step, longitude_step = np.maximum(np.abs(d_row), np.abs(d_column))
+    shape = (int((north - south) / latitude_step) + 1, int((east - west) / longitude_step) + 1)
+    if not (south < north and west < east and min(shape) >= FEWEST_NODES):
         raise TerrainError(
             f"{path.name} is projected, and no box of latitudes and longitudes fits into it: warp "
             "it to EPSG:4326 with gdalwarp."
         )
     _check_size(path.name, shape)
-    transform = rasterio.transform.from_origin(west, north, step, step)
-    with _import("rasterio.vrt", path).WarpedVRT(
-        dataset,
-        crs=target,
-        transform=transform,
-        height=shape[0],
-        width=shape[1],
-        resampling=_import("rasterio.enums", path).Resampling.cubic,
-    ) as warped:
-        return warped.read(1, masked=True), transform
+    latitude = south + latitude_step * np.arange(shape[0])
+    longitude = west + longitude_step * np.arange(shape[1])
+    coefficients = spline_filter(heights, 3, mode="mirror")
+    resampled, inverse = np.empty(shape), ~transform
+    for index, parallel in enumerate(latitude):
+        x, y = (
+            np.array(a)
+            for a in warp.transform("EPSG:4326", crs, longitude, np.full(shape[1], parallel))
+        )
+        where = (
+            inverse.d * x + inverse.e * y + inverse.f - 0.5,
+            inverse.a * x + inverse.b * y + inverse.c - 0.5,
+        )
+        resampled[index] = map_coordinates(coefficients, where, mode="mirror", prefilter=False)
+    remarks = [*remarks, remark, "resampled to latitude and longitude"]
+    return _terrain(latitude, longitude, resampled, path.name, remarks)
 
 
 def _read_netcdf(path: Path) -> Terrain:
     """Read the heights of a netCDF file, of version 3 or 4, with coordinates in degrees."""
     xarray = _import("xarray", path)
-    with path.open("rb") as file:
-        version4 = file.read(4) == b"\x89HDF"
-    if version4:
-        _import("h5netcdf", path)
+    _import("netCDF4", path)
     try:
-        with xarray.open_dataset(
-            path, engine="h5netcdf" if version4 else "scipy", decode_times=False
-        ) as dataset:
+        with xarray.open_dataset(path, engine="netcdf4", decode_times=False) as dataset:
             return _from_variables(dataset, path.name)
     except TerrainError:
         raise
@@ -270,21 +276,13 @@ def _terrain(
     heights = heights[:, ::-1] if flipped else heights
     west = (west + 180.0) % 360.0 - 180.0
 
-    void = ~np.isfinite(heights) | np.isin(heights, _VOID_MARKS)
-    if void.any():
-        row, column = np.argwhere(void)[0]
-        where = f"{south + latitude_step * row:.5f}, {west + longitude_step * column:.5f}"
-        count = int(void.sum())
-        if count >= _MOST_VOIDS * void.size:
-            raise TerrainError(
-                f"{name} has {count} voids among {void.size} cells, the first at latitude, "
-                f"longitude {where}: less than {_MOST_VOIDS:.0%} is allowed; fill them first, for "
-                "example with gdal_fillnodata."
-            )
-        heights = _filled(heights, void)
-        remarks = [*remarks, f"{count} voids filled, the first at {where}"]
+    heights, remark = _without_voids(
+        heights,
+        name,
+        lambda row, column: (south + latitude_step * row, west + longitude_step * column),
+    )
     shape = " x ".join(map(str, heights.shape))
-    words = [f"{name} ({shape})", *filter(None, remarks)]
+    words = [f"{name} ({shape})", *filter(None, [*remarks, remark])]
     return Terrain(
         south, west, latitude_step, longitude_step, np.ascontiguousarray(heights), ", ".join(words)
     )
@@ -303,6 +301,24 @@ def _regular(axis: Array, what: str, name: str) -> tuple[float, float, bool]:
     if step < 0.0:
         return float(axis[-1]), -step, True
     return float(axis[0]), step, False
+
+
+def _without_voids(
+    heights: Array, name: str, place: Callable[[int, int], tuple[float, float]]
+) -> tuple[Array, str]:
+    """Heights with few voids filled, and what to say of it; ``place`` gives latitude, longitude."""
+    void = ~np.isfinite(heights) | np.isin(heights, _VOID_MARKS)
+    if not void.any():
+        return heights, ""
+    count, first = int(void.sum()), np.argwhere(void)[0]
+    where = "{:.5f}, {:.5f}".format(*place(*first))
+    if count >= _MOST_VOIDS * void.size:
+        raise TerrainError(
+            f"{name} has {count} voids among {void.size} cells, the first at latitude, longitude "
+            f"{where}: less than {_MOST_VOIDS:.0%} is allowed; fill them first, for example with "
+            "gdal_fillnodata."
+        )
+    return _filled(heights, void), f"{count} voids filled, the first at {where}"
 
 
 def _filled(heights: Array, void: NDArray[np.bool_]) -> Array:
