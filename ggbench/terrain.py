@@ -6,6 +6,7 @@ themselves are in :mod:`ggbench.terrain_files`.
 
 from __future__ import annotations
 
+import stat
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -79,12 +80,14 @@ class Terrain:
     @property
     def latitudes_deg(self) -> NDArray[np.float64]:
         """Latitudes of the rows, ascending, shape (n_lat,) [deg]."""
-        return self.south_deg + self.latitude_step_deg * np.arange(self.height_m.shape[0])
+        steps = np.arange(self.height_m.shape[0], dtype=float)
+        return self.south_deg + self.latitude_step_deg * steps
 
     @property
     def longitudes_deg(self) -> NDArray[np.float64]:
         """Longitudes of the columns, ascending, shape (n_lon,) [deg]."""
-        return self.west_deg + self.longitude_step_deg * np.arange(self.height_m.shape[1])
+        steps = np.arange(self.height_m.shape[1], dtype=float)
+        return self.west_deg + self.longitude_step_deg * steps
 
     def crop(self, south_deg: float, north_deg: float, west_deg: float, east_deg: float) -> Terrain:
         """The smallest part that covers these bounds [deg], as far as the terrain reaches.
@@ -144,10 +147,14 @@ def read_terrain(path: Path) -> Terrain:
 
     path = Path(path)
     reader = READERS.get(path.suffix.lower())
-    if path.is_dir():
+    try:
+        is_folder = stat.S_ISDIR(path.stat().st_mode)
+    except FileNotFoundError:
+        raise TerrainError(f"There is no terrain file {path}.") from None
+    except (OSError, ValueError) as error:
+        raise TerrainError(f"The terrain file {str(path)!r} cannot be read: {error}.") from None
+    if is_folder:
         raise TerrainError(f"{path} is a folder; a terrain is a file ({', '.join(READERS)}).")
-    if not path.exists():
-        raise TerrainError(f"There is no terrain file {path}.")
     if reader is None:
         raise TerrainError(
             f"{path.name} is of no kind that is known by its suffix; allowed: {', '.join(READERS)}."

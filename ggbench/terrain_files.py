@@ -7,6 +7,7 @@ installation.
 from __future__ import annotations
 
 import importlib
+import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -51,7 +52,8 @@ def _read_raster(path: Path) -> Terrain:
     """Read whatever GDAL reads, of one band, in degrees or projected."""
     rasterio = _import("rasterio", path)
     try:
-        with rasterio.open(path) as dataset:
+        # Its warnings concern what is refused here in a sentence.
+        with warnings.catch_warnings(action="ignore"), rasterio.open(path) as dataset:
             return _from_dataset(dataset, path)
     except TerrainError:
         raise

@@ -412,6 +412,13 @@ def test_a_missing_file_is_refused(tmp_path):
         read_terrain(tmp_path / "nowhere.tif")
 
 
+@pytest.mark.parametrize("name", ["a" * 1000 + ".tif", "a\0.tif", "file.tif/a.tif"])
+def test_an_impossible_path_is_refused(tmp_path, name):
+    (tmp_path / "file.tif").touch()
+    with pytest.raises(TerrainError, match=r"The terrain file .* cannot be read"):
+        read_terrain(tmp_path / name)
+
+
 @pytest.mark.parametrize("name", ["a.tif", "a.nc"])
 def test_a_missing_package_is_named(tmp_path, monkeypatch, name):
     def missing(module):
