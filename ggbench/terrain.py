@@ -48,7 +48,7 @@ class Terrain:
     name: str
 
     def __post_init__(self) -> None:
-        shape = self.height_m.shape
+        shape = np.shape(self.height_m)
         if len(shape) != 2 or min(shape) < FEWEST_NODES:
             raise TerrainError(
                 f"{self.name} has heights of shape {shape}: latitude by longitude, at least "

@@ -289,6 +289,7 @@ def test_field_depends_neither_on_other_heights_nor_on_turns(jacksboro):
         ({"height": [[1000.0]]}, "height must be a row of finite numbers"),
         ({"height": [3000.0, 600.0]}, r"lies 1\d\d.* m below the highest ground of hills"),
         ({"height": [1500.0], "geoid_height": 1000.0}, "below the highest ground"),
+        ({"geoid_height": math.nan}, "geoid_height = nan must be a finite number"),
         ({"height": [713.0]}, r"Fourier nodes.*or stay .* m above its highest ground"),
     ],
 )
