@@ -40,7 +40,7 @@ from .terrain import Terrain, TerrainError
 GRAVITATIONAL_CONSTANT = 6.6743e-11
 
 _SPACING_PER_HEIGHT = 0.25  # of the Fourier grid, to the height above the highest ground
-_MOST_NODES = 30_000_000  # of the Fourier grid: about three gigabytes
+_MOST_NODES = 30_000_000  # of the Fourier grid: about four gigabytes
 _BORDER = 0.1  # of the longer side of the terrain
 _MARGIN_NODES = 8  # of the Fourier grid, beyond the border
 _LARGEST_DISTORTION = 5e-3  # of lengths, by the map
@@ -240,13 +240,16 @@ class _Series:
     def _sum(self, layers: list[tuple[NDArray, float, float]], options: TerrainOptions) -> None:
         n_x, n_y = self.count
         self._k_x, self._k_y, k = _wavenumbers(n_x, n_y, self.step)
-        top = max((surface.max() for surface, _, _ in layers), default=0.0)
-        bottom = min((surface.min() for surface, _, _ in layers), default=0.0)
+        top = max(surface.max() for surface, _, _ in layers)
+        bottom = min(surface.min() for surface, _, _ in layers)
         self.middle = 0.5 * (top + bottom)
         half = max(0.5 * (top - bottom), 1e-3)
         distance = self._lowest_level - self.middle
-        relative = [((s - self.middle) / half, (e - self.middle) / half, d) for s, e, d in layers]
-        del layers
+        relative = []
+        for surface, edge, density in layers:
+            surface -= self.middle  # in place, for these arrays are large
+            surface /= half
+            relative.append((surface, (edge - self.middle) / half, density))
         powers = [np.ones((n_y, n_x)) for _ in relative]
 
         factor = half * np.exp(-k * distance)
