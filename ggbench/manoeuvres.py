@@ -87,10 +87,11 @@ class Segment:
         return self.duration
 
     def rates(self, start: State, count: int, dt: float) -> Array:
-        """Return the rates, whose means over the segment are those stated."""
-        return np.outer(
-            _shape(count, dt, self.duration), [self.turn_rate, self.acceleration, self.climb_rate]
-        )
+        """Return the rates, whose integrals are those stated times the duration."""
+        shape = _shape(count, dt, self.duration)
+        if abs(count * dt - self.duration) > 1e-9 * self.duration:
+            shape *= self.duration / (count * dt)
+        return np.outer(shape, [self.turn_rate, self.acceleration, self.climb_rate])
 
 
 @dataclass(frozen=True)

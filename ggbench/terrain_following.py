@@ -27,7 +27,7 @@ from .errors import GGBenchError
 from .manoeuvres import Array, State, TrajectoryError, enu, follow
 
 _STEP = 0.1  # of the plan [s]
-_LONGEST = 36000.0  # [s]
+_SHORTEST, _LONGEST = 20.0, 36000.0  # [s]
 _BLUR = 2.0  # half the width of the moving average, a raised cosine [s]
 
 
@@ -55,12 +55,17 @@ class TerrainFollowing:
 
     def length(self, start: State) -> float:
         """Return its duration [s]."""
-        if self.duration is not None:
-            return self.duration
-        assert self.distance is not None
-        if start.speed < 1e-3:
-            raise TrajectoryError(f"needs a speed, and there it is {start.speed:g} m/s")
-        return self.distance / start.speed
+        duration = self.duration
+        if duration is None:
+            assert self.distance is not None
+            if start.speed < 1e-3:
+                raise TrajectoryError(f"needs a speed, and there it is {start.speed:g} m/s")
+            duration = self.distance / start.speed
+        if not _SHORTEST <= duration <= _LONGEST:
+            raise TrajectoryError(
+                f"lasts {duration:g} s; terrain can be followed for {_SHORTEST:g} to {_LONGEST:g} s"
+            )
+        return duration
 
     def rates(self, start: State, count: int, dt: float) -> Array:
         """Return the rates of climb angle, and of speed, whose horizontal part is kept."""
@@ -68,10 +73,6 @@ class TerrainFollowing:
             raise TrajectoryError(
                 "must begin in level flight with a speed, and there the climb angle is "
                 f"{math.degrees(start.climb):g}° and the speed {start.speed:g} m/s"
-            )
-        if count * dt > _LONGEST:
-            raise TrajectoryError(
-                f"lasts {count * dt:g} s; terrain can be followed for {_LONGEST:g} s at most"
             )
         times = np.arange(count + 1) * dt
         steps = math.ceil(times[-1] / _STEP)
@@ -179,7 +180,7 @@ def _terrain(name: str, version: tuple[int, int]) -> tuple[float, float, float, 
 def _profile(floor: Array, height: float, step: float, slope: float, acceleration: float) -> Array:
     """Return heights (N,) above a floor (N,) that begin at a height and begin and end level."""
     # Level flight beyond both ends, within them for as long as the moving average sees.
-    flat = min(round(_BLUR / step) + 2, len(floor) // 3)
+    flat = round(_BLUR / step) + 2
     edge = flat + 2
     blur = 0.5 * (1.0 + np.cos(math.pi * np.linspace(-1.0, 1.0, 2 * flat - 1)))
     blur /= blur.sum()

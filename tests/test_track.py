@@ -280,7 +280,7 @@ def test_limits_can_be_widened(tmp_path):
 
 
 def test_a_scenario_flies_a_track(hour, tmp_path):
-    """From the file to a simulated run; another content is another problem, another place is not."""
+    """Up to a simulated run; another content is another problem, another place is not."""
     rows = degrees(hour, 100)[:30]
     file = Path(write(tmp_path / "track.csv", rows))
     start, end = SMALL.index("[trajectory]"), SMALL.index("[imu]")
