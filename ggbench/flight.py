@@ -152,9 +152,11 @@ def prepare(case: CaseSpec) -> Flight:
 
     Raises
     ------
-    MapError, OutsideMapError
-        If a map cannot be made, or the flight leaves it.
+    MapError, OutsideMapError, TrajectoryError
+        If a map cannot be made, the flight leaves it, or cannot be flown.
     """
+    if case.trajectory.files():
+        case.check_duration()
     true, model = case.side("truth"), case.side("model")
     field, model_field = make_field(true.field), make_field(model.field)
     trajectory, delta_angles, delta_velocities = _error_free(

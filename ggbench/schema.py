@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
+from .manoeuvres import TrajectoryError
 from .sections import Finite, NonNegative, Positive, Section
 from .sensor_schema import (
     AltimeterSpec,
@@ -184,25 +185,31 @@ class CaseSpec(Section):
                 f"gradiometer.period_s ({self.gradiometer.period_s:g} s) must be a whole multiple "
                 f"of imu.period_s ({self.imu.period_s:g} s)"
             )
+        # A track may be gone when a results folder is read; simulation.prepare checks its duration.
+        if not self.trajectory.files():
+            self.check_duration()
+        return self
+
+    def check_duration(self) -> None:
+        """Raise TrajectoryError, a ValueError, if the flight is too short or too long."""
         duration = self.trajectory.duration_s
         if duration < 2.0 * self.gradiometer.period_s:
-            raise ValueError(
+            raise TrajectoryError(
                 f"the flight lasts {duration:g} s, too short for two readings "
                 f"({self.gradiometer.period_s:g} s apart)"
             )
         samples = duration / self.imu.period_s
         if samples > MOST_SAMPLES:
-            raise ValueError(
+            raise TrajectoryError(
                 f"the flight of {duration:g} s has {samples:.3g} samples of {self.imu.period_s:g} "
                 f"s; at most {MOST_SAMPLES} are allowed"
             )
         last = self.gradiometer.period_s * math.floor(duration / self.gradiometer.period_s + 1e-9)
         if self.windows.settled_from_s > last:
-            raise ValueError(
+            raise TrajectoryError(
                 f"windows.settled_from_s is {self.windows.settled_from_s:g} s and must not lie "
                 f"beyond the last reading, at {last:g} s"
             )
-        return self
 
     def side(self, name: Literal["truth", "model"]) -> Side:
         """Return sensors, field and initial errors as the truth or the model has them.

@@ -305,5 +305,14 @@ def test_a_scenario_flies_a_track(hour, tmp_path):
     again = simulation.prepare(case)
     assert again.trajectory.positions[0, 2] == pytest.approx(3100.0)
     file.write_text(with_row("3,33.003,E108,3000"))
-    with pytest.raises(GGBenchError, match=r"small.toml: case 'base': track .*line 5: longitude"):
-        load(file)
+    with pytest.raises(GGBenchError, match=r"^case 'base': track .*line 5: longitude_deg is 'E10"):
+        simulation.prepare(case)
+    write(file, rows[:8])
+    with pytest.raises(GGBenchError, match=r"settled_from_s is 10 s .* last reading, at 7 s"):
+        simulation.prepare(case)
+    # Without the track there is no flight; results of old can still be read.
+    file.unlink()
+    old = load(file)
+    assert scenario.from_text(path.read_text(), "small", "").cases[0] == old
+    with pytest.raises(GGBenchError, match=r"cannot read .*track.csv: No such file"):
+        simulation.prepare(case)
