@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import stat
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -18,6 +19,7 @@ from .track_file import parse
 
 FASTEST = 10000.0
 """Highest speed of a track [m/s]."""
+_LARGEST = 1_000_000_000  # file [bytes]
 _GAP = 5.0  # the longest step, in medians, unless the scenario says otherwise
 _STILL = 1.0  # speed below which the heading of the velocity means nothing [m/s]
 _WIDEST = 1000.0  # smoothing, in medians of the step: beyond it rounding shows
@@ -84,6 +86,12 @@ def read_track(file: str, limits: TrackLimits) -> Track:
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not a path"
         raise TrajectoryError(f"cannot read the track {file}: {reason}") from None
+    if not stat.S_ISREG(status.st_mode):
+        raise TrajectoryError(f"cannot read the track {file}: it is no file")
+    if status.st_size > _LARGEST:
+        raise TrajectoryError(
+            f"the track {file} has {status.st_size / 1e6:.0f} MB; at most {_LARGEST / 1e6:g} are read"
+        )
     return _read_track(file, limits, status.st_mtime_ns, status.st_size)
 
 
