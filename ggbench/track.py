@@ -90,7 +90,7 @@ def read_track(file: str, limits: TrackLimits) -> Track:
         raise TrajectoryError(f"cannot read the track {file}: it is no file")
     if status.st_size > _LARGEST:
         raise TrajectoryError(
-            f"the track {file} has {status.st_size / 1e6:.0f} MB; at most {_LARGEST / 1e6:g} are read"
+            f"track {file}: has {status.st_size / 1e6:.0f} MB; at most {_LARGEST / 1e6:g} may be"
         )
     return _read_track(file, limits, status.st_mtime_ns, status.st_size)
 

@@ -263,9 +263,7 @@ def test_a_mistake_in_a_track_has_its_sentence(kind, tmp_path):
 @pytest.mark.parametrize("name", [".", "gone.csv", "gone/track.csv", "/dev/zero"])
 def test_what_is_no_file_has_its_sentence(name, tmp_path):
     """A folder and a device are told from a missing file, and not waited for."""
-    with pytest.raises(
-        TrajectoryError, match=r"cannot read the track .*: (it is no file|No such file)"
-    ):
+    with pytest.raises(TrajectoryError, match=r"the track .*: (it is no|No such) file"):
         assert read(str(tmp_path / name)).duration_s
 
 
