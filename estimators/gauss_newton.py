@@ -26,6 +26,8 @@ from .robust import Loss
 _HALVINGS = 15
 _CONVERGED = 1e-6
 """Decrease of the cost below which a search has ended: a thousandth of a standard deviation."""
+_MOST_STARTS = 1_000_000
+"""Starts that fit in memory."""
 _SCREENED = 50
 """Number of epochs at which the cost of a start is looked at."""
 
@@ -61,7 +63,9 @@ class GaussNewton(Estimator):
 
     def skip(self, problem: Problem) -> str | None:
         """Refuse limits that leave nothing to do."""
-        for name in ("starts", "refine", "max_iterations"):
+        if not 1 <= self.starts <= _MOST_STARTS:
+            return f"starts must be 1 to {_MOST_STARTS}, and is {self.starts}"
+        for name in ("refine", "max_iterations"):
             if getattr(self, name) < 1:
                 return f"{name} must be at least 1, and is {getattr(self, name)}"
         return robust.refusal(self.loss, self.threshold)

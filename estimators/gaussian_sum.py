@@ -26,6 +26,8 @@ _NEGLIGIBLE = 1e-6
 """Weight against the largest one below which a hypothesis is dropped."""
 _SAME = 1.0
 """Squared Mahalanobis distance of the means below which two hypotheses are one."""
+_MOST = 100_000
+"""Hypotheses that fit in memory."""
 _HALVINGS = 6
 _CONVERGED = 1e-6
 """Decrease of a cost below which an update has converged: a thousandth of a deviation."""
@@ -64,9 +66,10 @@ class GaussianSum(Estimator):
         """Refuse grids that do not exist."""
         if not 0.0 < self.spacing_m < np.inf:
             return f"spacing_m must be positive and finite, and is {self.spacing_m:g}"
-        for name in ("most", "iterations"):
-            if getattr(self, name) < 1:
-                return f"{name} must be at least 1, and is {getattr(self, name)}"
+        if not 1 <= self.most <= _MOST:
+            return f"most must be 1 to {_MOST}, and is {self.most}"
+        if self.iterations < 1:
+            return f"iterations must be at least 1, and is {self.iterations}"
         if self.loss != "none" and self.iterations == 1:
             return "a loss needs at least 2 iterations"
         return robust.refusal(self.loss, self.threshold)
@@ -210,7 +213,7 @@ def _split_prior(
     values, vectors = np.linalg.eigh(problem.prior_cov[np.ix_(axes, axes)])
     sigma = np.sqrt(values)
     # The box around the ellipsoid has to fit in memory, too.
-    while np.prod(1.0 + 2.0 * _REACH * sigma / spacing_m) > 4.0 * most:
+    while np.sum(np.log1p(2.0 * _REACH * sigma / spacing_m)) > np.log(4.0 * most):
         spacing_m *= 1.1
     grid = _grid(sigma, spacing_m)
     while len(grid) > most:

@@ -1,0 +1,232 @@
+"""Wide priors: the iterated filter, the Gaussian sum, and Gauss–Newton from many starts."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from problems import (
+    changed,
+    deviation,
+    estimated,
+    estimator,
+    kalman,
+    linear_problem,
+    rng,
+    simulated,
+)
+from rough_field import LENGTH, rough_flight
+from scipy.stats import chi2
+
+from ggbench.estimators.gaussian_sum import _split_prior
+from ggbench.problem import Estimate, Problem, StateBlock
+
+RUNS = 10
+LOST = 100.0
+"""Final position error [m] of a run that has locked onto the wrong place; others have 5 m."""
+
+
+@functools.cache
+def wide(lengths: float) -> list[tuple[Problem, np.ndarray]]:
+    """Flights with a prior of so many correlation lengths of the field."""
+    return [rough_flight(seed, lengths * LENGTH, epochs=60) for seed in range(RUNS)]
+
+
+@functools.cache
+def answers(label: str, lengths: float) -> list[Estimate]:
+    return [estimator(label).estimate(problem, rng()) for problem, _ in wide(lengths)]
+
+
+def final_errors(label: str, lengths: float) -> np.ndarray:
+    pairs = zip(answers(label, lengths), wide(lengths), strict=True)
+    return np.array([np.linalg.norm((a.mean - truth)[-1, :3]) for a, (_, truth) in pairs])
+
+
+@pytest.mark.parametrize("label", ["ekf[iterations=5]", "gaussian-sum[iterations=1]"])
+def test_filters_of_a_linear_problem_are_kalmans(label):
+    """Iterating or weighing hypotheses changes nothing where h is linear (1e-9)."""
+    for seed in range(3):
+        problem = linear_problem(seed)
+        mean, cov, _, _ = kalman(problem)
+        found = estimator(label).estimate(problem, rng())
+        assert max(deviation(found.mean, found.cov, mean, cov)) < 1e-9
+
+
+def test_one_hypothesis_is_the_extended_kalman_filter():
+    """A Gaussian sum of one is the EKF, plain or iterated (1e-6 σ)."""
+    problem, _ = rough_flight(3, 200.0)
+    for iterations in (1, 5):
+        one = estimator(f"gaussian-sum[iterations={iterations}]").estimate(problem, rng())
+        ekf = estimator(f"ekf[iterations={iterations}]").estimate(problem, rng())
+        assert one.info["hypotheses"] == 1
+        assert max(deviation(one.mean, one.cov, ekf.mean, ekf.cov)) < 1e-6
+
+
+def test_cubature_points_are_the_scaled_set_without_scaling():
+    """Arasaratnam & Haykin's 2n points are van der Merwe's with α = 1, β = 0, κ = 0 (1e-9 σ)."""
+    problem, _ = rough_flight(3, 500.0)
+    cubature = estimator("ukf[points=cubature]").estimate(problem, rng())
+    scaled = estimator("ukf[points=merwe,alpha=1,beta=0,kappa=0]").estimate(problem, rng())
+    assert max(deviation(cubature.mean, cubature.cov, scaled.mean, scaled.cov)) < 1e-9
+
+
+def update_cost(problem: Problem, x: np.ndarray) -> float:
+    """Cost of the state after the first reading."""
+    phi = problem.transition[0]
+    off = x - phi @ problem.prior_mean
+    cov = phi @ problem.prior_cov @ phi.T + problem.process_cov[0]
+    residual = problem.measurements[0] - problem.model.predict(0, x)
+    noise = np.linalg.solve(problem.noise_cov, residual)
+    return float(0.5 * off @ np.linalg.solve(cov, off) + 0.5 * residual @ noise)
+
+
+@pytest.mark.parametrize("lengths", [0.1, 0.5, 3.0])
+def test_iterated_update_ends_in_a_minimum(lengths):
+    """No step to any side lowers the cost of an iterated update, and it is never above the start.
+
+    The plain EKF's step often is: that is why the iterated one controls its steps.
+    """
+    worse = 0
+    for problem, _ in wide(lengths):
+        x = estimator("ekf[iterations=50]").estimate(problem, rng())
+        lowest = update_cost(problem, x.mean[0])
+        start = update_cost(problem, problem.transition[0] @ problem.prior_mean)
+        assert lowest < start
+        sigma = np.sqrt(np.diagonal(x.cov[0]))
+        for axis in range(3):
+            for side in (-0.1, 0.1):
+                step = side * sigma[axis] * np.eye(problem.dimension)[axis]
+                assert update_cost(problem, x.mean[0] + step) > lowest - 1e-6
+        plain = estimator("ekf").estimate(problem, rng()).mean[0]
+        worse += update_cost(problem, plain) > start
+    if lengths == 3.0:
+        assert worse > 0
+
+
+def test_gauss_newton_is_gtsams_batch_graph():
+    """On the paper's flight both find the same trajectory and covariance (1e-4 σ)."""
+    case = "0.01E-0.2Hz"
+    graph = estimated(case, "factor-graph[mode=batch]")
+    for label in ("gauss-newton", "gauss-newton[starts=1]"):
+        ours = estimated(case, label)
+        assert ours.info["cost"] == pytest.approx(graph.info["error"], rel=1e-6)
+        assert max(deviation(ours.mean, ours.cov, graph.mean, graph.cov)) < 1e-4
+
+
+def test_gauss_newton_keeps_constant_states_constant():
+    """Process noise that is singular stays so: bias states are one number over the flight."""
+    problem, _ = simulated("0.01E-0.2Hz")
+    mean = estimated("0.01E-0.2Hz", "gauss-newton[starts=1]").mean[:, 9:15]
+    sigma = np.sqrt(np.diag(problem.prior_cov))[9:15]
+    assert (np.ptp(mean, axis=0) / sigma).max() < 1e-9
+
+
+@pytest.mark.parametrize("lengths", [1.0, 3.0])
+def test_many_hypotheses_find_the_place_where_one_locks(lengths):
+    """With a prior of 1 and 3 correlation lengths the EKF loses runs; those that search do not."""
+    assert (final_errors("ekf", lengths) > LOST).sum() >= (2 if lengths == 1.0 else 6)
+    if lengths == 3.0:
+        assert (final_errors("ekf[iterations=10]", lengths) > LOST).sum() >= 5
+        assert (final_errors("gauss-newton[starts=1]", lengths) > LOST).sum() >= 5
+    for label in ("gaussian-sum", "gauss-newton[starts=256]"):
+        assert (final_errors(label, lengths) < LOST).all()
+
+
+def test_more_starts_never_end_higher():
+    """The lowest minimum from 256 starts is never above the one from the prior's mean."""
+    many, single = answers("gauss-newton[starts=256]", 3.0), answers("gauss-newton[starts=1]", 3.0)
+    for several, one in zip(many, single, strict=True):
+        assert several.info["cost"] < one.info["cost"] + 1e-3
+
+
+@pytest.mark.parametrize("label", ["gaussian-sum", "gauss-newton[starts=256]"])
+def test_errors_at_wide_priors_are_those_that_the_covariance_tells(label):
+    """The NEES of the final position over the runs lies within χ² limits (false alarms 1e-4)."""
+    total = 0.0
+    for answer, (_, truth) in zip(answers(label, 3.0), wide(3.0), strict=True):
+        error = (answer.mean - truth)[-1, :3]
+        total += error @ np.linalg.solve(answer.cov[-1, :3, :3], error)
+    low, high = chi2.ppf([5e-5, 1.0 - 5e-5], 3 * RUNS)
+    assert low < total < high
+
+
+def correlated_prior() -> Problem:
+    problem, _ = rough_flight(0, 1500.0, epochs=2)
+    root = np.diag(np.sqrt(np.diag(problem.prior_cov)))
+    root = root @ (np.eye(9) + 0.3 * np.tril(np.ones((9, 9)), -1))
+    return changed(problem, prior_cov=root @ root.T, prior_mean=np.arange(9.0))
+
+
+def test_the_grid_of_gaussians_is_the_prior():
+    """Mean, covariance with all correlations, and density of the sum are the prior's.
+
+    The density to 1 % of its largest value, at random points.
+    """
+    problem = correlated_prior()
+    scale = np.sqrt(np.diag(problem.prior_cov))
+    weights, means, covs = _split_prior(problem, 500.0, 10_000)
+    assert len(weights) > 100
+    share = np.exp(weights) / np.exp(weights).sum()
+    mean = share @ means
+    off = means - mean
+    cov = np.einsum("j,jab->ab", share, covs) + (off.T * share) @ off
+    assert np.abs(mean - problem.prior_mean / scale).max() < 1e-6
+    assert np.abs(cov - problem.prior_cov / np.outer(scale, scale)).max() < 0.02
+    assert np.linalg.eigvalsh(covs[0])[0] > 0.0
+
+    def density(x: np.ndarray, at: np.ndarray, spread: np.ndarray) -> np.ndarray:
+        distance = np.einsum("ji,ji->j", x - at, np.linalg.solve(spread, (x - at).T).T)
+        return np.exp(-0.5 * distance) / np.sqrt(np.linalg.det(spread))
+
+    prior = problem.prior_cov / np.outer(scale, scale)
+    centre = problem.prior_mean / scale
+    peak = density(centre[None], centre, prior)[0]
+    for x in np.random.default_rng(1).multivariate_normal(centre, prior, size=50):
+        total = share @ density(x, means, covs[0])
+        assert abs(total - density(x[None], centre, prior)[0]) < 0.01 * peak
+
+
+@pytest.mark.parametrize("spacing", [1e-300, 1e-3, 100.0])
+@pytest.mark.parametrize("most", [1, 100, 2000])
+def test_grid_is_made_coarser_to_fit(spacing, most):
+    """Never more hypotheses than asked for, and not far fewer where the spacing asks for more."""
+    problem = correlated_prior()
+    count = len(_split_prior(problem, spacing, most)[0])
+    assert most / 4 <= count <= most
+
+
+@dataclass(frozen=True)
+class Periodic:
+    """A field that repeats itself every 1000 m: no reading can tell one place from the next."""
+
+    def predict(self, k: int, x: np.ndarray) -> np.ndarray:
+        phase = 2.0 * np.pi * np.asarray(x)[..., :1] / 1000.0
+        return np.concatenate([np.sin(phase), np.cos(phase)], axis=-1)
+
+    def jacobian(self, k: int, x: np.ndarray) -> np.ndarray:
+        phase = 2.0 * np.pi * x[0] / 1000.0
+        return 2.0 * np.pi / 1000.0 * np.array([[np.cos(phase)], [-np.sin(phase)]])
+
+
+def test_a_mixture_admits_that_it_does_not_know():
+    """Where the field repeats itself, the covariance still holds all the places that fit.
+
+    A prior of 2000 m over a period of 1000 m leaves about 2000 m; the EKF claims centimetres.
+    """
+    epochs = 20
+    problem = Problem(
+        times=np.arange(1.0, epochs + 1.0),
+        measurements=np.tile([0.6, 0.8], (epochs, 1)),
+        noise_cov=1e-4 * np.eye(2),
+        transition=np.ones((epochs, 1, 1)),
+        process_cov=np.zeros((epochs, 1, 1)),
+        prior_mean=np.zeros(1),
+        prior_cov=np.array([[4e6]]),
+        model=Periodic(),
+        layout=(StateBlock("position", slice(0, 1), "m"),),
+    )
+    mixture = estimator("gaussian-sum[spacing_m=100]").estimate(problem, rng())
+    assert np.sqrt(mixture.cov[-1, 0, 0]) == pytest.approx(2000.0, rel=0.05)
+    assert np.sqrt(estimator("ekf").estimate(problem, rng()).cov[-1, 0, 0]) < 1.0
