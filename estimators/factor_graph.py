@@ -235,10 +235,11 @@ class _ScaledProblem:
         GTSAM's robust noise of a vector weighs its norm, and would throw a whole reading away.
         """
         estimators = gtsam.noiseModel.mEstimator
-        kind = {"huber": estimators.Huber, "cauchy": estimators.Cauchy}[self.loss]
-        noise = gtsam.noiseModel.Robust.Create(
-            kind.Create(self.threshold), gtsam.noiseModel.Unit.Create(1)
-        )
+        if self.loss == "huber":
+            robustness: gtsam.noiseModel.mEstimator.Base = estimators.Huber.Create(self.threshold)
+        else:
+            robustness = estimators.Cauchy.Create(self.threshold)
+        noise = gtsam.noiseModel.Robust.Create(robustness, gtsam.noiseModel.Unit.Create(1))
         reading = _Reading(
             self.problem.model, self.problem.measurements[k], self.scale, self.noise_root, k
         )

@@ -239,64 +239,88 @@ def _smooth(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Solve the linear problem target[k] = rows[k] x_k + v_k with white v_k of unit variance.
 
-    A Kalman filter in Joseph's form, then the multipliers backwards (Bryson & Frazier; de Jong
-    1989): r_k = Hᵀ S⁻¹ y + (I − K H)ᵀ Φ_{k+1}ᵀ r_{k+1}, and x = x_filtered + P Φᵀ r of the next.
+    A Kalman filter that takes one component of a reading after the other, in Joseph's form; then
+    the multipliers backwards (Bryson & Frazier; Bierman 1973): r ← h y / s + (I − K h)ᵀ r over the
+    components, r ← Φᵀ r between epochs, and x = x_filtered + P r with the r of what comes later.
 
     Returns
     -------
     Smoothed states (K, n), multipliers λ (n,) and r (K, n), filtered covariance (K, n, n).
     """
-    epochs, _, n = rows.shape
+    epochs, m, n = rows.shape
     mean = np.empty((epochs, n))
     cov = np.empty((epochs, n, n))
-    keep = np.empty((epochs, n, n))
-    news = np.empty((epochs, n))
+    gains = np.empty((epochs, m, n))
+    news = np.empty((epochs, m))
     x, p = prior_mean.copy(), prior_cov.copy()
+    ph = np.empty(n)
     for k in range(epochs):
-        phi, h = transition[k], rows[k]
+        phi = transition[k]
         x = phi @ x
         p = phi @ p @ phi.T + process_cov[k]
-        hp = h @ p
-        s = hp @ h.T + np.eye(len(h))
-        gain = np.ascontiguousarray(np.linalg.solve(s, hp).T)
-        innovation = target[k] - h @ x
-        x = x + gain @ innovation
-        keep[k] = np.eye(n) - gain @ h
-        p = keep[k] @ p @ keep[k].T + gain @ gain.T
-        p = 0.5 * (p + p.T)
-        news[k] = h.T @ np.linalg.solve(s, innovation)
+        for c in range(m):
+            h, gain = rows[k, c], gains[k, c]
+            s, y = 1.0, target[k, c]
+            for i in range(n):
+                ph[i] = 0.0
+                for j in range(n):
+                    ph[i] += p[i, j] * h[j]
+                s += ph[i] * h[i]
+                y -= h[i] * x[i]
+            news[k, c] = y / s
+            for i in range(n):
+                gain[i] = ph[i] / s
+                x[i] += gain[i] * y
+                for j in range(n):
+                    p[i, j] -= gain[i] * ph[j]
+            for i in range(n):
+                left = 0.0
+                for j in range(n):
+                    left += p[i, j] * h[j]
+                for j in range(n):
+                    p[i, j] += (gain[i] - left) * gain[j]
+            for i in range(n):
+                for j in range(i):
+                    p[i, j] = p[j, i] = 0.5 * (p[i, j] + p[j, i])
         mean[k], cov[k] = x, p
     motion = np.empty((epochs, n))
     back = np.zeros(n)
     for k in range(epochs - 1, -1, -1):
-        mean[k] += cov[k] @ back
-        motion[k] = news[k] + keep[k].T @ back
+        for i in range(n):
+            for j in range(n):
+                mean[k, i] += cov[k, i, j] * back[j]
+        for c in range(m - 1, -1, -1):
+            pull = news[k, c]
+            for i in range(n):
+                pull -= gains[k, c, i] * back[i]
+            for i in range(n):
+                back[i] += rows[k, c, i] * pull
+        motion[k] = back
         back = transition[k].T @ motion[k]
     return mean, back, motion, cov
 
 
-@njit(cache=True)
 def _smoothed_cov(
     transition: np.ndarray, process_cov: np.ndarray, filtered: np.ndarray, rows: np.ndarray
 ) -> np.ndarray:
-    """Return the covariance (K, n, n) of filtered states and all later measurements.
+    """Return the covariance (K, n, n) of filtered states given all later measurements, too.
 
     The two-filter smoother (Fraser & Potter 1969): M, the information of what comes later, is
-    carried backwards through singular Q as N − N (Q⁻¹ + N)⁻¹ N = A (N + N Q N) Aᵀ with
-    A = (I + N Q)⁻¹, and P = (P_filtered⁻¹ + M)⁻¹ likewise: sums that stay positive definite.
+    carried backwards through a Q that may be singular, (Q + N⁻¹)⁻¹ = A (N + N Q N) Aᵀ with
+    A = (I + N Q)⁻¹, and joined with the filter's, (P⁻¹ + M)⁻¹, by the same identity: nothing is
+    subtracted, so that all stays positive definite.
     """
-    epochs, n, _ = filtered.shape
-    out = np.empty((epochs, n, n))
-    later = np.zeros((n, n))
-    eye = np.eye(n)
-    for k in range(epochs - 1, -1, -1):
-        p = filtered[k]
-        b = np.linalg.solve(eye + p @ later, p + p @ later @ p)
-        out[k] = np.linalg.solve(eye + p @ later, np.ascontiguousarray(b.T))
-        out[k] = 0.5 * (out[k] + out[k].T)
-        n_k = later + rows[k].T @ rows[k]
-        q = process_cov[k]
-        c = np.linalg.solve(eye + n_k @ q, n_k + n_k @ q @ n_k)
-        c = np.linalg.solve(eye + n_k @ q, np.ascontiguousarray(c.T))
-        later = transition[k].T @ (0.5 * (c + c.T)) @ transition[k]
-    return out
+    later = np.zeros_like(filtered)
+    for k in range(len(filtered) - 1, 0, -1):
+        information = later[k] + rows[k].T @ rows[k]
+        carried = _joined(information, process_cov[k])
+        later[k - 1] = transition[k].T @ carried @ transition[k]
+    return _joined(filtered, later)
+
+
+def _joined(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return (A⁻¹ + B)⁻¹ (..., n, n) of positive semidefinite matrices."""
+    mixed = np.eye(a.shape[-1]) + a @ b
+    half = np.linalg.solve(mixed, a + a @ b @ a)
+    whole = np.linalg.solve(mixed, np.swapaxes(half, -1, -2))
+    return 0.5 * (whole + np.swapaxes(whole, -1, -2))

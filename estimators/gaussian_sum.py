@@ -241,50 +241,59 @@ def _grid(sigma: np.ndarray, spacing: float) -> np.ndarray:
     return grid[np.sum((grid / sigma) ** 2, axis=1) <= _REACH**2]
 
 
-@njit(cache=True)
 def _merged(
     weights: np.ndarray, means: np.ndarray, covs: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Merge hypotheses whose means are the same within the deviations of the heavier one.
+    """Merge hypotheses whose means are the same, keeping mean and covariance of their sum."""
+    if len(weights) == 1:
+        return weights, means, covs
+    order = np.argsort(-weights, kind="stable")
+    variances = np.diagonal(covs, axis1=1, axis2=2).copy()
+    leader = _leaders(order, means, variances, np.linalg.inv(covs))
+    merged_weights, merged_means, merged_covs = [], [], []
+    for first in order[leader[order] == order]:
+        group = np.flatnonzero(leader == first)
+        share = np.exp(weights[group] - weights[first])
+        total = share.sum()
+        mean = share @ means[group] / total
+        off = means[group] - mean
+        spread = np.einsum("j,jab->ab", share, covs[group]) + (off.T * share) @ off
+        merged_weights.append(weights[first] + np.log(total))
+        merged_means.append(mean)
+        merged_covs.append(spread / total)
+    return np.array(merged_weights), np.array(merged_means), np.array(merged_covs)
 
-    From the heaviest on, each takes in the lighter ones near it (Salmond 1990), keeping mean and
-    covariance of the sum.
+
+@njit(cache=True)
+def _leaders(
+    order: np.ndarray, means: np.ndarray, variances: np.ndarray, information: np.ndarray
+) -> np.ndarray:
+    """Return for each hypothesis the index (J,) of the one that takes it in, maybe itself.
+
+    From the heaviest on, each takes in the lighter ones within its deviations (Salmond 1990).
     """
     count, n = means.shape
-    order = np.argsort(-weights)
-    taken = np.zeros(count, dtype=np.bool_)
-    out_weights = np.empty(count)
-    out_means = np.empty((count, n))
-    out_covs = np.empty((count, n, n))
-    found = 0
+    leader = np.full(count, -1)
+    off = np.empty(n)
     for first in order:
-        if taken[first]:
+        if leader[first] >= 0:
             continue
-        group = [first]
+        leader[first] = first
         for other in order:
-            if taken[other] or other == first:
+            if leader[other] >= 0:
                 continue
-            off = means[other] - means[first]
             near = True
             for i in range(n):  # d² ≥ off² / P_ii: most pairs need no more than this
-                if off[i] * off[i] > _SAME * covs[first, i, i]:
+                off[i] = means[other, i] - means[first, i]
+                if off[i] * off[i] > _SAME * variances[first, i]:
                     near = False
                     break
-            if near and off @ np.linalg.solve(covs[first], off) < _SAME:
-                group.append(other)
-        total = 0.0
-        mean = np.zeros(n)
-        for i in group:
-            taken[i] = True
-            total += np.exp(weights[i])
-            mean += np.exp(weights[i]) * means[i]
-        mean /= total
-        cov = np.zeros((n, n))
-        for i in group:
-            off = means[i] - mean
-            cov += np.exp(weights[i]) / total * (covs[i] + np.outer(off, off))
-        out_weights[found] = np.log(total)
-        out_means[found] = mean
-        out_covs[found] = cov
-        found += 1
-    return out_weights[:found], out_means[:found], out_covs[:found]
+            if not near:
+                continue
+            distance = 0.0
+            for i in range(n):
+                for j in range(n):
+                    distance += off[i] * information[first, i, j] * off[j]
+            if distance < _SAME:
+                leader[other] = first
+    return leader
