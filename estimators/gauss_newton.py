@@ -22,6 +22,7 @@ from scipy.stats import qmc
 from ..problem import Causality, Estimate, Estimator, Problem
 from . import robust
 from .robust import Loss
+from .ukf import MatrixSquareRoot
 
 _HALVINGS = 15
 _CONVERGED = 1e-6
@@ -78,7 +79,10 @@ class GaussNewton(Estimator):
             smoother.search(start, self.max_iterations)
             for start in smoother.best_starts(self.starts, self.refine)
         ]
-        best = min(found, key=lambda item: item.cost)
+        finite = [item for item in found if np.isfinite(item.cost)]
+        if not finite:
+            raise FloatingPointError("the cost of every start is not a finite number")
+        best = min(finite, key=lambda item: item.cost)
         mean, cov = smoother.answer(best)
         info = {
             "cost": best.cost,
@@ -305,22 +309,23 @@ def _smoothed_cov(
 ) -> np.ndarray:
     """Return the covariance (K, n, n) of filtered states given all later measurements, too.
 
-    The two-filter smoother (Fraser & Potter 1969): M, the information of what comes later, is
-    carried backwards through a Q that may be singular, (Q + N⁻¹)⁻¹ = A (N + N Q N) Aᵀ with
-    A = (I + N Q)⁻¹, and joined with the filter's, (P⁻¹ + M)⁻¹, by the same identity: nothing is
-    subtracted, so that all stays positive definite.
+    The two-filter smoother (Fraser & Potter 1969) in square-root form: WᵀW, the information of
+    what comes later, is carried backwards through a Q that may be singular,
+    (Q + (WᵀW)⁻¹)⁻¹ = Wᵀ (I + W Q Wᵀ)⁻¹ W, and joined with P = UᵀU of the filter,
+    (P⁻¹ + WᵀW)⁻¹ = Uᵀ (I + U WᵀW Uᵀ)⁻¹ U. Sharp readings and wide priors do it no harm.
     """
-    later = np.zeros_like(filtered)
-    for k in range(len(filtered) - 1, 0, -1):
-        information = later[k] + rows[k].T @ rows[k]
-        carried = _joined(information, process_cov[k])
-        later[k - 1] = transition[k].T @ carried @ transition[k]
-    return _joined(filtered, later)
-
-
-def _joined(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return (A⁻¹ + B)⁻¹ (..., n, n) of positive semidefinite matrices."""
-    mixed = np.eye(a.shape[-1]) + a @ b
-    half = np.linalg.solve(mixed, a + a @ b @ a)
-    whole = np.linalg.solve(mixed, np.swapaxes(half, -1, -2))
-    return 0.5 * (whole + np.swapaxes(whole, -1, -2))
+    epochs, n, _ = filtered.shape
+    eye = np.eye(n)
+    later = np.zeros((epochs, n, n))
+    for k in range(epochs - 1, 0, -1):
+        found = np.linalg.qr(np.vstack([later[k], rows[k], np.zeros((n, n))]), mode="r")
+        root = np.linalg.cholesky(eye + found @ process_cov[k] @ found.T)
+        later[k - 1] = np.linalg.solve(root, found) @ transition[k]
+    square_root = MatrixSquareRoot()
+    upper = np.stack([square_root(cov) for cov in filtered])
+    both = np.concatenate(
+        [np.broadcast_to(eye, later.shape), later @ upper.transpose(0, 2, 1)], axis=1
+    )
+    joined = np.linalg.qr(both, mode="r")
+    half = np.linalg.solve(joined.transpose(0, 2, 1), upper)
+    return half.transpose(0, 2, 1) @ half

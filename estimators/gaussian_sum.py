@@ -159,10 +159,14 @@ class _Bank:
             if not len(active):
                 break
         self.means = x
-        self.covs = cov - projected.transpose(0, 2, 1) @ np.linalg.solve(s, projected)
+        gain = np.linalg.solve(s, projected).transpose(0, 2, 1)
+        keep = np.eye(cov.shape[1]) - gain @ weighted
+        self.covs = keep @ cov @ keep.transpose(0, 2, 1) + gain @ gain.transpose(0, 2, 1)
         self.covs = 0.5 * (self.covs + self.covs.transpose(0, 2, 1))
+        if not np.isfinite(cost).any():
+            raise FloatingPointError(f"no hypothesis has a finite likelihood at epoch {k}")
         self.weights = self.weights - cost - 0.5 * np.linalg.slogdet(s).logabsdet
-        self.weights -= self.weights.max()
+        self.weights -= np.nanmax(self.weights)
         kept = self.weights > np.log(_NEGLIGIBLE)
         self.weights, self.means, self.covs = _merged(
             self.weights[kept], self.means[kept], self.covs[kept]

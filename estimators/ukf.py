@@ -18,7 +18,7 @@ from . import robust
 from .robust import Loss
 
 
-class _MatrixSquareRoot:
+class MatrixSquareRoot:
     """Upper-triangular square root of a covariance that may have lost positive definiteness.
 
     The paper's centre weight is negative, so nothing guarantees that P stays positive definite. It
@@ -30,6 +30,7 @@ class _MatrixSquareRoot:
         self.repairs = 0
 
     def __call__(self, matrix: np.ndarray) -> np.ndarray:
+        """Return U (n, n), upper triangular, with Uᵀ U = P or its nearest positive part."""
         symmetric = 0.5 * (matrix + matrix.T)
         try:
             return np.linalg.cholesky(symmetric).T
@@ -132,7 +133,7 @@ class UnscentedKalmanFilter(Estimator):
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
         """Sigma points through Φ and h, epoch by epoch."""
         n, m = problem.dimension, problem.measurements.shape[1]
-        root = _MatrixSquareRoot()
+        root = MatrixSquareRoot()
         kappa = self._kappa(n)
         if self.points in ("julier", "cubature"):
             points = JulierSigmaPoints(n, kappa=kappa, sqrt_method=root)

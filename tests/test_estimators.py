@@ -29,7 +29,7 @@ from problems import (
 )
 
 from ggbench import scenario, simulation
-from ggbench.estimators.ukf import _MatrixSquareRoot
+from ggbench.estimators.ukf import MatrixSquareRoot
 from ggbench.problem import Problem
 from ggbench.schema import CaseSpec
 
@@ -77,7 +77,7 @@ def test_square_root_of_a_covariance_is_exact_and_triangular():
     units = np.geomspace(1e-9, 1e3, 6)
     root = generator.normal(size=(6, 9)) * units[:, None]
     p = root @ root.T
-    square_root = _MatrixSquareRoot()
+    square_root = MatrixSquareRoot()
     u = square_root(p)
     assert np.array_equal(u, np.triu(u))
     assert np.abs((u.T @ u - p) / np.outer(units, units)).max() < 1e-12
@@ -101,7 +101,7 @@ def test_square_root_of_an_indefinite_matrix_is_usable_and_counted():
     scale = units * diagonal
     nearest = vectors * np.maximum(values, 0.0) @ vectors.T
     indefinite = vectors * values @ vectors.T * np.outer(scale, scale)
-    square_root = _MatrixSquareRoot()
+    square_root = MatrixSquareRoot()
     u = square_root(indefinite)
     assert square_root.repairs == 1
     assert np.array_equal(u, np.triu(u))

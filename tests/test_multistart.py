@@ -12,6 +12,7 @@ from problems import (
     deviation,
     estimated,
     estimator,
+    exact,
     kalman,
     linear_problem,
     rng,
@@ -52,6 +53,21 @@ def test_filters_of_a_linear_problem_are_kalmans(label):
         mean, cov, _, _ = kalman(problem)
         found = estimator(label).estimate(problem, rng())
         assert max(deviation(found.mean, found.cov, mean, cov)) < 1e-9
+
+
+@pytest.mark.parametrize("sharpness", [1e-3, 1e-6])
+@pytest.mark.parametrize(
+    "label", ["ekf", "ukf", "ukf[points=cubature]", "gaussian-sum", "gauss-newton"]
+)
+def test_sharp_readings_of_a_wide_prior_do_no_harm(label, sharpness):
+    """With a prior a thousand or a million times wider than what a reading tells, still exact.
+
+    To 1e-4 σ, which is what double precision leaves of covariances over twelve decades.
+    """
+    problem = linear_problem(0)
+    problem = changed(problem, noise_cov=sharpness**2 * problem.noise_cov)
+    found = estimator(label).estimate(problem, rng())
+    assert max(deviation(found.mean, found.cov, *exact(problem, found))) < 1e-4
 
 
 def test_one_hypothesis_is_the_extended_kalman_filter():
@@ -230,3 +246,19 @@ def test_a_mixture_admits_that_it_does_not_know():
     mixture = estimator("gaussian-sum[spacing_m=100]").estimate(problem, rng())
     assert np.sqrt(mixture.cov[-1, 0, 0]) == pytest.approx(2000.0, rel=0.05)
     assert np.sqrt(estimator("ekf").estimate(problem, rng()).cov[-1, 0, 0]) < 1.0
+
+
+@pytest.mark.parametrize("label", ["gaussian-sum", "gauss-newton", "gauss-newton[starts=1]"])
+def test_a_field_without_numbers_is_an_exception(label):
+    """Where h is nowhere a number there is no answer, and the estimator says so."""
+
+    class Nowhere:
+        def predict(self, k: int, x: np.ndarray) -> np.ndarray:
+            return np.full((*x.shape[:-1], 2), np.nan)
+
+        def jacobian(self, k: int, x: np.ndarray) -> np.ndarray:
+            return np.full((2, len(x)), np.nan)
+
+    problem, _ = rough_flight(0, 1500.0, epochs=3, m=2)
+    with pytest.raises(FloatingPointError):
+        estimator(label).estimate(changed(problem, model=Nowhere()), rng())
