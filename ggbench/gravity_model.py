@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from .disturbing_field import MapError, read_arrays
@@ -33,6 +32,8 @@ _TIDE_PARTS = {
     "tide_free": 0.0, "zero_tide": 1.0, "mean_tide": 1.3 / 0.3,
     "unknown": 0.0, "does-not-apply": 0.0,
 }  # fmt: skip
+_ROW = [("key", "U6"), ("n", int), ("m", int), ("c", float), ("s", float)]
+_LEAST_ORDER = 0.95  # highest order, of the highest degree
 _HEADER_END = b"end_of_head"
 _MOST_HEADER = 2**20
 
@@ -170,19 +171,14 @@ def _body(
         raise MapError(f"{path} has a header, but no coefficients.")
     # Fortran's 1.0D-6; the keywords come back as they were, but for their d.
     content = content.replace(b"D", b"E").replace(b"d", b"e")
-    names = ["key", "n", "m", "c", "s"]
-    # Errors of the coefficients may follow, in some lines only.
-    first = content[:10000].splitlines()[:100]
-    width = max(len(names), *(len(line.split()) for line in first))
     try:
-        table = pd.read_csv(
-            io.BytesIO(content), sep=r"\s+", header=None, names=[*names, *range(width - 5)],
-            usecols=names, comment="#", float_precision="round_trip", low_memory=False,
-        )  # fmt: skip
-    except (ValueError, pd.errors.ParserError) as error:
-        reason = str(error).split("\n", maxsplit=1)[0]
-        raise MapError(f"{path}: its coefficients cannot be read: {reason}") from None
-    keys = set(table["key"].astype(str).unique())
+        # Errors of the coefficients may follow the first five words, or not.
+        table = np.loadtxt(
+            io.BytesIO(content), dtype=_ROW, usecols=range(5), encoding="latin-1", ndmin=1
+        )
+    except ValueError as error:
+        raise MapError(f"{path}: its coefficients cannot be read: {error}") from None
+    keys = set(np.unique(table["key"]).tolist())
     varying = sorted(key for key in _TIME_VARIABLE if key.replace("d", "e") in keys)
     if varying:
         raise MapError(
@@ -192,18 +188,17 @@ def _body(
     if keys != {"gfc"}:
         odd = sorted(keys - {"gfc"})[0]
         raise MapError(f"{path}: a line of coefficients begins with {odd!r}; it must be 'gfc'.")
-    numbers = table[names[1:]].apply(pd.to_numeric, errors="coerce").to_numpy(dtype=float)
-    bad = ~np.isfinite(numbers).all(axis=1) | (numbers[:, :2] != np.round(numbers[:, :2])).any(1)
-    bad |= (numbers[:, 1] < 0) | (numbers[:, 1] > numbers[:, 0]) | (numbers[:, 0] > declared)
+    n, m = table["n"], table["m"]
+    values = np.stack((table["c"], table["s"]), axis=-1)
+    bad = ~np.isfinite(values).all(axis=1) | (m < 0) | (m > n) | (n > declared)
     if bad.any():
-        line = " ".join(str(item) for item in table.iloc[int(np.argmax(bad))])
+        line = " ".join(str(item) for item in table[np.argmax(bad)])
         raise MapError(
             f"{path}: {line!r} is no coefficient: it must be gfc, degree up to {declared}, order "
             "up to the degree, C and S."
         )
-    n, m = numbers[:, 0].astype(int), numbers[:, 1].astype(int)
     used = n <= degree
-    n, m, values = n[used], m[used], numbers[used, 2:]
+    n, m, values = n[used], m[used], values[used]
     count = np.zeros((degree + 1, degree + 1), dtype=np.int32)
     np.add.at(count, (n, m), 1)
     _require_once(path, count)
@@ -218,6 +213,11 @@ def _require_once(path: Path, count: NDArray[np.int32]) -> None:
         n, m = np.argwhere(count > 1)[0]
         raise MapError(f"{path} has the coefficient of degree {n} and order {m} more than once.")
     highest_order = int(np.flatnonzero(count.any(axis=0))[-1]) if count.any() else 0
+    degree = len(count) - 1
+    if highest_order < _LEAST_ORDER * degree:
+        raise MapError(
+            f"{path} stops at order {highest_order}, far below degree {degree}: is it whole?"
+        )
     needed = np.tril(np.ones(count.shape, dtype=bool))
     needed[:2], needed[:, highest_order + 1 :] = False, False
     if (needed & (count == 0)).any():
