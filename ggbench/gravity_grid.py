@@ -16,7 +16,7 @@ from .remove_restore import GravityGrid, linear_weights
 if TYPE_CHECKING:
     from .terrain import Terrain
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 _TO_SI = {
     "mgal": 1e-5, "ugal": 1e-8, "µgal": 1e-8, "m/s2": 1.0, "m/s^2": 1.0, "m s-2": 1.0,
@@ -59,8 +59,8 @@ def read_grid(path: Path, kind: str, height_m: float = 0.0) -> GravityGrid:
         latitude, longitude, values = _from_netcdf(path, kind)
     latitude, values = _ascending(latitude, values, 0)
     longitude, values = _ascending(longitude, values, 1)
-    steps = [_regular_step(path, name, axis) for name, axis in
-             (("latitude", latitude), ("longitude", longitude))]  # fmt: skip
+    step_lat = _regular_step(path, "latitude", latitude)
+    step_lon = _regular_step(path, "longitude", longitude)
     if not np.isfinite(values).all():
         raise MapError(f"{path} has gaps: every node of its grid must have a value.")
     if np.abs(values).max() > _LARGEST[kind]:
@@ -71,7 +71,9 @@ def read_grid(path: Path, kind: str, height_m: float = 0.0) -> GravityGrid:
         )
     if longitude[0] >= 180.0:
         longitude = longitude - 360.0
-    return GravityGrid(kind, float(latitude[0]), float(longitude[0]), *steps, values, height_m)
+    return GravityGrid(
+        kind, float(latitude[0]), float(longitude[0]), step_lat, step_lon, values, height_m
+    )
 
 
 def elevation_at(grid: GravityGrid, terrain: Terrain) -> Array:

@@ -6,11 +6,12 @@ import math
 from pathlib import Path
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 
 from .disturbing_field import MapError
-from .figures import _save, plt
+from .figures import _save
 from .map_file import TENSOR, Nodes
 
 _MOST_PIXELS = 600  # per axis: more cannot be seen
@@ -27,7 +28,7 @@ def draw(nodes: Nodes, tensor: Any, height: float, source: str, path: Path) -> N
     extent = (lon[0] - half[1], lon[-1] + half[1], lat[0] - half[0], lat[-1] + half[0])
     stretch = 1.0 / math.cos(math.radians(0.5 * (lat[0] + lat[-1])))
     shape = (extent[3] - extent[2]) * stretch / (extent[1] - extent[0])
-    size = (10.0, min(14.0, max(4.0, 1.6 + 4.9 * shape)))
+    size = (10.0, min(14.0, max(4.0, 1.6 + 4.2 * shape)))
     figure, axes = plt.subplots(2, 3, figsize=size, sharex=True, sharey=True, layout="constrained")
     for index, (axis, name) in enumerate(zip(axes.flat, TENSOR, strict=True)):
         values = tensor[::stride, ::stride, index]

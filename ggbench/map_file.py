@@ -27,7 +27,7 @@ from .earth import FLATTENING, SEMI_MAJOR_AXIS
 if TYPE_CHECKING:
     from .maps import GradientMap
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 Layer = tuple[NDArray[Any], NDArray[Any]]
 """Tensor (n_lat, n_lon, 6) [E] and gravity disturbance (n_lat, n_lon, 3) [m/s²] at one height."""
 Crop = tuple[float, float, float, float]
@@ -186,16 +186,14 @@ def _write(
             variable.setncatts(_AXES[name])
             variable[:] = values
         n_lat, n_lon, n_h = nodes.shape
+        options: dict[str, Any] = {
+            "zlib": compression > 0,
+            "complevel": compression,
+            "chunksizes": (1, _chunk(n_lat), _chunk(n_lon)),
+            "fill_value": False,
+        }
         for name, attrs in _variables().items():
-            variable = file.createVariable(
-                name,
-                np.dtype(dtype),
-                tuple(axes),
-                compression="zlib" if compression else None,
-                complevel=compression,
-                chunksizes=(1, _chunk(n_lat), _chunk(n_lon)),
-                fill_value=False,
-            )
+            variable = file.createVariable(name, dtype, tuple(axes), **options)
             variable.setncatts({**attrs, "grid_mapping": "crs"})
         count = 0
         for index, (tensor, disturbance) in enumerate(_ahead(layers)):
@@ -430,7 +428,7 @@ def _read_components(
     names: tuple[str, ...],
     keep: Mapping[str, slice],
     descends: Mapping[str, bool],
-) -> Array:
+) -> NDArray[np.float64]:
     """Components (n_lat, n_lon, n_h, len(names)) of the nodes to keep."""
     order = ("latitude", "longitude", "height")
     shape = tuple(keep[name].stop - keep[name].start for name in order)

@@ -25,7 +25,7 @@ from .spherical_harmonics import HarmonicCoefficients, without_normal_field
 if TYPE_CHECKING:
     from .terrain import Terrain
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 SHIPPED_COEFFICIENTS = "egm2008_degree120.npz"
 _SHIPPED_DEGREE = 120
@@ -210,6 +210,10 @@ class _Sources:
             values = height_anomaly(grid.values, elevation_at(grid, terrain))
             grid = dataclasses.replace(grid, values=values)
             word += f", land correction with {inputs.land_correction.name}"
+        elif inputs.grid_kind == "geoid":
+            self.remarks.append(
+                "the geoid is taken for the height anomaly; on land --land-correction makes it so"
+            )
         self.words.append(word)
         # Harmonics of higher degree leave a residual of shorter waves, which needs less of an edge.
         narrower = min(1.0, _SHIPPED_DEGREE / coefficients.degree)
@@ -263,6 +267,11 @@ class _Sources:
                 "terrain_from_degree": degree,
                 "terrain_filter": f"Butterworth, order {FILTER_ORDER}",
             }
+        if degree is None:
+            self.remarks.append(
+                "a terrain alone gives what the ground within it attracts, a plate under it "
+                "included; masses below and beyond it are not in the map (--coefficients adds them)"
+            )
         self._reach_terrain(terrain, inputs.geoid_height_m)
 
     def _reach_terrain(self, terrain: Terrain, geoid_height_m: float) -> None:

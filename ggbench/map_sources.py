@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from .parker import TerrainOptions
     from .terrain import Terrain
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 FILTER_ORDER = 8
 """Of the Butterworth filter that smooths a terrain: half the amplitude passes at the cut-off."""

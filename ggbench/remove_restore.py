@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from .earth import EOTVOS, normal_gravity, radii_of_curvature
 from .spherical_harmonics import HarmonicCoefficients, gravity_and_gradient, potential
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 KINDS = ("geoid", "anomaly", "disturbance")
 TAPER_DEG = 1.0  # the residual fades to zero over this width along the edges of its grid
