@@ -88,7 +88,7 @@ def build(output: Path, precision: str, compression: int, **options: Any) -> Non
       --geoid | --anomaly | --disturbance GRID [--coefficients ...]
                                          remove, compute, restore (EGM2008 to degree 120)
     """
-    from . import map_file, map_plan
+    from . import map_file, map_nodes, map_plan
     from .disturbing_field import MapError
 
     grids = [kind for kind in ("geoid", "anomaly", "disturbance") if options[kind] is not None]
@@ -116,7 +116,7 @@ def build(output: Path, precision: str, compression: int, **options: Any) -> Non
         geoid_height_m=options["geoid_height"],
     )
     spacing = minutes / 60.0 if minutes is not None else None
-    wishes = map_plan.Wishes(
+    wishes = map_nodes.Wishes(
         south_deg=options["south"],
         north_deg=options["north"],
         west_deg=options["west"],
@@ -145,12 +145,12 @@ def build(output: Path, precision: str, compression: int, **options: Any) -> Non
 @click.option("--height", type=float, help="Height to draw, to the nearest node [the lowest].")
 def show(file: Path, output: Path | None, height: float | None) -> None:
     """Print what the map in FILE is, and draw its six components."""
-    from . import map_file, map_plan
+    from . import map_plan, map_reader
 
-    nodes, attributes, layers = map_file.read_layers(file)
+    nodes, attributes, layers = map_reader.read_layers(file)
     wanted = nodes.height_m[0] if height is None else height
     drawn = int(abs(nodes.height_m - wanted).argmin())
-    chosen: map_file.Layer | None = None
+    chosen: Any = None
     watched = map_plan.Watched(layers)
     for index, layer in enumerate(watched):
         if index == drawn:

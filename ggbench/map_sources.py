@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 from .disturbing_field import MapError
-from .earth import SEMI_MAJOR_AXIS, radii_of_curvature
+from .earth import radii_of_curvature
 from .map_file import Layer, Nodes
 from .remove_restore import Residual, linear_weights
 from .spherical_harmonics import HarmonicCoefficients, gravity_and_gradient
@@ -181,11 +181,6 @@ def smoothed(terrain: Terrain, degree: int, options: TerrainOptions) -> Terrain:
     return dataclasses.replace(
         terrain, height_m=filtered, name=f"{terrain.name}, smoothed to degree {degree}"
     )
-
-
-def widest_spacing_deg(height_above_sources: float) -> float:
-    """A quarter of the height above the sources [m], as an angle [deg]."""
-    return math.degrees(0.25 * height_above_sources / SEMI_MAJOR_AXIS)
 
 
 def _coarser(fine: Array, finest: float, limit: float) -> tuple[Array, Array | None]:

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from . import map_file
+from . import map_reader
 from .cache import cache_folder
 from .disturbing_field import (
     SOURCES,
@@ -301,7 +301,7 @@ def content_key(recipe: MapRecipe) -> str:
     return digest.hexdigest()[:32]
 
 
-def read(path: Path, crop: map_file.Crop | None = None) -> GradientMap:
+def read(path: Path, crop: map_reader.Crop | None = None) -> GradientMap:
     """Return the map in a netCDF file, or in an ``.npz`` file that :func:`write` wrote.
 
     Parameters
@@ -316,7 +316,7 @@ def read(path: Path, crop: map_file.Crop | None = None) -> GradientMap:
         If there is no such file, or it is no complete map; the message says what is missing.
     """
     if path.suffix != ".npz":
-        return map_file.read(path, crop)
+        return map_reader.read(path, crop)
     names = [item.name for item in dataclasses.fields(GradientMap)]
     try:
         arrays = read_arrays(path.read_bytes(), names)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import xarray
 
-from ggbench import map_file, maps
+from ggbench import map_file, map_reader, maps
 from ggbench.disturbing_field import MapError
 from ggbench.field import Field
 
@@ -138,6 +138,11 @@ def edit(**changes):
     return change
 
 
+def turn(path, variable):
+    with netCDF4.Dataset(path, "a") as data:
+        data.frame = "North-East-Down"
+
+
 def put(index, value):
     def change(path, variable):
         with netCDF4.Dataset(path, "a") as data:
@@ -203,6 +208,7 @@ def overwrite(content):
         (put(slice(None), 33.0), "latitude", "latitude must be regular"),
         (put(slice(None), np.arange(9) + 85.0), "latitude", "latitude must lie between -90 and 90"),
         (put(slice(None), np.arange(5) * 1e6), "height", "height must lie between"),
+        (turn, "", "states its frame as 'North-East-Down'"),
         (rewrite(drop="height"), "height", "height must be one axis"),
         (rewrite(few="longitude"), "longitude", "at least 4 nodes"),
         (
@@ -245,7 +251,7 @@ def test_a_region_that_the_map_does_not_touch_is_refused(file):
 
 
 def test_a_map_too_large_for_memory_is_refused(file, monkeypatch):
-    monkeypatch.setattr(map_file, "MOST_NODES_READ", 200)
+    monkeypatch.setattr(map_reader, "MOST_NODES_READ", 200)
     with pytest.raises(MapError, match="has 495 nodes where it is needed; at most 200"):
         maps.read(file)
 
