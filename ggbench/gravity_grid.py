@@ -28,12 +28,13 @@ _FEWEST = 16  # nodes per axis
 
 
 def read_grid(path: Path, kind: str, height_m: float = 0.0) -> GravityGrid:
-    """Return the grid in a netCDF file (also GMT's), a raster or an ``.npz`` file.
+    """Return the grid in a netCDF file (also GMT's), a raster, a ``.gdf`` or an ``.npz`` file.
 
     A netCDF file has one variable on latitude x longitude; its attribute ``units`` is m for a geoid
     and mGal or m/s² for gravity, in which mGal is taken when nothing is said. A raster (GeoTIFF,
-    ESRI ASCII) is one of m or mGal. An ``.npz`` file has ``lat0``, ``lon0``, ``step`` [deg] and
-    ``N_1e4m`` [1e-4 m], a geoid.
+    ESRI ASCII) is one of m or mGal. A ``.gdf`` file of ICGEM's calculation service
+    says itself what unit and height it has. An ``.npz`` file has ``lat0``, ``lon0``, ``step``
+    [deg] and ``N_1e4m`` [1e-4 m], a geoid.
 
     Parameters
     ----------
@@ -53,6 +54,11 @@ def read_grid(path: Path, kind: str, height_m: float = 0.0) -> GravityGrid:
         raise MapError(f"cannot read the grid {path}: {error.strerror}") from None
     if path.suffix == ".npz":
         latitude, longitude, values = _from_archive(path, kind)
+    elif path.suffix == ".gdf":
+        latitude, longitude, values, own_height = _from_gdf(path, kind)
+        if height_m not in (0.0, own_height):
+            raise MapError(f"{path} holds at {own_height:g} m, not at --grid-height {height_m:g}.")
+        height_m = own_height
     elif path.suffix in (".tif", ".tiff", ".asc"):
         latitude, longitude, values = _from_raster(path, kind)
     else:
@@ -157,18 +163,43 @@ def _from_netcdf(path: Path, kind: str) -> tuple[Array, Array, Array]:
         )
     variable: Any = dataset[grids[0]].squeeze().transpose(*dims)
     units = str(variable.attrs.get("units", "")).strip().lower()
-    values = variable.to_numpy().astype(float)
-    if kind == "geoid":
-        if units and units not in _METRES:
-            raise MapError(f"{path}: {grids[0]} has units {units!r}; a geoid must be in 'm'.")
-    elif units and units not in _TO_SI:
-        raise MapError(
-            f"{path}: {grids[0]} has units {units!r}; gravity must be in 'mGal' or 'm/s2'."
-        )
-    else:
-        values = values * _TO_SI[units or "mgal"]
+    values = variable.to_numpy().astype(float) * _factor(path, kind, units)
     latitude, longitude = (dataset[name].to_numpy().astype(float) for name in dims)
     return latitude, longitude, values
+
+
+def _from_gdf(path: Path, kind: str) -> tuple[Array, Array, Array, float]:
+    """Also the height above the ellipsoid at which the values hold [m]."""
+    text = path.read_text(errors="replace")
+    head, _, body = text.partition("end_of_head")
+    header = {words[0]: words[1] for words in map(str.split, head.splitlines()) if len(words) > 1}
+    try:
+        rows = np.loadtxt(body.splitlines()[1:], ndmin=2)
+        shape = int(header["latitude_parallels"]), int(header["longitude_parallels"])
+        grid = rows.reshape(*shape, rows.shape[1])
+        height = float(header.get("height_over_ell", 0.0)) if kind != "geoid" else 0.0
+        gap = float(header.get("gapvalue", "nan"))
+    except (ValueError, KeyError, IndexError) as error:
+        raise MapError(f"{path} is no grid of ICGEM's format: {error}.") from None
+    if grid.shape[2] != 3 and kind != "geoid":
+        raise MapError(
+            f"{path} has values at heights that vary, on the topography; they must hold at one "
+            "height above the ellipsoid."
+        )
+    values = np.where(grid[:, :, -1] == gap, np.nan, grid[:, :, -1])
+    values *= _factor(path, kind, header.get("unit", "").lower())
+    return grid[:, 0, 1], grid[0, :, 0], values, height
+
+
+def _factor(path: Path, kind: str, units: str) -> float:
+    """SI units per unit of a file: nothing said is m or mGal."""
+    allowed = dict.fromkeys(_METRES, 1.0) if kind == "geoid" else _TO_SI
+    if units and units not in allowed:
+        best = (
+            "a geoid must be in 'm'" if kind == "geoid" else "gravity must be in 'mGal' or 'm/s2'"
+        )
+        raise MapError(f"{path} has units {units!r}; {best}.")
+    return allowed[units or ("m" if kind == "geoid" else "mgal")]
 
 
 def _axis_name(dataset: Any, wanted: str) -> str | None:

@@ -188,7 +188,7 @@ class _Sources:
                 "lost and nothing is left: it must be larger, or the harmonics of higher degree."
             )
         self.parts.append(ResidualPart(Residual(grid, coefficients, narrower * TAPER_DEG)))
-        height = inputs.grid_height_m
+        height = grid.height_m
         step = math.radians(max(grid.latitude_step_deg, grid.longitude_step_deg))
         self.reaches.append(Reach(good, good, height, height, height - step * SEMI_MAJOR_AXIS))
         self.parameters |= {"grid": inputs.grid_kind, "grid_height_m": height}

@@ -125,6 +125,39 @@ def test_a_grid_of_gravity_gives_the_field_that_it_was_made_of(kind, unit):
     assert error < 0.05 * np.abs(whole - low).max()
 
 
+def test_a_grid_of_icgem_says_itself_where_it_holds():
+    """Rows from north to south; the height is the file's, and no map can lie below it."""
+    latitude, longitude = np.arange(38.0, 27.9, -0.25), np.arange(103.0, 114.1, 0.25)
+    values = 30.0 * np.add.outer(np.sin(4.0 * latitude), np.cos(3.0 * longitude))
+    head = [f"latitude_parallels {latitude.size}", f"longitude_parallels {longitude.size}",
+            "unit mgal", "height_over_ell 2000.0 m", "gapvalue 9999999.0", "",
+            "longitude latitude gravity_disturbance", "end_of_head ==="]  # fmt: skip
+
+    def write(path, extra=""):
+        rows = [
+            f"{lon} {lat} {extra} {values[i, j]}"
+            for i, lat in enumerate(latitude)
+            for j, lon in enumerate(longitude)
+        ]
+        maps.Path(path).write_text("\n".join([*head, *rows]))
+
+    write("grid.gdf")
+    write_grid("grid.nc", "g", "mGal", values[::-1], 28.0, 103.0, 0.25)
+    tensors = []
+    for words in (["grid.gdf"], ["grid.nc", "--grid-height", 2000]):
+        run("build", "-o", "map.nc", "--disturbance", *words, *BOX, "--spacing-arcmin", 5)
+        tensors.append(maps.read(maps.Path("map.nc")).tensor)
+    np.testing.assert_allclose(*tensors, atol=1e-6)
+    words = ["build", "-o", "map.nc", "--disturbance", "grid.gdf", *BOX]
+    assert "at least 2000 m is allowed" in run(*words, "--lowest", 1000, code=2)
+    assert "holds at 2000 m, not at" in run(*words, "--grid-height", 1000, code=2)
+    assert "a geoid must be in 'm'" in run(*words[:3], "--geoid", "grid.gdf", code=2)
+    write("grid.gdf", "178.0")
+    assert "heights that vary" in run(*words, code=2)
+    maps.Path("grid.gdf").write_text("\n".join([*head, "103.0 38.0 x"]))
+    assert "is no grid of ICGEM's format" in run(*words, code=2)
+
+
 def test_a_terrain_map_says_all_about_itself(monkeypatch):
     """With bounds, heights and spacing of its own; shown, drawn, in its file."""
     output = run("build", "-o", "dem.nc", "--terrain", DEM, "--density", 2600)
