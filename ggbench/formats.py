@@ -92,6 +92,8 @@ class _Finished(_Run):
     final_position_error_m: float
     final_ins_error_m: float
     windows: _Windows
+    lock_time_s: Annotated[float, Field(ge=0.0)] | None = None
+    false_lock: bool | None = None
 
 
 _MANIFEST = TypeAdapter(_Manifest)

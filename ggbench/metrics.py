@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import chi2
 
+from . import convergence
 from .bound import Bound
 from .problem import Estimate, Problem
 from .schema import WindowsSpec
@@ -39,6 +40,7 @@ EXTRA_COLUMNS = (
     "label", "velocity_efficiency", "position_without_diverged_m", "position_median_m",
     "position_p95_m", "nis_mean", "coverage", "map_evaluations",
     "velocity_median_mps", "velocity_p95_mps", "nis_lo", "nis_hi", "coverage_lo", "coverage_hi",
+    *convergence.COLUMNS,
 )  # fmt: skip
 _QUANTITIES = {"position": "m2", "velocity": "m2ps2"}
 """Judged quantities, and the unit of their squared errors."""
@@ -207,6 +209,7 @@ def summarize(
         reference = references.get(case)
         first = group[0]
         sizes = (readings or {}).get(case, {})
+        locking = convergence.figures(group)
         for window in WINDOWS:
             row: dict[str, Any] = {
                 "scenario": scenario,
@@ -223,7 +226,7 @@ def summarize(
                 "paper_velocity_mps": reference[1] if reference else math.nan,
             }
             bound = bounds.get((case, estimator), {}).get(window)
-            row |= _window_row(good, window, bound, sizes.get(window, (0, 0)))
+            row |= _window_row(good, window, bound, sizes.get(window, (0, 0))) | locking
             rows.append(row)
     return pd.DataFrame(rows).reindex(columns=[*SUMMARY_COLUMNS, *EXTRA_COLUMNS])
 

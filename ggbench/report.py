@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from . import figures, scenario, tables
+from .convergence_report import ConvergenceReport
 from .errors import GGBenchError
 from .results import Results, as_argument
 from .runner import DETAILED_RUN
@@ -96,6 +97,7 @@ class _Report:
             self._verdict(),
             tables.glance(self.scenario, self.summary),
             self.scenario.description,
+            *ConvergenceReport(self.results, self.summary, self.pictures).sections(),
             "## Results",
             self._reading(),
             self._unaided(),

@@ -6,6 +6,7 @@ Only what the folder itself holds is read: no estimator is loaded and nothing is
 from __future__ import annotations
 
 import io
+import math
 import shlex
 from collections.abc import Iterator
 from functools import cached_property
@@ -15,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from . import metrics, scenario
+from . import convergence, metrics, scenario
 from .equipment import channel_names
 from .errors import GGBenchError
 from .scenario import Scenario
@@ -24,11 +25,13 @@ from .store import Store, StoreError, read_manifest
 RUN_COLUMNS = (
     "assumption", "case", "problem", "estimator", "name", "parameters", "causality", "seed",
     "run", "status", "reason", "command", "diverged", "seconds", "cold", "map_evaluations",
-    "peak_memory_mb", "final_position_error_m", "final_ins_error_m", "bound",
+    "peak_memory_mb", "final_position_error_m", "final_ins_error_m", "bound", "lock_time_s",
+    "false_lock",
 )  # fmt: skip
 """Columns of the table of runs, before those of the windows."""
 _NUMBERS = (
     "seconds", "map_evaluations", "peak_memory_mb", "final_position_error_m", "final_ins_error_m",
+    "lock_time_s",
 )  # fmt: skip
 
 
@@ -141,6 +144,13 @@ class Results:
             raise StoreError(f"a time series of case {case} in {self.folder} is damaged")
         return found
 
+    def lock_times(self, case: str, estimator: str) -> np.ndarray:
+        """Return the times to lock [s] (runs,) of finished runs, NaN of those that never did."""
+        key = self._keys.get(("", case, estimator))
+        found = [] if key is None else self.store.records(key, self.runs)
+        times = [r.get("lock_time_s") for r in found if r["status"] == "ok"]
+        return np.array([math.nan if time is None else time for time in times])
+
     def arrays(self, case: str) -> dict[str, np.ndarray]:
         """Return what all runs of a case share: epochs, track, bounds, signals."""
         if case not in self._arrays:
@@ -165,7 +175,7 @@ class Results:
         figures = ("position_ms", "velocity_ms", "nees", "nis", "coverage")
         windows = [f"{window}_{name}" for window in metrics.WINDOWS for name in figures]
         table = pd.DataFrame(rows, columns=[*RUN_COLUMNS, *windows])
-        for name in ("diverged", "cold"):
+        for name in ("diverged", "cold", "false_lock"):
             table[name] = table[name].eq(True)
         return table.astype(dict.fromkeys([*_NUMBERS, *windows], float))
 
@@ -248,7 +258,8 @@ def write_tables(results: Results) -> pd.DataFrame:
     """Write the tables of a results folder into it; return the summary.
 
     ``summary.csv`` (:data:`ggbench.metrics.SUMMARY_COLUMNS`), ``paired.csv``, ``failures.csv``,
-    ``runs.parquet`` (the table of runs) and, if assumptions were studied, ``assumptions.csv``.
+    ``runs.parquet`` (the table of runs), if assumptions were studied ``assumptions.csv``, and if
+    locks were judged ``convergence.csv``.
 
     Raises
     ------
@@ -265,6 +276,9 @@ def write_tables(results: Results) -> pd.DataFrame:
     write_csv("failures.csv", results.failures())
     if len(studies):
         write_csv("assumptions.csv", studies)
+    locks = convergence.table(summary)
+    if len(locks):
+        write_csv("convergence.csv", locks)
     content = io.BytesIO()
     results.table.to_parquet(content, index=False)
     results.store.write("runs.parquet", content.getvalue())

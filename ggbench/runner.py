@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from . import keys, metrics
+from . import convergence, keys, metrics
 from .errors import GGBenchError
 from .field import Field
 from .gradiometer import COMPONENTS
@@ -274,6 +274,10 @@ def _judge(
         "diverged": metrics.has_diverged(final_error, flight.final_bound, ins_error),
         "windows": metrics.window_figures(evaluation, truth.times, case.windows),
     }
+    if case.windows.lock_m is not None:
+        record |= convergence.judge(
+            evaluation.position_error, evaluation.sigmas[:, :3], truth.times, case.windows.lock_m
+        )
     series = np.column_stack(
         [evaluation.position_error, evaluation.velocity_error, evaluation.nees, evaluation.nis]
     )[kept_epochs(len(truth.times))]

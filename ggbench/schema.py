@@ -46,10 +46,12 @@ MOST_SEED = 2**63 - 1
 
 
 class WindowsSpec(Section):
-    """``[windows]``: the parts of the flight over which errors are averaged."""
+    """``[windows]``: the parts of the flight over which errors are averaged, and what a lock is."""
 
     settled_from_s: NonNegative
     last_s: Positive
+    lock_m: Positive | None = None
+    """Spherical position error below which a run has locked on; without it nothing is judged."""
 
 
 class ReferenceSpec(Section):

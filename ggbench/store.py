@@ -50,7 +50,8 @@ DATABASE_FILES = (
 """The logs first: one that outlives its database would be replayed into the next."""
 RESULT_FILES = (
     *DATABASE_FILES, "scenario.toml",
-    "summary.csv", "assumptions.csv", "paired.csv", "failures.csv", "runs.parquet", "manifest.json",
+    "summary.csv", "assumptions.csv", "paired.csv", "failures.csv",
+    "convergence.csv", "runs.parquet", "manifest.json",
 )  # fmt: skip
 """In the order of removal: as long as there is something of ours, the manifest says whose it is."""
 LOCK = ".lock"

@@ -1,0 +1,136 @@
+"""Locking on: whether, when and how truly an estimator found where it is.
+
+With a wide prior an estimator either finds its place in the field or follows a wrong one, and the
+mean error of the two says little. With ``windows.lock_m`` every run is judged by :func:`judge`, and
+:func:`figures` counts over runs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy.stats import binom, norm
+
+from .statistics import ALPHA
+
+CLAIM = float(norm.ppf(0.975))
+"""Standard deviations of a claimed 95 % radius, see :func:`claimed_radius`."""
+COLUMNS = (
+    "lock_share", "lock_lo", "lock_hi", "false_lock_share", "false_lock_lo", "false_lock_hi",
+    "lock_time_median_s", "lock_time_lo", "lock_time_hi",
+)  # fmt: skip
+"""Columns of a summary, NaN where locks are not judged."""
+
+
+def claimed_radius(sigmas: np.ndarray) -> np.ndarray:
+    """Return the radius [m] (K,) within which an estimator claims to be with 95 % or more.
+
+    1.96 √tr P of the claimed covariance P of the position. Whatever P's shape, at least 95 % of
+    N(0, P) lie within it: of all Gaussian vectors of one trace the one along a single line has
+    the most probability outside (Székely & Bakirov 2003). A sphere's own 95 % radius is 1.61 √tr P.
+
+    Parameters
+    ----------
+    sigmas : (K, 3) claimed standard deviations of the position [m]; NaN without a covariance.
+    """
+    return np.asarray(CLAIM * np.sqrt(np.sum(sigmas**2, axis=1)))
+
+
+def judge(
+    position_error: np.ndarray, sigmas: np.ndarray, times: np.ndarray, lock_m: float
+) -> dict[str, float | bool | None]:
+    """Return when a run locked on, and whether it claims at its end a lock that it has not.
+
+    Parameters
+    ----------
+    position_error : (K,) spherical position errors [m].
+    sigmas : (K, 3) claimed standard deviations of the position [m]; NaN without a covariance,
+        which claims nothing.
+    times : (K,) epochs [s].
+    lock_m : the error below which the position is found [m].
+
+    Returns
+    -------
+    ``lock_time_s``: the first epoch from which the error stays below ``lock_m`` to the end of the
+    flight [s], None if there is none. ``false_lock``: at the last epoch the error is not below
+    ``lock_m``, but the claimed radius (:func:`claimed_radius`) is.
+    """
+    outside = np.flatnonzero(~(position_error < lock_m))
+    first = int(outside[-1]) + 1 if len(outside) else 0
+    locked = first < len(times)
+    claims = bool(claimed_radius(sigmas[-1:])[0] < lock_m)
+    return {
+        "lock_time_s": float(times[first]) if locked else None,
+        "false_lock": claims and not locked,
+    }
+
+
+def wilson(hits: int, runs: int) -> tuple[float, float, float]:
+    """Return a share and its 95 % interval (Wilson 1927); NaN without runs."""
+    if runs == 0:
+        return math.nan, math.nan, math.nan
+    z2 = CLAIM**2
+    share = hits / runs
+    centre = (share + z2 / (2.0 * runs)) / (1.0 + z2 / runs)
+    half = math.sqrt(z2 * (share * (1.0 - share) / runs + z2 / (4.0 * runs**2))) / (1.0 + z2 / runs)
+    # At none and all of the runs rounding would leave an end beside its share.
+    low = 0.0 if hits == 0 else centre - half
+    high = 1.0 if hits == runs else centre + half
+    return share, low, high
+
+
+def median_interval(values: Sequence[float]) -> tuple[float, float, float]:
+    """Return a median and its 95 % interval between two order statistics.
+
+    The interval needs no law of the values and holds the median with 95 % or more (binomial); with
+    fewer than six values there is none, and its ends are NaN.
+    """
+    ordered = np.sort(np.asarray(values, dtype=float))
+    count = len(ordered)
+    if count == 0:
+        return math.nan, math.nan, math.nan
+    # The largest r with P(at most r of the values lie below the median) ≤ 2.5 %.
+    below = int(binom.ppf(ALPHA / 2.0, count, 0.5))
+    rank = below if binom.cdf(below, count, 0.5) <= ALPHA / 2.0 else below - 1
+    median = float(np.median(ordered))
+    if rank < 0:
+        return median, math.nan, math.nan
+    return median, float(ordered[rank]), float(ordered[count - 1 - rank])
+
+
+def figures(records: Iterable[Mapping[str, Any]]) -> dict[str, float]:
+    """Return the figures of :data:`COLUMNS` over the runs of an estimator on a case.
+
+    Shares are of all runs: a run that failed has not locked, nor claimed to have. The median time
+    is of the runs that locked. Empty if locks were not judged.
+    """
+    group = list(records)
+    judged = [record for record in group if record.get("false_lock") is not None]
+    if not judged:
+        return {}
+    times = [r["lock_time_s"] for r in judged if r.get("lock_time_s") is not None]
+    false = sum(record["false_lock"] for record in judged)
+    found = (*wilson(len(times), len(group)), *wilson(false, len(group)), *median_interval(times))
+    return dict(zip(COLUMNS, found, strict=True))
+
+
+def table(summary: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows of a summary in which locks were judged: one per case and estimator."""
+    rows = summary[(summary["window"] == "settled") & summary["lock_share"].notna()]
+    return rows[["case", "label", "causality", "runs", *COLUMNS]].reset_index(drop=True)
+
+
+def share_by_time(lock_times: np.ndarray, runs: int, times: np.ndarray) -> np.ndarray:
+    """Return the share of runs (K,) that had locked on by each of the times.
+
+    Parameters
+    ----------
+    lock_times : (m,) times to lock [s], NaN of runs that never did. runs : all of the runs.
+    times : (K,) increasing [s].
+    """
+    found = np.sort(lock_times[np.isfinite(lock_times)])
+    return np.asarray(np.searchsorted(found, times + 1e-9, side="right") / max(runs, 1))

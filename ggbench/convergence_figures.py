@@ -1,0 +1,186 @@
+"""The figures of locking on: over the cases, and against time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import FixedLocator, NullLocator
+
+from .figures import _INS, _save, short
+
+_MARKERS = "osD^vP*Xhd"
+_STYLES = ("-", "--", "-.", ":")
+
+
+@dataclass(frozen=True)
+class Series:
+    """A figure over the cases with its 95 % interval, each (n,); NaN where there is none."""
+
+    value: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+
+@dataclass(frozen=True)
+class Panels:
+    """One row of :func:`over_cases`: cases that differ in their prior alone, or any cases.
+
+    Attributes
+    ----------
+    title : of the row, "" for none.
+    names : (n,) of the cases.
+    priors : (n,) σ of the initial position error [km], strictly increasing; None: categories.
+    shares, false_locks, times : by estimator; shares of the runs, and median times to lock [s].
+    duration : of the longest flight [s].
+    """
+
+    title: str
+    names: Sequence[str]
+    priors: Sequence[float] | None
+    shares: Mapping[str, Series]
+    false_locks: Mapping[str, Series]
+    times: Mapping[str, Series]
+    duration: float
+
+
+def looks(labels: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Return how the line of each estimator is drawn, the same in all figures of a report."""
+    drawn = {}
+    aided = [label for label in labels if label != "ins"]
+    for label in labels:
+        number = 0 if label == "ins" else aided.index(label)
+        colour = _INS if label == "ins" else f"C{number % 10}"
+        drawn[label] = {
+            "color": colour,
+            "ls": _STYLES[(number // 10 + number) % 4],
+            "marker": "x" if label == "ins" else _MARKERS[number % len(_MARKERS)],
+        }
+    return drawn
+
+
+def over_cases(rows: Sequence[Panels], labels: Sequence[str], path: Path) -> None:
+    """Draw the share of runs locked, of false locks, and the median time to lock over the cases.
+
+    Bars are 95 % intervals; the estimators of one case stand beside each other.
+    """
+    widest = max(len(row.names) for row in rows)
+    columns = 3
+    figure, grid = plt.subplots(
+        len(rows), columns, figsize=(10.8, 3.3 * len(rows) + 0.45 * math.ceil(len(labels) / 4)),
+        squeeze=False, layout="constrained",
+    )  # fmt: skip
+    drawn = looks(labels)
+    for panels, axes in zip(rows, grid, strict=True):
+        contents = (
+            ("share locked", panels.shares),
+            ("share of false locks", panels.false_locks),
+            ("median time to lock [s]", panels.times),
+        )
+        for axis, (title, series) in zip(axes, contents, strict=True):
+            _over(axis, panels, series, labels, drawn)
+            axis.set_title(title)
+        for axis in axes[:2]:
+            axis.set_ylim(-0.04, 1.04)
+            axis.yaxis.set_major_formatter(lambda value, _: f"{100.0 * value:.0f} %")
+        axes[2].set_ylim(0.0, 1.04 * panels.duration)
+        if panels.title:
+            axes[0].annotate(
+                panels.title, (0.0, 1.0), (0.0, 20.0), xycoords="axes fraction",
+                textcoords="offset points", weight="bold",
+            )  # fmt: skip
+        if panels.priors is None and widest > 3:
+            for axis in axes:
+                axis.tick_params(axis="x", labelrotation=40)
+                plt.setp(axis.get_xticklabels(), ha="right", rotation_mode="anchor")
+    handles = {
+        name: handle
+        for axis in grid.flat
+        for handle, name in zip(*axis.get_legend_handles_labels(), strict=True)
+    }
+    shown = [label for label in labels if label in handles]
+    figure.legend([handles[label] for label in shown], shown, loc="outside lower center", ncols=4)
+    _save(figure, path)
+
+
+def _over(
+    axis: Axes, panels: Panels, series: Mapping[str, Series], labels: Sequence[str],
+    drawn: Mapping[str, Mapping[str, Any]],
+) -> None:  # fmt: skip
+    """Draw one figure of every estimator over the cases of a row."""
+    places = np.arange(len(panels.names), dtype=float)
+    if panels.priors is not None:
+        places = np.log10(panels.priors)
+    gap = float(np.diff(places).min()) if len(places) > 1 else 1.0
+    held = [label for label in labels if label in series]
+    for number, label in enumerate(held):
+        line = series[label]
+        # Side by side, so that equal shares do not hide each other.
+        shift = 0.5 * gap * ((number + 0.5) / len(held) - 0.5)
+        reach = np.abs(np.nan_to_num([line.value - line.low, line.high - line.value]))
+        look = dict(drawn[label])
+        if panels.priors is None:
+            look["ls"] = ""
+        axis.errorbar(
+            places + shift, line.value, reach, label=label, lw=1.2, ms=4.0, elinewidth=0.9,
+            capsize=1.5, **look,
+        )  # fmt: skip
+    axis.xaxis.set_major_locator(FixedLocator(places.tolist()))
+    axis.xaxis.set_minor_locator(NullLocator())
+    axis.set_xlim(places[0] - 0.5 * gap, places[-1] + 0.5 * gap)
+    if panels.priors is None:
+        axis.set_xticklabels(list(panels.names))
+    else:
+        axis.set_xticklabels([short_km(prior) for prior in panels.priors])
+        axis.set_xlabel("σ of the initial position per axis [km]")
+        # Of priors too close to each other every name would lie on its neighbour's.
+        if gap < 0.09 * (places[-1] - places[0]):
+            axis.tick_params(axis="x", labelrotation=90)
+
+
+def short_km(prior: float) -> str:
+    """Return a prior's σ [km] as an axis shows it."""
+    return f"{prior:g}" if len(f"{prior:g}") <= 5 else short(prior)
+
+
+def against_time(
+    panels: Sequence[tuple[str, np.ndarray, Mapping[str, np.ndarray]]],
+    labels: Sequence[str],
+    path: Path,
+) -> None:
+    """Draw the share of runs that have locked on by each time, a panel for each case.
+
+    Each panel is (title, times (K,), estimator to shares (K,)).
+    """
+    columns = min(len(panels), 3)
+    rows = -(-len(panels) // columns)
+    figure, grid = plt.subplots(
+        rows, columns, squeeze=False, sharey=True, layout="constrained",
+        figsize=(3.6 * columns + 0.3, 2.6 * rows + 0.45 * math.ceil(len(labels) / 4)),
+    )  # fmt: skip
+    drawn = looks(labels)
+    for axis in grid.flat[len(panels) :]:
+        axis.set_visible(False)
+    handles = {}
+    for axis, (title, times, curves) in zip(grid.flat, panels, strict=False):
+        for number, label in enumerate(label for label in labels if label in curves):
+            # Thinner from line to line: what is below another one is seen at its sides.
+            look = {key: drawn[label][key] for key in ("color", "ls")}
+            width = max(3.2 - 0.5 * number, 1.0)
+            (handles[label],) = axis.step(times, curves[label], where="post", lw=width, **look)
+        axis.set(title=title, ylim=(-0.04, 1.04))
+        axis.yaxis.set_major_formatter(lambda value, _: f"{100.0 * value:.0f} %")
+    for column in range(columns):
+        lowest = grid[(len(panels) - 1 - column) // columns, column]
+        lowest.set_xlabel("time [s]")
+    for axis in grid[:, 0]:
+        axis.set_ylabel("share of runs locked")
+    shown = [label for label in labels if label in handles]
+    figure.legend([handles[label] for label in shown], shown, loc="outside lower center", ncols=4)
+    _save(figure, path)
