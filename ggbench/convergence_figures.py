@@ -13,7 +13,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, NullLocator
 
-from .figures import _INS, _save, short
+from .figures import _INS, _save
+from .tables import short
 
 _MARKERS = "osD^vP*Xhd"
 _STYLES = ("-", "--", "-.", ":")

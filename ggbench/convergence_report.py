@@ -15,11 +15,10 @@ import pandas as pd
 
 from . import convergence
 from .convergence_figures import Panels, Series, against_time, over_cases, short_km
-from .figures import short
 from .results import Results
 from .schema import CaseSpec
 from .statistics import ALPHA
-from .tables import markdown, rows_of
+from .tables import markdown, rows_of, short
 
 READING = (
     "A run *locks* at the first epoch from which its spherical position error stays below {limit} "
@@ -28,7 +27,8 @@ READING = (
     "within which a claimed covariance P of the position has 95 % or more of its probability, is "
     "below it. Shares are of all runs (a failed one has neither locked nor claimed to) with their "
     "Wilson 95 % interval; the median time to lock is of the runs that locked, with its 95 % "
-    "interval between order statistics (none below six runs)."
+    "interval between order statistics (none below six runs). A smoother's estimate of the start "
+    "knows the readings that follow: its time to lock tells little."
 )
 
 
@@ -78,13 +78,14 @@ class ConvergenceReport:
             if not rows:
                 continue
             best = max(rows, key=lambda label: rows[label]["lock_share"])
-            top = rows[best]["lock_share"]
             apart = [k for k in rows if rows[k]["lock_hi"] < rows[best]["lock_lo"]]
             equal = [k for k in rows if k not in apart]
             where = f"- **{case.title}** (σ {self._prior(case)} per axis): "
             if not apart:
-                what = "the intervals of all estimators overlap"
-                lines.append(f"{where}{what}, at {_percent(top)} locked at most")
+                shares = [row["lock_share"] for row in rows.values()]
+                between = f"{_percent(min(shares))} to " if min(shares) < max(shares) else ""
+                what = f"{between}{_percent(max(shares))} of the runs locked"
+                lines.append(f"{where}{what}; the intervals of all aided estimators overlap")
             else:
                 lines.append(
                     f"{where}{self._shares(rows, equal)} locked, and surely more often than "

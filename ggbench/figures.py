@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +24,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 from . import sweep
 from .sweep import Axis
+from .tables import short
 
 MOST_NUMBERS = 150
 """Most cells of a heat map that are shown with their numbers."""
@@ -369,11 +369,3 @@ def _shades(count: int) -> list[Any]:
     if count <= 4:
         return [f"C{i}" for i in range(count)]
     return list(plt.get_cmap("viridis")(np.linspace(0.0, 0.93, count)))
-
-
-def short(value: float) -> str:
-    """Return a number with three digits at most, as cells and sentences show it."""
-    if value == 0.0 or not 1e-3 <= abs(value) < 1e5:
-        return f"{value:.1e}" if value else "0"
-    digits = max(0, 2 - math.floor(math.log10(abs(value))))
-    return f"{value:.{digits}f}" if digits else f"{value:.0f}"

@@ -15,11 +15,11 @@ import numpy as np
 import pandas as pd
 
 from . import figures
-from .figures import Curve, HeatMap, short
+from .figures import Curve, HeatMap
 from .metrics import JUDGED
 from .scenario import Scenario
 from .sweep import Plane, largest_within, number, planes
-from .tables import markdown
+from .tables import markdown, short
 
 READING = (
     "MRSE is the root of the mean, over runs and epochs of the settled window (from {settled:g} s "
