@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 from collections import deque
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +21,7 @@ from .schema import MOST_RUNS, MOST_SEED
 
 if TYPE_CHECKING:
     from .campaign import Campaign
+    from .library import Outcome
     from .store import Store
 
 console = Console()
@@ -99,7 +101,11 @@ def validate(file: str) -> None:
 
 
 @main.command()
-@click.argument("scenario_name", metavar="SCENARIO")
+@click.argument("scenario_name", metavar="SCENARIO", required=False)
+@click.option(
+    "--all", "whole_library", is_flag=True,
+    help="Run every shipped scenario, one after the other, into results/NAME or DIR/NAME of -o.",
+)  # fmt: skip
 @click.option(
     "-e", "--estimator", "estimators", multiple=True, metavar="NAME[param=value,...]",
     help="Estimator to run: a name or a .py file; repeat for more. Default: the scenario's.",
@@ -141,7 +147,8 @@ def validate(file: str) -> None:
     help="Only run number K, in this process; tell its story and store nothing.",
 )
 def run(
-    scenario_name: str,
+    scenario_name: str | None,
+    whole_library: bool,
     estimators: tuple[str, ...],
     runs: int | None,
     seed: int | None,
@@ -158,46 +165,95 @@ def run(
 
     Finished runs are stored at once; the same command goes on where it was stopped.
     """
-    from . import campaign, registry, scenario
+    from . import registry, scenario
 
     _treat_as_interrupt(signal.SIGTERM, signal.SIGHUP)
-    loaded = scenario.load(scenario_name)
-    texts = [*(estimators or loaded.campaign.estimators)]
-    if assumptions:  # its runs without the change are what the study is compared with
-        texts.append(loaded.campaign.assumption_estimator)
-    labels = tuple(choice.label for choice in registry.choose_all(texts))
-    seed = loaded.campaign.seed if seed is None else seed
+    if cluster and jobs is not None:
+        raise click.UsageError("-j is for this machine and --cluster for others: give one of them")
+    asked = _Asked(estimators, runs, seed, cases, assumptions, resume, jobs, cluster, time_limit)
+    if whole_library:
+        if scenario_name or cases or one_run is not None:
+            raise click.UsageError("--all runs all cases of all scenarios: no SCENARIO, -c, --run")
+        sys.exit(_run_library(asked, output or Path("results")))
+    if scenario_name is None:
+        raise click.UsageError("name a SCENARIO, or --all")
     if one_run is not None:
         if runs or output or not resume or jobs is not None or cluster or time_limit or assumptions:
             raise click.UsageError("--run goes with -e, -c and --seed only: it stores nothing")
         from . import story
 
+        loaded = scenario.load(scenario_name)
+        labels = [c.label for c in registry.choose_all(estimators or loaded.campaign.estimators)]
+        seed = loaded.campaign.seed if seed is None else seed
         good = story.repeat(loaded, cases, labels, seed, one_run, console)
         sys.exit(0 if good else EXIT_WORSE)
-    if cluster and jobs is not None:
-        raise click.UsageError("-j is for this machine and --cluster for others: give one of them")
+    if _run_scenario(scenario_name, asked, output).interrupted:
+        sys.exit(EXIT_INTERRUPTED)
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """The options of a campaign, as the user gave them."""
+
+    estimators: tuple[str, ...]
+    runs: int | None
+    seed: int | None
+    cases: tuple[str, ...]
+    assumptions: bool
+    resume: bool
+    jobs: int | None
+    cluster: str | None
+    time_limit: float | None
+
+
+def _run_scenario(name: str, asked: _Asked, output: Path | None) -> Outcome:
+    """Run a scenario, into results/SCENARIO without an output; return how it ended."""
+    from . import campaign, registry, scenario
+
+    loaded = scenario.load(name)
+    texts = [*(asked.estimators or loaded.campaign.estimators)]
+    if asked.assumptions:  # its runs without the change are what the study is compared with
+        texts.append(loaded.campaign.assumption_estimator)
     work = campaign.Campaign(
         loaded,
-        scenario_name,
-        labels,
-        runs or loaded.campaign.runs,
-        seed,
-        assumptions,
+        name,
+        tuple(choice.label for choice in registry.choose_all(texts)),
+        asked.runs or loaded.campaign.runs,
+        loaded.campaign.seed if asked.seed is None else asked.seed,
+        asked.assumptions,
         output or Path("results") / loaded.name,
-        cases,
-        time_limit or loaded.campaign.time_limit_s,
-        not resume,
+        asked.cases,
+        asked.time_limit or loaded.campaign.time_limit_s,
+        not asked.resume,
     )
     if len(loaded.cases) > _MANY_CASES:
         click.echo(f"preparing {len(loaded.cases)} cases")
     store, remarks = work.open()
     for remark in remarks:
         click.echo(remark)
-    interrupted = _execute(work, store, jobs, cluster)
+    interrupted = _execute(work, store, asked.jobs, asked.cluster)
     missing = 0 if interrupted else work.missing(store)
-    _finish(work.folder, store, interrupted)
+    outcome = _finish(work.folder, store, interrupted)
     if missing:
         raise campaign.CampaignError(f"{missing} runs gave no result; the same command goes on")
+    return outcome
+
+
+def _run_library(asked: _Asked, output: Path) -> int:
+    """Run every shipped scenario, whatever becomes of the others; return the exit code."""
+    from . import library, registry, scenario
+
+    registry.choose_all(asked.estimators)  # a wrong name is wrong in all of them
+
+    def run_one(name: str) -> Outcome:
+        studied = asked.assumptions and bool(scenario.load(name).assumptions)
+        return _run_scenario(name, replace(asked, assumptions=studied), output / name)
+
+    outcomes = library.run_all(scenario.shipped(), run_one, console)
+    library.print_outcomes(outcomes, output, console)
+    if any(outcome.interrupted for outcome in outcomes):
+        return EXIT_INTERRUPTED
+    return EXIT_WORSE if any(outcome.error for outcome in outcomes) else 0
 
 
 def _execute(work: Campaign, store: Store, jobs: int | None, cluster: str | None) -> bool:
@@ -231,8 +287,9 @@ def _execute(work: Campaign, store: Store, jobs: int | None, cluster: str | None
     return False
 
 
-def _finish(folder: Path, store: Store, interrupted: bool) -> None:
+def _finish(folder: Path, store: Store, interrupted: bool) -> Outcome:
     """Write the tables of what is stored, print the summary, say how to go on."""
+    from .library import Outcome
     from .results import Results, as_argument, write_tables
     from .terminal import print_summary
 
@@ -241,6 +298,10 @@ def _finish(folder: Path, store: Store, interrupted: bool) -> None:
     if len(summary):
         print_summary(summary, results.scenario, console)
     failed = len(results.failures())
+    outcome = Outcome(
+        results.scenario.name, len(results.table), failed,
+        int(results.table["diverged"].sum()), interrupted,
+    )  # fmt: skip
     store.close()
     name = as_argument(str(folder))
     if failed:
@@ -250,8 +311,9 @@ def _finish(folder: Path, store: Store, interrupted: bool) -> None:
             f"Interrupted. The runs that finished are in {name}: 'ggbench report {name}' "
             "reports them, the same command goes on."
         )
-        sys.exit(EXIT_INTERRUPTED)
+        return outcome
     click.echo(f"Results are in {name}; 'ggbench report {name}' writes the report.")
+    return outcome
 
 
 def _treat_as_interrupt(*signals: signal.Signals) -> None:
@@ -320,12 +382,24 @@ def compare(before: Path, after: Path, threshold: float, window: str, require_al
 
 
 @main.command()
-@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("folder", type=click.Path(path_type=Path), required=False)
 @click.option(
-    "-o", "--output", type=click.Path(path_type=Path), help="Where to write [the folder itself]."
-)
-def report(folder: Path, output: Path | None) -> None:
+    "--all", "whole_library", is_flag=True,
+    help="Report every results folder in FOLDER [results] and the league of them all.",
+)  # fmt: skip
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path),
+    help="Where to write [the folder itself; with --all: reports].",
+)  # fmt: skip
+def report(folder: Path | None, whole_library: bool, output: Path | None) -> None:
     """Write the report of a results FOLDER: markdown and figures."""
+    if whole_library:
+        from . import library
+
+        good = library.report_all(folder or Path("results"), output or Path("reports"), console)
+        sys.exit(0 if good else EXIT_WORSE)
+    if folder is None:
+        raise click.UsageError("name a results FOLDER, or --all")
     from . import report as reporting
 
     path = reporting.write(folder, output or folder)

@@ -96,6 +96,11 @@ def flight_of(case: CaseSpec) -> Flight:
     return _flight(case.model_dump_json())
 
 
+def forget_flights() -> None:
+    """Let go of the flights of this process: a library of scenarios has many, and large ones."""
+    _flight.cache_clear()
+
+
 @lru_cache(maxsize=1024)
 def chosen(label: str) -> Choice:
     """Return the estimator of a label, chosen once in each process."""
