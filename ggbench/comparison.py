@@ -48,11 +48,13 @@ class Comparison:
         worse" and "not better". ``verdict``: "worse", "better", "same" (the same data, bit by bit)
         or "not distinguishable".
     only_before, only_after : what only one of the two holds, "case a" or "estimator ekf in case a".
+    tests : number of rows in which anything could differ: what p-values are adjusted for.
     """
 
     rows: pd.DataFrame
     only_before: tuple[str, ...]
     only_after: tuple[str, ...]
+    tests: int
 
     @property
     def worse(self) -> bool:
@@ -126,6 +128,7 @@ def compare(
         rows[list(ROW_COLUMNS)],
         _missing(groups_before, groups_after),
         _missing(groups_after, groups_before),
+        int(open_rows.sum()),
     )
 
 

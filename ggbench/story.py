@@ -165,7 +165,9 @@ def _print(
     console.print(f"\n[bold]{escape(title)}, run {run}[/]", highlight=False)
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("estimator", no_wrap=True)
-    for heading in ("settled m", "m/s", "final m", "NEES", "diverged", "ms"):
+    judged = any(item.record.get("false_lock") is not None for item in told)
+    headings = ("settled m", "m/s", "final m", "NEES", "diverged", "ms")
+    for heading in (*headings, *(["locked s"] if judged else [])):
         table.add_column(heading, justify="right", no_wrap=True)
     for item in told:
         record = item.record
@@ -181,6 +183,7 @@ def _print(
             f"{settled['nees']:.2f}",
             "[red]yes[/]" if record["diverged"] else "no",
             f"{1e3 * record['seconds']:.1f}",
+            *([_lock(record)] if judged else []),
         )
     console.print(table)
     for item in told:
@@ -195,6 +198,13 @@ def _print(
         console.print("To repeat it, without storing anything:")
         for item in commands:
             console.print(f"  {item.command}", markup=False, highlight=False, soft_wrap=True)
+
+
+def _lock(record: Mapping[str, Any]) -> str:
+    """Return since when a run is locked on, or that it falsely claims to be."""
+    if record.get("lock_time_s") is not None:
+        return f"{record['lock_time_s']:g}"
+    return "[red]false lock[/]" if record.get("false_lock") else "never"
 
 
 def _print_errors(
@@ -221,8 +231,13 @@ def _print_errors(
         table.add_column(f"{times[k]:g}", justify="right", no_wrap=True)
     for label, curve in curves.items():
         bars = _bars(logs[label], low, high)
-        table.add_row(escape(label), bars, *(f"{curve[k]:.2g}" for k in shown))
+        table.add_row(escape(label), bars, *(_two_digits(curve[k]) for k in shown))
     console.print(table)
+
+
+def _two_digits(value: float) -> str:
+    """Return an error with two digits or, up to 100 km, as whole metres."""
+    return f"{value:.0f}" if 100.0 <= value < 1e5 else f"{value:.2g}"
 
 
 def _bars(values: np.ndarray, low: float, high: float) -> str:

@@ -107,7 +107,7 @@ def print_comparison(compared: Comparison, console: Console) -> None:
     paired = compared.rows["paired"]
     how = "paired" if paired.all() else "independent" if not paired.any() else "partly paired"
     console.print(
-        f"Runs are {how}. p is adjusted for {len(compared.rows)} tests: where nothing changed, 5 % "
+        f"Runs are {how}. p is adjusted for {compared.tests} tests: where nothing changed, 5 % "
         "of comparisons at most say 'worse' anywhere, and 5 % 'better'.",
         highlight=False,
     )
