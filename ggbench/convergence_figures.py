@@ -16,6 +16,11 @@ from matplotlib.ticker import FixedLocator, NullLocator
 from .figures import _INS, _save
 from .tables import short
 
+_COLOURS = (
+    "tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple", "tab:brown", "tab:pink",
+    "tab:olive", "tab:cyan", "black", "navy", "darkgreen", "crimson", "goldenrod",
+)  # fmt: skip
+"""Without grey, which is the INS's."""
 _MARKERS = "osD^vP*Xhd"
 _STYLES = ("-", "--", "-.", ":")
 
@@ -39,7 +44,6 @@ class Panels:
     names : (n,) of the cases.
     priors : (n,) σ of the initial position error [km], strictly increasing; None: categories.
     shares, false_locks, times : by estimator; shares of the runs, and median times to lock [s].
-    duration : of the longest flight [s].
     """
 
     title: str
@@ -48,7 +52,6 @@ class Panels:
     shares: Mapping[str, Series]
     false_locks: Mapping[str, Series]
     times: Mapping[str, Series]
-    duration: float
 
 
 def looks(labels: Sequence[str]) -> dict[str, dict[str, Any]]:
@@ -57,10 +60,10 @@ def looks(labels: Sequence[str]) -> dict[str, dict[str, Any]]:
     aided = [label for label in labels if label != "ins"]
     for label in labels:
         number = 0 if label == "ins" else aided.index(label)
-        colour = _INS if label == "ins" else f"C{number % 10}"
+        colour = _INS if label == "ins" else _COLOURS[number % len(_COLOURS)]
         drawn[label] = {
             "color": colour,
-            "ls": _STYLES[(number // 10 + number) % 4],
+            "ls": _STYLES[(number // len(_COLOURS) + number) % 4],
             "marker": "x" if label == "ins" else _MARKERS[number % len(_MARKERS)],
         }
     return drawn
@@ -90,7 +93,7 @@ def over_cases(rows: Sequence[Panels], labels: Sequence[str], path: Path) -> Non
         for axis in axes[:2]:
             axis.set_ylim(-0.04, 1.04)
             axis.yaxis.set_major_formatter(lambda value, _: f"{100.0 * value:.0f} %")
-        axes[2].set_ylim(0.0, 1.04 * panels.duration)
+        axes[2].set_ylim(bottom=0.0)
         if panels.title:
             axes[0].annotate(
                 panels.title, (0.0, 1.0), (0.0, 20.0), xycoords="axes fraction",

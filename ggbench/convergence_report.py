@@ -183,7 +183,6 @@ class ConvergenceReport:
         rising = len(group) > 1 and all(a < b for a, b in itertools.pairwise(priors))
         names = [case.name for case in group]
         title = f"{names[0]} … {names[-1]}" if len(self._groups()) > 1 else ""
-        lasts = [float(self.results.arrays(case.name)["times"][-1]) for case in group]
 
         def series(label: str, *columns: str) -> Series:
             nothing: dict[str, Any] = {}
@@ -197,7 +196,7 @@ class ConvergenceReport:
             title, names, priors if rising else None,
             all_of("lock_share", "lock_lo", "lock_hi"),
             all_of("false_lock_share", "false_lock_lo", "false_lock_hi"),
-            all_of("lock_time_median_s", "lock_time_lo", "lock_time_hi"), max(lasts),
+            all_of("lock_time_median_s", "lock_time_lo", "lock_time_hi"),
         )  # fmt: skip
 
 
