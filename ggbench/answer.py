@@ -54,6 +54,8 @@ def case_answer(case: CaseSpec, summary: pd.DataFrame, pairs: pd.DataFrame) -> s
         text += f" with a position MRSE of {_error(best)}"
     text += f"; the bound is {short(best['position_bound_m'])} m (efficiency "
     text += f"{short(best['position_efficiency'])})"
+    if not math.isnan(best["lock_share"]):
+        text += f"; it locks on in {100.0 * best['lock_share']:.0f} % of the runs"
     others = _others(case, best, rows, pairs)
     return f"{text}{others}; {_lost(rows.values())}."
 
@@ -177,7 +179,7 @@ def _lost(rows: Iterable[Mapping[str, Any]]) -> str:
     if not parts:
         return "no run failed or diverged"
     runs = max(int(row["runs"]) for row in rows)
-    return f"of {runs} runs {'; '.join(parts)}"
+    return f"of {runs} run{'s' * (runs != 1)} {'; '.join(parts)}"
 
 
 def _without_filter(rows: Mapping[str, Mapping[str, Any]]) -> str:
@@ -219,9 +221,9 @@ def _of_many(told: Sequence[CaseSpec], summary: pd.DataFrame, pairs: pd.DataFram
         )
     for kind, phrase in (
         ("gains", "aiding gains on the INS in"),
-        ("nothing", "gains nothing over the INS in"),
-        ("worse", "is worse than the INS in"),
-        ("unproven", "the runs do not decide it in"),
+        ("nothing", "aiding gains nothing over the INS in"),
+        ("worse", "aiding is worse than the INS in"),
+        ("unproven", "these runs do not decide whether aiding gains anything in"),
         ("unjudged", "no causal estimator can be judged in"),
     ):
         if kind in kinds:

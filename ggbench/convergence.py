@@ -102,16 +102,19 @@ def median_interval(values: Sequence[float]) -> tuple[float, float, float]:
     return median, float(ordered[rank]), float(ordered[count - 1 - rank])
 
 
+def is_judged(record: Mapping[str, Any]) -> bool:
+    """Return whether a record says if its run locked."""
+    return record.get("false_lock") is not None
+
+
 def figures(records: Iterable[Mapping[str, Any]]) -> dict[str, float]:
     """Return the figures of :data:`COLUMNS` over the runs of an estimator on a case.
 
     Shares are of all runs: a run that failed has not locked, nor claimed to have. The median time
-    is of the runs that locked. Empty if locks were not judged.
+    is of the runs that locked.
     """
     group = list(records)
-    judged = [record for record in group if record.get("false_lock") is not None]
-    if not judged:
-        return {}
+    judged = [record for record in group if is_judged(record)]
     times = [r["lock_time_s"] for r in judged if r.get("lock_time_s") is not None]
     false = sum(record["false_lock"] for record in judged)
     found = (*wilson(len(times), len(group)), *wilson(false, len(group)), *median_interval(times))

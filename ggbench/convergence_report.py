@@ -26,9 +26,10 @@ READING = (
     "the error is not below that limit, but the estimator claims it to be: 1.96 √tr P, the radius "
     "within which a claimed covariance P of the position has 95 % or more of its probability, is "
     "below it. Shares are of all runs (a failed one has neither locked nor claimed to) with their "
-    "Wilson 95 % interval; the median time to lock is of the runs that locked, with its 95 % "
-    "interval between order statistics (none below six runs). A smoother's estimate of the start "
-    "knows the readings that follow: its time to lock tells little."
+    "Wilson 95 % interval (*surely*: the intervals of two do not overlap); the median time to lock "
+    "is of the runs that locked, with its 95 % interval between order statistics (none below six "
+    "runs). A smoother's estimate of the start knows the readings that follow: its time to lock "
+    "tells little."
 )
 
 

@@ -60,7 +60,7 @@ class Flown:
     rows : estimator to its summary row of the settled window.
     best, ins : the rows of the best causal estimator and of the INS, None without.
     situation : key of :data:`SITUATIONS`.
-    pairs : paired comparisons of the scenario.
+    pairs : paired comparisons of the case.
     """
 
     scenario: str
@@ -74,16 +74,14 @@ class Flown:
     def error(self, label: str) -> float:
         """Return an estimator's MRSE [m], its failed runs counted with what was left without it.
 
-        That is the INS's mean squared error; without an INS the largest of any estimator's.
+        That is the INS's mean squared error; where the INS was not run, failed runs do not count.
         """
         row = self.rows[label]
-        own, share = row["position_mrse_m"], row["failed"] / row["runs"]
-        if not share:
-            return float(own)
-        others = [r["position_mrse_m"] for r in self.rows.values()]
-        unaided = self.ins["position_mrse_m"] if self.ins else np.nanmax([*others, -math.inf])
+        own, share = float(row["position_mrse_m"]), row["failed"] / row["runs"]
+        if not share or self.ins is None:
+            return own
         finished = (1.0 - share) * own**2 if share < 1.0 else 0.0
-        return math.sqrt(finished + share * unaided**2) if unaided > 0.0 else math.nan
+        return math.sqrt(finished + share * self.ins["position_mrse_m"] ** 2)
 
     def ratio(self, label: str) -> float:
         """Return an estimator's error over that of the best causal one; NaN without either."""
@@ -153,8 +151,9 @@ class Standing:
     by_scenario, efficiency : scenario to the geometric mean over its cases of the ratio of its
         MRSE to the best causal estimator's, and of MRSE over bound.
     score : geometric mean of that ratio over the scenarios. Where it was not run it counts as the
-        others of its kind (causal estimators, smoothers) did there, in their geometric mean, so
-        that nobody gains by staying away from hard scenarios, or loses by meeting them.
+        median of the others of its kind (causal estimators, smoothers) there, so that nobody gains
+        by staying away from hard scenarios, or loses by meeting them.
+    own : the same over the scenarios that it ran.
     lost : share of its runs that failed or diverged. locked : mean share locked over the cases
         where locks are judged.
     consistent, judged : number of cases whose NEES lies in its band, and of those that have one.
@@ -165,6 +164,7 @@ class Standing:
     label: str
     causality: str
     score: float
+    own: float
     by_scenario: Mapping[str, float]
     efficiency: Mapping[str, float]
     lost: float
@@ -265,7 +265,7 @@ def standings(cases: Sequence[Flown]) -> list[Standing]:
     sizes = Counter(flown.scenario for flown in cases)
     found = [_standing(label, [f for f in cases if label in f.rows], sizes) for label in labels]
     others = {
-        (kind, name): geometric_mean(
+        (kind, name): _median(
             s.by_scenario.get(name, math.nan) for s in found if _kind(s.causality) == kind
         )
         for kind in {_kind(s.causality) for s in found}
@@ -275,11 +275,15 @@ def standings(cases: Sequence[Flown]) -> list[Standing]:
         replace(
             s,
             score=geometric_mean(
-                s.by_scenario.get(name, others[_kind(s.causality), name]) for name in sizes
+                _or(s.by_scenario.get(name), others[_kind(s.causality), name]) for name in sizes
             ),
         )
         for s in found
     ]
+
+
+def _or(value: float | None, other: float) -> float:
+    return other if value is None or math.isnan(value) else value
 
 
 def _kind(causality: str) -> str:
@@ -292,13 +296,15 @@ def _standing(label: str, cases: Sequence[Flown], sizes: Mapping[str, int]) -> S
         name: [flown for flown in cases if flown.scenario == name]
         for name in dict.fromkeys(flown.scenario for flown in cases)
     }
+    by_scenario = {k: geometric_mean(f.ratio(label) for f in v) for k, v in held.items()}
     lost = sum(row["failed"] + row["diverged"] for row in rows)
     judged = [row for row in rows if math.isfinite(row["nees_mean"])]
     return Standing(
         label=label,
         causality=str(rows[0]["causality"]),
         score=math.nan,
-        by_scenario={k: geometric_mean(f.ratio(label) for f in v) for k, v in held.items()},
+        own=geometric_mean(by_scenario.values()),
+        by_scenario=by_scenario,
         efficiency={k: geometric_mean(f.efficiency(label) for f in v) for k, v in held.items()},
         lost=lost / sum(row["runs"] for row in rows),
         locked=_mean(row["lock_share"] for row in rows),
@@ -412,7 +418,12 @@ def read_entry(folder: Path) -> Entry | str:
                 f"{max(least.values(), default=0)} are done in all cases"
             )
         pairs = results.paired()
-        cases = [_flown(loaded.name, case, summary, pairs) for case in loaded.cases]
+        rows, beside = (dict(list(table.groupby("case"))) for table in (summary, pairs))
+        cases = [
+            _flown(loaded.name, case, rows[case.name], beside.get(case.name, pairs[:0]))
+            for case in loaded.cases
+            if case.name in rows
+        ]
         return Entry(
             folder, loaded, results.manifest, [flown for flown in cases if flown.rows],
             {label: runs for label, runs in least.items() if runs < results.runs},

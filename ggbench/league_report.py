@@ -116,7 +116,7 @@ class LeagueReport:
         if advice.situation == NOTHING:
             return f"{title}{self._nothing(advice)}"
         if advice.choice is None:
-            return f"{title}no causal estimator ran in half of them."
+            return f"{title}no causal estimator ran in half of them and can be judged."
         held = {standing.label: standing for standing in advice.standings}
         chosen = held[advice.choice]
         text = f"{title}**`{chosen.label}`**, {self._figures(chosen)}"
@@ -139,7 +139,7 @@ class LeagueReport:
             text += f". As good, at another cost: {costs}"
         if rest:
             named = ", ".join(
-                f"`{s.label}` (MRSE × {_number(s.score)}{self._lock(s)}; as good in "
+                f"`{s.label}` (MRSE × {_number(s.own)}{self._lock(s)}; as good in "
                 f"{advice.equal[s.label]} of {s.ran})"
                 for s in rest
             )
@@ -148,7 +148,7 @@ class LeagueReport:
 
     def _figures(self, standing: Standing) -> str:
         parts = [
-            f"MRSE {_number(standing.score)} times the best's and "
+            f"MRSE {_number(standing.own)} times the best's and "
             f"{_number(geometric_mean(standing.efficiency.values()))} times the bound"
         ]
         if not math.isnan(standing.locked):
@@ -191,7 +191,7 @@ class LeagueReport:
         best = min(held, key=lambda s: s.score)
         return (
             f"**If the answer may wait**: `{best.label}` ({best.causality}) has "
-            f"{_number(best.score)} times the MRSE of the best causal estimator, at {_cost(best)}; "
+            f"{_number(best.own)} times the MRSE of the best causal estimator, at {_cost(best)}; "
             f"{_share(best.lost)} of its runs failed or diverged."
         )
 
@@ -249,7 +249,7 @@ class LeagueReport:
             "Position MRSE over that of the best causal estimator of each case: geometric mean "
             "over the cases of a scenario, and in *all* over the scenarios, by which the league is "
             "ordered (equal to three digits: the cheaper first). Where an estimator was not run "
-            "(–) it counts in *all* as the others of its kind did there, in their geometric mean: "
+            "(–) it counts in *all* as the median of the others of its kind did there: "
             "nobody gains by staying away from hard scenarios. A failed run counts with the "
             "INS's error, since that is what is left without an estimate. *Lost*: runs that failed "
             "or diverged. *Locked*: mean share of the runs that locked on, over the cases in which "
@@ -283,8 +283,8 @@ class LeagueReport:
                 named = f"{named or 'none'}; gains nothing{which}"
             rows.append(
                 [
-                    f"[{_cell(entry.scenario.title)}]({self._link(entry.scenario.name)})",
-                    _cell(first_sentence(entry.scenario.description)),
+                    f"[{entry.scenario.title}]({self._link(entry.scenario.name)})",
+                    first_sentence(entry.scenario.description),
                     str(len(flown)),
                     named or "none",
                     _number(geometric_mean(f.ins["position_mrse_m"] for f in flown if f.ins)),
@@ -390,11 +390,6 @@ def first_sentence(text: str) -> str:
     ends = re.finditer(r"(?<!\bal)(?<!\be\.g)(?<!\bi\.e)(?<!\bcf)[.?!](?=\s+[^a-z\s]|$)", plain)
     end = next(ends, None)
     return plain[: end.end()] if end else plain
-
-
-def _cell(text: str) -> str:
-    """Return a text as a cell of a markdown table can hold it."""
-    return text.replace("|", "\\|")
 
 
 def _number(value: float) -> str:

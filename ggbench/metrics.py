@@ -201,6 +201,7 @@ def summarize(
     grouped: dict[tuple[str, str], list[Mapping[str, Any]]] = {key: [] for key in bounds}
     for record in records:
         grouped.setdefault((record["case"], record["estimator"]), []).append(record)
+    judged = {c for (c, _), group in grouped.items() if any(map(convergence.is_judged, group))}
     rows = []
     for (case, estimator), group in grouped.items():
         if not group:
@@ -209,7 +210,8 @@ def summarize(
         reference = references.get(case)
         first = group[0]
         sizes = (readings or {}).get(case, {})
-        locking = convergence.figures(group)
+        # An estimator all of whose runs failed has not locked either.
+        locking = convergence.figures(group) if case in judged else {}
         for window in WINDOWS:
             row: dict[str, Any] = {
                 "scenario": scenario,

@@ -127,7 +127,8 @@ def short(value: float) -> str:
 def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Return a markdown table."""
     lines = [head, ["---"] * len(head), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+    escaped = ([cell.replace("|", "\\|") for cell in line] for line in lines)
+    return "\n".join("| " + " | ".join(line) + " |" for line in escaped)
 
 
 def glance(scenario: Scenario, summary: pd.DataFrame) -> str:
@@ -183,11 +184,7 @@ def errors_of_cases(scenario: Scenario, summary: pd.DataFrame) -> str:
         best = best_causal(table.values())
         cells = [_with_losses(table.get(label), best) for label in labels]
         bounds = [
-            next(
-                (short(r["position_bound_m"]) for r in table.values() if r["causality"] == kind),
-                "",
-            )
-            for kind in kinds
+            next((short(b) for b in _bounds(table, kind) if math.isfinite(b)), "") for kind in kinds
         ]
         rows.append([case.title, *cells, *bounds])
     heads = [
@@ -200,6 +197,11 @@ def errors_of_cases(scenario: Scenario, summary: pd.DataFrame) -> str:
         "of a case is bold, runs that failed or diverged are counted behind."
     )
     return f"{markdown(['case', *heads, *titles], rows)}\n\n{reading}"
+
+
+def _bounds(table: Mapping[str, Mapping[str, Any]], causality: str) -> list[float]:
+    """Return the bounds on the position [m] of a case's estimators of a causality."""
+    return [r["position_bound_m"] for r in table.values() if r["causality"] == causality]
 
 
 def _with_losses(row: dict[str, Any] | None, best: dict[str, Any] | None) -> str:

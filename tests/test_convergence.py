@@ -106,7 +106,7 @@ def test_few_times_have_no_interval():
 
 
 def test_failed_runs_have_not_locked():
-    """Shares are of all runs; the median time of those that locked; nothing where unjudged."""
+    """Shares are of all runs, the median time is of those that locked."""
     records = [
         {"status": "ok", "lock_time_s": 4.0, "false_lock": False},
         {"status": "ok", "lock_time_s": None, "false_lock": True},
@@ -116,7 +116,9 @@ def test_failed_runs_have_not_locked():
     found = convergence.figures(records)
     assert (found["lock_share"], found["false_lock_share"]) == (0.5, 0.25)
     assert found["lock_time_median_s"] == 6.0
-    assert convergence.figures([{"status": "ok"}, {"status": "failed"}]) == {}
+    nothing = convergence.figures([{"status": "failed"}] * 4)
+    assert (nothing["lock_share"], nothing["false_lock_share"]) == (0.0, 0.0)
+    assert math.isnan(nothing["lock_time_median_s"])
     times = np.array([4.0, math.nan, 8.0])
     shares = convergence.share_by_time(times, 4, np.array([0.0, 4.0, 7.9, 8.0, 9.0]))
     assert shares.tolist() == [0.0, 0.25, 0.25, 0.5, 0.5]

@@ -198,12 +198,13 @@ def test_staying_away_from_hard_scenarios_gains_nothing():
     """Where an estimator was not run it counts as the others of its kind did there."""
     poor = records("poor", 1e12 * SAME)  # an error a million times larger is a number like others
     easy = flown("easy", INS, EKF, records("absent", SAME), poor)
-    hard = flown("hard", INS, EKF, poor)
+    hard = flown("hard", INS, EKF, records("similar", 9.0 * SAME), poor)
     scores = {s.label: s for s in league.standings([easy, hard])}
     assert scores["ekf"].score == pytest.approx(1.0)
     assert scores["poor"].score == pytest.approx(1e6)
-    assert scores["absent"].score == pytest.approx(math.sqrt(math.sqrt(1e6)))
-    assert (scores["absent"].ran, scores["absent"].coverage) == (1, 0.5)
+    assert scores["absent"].score == pytest.approx(math.sqrt(3.0))  # the median of 1, 3 and 1e6
+    assert (scores["absent"].own, scores["absent"].ran) == (pytest.approx(1.0), 1)
+    assert scores["absent"].coverage == 0.5
 
 
 @pytest.mark.parametrize(
