@@ -12,10 +12,11 @@ from typing import Any
 
 import pandas as pd
 
+from .ranking import best_causal, pair_of, rows_of
 from .scenario import Scenario
 from .schema import CaseSpec
 from .statistics import BETTER, UNDECIDED, WORSE
-from .tables import best_causal, pair_of, rows_of, short
+from .tables import short
 
 MOST_CASES = 8
 """Most cases of which a sentence each is said."""

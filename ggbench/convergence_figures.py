@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, NullLocator
 
-from .figures import _INS, _save
+from .figures import INS, save
 from .tables import short
 
 _COLOURS = (
@@ -60,7 +60,7 @@ def looks(labels: Sequence[str]) -> dict[str, dict[str, Any]]:
     aided = [label for label in labels if label != "ins"]
     for label in labels:
         number = 0 if label == "ins" else aided.index(label)
-        colour = _INS if label == "ins" else _COLOURS[number % len(_COLOURS)]
+        colour = INS if label == "ins" else _COLOURS[number % len(_COLOURS)]
         drawn[label] = {
             "color": colour,
             "ls": _STYLES[(number // len(_COLOURS) + number) % 4],
@@ -110,7 +110,7 @@ def over_cases(rows: Sequence[Panels], labels: Sequence[str], path: Path) -> Non
     }
     shown = [label for label in labels if label in handles]
     figure.legend([handles[label] for label in shown], shown, loc="outside lower center", ncols=4)
-    _save(figure, path)
+    save(figure, path)
 
 
 def _over(
@@ -187,4 +187,4 @@ def against_time(
         axis.set_ylabel("share of runs locked")
     shown = [label for label in labels if label in handles]
     figure.legend([handles[label] for label in shown], shown, loc="outside lower center", ncols=4)
-    _save(figure, path)
+    save(figure, path)

@@ -15,10 +15,11 @@ import pandas as pd
 
 from . import convergence
 from .convergence_figures import Panels, Series, against_time, over_cases, short_km
+from .ranking import rows_of
 from .results import Results
 from .schema import CaseSpec
 from .statistics import ALPHA
-from .tables import markdown, rows_of, short
+from .tables import markdown, short
 
 READING = (
     "A run *locks* at the first epoch from which its spherical position error stays below {limit} "

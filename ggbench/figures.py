@@ -29,7 +29,8 @@ from .tables import short
 MOST_NUMBERS = 150
 """Most cells of a heat map that are shown with their numbers."""
 AXES = ("east", "north", "up")
-_INS, _AIDED, _BOUND = "0.55", "tab:blue", "black"
+INS, _AIDED, _BOUND = "0.55", "tab:blue", "black"
+"""Colours of the INS, an aided solution and the bound."""
 
 plt.rcParams |= {
     "figure.dpi": 110,
@@ -44,7 +45,8 @@ plt.rcParams |= {
 }
 
 
-def _save(figure: Figure, path: Path) -> None:
+def save(figure: Figure, path: Path) -> None:
+    """Write a figure, the same bytes for the same content, and let go of it."""
     figure.savefig(path, bbox_inches="tight", metadata={"Software": "ggbench"})
     plt.close(figure)
 
@@ -75,7 +77,7 @@ def gradient_along_track(arrays: Mapping[str, np.ndarray], title: str, path: Pat
     top.legend()
     bottom.margins(y=0.25)
     bottom.legend(ncols=2)
-    _save(figure, path)
+    save(figure, path)
 
 
 def component_errors(
@@ -97,7 +99,7 @@ def component_errors(
         error, sigma = aided[:, first + axis], aided[:, 6 + first + axis]
         left, right = axes[axis]
         if ins is not None:
-            left.plot(times, ins[:, first + axis], color=_INS, lw=1.5, label="pure INS")
+            left.plot(times, ins[:, first + axis], color=INS, lw=1.5, label="pure INS")
         left.plot(times, error, color=_AIDED, lw=1.2, label=label)
         left.set_ylabel(f"{AXES[axis]} [{unit}]")
         right.fill_between(times, -3 * sigma, 3 * sigma, color=_AIDED, alpha=0.15, label="±3σ")
@@ -110,7 +112,7 @@ def component_errors(
     axes[0, 1].legend()
     for axis in axes[-1]:
         axis.set_xlabel("time [s]")
-    _save(figure, path)
+    save(figure, path)
 
 
 def field_map(arrays: Mapping[str, np.ndarray], path: Path) -> None:
@@ -134,7 +136,7 @@ def field_map(arrays: Mapping[str, np.ndarray], path: Path) -> None:
     axis.set_ylabel("latitude [° N]")
     axis.grid(False)
     figure.colorbar(mesh, label="disturbing Γ_UU [E]", shrink=0.8)
-    _save(figure, path)
+    save(figure, path)
 
 
 def error_over_time(
@@ -153,7 +155,7 @@ def error_over_time(
     for _, _, curves, _ in panels:
         for name in curves:
             if name not in styles:
-                colour = _INS if name == "ins" else f"C{len(styles)}"
+                colour = INS if name == "ins" else f"C{len(styles)}"
                 styles[name] = (colour, ("-", "--", "-.", ":")[len(styles) % 4])
     for column, (title, times, curves, bounds) in enumerate(panels):
         for row, quantity in enumerate(("position [m]", "velocity [m/s]")):
@@ -175,7 +177,7 @@ def error_over_time(
                 axis.set_ylabel(f"RMS spherical {quantity}")
     handles, names = grid[0, 0].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside lower center", ncols=4)
-    _save(figure, path)
+    save(figure, path)
 
 
 @dataclass(frozen=True)
@@ -240,7 +242,7 @@ def heat_maps(
         lowest.set_xlabel(across.title)
         lowest.tick_params(labelbottom=True, labelsize=8)
     _colour_bar(figure, colours, grid, label)
-    _save(figure, path)
+    save(figure, path)
 
 
 def _scale(values: Sequence[np.ndarray], centre: float | None) -> LogNorm:
@@ -320,7 +322,7 @@ def requirement(
     handles = [Line2D([], [], color="black", lw=2.2, label=label),
                Line2D([], [], color="0.7", lw=1.3, ls="--", label="Cramér–Rao bound")]  # fmt: skip
     figure.legend(handles=handles, loc="outside upper center", ncols=2)
-    _save(figure, path)
+    save(figure, path)
 
 
 @dataclass(frozen=True)
@@ -348,7 +350,7 @@ def curves(
     for axis, (title, lines) in zip(grid.flat, panels.items(), strict=False):
         if unaided is not None:
             low, high = np.fmin.reduce(unaided, axis=1), np.fmax.reduce(unaided, axis=1)
-            axis.fill_between(across.values, low, high, fc=_INS, ec=_INS, lw=2.0, label="ins")
+            axis.fill_between(across.values, low, high, fc=INS, ec=INS, lw=2.0, label="ins")
         for line, colour in zip(lines, _shades(len(lines)), strict=True):
             axis.fill_between(across.values, *line.interval, color=colour, alpha=0.2, lw=0)
             axis.plot(across.values, line.values, ".-", color=colour, lw=1.3, label=line.label)
@@ -361,7 +363,7 @@ def curves(
     handles, names = grid[0, 0].get_legend_handles_labels()
     handles.append(Line2D([], [], color="0.3", lw=0.9, ls="--"))
     figure.legend(handles, [*names, "Cramér–Rao bound"], loc="outside lower center", ncols=5)
-    _save(figure, path)
+    save(figure, path)
 
 
 def _shades(count: int) -> list[Any]:

@@ -9,20 +9,11 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from urllib.parse import quote
 
-import matplotlib.pyplot as plt
-import numpy as np
-from matplotlib.colors import TwoSlopeNorm
-
-from .figures import _save
 from .league import (
     COST_OF,
     EXCEPTIONS,
-    LONG_S,
-    NOTHING,
-    SITUATIONS,
     SMOOTHERS,
     UNCERTAIN,
-    WIDE_M,
     WITHIN,
     Advice,
     Entry,
@@ -31,11 +22,11 @@ from .league import (
     geometric_mean,
     read,
 )
+from .league_figure import draw, number
 from .report import ReportError
+from .situations import LONG_S, NOTHING, SITUATIONS, WIDE_M
 from .tables import markdown, short
 
-_FARTHEST = (0.1, 1000.0)
-"""Ratios beyond which the colour of the league's figure does not change."""
 _MOST_NAMED = 6
 
 
@@ -83,7 +74,7 @@ class LeagueReport:
 
     def text(self) -> str:
         """Return the page as markdown, and draw its figure."""
-        self._draw()
+        draw(self.league.standings, self.names, self.output / "README" / "league.png")
         cases, scenarios = len(self.league.cases), len(self.names)
         picture = "Position MRSE of every estimator over that of the best causal one"
         parts = [
@@ -93,11 +84,11 @@ class LeagueReport:
             f"Of {cases} cases in {scenarios} scenarios, flown by all estimators on the same "
             "random numbers. " + self._rules(),
             "## The league",
-            self._league(lambda s, name: _number(s.by_scenario.get(name, math.nan)), whole=True),
+            self._league(lambda s, name: number(s.by_scenario.get(name, math.nan)), whole=True),
             self._reading(),
             f"![{picture}](README/league.png)\n\n*{picture}*",
             "## Efficiency: position MRSE over the Cramér–Rao bound",
-            self._league(lambda s, name: _number(s.efficiency.get(name, math.nan)), whole=False),
+            self._league(lambda s, name: number(s.efficiency.get(name, math.nan)), whole=False),
             "Geometric means over the cases of a scenario; every estimator beside the bound of its "
             "own kind (filter, fixed lag, batch), the INS beside that of a filter. Far below 1 a "
             "bound is no bound: it is that of the model, which the truth need not follow.",
@@ -139,7 +130,7 @@ class LeagueReport:
             text += f". As good, at another cost: {costs}"
         if rest:
             named = ", ".join(
-                f"`{s.label}` (MRSE × {_number(s.own)}{self._lock(s)}; as good in "
+                f"`{s.label}` (MRSE × {number(s.own)}{self._lock(s)}; as good in "
                 f"{advice.equal[s.label]} of {s.ran})"
                 for s in rest
             )
@@ -148,8 +139,8 @@ class LeagueReport:
 
     def _figures(self, standing: Standing) -> str:
         parts = [
-            f"MRSE {_number(standing.own)} times the best's and "
-            f"{_number(geometric_mean(standing.efficiency.values()))} times the bound"
+            f"MRSE {number(standing.own)} times the best's and "
+            f"{number(geometric_mean(standing.efficiency.values()))} times the bound"
         ]
         if not math.isnan(standing.locked):
             parts.append(f"{100.0 * standing.locked:.0f} % of the runs locked")
@@ -191,7 +182,7 @@ class LeagueReport:
         best = min(held, key=lambda s: s.score)
         return (
             f"**If the answer may wait**: `{best.label}` ({best.causality}) has "
-            f"{_number(best.own)} times the MRSE of the best causal estimator, at {_cost(best)}; "
+            f"{number(best.own)} times the MRSE of the best causal estimator, at {_cost(best)}; "
             f"{_share(best.lost)} of its runs failed or diverged."
         )
 
@@ -233,12 +224,12 @@ class LeagueReport:
             cells += [cell(standing, name) for name in self.names]
             if whole:
                 cells += [
-                    f"**{_number(standing.score)}**",
+                    f"**{number(standing.score)}**",
                     _share(standing.lost),
                     "–" if math.isnan(standing.locked) else f"{100.0 * standing.locked:.0f} %",
                     f"{standing.consistent} of {standing.judged}" if standing.judged else "–",
-                    _number(standing.cost),
-                    _number(standing.ms),
+                    number(standing.cost),
+                    number(standing.ms),
                     f"{standing.ran} of {len(self.league.cases)}",
                 ]
             rows.append(cells)
@@ -287,9 +278,9 @@ class LeagueReport:
                     first_sentence(entry.scenario.description),
                     str(len(flown)),
                     named or "none",
-                    _number(geometric_mean(f.ins["position_mrse_m"] for f in flown if f.ins)),
-                    _number(geometric_mean(row["position_mrse_m"] for row in best)),
-                    _number(geometric_mean(row["position_bound_m"] for row in best)),
+                    number(geometric_mean(f.ins["position_mrse_m"] for f in flown if f.ins)),
+                    number(geometric_mean(row["position_mrse_m"] for row in best)),
+                    number(geometric_mean(row["position_bound_m"] for row in best)),
                 ]
             )
         note = (
@@ -340,40 +331,6 @@ class LeagueReport:
         return [m["scenario"], str(m["runs"]), str(m["seed"]), m["date"][:10], m["ggbench"],
                 m["source_hash"], m["scenario_hash"][:16], fewer]  # fmt: skip
 
-    def _draw(self) -> None:
-        """Draw the ratios of the league as a heat map."""
-        shown = self.league.standings
-        ratios = np.array([[s.by_scenario.get(n, math.nan) for n in self.names] for s in shown])
-        with np.errstate(divide="ignore"):
-            logs = np.log10(np.clip(ratios, *_FARTHEST))
-        width, height = 0.78 * len(self.names) + 3.6, 0.31 * len(shown) + 1.9
-        figure, axis = plt.subplots(figsize=(max(width, 5.0), height), layout="constrained")
-        low, high = (math.log10(end) for end in _FARTHEST)
-        image = axis.imshow(
-            np.ma.masked_invalid(logs), aspect="auto", cmap="RdBu_r",
-            norm=TwoSlopeNorm(0.0, low, high),
-        )  # fmt: skip
-        for (row, column), value in np.ndenumerate(ratios):
-            if math.isnan(value):
-                axis.text(column, row, "–", ha="center", va="center", color="0.6")
-                continue
-            strong = logs[row, column] / (high if logs[row, column] > 0.0 else -low)
-            axis.text(
-                column, row, _number(value), ha="center", va="center", fontsize=7.5,
-                color="white" if abs(strong) > 0.65 else "black",
-            )  # fmt: skip
-        axis.grid(False)
-        axis.set_xticks(range(len(self.names)), self.names, rotation=35, ha="right",
-                        rotation_mode="anchor")  # fmt: skip
-        axis.set_yticks(range(len(shown)), [s.label for s in shown])
-        for before, after in zip(range(len(shown)), shown[1:], strict=False):
-            if after.causality in SMOOTHERS and shown[before].causality not in SMOOTHERS:
-                axis.axhline(before + 0.5, color="black", lw=1.2)
-        bar = figure.colorbar(image, ax=axis, label="MRSE / best causal", pad=0.02)
-        ticks = [-1.0, 0.0, 1.0, 2.0, 3.0]
-        bar.set_ticks(ticks, labels=["≤ 0.1", "1", "10", "100", "≥ 1000"])
-        _save(figure, self.output / "README" / "league.png")
-
 
 def _against_ins(advice: Advice, label: str) -> list[float]:
     """Return an estimator's error over the INS's in the cases of a situation."""
@@ -390,12 +347,6 @@ def first_sentence(text: str) -> str:
     ends = re.finditer(r"(?<!\bal)(?<!\be\.g)(?<!\bi\.e)(?<!\bcf)[.?!](?=\s+[^a-z\s]|$)", plain)
     end = next(ends, None)
     return plain[: end.end()] if end else plain
-
-
-def _number(value: float) -> str:
-    if not math.isfinite(value):
-        return "–" if math.isnan(value) else "∞"
-    return short(float(f"{value:.2e}"))
 
 
 def _share(share: float) -> str:

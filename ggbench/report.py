@@ -15,6 +15,7 @@ from . import figures, scenario, tables
 from .answer import answer
 from .convergence_report import ConvergenceReport
 from .errors import GGBenchError
+from .ranking import rows_of
 from .results import Results, as_argument
 from .runner import DETAILED_RUN
 from .schema import CaseSpec
@@ -191,7 +192,7 @@ class _Report:
         )
 
     def _case_table(self, case: CaseSpec) -> str:
-        rows = tables.rows_of(self.summary, case, "settled")
+        rows = rows_of(self.summary, case, "settled")
         if not rows:
             return ""
         updates = len(self.arrays[case.name]["times"])
@@ -243,7 +244,7 @@ class _Report:
         panels = []
         for case in self.references or _spread(self.scenario.cases):
             curves = {}
-            for label in tables.rows_of(self.summary, case, "settled"):
+            for label in rows_of(self.summary, case, "settled"):
                 series = self.results.series(case.name, label)
                 if len(series):
                     curves[label] = np.sqrt(np.mean(series[:, :, :2] ** 2, axis=0))
@@ -273,7 +274,7 @@ class _Report:
             "Vertical gradient Γ_UU along the track: true, with the instrument's noise, and "
             "filtered; below, what the filter delays, and the noise before and behind it",
         )
-        rows = tables.rows_of(self.summary, lead, "settled")
+        rows = rows_of(self.summary, lead, "settled")
         causal = [label for label, row in rows.items() if row["causality"] == "filter"]
         if causal:
             label = causal[0]

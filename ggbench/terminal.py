@@ -11,8 +11,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from .comparison import LOST, Comparison
+from .ranking import rows_of
 from .scenario import Scenario
-from .tables import rows_of
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -15,7 +15,7 @@ from campaigns import plan, ran, small
 from problems import SMALL
 from test_cli import invoke
 
-from ggbench import answer, league, league_report, metrics, scenario, tables
+from ggbench import answer, league, league_report, metrics, ranking, scenario, situations
 from ggbench.league import Flown, League
 from ggbench.library import Outcome, run_all
 from ggbench.schema import CaseSpec
@@ -121,7 +121,7 @@ def test_lost_runs_are_said_and_losers_are_not_best():
         records("robust", SAME, diverged=True),
         records("ins", 1e4 * SAME, "none"),
     )
-    best = tables.best_causal(summary[summary["window"] == "settled"].to_dict("records"))
+    best = ranking.best_causal(summary[summary["window"] == "settled"].to_dict("records"))
     assert best["label"] == "robust"
     text = answer.case_answer(case(), summary, pairs)
     assert "`robust` 60 diverged" in text and "`fragile` 20 failed" in text
@@ -133,7 +133,7 @@ def test_lost_runs_are_said_and_losers_are_not_best():
 def test_a_pair_seen_from_its_other_side():
     """A comparison turned round says the opposite, and turned twice is itself."""
     _, pairs = tabled(records("a", SAME), records("b", 4.0 * SAME))
-    one, other = (tables.pair_of(pairs, "c", *names) for names in (("a", "b"), ("b", "a")))
+    one, other = (ranking.pair_of(pairs, "c", *names) for names in (("a", "b"), ("b", "a")))
     assert (one["position_verdict"], other["position_verdict"]) == ("better", "worse")
     assert other["position_relative"] == pytest.approx(1.0)
     assert other["position_difference_m2"] == -one["position_difference_m2"] > 0.0
@@ -142,7 +142,7 @@ def test_a_pair_seen_from_its_other_side():
         -one["position_lo"],
     )
     assert one["position_win_rate"] + other["position_win_rate"] == 1.0
-    assert tables.pair_of(pairs, "c", "a", "z") is None
+    assert ranking.pair_of(pairs, "c", "a", "z") is None
 
 
 def flown(name: str, *groups: list[dict[str, Any]], **changes: Any) -> Flown:
@@ -230,7 +230,7 @@ def test_situations_are_those_of_the_keys(changes, gained, situation):
         segment = spec.trajectory.segment[0].model_copy(update={"duration_s": duration})
         path = spec.trajectory.model_copy(update={"segment": [segment]})
         spec = spec.model_copy(update={"trajectory": path})
-    assert league.situation_of(spec, gained) == situation
+    assert situations.situation_of(spec, gained) == situation
 
 
 @pytest.mark.parametrize(
@@ -250,7 +250,7 @@ def test_what_truth_and_model_disagree_on_makes_a_situation(keys, situation):
         def model_dump(self, **options: Any) -> dict[str, Any]:
             return super().model_dump(**options) | keys
 
-    assert league.situation_of(Changed(**dict(case())), "gains") == situation
+    assert situations.situation_of(Changed(**dict(case())), "gains") == situation
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,55 @@
+"""What a case of the library is an example of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from .schema import CaseSpec
+
+WIDE_M = 1000.0
+"""σ of the initial position per axis from which a prior is called wide [m]."""
+LONG_S = 1800.0
+"""Duration from which a flight is called long [s]."""
+NOTHING = "nothing"
+SITUATIONS = {
+    "plain": "Narrow prior, right model",
+    "wide": f"Wide prior (σ of {WIDE_M / 1000.0:g} km per axis or more)",
+    "readings": "Outliers, gaps or wrong times in the readings",
+    "map": "A map that is not the field",
+    "model": "Sensors or initial errors other than the estimators believe",
+    "long": f"Long flight ({LONG_S / 60.0:g} min or more)",
+    NOTHING: "Aiding gains nothing",
+}
+_READINGS = ("outlier", "dropout", "clock", "jitter")
+
+
+def situation_of(case: CaseSpec, gained: str) -> str:
+    """Return the situation of a case: the first that fits, from its keys and from what came out.
+
+    Parameters
+    ----------
+    case : the case. gained : what aiding gains, of :func:`ggbench.answer.gain`.
+    """
+    if gained in ("nothing", "worse"):
+        return NOTHING
+    changed = set(_set_keys(case.model_dump(exclude_defaults=True)))
+    wrong = {key for key in changed if key.split(".")[0] in ("truth", "model")}
+    if any(word in key for key in wrong for word in _READINGS):
+        return "readings"
+    if any(key.split(".")[1] == "field" for key in wrong):
+        return "map"
+    if wrong:
+        return "model"
+    if case.initial_error.position_m >= WIDE_M:
+        return "wide"
+    return "long" if case.trajectory.duration_s >= LONG_S else "plain"
+
+
+def _set_keys(table: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
+    """Yield the dotted keys of nested tables that are set to anything."""
+    for key, value in table.items():
+        if isinstance(value, Mapping):
+            yield from _set_keys(value, f"{prefix}{key}.")
+        elif value not in (None, 0.0, [], ()):
+            yield f"{prefix}{key}"
