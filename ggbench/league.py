@@ -18,7 +18,7 @@ import pandas as pd
 
 from .answer import gain
 from .errors import GGBenchError
-from .ranking import best_causal, pair_of, rows_of
+from .ranking import MOST_FAILED, best_causal, pair_of, rows_of
 from .results import Results
 from .scenario import Scenario
 from .schema import CaseSpec
@@ -87,14 +87,15 @@ class Flown:
         """Return whether an estimator is as good as the best causal one of the case.
 
         Its MRSE is at most 2 % larger; or at most 10 % larger, and the paired comparison cannot
-        tell the two apart. Where locks are judged it must not lock surely less often either.
+        tell the two apart. It must not fail in more than 5 % of its runs, and where locks are
+        judged not lock surely less often either.
         """
         if self.best is None or label not in self.rows:
             return False
         row, best = self.rows[label], self.best
         if label == best["label"]:
             return True
-        if row["lock_hi"] < best["lock_lo"]:
+        if row["lock_hi"] < best["lock_lo"] or row["failed"] > MOST_FAILED * row["runs"]:
             return False
         ratio = self.ratio(label)
         if ratio <= WITHIN:

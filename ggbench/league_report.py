@@ -81,8 +81,9 @@ class LeagueReport:
             "# Which estimator should I use when, and what does it cost?",
             "\n".join(self._advice(advice) for advice in self.league.advice()),
             self._later(),
-            f"Of {cases} cases in {scenarios} scenarios, flown by all estimators on the same "
-            "random numbers. " + self._rules(),
+            f"This was found on {cases} cases in {scenarios} scenarios, on the same random "
+            "numbers for all estimators, by these rules:",
+            self._rules(),
             "## The league",
             self._league(lambda s, name: number(s.by_scenario.get(name, math.nan)), whole=True),
             self._reading(),
@@ -187,22 +188,26 @@ class LeagueReport:
         )
 
     def _rules(self) -> str:
-        return (
-            "Errors are of position, root mean square over the settled window and the runs. The "
-            "*best* of a case is the causal estimator of the least MRSE; one that failed in more "
-            "than 5 % of the runs is not, nor one that locks on surely less often than another "
-            "(Wilson intervals apart). *As good*: MRSE at most "
-            f"{100.0 * (WITHIN - 1.0):.0f} % larger, or at most {100.0 * (UNCERTAIN - 1.0):.0f} % "
-            "larger and not distinguishable from the best, run by run; and locking on not surely "
-            "less often. Advised is the cheapest that is as good in all cases of the situation but "
-            "one of twenty, among those that ran in half of them or more (in all of them, if any "
-            "did). A case belongs to the first situation that fits: *aiding gains nothing* if the "
-            "best causal estimator is not significantly better than the INS (and within 5 % of "
-            "it, or worse); then by what `[truth]` and `[model]` set apart: readings, map, "
-            "anything else; then a prior of "
-            f"{WIDE_M / 1000.0:g} km or more, a flight of {LONG_S / 60.0:g} min or more; else the "
-            f"first. Cost is the median time of a run over that of `{COST_OF}` on the same case."
-        )
+        wide, long = f"{WIDE_M / 1000.0:g} km", f"{LONG_S / 60.0:g} min"
+        rules = {
+            "Errors": "of position, root mean square (MRSE) over the settled window and the runs.",
+            "The best of a case": "the causal estimator of the least MRSE; not one that failed in "
+            "more than 5 % of the runs, nor one that locks on surely less often than another "
+            "(Wilson intervals apart).",
+            "As good": f"MRSE at most {100.0 * (WITHIN - 1.0):.0f} % larger than the best's, or "
+            f"at most {100.0 * (UNCERTAIN - 1.0):.0f} % larger and not distinguishable from it, "
+            "run by run (paired bootstrap-t, 95 %); failing in 5 % of the runs at most, and "
+            "locking on not surely less often.",
+            "Advised": "the cheapest that is as good in all cases of the situation but one of "
+            "twenty, of those that ran in half of it or more (in all of it, if any of them did).",
+            "Situations": "the first that fits a case: *aiding gains nothing*, if the best causal "
+            "estimator is not significantly better than the INS and within 5 % of it, or "
+            "significantly worse; readings, or a map, that `[truth]` or `[model]` set apart from "
+            f"what the estimators are told; a prior of {wide} or more; a flight of {long} or "
+            "more; anything else that is set apart; a narrow prior and a right model.",
+            "Cost": f"the median time of a run over that of `{COST_OF}` on the same case.",
+        }
+        return "\n".join(f"- *{name}*: {text}" for name, text in rules.items())
 
     def _league(self, cell: Callable[[Standing, str], str], whole: bool) -> str:
         """Return a table of estimators over scenarios, smoothers in their own block."""
@@ -294,25 +299,29 @@ class LeagueReport:
         return quote(f"{name}.md")
 
     def _making(self) -> str:
+        entries = self.league.entries
         head = ["scenario", "runs", "seed", "run on", "ggbench", "source", "scenario's hash",
                 "fewer runs"]  # fmt: skip
-        rows = [self._stamp(entry) for entry in self.league.entries]
+        rows = [self._stamp(entry) for entry in entries]
         versions = {
             ", ".join(f"{k} {v}" for k, v in entry.manifest["versions"].items())
-            for entry in self.league.entries
+            for entry in entries
         }
         machines = {
             f"{m['system']} on {m['architecture']}, {m['processors']} processors"
-            for m in (entry.manifest["machine"] for entry in self.league.entries)
+            for m in (entry.manifest["machine"] for entry in entries)
         }
-        sources = {entry.manifest["source_hash"] for entry in self.league.entries}
+        sources = {entry.manifest["source_hash"] for entry in entries}
+        studied = " --assumptions" if any(e.manifest["assumptions"] for e in entries) else ""
         lines = [
             "Generated, not edited. To get it again:",
             "",
             "```",
-            "ggbench run --all -o results",
+            f"ggbench run --all{studied} -o results",
             "ggbench report --all results -o reports",
             "```",
+            "",
+            "The exact command of each scenario is at the end of its report.",
             "",
             *(f"- {text}" for text in sorted(versions | machines)),
         ]

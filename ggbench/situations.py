@@ -15,10 +15,10 @@ NOTHING = "nothing"
 SITUATIONS = {
     "plain": "Narrow prior, right model",
     "wide": f"Wide prior (σ of {WIDE_M / 1000.0:g} km per axis or more)",
+    "long": f"Long flight ({LONG_S / 60.0:g} min or more)",
     "readings": "Outliers, gaps or wrong times in the readings",
     "map": "A map that is not the field",
     "model": "Sensors or initial errors other than the estimators believe",
-    "long": f"Long flight ({LONG_S / 60.0:g} min or more)",
     NOTHING: "Aiding gains nothing",
 }
 _READINGS = ("outlier", "dropout", "clock", "jitter")
@@ -39,11 +39,11 @@ def situation_of(case: CaseSpec, gained: str) -> str:
         return "readings"
     if any(key.split(".")[1] == "field" for key in wrong):
         return "map"
-    if wrong:
-        return "model"
     if case.initial_error.position_m >= WIDE_M:
         return "wide"
-    return "long" if case.trajectory.duration_s >= LONG_S else "plain"
+    if case.trajectory.duration_s >= LONG_S:
+        return "long"
+    return "model" if wrong else "plain"
 
 
 def _set_keys(table: Mapping[str, Any], prefix: str = "") -> Iterator[str]:

@@ -240,6 +240,7 @@ def test_situations_are_those_of_the_keys(changes, gained, situation):
         ({"truth": {"field": {"error": {"resolution_km": 5.0}}}}, "map"),
         ({"model": {"field": {"density_kg_m3": 2600.0}}}, "map"),
         ({"model": {"gradiometer": {"noise_eotvos": 1.0}}}, "model"),
+        ({"truth": {"imu": {"gyro_scale_factor_ppm": 9.0}}}, "model"),
         ({"truth": {"imu": {"gyro_scale_factor_ppm": 0.0}, "field": {}}}, "plain"),
     ],
 )
