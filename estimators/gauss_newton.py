@@ -318,7 +318,8 @@ def _smoothed_cov(
     eye = np.eye(n)
     later = np.zeros((epochs, n, n))
     for k in range(epochs - 1, 0, -1):
-        found = np.linalg.qr(np.vstack([later[k], rows[k], np.zeros((n, n))]), mode="r")
+        stacked = np.vstack([later[k], rows[k], np.zeros((n, n))])
+        found = np.asarray(np.linalg.qr(stacked, mode="r"))
         root = np.linalg.cholesky(eye + found @ process_cov[k] @ found.T)
         later[k - 1] = np.linalg.solve(root, found) @ transition[k]
     square_root = MatrixSquareRoot()
@@ -326,6 +327,6 @@ def _smoothed_cov(
     both = np.concatenate(
         [np.broadcast_to(eye, later.shape), later @ upper.transpose(0, 2, 1)], axis=1
     )
-    joined = np.linalg.qr(both, mode="r")
+    joined = np.asarray(np.linalg.qr(both, mode="r"))
     half = np.linalg.solve(joined.transpose(0, 2, 1), upper)
     return half.transpose(0, 2, 1) @ half

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator
 
 from .disturbing_field import MapError
-from .figures import _save
+from .figures import save
 from .map_file import TENSOR, Nodes
 
 _MOST_PIXELS = 600  # per axis: more cannot be seen
@@ -49,7 +49,7 @@ def draw(nodes: Nodes, tensor: Any, height: float, source: str, path: Path) -> N
     figure.suptitle(f"{title}: {source}" if source else title, fontsize=9, wrap=True)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        _save(figure, path)
+        save(figure, path)
     except (OSError, ValueError) as error:
         plt.close(figure)
         raise MapError(f"cannot write the figure {path}: {error}") from None

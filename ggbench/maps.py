@@ -288,11 +288,13 @@ def content_key(recipe: MapRecipe) -> str:
     """Hash of all that determines the map: recipe, data, code."""
     values = [v if isinstance(v, str) else float(v) for v in dataclasses.astuple(recipe)]
     digest = hashlib.sha256(json.dumps(values).encode())
+    modules: tuple[str, ...] = _BUILDING_MODULES
     if recipe.source in TERRAINS:
-        names, modules = (TERRAINS[recipe.source].file,), _TERRAIN_MODULES
+        modules = _TERRAIN_MODULES
+        names = [TERRAINS[recipe.source].file]
     else:
         files = SOURCES[recipe.source]
-        names, modules = (files.geoid, files.topography, files.coefficients), _BUILDING_MODULES
+        names = [files.geoid, files.topography, files.coefficients]
     for name in names:
         digest.update(hashlib.sha256(data_bytes(name)).digest())
     for name in modules:

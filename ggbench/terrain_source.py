@@ -114,8 +114,11 @@ def _terrain(name: str) -> Terrain:
     fields = ("south_deg", "west_deg", "latitude_step_deg", "longitude_step_deg", "height_m")
     try:
         arrays: dict[str, Any] = read_arrays(data_bytes(file), fields)
-        corner = [float(arrays[field]) for field in fields[:4]]
-        return Terrain(*corner, arrays["height_m"].astype(float), TERRAINS[name].provenance)
+        south, west, latitude_step, longitude_step = (float(arrays[key]) for key in fields[:4])
+        heights = arrays["height_m"].astype(float)
+        return Terrain(
+            south, west, latitude_step, longitude_step, heights, TERRAINS[name].provenance
+        )
     except MapError:
         raise
     except Exception as error:
