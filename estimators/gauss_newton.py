@@ -318,8 +318,7 @@ def _smoothed_cov(
     eye = np.eye(n)
     later = np.zeros((epochs, n, n))
     for k in range(epochs - 1, 0, -1):
-        stacked = np.vstack([later[k], rows[k], np.zeros((n, n))])
-        found = np.asarray(np.linalg.qr(stacked, mode="r"))
+        found = np.asarray(np.linalg.qr(np.vstack([later[k], rows[k]]), mode="r"))
         root = np.linalg.cholesky(eye + found @ process_cov[k] @ found.T)
         later[k - 1] = np.linalg.solve(root, found) @ transition[k]
     square_root = MatrixSquareRoot()

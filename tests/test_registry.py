@@ -121,10 +121,11 @@ def test_parameters_are_read(text, label, parameters, values):
         ("ukf[points=merwe]]", "does not name an estimator"),
         ("ekff", r"no estimator 'ekff' \(did you mean 'ekf'\?\); known: .*ekf.*ukf.*\.py file"),
         ("zzz", "no estimator 'zzz'; known: "),
-        ("ekf[gain=1]", "ekf has no parameter 'gain'; its parameters: it has none"),
+        ("ekf[gain=1]", "ekf has no parameter 'gain'; its parameters: iterations, loss, thr"),
+        ("ins[gain=1]", "ins has no parameter 'gain'; its parameters: it has none"),
         ("ukf[pionts=merwe]", "ukf has no parameter 'pionts'; its parameters: points, kappa, alph"),
         ("ukf[points]", "ukf: 'points' is not of the form parameter=value"),
-        ("ukf[points=cubature]", r"'points' is 'cubature' and must be julier \| merwe"),
+        ("ukf[points=gauss]", r"'points' is 'gauss' and must be julier \| merwe"),
         ("ukf[points=]", r"'points' is '' and must be julier \| merwe"),
         ("ukf[kappa=big]", "ukf: parameter 'kappa' is 'big' and must be float"),
         ("factor-graph[max_iterations=2.5]", "'max_iterations' is '2.5' and must be int"),
@@ -230,6 +231,6 @@ def test_a_class_that_breaks_the_interface_has_its_sentence(kind, tmp_path):
 def test_what_a_user_reads_of_a_parameter():
     """Types are shown as choices or plain names, beside their defaults."""
     parameters = registry.parameters_of(type(estimator("ukf[points=merwe]")))
-    assert registry.describe(parameters["points"][0]) == "julier | merwe"
+    assert registry.describe(parameters["points"][0]) == "julier | merwe | cubature"
     assert registry.describe(parameters["alpha"][0]) == "float"
     assert parameters["alpha"][1] == 0.5
