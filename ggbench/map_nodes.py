@@ -18,6 +18,7 @@ EVERYWHERE = np.array([-90.0, 90.0, -360.0, 360.0])
 """Bounds of what serves the whole Earth: south, north, west, east [deg]."""
 _MOST_NODES = 400_000_000  # 14 GB of float32
 _MOST_CELLS = 1_000_000  # along an axis
+HIGHEST_M = 1e6
 _LAYERS = 9
 _SPACING_PER_HEIGHT = 0.25
 _WIDEST_HEIGHT_SPACING = 1000.0
@@ -70,6 +71,8 @@ def nodes_for(reaches: list[Reach], wishes: Wishes) -> tuple[Nodes, list[str]]:
             option = name.removesuffix("_deg").removesuffix("_m").replace("_", "-")
             raise MapError(f"--{option} {value} must be a finite number.")
     asked = [getattr(wishes, f"{name}_deg") for name in names]
+    if allowed[3] <= 180.0:  # the inputs count from -180, the user perhaps from 0
+        asked[2:] = [a - 360.0 if a is not None and a > 180.0 else a for a in asked[2:]]
     bounds = np.array([g if a is None else a for a, g in zip(asked, good, strict=True)])
     if None in asked and np.array_equal(good, EVERYWHERE):
         raise MapError(
@@ -126,8 +129,11 @@ def _heights_and_spacing(
     highest = wishes.highest_m
     if highest is None:
         highest = lowest + (_LAYERS - 1) * spacing_m
-    if not lowest < highest <= 1e6:
-        raise MapError(f"--highest {highest:g} must lie above --lowest {lowest:g}.")
+    if not lowest < highest <= HIGHEST_M:
+        raise MapError(
+            f"--highest {highest:g} must lie above --lowest {lowest:g} and at most at "
+            f"{HIGHEST_M:g} m."
+        )
     heights = _axis(lowest, highest, spacing_m, math.inf)
     widest = math.degrees(quarter / SEMI_MAJOR_AXIS)
     spacing_deg = wishes.spacing_deg

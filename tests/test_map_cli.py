@@ -160,7 +160,8 @@ def test_a_grid_of_icgem_says_itself_where_it_holds():
 
 def test_a_terrain_map_says_all_about_itself(monkeypatch):
     """With bounds, heights and spacing of its own; shown, drawn, in its file."""
-    output = run("build", "-o", "dem.nc", "--terrain", DEM, "--density", 2600)
+    output = run("build", "-o", "dem.nc", "--terrain", DEM, "--density", 2600, "--west", 275.65)
+    assert "longitude: -84.35° to" in output
     assert "a terrain alone gives what the ground within it attracts" in output
     assert "Wrote dem.nc" in output
     with xarray.open_dataset("dem.nc") as data:
@@ -171,7 +172,9 @@ def test_a_terrain_map_says_all_about_itself(monkeypatch):
     sha256 = json.loads(attributes["source_files"])[DEM.name]
     assert len(sha256) == 64
     assert str(DEM.parent) not in " ".join(map(str, attributes.values()))
-    assert attributes["history"].endswith("--terrain jacksboro_dem_3arcsec.npz --density 2600.0")
+    assert attributes["history"].endswith(
+        "--terrain jacksboro_dem_3arcsec.npz --density 2600.0 --west 275.65"
+    )
 
     shown = run("show", "dem.nc", "-o", "dem.png", "--height", 2000)
     for words in ("kg/m³", "East-North-Up", sha256, f" {rms:.3g} ", f"{heights[0]:g} m to"):
@@ -229,6 +232,7 @@ BAD = {
     "upside down": (["--geoid", GEOID, "--south", 34, "--north", 33], "must be less than --north"),
     "below ground": (["--terrain", DEM, "--lowest", 900], "--lowest 900 lies below the sources"),
     "heights": (["--terrain", DEM, "--highest", 1000], "must lie above --lowest"),
+    "space": (["--terrain", DEM, "--lowest", 1e7], "at most at 1e+06 m"),
     "no spacing": (["--geoid", GEOID, "--spacing-arcsec", 0], "must be positive"),
     "endless": (["--geoid", GEOID, "--spacing-arcsec", 1e-3], "more than 1000000 nodes"),
     "too many": (["--geoid", GEOID, "--spacing-arcsec", 2], "at most 400000000 in all"),
