@@ -41,23 +41,28 @@ _SPLINE_MARGIN = 6  # nodes beyond the map, so that the spline ends outside
 _MOST_AT_ONCE = 4_000_000  # nodes of a synthesis held in memory
 _BAND_DEG = 1.0  # latitude over which a terrain is smoothed with one convergence of the meridians
 _MOST_BANDS = 30
+_WIDEST_DEG = 11.0  # of a terrain, in degrees of arc: its field is computed on a plane
 
 
 class Part(Protocol):
     """One of the fields that make up a map."""
 
     def layers(self, nodes: Nodes) -> Iterator[Layer]:
-        """Yield tensor and gravity disturbance on latitude x longitude for each height."""
+        """Yield tensor and gravity disturbance on latitude x longitude for each height.
+
+        They are the caller's to change.
+        """
         ...
 
 
 def summed(parts: Sequence[Part], nodes: Nodes) -> Iterator[Layer]:
     """Yield the sum of all parts for each height."""
-    for layers in zip(*(part.layers(nodes) for part in parts), strict=True):
-        tensor, disturbance = layers[0]
-        for more_tensor, more_disturbance in layers[1:]:
-            tensor = tensor + more_tensor
-            disturbance = disturbance + more_disturbance
+    first, *others = (part.layers(nodes) for part in parts)
+    for tensor, disturbance in first:
+        for layers in others:  # one after the other, and in place: a layer may be large
+            more_tensor, more_disturbance = next(layers)
+            tensor += more_tensor
+            disturbance += more_disturbance
         yield tensor, disturbance
 
 
@@ -126,16 +131,30 @@ class TerrainPart:
         from .parker import terrain_layers
 
         axes = (np.radians(nodes.latitude_deg), np.radians(nodes.longitude_deg), nodes.height_m)
-        whole = terrain_layers(self.terrain, *axes, self.options, self.geoid_height_m)
+        terrain = _around(self.terrain, nodes)
+        whole = terrain_layers(terrain, *axes, self.options, self.geoid_height_m)
         if self.above_degree is None:
             yield from whole
             return
-        smooth_terrain = smoothed(self.terrain, self.above_degree, self.options)
+        smooth_terrain = smoothed(terrain, self.above_degree, self.options)
         smooth = terrain_layers(smooth_terrain, *axes, self.options, self.geoid_height_m)
         for (tensor, vector), (smooth_tensor, smooth_vector) in zip(whole, smooth, strict=True):
             tensor -= smooth_tensor
             vector -= smooth_vector
             yield tensor, vector
+
+
+def _around(terrain: Terrain, nodes: Nodes) -> Terrain:
+    """The terrain, or of one too wide for a plane what lies around the map."""
+    middle = 0.5 * (nodes.latitude_deg[0] + nodes.latitude_deg[-1])
+    half = np.array([_WIDEST_DEG, _WIDEST_DEG / math.cos(math.radians(middle))]) / 2.0
+    spans = np.ptp(terrain.latitudes_deg), np.ptp(terrain.longitudes_deg)
+    if spans[0] <= 2.0 * half[0] and spans[1] <= 2.0 * half[1]:
+        return terrain
+    centre = middle, 0.5 * (nodes.longitude_deg[0] + nodes.longitude_deg[-1])
+    return terrain.crop(
+        centre[0] - half[0], centre[0] + half[0], centre[1] - half[1], centre[1] + half[1]
+    )
 
 
 def smoothed(terrain: Terrain, degree: int, options: TerrainOptions) -> Terrain:

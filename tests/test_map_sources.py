@@ -120,6 +120,21 @@ def test_a_terrain_smaller_than_the_wavelength_is_refused():
         smoothed(terrain(LONG), 60, OPTIONS)
 
 
+def test_of_a_terrain_too_wide_for_a_plane_what_lies_around_the_map_is_used():
+    """A hill in a plain of 16 by 20 degrees is worth the same as in one of four."""
+    hill = 800.0 * np.exp(-(X**2 + Y**2) / (2 * 0.2**2))
+    small = Terrain(30.0, 100.0, STEP, STEP, 500.0 + hill, "small")
+    wide = np.full((16 * 60 + 1, 20 * 60 + 1), 500.0)
+    wide[6 * 60 : 6 * 60 + 241, 8 * 60 : 8 * 60 + 241] = small.height_m
+    nodes = Nodes(np.arange(31.5, 32.5, 0.1), np.arange(101.5, 102.5, 0.1), np.array([9e3]))
+    fields = [
+        next(TerrainPart(ground, OPTIONS).layers(nodes))[0]
+        for ground in (small, Terrain(24.0, 92.0, STEP, STEP, wide, "wide"))
+    ]
+    assert rms(fields[0]) > 5.0
+    assert rms(fields[1] - fields[0]) < 0.02 * rms(fields[0])
+
+
 def test_harmonics_on_dense_nodes_are_those_of_direct_synthesis():
     """Between the nodes on which they are computed a spline of degree 5 serves, to 1e-5 E."""
     model = random_model(180, 2)
