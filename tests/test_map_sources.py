@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import math
+from importlib.resources import files
 
 import numpy as np
 import pytest
 from test_spherical_harmonics import random_model
 
-from ggbench.disturbing_field import MapError
+from ggbench.disturbing_field import (
+    SOURCES,
+    MapError,
+    disturbing_coefficients,
+    disturbing_field,
+)
 from ggbench.map_file import Nodes
 from ggbench.map_sources import HarmonicPart, TerrainPart, smoothed, summed
 from ggbench.parker import TerrainOptions
 from ggbench.spherical_harmonics import gravity_and_gradient
-from ggbench.terrain import Terrain
+from ggbench.terrain import Terrain, read_terrain
 
 STEP = 1.0 / 60.0
 COUNT = 241
@@ -118,6 +124,28 @@ def test_smoothing_keeps_the_mass_of_land_and_sea():
 def test_a_terrain_smaller_than_the_wavelength_is_refused():
     with pytest.raises(MapError, match=r"is 3\.39° wide, .* wavelength of degree 60 \(6°\)"):
         smoothed(terrain(LONG), 60, OPTIONS)
+
+
+def test_terrain_explains_what_egm2008_has_beyond_degree_120():
+    """Real data, two ways: ETOPO1's residual terrain against EGM2008's geoid, over the Qinling.
+
+    All six components agree in sign and size; what differs is density and isostasy.
+    """
+    nodes = Nodes(np.arange(33.0, 34.0, 0.1), np.arange(107.0, 109.0, 0.1), np.array([10e3]))
+    axes = (np.radians(nodes.latitude_deg), np.radians(nodes.longitude_deg), nodes.height_m)
+    source = SOURCES["egm2008_qinling"]
+    harmonics = disturbing_coefficients(source.coefficients)
+    geoid, _ = disturbing_field("egm2008_qinling", *axes)
+    beyond = (geoid - gravity_and_gradient(harmonics, *axes)[1])[:, :, 0]
+    relief = read_terrain(files("ggbench.scenarios") / "data" / source.topography)
+    residual, _ = next(TerrainPart(relief, OPTIONS, 120).layers(nodes))
+    for component in range(6):
+        pair = beyond[..., component].ravel(), residual[..., component].ravel()
+        correlation = np.corrcoef(*pair)[0, 1]
+        ratio = rms(pair[1]) / rms(pair[0])
+        print(f"component {component}: correlation {correlation:.3f}, size {ratio:.2f}")
+        assert correlation > 0.9
+        assert 0.8 < ratio < 1.7
 
 
 def test_of_a_terrain_too_wide_for_a_plane_what_lies_around_the_map_is_used():
