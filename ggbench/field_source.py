@@ -46,10 +46,20 @@ def _make(spec_json: str, version: int) -> Field:
         if spec.error is not None:
             raise MapError('field.error: source = "normal" has no map that could be wrong')
         return Field.normal()
-    found = read(Path(spec.source)) if is_file(spec.source) else load_or_build(map_recipe(spec))
+    found = (
+        read(Path(spec.source), _crop(spec))
+        if is_file(spec.source)
+        else load_or_build(map_recipe(spec))
+    )
     if spec.error is not None:
         found = degrade(found, _degradation(spec.error))
     return Field.from_map(found)
+
+
+def _crop(spec: FieldSpec) -> tuple[float, float, float, float] | None:
+    """Return the bounds (south, north, west, east) [deg] to which a file is cut, if given."""
+    bounds = spec.south_deg, spec.north_deg, spec.west_deg, spec.east_deg
+    return bounds if any(bounds) else None
 
 
 def _degradation(spec: MapErrorSpec) -> MapDegradation:
