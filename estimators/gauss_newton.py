@@ -8,6 +8,8 @@ x_k = Φ_k x_{k−1} + Q_k r_k, in which the cost of the motion is ½ λᵀ P_0 
 
 A field of gravity gradients looks alike in many places, and Gauss–Newton finds the nearest. So the
 cost is looked at from many starts across the prior of the position, and the best are refined.
+Those follow the drift of the INS, however far it leads; one more search starts from the smoothed
+track of an extended Kalman filter, which has corrected it on the way.
 """
 
 from __future__ import annotations
@@ -40,7 +42,7 @@ class GaussNewton(Estimator):
     Parameters
     ----------
     starts : number of initial positions (states in metres) spread over the prior; 1 starts from
-        the prior's mean alone.
+        the prior's mean alone. A filter's track is one more start.
     refine : how many of them, those of the lowest costs, are refined.
     max_iterations : limit of Gauss–Newton steps from each start.
     loss : ``huber`` or ``cauchy`` on each component of a reading, by iteratively reweighted least
@@ -75,10 +77,8 @@ class GaussNewton(Estimator):
         """Refine the best starts and return the trajectory of the lowest cost."""
         threshold = robust.threshold_of(self.loss, self.threshold)
         smoother = _Smoother(problem, self.loss, threshold)
-        found = [
-            smoother.search(start, self.max_iterations)
-            for start in smoother.best_starts(self.starts, self.refine)
-        ]
+        starts = [*smoother.best_starts(self.starts, self.refine), smoother.from_filter()]
+        found = [smoother.search(start, self.max_iterations) for start in starts]
         finite = [item for item in found if np.isfinite(item.cost)]
         if not finite:
             raise FloatingPointError("the cost of every start is not a finite number")
@@ -141,6 +141,27 @@ class _Smoother:
             states[k] = x
         return _Trajectory(states, start, np.zeros_like(states))
 
+    def from_filter(self) -> _Trajectory:
+        """Return the smoothed track of an extended Kalman filter."""
+        problem = self.problem
+        n, m = problem.dimension, problem.measurements.shape[1]
+        rows, target = np.empty((problem.epochs, m, n)), np.empty((problem.epochs, m))
+        x, p = self.prior_mean, self.prior_cov
+        for k, (phi, q) in enumerate(zip(self.transition, self.process_cov, strict=True)):
+            x, p = phi @ x, phi @ p @ phi.T + q
+            state = x * self.scale
+            innovation = problem.measurements[k] - problem.model.predict(k, state)
+            white = np.linalg.solve(self.noise_root, innovation)
+            h = np.linalg.solve(self.noise_root, problem.model.jacobian(k, state) * self.scale)
+            rows[k], target[k] = h, white + h @ x
+            gain = np.linalg.solve(h @ p @ h.T + np.eye(m), h @ p).T
+            keep = np.eye(n) - gain @ h
+            x, p = x + gain @ white, keep @ p @ keep.T + gain @ gain.T
+        *solution, _ = _smooth(
+            self.transition, self.process_cov, self.prior_mean, self.prior_cov, rows, target
+        )
+        return _Trajectory(*solution)
+
     def best_starts(self, count: int, keep: int) -> list[_Trajectory]:
         """Return the undisturbed motions of lowest costs from positions across the prior.
 
@@ -202,7 +223,7 @@ class _Smoother:
         cost = self._cost(trajectory, residuals)
         converged = False
         iterations = 0
-        while not converged and iterations < max_iterations:
+        while np.isfinite(cost) and not converged and iterations < max_iterations:
             iterations += 1
             states = trajectory.states * self.scale
             rows = np.stack([problem.model.jacobian(k, x) for k, x in enumerate(states)])
