@@ -8,11 +8,12 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: help paper sweep test lint format typecheck wheel-check lock clean
+.PHONY: help paper sweep library test lint format typecheck wheel-check lock clean
 
 help:
 	@echo "make paper        run the scenario wang2013 and write its report to reports/"
 	@echo "make sweep        run the scenario noise_rate_sweep and write its report to reports/"
+	@echo "make library      run every scenario and write all reports and the league to reports/"
 	@echo "make test         run the tests"
 	@echo "make lint         check style and format"
 	@echo "make format       apply style fixes and format"
@@ -28,6 +29,10 @@ paper: $(INSTALLED)
 sweep: $(INSTALLED)
 	$(BIN)/ggbench run noise_rate_sweep --fresh -o results/noise_rate_sweep
 	$(BIN)/ggbench report results/noise_rate_sweep -o reports
+
+library: $(INSTALLED)
+	$(BIN)/ggbench run --all --assumptions --fresh -o results
+	$(BIN)/ggbench report --all results -o reports
 
 test: $(INSTALLED)
 	$(BIN)/python -m pytest

@@ -13,7 +13,17 @@ gradient tensor        [EE, EN, EU, NN, NU, UU] in E (1 E = 1e-9 s⁻²), (6,); 
 error                  indicated (or estimated) minus true; sensor: measured = true + bias
 attitude error φ       C̃_nb = (I − [φ×]) C_nb
 error state            δr ENU [m], δv ENU [m/s], φ [rad], gyro bias [rad/s], accelerometer bias
-                       [m/s²]: (15,)
+                       [m/s²]: (15,); then a bias of each gradiometer channel [E], if the model
+                       has any
+mount                  what holds the gradiometer: a platform, a local level, or the body itself
+channel                what a gradiometer delivers: a component of the tensor in the axes of its
+                       mount, or a linear combination of the six
+truth, model           what is simulated; what the estimators are told: a scenario may tell them
+                       something else
+map                    the disturbing field, gradient [E] and gravity [m/s²], on a grid of nodes
+                       regular in latitude, longitude and height; the normal field is no part of it
+lock                   staying below a given position error to the end of the flight; a false lock
+                       claims to be there and is not
 root PSD               square root of a white noise's power spectral density
 =====================  ============================================================================
 
