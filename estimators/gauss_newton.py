@@ -223,6 +223,7 @@ class _Smoother:
         cost = self._cost(trajectory, residuals)
         converged = False
         iterations = 0
+        rows, filtered_cov = np.empty(0), np.empty(0)
         while np.isfinite(cost) and not converged and iterations < max_iterations:
             iterations += 1
             states = trajectory.states * self.scale

@@ -49,8 +49,8 @@ class GaussianSum(Estimator):
         given, 1.345 for ``huber`` and 2.385 for ``cauchy``.
     """
 
-    spacing_m: float = 500.0
-    most: int = 2000
+    spacing_m: float = 250.0
+    most: int = 4000
     iterations: int = 3
     loss: Loss = "none"
     threshold: float | None = None

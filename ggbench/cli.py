@@ -1,4 +1,4 @@
-"""The ``ggbench`` command: list, validate, run, report, show, compare."""
+"""The ``ggbench`` command: list, validate, run, report, show, compare, map."""
 
 from __future__ import annotations
 

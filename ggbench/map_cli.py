@@ -78,7 +78,7 @@ def map_group() -> None:
     help="0: none, fastest; 9: smallest.",
 )
 def build(output: Path, precision: str, compression: int, **options: Any) -> None:
-    r"""Build a map of the disturbing gravity gradient from data of your own.
+    """Build a map of the disturbing gravity gradient from data of your own.
 
     \b
     Sources:
@@ -87,7 +87,7 @@ def build(output: Path, precision: str, compression: int, **options: Any) -> Non
       --coefficients ... --terrain ...   both: the terrain adds only what is shorter than degree N
       --geoid | --anomaly | --disturbance GRID [--coefficients ...]
                                          remove, compute, restore (EGM2008 to degree 120)
-    """
+    """  # noqa: D301
     from . import map_file, map_nodes, map_plan
     from .disturbing_field import MapError
 

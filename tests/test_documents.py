@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
+from pydantic import BaseModel
 
-from ggbench import registry, scenario, simulation
+from ggbench import registry, scenario, schema, simulation
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -69,15 +71,14 @@ def test_errata_cite_existing_tests():
     assert not [name for name in cited if f"def {name}(" not in tests]
 
 
-@pytest.mark.parametrize(
-    ("name", "options"), [("wang2013", " --assumptions"), ("noise_rate_sweep", "")]
-)
-def test_report_is_of_the_shipped_scenario(name, options):
+@pytest.mark.parametrize("name", scenario.shipped())
+def test_report_is_of_the_shipped_scenario(name):
     """The committed report was made from the scenario as it is, at its declared number of runs."""
     loaded = scenario.load(name)
     report = (ROOT / "reports" / f"{name}.md").read_text(encoding="utf-8")
     assert f"scenario {loaded.content_hash[:16]}" in report
     settings = loaded.campaign
+    options = " --assumptions" if loaded.assumptions else ""
     assert f"{name} -n {settings.runs} --seed {settings.seed}{options} -o " in report
 
 
@@ -95,3 +96,30 @@ def test_the_front_page_tells_of_every_shipped_scenario():
         loaded = scenario.load(name)
         assert f"[{loaded.title}]({name}.md)" in page
         assert loaded.content_hash[:16] in page
+
+
+def test_every_key_of_a_scenario_is_documented():
+    """SCENARIOS.md names every key that a scenario file may have, in every table."""
+    text = (ROOT / "SCENARIOS.md").read_text(encoding="utf-8")
+
+    def keys(model: type[BaseModel]) -> set[str]:
+        found = set()
+        for name, field in model.model_fields.items():
+            found.add(name)
+            candidates = [field.annotation, *getattr(field.annotation, "__args__", ())]
+            for candidate in candidates:
+                if isinstance(candidate, type) and issubclass(candidate, BaseModel):
+                    found |= keys(candidate)
+        return found
+
+    every = keys(schema.CaseSpec) | keys(schema.CampaignSpec) | keys(schema.SweepSpec)
+    assert [key for key in sorted(every) if key not in text] == []
+
+
+def test_the_examples_of_scenario_files_are_valid_toml():
+    """Every TOML block of SCENARIOS.md can be read."""
+    text = (ROOT / "SCENARIOS.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"```toml\n(.*?)```", text, re.S)
+    assert len(blocks) > 5
+    for block in blocks:
+        tomllib.loads(block)

@@ -349,7 +349,7 @@ PLANTED = {
     "readings in a closure": lambda f, t: lambda: f.noise_free,
     "readings in a default": lambda f, t: with_default(f.noise_free[:, :2].copy()),
     "bound method": lambda f, t: t.error_state.mean,
-    "bound method of a flight": lambda f, t: f.true.system,
+    "bound method of a flight": lambda f, t: f.__eq__,
     "partial": lambda f, t: functools.partial(np.add, t.error_state[5].copy()),
     "slots": lambda f, t: Holder(f.noise_free.copy()),
     "generator": lambda f, t: np.random.default_rng(1),
