@@ -200,7 +200,7 @@ class TrueGradiometer(GradiometerChange):
         for start, end in self.dropouts_s:
             if not start < end:
                 raise ValueError(
-                    f"dropouts_s must be [from, to] with from < to, found {start, end}"
+                    f"dropouts_s must be [from, to] with from < to, found [{start:g}, {end:g}]"
                 )
         return self
 
@@ -309,4 +309,7 @@ def changed(spec: S, change: Section) -> S:
     for new, old in (_NOISES, _NOISES[::-1]):
         if new in given and old not in given:
             content.pop(old, None)
+    if content.get("rotating") and any(noise in given for noise in _NOISES):
+        # A stated noise of the channels replaces the one that follows from the accelerometers.
+        content["rotating"].pop("accelerometer_noise_ng_per_sqrt_hz", None)
     return type(spec).model_validate(content | given)

@@ -1,0 +1,69 @@
+"""Variants of the small scenario, and a small map: all that flies in milliseconds."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from problems import SMALL
+
+from ggbench import maps, scenario, simulation
+from ggbench.map_error import MapDegradation, degrade
+from ggbench.maps import GradientMap
+from ggbench.schema import CaseSpec
+
+ROTATING = {
+    "gradiometer.noise_eotvos": None,
+    "gradiometer.rotating.baseline_m": 0.5,
+    "gradiometer.rotating.rotation_hz": 0.5,
+    "gradiometer.rotating.accelerometer_noise_ng_per_sqrt_hz": 1.0,
+}
+"""Changes that make the gradiometer one of three spinning disks; its noise is 28 E."""
+
+
+def small_case(changes: dict[str, Any] | None = None) -> CaseSpec:
+    """The first case of the small scenario with dotted keys changed; None takes a key away."""
+    document = tomllib.loads(SMALL)
+    document["case"] = document["case"][:1]
+    for key, value in (changes or {}).items():
+        *tables, last = key.split(".")
+        table = document
+        for name in tables:
+            table = table.setdefault(name, {})
+        if value is None:
+            table.pop(last)
+        else:
+            table[last] = value
+    return scenario.parse(document, "small", "small").cases[0]
+
+
+def small_flight(changes: dict[str, Any] | None = None) -> simulation.Flight:
+    """The flight of :func:`small_case`."""
+    return simulation.prepare(small_case(changes))
+
+
+def blank_map(spacing_arcmin: float = 0.5, count: int = 40, layers: int = 6) -> GradientMap:
+    """A map of nothing around the small scenario's flight: count x count nodes."""
+    step = math.radians(spacing_arcmin / 60.0)
+    shape = (count, count, layers)
+    return GradientMap(
+        latitude0=math.radians(33.5) - 0.5 * count * step,
+        longitude0=math.radians(108.0) - 0.4 * count * step,
+        height0=9500.0,
+        latitude_step=step,
+        longitude_step=step,
+        height_step=200.0,
+        tensor=np.zeros((*shape, 6)),
+        gravity_disturbance=np.zeros((*shape, 3)),
+        provenance="nothing",
+    )
+
+
+def rough_map(path: Path, seed: int = 1, rms: float = 10.0) -> str:
+    """Write a map of a random harmonic field, of 10 E over 3 km, and return its path."""
+    degradation = MapDegradation(correlated_noise_eotvos=rms, correlation_m=3000.0, seed=seed)
+    maps.write(path, degrade(blank_map(), degradation))
+    return str(path)
