@@ -16,6 +16,7 @@ from pydantic import Field, ValidationError, model_validator
 from .manoeuvres import TrajectoryError
 from .sections import Finite, NonNegative, Positive, Section
 from .sensor_schema import (
+    FEWEST_STEPS,
     AltimeterSpec,
     FieldSpec,
     GradiometerSpec,
@@ -186,6 +187,12 @@ class CaseSpec(Section):
             raise ValueError(
                 f"gradiometer.period_s ({self.gradiometer.period_s:g} s) must be a whole multiple "
                 f"of imu.period_s ({self.imu.period_s:g} s)"
+            )
+        shortest = FEWEST_STEPS * self.imu.period_s
+        if self.altimeter is not None and self.altimeter.time_constant_s < shortest:
+            raise ValueError(
+                f"altimeter.time_constant_s is {self.altimeter.time_constant_s:g} s and must be at "
+                f"least {FEWEST_STEPS:g} times imu.period_s, {shortest:g} s"
             )
         # A track may be gone when a results folder is read; simulation.prepare checks its duration.
         if not self.trajectory.files():

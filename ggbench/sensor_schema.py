@@ -20,6 +20,8 @@ Ppm = Annotated[float, Field(ge=0.0, le=1e5)]
 Arcmin = Annotated[float, Field(ge=0.0, le=600.0)]
 _NOISES = ("noise_eotvos", "noise_density_eotvos_per_sqrt_hz")
 """The two ways to state the gradiometer's noise; one replaces the other."""
+FEWEST_STEPS = 10.0
+"""Fewest IMU periods in a time constant: in fewer, discrete steps are no longer the process."""
 
 
 class ImuSpec(Section):
@@ -36,9 +38,19 @@ class ImuSpec(Section):
 
     @model_validator(mode="after")
     def _check(self) -> ImuSpec:
-        times = (self.gyro_bias_time_s, self.accelerometer_bias_time_s)
-        if self.biases == "fixed" and any(time is not None for time in times):
-            raise ValueError('biases = "fixed" and a time constant of a bias exclude each other')
+        for key in ("gyro_bias_time_s", "accelerometer_bias_time_s"):
+            time = getattr(self, key)
+            if time is None:
+                continue
+            if self.biases == "fixed":
+                raise ValueError(
+                    'biases = "fixed" and a time constant of a bias exclude each other'
+                )
+            if time < FEWEST_STEPS * self.period_s:
+                raise ValueError(
+                    f"{key} is {time:g} s and must be at least {FEWEST_STEPS:g} times "
+                    f"imu.period_s, {FEWEST_STEPS * self.period_s:g} s"
+                )
         return self
 
 

@@ -315,6 +315,15 @@ BAD = {
         GRADIOMETER, f"[altimeter]\nnoise_m_per_sqrt_hz = 0.0\n{GRADIOMETER}",
         r"altimeter.noise_m_per_sqrt_hz is 0.0 and must be greater than 0",
     ),
+    "a damping faster than the INS": (
+        "[imu]\nperiod_s = 0.1",
+        "[altimeter]\nnoise_m_per_sqrt_hz = 1.0\ntime_constant_s = 1.5\n[imu]\nperiod_s = 0.2",
+        r"altimeter.time_constant_s is 1.5 s and must be at least 10 times imu.period_s, 2 s",
+    ),
+    "a bias that wanders faster than it is read": (
+        "[imu]", "[truth.imu]\ngyro_bias_time_s = 0.5\n[imu]",
+        r"truth.imu: gyro_bias_time_s is 0.5 s and must be at least 10 times imu.period_s, 1 s",
+    ),
     "an error of the normal field": (
         'source = "normal"', 'source = "normal"\nerror.density_factor = 1.1',
         r'field.error: source = "normal" has no map that could be wrong',
