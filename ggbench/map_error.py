@@ -14,11 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from .disturbing_field import MapError
 from .earth import EOTVOS
 from .ins_error import metres_per_radian
 from .maps import GradientMap
 
 Array = NDArray[np.float64]
+
+_MOST_NODES = 4_000_000  # of the plane of a random field: some seconds per layer of the map
 
 
 @dataclass(frozen=True)
@@ -46,7 +49,15 @@ class MapDegradation:
 
 
 def degrade(right: GradientMap, degradation: MapDegradation) -> GradientMap:
-    """Return a map with errors: smoothed and scaled first, then noisy."""
+    """Return a map with errors: smoothed and scaled first, then noisy.
+
+    Raises
+    ------
+    MapError
+        If the map is too small for a smoothing, or for the correlation of a noise, or its nodes lie
+        too far apart for that.
+    """
+    _check(right, degradation)
     tensor = right.tensor.astype(float)
     disturbance = right.gravity_disturbance.astype(float)
     north, east = _node_distances(right)
@@ -79,6 +90,39 @@ def degrade(right: GradientMap, degradation: MapDegradation) -> GradientMap:
     )
 
 
+def _check(grid: GradientMap, degradation: MapDegradation) -> None:
+    """Raise MapError if a length of the errors does not go with the map's nodes."""
+    steps = _node_distances(grid)
+    side = min(n * step for n, step in zip(grid.tensor.shape[:2], steps, strict=True))
+    if degradation.resolution_m > side:
+        raise MapError(
+            f"the error of a map has resolution_km = {1e-3 * degradation.resolution_m:g}, which "
+            f"must not be wider than the map, {1e-3 * side:.3g} km"
+        )
+    if degradation.correlated_noise_eotvos == 0.0:
+        return
+    correlation = f"correlation_km = {1e-3 * degradation.correlation_m:g}"
+    if degradation.correlation_m < max(steps):
+        raise MapError(
+            f"the error of a map has {correlation}, which must be at least the distance of the "
+            f"map's nodes, {1e-3 * max(steps):.3g} km"
+        )
+    if math.prod(_plane_shape(grid, degradation, *steps)) > _MOST_NODES:
+        raise MapError(
+            f"the error of a map has {correlation}, too long for a map whose nodes are "
+            f"{1e-3 * min(steps):.3g} km apart: a random field of so many nodes would be too large"
+        )
+
+
+def _plane_shape(
+    grid: GradientMap, degradation: MapDegradation, north: float, east: float
+) -> tuple[int, int]:
+    """Return the nodes of a plane so wide that its periods do not show on the map."""
+    n_lat, n_lon = grid.tensor.shape[:2]
+    beyond = 4.0 * degradation.correlation_m
+    return n_lat + math.ceil(beyond / north), n_lon + math.ceil(beyond / east)
+
+
 def _node_distances(grid: GradientMap) -> tuple[float, float]:
     """Return the distances between nodes to the north and east, at the middle [m]."""
     count = grid.tensor.shape[0]
@@ -97,11 +141,9 @@ def _harmonic_noise(
     """Return a random harmonic field on the nodes: tensor [E] and gravity vector [m/s²].
 
     Γ_UU has the covariance σ² exp(−d²/ℓ²) at the lowest layer, whose spectrum is a Gaussian, too.
-    The plane is wide enough that its periods do not show.
     """
     n_lat, n_lon, n_h = grid.tensor.shape[:3]
-    pad_lat = n_lat + math.ceil(4.0 * degradation.correlation_m / north)
-    pad_lon = n_lon + math.ceil(4.0 * degradation.correlation_m / east)
+    pad_lat, pad_lon = _plane_shape(grid, degradation, north, east)
     k_n = 2.0 * np.pi * np.fft.fftfreq(pad_lat, north)[:, np.newaxis]
     k_e = 2.0 * np.pi * np.fft.fftfreq(pad_lon, east)[np.newaxis, :]
     k = np.hypot(k_n, k_e)
