@@ -234,7 +234,7 @@ def test_what_is_no_map_has_its_sentence(tmp_path):
 @pytest.mark.parametrize(
     ("error", "words"),
     [
-        ({"resolution_km": 100.0}, r"resolution_km = 100, .* not be wider than the map, 30.* km"),
+        ({"resolution_km": 100.0}, r"resolution_km = 100, .* not be wider than the map, 31 km"),
         (
             {"correlated_noise_eotvos": 1.0, "correlation_km": 0.5},
             r"correlation_km = 0.5, .* at least the distance of the map's nodes, 0.92\d km",
