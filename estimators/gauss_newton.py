@@ -223,7 +223,8 @@ class _Smoother:
         cost = self._cost(trajectory, residuals)
         converged = False
         iterations = 0
-        rows, filtered_cov = np.empty(0), np.empty(0)
+        rows: np.ndarray = np.empty(0)
+        filtered_cov: np.ndarray = np.empty(0)
         while np.isfinite(cost) and not converged and iterations < max_iterations:
             iterations += 1
             states = trajectory.states * self.scale
