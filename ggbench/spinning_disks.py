@@ -10,13 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .rotating_budget import channel_errors
 from .rotating_gradiometer import (
     DISK_AXES,
     DISK_TENSOR,
     RotatingErrors,
     RotatingGradiometer,
     Vibration,
-    channel_errors,
 )
 
 DISK_CHANNELS = {"x": ("yy-zz", "yz"), "y": ("zz-xx", "xz"), "z": ("xx-yy", "xy")}

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from ggbench.errors import GGBenchError
+from ggbench.rotating_budget import channel_errors, error_budget
 from ggbench.rotating_gradiometer import (
     DISK_AXES,
     DISK_TENSOR,
@@ -18,10 +19,8 @@ from ggbench.rotating_gradiometer import (
     RotatingGradiometer,
     Vibration,
     centrifugal_channels,
-    channel_errors,
     channel_noise_eotvos,
     demodulate,
-    error_budget,
     reading_times,
     signal,
 )
