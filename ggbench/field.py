@@ -1,6 +1,6 @@
 """The gravity-gradient tensor at a point: normal field plus a map of the disturbing field.
 
-A :class:`Field` interpolates a :class:`~ggbench.maps.GradientMap` by a tensor-product cubic
+A :class:`Field` interpolates a :class:`~ggbench.gradient_map.GradientMap` by a tensor-product cubic
 B-spline in latitude, longitude and height (not-a-knot ends) and adds the exact normal field. The
 compiled point kernels below are the only implementation: simulation, h and H all call them.
 
@@ -20,7 +20,7 @@ from scipy.linalg import solve_banded
 
 from .earth import normal_gradient, radii_of_curvature
 from .errors import GGBenchError
-from .maps import GradientMap
+from .gradient_map import GradientMap
 from .problem import frozen
 
 

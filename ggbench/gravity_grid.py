@@ -129,7 +129,7 @@ def _from_archive(path: Path, kind: str) -> tuple[Array, Array, Array]:
 
 
 def _from_raster(path: Path, kind: str) -> tuple[Array, Array, Array]:
-    from .terrain import read_terrain
+    from .terrain_files import read_terrain
 
     raster = read_terrain(path)
     values = np.asarray(raster.height_m, dtype=float)

@@ -16,8 +16,8 @@ from scipy.ndimage import gaussian_filter1d
 
 from .disturbing_field import MapError
 from .earth import EOTVOS
+from .gradient_map import GradientMap
 from .ins_error import metres_per_radian
-from .maps import GradientMap
 
 Array = NDArray[np.float64]
 

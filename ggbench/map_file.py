@@ -15,7 +15,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +23,7 @@ from numpy.typing import NDArray
 from . import __version__
 from .disturbing_field import MapError
 from .earth import FLATTENING, SEMI_MAJOR_AXIS
-
-if TYPE_CHECKING:
-    from .maps import GradientMap
+from .gradient_map import GradientMap
 
 Array = NDArray[np.floating]
 Layer = tuple[NDArray[Any], NDArray[Any]]

@@ -247,7 +247,7 @@ class _Sources:
         self.reaches.append(Reach(bounds, bounds + inset, ground, lowest, ground))
 
     def _read_terrain(self, path: Path) -> Terrain:
-        from .terrain import read_terrain
+        from .terrain_files import read_terrain
 
         self._hash(path)
         return read_terrain(path)

@@ -8,16 +8,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .disturbing_field import MapError
+from .gradient_map import GradientMap
 from .map_file import AXES, ENU, FEWEST_NODES, TENSOR, VECTOR, Layer, Nodes, variables
-
-if TYPE_CHECKING:
-    from .maps import GradientMap
 
 Array = NDArray[np.floating]
 
@@ -61,8 +59,6 @@ def read(path: Path, crop: Crop | None = None) -> GradientMap:
         tensor = _read_components(path, file, "gradient", TENSOR, keep, slices)
         disturbance = _read_components(path, file, "disturbance", VECTOR, keep, slices)
         provenance = _text(file, "source") or path.name
-    from .maps import GradientMap
-
     first, step = {}, {}
     for name, values in nodes.items():
         first[name], step[name] = values[keep[name].start], _step(values)

@@ -32,6 +32,7 @@ from .disturbing_field import (
     read_arrays,
 )
 from .earth import SEMI_MAJOR_AXIS
+from .gradient_map import GradientMap
 from .terrain_source import (
     TERRAINS,
     highest_ground_m,
@@ -62,31 +63,6 @@ _SPACING_PER_CLEARANCE = 0.6
 _FEWEST_NODES = 4  # per axis, what a cubic spline needs
 _MOST_NODES = 5_000_000  # in all: about half a gigabyte
 _MARGIN_NODES = 2  # lowest layers, which serve as the margin of an interpolation in height
-
-
-@dataclass(frozen=True)
-class GradientMap:
-    """The disturbing field on a grid regular in geodetic latitude, longitude and height.
-
-    Attributes
-    ----------
-    latitude0, longitude0, height0 : the first node [rad, rad, m].
-    latitude_step, longitude_step, height_step : distances between nodes [rad, rad, m].
-    tensor : gradient tensor without the normal field, (n_lat, n_lon, n_h, 6) [E], ENU.
-    gravity_disturbance : gravity vector without the normal field, (n_lat, n_lon, n_h, 3) [m/s²],
-        ENU; its gradient is the tensor.
-    provenance : where the map comes from, in words.
-    """
-
-    latitude0: float
-    longitude0: float
-    height0: float
-    latitude_step: float
-    longitude_step: float
-    height_step: float
-    tensor: Array
-    gravity_disturbance: Array
-    provenance: str
 
 
 @dataclass(frozen=True)

@@ -1,14 +1,11 @@
 """Terrain: heights on a grid regular in geodetic latitude and longitude.
 
-:func:`read_terrain` reads the formats in which digital elevation models come; the readers
-themselves are in :mod:`ggbench.terrain_files`.
+:mod:`ggbench.terrain_files` reads the formats in which digital elevation models come.
 """
 
 from __future__ import annotations
 
-import stat
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,43 +117,3 @@ class Terrain:
             self.height_m[rows, columns],
             f"{self.name}, cropped",
         )
-
-
-def read_terrain(path: Path) -> Terrain:
-    """Read a digital elevation model.
-
-    Parameters
-    ----------
-    path : by its suffix, a raster (``.tif``, ``.tiff``, ``.hgt``, ``.asc``), a CF or GMT netCDF
-        grid (``.nc``, ``.grd``) or a NumPy archive (``.npz``) with the arrays of a
-        :class:`Terrain`, or ``lat``, ``lon`` and ``z``, or ``elevation``, ``xmin``, ``ymax``,
-        ``dx`` and ``dy``.
-
-    Returns
-    -------
-    The terrain. Projected rasters are resampled to latitude and longitude, feet become metres, and
-    voids of less than one per cent of the cells are filled; its name says so.
-
-    Raises
-    ------
-    TerrainError : a file missing, damaged or of another kind, an optional package missing, a grid
-        that is not regular in latitude and longitude, voids of one per cent or more, an unknown
-        unit, heights outside -12000 to 9000 m.
-    """
-    from .terrain_files import READERS
-
-    path = Path(path)
-    reader = READERS.get(path.suffix.lower())
-    try:
-        is_folder = stat.S_ISDIR(path.stat().st_mode)
-    except FileNotFoundError:
-        raise TerrainError(f"There is no terrain file {path}.") from None
-    except (OSError, ValueError) as error:
-        raise TerrainError(f"The terrain file {str(path)!r} cannot be read: {error}.") from None
-    if is_folder:
-        raise TerrainError(f"{path} is a folder; a terrain is a file ({', '.join(READERS)}).")
-    if reader is None:
-        raise TerrainError(
-            f"{path.name} is of no kind that is known by its suffix; allowed: {', '.join(READERS)}."
-        )
-    return reader(path)

@@ -7,6 +7,7 @@ installation.
 from __future__ import annotations
 
 import importlib
+import stat
 import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -356,7 +357,7 @@ def _one_line(error: Exception) -> str:
     return " ".join(str(error).split()) or type(error).__name__
 
 
-READERS: dict[str, Callable[[Path], Terrain]] = {
+_READERS: dict[str, Callable[[Path], Terrain]] = {
     ".tif": _read_raster,
     ".tiff": _read_raster,
     ".hgt": _read_raster,
@@ -366,3 +367,42 @@ READERS: dict[str, Callable[[Path], Terrain]] = {
     ".npz": _read_npz,
 }
 """Readers by the suffix of the file."""
+
+
+def read_terrain(path: Path) -> Terrain:
+    """Read a digital elevation model.
+
+    Parameters
+    ----------
+    path : by its suffix, a raster (``.tif``, ``.tiff``, ``.hgt``, ``.asc``), a CF or GMT netCDF
+        grid (``.nc``, ``.grd``) or a NumPy archive (``.npz``) with the arrays of a
+        :class:`Terrain`, or ``lat``, ``lon`` and ``z``, or ``elevation``, ``xmin``, ``ymax``,
+        ``dx`` and ``dy``.
+
+    Returns
+    -------
+    The terrain. Projected rasters are resampled to latitude and longitude, feet become metres, and
+    voids of less than one per cent of the cells are filled; its name says so.
+
+    Raises
+    ------
+    TerrainError : a file missing, damaged or of another kind, an optional package missing, a grid
+        that is not regular in latitude and longitude, voids of one per cent or more, an unknown
+        unit, heights outside -12000 to 9000 m.
+    """
+    path = Path(path)
+    reader = _READERS.get(path.suffix.lower())
+    try:
+        is_folder = stat.S_ISDIR(path.stat().st_mode)
+    except FileNotFoundError:
+        raise TerrainError(f"There is no terrain file {path}.") from None
+    except (OSError, ValueError) as error:
+        raise TerrainError(f"The terrain file {str(path)!r} cannot be read: {error}.") from None
+    if is_folder:
+        raise TerrainError(f"{path} is a folder; a terrain is a file ({', '.join(_READERS)}).")
+    if reader is None:
+        raise TerrainError(
+            f"{path.name} is of no kind that is known by its suffix; allowed: "
+            f"{', '.join(_READERS)}."
+        )
+    return reader(path)

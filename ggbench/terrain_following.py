@@ -162,7 +162,7 @@ def _version(name: str) -> tuple[int, int]:
 @lru_cache(maxsize=2)
 def _terrain(name: str, version: tuple[int, int]) -> tuple[float, float, float, float, Array]:
     """Return south, west, steps in latitude and longitude [deg], and heights [m]."""
-    from .terrain import read_terrain
+    from .terrain_files import read_terrain
 
     try:
         terrain = read_terrain(terrain_path(name))

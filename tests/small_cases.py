@@ -11,8 +11,8 @@ import numpy as np
 from problems import SMALL
 
 from ggbench import maps, scenario, simulation
+from ggbench.gradient_map import GradientMap
 from ggbench.map_error import MapDegradation, degrade
-from ggbench.maps import GradientMap
 from ggbench.schema import CaseSpec
 
 ROTATING = {

@@ -10,7 +10,7 @@ from conftest import difference, metres, square, third_derivatives
 
 from ggbench.earth import EOTVOS
 from ggbench.field import Field, OutsideMapError, gradient_at, spline_at, spline_coefficients
-from ggbench.maps import GradientMap
+from ggbench.gradient_map import GradientMap
 
 ORIGIN = np.array([0.58, 1.88, 9000.0])
 STEP = np.array([4e-4, 5e-4, 500.0])

@@ -17,8 +17,8 @@ from ggbench import maps
 from ggbench.disturbing_field import MapError
 from ggbench.field import Field
 from ggbench.field_source import make_field
+from ggbench.gradient_map import GradientMap
 from ggbench.map_error import MapDegradation, degrade
-from ggbench.maps import GradientMap
 
 LENGTH = 2000.0
 ALONG = {"east": 1, "north": 0}

@@ -19,7 +19,8 @@ from ggbench.map_file import Nodes
 from ggbench.map_sources import HarmonicPart, TerrainPart, smoothed, summed
 from ggbench.parker import TerrainOptions
 from ggbench.spherical_harmonics import gravity_and_gradient
-from ggbench.terrain import Terrain, read_terrain
+from ggbench.terrain import Terrain
+from ggbench.terrain_files import read_terrain
 
 STEP = 1.0 / 60.0
 COUNT = 241

@@ -24,7 +24,8 @@ from ggbench import parker
 from ggbench.disturbing_field import data_bytes
 from ggbench.earth import EOTVOS, radii_of_curvature
 from ggbench.parker import TerrainOptions, terrain_field, terrain_layers
-from ggbench.terrain import Terrain, TerrainError, read_terrain
+from ggbench.terrain import Terrain, TerrainError
+from ggbench.terrain_files import read_terrain
 
 G = 6.6743e-11
 STEP_DEG = 4.0 / 3600.0

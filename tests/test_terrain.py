@@ -11,7 +11,8 @@ from rasterio.warp import transform
 
 from ggbench import terrain_files
 from ggbench.disturbing_field import data_bytes
-from ggbench.terrain import Terrain, TerrainError, read_terrain
+from ggbench.terrain import Terrain, TerrainError
+from ggbench.terrain_files import read_terrain
 
 SOUTH, WEST, STEP = 45.0, 7.0, 0.01
 N_LAT, N_LON = 12, 16
