@@ -173,10 +173,10 @@ def test_a_triad_is_distorted_as_a_whole():
         matrix, residual, *_ = np.linalg.lstsq(exact, measured, rcond=None)
         assert residual.max() < 1e-20
         assert 0.0 < np.abs(matrix - np.eye(3)).max() < 4.0 * size
-    unit = np.eye(3)
-    columns = imu.distort(unit, unit, np.random.default_rng(5))[0].T
-    # Output axis i leans towards j: entry (i, j) multiplies input j.
-    np.testing.assert_allclose(angles @ columns.T, found[0], rtol=0.0, atol=1e-15)
+    # Row i of what is drawn is axis i, with its lean towards the others beside its scale.
+    drawn = imu.gyro_errors.draw(np.random.default_rng(5))
+    np.testing.assert_allclose(imu.distort(np.eye(3), np.eye(3), np.random.default_rng(5))[0],
+                               np.transpose(drawn), rtol=0.0, atol=1e-15)  # fmt: skip
 
 
 ERRORS: dict[str, tuple[dict[str, Any], int]] = {

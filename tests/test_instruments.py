@@ -177,6 +177,37 @@ def test_the_innovation_of_the_true_error_is_the_noise(instrument, bias, channel
     assert np.abs(problem.measurements - without - noise).max() > 1.0
 
 
+@pytest.mark.parametrize("treatment", ["whitened", "delayed"])
+def test_a_filtered_strapdown_reading_is_set_beside_the_attitude_of_then(treatment):
+    """In a turn of 3°/s the filter's output is that of the body some degrees ago.
+
+    Almost without noise and with tilts of 1′ (1 E), the true error explains the readings to 5 %,
+    what a slow signal's delay and gain leave of the filter; set beside the attitude of now they
+    would be wrong by the turn within the delay, 10 % or more.
+    """
+    flight = small_flight(
+        FILTERS[treatment]
+        | {
+            "gradiometer.instrument": "strapdown",
+            "gradiometer.noise_eotvos": 1e-6,
+            "gradiometer.filter_order": 2,
+            "gradiometer.filter_cutoff_hz": 0.1,
+            "gradiometer.whitening_regularization": 0.1,
+            "trajectory.segment": [{"duration_s": 60.0, "turn_rate_deg_per_s": 3.0}],
+            "initial_error.position_m": 0.01,
+        }
+    )
+    problem, truth = simulate(flight, seed=3, run=0)
+    left, whole = (
+        np.array(
+            [problem.measurements[k] - problem.model.predict(k, states[k]) for k in range(10, 60)]
+        )
+        for states in (truth.error_state, 0.0 * truth.error_state)
+    )
+    assert np.square(whole).mean() > 0.01
+    assert np.square(left).mean() < 0.06**2 * np.square(whole).mean()
+
+
 @pytest.mark.parametrize(("instrument", "turns"), [("local-level", False), ("platform", False),
                                                    ("strapdown", True)])  # fmt: skip
 def test_only_a_strapdown_gradiometer_depends_on_the_attitude(instrument, turns):
