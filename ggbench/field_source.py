@@ -42,6 +42,8 @@ def make_field(spec: FieldSpec) -> Field:
 @lru_cache(maxsize=8)
 def _make(spec_json: str, version: int) -> Field:
     spec = FieldSpec.model_validate_json(spec_json)
+    if spec.source == "normal" or is_file(spec.source):
+        _refuse_recipe(spec)
     if spec.source == "normal":
         if spec.error is not None:
             raise MapError('field.error: source = "normal" has no map that could be wrong')
@@ -60,6 +62,17 @@ def _crop(spec: FieldSpec) -> tuple[float, float, float, float] | None:
     """Return the bounds (south, north, west, east) [deg] to which a file is cut, if given."""
     bounds = spec.south_deg, spec.north_deg, spec.west_deg, spec.east_deg
     return bounds if any(bounds) else None
+
+
+def _refuse_recipe(spec: FieldSpec) -> None:
+    """Raise MapError if a map that is not built is said to be built in another way."""
+    for key in ("land_correction", "relief_smoothing_deg", "density_kg_m3"):
+        found, usual = getattr(spec, key), FieldSpec.model_fields[key].default
+        if found != usual:
+            raise MapError(
+                f'field.{key} is {found}, which means nothing for source = "{spec.source}": only '
+                "a map that is built from a named source has it"
+            )
 
 
 def _degradation(spec: MapErrorSpec) -> MapDegradation:

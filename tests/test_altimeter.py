@@ -89,16 +89,16 @@ def test_without_an_altimeter_a_height_error_runs_away():
 
 
 def test_an_hour_with_biased_accelerometers_stays_within_its_claim():
-    """Height and vertical velocity after an hour, of 40 runs: their covariance as predicted.
+    """Height and vertical velocity after an hour, of 25 runs: their covariance as predicted.
 
     Chi-square of two states, false-alarm probability 1e-3; the deviations are metres, not
     kilometres.
     """
     errors = {"imu.accelerometer_bias_ug": 500.0, "imu.accelerometer_noise_ug_per_sqrt_hz": 100.0}
     flight = small_flight(QUIET | SLOW | ALTIMETER | errors)
-    white, sigma = vertical(flight, 40)
+    white, sigma = vertical(flight, 25)
     assert sigma[0] < 5.0
-    low, high = chi2.ppf([5e-4, 1.0 - 5e-4], 80)
+    low, high = chi2.ppf([5e-4, 1.0 - 5e-4], 50)
     assert low < (white**2).sum() < high
 
 

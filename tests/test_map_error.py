@@ -227,6 +227,12 @@ def test_what_is_no_map_has_its_sentence(tmp_path):
     path.write_bytes(b"no map")
     with pytest.raises(MapError, match=r"odd.npz is not a gradient map"):
         make_field(small_case({"field.source": str(path)}).field)
+    rough = {"field.source": rough_map(tmp_path / "rough.npz")}
+    for key, value in (("density_kg_m3", 2000.0), ("relief_smoothing_deg", 0.1),
+                       ("land_correction", False)):  # fmt: skip
+        case = small_case(rough | {f"truth.field.{key}": value})
+        with pytest.raises(MapError, match=f"field.{key} is {value}, which means nothing for"):
+            make_field(case.side("truth").field)
     with pytest.raises(MapError, match='source = "normal" has no map that could be wrong'):
         make_field(small_case({"field.error": {"density_factor": 2.0}}).field)
 
