@@ -118,13 +118,13 @@ def vertical(flight: Any, runs: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_noise_of_the_altimeter_scatters_the_vertical_channel_as_q_says():
-    """300 runs with no other error: covariance of height and vertical velocity at the end.
+    """200 runs with no other error: covariance of height and vertical velocity at the end.
 
     Chi-square and likelihood ratio against Q, false-alarm probability 1e-3 each. In the long run a
     height driven by white noise of PSD S through these poles has the variance 5 S / (4 T).
     """
     flight = small_flight(QUIET | ALTIMETER | {"altimeter.time_constant_s": 3.0})
-    runs = 300
+    runs = 200
     white, sigma = vertical(flight, runs)
     low, high = chi2.ppf([5e-4, 1.0 - 5e-4], 2 * runs)
     assert low < (white**2).sum() < high

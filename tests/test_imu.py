@@ -127,7 +127,7 @@ def deviations(flight, runs: int) -> np.ndarray:
 
 
 def test_errors_of_an_ins_with_wandering_biases_are_those_claimed():
-    """All 15 states of 300 runs with biases that wander within seconds, against prior, Φ and Q.
+    """All 15 states of 200 runs with biases that wander within seconds, against prior, Φ and Q.
 
     Chi-square, false-alarm probability 1e-3. With constant biases claimed for the same runs the
     sum is wrong by far.
@@ -135,7 +135,7 @@ def test_errors_of_an_ins_with_wandering_biases_are_those_claimed():
     biases = {"imu.gyro_bias_deg_per_h": 20.0, "imu.accelerometer_bias_ug": 2000.0}
     times = {"gyro_bias_time_s": 4.0, "accelerometer_bias_time_s": 8.0}
     base = TINY | biases
-    runs = 300
+    runs = 200
     low, high = chi2.ppf([5e-4, 1.0 - 5e-4], 15 * runs)
     right = small_flight(base | {f"imu.{key}": value for key, value in times.items()})
     assert low < (deviations(right, runs) ** 2).sum() < high
