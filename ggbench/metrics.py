@@ -115,7 +115,8 @@ def _innovations_squared(problem: Problem, estimate: Estimate) -> np.ndarray:
     """Return the NIS (K,) of a filter's estimates, from its own mean and covariance.
 
     The innovation is that of the estimate at the previous epoch, predicted with Φ and Q. Only a
-    filter has innovations; the first epoch's is that of the prior.
+    filter has innovations; the first epoch's is that of the prior. Where a reading is missing (h, H
+    and measurement are zero, see :mod:`ggbench.measurement_model`) there is none.
     """
     nis = np.full(problem.epochs, np.nan)
     if estimate.causality != "filter" or estimate.cov is None:
@@ -126,7 +127,8 @@ def _innovations_squared(problem: Problem, estimate: Estimate) -> np.ndarray:
         x, p = phi @ x, phi @ p @ phi.T + problem.process_cov[k]
         h = problem.model.jacobian(k, x)
         innovation = problem.measurements[k] - problem.model.predict(k, x)
-        nis[k] = innovation @ np.linalg.solve(h @ p @ h.T + problem.noise_cov, innovation)
+        if h.any() or innovation.any():
+            nis[k] = innovation @ np.linalg.solve(h @ p @ h.T + problem.noise_cov, innovation)
         x, p = estimate.mean[k], estimate.cov[k]
     return nis
 
@@ -164,10 +166,16 @@ def window_figures(
             "position_ms": float(np.mean(evaluation.position_error[mask] ** 2)),
             "velocity_ms": float(np.mean(evaluation.velocity_error[mask] ** 2)),
             "nees": float(np.mean(evaluation.nees[mask])),
-            "nis": float(np.mean(evaluation.nis[mask])),
+            "nis": _mean_of_present(evaluation.nis[mask]),
             "coverage": float(np.mean(inside[mask])),
         }
     return figures
+
+
+def _mean_of_present(values: np.ndarray) -> float:
+    """Return the mean of the values that are not NaN; NaN without any."""
+    present = values[~np.isnan(values)]
+    return float(present.mean()) if len(present) else math.nan
 
 
 def has_diverged(final_error: float, final_bound: float, final_ins_error: float) -> bool:
@@ -190,8 +198,8 @@ def summarize(
     bounds : (case, estimator) to window to root-mean bounds on position [m] and velocity [m/s].
     references : case to published position and velocity MRSE, or None.
     scenario : name of the scenario.
-    readings : case to window to (epochs, components): its readings in one run. Where absent, the
-        mean NIS has no band.
+    readings : case to window to (epochs, components): its readings in one run, those that drop out
+        left out. Where absent, the mean NIS has no band.
 
     Returns
     -------
@@ -254,7 +262,7 @@ def _window_row(
     kept = position[[not record["diverged"] for record in good]]
     nees_lo, nees_hi = nees_band(len(good), JUDGED)
     coverage_lo, coverage_hi = coverage_band(len(good), COVERAGE)
-    nis = float(column("nis").mean())
+    nis = _mean_of_present(column("nis"))  # a run may have no reading in the window
     # Only a filter has innovations: without a mean there is no band.
     nis_lo, nis_hi = nis_band(0 if math.isnan(nis) else len(good), *readings)
     return {

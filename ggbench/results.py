@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 
 from . import convergence, metrics, scenario
-from .equipment import channel_names
+from .equipment import channel_names, faults
 from .errors import GGBenchError
 from .scenario import Scenario
 from .store import Store, StoreError, read_manifest
@@ -201,10 +201,13 @@ class Results:
             if not used:
                 continue
             arrays = self.arrays(case.name)
+            dropouts = faults(case.truth.gradiometer)
+            present = np.where(dropouts.in_dropouts(arrays["times"]), 0.0, 1.0)
+            present *= 1.0 - dropouts.dropout_share
             readings[case.name] = {}
             for window in metrics.WINDOWS:
                 mask = metrics.window_mask(arrays["times"], case.windows, window)
-                count = int(np.count_nonzero(mask))
+                count = round(float(present[mask].sum()))
                 readings[case.name][window] = count, len(channel_names(case.gradiometer))
                 for label in used:
                     squared = arrays.get(f"bound-{named[case.name, label]}")
