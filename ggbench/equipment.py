@@ -75,7 +75,10 @@ class Equipment:
         # A sensor without bias leaves no freedom; a covariance must stay positive definite.
         sigma[GYRO_BIAS] = max(self.imu.gyro_bias, 1e-15)
         sigma[ACCELEROMETER_BIAS] = max(self.imu.accelerometer_bias, 1e-12)
-        sigma[STATES:] = max(self.gradiometer.bias_eotvos, 1e-9)
+        # A bias that only walks starts from a hundredth of what one reading adds: states are solved
+        # for in units of their prior, which must not be nothing against the walk.
+        walk = self.gradiometer.drift * math.sqrt(self.side.gradiometer.period_s)
+        sigma[STATES:] = max(self.gradiometer.bias_eotvos, 1e-2 * walk, 1e-9)
         return np.diag(sigma**2)
 
     def complete(self, matrices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
