@@ -7,7 +7,7 @@ know errors that no estimator is told of; ``[model.imu]`` and the like for the e
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, NamedTuple, TypeVar
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar, get_args
 
 from pydantic import Field, model_validator
 
@@ -152,7 +152,7 @@ class GradiometerSpec(Section):
                 raise ValueError(str(error)) from None
         if len(set(self.components)) != len(self.components):
             raise ValueError("components names a component twice")
-        if self.rotating is not None and len(self.components) != 6:
+        if self.rotating is not None and self.components != list(get_args(Component)[:6]):
             raise ValueError(
                 "components must not be given beside [gradiometer.rotating]: its spin_axes say "
                 "what it measures"
@@ -198,7 +198,7 @@ class TrueGradiometer(GradiometerChange):
     scale_factor_ppm: Ppm = 0.0
     misalignment_arcmin: Arcmin = 0.0
     outlier_share: Share = 0.0
-    outlier_eotvos: NonNegative = 0.0
+    outlier_eotvos: Annotated[float, Field(ge=0.0, le=1e9)] = 0.0
     dropout_share: Share = 0.0
     dropouts_s: list[Annotated[list[NonNegative], Field(min_length=2, max_length=2)]] = []
     clock_error_s: Annotated[float, Field(ge=0.0, le=86400.0)] = 0.0
