@@ -197,11 +197,20 @@ def _parse(cls: type[Estimator], name: str, listed: str) -> dict[str, tuple[str,
 
 @cache
 def _source_of(cls: type[Estimator]) -> str:
-    """Return a hash of the file that defines a class, as it was when it was loaded."""
+    """Return a hash of the file that defines a class, as it was when it was loaded.
+
+    With it go the modules of the same package from which it imports, as robust losses are.
+    """
     module = sys.modules[cls.__module__]
     if _SOURCE in vars(module):
         return str(vars(module)[_SOURCE])
-    return hashlib.sha256(Path(inspect.getfile(cls)).read_bytes()).hexdigest()
+    found = {cls.__module__}
+    for item in vars(module).values():
+        name = item.__name__ if inspect.ismodule(item) else getattr(item, "__module__", None)
+        if module.__package__ and str(name).startswith(f"{module.__package__}."):
+            found.add(str(name))
+    files = sorted(inspect.getfile(sys.modules[name]) for name in found if name in sys.modules)
+    return hashlib.sha256(b"".join(Path(file).read_bytes() for file in files)).hexdigest()
 
 
 def _from_file(path: Path) -> type[Estimator]:
