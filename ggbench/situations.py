@@ -37,7 +37,8 @@ def situation_of(case: CaseSpec, gained: str) -> str:
     wrong = {key for key in changed if key.split(".")[0] in ("truth", "model")}
     if any(word in key for key in wrong for word in _READINGS):
         return "readings"
-    if any(key.split(".")[1] == "field" for key in wrong):
+    # What the accelerometers feel is no part of the map.
+    if any(key.split(".")[1] == "field" for key in wrong - {"truth.field.gravity_disturbance"}):
         return "map"
     if case.initial_error.position_m >= WIDE_M:
         return "wide"
@@ -51,5 +52,5 @@ def _set_keys(table: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
     for key, value in table.items():
         if isinstance(value, Mapping):
             yield from _set_keys(value, f"{prefix}{key}.")
-        elif value not in (None, 0.0, [], ()):
+        elif value is not None:  # what is switched off, or set to zero, is set
             yield f"{prefix}{key}"
