@@ -241,11 +241,14 @@ def test_situations_are_those_of_the_keys(changes, gained, situation):
         ({"model": {"field": {"density_kg_m3": 2600.0}}}, "map"),
         ({"model": {"gradiometer": {"noise_eotvos": 1.0}}}, "model"),
         ({"truth": {"imu": {"gyro_scale_factor_ppm": 9.0}}}, "model"),
-        ({"truth": {"imu": {"gyro_scale_factor_ppm": 0.0}, "field": {}}}, "plain"),
+        ({"truth": {"imu": {}, "field": {}}}, "plain"),
+        ({"model": {"imu": {"gyro_bias_deg_per_h": 0.0}}}, "model"),
+        ({"model": {"field": {"land_correction": False}}}, "map"),
+        ({"truth": {"field": {"gravity_disturbance": True}}}, "model"),
     ],
 )
 def test_what_truth_and_model_disagree_on_makes_a_situation(keys, situation):
-    """Outliers before a wrong map, that before any other error; a zero changes nothing."""
+    """Outliers before a wrong map, that before any other error; zero and false are changes."""
 
     class Changed(CaseSpec):
         def model_dump(self, **options: Any) -> dict[str, Any]:
