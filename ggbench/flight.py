@@ -12,6 +12,7 @@ import numpy as np
 from . import strapdown
 from .bound import Bound, posterior_bound
 from .equipment import Equipment, equip, faults, spinning_disks
+from .errors import GGBenchError
 from .field import Field
 from .field_source import make_field
 from .gradiometer import inertial_from_local, readings
@@ -154,6 +155,8 @@ def prepare(case: CaseSpec) -> Flight:
     ------
     MapError, OutsideMapError, TrajectoryError
         If a map cannot be made, the flight leaves it, or cannot be flown.
+    GGBenchError
+        If the low-pass cannot be computed, or errors decay within its delay.
     """
     if case.trajectory.files():
         case.check_duration()
@@ -171,11 +174,36 @@ def prepare(case: CaseSpec) -> Flight:
     noise_free = readings(
         field, positions, times, trajectory.attitudes[epochs], case.gradiometer.instrument
     )
+    _require_short_delays(case, len(epochs))
     if model_field is not field:
         model_field.tensor(*positions.T)  # raises if the flight leaves the estimators' map
     return Flight(
         case, trajectory, delta_angles, delta_velocities, field, model_field, epochs, noise_free
     )
+
+
+def _require_short_delays(case: CaseSpec, count: int) -> None:
+    """Raise GGBenchError if errors decay within the delay of the filtered readings.
+
+    The measurement model takes the state back over the delay (:func:`.ins_error.delayed_rows`): a
+    decay would be e^(delay / time constant) there, and the noise that goes with it is neglected.
+    """
+    spec, model = case.gradiometer, equip(case, "model")
+    treatment = prefilter(
+        model.gradiometer.lowpass, count, spec.filter_treatment, spec.whitening_regularization
+    )
+    delay = spec.period_s * float(treatment.delay_samples.max())
+    altimeter = math.inf if case.altimeter is None else case.altimeter.time_constant_s
+    for name, time in (
+        ("altimeter.time_constant_s", altimeter),
+        ("imu.gyro_bias_time_s", model.imu.gyro_bias_time),
+        ("imu.accelerometer_bias_time_s", model.imu.accelerometer_bias_time),
+    ):
+        if time < delay:
+            raise GGBenchError(
+                f"{name} is {time:g} s and must be at least the delay of the filtered readings, "
+                f"{delay:.3g} s; use a higher filter_cutoff_hz or read faster"
+            )
 
 
 @lru_cache(maxsize=8)
