@@ -8,6 +8,9 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import binom, chi2
 from small_cases import rough_map, small_flight
 
+from ggbench import metrics
+from ggbench.estimators.ekf import ExtendedKalmanFilter
+from ggbench.estimators.factor_graph import FactorGraph
 from ggbench.gradiometer import COMPONENTS, Gradiometer, readings
 from ggbench.gradiometer_errors import Faults, biases
 from ggbench.simulation import simulate
@@ -63,6 +66,32 @@ def test_lost_readings_leave_the_others_alone():
     lost = ~lossy.measurements.any(axis=1)
     assert 1 <= lost.sum() <= 17  # of 20; false-alarm probability below 1e-4
     np.testing.assert_array_equal(lossy.measurements[~lost], clean.measurements[~lost])
+
+
+def test_a_lost_reading_has_no_innovation():
+    """The NIS of readings that are there adds up to χ²; false-alarm probability 1e-3."""
+    flight = small_flight({"truth.gradiometer.dropout_share": 0.5})
+    found = []
+    for run in range(10):
+        problem, truth = simulate(flight, seed=9, run=run)
+        estimate = ExtendedKalmanFilter().estimate(problem, np.random.default_rng(0))
+        nis = metrics.evaluate(problem, estimate, truth).nis
+        np.testing.assert_array_equal(np.isnan(nis), ~problem.measurements.any(axis=1))
+        found.append(nis[np.isfinite(nis)])
+    count = sum(map(len, found)) * problem.measurements.shape[1]
+    assert between(np.concatenate(found).sum(), chi2(count), 1e-3)
+
+
+def test_a_bias_that_starts_from_nothing_can_be_solved_for():
+    """A walk without a bias at the start: filter and factor graph agree to 0.1 deviations."""
+    flight = small_flight({"gradiometer.drift_eotvos_per_sqrt_h": 0.1})
+    problem, _ = simulate(flight, seed=9, run=0)
+    one, other = (
+        estimator.estimate(problem, np.random.default_rng(0))
+        for estimator in (ExtendedKalmanFilter(), FactorGraph(mode="isam2"))
+    )
+    sigma = np.sqrt(np.diagonal(one.cov, axis1=1, axis2=2))
+    assert np.abs((one.mean - other.mean) / sigma).max() < 0.1
 
 
 def test_a_mount_that_is_turned_and_scaled_reads_that():
