@@ -61,7 +61,16 @@ def _make(spec_json: str, version: int) -> Field:
 def _crop(spec: FieldSpec) -> tuple[float, float, float, float] | None:
     """Return the bounds (south, north, west, east) [deg] to which a file is cut, if given."""
     bounds = spec.south_deg, spec.north_deg, spec.west_deg, spec.east_deg
-    return bounds if any(bounds) else None
+    if not any(bounds):
+        return None
+    south, north, west, east = bounds
+    if not (south < north and west < east):
+        raise MapError(
+            f"the map {spec.source} is to be cut to latitudes from {south:g}° to {north:g}° and "
+            f"longitudes from {west:g}° to {east:g}°: give south_deg, north_deg, west_deg and "
+            "east_deg, each ascending, or none of them"
+        )
+    return bounds
 
 
 def _refuse_recipe(spec: FieldSpec) -> None:

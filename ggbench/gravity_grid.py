@@ -145,7 +145,7 @@ def _from_netcdf(path: Path, kind: str) -> tuple[Array, Array, Array]:
         with xarray.open_dataset(path) as dataset:
             dataset.load()
     except Exception as error:
-        reason = str(error).split("\n", maxsplit=1)[0]
+        reason = str(error).split("\n", maxsplit=1)[0].split(". Consider", maxsplit=1)[0]
         raise MapError(f"{path} is no grid that can be read as netCDF: {reason}") from None
     names = {name: _axis_name(dataset, name) for name in ("latitude", "longitude")}
     dims = tuple(names.values())

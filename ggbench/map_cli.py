@@ -99,6 +99,9 @@ def build(output: Path, precision: str, compression: int, **options: Any) -> Non
         raise MapError("--spacing-arcsec and --spacing-arcmin are the same: give one of them.")
     if output.suffix != ".nc":
         raise MapError(f"the map file {output} must be named *.nc: it is a netCDF file.")
+    for key in ("terrain", "coefficients", "land_correction", *grids):
+        if options[key] is not None and options[key].resolve() == output.resolve():
+            raise MapError(f"the map file {output} would overwrite what it is made of.")
     kind = grids[0] if grids else "geoid"
     inputs = map_plan.Inputs(
         terrain=options["terrain"],
@@ -146,8 +149,14 @@ def build(output: Path, precision: str, compression: int, **options: Any) -> Non
 def show(file: Path, output: Path | None, height: float | None) -> None:
     """Print what the map in FILE is, and draw its six components."""
     from . import map_plan, map_reader
+    from .disturbing_field import MapError
 
+    if output is not None and output.suffix.lower() != ".png":
+        raise MapError(f"the figure {output} must be named *.png: it is a PNG file.")
     nodes, attributes, layers = map_reader.read_layers(file)
+    lowest, highest = nodes.height_m[0], nodes.height_m[-1]
+    if height is not None and not lowest <= height <= highest:
+        raise MapError(f"--height {height:g} is not in {file}: {lowest:g} to {highest:g} m is.")
     wanted = nodes.height_m[0] if height is None else height
     drawn = int(abs(nodes.height_m - wanted).argmin())
     chosen: Any = None

@@ -117,6 +117,7 @@ class _Sources:
             )
         if inputs.land_correction and (inputs.grid is None or inputs.grid_kind != "geoid"):
             raise MapError("--land-correction turns a geoid into height anomalies: give --geoid.")
+        self._check_heights(inputs)
         coefficients = self._coefficients(inputs)
         if inputs.grid:
             assert coefficients is not None
@@ -125,6 +126,26 @@ class _Sources:
             self._terrain(inputs, inputs.terrain, coefficients)
         files = (inputs.coefficients, inputs.grid, inputs.terrain)
         self.title = " + ".join(path.name for path in files if path)
+
+    @staticmethod
+    def _check_heights(inputs: Inputs) -> None:
+        """Refuse heights that are none, and options of data that are not given."""
+        for option, value in (
+            ("--grid-height", inputs.grid_height_m),
+            ("--geoid-height", inputs.geoid_height_m),
+        ):
+            if not math.isfinite(value):
+                raise MapError(f"{option} {value:g} must be a finite number.")
+        default = Inputs()
+        if inputs.grid is None and inputs.grid_height_m != default.grid_height_m:
+            raise MapError("--grid-height goes with --anomaly or --disturbance.")
+        terrain = ("density", "water_density", "order", "geoid_height_m", "terrain_from_degree")
+        changed = any(getattr(inputs, key) != getattr(default, key) for key in terrain)
+        if inputs.terrain is None and changed:
+            raise MapError(
+                "--density, --water-density, --order, --geoid-height and --terrain-from-degree "
+                "go with --terrain."
+            )
 
     def _coefficients(self, inputs: Inputs) -> HarmonicCoefficients | None:
         if inputs.coefficients is None:
@@ -250,7 +271,10 @@ class _Sources:
         from .terrain_files import read_terrain
 
         self._hash(path)
-        return read_terrain(path)
+        terrain = read_terrain(path)
+        if "," in terrain.name.removeprefix(path.name):  # voids, units, a projection
+            self.remarks.append(f"read {terrain.name}")
+        return terrain
 
     def _hash(self, path: Path) -> None:
         try:

@@ -172,7 +172,8 @@ def _check(recipe: MapRecipe) -> None:
     known = [*SOURCES, *TERRAINS]
     if recipe.source not in known:
         raise MapError(
-            f"Unknown map source {recipe.source!r}; allowed: {', '.join(sorted(known))}."
+            f"unknown map source {recipe.source!r}; allowed: normal, {', '.join(sorted(known))}, "
+            "or the path of a map, *.nc or *.npz."
         )
     check_relief_smoothing(recipe.relief_smoothing_deg)
     for name in ("spacing_arcmin", "height_spacing_m"):
