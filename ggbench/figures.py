@@ -54,24 +54,27 @@ def save(figure: Figure, path: Path) -> None:
 def gradient_along_track(arrays: Mapping[str, np.ndarray], title: str, path: Path) -> None:
     """Draw the vertical gradient along the track, and what noise and filter do to it."""
     times, true = arrays["times"], arrays["vertical"]
-    figure, (top, middle, bottom) = plt.subplots(
-        3, 1, figsize=(7.0, 6.4), sharex=True, height_ratios=(3, 2, 2), layout="constrained"
-    )
+    filtered = arrays.get("filtered")
+    ratios = (3, 2) if filtered is None else (3, 2, 2)
+    figure, axes = plt.subplots(
+        len(ratios), 1, figsize=(7.0, 1.6 + 0.69 * sum(ratios)), sharex=True, height_ratios=ratios,
+        layout="constrained",
+    )  # fmt: skip
+    top, bottom = axes[0], axes[-1]
     dots = {"color": "tab:orange", "marker": ".", "ls": "", "ms": 3}
     top.plot(times, arrays["noisy"], **dots, label="noisy")
-    bottom.plot(times, arrays["noisy"] - true, **dots, label="noise before the filter")
-    if "filtered" in arrays:
-        filtered, passed = arrays["filtered"], arrays["filtered_true"]
+    before = "noise" if filtered is None else "noise before the filter"
+    bottom.plot(times, arrays["noisy"] - true, **dots, label=before)
+    if filtered is not None:
+        middle, passed = axes[1], arrays["filtered_true"]
         top.plot(times, filtered, color="tab:blue", lw=1.2, label="filtered")
         middle.plot(times, passed - true, color="tab:blue", lw=1.2, label="what the filter delays")
         bottom.plot(times, filtered - passed, color="tab:blue", lw=1.2, label="behind the filter")
+        middle.set_ylabel("difference [E]")
         middle.legend()
-    else:
-        middle.set_visible(False)
     top.plot(times, true, "k--", lw=0.8, label="true")
     top.set_title(title)
     top.set_ylabel("Γ_UU [E]")
-    middle.set_ylabel("difference [E]")
     bottom.set_ylabel("noise [E]")
     bottom.set_xlabel("time [s]")
     top.legend()

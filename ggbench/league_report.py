@@ -198,8 +198,9 @@ class LeagueReport:
             f"at most {100.0 * (UNCERTAIN - 1.0):.0f} % larger and not distinguishable from it, "
             "run by run (paired bootstrap-t, 95 %); failing in 5 % of the runs at most, and "
             "locking on not surely less often.",
-            "Advised": "the cheapest that is as good in all cases of the situation but one of "
-            "twenty, of those that ran in half of it or more (in all of it, if any of them did).",
+            "Advised": "the cheapest of those that are as good in all cases of the situation that "
+            "they ran in, but one of twenty, and ran in half of it or more (scenarios counting "
+            "equally); in all of it, if any of those did.",
             "Situations": "the first that fits a case: *aiding gains nothing*, if the best causal "
             "estimator is not significantly better than the INS and within 5 % of it, or "
             "significantly worse; readings, or a map, that `[truth]` or `[model]` set apart from "

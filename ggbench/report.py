@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
@@ -198,11 +199,14 @@ class _Report:
         updates = len(self.arrays[case.name]["times"])
         notes = []
         for label, row in rows.items():
-            if row["diverged"]:
+            if row["diverged"] and math.isfinite(row["position_without_diverged_m"]):
+                runs = "run" if row["diverged"] == 1 else f"{row['diverged']} runs"
                 notes.append(
-                    f"Without its {row['diverged']} diverged runs `{label}` has a position MRSE of "
+                    f"Without the {runs} that diverged `{label}` has a position MRSE of "
                     f"{row['position_without_diverged_m']:.3f} m."
                 )
+            elif row["diverged"]:
+                notes.append(f"No run of `{label}` is left without those that diverged.")
             if row["failed"]:
                 notes.append(f"`{label}` failed in {row['failed']} runs: {self._failure(row)}")
         errors = tables.case_errors(case, self.summary)
@@ -272,7 +276,10 @@ class _Report:
         show(
             "gradient.png",
             "Vertical gradient Γ_UU along the track: true, with the instrument's noise, and "
-            "filtered; below, what the filter delays, and the noise before and behind it",
+            "filtered; below, what the filter delays, and the noise before and behind it"
+            if "filtered" in arrays
+            else "Vertical gradient Γ_UU along the track: true and with the instrument's noise; "
+            "below, the noise",
         )
         rows = rows_of(self.summary, lead, "settled")
         causal = [label for label, row in rows.items() if row["causality"] == "filter"]
