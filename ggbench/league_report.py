@@ -181,8 +181,9 @@ class LeagueReport:
         if not held:
             return ""
         best = min(held, key=lambda s: s.score)
+        waiting = "" if best.own < 1.0 else "over the whole library waiting does not pay: "
         return (
-            f"**If the answer may wait**: `{best.label}` ({best.causality}) has "
+            f"**If the answer may wait**: {waiting}`{best.label}` ({best.causality}) has "
             f"{number(best.own)} times the MRSE of the best causal estimator, at {_cost(best)}; "
             f"{_share(best.lost)} of its runs failed or diverged."
         )

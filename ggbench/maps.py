@@ -172,7 +172,7 @@ def _check(recipe: MapRecipe) -> None:
     known = [*SOURCES, *TERRAINS]
     if recipe.source not in known:
         raise MapError(
-            f"unknown map source {recipe.source!r}; allowed: normal, {', '.join(sorted(known))}, "
+            f"Unknown map source {recipe.source!r}; allowed: {', '.join(sorted(known))}, normal, "
             "or the path of a map, *.nc or *.npz."
         )
     check_relief_smoothing(recipe.relief_smoothing_deg)
