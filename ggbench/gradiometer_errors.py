@@ -63,7 +63,7 @@ class Faults:
 
     def in_dropouts(self, times: np.ndarray) -> np.ndarray:
         """Return which times (K,) lie in the intervals without readings."""
-        inside = [(times >= start) & (times <= end) for start, end in self.dropouts]
+        inside = [(times > start - 1e-9) & (times < end + 1e-9) for start, end in self.dropouts]
         return np.logical_or.reduce([np.zeros(len(times), dtype=bool), *inside])
 
 

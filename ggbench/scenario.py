@@ -317,7 +317,7 @@ def _resolve(
 def _merge(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
     """Return ``base`` with ``change`` laid over it, table by table.
 
-    The two ways to state the gradiometer's noise replace each other.
+    The ways to state the gradiometer's noise replace each other.
     """
     merged = dict(base)
     for key, value in change.items():
@@ -329,6 +329,13 @@ def _merge(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]
     for new, old in (noises, noises[::-1]):
         if new in change and old in base and old not in change:
             merged.pop(old)
+    of_disks = "accelerometer_noise_ng_per_sqrt_hz"
+    disks, changed_disks = merged.get("rotating"), change.get("rotating")
+    if isinstance(changed_disks, Mapping) and of_disks in changed_disks:
+        for noise in set(noises) - set(change):
+            merged.pop(noise, None)
+    elif isinstance(disks, Mapping) and any(noise in change for noise in noises):
+        merged["rotating"] = {key: value for key, value in disks.items() if key != of_disks}
     return merged
 
 

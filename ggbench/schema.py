@@ -169,6 +169,9 @@ class CaseSpec(Section):
     def _check(self) -> CaseSpec:
         for name in ("truth", "model"):
             self.side(name)  # raises if what it changes breaks a rule
+        felt = self.side("truth").field
+        if felt.gravity_disturbance and felt.source == "normal":
+            raise ValueError('gravity_disturbance needs a map: source = "normal" has none to feel')
         instrument = self.truth.gradiometer
         if self.gradiometer.filter != "none" and (
             instrument.dropouts_s or instrument.dropout_share > 0.0
@@ -176,6 +179,11 @@ class CaseSpec(Section):
             raise ValueError(
                 "truth.gradiometer: readings can only drop out of an instrument without a filter; "
                 'set gradiometer.filter = "none"'
+            )
+        if instrument.clock_error_s > 0.0 and self.gradiometer.instrument != "platform":
+            raise ValueError(
+                "truth.gradiometer.clock_error_s is an error of the time by which a platform knows "
+                f'inertial axes; instrument = "{self.gradiometer.instrument}" needs none'
             )
         if instrument.rotating is not None and self.gradiometer.rotating is None:
             raise ValueError(

@@ -224,6 +224,29 @@ def test_a_stated_noise_replaces_that_of_the_accelerometers(side):
     assert kept.gradiometer.noise_eotvos == pytest.approx(np.sqrt(2.0) * 9.80665 / 0.5)
 
 
+def test_a_case_states_its_noise_in_the_other_way(tmp_path):
+    """A case's noise replaces that of the base's accelerometers, and theirs replaces the base's."""
+    disks = "gradiometer.rotating.baseline_m = 0.5\ngradiometer.rotating.rotation_hz = 0.5\n"
+    path = tmp_path / "small.toml"
+    path.write_text(
+        SMALL + f'[[case]]\nname = "a"\ntitle = "a"\n{disks}'
+        "gradiometer.rotating.accelerometer_noise_ng_per_sqrt_hz = 1.0\n"
+    )
+    case = scenario.load(str(path)).cases[-1]
+    assert case.gradiometer.noise_eotvos is None
+    path.write_text(
+        SMALL.replace(
+            "noise_eotvos = 0.01",
+            "rotating = { baseline_m = 0.5, rotation_hz = 0.5, "
+            "accelerometer_noise_ng_per_sqrt_hz = 1.0 }",
+        )
+        + '[[case]]\nname = "a"\ntitle = "a"\ngradiometer.noise_eotvos = 2.0\n'
+    )
+    case = scenario.load(str(path)).cases[-1]
+    assert case.gradiometer.noise_eotvos == 2.0
+    assert case.gradiometer.rotating.baseline_m == 0.5
+
+
 # Mistakes.
 
 GRADIOMETER = "[gradiometer]"
