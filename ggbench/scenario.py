@@ -388,12 +388,13 @@ def _sentence(model: type[BaseModel], problem: Any) -> str:
         return f"{key} is not a number (NaN)"
     wanted = problem["msg"].replace("Input should be ", "must be ").replace("input", "value")
     wanted = wanted.replace("String should have", "must have")
+    least = problem.get("ctx", {}).get("min_length", 1)
     wanted = {
         "float_type": "must be a plain number in the unit that the key names",
         "int_type": "must be a whole number",
         "model_type": "must be a table of keys",
         "list_type": "must be a list",
-        "too_short": "must not be empty",
+        "too_short": f"must have at least {least} items" if least > 1 else "must not be empty",
         "string_too_short": "must not be empty",
         "string_pattern_mismatch": "must consist of letters, digits, '.', '_' and '-'",
     }.get(kind, wanted)
