@@ -100,7 +100,7 @@ def nodes_for(reaches: list[Reach], wishes: Wishes) -> tuple[Nodes, list[str]]:
         raise MapError(
             f"bounds and spacings give {counts[0]} x {counts[1]} x {counts[2]} nodes in latitude, "
             f"longitude and height: at least {FEWEST_NODES} in each and at most {_MOST_NODES} in "
-            "all are allowed."
+            "all are allowed; --spacing-arcmin and --height-spacing change them."
         )
     return Nodes(latitude, longitude, heights), remarks
 

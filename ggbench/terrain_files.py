@@ -92,7 +92,7 @@ def _from_dataset(dataset: Any, path: Path) -> Terrain:
         transform.c + transform.a * columns,
         heights,
         name,
-        [remark],
+        [remark, "no reference system given, taken as degrees" if crs is None else ""],
     )
 
 
