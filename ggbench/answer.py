@@ -103,8 +103,8 @@ def _against_ins(
             f"told from it, {figures}{beside}"
         )
     return (
-        f"the best causal estimator is `{label}`, but these runs do not decide whether it gains "
-        f"anything over the INS: {figures}{beside}"
+        f"the best causal estimator is `{label}`, but these runs do not decide whether it is "
+        f"better or worse than the INS: {figures}{beside}"
     )
 
 

@@ -158,8 +158,10 @@ def error_over_time(
     for _, _, curves, _ in panels:
         for name in curves:
             if name not in styles:
-                colour = INS if name == "ins" else f"C{len(styles)}"
-                styles[name] = (colour, ("-", "--", "-.", ":")[len(styles) % 4])
+                colour = INS if name == "ins" else f"C{len(styles) % 10}"
+                # Beyond ten the colours repeat: lines of the same colour then differ in style.
+                turn = len(styles) + len(styles) // 10
+                styles[name] = (colour, ("-", "--", "-.", ":")[turn % 4])
     for column, (title, times, curves, bounds) in enumerate(panels):
         for row, quantity in enumerate(("position [m]", "velocity [m/s]")):
             axis: Axes = grid[row, column]

@@ -136,6 +136,9 @@ class LeagueReport:
                 for s in rest
             )
             text += f". Not as good: {named}"
+        beside_ins = geometric_mean(_against_ins(advice, chosen.label))
+        if beside_ins > 1.0:
+            text += f". Its MRSE is {number(beside_ins)} times the INS's"
         return f"{text}."
 
     def _figures(self, standing: Standing) -> str:

@@ -102,7 +102,7 @@ def test_aiding_that_gains_is_said_with_its_figures():
     [
         (SAME + 0.01 * (chi(3) - chi(4)), "aiding gains nothing over the INS"),
         (1.3 * SAME, "aiding is worse than the INS alone"),
-        (np.where(np.arange(RUNS) == 7, 0.01, 1.0) * SAME, "do not decide whether it gains"),
+        (np.where(np.arange(RUNS) == 7, 0.01, 1.0) * SAME, "do not decide whether it is"),
     ],
 )
 def test_aiding_that_gains_nothing_is_said_plainly(aided, phrase):
