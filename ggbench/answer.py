@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import pandas as pd
+from scipy.stats import binomtest
 
 from .ranking import best_causal, pair_of, rows_of
 from .scenario import Scenario
@@ -22,6 +23,7 @@ MOST_CASES = 8
 """Most cases of which a sentence each is said."""
 NOTHING_GAINED = 1.05
 """Ratio of the INS's MRSE to an estimator's up to which a gain is called none, if not certain."""
+_SIGNIFICANT = 0.05
 
 
 def answer(scenario: Scenario, summary: pd.DataFrame, pairs: pd.DataFrame) -> str:
@@ -124,7 +126,7 @@ def _others(
     pairs: pd.DataFrame,
 ) -> str:
     """Return how the other causal estimators differ from the best one, run by run."""
-    same, worse, better, lost = [], [], [], []
+    same, often, worse, better, lost = [], [], [], [], []
     for label, row in rows.items():
         if row["causality"] != "filter" or label == best["label"]:
             continue
@@ -145,6 +147,9 @@ def _others(
             if pair and abs(math.log(ratio)) > math.log(NOTHING_GAINED):
                 more = f"larger in {100.0 * pair['position_win_rate']:.0f} % of the runs"
                 named = f"`{label}` (× {_times(ratio)}, {more})"
+                if ratio > 1.0 and _mostly(pair):
+                    often.append(named)
+                    continue
             same.append(f"`{label}`" if abs(ratio - 1.0) < 5e-4 else named)
     parts = []
     if lost:
@@ -152,11 +157,24 @@ def _others(
         parts.append(f"surely locking on less often than in {share:.0f} %: {', '.join(lost)}")
     if same:
         parts.append(f"not distinguishable from it: {', '.join(same)}")
+    if often:
+        # A mean that a few runs make has a wide interval; what most runs do is sure all the same.
+        parts.append(
+            "with larger errors in significantly more than half of the runs (sign test), though a "
+            f"few runs make the mean: {', '.join(often)}"
+        )
     if worse:
         parts.append(f"significantly worse, by their ratio of MRSE: {', '.join(worse)}")
     if better:
         parts.append(f"smaller errors where they finish, but runs lost: {', '.join(better)}")
     return "".join(f"; {part}" for part in parts)
+
+
+def _mostly(pair: Mapping[str, Any]) -> bool:
+    """Return whether the first of a pair has the smaller error in most runs (sign test, 5 %)."""
+    runs = int(pair["runs"] + pair["first_only"] + pair["second_only"])
+    wins = round(pair["position_win_rate"] * runs)
+    return runs > 0 and bool(binomtest(wins, runs, alternative="greater").pvalue < _SIGNIFICANT)
 
 
 def _capital(text: str) -> str:

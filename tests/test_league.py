@@ -97,6 +97,18 @@ def test_aiding_that_gains_is_said_with_its_figures():
     assert "later" not in text
 
 
+def test_a_mean_that_few_runs_make_does_not_hide_what_most_runs_do():
+    """A larger error in nearly every run is said, though one lost run makes the mean undecided."""
+    errors = 6.0 * SAME
+    errors[7] = 1e9
+    text = told(
+        records("ins", 1e4 * SAME, "none"), records("good", 4.0 * SAME), records("wild", errors)
+    )
+    assert "significantly more than half of the runs (sign test)" in text
+    assert "`wild`" in text.split("sign test")[1]
+    assert "not distinguishable" not in text
+
+
 @pytest.mark.parametrize(
     ("aided", "phrase"),
     [
