@@ -19,7 +19,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import MaxNLocator, NullFormatter
 from scipy.interpolate import RegularGridInterpolator
 
 from . import sweep
@@ -142,6 +142,16 @@ def field_map(arrays: Mapping[str, np.ndarray], path: Path) -> None:
     save(figure, path)
 
 
+def _plain_numbers(axis: Axes) -> None:
+    """Label a logarithmic y axis with plain numbers, between the decades too if there are few."""
+    low, high = axis.get_ylim()
+    axis.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    if high < 10.0 * low:
+        axis.yaxis.set_minor_formatter(lambda value, _: f"{value:.2g}")
+    else:
+        axis.yaxis.set_minor_formatter(NullFormatter())
+
+
 def error_over_time(
     panels: Sequence[tuple[str, np.ndarray, Mapping[str, np.ndarray], Mapping[str, np.ndarray]]],
     path: Path,
@@ -173,7 +183,7 @@ def error_over_time(
                     times, bound[:, row], color=_BOUND, lw=0.9, ls=("-", ":", "--")[number % 3],
                     label=name,
                 )  # fmt: skip
-            axis.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+            _plain_numbers(axis)
             if row == 0:
                 axis.set_title(title)
             else:
