@@ -146,7 +146,7 @@ def _plain_numbers(axis: Axes) -> None:
     """Label a logarithmic y axis with plain numbers, between the decades too if there are few."""
     low, high = axis.get_ylim()
     axis.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    if high < 10.0 * low:
+    if np.floor(np.log10(high)) - np.ceil(np.log10(low)) < 1.0:  # fewer than two powers of ten
         axis.yaxis.set_minor_formatter(lambda value, _: f"{value:.2g}")
     else:
         axis.yaxis.set_minor_formatter(NullFormatter())
