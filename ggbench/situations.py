@@ -16,12 +16,12 @@ SITUATIONS = {
     "plain": "Narrow prior, right model",
     "wide": f"Wide prior (σ of {WIDE_M / 1000.0:g} km per axis or more)",
     "long": f"Long flight ({LONG_S / 60.0:g} min or more)",
-    "readings": "Outliers, gaps or wrong times in the readings",
+    "readings": "Outliers or gaps in the readings",
     "map": "A map that is not the field",
-    "model": "Sensors or initial errors other than the estimators believe",
+    "model": "Sensors, times or initial errors other than the estimators believe",
     NOTHING: "Aiding gains nothing",
 }
-_READINGS = ("outlier", "dropout", "clock", "jitter")
+_READINGS = ("outlier", "dropout")
 
 
 def situation_of(case: CaseSpec, gained: str) -> str:
