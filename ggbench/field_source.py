@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
 from functools import lru_cache
 from pathlib import Path
 
 from .disturbing_field import MapError
 from .field import Field
 from .map_error import MapDegradation, degrade
+from .map_file import file_key
 from .maps import MapRecipe, content_key, load_or_build, read
 from .sensor_schema import FieldSpec, MapErrorSpec
 
@@ -125,7 +125,4 @@ def map_content(spec: FieldSpec) -> str | None:
         return None
     if not is_file(spec.source):
         return content_key(map_recipe(spec))
-    try:
-        return hashlib.sha256(Path(spec.source).read_bytes()).hexdigest()
-    except OSError as error:
-        raise MapError(f"cannot read the map {spec.source}: {error.strerror}") from None
+    return file_key(Path(spec.source))
