@@ -147,7 +147,7 @@ def _plain_numbers(axis: Axes) -> None:
     low, high = axis.get_ylim()
     axis.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
     if np.floor(np.log10(high)) - np.ceil(np.log10(low)) < 1.0:  # fewer than two powers of ten
-        axis.yaxis.set_minor_formatter(lambda value, _: f"{value:.2g}")
+        axis.yaxis.set_minor_formatter(lambda value, _: f"{value:g}")
     else:
         axis.yaxis.set_minor_formatter(NullFormatter())
 
