@@ -225,27 +225,29 @@ def _check_spacings(recipe: MapRecipe) -> None:
         ground = highest_ground_m(recipe.source)
         depth, deepest, share = -ground, -ground, _SPACING_PER_CLEARANCE
         vertical_share = 1.0
-        quarter = f"{share:g} of the height above the highest ground, {ground:g} m"
+        vertical_rule = f"the height above the highest ground, {ground:g} m"
+        rule = f"{share:g} of {vertical_rule}"
     else:
         depth = SOURCES[recipe.source].source_depth_m
         deepest, share = 0.5 * depth, _SPACING_PER_HEIGHT
         vertical_share = share
-        quarter = "a quarter of that height"
+        rule = "a quarter of that height"
+        if depth > 0.0:
+            rule += f" above sources {depth:g} m deep (vertically: above half that depth)"
+        vertical_rule = rule
     # Half the depth: the error of a spline is largest in the lowest layer, where it ends.
     widest = vertical_share * (recipe.min_height_m + deepest)
-    if depth > 0.0:
-        quarter += f" above sources {depth:g} m deep (vertically: above half that depth)"
     if recipe.height_spacing_m > widest:
         raise MapError(
             f"height_spacing_m = {recipe.height_spacing_m} is too wide for min_height_m = "
-            f"{recipe.min_height_m}: at most {widest:g} is allowed, {quarter}."
+            f"{recipe.min_height_m}: at most {widest:g} is allowed, {vertical_rule}."
         )
     height = recipe.min_height_m + _MARGIN_NODES * recipe.height_spacing_m
     widest = math.degrees(share * (height + depth) / SEMI_MAJOR_AXIS) * 60.0
     if recipe.spacing_arcmin > widest:
         raise MapError(
             f"spacing_arcmin = {recipe.spacing_arcmin} is too wide for a map that serves heights "
-            f"from {height:g} m: at most {widest:.3g} is allowed, {quarter}."
+            f"from {height:g} m: at most {widest:.3g} is allowed, {rule}."
         )
 
 

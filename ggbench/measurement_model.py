@@ -41,6 +41,28 @@ def _errors(rows: np.ndarray, state: np.ndarray, out: np.ndarray) -> None:
 
 
 @njit(cache=True)
+def _corrected(
+    instrument: int,
+    state: np.ndarray,
+    rows: np.ndarray,
+    reference: np.ndarray,
+    c_nb: np.ndarray,
+    error: np.ndarray,
+    true_c_nb: np.ndarray,
+) -> np.ndarray:
+    """Return the position that a state corrects the reference to; fill its error and C_nb.
+
+    ``error`` (6,) is B x; ``true_c_nb`` (3, 3) changes for a strapdown instrument only.
+    """
+    _errors(rows, state, error)
+    if instrument == STRAPDOWN:
+        turn = np.empty((3, 3))
+        rotation_matrix(error[3:], turn)
+        product(turn, c_nb, true_c_nb)
+    return _displaced(reference, error[0], error[1], error[2])
+
+
+@njit(cache=True)
 def _predict(
     instrument: int,
     states: np.ndarray,
@@ -60,14 +82,9 @@ def _predict(
     out = np.empty((states.shape[0], channels.shape[0]))
     reading = np.empty(6)
     error = np.empty(6)
-    turn = np.empty((3, 3))
     true_c_nb = c_nb.copy()
     for n in range(states.shape[0]):
-        _errors(rows, states[n], error)
-        position = _displaced(reference, error[0], error[1], error[2])
-        if instrument == STRAPDOWN:
-            rotation_matrix(error[3:], turn)
-            product(turn, c_nb, true_c_nb)
+        position = _corrected(instrument, states[n], rows, reference, c_nb, error, true_c_nb)
         reading_at(instrument, position, time, true_c_nb, origin, step, coefficients, reading)
         for m in range(channels.shape[0]):
             value = 0.0
@@ -113,13 +130,8 @@ def _jacobian(
 ) -> np.ndarray:
     """Return H (m, n) of one state."""
     error = np.empty(6)
-    _errors(rows, state, error)
-    position = _displaced(reference, error[0], error[1], error[2])
     true_c_nb = c_nb.copy()
-    if instrument == STRAPDOWN:
-        turn = np.empty((3, 3))
-        rotation_matrix(error[3:], turn)
-        product(turn, c_nb, true_c_nb)
+    position = _corrected(instrument, state, rows, reference, c_nb, error, true_c_nb)
     slope = np.empty((6, 6))
     reading_jacobian_at(instrument, position, time, true_c_nb, origin, step, coefficients, slope)
     # The state's metres are measured at the reference, the slope's at the displaced point.

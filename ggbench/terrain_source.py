@@ -99,8 +99,7 @@ def terrain_extent_deg(name: str) -> tuple[tuple[float, float], tuple[float, flo
 
 def terrain_heights_m(name: str) -> tuple[float, float]:
     """Lowest and highest height [m] at which a terrain gives a field."""
-    highest = float(_terrain(name).height_m.max())
-    return math.ceil(highest + LOWEST_CLEARANCE_M), TERRAINS[name].highest_height_m
+    return math.ceil(highest_ground_m(name) + LOWEST_CLEARANCE_M), TERRAINS[name].highest_height_m
 
 
 def highest_ground_m(name: str) -> float:
