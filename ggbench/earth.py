@@ -69,40 +69,95 @@ def radii_latitude_derivatives(latitude: float) -> tuple[float, float]:
     return 3.0 * meridian * ratio, prime_vertical * ratio
 
 
-@njit(cache=True)
-def _zonal_potential(radius: float, sine: float, out: np.ndarray) -> None:
-    """Fill ``out[i, j]`` with ∂^(i+j) V / ∂r^i ∂s^j, s = sin(geocentric latitude), i + j <= 3."""
-    out[:] = 0.0
-    # Legendre polynomials P_n(s) and three derivatives by the derivatives of Bonnet's recursion.
-    older = np.zeros(4)
-    old = np.zeros(4)
-    new = np.zeros(4)
-    old[0] = 1.0
-    out[0, 0] = GM / radius
-    out[1, 0] = -GM / radius**2
-    out[2, 0] = 2.0 * GM / radius**3
-    out[3, 0] = -6.0 * GM / radius**4
-    for n in range(1, 2 * EVEN_ZONALS.size + 1):
-        for j in range(4):
-            value = (2 * n - 1) * sine * old[j] - (n - 1) * older[j]
-            if j > 0:
-                value += (2 * n - 1) * j * old[j - 1]
-            new[j] = value / n
-        older[:] = old
-        old[:] = new
-        if n % 2 == 0:
-            term = -EVEN_ZONALS[n // 2 - 1] * GM / radius * (SEMI_MAJOR_AXIS / radius) ** n
-            for i in range(4):
-                for j in range(4 - i):
-                    out[i, j] += term * new[j]
-                term *= -(n + 1 + i) / radius
+def _legendre_coefficients(derivatives: int) -> np.ndarray:
+    """Return c[d, i, k]: the d-th derivative of P_n(s), n = 2 i + 2, is s^(d mod 2) Σ_k c s^(2k)."""
+    degrees = 2 * np.arange(1, EVEN_ZONALS.size + 1)
+    table = np.zeros((derivatives + 1, degrees.size, degrees[-1] // 2 + 1))
+    for i, n in enumerate(degrees):
+        powers = np.polynomial.legendre.leg2poly(np.eye(n + 1)[n])
+        for d in range(derivatives + 1):
+            values = np.polynomial.polynomial.polyder(powers, d)[d % 2 :: 2]
+            table[d, i, : values.size] = values
+    return table
+
+
+_LEGENDRE = _legendre_coefficients(3)
+_DEGREES = EVEN_ZONALS.size
 
 
 @njit(cache=True)
-def _geocentric(latitude: float, height: float) -> tuple[float, float, float, float, float]:
-    """Return r [m], sin and cos of the geocentric latitude φ', sin and cos of ψ = L − φ'."""
-    sine, cosine = math.sin(latitude), math.cos(latitude)
-    _, prime_vertical = radii_of_curvature(latitude)
+def _zonal_derivatives(radius: float, sine: float) -> tuple[float, float, float, float, float]:
+    """Return V_r, V_s, V_rr, V_rs, V_ss of the zonal potential, s = sin(geocentric latitude).
+
+    V = GM/r (1 − Σ J_n (a/r)^n P_n(s)), by Horner's rule in s² and in (a/r)²: numbers in, numbers
+    out, so that a loop over points becomes vector instructions.
+    """
+    square = sine * sine
+    ratio = (SEMI_MAJOR_AXIS / radius) ** 2
+    v_r = v_rr = v_s = v_rs = v_ss = 0.0
+    for i in range(_DEGREES - 1, -1, -1):
+        p0 = p1 = p2 = 0.0
+        for k in range(i + 1, -1, -1):
+            p0 = p0 * square + _LEGENDRE[0, i, k]
+        for k in range(i, -1, -1):
+            p1 = p1 * square + _LEGENDRE[1, i, k]
+            p2 = p2 * square + _LEGENDRE[2, i, k]
+        n = 2 * i + 2
+        v_r = (v_r + EVEN_ZONALS[i] * (n + 1) * p0) * ratio
+        v_rr = (v_rr + EVEN_ZONALS[i] * (n + 1) * (n + 2) * p0) * ratio
+        v_s = (v_s + EVEN_ZONALS[i] * p1) * ratio
+        v_rs = (v_rs + EVEN_ZONALS[i] * (n + 1) * p1) * ratio
+        v_ss = (v_ss + EVEN_ZONALS[i] * p2) * ratio
+    potential = GM / radius
+    slope = potential / radius
+    return (
+        slope * (v_r - 1.0),
+        -potential * sine * v_s,
+        slope / radius * (2.0 - v_rr),
+        slope * sine * v_rs,
+        -potential * v_ss,
+    )
+
+
+@njit(cache=True)
+def _zonal_third_derivatives(radius: float, sine: float) -> tuple[float, float, float, float]:
+    """Return V_rrr, V_rrs, V_rss, V_sss, as :func:`_zonal_derivatives` does."""
+    square = sine * sine
+    ratio = (SEMI_MAJOR_AXIS / radius) ** 2
+    v_rrr = v_rrs = v_rss = v_sss = 0.0
+    for i in range(_DEGREES - 1, -1, -1):
+        p0 = p1 = p2 = p3 = 0.0
+        for k in range(i + 1, -1, -1):
+            p0 = p0 * square + _LEGENDRE[0, i, k]
+        for k in range(i, -1, -1):
+            p1 = p1 * square + _LEGENDRE[1, i, k]
+            p2 = p2 * square + _LEGENDRE[2, i, k]
+            p3 = p3 * square + _LEGENDRE[3, i, k]
+        n = 2 * i + 2
+        v_rrr = (v_rrr + EVEN_ZONALS[i] * (n + 1) * (n + 2) * (n + 3) * p0) * ratio
+        v_rrs = (v_rrs + EVEN_ZONALS[i] * (n + 1) * (n + 2) * p1) * ratio
+        v_rss = (v_rss + EVEN_ZONALS[i] * (n + 1) * p2) * ratio
+        v_sss = (v_sss + EVEN_ZONALS[i] * p3) * ratio
+    potential = GM / radius
+    slope = potential / radius
+    return (
+        slope / (radius * radius) * (v_rrr - 6.0),
+        -slope / radius * sine * v_rrs,
+        slope * v_rss,
+        -potential * sine * v_sss,
+    )
+
+
+@njit(cache=True)
+def _geocentric(
+    sine: float, cosine: float, height: float
+) -> tuple[float, float, float, float, float]:
+    """Return r [m], sin and cos of the geocentric latitude φ', sin and cos of ψ = L − φ'.
+
+    Of a point at the geodetic latitude L whose ``sine`` and ``cosine`` are given.
+    """
+    w2 = 1.0 - ECCENTRICITY_SQUARED * sine * sine
+    prime_vertical = SEMI_MAJOR_AXIS / math.sqrt(w2)
     equatorial = (prime_vertical + height) * cosine
     polar = (prime_vertical * (1.0 - ECCENTRICITY_SQUARED) + height) * sine
     radius = math.sqrt(equatorial * equatorial + polar * polar)
@@ -123,17 +178,16 @@ def normal_gravity(latitude: float, height: float) -> tuple[float, float, float]
     γ is the magnitude of gravity (gravitation and centrifugal); the mechanization applies it along
     the ellipsoidal vertical. Since γ = |g|, dγ = g·dg/γ with dg from the gradient tensor.
     """
-    v = np.empty((4, 4))
-    r, s, c, sin_psi, cos_psi = _geocentric(latitude, height)
-    _zonal_potential(r, s, v)
+    r, s, c, sin_psi, cos_psi = _geocentric(math.sin(latitude), math.cos(latitude), height)
+    v_r, v_s, v_rr, v_rs, v_ss = _zonal_derivatives(r, s)
     # Gravity and its gradient in geocentric north and up.
     omega2 = ROTATION_RATE * ROTATION_RATE
-    north = c * v[0, 1] / r - omega2 * r * c * s
-    up = v[1, 0] + omega2 * r * c * c
+    north = c * v_s / r - omega2 * r * c * s
+    up = v_r + omega2 * r * c * c
     gamma = math.sqrt(north * north + up * up)
-    north_north = (c * c * v[0, 2] - s * v[0, 1]) / (r * r) + v[1, 0] / r + omega2 * s * s
-    north_up = c * (v[1, 1] / r - v[0, 1] / (r * r)) - omega2 * s * c
-    up_up = v[2, 0] + omega2 * c * c
+    north_north = (c * c * v_ss - s * v_s) / (r * r) + v_r / r + omega2 * s * s
+    north_up = c * (v_rs / r - v_s / (r * r)) - omega2 * s * c
+    up_up = v_rr + omega2 * c * c
     along_north = (north * north_north + up * north_up) / gamma
     along_up = (north * north_up + up * up_up) / gamma
     # Geodetic north and up are geocentric north and up turned by ψ.
@@ -141,6 +195,30 @@ def normal_gravity(latitude: float, height: float) -> tuple[float, float, float]
     d_latitude = (meridian + height) * (cos_psi * along_north - sin_psi * along_up)
     d_height = sin_psi * along_north + cos_psi * along_up
     return gamma, d_latitude, d_height
+
+
+@njit(cache=True)
+def normal_gradient_of(
+    sine: float, cosine: float, height: float
+) -> tuple[float, float, float, float]:
+    """Return EE, NN, NU, UU [E] of the normal gradient; EN and EU are zero.
+
+    Of a point at the geodetic latitude whose ``sine`` and ``cosine`` are given and the ``height``
+    [m]: spherical components of a zonal potential V(r, s) (e.g. Hofmann-Wellenhof & Moritz), turned
+    by ψ = L − φ' about the east axis.
+    """
+    r, s, c, sin_psi, cos_psi = _geocentric(sine, cosine, height)
+    v_r, v_s, v_rr, v_rs, v_ss = _zonal_derivatives(r, s)
+    ee = v_r / r - s * v_s / (r * r)
+    nn = v_r / r + (c * c * v_ss - s * v_s) / (r * r)
+    nu = c * (v_rs / r - v_s / (r * r))
+    sin2, cos2, cross = sin_psi * sin_psi, cos_psi * cos_psi, sin_psi * cos_psi
+    return (
+        ee / EOTVOS,
+        (cos2 * nn - 2.0 * cross * nu + sin2 * v_rr) / EOTVOS,
+        (cross * (nn - v_rr) + (cos2 - sin2) * nu) / EOTVOS,
+        (sin2 * nn + 2.0 * cross * nu + cos2 * v_rr) / EOTVOS,
+    )
 
 
 @njit(cache=True)
@@ -158,41 +236,34 @@ def normal_gradient(
 
     Notes
     -----
-    Spherical components of a zonal potential V(r, s) (e.g. Hofmann-Wellenhof & Moritz), turned by
-    ψ = L − φ' about the east axis, and the chain rule through r(L, h), φ'(L, h), ψ(L, h).
+    The chain rule through r(L, h), φ'(L, h), ψ(L, h) of :func:`normal_gradient_of`.
     """
-    v = np.empty((4, 4))
-    r, s, c, sin_psi, cos_psi = _geocentric(latitude, height)
-    _zonal_potential(r, s, v)
+    sine, cosine = math.sin(latitude), math.cos(latitude)
+    value[1] = 0.0
+    value[2] = 0.0
+    value[0], value[3], value[4], value[5] = normal_gradient_of(sine, cosine, height)
+    r, s, c, sin_psi, cos_psi = _geocentric(sine, cosine, height)
+    v_r, v_s, v_rr, v_rs, v_ss = _zonal_derivatives(r, s)
+    v_rrr, v_rrs, v_rss, v_sss = _zonal_third_derivatives(r, s)
     r2, r3 = r * r, r * r * r
-    ee = v[1, 0] / r - s * v[0, 1] / r2
-    nn = v[1, 0] / r + (c * c * v[0, 2] - s * v[0, 1]) / r2
-    uu = v[2, 0]
-    nu = c * (v[1, 1] / r - v[0, 1] / r2)
     # Derivatives along r, and along the geocentric latitude (d/dφ' = c d/ds, ds = c dφ').
-    ee_r = v[2, 0] / r - v[1, 0] / r2 - s * v[1, 1] / r2 + 2.0 * s * v[0, 1] / r3
+    ee_r = v_rr / r - v_r / r2 - s * v_rs / r2 + 2.0 * s * v_s / r3
     nn_r = (
-        v[2, 0] / r
-        - v[1, 0] / r2
-        + (c * c * v[1, 2] - s * v[1, 1]) / r2
-        - 2.0 * (c * c * v[0, 2] - s * v[0, 1]) / r3
+        v_rr / r
+        - v_r / r2
+        + (c * c * v_rss - s * v_rs) / r2
+        - 2.0 * (c * c * v_ss - s * v_s) / r3
     )
-    uu_r = v[3, 0]
-    nu_r = c * (v[2, 1] / r - 2.0 * v[1, 1] / r2 + 2.0 * v[0, 1] / r3)
-    ee_phi = c * (v[1, 1] / r - v[0, 1] / r2 - s * v[0, 2] / r2)
-    nn_phi = c * (v[1, 1] / r + (c * c * v[0, 3] - 3.0 * s * v[0, 2] - v[0, 1]) / r2)
-    uu_phi = c * v[2, 1]
-    nu_phi = -s * (v[1, 1] / r - v[0, 1] / r2) + c * c * (v[1, 2] / r - v[0, 2] / r2)
+    uu_r = v_rrr
+    nu_r = c * (v_rrs / r - 2.0 * v_rs / r2 + 2.0 * v_s / r3)
+    ee_phi = c * (v_rs / r - v_s / r2 - s * v_ss / r2)
+    nn_phi = c * (v_rs / r + (c * c * v_sss - 3.0 * s * v_ss - v_s) / r2)
+    uu_phi = c * v_rrs
+    nu_phi = -s * (v_rs / r - v_s / r2) + c * c * (v_rss / r - v_ss / r2)
 
     # A metre to the geodetic north and up, as changes of r, φ' and ψ.
     meridian, _ = radii_of_curvature(latitude)
     sin2, cos2, cross = sin_psi * sin_psi, cos_psi * cos_psi, sin_psi * cos_psi
-    value[0] = ee / EOTVOS
-    value[1] = 0.0
-    value[2] = 0.0
-    value[3] = (cos2 * nn - 2.0 * cross * nu + sin2 * uu) / EOTVOS
-    value[4] = (cross * (nn - uu) + (cos2 - sin2) * nu) / EOTVOS
-    value[5] = (sin2 * nn + 2.0 * cross * nu + cos2 * uu) / EOTVOS
     derivative[:, :] = 0.0
     for axis in range(1, 3):
         if axis == 1:
