@@ -51,7 +51,7 @@ EVEN_ZONALS = _dynamical_form_factors(6)
 """Unnormalised J2, J4, ..., J12 of the WGS84 normal field."""
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def radii_of_curvature(latitude: float) -> tuple[float, float]:
     """Return the meridian and the prime-vertical radius (R_M, R_N) [m] (Groves, eq. 2.105)."""
     w2 = 1.0 - ECCENTRICITY_SQUARED * math.sin(latitude) ** 2
@@ -59,7 +59,7 @@ def radii_of_curvature(latitude: float) -> tuple[float, float]:
     return prime_vertical * (1.0 - ECCENTRICITY_SQUARED) / w2, prime_vertical
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def radii_latitude_derivatives(latitude: float) -> tuple[float, float]:
     """Return dR_M/dL and dR_N/dL [m/rad]."""
     sine = math.sin(latitude)
@@ -85,7 +85,7 @@ _LEGENDRE = _legendre_coefficients(3)
 _DEGREES = EVEN_ZONALS.size
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _zonal_derivatives(radius: float, sine: float) -> tuple[float, float, float, float, float]:
     """Return V_r, V_s, V_rr, V_rs, V_ss of the zonal potential, s = sin(geocentric latitude).
 
@@ -119,7 +119,7 @@ def _zonal_derivatives(radius: float, sine: float) -> tuple[float, float, float,
     )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _zonal_third_derivatives(radius: float, sine: float) -> tuple[float, float, float, float]:
     """Return V_rrr, V_rrs, V_rss, V_sss, as :func:`_zonal_derivatives` does."""
     square = sine * sine
@@ -148,7 +148,7 @@ def _zonal_third_derivatives(radius: float, sine: float) -> tuple[float, float, 
     )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _geocentric(
     sine: float, cosine: float, height: float
 ) -> tuple[float, float, float, float, float]:
@@ -171,7 +171,7 @@ def _geocentric(
     )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def normal_gravity(latitude: float, height: float) -> tuple[float, float, float]:
     """Return normal gravity γ [m/s²], ∂γ/∂L [m/s²/rad] and ∂γ/∂h [s⁻²] at a geodetic position.
 
@@ -197,7 +197,7 @@ def normal_gravity(latitude: float, height: float) -> tuple[float, float, float]
     return gamma, d_latitude, d_height
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def normal_gradient_of(
     sine: float, cosine: float, height: float
 ) -> tuple[float, float, float, float]:
@@ -221,7 +221,7 @@ def normal_gradient_of(
     )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def normal_gradient(
     latitude: float, height: float, value: np.ndarray, derivative: np.ndarray
 ) -> None:
