@@ -15,7 +15,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from .kernels import compiled, inlined
 
 SEMI_MAJOR_AXIS = 6378137.0
 FLATTENING = 1.0 / 298.257223563
@@ -51,7 +52,7 @@ EVEN_ZONALS = _dynamical_form_factors(6)
 """Unnormalised J2, J4, ..., J12 of the WGS84 normal field."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def radii_of_curvature(latitude: float) -> tuple[float, float]:
     """Return the meridian and the prime-vertical radius (R_M, R_N) [m] (Groves, eq. 2.105)."""
     w2 = 1.0 - ECCENTRICITY_SQUARED * math.sin(latitude) ** 2
@@ -59,7 +60,7 @@ def radii_of_curvature(latitude: float) -> tuple[float, float]:
     return prime_vertical * (1.0 - ECCENTRICITY_SQUARED) / w2, prime_vertical
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def radii_latitude_derivatives(latitude: float) -> tuple[float, float]:
     """Return dR_M/dL and dR_N/dL [m/rad]."""
     sine = math.sin(latitude)
@@ -85,7 +86,7 @@ _LEGENDRE = _legendre_coefficients(3)
 _DEGREES = EVEN_ZONALS.size
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _zonal_derivatives(radius: float, sine: float) -> tuple[float, float, float, float, float]:
     """Return V_r, V_s, V_rr, V_rs, V_ss of the zonal potential, s = sin(geocentric latitude).
 
@@ -119,7 +120,7 @@ def _zonal_derivatives(radius: float, sine: float) -> tuple[float, float, float,
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _zonal_third_derivatives(radius: float, sine: float) -> tuple[float, float, float, float]:
     """Return V_rrr, V_rrs, V_rss, V_sss, as :func:`_zonal_derivatives` does."""
     square = sine * sine
@@ -148,7 +149,7 @@ def _zonal_third_derivatives(radius: float, sine: float) -> tuple[float, float, 
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _geocentric(
     sine: float, cosine: float, height: float
 ) -> tuple[float, float, float, float, float]:
@@ -171,7 +172,7 @@ def _geocentric(
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def normal_gravity(latitude: float, height: float) -> tuple[float, float, float]:
     """Return normal gravity γ [m/s²], ∂γ/∂L [m/s²/rad] and ∂γ/∂h [s⁻²] at a geodetic position.
 
@@ -197,7 +198,7 @@ def normal_gravity(latitude: float, height: float) -> tuple[float, float, float]
     return gamma, d_latitude, d_height
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def normal_gradient_of(
     sine: float, cosine: float, height: float
 ) -> tuple[float, float, float, float]:
@@ -221,7 +222,7 @@ def normal_gradient_of(
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def normal_gradient(
     latitude: float, height: float, value: np.ndarray, derivative: np.ndarray
 ) -> None:

@@ -14,13 +14,13 @@ import math
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 from scipy.linalg import solve_banded
 
-from .earth import normal_gradient, radii_of_curvature
+from .earth import normal_gradient, normal_gradient_of, radii_of_curvature
 from .errors import GGBenchError
 from .gradient_map import GradientMap
+from .kernels import compiled, inlined
 from .problem import frozen
 
 
@@ -53,21 +53,77 @@ def spline_coefficients(values: np.ndarray, axis: int) -> np.ndarray:
     return np.moveaxis(solved.reshape(right.shape), 0, axis)
 
 
-@njit(cache=True)
-def _weights(t: float, weight: np.ndarray, slope: np.ndarray) -> None:
-    """Fill the four cubic B-spline weights at 0 <= t <= 1 of a cell and their derivatives."""
+@inlined
+def _locate(position: float, origin: float, step: float, nodes: int) -> tuple[int, float, bool]:
+    """Return the cell along an axis, the place 0 <= t <= 1 in it, and whether the grid has it.
+
+    A position outside is moved to the border; the cell of NaN is −1.
+    """
+    u = (position - origin) / step
+    if math.isnan(u):  # it must not become an index, nor a number
+        return -1, math.nan, False
+    cells = nodes - 3
+    clamped = min(max(u, 0.0), float(cells))
+    cell = min(int(clamped), cells - 1)
+    # Half a millionth of a cell: a border node computed in another order is inside.
+    return cell, clamped - cell, abs(u - clamped) <= 5e-7
+
+
+@inlined
+def _weights(t: float, weight: np.ndarray) -> None:
+    """Fill the four cubic B-spline weights at 0 <= t <= 1 of a cell."""
     u = 1.0 - t
     weight[0] = u * u * u / 6.0
     weight[1] = (4.0 - 6.0 * t * t + 3.0 * t * t * t) / 6.0
     weight[2] = (4.0 - 6.0 * u * u + 3.0 * u * u * u) / 6.0
     weight[3] = t * t * t / 6.0
+
+
+@inlined
+def _slopes(t: float, slope: np.ndarray) -> None:
+    """Fill the derivatives of the four weights."""
+    u = 1.0 - t
     slope[0] = -0.5 * u * u
     slope[1] = -2.0 * t + 1.5 * t * t
     slope[2] = 2.0 * u - 1.5 * u * u
     slope[3] = 0.5 * t * t
 
 
-@njit(cache=True)
+@inlined
+def _starts(i: int, j: int, k: int, coefficients: np.ndarray, start: np.ndarray) -> None:
+    """Fill where in the flat coefficients the 16 columns of a cell's nodes begin."""
+    column = coefficients.shape[2] * coefficients.shape[3]
+    for a in range(4):
+        for b in range(4):
+            start[4 * a + b] = ((i + a) * coefficients.shape[1] + j + b) * column
+            start[4 * a + b] += k * coefficients.shape[3]
+
+
+@inlined
+def _sum_columns(
+    flat: np.ndarray,
+    start: np.ndarray,
+    first: np.ndarray,
+    second: np.ndarray,
+    both: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Sum the 16 columns of a cell with the weights ``first`` ⊗ ``second``.
+
+    The four nodes of a column, with all their components, are contiguous: ``out`` (4 m,) is one sum
+    of vectors.
+    """
+    for a in range(4):
+        for b in range(4):
+            both[4 * a + b] = first[a] * second[b]
+    for c in range(out.shape[0]):
+        total = 0.0
+        for n in range(16):
+            total += both[n] * flat[start[n] + c]
+        out[c] = total
+
+
+@compiled
 def spline_at(
     position: np.ndarray,
     origin: np.ndarray,
@@ -96,49 +152,42 @@ def spline_at(
     first = np.empty(3, np.int64)
     inside = True
     for axis in range(3):
-        cells = coefficients.shape[axis] - 3
-        u = (position[axis] - origin[axis]) / step[axis]
-        if math.isnan(u):  # it must not become an index, nor a number
+        cell, t, within = _locate(
+            position[axis], origin[axis], step[axis], coefficients.shape[axis]
+        )
+        if cell < 0:
             value[:] = math.nan
             derivative[:, :] = math.nan
             return False
-        clamped = min(max(u, 0.0), float(cells))
-        cell = min(int(clamped), cells - 1)
         first[axis] = cell
-        _weights(clamped - cell, weights[axis], slopes[axis])
-        # Half a millionth of a cell: a border node computed in another order is inside.
-        if abs(u - clamped) <= 5e-7:
+        _weights(t, weights[axis])
+        if within:
+            _slopes(t, slopes[axis])
             slopes[axis] /= step[axis]
         else:
             inside = False
             slopes[axis] = 0.0
     count = coefficients.shape[3]
+    flat = coefficients.reshape(-1)
+    start = np.empty(16, np.int64)
+    both = np.empty(16)
+    columns = np.empty((3, 4 * count))
+    _starts(first[0], first[1], first[2], coefficients, start)
+    _sum_columns(flat, start, weights[0], weights[1], both, columns[0])
+    _sum_columns(flat, start, slopes[0], weights[1], both, columns[1])
+    _sum_columns(flat, start, weights[0], slopes[1], both, columns[2])
     value[:] = 0.0
     derivative[:, :] = 0.0
-    inner = np.empty(count)
-    inner_slope = np.empty(count)
-    for i in range(4):
-        for j in range(4):
-            inner[:] = 0.0
-            inner_slope[:] = 0.0
-            for k in range(4):
-                row = coefficients[first[0] + i, first[1] + j, first[2] + k]
-                weight, slope = weights[2, k], slopes[2, k]
-                for m in range(count):
-                    inner[m] += weight * row[m]
-                    inner_slope[m] += slope * row[m]
-            both = weights[0, i] * weights[1, j]
-            along_0 = slopes[0, i] * weights[1, j]
-            along_1 = weights[0, i] * slopes[1, j]
-            for m in range(count):
-                value[m] += both * inner[m]
-                derivative[m, 0] += along_0 * inner[m]
-                derivative[m, 1] += along_1 * inner[m]
-                derivative[m, 2] += both * inner_slope[m]
+    for k in range(4):
+        for m in range(count):
+            value[m] += weights[2, k] * columns[0, k * count + m]
+            derivative[m, 0] += weights[2, k] * columns[1, k * count + m]
+            derivative[m, 1] += weights[2, k] * columns[2, k * count + m]
+            derivative[m, 2] += slopes[2, k] * columns[0, k * count + m]
     return inside
 
 
-@njit(cache=True)
+@compiled
 def gradient_at(
     position: np.ndarray,
     origin: np.ndarray,
@@ -171,7 +220,61 @@ def gradient_at(
     return inside
 
 
-@njit(cache=True)
+@compiled
+def gradients(
+    positions: np.ndarray,
+    sines: np.ndarray,
+    cosines: np.ndarray,
+    origin: np.ndarray,
+    step: np.ndarray,
+    coefficients: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Fill the full tensors (6, N) [E] at N points: the values of :func:`gradient_at`, faster.
+
+    Parameters
+    ----------
+    positions : (3, N) latitudes, longitudes [rad], heights [m].
+    sines, cosines : (N,) of the latitudes.
+    origin, step, coefficients : the map, as in :func:`spline_at`; of size zero for none.
+    out : (6, N) output; NaN where a position is.
+    """
+    ee, en, eu, nn, nu, uu = out[0], out[1], out[2], out[3], out[4], out[5]
+    heights = positions[2]
+    for p in range(sines.shape[0]):
+        ee[p], nn[p], nu[p], uu[p] = normal_gradient_of(sines[p], cosines[p], heights[p])
+    en[:] = 0.0
+    eu[:] = 0.0
+    if coefficients.size == 0:
+        return
+    flat = coefficients.reshape(-1)
+    weights = np.empty((3, 4))
+    start = np.empty(16, np.int64)
+    both = np.empty(16)
+    columns = np.empty(24)
+    shape = coefficients.shape
+    for p in range(sines.shape[0]):
+        i, t_0, _ = _locate(positions[0, p], origin[0], step[0], shape[0])
+        j, t_1, _ = _locate(positions[1, p], origin[1], step[1], shape[1])
+        k, t_2, _ = _locate(positions[2, p], origin[2], step[2], shape[2])
+        if i < 0 or j < 0 or k < 0:
+            out[:, p] = math.nan
+            continue
+        _weights(t_0, weights[0])
+        _weights(t_1, weights[1])
+        _weights(t_2, weights[2])
+        _starts(i, j, k, coefficients, start)
+        _sum_columns(flat, start, weights[0], weights[1], both, columns)
+        for m in range(6):
+            out[m, p] += (
+                weights[2, 0] * columns[m]
+                + weights[2, 1] * columns[6 + m]
+                + weights[2, 2] * columns[12 + m]
+                + weights[2, 3] * columns[18 + m]
+            )
+
+
+@compiled
 def _gradient_at_all(
     positions: np.ndarray,
     origin: np.ndarray,
@@ -189,7 +292,7 @@ def _gradient_at_all(
     return outside
 
 
-@njit(cache=True)
+@compiled
 def _spline_at_all(
     positions: np.ndarray,
     origin: np.ndarray,
