@@ -71,7 +71,7 @@ def radii_latitude_derivatives(latitude: float) -> tuple[float, float]:
 
 
 def _legendre_coefficients(derivatives: int) -> np.ndarray:
-    """Return c[d, i, k]: the d-th derivative of P_n(s), n = 2 i + 2, is s^(d mod 2) Σ_k c s^(2k)."""
+    """Return c[d, i, k]: s^(d mod 2) Σ_k c s^(2k) is the d-th derivative of P_n(s), n = 2i + 2."""
     degrees = 2 * np.arange(1, EVEN_ZONALS.size + 1)
     table = np.zeros((derivatives + 1, degrees.size, degrees[-1] // 2 + 1))
     for i, n in enumerate(degrees):
@@ -250,10 +250,7 @@ def normal_gradient(
     # Derivatives along r, and along the geocentric latitude (d/dφ' = c d/ds, ds = c dφ').
     ee_r = v_rr / r - v_r / r2 - s * v_rs / r2 + 2.0 * s * v_s / r3
     nn_r = (
-        v_rr / r
-        - v_r / r2
-        + (c * c * v_rss - s * v_rs) / r2
-        - 2.0 * (c * c * v_ss - s * v_s) / r3
+        v_rr / r - v_r / r2 + (c * c * v_rss - s * v_rs) / r2 - 2.0 * (c * c * v_ss - s * v_s) / r3
     )
     uu_r = v_rrr
     nu_r = c * (v_rrs / r - 2.0 * v_rs / r2 + 2.0 * v_s / r3)

@@ -50,7 +50,7 @@ def spline_coefficients(values: np.ndarray, axis: int) -> np.ndarray:
         for column, weight in zip(range(row - 1, row + 2), (1 / 6, 4 / 6, 1 / 6), strict=True):
             put(row, column, weight)
     solved = solve_banded((4, 4), band, right.reshape(n + 2, -1))
-    return np.moveaxis(solved.reshape(right.shape), 0, axis)
+    return np.ascontiguousarray(np.moveaxis(solved.reshape(right.shape), 0, axis))
 
 
 @inlined
@@ -90,37 +90,45 @@ def _slopes(t: float, slope: np.ndarray) -> None:
 
 
 @inlined
-def _starts(i: int, j: int, k: int, coefficients: np.ndarray, start: np.ndarray) -> None:
-    """Fill where in the flat coefficients the 16 columns of a cell's nodes begin."""
-    column = coefficients.shape[2] * coefficients.shape[3]
+def _sum_columns(
+    flat: np.ndarray,
+    start: int,
+    row: int,
+    column: int,
+    first: np.ndarray,
+    second: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Sum the 16 columns of nodes around a cell with the weights ``first`` ⊗ ``second``.
+
+    The four nodes of a column, with all their components, are contiguous, so that ``out`` (4 m,) is
+    one sum of vectors. ``start`` is where the first column begins in the flat coefficients, ``row``
+    and ``column`` are how far it is to the next one along the first and the second axis.
+    """
+    size = out.shape[0]
+    out[:] = 0.0
     for a in range(4):
-        for b in range(4):
-            start[4 * a + b] = ((i + a) * coefficients.shape[1] + j + b) * column
-            start[4 * a + b] += k * coefficients.shape[3]
+        w_0, w_1 = first[a] * second[0], first[a] * second[1]
+        w_2, w_3 = first[a] * second[2], first[a] * second[3]
+        c_0 = start + a * row
+        # Views: an index that is a sum could be negative, as far as the compiler knows.
+        column_0 = flat[c_0 : c_0 + size]
+        column_1 = flat[c_0 + column : c_0 + column + size]
+        column_2 = flat[c_0 + 2 * column : c_0 + 2 * column + size]
+        column_3 = flat[c_0 + 3 * column : c_0 + 3 * column + size]
+        for c in range(size):
+            out[c] += w_0 * column_0[c] + w_1 * column_1[c] + w_2 * column_2[c] + w_3 * column_3[c]
 
 
 @inlined
-def _sum_columns(
-    flat: np.ndarray,
-    start: np.ndarray,
-    first: np.ndarray,
-    second: np.ndarray,
-    both: np.ndarray,
-    out: np.ndarray,
-) -> None:
-    """Sum the 16 columns of a cell with the weights ``first`` ⊗ ``second``.
-
-    The four nodes of a column, with all their components, are contiguous: ``out`` (4 m,) is one sum
-    of vectors.
-    """
-    for a in range(4):
-        for b in range(4):
-            both[4 * a + b] = first[a] * second[b]
-    for c in range(out.shape[0]):
-        total = 0.0
-        for n in range(16):
-            total += both[n] * flat[start[n] + c]
-        out[c] = total
+def _along(columns: np.ndarray, weight: np.ndarray, m: int, count: int) -> float:
+    """Return the sum along a column of component ``m`` of ``count``."""
+    return (
+        weight[0] * columns[m]
+        + weight[1] * columns[count + m]
+        + weight[2] * columns[2 * count + m]
+        + weight[3] * columns[3 * count + m]
+    )
 
 
 @compiled
@@ -169,21 +177,18 @@ def spline_at(
             slopes[axis] = 0.0
     count = coefficients.shape[3]
     flat = coefficients.reshape(-1)
-    start = np.empty(16, np.int64)
-    both = np.empty(16)
+    column = coefficients.shape[2] * count
+    row = coefficients.shape[1] * column
+    start = first[0] * row + first[1] * column + first[2] * count
     columns = np.empty((3, 4 * count))
-    _starts(first[0], first[1], first[2], coefficients, start)
-    _sum_columns(flat, start, weights[0], weights[1], both, columns[0])
-    _sum_columns(flat, start, slopes[0], weights[1], both, columns[1])
-    _sum_columns(flat, start, weights[0], slopes[1], both, columns[2])
-    value[:] = 0.0
-    derivative[:, :] = 0.0
-    for k in range(4):
-        for m in range(count):
-            value[m] += weights[2, k] * columns[0, k * count + m]
-            derivative[m, 0] += weights[2, k] * columns[1, k * count + m]
-            derivative[m, 1] += weights[2, k] * columns[2, k * count + m]
-            derivative[m, 2] += slopes[2, k] * columns[0, k * count + m]
+    _sum_columns(flat, start, row, column, weights[0], weights[1], columns[0])
+    _sum_columns(flat, start, row, column, slopes[0], weights[1], columns[1])
+    _sum_columns(flat, start, row, column, weights[0], slopes[1], columns[2])
+    for m in range(count):
+        value[m] = _along(columns[0], weights[2], m, count)
+        derivative[m, 0] = _along(columns[1], weights[2], m, count)
+        derivative[m, 1] = _along(columns[2], weights[2], m, count)
+        derivative[m, 2] = _along(columns[0], slopes[2], m, count)
     return inside
 
 
@@ -249,10 +254,10 @@ def gradients(
         return
     flat = coefficients.reshape(-1)
     weights = np.empty((3, 4))
-    start = np.empty(16, np.int64)
-    both = np.empty(16)
     columns = np.empty(24)
     shape = coefficients.shape
+    column = shape[2] * 6
+    row = shape[1] * column
     for p in range(sines.shape[0]):
         i, t_0, _ = _locate(positions[0, p], origin[0], step[0], shape[0])
         j, t_1, _ = _locate(positions[1, p], origin[1], step[1], shape[1])
@@ -263,15 +268,10 @@ def gradients(
         _weights(t_0, weights[0])
         _weights(t_1, weights[1])
         _weights(t_2, weights[2])
-        _starts(i, j, k, coefficients, start)
-        _sum_columns(flat, start, weights[0], weights[1], both, columns)
+        start = i * row + j * column + k * 6
+        _sum_columns(flat, start, row, column, weights[0], weights[1], columns)
         for m in range(6):
-            out[m, p] += (
-                weights[2, 0] * columns[m]
-                + weights[2, 1] * columns[6 + m]
-                + weights[2, 2] * columns[12 + m]
-                + weights[2, 3] * columns[18 + m]
-            )
+            out[m, p] += _along(columns, weights[2], m, 6)
 
 
 @compiled

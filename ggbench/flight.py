@@ -19,7 +19,7 @@ from .gradiometer import inertial_from_local, readings
 from .gradiometer_errors import Faults
 from .ins_error import POSITION, STATES, system_matrices
 from .lowpass import prefilter
-from .measurement_model import GradiometerModel
+from .measurement_model import GradiometerModel, model_arrays
 from .schema import CaseSpec
 from .spinning_disks import SpinningDisks
 from .trajectory import Trajectory, from_spec
@@ -123,17 +123,19 @@ class Flight:
         at_epochs, attitudes = truth.positions[self.epochs], truth.attitudes[self.epochs]
         instrument = dataclasses.replace(true.gradiometer, lowpass=None)
         model = GradiometerModel(
-            self.field,
-            instrument,
-            self.times,
-            at_epochs,
-            attitudes,
-            at_epochs,
-            attitudes,
-            np.zeros(len(self.epochs)),
-            rows,
-            prefilter(None, len(self.epochs), "whitened", 0.0),
-            self.faults.in_dropouts(self.times),
+            model_arrays(
+                self.field,
+                instrument,
+                self.times,
+                at_epochs,
+                attitudes,
+                at_epochs,
+                attitudes,
+                np.zeros(len(self.epochs)),
+                rows,
+                prefilter(None, len(self.epochs), "whitened", 0.0),
+                self.faults.in_dropouts(self.times),
+            )
         )
         zero = np.zeros(true.dimension)
         jacobians = np.stack([model.jacobian(k, zero) for k in range(len(self.epochs))])

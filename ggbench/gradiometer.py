@@ -24,11 +24,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from .earth import ROTATION_RATE
-from .field import Field, gradient_at
+from .field import Field, gradient_at, gradients
 from .ins_error import metres_per_radian
+from .kernels import compiled, inlined
 from .lowpass import LowPass
 
 COMPONENTS = ("xx", "xy", "xz", "yy", "yz", "zz")
@@ -38,70 +38,89 @@ PLATFORM, LOCAL_LEVEL, STRAPDOWN = range(3)
 """Kinds of instruments, as the compiled code knows them: indices of :data:`INSTRUMENTS`."""
 
 
-@njit(cache=True)
+@inlined
+def _inertial_from_local(
+    sin_l: float, cos_l: float, sin_a: float, cos_a: float
+) -> tuple[float, float, float, float, float, float, float, float, float]:
+    """Return C_in, row by row, of the latitude L and the angle λ + ω_ie t (eq. 10)."""
+    return (
+        -sin_a, -sin_l * cos_a, cos_l * cos_a,
+        cos_a, -sin_l * sin_a, cos_l * sin_a,
+        0.0, cos_l, sin_l,
+    )  # fmt: skip
+
+
+@compiled
 def inertial_from_local(latitude: float, longitude: float, time: float, out: np.ndarray) -> None:
     """Fill C_in (3, 3): ENU at a geodetic position to inertial axes at ``time`` [s] (eq. 10)."""
     angle = longitude + ROTATION_RATE * time
-    sin_l, cos_l = math.sin(latitude), math.cos(latitude)
-    sin_a, cos_a = math.sin(angle), math.cos(angle)
-    out[0, 0], out[0, 1], out[0, 2] = -sin_a, -sin_l * cos_a, cos_l * cos_a
-    out[1, 0], out[1, 1], out[1, 2] = cos_a, -sin_l * sin_a, cos_l * sin_a
-    out[2, 0], out[2, 1], out[2, 2] = 0.0, cos_l, sin_l
+    c = _inertial_from_local(
+        math.sin(latitude), math.cos(latitude), math.sin(angle), math.cos(angle)
+    )
+    out[0, 0], out[0, 1], out[0, 2] = c[0], c[1], c[2]
+    out[1, 0], out[1, 1], out[1, 2] = c[3], c[4], c[5]
+    out[2, 0], out[2, 1], out[2, 2] = c[6], c[7], c[8]
 
 
-@njit(cache=True)
-def rotate_tensor(rotation: np.ndarray, tensor: np.ndarray, out: np.ndarray) -> None:
-    """Fill ``out`` with vec6(C M Cᵀ) of the symmetric tensor vec6(M) (the paper's D6(C) vec6)."""
-    half = np.empty((3, 3))
-    xx, xy, xz, yy, yz, zz = tensor[0], tensor[1], tensor[2], tensor[3], tensor[4], tensor[5]
-    for i in range(3):
-        a, b, c = rotation[i, 0], rotation[i, 1], rotation[i, 2]
-        half[i, 0] = a * xx + b * xy + c * xz
-        half[i, 1] = a * xy + b * yy + c * yz
-        half[i, 2] = a * xz + b * yz + c * zz
-    m = 0
-    for i in range(3):
-        for j in range(i, 3):
-            out[m] = (
-                half[i, 0] * rotation[j, 0]
-                + half[i, 1] * rotation[j, 1]
-                + half[i, 2] * rotation[j, 2]
-            )
-            m += 1
+@inlined
+def rotated(
+    c: tuple[float, ...], t: tuple[float, ...]
+) -> tuple[float, float, float, float, float, float]:
+    """Return vec6(C M Cᵀ) of the symmetric tensor t = vec6(M) (the paper's D6(C) vec6).
 
-
-@njit(cache=True)
-def reading_at(
-    instrument: int,
-    position: np.ndarray,
-    time: float,
-    c_nb: np.ndarray,
-    origin: np.ndarray,
-    step: np.ndarray,
-    coefficients: np.ndarray,
-    out: np.ndarray,
-) -> bool:
-    """Fill the noise-free tensor (6,) [E] in the axes of the mount; return: inside the map.
-
-    ``instrument`` is an index of :data:`INSTRUMENTS`; only a platform depends on ``time`` [s], only
-    a strapdown instrument on ``c_nb``.
+    ``c`` are the nine numbers of C, row by row.
     """
-    tensor = np.empty(6)
-    derivative = np.empty((6, 3))
-    rotation = np.empty((3, 3))
-    inside = gradient_at(position, origin, step, coefficients, tensor, derivative)
-    if instrument == LOCAL_LEVEL:
-        out[:] = tensor
-        return inside
-    if instrument == PLATFORM:
-        inertial_from_local(position[0], position[1], time, rotation)
-    else:
-        rotation[:, :] = c_nb.T
-    rotate_tensor(rotation, tensor, out)
-    return inside
+    x_0 = c[0] * t[0] + c[1] * t[1] + c[2] * t[2]
+    x_1 = c[0] * t[1] + c[1] * t[3] + c[2] * t[4]
+    x_2 = c[0] * t[2] + c[1] * t[4] + c[2] * t[5]
+    y_0 = c[3] * t[0] + c[4] * t[1] + c[5] * t[2]
+    y_1 = c[3] * t[1] + c[4] * t[3] + c[5] * t[4]
+    y_2 = c[3] * t[2] + c[4] * t[4] + c[5] * t[5]
+    z_0 = c[6] * t[0] + c[7] * t[1] + c[8] * t[2]
+    z_1 = c[6] * t[1] + c[7] * t[3] + c[8] * t[4]
+    z_2 = c[6] * t[2] + c[7] * t[4] + c[8] * t[5]
+    return (
+        x_0 * c[0] + x_1 * c[1] + x_2 * c[2],
+        x_0 * c[3] + x_1 * c[4] + x_2 * c[5],
+        x_0 * c[6] + x_1 * c[7] + x_2 * c[8],
+        y_0 * c[3] + y_1 * c[4] + y_2 * c[5],
+        y_0 * c[6] + y_1 * c[7] + y_2 * c[8],
+        z_0 * c[6] + z_1 * c[7] + z_2 * c[8],
+    )
 
 
-@njit(cache=True)
+@compiled
+def rotate_tensor(rotation: np.ndarray, tensor: np.ndarray, out: np.ndarray) -> None:
+    """Fill ``out`` with vec6(C M Cᵀ), see :func:`rotated`; it may be ``tensor`` itself."""
+    r = rotation
+    c = (r[0, 0], r[0, 1], r[0, 2], r[1, 0], r[1, 1], r[1, 2], r[2, 0], r[2, 1], r[2, 2])
+    t = (tensor[0], tensor[1], tensor[2], tensor[3], tensor[4], tensor[5])
+    out[0], out[1], out[2], out[3], out[4], out[5] = rotated(c, t)
+
+
+@compiled
+def platform_readings(
+    sines: np.ndarray,
+    cosines: np.ndarray,
+    angle_sines: np.ndarray,
+    angle_cosines: np.ndarray,
+    tensors: np.ndarray,
+) -> None:
+    """Turn tensors (6, N) from ENU to inertial axes, in place.
+
+    Of N points with these sines and cosines (N,) of their latitudes and of λ + ω_ie t; the rotation
+    is that of :func:`inertial_from_local`.
+    """
+    t_0, t_1, t_2, t_3, t_4, t_5 = (
+        tensors[0], tensors[1], tensors[2], tensors[3], tensors[4], tensors[5],
+    )  # fmt: skip
+    for p in range(sines.shape[0]):
+        c = _inertial_from_local(sines[p], cosines[p], angle_sines[p], angle_cosines[p])
+        t = (t_0[p], t_1[p], t_2[p], t_3[p], t_4[p], t_5[p])
+        t_0[p], t_1[p], t_2[p], t_3[p], t_4[p], t_5[p] = rotated(c, t)
+
+
+@compiled
 def _add_turn(tensor: np.ndarray, x: float, y: float, z: float, out: np.ndarray) -> None:
     """Add [φ×] M − M [φ×] for φ = (x, y, z) to ``out`` (6,): eq. 12's ∂L_φ/∂φ times φ."""
     xx, xy, xz, yy, yz, zz = tensor[0], tensor[1], tensor[2], tensor[3], tensor[4], tensor[5]
@@ -113,8 +132,8 @@ def _add_turn(tensor: np.ndarray, x: float, y: float, z: float, out: np.ndarray)
     out[5] = out[5] + 2.0 * yz * x - 2.0 * xz * y
 
 
-@njit(cache=True)
-def reading_jacobian_at(
+@compiled
+def linearised_reading_at(
     instrument: int,
     position: np.ndarray,
     time: float,
@@ -122,9 +141,14 @@ def reading_jacobian_at(
     origin: np.ndarray,
     step: np.ndarray,
     coefficients: np.ndarray,
+    reading: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Fill ∂(reading)/∂(east, north, up; ψ) (6, 6) [E/m; E/rad] at a point (eqs. 11, 12).
+    """Fill the tensor (6,) [E] in the axes of the mount, and how it changes (eqs. 11, 12).
+
+    ``out`` is ∂(reading)/∂(east, north, up; ψ) (6, 6) [E/m; E/rad]. ``instrument`` is an index of
+    :data:`INSTRUMENTS`; only a platform depends on ``time`` [s], only a strapdown instrument on
+    ``c_nb``.
 
     For a platform D6(C_in) { ∂Γ/∂r + [∂L_φ/∂φ][∂φ_in/∂r] }: the field's change and the local
     level's turn. ψ turns the body, C_nb → exp([ψ×]) C_nb, which only a strapdown instrument sees.
@@ -136,10 +160,12 @@ def reading_jacobian_at(
     gradient_at(position, origin, step, coefficients, tensor, derivative)
     out[:, 3:] = 0.0
     if instrument == LOCAL_LEVEL:
+        reading[:] = tensor
         out[:, :3] = derivative
         return
     if instrument == STRAPDOWN:
         rotation[:, :] = c_nb.T
+        rotate_tensor(rotation, tensor, reading)
         against = np.empty(3)
         for axis in range(3):
             column[:] = derivative[:, axis]
@@ -152,6 +178,7 @@ def reading_jacobian_at(
             rotate_tensor(rotation, column, out[:, 3 + axis])
         return
     inertial_from_local(position[0], position[1], time, rotation)
+    rotate_tensor(rotation, tensor, reading)
     per_north, per_east = metres_per_radian(position)
     for axis in range(3):
         # φ_in: the rotation of the local level for one metre along the axis.
@@ -166,7 +193,7 @@ def reading_jacobian_at(
         rotate_tensor(rotation, column, out[:, axis])
 
 
-@njit(cache=True)
+@compiled
 def readings_along(
     instrument: int,
     positions: np.ndarray,
@@ -177,11 +204,19 @@ def readings_along(
     coefficients: np.ndarray,
 ) -> np.ndarray:
     """Return the noise-free tensors (K, 6) in the mount at (K, 3), (K,) and (K, 3, 3)."""
-    out = np.empty((positions.shape[0], 6))
-    for k in range(positions.shape[0]):
-        reading_at(
-            instrument, positions[k], times[k], attitudes[k], origin, step, coefficients, out[k]
-        )
+    count = positions.shape[0]
+    sines, cosines = np.sin(positions[:, 0]), np.cos(positions[:, 0])
+    tensors = np.empty((6, count))
+    gradients(
+        np.ascontiguousarray(positions.T), sines, cosines, origin, step, coefficients, tensors
+    )
+    if instrument == PLATFORM:
+        angles = positions[:, 1] + ROTATION_RATE * times
+        platform_readings(sines, cosines, np.sin(angles), np.cos(angles), tensors)
+    out = np.ascontiguousarray(tensors.T)
+    if instrument == STRAPDOWN:
+        for k in range(count):
+            rotate_tensor(attitudes[k].T, out[k], out[k])
     return out
 
 

@@ -3,100 +3,181 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from .field import Field
+from .earth import ROTATION_RATE
+from .field import Field, gradients
 from .gradiometer import (
     INSTRUMENTS,
+    PLATFORM,
     STRAPDOWN,
     Gradiometer,
-    reading_at,
-    reading_jacobian_at,
+    linearised_reading_at,
+    platform_readings,
     readings_along,
+    rotate_tensor,
 )
 from .ins_error import metres_per_radian
+from .kernels import compiled, inlined
 from .lowpass import Prefilter
-from .problem import frozen
+from .problem import frozen, read_only
 from .strapdown import product, rotation_matrix
 
 
-@njit(cache=True)
-def _displaced(reference: np.ndarray, east: float, north: float, up: float) -> np.ndarray:
-    """Return reference − (east, north, up) [m] as (L, λ, h), linear as the error state is."""
-    per_north, per_east = metres_per_radian(reference)
-    return np.array(
-        [reference[0] - north / per_north, reference[1] - east / per_east, reference[2] - up]
-    )
+class ModelArrays(NamedTuple):
+    """The measurement model as arrays: all that the kernels of h and H are given.
 
+    h(k, x) = offset_k + gain_k · (S reading(reference_k − B_k x) + b). For many runs at once (a
+    block) the arrays that differ from run to run have the run as leading axis.
 
-@njit(cache=True)
-def _errors(rows: np.ndarray, state: np.ndarray, out: np.ndarray) -> None:
-    """Fill the position [m] and attitude [rad] errors (6,) = B x at t − τ."""
-    for i in range(6):
-        out[i] = 0.0
-        for j in range(rows.shape[1]):
-            out[i] += rows[i, j] * state[j]
-
-
-@njit(cache=True)
-def _corrected(
-    instrument: int,
-    state: np.ndarray,
-    rows: np.ndarray,
-    reference: np.ndarray,
-    c_nb: np.ndarray,
-    error: np.ndarray,
-    true_c_nb: np.ndarray,
-) -> np.ndarray:
-    """Return the position that a state corrects the reference to; fill its error and C_nb.
-
-    ``error`` (6,) is B x; ``true_c_nb`` (3, 3) changes for a strapdown instrument only.
+    Attributes
+    ----------
+    instrument : index of :data:`.gradiometer.INSTRUMENTS`.
+    channels : (m, 6) S, from the tensor in the mount to the channels.
+    bias : index of the first of the m biases b among the states; −1 for none.
+    origin, step, coefficients : the map, see :class:`.field.Field`.
+    times : (K,) t_k − τ_k [s].
+    references : (K, 3) INS positions then [rad, rad, m].
+    attitudes : (K, 3, 3) INS attitudes C_nb then; only a strapdown instrument has any.
+    rows : (K, 6, 15) B_k, see :class:`GradiometerModel`.
+    offset : (K, m) [E].
+    gain : (K,); zero where a reading is missing.
     """
-    _errors(rows, state, error)
-    if instrument == STRAPDOWN:
+
+    instrument: int
+    channels: np.ndarray
+    bias: int
+    origin: np.ndarray
+    step: np.ndarray
+    coefficients: np.ndarray
+    times: np.ndarray
+    references: np.ndarray
+    attitudes: np.ndarray
+    rows: np.ndarray
+    offset: np.ndarray
+    gain: np.ndarray
+
+    @property
+    def dimension(self) -> int:
+        """Number of states n."""
+        return int(self.rows.shape[-1] + (len(self.channels) if self.bias >= 0 else 0))
+
+    def of_run(self, run: int) -> ModelArrays:
+        """Return the arrays of one run of a block."""
+        return self._replace(**{name: getattr(self, name)[run] for name in _OF_A_RUN})
+
+    def as_block(self) -> ModelArrays:
+        """Return the arrays of one run as a block of one."""
+        return self._replace(**{name: getattr(self, name)[np.newaxis] for name in _OF_A_RUN})
+
+
+_OF_A_RUN = ("references", "attitudes", "rows", "offset", "gain")
+"""The arrays that differ from run to run."""
+
+
+_SMALL = 0.1
+"""Angle [rad] up to which the series of :func:`_turned` are exact to rounding."""
+
+
+@inlined
+def _turned(sine: float, cosine: float, d: float) -> tuple[float, float]:
+    """Return sin and cos of an angle that has grown by a small d, from its sine and cosine."""
+    d2 = d * d
+    sin_d = d * (1.0 - d2 / 6.0 * (1.0 - d2 / 20.0 * (1.0 - d2 / 42.0 * (1.0 - d2 / 72.0))))
+    cos_d = 1.0 - d2 / 2.0 * (
+        1.0 - d2 / 12.0 * (1.0 - d2 / 30.0 * (1.0 - d2 / 56.0 * (1.0 - d2 / 90.0)))
+    )
+    return sine * cos_d + cosine * sin_d, cosine * cos_d - sine * sin_d
+
+
+@compiled
+def _turn_all(angle: float, growth: np.ndarray, sines: np.ndarray, cosines: np.ndarray) -> None:
+    """Fill sines and cosines (N,) of ``angle + growth[p]``."""
+    sine, cosine = math.sin(angle), math.cos(angle)
+    for p in range(growth.shape[0]):
+        sines[p], cosines[p] = _turned(sine, cosine, growth[p])
+    for p in range(growth.shape[0]):
+        if abs(growth[p]) > _SMALL:
+            sines[p], cosines[p] = math.sin(angle + growth[p]), math.cos(angle + growth[p])
+
+
+@compiled
+def predict_errors(model: ModelArrays, k: int, errors: np.ndarray, out: np.ndarray) -> None:
+    """Fill h (m, N) [E] of N points, biases left out.
+
+    Parameters
+    ----------
+    model, k : arrays of one run, epoch.
+    errors : (6, N) B_k x of each point: position error ENU [m] and attitude error [rad]; the latter
+        only of a strapdown instrument.
+    out : (m, N) output.
+    """
+    count = errors.shape[1]
+    reference = model.references[k]
+    per_north, per_east = metres_per_radian(reference)
+    positions = np.empty((3, count))
+    growth = np.empty((2, count))
+    trigonometry = np.empty((4, count))
+    tensors = np.empty((6, count))
+    # Linear in the error, as the error state is.
+    for p in range(count):
+        growth[0, p] = -errors[1, p] / per_north
+        growth[1, p] = -errors[0, p] / per_east
+        positions[0, p] = reference[0] + growth[0, p]
+        positions[1, p] = reference[1] + growth[1, p]
+        positions[2, p] = reference[2] - errors[2, p]
+    _turn_all(reference[0], growth[0], trigonometry[0], trigonometry[1])
+    gradients(
+        positions, trigonometry[0], trigonometry[1],
+        model.origin, model.step, model.coefficients, tensors,
+    )  # fmt: skip
+    if model.instrument == PLATFORM:
+        angle = reference[1] + ROTATION_RATE * model.times[k]
+        _turn_all(angle, growth[1], trigonometry[2], trigonometry[3])
+        platform_readings(
+            trigonometry[0], trigonometry[1], trigonometry[2], trigonometry[3], tensors
+        )
+    elif model.instrument == STRAPDOWN:
         turn = np.empty((3, 3))
-        rotation_matrix(error[3:], turn)
-        product(turn, c_nb, true_c_nb)
-    return _displaced(reference, error[0], error[1], error[2])
+        c_nb = np.empty((3, 3))
+        tensor = np.empty(6)
+        for p in range(count):
+            rotation_matrix(errors[3:, p], turn)
+            product(turn, model.attitudes[k], c_nb)
+            tensor[:] = tensors[:, p]
+            rotate_tensor(c_nb.T, tensor, tensor)
+            tensors[:, p] = tensor
+    gain = model.gain[k]
+    for m in range(out.shape[0]):
+        channel, offset, row = model.channels[m], model.offset[k, m], out[m]
+        for p in range(count):
+            row[p] = offset + gain * (
+                channel[0] * tensors[0, p] + channel[1] * tensors[1, p]
+                + channel[2] * tensors[2, p] + channel[3] * tensors[3, p]
+                + channel[4] * tensors[4, p] + channel[5] * tensors[5, p]
+            )  # fmt: skip
 
 
-@njit(cache=True)
-def _predict(
-    instrument: int,
-    states: np.ndarray,
-    rows: np.ndarray,
-    reference: np.ndarray,
-    c_nb: np.ndarray,
-    time: float,
-    offset: np.ndarray,
-    gain: float,
-    channels: np.ndarray,
-    bias: int,
-    origin: np.ndarray,
-    step: np.ndarray,
-    coefficients: np.ndarray,
-) -> np.ndarray:
-    """Return h (N, m) of N states: offset + gain · (S reading(reference − B x) + b)."""
-    out = np.empty((states.shape[0], channels.shape[0]))
-    reading = np.empty(6)
-    error = np.empty(6)
-    true_c_nb = c_nb.copy()
-    for n in range(states.shape[0]):
-        position = _corrected(instrument, states[n], rows, reference, c_nb, error, true_c_nb)
-        reading_at(instrument, position, time, true_c_nb, origin, step, coefficients, reading)
-        for m in range(channels.shape[0]):
-            value = 0.0
-            for i in range(6):
-                value += channels[m, i] * reading[i]
-            if bias >= 0:
-                value += states[n, bias + m]
-            out[n, m] = offset[m] + gain * value
+@compiled
+def _predict(model: ModelArrays, k: int, states: np.ndarray) -> np.ndarray:
+    """Return h (N, m) of states (N, n)."""
+    count, rows = states.shape[0], model.rows[k]
+    errors = np.zeros((6, count))
+    for i in range(6 if model.instrument == STRAPDOWN else 3):
+        for p in range(count):
+            for j in range(rows.shape[1]):
+                errors[i, p] += rows[i, j] * states[p, j]
+    found = np.empty((model.channels.shape[0], count))
+    predict_errors(model, k, errors, found)
+    out = np.ascontiguousarray(found.T)
+    if model.bias >= 0:
+        out += model.gain[k] * states[:, model.bias : model.bias + found.shape[0]]
     return out
 
 
-@njit(cache=True)
+@compiled
 def _left_jacobian(vector: np.ndarray) -> np.ndarray:
     """Return J (3, 3) with exp([(v + δ)×]) = exp([(J δ)×]) exp([v×]) to first order in δ."""
     x, y, z = vector[0], vector[1], vector[2]
@@ -113,47 +194,138 @@ def _left_jacobian(vector: np.ndarray) -> np.ndarray:
     return np.eye(3) + a * cross + b * square
 
 
-@njit(cache=True)
-def _jacobian(
-    instrument: int,
-    state: np.ndarray,
-    rows: np.ndarray,
-    reference: np.ndarray,
-    c_nb: np.ndarray,
-    time: float,
-    gain: float,
-    channels: np.ndarray,
-    bias: int,
-    origin: np.ndarray,
-    step: np.ndarray,
-    coefficients: np.ndarray,
-) -> np.ndarray:
-    """Return H (m, n) of one state."""
-    error = np.empty(6)
-    true_c_nb = c_nb.copy()
-    position = _corrected(instrument, state, rows, reference, c_nb, error, true_c_nb)
+@compiled
+def linearise(
+    model: ModelArrays, k: int, state: np.ndarray, predicted: np.ndarray, out: np.ndarray
+) -> None:
+    """Fill h (m,) [E] and H (m, n) [E per unit of the state] of one state (n,).
+
+    Parameters
+    ----------
+    model, k, state : arrays of one run, epoch, state (n,).
+    predicted, out : outputs.
+    """
+    rows, reference = model.rows[k], model.references[k]
+    width = rows.shape[1]
+    error = np.zeros(6)
+    for i in range(6 if model.instrument == STRAPDOWN else 3):
+        for j in range(width):
+            error[i] += rows[i, j] * state[j]
+    per_north, per_east = metres_per_radian(reference)
+    position = np.array(
+        [reference[0] - error[1] / per_north, reference[1] - error[0] / per_east,
+         reference[2] - error[2]]
+    )  # fmt: skip
+    c_nb = np.empty((3, 3))
+    if model.instrument == STRAPDOWN:
+        turn = np.empty((3, 3))
+        rotation_matrix(error[3:], turn)
+        product(turn, model.attitudes[k], c_nb)
+    reading = np.empty(6)
     slope = np.empty((6, 6))
-    reading_jacobian_at(instrument, position, time, true_c_nb, origin, step, coefficients, slope)
+    linearised_reading_at(
+        model.instrument, position, model.times[k], c_nb,
+        model.origin, model.step, model.coefficients, reading, slope,
+    )  # fmt: skip
     # The state's metres are measured at the reference, the slope's at the displaced point.
-    reference_north, reference_east = metres_per_radian(reference)
     north, east = metres_per_radian(position)
-    slope[:, 0] *= -east / reference_east
-    slope[:, 1] *= -north / reference_north
+    slope[:, 0] *= -east / per_east
+    slope[:, 1] *= -north / per_north
     slope[:, 2] *= -1.0
-    if instrument == STRAPDOWN:
+    moving = 3
+    if model.instrument == STRAPDOWN:
+        moving = 6
         slope[:, 3:] = slope[:, 3:].copy() @ _left_jacobian(error[3:])
-    out = np.zeros((channels.shape[0], state.shape[0]))
-    for m in range(channels.shape[0]):
-        for j in range(6):
+    gain = model.gain[k]
+    out[:, :] = 0.0
+    for m in range(model.channels.shape[0]):
+        channel, row = model.channels[m], out[m]
+        value = 0.0
+        for i in range(6):
+            value += channel[i] * reading[i]
+        for j in range(moving):
             along = 0.0
             for i in range(6):
-                along += channels[m, i] * slope[i, j]
-            if along != 0.0:
-                for i in range(rows.shape[1]):
-                    out[m, i] += gain * along * rows[j, i]
-        if bias >= 0:
-            out[m, bias + m] += gain
+                along += channel[i] * slope[i, j]
+            along *= gain
+            for i in range(width):
+                row[i] += along * rows[j, i]
+        if model.bias >= 0:
+            value += state[model.bias + m]
+            row[model.bias + m] += gain
+        predicted[m] = model.offset[k, m] + gain * value
+
+
+@compiled
+def _jacobian(model: ModelArrays, k: int, state: np.ndarray) -> np.ndarray:
+    """Return H (m, n) of one state."""
+    predicted = np.empty(model.channels.shape[0])
+    out = np.empty((predicted.shape[0], state.shape[0]))
+    linearise(model, k, state, predicted, out)
     return out
+
+
+def model_arrays(
+    field: Field,
+    gradiometer: Gradiometer,
+    times: np.ndarray,
+    positions: np.ndarray,
+    attitudes: np.ndarray,
+    delayed_positions: np.ndarray,
+    delayed_attitudes: np.ndarray,
+    delays: np.ndarray,
+    rows: np.ndarray,
+    treatment: Prefilter,
+    missing: np.ndarray | None = None,
+) -> ModelArrays:
+    """Return the measurement model along an INS track, or along the tracks of a block of runs.
+
+    Parameters
+    ----------
+    field, gradiometer : the map and the instrument, as the estimators know them.
+    times : (K,) measurement epochs [s].
+    positions : (..., K, 3) INS positions at the epochs [rad, rad, m]; (...) is () or (R,).
+    attitudes : (..., K, 3, 3) INS attitudes C_nb at the epochs.
+    delayed_positions, delayed_attitudes : the same at t_k − τ_k.
+    delays : (K,) τ_k [s].
+    rows : (..., K, 6, 15) B_k: from x(t_k) to the position error [m] and the attitude error [rad]
+        at t_k − τ_k.
+    treatment : the prefilter of the instrument's output.
+    missing : (..., K) which readings dropped out; none if not given.
+    """
+    instrument = INSTRUMENTS.index(gradiometer.instrument)
+    channels = gradiometer.channels
+    if instrument != STRAPDOWN:  # no other reading depends on them
+        attitudes = delayed_attitudes = np.broadcast_to(np.eye(3), (*positions.shape, 3))
+
+    def readings(places: np.ndarray, at: np.ndarray, c_nb: np.ndarray) -> np.ndarray:
+        tensors = readings_along(
+            instrument,
+            np.ascontiguousarray(places.reshape(-1, 3)),
+            np.ascontiguousarray(np.broadcast_to(at, places.shape[:-1]).reshape(-1)),
+            np.ascontiguousarray(c_nb.reshape(-1, 3, 3)),
+            field.origin, field.step, field.tensor_coefficients,
+        )  # fmt: skip
+        return np.asarray((tensors @ channels.T).reshape(*places.shape[:-1], -1))
+
+    gain = np.broadcast_to(treatment.gain, positions.shape[:-1])
+    predicted = readings(positions, times, attitudes)
+    if gradiometer.lowpass is not None:
+        predicted = treatment.apply(gradiometer.lowpass.apply(predicted))
+    if missing is not None:
+        gain = np.where(missing, 0.0, gain)
+        predicted = np.where(missing[..., np.newaxis], 0.0, predicted)
+    at_reference = readings(delayed_positions, times - delays, delayed_attitudes)
+    offset = predicted - gain[..., np.newaxis] * at_reference
+    return ModelArrays(
+        instrument,
+        read_only(channels),
+        rows.shape[-1] if gradiometer.biased else -1,
+        field.origin,
+        field.step,
+        field.tensor_coefficients,
+        *map(read_only, (times - delays, delayed_positions, delayed_attitudes, rows, offset, gain)),
+    )
 
 
 class GradiometerModel:
@@ -167,68 +339,17 @@ class GradiometerModel:
 
     Parameters
     ----------
-    field, gradiometer : the map and the instrument, as the estimators know them.
-    times : (K,) measurement epochs [s].
-    positions : (K, 3) INS positions at the epochs [rad, rad, m].
-    attitudes : (K, 3, 3) INS attitudes C_nb at the epochs.
-    delayed_positions, delayed_attitudes : the same at t_k − τ_k.
-    delays : (K,) τ_k [s].
-    rows : (K, 6, 15) B_k: from x(t_k) to the position error [m] and the attitude error [rad] at
-        t_k − τ_k.
-    treatment : the prefilter of the instrument's output.
-    missing : (K,) which readings dropped out; none if not given.
+    arrays : of one run, from :func:`model_arrays`.
     """
 
-    def __init__(
-        self,
-        field: Field,
-        gradiometer: Gradiometer,
-        times: np.ndarray,
-        positions: np.ndarray,
-        attitudes: np.ndarray,
-        delayed_positions: np.ndarray,
-        delayed_attitudes: np.ndarray,
-        delays: np.ndarray,
-        rows: np.ndarray,
-        treatment: Prefilter,
-        missing: np.ndarray | None = None,
-    ) -> None:
-        self._map = (field.origin, field.step, field.tensor_coefficients)
-        self._instrument = INSTRUMENTS.index(gradiometer.instrument)
-        self._channels = frozen(gradiometer.channels)
-        self._references = frozen(delayed_positions)
-        if self._instrument != STRAPDOWN:  # no other reading depends on them
-            attitudes = delayed_attitudes = np.tile(np.eye(3), (len(times), 1, 1))
-        self._attitudes = frozen(delayed_attitudes)
-        self._times = frozen(times - delays)
-        self._rows = frozen(rows)
-        self._bias = rows.shape[-1] if gradiometer.biased else -1
-        self._dimension = rows.shape[-1] + (len(self._channels) if gradiometer.biased else 0)
-        present = np.ones(len(times)) if missing is None else np.where(missing, 0.0, 1.0)
-        self._gain = frozen(treatment.gain * present)
-        predicted = self._readings(positions, times, attitudes)
-        if gradiometer.lowpass is not None:
-            predicted = treatment.apply(gradiometer.lowpass.apply(predicted))
-        at_reference = self._readings(self._references, self._times, self._attitudes)
-        offset = present[:, None] * predicted - self._gain[:, None] * at_reference
-        self._offset = frozen(offset)
-
-    def _readings(
-        self, positions: np.ndarray, times: np.ndarray, attitudes: np.ndarray
-    ) -> np.ndarray:
-        tensors = readings_along(
-            self._instrument, positions, times, np.ascontiguousarray(attitudes), *self._map
-        )
-        return np.asarray(tensors @ self._channels.T)
+    def __init__(self, arrays: ModelArrays) -> None:
+        own = ("channels", "times", *_OF_A_RUN)
+        self.arrays = arrays._replace(**{name: frozen(getattr(arrays, name)) for name in own})
 
     def predict(self, k: int, x: np.ndarray) -> np.ndarray:
         """Return h (..., m) [E] at epoch ``k`` for states x (..., n); any leading axes."""
         states = self._states(k, x)
-        flat = states.reshape(-1, states.shape[-1])
-        out = _predict(
-            self._instrument, flat, self._rows[k], self._references[k], self._attitudes[k],
-            self._times[k], self._offset[k], self._gain[k], self._channels, self._bias, *self._map,
-        )  # fmt: skip
+        out = _predict(self.arrays, k, states.reshape(-1, states.shape[-1]))
         return out.reshape(*states.shape[:-1], out.shape[-1])
 
     def jacobian(self, k: int, x: np.ndarray) -> np.ndarray:
@@ -236,15 +357,12 @@ class GradiometerModel:
         state = self._states(k, x)
         if state.ndim != 1:
             raise ValueError(f"the Jacobian is taken at one state (n,), not at {state.shape}")
-        return _jacobian(
-            self._instrument, state, self._rows[k], self._references[k], self._attitudes[k],
-            self._times[k], self._gain[k], self._channels, self._bias, *self._map,
-        )  # fmt: skip
+        return _jacobian(self.arrays, k, state)
 
     def _states(self, k: int, x: np.ndarray) -> np.ndarray:
         """Return states ready for the kernels, which check nothing."""
         states = np.ascontiguousarray(x, dtype=float)
-        epochs, n = len(self._rows), self._dimension
+        epochs, n = len(self.arrays.rows), self.arrays.dimension
         if not 0 <= k < epochs:
             raise IndexError(f"there is no epoch {k}; the problem has epochs 0 to {epochs - 1}")
         if states.ndim == 0 or states.shape[-1] != n:

@@ -10,9 +10,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from types import MappingProxyType
-from typing import Any, ClassVar, Literal, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from .block import EstimateBlock, ProblemBlock
 
 Causality = Literal["none", "filter", "fixed-lag", "batch"]
 
@@ -21,6 +24,15 @@ def frozen(array: np.ndarray) -> np.ndarray:
     """Return an immutable copy: backed by bytes, it cannot be made writeable again."""
     contiguous = np.ascontiguousarray(array, dtype=float)
     return np.frombuffer(contiguous.tobytes()).reshape(contiguous.shape)
+
+
+def read_only(array: np.ndarray) -> np.ndarray:
+    """Return an array, contiguous, that its holders cannot change by mistake; no copy if it is."""
+    contiguous = np.ascontiguousarray(array, dtype=float)
+    if contiguous.flags.writeable:
+        contiguous = contiguous.view()
+        contiguous.flags.writeable = False
+    return contiguous
 
 
 class MeasurementModel(Protocol):
@@ -128,6 +140,15 @@ class Estimator(ABC):
     @abstractmethod
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
         """Estimate the state at every epoch; all randomness comes from ``rng``."""
+
+    @property
+    def compiled(self) -> bool:
+        """Whether it takes many runs at once."""
+        return False
+
+    def estimate_block(self, block: ProblemBlock) -> EstimateBlock:
+        """Estimate the states of all runs of a block; only if it is ``compiled``."""
+        raise NotImplementedError(f"{self.name} takes one run at a time")
 
     def skip(self, problem: Problem) -> str | None:
         """Return why this estimator cannot take the problem, or None if it can."""

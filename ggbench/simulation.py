@@ -32,7 +32,7 @@ from .ins_error import (
     system_matrices,
 )
 from .lowpass import prefilter
-from .measurement_model import GradiometerModel
+from .measurement_model import GradiometerModel, model_arrays
 from .problem import Problem, StateBlock
 from .trajectory import Trajectory
 
@@ -131,17 +131,19 @@ def simulate(flight: Flight, seed: int, run: int) -> tuple[Problem, Truth]:
         prior_mean=np.zeros(model.dimension),
         prior_cov=model.prior_cov,
         model=GradiometerModel(
-            flight.model_field,
-            model.gradiometer,
-            times,
-            positions[epochs],
-            attitudes[epochs],
-            delayed,
-            _delayed_attitudes(flight, delays, attitudes),
-            delays,
-            delayed_rows(matrices, positions, epochs, delays, dt),
-            treatment,
-            missing,
+            model_arrays(
+                flight.model_field,
+                model.gradiometer,
+                times,
+                positions[epochs],
+                attitudes[epochs],
+                delayed,
+                _delayed_attitudes(flight, delays, attitudes),
+                delays,
+                delayed_rows(matrices, positions, epochs, delays, dt),
+                treatment,
+                missing,
+            )
         ),
         layout=layout,
     )

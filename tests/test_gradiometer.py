@@ -14,7 +14,7 @@ from ggbench import earth, gradiometer, simulation
 from ggbench.field import Field, OutsideMapError
 from ggbench.gradiometer import COMPONENTS, Gradiometer
 from ggbench.lowpass import prefilter
-from ggbench.measurement_model import GradiometerModel
+from ggbench.measurement_model import GradiometerModel, model_arrays
 
 LOST = np.array([3e5, -3e5, 1e4])  # a position error [m] that leads out of the map
 TREATMENTS = {"unfiltered": ("none", "whitened"), "whitened": ("butterworth", "whitened"),
@@ -34,16 +34,18 @@ def plain_model(field: Field, positions: np.ndarray, times: np.ndarray, componen
     """The model of an unfiltered gradiometer whose state is the position error alone, (3,) [m]."""
     count = len(times)
     return GradiometerModel(
-        field,
-        Gradiometer(0.01, None, components),
-        times,
-        positions,
-        np.tile(np.eye(3), (count, 1, 1)),
-        positions,
-        np.tile(np.eye(3), (count, 1, 1)),
-        np.zeros(count),
-        np.tile(np.eye(6, 3), (count, 1, 1)),
-        prefilter(None, count, "whitened", 0.0),
+        model_arrays(
+            field,
+            Gradiometer(0.01, None, components),
+            times,
+            positions,
+            np.tile(np.eye(3), (count, 1, 1)),
+            positions,
+            np.tile(np.eye(3), (count, 1, 1)),
+            np.zeros(count),
+            np.tile(np.eye(6, 3), (count, 1, 1)),
+            prefilter(None, count, "whitened", 0.0),
+        )
     )
 
 
@@ -158,7 +160,7 @@ def test_jacobian_in_the_map(chain):
         sizes = np.array([300.0] * 3 + [1.0] * 3 + [1e-3] * 3 + [1e-6] * 3 + [1e-2] * 3)
         state = sizes * rng.normal(size=15)
         # Steps that move the delayed position by about a metre; columns without effect: any step.
-        effect = np.abs(problem.model._rows[k]).max(axis=0)
+        effect = np.abs(problem.model.arrays.rows[k]).max(axis=0)
         steps = 1.0 / np.where(effect > 1e-12, effect, 1.0)
         jacobian = problem.model.jacobian(k, state)
         numeric = numeric_jacobian(problem.model, k, state, steps)

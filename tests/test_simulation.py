@@ -318,7 +318,7 @@ def test_no_path_from_the_problem_to_the_truth(run):
     # The walk was one: it came through the model to the map and to the INS positions.
     arrays = [item for item in reachable(problem) if isinstance(item, np.ndarray)]
     assert any(item is flight.field.tensor_coefficients for item in arrays)
-    references = problem.model._references
+    references = problem.model.arrays.references
     assert any(item is references for item in arrays)
     # ... which are near the true ones, as an INS is, and not they.
     difference = references[:, :2] - flight.trajectory.positions[flight.epochs, :2]

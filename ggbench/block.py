@@ -1,0 +1,122 @@
+"""Many runs of one case at once: what a compiled estimator is given, and what it gives back.
+
+The arrays of :class:`.problem.Problem` with the run as leading axis. A block is a few tens of runs,
+so that what a run needs stays in the processor's cache; a campaign is a stream of blocks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from types import MappingProxyType
+
+import numpy as np
+
+from .measurement_model import GradiometerModel, ModelArrays
+from .problem import Causality, Problem, StateBlock, read_only
+
+
+@dataclass(frozen=True)
+class ProblemBlock:
+    """The estimation problems of R runs of one case.
+
+    Attributes
+    ----------
+    times, noise_cov, prior_mean, prior_cov, layout : as in :class:`.problem.Problem`.
+    measurements : (R, K, m). transition, process_cov : (R, K, n, n).
+    model : arrays of h and H, the run as leading axis of those that differ from run to run.
+    """
+
+    times: np.ndarray
+    measurements: np.ndarray
+    noise_cov: np.ndarray
+    transition: np.ndarray
+    process_cov: np.ndarray
+    prior_mean: np.ndarray
+    prior_cov: np.ndarray
+    model: ModelArrays
+    layout: tuple[StateBlock, ...]
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if isinstance(value, np.ndarray):
+                object.__setattr__(self, item.name, read_only(value))
+
+    @property
+    def runs(self) -> int:
+        """Number of runs R."""
+        return len(self.measurements)
+
+    @property
+    def epochs(self) -> int:
+        """Number of measurement epochs K."""
+        return len(self.times)
+
+    @property
+    def dimension(self) -> int:
+        """Number of states n."""
+        return len(self.prior_mean)
+
+    def problem(self, run: int) -> Problem:
+        """Return one run as every estimator takes it."""
+        return Problem(
+            times=self.times,
+            measurements=self.measurements[run],
+            noise_cov=self.noise_cov,
+            transition=self.transition[run],
+            process_cov=self.process_cov[run],
+            prior_mean=self.prior_mean,
+            prior_cov=self.prior_cov,
+            model=GradiometerModel(self.model.of_run(run)),
+            layout=self.layout,
+        )
+
+
+def block_of(problem: Problem) -> ProblemBlock:
+    """Return a block of one run.
+
+    Raises
+    ------
+    TypeError
+        If the problem's model is not :class:`.measurement_model.GradiometerModel`: no other one is
+        compiled.
+    """
+    arrays = getattr(problem.model, "arrays", None)
+    if not isinstance(arrays, ModelArrays):
+        raise TypeError(
+            "a compiled engine needs the compiled model of the gradiometer, and the problem's is "
+            f"{type(problem.model).__name__}"
+        )
+    return ProblemBlock(
+        problem.times,
+        problem.measurements[np.newaxis],
+        problem.noise_cov,
+        problem.transition[np.newaxis],
+        problem.process_cov[np.newaxis],
+        problem.prior_mean,
+        problem.prior_cov,
+        arrays.as_block(),
+        problem.layout,
+    )
+
+
+@dataclass(frozen=True)
+class EstimateBlock:
+    """What a compiled estimator returns.
+
+    Attributes
+    ----------
+    mean : (R, K, n). cov : (R, K, n, n).
+    causality, lag : as in :class:`.problem.Estimate`.
+    nis : (R, K) normalised innovation squared, NaN where there was no reading; None unless the
+        estimator is a filter.
+    info : counters, an array (R,) each.
+    """
+
+    mean: np.ndarray
+    cov: np.ndarray
+    causality: Causality
+    lag: float | None = None
+    nis: np.ndarray | None = None
+    info: Mapping[str, np.ndarray] = field(default_factory=lambda: MappingProxyType({}))
