@@ -52,12 +52,25 @@ EVEN_ZONALS = _dynamical_form_factors(6)
 """Unnormalised J2, J4, ..., J12 of the WGS84 normal field."""
 
 
+@inlined
+def radii_of_sine(sine: float) -> tuple[float, float]:
+    """Return :func:`radii_of_curvature` at the latitude of a sine."""
+    w2 = 1.0 - ECCENTRICITY_SQUARED * sine * sine
+    prime_vertical = SEMI_MAJOR_AXIS / math.sqrt(w2)
+    return prime_vertical * (1.0 - ECCENTRICITY_SQUARED) / w2, prime_vertical
+
+
 @compiled
 def radii_of_curvature(latitude: float) -> tuple[float, float]:
     """Return the meridian and the prime-vertical radius (R_M, R_N) [m] (Groves, eq. 2.105)."""
-    w2 = 1.0 - ECCENTRICITY_SQUARED * math.sin(latitude) ** 2
-    prime_vertical = SEMI_MAJOR_AXIS / math.sqrt(w2)
-    return prime_vertical * (1.0 - ECCENTRICITY_SQUARED) / w2, prime_vertical
+    return radii_of_sine(math.sin(latitude))
+
+
+@inlined
+def metres_per_radian_of(sine: float, cosine: float, height: float) -> tuple[float, float]:
+    """Return (R_M + h) and (R_N + h) cos L [m/rad]: what δL and δλ are worth in metres."""
+    meridian, prime_vertical = radii_of_sine(sine)
+    return meridian + height, (prime_vertical + height) * cosine
 
 
 @compiled
@@ -222,27 +235,15 @@ def normal_gradient_of(
     )
 
 
-@compiled
-def normal_gradient(
-    latitude: float, height: float, value: np.ndarray, derivative: np.ndarray
-) -> None:
-    """Fill the normal gravitational gradient tensor and its derivative.
+@inlined
+def normal_gradient_slopes_of(
+    sine: float, cosine: float, height: float
+) -> tuple[float, float, float, float, float, float, float, float]:
+    """Return how EE, NN, NU, UU change for a metre to the north, then for a metre up [E/m].
 
-    Parameters
-    ----------
-    latitude, height : geodetic position [rad, m].
-    value : (6,) output, [EE, EN, EU, NN, NU, UU] in geodetic ENU axes [E].
-    derivative : (6, 3) output, derivative of these six numbers for a displacement of one metre to
-        the east, north and up [E/m]; the axes move with the point.
-
-    Notes
-    -----
-    The chain rule through r(L, h), φ'(L, h), ψ(L, h) of :func:`normal_gradient_of`.
+    The chain rule through r(L, h), φ'(L, h), ψ(L, h) of :func:`normal_gradient_of`; the axes move
+    with the point. To the east nothing changes.
     """
-    sine, cosine = math.sin(latitude), math.cos(latitude)
-    value[1] = 0.0
-    value[2] = 0.0
-    value[0], value[3], value[4], value[5] = normal_gradient_of(sine, cosine, height)
     r, s, c, sin_psi, cos_psi = _geocentric(sine, cosine, height)
     v_r, v_s, v_rr, v_rs, v_ss = _zonal_derivatives(r, s)
     v_rrr, v_rrs, v_rss, v_sss = _zonal_third_derivatives(r, s)
@@ -260,11 +261,13 @@ def normal_gradient(
     nu_phi = -s * (v_rs / r - v_s / r2) + c * c * (v_rss / r - v_ss / r2)
 
     # A metre to the geodetic north and up, as changes of r, φ' and ψ.
-    meridian, _ = radii_of_curvature(latitude)
+    meridian, _ = radii_of_sine(sine)
+    _, nn, nu, uu = normal_gradient_of(sine, cosine, height)
     sin2, cos2, cross = sin_psi * sin_psi, cos_psi * cos_psi, sin_psi * cos_psi
-    derivative[:, :] = 0.0
-    for axis in range(1, 3):
-        if axis == 1:
+    slopes = (0.0, 0.0, 0.0, 0.0)
+    north = slopes
+    for axis in range(2):
+        if axis == 0:
             d_r, d_phi = -sin_psi, cos_psi / r
             d_psi = 1.0 / (meridian + height) - d_phi
         else:
@@ -274,14 +277,43 @@ def normal_gradient(
         d_nn = nn_r * d_r + nn_phi * d_phi
         d_uu = uu_r * d_r + uu_phi * d_phi
         d_nu = nu_r * d_r + nu_phi * d_phi
-        derivative[0, axis] = d_ee / EOTVOS
+        north = slopes
         # The rotation itself: d(NN)/dψ = −2 NU, d(NU)/dψ = NN − UU, d(UU)/dψ = 2 NU.
-        derivative[3, axis] = (
-            cos2 * d_nn - 2.0 * cross * d_nu + sin2 * d_uu
-        ) / EOTVOS - 2.0 * value[4] * d_psi
-        derivative[4, axis] = (cross * (d_nn - d_uu) + (cos2 - sin2) * d_nu) / EOTVOS + (
-            value[3] - value[5]
-        ) * d_psi
-        derivative[5, axis] = (
-            sin2 * d_nn + 2.0 * cross * d_nu + cos2 * d_uu
-        ) / EOTVOS + 2.0 * value[4] * d_psi
+        slopes = (
+            d_ee / EOTVOS,
+            (cos2 * d_nn - 2.0 * cross * d_nu + sin2 * d_uu) / EOTVOS - 2.0 * nu * d_psi,
+            (cross * (d_nn - d_uu) + (cos2 - sin2) * d_nu) / EOTVOS + (nn - uu) * d_psi,
+            (sin2 * d_nn + 2.0 * cross * d_nu + cos2 * d_uu) / EOTVOS + 2.0 * nu * d_psi,
+        )
+    return (*north, *slopes)
+
+
+@compiled
+def normal_gradient(
+    latitude: float, height: float, value: np.ndarray, derivative: np.ndarray
+) -> None:
+    """Fill the normal gravitational gradient tensor and its derivative.
+
+    Parameters
+    ----------
+    latitude, height : geodetic position [rad, m].
+    value : (6,) output, [EE, EN, EU, NN, NU, UU] in geodetic ENU axes [E].
+    derivative : (6, 3) output, derivative of these six numbers for a displacement of one metre to
+        the east, north and up [E/m]; the axes move with the point.
+    """
+    normal_gradient_at(math.sin(latitude), math.cos(latitude), height, value, derivative)
+
+
+@compiled
+def normal_gradient_at(
+    sine: float, cosine: float, height: float, value: np.ndarray, derivative: np.ndarray
+) -> None:
+    """Fill :func:`normal_gradient` at the latitude of a sine and a cosine."""
+    value[1] = value[2] = 0.0
+    value[0], value[3], value[4], value[5] = normal_gradient_of(sine, cosine, height)
+    slopes = normal_gradient_slopes_of(sine, cosine, height)
+    derivative[:, :] = 0.0
+    derivative[0, 1], derivative[0, 2] = slopes[0], slopes[4]
+    derivative[3, 1], derivative[3, 2] = slopes[1], slopes[5]
+    derivative[4, 1], derivative[4, 2] = slopes[2], slopes[6]
+    derivative[5, 1], derivative[5, 2] = slopes[3], slopes[7]

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import solve_banded
 
-from .earth import normal_gradient, normal_gradient_of, radii_of_curvature
+from .earth import metres_per_radian_of, normal_gradient_at, normal_gradient_of
 from .errors import GGBenchError
 from .gradient_map import GradientMap
 from .kernels import compiled, inlined
@@ -155,9 +155,12 @@ def spline_at(
     -------
     Whether the position lies inside the grid.
     """
-    weights = np.empty((3, 4))
-    slopes = np.empty((3, 4))
-    first = np.empty(3, np.int64)
+    count = coefficients.shape[3]
+    # One piece of memory: to ask for it costs as much as to fill it.
+    work = np.empty(24 + 12 * count)
+    weights, slopes = work[:12].reshape(3, 4), work[12:24].reshape(3, 4)
+    columns = work[24:].reshape(3, 4 * count)
+    start = 0
     inside = True
     for axis in range(3):
         cell, t, within = _locate(
@@ -167,7 +170,7 @@ def spline_at(
             value[:] = math.nan
             derivative[:, :] = math.nan
             return False
-        first[axis] = cell
+        start = start * coefficients.shape[axis] + cell
         _weights(t, weights[axis])
         if within:
             _slopes(t, slopes[axis])
@@ -175,12 +178,10 @@ def spline_at(
         else:
             inside = False
             slopes[axis] = 0.0
-    count = coefficients.shape[3]
     flat = coefficients.reshape(-1)
     column = coefficients.shape[2] * count
     row = coefficients.shape[1] * column
-    start = first[0] * row + first[1] * column + first[2] * count
-    columns = np.empty((3, 4 * count))
+    start *= count
     _sum_columns(flat, start, row, column, weights[0], weights[1], columns[0])
     _sum_columns(flat, start, row, column, slopes[0], weights[1], columns[1])
     _sum_columns(flat, start, row, column, weights[0], slopes[1], columns[2])
@@ -195,6 +196,8 @@ def spline_at(
 @compiled
 def gradient_at(
     position: np.ndarray,
+    sine: float,
+    cosine: float,
     origin: np.ndarray,
     step: np.ndarray,
     coefficients: np.ndarray,
@@ -203,20 +206,18 @@ def gradient_at(
 ) -> bool:
     """Fill the full tensor (6,) [E] and its derivative (6, 3) [E/m east, north, up] at a point.
 
-    ``coefficients`` of size zero mean the normal field alone. Returns whether the point lies
-    inside the map (always true for the normal field alone).
+    ``sine`` and ``cosine`` are those of its latitude. ``coefficients`` of size zero mean the normal
+    field alone. Returns whether the point lies inside the map (always true without one).
     """
-    latitude, height = position[0], position[2]
     if coefficients.size == 0:
-        normal_gradient(latitude, height, value, derivative)
+        normal_gradient_at(sine, cosine, position[2], value, derivative)
         return True
-    disturbing = np.empty(6)
-    slope = np.empty((6, 3))
+    work = np.empty(24)
+    disturbing, slope = work[:6], work[6:].reshape(6, 3)
     inside = spline_at(position, origin, step, coefficients, disturbing, slope)
-    normal_gradient(latitude, height, value, derivative)
-    meridian, prime_vertical = radii_of_curvature(latitude)
-    per_east = 1.0 / ((prime_vertical + height) * math.cos(latitude))
-    per_north = 1.0 / (meridian + height)
+    normal_gradient_at(sine, cosine, position[2], value, derivative)
+    north, east = metres_per_radian_of(sine, cosine, position[2])
+    per_north, per_east = 1.0 / north, 1.0 / east
     for m in range(6):
         value[m] += disturbing[m]
         derivative[m, 0] += slope[m, 1] * per_east
@@ -286,7 +287,10 @@ def _gradient_at_all(
     """Evaluate :func:`gradient_at` at (n, 3) positions; return the first outside index or -1."""
     outside = -1
     for n in range(positions.shape[0]):
-        inside = gradient_at(positions[n], origin, step, coefficients, values[n], derivatives[n])
+        sine, cosine = math.sin(positions[n, 0]), math.cos(positions[n, 0])
+        inside = gradient_at(
+            positions[n], sine, cosine, origin, step, coefficients, values[n], derivatives[n]
+        )
         if not inside and outside < 0:
             outside = n
     return outside

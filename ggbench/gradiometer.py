@@ -25,9 +25,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .earth import ROTATION_RATE
+from .earth import ROTATION_RATE, metres_per_radian_of
 from .field import Field, gradient_at, gradients
-from .ins_error import metres_per_radian
 from .kernels import compiled, inlined
 from .lowpass import LowPass
 
@@ -95,7 +94,7 @@ def rotate_tensor(rotation: np.ndarray, tensor: np.ndarray, out: np.ndarray) -> 
     r = rotation
     c = (r[0, 0], r[0, 1], r[0, 2], r[1, 0], r[1, 1], r[1, 2], r[2, 0], r[2, 1], r[2, 2])
     t = (tensor[0], tensor[1], tensor[2], tensor[3], tensor[4], tensor[5])
-    out[0], out[1], out[2], out[3], out[4], out[5] = rotated(c, t)
+    _put(rotated(c, t), out)
 
 
 @compiled
@@ -120,22 +119,27 @@ def platform_readings(
         t_0[p], t_1[p], t_2[p], t_3[p], t_4[p], t_5[p] = rotated(c, t)
 
 
-@compiled
-def _add_turn(tensor: np.ndarray, x: float, y: float, z: float, out: np.ndarray) -> None:
-    """Add [φ×] M − M [φ×] for φ = (x, y, z) to ``out`` (6,): eq. 12's ∂L_φ/∂φ times φ."""
-    xx, xy, xz, yy, yz, zz = tensor[0], tensor[1], tensor[2], tensor[3], tensor[4], tensor[5]
-    out[0] = out[0] + 2.0 * xz * y - 2.0 * xy * z
-    out[1] = out[1] - xz * x + yz * y + (xx - yy) * z
-    out[2] = out[2] + xy * x + (zz - xx) * y - yz * z
-    out[3] = out[3] - 2.0 * yz * x + 2.0 * xy * z
-    out[4] = out[4] + (yy - zz) * x - xy * y + xz * z
-    out[5] = out[5] + 2.0 * yz * x - 2.0 * xz * y
+@inlined
+def _turn_of(
+    t: tuple[float, ...], x: float, y: float, z: float
+) -> tuple[float, float, float, float, float, float]:
+    """Return [φ×] M − M [φ×] of t = vec6(M) for φ = (x, y, z): eq. 12's ∂L_φ/∂φ times φ."""
+    return (
+        2.0 * (t[2] * y - t[1] * z),
+        t[4] * y - t[2] * x + (t[0] - t[3]) * z,
+        t[1] * x + (t[5] - t[0]) * y - t[4] * z,
+        2.0 * (t[1] * z - t[4] * x),
+        (t[3] - t[5]) * x - t[1] * y + t[2] * z,
+        2.0 * (t[4] * x - t[2] * y),
+    )
 
 
 @compiled
 def linearised_reading_at(
     instrument: int,
     position: np.ndarray,
+    sine: float,
+    cosine: float,
     time: float,
     c_nb: np.ndarray,
     origin: np.ndarray,
@@ -146,51 +150,59 @@ def linearised_reading_at(
 ) -> None:
     """Fill the tensor (6,) [E] in the axes of the mount, and how it changes (eqs. 11, 12).
 
-    ``out`` is ∂(reading)/∂(east, north, up; ψ) (6, 6) [E/m; E/rad]. ``instrument`` is an index of
-    :data:`INSTRUMENTS`; only a platform depends on ``time`` [s], only a strapdown instrument on
-    ``c_nb``.
-
-    For a platform D6(C_in) { ∂Γ/∂r + [∂L_φ/∂φ][∂φ_in/∂r] }: the field's change and the local
-    level's turn. ψ turns the body, C_nb → exp([ψ×]) C_nb, which only a strapdown instrument sees.
+    ``out`` is ∂(reading)/∂(east, north, up; ψ) (6, 6) [E/m; E/rad]: for a platform
+    D6(C_in) { ∂Γ/∂r + [∂L_φ/∂φ][∂φ_in/∂r] }, the field's change and the local level's turn. ψ turns
+    the body, C_nb → exp([ψ×]) C_nb, which only a strapdown instrument sees: of the others the first
+    three columns are filled. ``instrument`` is an index of :data:`INSTRUMENTS`; ``sine`` and
+    ``cosine`` are those of the latitude; only a platform depends on ``time`` [s], only a strapdown
+    instrument on ``c_nb``.
     """
-    tensor = np.empty(6)
-    derivative = np.empty((6, 3))
-    rotation = np.empty((3, 3))
-    column = np.empty(6)
-    gradient_at(position, origin, step, coefficients, tensor, derivative)
-    out[:, 3:] = 0.0
+    work = np.empty(24)
+    tensor, derivative = work[:6], work[6:].reshape(6, 3)
+    gradient_at(position, sine, cosine, origin, step, coefficients, tensor, derivative)
     if instrument == LOCAL_LEVEL:
         reading[:] = tensor
         out[:, :3] = derivative
         return
-    if instrument == STRAPDOWN:
-        rotation[:, :] = c_nb.T
-        rotate_tensor(rotation, tensor, reading)
-        against = np.empty(3)
-        for axis in range(3):
-            column[:] = derivative[:, axis]
-            rotate_tensor(rotation, column, out[:, axis])
-            # The mount turns with the body, so the tensor turns against it.
-            against[:] = 0.0
-            against[axis] = -1.0
-            column[:] = 0.0
-            _add_turn(tensor, against[0], against[1], against[2], column)
-            rotate_tensor(rotation, column, out[:, 3 + axis])
-        return
-    inertial_from_local(position[0], position[1], time, rotation)
-    rotate_tensor(rotation, tensor, reading)
-    per_north, per_east = metres_per_radian(position)
+    if instrument == PLATFORM:
+        angle = position[1] + ROTATION_RATE * time
+        c = _inertial_from_local(sine, cosine, math.sin(angle), math.cos(angle))
+        per_north, per_east = metres_per_radian_of(sine, cosine, position[2])
+        # φ_in: the rotation of the local level for one metre to the north and to the east.
+        north, level, up = -1.0 / per_north, cosine / per_east, sine / per_east
+    else:
+        c = (
+            c_nb[0, 0], c_nb[1, 0], c_nb[2, 0],
+            c_nb[0, 1], c_nb[1, 1], c_nb[2, 1],
+            c_nb[0, 2], c_nb[1, 2], c_nb[2, 2],
+        )  # fmt: skip
+        north = level = up = 0.0
+    t = (tensor[0], tensor[1], tensor[2], tensor[3], tensor[4], tensor[5])
+    _put(rotated(c, t), reading)
     for axis in range(3):
-        # φ_in: the rotation of the local level for one metre along the axis.
-        phi_x = phi_y = phi_z = 0.0
         if axis == 0:
-            phi_y = math.cos(position[0]) / per_east
-            phi_z = math.sin(position[0]) / per_east
+            turn = _turn_of(t, 0.0, level, up)
         elif axis == 1:
-            phi_x = -1.0 / per_north
-        column[:] = derivative[:, axis]
-        _add_turn(tensor, phi_x, phi_y, phi_z, column)
-        rotate_tensor(rotation, column, out[:, axis])
+            turn = _turn_of(t, north, 0.0, 0.0)
+        else:
+            turn = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        d = derivative[:, axis]
+        change = (
+            d[0] + turn[0], d[1] + turn[1], d[2] + turn[2],
+            d[3] + turn[3], d[4] + turn[4], d[5] + turn[5],
+        )  # fmt: skip
+        _put(rotated(c, change), out[:, axis])
+    if instrument == STRAPDOWN:
+        # The mount turns with the body, so the tensor turns against it.
+        _put(rotated(c, _turn_of(t, -1.0, 0.0, 0.0)), out[:, 3])
+        _put(rotated(c, _turn_of(t, 0.0, -1.0, 0.0)), out[:, 4])
+        _put(rotated(c, _turn_of(t, 0.0, 0.0, -1.0)), out[:, 5])
+
+
+@inlined
+def _put(values: tuple[float, ...], out: np.ndarray) -> None:
+    out[0], out[1], out[2] = values[0], values[1], values[2]
+    out[3], out[4], out[5] = values[3], values[4], values[5]
 
 
 @compiled

@@ -16,3 +16,8 @@ compiled = _compile()
 """A kernel."""
 inlined = _compile(forceinline=True)
 """Arithmetic that becomes part of the loops which call it, and is vectorised with them."""
+copied = _compile(inline="always")
+"""A part of a kernel that is compiled anew where it is used: sizes that are constants there make
+loops of known length, which become vector instructions without a remainder."""
+summed = _compile(fastmath={"contract", "reassoc"})
+"""A kernel whose sums may be taken in any order, as vectors."""

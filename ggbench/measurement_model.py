@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .earth import ROTATION_RATE
+from .earth import ROTATION_RATE, metres_per_radian_of
 from .field import Field, gradients
 from .gradiometer import (
     INSTRUMENTS,
@@ -19,7 +19,6 @@ from .gradiometer import (
     readings_along,
     rotate_tensor,
 )
-from .ins_error import metres_per_radian
 from .kernels import compiled, inlined
 from .lowpass import Prefilter
 from .problem import frozen, read_only
@@ -77,6 +76,16 @@ _OF_A_RUN = ("references", "attitudes", "rows", "offset", "gain")
 """The arrays that differ from run to run."""
 
 
+@compiled
+def run_arrays(model: ModelArrays, run: int) -> ModelArrays:
+    """Return the arrays of one run of a block: :meth:`ModelArrays.of_run`, compiled."""
+    return ModelArrays(
+        model.instrument, model.channels, model.bias, model.origin, model.step,
+        model.coefficients, model.times, model.references[run], model.attitudes[run],
+        model.rows[run], model.offset[run], model.gain[run],
+    )  # fmt: skip
+
+
 _SMALL = 0.1
 """Angle [rad] up to which the series of :func:`_turned` are exact to rounding."""
 
@@ -116,7 +125,9 @@ def predict_errors(model: ModelArrays, k: int, errors: np.ndarray, out: np.ndarr
     """
     count = errors.shape[1]
     reference = model.references[k]
-    per_north, per_east = metres_per_radian(reference)
+    per_north, per_east = metres_per_radian_of(
+        math.sin(reference[0]), math.cos(reference[0]), reference[2]
+    )
     positions = np.empty((3, count))
     growth = np.empty((2, count))
     trigonometry = np.empty((4, count))
@@ -195,73 +206,82 @@ def _left_jacobian(vector: np.ndarray) -> np.ndarray:
 
 
 @compiled
-def linearise(
-    model: ModelArrays, k: int, state: np.ndarray, predicted: np.ndarray, out: np.ndarray
+def linearise_errors(
+    model: ModelArrays, k: int, error: np.ndarray, predicted: np.ndarray, out: np.ndarray
 ) -> None:
-    """Fill h (m,) [E] and H (m, n) [E per unit of the state] of one state (n,).
+    """Fill h (m,) [E], biases left out, and its derivative by the error (m, 6).
 
     Parameters
     ----------
-    model, k, state : arrays of one run, epoch, state (n,).
-    predicted, out : outputs.
+    model, k : arrays of one run, epoch.
+    error : (6,) B_k x, see :func:`predict_errors`.
+    predicted : (m,) output.
+    out : (m, 6) output [E/m; E/rad]; of a strapdown instrument alone are the last three columns
+        filled.
     """
-    rows, reference = model.rows[k], model.references[k]
-    width = rows.shape[1]
-    error = np.zeros(6)
-    for i in range(6 if model.instrument == STRAPDOWN else 3):
-        for j in range(width):
-            error[i] += rows[i, j] * state[j]
-    per_north, per_east = metres_per_radian(reference)
-    position = np.array(
-        [reference[0] - error[1] / per_north, reference[1] - error[0] / per_east,
-         reference[2] - error[2]]
-    )  # fmt: skip
-    c_nb = np.empty((3, 3))
-    if model.instrument == STRAPDOWN:
-        turn = np.empty((3, 3))
-        rotation_matrix(error[3:], turn)
-        product(turn, model.attitudes[k], c_nb)
-    reading = np.empty(6)
-    slope = np.empty((6, 6))
-    linearised_reading_at(
-        model.instrument, position, model.times[k], c_nb,
-        model.origin, model.step, model.coefficients, reading, slope,
-    )  # fmt: skip
-    # The state's metres are measured at the reference, the slope's at the displaced point.
-    north, east = metres_per_radian(position)
-    slope[:, 0] *= -east / per_east
-    slope[:, 1] *= -north / per_north
-    slope[:, 2] *= -1.0
+    reference = model.references[k]
+    sine, cosine = math.sin(reference[0]), math.cos(reference[0])
+    per_north, per_east = metres_per_radian_of(sine, cosine, reference[2])
+    work = np.empty(54)
+    position, reading, slope = work[:3], work[3:9], work[9:45].reshape(6, 6)
+    position[0] = reference[0] - error[1] / per_north
+    position[1] = reference[1] - error[0] / per_east
+    position[2] = reference[2] - error[2]
+    sine, cosine = math.sin(position[0]), math.cos(position[0])
+    c_nb = work[45:].reshape(3, 3)
     moving = 3
     if model.instrument == STRAPDOWN:
         moving = 6
+        turn = np.empty((3, 3))
+        rotation_matrix(error[3:], turn)
+        product(turn, model.attitudes[k], c_nb)
+    linearised_reading_at(
+        model.instrument, position, sine, cosine, model.times[k], c_nb,
+        model.origin, model.step, model.coefficients, reading, slope,
+    )  # fmt: skip
+    # The error's metres are measured at the reference, the slope's at the displaced point.
+    north, east = metres_per_radian_of(sine, cosine, position[2])
+    scale_east, scale_north = -east / per_east, -north / per_north
+    for i in range(6):
+        slope[i, 0] *= scale_east
+        slope[i, 1] *= scale_north
+        slope[i, 2] *= -1.0
+    if model.instrument == STRAPDOWN:
         slope[:, 3:] = slope[:, 3:].copy() @ _left_jacobian(error[3:])
     gain = model.gain[k]
-    out[:, :] = 0.0
     for m in range(model.channels.shape[0]):
-        channel, row = model.channels[m], out[m]
+        channel = model.channels[m]
         value = 0.0
         for i in range(6):
             value += channel[i] * reading[i]
+        predicted[m] = model.offset[k, m] + gain * value
         for j in range(moving):
             along = 0.0
             for i in range(6):
                 along += channel[i] * slope[i, j]
-            along *= gain
-            for i in range(width):
-                row[i] += along * rows[j, i]
-        if model.bias >= 0:
-            value += state[model.bias + m]
-            row[model.bias + m] += gain
-        predicted[m] = model.offset[k, m] + gain * value
+            out[m, j] = gain * along
 
 
 @compiled
 def _jacobian(model: ModelArrays, k: int, state: np.ndarray) -> np.ndarray:
     """Return H (m, n) of one state."""
-    predicted = np.empty(model.channels.shape[0])
-    out = np.empty((predicted.shape[0], state.shape[0]))
-    linearise(model, k, state, predicted, out)
+    rows, width = model.rows[k], model.rows.shape[2]
+    moving = 6 if model.instrument == STRAPDOWN else 3
+    channels = model.channels.shape[0]
+    error, predicted = np.zeros(6), np.empty(channels)
+    slope = np.empty((channels, 6))
+    for i in range(moving):
+        for j in range(width):
+            error[i] += rows[i, j] * state[j]
+    linearise_errors(model, k, error, predicted, slope)
+    out = np.zeros((channels, state.shape[0]))
+    for m in range(channels):
+        row = out[m]
+        for j in range(moving):
+            for i in range(width):
+                row[i] += slope[m, j] * rows[j, i]
+        if model.bias >= 0:
+            row[model.bias + m] += model.gain[k]
     return out
 
 

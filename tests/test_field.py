@@ -45,9 +45,12 @@ def spline(field: Field, position: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
 
 def kernel(field: Field, position: np.ndarray) -> tuple[np.ndarray, np.ndarray, bool]:
     value, derivative = np.empty(6), np.empty((6, 3))
+    with np.errstate(invalid="ignore"):  # sin(inf)
+        sine, cosine = np.sin(position[0]), np.cos(position[0])
     within = gradient_at(
-        position, field.origin, field.step, field.tensor_coefficients, value, derivative
-    )
+        position, sine, cosine,
+        field.origin, field.step, field.tensor_coefficients, value, derivative,
+    )  # fmt: skip
     return value, derivative, within
 
 

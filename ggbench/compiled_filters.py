@@ -1,0 +1,183 @@
+"""Extended and unscented Kalman filters on many runs at once, compiled.
+
+The same equations as filterpy's, which remain the reference: a test holds both together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from . import kalman
+from .block import ProblemBlock
+from .kernels import compiled
+from .measurement_model import ModelArrays, linearise_errors, run_arrays
+from .gradiometer import STRAPDOWN
+
+_SIZES = ((16, 3), (16, 6), (24, 9))
+"""Numbers of states and of components that kernels are made for."""
+
+
+@compiled
+def whitened_reading(
+    model: ModelArrays,
+    k: int,
+    x: np.ndarray,
+    measurement: np.ndarray,
+    noise_inverse: np.ndarray,
+    moving: int,
+    work: np.ndarray,
+    rows: np.ndarray,
+    innovation: np.ndarray,
+) -> tuple[float, bool]:
+    """Fill a reading's equations H δx = innovation + noise of unit variance, linearised at x.
+
+    Parameters
+    ----------
+    model, k, x, measurement : arrays of one run, epoch, state (n,) or longer, reading (m,).
+    noise_inverse : (m, m) inverse of the lower triangular root of R.
+    moving : of how many errors (the first columns of B_k) h is a function.
+    work : (3, 9, 9) scratch.
+    rows, innovation : (channels, width), (channels,) outputs; ``channels`` may be ``moving`` if
+        there are no biases: an orthogonal transformation leaves so many equations.
+
+    Returns
+    -------
+    The sum of the squares of what that transformation leaves out, which no state explains; and
+    whether there was a reading at all.
+    """
+    m, columns = measurement.shape[0], model.rows.shape[2]
+    biased = model.bias >= 0
+    raw, slope = work[0], work[1]
+    error, residual, predicted = work[2, 0], work[2, 1], work[2, 2]
+    b = model.rows[k]
+    for i in range(moving):
+        total = 0.0
+        for j in range(columns):
+            total += b[i, j] * x[j]
+        error[i] = total
+    linearise_errors(model, k, error, predicted, raw)
+    gain = model.gain[k]
+    present = False
+    for i in range(m):
+        predicted[i] = measurement[i] - predicted[i]
+        if biased:
+            predicted[i] -= gain * x[model.bias + i]
+        present |= predicted[i] != 0.0 or raw[i, 0] != 0.0
+    for i in range(m):
+        total = 0.0
+        for c in range(i + 1):
+            total += noise_inverse[i, c] * predicted[c]
+        residual[i] = total
+        for j in range(moving):
+            total = 0.0
+            for c in range(i + 1):
+                total += noise_inverse[i, c] * raw[c, j]
+            slope[i, j] = total
+    left = 0.0
+    used = m
+    if rows.shape[0] < m:
+        left = kalman.compress(slope, residual, m, moving)
+        used = moving
+    for i in range(used):
+        innovation[i] = residual[i]
+        row = rows[i]
+        for c in range(columns):
+            total = 0.0
+            for j in range(moving):
+                total += slope[i, j] * b[j, c]
+            row[c] = total
+        if biased:
+            for c in range(m):
+                row[model.bias + c] = gain * noise_inverse[i, c]
+    return left, present
+
+
+def _make_extended(width: int, channels: int) -> Callable[..., Any]:
+    """Return the kernel of the extended Kalman filter for up to so many states and components."""
+
+    @compiled
+    def extended(
+        measurements: np.ndarray,
+        noise_inverse: np.ndarray,
+        transition: np.ndarray,
+        process_cov: np.ndarray,
+        prior_mean: np.ndarray,
+        prior_cov: np.ndarray,
+        model: ModelArrays,
+        mean: np.ndarray,
+        cov: np.ndarray,
+        nis: np.ndarray,
+    ) -> None:
+        runs, epochs, _ = measurements.shape
+        n = prior_mean.shape[0]
+        moving = 6 if model.instrument == STRAPDOWN else 3
+        phi, phi_t = np.zeros((width, width)), np.zeros((width, width))
+        p, scratch = np.zeros((width, width)), np.zeros((width, width))
+        rows, hp = np.zeros((channels, width)), np.zeros((channels, width))
+        gain_t, spread_t = np.zeros((channels, width)), np.zeros((channels, width))
+        factor, s = np.zeros((channels, channels)), np.zeros((channels, channels))
+        innovation, white = np.zeros(channels), np.zeros(channels)
+        work = np.zeros((3, 9, 9))
+        x = np.zeros(width)
+        for run in range(runs):
+            own = run_arrays(model, run)
+            x[:n] = prior_mean
+            p[:, :] = 0.0
+            p[:n, :n] = prior_cov
+            for k in range(epochs):
+                changing = kalman.padded(transition[run, k], phi, phi_t)
+                kalman.predict(phi, phi_t, changing, process_cov[run, k], x, p, scratch, width)
+                squared, present = whitened_reading(
+                    own, k, x, measurements[run, k], noise_inverse, moving, work, rows, innovation
+                )
+                kalman.project(rows, p, hp, s, channels, width)
+                kalman.factorize(s, factor, channels)
+                kalman.solve_rows(factor, hp, gain_t, channels, width)
+                for c in range(channels):
+                    total = innovation[c]
+                    for d in range(c):
+                        total -= factor[c, d] * white[d]
+                    white[c] = total * factor[c, c]
+                    squared += white[c] * white[c]
+                nis[run, k] = squared if present else np.nan
+                for j in range(width):
+                    total = x[j]
+                    for c in range(channels):
+                        total += gain_t[c, j] * white[c]
+                    x[j] = total
+                kalman.solve_rows_back(factor, gain_t, channels, width)
+                kalman.joseph(gain_t, hp, rows, p, scratch, spread_t, channels, width)
+                mean[run, k] = x[:n]
+                cov[run, k] = p[:n, :n]
+
+    return extended
+
+
+_EXTENDED = {size: _make_extended(*size) for size in _SIZES}
+
+
+def _size(block: ProblemBlock) -> tuple[int, int]:
+    """Return the sizes of the kernel that takes a block."""
+    n, m = block.dimension, block.measurements.shape[2]
+    if block.model.bias < 0 and block.model.instrument != STRAPDOWN:
+        m = min(m, 3)  # what a reading says about a position is three numbers
+    return next(size for size in _SIZES if n <= size[0] and m <= size[1])
+
+
+def _noise_inverse(block: ProblemBlock) -> np.ndarray:
+    return np.linalg.inv(np.linalg.cholesky(block.noise_cov))
+
+
+def extended(block: ProblemBlock) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Run the extended Kalman filter; return mean (R, K, n), cov (R, K, n, n) and NIS (R, K)."""
+    runs, epochs, n = block.runs, block.epochs, block.dimension
+    mean, cov = np.empty((runs, epochs, n)), np.empty((runs, epochs, n, n))
+    nis = np.empty((runs, epochs))
+    _EXTENDED[_size(block)](
+        block.measurements, _noise_inverse(block), block.transition, block.process_cov,
+        block.prior_mean, block.prior_cov, block.model, mean, cov, nis,
+    )  # fmt: skip
+    return mean, cov, nis

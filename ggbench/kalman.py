@@ -1,0 +1,220 @@
+"""Steps of a Kalman filter on matrices that fill a known size, compiled.
+
+States n and components m of a reading are padded with zeros to a ``width`` and a number of
+``channels`` that the compiler knows: loops of constant length become vector instructions. A padded
+state has no variance, a padded component a row of zeros in H. Readings are whitened: R is 1.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from .kernels import copied
+
+
+@copied
+def padded(matrix: np.ndarray, out: np.ndarray, transposed: np.ndarray) -> int:
+    """Copy Φ (n, n) into the corner of padded matrices, as it is and transposed.
+
+    Returns how many of its first rows there are before those of the identity (constant biases).
+    """
+    moving = 0
+    for i in range(matrix.shape[0]):
+        for j in range(matrix.shape[1]):
+            value = matrix[i, j]
+            out[i, j] = value
+            transposed[j, i] = value
+            if value != (1.0 if i == j else 0.0):
+                moving = i + 1
+    return moving
+
+
+@copied
+def predict(
+    phi: np.ndarray,
+    phi_t: np.ndarray,
+    moving: int,
+    noise: np.ndarray,
+    x: np.ndarray,
+    p: np.ndarray,
+    scratch: np.ndarray,
+    width: int,
+) -> None:
+    """Replace x and P by Φ x and Φ P Φᵀ + Q; only ``moving`` rows of Φ; Q (n, n) not padded."""
+    for i in range(moving):
+        for j in range(width):
+            total = 0.0
+            for k in range(width):
+                total += phi[i, k] * p[k, j]
+            scratch[i, j] = total
+    for i in range(moving):
+        for j in range(width):
+            total = 0.0
+            for k in range(width):
+                total += scratch[i, k] * phi_t[k, j]
+            p[i, j] = total
+    n = noise.shape[0]
+    for i in range(moving):
+        for j in range(i):
+            p[i, j] = p[j, i] = 0.5 * (p[i, j] + p[j, i])
+        for j in range(moving, width):
+            p[j, i] = p[i, j]
+    for i in range(n):
+        for j in range(n):
+            p[i, j] += noise[i, j]
+    for i in range(width):
+        scratch[0, i] = x[i]
+    for j in range(width):
+        total = 0.0
+        for k in range(width):
+            total += phi_t[k, j] * scratch[0, k]
+        x[j] = total
+
+
+@copied
+def compress(slope: np.ndarray, residual: np.ndarray, m: int, columns: int) -> float:
+    """Turn m equations slope · e = residual + noise of unit variance into ``columns`` of them.
+
+    By an orthogonal transformation (Householder): the first rows, upper triangular, hold all that
+    the equations say about e. Returns the sum of the squares of the residuals that say nothing.
+    """
+    for j in range(columns):
+        norm = 0.0
+        for i in range(j, m):
+            norm += slope[i, j] * slope[i, j]
+        if norm == 0.0:
+            continue
+        norm = math.sqrt(norm)
+        if slope[j, j] > 0.0:
+            norm = -norm
+        # v = column − norm e_j; vᵀv / 2 = norm² − norm · slope[j, j]
+        half = norm * norm - norm * slope[j, j]
+        slope[j, j] -= norm
+        for c in range(j + 1, columns):
+            along = 0.0
+            for i in range(j, m):
+                along += slope[i, j] * slope[i, c]
+            along /= half
+            for i in range(j, m):
+                slope[i, c] -= along * slope[i, j]
+        along = 0.0
+        for i in range(j, m):
+            along += slope[i, j] * residual[i]
+        along /= half
+        for i in range(j, m):
+            residual[i] -= along * slope[i, j]
+        slope[j, j] = norm
+        for i in range(j + 1, m):
+            slope[i, j] = 0.0
+    left = 0.0
+    for i in range(columns, m):
+        left += residual[i] * residual[i]
+    return left
+
+
+@copied
+def factorize(matrix: np.ndarray, out: np.ndarray, size: int) -> bool:
+    """Fill L, lower triangular, with L Lᵀ = a symmetric matrix; return: positive definite.
+
+    The diagonal of ``out`` holds the inverses of that of L.
+    """
+    good = True
+    for j in range(size):
+        pivot = matrix[j, j]
+        for k in range(j):
+            pivot -= out[j, k] * out[j, k]
+        if not pivot > 0.0:
+            good = False
+        inverse = 1.0 / math.sqrt(pivot)
+        out[j, j] = inverse
+        for i in range(j + 1, size):
+            total = matrix[i, j]
+            for k in range(j):
+                total -= out[i, k] * out[j, k]
+            out[i, j] = total * inverse
+    return good
+
+
+@copied
+def solve_rows(
+    factor: np.ndarray, right: np.ndarray, out: np.ndarray, channels: int, width: int
+) -> None:
+    """Fill L⁻¹ B (channels, width) for the factor of :func:`factorize`."""
+    for c in range(channels):
+        for j in range(width):
+            total = right[c, j]
+            for d in range(c):
+                total -= factor[c, d] * out[d, j]
+            out[c, j] = total * factor[c, c]
+
+
+@copied
+def solve_rows_back(factor: np.ndarray, out: np.ndarray, channels: int, width: int) -> None:
+    """Replace B (channels, width) by L⁻ᵀ B."""
+    for e in range(channels):
+        c = channels - 1 - e
+        for j in range(width):
+            total = out[c, j]
+            for d in range(c + 1, channels):
+                total -= factor[d, c] * out[d, j]
+            out[c, j] = total * factor[c, c]
+
+
+@copied
+def project(
+    rows: np.ndarray, p: np.ndarray, hp: np.ndarray, s: np.ndarray, channels: int, width: int
+) -> None:
+    """Fill H P (channels, width) and S = H P Hᵀ + 1 (channels, channels)."""
+    for c in range(channels):
+        for j in range(width):
+            total = 0.0
+            for k in range(width):
+                total += rows[c, k] * p[k, j]
+            hp[c, j] = total
+    for c in range(channels):
+        for d in range(c + 1):
+            total = 1.0 if c == d else 0.0
+            for k in range(width):
+                total += hp[c, k] * rows[d, k]
+            s[c, d] = s[d, c] = total
+
+
+@copied
+def joseph(
+    gain_t: np.ndarray,
+    hp: np.ndarray,
+    rows: np.ndarray,
+    p: np.ndarray,
+    scratch: np.ndarray,
+    spread_t: np.ndarray,
+    channels: int,
+    width: int,
+) -> None:
+    """Replace P by (I − K H) P (I − K H)ᵀ + K Kᵀ, symmetrised; K is given as Kᵀ, R is 1.
+
+    With M = P − K (H P) that is M − (M Hᵀ − K) Kᵀ: two products of rank m instead of two whole
+    ones. All of it is transposed, so that each loop runs along rows.
+    """
+    for i in range(width):
+        for j in range(width):
+            total = p[i, j]
+            for c in range(channels):
+                total -= hp[c, i] * gain_t[c, j]
+            scratch[i, j] = total
+    for c in range(channels):
+        for j in range(width):
+            total = gain_t[c, j]
+            for k in range(width):
+                total -= rows[c, k] * scratch[k, j]
+            spread_t[c, j] = total
+    for i in range(width):
+        for j in range(width):
+            total = scratch[i, j]
+            for c in range(channels):
+                total += gain_t[c, i] * spread_t[c, j]
+            p[i, j] = total
+    for i in range(width):
+        for j in range(i):
+            p[i, j] = p[j, i] = 0.5 * (p[i, j] + p[j, i])
