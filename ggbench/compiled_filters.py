@@ -12,9 +12,9 @@ import numpy as np
 
 from . import kalman
 from .block import ProblemBlock
+from .gradiometer import STRAPDOWN
 from .kernels import compiled
 from .measurement_model import ModelArrays, linearise_errors, run_arrays
-from .gradiometer import STRAPDOWN
 
 _SIZES = ((16, 3), (16, 6), (24, 9))
 """Numbers of states and of components that kernels are made for."""

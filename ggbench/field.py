@@ -20,7 +20,7 @@ from scipy.linalg import solve_banded
 from .earth import metres_per_radian_of, normal_gradient_at, normal_gradient_of
 from .errors import GGBenchError
 from .gradient_map import GradientMap
-from .kernels import compiled, inlined
+from .kernels import compiled, copied, inlined
 from .problem import frozen
 
 
@@ -73,10 +73,10 @@ def _locate(position: float, origin: float, step: float, nodes: int) -> tuple[in
 def _weights(t: float, weight: np.ndarray) -> None:
     """Fill the four cubic B-spline weights at 0 <= t <= 1 of a cell."""
     u = 1.0 - t
-    weight[0] = u * u * u / 6.0
-    weight[1] = (4.0 - 6.0 * t * t + 3.0 * t * t * t) / 6.0
-    weight[2] = (4.0 - 6.0 * u * u + 3.0 * u * u * u) / 6.0
-    weight[3] = t * t * t / 6.0
+    weight[0] = u * u * u * (1.0 / 6.0)
+    weight[1] = (4.0 + t * t * (3.0 * t - 6.0)) * (1.0 / 6.0)
+    weight[2] = (4.0 + u * u * (3.0 * u - 6.0)) * (1.0 / 6.0)
+    weight[3] = t * t * t * (1.0 / 6.0)
 
 
 @inlined
@@ -89,9 +89,14 @@ def _slopes(t: float, slope: np.ndarray) -> None:
     slope[3] = 0.5 * t * t
 
 
-@inlined
+_UNSIGNED = np.uint64
+"""An index that cannot be negative: one that could be would keep a loop from running on vectors."""
+
+
+@copied
 def _sum_columns(
     flat: np.ndarray,
+    size: int,
     start: int,
     row: int,
     column: int,
@@ -101,23 +106,59 @@ def _sum_columns(
 ) -> None:
     """Sum the 16 columns of nodes around a cell with the weights ``first`` ⊗ ``second``.
 
-    The four nodes of a column, with all their components, are contiguous, so that ``out`` (4 m,) is
-    one sum of vectors. ``start`` is where the first column begins in the flat coefficients, ``row``
-    and ``column`` are how far it is to the next one along the first and the second axis.
+    The four nodes of a column, with all their components, are contiguous, so that ``out`` is one
+    sum of ``size`` numbers. ``start`` is where the first column begins in the flat coefficients,
+    ``row`` and ``column`` how far it is to the next one along the first and the second axis.
     """
-    size = out.shape[0]
-    out[:] = 0.0
     for a in range(4):
+        c_0 = _UNSIGNED(start + a * row)
+        c_1, c_2 = c_0 + _UNSIGNED(column), c_0 + _UNSIGNED(2 * column)
+        c_3 = c_0 + _UNSIGNED(3 * column)
         w_0, w_1 = first[a] * second[0], first[a] * second[1]
         w_2, w_3 = first[a] * second[2], first[a] * second[3]
-        c_0 = start + a * row
-        # Views: an index that is a sum could be negative, as far as the compiler knows.
-        column_0 = flat[c_0 : c_0 + size]
-        column_1 = flat[c_0 + column : c_0 + column + size]
-        column_2 = flat[c_0 + 2 * column : c_0 + 2 * column + size]
-        column_3 = flat[c_0 + 3 * column : c_0 + 3 * column + size]
-        for c in range(size):
-            out[c] += w_0 * column_0[c] + w_1 * column_1[c] + w_2 * column_2[c] + w_3 * column_3[c]
+        for c in range(_UNSIGNED(size)):
+            total = (
+                w_0 * flat[c_0 + c] + w_1 * flat[c_1 + c]
+                + w_2 * flat[c_2 + c] + w_3 * flat[c_3 + c]
+            )  # fmt: skip
+            out[c] = total if a == 0 else out[c] + total
+
+
+@copied
+def _sum_columns_and_slopes(
+    flat: np.ndarray,
+    size: int,
+    start: int,
+    row: int,
+    column: int,
+    weights: np.ndarray,
+    out: np.ndarray,
+    along_first: np.ndarray,
+    along_second: np.ndarray,
+) -> None:
+    """Do :func:`_sum_columns`, and the same for the derivatives along the first two axes.
+
+    ``weights`` (24,): of each axis the four weights and their four derivatives.
+    """
+    x_0, x_1, x_2, x_3 = weights[8], weights[9], weights[10], weights[11]
+    y_0, y_1, y_2, y_3 = weights[12], weights[13], weights[14], weights[15]
+    for a in range(4):
+        c_0 = _UNSIGNED(start + a * row)
+        c_1, c_2 = c_0 + _UNSIGNED(column), c_0 + _UNSIGNED(2 * column)
+        c_3 = c_0 + _UNSIGNED(3 * column)
+        weight, slope = weights[a], weights[4 + a]
+        for c in range(_UNSIGNED(size)):
+            f_0, f_1, f_2, f_3 = flat[c_0 + c], flat[c_1 + c], flat[c_2 + c], flat[c_3 + c]
+            across = x_0 * f_0 + x_1 * f_1 + x_2 * f_2 + x_3 * f_3
+            slope_across = y_0 * f_0 + y_1 * f_1 + y_2 * f_2 + y_3 * f_3
+            if a == 0:
+                out[c] = weight * across
+                along_first[c] = slope * across
+                along_second[c] = weight * slope_across
+            else:
+                out[c] += weight * across
+                along_first[c] += slope * across
+                along_second[c] += weight * slope_across
 
 
 @inlined
@@ -129,6 +170,55 @@ def _along(columns: np.ndarray, weight: np.ndarray, m: int, count: int) -> float
         + weight[2] * columns[2 * count + m]
         + weight[3] * columns[3 * count + m]
     )
+
+
+@copied
+def _spline(
+    position: np.ndarray,
+    origin: np.ndarray,
+    step: np.ndarray,
+    coefficients: np.ndarray,
+    value: np.ndarray,
+    derivative: np.ndarray,
+    count: int,
+) -> bool:
+    """Evaluate :func:`spline_at` of ``count`` components."""
+    # One piece of memory: to ask for it costs as much as to fill it.
+    work = np.empty(24 + 12 * count)
+    weights = work[:24]
+    start = 0
+    inside = True
+    for axis in range(3):
+        nodes = coefficients.shape[axis]
+        cell, t, within = _locate(position[axis], origin[axis], step[axis], nodes)
+        if cell < 0:
+            value[:] = math.nan
+            derivative[:, :] = math.nan
+            return False
+        start = start * nodes + cell
+        _weights(t, weights[8 * axis :])
+        slopes = weights[8 * axis + 4 : 8 * axis + 8]
+        _slopes(t, slopes)
+        scale = 1.0 / step[axis] if within else 0.0
+        inside &= within
+        for i in range(4):
+            slopes[i] *= scale
+    column = coefficients.shape[2] * count
+    row = coefficients.shape[1] * column
+    size = 4 * count
+    sums = work[24 : 24 + size]
+    along_first, along_second = work[24 + size : 24 + 2 * size], work[24 + 2 * size :]
+    _sum_columns_and_slopes(
+        coefficients.reshape(-1), size, start * count, row, column,
+        weights, sums, along_first, along_second,
+    )  # fmt: skip
+    vertical, slopes = weights[16:20], weights[20:24]
+    for m in range(count):
+        value[m] = _along(sums, vertical, m, count)
+        derivative[m, 0] = _along(along_first, vertical, m, count)
+        derivative[m, 1] = _along(along_second, vertical, m, count)
+        derivative[m, 2] = _along(sums, slopes, m, count)
+    return inside
 
 
 @compiled
@@ -155,42 +245,10 @@ def spline_at(
     -------
     Whether the position lies inside the grid.
     """
+    if coefficients.shape[3] == 6:  # a tensor: loops of known length
+        return _spline(position, origin, step, coefficients, value, derivative, 6)
     count = coefficients.shape[3]
-    # One piece of memory: to ask for it costs as much as to fill it.
-    work = np.empty(24 + 12 * count)
-    weights, slopes = work[:12].reshape(3, 4), work[12:24].reshape(3, 4)
-    columns = work[24:].reshape(3, 4 * count)
-    start = 0
-    inside = True
-    for axis in range(3):
-        cell, t, within = _locate(
-            position[axis], origin[axis], step[axis], coefficients.shape[axis]
-        )
-        if cell < 0:
-            value[:] = math.nan
-            derivative[:, :] = math.nan
-            return False
-        start = start * coefficients.shape[axis] + cell
-        _weights(t, weights[axis])
-        if within:
-            _slopes(t, slopes[axis])
-            slopes[axis] /= step[axis]
-        else:
-            inside = False
-            slopes[axis] = 0.0
-    flat = coefficients.reshape(-1)
-    column = coefficients.shape[2] * count
-    row = coefficients.shape[1] * column
-    start *= count
-    _sum_columns(flat, start, row, column, weights[0], weights[1], columns[0])
-    _sum_columns(flat, start, row, column, slopes[0], weights[1], columns[1])
-    _sum_columns(flat, start, row, column, weights[0], slopes[1], columns[2])
-    for m in range(count):
-        value[m] = _along(columns[0], weights[2], m, count)
-        derivative[m, 0] = _along(columns[1], weights[2], m, count)
-        derivative[m, 1] = _along(columns[2], weights[2], m, count)
-        derivative[m, 2] = _along(columns[0], slopes[2], m, count)
-    return inside
+    return _spline(position, origin, step, coefficients, value, derivative, count)
 
 
 @compiled
@@ -270,7 +328,7 @@ def gradients(
         _weights(t_1, weights[1])
         _weights(t_2, weights[2])
         start = i * row + j * column + k * 6
-        _sum_columns(flat, start, row, column, weights[0], weights[1], columns)
+        _sum_columns(flat, 24, start, row, column, weights[0], weights[1], columns)
         for m in range(6):
             out[m, p] += _along(columns, weights[2], m, 6)
 

@@ -216,22 +216,23 @@ def linearise_errors(
     model, k : arrays of one run, epoch.
     error : (6,) B_k x, see :func:`predict_errors`.
     predicted : (m,) output.
-    out : (m, 6) output [E/m; E/rad]; of a strapdown instrument alone are the last three columns
-        filled.
+    out : (m, 6) output [E/m; E/rad].
     """
     reference = model.references[k]
     sine, cosine = math.sin(reference[0]), math.cos(reference[0])
     per_north, per_east = metres_per_radian_of(sine, cosine, reference[2])
     work = np.empty(54)
     position, reading, slope = work[:3], work[3:9], work[9:45].reshape(6, 6)
-    position[0] = reference[0] - error[1] / per_north
+    growth = -error[1] / per_north
+    position[0] = reference[0] + growth
     position[1] = reference[1] - error[0] / per_east
     position[2] = reference[2] - error[2]
-    sine, cosine = math.sin(position[0]), math.cos(position[0])
+    if abs(growth) < _SMALL:
+        sine, cosine = _turned(sine, cosine, growth)
+    else:
+        sine, cosine = math.sin(position[0]), math.cos(position[0])
     c_nb = work[45:].reshape(3, 3)
-    moving = 3
     if model.instrument == STRAPDOWN:
-        moving = 6
         turn = np.empty((3, 3))
         rotation_matrix(error[3:], turn)
         product(turn, model.attitudes[k], c_nb)
@@ -248,6 +249,8 @@ def linearise_errors(
         slope[i, 2] *= -1.0
     if model.instrument == STRAPDOWN:
         slope[:, 3:] = slope[:, 3:].copy() @ _left_jacobian(error[3:])
+    else:
+        slope[:, 3:] = 0.0
     gain = model.gain[k]
     for m in range(model.channels.shape[0]):
         channel = model.channels[m]
@@ -255,7 +258,7 @@ def linearise_errors(
         for i in range(6):
             value += channel[i] * reading[i]
         predicted[m] = model.offset[k, m] + gain * value
-        for j in range(moving):
+        for j in range(6):
             along = 0.0
             for i in range(6):
                 along += channel[i] * slope[i, j]
