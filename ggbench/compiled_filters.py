@@ -5,6 +5,7 @@ The same equations as filterpy's, which remain the reference: a test holds both 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -13,8 +14,8 @@ import numpy as np
 from . import kalman
 from .block import ProblemBlock
 from .gradiometer import STRAPDOWN
-from .kernels import compiled
-from .measurement_model import ModelArrays, linearise_errors, run_arrays
+from .kernels import compiled, summed
+from .measurement_model import ModelArrays, linearise_errors, predict_errors, run_arrays
 
 _SIZES = ((16, 3), (16, 6), (24, 9))
 """Numbers of states and of components that kernels are made for."""
@@ -156,6 +157,186 @@ def _make_extended(width: int, channels: int) -> Callable[..., Any]:
     return extended
 
 
+@compiled
+def _root(matrix: np.ndarray, out: np.ndarray) -> bool:
+    """Fill the upper triangular U (n, n) with Uᵀ U = P, or with its nearest positive part.
+
+    Returns whether P had to be repaired, as :class:`.estimators.ukf.MatrixSquareRoot` does.
+    """
+    n = matrix.shape[0]
+    for i in range(n):
+        for j in range(i):
+            out[i, j] = 0.0
+        for j in range(i, n):
+            out[i, j] = 0.5 * (matrix[i, j] + matrix[j, i])
+    good = True
+    for i in range(n):
+        row = out[i]
+        for k in range(i):
+            other = out[k]
+            factor = other[i]
+            for j in range(i, n):
+                row[j] -= factor * other[j]
+        if not row[i] > 0.0:
+            good = False
+            break
+        scale = 1.0 / math.sqrt(row[i])
+        for j in range(i, n):
+            row[j] *= scale
+    if good:
+        return False
+    symmetric = 0.5 * (matrix + matrix.T)
+    size = np.sqrt(np.abs(np.diag(symmetric)))
+    for i in range(n):
+        if size[i] == 0.0:
+            size[i] = 1.0
+    values, vectors = np.linalg.eigh(symmetric / np.outer(size, size))
+    values = np.maximum(values, n * np.finfo(np.float64).eps * values[n - 1])
+    half = np.empty((n, n))
+    for i in range(n):
+        for j in range(n):
+            half[j, i] = size[i] * vectors[i, j] * math.sqrt(values[j])
+    out[:, :] = np.linalg.qr(half)[1]
+    return True
+
+
+def _make_unscented(width: int, channels: int) -> Callable[..., Any]:
+    """Return the kernel of the unscented Kalman filter for up to so many states and components."""
+
+    @compiled
+    def unscented(
+        measurements: np.ndarray,
+        noise_cov: np.ndarray,
+        noise_inverse: np.ndarray,
+        transition: np.ndarray,
+        process_cov: np.ndarray,
+        prior_mean: np.ndarray,
+        prior_cov: np.ndarray,
+        model: ModelArrays,
+        spread: float,
+        weights: np.ndarray,
+        mean: np.ndarray,
+        cov: np.ndarray,
+        nis: np.ndarray,
+        repairs: np.ndarray,
+    ) -> None:
+        runs, epochs, m = measurements.shape
+        n, columns = prior_mean.shape[0], model.rows.shape[3]
+        centre_mean, centre_cov, weight = weights[0], weights[1], weights[2]
+        moving = 6 if model.instrument == STRAPDOWN else 3
+        phi, phi_t = np.zeros((width, width)), np.zeros((width, width))
+        p, scratch = np.zeros((width, width)), np.zeros((width, width))
+        root = np.zeros((width, width))
+        cross_t = np.zeros((channels, width))
+        factor, s = np.zeros((channels, channels)), np.zeros((channels, channels))
+        for c in range(channels):
+            s[c, c] = 1.0
+        innovation, white = np.zeros(channels), np.zeros(channels)
+        errors, found = np.zeros((6, 2 * n + 1)), np.zeros((m, 2 * n + 1))
+        change = np.zeros((channels, width))
+        work = np.zeros((3, 9, 9))
+        rows, hp = np.zeros((channels, width)), np.zeros((channels, width))
+        x = np.zeros(width)
+        for run in range(runs):
+            own = run_arrays(model, run)
+            x[:n] = prior_mean
+            p[:, :] = 0.0
+            p[:n, :n] = prior_cov
+            for k in range(epochs):
+                changing = kalman.padded(transition[run, k], phi, phi_t)
+                # The motion is linear: sigma points through Φ have the mean Φ x and the covariance
+                # Φ P Φᵀ exactly.
+                kalman.predict(phi, phi_t, changing, process_cov[run, k], x, p, scratch, width)
+                repairs[run] += _root(p[:n, :n], root[:n, :n])
+                # Sigma points x, x + U_i, x − U_i (rows of U), as errors B_k x.
+                b = own.rows[k]
+                for i in range(moving):
+                    centre = 0.0
+                    for j in range(columns):
+                        centre += b[i, j] * x[j]
+                    errors[i, 0] = centre
+                    for q in range(n):
+                        off = 0.0
+                        for j in range(q, columns):
+                            off += b[i, j] * root[q, j]
+                        errors[i, 1 + q] = centre + spread * off
+                        errors[i, 1 + n + q] = centre - spread * off
+                predict_errors(own, k, errors, found)
+                if own.bias >= 0:
+                    gain = own.gain[k]
+                    for c in range(m):
+                        centre = gain * x[own.bias + c]
+                        found[c, 0] += centre
+                        for q in range(n):
+                            off = gain * spread * root[q, own.bias + c]
+                            found[c, 1 + q] += centre + off
+                            found[c, 1 + n + q] += centre - off
+                for c in range(m):
+                    row = found[c]
+                    total = 0.0
+                    for q in range(1, 2 * n + 1):
+                        total += row[q]
+                    middle = centre_mean * row[0] + weight * total
+                    innovation[c] = measurements[run, k, c] - middle
+                    for q in range(2 * n + 1):
+                        row[q] -= middle
+                    for q in range(n):
+                        change[c, q] = row[1 + q] - row[1 + n + q]
+                for c in range(m):
+                    for d in range(c + 1):
+                        s[c, d] = s[d, c] = noise_cov[c, d] + _spread_of(
+                            found[c], found[d], centre_cov, weight
+                        )
+                # Cross-covariance, transposed: Σ w (σ − x)(z − ẑ)ᵀ, in which ẑ cancels.
+                scale = weight * spread
+                for c in range(channels):
+                    for j in range(width):
+                        total = 0.0
+                        for q in range(width):
+                            total += change[c, q] * root[q, j]
+                        cross_t[c, j] = scale * total
+                squared, present = whitened_reading(
+                    own, k, x, measurements[run, k], noise_inverse, moving, work, rows, white
+                )
+                squared += kalman.innovation_squared(rows, p, white, hp, channels, width)
+                nis[run, k] = squared if present else np.nan
+                kalman.factorize(s, factor, channels)
+                kalman.solve_rows(factor, cross_t, hp, channels, width)
+                for c in range(channels):
+                    total = innovation[c]
+                    for d in range(c):
+                        total -= factor[c, d] * white[d]
+                    white[c] = total * factor[c, c]
+                for j in range(width):
+                    total = x[j]
+                    for c in range(channels):
+                        total += hp[c, j] * white[c]
+                    x[j] = total
+                for i in range(width):
+                    for j in range(width):
+                        total = p[i, j]
+                        for c in range(channels):
+                            total -= hp[c, i] * hp[c, j]
+                        p[i, j] = total
+                if _root(p[:n, :n], root[:n, :n]):
+                    repairs[run] += 1
+                    p[:n, :n] = root[:n, :n].T @ root[:n, :n]
+                mean[run, k] = x[:n]
+                cov[run, k] = p[:n, :n]
+
+    return unscented
+
+
+@summed
+def _spread_of(one: np.ndarray, two: np.ndarray, centre: float, weight: float) -> float:
+    """Return the weighted sum of the products of deviations (N,), the centre's first."""
+    total = 0.0
+    for q in range(1, one.shape[0]):
+        total += one[q] * two[q]
+    return centre * one[0] * two[0] + weight * total
+
+
+_UNSCENTED = {size: _make_unscented(*size) for size in _SIZES[1:]}
 _EXTENDED = {size: _make_extended(*size) for size in _SIZES}
 
 
@@ -181,3 +362,31 @@ def extended(block: ProblemBlock) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         block.prior_mean, block.prior_cov, block.model, mean, cov, nis,
     )  # fmt: skip
     return mean, cov, nis
+
+
+def unscented(
+    block: ProblemBlock, spread: float, centre_mean: float, centre_cov: float, weight: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Run the unscented Kalman filter.
+
+    Parameters
+    ----------
+    block : the runs.
+    spread : by how much the rows of the root of P are stretched.
+    centre_mean, centre_cov, weight : of the centre in means and in covariances, of all others.
+
+    Returns
+    -------
+    mean (R, K, n), cov (R, K, n, n), NIS (R, K), and how often a covariance was repaired (R,).
+    """
+    runs, epochs, n = block.runs, block.epochs, block.dimension
+    mean, cov = np.empty((runs, epochs, n)), np.empty((runs, epochs, n, n))
+    nis, repairs = np.empty((runs, epochs)), np.zeros(runs, dtype=np.int64)
+    m = block.measurements.shape[2]
+    size = next(size for size in _UNSCENTED if n <= size[0] and m <= size[1])
+    _UNSCENTED[size](
+        block.measurements, block.noise_cov, _noise_inverse(block), block.transition,
+        block.process_cov, block.prior_mean, block.prior_cov, block.model, spread,
+        np.array([centre_mean, centre_cov, weight]), mean, cov, nis, repairs,
+    )  # fmt: skip
+    return mean, cov, nis, repairs

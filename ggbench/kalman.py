@@ -182,6 +182,29 @@ def project(
 
 
 @copied
+def innovation_squared(
+    rows: np.ndarray,
+    p: np.ndarray,
+    innovation: np.ndarray,
+    hp: np.ndarray,
+    channels: int,
+    width: int,
+) -> float:
+    """Return the normalised square of an innovation (channels,); both it and ``hp`` are spent."""
+    s = np.empty((channels, channels))
+    factor = np.empty((channels, channels))
+    project(rows, p, hp, s, channels, width)
+    factorize(s, factor, channels)
+    squared = 0.0
+    for c in range(channels):
+        for d in range(c):
+            innovation[c] -= factor[c, d] * innovation[d]
+        innovation[c] *= factor[c, c]
+        squared += innovation[c] * innovation[c]
+    return squared
+
+
+@copied
 def joseph(
     gain_t: np.ndarray,
     hp: np.ndarray,
