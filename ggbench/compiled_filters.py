@@ -112,14 +112,15 @@ def _make_extended(width: int, channels: int) -> Callable[..., Any]:
         cov: np.ndarray,
         nis: np.ndarray,
     ) -> None:
-        runs, epochs, _ = measurements.shape
-        n = prior_mean.shape[0]
+        runs, epochs, m = measurements.shape
+        n, m = prior_mean.shape[0], min(m, channels)
         moving = 6 if model.instrument == STRAPDOWN else 3
         phi, phi_t = np.zeros((width, width)), np.zeros((width, width))
         p, scratch = np.zeros((width, width)), np.zeros((width, width))
         rows, hp = np.zeros((channels, width)), np.zeros((channels, width))
         gain_t, spread_t = np.zeros((channels, width)), np.zeros((channels, width))
-        factor, s = np.zeros((channels, channels)), np.zeros((channels, channels))
+        half_t, s = np.zeros((channels, width)), np.zeros((channels, channels))
+        root, inverse = np.zeros((channels, channels)), np.zeros((channels, channels))
         innovation, white = np.zeros(channels), np.zeros(channels)
         work = np.zeros((3, 9, 9))
         x = np.zeros(width)
@@ -134,23 +135,18 @@ def _make_extended(width: int, channels: int) -> Callable[..., Any]:
                 squared, present = whitened_reading(
                     own, k, x, measurements[run, k], noise_inverse, moving, work, rows, innovation
                 )
-                kalman.project(rows, p, hp, s, channels, width)
-                kalman.factorize(s, factor, channels)
-                kalman.solve_rows(factor, hp, gain_t, channels, width)
-                for c in range(channels):
-                    total = innovation[c]
-                    for d in range(c):
-                        total -= factor[c, d] * white[d]
-                    white[c] = total * factor[c, c]
-                    squared += white[c] * white[c]
+                kalman.project(rows, p, hp, s, m, width)
+                kalman.invert_root(s, root, inverse, m)
+                squared += kalman.whiten(inverse, innovation, white, m)
                 nis[run, k] = squared if present else np.nan
+                kalman.times(inverse, hp, half_t, m, channels, width)
                 for j in range(width):
                     total = x[j]
                     for c in range(channels):
-                        total += gain_t[c, j] * white[c]
+                        total += half_t[c, j] * white[c]
                     x[j] = total
-                kalman.solve_rows_back(factor, gain_t, channels, width)
-                kalman.joseph(gain_t, hp, rows, p, scratch, spread_t, channels, width)
+                kalman.transpose_times(inverse, half_t, gain_t, m, channels, width)
+                kalman.joseph(gain_t, hp, rows, p, scratch, spread_t, n, m, channels, width)
                 mean[run, k] = x[:n]
                 cov[run, k] = p[:n, :n]
 
@@ -228,10 +224,10 @@ def _make_unscented(width: int, channels: int) -> Callable[..., Any]:
         p, scratch = np.zeros((width, width)), np.zeros((width, width))
         root = np.zeros((width, width))
         cross_t = np.zeros((channels, width))
-        factor, s = np.zeros((channels, channels)), np.zeros((channels, channels))
-        for c in range(channels):
-            s[c, c] = 1.0
+        s, inverse = np.zeros((channels, channels)), np.zeros((channels, channels))
+        small = np.zeros((channels, channels))
         innovation, white = np.zeros(channels), np.zeros(channels)
+        linear, linear_innovation = np.zeros((channels, channels)), np.zeros(channels)
         errors, found = np.zeros((6, 2 * n + 1)), np.zeros((m, 2 * n + 1))
         change = np.zeros((channels, width))
         work = np.zeros((3, 9, 9))
@@ -289,30 +285,30 @@ def _make_unscented(width: int, channels: int) -> Callable[..., Any]:
                         )
                 # Cross-covariance, transposed: Σ w (σ − x)(z − ẑ)ᵀ, in which ẑ cancels.
                 scale = weight * spread
-                for c in range(channels):
+                for c in range(m):
                     for j in range(width):
                         total = 0.0
                         for q in range(width):
                             total += change[c, q] * root[q, j]
                         cross_t[c, j] = scale * total
                 squared, present = whitened_reading(
-                    own, k, x, measurements[run, k], noise_inverse, moving, work, rows, white
-                )
-                squared += kalman.innovation_squared(rows, p, white, hp, channels, width)
+                    own, k, x, measurements[run, k], noise_inverse, moving, work, rows,
+                    linear_innovation,
+                )  # fmt: skip
+                # The square of the innovation is judged as that of every filter is, linearised.
+                kalman.project(rows, p, hp, linear, m, width)
+                kalman.invert_root(linear, small, inverse, m)
+                squared += kalman.whiten(inverse, linear_innovation, white, m)
                 nis[run, k] = squared if present else np.nan
-                kalman.factorize(s, factor, channels)
-                kalman.solve_rows(factor, cross_t, hp, channels, width)
-                for c in range(channels):
-                    total = innovation[c]
-                    for d in range(c):
-                        total -= factor[c, d] * white[d]
-                    white[c] = total * factor[c, c]
+                kalman.invert_root(s, small, inverse, m)
+                kalman.whiten(inverse, innovation, white, m)
+                kalman.times(inverse, cross_t, hp, m, channels, width)
                 for j in range(width):
                     total = x[j]
                     for c in range(channels):
                         total += hp[c, j] * white[c]
                     x[j] = total
-                for i in range(width):
+                for i in range(n):
                     for j in range(width):
                         total = p[i, j]
                         for c in range(channels):
@@ -320,7 +316,8 @@ def _make_unscented(width: int, channels: int) -> Callable[..., Any]:
                         p[i, j] = total
                 if _root(p[:n, :n], root[:n, :n]):
                     repairs[run] += 1
-                    p[:n, :n] = root[:n, :n].T @ root[:n, :n]
+                    upper = root[:n, :n].copy()
+                    p[:n, :n] = upper.T @ upper
                 mean[run, k] = x[:n]
                 cov[run, k] = p[:n, :n]
 

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from .kernels import copied
+from .kernels import compiled, copied
 
 
 @copied
@@ -114,94 +114,90 @@ def compress(slope: np.ndarray, residual: np.ndarray, m: int, columns: int) -> f
     return left
 
 
-@copied
-def factorize(matrix: np.ndarray, out: np.ndarray, size: int) -> bool:
-    """Fill L, lower triangular, with L Lᵀ = a symmetric matrix; return: positive definite.
+@compiled
+def invert_root(matrix: np.ndarray, root: np.ndarray, out: np.ndarray, m: int) -> bool:
+    """Fill L⁻¹, lower triangular, of L Lᵀ = a symmetric matrix of m rows.
 
-    The diagonal of ``out`` holds the inverses of that of L.
+    ``root`` (m, m) is scratch. Returns whether the matrix is positive definite.
     """
     good = True
-    for j in range(size):
+    for j in range(m):
         pivot = matrix[j, j]
         for k in range(j):
-            pivot -= out[j, k] * out[j, k]
-        if not pivot > 0.0:
-            good = False
+            pivot -= root[j, k] * root[j, k]
+        good &= pivot > 0.0
         inverse = 1.0 / math.sqrt(pivot)
         out[j, j] = inverse
-        for i in range(j + 1, size):
+        for i in range(j + 1, m):
             total = matrix[i, j]
             for k in range(j):
-                total -= out[i, k] * out[j, k]
-            out[i, j] = total * inverse
+                total -= root[i, k] * root[j, k]
+            root[i, j] = total * inverse
+    for j in range(m):
+        for i in range(j + 1, m):
+            total = 0.0
+            for k in range(j, i):
+                total -= root[i, k] * out[k, j]
+            out[i, j] = total * out[i, i]
     return good
 
 
 @copied
-def solve_rows(
-    factor: np.ndarray, right: np.ndarray, out: np.ndarray, channels: int, width: int
+def times(
+    small: np.ndarray, right: np.ndarray, out: np.ndarray, m: int, channels: int, width: int
 ) -> None:
-    """Fill L⁻¹ B (channels, width) for the factor of :func:`factorize`."""
-    for c in range(channels):
+    """Fill the first m rows of a small matrix (channels, channels) times B (channels, width)."""
+    for c in range(m):
         for j in range(width):
-            total = right[c, j]
-            for d in range(c):
-                total -= factor[c, d] * out[d, j]
-            out[c, j] = total * factor[c, c]
+            total = 0.0
+            for d in range(channels):
+                total += small[c, d] * right[d, j]
+            out[c, j] = total
 
 
 @copied
-def solve_rows_back(factor: np.ndarray, out: np.ndarray, channels: int, width: int) -> None:
-    """Replace B (channels, width) by L⁻ᵀ B."""
-    for e in range(channels):
-        c = channels - 1 - e
+def transpose_times(
+    small: np.ndarray, right: np.ndarray, out: np.ndarray, m: int, channels: int, width: int
+) -> None:
+    """Fill the first m rows of the transposed small matrix times B (channels, width)."""
+    for c in range(m):
         for j in range(width):
-            total = out[c, j]
-            for d in range(c + 1, channels):
-                total -= factor[d, c] * out[d, j]
-            out[c, j] = total * factor[c, c]
+            total = 0.0
+            for d in range(channels):
+                total += small[d, c] * right[d, j]
+            out[c, j] = total
+
+
+@compiled
+def whiten(inverse: np.ndarray, residual: np.ndarray, out: np.ndarray, m: int) -> float:
+    """Fill L⁻¹ y (m,) and return the sum of its squares."""
+    squared = 0.0
+    for c in range(m):
+        total = 0.0
+        for d in range(c + 1):
+            total += inverse[c, d] * residual[d]
+        out[c] = total
+        squared += total * total
+    return squared
 
 
 @copied
 def project(
-    rows: np.ndarray, p: np.ndarray, hp: np.ndarray, s: np.ndarray, channels: int, width: int
+    rows: np.ndarray, p: np.ndarray, hp: np.ndarray, s: np.ndarray, m: int, width: int
 ) -> None:
-    """Fill H P (channels, width) and S = H P Hᵀ + 1 (channels, channels)."""
-    for c in range(channels):
+    """Fill H P and S = H P Hᵀ + 1 of m components."""
+    for c in range(m):
         for j in range(width):
             total = 0.0
             for k in range(width):
                 total += rows[c, k] * p[k, j]
             hp[c, j] = total
-    for c in range(channels):
+    for c in range(m):
         for d in range(c + 1):
             total = 1.0 if c == d else 0.0
             for k in range(width):
                 total += hp[c, k] * rows[d, k]
             s[c, d] = s[d, c] = total
-
-
-@copied
-def innovation_squared(
-    rows: np.ndarray,
-    p: np.ndarray,
-    innovation: np.ndarray,
-    hp: np.ndarray,
-    channels: int,
-    width: int,
-) -> float:
-    """Return the normalised square of an innovation (channels,); both it and ``hp`` are spent."""
-    s = np.empty((channels, channels))
-    factor = np.empty((channels, channels))
-    project(rows, p, hp, s, channels, width)
-    factorize(s, factor, channels)
-    squared = 0.0
-    for c in range(channels):
-        for d in range(c):
-            innovation[c] -= factor[c, d] * innovation[d]
-        innovation[c] *= factor[c, c]
-        squared += innovation[c] * innovation[c]
-    return squared
 
 
 @copied
@@ -212,6 +208,8 @@ def joseph(
     p: np.ndarray,
     scratch: np.ndarray,
     spread_t: np.ndarray,
+    n: int,
+    m: int,
     channels: int,
     width: int,
 ) -> None:
@@ -220,24 +218,24 @@ def joseph(
     With M = P − K (H P) that is M − (M Hᵀ − K) Kᵀ: two products of rank m instead of two whole
     ones. All of it is transposed, so that each loop runs along rows.
     """
-    for i in range(width):
+    for i in range(n):
         for j in range(width):
             total = p[i, j]
             for c in range(channels):
                 total -= hp[c, i] * gain_t[c, j]
             scratch[i, j] = total
-    for c in range(channels):
+    for c in range(m):
         for j in range(width):
             total = gain_t[c, j]
             for k in range(width):
                 total -= rows[c, k] * scratch[k, j]
             spread_t[c, j] = total
-    for i in range(width):
+    for i in range(n):
         for j in range(width):
             total = scratch[i, j]
             for c in range(channels):
                 total += gain_t[c, i] * spread_t[c, j]
             p[i, j] = total
-    for i in range(width):
+    for i in range(n):
         for j in range(i):
             p[i, j] = p[j, i] = 0.5 * (p[i, j] + p[j, i])
