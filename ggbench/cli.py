@@ -16,8 +16,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from .errors import GGBenchError
+from .limits import MOST_RUNS, MOST_SEED
 from .map_cli import map_group
-from .schema import MOST_RUNS, MOST_SEED
 
 if TYPE_CHECKING:
     from .campaign import Campaign

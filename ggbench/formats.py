@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
-from .schema import MOST_RUNS, MOST_SEED, SCENARIO_NAME
+from .limits import MOST_RUNS, MOST_SEED, SCENARIO_NAME
 
 Count = Annotated[int, Field(ge=0)]
 

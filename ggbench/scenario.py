@@ -28,7 +28,8 @@ from pydantic import BaseModel, ValidationError
 
 from . import sweep
 from .errors import GGBenchError
-from .schema import MOST_POINTS, SCENARIO_NAME, CampaignSpec, CaseSpec, SweepSpec
+from .limits import SCENARIO_NAME
+from .schema import MOST_POINTS, CampaignSpec, CaseSpec, SweepSpec
 from .sweep import Sweep
 
 T = TypeVar("T", bound=BaseModel)

@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
+from .limits import MOST_RUNS, MOST_SEED
 from .manoeuvres import TrajectoryError
 from .sections import Finite, NonNegative, Positive, Section
 from .sensor_schema import (
@@ -36,14 +37,6 @@ MOST_POINTS = 10_000
 """Most grid points of a sweep."""
 MOST_SAMPLES = 2_000_000
 """Most IMU samples of a flight (about 2 GB of intermediate matrices at a million)."""
-
-
-SCENARIO_NAME = r"^[^/\\\x00]*[^/\\\x00.]$"
-"""What a scenario may be called: files and folders of its report are."""
-MOST_RUNS = 1_000_000
-"""Most runs of a case."""
-MOST_SEED = 2**63 - 1
-"""Largest seed, what a table of whole numbers can hold."""
 
 
 class WindowsSpec(Section):

@@ -1,0 +1,8 @@
+"""Limits that hold for scenario files, for options of the command and for what is stored."""
+
+SCENARIO_NAME = r"^[^/\\\x00]*[^/\\\x00.]$"
+"""What a scenario may be called: files and folders of its report are."""
+MOST_RUNS = 1_000_000
+"""Most runs of a case."""
+MOST_SEED = 2**63 - 1
+"""Largest seed, what a table of whole numbers can hold."""
