@@ -15,7 +15,6 @@ from typing import Protocol
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from .errors import GGBenchError
 from .strapdown import advance_position
@@ -226,6 +225,8 @@ class Climb:
             raise TrajectoryError(
                 f"cannot climb {height:g} m in {count * dt:g} s at {start.speed:g} m/s"
             )
+        from scipy.optimize import brentq  # not at the top: it loads slowly, and few flights climb
+
         angle = brentq(excess, 0.0, reach, xtol=1e-15, rtol=1e-14)
         return np.outer(angle * unit, [0.0, 0.0, 1.0])
 
@@ -266,6 +267,8 @@ class Climb:
             return 2.0 * speed * pull_up(angle) * float(np.sin(angle * ramp).mean())
 
         if gain(angle) > height:
+            from scipy.optimize import brentq
+
             return pull_up(brentq(lambda a: gain(a) - height, 0.0, angle)), 0.0
         return pull_up(angle), (height - gain(angle)) / (speed * math.sin(angle))
 

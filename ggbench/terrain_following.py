@@ -21,7 +21,6 @@ from pathlib import Path
 
 import numpy as np
 from numba import njit
-from scipy.interpolate import CubicSpline
 
 from .errors import GGBenchError
 from .manoeuvres import Array, State, TrajectoryError, enu, follow
@@ -74,6 +73,8 @@ class TerrainFollowing:
                 "must begin in level flight with a speed, and there the climb angle is "
                 f"{math.degrees(start.climb):g}° and the speed {start.speed:g} m/s"
             )
+        from scipy.interpolate import CubicSpline  # not at the top: it loads slowly
+
         times = np.arange(count + 1) * dt
         steps = math.ceil(times[-1] / _STEP)
         step = times[-1] / steps

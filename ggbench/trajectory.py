@@ -25,7 +25,6 @@ from .manoeuvres import (
     sample,
 )
 from .strapdown import attitude_matrix
-from .track import read_track, resample
 from .trajectory_schema import TrajectorySpec
 
 __all__ = ["Segment", "Trajectory", "fly", "from_spec"]
@@ -68,6 +67,8 @@ def from_spec(spec: TrajectorySpec, dt: float) -> Trajectory:
             start.position, start.speed, start.heading, pitch, roll, spec.manoeuvres(), dt,
             banks=spec.vehicle == "aircraft", size=len(spec.segment),
         )  # fmt: skip
+    from .track import read_track, resample  # not at the top: it loads slowly, few flights have one
+
     track = read_track(spec.file, spec.track_limits())
     try:
         position, velocities, angles = resample(track, dt, pitch, roll, spec.vehicle == "aircraft")

@@ -6,7 +6,7 @@ import hashlib
 import math
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -25,7 +25,9 @@ from .manoeuvres import (
 )
 from .sections import Finite, Latitude, Longitude, NonNegative, Positive, Section
 from .terrain_following import TerrainFollowing, terrain_path
-from .track import TrackLimits, read_track
+
+if TYPE_CHECKING:
+    from .track import TrackLimits
 
 _PLAN_STEP = 0.5  # of the plan whose duration counts before the IMU's rate is known [s]
 
@@ -223,6 +225,8 @@ class TrajectorySpec(Section):
             A ValueError: if a segment cannot be flown, or a file cannot be used.
         """
         if self.file is not None:
+            from .track import read_track  # not at the top: it loads slowly, few flights have one
+
             return float(read_track(self.file, self.track_limits()).times[-1])
         if all(segment.kind == "rates" for segment in self.segment):
             return sum(s.duration_s for s in self.segment if s.duration_s) * self.repeat
@@ -248,6 +252,8 @@ class TrajectorySpec(Section):
 
     def track_limits(self) -> TrackLimits:
         """Return what a track may look like."""
+        from .track import TrackLimits
+
         return TrackLimits(self.max_gap_s, self.max_acceleration_mps2, self.smoothing_s)
 
     def files(self) -> list[Path]:
