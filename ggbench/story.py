@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 from rich import box
 from rich.console import Console
 from rich.markup import escape
@@ -15,10 +14,14 @@ from rich.table import Table
 
 from . import keys, metrics
 from .registry import choose
-from .results import Results, ResultsError
 from .runner import Task, flight_of, kept_epochs, run_task
 from .scenario import Scenario
 from .store import Result
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from .results import Results
 
 _BARS = "▁▂▃▄▅▆▇█"
 _WIDTH = 32
@@ -80,6 +83,8 @@ def choose_run(results: Results, case: str | None, run: int | None = None) -> tu
     ResultsError
         If the folder holds no such run.
     """
+    from .results import ResultsError  # not at the top: to repeat a run needs no tables
+
     table = results.table
     table = table[
         (table["assumption"] == "")
