@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import pandas as pd
-from scipy.stats import binomtest
+from scipy.special import bdtrc
 
 from .ranking import best_causal, pair_of, rows_of
 from .scenario import Scenario
@@ -174,7 +174,7 @@ def _mostly(pair: Mapping[str, Any]) -> bool:
     """Return whether the first of a pair has the smaller error in most runs (sign test, 5 %)."""
     runs = int(pair["runs"] + pair["first_only"] + pair["second_only"])
     wins = round(pair["position_win_rate"] * runs)
-    return runs > 0 and bool(binomtest(wins, runs, alternative="greater").pvalue < _SIGNIFICANT)
+    return runs > 0 and bool(bdtrc(wins - 1, runs, 0.5) < _SIGNIFICANT)
 
 
 def _capital(text: str) -> str:

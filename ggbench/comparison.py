@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.stats import binom, hypergeom
+from scipy.special import bdtrc
 
 from .errors import GGBenchError
 from .metrics import WINDOWS
@@ -207,9 +207,11 @@ def _lost_runs(before: pd.DataFrame, after: pd.DataFrame, paired: bool) -> dict[
         one, other = lost[0].align(lost[1], join="inner")
         only_old, only_new = int((one & ~other).sum()), int((other & ~one).sum())
         p, p_better = (
-            float(binom.sf(only - 1, only_old + only_new, 0.5)) for only in (only_new, only_old)
+            float(bdtrc(only - 1, only_old + only_new, 0.5)) for only in (only_new, only_old)
         )
     else:
+        from scipy.stats import hypergeom  # not at the top: it loads slowly, most runs are paired
+
         # Fisher's exact test: given all that are lost, how many of them are after's.
         runs = len(before) + len(after)
         p = float(hypergeom.sf(new - 1, runs, old + new, len(after)))

@@ -9,15 +9,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
-from scipy.stats import binom, norm
+from scipy.special import bdtr, ndtri
 
-from .statistics import ALPHA
+from .statistics import ALPHA, binomial_quantile
 
-CLAIM = float(norm.ppf(0.975))
+if TYPE_CHECKING:
+    import pandas as pd
+
+CLAIM = float(ndtri(0.975))
 """Standard deviations of a claimed 95 % radius, see :func:`claimed_radius`."""
 COLUMNS = (
     "lock_share", "lock_lo", "lock_hi", "false_lock_share", "false_lock_lo", "false_lock_hi",
@@ -94,8 +96,8 @@ def median_interval(values: Sequence[float]) -> tuple[float, float, float]:
     if count == 0:
         return math.nan, math.nan, math.nan
     # The largest r with P(at most r of the values lie below the median) ≤ 2.5 %.
-    below = int(binom.ppf(ALPHA / 2.0, count, 0.5))
-    rank = below if binom.cdf(below, count, 0.5) <= ALPHA / 2.0 else below - 1
+    below = binomial_quantile(ALPHA / 2.0, count, 0.5)
+    rank = below if bdtr(below, count, 0.5) <= ALPHA / 2.0 else below - 1
     median = float(np.median(ordered))
     if rank < 0:
         return median, math.nan, math.nan

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.stats import binom, chi2, t
+from scipy.special import bdtr, chdtri, stdtr  # scipy.stats has no more, and loads slowly
 
 ALPHA = 0.05
 """False-alarm rate of every interval, band and verdict."""
@@ -202,7 +202,7 @@ def _mean_band(samples: int, dimension: int) -> tuple[float, float]:
     """Return the 95 % band of the mean of independent χ² variables; NaN without any."""
     if samples == 0:
         return math.nan, math.nan
-    low, high = chi2.ppf([ALPHA / 2.0, 1.0 - ALPHA / 2.0], samples * dimension) / samples
+    low, high = chdtri(samples * dimension, [1.0 - ALPHA / 2.0, ALPHA / 2.0]) / samples
     return float(low), float(high)
 
 
@@ -219,8 +219,21 @@ def coverage_band(runs: int, level: float = 0.95) -> tuple[float, float]:
     """
     if runs == 0:
         return math.nan, math.nan
-    low, high = binom.ppf([ALPHA / 2.0, 1.0 - ALPHA / 2.0], runs, level) / runs
-    return float(low), float(high)
+    ends = (ALPHA / 2.0, 1.0 - ALPHA / 2.0)
+    low, high = (binomial_quantile(end, runs, level) / runs for end in ends)
+    return low, high
+
+
+@lru_cache(maxsize=64)
+def binomial_quantile(probability: float, count: int, share: float) -> int:
+    """Return the least k such that at most k of ``count`` succeed with that probability or more.
+
+    Parameters
+    ----------
+    probability : above 0 and below 1.
+    count : number of independent trials, each of which succeeds with probability ``share``.
+    """
+    return int(np.searchsorted(bdtr(np.arange(count + 1), count, share), probability))
 
 
 def ratio_interval(
@@ -292,7 +305,7 @@ def excess_p_value(
     freedom = variance**2 / sum(
         v**2 / (len(sample) - 1) for v, sample in zip(variances, samples, strict=True)
     )
-    return float(t.sf(excess / math.sqrt(variance), freedom))
+    return float(stdtr(freedom, -excess / math.sqrt(variance)))
 
 
 def holm(p_values: Iterable[float]) -> np.ndarray:
