@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
 
 
 @dataclass(frozen=True)
@@ -88,6 +87,8 @@ class Imu:
             keep = math.exp(-dt / time)
             drive = math.sqrt(-math.expm1(-2.0 * dt / time)) * sigma
             driven = np.vstack([start, drive * rng.standard_normal((count, 3))])
+            from scipy.signal import lfilter  # not at the top: it loads slowly, few biases drift
+
             histories.append(lfilter([1.0], [1.0, -keep], driven, axis=0))
         return histories[0], histories[1]
 
