@@ -30,7 +30,6 @@ from functools import lru_cache
 from typing import Literal
 
 import numpy as np
-from scipy import signal
 from scipy.linalg import qr, solve_triangular
 
 from .errors import GGBenchError
@@ -70,6 +69,8 @@ class LowPass:
 
     def apply(self, samples: np.ndarray) -> np.ndarray:
         """Filter ``samples`` (K, ...) along the first axis; the first ``order`` pass unchanged."""
+        from scipy import signal  # not at the top: it loads slowly
+
         numerator, denominator = signal.butter(self.order, self.cutoff_hz, fs=self.rate_hz)
         start = min(self.order, len(samples))
         filtered = np.array(samples, dtype=float)
@@ -84,6 +85,8 @@ class LowPass:
 
     def dc_delay(self) -> float:
         """Return the delay of a slow signal [samples]."""
+        from scipy import signal
+
         numerator, denominator = signal.butter(self.order, self.cutoff_hz, fs=self.rate_hz)
         # Not scipy.signal.group_delay: its response at DC is −d(phase)/dω, exactly this sum.
         lags = np.arange(self.order + 1)
