@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
 
 from . import strapdown
 from .flight import Flight as Flight
@@ -225,6 +224,8 @@ def _delayed_attitudes(flight: Flight, delays: np.ndarray, attitudes: np.ndarray
 
 def _attitudes_at(times: np.ndarray, samples: np.ndarray, attitudes: np.ndarray) -> np.ndarray:
     """Return C_nb (K, 3, 3) at times between samples, by the shortest rotation."""
+    from scipy.spatial.transform import Rotation, Slerp  # not at the top: rarely used, loads slowly
+
     turning = Slerp(samples, Rotation.from_matrix(attitudes))
     return np.asarray(turning(np.clip(times, samples[0], samples[-1])).as_matrix())
 
