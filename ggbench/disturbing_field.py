@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import gaussian_filter
 
 from .errors import GGBenchError
 from .remove_restore import MARGIN_DEG, GravityGrid, Residual, height_anomaly, linear_weights
@@ -159,6 +158,8 @@ def _elevation(files: Source, geoid: GravityGrid, smoothing_deg: float) -> Array
     land = np.maximum(topography["z"], 0.0)
     if smoothing_deg > 0.0:
         steps = [float(np.diff(topography[axis]).mean()) for axis in ("lat", "lon")]
+        from scipy.ndimage import gaussian_filter  # not at the top: few reliefs are smoothed
+
         land = gaussian_filter(land, [smoothing_deg / step for step in steps])
     at_rows = linear_weights(topography["lat"], geoid.latitude_deg)
     at_columns = linear_weights(topography["lon"], geoid.longitude_deg)

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d
 
 from .disturbing_field import MapError
 from .earth import EOTVOS
@@ -62,6 +61,8 @@ def degrade(right: GradientMap, degradation: MapDegradation) -> GradientMap:
     disturbance = right.gravity_disturbance.astype(float)
     north, east = _node_distances(right)
     if degradation.resolution_m > 0.0:
+        from scipy.ndimage import gaussian_filter1d  # not at the top: few maps are smoothed
+
         tensor, disturbance = (
             gaussian_filter1d(
                 gaussian_filter1d(values, degradation.resolution_m / north, axis=0),

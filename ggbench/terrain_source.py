@@ -9,10 +9,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import gaussian_filter
 
 from .disturbing_field import MapError, data_bytes, read_arrays
-from .parker import TerrainOptions, terrain_field
 from .terrain import Terrain, TerrainError
 
 Array = NDArray[np.float64]
@@ -52,7 +50,7 @@ def terrain_disturbing_field(
     latitude: ArrayLike,
     longitude: ArrayLike,
     height: ArrayLike,
-    density: float = TerrainOptions().density,
+    density: float = 2670.0,
     relief_smoothing_deg: float = 0.0,
 ) -> tuple[Array, Array]:
     """The field of a terrain's masses on latitude x longitude x height.
@@ -72,6 +70,11 @@ def terrain_disturbing_field(
 
     Raises MapError if the terrain's file is damaged or the positions are outside of what it gives.
     """
+    # Not at the top: a map that is made already needs neither.
+    from scipy.ndimage import gaussian_filter
+
+    from .parker import TerrainOptions, terrain_field
+
     terrain = _terrain(name)
     if relief_smoothing_deg > 0.0:
         steps = (terrain.latitude_step_deg, terrain.longitude_step_deg)
