@@ -70,15 +70,23 @@ def registered() -> dict[str, type[Estimator]]:
     EstimatorError
         If an installed entry point cannot be imported.
     """
-    found = {}
-    for point in sorted(importlib.metadata.entry_points(group=GROUP), key=lambda p: p.name):
-        try:
-            found[point.name] = point.load()
-        except Exception as error:
-            raise EstimatorError(
-                f"the estimator '{point.name}' ({point.value}) cannot be imported: {error}"
-            ) from error
-    return found
+    return {name: _load(point) for name, point in _points().items()}
+
+
+def _points() -> dict[str, importlib.metadata.EntryPoint]:
+    """Return the entry points of the registered estimators by name, in order."""
+    points = importlib.metadata.entry_points(group=GROUP)
+    return {point.name: point for point in sorted(points, key=lambda p: p.name)}
+
+
+def _load(point: importlib.metadata.EntryPoint) -> type[Estimator]:
+    try:
+        cls: type[Estimator] = point.load()
+    except Exception as error:
+        raise EstimatorError(
+            f"the estimator '{point.name}' ({point.value}) cannot be imported: {error}"
+        ) from error
+    return cls
 
 
 def choose(text: str) -> Choice:
@@ -98,15 +106,15 @@ def choose(text: str) -> Choice:
     if name.endswith(".py"):
         cls = _from_file(Path(name))
     else:
-        classes = registered()
-        if name not in classes:
-            close = difflib.get_close_matches(name, classes, n=1)
+        points = _points()  # of which only the chosen one is imported: some load slowly
+        if name not in points:
+            close = difflib.get_close_matches(name, points, n=1)
             hint = f" (did you mean '{close[0]}'?)" if close else ""
             raise EstimatorError(
-                f"there is no estimator '{name}'{hint}; known: {', '.join(classes)}; "
+                f"there is no estimator '{name}'{hint}; known: {', '.join(points)}; "
                 "or give the path of a .py file"
             )
-        cls = classes[name]
+        cls = _load(points[name])
     _require_interface(cls, name)
     parameters = _parse(cls, name, listed)
     shown = ",".join(f"{key}={raw}" for key, (raw, _) in parameters.items())

@@ -72,11 +72,15 @@ def test_the_estimators_of_the_benchmark_are_registered():
 
 
 def test_an_entry_point_that_cannot_be_imported_is_named(monkeypatch):
-    """Another package's broken estimator is an error that names it, not a traceback."""
+    """Another package's broken estimator is an error that names it, and stops no other one."""
     broken = importlib.metadata.EntryPoint("broken", "no_such_module:Thing", registry.GROUP)
-    monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: [broken])
-    with pytest.raises(EstimatorError, match=r"'broken' \(no_such_module:Thing\) cannot be import"):
-        choose("ekf")
+    whole = importlib.metadata.EntryPoint("ins", "ggbench.estimators.ins:InertialOnly", "")
+    monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: [broken, whole])
+    said = r"'broken' \(no_such_module:Thing\) cannot be imported"
+    for look in (lambda: choose("broken"), registry.registered):
+        with pytest.raises(EstimatorError, match=said):
+            look()
+    assert choose("ins").label == "ins"
 
 
 @pytest.mark.parametrize(
