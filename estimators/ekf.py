@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from filterpy.kalman import ExtendedKalmanFilter as FilterpyEKF
 
 from ..problem import Causality, Estimate, Estimator, MeasurementModel, Problem
 from . import robust
@@ -60,6 +59,9 @@ class ExtendedKalmanFilter(Estimator):
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
         """Predict with Φ and Q, update with h linearised where it fits, epoch by epoch."""
+        # Not at the top: it loads as slowly as all the rest, and to be listed needs none of it.
+        from filterpy.kalman import ExtendedKalmanFilter as FilterpyEKF
+
         n, m = problem.dimension, problem.measurements.shape[1]
         ekf = FilterpyEKF(dim_x=n, dim_z=m)
         ekf.x = problem.prior_mean.copy()  # filterpy's default (n, 1) would broadcast with a 1-D z

@@ -19,7 +19,6 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 from scipy.special import ndtri
-from scipy.stats import qmc
 
 from ..problem import Causality, Estimate, Estimator, Problem
 from . import robust
@@ -178,6 +177,8 @@ class _Smoother:
         ]
         if count == 1 or not axes:
             return [self.from_prior(centre)]
+        from scipy.stats import qmc  # not at the top: it loads slowly
+
         uniform = qmc.Halton(len(axes), scramble=False).random(count)[1:]  # the first is zero
         normal = np.sqrt(1.0 + 2.0 / len(axes)) * ndtri(uniform)
         starts = np.zeros((count, len(centre)))

@@ -7,11 +7,10 @@ the process noise is in them.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Literal
 
 import numpy as np
-from filterpy.kalman import JulierSigmaPoints, MerweScaledSigmaPoints, unscented_transform
-from filterpy.kalman import UnscentedKalmanFilter as FilterpyUKF
 
 from ..problem import Causality, Estimate, Estimator, Problem
 from . import robust
@@ -50,35 +49,41 @@ class MatrixSquareRoot:
         return 0.5 * (matrix + matrix.T) if self.repairs == before else root.T @ root
 
 
-class _VectorizedUKF(FilterpyUKF):
-    """filterpy's filter with all sigma points through f and h in one call each.
+@cache
+def _vectorized_ukf() -> Any:
+    """Return filterpy's filter as a class with all sigma points through f and h in one call each.
 
     filterpy calls them point by point; its equations are unchanged. A robust loss replaces R.
     """
+    # Not at the top: it loads as slowly as all the rest, and to be listed needs none of it.
+    from filterpy.kalman import UnscentedKalmanFilter, unscented_transform
 
-    x: np.ndarray
-    P: np.ndarray
-    loss: Loss = "none"
-    threshold: float = np.inf
+    class VectorizedUKF(UnscentedKalmanFilter):
+        x: np.ndarray
+        P: np.ndarray
+        loss: Loss = "none"
+        threshold: float = np.inf
 
-    def compute_process_sigmas(self, dt: float, fx: Any = None, **fx_args: Any) -> None:
-        points = self.points_fn.sigma_points(self.x, self.P)
-        self.sigmas_f = (fx or self.fx)(points, dt, **fx_args)
+        def compute_process_sigmas(self, dt: float, fx: Any = None, **fx_args: Any) -> None:
+            points = self.points_fn.sigma_points(self.x, self.P)
+            self.sigmas_f = (fx or self.fx)(points, dt, **fx_args)
 
-    def update(self, z: np.ndarray, **hx_args: Any) -> None:
-        self.sigmas_h = self.hx(self.sigmas_f, **hx_args)
-        predicted, self.S = unscented_transform(self.sigmas_h, self.Wm, self.Wc, self.R)
-        if self.loss != "none":
-            _, spread = unscented_transform(self.sigmas_h, self.Wm, self.Wc)
-            self.S = spread + robust.reweighted_noise(
-                z - predicted, spread, self.R, self.loss, self.threshold
-            )
-        deviations = self.Wc[:, None] * (self.sigmas_f - self.x)
-        cross_cov = deviations.T @ (self.sigmas_h - predicted)
-        self.K = np.linalg.solve(self.S, cross_cov.T).T
-        self.y = z - predicted
-        self.x = self.x + self.K @ self.y
-        self.P = self.P - self.K @ self.S @ self.K.T
+        def update(self, z: np.ndarray, **hx_args: Any) -> None:
+            self.sigmas_h = self.hx(self.sigmas_f, **hx_args)
+            predicted, self.S = unscented_transform(self.sigmas_h, self.Wm, self.Wc, self.R)
+            if self.loss != "none":
+                _, spread = unscented_transform(self.sigmas_h, self.Wm, self.Wc)
+                self.S = spread + robust.reweighted_noise(
+                    z - predicted, spread, self.R, self.loss, self.threshold
+                )
+            deviations = self.Wc[:, None] * (self.sigmas_f - self.x)
+            cross_cov = deviations.T @ (self.sigmas_h - predicted)
+            self.K = np.linalg.solve(self.S, cross_cov.T).T
+            self.y = z - predicted
+            self.x = self.x + self.K @ self.y
+            self.P = self.P - self.K @ self.S @ self.K.T
+
+    return VectorizedUKF
 
 
 @dataclass(frozen=True)
@@ -132,6 +137,8 @@ class UnscentedKalmanFilter(Estimator):
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
         """Sigma points through Φ and h, epoch by epoch."""
+        from filterpy.kalman import JulierSigmaPoints, MerweScaledSigmaPoints
+
         n, m = problem.dimension, problem.measurements.shape[1]
         root = MatrixSquareRoot()
         kappa = self._kappa(n)
@@ -139,7 +146,7 @@ class UnscentedKalmanFilter(Estimator):
             points = JulierSigmaPoints(n, kappa=kappa, sqrt_method=root)
         else:
             points = MerweScaledSigmaPoints(n, self.alpha, self.beta, kappa, sqrt_method=root)
-        ukf = _VectorizedUKF(
+        ukf = _vectorized_ukf()(
             dim_x=n,
             dim_z=m,
             dt=1.0,
