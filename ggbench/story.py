@@ -187,10 +187,12 @@ def _print(
             f"{record['final_position_error_m']:.3g}",
             f"{settled['nees']:.2f}",
             "[red]yes[/]" if record["diverged"] else "no",
-            f"{1e3 * record['seconds']:.1f}",
+            f"{1e3 * record['seconds']:.1f}{'*' if record.get('cold') else ''}",
             *([_lock(record)] if judged else []),
         )
     console.print(table)
+    if any(item.record["status"] == "ok" and item.record.get("cold") for item in told):
+        console.print("* with what is loaded and compiled in the first run of a process")
     for item in told:
         if item.record["status"] != "ok":
             console.print(f"{item.label} failed: {item.record['reason']}", markup=False,
