@@ -20,7 +20,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator, NullFormatter
-from scipy.interpolate import RegularGridInterpolator
 
 from . import sweep
 from .sweep import Axis
@@ -302,6 +301,8 @@ def requirement(
     logarithm of the error linearly, as :func:`ggbench.sweep.largest_within` does.
     """
     figure, axis = plt.subplots(figsize=(7.0, 4.8), layout="constrained")
+    from scipy.interpolate import RegularGridInterpolator  # not at the top: for sweeps only
+
     x, y = across.coordinates(), up.coordinates()
     fine_x, fine_y = (np.union1d(np.linspace(c[0], c[-1], 300), c) for c in (x, y))
     places = tuple(np.meshgrid(fine_x, fine_y, indexing="ij"))
