@@ -7,9 +7,12 @@ at which h is linearised and the noise covariance of the update.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
+from .. import compiled_filters
+from ..block import EstimateBlock, ProblemBlock, block_of, refusal
 from ..problem import Causality, Estimate, Estimator, MeasurementModel, Problem
 from . import robust
 from .robust import Loss
@@ -35,12 +38,15 @@ class ExtendedKalmanFilter(Estimator):
     noise_memory : number of readings over which the measurement noise is estimated from the
         residuals, a variance for each component (Mohamed & Schwarz 1999, with the forgetting of
         Sage & Husa 1969); 0 believes the given noise.
+    engine : ``filterpy``, the reference, or ``numba``: the plain filter, compiled, on many runs at
+        once.
     """
 
     iterations: int = 1
     loss: Loss = "none"
     threshold: float | None = None
     noise_memory: int = 0
+    engine: Literal["filterpy", "numba"] = "filterpy"
 
     name = "ekf"
 
@@ -55,10 +61,25 @@ class ExtendedKalmanFilter(Estimator):
             return f"iterations must be at least 1, and is {self.iterations}"
         if self.noise_memory < 0 or self.noise_memory == 1:
             return f"noise_memory must be 0 or at least 2, and is {self.noise_memory}"
+        if self.compiled:
+            if self != ExtendedKalmanFilter(engine=self.engine):
+                return (
+                    "engine=numba is the plain filter: iterations, loss, noise_memory need filterpy"
+                )
+            return refusal(problem)
         return robust.refusal(self.loss, self.threshold)
+
+    def estimate_block(self, block: ProblemBlock) -> EstimateBlock:
+        """Filter all runs of a block."""
+        mean, cov, nis = compiled_filters.extended(block)
+        evaluations = np.full(block.runs, block.epochs)
+        info = {"linearisations": evaluations, "map_evaluations": evaluations}
+        return EstimateBlock(mean, cov, self.causality, nis=nis, info=info)
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
         """Predict with Φ and Q, update with h linearised where it fits, epoch by epoch."""
+        if self.compiled:
+            return self.estimate_block(block_of(problem)).estimate(0)
         # Not at the top: it loads as slowly as all the rest, and to be listed needs none of it.
         from filterpy.kalman import ExtendedKalmanFilter as FilterpyEKF
 

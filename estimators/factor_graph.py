@@ -18,6 +18,8 @@ from typing import Any, Literal
 import gtsam
 import numpy as np
 
+from .. import compiled_smoother
+from ..block import EstimateBlock, ProblemBlock, block_of, refusal
 from ..problem import Causality, Estimate, Estimator, MeasurementModel, Problem
 from . import robust
 from .robust import Loss
@@ -44,6 +46,8 @@ class FactorGraph(Estimator):
     loss : ``huber`` or ``cauchy`` (GTSAM's m-estimators) on each component of a reading.
     threshold : residual [standard deviations of the noise] from which the loss acts; if not
         given, 1.345 for ``huber`` and 2.385 for ``cauchy``.
+    engine : ``gtsam``, the reference, or ``numba``: the same steps to the same batch solution by
+        Kalman smoothers, compiled, on many runs at once.
     """
 
     mode: Literal["batch", "isam2", "fixed-lag"] = "isam2"
@@ -52,6 +56,7 @@ class FactorGraph(Estimator):
     max_iterations: int = 50
     loss: Loss = "none"
     threshold: float | None = None
+    engine: Literal["gtsam", "numba"] = "gtsam"
 
     name = "factor-graph"
 
@@ -78,10 +83,21 @@ class FactorGraph(Estimator):
             return f"relinearize_threshold must be positive, and is {self.relinearize_threshold:g}"
         if self.max_iterations < 1:
             return f"max_iterations must be at least 1, and is {self.max_iterations}"
+        if self.compiled:
+            if self.mode != "batch" or self.loss != "none":
+                return "engine=numba solves mode=batch without a loss; the others need gtsam"
+            return refusal(problem)
         return robust.refusal(self.loss, self.threshold)
+
+    def estimate_block(self, block: ProblemBlock) -> EstimateBlock:
+        """Solve the batch problems of all runs of a block."""
+        mean, cov, info = compiled_smoother.smoother(block, self.max_iterations)
+        return EstimateBlock(mean, cov, self.causality, info=info)
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
         """Build the graph of the problem and solve it in the chosen mode."""
+        if self.compiled:
+            return self.estimate_block(block_of(problem)).estimate(0)
         solve = {"batch": self._batch, "isam2": self._isam2, "fixed-lag": self._fixed_lag}
         scaled = _ScaledProblem(problem, self.loss, robust.threshold_of(self.loss, self.threshold))
         mean, cov, info = solve[self.mode](scaled)

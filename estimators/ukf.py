@@ -6,12 +6,15 @@ the process noise is in them.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, Literal
 
 import numpy as np
 
+from .. import compiled_filters
+from ..block import EstimateBlock, ProblemBlock, block_of, refusal
 from ..problem import Causality, Estimate, Estimator, Problem
 from . import robust
 from .robust import Loss
@@ -101,6 +104,8 @@ class UnscentedKalmanFilter(Estimator):
         prediction nor each other; see :mod:`ggbench.estimators.robust`.
     threshold : residual [standard deviations of the noise] from which the loss acts; if not
         given, 1.345 for ``huber`` and 2.385 for ``cauchy``.
+    engine : ``filterpy``, the reference, or ``numba``: the filter without a loss, compiled, on many
+        runs at once.
     """
 
     points: Literal["julier", "merwe", "cubature"] = "julier"
@@ -109,6 +114,7 @@ class UnscentedKalmanFilter(Estimator):
     beta: float = 2.0
     loss: Loss = "none"
     threshold: float | None = None
+    engine: Literal["filterpy", "numba"] = "filterpy"
 
     name = "ukf"
 
@@ -127,6 +133,8 @@ class UnscentedKalmanFilter(Estimator):
             return f"n + kappa must be positive and finite, and is {n} + {kappa:g}"
         if self.points == "merwe" and not 0.0 < self.alpha < np.inf:
             return f"alpha must be positive and finite, and is {self.alpha:g}"
+        if self.compiled:
+            return "engine=numba has no loss" if self.loss != "none" else refusal(problem)
         return robust.refusal(self.loss, self.threshold)
 
     def _kappa(self, n: int) -> float:
@@ -135,8 +143,27 @@ class UnscentedKalmanFilter(Estimator):
             return self.kappa
         return 3.0 - n if self.points == "julier" else 0.0
 
+    def estimate_block(self, block: ProblemBlock) -> EstimateBlock:
+        """Filter all runs of a block."""
+        n = block.dimension
+        kappa = self._kappa(n)
+        if self.points == "merwe":
+            scale = self.alpha**2 * (n + kappa)
+            more = 1.0 - self.alpha**2 + self.beta
+        else:
+            scale, more = n + kappa, 0.0
+        centre = 1.0 - n / scale
+        mean, cov, nis, repairs = compiled_filters.unscented(
+            block, math.sqrt(scale), centre, centre + more, 0.5 / scale
+        )
+        evaluations = np.full(block.runs, block.epochs * (2 * n + 1))
+        info = {"covariance_repairs": repairs, "map_evaluations": evaluations}
+        return EstimateBlock(mean, cov, self.causality, nis=nis, info=info)
+
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
         """Sigma points through Φ and h, epoch by epoch."""
+        if self.compiled:
+            return self.estimate_block(block_of(problem)).estimate(0)
         from filterpy.kalman import JulierSigmaPoints, MerweScaledSigmaPoints
 
         n, m = problem.dimension, problem.measurements.shape[1]

@@ -13,7 +13,7 @@ from types import MappingProxyType
 import numpy as np
 
 from .measurement_model import GradiometerModel, ModelArrays
-from .problem import Causality, Problem, StateBlock, read_only
+from .problem import Causality, Estimate, Problem, StateBlock, read_only
 
 
 @dataclass(frozen=True)
@@ -73,21 +73,34 @@ class ProblemBlock:
         )
 
 
+MOST_STATES, MOST_COMPONENTS = 24, 9
+"""Sizes of the largest problem that compiled engines take."""
+
+
+def refusal(problem: Problem) -> str | None:
+    """Return why no compiled engine can take a problem, or None if one can."""
+    n, m = problem.dimension, problem.measurements.shape[1]
+    if not isinstance(getattr(problem.model, "arrays", None), ModelArrays):
+        return f"engine=numba needs the gradiometer's model, not {type(problem.model).__name__}"
+    if n > MOST_STATES or m > MOST_COMPONENTS:
+        return (
+            f"engine=numba takes up to {MOST_STATES} states and {MOST_COMPONENTS} components, not "
+            f"{n} and {m}"
+        )
+    return None
+
+
 def block_of(problem: Problem) -> ProblemBlock:
     """Return a block of one run.
 
     Raises
     ------
     TypeError
-        If the problem's model is not :class:`.measurement_model.GradiometerModel`: no other one is
-        compiled.
+        If no compiled engine can take the problem, see :func:`refusal`.
     """
-    arrays = getattr(problem.model, "arrays", None)
-    if not isinstance(arrays, ModelArrays):
-        raise TypeError(
-            "a compiled engine needs the compiled model of the gradiometer, and the problem's is "
-            f"{type(problem.model).__name__}"
-        )
+    if reason := refusal(problem):
+        raise TypeError(reason)
+    arrays: ModelArrays = vars(problem.model)["arrays"]
     return ProblemBlock(
         problem.times,
         problem.measurements[np.newaxis],
@@ -111,7 +124,8 @@ class EstimateBlock:
     causality, lag : as in :class:`.problem.Estimate`.
     nis : (R, K) normalised innovation squared, NaN where there was no reading; None unless the
         estimator is a filter.
-    info : counters, an array (R,) each.
+    info : counters, an array (R,) each; ``map_evaluations`` counts the points at which the map was
+        evaluated.
     """
 
     mean: np.ndarray
@@ -120,3 +134,8 @@ class EstimateBlock:
     lag: float | None = None
     nis: np.ndarray | None = None
     info: Mapping[str, np.ndarray] = field(default_factory=lambda: MappingProxyType({}))
+
+    def estimate(self, run: int) -> Estimate:
+        """Return the estimate of one run."""
+        info = {name: values[run].item() for name, values in self.info.items()}
+        return Estimate(self.mean[run], self.cov[run], self.causality, self.lag, info)

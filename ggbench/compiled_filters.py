@@ -17,7 +17,7 @@ from .gradiometer import STRAPDOWN
 from .kernels import compiled, summed
 from .measurement_model import ModelArrays, linearise_errors, predict_errors, run_arrays
 
-_SIZES = ((16, 3), (16, 6), (24, 9))
+SIZES = ((16, 3), (16, 6), (24, 9))
 """Numbers of states and of components that kernels are made for."""
 
 
@@ -333,19 +333,20 @@ def _spread_of(one: np.ndarray, two: np.ndarray, centre: float, weight: float) -
     return centre * one[0] * two[0] + weight * total
 
 
-_UNSCENTED = {size: _make_unscented(*size) for size in _SIZES[1:]}
-_EXTENDED = {size: _make_extended(*size) for size in _SIZES}
+_UNSCENTED = {size: _make_unscented(*size) for size in SIZES[1:]}
+_EXTENDED = {size: _make_extended(*size) for size in SIZES}
 
 
-def _size(block: ProblemBlock) -> tuple[int, int]:
+def size_of(block: ProblemBlock) -> tuple[int, int]:
     """Return the sizes of the kernel that takes a block."""
     n, m = block.dimension, block.measurements.shape[2]
     if block.model.bias < 0 and block.model.instrument != STRAPDOWN:
         m = min(m, 3)  # what a reading says about a position is three numbers
-    return next(size for size in _SIZES if n <= size[0] and m <= size[1])
+    return next(size for size in SIZES if n <= size[0] and m <= size[1])
 
 
-def _noise_inverse(block: ProblemBlock) -> np.ndarray:
+def noise_inverse(block: ProblemBlock) -> np.ndarray:
+    """Return the inverse (m, m) of the lower triangular root of R."""
     return np.linalg.inv(np.linalg.cholesky(block.noise_cov))
 
 
@@ -354,8 +355,8 @@ def extended(block: ProblemBlock) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     runs, epochs, n = block.runs, block.epochs, block.dimension
     mean, cov = np.empty((runs, epochs, n)), np.empty((runs, epochs, n, n))
     nis = np.empty((runs, epochs))
-    _EXTENDED[_size(block)](
-        block.measurements, _noise_inverse(block), block.transition, block.process_cov,
+    _EXTENDED[size_of(block)](
+        block.measurements, noise_inverse(block), block.transition, block.process_cov,
         block.prior_mean, block.prior_cov, block.model, mean, cov, nis,
     )  # fmt: skip
     return mean, cov, nis
@@ -382,7 +383,7 @@ def unscented(
     m = block.measurements.shape[2]
     size = next(size for size in _UNSCENTED if n <= size[0] and m <= size[1])
     _UNSCENTED[size](
-        block.measurements, block.noise_cov, _noise_inverse(block), block.transition,
+        block.measurements, block.noise_cov, noise_inverse(block), block.transition,
         block.process_cov, block.prior_mean, block.prior_cov, block.model, spread,
         np.array([centre_mean, centre_cov, weight]), mean, cov, nis, repairs,
     )  # fmt: skip

@@ -239,3 +239,50 @@ def joseph(
     for i in range(n):
         for j in range(i):
             p[i, j] = p[j, i] = 0.5 * (p[i, j] + p[j, i])
+
+
+@compiled
+def to_target(rows: np.ndarray, x: np.ndarray, innovation: np.ndarray, target: np.ndarray) -> float:
+    """Fill H x + y, the reading of a linear problem; return the sum of the squares of y."""
+    squared = 0.0
+    for c in range(target.shape[0]):
+        total = innovation[c]
+        squared += total * total
+        for j in range(x.shape[0]):
+            total += rows[c, j] * x[j]
+        target[c] = total
+    return squared
+
+
+@compiled
+def quadratic(matrix: np.ndarray, x: np.ndarray) -> float:
+    """Return xᵀ M x of a symmetric matrix (n, n) and the first n of a vector."""
+    squared = 0.0
+    for i in range(matrix.shape[0]):
+        row = matrix[i]
+        total = 0.0
+        for j in range(i):
+            total += row[j] * x[j]
+        squared += x[i] * (2.0 * total + row[i] * x[i])
+    return squared
+
+
+@copied
+def square(
+    middle: np.ndarray, a: np.ndarray, scratch: np.ndarray, out: np.ndarray, n: int, width: int
+) -> None:
+    """Fill Aᵀ M A of padded matrices, M symmetric; the rows beyond n are zero."""
+    for i in range(n):
+        for j in range(width):
+            total = 0.0
+            for k in range(width):
+                total += middle[i, k] * a[k, j]
+            scratch[i, j] = total
+    for i in range(n, width):
+        scratch[i] = 0.0
+    for i in range(n):
+        for j in range(width):
+            total = 0.0
+            for k in range(width):
+                total += a[k, i] * scratch[k, j]
+            out[i, j] = total

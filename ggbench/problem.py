@@ -143,8 +143,8 @@ class Estimator(ABC):
 
     @property
     def compiled(self) -> bool:
-        """Whether it takes many runs at once."""
-        return False
+        """Whether it takes many runs at once: it has a parameter ``engine``, which is ``numba``."""
+        return vars(self).get("engine") == "numba"
 
     def estimate_block(self, block: ProblemBlock) -> EstimateBlock:
         """Estimate the states of all runs of a block; only if it is ``compiled``."""

@@ -1,0 +1,314 @@
+"""The batch solution of many runs at once, compiled: the factor graph's problem by smoothers.
+
+Each step linearises h about the whole trajectory and solves the linear problem exactly with a
+Kalman filter forwards and multipliers backwards (Bryson & Frazier; Bierman 1973): x = x_f + P_f r
+with r ← Hᵀ S⁻¹ y + (I − K H)ᵀ r at a reading and r ← Φᵀ r between two. Neither P nor Q is inverted,
+so a singular Q is exact, and the cost of the motion is that of the multipliers, ½ Σ rᵀ Q r.
+
+Steps are those of GTSAM's Levenberg–Marquardt optimizer, which remains the reference: the same
+damping, the same rules by which steps are taken and the search ends, so that it ends at the same
+minimum where there are several. Damping with λ is a reading of every state in units of the prior's
+deviation with the variance 1/λ.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from . import kalman
+from .block import ProblemBlock
+from .compiled_filters import SIZES, noise_inverse, size_of, whitened_reading
+from .gradiometer import STRAPDOWN
+from .kernels import compiled
+from .measurement_model import ModelArrays, run_arrays
+
+_FIRST_DAMPING, _MOST_DAMPING, _FACTOR = 1e-12, 1e5, 10.0
+_LEAST_FELT = 1e-9
+"""Damping below which it is left out: a billionth of the prior's information."""
+_LEAST_FIDELITY = 1e-3
+_RELATIVE, _ABSOLUTE = 1e-10, 1e-5
+"""Decrease of the cost at which the search ends."""
+
+
+@compiled
+def _damp(
+    x: np.ndarray, p: np.ndarray, current: np.ndarray, spread: np.ndarray, inverse: np.ndarray
+) -> np.ndarray:
+    """Update x and P (n, n) with a reading of every state: ``current``, of variances ``spread``.
+
+    Fill S⁻¹ (n, n); return S⁻¹ y.
+    """
+    n = current.shape[0]
+    s = p.copy()
+    for i in range(n):
+        s[i, i] += spread[i]
+    inverse[:, :] = np.linalg.inv(s)
+    pull = inverse @ (current - x)
+    before = p.copy()
+    x += before @ pull
+    p -= before @ inverse @ before
+    for i in range(n):
+        for j in range(i):
+            p[i, j] = p[j, i] = 0.5 * (p[i, j] + p[j, i])
+    return pull
+
+
+def _make_smoother(width: int, channels: int) -> Callable[..., Any]:
+    """Return the kernel of the batch solution for up to so many states and components."""
+
+    @compiled
+    def smoother(
+        measurements: np.ndarray,
+        noise_inverse: np.ndarray,
+        transition: np.ndarray,
+        process_cov: np.ndarray,
+        prior_mean: np.ndarray,
+        prior_cov: np.ndarray,
+        model: ModelArrays,
+        most: int,
+        mean: np.ndarray,
+        cov: np.ndarray,
+        iterations: np.ndarray,
+        errors: np.ndarray,
+        evaluations: np.ndarray,
+    ) -> None:
+        runs, epochs, m = measurements.shape
+        n, m = prior_mean.shape[0], min(m, channels)
+        moving = 6 if model.instrument == STRAPDOWN else 3
+        phi, phi_t = np.zeros((width, width)), np.zeros((width, width))
+        p, scratch = np.zeros((width, width)), np.zeros((width, width))
+        later = np.zeros((width, width))
+        hp, half_t = np.zeros((channels, width)), np.zeros((channels, width))
+        spread_t, pulled = np.zeros((channels, width)), np.zeros((channels, width))
+        s, root = np.zeros((channels, channels)), np.zeros((channels, channels))
+        innovation, white = np.zeros(channels), np.zeros(channels)
+        work = np.zeros((3, 9, 9))
+        x, back = np.zeros(width), np.zeros(width)
+        # The linear problem at the current trajectory and at the one that is tried.
+        rows, new_rows = np.zeros((epochs, channels, width)), np.zeros((epochs, channels, width))
+        target, new_target = np.zeros((epochs, channels)), np.zeros((epochs, channels))
+        states, new_states = np.zeros((epochs, width)), np.zeros((epochs, width))
+        # What the filter leaves for the way back.
+        filtered, filtered_cov = np.zeros((epochs, width)), np.zeros((epochs, width, width))
+        gains, inverses = (
+            np.zeros((epochs, channels, width)), np.zeros((epochs, channels, channels)),
+        )  # fmt: skip
+        pulls = np.zeros((epochs, channels))
+        damped_cov, damped_inverse = np.zeros((0, n, n)), np.zeros((0, n, n))
+        damped_pulls = np.zeros((0, n))
+        for run in range(runs):
+            own = run_arrays(model, run)
+            # The undisturbed motion from the prior's mean.
+            cost = left = 0.0
+            x[:n] = prior_mean
+            for k in range(epochs):
+                for i in range(n):
+                    total = 0.0
+                    for j in range(n):
+                        total += transition[run, k, i, j] * x[j]
+                    states[k, i] = total
+                x[:n] = states[k, :n]
+            unexplained = 0.0
+            for k in range(epochs):
+                left, _ = whitened_reading(
+                    own, k, states[k], measurements[run, k], noise_inverse, moving, work,
+                    rows[k], innovation,
+                )  # fmt: skip
+                unexplained += left
+                cost += 0.5 * (left + kalman.to_target(rows[k], states[k], innovation, target[k]))
+            evaluated = 1
+            damping = _FIRST_DAMPING
+            steps = 0
+            before = cost
+            final = False
+            while True:
+                felt = damping >= _LEAST_FELT and not final
+                if felt and damped_cov.shape[0] == 0:
+                    damped_cov, damped_inverse = (
+                        np.zeros((epochs, n, n)), np.zeros((epochs, n, n)),
+                    )  # fmt: skip
+                    damped_pulls = np.zeros((epochs, n))
+                x[:n] = prior_mean
+                p[:, :] = 0.0
+                p[:n, :n] = prior_cov
+                for k in range(epochs):
+                    changing = kalman.padded(transition[run, k], phi, phi_t)
+                    kalman.predict(phi, phi_t, changing, process_cov[run, k], x, p, scratch, width)
+                    h, gain_t, inverse = rows[k], gains[k], inverses[k]
+                    for c in range(m):
+                        total = target[k, c]
+                        for j in range(n):
+                            total -= h[c, j] * x[j]
+                        innovation[c] = total
+                    kalman.project(h, p, hp, s, m, width)
+                    kalman.invert_root(s, root, inverse, m)
+                    kalman.whiten(inverse, innovation, white, m)
+                    kalman.times(inverse, hp, half_t, m, channels, width)
+                    for j in range(width):
+                        total = x[j]
+                        for c in range(channels):
+                            total += half_t[c, j] * white[c]
+                        x[j] = total
+                    for c in range(m):
+                        total = 0.0
+                        for d in range(c, m):
+                            total += inverse[d, c] * white[d]
+                        pulls[k, c] = total
+                    kalman.transpose_times(inverse, half_t, gain_t, m, channels, width)
+                    kalman.joseph(gain_t, hp, h, p, scratch, spread_t, n, m, channels, width)
+                    if felt:
+                        damped_cov[k] = p[:n, :n]
+                        damped_pulls[k] = _damp(
+                            x[:n], p[:n, :n], states[k, :n],
+                            np.diag(prior_cov) / damping, damped_inverse[k],
+                        )  # fmt: skip
+                    filtered[k] = x
+                    filtered_cov[k] = p
+                if final:
+                    break
+                # The way back: states and the cost of their motion.
+                new_cost = 0.0
+                back[:] = 0.0
+                for r in range(epochs):
+                    k = epochs - 1 - r
+                    f, h, gain_t = filtered_cov[k], rows[k], gains[k]
+                    for j in range(width):
+                        total = filtered[k, j]
+                        for i in range(width):
+                            total += f[i, j] * back[i]
+                        new_states[k, j] = total
+                    if felt:
+                        back[:n] += damped_pulls[k] - damped_inverse[k] @ (damped_cov[k] @ back[:n])
+                    for c in range(m):
+                        total = pulls[k, c]
+                        for j in range(n):
+                            total -= gain_t[c, j] * back[j]
+                        innovation[c] = total
+                    for c in range(m):
+                        for j in range(width):
+                            back[j] += h[c, j] * innovation[c]
+                    new_cost += 0.5 * kalman.quadratic(process_cov[run, k], back)
+                    kalman.padded(transition[run, k], phi, phi_t)
+                    for j in range(width):
+                        total = 0.0
+                        for i in range(width):
+                            total += phi[i, j] * back[i]
+                        x[j] = total
+                    back[:] = x
+                new_cost += 0.5 * kalman.quadratic(prior_cov, back)
+                linear_cost = new_cost + 0.5 * unexplained
+                new_unexplained = 0.0
+                for k in range(epochs):
+                    for c in range(m):
+                        total = target[k, c]
+                        for j in range(n):
+                            total -= rows[k, c, j] * new_states[k, j]
+                        linear_cost += 0.5 * total * total
+                    left, _ = whitened_reading(
+                        own, k, new_states[k], measurements[run, k], noise_inverse, moving, work,
+                        new_rows[k], innovation,
+                    )  # fmt: skip
+                    new_unexplained += left
+                    new_cost += 0.5 * (
+                        left
+                        + kalman.to_target(new_rows[k], new_states[k], innovation, new_target[k])
+                    )
+                evaluated += 1
+                promised, gained = cost - linear_cost, cost - new_cost
+                good = promised > 2.2e-16 * cost and gained > _LEAST_FIDELITY * promised
+                if good:
+                    steps += 1
+                    damping /= _FACTOR
+                    cost, unexplained = new_cost, new_unexplained
+                    states, new_states = new_states, states
+                    rows, new_rows = new_rows, rows
+                    target, new_target = new_target, target
+                elif promised >= 0.0 and abs(gained) < _RELATIVE * cost:
+                    final = True  # too small a change for another damping to be worth it
+                else:
+                    damping *= _FACTOR
+                    final = not damping < _MOST_DAMPING
+                if good:
+                    final = (
+                        steps >= most
+                        or not math.isfinite(cost)
+                        or before - cost <= max(_ABSOLUTE, _RELATIVE * before)
+                    )
+                    before = cost
+            # The filter has gone along the final trajectory: its covariances, given what is later.
+            later[:, :] = 0.0
+            for r in range(epochs):
+                k = epochs - 1 - r
+                f, h, gain_t = filtered_cov[k], rows[k], gains[k]
+                kalman.square(later, f, scratch, p, n, width)
+                for i in range(n):
+                    mean[run, k, i] = states[k, i]
+                    for j in range(n):
+                        cov[run, k, i, j] = f[i, j] - p[i, j]
+                # Hᵀ S⁻¹ H + (I − K H)ᵀ Λ (I − K H) = Λ + Hᵀ E + Eᵀ H, E = ½ (Kᵀ Λ K + S⁻¹) H − Kᵀ Λ
+                for c in range(m):
+                    for j in range(width):
+                        total = 0.0
+                        for i in range(width):
+                            total += gain_t[c, i] * later[i, j]
+                        pulled[c, j] = total
+                inverse = inverses[k]
+                for c in range(m):
+                    for d in range(m):
+                        total = 0.0
+                        for j in range(n):
+                            total += pulled[c, j] * gain_t[d, j]
+                        for e in range(m):
+                            total += inverse[e, c] * inverse[e, d]
+                        s[c, d] = 0.5 * total
+                kalman.times(s, h, spread_t, m, channels, width)
+                for c in range(m):
+                    for j in range(width):
+                        spread_t[c, j] -= pulled[c, j]
+                for i in range(n):
+                    for j in range(width):
+                        total = later[i, j]
+                        for c in range(channels):
+                            total += h[c, i] * spread_t[c, j] + spread_t[c, i] * h[c, j]
+                        later[i, j] = total
+                kalman.padded(transition[run, k], phi, phi_t)
+                kalman.square(later, phi, scratch, p, n, width)
+                later[:, :] = p
+            iterations[run], errors[run] = steps, cost
+            evaluations[run] = evaluated * epochs
+            if steps == 0 and cost > 0.0:  # it gave up
+                mean[run] = math.nan
+
+    return smoother
+
+
+_SMOOTHERS = {size: _make_smoother(*size) for size in SIZES}
+
+
+def smoother(
+    block: ProblemBlock, most: int
+) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    """Solve the batch problem of every run.
+
+    Parameters
+    ----------
+    block : the runs. most : limit of the steps.
+
+    Returns
+    -------
+    mean (R, K, n), NaN where no step could be taken; cov (R, K, n, n) given all readings; counters.
+    """
+    runs, epochs, n = block.runs, block.epochs, block.dimension
+    mean, cov = np.empty((runs, epochs, n)), np.empty((runs, epochs, n, n))
+    iterations, evaluations = np.zeros(runs, dtype=np.int64), np.zeros(runs, dtype=np.int64)
+    error = np.zeros(runs)
+    _SMOOTHERS[size_of(block)](
+        block.measurements, noise_inverse(block), block.transition, block.process_cov,
+        block.prior_mean, block.prior_cov, block.model, most,
+        mean, cov, iterations, error, evaluations,
+    )  # fmt: skip
+    return mean, cov, {"iterations": iterations, "error": error, "map_evaluations": evaluations}
