@@ -73,14 +73,18 @@ def metres_per_radian_of(sine: float, cosine: float, height: float) -> tuple[flo
     return meridian + height, (prime_vertical + height) * cosine
 
 
+@inlined
+def radii_derivatives_of(sine: float, cosine: float) -> tuple[float, float]:
+    """Return dR_M/dL and dR_N/dL [m/rad] where sin L and cos L are given."""
+    meridian, prime_vertical = radii_of_sine(sine)
+    ratio = ECCENTRICITY_SQUARED * sine * cosine / (1.0 - ECCENTRICITY_SQUARED * sine * sine)
+    return 3.0 * meridian * ratio, prime_vertical * ratio
+
+
 @compiled
 def radii_latitude_derivatives(latitude: float) -> tuple[float, float]:
-    """Return dR_M/dL and dR_N/dL [m/rad]."""
-    sine = math.sin(latitude)
-    w2 = 1.0 - ECCENTRICITY_SQUARED * sine * sine
-    meridian, prime_vertical = radii_of_curvature(latitude)
-    ratio = ECCENTRICITY_SQUARED * sine * math.cos(latitude) / w2
-    return 3.0 * meridian * ratio, prime_vertical * ratio
+    """Return dR_M/dL and dR_N/dL [m/rad] at a latitude L."""
+    return radii_derivatives_of(math.sin(latitude), math.cos(latitude))
 
 
 def _legendre_coefficients(derivatives: int) -> np.ndarray:
@@ -170,8 +174,7 @@ def _geocentric(
 
     Of a point at the geodetic latitude L whose ``sine`` and ``cosine`` are given.
     """
-    w2 = 1.0 - ECCENTRICITY_SQUARED * sine * sine
-    prime_vertical = SEMI_MAJOR_AXIS / math.sqrt(w2)
+    _, prime_vertical = radii_of_sine(sine)
     equatorial = (prime_vertical + height) * cosine
     polar = (prime_vertical * (1.0 - ECCENTRICITY_SQUARED) + height) * sine
     radius = math.sqrt(equatorial * equatorial + polar * polar)
@@ -185,14 +188,14 @@ def _geocentric(
     )
 
 
-@compiled
-def normal_gravity(latitude: float, height: float) -> tuple[float, float, float]:
-    """Return normal gravity γ [m/s²], ∂γ/∂L [m/s²/rad] and ∂γ/∂h [s⁻²] at a geodetic position.
+@inlined
+def normal_gravity_of(sine: float, cosine: float, height: float) -> tuple[float, float, float]:
+    """Return what :func:`normal_gravity` does, where sin L and cos L are given.
 
     γ is the magnitude of gravity (gravitation and centrifugal); the mechanization applies it along
     the ellipsoidal vertical. Since γ = |g|, dγ = g·dg/γ with dg from the gradient tensor.
     """
-    r, s, c, sin_psi, cos_psi = _geocentric(math.sin(latitude), math.cos(latitude), height)
+    r, s, c, sin_psi, cos_psi = _geocentric(sine, cosine, height)
     v_r, v_s, v_rr, v_rs, v_ss = _zonal_derivatives(r, s)
     # Gravity and its gradient in geocentric north and up.
     omega2 = ROTATION_RATE * ROTATION_RATE
@@ -205,10 +208,16 @@ def normal_gravity(latitude: float, height: float) -> tuple[float, float, float]
     along_north = (north * north_north + up * north_up) / gamma
     along_up = (north * north_up + up * up_up) / gamma
     # Geodetic north and up are geocentric north and up turned by ψ.
-    meridian, _ = radii_of_curvature(latitude)
+    meridian, _ = radii_of_sine(sine)
     d_latitude = (meridian + height) * (cos_psi * along_north - sin_psi * along_up)
     d_height = sin_psi * along_north + cos_psi * along_up
     return gamma, d_latitude, d_height
+
+
+@compiled
+def normal_gravity(latitude: float, height: float) -> tuple[float, float, float]:
+    """Return normal gravity γ [m/s²], ∂γ/∂L [m/s²/rad] and ∂γ/∂h [s⁻²] at a geodetic position."""
+    return normal_gravity_of(math.sin(latitude), math.cos(latitude), height)
 
 
 @inlined

@@ -9,6 +9,8 @@ from typing import Literal
 
 import numpy as np
 
+from .error_matrix import STATES, sparse
+from .error_propagation import Noise, delayed_rows_lanes, noise_roots, transitions_lanes
 from .gradiometer import Gradiometer, noise_rms, parse_components
 from .gradiometer_errors import Faults
 from .imu import Imu, SensorErrors
@@ -17,7 +19,6 @@ from .ins_error import (
     ATTITUDE,
     GYRO_BIAS,
     POSITION,
-    STATES,
     VELOCITY,
     add_altimeter,
     add_bias_decay,
@@ -107,18 +108,63 @@ class Equipment:
 
         ``matrices`` and ``noise`` are those of :meth:`complete`. The gradiometer's biases walk.
         """
-        navigation, navigation_cov = transitions(matrices, positions, epochs, dt, noise)
-        if not self.gradiometer.biased:
-            return navigation, navigation_cov
-        count, n = len(epochs), self.dimension
-        transition = np.tile(np.eye(n), (count, 1, 1))
-        process_cov = np.zeros((count, n, n))
-        transition[:, :STATES, :STATES] = navigation
-        process_cov[:, :STATES, :STATES] = navigation_cov
+        transition, process_cov = np.empty((2, 1, len(epochs), self.dimension, self.dimension))
+        navigation = transitions(matrices, positions, epochs, dt, noise)
+        transition[0, :, :STATES, :STATES], process_cov[0, :, :STATES, :STATES] = navigation
+        self._add_biases(epochs, dt, transition, process_cov)
+        return transition[0], process_cov[0]
+
+    @cached_property
+    def _constants(self) -> tuple[np.ndarray, Noise]:
+        """What these sensors add to F, by its entries, and what drives the error model."""
+        added, noise = self.complete(np.zeros((1, STATES, STATES)))
+        decaying = bool(added[:, GYRO_BIAS.start :, GYRO_BIAS.start :].any())
+        return sparse(added)[0], noise_roots(noise, decaying)
+
+    def along(
+        self,
+        track: np.ndarray,
+        increments: np.ndarray,
+        epochs: np.ndarray,
+        dt: float,
+        transition: np.ndarray,
+        process_cov: np.ndarray,
+    ) -> None:
+        """Fill Φ and Q (R, K, n, n) of the runs in the first R lanes: :meth:`system` of each track.
+
+        Parameters
+        ----------
+        track, increments : (N + 1, 15, LANES), (N, 6, LANES) of :func:`.strapdown.navigate_lanes`.
+        epochs : (K,) indices of samples. dt : [s].
+        transition, process_cov : output.
+        """
+        constant, noise = self._constants
+        transitions_lanes(track, increments, epochs, dt, constant, noise, transition, process_cov)
+        self._add_biases(epochs, dt, transition, process_cov)
+
+    def delayed_rows(
+        self,
+        track: np.ndarray,
+        increments: np.ndarray,
+        epochs: np.ndarray,
+        delays: np.ndarray,
+        dt: float,
+        rows: np.ndarray,
+    ) -> None:
+        """Fill the rows (R, K, 6, 15) of :func:`.ins_error.delayed_rows`, as :meth:`along` does."""
+        constant, _ = self._constants
+        delayed_rows_lanes(track, increments, epochs, delays, dt, constant, rows)
+
+    def _add_biases(
+        self, epochs: np.ndarray, dt: float, transition: np.ndarray, process_cov: np.ndarray
+    ) -> None:
+        """Fill what the gradiometer's biases, which walk, have in Φ and Q (R, K, n, n)."""
+        transition[:, :, :STATES, STATES:] = transition[:, :, STATES:] = 0.0
+        process_cov[:, :, :STATES, STATES:] = process_cov[:, :, STATES:] = 0.0
+        bias = np.arange(STATES, self.dimension)
+        transition[:, :, bias, bias] = 1.0
         walk = self.gradiometer.drift**2 * np.diff(epochs, prepend=0) * dt
-        bias = np.arange(STATES, n)
-        process_cov[:, bias, bias] = walk[:, np.newaxis]
-        return transition, process_cov
+        process_cov[:, :, bias, bias] = walk[:, np.newaxis]
 
 
 def equip(case: CaseSpec, name: Literal["truth", "model"]) -> Equipment:

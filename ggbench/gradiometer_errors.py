@@ -40,6 +40,11 @@ class Faults:
     clock: float = 0.0
     jitter: float = 0.0
 
+    @property
+    def distorts(self) -> bool:
+        """Whether there are scale factors or a misalignment."""
+        return self.scale_factor > 0.0 or self.misalignment > 0.0
+
     def distort(
         self, tensors: np.ndarray, channels: np.ndarray, rng: np.random.Generator
     ) -> np.ndarray:

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .kernels import compiled
+
 
 @dataclass(frozen=True)
 class SensorErrors:
@@ -92,27 +94,15 @@ class Imu:
             histories.append(lfilter([1.0], [1.0, -keep], driven, axis=0))
         return histories[0], histories[1]
 
-    def corrupt(
-        self,
-        delta_angles: np.ndarray,
-        delta_velocities: np.ndarray,
-        biases: tuple[np.ndarray, np.ndarray],
-        dt: float,
-        rng: np.random.Generator,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the increments (N, 3) that the sensors deliver: measured = true + error.
+    @property
+    def wanders(self) -> bool:
+        """Whether a bias is not constant."""
+        return math.isfinite(self.gyro_bias_time) or math.isfinite(self.accelerometer_bias_time)
 
-        ``biases`` are (3,) or (N, 3). White noise of root PSD σ over an interval dt adds σ √dt to
-        each increment.
-        """
-        angle_noise = rng.standard_normal(delta_angles.shape)
-        velocity_noise = rng.standard_normal(delta_velocities.shape)
-        return (
-            delta_angles + biases[0] * dt + self.gyro_root_psd * math.sqrt(dt) * angle_noise,
-            delta_velocities
-            + biases[1] * dt
-            + self.accelerometer_root_psd * math.sqrt(dt) * velocity_noise,
-        )
+    @property
+    def distorts(self) -> bool:
+        """Whether there are scale factors or misalignments."""
+        return (self.gyro_errors, self.accelerometer_errors) != (SensorErrors(), SensorErrors())
 
     def distort(
         self, delta_angles: np.ndarray, delta_velocities: np.ndarray, rng: np.random.Generator
@@ -120,3 +110,43 @@ class Imu:
         """Return the increments (N, 3) with the scale factors and misalignments of a run."""
         gyro, accelerometer = self.gyro_errors.draw(rng), self.accelerometer_errors.draw(rng)
         return delta_angles @ gyro.T, delta_velocities @ accelerometer.T
+
+    def measure(
+        self,
+        exact: np.ndarray,
+        biases: np.ndarray,
+        noise: np.ndarray,
+        dt: float,
+        out: np.ndarray,
+    ) -> None:
+        """Fill the increments (N, 6, LANES) that the sensors of several runs deliver.
+
+        Measured = true + error. White noise of root PSD σ over an interval dt adds σ √dt to each
+        increment.
+
+        Parameters
+        ----------
+        exact : (R or 1, N, 6) error-free angles and velocities, the same in all runs or not.
+        biases : (R, B, 6) of gyros and accelerometers, constant (B = 1) or at each sample (B = N).
+        noise : (R, 2, N, 3) standard normal numbers, of angles and of velocities.
+        dt : [s]. out : output; lanes beyond the R runs are those of the first run.
+        """
+        roots = np.repeat([self.gyro_root_psd, self.accelerometer_root_psd], 3) * math.sqrt(dt)
+        _measure(exact, biases * dt, noise, roots, out)
+
+
+@compiled
+def _measure(
+    exact: np.ndarray, biases: np.ndarray, noise: np.ndarray, roots: np.ndarray, out: np.ndarray
+) -> None:
+    """Run :meth:`Imu.measure`, with what biases and noise add to an increment."""
+    runs, lanes = noise.shape[0], out.shape[2]
+    for n in range(out.shape[0]):
+        for i in range(6):
+            root, triad, axis = roots[i], i // 3, i % 3
+            for lane in range(lanes):
+                r = lane if lane < runs else 0
+                out[n, i, lane] = (
+                    exact[r if exact.shape[0] > 1 else 0, n, i]
+                    + biases[r, n if biases.shape[1] > 1 else 0, i]
+                ) + root * noise[r, triad, n, axis]

@@ -16,18 +16,18 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
-from .earth import normal_gravity, radii_latitude_derivatives, radii_of_curvature
-from .strapdown import frame_rates
+from .earth import metres_per_radian_of
+from .error_matrix import ENTRIES, dense, entries_between, sparse
+from .error_matrix import STATES as STATES
+from .error_propagation import compose, delayed, intervals_of, noise_roots
+from .kernels import compiled
+from .strapdown import LANES, product, rotation_vector
 
-STATES = 15
-NAVIGATION_STATES = 9
 POSITION, VELOCITY, ATTITUDE = slice(0, 3), slice(3, 6), slice(6, 9)
 GYRO_BIAS, ACCELEROMETER_BIAS = slice(9, 12), slice(12, 15)
 
 
-@njit(cache=True)
 def system_matrix(
     position: np.ndarray,
     velocity: np.ndarray,
@@ -43,72 +43,10 @@ def system_matrix(
     specific_force : (3,) f^n, ENU [m/s²].
     out : (15, 15) output.
     """
-    latitude, height = position[0], position[2]
-    v_e, v_n = velocity[0], velocity[1]
-    sine, cosine = math.sin(latitude), math.cos(latitude)
-    tangent, secant = sine / cosine, 1.0 / cosine
-    meridian, prime_vertical = radii_of_curvature(latitude)
-    d_meridian, d_prime_vertical = radii_latitude_derivatives(latitude)
-    r_m, r_n = meridian + height, prime_vertical + height
-    omega_ie = np.empty(3)
-    omega_en = np.empty(3)
-    frame_rates(latitude, height, velocity, omega_ie, omega_en)
-
-    out[:, :] = 0.0
-    # Position.
-    out[0, 0] = -v_n * d_meridian / r_m**2
-    out[0, 2] = -v_n / r_m**2
-    out[0, 4] = 1.0 / r_m
-    out[1, 0] = v_e * secant / r_n * (tangent - d_prime_vertical / r_n)
-    out[1, 2] = -v_e * secant / r_n**2
-    out[1, 3] = secant / r_n
-    out[2, 5] = 1.0
-
-    # Derivatives of ω_ie and ω_en with respect to L, h and v_E, v_N.
-    ie_latitude = np.array([0.0, -omega_ie[2], omega_ie[1]])
-    en_latitude = np.array(
-        [
-            v_n * d_meridian / r_m**2,
-            -v_e * d_prime_vertical / r_n**2,
-            v_e * (secant * secant / r_n - tangent * d_prime_vertical / r_n**2),
-        ]
-    )
-    en_height = np.array([v_n / r_m**2, -v_e / r_n**2, -v_e * tangent / r_n**2])
-    en_velocity_e = np.array([0.0, 1.0 / r_n, tangent / r_n])
-    en_velocity_n = np.array([-1.0 / r_m, 0.0, 0.0])
-
-    # Velocity: −(∂(2ω_ie + ω_en) × v) − (2ω_ie + ω_en) × ∂v + ∂g.
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        v_j, v_k = velocity[j], velocity[k]
-        out[3 + i, 0] = -(
-            (2.0 * ie_latitude[j] + en_latitude[j]) * v_k
-            - (2.0 * ie_latitude[k] + en_latitude[k]) * v_j
-        )
-        out[3 + i, 2] = -(en_height[j] * v_k - en_height[k] * v_j)
-        out[3 + i, 3] = -(en_velocity_e[j] * v_k - en_velocity_e[k] * v_j)
-        out[3 + i, 4] = -(en_velocity_n[j] * v_k - en_velocity_n[k] * v_j)
-        out[3 + i, 3 + k] -= 2.0 * omega_ie[j] + omega_en[j]
-        out[3 + i, 3 + j] += 2.0 * omega_ie[k] + omega_en[k]
-        # [f^n ×] φ and C_nb ∇_b
-        out[3 + i, 6 + k] = specific_force[j]
-        out[3 + i, 6 + j] = -specific_force[k]
-        # Attitude: ∂ω_in − ω_in × φ − C_nb ε_b.
-        out[6 + i, 0] = ie_latitude[i] + en_latitude[i]
-        out[6 + i, 2] = en_height[i]
-        out[6 + i, 3] = en_velocity_e[i]
-        out[6 + i, 4] = en_velocity_n[i]
-        out[6 + i, 6 + k] = -(omega_ie[j] + omega_en[j])
-        out[6 + i, 6 + j] = omega_ie[k] + omega_en[k]
-        for axis in range(3):
-            out[6 + i, 9 + axis] = -c_nb[i, axis]
-            out[3 + i, 12 + axis] = c_nb[i, axis]
-    _, gamma_latitude, gamma_height = normal_gravity(latitude, height)
-    out[5, 0] -= gamma_latitude
-    out[5, 2] -= gamma_height
+    state = np.concatenate([position, velocity, np.ravel(c_nb)])
+    out[:, :] = _matrices(np.stack([state, state]), (c_nb.T @ specific_force)[np.newaxis], 1.0)[0]
 
 
-@njit(cache=True)
 def system_matrices(
     positions: np.ndarray,
     velocities: np.ndarray,
@@ -117,103 +55,66 @@ def system_matrices(
     dt: float,
 ) -> np.ndarray:
     """Return F (N, 15, 15) at the middle of each of N IMU intervals of an INS track."""
-    count = delta_velocities.shape[0]
-    matrices = np.empty((count, STATES, STATES))
-    middle = np.empty((3, 3))
-    force = np.empty(3)
-    for n in range(count):
-        middle[:, :] = 0.5 * (attitudes[n] + attitudes[n + 1])
-        for i in range(3):
-            force[i] = (
-                middle[i, 0] * delta_velocities[n, 0]
-                + middle[i, 1] * delta_velocities[n, 1]
-                + middle[i, 2] * delta_velocities[n, 2]
-            ) / dt
-        system_matrix(
-            0.5 * (positions[n] + positions[n + 1]),
-            0.5 * (velocities[n] + velocities[n + 1]),
-            middle,
-            force,
-            matrices[n],
-        )
-    return matrices
+    states = np.hstack([positions, velocities, attitudes.reshape(-1, 9)])
+    return _matrices(states, delta_velocities, dt)
 
 
-@njit(cache=True)
-def _product(a: np.ndarray, b: np.ndarray, scale: float, out: np.ndarray) -> None:
-    """Fill ``out`` with scale · a b (small matrices, plain loops: faster than calling BLAS)."""
-    for i in range(a.shape[0]):
-        for j in range(b.shape[1]):
-            out[i, j] = 0.0
-        for k in range(a.shape[1]):
-            factor = scale * a[i, k]
-            if factor != 0.0:  # half of F is zero
-                for j in range(b.shape[1]):
-                    out[i, j] += factor * b[k, j]
+def _matrices(states: np.ndarray, delta_velocities: np.ndarray, dt: float) -> np.ndarray:
+    """Return F (N, 15, 15) between states (N + 1, 15), eight successive intervals at a time."""
+    count = len(delta_velocities)
+    entries = np.empty((count, ENTRIES))
+    constant = np.zeros(ENTRIES)
+    lanes = np.empty(ENTRIES * LANES)
+    for first in range(0, count, LANES):
+        chosen = np.minimum(first + np.arange(LANES), count - 1)
+        entries_between(
+            states[chosen].T.ravel(), states[chosen + 1].T.ravel(),
+            delta_velocities[chosen].T.ravel(), dt, constant, lanes,
+        )  # fmt: skip
+        some = entries[first : first + LANES]
+        some[:] = lanes.reshape(ENTRIES, LANES).T[: len(some)]
+    return dense(entries)
 
 
-@njit(cache=True)
-def discretize(
-    matrix: np.ndarray, noise: np.ndarray, dt: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return Φ = exp(F dt), Ψ = ∫ exp(F s) ds and Q = ∫ Φ(s) G q Gᵀ Φ(s)ᵀ ds of one short step.
-
-    The series of Van Loan's matrix exponential, to the order at which its terms fall below
-    rounding for an IMU interval (F's chain bias → attitude → velocity → position ends after three
-    products; what comes back is 1e-3 s⁻¹ at most). Ψ carries a constant input u: x += Ψ B u.
+@compiled
+def navigation_errors(
+    states: np.ndarray,
+    positions: np.ndarray,
+    velocities: np.ndarray,
+    attitudes: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Fill position [m], velocity [m/s] and attitude [rad] errors of INS states against the truth.
 
     Parameters
     ----------
-    matrix : (n, n) F. noise : (n, n) G q Gᵀ, power spectral densities. dt : step [s].
+    states : (R, K, 15) position, velocity and C_nb, row by row, of the INS in R runs.
+    positions, velocities, attitudes : (K, 3), (K, 3), (K, 3, 3) of the truth.
+    out : (R, K, n) output, of which the first nine elements are filled.
     """
-    n = matrix.shape[0]
-    transition = np.eye(n)
-    integral = np.eye(n) * dt
-    term = np.eye(n)
-    scratch = np.empty((n, n))
-    for order in range(1, 6):
-        _product(matrix, term, dt / order, scratch)
-        term, scratch = scratch, term
-        transition += term
-        integral += term * (dt / (order + 1))
-    covariance = noise * dt
-    moment = covariance.copy()
-    for order in range(2, 7):
-        _product(matrix, moment, dt / order, scratch)
-        for i in range(n):
-            for j in range(n):
-                moment[i, j] = scratch[i, j] + scratch[j, i]
-        covariance += moment
-    return transition, integral, covariance
+    turn = np.empty((3, 3))
+    c_bn = np.empty((3, 3))
+    vector = np.empty(3)
+    for r in range(states.shape[0]):
+        for k in range(states.shape[1]):
+            state, error = states[r, k], out[r, k]
+            north, east = metres_per_radian(state)
+            error[0] = (state[1] - positions[k, 1]) * east
+            error[1] = (state[0] - positions[k, 0]) * north
+            error[2] = state[2] - positions[k, 2]
+            for i in range(3):
+                error[3 + i] = state[3 + i] - velocities[k, i]
+                for j in range(3):
+                    c_bn[j, i] = state[6 + 3 * i + j]
+            product(attitudes[k], c_bn, turn)
+            rotation_vector(turn, vector)
+            error[6:9] = vector
 
 
-@njit(cache=True)
+@compiled
 def metres_per_radian(position: np.ndarray) -> tuple[float, float]:
     """Return (R_M + h) and (R_N + h) cos L [m/rad]: what δL and δλ are worth in metres."""
-    meridian, prime_vertical = radii_of_curvature(position[0])
-    return meridian + position[2], (prime_vertical + position[2]) * math.cos(position[0])
-
-
-@njit(cache=True)
-def _to_metres(position: np.ndarray) -> np.ndarray:
-    """Return the matrix that takes (δL, δλ, δh, ...) to (δr_E, δr_N, δr_U, ...)."""
-    north, east = metres_per_radian(position)
-    change = np.eye(STATES)
-    change[0, 0] = change[1, 1] = 0.0
-    change[0, 1] = east
-    change[1, 0] = north
-    return change
-
-
-@njit(cache=True)
-def _from_metres(position: np.ndarray) -> np.ndarray:
-    """Return the inverse of :func:`_to_metres`."""
-    north, east = metres_per_radian(position)
-    change = np.eye(STATES)
-    change[0, 0] = change[1, 1] = 0.0
-    change[1, 0] = 1.0 / east
-    change[0, 1] = 1.0 / north
-    return change
+    return metres_per_radian_of(math.sin(position[0]), math.cos(position[0]), position[2])
 
 
 def noise_psd(accelerometer_psd: float, gyro_psd: float) -> np.ndarray:
@@ -257,7 +158,6 @@ def add_altimeter(
     noise[np.ix_(vertical, vertical)] += psd * np.outer(gains, gains)
 
 
-@njit(cache=True)
 def transitions(
     matrices: np.ndarray, positions: np.ndarray, epochs: np.ndarray, dt: float, noise: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -275,49 +175,19 @@ def transitions(
     -------
     transition, process_cov : (K, 15, 15) each, from epoch k − 1 to epoch k.
     """
-    # Constant biases: only the nine navigation states evolve, Φ = [Φ_n, Ψ_n B; 0, I].
-    constant = not np.any(matrices[:, NAVIGATION_STATES:, NAVIGATION_STATES:]) and not np.any(
-        noise[NAVIGATION_STATES:, NAVIGATION_STATES:]
-    )
-    nav = NAVIGATION_STATES if constant else STATES
-    moving_noise = noise[:nav, :nav].copy()
-    count = epochs.shape[0]
-    transition = np.zeros((count, STATES, STATES))
-    process_cov = np.zeros((count, STATES, STATES))
-    bias_input = np.empty((nav, STATES - nav))
-    from_bias = np.empty((nav, STATES - nav))
-    phi = np.empty((nav, STATES))
-    next_phi = np.empty((nav, STATES))
-    scratch = np.empty((nav, nav))
+    entries = np.repeat(sparse(matrices), LANES, axis=1)
+    roots = noise_roots(noise, bool(matrices[:, GYRO_BIAS.start :, GYRO_BIAS.start :].any()))
+    transition, process_cov = np.empty((2, 1, len(epochs), STATES, STATES))
     start = 0
-    for k in range(count):
-        phi[:, :] = 0.0
-        for i in range(nav):
-            phi[i, i] = 1.0
-        q = np.zeros((nav, nav))
-        for n in range(start, epochs[k]):
-            step_phi, step_psi, step_q = discretize(matrices[n, :nav, :nav], moving_noise, dt)
-            bias_input[:, :] = matrices[n, :nav, nav:]
-            _product(step_psi, bias_input, 1.0, from_bias)
-            _product(step_phi, phi, 1.0, next_phi)
-            next_phi[:, nav:] += from_bias
-            phi, next_phi = next_phi, phi
-            _product(step_phi, q, 1.0, scratch)
-            _product(scratch, step_phi.T, 1.0, q)
-            q += step_q
-        to_metres = _to_metres(positions[epochs[k]])
-        full = np.eye(STATES)
-        full[:nav] = phi
-        transition[k] = to_metres @ full @ _from_metres(positions[start])
-        full[:, :] = 0.0
-        full[:nav, :nav] = q
-        full = to_metres @ full @ to_metres.T
-        process_cov[k] = 0.5 * (full + full.T)
-        start = epochs[k]
-    return transition, process_cov
+    for k, end in enumerate(epochs):
+        compose(
+            entries[start:end], dt, roots, _metres(positions[start]), _metres(positions[end]),
+            transition[:, k], process_cov[:, k],
+        )  # fmt: skip
+        start = end
+    return transition[0], process_cov[0]
 
 
-@njit(cache=True)
 def delayed_rows(
     matrices: np.ndarray, positions: np.ndarray, epochs: np.ndarray, delays: np.ndarray, dt: float
 ) -> np.ndarray:
@@ -326,24 +196,17 @@ def delayed_rows(
     Rows of Φ(t_k, t_k − τ_k)⁻¹; process noise within the delay (millimetres) is neglected.
     ``delays`` (K,) are in seconds, zero or positive, and do not reach before sample 0.
     """
-    count = epochs.shape[0]
-    rows = np.empty((count, 6, STATES))
-    term = np.empty((6, STATES))
-    scratch = np.empty((6, STATES))
-    row = np.empty((6, STATES))
-    for k in range(count):
-        steps = delays[k] / dt
-        whole = math.ceil(steps - 1e-9)
-        first = max(epochs[k] - whole, 0)
-        row[:3] = _to_metres(positions[max(epochs[k] - round(steps), 0)])[:3]
-        row[3:] = np.eye(STATES)[6:9]
-        # Back from t_k − τ_k: Φ⁻¹ of the steps in the order of time, the first one in part.
-        for n in range(first, epochs[k]):
-            part = dt * (steps - (whole - 1)) if n == first else dt
-            term[:, :] = row
-            for order in range(1, 6):
-                _product(term, matrices[n], -part / order, scratch)
-                term, scratch = scratch, term
-                row += term
-        rows[k] = row @ _from_metres(positions[epochs[k]])
-    return rows
+    entries = np.repeat(sparse(matrices), LANES, axis=1)
+    rows = np.empty((1, len(epochs), 6, STATES))
+    for k, (epoch, delay) in enumerate(zip(epochs, delays, strict=True)):
+        first, part, nearest = intervals_of(delay, epoch, dt)
+        delayed(
+            entries[first:epoch], part, dt, _metres(positions[nearest]), _metres(positions[epoch]),
+            rows[:, k],
+        )  # fmt: skip
+    return rows[0]
+
+
+def _metres(position: np.ndarray) -> np.ndarray:
+    """Return metres per radian of latitude and longitude (2, LANES) of one run."""
+    return np.repeat(np.array(metres_per_radian(position))[:, np.newaxis], LANES, axis=1)

@@ -68,29 +68,41 @@ class LowPass:
             )
 
     def apply(self, samples: np.ndarray) -> np.ndarray:
-        """Filter ``samples`` (K, ...) along the first axis; the first ``order`` pass unchanged."""
-        from scipy import signal  # not at the top: it loads slowly
-
-        numerator, denominator = signal.butter(self.order, self.cutoff_hz, fs=self.rate_hz)
-        start = min(self.order, len(samples))
+        """Filter ``samples`` (K,) or (..., K, m) along their time; the first ``order`` are kept."""
         filtered = np.array(samples, dtype=float)
-        if len(samples) == start:
-            return filtered
-        flat = filtered.reshape(len(samples), -1)
-        for column in flat.T:
-            past = column[start - 1 :: -1]
-            state = signal.lfiltic(numerator, denominator, y=past, x=past)
-            column[start:], _ = signal.lfilter(numerator, denominator, column[start:], zi=state)
+        columns = filtered[:, np.newaxis] if filtered.ndim == 1 else filtered
+        start = self.order
+        if columns.shape[-2] > start:
+            from scipy import signal  # not at the top: it loads slowly
+
+            numerator, denominator, states = _difference_equation(self)
+            columns[..., start:, :], _ = signal.lfilter(
+                numerator, denominator, columns[..., start:, :], axis=-2,
+                zi=states @ columns[..., start - 1 :: -1, :],
+            )  # fmt: skip
         return filtered
 
     def dc_delay(self) -> float:
         """Return the delay of a slow signal [samples]."""
-        from scipy import signal
-
-        numerator, denominator = signal.butter(self.order, self.cutoff_hz, fs=self.rate_hz)
+        numerator, denominator, _ = _difference_equation(self)
         # Not scipy.signal.group_delay: its response at DC is −d(phase)/dω, exactly this sum.
         lags = np.arange(self.order + 1)
         return float(lags @ numerator / numerator.sum() - lags @ denominator / denominator.sum())
+
+
+@lru_cache(maxsize=16)
+def _difference_equation(lowpass: LowPass) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return numerator and denominator, and what takes the past to the state that lfilter keeps.
+
+    The past are the first outputs, the newest first, which equal the inputs; the state is linear in
+    them.
+    """
+    from scipy import signal
+
+    numerator, denominator = signal.butter(lowpass.order, lowpass.cutoff_hz, fs=lowpass.rate_hz)
+    pasts = np.eye(lowpass.order)
+    states = [signal.lfiltic(numerator, denominator, y=past, x=past) for past in pasts]
+    return numerator, denominator, np.stack(states, axis=-1)
 
 
 @dataclass(frozen=True)
@@ -109,7 +121,7 @@ class Prefilter:
     delay_samples: np.ndarray
 
     def apply(self, output: np.ndarray) -> np.ndarray:
-        """Return A times output sequences (K, m)."""
+        """Return A times output sequences (..., K, m)."""
         return output if self.matrix is None else self.matrix @ output
 
 

@@ -9,12 +9,13 @@ map each exist twice, see :mod:`ggbench.sensor_schema`.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from . import strapdown
+from .block import ProblemBlock
 from .flight import Flight as Flight
 from .flight import prepare as prepare
 from .gradiometer import readings
@@ -26,13 +27,13 @@ from .ins_error import (
     POSITION,
     STATES,
     VELOCITY,
-    delayed_rows,
     metres_per_radian,
-    system_matrices,
+    navigation_errors,
 )
 from .lowpass import prefilter
-from .measurement_model import GradiometerModel, model_arrays
+from .measurement_model import model_arrays
 from .problem import Problem, StateBlock
+from .strapdown import LANES, TRACK, between, navigate_lanes, rotation_matrix
 from .trajectory import Trajectory
 
 LAYOUT = (
@@ -58,27 +59,55 @@ class Truth:
     error_state: np.ndarray
 
 
-class RandomStreams(NamedTuple):
-    """The generators of a run, one per source of error; new sources come last."""
+@dataclass(frozen=True)
+class TruthBlock:
+    """The truth behind a block of runs.
 
-    initial: np.random.Generator
-    biases: np.random.Generator
-    imu: np.random.Generator
-    gradiometer: np.random.Generator
-    bias_walks: np.random.Generator
-    imu_errors: np.random.Generator
-    altimeter: np.random.Generator
-    gradiometer_biases: np.random.Generator
-    gradiometer_errors: np.random.Generator
-    outliers: np.random.Generator
-    dropouts: np.random.Generator
-    timing: np.random.Generator
+    Attributes
+    ----------
+    times : (K,) measurement epochs [s].
+    error_state : (R, K, n) true INS errors at the epochs, in the state's units.
+    """
+
+    times: np.ndarray
+    error_state: np.ndarray
+
+
+class RandomStreams:
+    """The generators of a run, one per source of error, each made when it is first used."""
+
+    SOURCES = (
+        "initial",
+        "biases",
+        "imu",
+        "gradiometer",
+        "bias_walks",
+        "imu_errors",
+        "altimeter",
+        "gradiometer_biases",
+        "gradiometer_errors",
+        "outliers",
+        "dropouts",
+        "timing",
+    )
+    """New sources come last: the number of a source is part of its seed."""
+
+    def __init__(self, seed: int, run: int) -> None:
+        self._entropy = [seed, run]
+
+    def __getattr__(self, source: str) -> np.random.Generator:
+        if source not in self.SOURCES:
+            raise AttributeError(f"there is no source of errors {source!r}")
+        # The child that SeedSequence.spawn would give in this place.
+        child = np.random.SeedSequence(self._entropy, spawn_key=(self.SOURCES.index(source),))
+        generator = np.random.default_rng(child)
+        setattr(self, source, generator)
+        return generator
 
 
 def random_streams(seed: int, run: int) -> RandomStreams:
     """Return the generators of a run, spawned from the campaign's seed and the run's number."""
-    children = np.random.SeedSequence([seed, run]).spawn(len(RandomStreams._fields))
-    return RandomStreams(*(np.random.default_rng(child) for child in children))
+    return RandomStreams(seed, run)
 
 
 def simulate(flight: Flight, seed: int, run: int) -> tuple[Problem, Truth]:
@@ -88,116 +117,233 @@ def simulate(flight: Flight, seed: int, run: int) -> tuple[Problem, Truth]:
     ----------
     flight : the case. seed, run : the campaign's seed and the run's number.
     """
-    streams = random_streams(seed, run)
-    truth, true, model = flight.trajectory, flight.true, flight.model
-    dt, epochs, times = truth.dt, flight.epochs, flight.times
+    block, truth = simulate_block(flight, seed, [run])
+    return block.problem(0), Truth(truth.times, truth.error_state[0])
 
-    initial = np.sqrt(np.diag(true.prior_cov)[:STATES]) * streams.initial.standard_normal(STATES)
-    delta_angles, delta_velocities, biases = _inertial_readings(flight, streams)
-    positions, velocities, attitudes = strapdown.navigate(
-        *_perturbed(truth, initial), delta_angles, delta_velocities, dt,
-        *_altimeter_readings(flight, streams),
-    )  # fmt: skip
-    output, instrument_biases = _gradiometer_output(flight, streams)
-    missing = flight.faults.missing(times, streams.dropouts)
 
-    matrices, noise = model.complete(
-        system_matrices(positions, velocities, attitudes, delta_velocities, dt)
-    )
-    transition, process_cov = model.system(matrices, noise, positions, epochs, dt)
-    spec = flight.case.gradiometer
+def simulate_block(
+    flight: Flight, seed: int, runs: Sequence[int]
+) -> tuple[ProblemBlock, TruthBlock]:
+    """Return the estimation problems of several runs, and the truth that they hide.
+
+    A run is the same, bit by bit, in whatever block.
+
+    Parameters
+    ----------
+    flight : the case. seed, runs : the campaign's seed and the numbers of R runs.
+    """
+    streams = [random_streams(seed, run) for run in runs]
+    model, times, spec = flight.model, flight.times, flight.case.gradiometer
     treatment = prefilter(
-        model.gradiometer.lowpass,
-        len(epochs),
-        spec.filter_treatment,
-        spec.whitening_regularization,
+        model.gradiometer.lowpass, len(times), spec.filter_treatment, spec.whitening_regularization
     )
     delays = treatment.delay_samples * spec.period_s
-    delayed = np.stack(
-        [np.interp(times - delays, truth.times, positions[:, axis]) for axis in range(3)], axis=-1
-    )
+    ins = Navigation.empty(len(streams), len(times), model.dimension)
+    for first in range(0, len(streams), LANES):
+        some = slice(first, first + LANES)
+        _navigate(flight, delays, streams[some], ins.of_runs(some))
+    output, instrument_biases = _gradiometer_output(flight, streams)
+    missing = _missing(flight, streams)
     measurements = treatment.apply(output)
     measurements[missing] = 0.0  # as the model predicts it then, whatever the state
     layout: tuple[StateBlock, ...] = LAYOUT
     if model.gradiometer.biased:
         layout = (*LAYOUT, StateBlock("gradiometer bias", slice(STATES, model.dimension), "E"))
-    problem = Problem(
+    problems = ProblemBlock(
         times=times,
         measurements=measurements,
         noise_cov=model.noise_cov,
-        transition=transition,
-        process_cov=process_cov,
+        transition=ins.transition,
+        process_cov=ins.process_cov,
         prior_mean=np.zeros(model.dimension),
         prior_cov=model.prior_cov,
-        model=GradiometerModel(
-            model_arrays(
-                flight.model_field,
-                model.gradiometer,
-                times,
-                positions[epochs],
-                attitudes[epochs],
-                delayed,
-                _delayed_attitudes(flight, delays, attitudes),
-                delays,
-                delayed_rows(matrices, positions, epochs, delays, dt),
-                treatment,
-                missing,
-            )
+        model=model_arrays(
+            flight.model_field,
+            model.gradiometer,
+            times,
+            ins.states[:, :, POSITION],
+            ins.states[:, :, 6:].reshape(*ins.states.shape[:2], 3, 3),
+            ins.delayed_positions,
+            ins.delayed_attitudes,
+            delays,
+            ins.rows,
+            treatment,
+            missing,
         ),
         layout=layout,
     )
-    error_state = np.empty((len(epochs), model.dimension))
-    for k, n in enumerate(epochs):
-        error_state[k, :9] = _navigation_error(
-            positions[n], velocities[n], attitudes[n],
-            truth.positions[n], truth.velocities[n], truth.attitudes[n],
-        )  # fmt: skip
-    error_state[:, GYRO_BIAS], error_state[:, ACCELEROMETER_BIAS] = (b[epochs] for b in biases)
+    truth, epochs = flight.trajectory, flight.epochs
+    error_state = np.empty((len(streams), len(times), model.dimension))
+    navigation_errors(
+        ins.states, truth.positions[epochs], truth.velocities[epochs], truth.attitudes[epochs],
+        error_state,
+    )  # fmt: skip
+    error_state[:, :, GYRO_BIAS.start : STATES] = ins.biases
     if model.gradiometer.biased:
-        error_state[:, STATES:] = instrument_biases
-    return problem, Truth(times, error_state)
+        error_state[:, :, STATES:] = instrument_biases
+    return problems, TruthBlock(times, error_state)
+
+
+class Navigation(NamedTuple):
+    """What the INS of R runs indicates, at the epochs, and how its error moves between them.
+
+    Attributes
+    ----------
+    states : (R, K, 15) position, velocity and C_nb, row by row.
+    biases : (R, K, 6) true ones of gyros and accelerometers.
+    delayed_positions, delayed_attitudes : (R, K, 3), (R, K, 3, 3) a reading's delay earlier.
+    transition, process_cov : (R, K, n, n) Φ and Q as the estimators know them.
+    rows : (R, K, 6, 15) from an error at an epoch to that a delay earlier.
+    """
+
+    states: np.ndarray
+    biases: np.ndarray
+    delayed_positions: np.ndarray
+    delayed_attitudes: np.ndarray
+    transition: np.ndarray
+    process_cov: np.ndarray
+    rows: np.ndarray
+
+    @classmethod
+    def empty(cls, runs: int, epochs: int, n: int) -> Navigation:
+        """Return arrays to be filled."""
+        shapes = ((TRACK,), (6,), (3,), (3, 3), (n, n), (n, n), (6, STATES))
+        return cls(*(np.empty((runs, epochs, *shape)) for shape in shapes))
+
+    def of_runs(self, some: slice) -> Navigation:
+        """Return the arrays of some of the runs."""
+        return Navigation(*(array[some] for array in self))
+
+
+def _navigate(
+    flight: Flight, delays: np.ndarray, streams: Sequence[RandomStreams], out: Navigation
+) -> None:
+    """Navigate up to LANES runs at once; ``delays`` (K,) are those of the readings [s]."""
+    truth, true, model, epochs = flight.trajectory, flight.true, flight.model, flight.epochs
+    runs, count, dt = len(streams), len(flight.delta_angles), truth.dt
+    increments, biases = _inertial_readings(flight, streams)
+    track = np.empty((count + 1, TRACK, LANES))
+    sigma = np.sqrt(np.diag(true.prior_cov)[:STATES])
+    initial = np.empty((TRACK, LANES))
+    for lane in range(LANES):
+        if lane < runs:
+            initial[:, lane] = _perturbed(
+                truth, sigma * streams[lane].initial.standard_normal(STATES)
+            )
+        else:
+            initial[:, lane] = initial[:, 0]
+    navigate_lanes(initial, increments, dt, *_altimeter_readings(flight, streams), track)
+
+    def of_runs(lanes: np.ndarray) -> np.ndarray:
+        return np.moveaxis(lanes, -1, 0)[:runs]
+
+    out.states[:] = of_runs(track[epochs])
+    out.biases[:] = biases
+    earlier = np.maximum(epochs - delays / dt, 0.0)
+    first = earlier.astype(int)
+    share = earlier - first
+    before, after = track[first], track[np.minimum(first + 1, count)]
+    moved = share[:, np.newaxis, np.newaxis] * (after - before)[:, :3]
+    out.delayed_positions[:] = of_runs(before[:, :3] + moved)
+    shape = out.delayed_attitudes.shape
+    out.delayed_attitudes[:] = out.states[:, :, 6:].reshape(shape)
+    if model.gradiometer.instrument == "strapdown" and delays.any():
+        start, end = (np.ascontiguousarray(of_runs(c[:, 6:])) for c in (before, after))
+        turned = between(start.reshape(-1, 3, 3), end.reshape(-1, 3, 3), np.tile(share, runs))
+        out.delayed_attitudes[:] = turned.reshape(shape)
+    model.along(track, increments, epochs, dt, out.transition, out.process_cov)
+    model.delayed_rows(track, increments, epochs, delays, dt, out.rows)
 
 
 def _inertial_readings(
-    flight: Flight, streams: RandomStreams
-) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
-    """Return the increments (N, 3) that the IMU delivers, and the biases (N + 1, 3) in them."""
-    imu, dt = flight.true.imu, flight.trajectory.dt
-    start = imu.draw_biases(streams.biases)
-    biases = imu.bias_histories(start, len(flight.delta_angles), dt, streams.bias_walks)
-    exact = imu.distort(flight.delta_angles, flight.delta_velocities, streams.imu_errors)
-    return (*imu.corrupt(*exact, (biases[0][1:], biases[1][1:]), dt, streams.imu), biases)
+    flight: Flight, streams: Sequence[RandomStreams]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the increments (N, 6, LANES) that the IMUs deliver, and the biases (R, K or 1, 6).
+
+    The biases at the epochs, once if they are constant.
+    """
+    imu, dt, count = flight.true.imu, flight.trajectory.dt, len(flight.delta_angles)
+    noise = np.empty((len(streams), 2, count, 3))
+    exact, biases = [], []
+    for run, of_run in enumerate(streams):
+        of_run.imu.standard_normal(out=noise[run])
+        start = imu.draw_biases(of_run.biases)
+        if imu.wanders:
+            biases.append(np.hstack(imu.bias_histories(start, count, dt, of_run.bias_walks)))
+        else:
+            biases.append(np.concatenate(start)[np.newaxis])
+        if imu.distorts:
+            exact.append(
+                np.hstack(
+                    imu.distort(flight.delta_angles, flight.delta_velocities, of_run.imu_errors)
+                )
+            )
+    if not imu.distorts:
+        exact.append(np.hstack([flight.delta_angles, flight.delta_velocities]))
+    histories = np.stack(biases)
+    increments = np.empty((count, 6, LANES))
+    imu.measure(
+        np.stack(exact), histories[:, 1:] if imu.wanders else histories, noise, dt, increments
+    )
+    return increments, histories[:, flight.epochs] if imu.wanders else histories
 
 
 def _altimeter_readings(
-    flight: Flight, streams: RandomStreams
-) -> tuple[np.ndarray | None, tuple[float, float]]:
-    """Return the heights (N,) that damp the mechanization, None without an altimeter, and gains."""
+    flight: Flight, streams: Sequence[RandomStreams]
+) -> tuple[np.ndarray, tuple[float, float]]:
+    """Return the heights (N, LANES) that damp the mechanization, and gains; (0, LANES) without."""
     truth = flight.trajectory
     if flight.true.altimeter is None:
-        return None, (0.0, 0.0)
+        return np.empty((0, LANES)), (0.0, 0.0)
     gains, psd = flight.true.altimeter
-    noise = math.sqrt(psd / truth.dt) * streams.altimeter.standard_normal(len(truth.times) - 1)
-    return truth.positions[1:, 2] + noise, gains
+    heights = np.empty((len(truth.times) - 1, LANES))
+    for lane in range(LANES):
+        if lane < len(streams):
+            noise = streams[lane].altimeter.standard_normal(len(heights))
+            heights[:, lane] = truth.positions[1:, 2] + math.sqrt(psd / truth.dt) * noise
+        else:
+            heights[:, lane] = heights[:, 0]
+    return heights, gains
 
 
-def _gradiometer_output(flight: Flight, streams: RandomStreams) -> tuple[np.ndarray, np.ndarray]:
-    """Return what the instrument delivers (K, m), before readings drop out, and its biases [E]."""
+def _gradiometer_output(
+    flight: Flight, streams: Sequence[RandomStreams]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return what the instruments deliver (R, K, m), before readings drop out, and biases [E]."""
     instrument, faults, times = flight.true.gradiometer, flight.faults, flight.times
-    tensors = flight.noise_free
-    if faults.clock > 0.0 or faults.jitter > 0.0:
-        tensors = _mistimed(flight, streams.timing)
-    exact = faults.distort(tensors, instrument.channels, streams.gradiometer_errors)
-    if flight.disks is not None:
-        exact = exact + flight.disks.errors(
-            instrument.components, tensors, *flight.motion, streams.gradiometer_errors
-        )
-    biases = gradiometer_biases(instrument, exact.shape[1], times, streams.gradiometer_biases)
-    output = exact + biases + instrument.noise(len(times), streams.gradiometer)
-    output += faults.outliers(output.shape, streams.outliers)
+    channels = instrument.channels
+    undistorted = flight.noise_free @ channels.T
+    output = np.empty((len(streams), len(times), len(channels)))
+    biases = np.zeros(output.shape)
+    for run, of_run in enumerate(streams):
+        tensors, exact = flight.noise_free, undistorted
+        if faults.clock > 0.0 or faults.jitter > 0.0:
+            tensors = _mistimed(flight, of_run.timing)
+            exact = tensors @ channels.T
+        if faults.distorts or flight.disks is not None:
+            exact = faults.distort(tensors, channels, of_run.gradiometer_errors)
+        if flight.disks is not None:
+            exact = exact + flight.disks.errors(
+                instrument.components, tensors, *flight.motion, of_run.gradiometer_errors
+            )
+        if instrument.biased:
+            biases[run] = gradiometer_biases(
+                instrument, len(channels), times, of_run.gradiometer_biases
+            )
+        output[run] = exact + biases[run] + instrument.noise(len(times), of_run.gradiometer)
+        if faults.outlier_share > 0.0:
+            output[run] += faults.outliers(output[run].shape, of_run.outliers)
     if instrument.lowpass is not None:
         output = instrument.lowpass.apply(output)
     return output, biases
+
+
+def _missing(flight: Flight, streams: Sequence[RandomStreams]) -> np.ndarray:
+    """Return which readings (R, K) drop out."""
+    faults, times = flight.faults, flight.times
+    if faults.dropout_share > 0.0:
+        return np.stack([faults.missing(times, of_run.dropouts) for of_run in streams])
+    return np.tile(faults.in_dropouts(times), (len(streams), 1))
 
 
 def _mistimed(flight: Flight, rng: np.random.Generator) -> np.ndarray:
@@ -209,50 +355,20 @@ def _mistimed(flight: Flight, rng: np.random.Generator) -> np.ndarray:
     positions = np.stack(
         [np.interp(taken, truth.times, truth.positions[:, axis]) for axis in range(3)], axis=-1
     )
+    sample = np.minimum(taken / truth.dt, len(truth.times) - 1)
+    first = np.minimum(sample.astype(int), len(truth.times) - 2)
+    attitudes = between(truth.attitudes[first], truth.attitudes[first + 1], sample - first)
     return readings(
-        flight.field, positions, taken + clock, _attitudes_at(taken, truth.times, truth.attitudes),
-        flight.case.gradiometer.instrument,
-    )  # fmt: skip
+        flight.field, positions, taken + clock, attitudes, flight.case.gradiometer.instrument
+    )
 
 
-def _delayed_attitudes(flight: Flight, delays: np.ndarray, attitudes: np.ndarray) -> np.ndarray:
-    """Return the INS attitudes (K, 3, 3) that readings delayed by (K,) seconds are set beside."""
-    if flight.model.gradiometer.instrument != "strapdown" or not delays.any():
-        return attitudes[flight.epochs]
-    return _attitudes_at(flight.times - delays, flight.trajectory.times, attitudes)
-
-
-def _attitudes_at(times: np.ndarray, samples: np.ndarray, attitudes: np.ndarray) -> np.ndarray:
-    """Return C_nb (K, 3, 3) at times between samples, by the shortest rotation."""
-    from scipy.spatial.transform import Rotation, Slerp  # not at the top: rarely used, loads slowly
-
-    turning = Slerp(samples, Rotation.from_matrix(attitudes))
-    return np.asarray(turning(np.clip(times, samples[0], samples[-1])).as_matrix())
-
-
-def _perturbed(truth: Trajectory, error: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the INS state at the start: truth plus a (15,) error state."""
+def _perturbed(truth: Trajectory, error: np.ndarray) -> np.ndarray:
+    """Return the INS state (15,) at the start: truth plus a (15,) error state."""
     position = truth.positions[0].copy()
     north, east = metres_per_radian(position)
     position += np.array([error[1] / north, error[0] / east, error[2]])
     turn = np.empty((3, 3))
-    strapdown.rotation_matrix(-error[ATTITUDE], turn)
-    return position, truth.velocities[0] + error[VELOCITY], turn @ truth.attitudes[0]
-
-
-def _navigation_error(
-    position: np.ndarray,
-    velocity: np.ndarray,
-    c_nb: np.ndarray,
-    true_position: np.ndarray,
-    true_velocity: np.ndarray,
-    true_c_nb: np.ndarray,
-) -> np.ndarray:
-    """Return the (9,) position [m], velocity [m/s] and attitude [rad] error of the INS."""
-    error = np.empty(9)
-    north, east = metres_per_radian(position)
-    difference = position - true_position
-    error[POSITION] = difference[1] * east, difference[0] * north, difference[2]
-    error[VELOCITY] = velocity - true_velocity
-    strapdown.rotation_vector(true_c_nb @ c_nb.T, error[ATTITUDE])
-    return error
+    rotation_matrix(-error[ATTITUDE], turn)
+    velocity = truth.velocities[0] + error[VELOCITY]
+    return np.concatenate([position, velocity, np.ravel(turn @ truth.attitudes[0])])

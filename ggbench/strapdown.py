@@ -14,117 +14,167 @@ comes back to rounding, because position follows from velocity by the rule that 
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
-from numba import njit
 
-from .earth import ROTATION_RATE, normal_gravity, radii_of_curvature
+from .earth import ROTATION_RATE, normal_gravity_of, radii_of_sine
+from .kernels import compiled, inlined
+from .rotations import Matrix, fill, multiply, sine_cosine, small_turn
+from .rotations import attitude_matrix as attitude_matrix
+from .rotations import between as between
+from .rotations import product as product
+from .rotations import rotation_matrix as rotation_matrix
+from .rotations import rotation_vector as rotation_vector
 
-
-@njit(cache=True)
-def rotation_matrix(rotation_vector: np.ndarray, out: np.ndarray) -> None:
-    """Fill ``out`` (3, 3) with exp([rotation_vector×]) (Rodrigues)."""
-    x, y, z = rotation_vector[0], rotation_vector[1], rotation_vector[2]
-    angle2 = x * x + y * y + z * z
-    if angle2 < 1e-8:  # the series: the quotients below would lose digits
-        a = 1.0 - angle2 / 6.0 * (1.0 - angle2 / 20.0)
-        b = 0.5 - angle2 / 24.0 * (1.0 - angle2 / 30.0)
-    else:
-        angle = math.sqrt(angle2)
-        a = math.sin(angle) / angle
-        b = (1.0 - math.cos(angle)) / angle2
-    out[0, 0] = 1.0 - b * (y * y + z * z)
-    out[0, 1] = b * x * y - a * z
-    out[0, 2] = b * x * z + a * y
-    out[1, 0] = b * x * y + a * z
-    out[1, 1] = 1.0 - b * (x * x + z * z)
-    out[1, 2] = b * y * z - a * x
-    out[2, 0] = b * x * z - a * y
-    out[2, 1] = b * y * z + a * x
-    out[2, 2] = 1.0 - b * (x * x + y * y)
+LANES = 8
+"""Runs that kernels take at once, one in each lane of the widest vector registers."""
+TRACK = 15
+"""Numbers of a navigation state: position, velocity and C_nb, row by row."""
+_WORK = TRACK + 9
 
 
-@njit(cache=True)
-def rotation_vector(matrix: np.ndarray, out: np.ndarray) -> None:
-    """Fill ``out`` (3,) with the rotation vector of a rotation by less than π/2."""
-    out[0] = 0.5 * (matrix[2, 1] - matrix[1, 2])
-    out[1] = 0.5 * (matrix[0, 2] - matrix[2, 0])
-    out[2] = 0.5 * (matrix[1, 0] - matrix[0, 1])
-    sine = math.sqrt(out[0] ** 2 + out[1] ** 2 + out[2] ** 2)
-    if sine > 1e-5:
-        cosine = 0.5 * (matrix[0, 0] + matrix[1, 1] + matrix[2, 2] - 1.0)
-        out *= math.atan2(sine, cosine) / sine
-    else:
-        out *= 1.0 + sine * sine / 6.0
+@inlined
+def place_of(latitude: float, height: float) -> tuple[float, float, float, float]:
+    """Return sin L, cos L, R_M + h and R_N + h [m] of a position."""
+    sine, cosine = sine_cosine(latitude)
+    meridian, prime_vertical = radii_of_sine(sine)
+    return sine, cosine, meridian + height, prime_vertical + height
 
 
-@njit(cache=True)
-def product(a: np.ndarray, b: np.ndarray, out: np.ndarray) -> None:
-    """Fill ``out`` with the product of two 3 by 3 matrices."""
-    for i in range(3):
-        for j in range(3):
-            out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
+@inlined
+def frame_rates_of(
+    place: tuple[float, float, float, float], v_e: float, v_n: float
+) -> tuple[float, float, float, float, float]:
+    """Return the earth rate ω_ie (N, U; E is zero), the transport rate ω_en (E, N, U) [rad/s]."""
+    sine, cosine, r_m, r_n = place
+    en_n = v_e / r_n
+    return ROTATION_RATE * cosine, ROTATION_RATE * sine, -v_n / r_m, en_n, en_n * sine / cosine
 
 
-@njit(cache=True)
-def attitude_matrix(heading: float, pitch: float, roll: float) -> np.ndarray:
-    """Return C_nb of heading (clockwise from north), pitch (nose up), roll (right down) [rad]."""
-    sin_h, cos_h = math.sin(heading), math.cos(heading)
-    sin_p, cos_p = math.sin(pitch), math.cos(pitch)
-    sin_r, cos_r = math.sin(roll), math.cos(roll)
-    return np.array(
-        [
-            [cos_h * cos_r + sin_h * sin_p * sin_r, sin_h * cos_p,
-             cos_h * sin_r - sin_h * sin_p * cos_r],
-            [-sin_h * cos_r + cos_h * sin_p * sin_r, cos_h * cos_p,
-             -sin_h * sin_r - cos_h * sin_p * cos_r],
-            [-cos_p * sin_r, sin_p, cos_p * cos_r],
-        ]
-    )  # fmt: skip
+@inlined
+def position_rate_of(
+    place: tuple[float, float, float, float], v_e: float, v_n: float
+) -> tuple[float, float]:
+    """Return L' and λ' [rad/s]."""
+    _, cosine, r_m, r_n = place
+    return v_n / r_m, v_e / (r_n * cosine)
 
 
-@njit(cache=True)
+@inlined
+def velocity_rate_of(
+    place: tuple[float, float, float, float],
+    height: float,
+    v: tuple[float, float, float],
+    f: tuple[float, float, float],
+) -> tuple[float, float, float]:
+    """Return v' [m/s²] for a specific force in n axes: f^n − (2ω_ie + ω_en) × v + (0, 0, −γ)."""
+    ie_n, ie_u, x, en_n, en_u = frame_rates_of(place, v[0], v[1])
+    y, z = 2.0 * ie_n + en_n, 2.0 * ie_u + en_u
+    gamma, _, _ = normal_gravity_of(place[0], place[1], height)
+    return (
+        f[0] - (y * v[2] - z * v[1]),
+        f[1] - (z * v[0] - x * v[2]),
+        f[2] - (x * v[1] - y * v[0]) - gamma,
+    )
+
+
+@inlined
+def advance_position_of(
+    position: tuple[float, float, float],
+    v: tuple[float, float, float],
+    next_v: tuple[float, float, float],
+    dt: float,
+) -> tuple[float, float, float]:
+    """Return the position after a step with the mean of the two velocities (midpoint rule)."""
+    v_e, v_n, v_u = 0.5 * (v[0] + next_v[0]), 0.5 * (v[1] + next_v[1]), 0.5 * (v[2] + next_v[2])
+    north, _ = position_rate_of(place_of(position[0], position[2]), v_e, v_n)
+    middle = place_of(position[0] + 0.5 * dt * north, position[2] + 0.5 * dt * v_u)
+    north, east = position_rate_of(middle, v_e, v_n)
+    return position[0] + dt * north, position[1] + dt * east, position[2] + dt * v_u
+
+
+@inlined
+def frame_turn(
+    place: tuple[float, float, float, float], v: tuple[float, float, float], time: float
+) -> Matrix:
+    """Return the rotation by which n turns back against inertial space in a time [s]."""
+    ie_n, ie_u, en_e, en_n, en_u = frame_rates_of(place, v[0], v[1])
+    return small_turn(-time * en_e, -time * (ie_n + en_n), -time * (ie_u + en_u))
+
+
+@inlined
+def step(
+    position: tuple[float, float, float],
+    v: tuple[float, float, float],
+    c_nb: Matrix,
+    angle: tuple[float, float, float],
+    dv: tuple[float, float, float],
+    disturbance: tuple[float, float, float],
+    dt: float,
+) -> tuple[tuple[float, float, float], tuple[float, float, float], Matrix]:
+    """Return the navigation state (position, velocity, C_nb) after an IMU interval.
+
+    Numbers in and numbers out, so that a loop over runs becomes vector instructions.
+
+    Parameters
+    ----------
+    position, v, c_nb : [rad, rad, m], ENU [m/s], attitude.
+    angle, dv : increments in body axes [rad], below π, and [m/s].
+    disturbance : gravity beyond the normal one, ENU [m/s²] (zero in an INS without a map).
+    dt : interval [s].
+    """
+    # Body attitude halfway, from half the increment and half the turn of n at the old rates.
+    latitude, _, height = position
+    place = place_of(latitude, height)
+    half = small_turn(0.5 * angle[0], 0.5 * angle[1], 0.5 * angle[2])
+    turned = multiply(c_nb, half)
+    middle = multiply(frame_turn(place, v, 0.5 * dt), turned)
+    f = (
+        (middle[0] * dv[0] + middle[1] * dv[1] + middle[2] * dv[2]) / dt + disturbance[0],
+        (middle[3] * dv[0] + middle[4] * dv[1] + middle[5] * dv[2]) / dt + disturbance[1],
+        (middle[6] * dv[0] + middle[7] * dv[1] + middle[8] * dv[2]) / dt + disturbance[2],
+    )
+    # Midpoint of position and velocity, then the velocity with the midpoint's rates.
+    north, _ = position_rate_of(place, v[0], v[1])
+    mid_height = height + 0.5 * dt * v[2]
+    mid_place = place_of(latitude + 0.5 * dt * north, mid_height)
+    rate = velocity_rate_of(place, height, v, f)
+    mid_v = v[0] + 0.5 * dt * rate[0], v[1] + 0.5 * dt * rate[1], v[2] + 0.5 * dt * rate[2]
+    rate = velocity_rate_of(mid_place, mid_height, mid_v, f)
+    next_v = v[0] + dt * rate[0], v[1] + dt * rate[1], v[2] + dt * rate[2]
+    next_c_nb = multiply(frame_turn(mid_place, mid_v, dt), multiply(turned, half))
+    return advance_position_of(position, v, next_v, dt), next_v, next_c_nb
+
+
+@compiled
 def frame_rates(
     latitude: float, height: float, velocity: np.ndarray, omega_ie: np.ndarray, omega_en: np.ndarray
 ) -> None:
     """Fill the earth rate ω_ie^n and the transport rate ω_en^n [rad/s]."""
-    meridian, prime_vertical = radii_of_curvature(latitude)
+    place = place_of(latitude, height)
     omega_ie[0] = 0.0
-    omega_ie[1] = ROTATION_RATE * math.cos(latitude)
-    omega_ie[2] = ROTATION_RATE * math.sin(latitude)
-    omega_en[0] = -velocity[1] / (meridian + height)
-    omega_en[1] = velocity[0] / (prime_vertical + height)
-    omega_en[2] = omega_en[1] * math.tan(latitude)
+    omega_ie[1], omega_ie[2], omega_en[0], omega_en[1], omega_en[2] = frame_rates_of(
+        place, velocity[0], velocity[1]
+    )
 
 
-@njit(cache=True)
+@compiled
 def position_rate(position: np.ndarray, velocity: np.ndarray, out: np.ndarray) -> None:
     """Fill (L', λ', h') of a position [rad, rad, m] and an ENU velocity [m/s]."""
-    meridian, prime_vertical = radii_of_curvature(position[0])
-    out[0] = velocity[1] / (meridian + position[2])
-    out[1] = velocity[0] / ((prime_vertical + position[2]) * math.cos(position[0]))
+    out[0], out[1] = position_rate_of(place_of(position[0], position[2]), velocity[0], velocity[1])
     out[2] = velocity[2]
 
 
-@njit(cache=True)
+@compiled
 def velocity_rate(
     position: np.ndarray, velocity: np.ndarray, specific_force: np.ndarray, out: np.ndarray
 ) -> None:
-    """Fill v' [m/s²] for a specific force in n axes: f^n − (2ω_ie + ω_en) × v + (0, 0, −γ)."""
-    omega_ie = np.empty(3)
-    omega_en = np.empty(3)
-    frame_rates(position[0], position[2], velocity, omega_ie, omega_en)
-    x = 2.0 * omega_ie[0] + omega_en[0]
-    y = 2.0 * omega_ie[1] + omega_en[1]
-    z = 2.0 * omega_ie[2] + omega_en[2]
-    gamma, _, _ = normal_gravity(position[0], position[2])
-    out[0] = specific_force[0] - (y * velocity[2] - z * velocity[1])
-    out[1] = specific_force[1] - (z * velocity[0] - x * velocity[2])
-    out[2] = specific_force[2] - (x * velocity[1] - y * velocity[0]) - gamma
+    """Fill v' [m/s²] for a specific force in n axes, as :func:`velocity_rate_of` gives it."""
+    out[0], out[1], out[2] = velocity_rate_of(
+        place_of(position[0], position[2]), position[2], _three(velocity), _three(specific_force)
+    )
 
 
-@njit(cache=True)
+@compiled
 def attitude_rate(
     position: np.ndarray,
     velocity: np.ndarray,
@@ -144,7 +194,7 @@ def attitude_rate(
         out[i] = body - omega_ie[i] - omega_en[i]
 
 
-@njit(cache=True)
+@compiled
 def advance_position(
     position: np.ndarray,
     velocity: np.ndarray,
@@ -152,89 +202,16 @@ def advance_position(
     dt: float,
     out: np.ndarray,
 ) -> None:
-    """Fill the position after a step with the mean of the two velocities (midpoint rule)."""
-    mean = np.empty(3)
-    rate = np.empty(3)
-    middle = np.empty(3)
-    for i in range(3):
-        mean[i] = 0.5 * (velocity[i] + next_velocity[i])
-    position_rate(position, mean, rate)
-    for i in range(3):
-        middle[i] = position[i] + 0.5 * dt * rate[i]
-    position_rate(middle, mean, rate)
-    for i in range(3):
-        out[i] = position[i] + dt * rate[i]
+    """Fill the position after a step, as :func:`advance_position_of` gives it."""
+    out[0], out[1], out[2] = advance_position_of(
+        _three(position), _three(velocity), _three(next_velocity), dt
+    )
 
 
-@njit(cache=True)
-def step(
-    position: np.ndarray,
-    velocity: np.ndarray,
-    c_nb: np.ndarray,
-    delta_angle: np.ndarray,
-    delta_velocity: np.ndarray,
-    disturbance: np.ndarray,
-    dt: float,
-    next_position: np.ndarray,
-    next_velocity: np.ndarray,
-    next_c_nb: np.ndarray,
-) -> None:
-    """Advance the navigation state by one IMU interval.
-
-    Parameters
-    ----------
-    position, velocity, c_nb : (3,) [rad, rad, m], (3,) ENU [m/s], (3, 3).
-    delta_angle, delta_velocity : (3,) increments in body axes [rad], [m/s].
-    disturbance : (3,) gravity beyond the normal one, ENU [m/s²] (zero in an INS without a map).
-    dt : interval [s].
-    next_position, next_velocity, next_c_nb : outputs.
-    """
-    turn = np.empty((3, 3))
-    mid_c_nb = np.empty((3, 3))
-    scratch = np.empty((3, 3))
-    vector = np.empty(3)
-    force = np.empty(3)
-    rate = np.empty(3)
-    omega_ie = np.empty(3)
-    omega_en = np.empty(3)
-    mid_position = np.empty(3)
-    mid_velocity = np.empty(3)
-
-    # Body attitude halfway, from half the increment and half the turn of n at the old rates.
-    frame_rates(position[0], position[2], velocity, omega_ie, omega_en)
-    for i in range(3):
-        vector[i] = 0.5 * delta_angle[i]
-    rotation_matrix(vector, turn)
-    product(c_nb, turn, scratch)
-    for i in range(3):
-        vector[i] = -0.5 * dt * (omega_ie[i] + omega_en[i])
-    rotation_matrix(vector, turn)
-    product(turn, scratch, mid_c_nb)
-    for i in range(3):
-        force[i] = (
-            mid_c_nb[i, 0] * delta_velocity[0] + mid_c_nb[i, 1] * delta_velocity[1]
-            + mid_c_nb[i, 2] * delta_velocity[2]
-        ) / dt + disturbance[i]  # fmt: skip
-
-    # Midpoint of position and velocity, then the velocity with the midpoint's rates.
-    position_rate(position, velocity, rate)
-    for i in range(3):
-        mid_position[i] = position[i] + 0.5 * dt * rate[i]
-    velocity_rate(position, velocity, force, rate)
-    for i in range(3):
-        mid_velocity[i] = velocity[i] + 0.5 * dt * rate[i]
-    velocity_rate(mid_position, mid_velocity, force, rate)
-    for i in range(3):
-        next_velocity[i] = velocity[i] + dt * rate[i]
-    advance_position(position, velocity, next_velocity, dt, next_position)
-
-    frame_rates(mid_position[0], mid_position[2], mid_velocity, omega_ie, omega_en)
-    rotation_matrix(delta_angle, turn)
-    product(c_nb, turn, scratch)
-    for i in range(3):
-        vector[i] = -dt * (omega_ie[i] + omega_en[i])
-    rotation_matrix(vector, turn)
-    product(turn, scratch, next_c_nb)
+@inlined
+def _three(vector: np.ndarray) -> tuple[float, float, float]:
+    """Return the numbers of a vector (3,)."""
+    return vector[0], vector[1], vector[2]
 
 
 def altimeter_gains(time_constant: float) -> tuple[float, float]:
@@ -273,44 +250,95 @@ def navigate(
     -------
     positions (N + 1, 3) [rad, rad, m], velocities (N + 1, 3) [m/s], C_nb (N + 1, 3, 3).
     """
-    heights = np.empty(0) if heights is None else heights
-    positions, velocities, attitudes = _navigate(
-        position, velocity, c_nb, delta_angles, delta_velocities, dt, heights, gains
+    count, initial = len(delta_angles), np.concatenate([position, velocity, np.ravel(c_nb)])
+    track = np.empty((count + 1, TRACK, LANES))
+    navigate_lanes(
+        np.repeat(initial[:, np.newaxis], LANES, axis=1),
+        np.repeat(np.hstack([delta_angles, delta_velocities])[:, :, np.newaxis], LANES, axis=2),
+        dt,
+        np.repeat(np.reshape([] if heights is None else heights, (-1, 1)), LANES, axis=1),
+        gains,
+        track,
     )
-    return positions, velocities, attitudes
+    one = track[:, :, 0]
+    return (
+        one[:, :3].copy(),
+        one[:, 3:6].copy(),
+        one[:, 6:].reshape(-1, 3, 3).copy(),
+    )
 
 
-@njit(cache=True)
-def _navigate(
-    position: np.ndarray,
-    velocity: np.ndarray,
-    c_nb: np.ndarray,
-    delta_angles: np.ndarray,
-    delta_velocities: np.ndarray,
+@compiled
+def navigate_lanes(
+    initial: np.ndarray,
+    increments: np.ndarray,
     dt: float,
     heights: np.ndarray,
     gains: tuple[float, float],
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Run :func:`navigate`."""
-    count = delta_angles.shape[0]
-    positions = np.empty((count + 1, 3))
-    velocities = np.empty((count + 1, 3))
-    attitudes = np.empty((count + 1, 3, 3))
-    positions[0], velocities[0], attitudes[0] = position, velocity, c_nb
-    disturbance = np.zeros(3)
+    track: np.ndarray,
+) -> None:
+    """Run :func:`navigate` for :data:`LANES` runs at once.
+
+    Parameters
+    ----------
+    initial : (TRACK, LANES) position, velocity and C_nb (row by row) at the start.
+    increments : (N, 6, LANES) angles and velocities.
+    dt : IMU interval [s].
+    heights : (N, LANES) of the altimeters; (0, LANES) without.
+    gains : of the altimeter.
+    track : (N + 1, TRACK, LANES) output: position, velocity and C_nb.
+    """
+    count = increments.shape[0]
+    flat_track = track.reshape((count + 1, TRACK * LANES))
+    flat_increments = increments.reshape((count, 6 * LANES))
+    work = np.zeros(_WORK * LANES)
+    work[: TRACK * LANES] = initial.reshape(-1)
+    flat_track[0] = work[: TRACK * LANES]
     for n in range(count):
-        step(
-            positions[n], velocities[n], attitudes[n], delta_angles[n], delta_velocities[n],
-            disturbance, dt, positions[n + 1], velocities[n + 1], attitudes[n + 1],
-        )  # fmt: skip
+        for i in range(6 * LANES):
+            work[TRACK * LANES + i] = flat_increments[n, i]
+        _step_lanes(work, dt)
         if heights.shape[0] > 0:
-            difference = positions[n + 1, 2] - heights[n]
-            positions[n + 1, 2] -= gains[0] * dt * difference
-            velocities[n + 1, 2] -= gains[1] * dt * difference
-    return positions, velocities, attitudes
+            for r in range(LANES):
+                difference = work[2 * LANES + r] - heights[n, r]
+                work[2 * LANES + r] -= gains[0] * dt * difference
+                work[5 * LANES + r] -= gains[1] * dt * difference
+        for i in range(TRACK * LANES):
+            flat_track[n + 1, i] = work[i]
 
 
-@njit(cache=True)
+@compiled
+def _step_lanes(work: np.ndarray, dt: float) -> None:
+    """Run :func:`step` in all lanes of ``work`` ((TRACK + 9) * LANES,), where the state changes.
+
+    It holds position, velocity and C_nb, the increments of angle and velocity, the disturbance. One
+    array for all that is read and written: the iterations over the runs are then known to be
+    independent, and become vector instructions.
+    """
+    for r in range(LANES):
+        position, velocity, c_nb = step(
+            (work[r], work[LANES + r], work[2 * LANES + r]),
+            (work[3 * LANES + r], work[4 * LANES + r], work[5 * LANES + r]),
+            (
+                work[6 * LANES + r], work[7 * LANES + r], work[8 * LANES + r],
+                work[9 * LANES + r], work[10 * LANES + r], work[11 * LANES + r],
+                work[12 * LANES + r], work[13 * LANES + r], work[14 * LANES + r],
+            ),
+            (work[15 * LANES + r], work[16 * LANES + r], work[17 * LANES + r]),
+            (work[18 * LANES + r], work[19 * LANES + r], work[20 * LANES + r]),
+            (work[21 * LANES + r], work[22 * LANES + r], work[23 * LANES + r]),
+            dt,
+        )  # fmt: skip
+        work[r], work[LANES + r], work[2 * LANES + r] = position
+        work[3 * LANES + r], work[4 * LANES + r], work[5 * LANES + r] = velocity
+        (
+            work[6 * LANES + r], work[7 * LANES + r], work[8 * LANES + r],
+            work[9 * LANES + r], work[10 * LANES + r], work[11 * LANES + r],
+            work[12 * LANES + r], work[13 * LANES + r], work[14 * LANES + r],
+        ) = c_nb  # fmt: skip
+
+
+@compiled
 def error_free_increments(
     positions: np.ndarray,
     velocities: np.ndarray,
@@ -338,29 +366,45 @@ def error_free_increments(
     count = positions.shape[0] - 1
     delta_angles = np.zeros((count, 3))
     delta_velocities = np.zeros((count, 3))
-    position, velocity, c_nb = positions[0].copy(), velocities[0].copy(), attitudes[0].copy()
-    next_position = np.empty(3)
-    next_velocity = np.empty(3)
     next_c_nb = np.empty((3, 3))
     difference = np.empty((3, 3))
     vector = np.empty(3)
+    # The state is kept where navigation keeps it, and advances by its instructions: the same
+    # formula compiled once more might round otherwise.
+    work = np.empty(_WORK * LANES)
+    state = work.reshape((_WORK, LANES))
+    for i in range(3):
+        state[i], state[3 + i] = positions[0, i], velocities[0, i]
+        for j in range(3):
+            state[6 + 3 * i + j] = attitudes[0, i, j]
     for n in range(count):
-        for iteration in range(7):
-            step(
-                position, velocity, c_nb, delta_angles[n], delta_velocities[n],
-                disturbances[n], dt, next_position, next_velocity, next_c_nb,
+        for i in range(3):
+            state[21 + i] = disturbances[n, i]
+        for _ in range(6):
+            _, reached, turned = step(
+                (state[0, 0], state[1, 0], state[2, 0]),
+                (state[3, 0], state[4, 0], state[5, 0]),
+                (
+                    state[6, 0], state[7, 0], state[8, 0],
+                    state[9, 0], state[10, 0], state[11, 0],
+                    state[12, 0], state[13, 0], state[14, 0],
+                ),
+                _three(delta_angles[n]),
+                _three(delta_velocities[n]),
+                _three(disturbances[n]),
+                dt,
             )  # fmt: skip
-            if iteration == 6:
-                break
+            fill(turned, next_c_nb)
             product(next_c_nb.T, attitudes[n + 1], difference)
             rotation_vector(difference, vector)
             for i in range(3):
                 delta_angles[n, i] += vector[i]
-                for j in range(3):
-                    delta_velocities[n, i] += next_c_nb[j, i] * (
-                        velocities[n + 1, j] - next_velocity[j]
-                    )
-        position, next_position = next_position, position
-        velocity, next_velocity = next_velocity, velocity
-        c_nb, next_c_nb = next_c_nb, c_nb
+                delta_velocities[n, i] += (
+                    next_c_nb[0, i] * (velocities[n + 1, 0] - reached[0])
+                    + next_c_nb[1, i] * (velocities[n + 1, 1] - reached[1])
+                    + next_c_nb[2, i] * (velocities[n + 1, 2] - reached[2])
+                )
+        for i in range(3):
+            state[15 + i], state[18 + i] = delta_angles[n, i], delta_velocities[n, i]
+        _step_lanes(work, dt)
     return delta_angles, delta_velocities

@@ -1,0 +1,155 @@
+"""Sines, cosines and rotation matrices as arithmetic on numbers, and on arrays.
+
+A call of the C library keeps a loop over points or runs from becoming vector instructions. Where
+angles are known to be small or are latitudes, a series without branches takes its place here.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from .kernels import compiled, inlined
+
+Matrix = tuple[float, float, float, float, float, float, float, float, float]
+"""A 3 by 3 matrix as nine numbers, row by row."""
+
+_SERIES_BELOW = 2.5
+"""Square of an angle up to which :func:`circular` is exact to rounding."""
+_SINE = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(12))
+_COSINE = tuple((-1.0) ** k / math.factorial(2 * k + 2) for k in range(12))
+
+
+@inlined
+def circular(square: float) -> tuple[float, float]:
+    """Return sin(x)/x and (1 − cos x)/x² of an angle x, of which the square is given.
+
+    Their Taylor series, to rounding for angles below π/2, and to 1e-11 below π.
+    """
+    sine = cosine = 0.0
+    for k in range(11, -1, -1):
+        sine = sine * square + _SINE[k]
+        cosine = cosine * square + _COSINE[k]
+    return sine, cosine
+
+
+@inlined
+def sine_cosine(latitude: float) -> tuple[float, float]:
+    """Return sin and cos of a latitude, from those of its half."""
+    half = 0.5 * latitude
+    square = half * half
+    ratio, versine = circular(square)
+    sine, cosine = half * ratio, 1.0 - square * versine
+    return 2.0 * sine * cosine, (cosine - sine) * (cosine + sine)
+
+
+@inlined
+def _rodrigues(x: float, y: float, z: float, a: float, b: float) -> Matrix:
+    """Return I + a [v×] + b [v×]² of v = (x, y, z)."""
+    return (
+        1.0 - b * (y * y + z * z), b * x * y - a * z, b * x * z + a * y,
+        b * x * y + a * z, 1.0 - b * (x * x + z * z), b * y * z - a * x,
+        b * x * z - a * y, b * y * z + a * x, 1.0 - b * (x * x + y * y),
+    )  # fmt: skip
+
+
+@inlined
+def small_turn(x: float, y: float, z: float) -> Matrix:
+    """Return exp([v×]) of v = (x, y, z) (Rodrigues), for angles for which :func:`circular` is."""
+    a, b = circular(x * x + y * y + z * z)
+    return _rodrigues(x, y, z, a, b)
+
+
+@inlined
+def multiply(a: Matrix, b: Matrix) -> Matrix:
+    """Return the product of two matrices."""
+    return (
+        a[0] * b[0] + a[1] * b[3] + a[2] * b[6],
+        a[0] * b[1] + a[1] * b[4] + a[2] * b[7],
+        a[0] * b[2] + a[1] * b[5] + a[2] * b[8],
+        a[3] * b[0] + a[4] * b[3] + a[5] * b[6],
+        a[3] * b[1] + a[4] * b[4] + a[5] * b[7],
+        a[3] * b[2] + a[4] * b[5] + a[5] * b[8],
+        a[6] * b[0] + a[7] * b[3] + a[8] * b[6],
+        a[6] * b[1] + a[7] * b[4] + a[8] * b[7],
+        a[6] * b[2] + a[7] * b[5] + a[8] * b[8],
+    )
+
+
+@inlined
+def fill(numbers: Matrix, out: np.ndarray) -> None:
+    """Fill ``out`` (3, 3) with nine numbers."""
+    out[0, 0], out[0, 1], out[0, 2] = numbers[0], numbers[1], numbers[2]
+    out[1, 0], out[1, 1], out[1, 2] = numbers[3], numbers[4], numbers[5]
+    out[2, 0], out[2, 1], out[2, 2] = numbers[6], numbers[7], numbers[8]
+
+
+@compiled
+def rotation_matrix(rotation_vector: np.ndarray, out: np.ndarray) -> None:
+    """Fill ``out`` (3, 3) with exp([rotation_vector×]) (Rodrigues)."""
+    x, y, z = rotation_vector[0], rotation_vector[1], rotation_vector[2]
+    angle2 = x * x + y * y + z * z
+    if angle2 < _SERIES_BELOW:
+        fill(small_turn(x, y, z), out)
+    else:
+        angle = math.sqrt(angle2)
+        fill(_rodrigues(x, y, z, math.sin(angle) / angle, (1.0 - math.cos(angle)) / angle2), out)
+
+
+@compiled
+def rotation_vector(matrix: np.ndarray, out: np.ndarray) -> None:
+    """Fill ``out`` (3,) with the rotation vector of a rotation by less than π/2."""
+    out[0] = 0.5 * (matrix[2, 1] - matrix[1, 2])
+    out[1] = 0.5 * (matrix[0, 2] - matrix[2, 0])
+    out[2] = 0.5 * (matrix[1, 0] - matrix[0, 1])
+    sine = math.sqrt(out[0] ** 2 + out[1] ** 2 + out[2] ** 2)
+    if sine > 1e-5:
+        cosine = 0.5 * (matrix[0, 0] + matrix[1, 1] + matrix[2, 2] - 1.0)
+        out *= math.atan2(sine, cosine) / sine
+    else:
+        out *= 1.0 + sine * sine / 6.0
+
+
+@compiled
+def product(a: np.ndarray, b: np.ndarray, out: np.ndarray) -> None:
+    """Fill ``out`` with the product of two 3 by 3 matrices."""
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
+
+
+@compiled
+def attitude_matrix(heading: float, pitch: float, roll: float) -> np.ndarray:
+    """Return C_nb of heading (clockwise from north), pitch (nose up), roll (right down) [rad]."""
+    sin_h, cos_h = math.sin(heading), math.cos(heading)
+    sin_p, cos_p = math.sin(pitch), math.cos(pitch)
+    sin_r, cos_r = math.sin(roll), math.cos(roll)
+    return np.array(
+        [
+            [cos_h * cos_r + sin_h * sin_p * sin_r, sin_h * cos_p,
+             cos_h * sin_r - sin_h * sin_p * cos_r],
+            [-sin_h * cos_r + cos_h * sin_p * sin_r, cos_h * cos_p,
+             -sin_h * sin_r - cos_h * sin_p * cos_r],
+            [-cos_p * sin_r, sin_p, cos_p * cos_r],
+        ]
+    )  # fmt: skip
+
+
+@compiled
+def between(before: np.ndarray, after: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Return the rotations (M, 3, 3) at shares (M,) of the way from one to another, the shortest.
+
+    ``before`` and ``after`` (M, 3, 3) are less than π/2 apart.
+    """
+    out = np.empty_like(before)
+    difference = np.empty((3, 3))
+    vector = np.empty(3)
+    for m in range(share.shape[0]):
+        product(before[m].T, after[m], difference)
+        rotation_vector(difference, vector)
+        for i in range(3):
+            vector[i] *= share[m]
+        rotation_matrix(vector, difference)
+        product(before[m], difference, out[m])
+    return out
