@@ -1,7 +1,8 @@
 """Many runs: what they are, which of them are stored already, and running the others.
 
-A task is one run of one case, simulated once and given to every estimator, so that differences
-between estimators are paired. Results are stored as they arrive, under keys of their content
+A task is runs of one case, simulated once and given to every estimator, so that differences
+between estimators are paired. Estimators that take many runs at once have tasks of their own; what
+they are given is the same. Results are stored as they arrive, under keys of their content
 (:mod:`ggbench.keys`); what a folder already holds is not run again.
 """
 
@@ -12,20 +13,26 @@ import datetime
 import math
 import os
 import platform
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Set
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from . import keys
 from .errors import GGBenchError
 from .problem import Problem
+from .records import DETAILED_RUN, lag_epochs, shared_arrays
 from .registry import choose
-from .runner import DETAILED_RUN, Task, flight_of, lag_epochs, said, shared_arrays
+from .runner import Pairs, Task, flight_of, said
 from .scenario import Scenario
 from .schema import CaseSpec
 from .simulation import simulate
 from .store import FORMAT, Result, Store, StoreError, read_manifest, require_ours
+
+TASK_RUNS = 128
+"""Most runs of a task."""
 
 
 class CampaignError(GGBenchError):
@@ -60,10 +67,6 @@ def _cases(scenario: Scenario) -> Iterator[tuple[str, CaseSpec]]:
     for study in scenario.assumptions:
         for case in study.cases:
             yield study.name, case
-
-
-Pairs = tuple[tuple[str, str], ...]
-"""(label, key) of estimators on a case."""
 
 
 @dataclass(frozen=True)
@@ -141,6 +144,57 @@ def _each_once(
     return once
 
 
+class _Open(NamedTuple):
+    """A case with its estimators, and which runs (estimators, runs) each of them misses."""
+
+    assumption: str
+    case: CaseSpec
+    pairs: Pairs
+    missing: np.ndarray
+
+
+class Tasks:
+    """What a campaign has still to run: its tasks, made when they are asked for.
+
+    A range of runs of all cases comes before the next one, and estimators that do not take many
+    runs at once go through it run by run: an interrupted campaign has runs of all cases.
+    """
+
+    def __init__(self, cells: Sequence[_Open], seed: int) -> None:
+        self._seed = seed
+        self.results = sum(int(cell.missing.sum()) for cell in cells)
+        """Number of results to come."""
+        self._at_once: list[_Open] = []
+        self._one_by_one: list[_Open] = []
+        for cell in cells:
+            compiled = np.array([bool(choose(label).estimator.compiled) for label, _ in cell.pairs])
+            for chosen, where in ((self._at_once, compiled), (self._one_by_one, ~compiled)):
+                pairs = tuple(pair for pair, mine in zip(cell.pairs, where, strict=True) if mine)
+                chosen.append(cell._replace(pairs=pairs, missing=cell.missing[where]))
+
+    def __iter__(self) -> Iterator[Task]:
+        cells = [*self._at_once, *self._one_by_one]
+        most = max((cell.missing.shape[1] for cell in cells), default=0)
+        for start in range(0, most, TASK_RUNS):
+            stop = min(start + TASK_RUNS, most)
+            for cell in self._at_once:
+                yield from self._blocks(cell, start, stop)
+            for run in range(start, stop):
+                for cell in self._one_by_one:
+                    yield from self._blocks(cell, run, run + 1)
+
+    def _blocks(self, cell: _Open, start: int, stop: int) -> Iterator[Task]:
+        """Yield tasks of a range of runs: one of each set of estimators that miss the same runs."""
+        patterns: dict[bytes, list[int]] = {}
+        for run in range(start, min(stop, cell.missing.shape[1])):
+            if cell.missing[:, run].any():
+                patterns.setdefault(cell.missing[:, run].tobytes(), []).append(run)
+        for runs in patterns.values():
+            lacking = cell.missing[:, runs[0]]
+            pairs = tuple(pair for pair, lacks in zip(cell.pairs, lacking, strict=True) if lacks)
+            yield Task(cell.case, cell.assumption, runs, self._seed, pairs)
+
+
 @dataclass
 class Campaign:
     """A campaign on a results folder.
@@ -200,13 +254,13 @@ class Campaign:
         store = Store(self.folder, create=True, fresh=self.fresh)
         plan = self.plan
         if (self.folder / "manifest.json").exists():
-            finished = {key for key, _ in store.finished()}
+            finished = store.finished().keys()
             plan = plan.joined(read_manifest(self.folder), self.scenario, finished)
         self._share(store, plan)
         manifest = self._manifest(plan)
         store.write_manifest(manifest)
         used = {cell["key"] for cell in manifest["cells"]}
-        unused = sum(key not in used for key, _ in store.finished())
+        unused = sum(len(runs) for key, runs in store.finished().items() if key not in used)
         if unused:
             remarks.append(
                 f"{self.folder} holds {unused} results that are not part of this (another seed, "
@@ -215,34 +269,24 @@ class Campaign:
             )
         return store, remarks
 
-    def tasks(self, store: Store) -> list[Task]:
-        """Return the tasks whose results are not stored yet.
-
-        Run by run, so that an interrupted campaign has runs of all cases.
-        """
-        finished = store.finished(self.limit)
-        cells = _each_once(self.plan.cells())
-        tasks = []
-        for run in range(self.runs):
-            for study, case, estimators in cells:
-                if study and run >= self.scenario.campaign.assumption_runs:
-                    continue
-                missing = tuple(pair for pair in estimators if (pair[1], run) not in finished)
-                if missing:
-                    tasks.append(Task(case, study, run, self.seed, missing))
-        return tasks
+    def tasks(self, store: Store) -> Tasks:
+        """Return the tasks whose results are not stored yet."""
+        return self._tasks(store.finished(self.limit))
 
     def missing(self, store: Store) -> int:
         """Return how many of the results asked for are not there, not even as failures."""
-        held = store.finished(-math.inf)
-        return sum(
-            (key, run) not in held
-            for study, _, estimators in self.plan.cells()
-            for run in range(
-                min(self.runs, self.scenario.campaign.assumption_runs) if study else self.runs
-            )
-            for _, key in estimators
-        )
+        return self._tasks(store.finished(-math.inf)).results
+
+    def _tasks(self, finished: Mapping[str, np.ndarray]) -> Tasks:
+        cells = []
+        for study, case, pairs in _each_once(self.plan.cells()):
+            runs = min(self.runs, self.scenario.campaign.assumption_runs) if study else self.runs
+            missing = np.ones((len(pairs), runs), dtype=bool)
+            for row, (_, key) in zip(missing, pairs, strict=True):
+                held = finished.get(key, np.empty(0, dtype=np.int64))
+                row[held[held < runs]] = False
+            cells.append(_Open(study, case, pairs, missing))
+        return Tasks(cells, self.seed)
 
     def _require_folder(self) -> None:
         """Raise StoreError if the folder is not ours, or not to be joined."""

@@ -263,7 +263,7 @@ def _execute(work: Campaign, store: Store, jobs: int | None, cluster: str | None
     from .results import Results
 
     tasks = work.tasks(store)
-    if not tasks:
+    if not tasks.results:
         return False
     if cluster:
         from .cluster import on_cluster
@@ -275,8 +275,7 @@ def _execute(work: Campaign, store: Store, jobs: int | None, cluster: str | None
         engine = execution.in_processes(tasks, jobs or os.cpu_count() or 1, work.limit)
     held = Results(work.folder, store)
     cells = {c.key: (c.case, c.estimator) for c in held.cells if not c.assumption}
-    total = sum(len(task.estimators) for task in tasks)
-    progress = Progress(work.scenario.name, total, cells, console)
+    progress = Progress(work.scenario.name, tasks.results, cells, console)
     for key in cells:
         progress.count_stored((key, record) for record in store.records(key, work.runs))
     try:

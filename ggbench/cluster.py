@@ -12,7 +12,8 @@ import re
 import socket
 import threading
 import uuid
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterable, Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from .errors import GGBenchError
@@ -33,11 +34,12 @@ class ClusterError(GGBenchError):
     """A cluster cannot be used."""
 
 
-def on_cluster(tasks: Sequence[Task], address: str, limit: float) -> Generator[list[Result]]:
+def on_cluster(tasks: Iterable[Task], address: str, limit: float) -> Generator[list[Result]]:
     """Run tasks on the cluster of a running Dask scheduler.
 
     A task whose Dask worker dies is given to another one by Dask; if its workers die again and
-    again (``distributed.scheduler.allowed-failures``), that is its result.
+    again (``distributed.scheduler.allowed-failures``), its runs are tried one by one, and that a
+    single one's do is its result.
 
     Raises
     ------
@@ -76,11 +78,11 @@ def _require_listener(address: str) -> None:
         ) from None
 
 
-def _on(client: Client, tasks: Sequence[Task], limit: float) -> Generator[list[Result]]:
+def _on(client: Client, tasks: Iterable[Task], limit: float) -> Generator[list[Result]]:
     from distributed import CancelledError, Event, KilledWorker, as_completed
     from distributed.comm.core import CommClosedError
 
-    queue = iter(tasks)
+    queue: Iterator[Task] = iter(tasks)
     handed: dict[object, Task] = {}
     stopped = Event(f"ggbench-{uuid.uuid4()}", client)
 
@@ -100,10 +102,16 @@ def _on(client: Client, tasks: Sequence[Task], limit: float) -> Generator[list[R
             try:
                 results = future.result()
             except KilledWorker:
-                results = [
-                    failure(task, *pair, "its Dask workers died, again and again", retry_above=0.0)
-                    for pair in task.estimators
-                ]
+                results = []
+                if len(task.runs) > 1:
+                    singles = [replace(task, runs=[run]) for run in task.runs]
+                    queue = itertools.chain(singles, queue)
+                else:
+                    reason = "its Dask workers died, again and again"
+                    results = [
+                        failure(task, task.runs[0], *pair, reason, retry_above=0.0)
+                        for pair in task.estimators
+                    ]
             completed.update(hand_over())
             yield results
     except (CancelledError, CommClosedError, OSError) as error:

@@ -8,8 +8,8 @@ mean error of the two says little. With ``windows.lock_m`` every run is judged b
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import bdtr, ndtri
@@ -44,31 +44,28 @@ def claimed_radius(sigmas: np.ndarray) -> np.ndarray:
 
 def judge(
     position_error: np.ndarray, sigmas: np.ndarray, times: np.ndarray, lock_m: float
-) -> dict[str, float | bool | None]:
-    """Return when a run locked on, and whether it claims at its end a lock that it has not.
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return when each run locked on, and whether it claims at its end a lock that it has not.
 
     Parameters
     ----------
-    position_error : (K,) spherical position errors [m].
-    sigmas : (K, 3) claimed standard deviations of the position [m]; NaN without a covariance,
-        which claims nothing.
+    position_error : (R, K) spherical position errors [m].
+    sigmas : (R, 3) claimed standard deviations of the position at the last epoch [m]; NaN without
+        a covariance, which claims nothing.
     times : (K,) epochs [s].
     lock_m : the error below which the position is found [m].
 
     Returns
     -------
-    ``lock_time_s``: the first epoch from which the error stays below ``lock_m`` to the end of the
-    flight [s], None if there is none. ``false_lock``: at the last epoch the error is not below
+    Times to lock [s] (R,): the first epoch from which the error stays below ``lock_m`` to the end
+    of the flight, NaN if there is none. False locks (R,): at the last epoch the error is not below
     ``lock_m``, but the claimed radius (:func:`claimed_radius`) is.
     """
-    outside = np.flatnonzero(~(position_error < lock_m))
-    first = int(outside[-1]) + 1 if len(outside) else 0
-    locked = first < len(times)
-    claims = bool(claimed_radius(sigmas[-1:])[0] < lock_m)
-    return {
-        "lock_time_s": float(times[first]) if locked else None,
-        "false_lock": claims and not locked,
-    }
+    below = position_error < lock_m
+    lasting = np.logical_and.accumulate(below[:, ::-1], axis=1).sum(axis=1)
+    locked = lasting > 0
+    found = np.where(locked, times[np.minimum(len(times) - lasting, len(times) - 1)], math.nan)
+    return found, (claimed_radius(sigmas) < lock_m) & ~locked
 
 
 def wilson(hits: int, runs: int) -> tuple[float, float, float]:
@@ -85,7 +82,7 @@ def wilson(hits: int, runs: int) -> tuple[float, float, float]:
     return share, low, high
 
 
-def median_interval(values: Sequence[float]) -> tuple[float, float, float]:
+def median_interval(values: Sequence[float] | np.ndarray) -> tuple[float, float, float]:
     """Return a median and its 95 % interval between two order statistics.
 
     The interval needs no law of the values and holds the median with 95 % or more (binomial); with
@@ -104,22 +101,19 @@ def median_interval(values: Sequence[float]) -> tuple[float, float, float]:
     return median, float(ordered[rank]), float(ordered[count - 1 - rank])
 
 
-def is_judged(record: Mapping[str, Any]) -> bool:
-    """Return whether a record says if its run locked."""
-    return record.get("false_lock") is not None
-
-
-def figures(records: Iterable[Mapping[str, Any]]) -> dict[str, float]:
+def figures(lock_times: np.ndarray, false_locks: int, runs: int) -> dict[str, float]:
     """Return the figures of :data:`COLUMNS` over the runs of an estimator on a case.
 
     Shares are of all runs: a run that failed has not locked, nor claimed to have. The median time
     is of the runs that locked.
+
+    Parameters
+    ----------
+    lock_times : (m,) times to lock [s] of finished runs, NaN of those that never did.
+    false_locks : how many of them claim a lock that they have not. runs : all runs.
     """
-    group = list(records)
-    judged = [record for record in group if is_judged(record)]
-    times = [r["lock_time_s"] for r in judged if r.get("lock_time_s") is not None]
-    false = sum(record["false_lock"] for record in judged)
-    found = (*wilson(len(times), len(group)), *wilson(false, len(group)), *median_interval(times))
+    times = lock_times[~np.isnan(lock_times)]
+    found = (*wilson(len(times), runs), *wilson(false_locks, runs), *median_interval(times))
     return dict(zip(COLUMNS, found, strict=True))
 
 

@@ -1,7 +1,7 @@
-"""How good an estimate is: errors, consistency, divergence, and their summary over runs.
+"""How good estimators are: what the judgements of many runs say together.
 
-A run is judged once, in the worker, by :func:`evaluate`; :func:`summarize` then turns the stored
-records of many runs into one row per case, estimator and window, and :func:`paired_table` sets the
+A run is judged once, in the worker (:mod:`ggbench.judging`); :func:`summarize` then turns the table
+of many runs into one row per case, estimator and window, and :func:`paired_table` sets the
 estimators beside each other, run by run.
 """
 
@@ -9,27 +9,26 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.special import chdtri
 
 from . import convergence
 from .bound import Bound
-from .problem import Estimate, Problem
-from .schema import WindowsSpec
-from .simulation import Truth
-from .statistics import coverage_band, nees_band, nis_band, paired_all, root_mean_interval
+from .judging import COVERAGE as COVERAGE
+from .judging import FIGURES as FIGURES
+from .judging import JUDGED as JUDGED
+from .judging import WINDOWS as WINDOWS
+from .judging import Evaluation as Evaluation
+from .judging import evaluate as evaluate
+from .judging import has_diverged as has_diverged
+from .judging import window_figures as window_figures
+from .judging import window_mask as window_mask
+from .statistics import coverage_band, nees_band, nis_band, paired_all, root_mean_intervals
 
 if TYPE_CHECKING:
     import pandas as pd
-
-WINDOWS = ("whole", "settled", "last20")
-JUDGED = 6
-"""Position and velocity error: the states whose consistency is judged."""
-COVERAGE = 0.95
 
 SUMMARY_COLUMNS = (
     "scenario", "case", "estimator", "parameters", "causality", "runs", "failed", "diverged",
@@ -46,6 +45,19 @@ EXTRA_COLUMNS = (
 )  # fmt: skip
 _QUANTITIES = {"position": "m2", "velocity": "m2ps2"}
 """Judged quantities, and the unit of their squared errors."""
+_OF_A_WINDOW = {f"{window}_{name}": (window, name) for window in WINDOWS for name in FIGURES}
+WINDOW_COLUMNS = tuple(_OF_A_WINDOW)
+"""Columns of a table of runs that hold the figures of its windows."""
+NUMBERS = (
+    "seconds", "map_evaluations", "peak_memory_mb", "final_position_error_m", "final_ins_error_m",
+    "lock_time_s",
+)  # fmt: skip
+"""Columns of a table of runs that hold numbers, NaN where a record has none."""
+_TRUTHS = ("diverged", "cold")
+_NEEDED = (
+    "case", "estimator", "name", "parameters", "causality", "run", "status", "diverged", "seconds",
+    "cold", "map_evaluations", "lock_time_s", "false_lock", *WINDOW_COLUMNS,
+)  # fmt: skip
 PAIRED_COLUMNS = (
     "case", "window", "first", "second", "runs", "first_only", "second_only",
     *(
@@ -54,85 +66,6 @@ PAIRED_COLUMNS = (
         for figure in (f"difference_{unit}", "lo", "hi", "relative", "win_rate", "verdict")
     ),
 )  # fmt: skip
-
-
-def window_mask(times: np.ndarray, windows: WindowsSpec, name: str) -> np.ndarray:
-    """Return which epochs (K,) belong to a window.
-
-    ``whole``: from the first update on; ``settled``: from ``settled_from_s`` on; ``last20``: the
-    last ``last_s`` seconds.
-    """
-    if name == "whole":
-        return np.ones(len(times), dtype=bool)
-    if name == "settled":
-        return times >= windows.settled_from_s - 1e-9
-    return times > times[-1] - windows.last_s + 1e-9
-
-
-@dataclass(frozen=True)
-class Evaluation:
-    """The judgement of one estimate.
-
-    Attributes
-    ----------
-    position_error, velocity_error : (K,) spherical errors ‖·‖ [m], [m/s].
-    nees : (K,) normalised estimation error squared of the six judged states; NaN without P.
-    nis : (K,) normalised innovation squared; NaN where there is none.
-    components : (K, 6) errors of position and velocity, ENU, estimated − true.
-    sigmas : (K, 6) their claimed standard deviations.
-    """
-
-    position_error: np.ndarray
-    velocity_error: np.ndarray
-    nees: np.ndarray
-    nis: np.ndarray
-    components: np.ndarray
-    sigmas: np.ndarray
-
-
-def evaluate(problem: Problem, estimate: Estimate, truth: Truth) -> Evaluation:
-    """Judge an estimate of the INS error against the true one.
-
-    The corrected navigation solution is INS − x̂, so its error is x_true − x̂.
-    """
-    error = truth.error_state - estimate.mean
-    judged = error[:, :JUDGED]
-    nees = np.full(len(error), np.nan)
-    sigmas = np.full(judged.shape, np.nan)
-    if estimate.cov is not None:
-        cov = estimate.cov[:, :JUDGED, :JUDGED]
-        nees = np.einsum("ki,ki->k", judged, np.linalg.solve(cov, judged[..., None])[..., 0])
-        sigmas = np.sqrt(np.diagonal(cov, axis1=1, axis2=2))
-    return Evaluation(
-        position_error=np.linalg.norm(error[:, :3], axis=1),
-        velocity_error=np.linalg.norm(error[:, 3:6], axis=1),
-        nees=nees,
-        nis=_innovations_squared(problem, estimate),
-        components=judged,
-        sigmas=sigmas,
-    )
-
-
-def _innovations_squared(problem: Problem, estimate: Estimate) -> np.ndarray:
-    """Return the NIS (K,) of a filter's estimates, from its own mean and covariance.
-
-    The innovation is that of the estimate at the previous epoch, predicted with Φ and Q. Only a
-    filter has innovations; the first epoch's is that of the prior. Where a reading is missing (h, H
-    and measurement are zero, see :mod:`ggbench.measurement_model`) there is none.
-    """
-    nis = np.full(problem.epochs, np.nan)
-    if estimate.causality != "filter" or estimate.cov is None:
-        return nis
-    x, p = problem.prior_mean, problem.prior_cov
-    for k in range(problem.epochs):
-        phi = problem.transition[k]
-        x, p = phi @ x, phi @ p @ phi.T + problem.process_cov[k]
-        h = problem.model.jacobian(k, x)
-        innovation = problem.measurements[k] - problem.model.predict(k, x)
-        if h.any() or innovation.any():
-            nis[k] = innovation @ np.linalg.solve(h @ p @ h.T + problem.noise_cov, innovation)
-        x, p = estimate.mean[k], estimate.cov[k]
-    return nis
 
 
 def bound_for(bound: Bound, causality: str, lag_epochs: int | None) -> np.ndarray:
@@ -155,38 +88,51 @@ def squared_bounds(cov: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     )
 
 
-def window_figures(
-    evaluation: Evaluation, times: np.ndarray, windows: WindowsSpec
-) -> dict[str, dict[str, float]]:
-    """Return each window's mean squared errors, mean NEES and NIS, and coverage of one run."""
-    inside = (evaluation.nees <= chdtri(JUDGED, 1.0 - COVERAGE)).astype(float)
-    inside[np.isnan(evaluation.nees)] = np.nan
-    figures = {}
-    for name in WINDOWS:
-        mask = window_mask(times, windows, name)
-        figures[name] = {
-            "position_ms": float(np.mean(evaluation.position_error[mask] ** 2)),
-            "velocity_ms": float(np.mean(evaluation.velocity_error[mask] ** 2)),
-            "nees": float(np.mean(evaluation.nees[mask])),
-            "nis": _mean_of_present(evaluation.nis[mask]),
-            "coverage": float(np.mean(inside[mask])),
-        }
-    return figures
+def runs_table(
+    records: Sequence[Mapping[str, Any]],
+    columns: Iterable[str] = (),
+    common: Mapping[str, Any] | None = None,
+) -> pd.DataFrame:
+    """Return the table of the runs that records tell of, one row each, in their order.
 
+    Parameters
+    ----------
+    records : stored records.
+    columns : names of the first columns; those that a summary needs besides come after them.
+    common : columns that do not come from the records: a value for all or one for each.
 
-def _mean_of_present(values: np.ndarray) -> float:
-    """Return the mean of the values that are not NaN; NaN without any."""
-    present = values[~np.isnan(values)]
-    return float(present.mean()) if len(present) else math.nan
+    Returns
+    -------
+    Numbers that a record does not have are NaN; whether a lock is false is not known where none was
+    judged.
+    """
+    import pandas as pd  # not at the top: workers judge runs and make no tables
 
-
-def has_diverged(final_error: float, final_bound: float, final_ins_error: float) -> bool:
-    """Return whether a run's final position error is beyond 10 × bound and beyond the INS's."""
-    return final_error > max(10.0 * final_bound, final_ins_error)
+    found: dict[str, Any] = {}
+    # A failed run has a time, perhaps, and no figures, whatever its record says.
+    finished = [record if record["status"] == "ok" else {} for record in records]
+    windows = [record["windows"] if record else {} for record in finished]
+    for name in dict.fromkeys([*columns, *_NEEDED]):
+        if common and name in common:
+            found[name] = common[name]
+        elif name in _OF_A_WINDOW:
+            window, figure = _OF_A_WINDOW[name]
+            values = [w[window][figure] if w else math.nan for w in windows]
+            found[name] = np.array(values, dtype=float)
+        elif name in NUMBERS:
+            source = records if name == "seconds" else finished
+            found[name] = np.array([record.get(name) for record in source], dtype=float)
+        elif name in _TRUTHS:
+            found[name] = np.array([record.get(name) is True for record in records], dtype=bool)
+        else:
+            found[name] = [record.get(name) for record in records]
+    false = [record.get("false_lock") for record in finished]
+    found["false_lock"] = pd.array(false, dtype="boolean")
+    return pd.DataFrame(found, index=range(len(records)))
 
 
 def summarize(
-    records: Iterable[Mapping[str, Any]],
+    runs: pd.DataFrame,
     bounds: Mapping[tuple[str, str], Mapping[str, tuple[float, float]]],
     references: Mapping[str, tuple[float, float] | None],
     scenario: str,
@@ -196,7 +142,7 @@ def summarize(
 
     Parameters
     ----------
-    records : stored records, in any order.
+    runs : table of runs (:func:`runs_table`), in any order.
     bounds : (case, estimator) to window to root-mean bounds on position [m] and velocity [m/s].
     references : case to published position and velocity MRSE, or None.
     scenario : name of the scenario.
@@ -208,20 +154,26 @@ def summarize(
     The documented columns first, then :data:`EXTRA_COLUMNS`. Rows in the order in which cases and
     estimators first occur in ``bounds``.
     """
-    grouped: dict[tuple[str, str], list[Mapping[str, Any]]] = {key: [] for key in bounds}
-    for record in records:
-        grouped.setdefault((record["case"], record["estimator"]), []).append(record)
-    judged = {c for (c, _), group in grouped.items() if any(map(convergence.is_judged, group))}
+    groups = {
+        (str(case), str(label)): group
+        for (case, label), group in runs.groupby(["case", "estimator"], sort=False)
+    }
+    order = dict.fromkeys([*bounds, *groups])
+    judged = set(runs.loc[runs["false_lock"].notna(), "case"])
+    cells = {cell: groups[cell] for cell in order if cell in groups}
+    finished = {cell: group[group["status"] == "ok"] for cell, group in cells.items()}
+    intervals = _intervals(finished)
     rows = []
-    for (case, estimator), group in grouped.items():
-        if not group:
-            continue
-        good = [record for record in group if record["status"] == "ok"]
+    for (case, estimator), group in cells.items():
+        good = finished[case, estimator]
         reference = references.get(case)
-        first = group[0]
+        first = group.iloc[0]
         sizes = (readings or {}).get(case, {})
         # An estimator all of whose runs failed has not locked either.
-        locking = convergence.figures(group) if case in judged else {}
+        locking = {}
+        if case in judged:
+            false = int(good["false_lock"].sum())
+            locking = convergence.figures(good["lock_time_s"].to_numpy(), false, len(group))
         for window in WINDOWS:
             row: dict[str, Any] = {
                 "scenario": scenario,
@@ -232,64 +184,85 @@ def summarize(
                 "causality": first["causality"],
                 "runs": len(group),
                 "failed": len(group) - len(good),
-                "diverged": sum(record["diverged"] for record in good),
+                "diverged": int(good["diverged"].sum()),
                 "window": window,
                 "paper_position_m": reference[0] if reference else math.nan,
                 "paper_velocity_mps": reference[1] if reference else math.nan,
             }
             bound = bounds.get((case, estimator), {}).get(window)
             row |= _window_row(good, window, bound, sizes.get(window, (0, 0))) | locking
+            row |= intervals.get((case, estimator, window), {})
             rows.append(row)
-    import pandas as pd  # not at the top: workers judge runs and make no tables
+    import pandas as pd
 
     return pd.DataFrame(rows).reindex(columns=[*SUMMARY_COLUMNS, *EXTRA_COLUMNS])
 
 
+def _intervals(
+    finished: Mapping[tuple[str, str], pd.DataFrame],
+) -> dict[tuple[str, str, str], dict[str, float]]:
+    """Return the ends of the MRSE's intervals of every case, estimator and window.
+
+    All at once: cells with equal numbers of runs share their bootstrap samples.
+    """
+    names = [(*cell, window) for cell, good in finished.items() if len(good) for window in WINDOWS]
+    squares = [
+        finished[case, label][f"{window}_{quantity}_ms"].to_numpy()
+        for case, label, window in names
+        for quantity in _QUANTITIES
+    ]
+    ends = iter(root_mean_intervals(squares))
+    return {
+        name: {
+            f"{quantity}_mrse_{end}": value
+            for quantity in _QUANTITIES
+            for end, value in zip(("lo", "hi"), next(ends), strict=True)
+        }
+        for name in names
+    }
+
+
 def _window_row(
-    good: list[Mapping[str, Any]],
+    good: pd.DataFrame,
     window: str,
     bound: tuple[float, float] | None,
     readings: tuple[int, int],
 ) -> dict[str, Any]:
     """Return the figures of one window over the runs that finished."""
-    if not good:
+    if good.empty:
         return {}
-    figures = [record["windows"][window] for record in good]
 
     def column(key: str) -> np.ndarray:
-        return np.array([f[key] for f in figures], dtype=float)
+        return good[f"{window}_{key}"].to_numpy()
 
     position, velocity = column("position_ms"), column("velocity_ms")
-    position_mrse = root_mean_interval(position)
-    velocity_mrse = root_mean_interval(velocity)
+    position_mrse, velocity_mrse = (math.sqrt(float(np.mean(p))) for p in (position, velocity))
     position_bound, velocity_bound = bound or (math.nan, math.nan)
-    kept = position[[not record["diverged"] for record in good]]
+    kept = position[~good["diverged"].to_numpy()]
     nees_lo, nees_hi = nees_band(len(good), JUDGED)
     coverage_lo, coverage_hi = coverage_band(len(good), COVERAGE)
-    nis = _mean_of_present(column("nis"))  # a run may have no reading in the window
+    innovations = column("nis")
+    present = innovations[~np.isnan(innovations)]  # a run may have no reading in the window
+    nis = float(present.mean()) if len(present) else math.nan
     # Only a filter has innovations: without a mean there is no band.
     nis_lo, nis_hi = nis_band(0 if math.isnan(nis) else len(good), *readings)
     return {
-        "position_mrse_m": position_mrse[0],
-        "position_mrse_lo": position_mrse[1],
-        "position_mrse_hi": position_mrse[2],
-        "velocity_mrse_mps": velocity_mrse[0],
-        "velocity_mrse_lo": velocity_mrse[1],
-        "velocity_mrse_hi": velocity_mrse[2],
+        "position_mrse_m": position_mrse,
+        "velocity_mrse_mps": velocity_mrse,
         "position_bound_m": position_bound,
         "velocity_bound_mps": velocity_bound,
-        "position_efficiency": position_mrse[0] / position_bound,
+        "position_efficiency": position_mrse / position_bound,
         "nees_mean": float(column("nees").mean()),
         "nees_lo": nees_lo,
         "nees_hi": nees_hi,
         "seconds_per_run": _median_seconds(good),
-        "velocity_efficiency": velocity_mrse[0] / velocity_bound,
+        "velocity_efficiency": velocity_mrse / velocity_bound,
         "position_without_diverged_m": math.sqrt(kept.mean()) if len(kept) else math.nan,
         "position_median_m": float(np.median(np.sqrt(position))),
         "position_p95_m": float(np.percentile(np.sqrt(position), 95)),
         "nis_mean": nis,
         "coverage": float(column("coverage").mean()),
-        "map_evaluations": float(np.mean([record["map_evaluations"] for record in good])),
+        "map_evaluations": float(good["map_evaluations"].mean()),
         "velocity_median_mps": float(np.median(np.sqrt(velocity))),
         "velocity_p95_mps": float(np.percentile(np.sqrt(velocity), 95)),
         "nis_lo": nis_lo,
@@ -299,10 +272,10 @@ def _window_row(
     }
 
 
-def _median_seconds(good: list[Mapping[str, Any]]) -> float:
+def _median_seconds(good: pd.DataFrame) -> float:
     """Return the median time of a run; the first of a process compiles, and counts if alone."""
-    warm = [record["seconds"] for record in good if not record.get("cold")]
-    return float(np.median(warm or [record["seconds"] for record in good]))
+    seconds, warm = good["seconds"].to_numpy(), ~good["cold"].to_numpy()
+    return float(np.median(seconds[warm] if warm.any() else seconds))
 
 
 def paired_table(runs: pd.DataFrame) -> pd.DataFrame:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -44,7 +43,7 @@ class Progress:
         self._cells = cells
         self._cases: Sequence[str] = list(dict.fromkeys(case for case, _ in cells.values()))
         self._labels: Sequence[str] = list(dict.fromkeys(label for _, label in cells.values()))
-        self._sums: dict[tuple[str, str], list[float]] = defaultdict(list)
+        self._sums: dict[tuple[str, str], tuple[float, int]] = {}
         self._done = self._failed = 0
         self._live: Live | None = None
 
@@ -86,14 +85,15 @@ class Progress:
     def _count(self, key: str, record: Mapping[str, Any]) -> None:
         cell = self._cells.get(key)
         if cell is not None and record["status"] == "ok":
-            self._sums[cell].append(record["windows"][_WINDOW]["position_ms"])
+            total, runs = self._sums.get(cell, (0.0, 0))
+            self._sums[cell] = total + record["windows"][_WINDOW]["position_ms"], runs + 1
 
     def _say(self, line: str) -> None:
         self._console.print(line, markup=False, highlight=False, soft_wrap=True)
 
     def _mrse(self, case: str, label: str) -> str:
-        squares = self._sums[case, label]
-        return f"{math.sqrt(sum(squares) / len(squares)):.3g}" if squares else "–"
+        total, runs = self._sums.get((case, label), (0.0, 0))
+        return f"{math.sqrt(total / runs):.3g}" if runs else "–"
 
     def _counts(self) -> str:
         elapsed = time.monotonic() - self._start

@@ -17,8 +17,8 @@ from .answer import answer
 from .convergence_report import ConvergenceReport
 from .errors import GGBenchError
 from .ranking import rows_of
+from .records import DETAILED_RUN, SERIES_RUNS
 from .results import Results, as_argument
-from .runner import DETAILED_RUN
 from .schema import CaseSpec
 from .sweep_report import SweepReport
 
@@ -263,8 +263,8 @@ class _Report:
         figures.error_over_time(panels, self.pictures / "error_over_time.png")
         show(
             "error_over_time.png",
-            "RMS spherical error over all runs against time, with the Cramér–Rao bounds of "
-            "filter, fixed-lag smoother and smoother",
+            f"RMS spherical error over {_drawn(self.results.runs)} against time, with the "
+            "Cramér–Rao bounds of filter, fixed-lag smoother and smoother",
         )
         if "map_vertical" in arrays:
             figures.field_map(arrays, self.pictures / "field.png")
@@ -336,7 +336,7 @@ class _Report:
         if cases != [case.name for case in self.results.whole_scenario.cases]:
             flags += "".join(f" -c {shlex.quote(name)}" for name in cases)
         flags += " --assumptions" if m["assumptions"] else ""
-        memory = max((r.get("peak_memory_mb", 0.0) for r in self.results.records()), default=0.0)
+        memory = self.results.table["peak_memory_mb"].max()
         return "\n".join(
             [
                 "Generated, not edited. To get it again:",
@@ -354,6 +354,13 @@ class _Report:
                 f"{machine['processors']} processors; peak memory of a worker {memory:.0f} MB",
             ]
         )
+
+
+def _drawn(runs: int) -> str:
+    """Return of which runs curves over time are."""
+    if runs <= SERIES_RUNS:
+        return "all runs"
+    return f"the first {SERIES_RUNS} of {runs} runs (tables are of all of them)"
 
 
 def _spread(cases: Sequence[CaseSpec]) -> list[CaseSpec]:

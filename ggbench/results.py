@@ -6,7 +6,7 @@ Only what the folder itself holds is read: no estimator is loaded and nothing is
 from __future__ import annotations
 
 import io
-import math
+import itertools
 import shlex
 from collections.abc import Iterator
 from functools import cached_property
@@ -29,10 +29,8 @@ RUN_COLUMNS = (
     "false_lock",
 )  # fmt: skip
 """Columns of the table of runs, before those of the windows."""
-_NUMBERS = (
-    "seconds", "map_evaluations", "peak_memory_mb", "final_position_error_m", "final_ins_error_m",
-    "lock_time_s",
-)  # fmt: skip
+_PIECE = 5000
+"""Records that are held at a time on their way into a table."""
 
 
 class ResultsError(GGBenchError):
@@ -146,10 +144,10 @@ class Results:
 
     def lock_times(self, case: str, estimator: str) -> np.ndarray:
         """Return the times to lock [s] (runs,) of finished runs, NaN of those that never did."""
-        key = self._keys.get(("", case, estimator))
-        found = [] if key is None else self.store.records(key, self.runs)
-        times = [r.get("lock_time_s") for r in found if r["status"] == "ok"]
-        return np.array([math.nan if time is None else time for time in times])
+        table = self.table
+        own = (table["assumption"] == "") & (table["case"] == case)
+        own &= (table["estimator"] == estimator) & (table["status"] == "ok")
+        return table.loc[own, "lock_time_s"].to_numpy(dtype=float)
 
     def arrays(self, case: str) -> dict[str, np.ndarray]:
         """Return what all runs of a case share: epochs, track, bounds, signals."""
@@ -164,20 +162,21 @@ class Results:
 
         :data:`RUN_COLUMNS`, then for each window its mean squared errors, NEES, NIS and coverage.
         """
-        rows = []
-        for cell in self.cells:
-            for record in self.store.records(cell.key, self.runs):
-                row = {**record, **cell._asdict(), "reason": record.get("reason", "")}
-                row["command"] = self.command(cell, record["run"])
-                for window, figures in record.get("windows", {}).items():
-                    row |= {f"{window}_{name}": value for name, value in figures.items()}
-                rows.append(row)
-        figures = ("position_ms", "velocity_ms", "nees", "nis", "coverage")
-        windows = [f"{window}_{name}" for window in metrics.WINDOWS for name in figures]
-        table = pd.DataFrame(rows, columns=[*RUN_COLUMNS, *windows])
-        for name in ("diverged", "cold", "false_lock"):
-            table[name] = table[name].eq(True)
-        return table.astype(dict.fromkeys([*_NUMBERS, *windows], float))
+        tables = [table for cell in self.cells for table in self._tables_of(cell)]
+        if not tables:
+            return metrics.runs_table([], RUN_COLUMNS)
+        return pd.concat(tables, ignore_index=True)
+
+    def _tables_of(self, cell: Cell) -> Iterator[pd.DataFrame]:
+        """Yield the table of the runs of one estimator on one case, piece by piece."""
+        command = self.command(cell, 0).removesuffix("0")
+        records = self.store.records(cell.key, self.runs)
+        while piece := list(itertools.islice(records, _PIECE)):
+            common = cell._asdict() | {
+                "reason": [record.get("reason", "") for record in piece],
+                "command": [f"{command}{record['run']}" for record in piece],
+            }
+            yield metrics.runs_table(piece, RUN_COLUMNS, common)
 
     def command(self, cell: Cell, run: int) -> str:
         """Return the command that runs one run again, alone, in one process."""
@@ -193,8 +192,9 @@ class Results:
         bounds: dict[tuple[str, str], dict[str, tuple[float, float]]] = {
             (case.name, label): {} for case in loaded.cases for label in self.labels
         }
-        records = list(self.records())
-        named = {(r["case"], r["estimator"]): r["bound"] for r in records if r["status"] == "ok"}
+        runs = self.table[self.table["assumption"] == ""]
+        finished = runs[runs["status"] == "ok"].drop_duplicates(["case", "estimator"], keep="last")
+        named = finished.set_index(["case", "estimator"])["bound"].to_dict()
         readings: dict[str, dict[str, tuple[int, int]]] = {}
         for case in loaded.cases:
             used = [label for label in self.labels if (case.name, label) in named]
@@ -215,21 +215,28 @@ class Results:
                         raise StoreError(f"{self.folder} does not hold the bound of {label}")
                     position, velocity = np.sqrt(squared[mask].mean(axis=0))
                     bounds[case.name, label][window] = (float(position), float(velocity))
-        return metrics.summarize(records, bounds, self._references(), loaded.name, readings)
+        return metrics.summarize(runs, bounds, self._references(), loaded.name, readings)
 
     def studies(self) -> pd.DataFrame:
         """Return each assumption's summary rows, and as ``""`` the same runs without it."""
         loaded = self.scenario
-        groups = {study.name: list(self.records(study.name)) for study in loaded.assumptions}
-        runs = {record["run"] for group in groups.values() for record in group}
-        if not runs:
+        table = self.table
+        groups = {
+            study.name: table[table["assumption"] == study.name] for study in loaded.assumptions
+        }
+        studied = table[table["assumption"] != ""]
+        if studied.empty:
             return pd.DataFrame()
         estimator = next(cell.estimator for cell in self.cells if cell.assumption)
-        declared = [r for r in self.records() if r["run"] in runs and r["estimator"] == estimator]
+        declared = table[
+            (table["assumption"] == "")
+            & (table["estimator"] == estimator)
+            & table["run"].isin(studied["run"].unique())
+        ]
         frames = [
             metrics.summarize(group, {}, self._references(), loaded.name).assign(assumption=name)
             for name, group in [*groups.items(), ("", declared)]
-            if group
+            if len(group)
         ]
         return pd.concat(frames, ignore_index=True)
 

@@ -1,6 +1,7 @@
-"""One run: simulate it, give it to every estimator, judge the estimates.
+"""Runs: simulate them, give them to every estimator, judge the estimates.
 
-This is what a worker process does; nothing here writes anything.
+This is what a worker process does; nothing here writes anything. Estimators that take many runs at
+once get them in blocks that fit into the processor's cache, the others run by run.
 """
 
 from __future__ import annotations
@@ -11,7 +12,6 @@ import hashlib
 import json
 import math
 import os
-import resource
 import time
 import traceback
 import warnings
@@ -23,51 +23,53 @@ from typing import Any
 
 import numpy as np
 
-from . import convergence, keys, metrics
+from . import judging, keys
+from .block import EstimateBlock, ProblemBlock
 from .errors import GGBenchError
-from .field import Field
-from .gradiometer import COMPONENTS
 from .problem import Estimate, Estimator, MeasurementModel, Problem
+from .records import Estimated, blank, judged, remarks
 from .registry import Choice, choose
 from .schema import CaseSpec
-from .simulation import Flight, Truth, prepare, random_streams, simulate
+from .simulation import Flight, prepare, simulate, simulate_block
 from .store import Result
 
-DETAILED_RUN = 0
-"""The run whose errors and claimed deviations are kept component by component, for the figures."""
+BLOCK_RUNS = 32
+"""Runs that an estimator takes at once: their arrays stay in the processor's cache."""
 _LONGEST_TEXT = 4000
-_LONGEST_INFO = 100_000
-MOST_KEPT = 400
-"""Most epochs of a run whose errors are kept as a time series."""
 
 
 class OtherSourceError(GGBenchError):
     """What would run here is not what the campaign was planned with."""
 
 
+Pairs = tuple[tuple[str, str], ...]
+"""(label, key) of estimators on a case."""
+
+
 @dataclass(frozen=True, slots=True)
 class Task:
-    """One run of one case with the estimators that still miss it.
+    """Runs of one case with the estimators that still miss them, all of them each.
 
     Attributes
     ----------
     case : the case. assumption : the study it belongs to, "" for the cases themselves.
-    run, seed : the run's number and the campaign's seed.
+    runs, seed : the runs' numbers and the campaign's seed.
     estimators : (label, key) of each estimator to run.
     """
 
     case: CaseSpec
     assumption: str
-    run: int
+    runs: Sequence[int]
     seed: int
-    estimators: tuple[tuple[str, str], ...]
+    estimators: Pairs
 
 
 @dataclass(frozen=True)
 class Started:
-    """Says that the run of an estimator begins."""
+    """Says that an estimator begins with runs."""
 
     label: str
+    runs: Sequence[int]
 
 
 class _CountingModel:
@@ -124,12 +126,13 @@ _warm: set[str] = set()
 """Labels of the estimators that this process has run: their first run compiles and imports."""
 
 
-def run_task(task: Task) -> Iterator[Started | Result]:
-    """Simulate one run and judge every estimator on it; a failure is a record.
+def run_task(task: Task) -> Iterator[Started | list[Result]]:
+    """Simulate runs and judge every estimator on them; a failure is a record.
 
     Yields
     ------
-    For each estimator ``Started``, then its result.
+    For each estimator ``Started``, then the results of these runs; or, if they cannot be run
+    together, ``Started`` again for each of them.
 
     Raises
     ------
@@ -144,27 +147,84 @@ def run_task(task: Task) -> Iterator[Started | Result]:
                 f"the source or version of ggbench, of a library, of {label} or of a map file "
                 f"is not what the campaign was started with; here: {keys.environment()}"
             )
+    at_once = tuple(pair for pair in task.estimators if chosen(pair[0]).estimator.compiled)
+    one_by_one = tuple(pair for pair in task.estimators if pair not in at_once)
+    for start in range(0, len(task.runs) if at_once else 0, BLOCK_RUNS):
+        yield from _run_block(task, case_json, at_once, task.runs[start : start + BLOCK_RUNS])
+    for run in task.runs if one_by_one else ():
+        yield from _run_one(task, case_json, one_by_one, run)
+
+
+def _run_one(
+    task: Task, case_json: str, pairs: Pairs, run: int
+) -> Iterator[Started | list[Result]]:
     reason, trace = "", ""
     try:
         flight = _flight(case_json)
-        problem, truth = simulate(flight, task.seed, task.run)
+        problem, truth = simulate(flight, task.seed, run)
     except Exception as error:
         reason, trace = f"simulation: {said(error)}", _trace()
-    for label, key in task.estimators:
-        yield Started(label)
-        if reason:
-            yield failure(task, label, key, reason, trace)
-            continue
+    for label, key in pairs:
+        yield Started(label, (run,))
         choice = chosen(label)
-        cold = label not in _warm
-        _warm.add(label)
-        record, series, detail = _judge(task, flight, problem, truth, choice)
-        # Times of a process's first run hold compilation and imports: summaries leave them out.
-        yield Result(key, record | {"cold": cold}, series, detail)
+        if reason:
+            yield [failure(task, run, label, key, reason, trace)]
+            continue
+        begun = blank(choice, run, task.seed) | {"cold": _is_cold(label)}
+        try:
+            estimated = _estimate(problem, choice, _estimator_rng(task.seed, run, choice))
+            states = np.ascontiguousarray(truth.error_state)[None]
+            results = judged([begun], key, flight, states, estimated, lambda _: problem)
+        except (Exception, SystemExit) as error:
+            results = [Result(key, begun | {"reason": said(error), "traceback": _trace()})]
+        yield results
+
+
+def _run_block(
+    task: Task, case_json: str, pairs: Pairs, runs: Sequence[int]
+) -> Iterator[Started | list[Result]]:
+    """Run several runs at once; should that fail, one by one, so that it costs no other run."""
+    try:
+        flight = _flight(case_json)
+        block, truth = simulate_block(flight, task.seed, runs)
+    except Exception as error:
+        reason, trace = f"simulation: {said(error)}", _trace()
+        for run in runs if len(runs) > 1 else ():
+            yield from _run_block(task, case_json, pairs, (run,))
+        for label, key in pairs if len(runs) == 1 else ():
+            yield Started(label, runs)
+            yield [failure(task, runs[0], label, key, reason, trace)]
+        return
+    for label, key in pairs:
+        yield Started(label, runs)
+        choice = chosen(label)
+        cold = {"cold": _is_cold(label)}
+        blanks = [blank(choice, run, task.seed) | cold for run in runs]
+        try:
+            estimated = _estimate_block(block, choice)
+            results = judged(blanks, key, flight, truth.error_state, estimated, block.problem)
+        except (Exception, SystemExit) as error:
+            if len(runs) > 1:
+                for run in runs:
+                    yield from _run_block(task, case_json, ((label, key),), (run,))
+                continue
+            results = [Result(key, blanks[0] | {"reason": said(error), "traceback": _trace()})]
+        yield results
+
+
+def _is_cold(label: str) -> bool:
+    """Return whether this is an estimator's first run in this process.
+
+    Its time holds compilation and imports: summaries leave it out.
+    """
+    cold = label not in _warm
+    _warm.add(label)
+    return cold
 
 
 def failure(
     task: Task,
+    run: int,
     label: str,
     key: str,
     reason: str,
@@ -172,7 +232,7 @@ def failure(
     retry_above: float | None = None,
 ) -> Result:
     """Return the result of a run that has none, with the reason."""
-    record = _blank(task, chosen(label)) | {"reason": reason}
+    record = blank(chosen(label), run, task.seed) | {"reason": reason}
     if trace:
         record["traceback"] = trace
     return Result(key, record, retry_above=retry_above)
@@ -215,184 +275,83 @@ def _printable(text: str) -> str:
     return "".join(shown)
 
 
-def _remarks(estimate: Estimate) -> dict[str, Any]:
-    """Return an estimate's remarks as JSON can hold them.
-
-    Raises
-    ------
-    ValueError
-        If they are too long to be stored with every run.
-    """
-    text = json.dumps(dict(estimate.info), default=float)
-    if len(text) > _LONGEST_INFO:
-        raise ValueError(f"the estimate's info has {len(text)} characters, over {_LONGEST_INFO}")
-    found: dict[str, Any] = json.loads(text)
-    return found
-
-
-def _blank(task: Task, choice: Choice) -> dict[str, Any]:
-    """Return what a record says of its run before it is known how it went."""
-    return {
-        "name": choice.estimator.name,
-        "parameters": choice.parameters,
-        "causality": choice.estimator.causality,
-        "run": task.run,
-        "seed": task.seed,
-        "status": "failed",
-    }
-
-
-def _judge(
-    task: Task, flight: Flight, problem: Problem, truth: Truth, choice: Choice
-) -> tuple[dict[str, Any], np.ndarray | None, np.ndarray | None]:
-    record = _blank(task, choice)
-    model = _CountingModel(problem.model)
-    given = Problem(**{**vars(problem), "model": model})
-    rng = _estimator_rng(task.seed, task.run, choice)
-    try:
-        # A new instance each time: what one run leaves in it cannot reach the next.
-        estimator = dataclasses.replace(choice.estimator)
-        with _own_surroundings():
-            start = time.perf_counter()
-            estimate = estimator.estimate(given, rng)
-            record["seconds"] = time.perf_counter() - start
-        estimate = _complete(problem, choice.estimator, estimate)
-        record["info"] = _remarks(estimate)
-        evaluation = metrics.evaluate(problem, estimate, truth)
-    except (Exception, SystemExit) as error:
-        record |= {"reason": said(error), "traceback": _trace()}
-        return record, None, None
-    case = task.case
-    # An estimate without aiding is set beside the filtering bound: what aiding could give.
-    bound_name = "batch" if estimate.causality == "batch" else "filter"
-    if estimate.lag is not None:
-        bound_name = f"fixed-lag-{lag_epochs(case, estimate.lag)}"
-    ins_error = float(np.linalg.norm(truth.error_state[-1, :3]))
-    final_error = float(evaluation.position_error[-1])
-    record |= {
-        "status": "ok",
-        "bound": bound_name,
-        "map_evaluations": model.evaluations,
-        "peak_memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0,
-        "final_position_error_m": final_error,
-        "final_ins_error_m": ins_error,
-        "diverged": metrics.has_diverged(final_error, flight.final_bound, ins_error),
-        "windows": metrics.window_figures(evaluation, truth.times, case.windows),
-    }
-    if case.windows.lock_m is not None:
-        record |= convergence.judge(
-            evaluation.position_error, evaluation.sigmas[:, :3], truth.times, case.windows.lock_m
-        )
-    series = np.column_stack(
-        [evaluation.position_error, evaluation.velocity_error, evaluation.nees, evaluation.nis]
-    )[kept_epochs(len(truth.times))]
-    detail = None
-    if task.run == DETAILED_RUN:
-        detail = np.column_stack([evaluation.components, evaluation.sigmas])
-    return record, series, detail
-
-
-def kept_epochs(epochs: int) -> np.ndarray:
-    """Return which of the epochs are kept as a time series: all, or an even choice of many."""
-    kept = np.linspace(0, epochs - 1, min(epochs, MOST_KEPT))
-    return np.round(kept).astype(int)
-
-
-def _complete(problem: Problem, estimator: Estimator, estimate: Estimate) -> Estimate:
-    """Return the estimate with plain arrays; raise unless it is whole and what was declared.
+def _estimate(problem: Problem, choice: Choice, rng: np.random.Generator) -> Estimated:
+    """Let an estimator estimate one run, and see that it returns what it declares.
 
     Raises
     ------
     TypeError, ValueError
         If it is no Estimate, is of another causality than its estimator declares, has a wrong
-        shape, or numbers that are complex, not finite or no covariance.
+        shape, numbers that are complex, or remarks that cannot be stored.
     """
-    if not isinstance(estimate, Estimate):
-        raise TypeError(f"estimate() returned {type(estimate).__name__}, not an Estimate")
+    model = _CountingModel(problem.model)
+    given = Problem(**{**vars(problem), "model": model})
+    # A new instance each time: what one run leaves in it cannot reach the next.
+    estimator = dataclasses.replace(choice.estimator)
+    with _own_surroundings():
+        start = time.perf_counter()
+        estimate = estimator.estimate(given, rng)
+        seconds = time.perf_counter() - start
+    _require_declared(choice.estimator, estimate, Estimate, "estimate")
+    epochs, n = problem.epochs, problem.dimension
+    mean = judging.real_array("mean", estimate.mean, (epochs, n))
+    cov = estimate.cov
+    if cov is not None:
+        cov = judging.real_array("cov", cov, (epochs, n, n))[None]
+    return Estimated(
+        mean[None], cov, None, estimate.causality, estimate.lag,
+        [remarks(estimate.info)], [model.evaluations], seconds,
+    )  # fmt: skip
+
+
+def _estimate_block(block: ProblemBlock, choice: Choice) -> Estimated:
+    """Let an estimator estimate several runs at once.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As :func:`_estimate`, and if its info is not one number of each run.
+    """
+    estimator = dataclasses.replace(choice.estimator)
+    with _own_surroundings():
+        start = time.perf_counter()
+        estimate = estimator.estimate_block(block)
+        seconds = time.perf_counter() - start
+    _require_declared(choice.estimator, estimate, EstimateBlock, "estimate_block")
+    runs, epochs, n = block.runs, block.epochs, block.dimension
+    mean = judging.real_array("mean", estimate.mean, (runs, epochs, n))
+    cov, nis = estimate.cov, estimate.nis
+    if cov is not None:
+        cov = judging.real_array("cov", cov, (runs, epochs, n, n))
+    if nis is not None:
+        nis = judging.real_array("nis", nis, (runs, epochs))
+    columns = {str(name): np.asarray(values) for name, values in estimate.info.items()}
+    for name, values in columns.items():
+        if values.shape != (runs,) or values.dtype.kind not in "biuf":
+            raise ValueError(f"the estimate's info must have a number of each run as its {name}")
+    if "map_evaluations" not in columns:
+        raise ValueError("the estimate's info has no map_evaluations")
+    evaluations = columns.pop("map_evaluations").astype(int).tolist()
+    lists = [values.tolist() for values in columns.values()]
+    info = [dict(zip(columns, values, strict=True)) for values in zip(*lists, strict=True)]
+    return Estimated(
+        mean, cov, nis, estimate.causality, estimate.lag,
+        info or [{}] * runs, evaluations, seconds / runs,
+    )  # fmt: skip
+
+
+def _require_declared(
+    estimator: Estimator,
+    estimate: Any,
+    kind: type[Estimate] | type[EstimateBlock],
+    method: str,
+) -> None:
+    """Raise TypeError or ValueError unless an estimate is what its estimator declares."""
+    if not isinstance(estimate, kind):
+        raise TypeError(f"{method}() returned {type(estimate).__name__}, not an {kind.__name__}")
     lag = vars(estimator)["lag"] if estimator.causality == "fixed-lag" else None
     if (estimate.causality, estimate.lag) != (estimator.causality, lag):
         raise ValueError(
             f"the estimate is '{estimate.causality}' with lag {estimate.lag}, but its estimator "
             f"declares '{estimator.causality}' with lag {lag}"
         )
-    epochs, n = problem.epochs, problem.dimension
-    mean = _real_array("mean", estimate.mean, (epochs, n))
-    cov = None
-    if estimate.cov is not None:
-        cov = _real_array("cov", estimate.cov, (epochs, n, n))
-        judged = cov[:, : metrics.JUDGED, : metrics.JUDGED]
-        sigma = np.sqrt(np.maximum(np.diagonal(judged, axis1=1, axis2=2), 0.0))
-        positive = (sigma > 0.0).all(axis=1)
-        scale = np.where(sigma > 0.0, sigma, 1.0)
-        correlation = judged / (scale[:, :, None] * scale[:, None, :])
-        positive &= np.linalg.eigvalsh(correlation)[:, 0] > 0.0
-        if not positive.all():
-            raise ValueError(
-                f"the estimate's cov is not positive definite at epoch {positive.argmin()}"
-            )
-    return Estimate(mean, cov, estimate.causality, estimate.lag, estimate.info)
-
-
-def _real_array(name: str, array: Any, shape: tuple[int, ...]) -> np.ndarray:
-    """Return an array of floats of this shape, all finite."""
-    if np.shape(array) != shape:
-        raise ValueError(f"the estimate's {name} has shape {np.shape(array)}, not {shape}")
-    if np.iscomplexobj(array):
-        raise ValueError(f"the estimate's {name} is complex")
-    numbers = np.asarray(array, dtype=float)
-    finite = np.isfinite(numbers).reshape(len(numbers), -1).all(axis=1)
-    if not finite.all():
-        raise ValueError(f"the estimate's {name} is not finite from epoch {finite.argmin()} on")
-    return numbers
-
-
-def lag_epochs(case: CaseSpec, lag: float) -> int:
-    """Return how many epochs after each one a fixed lag [s] sees."""
-    return math.floor(lag / case.gradiometer.period_s + 1e-9)
-
-
-def shared_arrays(flight: Flight, seed: int, lags: Sequence[int]) -> dict[str, np.ndarray]:
-    """Return what all runs of a case share: bounds, and the signals that figures show.
-
-    Parameters
-    ----------
-    flight : the case. seed : the campaign's. lags : fixed lags in use [epochs].
-    """
-    arrays = {
-        "times": flight.times,
-        "kept": kept_epochs(len(flight.times)),
-        "track": flight.trajectory.positions[flight.epochs],
-    }
-    bounds = {name: metrics.bound_for(flight.bound, name, None) for name in ("filter", "batch")}
-    for lag in lags:
-        bounds[f"fixed-lag-{lag}"] = metrics.bound_for(flight.bound, "fixed-lag", lag)
-    for name, cov in bounds.items():
-        arrays[f"bound-{name}"] = np.stack(metrics.squared_bounds(cov), axis=-1)
-    # Γ_UU with the noise that the detailed run has in zz, before and behind the filter.
-    rng = random_streams(seed, DETAILED_RUN).gradiometer
-    vertical = COMPONENTS.index("zz")
-    enu = flight.field.tensor(*arrays["track"].T)
-    noise = flight.true.gradiometer.noise_eotvos * rng.standard_normal(flight.noise_free.shape)
-    arrays["vertical"] = enu[:, vertical]
-    arrays["noisy"] = arrays["vertical"] + noise[:, vertical]
-    if flight.true.gradiometer.lowpass is not None:
-        arrays["filtered"] = flight.true.gradiometer.lowpass.apply(arrays["noisy"])
-        arrays["filtered_true"] = flight.true.gradiometer.lowpass.apply(arrays["vertical"])
-    if flight.field.has_map:
-        arrays |= _map_signals(flight.field, float(np.mean(arrays["track"][:, 2])))
-    return arrays
-
-
-@lru_cache(maxsize=8)
-def _map_signals(field: Field, height: float) -> dict[str, np.ndarray]:
-    """Return the disturbing vertical gradient over the whole map, at a height [m]."""
-    latitude = np.linspace(field.origin[0], field.upper[0], 101)
-    longitude = np.linspace(field.origin[1], field.upper[1], 161)
-    full = field.tensor(latitude[:, None], longitude[None, :], height)
-    normal = Field.normal().tensor(latitude[:, None], longitude[None, :], height)
-    vertical = COMPONENTS.index("zz")
-    return {
-        "map_latitude": latitude,
-        "map_longitude": longitude,
-        "map_vertical": full[..., vertical] - normal[..., vertical],
-    }

@@ -63,10 +63,22 @@ def root_mean_interval(mean_squares: np.ndarray) -> tuple[float, float, float]:
     MRSE and the ends of its interval [m or m/s]. One run has no interval: its ends are NaN.
     """
     value = math.sqrt(float(np.mean(mean_squares)))
-    if len(mean_squares) < 2:
-        return value, math.nan, math.nan
-    low, high = np.percentile(np.sqrt(_resampled_means(mean_squares)), _ENDS)
-    return value, float(low), float(high)
+    return value, *root_mean_intervals([mean_squares])[0]
+
+
+def root_mean_intervals(groups: Sequence[np.ndarray]) -> list[tuple[float, float]]:
+    """Return the interval of :func:`root_mean_interval` of each of many groups of runs.
+
+    Those with equal numbers of runs share their draws, which are most of the work.
+    """
+    ends = [(math.nan, math.nan)] * len(groups)
+    for runs in {len(group) for group in groups if len(group) >= 2}:
+        chosen = [i for i, group in enumerate(groups) if len(group) == runs]
+        means = _resampled_means(np.column_stack([groups[i] for i in chosen]))
+        for i, column in zip(chosen, means.T, strict=True):
+            low, high = np.percentile(np.sqrt(column), _ENDS)
+            ends[i] = float(low), float(high)
+    return ends
 
 
 @dataclass(frozen=True)
@@ -257,8 +269,10 @@ def ratio_interval(
     value = math.sqrt(float(np.mean(after_ms)) / float(np.mean(before_ms)))
     if min(len(before_ms), len(after_ms)) < 2:
         return value, math.nan, math.nan
-    before = _resampled_means(before_ms)
-    after = _resampled_means(after_ms, _SEED if paired else _SEED + 1)
+    if paired:
+        before, after = _resampled_means(np.column_stack([before_ms, after_ms])).T
+    else:
+        before, after = _resampled_means(before_ms), _resampled_means(after_ms, _SEED + 1)
     with np.errstate(divide="ignore", invalid="ignore"):  # a sample of zeros
         low, high = np.percentile(np.sqrt(after / before), _ENDS)
     return value, float(low), float(high)

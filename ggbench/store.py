@@ -22,9 +22,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from pydantic_core import from_json
 
 from .errors import GGBenchError
-from .formats import flaw_of_arrays, flaw_of_manifest, flaw_of_record
+from .formats import flaw_of_arrays, flaw_of_manifest, flaw_of_records
 
 _APPLICATION_ID = 0x67676231
 """Says in the header of a database that it is one of ours."""
@@ -38,6 +39,7 @@ CREATE TABLE IF NOT EXISTS records (
     detail BLOB,
     PRIMARY KEY (key, run)
 );
+CREATE INDEX IF NOT EXISTS lost ON records (retry_above) WHERE retry_above IS NOT NULL;
 CREATE TABLE IF NOT EXISTS shared (key TEXT PRIMARY KEY, arrays BLOB NOT NULL);
 """
 
@@ -57,6 +59,8 @@ RESULT_FILES = (
 LOCK = ".lock"
 _PART = re.compile(rf"\.({'|'.join(map(re.escape, RESULT_FILES))})\.\d+\.part")
 _BUSY_S = 60.0
+_CHUNK = 1000
+"""Records read at a time."""
 _MANIFEST_MARKS = (b'"format"', b'"source_hash"', b'"scenario_hash"')
 
 
@@ -71,8 +75,10 @@ class Result(NamedTuple):
     ----------
     key : hash of all that the result depends on but the number of the run (``ggbench.keys``).
     record : the judgement, as JSON can hold it.
-    series : (K', 4) position and velocity error [m, m/s], NEES, NIS at the kept epochs; or None.
-    detail : (K, 12) errors of position and velocity and their σ, of a run kept in detail; or None.
+    series : (K', 4) float32, position and velocity error [m, m/s], NEES, NIS at the kept epochs; or
+        None.
+    detail : (K, 12) float32, errors of position and velocity and their σ, of a run kept in detail;
+        or None.
     retry_above : None if the result is final; else the time limit [s] above which a run that was
         lost to its surroundings (it died, it was too slow) is worth another attempt.
     """
@@ -168,37 +174,45 @@ class Store:
             "INSERT OR REPLACE INTO records VALUES (?, ?, ?, ?, ?, ?)",
             [
                 (
-                    r.key, r.record["run"], r.retry_above, json.dumps(r.record),
-                    _pack(r.series), _pack(r.detail),
+                    r.key, r.record["run"], r.retry_above,
+                    json.dumps(r.record, separators=(",", ":")), _pack(r.series), _pack(r.detail),
                 )
                 for r in results
             ],
         )  # fmt: skip
 
-    def finished(self, limit: float = np.inf) -> set[tuple[str, int]]:
-        """Return the (key, run) of the results that a time limit [s] leaves as they are."""
-        return set(
-            self._select(
-                "SELECT key, run FROM records WHERE retry_above IS NULL OR retry_above >= ?",
-                (limit,),
-            )
-        )
+    def finished(self, limit: float = np.inf) -> dict[str, np.ndarray]:
+        """Return, by key, the runs whose results a time limit [s] leaves as they are."""
+        lost: dict[str, list[int]] = {}
+        query = "SELECT key, run FROM records WHERE retry_above < ?"
+        for key, run in self._select(query, (limit,)):
+            lost.setdefault(key, []).append(run)
+        found = {}
+        for (key,) in self._select("SELECT DISTINCT key FROM records"):
+            rows = self._select("SELECT run FROM records WHERE key = ?", (key,))
+            runs = np.fromiter((run for (run,) in rows), dtype=np.int64, count=len(rows))
+            found[key] = np.setdiff1d(runs, lost.get(key, []))
+        return {key: runs for key, runs in found.items() if len(runs)}
 
-    def records(self, key: str, runs: int) -> Iterator[dict[str, Any]]:
-        """Yield the records under a key of the runs below ``runs``, in their order."""
-        rows = self._select(
-            "SELECT record FROM records WHERE key = ? AND run < ? ORDER BY run", (key, runs)
+    def records(self, key: str, runs: int, first: int = 0) -> Iterator[dict[str, Any]]:
+        """Yield the records under a key of the runs from ``first`` to below ``runs``, in order."""
+        query = (
+            "SELECT run, record FROM records WHERE key = ? AND run >= ? AND run < ? "
+            "ORDER BY run LIMIT ?"
         )
-        for (text,) in rows:
+        while rows := self._select(query, (key, first, runs, _CHUNK)):
+            texts = [text for _, text in rows]
+            flaw: str | None
             try:
-                record = json.loads(text)
+                records = from_json(f"[{','.join(texts)}]")
             except (ValueError, TypeError, RecursionError) as error:
-                flaw: str | None = str(error)
+                flaw = str(error)
             else:
-                flaw = flaw_of_record(record)
+                flaw = flaw_of_records(records, len(rows))
             if flaw:
                 raise StoreError(f"a record in {self._database} is damaged: {flaw}")
-            yield record
+            yield from records
+            first = rows[-1][0] + 1
 
     def series(self, key: str, runs: int) -> np.ndarray:
         """Return (runs, K', 4): position and velocity error [m, m/s], NEES, NIS of finished runs.
@@ -368,5 +382,4 @@ def _sync(folder: Path) -> None:
 def _pack(array: np.ndarray | None) -> bytes | None:
     if array is None:
         return None
-    largest = np.finfo("<f4").max  # a diverged filter's error may be beyond
-    return np.ascontiguousarray(np.clip(array, -largest, largest), dtype="<f4").tobytes()
+    return np.ascontiguousarray(array, dtype="<f4").tobytes()

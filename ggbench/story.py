@@ -13,10 +13,10 @@ from rich.markup import escape
 from rich.table import Table
 
 from . import keys, metrics
+from .records import kept_epochs
 from .registry import choose
-from .runner import Task, flight_of, kept_epochs, run_task
+from .runner import Task, flight_of, run_task
 from .scenario import Scenario
-from .store import Result
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -123,8 +123,7 @@ def tell(results: Results, case_name: str, run: int, console: Console) -> None:
         )
         for cell in results.cells
         if cell.case == case_name and not cell.assumption
-        for record in results.store.records(cell.key, run + 1)
-        if record["run"] == run
+        for record in results.store.records(cell.key, run + 1, first=run)
     ]
     arrays = results.arrays(case_name)
     title = results.scenario.case(case_name).title
@@ -148,12 +147,9 @@ def repeat(
     names = case_names or [case.name for case in scenario.cases]
     for study, case in map(scenario.find, names):
         pairs = tuple((label, keys.run_key(case, choose(label).content, seed)) for label in labels)
-        task = Task(case, study, run, seed, pairs)
-        results = [message for message in run_task(task) if isinstance(message, Result)]
-        told = [
-            Told(label, result.record, result.series, "")
-            for (label, _), result in zip(pairs, results, strict=True)
-        ]
+        messages = run_task(Task(case, study, (run,), seed, pairs))
+        found = {result.key: result for m in messages if isinstance(m, list) for result in m}
+        told = [Told(label, found[key].record, found[key].series, "") for label, key in pairs]
         flight = flight_of(case)
         kept = kept_epochs(len(flight.times))
         bound = np.stack(metrics.squared_bounds(flight.bound.filtering), axis=-1)[kept]

@@ -1,7 +1,7 @@
 """A process of its own for runs: what an estimator does to it is its own affair.
 
 The parent gives a :class:`Worker` one task at a time and receives, as they come, who has started
-and what has finished. A worker that dies or must be killed takes only the run in flight with it.
+and what has finished. A worker that dies or must be killed takes only the runs in flight with it.
 It ends by itself when its parent is gone.
 """
 

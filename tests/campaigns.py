@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sqlite3
 import subprocess
 import sys
@@ -51,9 +52,14 @@ def ran(
 
 
 def records(results: Results) -> dict[tuple[str, str, int], dict[str, Any]]:
-    """Records without what may differ between two equal campaigns: time and memory."""
+    """Records without what may differ between two equal campaigns: time and memory.
+
+    Every NaN is the one object that the json module makes of it, and so equal to itself.
+    """
     return {
-        (r["case"], r["estimator"], r["run"]): {k: v for k, v in r.items() if k not in TIMINGS}
+        (r["case"], r["estimator"], r["run"]): json.loads(
+            json.dumps({k: v for k, v in r.items() if k not in TIMINGS})
+        )
         for r in results.records()
     }
 

@@ -14,6 +14,7 @@ from ggbench import campaign, execution, keys, registry, report, runner
 from ggbench.campaign import CampaignError
 from ggbench.results import Results
 from ggbench.scenario import ScenarioError
+from ggbench.simulation import simulate
 
 NAUGHTY = """
 import os
@@ -139,7 +140,7 @@ def test_what_is_odd_but_harmless_does_not_stop_a_campaign(kind, tmp_path):
 def test_an_estimator_that_fails_in_some_runs(tmp_path):
     """Failed runs are counted and left out; the finished ones are judged and reported."""
     case = small(tmp_path).cases[0]
-    problems = [runner.simulate(runner.flight_of(case), 5, run)[0] for run in range(4)]
+    problems = [simulate(runner.flight_of(case), 5, run)[0] for run in range(4)]
     firsts = sorted(problem.measurements[0, 0] for problem in problems)
     label = f"{naughty(tmp_path, float(np.mean(firsts[1:3])))}[kind=raises in some runs]"
     results = ran(tmp_path, labels=("ins", label), runs=4)
@@ -176,7 +177,12 @@ def test_an_estimator_that_cannot_take_the_problem_is_left_out(tmp_path):
 
 def missing(work, store) -> set[tuple[str, str, int]]:
     """What a campaign would still run: case, estimator, run."""
-    return {(t.case.name, label, t.run) for t in work.tasks(store) for label, _ in t.estimators}
+    return {
+        (t.case.name, label, run)
+        for t in work.tasks(store)
+        for label, _ in t.estimators
+        for run in t.runs
+    }
 
 
 def test_a_campaign_goes_on_where_it_stopped(tmp_path):
@@ -189,7 +195,7 @@ def test_a_campaign_goes_on_where_it_stopped(tmp_path):
     assert missing(work, store) == {k for k in records(whole) if k[2] > 0 or k[1] == LABELS[2]}
     campaign.execute(execution.in_process(work.tasks(store)), store, lambda batch: None)
     assert_equal(Results(store.folder, store), whole)
-    assert work.tasks(store) == []
+    assert work.tasks(store).results == 0
 
 
 def test_estimators_asked_for_before_stay_in_the_tables(tmp_path):
@@ -317,7 +323,7 @@ def test_runs_of_other_content_are_neither_used_nor_lost(change, tmp_path, monke
     runner.chosen.cache_clear()
     work = plan(tmp_path, "out", (first,), runs=1)
     store, _ = work.open()
-    assert work.tasks(store) == []
+    assert work.tasks(store).results == 0
     found = records(Results(store.folder, store))
     assert {key: found[key] for key in expected} == expected
 
@@ -331,7 +337,7 @@ def test_a_worker_runs_nothing_but_what_was_planned(tmp_path):
     naughty(tmp_path, median=1.0)
     with pytest.raises(runner.OtherSourceError, match="is not what the campaign was started with"):
         campaign.execute(execution.in_processes(tasks, 1, 60.0), store, lambda batch: None)
-    assert store.finished() == set()
+    assert store.finished() == {}
 
 
 def test_some_cases_only(tmp_path):

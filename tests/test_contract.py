@@ -300,7 +300,7 @@ def test_truth_cannot_be_reached_from_what_an_estimator_is_given(case, tmp_path)
     file.write_text(SPY)
     spec = scenario.load("wang2013").case(case)
     key = keys.run_key(spec, registry.choose(str(file)).content, SEED)
-    list(runner.run_task(runner.Task(spec, "", 1, SEED, ((str(file), key),))))
+    list(runner.run_task(runner.Task(spec, "", (1,), SEED, ((str(file), key),))))
     seen = inspect.getmodule(type(estimator(str(file)))).SEEN
     spy, problem, generator = seen[-1]
     assert leaks([spy, problem, generator], case, 1) == []

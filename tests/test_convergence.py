@@ -36,8 +36,9 @@ LOCKING = SMALL.replace("[windows]", "[windows]\nlock_m = 100.0", 1)
 )
 def test_a_lock_lasts_to_the_end(errors, sigmas, time, false):
     """Locked is who stays below the limit to the end; who claims it and is not has a false lock."""
-    found = convergence.judge(np.array(errors, dtype=float), sigmas, TIMES, 10.0)
-    assert found == {"lock_time_s": time, "false_lock": false}
+    found = convergence.judge(np.array([errors], dtype=float), sigmas[-1:], TIMES, 10.0)
+    assert found[0].tolist() == pytest.approx([math.nan if time is None else time], nan_ok=True)
+    assert found[1].tolist() == [false]
 
 
 @pytest.mark.parametrize("shape", [(1.0, 0.0, 0.0), (1.0, 1.0, 1.0), (5.0, 2.0, 0.1), (1, 1, 0)])
@@ -107,16 +108,10 @@ def test_few_times_have_no_interval():
 
 def test_failed_runs_have_not_locked():
     """Shares are of all runs, the median time is of those that locked."""
-    records = [
-        {"status": "ok", "lock_time_s": 4.0, "false_lock": False},
-        {"status": "ok", "lock_time_s": None, "false_lock": True},
-        {"status": "ok", "lock_time_s": 8.0, "false_lock": False},
-        {"status": "failed"},
-    ]
-    found = convergence.figures(records)
+    found = convergence.figures(np.array([4.0, math.nan, 8.0]), 1, 4)
     assert (found["lock_share"], found["false_lock_share"]) == (0.5, 0.25)
     assert found["lock_time_median_s"] == 6.0
-    nothing = convergence.figures([{"status": "failed"}] * 4)
+    nothing = convergence.figures(np.array([]), 0, 4)
     assert (nothing["lock_share"], nothing["false_lock_share"]) == (0.0, 0.0)
     assert math.isnan(nothing["lock_time_median_s"])
     times = np.array([4.0, math.nan, 8.0])

@@ -51,7 +51,7 @@ def tabled(*groups: list[dict[str, Any]]) -> tuple[pd.DataFrame, pd.DataFrame]:
     flat = [record for group in groups for record in group]
     labels = dict.fromkeys(record["estimator"] for record in flat)
     bounds = {("c", label): dict.fromkeys(metrics.WINDOWS, (1.0, 1.0)) for label in labels}
-    summary = metrics.summarize(flat, bounds, {}, "s")
+    summary = metrics.summarize(metrics.runs_table(flat), bounds, {}, "s")
     rows = [
         {"assumption": "", "case": "c", "estimator": r["estimator"], "seed": 1, "run": r["run"]}
         | {

@@ -187,6 +187,11 @@ def record(run: int, position: float, diverged: bool = False, status: str = "ok"
     return out
 
 
+def summary(records: list[dict], *arguments) -> pd.DataFrame:
+    """The summary of records."""
+    return metrics.summarize(metrics.runs_table(records), *arguments)
+
+
 BOUNDS = {("c", "e[a=1]"): dict.fromkeys(metrics.WINDOWS, (2.0, 0.2))}
 
 
@@ -202,7 +207,7 @@ def test_summary_has_the_documented_columns_and_numbers():
         record(2, 5.0),
         record(3, 0.0, status="failed"),
     ]
-    table = metrics.summarize(records, BOUNDS, {"c": (3.5, 0.25)}, "s")
+    table = summary(records, BOUNDS, {"c": (3.5, 0.25)}, "s")
     assert list(table.columns[: len(DOCUMENTED)]) == DOCUMENTED
     assert list(metrics.SUMMARY_COLUMNS) == DOCUMENTED
     assert table["window"].tolist() == list(metrics.WINDOWS)
@@ -225,18 +230,35 @@ def test_summary_has_the_documented_columns_and_numbers():
         assert math.isnan(row["nis_lo"]) and math.isnan(row["nis_hi"])
 
 
+def test_an_interval_does_not_depend_on_the_company():
+    """Cells that share their draws have the intervals that each has alone."""
+    generator = np.random.default_rng(8)
+    squares = {"one": generator.chisquare(3, 30), "two": generator.chisquare(9, 30),
+               "few": generator.chisquare(3, 7)}  # fmt: skip
+    cells = [
+        record(run, float(value)) | {"case": case}
+        for case, values in squares.items()
+        for run, value in enumerate(values)
+    ]
+    table = metrics.summarize(metrics.runs_table(cells), {}, {}, "s").set_index(["case", "window"])
+    for case, values in squares.items():
+        row = table.loc[(case, "settled")]
+        found = [row[f"position_mrse_{end}"] for end in ("m", "lo", "hi")]
+        assert found == pytest.approx(statistics.root_mean_interval(values), rel=1e-12)
+
+
 def test_the_band_of_the_innovations_counts_the_readings():
     """The NIS has the band of its window's readings; an estimator without innovations has none."""
     readings = {"c": {"whole": (20, 5), "settled": (10, 5)}}
     records = [record(0, 4.0), record(1, 9.0)]
-    table = metrics.summarize(records, BOUNDS, {}, "s", readings).set_index("window")
+    table = summary(records, BOUNDS, {}, "s", readings).set_index("window")
     for window, epochs in (("whole", 20), ("settled", 10)):
         band = tuple(table.loc[window, ["nis_lo", "nis_hi"]])
         assert band == statistics.nis_band(2, epochs, 5)
     assert math.isnan(table.loc["last20", "nis_lo"])
     for entry in records:
         entry["windows"]["whole"]["nis"] = math.nan
-    table = metrics.summarize(records, BOUNDS, {}, "s", readings).set_index("window")
+    table = summary(records, BOUNDS, {}, "s", readings).set_index("window")
     assert math.isnan(table.loc["whole", "nis_lo"])
 
 
@@ -314,11 +336,11 @@ def test_the_verdict_of_a_table_is_that_of_the_pair():
 def test_summary_without_a_finished_run():
     """Where every run failed there are counts and no numbers; where nothing ran, no rows."""
     failed = [record(0, 0.0, status="failed"), record(1, 0.0, status="failed")]
-    table = metrics.summarize(failed, BOUNDS, {"c": None}, "s")
+    table = summary(failed, BOUNDS, {"c": None}, "s")
     assert list(table.columns[: len(DOCUMENTED)]) == DOCUMENTED
     assert table["failed"].tolist() == [2, 2, 2]
     assert table["position_mrse_m"].isna().all()
     assert table["paper_position_m"].isna().all()
-    empty = metrics.summarize([], BOUNDS, {"c": None}, "s")
+    empty = summary([], BOUNDS, {"c": None}, "s")
     assert len(empty) == 0
     assert list(empty.columns[: len(DOCUMENTED)]) == DOCUMENTED
