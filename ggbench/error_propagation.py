@@ -15,7 +15,7 @@ import numpy as np
 from .adjoint import add_products, add_six, back, forward, wander
 from .earth import metres_per_radian_of
 from .error_matrix import ENTRIES, NAVIGATION_STATES, STATES, entries_between
-from .kernels import compiled
+from .kernels import aligned, compiled
 from .rotations import sine_cosine
 from .strapdown import LANES, TRACK
 
@@ -105,10 +105,11 @@ def compose(
     """
     # A bias that does not wander does not change: its rows are those of the identity.
     count = STATES if noise.wandering else NAVIGATION_STATES
-    columns = np.empty((count, STATES * LANES))
-    white = np.empty((count, 21 * LANES))
-    biases = np.empty((count, 18 * LANES))
-    covariance = np.zeros((count, count, LANES))
+    columns = aligned(count * STATES * LANES).reshape((count, STATES * LANES))
+    white = aligned(count * 21 * LANES).reshape((count, 21 * LANES))
+    biases = aligned(count * 18 * LANES).reshape((count, 18 * LANES))
+    covariance = aligned(count * count * LANES).reshape((count, count, LANES))
+    covariance[:] = 0.0
     roots, altimeter = noise.roots * math.sqrt(dt), noise.altimeter * math.sqrt(dt)
     _unit_columns(end, np.arange(count), columns)
     for n in range(entries.shape[0] - 1, -1, -1):
@@ -157,7 +158,7 @@ def transitions_lanes(
     longest = epochs[0]
     for k in range(1, epochs.shape[0]):
         longest = max(longest, epochs[k] - epochs[k - 1])
-    entries = np.empty((longest, ENTRIES * LANES))
+    entries = aligned(longest * ENTRIES * LANES).reshape((longest, ENTRIES * LANES))
     start, end = np.empty((2, LANES)), np.empty((2, LANES))
     first = 0
     _metres(track[0, 0], track[0, 2], start)
@@ -191,7 +192,7 @@ def delayed(
     then, now : (2, LANES) metres per radian at t − τ and at t.
     rows : output, of R <= LANES runs.
     """
-    columns = np.empty((6, STATES * LANES))
+    columns = aligned(6 * STATES * LANES).reshape((6, STATES * LANES))
     _unit_columns(then, np.array([0, 1, 2, 6, 7, 8]), columns)
     for n in range(entries.shape[0]):
         forward(entries[n], part if n == 0 else dt, columns)
@@ -222,7 +223,8 @@ def delayed_rows_lanes(
     for k in range(epochs.shape[0]):
         last = epochs[k]
         first, part, nearest = intervals_of(delays[k], last, dt)
-        entries = np.empty((last - first, ENTRIES * LANES))
+        count = last - first
+        entries = aligned(count * ENTRIES * LANES).reshape((count, ENTRIES * LANES))
         for n in range(first, last):
             entries_between(
                 states[n], states[n + 1], readings[n, 3 * LANES :], dt, constant, entries[n - first]

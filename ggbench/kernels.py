@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from functools import partial
 
+import numpy as np
 from numba import njit
 
 _compile = partial(njit, cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
@@ -21,3 +22,15 @@ copied = _compile(inline="always")
 loops of known length, which become vector instructions without a remainder."""
 summed = _compile(fastmath={"contract", "reassoc"})
 """A kernel whose sums may be taken in any order, as vectors."""
+
+
+@compiled
+def aligned(count: int) -> np.ndarray:
+    """Return an array (count,), not yet filled, that begins where a line of the cache does.
+
+    Vectors of eight numbers then are in one line each, which makes loops over them half as fast
+    again.
+    """
+    array = np.empty(count + 7)
+    start = -(array.ctypes.data // 8) % 8
+    return array[start : start + count]

@@ -30,6 +30,7 @@ from .ins_error import (
     metres_per_radian,
     navigation_errors,
 )
+from .kernels import aligned
 from .lowpass import prefilter
 from .measurement_model import model_arrays
 from .problem import Problem, StateBlock
@@ -130,7 +131,7 @@ def simulate_block(
 
     Parameters
     ----------
-    flight : the case. seed, runs : the campaign's seed and the numbers of R runs.
+    flight : the case. seed, runs : the campaign's seed and the numbers of R runs, at least one.
     """
     streams = [random_streams(seed, run) for run in runs]
     model, times, spec = flight.model, flight.times, flight.case.gradiometer
@@ -222,7 +223,7 @@ def _navigate(
     truth, true, model, epochs = flight.trajectory, flight.true, flight.model, flight.epochs
     runs, count, dt = len(streams), len(flight.delta_angles), truth.dt
     increments, biases = _inertial_readings(flight, streams)
-    track = np.empty((count + 1, TRACK, LANES))
+    track = aligned((count + 1) * TRACK * LANES).reshape(count + 1, TRACK, LANES)
     sigma = np.sqrt(np.diag(true.prior_cov)[:STATES])
     initial = np.empty((TRACK, LANES))
     for lane in range(LANES):
@@ -281,7 +282,7 @@ def _inertial_readings(
     if not imu.distorts:
         exact.append(np.hstack([flight.delta_angles, flight.delta_velocities]))
     histories = np.stack(biases)
-    increments = np.empty((count, 6, LANES))
+    increments = aligned(count * 6 * LANES).reshape(count, 6, LANES)
     imu.measure(
         np.stack(exact), histories[:, 1:] if imu.wanders else histories, noise, dt, increments
     )

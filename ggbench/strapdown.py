@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 
 from .earth import ROTATION_RATE, normal_gravity_of, radii_of_sine
-from .kernels import compiled, inlined
+from .kernels import aligned, compiled, inlined
 from .rotations import Matrix, fill, multiply, sine_cosine, small_turn
 from .rotations import attitude_matrix as attitude_matrix
 from .rotations import between as between
@@ -291,7 +291,8 @@ def navigate_lanes(
     count = increments.shape[0]
     flat_track = track.reshape((count + 1, TRACK * LANES))
     flat_increments = increments.reshape((count, 6 * LANES))
-    work = np.zeros(_WORK * LANES)
+    work = aligned(_WORK * LANES)
+    work[:] = 0.0
     work[: TRACK * LANES] = initial.reshape(-1)
     flat_track[0] = work[: TRACK * LANES]
     for n in range(count):
