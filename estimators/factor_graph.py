@@ -20,6 +20,7 @@ import numpy as np
 
 from .. import compiled_smoother
 from ..block import EstimateBlock, ProblemBlock, block_of, refusal
+from ..compiled_smoother import ABSOLUTE_DECREASE, RELATIVE_DECREASE
 from ..problem import Causality, Estimate, Estimator, MeasurementModel, Problem
 from . import robust
 from .robust import Loss
@@ -114,7 +115,8 @@ class FactorGraph(Estimator):
         parameters = gtsam.LevenbergMarquardtParams()
         parameters.setLinearSolverType("MULTIFRONTAL_QR")
         parameters.setMaxIterations(self.max_iterations)
-        parameters.setRelativeErrorTol(1e-10)
+        parameters.setRelativeErrorTol(RELATIVE_DECREASE)
+        parameters.setAbsoluteErrorTol(ABSOLUTE_DECREASE)
         # The graph is close to linear and well scaled: little damping, so that it takes
         # Gauss-Newton steps until one of them fails.
         parameters.setlambdaInitial(1e-12)

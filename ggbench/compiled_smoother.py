@@ -30,8 +30,9 @@ _FIRST_DAMPING, _MOST_DAMPING, _FACTOR = 1e-12, 1e5, 10.0
 _LEAST_FELT = 1e-9
 """Damping below which it is left out: a billionth of the prior's information."""
 _LEAST_FIDELITY = 1e-3
-_RELATIVE, _ABSOLUTE = 1e-10, 1e-5
-"""Decrease of the cost at which the search ends."""
+RELATIVE_DECREASE, ABSOLUTE_DECREASE = 1e-12, 1e-9
+"""Decrease of the cost at which the search ends: its next step would be below a millionth of the
+prior's deviation, so that it does not matter which of two engines takes it."""
 
 
 @compiled
@@ -227,7 +228,7 @@ def _make_smoother(width: int, channels: int) -> Callable[..., Any]:
                     states, new_states = new_states, states
                     rows, new_rows = new_rows, rows
                     target, new_target = new_target, target
-                elif promised >= 0.0 and abs(gained) < _RELATIVE * cost:
+                elif promised >= 0.0 and abs(gained) < RELATIVE_DECREASE * cost:
                     final = True  # too small a change for another damping to be worth it
                 else:
                     damping *= _FACTOR
@@ -236,7 +237,7 @@ def _make_smoother(width: int, channels: int) -> Callable[..., Any]:
                     final = (
                         steps >= most
                         or not math.isfinite(cost)
-                        or before - cost <= max(_ABSOLUTE, _RELATIVE * before)
+                        or before - cost <= max(ABSOLUTE_DECREASE, RELATIVE_DECREASE * before)
                     )
                     before = cost
             # The filter has gone along the final trajectory: its covariances, given what is later.
