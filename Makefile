@@ -8,12 +8,14 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: help paper sweep library test lint format typecheck wheel-check lock clean
+.PHONY: help paper sweep library bench bench-check test lint format typecheck wheel-check lock clean
 
 help:
 	@echo "make paper        run the scenario wang2013 and write its report to reports/"
 	@echo "make sweep        run the scenario noise_rate_sweep and write its report to reports/"
 	@echo "make library      run every scenario and write all reports and the league to reports/"
+	@echo "make bench        measure the engines beside other packages; writes reports/speed.md"
+	@echo "make bench-check  check in a minute that the engines' ratios have not fallen"
 	@echo "make test         run the tests"
 	@echo "make lint         check style and format"
 	@echo "make format       apply style fixes and format"
@@ -33,6 +35,13 @@ sweep: $(INSTALLED)
 library: $(INSTALLED)
 	$(BIN)/ggbench run --all --assumptions --fresh -o results
 	$(BIN)/ggbench report --all results -o reports
+
+# Environments of other packages are made in build/speed; without a network it goes on without them.
+bench: $(INSTALLED)
+	PYTHONPATH=tests $(BIN)/python -m speed
+
+bench-check: $(INSTALLED)
+	PYTHONPATH=tests $(BIN)/python -m speed --check
 
 test: $(INSTALLED)
 	$(BIN)/python -m pytest

@@ -61,9 +61,7 @@ class NormalField:
     def derivatives_at_all(self, orders: int, radius: np.ndarray, sine: np.ndarray) -> np.ndarray:
         """Return V_ij (orders, orders, N) at N points."""
         legendre = self.legendre[:orders] @ sine ** self.powers[:, None]
-        radial = (
-            self.radial[:orders, :, None] * (SEMI_MAJOR_AXIS / radius) ** self.degrees[:, None]
-        )
+        radial = self.radial[:orders, :, None] * (SEMI_MAJOR_AXIS / radius) ** self.degrees[:, None]
         scale = radius ** -np.arange(1.0, orders + 1.0)[:, None]
         return np.asarray(np.einsum("idp,jdp->ijp", radial * scale[:, None], legendre))
 
@@ -169,8 +167,10 @@ class NumpyModel:
         first = np.minimum(u.astype(int), cells - 1)
         t = u - first
         weights = np.tensordot(WEIGHTS, np.stack([np.ones_like(t), t, t * t, t * t * t]), 1)
-        i, j, l = first[:, :, None] + np.arange(4)
-        blocks = self.coefficients[i[:, :, None, None], j[:, None, :, None], l[:, None, None, :]]
+        lat, lon, level = first[:, :, None] + np.arange(4)
+        blocks = self.coefficients[
+            lat[:, :, None, None], lon[:, None, :, None], level[:, None, None, :]
+        ]
         count = len(states)
         found = weights[:, 0].T[:, None] @ blocks.reshape(count, 4, 96)
         found = weights[:, 1].T[:, None] @ found.reshape(count, 4, 24)
@@ -275,8 +275,8 @@ class NumpyModel:
         return corner, powers, inside
 
     def _corner(self, corner: list[int]) -> np.ndarray:
-        i, j, l = corner
-        return self.coefficients[i : i + 4, j : j + 4, l : l + 4].reshape(4, 96)
+        i, j, k = corner
+        return self.coefficients[i : i + 4, j : j + 4, k : k + 4].reshape(4, 96)
 
     def _inertial(self, k: int, latitude: float, longitude: float) -> np.ndarray:
         """Return C_in (3, 3), local level to inertial axes."""

@@ -123,9 +123,7 @@ class Ekf:
     def filter(self, parameters: Any, measurements: Any, epochs: Any) -> Any:
         """Run dynamax's filter over one run."""
         fields = ["filtered_means", "filtered_covariances"]
-        return extended_kalman_filter(
-            parameters, measurements, inputs=epochs, output_fields=fields
-        )
+        return extended_kalman_filter(parameters, measurements, inputs=epochs, output_fields=fields)
 
     def solve(self, run: int) -> np.ndarray:
         """Return the means (runs_per_call, K, n) from a run on."""

@@ -34,12 +34,11 @@ class Framework:
 class Compiled:
     """One of ggbench's compiled engines, some blocks of runs a call."""
 
-    runs_per_call = BLOCK * BLOCKS
-
-    def __init__(self, label: str, threads: int) -> None:
+    def __init__(self, label: str, threads: int, blocks: int = BLOCKS) -> None:
+        self.runs_per_call = BLOCK * blocks
+        self.estimator: Any = choose(label).estimator
         from ggbench.simulation import simulate_block
 
-        self.estimator: Any = choose(label).estimator
         self.blocks = [
             simulate_block(export.flight(), export.seed(), range(start, start + BLOCK))[0]
             for start in range(0, self.runs_per_call, BLOCK)

@@ -7,6 +7,7 @@ their means; then to {"seconds": s} by solving for about that long, with what th
 
 from __future__ import annotations
 
+import importlib
 import importlib.metadata
 import json
 import os
@@ -42,6 +43,10 @@ def implementation(name: str, problem: Path) -> Any:
         from . import flops
 
         return flops.Dgemm()
+    if kind == "calls":
+        from . import calls
+
+        return calls.Calls(which)
     module = importlib.import_module(f"{__package__}.rival_{kind}")
     return getattr(module, which)(problem_file.load(problem))
 

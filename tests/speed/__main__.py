@@ -1,0 +1,132 @@
+"""``python -m speed``: measure and write the report, or check the ratios."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ggbench.errors import GGBenchError
+from ggbench.registry import choose
+
+from . import check, curve, export, kernels, machine, problem_file, report, rounds, startup
+from .rival_ggbench import BLOCK
+from .rounds import Entry, Measured
+
+RUNS = 32
+"""Runs in the problem's file: what dynamax takes at once."""
+TOLERANCES = {"ekf": 1e-6, "ukf": 1e-6, "batch": 1e-4}
+"""Allowed differences of means, in deviations of the prior. Levenberg–Marquardt stops where the
+error falls by less than 1e-10 of itself, up to 1e-4 deviations from the minimum."""
+LABELS = {"ekf": "ekf", "ukf": "ukf", "batch": "factor-graph[mode=batch]"}
+
+
+def entries() -> list[Entry]:
+    """Return all that is measured; ggbench's framework engines first, as references."""
+    found = [
+        Entry(f"ggbench:{label}", f"ggbench `{label}`, compiled h and H", family)
+        for family, label in LABELS.items()
+    ]
+    found += [
+        Entry("filterpy:Ekf", "filterpy EKF, NumPy h and H", "ekf"),
+        Entry("stonesoup:Ekf", "Stone Soup EKF, NumPy h and H", "ekf", "stonesoup"),
+        Entry("dynamax:Ekf", "dynamax EKF, JAX", "ekf", "dynamax"),
+        Entry("dynamax:EkfTogether", f"dynamax EKF, JAX, {RUNS} runs vmapped", "ekf", "dynamax"),
+        Entry("filterpy:Ukf", "filterpy UKF, NumPy h", "ukf"),
+        Entry("stonesoup:Ukf", "Stone Soup UKF, NumPy h", "ukf", "stonesoup"),
+        Entry("dynamax:Ukf", "dynamax UKF, JAX", "ukf", "dynamax"),
+        Entry("dynamax:UkfTogether", f"dynamax UKF, JAX, {RUNS} runs vmapped", "ukf", "dynamax"),
+        Entry("gtsam:Batch", "gtsam batch graph, NumPy h and H", "batch"),
+    ]
+    for family, label in LABELS.items():
+        compiled = check.with_engine(label)
+        for threads, how in ((1, "one thread"), (2, "two threads")):
+            found.append(
+                Entry(f"compiled:{threads}:{compiled}", f"ggbench `{compiled}`, {how}", family)
+            )
+    found += [
+        Entry(f"calls:{maker}-{function}", f"{maker} {function}", "")
+        for maker in ("numpy", "compiled")
+        for function in ("h", "h31", "H")
+    ]
+    return [*found, Entry("dgemm:", "product of matrices", "")]
+
+
+def iterations() -> float:
+    """Return the mean number of iterations of the batch graph over the runs that are compared."""
+    estimator, rng = choose(LABELS["batch"]).estimator, np.random.default_rng(0)
+    found = [estimator.estimate(p, rng).info["iterations"] for p in export.problems(range(4))]
+    return float(np.mean(found))
+
+
+def profiles(times: int) -> dict[str, dict[str, float]]:
+    """Return the seconds per run of the kernels of simulation and engines, on blocks."""
+    from ggbench.simulation import simulate_block
+
+    flight, seed, runs = export.flight(), export.seed(), range(BLOCK)
+    block = simulate_block(flight, seed, runs)[0]
+    found = {
+        "simulation": kernels.profile(lambda: simulate_block(flight, seed, runs), BLOCK, times)
+    }
+    for label in LABELS.values():
+        compiled = check.with_engine(label)
+        estimator: Any = choose(compiled).estimator
+        work = lambda estimator=estimator: estimator.estimate_block(block)  # noqa: E731
+        found[compiled] = kernels.profile(work, BLOCK, times)
+    return found
+
+
+def bench(options: argparse.Namespace) -> None:
+    """Measure everything, keep the raw numbers, write the report."""
+    folder: Path = options.build
+    folder.mkdir(parents=True, exist_ok=True)
+    arrays = export.arrays(range(RUNS))
+    problem = folder / "problem.npz"
+    problem_file.save(problem, arrays)
+    found: list[Measured] = rounds.measure(
+        entries(), arrays, problem, folder, TOLERANCES, options.rounds, options.seconds
+    )
+    raw: dict[str, Any] = {
+        "machine": machine.describe(),
+        "rounds": options.rounds,
+        "seconds": options.seconds,
+        "iterations": iterations(),
+        "tolerances": TOLERANCES,
+        "entries": [asdict(item) for item in found],
+        "startup": startup.measure(options.rounds),
+    }
+    try:
+        raw["profiles"] = profiles(options.rounds)
+        labels = [check.with_engine(label) for label in LABELS.values()]
+        counts = [n for n in curve.COUNTS if n <= options.most] or [options.most]
+        raw["curve"] = curve.measure(counts, 2, labels)
+    except (GGBenchError, ImportError) as error:
+        raw["not_streamed"] = str(error)
+    (folder / "speed.json").write_text(json.dumps(raw, indent=1))
+    for path in report.write(found, raw, options.output):
+        print(path)
+
+
+def main() -> int:
+    """Read the command line."""
+    parser = argparse.ArgumentParser(prog="speed", description=__doc__)
+    parser.add_argument("--check", action="store_true", help="only the guard of the ratios")
+    parser.add_argument("--rounds", type=int, default=7, help="how often each is timed, in turn")
+    parser.add_argument("--seconds", type=float, default=0.5, help="for how long each time")
+    parser.add_argument("--most", type=int, default=100_000, help="most runs that are streamed")
+    parser.add_argument("--build", type=Path, default=Path("build/speed"))
+    parser.add_argument("--output", type=Path, default=Path("reports"))
+    options = parser.parse_args()
+    if options.check:
+        return 1 if check.run() else 0
+    bench(options)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,101 @@
+"""The guard against regressions: ratios of engines measured in turn, never absolute times."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from . import export
+from .calls import Calls
+
+
+@dataclass(frozen=True)
+class Guard:
+    """How many times as fast a fast way must be as a slow one, per run.
+
+    Attributes
+    ----------
+    name : what is compared. floor : about half of what was measured when it was set.
+    slow, fast : make what is timed, ``runs_per_call`` and ``solve(run)``.
+    """
+
+    name: str
+    floor: float
+    slow: Callable[[], Any]
+    fast: Callable[[], Any]
+
+
+class _Framework:
+    runs_per_call = 1
+
+    def __init__(self, label: str) -> None:
+        from ggbench.registry import choose
+
+        self.estimator, (self.problem,) = choose(label).estimator, export.problems([0])
+
+    def solve(self, run: int) -> object:
+        return self.estimator.estimate(self.problem, np.random.default_rng(0))
+
+
+def _compiled(label: str) -> Any:
+    from .rival_ggbench import Compiled
+
+    return Compiled(label, threads=1, blocks=1)
+
+
+def guards() -> list[Guard]:
+    """Return what is guarded."""
+    engines = [("ekf", 10.0), ("ukf", 20.0), ("factor-graph[mode=batch]", 25.0)]
+    return [
+        Guard("h of one state, compiled against NumPy", 2.5,
+              lambda: Calls("numpy-h"), lambda: Calls("compiled-h")),
+        Guard("H, compiled against NumPy", 5.0,
+              lambda: Calls("numpy-H"), lambda: Calls("compiled-H")),
+        *(
+            Guard(f"{label}, engine=numba against its framework", floor,
+                  lambda label=label: _Framework(label),
+                  lambda label=label: _compiled(with_engine(label)))
+            for label, floor in engines
+        ),
+    ]  # fmt: skip
+
+
+def with_engine(label: str) -> str:
+    """Return the label of the compiled engine of an estimator."""
+    name, _, parameters = label.rstrip("]").partition("[")
+    return f"{name}[{','.join(filter(None, [parameters, 'engine=numba']))}]"
+
+
+def ratio(slow: Any, fast: Any, rounds: int, seconds: float) -> float:
+    """Return the median over rounds of the ratio of the times per run, the two timed in turn."""
+
+    def per_run(solver: Any) -> float:
+        calls, start = 0, time.perf_counter()
+        while True:
+            solver.solve(0)
+            calls += 1
+            spent = time.perf_counter() - start
+            if spent >= seconds:
+                return spent / (calls * solver.runs_per_call)
+
+    for solver in (slow, fast):
+        solver.solve(0)  # compiled, and in memory
+    return statistics.median(per_run(slow) / per_run(fast) for _ in range(rounds))
+
+
+def run(rounds: int = 7, seconds: float = 0.15) -> int:
+    """Measure every guard and say what came out; return the number of those below their floor."""
+    low = 0
+    for guard in guards():
+        found = ratio(guard.slow(), guard.fast(), rounds, seconds)
+        verdict = "at least" if found >= guard.floor else "BELOW the floor of"
+        print(f"{guard.name}: {found:.1f} times as fast, {verdict} {guard.floor:g}")
+        low += found < guard.floor
+    if low:
+        print(f"{low} of the ratios fell below the floor; a change made something slower.")
+    return low
