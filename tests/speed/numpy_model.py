@@ -34,7 +34,7 @@ SLOPES = np.array([[-1, 2, -1, 0], [0, -4, 3, 0], [1, 2, -3, 0], [0, 0, 1, 0]]) 
 
 
 class NormalField:
-    """The normal potential's derivatives, V_ij = ∂^(i+j) V / ∂r^i ∂s^j, s = sin(geocentric lat.)."""
+    """V_ij = ∂^(i+j) V / ∂r^i ∂s^j of the normal potential, s = sin(geocentric latitude)."""
 
     def __init__(self, even_zonals: np.ndarray) -> None:
         self.degrees = np.arange(0, 2 * len(even_zonals) + 1, 2)

@@ -52,7 +52,7 @@ def implementation(name: str, problem: Path) -> Any:
 
 
 def peak_memory() -> int:
-    """Return the largest memory [bytes] this process had, without what it inherited at its start."""
+    """Return the most memory [bytes] that this process has had, the parent's left out."""
     status = Path("/proc/self/status")
     if status.exists():
         for line in status.read_text().splitlines():
