@@ -10,7 +10,7 @@ import numpy as np
 from ggbench import scenario
 from ggbench.earth import EVEN_ZONALS
 from ggbench.flight import Flight, prepare
-from ggbench.measurement_model import GradiometerModel
+from ggbench.measurement_model import GradiometerModel, ModelArrays
 from ggbench.problem import Problem
 from ggbench.simulation import simulate
 
@@ -35,34 +35,38 @@ def problems(runs: Sequence[int]) -> list[Problem]:
     return [simulate(flight(), seed(), run)[0] for run in runs]
 
 
+def model_arrays_of(problem: Problem) -> ModelArrays:
+    """Return the arrays of a problem's h and H."""
+    model = problem.model
+    if not isinstance(model, GradiometerModel):
+        raise TypeError(f"the model is a {type(model).__name__}")
+    return model.arrays
+
+
 def arrays(runs: Sequence[int]) -> Arrays:
     """Return some runs as arrays."""
     found = problems(runs)
-    models = [problem.model for problem in found]
-    assert all(isinstance(model, GradiometerModel) for model in models)
-    field, first = flight().model_field, found[0]
+    models = [model_arrays_of(problem) for problem in found]
+    first, model = found[0], models[0]
 
-    def stack(name: str) -> np.ndarray:
-        return np.stack([getattr(problem, name) for problem in found])
-
-    def stack_of_models(name: str) -> np.ndarray:
-        return np.stack([getattr(model, name) for model in models])
+    def stack(items: Sequence[object], name: str) -> np.ndarray:
+        return np.stack([getattr(item, name) for item in items])
 
     return Arrays(
         times=first.times,
-        measurements=stack("measurements"),
+        measurements=stack(found, "measurements"),
         noise_cov=first.noise_cov,
-        transition=stack("transition"),
-        process_cov=stack("process_cov"),
+        transition=stack(found, "transition"),
+        process_cov=stack(found, "process_cov"),
         prior_mean=first.prior_mean,
         prior_cov=first.prior_cov,
-        reading_times=stack_of_models("_times")[0],
-        references=stack_of_models("_references"),
-        rows=stack_of_models("_rows")[:, :, :3],
-        offsets=stack_of_models("_offset"),
-        gains=stack_of_models("_gain")[0],
-        origin=field.origin,
-        step=field.step,
-        coefficients=field.tensor_coefficients,
+        reading_times=model.times,
+        references=stack(models, "references"),
+        rows=stack(models, "rows")[:, :, :3],
+        offsets=stack(models, "offset"),
+        gains=model.gain,
+        origin=model.origin,
+        step=model.step,
+        coefficients=model.coefficients,
         even_zonals=EVEN_ZONALS,
     )
