@@ -14,7 +14,18 @@ import numpy as np
 from ggbench.errors import GGBenchError
 from ggbench.registry import choose
 
-from . import check, curve, export, kernels, machine, problem_file, report, rounds, startup
+from . import (
+    check,
+    curve,
+    export,
+    kernels,
+    machine,
+    model_cost,
+    problem_file,
+    report,
+    rounds,
+    startup,
+)
 from .rival_ggbench import BLOCK
 from .rounds import Entry, Measured
 
@@ -102,11 +113,12 @@ def bench(options: argparse.Namespace) -> None:
     }
     try:
         raw["profiles"] = profiles(options.rounds)
+        raw["model_cost"] = model_cost.measure(range(8), (1, 19, 31), 3 * options.rounds)
         labels = [check.with_engine(label) for label in LABELS.values()]
         counts = [n for n in curve.COUNTS if n <= options.most] or [options.most]
         raw["curve"] = curve.measure(counts, 2, labels)
     except (GGBenchError, ImportError) as error:
-        raw["not_streamed"] = str(error)
+        raw["not_streamed"] = rounds.plain(error)
     (folder / "speed.json").write_text(json.dumps(raw, indent=1))
     for path in report.write(found, raw, options.output):
         print(path)

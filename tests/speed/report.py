@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,8 @@ REACH = {"ekf": 120.0, "ukf": 400.0, "batch": 100.0}
 SHAPE = (15, 6, 200)
 """States, channels and epochs of the problem."""
 MEGABYTE = 1e6
+LEAST_CORES = 0.95
+"""Processor seconds a second below which an implementation had to wait for others."""
 LEAST_SHARE = 0.01
 """Share of the time from which a kernel has a row of its own."""
 
@@ -50,11 +51,12 @@ def write(found: list[Measured], raw: dict[str, Any], folder: Path) -> list[Path
         files.append(folder / "speed_runs.png")
         figure.draw(raw["curve"], files[1])
         lines += ["## Over the number of runs", _curve(raw["curve"])]
-        lines += ["## Where the time goes", _profiles(raw["profiles"], measured)]
+        lines += ["## Where the time goes", _profiles(raw["profiles"])]
+        lines += [_parts(raw), *_threads(measured)]
     else:
         lines += [
             "## Over the number of runs",
-            f"Not measured, nor where the time of a run goes: {raw['not_streamed']}",
+            f"Not measured, nor where the time of a run goes: {raw['not_streamed']}.",
         ]
     lines += ["## Start-up", _startup(raw["startup"])]
     folder.mkdir(parents=True, exist_ok=True)
@@ -100,9 +102,16 @@ def _machine(found: list[Measured], raw: dict[str, Any]) -> str:
         for name, version in item.versions.items():
             versions.setdefault(name, set()).add(version)
     listed = ", ".join(f"{name} {'/'.join(sorted(v))}" for name, v in sorted(versions.items()))
+    busy = [item.entry.title for item in found if item.turns and item.cores < LEAST_CORES]
+    warning = (
+        f" **The machine was busy with other work: {len(busy)} of the implementations had less "
+        f"than {LEAST_CORES:g} of a core; take the times as upper bounds.**"
+        if busy
+        else ""
+    )
     return (
         f"{machine['processor']} ({machine['architecture']}), {machine['cores']} cores, "
-        f"{machine['system']}; load average before the start {machine['load']:.1f}. {listed}."
+        f"{machine['system']}; load average before the start {machine['load']:.1f}. {listed}.{warning}"
     )
 
 
@@ -251,7 +260,7 @@ def _curve(points: list[dict[str, Any]]) -> str:
     )
 
 
-def _profiles(profiles: dict[str, dict[str, float]], measured: dict[str, Measured]) -> str:
+def _profiles(profiles: dict[str, dict[str, float]]) -> str:
     parts = [
         "Milliseconds a run, on a block and one thread: every compiled kernel that Python calls, "
         "the rest being Python and NumPy."
@@ -269,10 +278,35 @@ def _profiles(profiles: dict[str, dict[str, float]], measured: dict[str, Measure
         rows.append(["**total**", short(1e3 * total), ""])
         title = name if name == "simulation" else f"`{name}`"
         parts.append(markdown([title, "ms/run", "share"], rows))
-    return "\n\n".join(parts + _threads(measured))
+    return "\n\n".join(parts)
 
 
-def _threads(measured: dict[str, Measured]) -> Iterable[str]:
+def _parts(raw: dict[str, Any]) -> str:
+    """Return how an engine's time divides into h and H, and all else."""
+    cost, rows = raw["model_cost"], []
+    for label, spent in raw["profiles"].items():
+        kind = label.partition("[")[0]
+        if kind not in ("ekf", "ukf", "factor-graph"):
+            continue
+        times, name = (raw["iterations"] if kind == "factor-graph" else 1.0), "h and H"
+        title = f"h and H of an epoch, {times:.1f} times" if times > 1.0 else "h and H of an epoch"
+        if kind == "ukf":
+            name = max((key for key in cost if key.startswith("h of ")), key=lambda key: cost[key])
+            title = f"{name} points of an epoch"
+        model, total = times * cost[name], spent["total"]
+        rows.append(
+            [f"`{label}`", title, short(1e3 * model), short(1e3 * max(total - model, 0.0)),
+             _percent(model / total)]
+        )  # fmt: skip
+    listed = "; ".join(f"{name} {1e6 * v / SHAPE[2]:.2f} µs" for name, v in cost.items())
+    return (
+        "Inside the engines: the kernels of h and H timed alone over all epochs, and what is left "
+        f"for the algebra of the filter or smoother, by difference. An epoch: {listed}.\n\n"
+        + markdown(["engine", "of it", "ms/run", "all else [ms/run]", "share"], rows)
+    )
+
+
+def _threads(measured: dict[str, Measured]) -> list[str]:
     rows = []
     for key, one in measured.items():
         two = measured.get(key.replace("compiled:1:", "compiled:2:"))
@@ -284,7 +318,10 @@ def _threads(measured: dict[str, Measured]) -> Iterable[str]:
             )  # fmt: skip
     if not rows:
         return []
-    return ["Two threads against one:", markdown(["engine", "one", "two", "times"], rows)]
+    return [
+        "Two threads against one, milliseconds a run:",
+        markdown(["engine", "one", "two", "times"], rows),
+    ]
 
 
 def _startup(times: dict[str, dict[str, float]]) -> str:

@@ -112,7 +112,7 @@ class _Process:
         self._process.wait()
 
 
-def _plain(error: Exception) -> str:
+def plain(error: Exception) -> str:
     """Return what an error says without the folders of this machine."""
     return str(error).replace(f"{Path.cwd()}/", "").replace(f"{Path.home()}/", "~/").rstrip(".")
 
@@ -147,7 +147,7 @@ def measure(
                 running.append((item, process))
                 ready = process.answer()
             except (environments.EnvironmentFailed, Died) as error:
-                item.refusal = _plain(error)
+                item.refusal = plain(error)
                 continue
             item.first_call, item.versions = ready["first_call"], ready["versions"]
             item.loaded, item.peak = ready["loaded"], ready["peak"]
@@ -168,7 +168,7 @@ def measure(
                     try:
                         item.turns.append(process.ask(seconds))
                     except Died as error:
-                        item.refusal, item.turns = f"it ended while timed: {_plain(error)}", []
+                        item.refusal, item.turns = f"it ended while timed: {plain(error)}", []
                         continue
                     item.peak = item.turns[-1]["peak"]
     finally:
