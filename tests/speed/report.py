@@ -111,7 +111,8 @@ def _machine(found: list[Measured], raw: dict[str, Any]) -> str:
     )
     return (
         f"{machine['processor']} ({machine['architecture']}), {machine['cores']} cores, "
-        f"{machine['system']}; load average before the start {machine['load']:.1f}. {listed}.{warning}"
+        f"{machine['system']}; load average before the start {machine['load']:.1f}. {listed}."
+        f"{warning}"
     )
 
 
