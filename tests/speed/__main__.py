@@ -134,9 +134,13 @@ def main() -> int:
     parser.add_argument("--build", type=Path, default=Path("build/speed"))
     parser.add_argument("--output", type=Path, default=Path("reports"))
     options = parser.parse_args()
-    if options.check:
-        return 1 if check.run() else 0
-    bench(options)
+    try:
+        if options.check:
+            return 1 if check.run() else 0
+        bench(options)
+    except GGBenchError as error:
+        print(f"Error: {error}", file=sys.stderr)
+        return 1
     return 0
 
 

@@ -54,6 +54,8 @@ def guards() -> list[Guard]:
     return [
         Guard("h of one state, compiled against NumPy", 2.5,
               lambda: Calls("numpy-h"), lambda: Calls("compiled-h")),
+        Guard("h of 31 states, compiled against NumPy", 6.0,
+              lambda: Calls("numpy-h31"), lambda: Calls("compiled-h31")),
         Guard("H, compiled against NumPy", 5.0,
               lambda: Calls("numpy-H"), lambda: Calls("compiled-H")),
         *(

@@ -11,9 +11,9 @@ from . import figure, flops
 from .rounds import Measured
 
 TITLES = {
-    "ekf": "Extended Kalman filter",
-    "ukf": "Unscented Kalman filter",
-    "batch": "Batch smoother",
+    "ekf": "extended Kalman filter",
+    "ukf": "unscented Kalman filter",
+    "batch": "batch smoother",
 }
 IDIOMATIC = {"ekf": "filterpy:Ekf", "ukf": "filterpy:Ukf", "batch": "gtsam:Batch"}
 REACH = {"ekf": 120.0, "ukf": 400.0, "batch": 100.0}
@@ -42,8 +42,8 @@ def write(found: list[Measured], raw: dict[str, Any], folder: Path) -> list[Path
         "## Machine",
         _machine(found, raw),
     ]
-    for family in TITLES:
-        lines += [f"## {TITLES[family]}", _family(family, measured, raw)]
+    for family, title in TITLES.items():
+        lines += [f"## {title[0].upper()}{title[1:]}", _family(family, measured, raw)]
     lines += ["## Reach", _reach(measured), "## What is compared", _compared(measured, raw)]
     lines += ["## Floating-point operations", _flops(measured, raw)]
     files = [folder / "speed.md"]
@@ -84,15 +84,15 @@ def _answer(measured: dict[str, Measured]) -> str:
         ratio = _ratio(family, item, measured) if item else None
         if item is None or ratio is None:
             continue
-        rival = measured[IDIOMATIC[family]].entry.title
+        rival = measured[IDIOMATIC[family]].entry.title.split(",")[0]
         word = "reached" if ratio >= REACH[family] else "missed"
         parts.append(
-            f"{title.lower()} {short(1e3 * item.best)} ms, {ratio:.0f} times as fast as {rival} "
-            f"(reach {REACH[family]:.0f}: {word})"
+            f"{short(1e3 * item.best)} ms for the {title}, {ratio:.0f} times as fast as the "
+            f"{rival} (reach {REACH[family]:.0f}: {word})"
         )
     if not parts:
         return "The compiled engines were not timed; see below why."
-    return "A run on one thread: " + "; ".join(parts) + "."
+    return "A run on one thread takes " + "; ".join(parts) + "."
 
 
 def _machine(found: list[Measured], raw: dict[str, Any]) -> str:
@@ -231,7 +231,7 @@ def _flops(measured: dict[str, Measured], raw: dict[str, Any]) -> str:
         f"{1e-9 * rate:.0f} GFLOP/s here, in a product of {flops.Dgemm.size} × {flops.Dgemm.size} "
         "matrices measured in the same rounds. Dense equations of the textbook with symmetry and "
         "zeros not made use of, h and H not counted (`tests/speed/flops.py` has the formula); a "
-        f"batch of {raw['iterations']:.1f} linearisations, as gtsam needs. An engine that skips "
+        f"batch of {raw['iterations']:.1f} iterations, as gtsam needs. An engine that skips "
         "zeros or does half of a symmetric matrix can come closer to the bound than its own "
         "efficiency.\n\n" + markdown(["a run", "million operations", "bound [ms]"], rows)
     )
