@@ -4,23 +4,24 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
 from ggbench.kernels import compiled
-from ggbench.measurement_model import ModelArrays, linearise, predict_errors
+from ggbench.measurement_model import ModelArrays, linearise_errors, predict_errors
 
 from . import export
 
 
 @compiled
-def _linearise_all(model: ModelArrays, states: np.ndarray) -> float:
+def _linearise_all(model: ModelArrays, errors: np.ndarray) -> float:
     channels = model.channels.shape[0]
-    predicted, jacobian = np.empty(channels), np.empty((channels, states.shape[1]))
+    predicted, slope = np.empty(channels), np.empty((channels, 6))
     total = 0.0
-    for k in range(states.shape[0]):
-        linearise(model, k, states[k], predicted, jacobian)
-        total += predicted[0] + jacobian[0, 0]
+    for k in range(errors.shape[0]):
+        linearise_errors(model, k, errors[k], predicted, slope)
+        total += predicted[0] + slope[0, 0]
     return total
 
 
@@ -32,6 +33,10 @@ def _predict_all(model: ModelArrays, errors: np.ndarray) -> float:
         predict_errors(model, k, errors[k], out)
         total += out[0, 0]
     return total
+
+
+def _called(kernel: Callable[..., float], errors: np.ndarray, model: ModelArrays) -> float:
+    return kernel(model, errors)
 
 
 def measure(runs: Sequence[int], points: Sequence[int], rounds: int) -> dict[str, float]:
@@ -50,15 +55,16 @@ def measure(runs: Sequence[int], points: Sequence[int], rounds: int) -> dict[str
     models = [export.model_arrays_of(problem) for problem in problems]
     scale = np.sqrt(np.diag(problems[0].prior_cov))
     rng = np.random.default_rng(0)
-    shape = (problems[0].epochs, len(scale))
-    states = scale * rng.standard_normal(shape)
+
+    def errors(count: int) -> np.ndarray:
+        found = np.zeros((problems[0].epochs, 6, count))
+        found[:, :3] = scale[:3, np.newaxis] * rng.standard_normal((len(found), 3, count))
+        return found
+
     work: dict[str, Callable[[ModelArrays], float]] = {
-        "h and H": lambda model: _linearise_all(model, states)
+        "h and H": partial(_called, _linearise_all, errors(1)[:, :, 0].copy()),
+        **{f"h of {count}": partial(_called, _predict_all, errors(count)) for count in points},
     }
-    for count in points:
-        errors = np.zeros((len(states), 6, count))
-        errors[:, :3] = scale[:3, np.newaxis] * rng.standard_normal((len(states), 3, count))
-        work[f"h of {count}"] = lambda model, errors=errors: _predict_all(model, errors)
     best: dict[str, float] = {}
     for function in work.values():
         function(models[0])  # compiled
