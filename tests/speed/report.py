@@ -37,7 +37,8 @@ def write(found: list[Measured], raw: dict[str, Any], folder: Path) -> list[Path
         "of the scenario `wang2013`, case `0.01E-1Hz`: 15 states, 200 epochs of 6 channels. Each "
         "is a process of its own with one BLAS or XLA thread; all are loaded, compiled and checked "
         f"first and then timed in turn, {raw['rounds']} rounds of at least {raw['seconds']:g} s "
-        "each, so that ratios are of one load. Times are the best round's, the median beside it. "
+        "each, so that ratios are of one load. Times are the best round's wall time, the median and "
+        "the best processor time (of all threads) beside it. "
         "Every implementation returns the means and covariances of all epochs.",
         "## Machine",
         _machine(found, raw),
@@ -122,9 +123,9 @@ def _family(family: str, measured: dict[str, Measured], raw: dict[str, Any]) -> 
     rival = measured[IDIOMATIC[family]].entry.title
     rate = _rate(measured)
     head = [
-        "implementation", "ms/run", "median", f"times {rival.split(',')[0]}",
+        "implementation", "ms/run", "median", "processor time", f"times {rival.split(',')[0]}",
         "largest difference", "share of the flop bound", "memory [MB]", "of it in solving",
-        "first call [s]", "cores used",
+        "first call [s]",
     ]  # fmt: skip
     rows = []
     for item in timed:
@@ -136,13 +137,13 @@ def _family(family: str, measured: dict[str, Measured], raw: dict[str, Any]) -> 
                 item.entry.title,
                 short(1e3 * item.best),
                 short(1e3 * item.median),
+                short(1e3 * item.processor),
                 "" if ratio is None else short(ratio),
                 "reference" if item.difference == 0.0 else f"{item.difference:.0e}",
                 "" if bound is None else _percent(bound / item.best),
                 f"{item.peak / MEGABYTE:.0f}",
                 f"{(item.peak - item.loaded) / MEGABYTE:.0f}",
                 short(item.first_call),
-                f"{item.cores:.2f}",
             ]
         )
     text = markdown(head, rows)

@@ -64,6 +64,11 @@ class Measured:
         return statistics.median(self.seconds)
 
     @property
+    def processor(self) -> float:
+        """The best round's processor seconds per run, which other work on the machine leaves be."""
+        return min(turn["cpu_seconds"] / turn["runs"] for turn in self.turns)
+
+    @property
     def cores(self) -> float:
         """Processor seconds per second."""
         return sum(t["cpu_seconds"] for t in self.turns) / sum(t["seconds"] for t in self.turns)
