@@ -37,9 +37,8 @@ def write(found: list[Measured], raw: dict[str, Any], folder: Path) -> list[Path
         "of the scenario `wang2013`, case `0.01E-1Hz`: 15 states, 200 epochs of 6 channels. Each "
         "is a process of its own with one BLAS or XLA thread; all are loaded, compiled and checked "
         f"first and then timed in turn, {raw['rounds']} rounds of at least {raw['seconds']:g} s "
-        "each, so that ratios are of one load. Times are the best round's wall time, the median and "
-        "the best processor time (of all threads) beside it. "
-        "Every implementation returns the means and covariances of all epochs.",
+        "each, so that ratios are of one load. Times are the best round's wall time, the median "
+        "and the best processor time (of all threads) beside it, in milliseconds a run. Every implementation returns the means and covariances of all epochs.",
         "## Machine",
         _machine(found, raw),
     ]
