@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import re
 import statistics
 import subprocess
 import sys
@@ -118,8 +119,9 @@ class _Process:
 
 
 def plain(error: Exception) -> str:
-    """Return what an error says without the folders of this machine."""
-    return str(error).replace(f"{Path.cwd()}/", "").replace(f"{Path.home()}/", "~/").rstrip(".")
+    """Return what an error says, without its class and the folders of this machine."""
+    said = re.sub(r"^[\w.]*(Error|Exception): ", "", str(error))
+    return said.replace(f"{Path.cwd()}/", "").replace(f"{Path.home()}/", "~/").rstrip(".")
 
 
 def measure(
