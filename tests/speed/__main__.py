@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ggbench import simulation
 from ggbench.errors import GGBenchError
 from ggbench.registry import choose
 
@@ -77,12 +78,12 @@ def iterations() -> float:
 
 def profiles(times: int) -> dict[str, dict[str, float]]:
     """Return the seconds per run of the kernels of simulation and engines, on blocks."""
-    from ggbench.simulation import simulate_block
-
     flight, seed, runs = export.flight(), export.seed(), range(BLOCK)
-    block = simulate_block(flight, seed, runs)[0]
+    block = simulation.simulate_block(flight, seed, runs)[0]
     found = {
-        "simulation": kernels.profile(lambda: simulate_block(flight, seed, runs), BLOCK, times)
+        "simulation": kernels.profile(
+            lambda: simulation.simulate_block(flight, seed, runs), BLOCK, times
+        )
     }
     for label in LABELS.values():
         compiled = check.with_engine(label)
@@ -117,7 +118,7 @@ def bench(options: argparse.Namespace) -> None:
         labels = [check.with_engine(label) for label in LABELS.values()]
         counts = [n for n in curve.COUNTS if n <= options.most] or [options.most]
         raw["curve"] = curve.measure(counts, 2, labels)
-    except (GGBenchError, ImportError) as error:
+    except GGBenchError as error:
         raw["not_streamed"] = rounds.plain(error)
     (folder / "speed.json").write_text(json.dumps(raw, indent=1))
     for path in report.write(found, raw, options.output):

@@ -1,10 +1,11 @@
-"""Where the time of a run goes: the compiled kernels that Python calls, timed one by one."""
+"""Where the time of a run goes: compiled kernels and Python functions, timed one by one."""
 
 from __future__ import annotations
 
 import contextlib
 import sys
 import time
+import types
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -12,44 +13,70 @@ from typing import Any
 from numba.core.dispatcher import Dispatcher
 
 
-class _Timed:
-    """A kernel that adds up the time of its calls."""
+class _Clock:
+    """Adds up the time of calls, without that of the timed calls inside."""
 
-    def __init__(self, kernel: Any, name: str, spent: dict[str, float]) -> None:
-        self._kernel, self._name, self._spent = kernel, name, spent
+    def __init__(self) -> None:
+        self.spent: dict[str, float] = defaultdict(float)
+        self._inside: list[float] = []
 
-    def __call__(self, *arguments: Any) -> Any:
-        start = time.perf_counter()
-        result = self._kernel(*arguments)
-        self._spent[self._name] += time.perf_counter() - start
-        return result
+    def timed(self, function: Callable[..., Any], name: str) -> Callable[..., Any]:
+        """Return the function, timed under a name."""
+
+        def call(*arguments: Any, **named: Any) -> Any:
+            self._inside.append(0.0)
+            start = time.perf_counter()
+            try:
+                return function(*arguments, **named)
+            finally:
+                elapsed = time.perf_counter() - start
+                self.spent[name] += elapsed - self._inside.pop()
+                if self._inside:
+                    self._inside[-1] += elapsed
+
+        return call
 
 
 @contextlib.contextmanager
 def timed() -> Iterator[dict[str, float]]:
-    """Time every compiled kernel of ggbench while it is called from Python.
+    """Time every kernel of ggbench that Python calls, and every function of its modules.
 
     Yields
     ------
-    Seconds by kernel, ``module.function``. Kernels called by kernels are part of those.
+    Seconds by ``module.kernel`` and ``module.function (Python)``: its own lines, NumPy and methods.
+    Kernels called by kernels are part of those.
     """
-    spent: dict[str, float] = defaultdict(float)
-    replaced = []
+    clock, replaced = _Clock(), []
     for module in [m for name, m in sys.modules.items() if name.startswith("ggbench.")]:
         for name, value in list(vars(module).items()):
-            if isinstance(value, Dispatcher):
-                home = value.py_func.__module__.removeprefix("ggbench.")
-                replaced.append((module, name, value))
-                setattr(module, name, _Timed(value, f"{home}.{value.py_func.__name__}", spent))
+            compiled = isinstance(value, Dispatcher)
+            if not compiled and not isinstance(value, types.FunctionType):
+                continue
+            home = value.py_func.__module__ if compiled else value.__module__
+            if not home.startswith("ggbench."):
+                continue
+            title = f"{home.removeprefix('ggbench.')}.{value.__name__}"
+            replaced.append((module, name, value))
+            setattr(module, name, clock.timed(value, title if compiled else f"{title} (Python)"))
     try:
-        yield spent
+        yield clock.spent
     finally:
         for module, name, value in replaced:
             setattr(module, name, value)
 
 
 def profile(work: Callable[[], object], runs: int, rounds: int) -> dict[str, float]:
-    """Return the seconds per run of each kernel, of the best of some rounds; ``total`` of all."""
+    """Return the seconds per run of each kernel and function, of the best of some rounds.
+
+    Parameters
+    ----------
+    work : does the runs; it looks its functions up in their modules when it is called.
+    runs, rounds : how many runs it does, and how often it is called.
+
+    Returns
+    -------
+    Seconds by name, and under ``total`` those of all.
+    """
     best: dict[str, float] = {}
     work()  # compiled, and in memory
     for _ in range(rounds):

@@ -268,14 +268,14 @@ def _curve(points: list[dict[str, Any]]) -> str:
 def _profiles(profiles: dict[str, dict[str, float]]) -> str:
     parts = [
         "Milliseconds a run, on a block and one thread: every compiled kernel that Python calls, "
-        "the rest being Python and NumPy."
+        "and of functions in Python (with NumPy and the random numbers) their own lines."
     ]
     for name, spent in profiles.items():
         total = spent["total"]
         kernels = {k: s for k, s in spent.items() if k != "total"}
         shown = {k: s for k, s in kernels.items() if s >= LEAST_SHARE * total}
         rows = [
-            [f"`{k}`", short(1e3 * s), _percent(s / total)]
+            [_code(k), short(1e3 * s), _percent(s / total)]
             for k, s in sorted(shown.items(), key=lambda pair: -pair[1])
         ]
         rest = total - sum(shown.values())
@@ -284,6 +284,11 @@ def _profiles(profiles: dict[str, dict[str, float]]) -> str:
         title = name if name == "simulation" else f"`{name}`"
         parts.append(markdown([title, "ms/run", "share"], rows))
     return "\n\n".join(parts)
+
+
+def _code(name: str) -> str:
+    function, space, remark = name.partition(" ")
+    return f"`{function}`{space}{remark}"
 
 
 def _parts(raw: dict[str, Any]) -> str:

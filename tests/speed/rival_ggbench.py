@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ggbench.registry import choose
+from ggbench.simulation import simulate_block
 
 from . import export
 
@@ -37,8 +38,6 @@ class Compiled:
     def __init__(self, label: str, threads: int, blocks: int = BLOCKS) -> None:
         self.runs_per_call = BLOCK * blocks
         self.estimator: Any = choose(label).estimator
-        from ggbench.simulation import simulate_block
-
         self.blocks = [
             simulate_block(export.flight(), export.seed(), range(start, start + BLOCK))[0]
             for start in range(0, self.runs_per_call, BLOCK)
