@@ -30,6 +30,7 @@ from . import (
 from .rival_ggbench import BLOCK
 from .rounds import Entry, Measured
 
+RAW = "speed.json"
 RUNS = 32
 """Runs in the problem's file: what dynamax takes at once."""
 TOLERANCES = {"ekf": 1e-6, "ukf": 1e-6, "batch": 1e-4}
@@ -94,7 +95,7 @@ def profiles(times: int) -> dict[str, dict[str, float]]:
 
 
 def bench(options: argparse.Namespace) -> None:
-    """Measure everything, keep the raw numbers, write the report."""
+    """Measure everything and keep the raw numbers."""
     folder: Path = options.build
     folder.mkdir(parents=True, exist_ok=True)
     arrays = export.arrays(range(RUNS))
@@ -120,7 +121,13 @@ def bench(options: argparse.Namespace) -> None:
         raw["curve"] = curve.measure(counts, 2, labels)
     except GGBenchError as error:
         raw["not_streamed"] = rounds.plain(error)
-    (folder / "speed.json").write_text(json.dumps(raw, indent=1))
+    (folder / RAW).write_text(json.dumps(raw, indent=1))
+
+
+def tell(options: argparse.Namespace) -> None:
+    """Write the report from the raw numbers."""
+    raw = json.loads((options.build / RAW).read_text())
+    found = [Measured(**item | {"entry": Entry(**item["entry"])}) for item in raw["entries"]]
     for path in report.write(found, raw, options.output):
         print(path)
 
@@ -129,6 +136,9 @@ def main() -> int:
     """Read the command line."""
     parser = argparse.ArgumentParser(prog="speed", description=__doc__)
     parser.add_argument("--check", action="store_true", help="only the guard of the ratios")
+    parser.add_argument(
+        "--rewrite", action="store_true", help="only write the report, from the last raw numbers"
+    )
     parser.add_argument("--rounds", type=int, default=7, help="how often each is timed, in turn")
     parser.add_argument("--seconds", type=float, default=0.5, help="for how long each time")
     parser.add_argument("--most", type=int, default=100_000, help="most runs that are streamed")
@@ -138,7 +148,9 @@ def main() -> int:
     try:
         if options.check:
             return 1 if check.run() else 0
-        bench(options)
+        if not options.rewrite:
+            bench(options)
+        tell(options)
     except GGBenchError as error:
         print(f"Error: {error}", file=sys.stderr)
         return 1

@@ -29,6 +29,7 @@ LEAST_SHARE = 0.01
 
 def write(found: list[Measured], raw: dict[str, Any], folder: Path) -> list[Path]:
     """Write ``speed.md`` and its figure; return the files."""
+    folder.mkdir(parents=True, exist_ok=True)
     measured = {item.entry.key: item for item in found}
     lines = [
         "# Speed",
@@ -60,7 +61,6 @@ def write(found: list[Measured], raw: dict[str, Any], folder: Path) -> list[Path
             f"Not measured, nor where the time of a run goes: {raw['not_streamed']}.",
         ]
     lines += ["## Start-up", _startup(raw["startup"])]
-    folder.mkdir(parents=True, exist_ok=True)
     files[0].write_text("\n\n".join(lines) + "\n")
     return files
 
