@@ -49,20 +49,30 @@ def timed() -> Iterator[dict[str, float]]:
     clock, replaced = _Clock(), []
     for module in [m for name, m in sys.modules.items() if name.startswith("ggbench.")]:
         for name, value in list(vars(module).items()):
-            compiled = isinstance(value, Dispatcher)
-            if not compiled and not isinstance(value, types.FunctionType):
-                continue
-            home = value.py_func.__module__ if compiled else value.__module__
-            if not home.startswith("ggbench."):
-                continue
-            title = f"{home.removeprefix('ggbench.')}.{value.__name__}"
-            replaced.append((module, name, value))
-            setattr(module, name, clock.timed(value, title if compiled else f"{title} (Python)"))
+            new = _timed(clock, value)
+            if new is not None:
+                replaced.append((module, name, value))
+                setattr(module, name, new)
     try:
         yield clock.spent
     finally:
         for module, name, value in replaced:
             setattr(module, name, value)
+
+
+def _timed(clock: _Clock, value: Any) -> Any:
+    """Return a timed kernel or function of ggbench or a table of kernels, None for all else."""
+    if isinstance(value, Dispatcher):
+        home, name = value.py_func.__module__, value.__name__
+    elif isinstance(value, types.FunctionType):
+        home, name = value.__module__, f"{value.__name__} (Python)"
+    elif isinstance(value, dict) and any(isinstance(v, Dispatcher) for v in value.values()):
+        return {key: _timed(clock, item) or item for key, item in value.items()}
+    else:
+        return None
+    if not home.startswith("ggbench."):
+        return None
+    return clock.timed(value, f"{home.removeprefix('ggbench.')}.{name}")
 
 
 def profile(work: Callable[[], object], runs: int, rounds: int) -> dict[str, float]:

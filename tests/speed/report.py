@@ -154,7 +154,8 @@ def _family(family: str, measured: dict[str, Measured], raw: dict[str, Any]) -> 
 
 
 def _percent(share: float) -> str:
-    return f"{100.0 * share:.2g} %"
+    percent = 100.0 * share
+    return f"{percent:.0f} %" if percent >= 9.5 else f"{percent:.1g} %"
 
 
 def _rate(measured: dict[str, Measured]) -> float:
@@ -298,21 +299,23 @@ def _parts(raw: dict[str, Any]) -> str:
         kind = label.partition("[")[0]
         if kind not in ("ekf", "ukf", "factor-graph"):
             continue
-        times, name = (raw["iterations"] if kind == "factor-graph" else 1.0), "h and H"
-        title = f"h and H of an epoch, {times:.1f} times" if times > 1.0 else "h and H of an epoch"
-        if kind == "ukf":
-            name = max((key for key in cost if key.startswith("h of ")), key=lambda key: cost[key])
-            title = f"{name} points of an epoch"
-        model, total = times * cost[name], spent["total"]
+        both = cost["h and H"]
+        if kind == "ekf":
+            title, model = "h and H", both
+        elif kind == "ukf":
+            title, model = "h of 31 points; h and H for the NIS", cost["h of 31"] + both
+        else:
+            title, model = f"h and H, {raw['iterations']:.1f} times", raw["iterations"] * both
+        total = spent["total"]
         rows.append(
             [f"`{label}`", title, short(1e3 * model), short(1e3 * max(total - model, 0.0)),
-             _percent(model / total)]
+             _percent(min(model / total, 1.0))]
         )  # fmt: skip
     listed = "; ".join(f"{name} {1e6 * v / SHAPE[2]:.2f} µs" for name, v in cost.items())
     return (
         "Inside the engines: the kernels of h and H timed alone over all epochs, and what is left "
         f"for the algebra of the filter or smoother, by difference. An epoch: {listed}.\n\n"
-        + markdown(["engine", "of it", "ms/run", "all else [ms/run]", "share"], rows)
+        + markdown(["engine", "at every epoch", "ms/run", "all else [ms/run]", "share"], rows)
     )
 
 
