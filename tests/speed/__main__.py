@@ -77,8 +77,12 @@ def iterations() -> float:
     return float(np.mean(found))
 
 
-def profiles(times: int) -> dict[str, dict[str, float]]:
-    """Return the seconds per run of the kernels of simulation and engines, on blocks."""
+def profiles(times: int) -> tuple[dict[str, dict[str, float]], dict[str, float]]:
+    """Return the seconds per run of the kernels of simulation and engines, on a block.
+
+    And at how many points a run of each engine evaluates the map.
+    """
+    counted: dict[str, float] = {}
     flight, seed, runs = export.flight(), export.seed(), range(BLOCK)
     block = simulation.simulate_block(flight, seed, runs)[0]
     found = {
@@ -91,7 +95,8 @@ def profiles(times: int) -> dict[str, dict[str, float]]:
         estimator: Any = choose(compiled).estimator
         work = lambda estimator=estimator: estimator.estimate_block(block)  # noqa: E731
         found[compiled] = kernels.profile(work, BLOCK, times)
-    return found
+        counted[compiled] = float(np.mean(work().info["map_evaluations"]))
+    return found, counted
 
 
 def bench(options: argparse.Namespace) -> None:
@@ -114,7 +119,7 @@ def bench(options: argparse.Namespace) -> None:
         "startup": startup.measure(options.rounds),
     }
     try:
-        raw["profiles"] = profiles(options.rounds)
+        raw["profiles"], raw["map_evaluations"] = profiles(options.rounds)
         raw["model_cost"] = model_cost.measure(range(8), (1, 19, 31), 3 * options.rounds)
         labels = [check.with_engine(label) for label in LABELS.values()]
         counts = [n for n in curve.COUNTS if n <= options.most] or [options.most]

@@ -305,7 +305,8 @@ def _parts(raw: dict[str, Any]) -> str:
         elif kind == "ukf":
             title, model = "h of 31 points; h and H for the NIS", cost["h of 31"] + both
         else:
-            title, model = f"h and H, {raw['iterations']:.1f} times", raw["iterations"] * both
+            times = raw["map_evaluations"][label] / SHAPE[2]
+            title, model = f"h and H, {times:.1f} times", times * both
         total = spent["total"]
         rows.append(
             [f"`{label}`", title, short(1e3 * model), short(1e3 * max(total - model, 0.0)),
