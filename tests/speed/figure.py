@@ -20,8 +20,10 @@ def draw(points: list[dict[str, Any]], path: Path) -> None:
     whole = [1e3 * p["seconds"] / p["runs"] for p in points]
     axes.plot(runs, whole, "ks-", ms=3, label="all together")
     axes.set_xscale("log")
+    axes.set_xticks(runs, [str(count) for count in runs])  # powers would be set as mathematics
+    axes.set_xticks([], minor=True)
     axes.set_ylim(bottom=0.0)
     axes.set_xlabel("runs")
     axes.set_ylabel(f"wall time of a run [ms], {points[0]['threads']} threads")
-    axes.legend()
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
     save(figure, path)
