@@ -20,7 +20,7 @@ from scipy.linalg import solve_banded
 from .earth import metres_per_radian_of, normal_gradient_at, normal_gradient_of
 from .errors import GGBenchError
 from .gradient_map import GradientMap
-from .kernels import compiled, copied, inlined
+from .kernels import LANES, compiled, copied, inlined
 from .problem import frozen
 
 
@@ -70,23 +70,34 @@ def _locate(position: float, origin: float, step: float, nodes: int) -> tuple[in
 
 
 @inlined
-def _weights(t: float, weight: np.ndarray) -> None:
-    """Fill the four cubic B-spline weights at 0 <= t <= 1 of a cell."""
+def _four_weights(t: float) -> tuple[float, float, float, float]:
+    """Return the four cubic B-spline weights at 0 <= t <= 1 of a cell."""
     u = 1.0 - t
-    weight[0] = u * u * u * (1.0 / 6.0)
-    weight[1] = (4.0 + t * t * (3.0 * t - 6.0)) * (1.0 / 6.0)
-    weight[2] = (4.0 + u * u * (3.0 * u - 6.0)) * (1.0 / 6.0)
-    weight[3] = t * t * t * (1.0 / 6.0)
+    return (
+        u * u * u * (1.0 / 6.0),
+        (4.0 + t * t * (3.0 * t - 6.0)) * (1.0 / 6.0),
+        (4.0 + u * u * (3.0 * u - 6.0)) * (1.0 / 6.0),
+        t * t * t * (1.0 / 6.0),
+    )
+
+
+@inlined
+def _four_slopes(t: float) -> tuple[float, float, float, float]:
+    """Return the derivatives of the four weights."""
+    u = 1.0 - t
+    return -0.5 * u * u, t * (1.5 * t - 2.0), u * (2.0 - 1.5 * u), 0.5 * t * t
+
+
+@inlined
+def _weights(t: float, weight: np.ndarray) -> None:
+    """Fill the four weights."""
+    weight[0], weight[1], weight[2], weight[3] = _four_weights(t)
 
 
 @inlined
 def _slopes(t: float, slope: np.ndarray) -> None:
     """Fill the derivatives of the four weights."""
-    u = 1.0 - t
-    slope[0] = -0.5 * u * u
-    slope[1] = -2.0 * t + 1.5 * t * t
-    slope[2] = 2.0 * u - 1.5 * u * u
-    slope[3] = 0.5 * t * t
+    slope[0], slope[1], slope[2], slope[3] = _four_slopes(t)
 
 
 _UNSIGNED = np.uint64
@@ -178,11 +189,10 @@ def _spline(
     origin: np.ndarray,
     step: np.ndarray,
     coefficients: np.ndarray,
-    value: np.ndarray,
-    derivative: np.ndarray,
+    out: np.ndarray,
     count: int,
 ) -> bool:
-    """Evaluate :func:`spline_at` of ``count`` components."""
+    """Fill ``out`` (4 count,): the values, then the three derivatives of each; see spline_at."""
     # One piece of memory: to ask for it costs as much as to fill it.
     work = np.empty(24 + 12 * count)
     weights = work[:24]
@@ -192,8 +202,7 @@ def _spline(
         nodes = coefficients.shape[axis]
         cell, t, within = _locate(position[axis], origin[axis], step[axis], nodes)
         if cell < 0:
-            value[:] = math.nan
-            derivative[:, :] = math.nan
+            out[:] = math.nan
             return False
         start = start * nodes + cell
         _weights(t, weights[8 * axis :])
@@ -214,11 +223,23 @@ def _spline(
     )  # fmt: skip
     vertical, slopes = weights[16:20], weights[20:24]
     for m in range(count):
-        value[m] = _along(sums, vertical, m, count)
-        derivative[m, 0] = _along(along_first, vertical, m, count)
-        derivative[m, 1] = _along(along_second, vertical, m, count)
-        derivative[m, 2] = _along(sums, slopes, m, count)
+        out[m] = _along(sums, vertical, m, count)
+        out[count + 3 * m] = _along(along_first, vertical, m, count)
+        out[count + 3 * m + 1] = _along(along_second, vertical, m, count)
+        out[count + 3 * m + 2] = _along(sums, slopes, m, count)
     return inside
+
+
+@compiled
+def spline_tensor_at(
+    position: np.ndarray,
+    origin: np.ndarray,
+    step: np.ndarray,
+    coefficients: np.ndarray,
+    out: np.ndarray,
+) -> bool:
+    """Fill ``out`` (24,): a tensor and the three derivatives of each component; see spline_at."""
+    return _spline(position, origin, step, coefficients, out, 6)  # loops of known length
 
 
 @compiled
@@ -245,10 +266,87 @@ def spline_at(
     -------
     Whether the position lies inside the grid.
     """
-    if coefficients.shape[3] == 6:  # a tensor: loops of known length
-        return _spline(position, origin, step, coefficients, value, derivative, 6)
     count = coefficients.shape[3]
-    return _spline(position, origin, step, coefficients, value, derivative, count)
+    out = np.empty(4 * count)
+    if count == 6:
+        inside = spline_tensor_at(position, origin, step, coefficients, out)
+    else:
+        inside = _spline(position, origin, step, coefficients, out, count)
+    for m in range(count):
+        value[m] = out[m]
+        for axis in range(3):
+            derivative[m, axis] = out[count + 3 * m + axis]
+    return inside
+
+
+@compiled
+def spline_lanes(
+    places: np.ndarray,
+    count: int,
+    origin: np.ndarray,
+    step: np.ndarray,
+    coefficients: np.ndarray,
+    work: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Do :func:`spline_tensor_at` at the places of several runs at once.
+
+    Parameters
+    ----------
+    places : (3 * LANES,) the run is the last index, as in ``out``. count : how many there are.
+    origin, step, coefficients : the map.
+    work : (27 * LANES + 96,) scratch.
+    out : (24 * LANES,) output: a tensor, and the three derivatives of each component.
+    """
+    for axis in range(3):
+        start, inverse = origin[axis], 1.0 / step[axis]
+        cells = float(coefficients.shape[axis] - 3)
+        place = places[axis * LANES : (axis + 1) * LANES]
+        weights = work[8 * axis * LANES : 8 * (axis + 1) * LANES]
+        first = work[(24 + axis) * LANES : (25 + axis) * LANES]
+        for r in range(LANES):
+            u = (place[r] - start) * inverse
+            clamped = min(max(u, 0.0), cells)
+            cell = min(math.floor(clamped), cells - 1.0)
+            first[r] = cell if cell >= 0.0 else 0.0  # NaN must not become an index
+            t = clamped - cell if u == u else u
+            within = 1.0 if abs(u - clamped) <= 5e-7 else 0.0
+            w, s = _four_weights(t), _four_slopes(t)
+            scale = inverse * within
+            weights[r], weights[LANES + r] = w[0], w[1]
+            weights[2 * LANES + r], weights[3 * LANES + r] = w[2], w[3]
+            weights[4 * LANES + r], weights[5 * LANES + r] = scale * s[0], scale * s[1]
+            weights[6 * LANES + r], weights[7 * LANES + r] = scale * s[2], scale * s[3]
+    flat = coefficients.reshape(-1)
+    column = coefficients.shape[2] * 6
+    row = coefficients.shape[1] * column
+    own = work[27 * LANES : 27 * LANES + 24]
+    sums = work[27 * LANES + 24 : 27 * LANES + 48]
+    along_first = work[27 * LANES + 48 : 27 * LANES + 72]
+    along_second = work[27 * LANES + 72 : 27 * LANES + 96]
+    for r in range(count):
+        for i in range(24):
+            own[i] = work[i * LANES + r]
+        i, j = int(work[24 * LANES + r]), int(work[25 * LANES + r])
+        k = int(work[26 * LANES + r])
+        _sum_columns_and_slopes(
+            flat, 24, i * row + j * column + 6 * k, row, column, own,
+            sums, along_first, along_second,
+        )  # fmt: skip
+        w_0, w_1, w_2, w_3 = own[16], own[17], own[18], own[19]
+        s_0, s_1, s_2, s_3 = own[20], own[21], own[22], own[23]
+        for m in range(6):
+            a, b, c, d = sums[m], sums[6 + m], sums[12 + m], sums[18 + m]
+            out[m * LANES + r] = w_0 * a + w_1 * b + w_2 * c + w_3 * d
+            out[(8 + 3 * m) * LANES + r] = s_0 * a + s_1 * b + s_2 * c + s_3 * d
+            out[(6 + 3 * m) * LANES + r] = (
+                w_0 * along_first[m] + w_1 * along_first[6 + m]
+                + w_2 * along_first[12 + m] + w_3 * along_first[18 + m]
+            )  # fmt: skip
+            out[(7 + 3 * m) * LANES + r] = (
+                w_0 * along_second[m] + w_1 * along_second[6 + m]
+                + w_2 * along_second[12 + m] + w_3 * along_second[18 + m]
+            )  # fmt: skip
 
 
 @compiled
@@ -270,17 +368,16 @@ def gradient_at(
     if coefficients.size == 0:
         normal_gradient_at(sine, cosine, position[2], value, derivative)
         return True
-    work = np.empty(24)
-    disturbing, slope = work[:6], work[6:].reshape(6, 3)
-    inside = spline_at(position, origin, step, coefficients, disturbing, slope)
+    disturbing = np.empty(24)
+    inside = spline_tensor_at(position, origin, step, coefficients, disturbing)
     normal_gradient_at(sine, cosine, position[2], value, derivative)
     north, east = metres_per_radian_of(sine, cosine, position[2])
     per_north, per_east = 1.0 / north, 1.0 / east
     for m in range(6):
         value[m] += disturbing[m]
-        derivative[m, 0] += slope[m, 1] * per_east
-        derivative[m, 1] += slope[m, 0] * per_north
-        derivative[m, 2] += slope[m, 2]
+        derivative[m, 0] += disturbing[7 + 3 * m] * per_east
+        derivative[m, 1] += disturbing[6 + 3 * m] * per_north
+        derivative[m, 2] += disturbing[8 + 3 * m]
     return inside
 
 

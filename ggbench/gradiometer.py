@@ -38,7 +38,7 @@ PLATFORM, LOCAL_LEVEL, STRAPDOWN = range(3)
 
 
 @inlined
-def _inertial_from_local(
+def inertial_matrix(
     sin_l: float, cos_l: float, sin_a: float, cos_a: float
 ) -> tuple[float, float, float, float, float, float, float, float, float]:
     """Return C_in, row by row, of the latitude L and the angle λ + ω_ie t (eq. 10)."""
@@ -53,9 +53,7 @@ def _inertial_from_local(
 def inertial_from_local(latitude: float, longitude: float, time: float, out: np.ndarray) -> None:
     """Fill C_in (3, 3): ENU at a geodetic position to inertial axes at ``time`` [s] (eq. 10)."""
     angle = longitude + ROTATION_RATE * time
-    c = _inertial_from_local(
-        math.sin(latitude), math.cos(latitude), math.sin(angle), math.cos(angle)
-    )
+    c = inertial_matrix(math.sin(latitude), math.cos(latitude), math.sin(angle), math.cos(angle))
     out[0, 0], out[0, 1], out[0, 2] = c[0], c[1], c[2]
     out[1, 0], out[1, 1], out[1, 2] = c[3], c[4], c[5]
     out[2, 0], out[2, 1], out[2, 2] = c[6], c[7], c[8]
@@ -114,13 +112,13 @@ def platform_readings(
         tensors[0], tensors[1], tensors[2], tensors[3], tensors[4], tensors[5],
     )  # fmt: skip
     for p in range(sines.shape[0]):
-        c = _inertial_from_local(sines[p], cosines[p], angle_sines[p], angle_cosines[p])
+        c = inertial_matrix(sines[p], cosines[p], angle_sines[p], angle_cosines[p])
         t = (t_0[p], t_1[p], t_2[p], t_3[p], t_4[p], t_5[p])
         t_0[p], t_1[p], t_2[p], t_3[p], t_4[p], t_5[p] = rotated(c, t)
 
 
 @inlined
-def _turn_of(
+def turn_of(
     t: tuple[float, ...], x: float, y: float, z: float
 ) -> tuple[float, float, float, float, float, float]:
     """Return [φ×] M − M [φ×] of t = vec6(M) for φ = (x, y, z): eq. 12's ∂L_φ/∂φ times φ."""
@@ -132,6 +130,17 @@ def _turn_of(
         (t[3] - t[5]) * x - t[1] * y + t[2] * z,
         2.0 * (t[4] * x - t[2] * y),
     )
+
+
+@inlined
+def sum_of(
+    one: tuple[float, ...], two: tuple[float, ...]
+) -> tuple[float, float, float, float, float, float]:
+    """Return the sum of two symmetric tensors vec6."""
+    return (
+        one[0] + two[0], one[1] + two[1], one[2] + two[2],
+        one[3] + two[3], one[4] + two[4], one[5] + two[5],
+    )  # fmt: skip
 
 
 @compiled
@@ -166,7 +175,7 @@ def linearised_reading_at(
         return
     if instrument == PLATFORM:
         angle = position[1] + ROTATION_RATE * time
-        c = _inertial_from_local(sine, cosine, math.sin(angle), math.cos(angle))
+        c = inertial_matrix(sine, cosine, math.sin(angle), math.cos(angle))
         per_north, per_east = metres_per_radian_of(sine, cosine, position[2])
         # φ_in: the rotation of the local level for one metre to the north and to the east.
         north, level, up = -1.0 / per_north, cosine / per_east, sine / per_east
@@ -181,22 +190,19 @@ def linearised_reading_at(
     _put(rotated(c, t), reading)
     for axis in range(3):
         if axis == 0:
-            turn = _turn_of(t, 0.0, level, up)
+            turn = turn_of(t, 0.0, level, up)
         elif axis == 1:
-            turn = _turn_of(t, north, 0.0, 0.0)
+            turn = turn_of(t, north, 0.0, 0.0)
         else:
             turn = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         d = derivative[:, axis]
-        change = (
-            d[0] + turn[0], d[1] + turn[1], d[2] + turn[2],
-            d[3] + turn[3], d[4] + turn[4], d[5] + turn[5],
-        )  # fmt: skip
+        change = sum_of((d[0], d[1], d[2], d[3], d[4], d[5]), turn)
         _put(rotated(c, change), out[:, axis])
     if instrument == STRAPDOWN:
         # The mount turns with the body, so the tensor turns against it.
-        _put(rotated(c, _turn_of(t, -1.0, 0.0, 0.0)), out[:, 3])
-        _put(rotated(c, _turn_of(t, 0.0, -1.0, 0.0)), out[:, 4])
-        _put(rotated(c, _turn_of(t, 0.0, 0.0, -1.0)), out[:, 5])
+        _put(rotated(c, turn_of(t, -1.0, 0.0, 0.0)), out[:, 3])
+        _put(rotated(c, turn_of(t, 0.0, -1.0, 0.0)), out[:, 4])
+        _put(rotated(c, turn_of(t, 0.0, 0.0, -1.0)), out[:, 5])
 
 
 @inlined

@@ -24,6 +24,10 @@ summed = _compile(fastmath={"contract", "reassoc"})
 """A kernel whose sums may be taken in any order, as vectors."""
 
 
+LANES = 8
+"""Runs that go through a kernel together, in the lanes of vector registers: the last index."""
+
+
 @compiled
 def aligned(count: int) -> np.ndarray:
     """Return an array (count,), not yet filled, that begins where a line of the cache does.

@@ -17,6 +17,7 @@ from __future__ import annotations
 import numpy as np
 
 from .earth import ROTATION_RATE, normal_gravity_of, radii_of_sine
+from .kernels import LANES as LANES
 from .kernels import aligned, compiled, inlined
 from .rotations import Matrix, fill, multiply, sine_cosine, small_turn
 from .rotations import attitude_matrix as attitude_matrix
@@ -25,8 +26,6 @@ from .rotations import product as product
 from .rotations import rotation_matrix as rotation_matrix
 from .rotations import rotation_vector as rotation_vector
 
-LANES = 8
-"""Runs that kernels take at once, one in each lane of the widest vector registers."""
 TRACK = 15
 """Numbers of a navigation state: position, velocity and C_nb, row by row."""
 _WORK = TRACK + 9
