@@ -30,9 +30,9 @@ _FIRST_DAMPING, _MOST_DAMPING, _FACTOR = 1e-12, 1e5, 10.0
 _LEAST_FELT = 1e-9
 """Damping below which it is left out: a billionth of the prior's information."""
 _LEAST_FIDELITY = 1e-3
-RELATIVE_DECREASE, ABSOLUTE_DECREASE = 1e-12, 1e-9
-"""Decrease of the cost at which the search ends: its next step would be below a millionth of the
-prior's deviation, so that it does not matter which of two engines takes it."""
+RELATIVE_DECREASE, ABSOLUTE_DECREASE = 1e-10, 1e-5
+"""Decrease of the cost at which the search ends: far above its rounding errors, by which two engines
+would else take a different number of steps."""
 
 
 @compiled

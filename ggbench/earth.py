@@ -92,7 +92,7 @@ def _legendre_coefficients(derivatives: int) -> np.ndarray:
     degrees = 2 * np.arange(1, EVEN_ZONALS.size + 1)
     table = np.zeros((derivatives + 1, degrees.size, degrees[-1] // 2 + 1))
     for i, n in enumerate(degrees):
-        powers = np.polynomial.legendre.leg2poly(np.eye(n + 1)[n])
+        powers = np.polynomial.Legendre.basis(int(n)).convert(kind=np.polynomial.Polynomial).coef
         for d in range(derivatives + 1):
             values = np.polynomial.polynomial.polyder(powers, d)[d % 2 :: 2]
             table[d, i, : values.size] = values

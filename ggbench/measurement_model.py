@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -547,8 +547,10 @@ class GradiometerModel:
     """
 
     def __init__(self, arrays: ModelArrays) -> None:
-        own = ("channels", "times", *_OF_A_RUN)
-        self.arrays = arrays._replace(**{name: frozen(getattr(arrays, name)) for name in own})
+        own: dict[str, Any] = {
+            name: frozen(getattr(arrays, name)) for name in ("channels", "times", *_OF_A_RUN)
+        }
+        self.arrays = arrays._replace(**own)
 
     def predict(self, k: int, x: np.ndarray) -> np.ndarray:
         """Return h (..., m) [E] at epoch ``k`` for states x (..., n); any leading axes."""

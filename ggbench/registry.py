@@ -121,6 +121,7 @@ def choose(text: str) -> Choice:
     try:
         estimator = cls(**{key: value for key, (_, value) in parameters.items()})
         causality = estimator.causality
+        _ = estimator.compiled  # the last of its properties that a campaign asks for
     except Exception as error:
         raise EstimatorError(
             f"{name} cannot be made with '{shown}': {type(error).__name__}: {error}"
