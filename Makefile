@@ -8,7 +8,7 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: help paper sweep library bench bench-check test lint format typecheck wheel-check lock clean
+.PHONY: help paper sweep library bench bench-check agreement test lint format typecheck wheel-check lock clean
 
 help:
 	@echo "make paper        run the scenario wang2013 and write its report to reports/"
@@ -16,6 +16,7 @@ help:
 	@echo "make library      run every scenario and write all reports and the league to reports/"
 	@echo "make bench        measure the engines beside other packages; writes reports/speed.md"
 	@echo "make bench-check  check in a minute that the engines' ratios have not fallen"
+	@echo "make agreement    hold the compiled engines to the frameworks on every case (half an hour)"
 	@echo "make test         run the tests"
 	@echo "make lint         check style and format"
 	@echo "make format       apply style fixes and format"
@@ -42,6 +43,9 @@ bench: $(INSTALLED)
 
 bench-check: $(INSTALLED)
 	PYTHONPATH=tests $(BIN)/python -m speed --check
+
+agreement: $(INSTALLED)
+	GGBENCH_TEST_AGREEMENT=all $(BIN)/python -m pytest tests/test_engines.py
 
 test: $(INSTALLED)
 	$(BIN)/python -m pytest

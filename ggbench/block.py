@@ -12,7 +12,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from .measurement_model import GradiometerModel, ModelArrays
+from .measurement_kernels import ModelArrays
+from .measurement_model import GradiometerModel
 from .problem import Causality, Estimate, Problem, StateBlock, read_only
 
 

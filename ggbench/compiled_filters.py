@@ -15,7 +15,7 @@ from . import kalman
 from .block import ProblemBlock
 from .gradiometer import STRAPDOWN
 from .kernels import compiled, summed
-from .measurement_model import ModelArrays, linearise_errors, predict_errors, run_arrays
+from .measurement_kernels import ModelArrays, linearise_errors, predict_errors, run_arrays
 
 SIZES = ((16, 3), (16, 6), (24, 9))
 """Numbers of states and of components that kernels are made for."""

@@ -24,15 +24,15 @@ from .block import ProblemBlock
 from .compiled_filters import SIZES, noise_inverse, size_of, whitened_reading
 from .gradiometer import STRAPDOWN
 from .kernels import compiled
-from .measurement_model import ModelArrays, run_arrays
+from .measurement_kernels import ModelArrays, run_arrays
 
 _FIRST_DAMPING, _MOST_DAMPING, _FACTOR = 1e-12, 1e5, 10.0
 _LEAST_FELT = 1e-9
 """Damping below which it is left out: a billionth of the prior's information."""
 _LEAST_FIDELITY = 1e-3
 RELATIVE_DECREASE, ABSOLUTE_DECREASE = 1e-10, 1e-5
-"""Decrease of the cost at which the search ends: far above its rounding errors, by which two engines
-would else take a different number of steps."""
+"""Decrease of the cost at which the search ends: far above its rounding errors, by which two
+engines would else take a different number of steps."""
 
 
 @compiled

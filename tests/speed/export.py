@@ -10,7 +10,8 @@ import numpy as np
 from ggbench import scenario
 from ggbench.earth import EVEN_ZONALS
 from ggbench.flight import Flight, prepare
-from ggbench.measurement_model import GradiometerModel, ModelArrays
+from ggbench.measurement_kernels import ModelArrays
+from ggbench.measurement_model import GradiometerModel
 from ggbench.problem import Problem
 from ggbench.simulation import simulate
 

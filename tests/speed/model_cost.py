@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from ggbench.kernels import compiled
-from ggbench.measurement_model import ModelArrays, linearise_errors, predict_errors
+from ggbench.measurement_kernels import ModelArrays, linearise_errors, predict_errors
 
 from . import export
 
