@@ -23,7 +23,7 @@ from .rotations import sine_cosine
 
 TURN = 2.0 * math.pi
 _D, _SINE, _COSINE, _ANGLE, _NORTH, _EAST, _PLACE, _WORK = 6, 24, 25, 26, 28, 29, 30, 33
-"""Where in the work of :func:`linearise_lanes` is what, after the tensors: derivatives, sines, ..."""
+"""Where in the work of :func:`linearise_lanes` is what, after the tensors."""
 
 
 @compiled
