@@ -153,11 +153,10 @@ class UnscentedKalmanFilter(Estimator):
         else:
             scale, more = n + kappa, 0.0
         centre = 1.0 - n / scale
-        mean, cov, nis, repairs = compiled_filters.unscented(
-            block, math.sqrt(scale), centre, centre + more, 0.5 / scale
+        mean, cov, nis, counts = compiled_filters.unscented(
+            block, math.sqrt(scale), centre + more, 0.5 / scale
         )
-        evaluations = np.full(block.runs, block.epochs * (2 * n + 1))
-        info = {"covariance_repairs": repairs, "map_evaluations": evaluations}
+        info = {"covariance_repairs": counts[:, 0], "map_evaluations": counts[:, 1]}
         return EstimateBlock(mean, cov, self.causality, nis=nis, info=info)
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:

@@ -9,6 +9,9 @@ Steps are those of GTSAM's Levenberg–Marquardt optimizer, which remains the re
 damping, the same rules by which steps are taken and the search ends, so that it ends at the same
 minimum where there are several. Damping with λ is a reading of every state in units of the prior's
 deviation with the variance 1/λ.
+
+Runs are solved eight at once (:mod:`.smoother_lanes`); those that need damping, from the start and
+one by one, by the kernel of this module.
 """
 
 from __future__ import annotations
@@ -19,20 +22,15 @@ from typing import Any
 
 import numpy as np
 
-from . import kalman
+from . import kalman, smoother_lanes
 from .block import ProblemBlock
 from .compiled_filters import SIZES, noise_inverse, size_of, whitened_reading
 from .gradiometer import STRAPDOWN
 from .kernels import compiled
+from .levenberg_marquardt import ABSOLUTE_DECREASE as ABSOLUTE_DECREASE
+from .levenberg_marquardt import FIRST_DAMPING, LEAST_FELT, decide
+from .levenberg_marquardt import RELATIVE_DECREASE as RELATIVE_DECREASE
 from .measurement_kernels import ModelArrays, run_arrays
-
-_FIRST_DAMPING, _MOST_DAMPING, _FACTOR = 1e-12, 1e5, 10.0
-_LEAST_FELT = 1e-9
-"""Damping below which it is left out: a billionth of the prior's information."""
-_LEAST_FIDELITY = 1e-3
-RELATIVE_DECREASE, ABSOLUTE_DECREASE = 1e-10, 1e-5
-"""Decrease of the cost at which the search ends: far above its rounding errors, by which two
-engines would else take a different number of steps."""
 
 
 @compiled
@@ -76,8 +74,9 @@ def _make_smoother(width: int, channels: int) -> Callable[..., Any]:
         iterations: np.ndarray,
         errors: np.ndarray,
         evaluations: np.ndarray,
+        chosen: np.ndarray,
     ) -> None:
-        runs, epochs, m = measurements.shape
+        epochs, m = measurements.shape[1:]
         n, m = prior_mean.shape[0], min(m, channels)
         moving = 6 if model.instrument == STRAPDOWN else 3
         phi, phi_t = np.zeros((width, width)), np.zeros((width, width))
@@ -101,7 +100,7 @@ def _make_smoother(width: int, channels: int) -> Callable[..., Any]:
         pulls = np.zeros((epochs, channels))
         damped_cov, damped_inverse = np.zeros((0, n, n)), np.zeros((0, n, n))
         damped_pulls = np.zeros((0, n))
-        for run in range(runs):
+        for run in chosen:
             own = run_arrays(model, run)
             # The undisturbed motion from the prior's mean.
             cost = left = 0.0
@@ -122,12 +121,11 @@ def _make_smoother(width: int, channels: int) -> Callable[..., Any]:
                 unexplained += left
                 cost += 0.5 * (left + kalman.to_target(rows[k], states[k], innovation, target[k]))
             evaluated = 1
-            damping = _FIRST_DAMPING
+            damping = FIRST_DAMPING
             steps = 0
-            before = cost
             final = False
             while True:
-                felt = damping >= _LEAST_FELT and not final
+                felt = damping >= LEAST_FELT and not final
                 if felt and damped_cov.shape[0] == 0:
                     damped_cov, damped_inverse = (
                         np.zeros((epochs, n, n)), np.zeros((epochs, n, n)),
@@ -219,27 +217,14 @@ def _make_smoother(width: int, channels: int) -> Callable[..., Any]:
                         + kalman.to_target(new_rows[k], new_states[k], innovation, new_target[k])
                     )
                 evaluated += 1
-                promised, gained = cost - linear_cost, cost - new_cost
-                good = promised > 2.2e-16 * cost and gained > _LEAST_FIDELITY * promised
+                good, final, damping = decide(cost, linear_cost, new_cost, damping)
                 if good:
                     steps += 1
-                    damping /= _FACTOR
+                    final |= steps >= most
                     cost, unexplained = new_cost, new_unexplained
                     states, new_states = new_states, states
                     rows, new_rows = new_rows, rows
                     target, new_target = new_target, target
-                elif promised >= 0.0 and abs(gained) < RELATIVE_DECREASE * cost:
-                    final = True  # too small a change for another damping to be worth it
-                else:
-                    damping *= _FACTOR
-                    final = not damping < _MOST_DAMPING
-                if good:
-                    final = (
-                        steps >= most
-                        or not math.isfinite(cost)
-                        or before - cost <= max(ABSOLUTE_DECREASE, RELATIVE_DECREASE * before)
-                    )
-                    before = cost
             # The filter has gone along the final trajectory: its covariances, given what is later.
             later[:, :] = 0.0
             for r in range(epochs):
@@ -303,13 +288,11 @@ def smoother(
     -------
     mean (R, K, n), NaN where no step could be taken; cov (R, K, n, n) given all readings; counters.
     """
-    runs, epochs, n = block.runs, block.epochs, block.dimension
-    mean, cov = np.empty((runs, epochs, n)), np.empty((runs, epochs, n, n))
-    iterations, evaluations = np.zeros(runs, dtype=np.int64), np.zeros(runs, dtype=np.int64)
-    error = np.zeros(runs)
-    _SMOOTHERS[size_of(block)](
-        block.measurements, noise_inverse(block), block.transition, block.process_cov,
-        block.prior_mean, block.prior_cov, block.model, most,
-        mean, cov, iterations, error, evaluations,
-    )  # fmt: skip
-    return mean, cov, {"iterations": iterations, "error": error, "map_evaluations": evaluations}
+    mean, cov, counters, damped = smoother_lanes.smoother(block, most)
+    if damped.any():
+        _SMOOTHERS[size_of(block)](
+            block.measurements, noise_inverse(block), block.transition, block.process_cov,
+            block.prior_mean, block.prior_cov, block.model, most,
+            mean, cov, *counters.values(), np.flatnonzero(damped),
+        )  # fmt: skip
+    return mean, cov, counters

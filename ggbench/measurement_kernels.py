@@ -85,11 +85,11 @@ def run_arrays(model: ModelArrays, run: int) -> ModelArrays:
 
 
 _SMALL = 0.1
-"""Angle [rad] up to which the series of :func:`_turned` are exact to rounding."""
+"""Angle [rad] up to which the series of :func:`turned` are exact to rounding."""
 
 
 @inlined
-def _turned(sine: float, cosine: float, d: float) -> tuple[float, float]:
+def turned(sine: float, cosine: float, d: float) -> tuple[float, float]:
     """Return sin and cos of an angle that has grown by a small d, from its sine and cosine."""
     d2 = d * d
     sin_d = d * (1.0 - d2 / 6.0 * (1.0 - d2 / 20.0 * (1.0 - d2 / 42.0 * (1.0 - d2 / 72.0))))
@@ -104,7 +104,7 @@ def _turn_all(angle: float, growth: np.ndarray, sines: np.ndarray, cosines: np.n
     """Fill sines and cosines (N,) of ``angle + growth[p]``."""
     sine, cosine = math.sin(angle), math.cos(angle)
     for p in range(growth.shape[0]):
-        sines[p], cosines[p] = _turned(sine, cosine, growth[p])
+        sines[p], cosines[p] = turned(sine, cosine, growth[p])
     for p in range(growth.shape[0]):
         if abs(growth[p]) > _SMALL:
             sines[p], cosines[p] = math.sin(angle + growth[p]), math.cos(angle + growth[p])
@@ -226,7 +226,7 @@ def linearise_errors(
     position[1] = reference[1] - error[0] / per_east
     position[2] = reference[2] - error[2]
     if abs(growth) < _SMALL:
-        sine, cosine = _turned(sine, cosine, growth)
+        sine, cosine = turned(sine, cosine, growth)
     else:
         sine, cosine = math.sin(position[0]), math.cos(position[0])
     c_nb = work[45:].reshape(3, 3)

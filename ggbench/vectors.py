@@ -1,0 +1,234 @@
+"""Numbers of eight runs as one value in compiled code: a vector register of the processor.
+
+An array (..., LANES) of double precision numbers, the run last, is read and written a vector at a
+time by :func:`load` and :func:`store`; vectors are added, subtracted, multiplied and divided as
+numbers are, lane by lane, so that a loop reads as it does for one run and no compiler has to find
+out that it can be made one of vectors. A product and a sum are one instruction where there is one.
+Only compiled code knows vectors: they cannot be returned to Python.
+"""
+
+from __future__ import annotations
+
+import operator
+from typing import Any
+
+from llvmlite import ir
+from numba import extending, types
+from numba.core import cgutils
+from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+from numba.extending import lower_builtin, models, register_model
+
+from .kernels import LANES
+
+intrinsic: Any = (
+    extending.intrinsic
+)  # what it makes is called by compiled code alone, without types
+_DOUBLES = ir.VectorType(ir.DoubleType(), LANES)
+_ALIGNMENT = 8
+
+
+class _Vector(types.Type):
+    """The compiler's type of a vector."""
+
+    def __init__(self) -> None:
+        super().__init__(name="Vector")
+
+
+_vector = _Vector()
+
+
+@register_model(_Vector)
+class _VectorModel(models.PrimitiveModel):
+    """A vector is kept as LLVM's vector of doubles."""
+
+    def __init__(self, manager: Any, kind: Any) -> None:
+        super().__init__(manager, kind, _DOUBLES)
+
+
+def _spread(builder: Any, number: Any) -> Any:
+    """Return the vector that holds a number in all lanes."""
+    undefined = ir.Constant(_DOUBLES, ir.Undefined)
+    first = builder.insert_element(undefined, number, ir.Constant(ir.IntType(32), 0))
+    mask = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
+    return builder.shuffle_vector(first, undefined, mask)
+
+
+def _define(operation: Any, instruction: str) -> None:
+    """Let an operator work on two vectors, or on one and a number, by an instruction of LLVM's."""
+
+    class Typing(AbstractTemplate):
+        def generic(self, args: Any, kws: Any) -> Any:
+            if (
+                len(args) == 2
+                and any(isinstance(arg, _Vector) for arg in args)
+                and all(isinstance(arg, _Vector) or arg == types.float64 for arg in args)
+            ):
+                return signature(_vector, *args)
+            return None
+
+    infer_global(operation)(Typing)
+
+    @lower_builtin(operation, _Vector, _Vector)
+    @lower_builtin(operation, _Vector, types.float64)
+    @lower_builtin(operation, types.float64, _Vector)
+    def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        vectors = (
+            arg if isinstance(kind, _Vector) else _spread(builder, arg)
+            for kind, arg in zip(sig.args, args, strict=True)
+        )
+        return getattr(builder, instruction)(*vectors, flags=("contract",))
+
+
+for _operation, _inplace, _instruction in (
+    (operator.add, operator.iadd, "fadd"),
+    (operator.sub, operator.isub, "fsub"),
+    (operator.mul, operator.imul, "fmul"),
+    (operator.truediv, operator.itruediv, "fdiv"),
+):
+    _define(_operation, _instruction)
+    _define(_inplace, _instruction)
+
+
+def _address(context: Any, builder: Any, kind: Any, value: Any, places: Any) -> Any:
+    """Return the address of the vector at some places of an array's leading axes."""
+    array = context.make_array(kind)(context, builder, value)
+    shape = cgutils.unpack_tuple(builder, array.shape, kind.ndim)
+    offset: Any = None
+    for place, length in zip(places, shape[:-1], strict=True):
+        offset = place if offset is None else builder.add(builder.mul(offset, length), place)
+    offset = builder.mul(offset, ir.Constant(offset.type, LANES))
+    start = builder.gep(array.data, [offset], inbounds=True)
+    return builder.bitcast(start, _DOUBLES.as_pointer())
+
+
+def _call(builder: Any, name: str, args: Any) -> Any:
+    """Return what an intrinsic function of LLVM's makes of vectors."""
+    kind = ir.FunctionType(_DOUBLES, [_DOUBLES] * len(args))
+    full = f"llvm.{name}.v{LANES}f64"
+    return builder.call(cgutils.get_or_insert_function(builder.module, kind, full), args)
+
+
+def _places(count: int) -> tuple[Any, ...]:
+    return (types.intp,) * count
+
+
+def _accepts(array: Any, count: int) -> bool:
+    """Return whether an array has so many leading axes and is contiguous."""
+    return isinstance(array, types.Array) and array.ndim == count + 1 and array.layout == "C"
+
+
+@intrinsic
+def load(typing: Any, array: Any, i: Any, j: Any) -> Any:
+    """Return the vector ``array[i, j]`` of a contiguous array (., ., LANES); no negative index."""
+    if not _accepts(array, 2):
+        return None
+
+    def code(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        where = _address(context, builder, sig.args[0], args[0], args[1:])
+        return builder.load(where, align=_ALIGNMENT)
+
+    return _vector(array, *_places(2)), code
+
+
+@intrinsic
+def store(typing: Any, array: Any, i: Any, j: Any, value: Any) -> Any:
+    """Set ``array[i, j]`` of a contiguous array (., ., LANES) to a vector; no negative index."""
+    if not _accepts(array, 2) or not isinstance(value, _Vector):
+        return None
+
+    def code(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        where = _address(context, builder, sig.args[0], args[0], args[1:3])
+        builder.store(args[3], where, align=_ALIGNMENT)
+        return context.get_dummy_value()
+
+    return types.void(array, *_places(2), value), code
+
+
+@intrinsic
+def splat(typing: Any, number: Any) -> Any:
+    """Return the vector that holds a number in all lanes."""
+
+    def code(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return _spread(builder, args[0])
+
+    return _vector(types.float64), code
+
+
+@intrinsic
+def root(typing: Any, value: Any) -> Any:
+    """Return the square roots of a vector; NaN where a number is negative."""
+    if not isinstance(value, _Vector):
+        return None
+
+    def code(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return _call(builder, "sqrt", args)
+
+    return _vector(value), code
+
+
+@intrinsic
+def with_sign(typing: Any, size: Any, sign: Any) -> Any:
+    """Return a vector of the sizes of one and the signs of another."""
+    if not isinstance(size, _Vector) or not isinstance(sign, _Vector):
+        return None
+
+    def code(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return _call(builder, "copysign", args)
+
+    return _vector(size, sign), code
+
+
+@intrinsic
+def load_from(typing: Any, array: Any, start: Any) -> Any:
+    """Return LANES neighbouring numbers of a contiguous array, from a place in memory order."""
+    if not isinstance(array, types.Array) or array.layout != "C":
+        return None
+
+    def code(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        data = context.make_array(sig.args[0])(context, builder, args[0]).data
+        where = builder.bitcast(builder.gep(data, [args[1]]), _DOUBLES.as_pointer())
+        return builder.load(where, align=_ALIGNMENT)
+
+    return _vector(array, types.intp), code
+
+
+@intrinsic
+def store_from(typing: Any, array: Any, start: Any, value: Any) -> Any:
+    """Set LANES neighbouring numbers of a contiguous array, from a place in memory order."""
+    if not isinstance(array, types.Array) or array.layout != "C":
+        return None
+
+    def code(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        data = context.make_array(sig.args[0])(context, builder, args[0]).data
+        where = builder.bitcast(builder.gep(data, [args[1]]), _DOUBLES.as_pointer())
+        builder.store(args[2], where, align=_ALIGNMENT)
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, value), code
+
+
+@intrinsic
+def transposed(typing: Any, rows: Any) -> Any:
+    """Return the LANES columns, as vectors, of a matrix whose rows are a tuple of LANES vectors."""
+
+    def code(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        rows = cgutils.unpack_tuple(builder, args[0], LANES)
+        half = LANES // 2
+        while half:  # blocks off the diagonal change places, the largest ones first
+            for i in range(LANES):
+                if i & half:
+                    continue
+                one, two = rows[i], rows[i + half]
+                upper = [c if not c & half else LANES + c - half for c in range(LANES)]
+                lower = [c + half if not c & half else LANES + c for c in range(LANES)]
+                rows[i], rows[i + half] = (
+                    builder.shuffle_vector(
+                        one, two, ir.Constant(ir.VectorType(ir.IntType(32), LANES), mask)
+                    )
+                    for mask in (upper, lower)
+                )
+            half //= 2
+        return context.make_tuple(builder, sig.return_type, rows)
+
+    kind = types.UniTuple(_vector, LANES)
+    return kind(kind), code
