@@ -20,7 +20,7 @@ import numpy as np
 
 from .. import compiled_smoother
 from ..block import EstimateBlock, ProblemBlock, block_of, refusal
-from ..compiled_smoother import ABSOLUTE_DECREASE, RELATIVE_DECREASE
+from ..levenberg_marquardt import ABSOLUTE_DECREASE, RELATIVE_DECREASE, is_last_step
 from ..problem import Causality, Estimate, Estimator, MeasurementModel, Problem
 from . import robust
 from .robust import Loss
@@ -128,6 +128,9 @@ class FactorGraph(Estimator):
         if optimizer.iterations() == 0 and before > 0.0:
             raise RuntimeError("Levenberg-Marquardt gave up at its first step")
         linear = graph.linearize(values)
+        step = linear.optimize()
+        if is_last_step(linear.error(gtsam.VectorValues.Zero(step)), linear.error(step)):
+            values = values.retract(step)
         marginals = gtsam.Marginals(linear, values)
         epochs = range(scaled.problem.epochs)
         mean = np.stack([values.atVector(k) for k in epochs])

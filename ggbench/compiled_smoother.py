@@ -27,9 +27,7 @@ from .block import ProblemBlock
 from .compiled_filters import SIZES, noise_inverse, size_of, whitened_reading
 from .gradiometer import STRAPDOWN
 from .kernels import compiled
-from .levenberg_marquardt import ABSOLUTE_DECREASE as ABSOLUTE_DECREASE
-from .levenberg_marquardt import FIRST_DAMPING, LEAST_FELT, decide
-from .levenberg_marquardt import RELATIVE_DECREASE as RELATIVE_DECREASE
+from .levenberg_marquardt import FIRST_DAMPING, LEAST_FELT, decide, is_last_step
 from .measurement_kernels import ModelArrays, run_arrays
 
 
@@ -167,8 +165,6 @@ def _make_smoother(width: int, channels: int) -> Callable[..., Any]:
                         )  # fmt: skip
                     filtered[k] = x
                     filtered_cov[k] = p
-                if final:
-                    break
                 # The way back: states and the cost of their motion.
                 new_cost = 0.0
                 back[:] = 0.0
@@ -200,13 +196,18 @@ def _make_smoother(width: int, channels: int) -> Callable[..., Any]:
                     back[:] = x
                 new_cost += 0.5 * kalman.quadratic(prior_cov, back)
                 linear_cost = new_cost + 0.5 * unexplained
-                new_unexplained = 0.0
                 for k in range(epochs):
                     for c in range(m):
                         total = target[k, c]
                         for j in range(n):
                             total -= rows[k, c, j] * new_states[k, j]
                         linear_cost += 0.5 * total * total
+                if final:
+                    if is_last_step(cost, linear_cost):
+                        states, new_states = new_states, states
+                    break
+                new_unexplained = 0.0
+                for k in range(epochs):
                     left, _ = whitened_reading(
                         own, k, new_states[k], measurements[run, k], noise_inverse, moving, work,
                         new_rows[k], innovation,
@@ -233,8 +234,9 @@ def _make_smoother(width: int, channels: int) -> Callable[..., Any]:
                 kalman.square(later, f, scratch, p, n, width)
                 for i in range(n):
                     mean[run, k, i] = states[k, i]
-                    for j in range(n):
-                        cov[run, k, i, j] = f[i, j] - p[i, j]
+                    for j in range(i + 1):
+                        value = 0.5 * (f[i, j] - p[i, j] + f[j, i] - p[j, i])
+                        cov[run, k, i, j] = cov[run, k, j, i] = value
                 # Hᵀ S⁻¹ H + (I − K H)ᵀ Λ (I − K H) = Λ + Hᵀ E + Eᵀ H, E = ½ (Kᵀ Λ K + S⁻¹) H − Kᵀ Λ
                 for c in range(m):
                     for j in range(width):

@@ -53,3 +53,13 @@ def decide(
     while damping < LEAST_FELT:  # the same step again
         damping *= _FACTOR
     return False, not damping < _MOST_DAMPING, damping
+
+
+@compiled
+def is_last_step(cost: float, linear_cost: float) -> bool:
+    """Return whether a whole step from where the search has ended is to be taken, not judged.
+
+    It promises less than what ends a search, so that the search would not have asked for it; with
+    it an answer does not depend on which engine's rounding ended the search a step earlier.
+    """
+    return abs(cost - linear_cost) <= ABSOLUTE_DECREASE

@@ -79,33 +79,35 @@ def read_points(
     reading : h(x), its slope and B_k.
     out : output; ``counts`` of pairs that were evaluated.
     """
-    moving, n, m = out.shift.shape[0], out.shift.shape[1], out.odd.shape[0]
-    columns = reading.b.shape[1]
+    shift, odd, even, counts = out.shift, out.odd, out.even, out.counts
+    b, slope, gain = reading.b, reading.slope, model.gain
+    moving, n, m = shift.shape[0], shift.shape[1], odd.shape[0]
+    columns = b.shape[1]
     factor, zero = splat(spread), splat(0.0)
     for i in range(moving):
         for q in range(n):
             total = zero
             for j in range(q, columns):
-                total += load(reading.b, i, j) * load(lower, j, q)
-            store(out.shift, i, q, factor * total)
+                total += load(b, i, j) * load(lower, j, q)
+            store(shift, i, q, factor * total)
     for c in range(m):
         for q in range(n):
             total = zero
             for i in range(moving):
-                total += load(reading.slope, c, i) * load(out.shift, i, q)
-            store(out.odd, c, q, total)
-            store(out.even, c, q, zero)
+                total += load(slope, c, i) * load(shift, i, q)
+            store(odd, c, q, total)
+            store(even, c, q, zero)
     most = 0
     for r in range(LANES):
-        out.counts[r] = 0
-        if r < count and model.gain[group[r], k] != 0.0:
-            out.counts[r] = _far(out, r)
-            most = max(most, out.counts[r])
+        counts[r] = 0
+        if r < count and gain[group[r], k] != 0.0:
+            counts[r] = _far(out, r)
+            most = max(most, counts[r])
     if most == 0:
         return
     if model.instrument == STRAPDOWN:
         for r in range(count):
-            if out.counts[r] > 0:
+            if counts[r] > 0:
                 _evaluate_run(run_arrays(model, group[r]), k, r, reading, out)
     else:
         _evaluate(model, group, k, most + most % _EVEN, _alike(count, out), reading, out)
@@ -114,16 +116,17 @@ def read_points(
 @compiled
 def _far(out: Points, r: int) -> int:
     """List the points of a run over which h may bend; return how many pairs there are."""
-    moving, n = out.shift.shape[0], out.shift.shape[1]
+    shift, far = out.shift, out.far
+    moving, n = shift.shape[0], shift.shape[1]
     count = 0
     for q in range(n):
         size = turn = 0.0
         for i in range(3):
-            size += out.shift[i, q, r] * out.shift[i, q, r]
+            size += shift[i, q, r] * shift[i, q, r]
         for i in range(3, moving):
-            turn += out.shift[i, q, r] * out.shift[i, q, r]
+            turn += shift[i, q, r] * shift[i, q, r]
         if not (size < _NEAR * _NEAR and turn < _STRAIGHT * _STRAIGHT):
-            out.far[r, count] = q
+            far[r, count] = q
             count += 1
     return count
 
@@ -176,15 +179,18 @@ def _evaluate(
     Point ``s`` of a run is at s * LANES + r; a run with fewer than ``pairs`` is filled up.
     The first ``alike`` pairs are the same ones in all runs.
     """
+    odd, even, far, counts = out.odd, out.even, out.far, out.counts
+    shift, chosen, own, buffer = out.shift, out.chosen, out.own, out.buffer
+    errors, predicted, gains = reading.errors, reading.predicted, reading.gain
+    references, offsets, channels = model.references, model.offset, model.channels
     count, half = 2 * pairs * LANES, pairs * LANES
-    positions = out.buffer[: 3 * count].reshape((3, count))
-    tensors = out.buffer[3 * count : 9 * count].reshape((6, count))
-    trigonometry = out.buffer[9 * count : 13 * count].reshape((4, count))
-    growth = out.buffer[13 * count : 15 * count].reshape((2, count))
-    own = out.own
+    positions = buffer[: 3 * count].reshape((3, count))
+    tensors = buffer[3 * count : 9 * count].reshape((6, count))
+    trigonometry = buffer[9 * count : 13 * count].reshape((4, count))
+    growth = buffer[13 * count : 15 * count].reshape((2, count))
     turning = ROTATION_RATE * model.times[k]
     for r in range(LANES):
-        reference = model.references[group[r], k]
+        reference = references[group[r], k]
         latitude, longitude, angle = reference[0], reference[1], reference[1] + turning
         sine, cosine = sine_cosine(latitude)
         own[0, 0, r], own[0, 1, r], own[0, 2, r] = latitude, longitude, reference[2]
@@ -194,11 +200,11 @@ def _evaluate(
     for i in range(3):
         for s in range(pairs):
             if s < alike:
-                store(out.chosen, i, s, load(out.shift, i, out.far[0, s]))
+                store(chosen, i, s, load(shift, i, far[0, s]))
                 continue
             for r in range(LANES):
-                q = out.far[r, s]
-                out.chosen[i, s, r] = out.shift[i, q, r] if s < out.counts[r] else 0.0
+                q = far[r, s]
+                chosen[i, s, r] = shift[i, q, r] if s < counts[r] else 0.0
     latitude, longitude, height = load(own, 0, 0), load(own, 0, 1), load(own, 0, 2)
     sine, cosine = load(own, 0, 3), load(own, 0, 4)
     sine_a, cosine_a = load(own, 0, 5), load(own, 0, 6)
@@ -208,9 +214,9 @@ def _evaluate(
         for s in range(pairs):
             p = side * half + s * LANES
             # Linear in the error, as the error state is.
-            east = load(reading.errors, 0, 0) + sign * load(out.chosen, 0, s)
-            north = load(reading.errors, 0, 1) + sign * load(out.chosen, 1, s)
-            up = load(reading.errors, 0, 2) + sign * load(out.chosen, 2, s)
+            east = load(errors, 0, 0) + sign * load(chosen, 0, s)
+            north = load(errors, 0, 1) + sign * load(chosen, 1, s)
+            up = load(errors, 0, 2) + sign * load(chosen, 2, s)
             growth_n, growth_e = 0.0 - north / per_north, 0.0 - east / per_east
             store_from(growth, p, growth_n)
             store_from(growth, count + p, growth_e)
@@ -236,11 +242,11 @@ def _evaluate(
         platform_readings(
             trigonometry[0], trigonometry[1], trigonometry[2], trigonometry[3], tensors
         )
-    for c in range(out.odd.shape[0]):
-        channel = model.channels[c]
+    for c in range(odd.shape[0]):
+        channel = channels[c]
         for r in range(LANES):
-            own[0, 0, r] = reading.predicted[0, c, r] - model.offset[group[r], k, c]
-        gain, centre = load(reading.gain, 0, 0), load(own, 0, 0)
+            own[0, 0, r] = predicted[0, c, r] - offsets[group[r], k, c]
+        gain, centre = load(gains, 0, 0), load(own, 0, 0)
         for s in range(pairs):
             plus, minus = splat(0.0), splat(0.0)
             for i in range(6):
@@ -249,12 +255,12 @@ def _evaluate(
                 minus += channel[i] * load_from(tensors, half + at)
             plus, minus = gain * plus - centre, gain * minus - centre
             if s < alike:
-                store(out.odd, c, out.far[0, s], 0.5 * (plus - minus))
-                store(out.even, c, out.far[0, s], 0.5 * (plus + minus))
+                store(odd, c, far[0, s], 0.5 * (plus - minus))
+                store(even, c, far[0, s], 0.5 * (plus + minus))
                 continue
             store(own, 0, 1, 0.5 * (plus - minus))
             store(own, 0, 2, 0.5 * (plus + minus))
             for r in range(LANES):
-                if s < out.counts[r]:
-                    q = out.far[r, s]
-                    out.odd[c, q, r], out.even[c, q, r] = own[0, 1, r], own[0, 2, r]
+                if s < counts[r]:
+                    q = far[r, s]
+                    odd[c, q, r], even[c, q, r] = own[0, 1, r], own[0, 2, r]

@@ -14,7 +14,7 @@ from . import lanes
 from .block import ProblemBlock
 from .compiled_filters import noise_inverse
 from .kernels import LANES, aligned, compiled
-from .levenberg_marquardt import FIRST_DAMPING, arrived, decide
+from .levenberg_marquardt import FIRST_DAMPING, arrived, decide, is_last_step
 from .measurement_kernels import ModelArrays
 from .vectors import load, splat, store
 from .whitened_readings import Readings, linearise, readings_of
@@ -393,8 +393,15 @@ def _smooth(
                     model, measurements, noise_inverse, prior_mean, prior_cov, group, count, active,
                     False, path, reading, work, costs,
                 )  # fmt: skip
+        # The filter has gone along the final trajectories: one step more, too small to be judged.
+        _back(path, prior_cov, work, costs)
         for r in range(count):
             errors[first + r] = cost[r]
+            linear_cost = 0.5 * (costs.motion[0, 0, r] + unexplained[r] + costs.promised[0, 0, r])
+            if is_last_step(cost[r], linear_cost):
+                for k in range(epochs):
+                    for i in range(n):
+                        path.states[k, 0, i, r] = path.trial[k, 0, i, r]
         _covariances(path, first, count, work, mean, cov)
 
 

@@ -81,61 +81,64 @@ def linearise(
     noise_inverse : (m, m) inverse of the lower triangular root of R.
     group : (LANES,) runs, of which ``count`` differ. x : (1, n, LANES). out : output.
     """
-    m, moving, columns = measurements.shape[2], out.b.shape[0], out.b.shape[1]
-    gather_rows(model.rows, group, k, moving, out.b)
-    gather_row(measurements, group, k, out.z)
+    b, errors, gain, z, predicted = out.b, out.errors, out.gain, out.z, out.predicted
+    rows, residual, white, innovation = out.rows, out.residual, out.white, out.innovation
+    m, moving, columns = measurements.shape[2], b.shape[0], b.shape[1]
+    gather_rows(model.rows, group, k, moving, b)
+    gather_row(measurements, group, k, z)
     for i in range(moving):
         total = splat(0.0)
         for j in range(columns):
-            total += load(out.b, i, j) * load(x, 0, j)
-        store(out.errors, 0, i, total)
+            total += load(b, i, j) * load(x, 0, j)
+        store(errors, 0, i, total)
     linearise_lanes(
-        model, group, count, k, out.errors.reshape(-1), out.work, out.predicted.reshape(-1),
+        model, group, count, k, errors.reshape(-1), out.work, predicted.reshape(-1),
         out.slope.reshape(-1),
     )  # fmt: skip
     for r in range(LANES):
-        out.gain[0, 0, r] = model.gain[group[r], k]
+        gain[0, 0, r] = model.gain[group[r], k]
     for i in range(m):
-        total = load(out.z, 0, i) - load(out.predicted, 0, i)
+        total = load(z, 0, i) - load(predicted, 0, i)
         if model.bias >= 0:
-            total -= load(out.gain, 0, 0) * load(x, 0, model.bias + i)
-        store(out.residual, 0, i, total)
+            total -= load(gain, 0, 0) * load(x, 0, model.bias + i)
+        store(residual, 0, i, total)
     _whiten(noise_inverse, out)
-    equations = min(m, out.rows.shape[0])
+    equations = min(m, rows.shape[0])
     if equations < m:
         _compress(out)
     total = splat(0.0)
     for i in range(equations, m):
-        value = load(out.residual, 0, i)
+        value = load(residual, 0, i)
         total += value * value
     store(out.squared, 0, 0, total)
     for i in range(equations):
-        store(out.innovation, 0, i, load(out.residual, 0, i))
+        store(innovation, 0, i, load(residual, 0, i))
         for c in range(columns):
             total = splat(0.0)
             for j in range(moving):
-                total += load(out.white, i, j) * load(out.b, j, c)
-            store(out.rows, i, c, total)
+                total += load(white, i, j) * load(b, j, c)
+            store(rows, i, c, total)
         if model.bias >= 0:
             for c in range(i + 1):
-                value = load(out.gain, 0, 0) * splat(noise_inverse[i, c])
-                store(out.rows, i, model.bias + c, value)
+                value = load(gain, 0, 0) * splat(noise_inverse[i, c])
+                store(rows, i, model.bias + c, value)
 
 
 @compiled
 def _whiten(noise_inverse: np.ndarray, out: Readings) -> None:
     """Multiply slope and residual by the inverse root of R."""
-    m, moving = out.white.shape[0], out.white.shape[1]
+    slope, white, residual = out.slope, out.white, out.residual
+    m, moving = white.shape[0], white.shape[1]
     for i in range(m - 1, -1, -1):
         total = splat(0.0)
         for c in range(i + 1):
-            total += splat(noise_inverse[i, c]) * load(out.residual, 0, c)
-        store(out.residual, 0, i, total)
+            total += splat(noise_inverse[i, c]) * load(residual, 0, c)
+        store(residual, 0, i, total)
         for j in range(moving):
             total = splat(0.0)
             for c in range(i + 1):
-                total += splat(noise_inverse[i, c]) * load(out.slope, c, j)
-            store(out.white, i, j, total)
+                total += splat(noise_inverse[i, c]) * load(slope, c, j)
+            store(white, i, j, total)
 
 
 @compiled

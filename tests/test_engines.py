@@ -92,28 +92,22 @@ def test_filters_are_those_of_filterpy(label, name, case):
 
 @pytest.mark.parametrize(("name", "case"), CASES)
 def test_the_batch_solution_is_gtsams(name, case):
-    """To a millionth of the prior wherever both end their search after the same number of steps.
+    """To a millionth of the prior wherever GTSAM converges, or to what its own answer moves by.
 
-    Or to what GTSAM's own answer moves by, as with filters. Where their last digits made one of
-    them take a step more, or where neither converged within the limit of steps, they are as good as
-    each other: the costs are equal.
+    Where it has not converged within the limit of steps, the two are as good as each other: the
+    costs are equal.
     """
     block = block_of_runs(name, case)
     reference, estimates = choose(BATCH).estimator, compiled(BATCH).estimate_block(block)
-    same = 0
     for run in range(BATCH_RUNS if name != "wang2013" else RUNS):
         problem = block.problem(run)
         expected = reference.estimate(problem, np.random.default_rng(0))
         found = estimates.estimate(run)
-        steps = expected.info["iterations"]
         error = expected.info["error"]
         assert abs(found.info["error"] - error) < 1e-4 + 1e-6 * error
-        if steps == found.info["iterations"] < reference.max_iterations:
-            same += 1
-            apart = difference(found, expected, problem)
-            if apart >= LIMIT:
-                again = reference.estimate(nudged(problem), np.random.default_rng(0))
-                own = difference(again, expected, problem)
-                assert own > 0.1 * LIMIT, f"run {run}: {apart:.1e}, and {own:.1e} of GTSAM itself"
-    if name == "wang2013":
-        assert same > 0.8 * RUNS
+        apart = difference(found, expected, problem)
+        if apart >= LIMIT and expected.info["iterations"] < reference.max_iterations:
+            again = reference.estimate(nudged(problem), np.random.default_rng(0))
+            own = difference(again, expected, problem)
+            assert own > 0.1 * LIMIT, f"run {run}: {apart:.1e}, and {own:.1e} of GTSAM itself"
+            assert name == "wide_prior" or EVERYTHING
