@@ -9,92 +9,13 @@ import math
 
 import numpy as np
 
-from . import kalman, lanes
+from . import lane_steps, lanes
 from .block import ProblemBlock
-from .gradiometer import STRAPDOWN
 from .kernels import LANES, compiled
-from .measurement_kernels import ModelArrays, linearise_errors
+from .measurement_kernels import ModelArrays
 from .sigma_points import Points, points_of, read_points
 from .vectors import load, splat, store
 from .whitened_readings import Readings, linearise, readings_of
-
-SIZES = ((16, 3), (16, 6), (24, 9))
-"""Numbers of states and of components that kernels are made for."""
-
-
-@compiled
-def whitened_reading(
-    model: ModelArrays,
-    k: int,
-    x: np.ndarray,
-    measurement: np.ndarray,
-    noise_inverse: np.ndarray,
-    moving: int,
-    work: np.ndarray,
-    rows: np.ndarray,
-    innovation: np.ndarray,
-) -> tuple[float, bool]:
-    """Fill a reading's equations H δx = innovation + noise of unit variance, linearised at x.
-
-    Parameters
-    ----------
-    model, k, x, measurement : arrays of one run, epoch, state (n,) or longer, reading (m,).
-    noise_inverse : (m, m) inverse of the lower triangular root of R.
-    moving : of how many errors (the first columns of B_k) h is a function.
-    work : (3, 9, 9) scratch.
-    rows, innovation : (channels, width), (channels,) outputs; ``channels`` may be ``moving`` if
-        there are no biases: an orthogonal transformation leaves so many equations.
-
-    Returns
-    -------
-    The sum of the squares of what that transformation leaves out, which no state explains; and
-    whether there was a reading at all.
-    """
-    m, columns = measurement.shape[0], model.rows.shape[2]
-    biased = model.bias >= 0
-    raw, slope = work[0], work[1]
-    error, residual, predicted = work[2, 0], work[2, 1], work[2, 2]
-    b = model.rows[k]
-    for i in range(moving):
-        total = 0.0
-        for j in range(columns):
-            total += b[i, j] * x[j]
-        error[i] = total
-    linearise_errors(model, k, error, predicted, raw)
-    gain = model.gain[k]
-    present = False
-    for i in range(m):
-        predicted[i] = measurement[i] - predicted[i]
-        if biased:
-            predicted[i] -= gain * x[model.bias + i]
-        present |= predicted[i] != 0.0 or raw[i, 0] != 0.0
-    for i in range(m):
-        total = 0.0
-        for c in range(i + 1):
-            total += noise_inverse[i, c] * predicted[c]
-        residual[i] = total
-        for j in range(moving):
-            total = 0.0
-            for c in range(i + 1):
-                total += noise_inverse[i, c] * raw[c, j]
-            slope[i, j] = total
-    left = 0.0
-    used = m
-    if rows.shape[0] < m:
-        left = kalman.compress(slope, residual, m, moving)
-        used = moving
-    for i in range(used):
-        innovation[i] = residual[i]
-        row = rows[i]
-        for c in range(columns):
-            total = 0.0
-            for j in range(moving):
-                total += slope[i, j] * b[j, c]
-            row[c] = total
-        if biased:
-            for c in range(m):
-                row[model.bias + c] = gain * noise_inverse[i, c]
-    return left, present
 
 
 @compiled
@@ -127,16 +48,16 @@ def _extended(
         lanes.spread(prior_cov, p)
         for k in range(epochs):
             moving = lanes.gather(transition, process_cov, group, k, expected, phi, q)
-            lanes.predict(phi, q, moving, x, p, scratch)
+            lane_steps.predict(phi, q, moving, x, p, scratch)
             linearise(model, measurements, noise_inverse, group, count, k, x, reading)
-            lanes.project(reading.rows, p, m, hp, s)
-            lanes.factorise(s, m, s)
-            lanes.whiten(s, m, reading.innovation, white)
-            lanes.add_squares(white, m, reading.squared)
-            lanes.solve_lower(s, m, hp, change)
-            lanes.correct(change, white, m, x)
-            lanes.solve_upper(s, m, change, gain)
-            lanes.joseph(gain, hp, reading.rows, m, p, scratch, change)
+            lane_steps.project(reading.rows, p, m, hp, s)
+            lane_steps.factorise(s, m, s)
+            lane_steps.whiten(s, m, reading.innovation, white)
+            lane_steps.add_squares(white, m, reading.squared)
+            lane_steps.solve_lower(s, m, hp, change)
+            lane_steps.correct(change, white, m, x)
+            lane_steps.solve_upper(s, m, change, gain)
+            lane_steps.joseph(gain, hp, reading.rows, m, p, scratch, change)
             _scatter_squares(reading, first, count, k, nis)
             lanes.scatter(x, p, first, count, k, mean, cov)
 
@@ -284,10 +205,10 @@ def _unscented(
             moving = lanes.gather(transition, process_cov, group, k, expected, phi, q)
             # The motion is linear: sigma points through Φ have the mean Φ x and the covariance
             # Φ P Φᵀ exactly.
-            lanes.predict(phi, q, moving, x, p, scratch)
-            lanes.triangular_root(p, lower, inverse)
+            lane_steps.predict(phi, q, moving, x, p, scratch)
+            lane_steps.triangular_root(p, lower, inverse)
             for r in range(count):
-                if not lanes.is_positive(inverse, r):
+                if not lane_steps.is_positive(inverse, r):
                     counts[first + r, 0] += 1
                     _repaired(p, r, lower)
             linearise(model, measurements, noise_inverse, group, count, k, x, reading)
@@ -298,21 +219,21 @@ def _unscented(
                 _add_biases(lower, spread, model.bias, reading, points)
             _moments(lower, noise_cov, spread, centre_cov, weight, points, offset, s, cross)
             # The square of the innovation is judged as that of every filter is, linearised.
-            lanes.project(reading.rows, p, equations, hp, linear)
-            lanes.factorise(linear, equations, linear)
-            lanes.whiten(linear, equations, reading.innovation, white)
-            lanes.add_squares(white, equations, reading.squared)
+            lane_steps.project(reading.rows, p, equations, hp, linear)
+            lane_steps.factorise(linear, equations, linear)
+            lane_steps.whiten(linear, equations, reading.innovation, white)
+            lane_steps.add_squares(white, equations, reading.squared)
             _scatter_squares(reading, first, count, k, nis)
-            lanes.factorise(s, m, s)
+            lane_steps.factorise(s, m, s)
             _innovations(model.bias, x, reading, offset)
-            lanes.whiten(s, m, reading.z, white)
-            lanes.solve_lower(s, m, cross, cross)
-            lanes.correct(cross, white, m, x)
-            lanes.add_products(cross, cross, -1.0, p, scratch)
+            lane_steps.whiten(s, m, reading.z, white)
+            lane_steps.solve_lower(s, m, cross, cross)
+            lane_steps.correct(cross, white, m, x)
+            lane_steps.add_products(cross, cross, -1.0, p, scratch)
             p, scratch = scratch, p
-            lanes.triangular_root(p, lower, inverse)
+            lane_steps.triangular_root(p, lower, inverse)
             for r in range(count):
-                if not lanes.is_positive(inverse, r):
+                if not lane_steps.is_positive(inverse, r):
                     counts[first + r, 0] += 1
                     p[:, :, r] = _repaired(p, r, lower)
             lanes.scatter(x, p, first, count, k, mean, cov)
@@ -338,14 +259,6 @@ def _innovations(bias: int, x: np.ndarray, reading: Readings, offset: np.ndarray
         if bias >= 0:
             total -= load(reading.gain, 0, 0) * load(x, 0, bias + c)
         store(reading.z, 0, c, total)
-
-
-def size_of(block: ProblemBlock) -> tuple[int, int]:
-    """Return the sizes of the kernel that takes a block."""
-    n, m = block.dimension, block.measurements.shape[2]
-    if block.model.bias < 0 and block.model.instrument != STRAPDOWN:
-        m = min(m, 3)  # what a reading says about a position is three numbers
-    return next(size for size in SIZES if n <= size[0] and m <= size[1])
 
 
 def noise_inverse(block: ProblemBlock) -> np.ndarray:

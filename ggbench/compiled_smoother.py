@@ -24,8 +24,9 @@ import numpy as np
 
 from . import kalman, smoother_lanes
 from .block import ProblemBlock
-from .compiled_filters import SIZES, noise_inverse, size_of, whitened_reading
+from .compiled_filters import noise_inverse
 from .gradiometer import STRAPDOWN
+from .kalman import SIZES, size_of, whitened_reading
 from .kernels import compiled
 from .levenberg_marquardt import FIRST_DAMPING, LEAST_FELT, decide, is_last_step
 from .measurement_kernels import ModelArrays, run_arrays

@@ -11,7 +11,10 @@ import math
 
 import numpy as np
 
+from .block import ProblemBlock
+from .gradiometer import STRAPDOWN
 from .kernels import compiled, copied
+from .measurement_kernels import ModelArrays, linearise_errors
 
 
 @copied
@@ -286,3 +289,90 @@ def square(
             for k in range(width):
                 total += a[k, i] * scratch[k, j]
             out[i, j] = total
+
+
+@compiled
+def whitened_reading(
+    model: ModelArrays,
+    k: int,
+    x: np.ndarray,
+    measurement: np.ndarray,
+    noise_inverse: np.ndarray,
+    moving: int,
+    work: np.ndarray,
+    rows: np.ndarray,
+    innovation: np.ndarray,
+) -> tuple[float, bool]:
+    """Fill a reading's equations H δx = innovation + noise of unit variance, linearised at x.
+
+    Parameters
+    ----------
+    model, k, x, measurement : arrays of one run, epoch, state (n,) or longer, reading (m,).
+    noise_inverse : (m, m) inverse of the lower triangular root of R.
+    moving : of how many errors (the first columns of B_k) h is a function.
+    work : (3, 9, 9) scratch.
+    rows, innovation : (channels, width), (channels,) outputs; ``channels`` may be ``moving`` if
+        there are no biases: an orthogonal transformation leaves so many equations.
+
+    Returns
+    -------
+    The sum of the squares of what that transformation leaves out, which no state explains; and
+    whether there was a reading at all.
+    """
+    m, columns = measurement.shape[0], model.rows.shape[2]
+    biased = model.bias >= 0
+    raw, slope = work[0], work[1]
+    error, residual, predicted = work[2, 0], work[2, 1], work[2, 2]
+    b = model.rows[k]
+    for i in range(moving):
+        total = 0.0
+        for j in range(columns):
+            total += b[i, j] * x[j]
+        error[i] = total
+    linearise_errors(model, k, error, predicted, raw)
+    gain = model.gain[k]
+    present = False
+    for i in range(m):
+        predicted[i] = measurement[i] - predicted[i]
+        if biased:
+            predicted[i] -= gain * x[model.bias + i]
+        present |= predicted[i] != 0.0 or raw[i, 0] != 0.0
+    for i in range(m):
+        total = 0.0
+        for c in range(i + 1):
+            total += noise_inverse[i, c] * predicted[c]
+        residual[i] = total
+        for j in range(moving):
+            total = 0.0
+            for c in range(i + 1):
+                total += noise_inverse[i, c] * raw[c, j]
+            slope[i, j] = total
+    left = 0.0
+    used = m
+    if rows.shape[0] < m:
+        left = compress(slope, residual, m, moving)
+        used = moving
+    for i in range(used):
+        innovation[i] = residual[i]
+        row = rows[i]
+        for c in range(columns):
+            total = 0.0
+            for j in range(moving):
+                total += slope[i, j] * b[j, c]
+            row[c] = total
+        if biased:
+            for c in range(m):
+                row[model.bias + c] = gain * noise_inverse[i, c]
+    return left, present
+
+
+SIZES = ((16, 3), (16, 6), (24, 9))
+"""Numbers of states and of components that kernels are made for."""
+
+
+def size_of(block: ProblemBlock) -> tuple[int, int]:
+    """Return the sizes of the kernel that takes a block."""
+    n, m = block.dimension, block.measurements.shape[2]
+    if block.model.bias < 0 and block.model.instrument != STRAPDOWN:
+        m = min(m, 3)  # what a reading says about a position is three numbers
+    return next(size for size in SIZES if n <= size[0] and m <= size[1])

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from . import lanes
+from . import lane_steps, lanes
 from .block import ProblemBlock
 from .compiled_filters import noise_inverse
 from .kernels import LANES, aligned, compiled
@@ -160,14 +160,14 @@ def _update(path: _Path, k: int, work: _Work) -> None:
         for j in range(n):
             total -= load(rows, c, j) * load(work.x, 0, j)
         store(work.innovation, 0, c, total)
-    lanes.project(rows, work.p, m, work.hp, work.s)
-    lanes.factorise(work.s, m, lower)
-    lanes.whiten(lower, m, work.innovation, work.white)
-    lanes.solve_lower(lower, m, work.hp, work.half)
-    lanes.correct(work.half, work.white, m, work.x)
-    lanes.solve_upper(lower, m, work.half, gain)
-    lanes.solve_upper(lower, m, work.white.reshape((m, 1, LANES)), path.pulls[k])
-    lanes.joseph(gain, work.hp, rows, m, work.p, work.scratch, work.change)
+    lane_steps.project(rows, work.p, m, work.hp, work.s)
+    lane_steps.factorise(work.s, m, lower)
+    lane_steps.whiten(lower, m, work.innovation, work.white)
+    lane_steps.solve_lower(lower, m, work.hp, work.half)
+    lane_steps.correct(work.half, work.white, m, work.x)
+    lane_steps.solve_upper(lower, m, work.half, gain)
+    lane_steps.solve_upper(lower, m, work.white.reshape((m, 1, LANES)), path.pulls[k])
+    lane_steps.joseph(gain, work.hp, rows, m, work.p, work.scratch, work.change)
     _copy(work.x, path.filtered[k])
     half = path.half_cov[k]
     place = 0
@@ -257,8 +257,8 @@ def _covariances(
                 store(f, i, j, value)
                 store(f, j, i, value)
                 place += 1
-        lanes.products_of_rows(f, n, later, t)
-        lanes.products_of_rows(t, n, f, p)
+        lane_steps.products_of_rows(f, n, later, t)
+        lane_steps.products_of_rows(t, n, f, p)
         for i in range(n):
             for j in range(i + 1):
                 value = load(f, i, j) - load(p, i, j)
@@ -266,9 +266,9 @@ def _covariances(
                 store(p, j, i, value)
         lanes.scatter(path.states[k], p, first, count, k, mean, cov)
         # Hᵀ S⁻¹ H + (I − K H)ᵀ Λ (I − K H) = Λ + Hᵀ E + Eᵀ H, E = ½ (Kᵀ Λ K + S⁻¹) H − Kᵀ Λ
-        lanes.products_of_rows(gain, m, later, pulled)
-        lanes.solve_lower(lower, m, rows, e)
-        lanes.solve_upper(lower, m, e, e)
+        lane_steps.products_of_rows(gain, m, later, pulled)
+        lane_steps.solve_lower(lower, m, rows, e)
+        lane_steps.solve_upper(lower, m, e, e)
         for c in range(m):
             for d in range(m):
                 total = splat(0.0)
@@ -294,8 +294,8 @@ def _covariances(
                 if i < moving:
                     value = load(phi, i, j)
                 store(phi_t, j, i, value)
-        lanes.products_of_rows(phi_t, n, later, t)
-        lanes.products_of_rows(t, n, phi_t, p)
+        lane_steps.products_of_rows(phi_t, n, later, t)
+        lane_steps.products_of_rows(t, n, phi_t, p)
         for i in range(n):
             for j in range(i + 1):
                 value = load(p, i, j)
@@ -343,7 +343,7 @@ def _smooth(
             path.moving[k] = lanes.gather(
                 transition, process_cov, group, k, expected, path.phi[k], path.q[k]
             )
-            lanes.move(path.phi[k], path.moving[k], work.x, work.scratch)
+            lane_steps.move(path.phi[k], path.moving[k], work.x, work.scratch)
             _copy(work.x, path.trial[k])
         costs.motion[:] = 0.0
         begun, going = False, True
@@ -433,7 +433,7 @@ def _forward(
             for r in range(count):
                 if not active[r]:
                     _put_back(path, k, r)
-        lanes.predict(path.phi[k], path.q[k], path.moving[k], work.x, work.p, work.scratch)
+        lane_steps.predict(path.phi[k], path.q[k], path.moving[k], work.x, work.p, work.scratch)
         _update(path, k, work)
 
 

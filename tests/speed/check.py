@@ -50,7 +50,7 @@ def _compiled(label: str) -> Any:
 
 def guards() -> list[Guard]:
     """Return what is guarded."""
-    engines = [("ekf", 5.5), ("ukf", 7.0), ("factor-graph[mode=batch]", 14.0)]
+    engines = [("ekf", 20.0), ("ukf", 20.0), ("factor-graph[mode=batch]", 40.0)]
     return [
         Guard("h of one state, compiled against NumPy", 2.5,
               lambda: Calls("numpy-h"), lambda: Calls("compiled-h")),
