@@ -67,7 +67,12 @@ def records(results: Results) -> dict[tuple[str, str, int], dict[str, Any]]:
 def assert_equal(one: Results, other: Results) -> None:
     """Two folders hold the same bits: records, series, details and tables, timings aside."""
     expected = records(one)
-    assert records(other) == expected
+    found = records(other)
+    assert found.keys() == expected.keys()
+    differing = {
+        key: (found[key], record) for key, record in expected.items() if found[key] != record
+    }
+    assert not differing, next(iter(differing.items()))
     for case, label in {key[:2] for key in expected}:
         for read in (Results.series, lambda r, c, e: r.detail(c, e, 0)):
             assert np.array_equal(read(one, case, label), read(other, case, label), equal_nan=True)

@@ -37,6 +37,8 @@ def labels() -> list[str]:
             if typing.get_origin(annotation) is typing.Literal
             for choice in typing.get_args(annotation)
         ]
+        # The compiled engine of the graph knows one of its modes.
+        modes = [m.replace("factor-graph[engine", "factor-graph[mode=batch,engine") for m in modes]
         found += modes or [name]
     return found + [text for text in os.environ.get(PLUGIN_VARIABLE, "").split(";") if text]
 
