@@ -329,7 +329,7 @@ def test_states_without_noise_are_constant_in_the_batch_answer(real):
     assert (np.ptp(variances, axis=0) / variances[0]).max() < 1e-9
 
 
-@pytest.mark.parametrize("label", GRAPHS)
+@pytest.mark.parametrize("label", ON_GTSAM)
 def test_graphs_are_released(label):
     """No solve keeps its callbacks: each of 30 models is gone when its answer is there."""
     alive = []
