@@ -25,6 +25,7 @@ appears as g_k d(t_k − τ_k), where g_k is the sum of row k of W and τ_k the 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
@@ -33,6 +34,7 @@ import numpy as np
 from scipy.linalg import qr, solve_triangular
 
 from .errors import GGBenchError
+from .kernels import compiled
 from .problem import frozen
 
 Treatment = Literal["whitened", "delayed"]
@@ -71,38 +73,53 @@ class LowPass:
         """Filter ``samples`` (K,) or (..., K, m) along their time; the first ``order`` are kept."""
         filtered = np.array(samples, dtype=float)
         columns = filtered[:, np.newaxis] if filtered.ndim == 1 else filtered
-        start = self.order
-        if columns.shape[-2] > start:
-            from scipy import signal  # not at the top: it loads slowly
-
-            numerator, denominator, states = _difference_equation(self)
-            columns[..., start:, :], _ = signal.lfilter(
-                numerator, denominator, columns[..., start:, :], axis=-2,
-                zi=states @ columns[..., start - 1 :: -1, :],
-            )  # fmt: skip
+        _filter(*_difference_equation(self), columns.reshape(-1, *columns.shape[-2:]))
         return filtered
 
     def dc_delay(self) -> float:
         """Return the delay of a slow signal [samples]."""
-        numerator, denominator, _ = _difference_equation(self)
+        numerator, denominator = _difference_equation(self)
         # Not scipy.signal.group_delay: its response at DC is −d(phase)/dω, exactly this sum.
         lags = np.arange(self.order + 1)
         return float(lags @ numerator / numerator.sum() - lags @ denominator / denominator.sum())
 
 
 @lru_cache(maxsize=16)
-def _difference_equation(lowpass: LowPass) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return numerator and denominator, and what takes the past to the state that lfilter keeps.
+def _difference_equation(lowpass: LowPass) -> tuple[np.ndarray, np.ndarray]:
+    """Return numerator and denominator, by the bilinear transform of Butterworth's poles.
 
-    The past are the first outputs, the newest first, which equal the inputs; the state is linear in
-    them.
+    As :func:`scipy.signal.butter` does it (a test says so), whose package takes half a second to
+    load.
     """
-    from scipy import signal
+    order, twice = lowpass.order, 2.0 * lowpass.rate_hz
+    warped = twice * math.tan(math.pi * lowpass.cutoff_hz / lowpass.rate_hz)
+    angles = math.pi * (2.0 * np.arange(order) + 1.0 + order) / (2.0 * order)
+    poles = warped * np.exp(1j * angles)
+    denominator = np.real(np.poly((twice + poles) / (twice - poles)))
+    gain = np.real(np.prod(warped / (twice - poles)))
+    numerator = gain * np.array([math.comb(order, k) for k in range(order + 1)], dtype=float)
+    return numerator, denominator
 
-    numerator, denominator = signal.butter(lowpass.order, lowpass.cutoff_hz, fs=lowpass.rate_hz)
-    pasts = np.eye(lowpass.order)
-    states = [signal.lfiltic(numerator, denominator, y=past, x=past) for past in pasts]
-    return numerator, denominator, np.stack(states, axis=-1)
+
+@compiled
+def _filter(numerator: np.ndarray, denominator: np.ndarray, samples: np.ndarray) -> None:
+    """Replace samples (R, K, m) by the difference equation's output, the first ones kept."""
+    order = numerator.shape[0] - 1
+    runs, count, columns = samples.shape
+    past = np.empty((order + 1, columns))
+    for run in range(runs):
+        own = samples[run]
+        # The inputs of the last steps, in a ring: outputs take their places in the samples.
+        for k in range(min(order, count)):
+            past[k] = own[k]
+        for k in range(order, count):
+            past[k % (order + 1)] = own[k]
+            for c in range(columns):
+                total = numerator[0] * own[k, c]
+                for lag in range(1, order + 1):
+                    total += numerator[lag] * past[(k - lag) % (order + 1), c]
+                    total -= denominator[lag] * own[k - lag, c]
+                own[k, c] = total
 
 
 @dataclass(frozen=True)
