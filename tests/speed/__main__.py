@@ -120,10 +120,12 @@ def bench(options: argparse.Namespace) -> None:
     }
     try:
         raw["profiles"], raw["map_evaluations"] = profiles(options.rounds)
-        raw["model_cost"] = model_cost.measure(range(8), (1, 19, 31), 3 * options.rounds)
+        raw["model_cost"] = model_cost.measure((1, 12, 31), 3 * options.rounds)
         labels = [check.with_engine(label) for label in LABELS.values()]
         counts = [n for n in curve.COUNTS if n <= options.most] or [options.most]
         raw["curve"] = curve.measure(counts, 2, labels)
+        raw["one_thread"] = curve.measure([min(curve.SCALED, options.most)], 1, labels)[0]
+        raw["campaign"] = startup.campaign(min(startup.CAMPAIGN_RUNS, options.most), labels)
     except GGBenchError as error:
         raw["not_streamed"] = rounds.plain(error)
     (folder / RAW).write_text(json.dumps(raw, indent=1))

@@ -18,6 +18,8 @@ import numpy as np
 
 from . import environments
 
+SCALED = 3000
+"""Number of runs with which one thread is compared with two."""
 COUNTS = (100, 300, 1000, 3000, 10_000, 30_000, 100_000)
 
 

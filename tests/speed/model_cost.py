@@ -4,24 +4,27 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from functools import partial
 
 import numpy as np
 
-from ggbench.kernels import compiled
-from ggbench.measurement_kernels import ModelArrays, linearise_errors, predict_errors
+from ggbench.kernels import LANES, compiled
+from ggbench.measurement_kernels import ModelArrays, predict_errors
+from ggbench.measurement_lanes import linearise_lanes, linearising_work
+from ggbench.simulation import simulate_block
 
 from . import export
 
 
 @compiled
 def _linearise_all(model: ModelArrays, errors: np.ndarray) -> float:
+    """Linearise h of the eight runs of a block at every epoch."""
     channels = model.channels.shape[0]
-    predicted, slope = np.empty(channels), np.empty((channels, 6))
+    predicted, slope = np.empty(channels * LANES), np.empty(channels * 6 * LANES)
+    work, group = linearising_work(), np.arange(LANES)
     total = 0.0
     for k in range(errors.shape[0]):
-        linearise_errors(model, k, errors[k], predicted, slope)
-        total += predicted[0] + slope[0, 0]
+        linearise_lanes(model, group, LANES, k, errors[k], work, predicted, slope)
+        total += predicted[0] + slope[0]
     return total
 
 
@@ -39,40 +42,43 @@ def _called(kernel: Callable[..., float], errors: np.ndarray, model: ModelArrays
     return kernel(model, errors)
 
 
-def measure(runs: Sequence[int], points: Sequence[int], rounds: int) -> dict[str, float]:
-    """Return the best of some rounds' seconds per run.
+def measure(points: Sequence[int], rounds: int) -> dict[str, float]:
+    """Return the best of some rounds' seconds per run, on eight runs.
 
     Parameters
     ----------
-    runs : whose tracks are used, in turn.
     points : for each number of points, h of that many at every epoch is timed: ``h of N``.
 
     Returns
     -------
-    Those, and ``h and H``: both, at one state an epoch.
+    Those, and ``h and H``: both, at one state an epoch, of eight runs at once.
     """
-    problems = export.problems(runs)
-    models = [export.model_arrays_of(problem) for problem in problems]
-    scale = np.sqrt(np.diag(problems[0].prior_cov))
+    block, _ = simulate_block(export.flight(), export.seed(), range(LANES))
+    models = [block.problem(run).model.arrays for run in range(LANES)]
+    scale = np.sqrt(np.diag(block.prior_cov))
     rng = np.random.default_rng(0)
 
     def errors(count: int) -> np.ndarray:
-        found = np.zeros((problems[0].epochs, 6, count))
+        found = np.zeros((block.epochs, 6, count))
         found[:, :3] = scale[:3, np.newaxis] * rng.standard_normal((len(found), 3, count))
         return found
 
-    work: dict[str, Callable[[ModelArrays], float]] = {
-        "h and H": partial(_called, _linearise_all, errors(1)[:, :, 0].copy()),
-        **{f"h of {count}": partial(_called, _predict_all, errors(count)) for count in points},
+    def predictions(count: int) -> Callable[[], object]:
+        drawn = errors(count)
+        return lambda: [_predict_all(model, drawn) for model in models]
+
+    at_once = errors(LANES).reshape(block.epochs, -1)
+    work: dict[str, Callable[[], object]] = {
+        "h and H": lambda: _linearise_all(block.model, at_once),
+        **{f"h of {count}": predictions(count) for count in points},
     }
     best: dict[str, float] = {}
     for function in work.values():
-        function(models[0])  # compiled
+        function()  # compiled
     for _ in range(rounds):
         for name, function in work.items():
             start = time.perf_counter()
-            for model in models:
-                function(model)
-            spent = (time.perf_counter() - start) / len(models)
+            function()
+            spent = (time.perf_counter() - start) / LANES
             best[name] = min(spent, best.get(name, spent))
     return best

@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
+import shlex
 import statistics
 import subprocess
 import sys
+import tempfile
 import time
+from collections.abc import Sequence
+from typing import Any
 
 from . import environments, export
 
+_ONE_RUN = ["run", export.SCENARIO, "--run", "0", "-c", export.CASE, "-e"]
 COMMANDS = {
-    "ggbench --help": ["--help"],
-    f"ggbench run {export.SCENARIO} --run 0 -c {export.CASE} -e ekf": [
-        "run", export.SCENARIO, "--run", "0", "-c", export.CASE, "-e", "ekf",
-    ],
-}  # fmt: skip
+    f"ggbench {' '.join(words)}": words
+    for words in (
+        ["--help"],
+        ["list"],
+        ["validate", export.SCENARIO],
+        [*_ONE_RUN, "ekf[engine=numba]"],
+        [*_ONE_RUN, "ekf"],
+    )
+}
+CAMPAIGN_RUNS = 10_000
+PAPERS_CASES = ("0.01E-1Hz", "0.001E-1Hz", "0.01E-0.2Hz")
 BARE = "python -c pass"
 
 
@@ -36,3 +47,22 @@ def measure(rounds: int) -> dict[str, dict[str, float]]:
         name: {"best": min(found), "median": statistics.median(found)}
         for name, found in times.items()
     }
+
+
+def campaign(runs: int, labels: Sequence[str]) -> dict[str, Any]:
+    """Return the command of a campaign of the paper's cases with some estimators, and its time [s].
+
+    From the start of the command to its end, on all processors: simulation, estimation, judgement,
+    storage, tables.
+    """
+    words = ["run", export.SCENARIO, "-n", str(runs)]
+    words += [word for case in PAPERS_CASES for word in ("-c", case)]
+    words += [word for label in labels for word in ("-e", label)]
+    with tempfile.TemporaryDirectory() as folder:
+        start = time.perf_counter()
+        subprocess.run(
+            [sys.executable, "-c", "from ggbench.cli import main; main()", *words, "-o", folder],
+            check=True, env=environments.variables(), stdout=subprocess.DEVNULL,
+        )  # fmt: skip
+        seconds = time.perf_counter() - start
+    return {"command": f"ggbench {shlex.join(words)}", "seconds": seconds, "runs": runs}
