@@ -10,12 +10,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol
+from typing import Any, ClassVar, Literal, Protocol
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from .block import EstimateBlock, ProblemBlock
 
 Causality = Literal["none", "filter", "fixed-lag", "batch"]
 
@@ -146,8 +143,11 @@ class Estimator(ABC):
         """Whether it takes many runs at once: it has a parameter ``engine``, which is ``numba``."""
         return vars(self).get("engine") == "numba"
 
-    def estimate_block(self, block: ProblemBlock) -> EstimateBlock:
-        """Estimate the states of all runs of a block; only if it is ``compiled``."""
+    def estimate_block(self, block: Any) -> Any:
+        """Estimate the states of all runs of a block; only if it is ``compiled``.
+
+        From a :class:`.block.ProblemBlock` to a :class:`.block.EstimateBlock`.
+        """
         raise NotImplementedError(f"{self.name} takes one run at a time")
 
     def skip(self, problem: Problem) -> str | None:
