@@ -1,4 +1,4 @@
-"""How the hot loops are compiled: two decorators, and what their settings are for.
+"""How the hot loops are compiled: three decorators, and what their settings are for.
 
 Kernels are kept on disk (see :mod:`ggbench.cache`) and let other threads run. They divide as NumPy
 does: by zero gives infinity or NaN, which is judged later; Python's exception would be a branch
@@ -20,9 +20,6 @@ inlined = _compile(forceinline=True)
 copied = _compile(inline="always")
 """A part of a kernel that is compiled anew where it is used: sizes that are constants there make
 loops of known length, which become vector instructions without a remainder."""
-summed = _compile(fastmath={"contract", "reassoc"})
-"""A kernel whose sums may be taken in any order, as vectors."""
-
 
 LANES = 8
 """Runs that go through a kernel together, in the lanes of vector registers: the last index."""

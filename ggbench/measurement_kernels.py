@@ -84,7 +84,7 @@ def run_arrays(model: ModelArrays, run: int) -> ModelArrays:
     )  # fmt: skip
 
 
-_SMALL = 0.1
+SMALL = 0.1
 """Angle [rad] up to which the series of :func:`turned` are exact to rounding."""
 
 
@@ -106,7 +106,7 @@ def _turn_all(angle: float, growth: np.ndarray, sines: np.ndarray, cosines: np.n
     for p in range(growth.shape[0]):
         sines[p], cosines[p] = turned(sine, cosine, growth[p])
     for p in range(growth.shape[0]):
-        if abs(growth[p]) > _SMALL:
+        if abs(growth[p]) > SMALL:
             sines[p], cosines[p] = math.sin(angle + growth[p]), math.cos(angle + growth[p])
 
 
@@ -225,7 +225,7 @@ def linearise_errors(
     position[0] = reference[0] + growth
     position[1] = reference[1] - error[0] / per_east
     position[2] = reference[2] - error[2]
-    if abs(growth) < _SMALL:
+    if abs(growth) < SMALL:
         sine, cosine = turned(sine, cosine, growth)
     else:
         sine, cosine = math.sin(position[0]), math.cos(position[0])

@@ -12,7 +12,7 @@ from .field import gradients
 from .gradiometer import PLATFORM, STRAPDOWN, platform_readings
 from .kernels import LANES, aligned, compiled
 from .lanes import lanes
-from .measurement_kernels import ModelArrays, predict_errors, run_arrays, turned
+from .measurement_kernels import SMALL, ModelArrays, predict_errors, run_arrays, turned
 from .measurement_lanes import TURN
 from .rotations import sine_cosine
 from .vectors import load, load_from, splat, store, store_from
@@ -20,8 +20,6 @@ from .whitened_readings import Readings
 
 _NEAR, _STRAIGHT = 0.01, 1e-7
 """Displacements [m], [rad] of the instrument over which h is a straight line."""
-_SMALL = 0.1
-"""Angle [rad] up to which :func:`.measurement_kernels.turned` is exact to rounding."""
 _EVEN = 2
 """Pairs of points are evaluated by so many, so that no loop over points leaves a remainder: what a
 run's points read then does not depend on how many points other runs have."""
@@ -230,7 +228,7 @@ def _evaluate(
             store_from(trigonometry, 2 * count + p, one)
             store_from(trigonometry, 3 * count + p, two)
     for p in range(count):
-        if abs(growth[0, p]) > _SMALL or abs(growth[1, p]) > _SMALL:
+        if abs(growth[0, p]) > SMALL or abs(growth[1, p]) > SMALL:
             north, angle = positions[0, p], positions[1, p] + turning
             trigonometry[0, p], trigonometry[1, p] = math.sin(north), math.cos(north)
             trigonometry[2, p], trigonometry[3, p] = math.sin(angle), math.cos(angle)
