@@ -62,7 +62,7 @@ format: $(INSTALLED)
 typecheck: $(INSTALLED)
 	rm -rf build/typecheck
 	mkdir -p build/typecheck/ggbench
-	cd build/typecheck/ggbench && ln -s $(addprefix ../../../,$(wildcard ggbench/*.py) ggbench/py.typed estimators scenarios) .
+	cd build/typecheck/ggbench && ln -s $(addprefix ../../../,$(filter-out %/__pycache__,$(wildcard ggbench/*)) estimators scenarios) .
 	$(BIN)/mypy -p ggbench
 
 wheel-check: $(INSTALLED)

@@ -1,14 +1,12 @@
 """Where compiled code is kept: apart for every version of its source.
 
 Numba knows that a function's own file has changed, but not that of a function which it inlines
-from another one, and would go on with the old formula. So the folder is named after the source of
-all that is compiled.
+from another one, and would go on with the old formula. So the folder is named after the source.
 """
 
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import os
 import re
 import shutil
@@ -16,6 +14,8 @@ import sys
 from pathlib import Path
 
 import platformdirs
+
+from .source import source_hash
 
 CACHE_VARIABLE = "GGBENCH_CACHE_DIR"
 """Environment variable that names another cache folder than the user's."""
@@ -31,7 +31,7 @@ def cache_folder() -> Path:
 
 def keep_apart() -> None:
     """Have numba keep what it compiles in a folder of this source; before anything is compiled."""
-    name = f"ggbench-{_source()}"
+    name = f"ggbench-{source_hash()}"
     base = Path(os.environ.get(_VARIABLE) or cache_folder() / "numba")
     if _OURS.fullmatch(base.name):  # a process that this package started
         base = base.parent
@@ -43,16 +43,6 @@ def keep_apart() -> None:
         if not folder.exists():
             folder.mkdir(parents=True)
             _remove_old(base)
-
-
-def _source() -> str:
-    """Return a hash of the modules that hold compiled code."""
-    digest = hashlib.sha256()
-    for file in sorted(Path(__file__).parent.glob("*.py")):
-        content = file.read_bytes()
-        if b"njit" in content or b"from .kernels import" in content:
-            digest.update(file.name.encode() + content)
-    return digest.hexdigest()[:16]
 
 
 def _remove_old(base: Path) -> None:

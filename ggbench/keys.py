@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import importlib.metadata
-import importlib.resources
 import json
 import platform
 from collections.abc import Mapping
@@ -20,6 +19,7 @@ from . import __version__
 from .field_source import map_content
 from .schema import CaseSpec
 from .sensor_schema import FieldSpec
+from .source import source_hash
 
 _PACKAGES = ("numpy", "scipy", "filterpy", "gtsam", "numba")
 """Packages whose version may change a result."""
@@ -30,7 +30,7 @@ def environment() -> dict[str, Any]:
     """Return the versions that a result depends on: of the package, its source, its libraries."""
     return {
         "ggbench": __version__,
-        "source_hash": _source_hash(),
+        "source_hash": source_hash(),
         "versions": {
             "python": platform.python_version(),
             **{name: importlib.metadata.version(name) for name in _PACKAGES},
@@ -81,13 +81,3 @@ def _hash(content: Any) -> str:
 def _map_content(field_json: str) -> str | None:
     """Return a hash of the map of a field; a process reads its file once."""
     return map_content(FieldSpec.model_validate_json(field_json))
-
-
-def _source_hash() -> str:
-    """Return a hash of the package's source, without its estimators: each has its own."""
-    digest = hashlib.sha256()
-    folder = importlib.resources.files("ggbench")
-    for file in sorted(folder.iterdir(), key=lambda f: f.name):
-        if file.name.endswith(".py"):
-            digest.update(file.name.encode() + file.read_bytes())
-    return digest.hexdigest()[:16]

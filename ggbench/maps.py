@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import hashlib
-import importlib.resources
 import json
 import math
 import tempfile
@@ -33,6 +32,7 @@ from .disturbing_field import (
 )
 from .earth import SEMI_MAJOR_AXIS
 from .gradient_map import GradientMap
+from .source import source_hash
 from .terrain_source import (
     TERRAINS,
     highest_ground_m,
@@ -43,21 +43,6 @@ from .terrain_source import (
 
 Array = NDArray[np.float64]
 
-_BUILDING_MODULES = (
-    "disturbing_field.py",
-    "earth.py",
-    "maps.py",
-    "remove_restore.py",
-    "spherical_harmonics.py",
-)
-_TERRAIN_MODULES = (
-    "maps.py",
-    "parker.py",
-    "plane_splines.py",
-    "stereographic.py",
-    "terrain.py",
-    "terrain_source.py",
-)
 _SPACING_PER_HEIGHT = 0.25
 _SPACING_PER_CLEARANCE = 0.6
 _FEWEST_NODES = 4  # per axis, what a cubic spline needs
@@ -267,18 +252,14 @@ def content_key(recipe: MapRecipe) -> str:
     """Hash of all that determines the map: recipe, data, code."""
     values = [v if isinstance(v, str) else float(v) for v in dataclasses.astuple(recipe)]
     digest = hashlib.sha256(json.dumps(values).encode())
-    modules: tuple[str, ...] = _BUILDING_MODULES
+    digest.update(source_hash().encode())
     if recipe.source in TERRAINS:
-        modules = _TERRAIN_MODULES
         names = [TERRAINS[recipe.source].file]
     else:
         files = SOURCES[recipe.source]
         names = [files.geoid, files.topography, files.coefficients]
     for name in names:
         digest.update(hashlib.sha256(data_bytes(name)).digest())
-    for name in modules:
-        source = (importlib.resources.files("ggbench") / name).read_bytes()
-        digest.update(hashlib.sha256(source).digest())
     return digest.hexdigest()[:32]
 
 

@@ -45,7 +45,7 @@ class Worker:
         with interrupts_held():
             self._process = subprocess.Popen(
                 # -P: no module of the folder that the user is in can stand in for one of ours.
-                [sys.executable, "-P", "-m", "ggbench.worker", str(theirs.fileno())],
+                [sys.executable, "-P", "-m", __name__, str(theirs.fileno())],
                 pass_fds=[theirs.fileno()],
                 stdin=subprocess.DEVNULL,
                 env=os.environ | ONE_THREAD,
