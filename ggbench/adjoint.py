@@ -13,8 +13,7 @@ import math
 import numpy as np
 
 from .error_matrix import ATTITUDE, BODY, DAMPING, DECAY, ENTRIES, FORCE, TURN, VELOCITY
-from .kernels import compiled, inlined
-from .strapdown import LANES
+from .kernels import LANES, compiled, inlined
 
 Column = tuple[
     float, float, float, float, float, float, float, float,

@@ -12,9 +12,10 @@ from types import MappingProxyType
 
 import numpy as np
 
+from .frozen import read_only
 from .measurement_kernels import ModelArrays
 from .measurement_model import GradiometerModel
-from .problem import Causality, Estimate, Problem, StateBlock, read_only
+from .problem import Causality, Estimate, Problem, StateBlock
 
 
 @dataclass(frozen=True)

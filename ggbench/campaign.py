@@ -23,13 +23,13 @@ import numpy as np
 from . import keys
 from .errors import GGBenchError
 from .problem import Problem
-from .records import DETAILED_RUN, lag_epochs, shared_arrays
+from .records import lag_epochs, shared_arrays
 from .registry import choose
 from .runner import Pairs, Task, flight_of, said
 from .scenario import Scenario
 from .schema import CaseSpec
 from .simulation import simulate
-from .store import FORMAT, Result, Store, StoreError, read_manifest, require_ours
+from .store import DETAILED_RUN, FORMAT, Result, Store, StoreError, read_manifest, require_ours
 
 TASK_RUNS = 128
 """Most runs of a task."""

@@ -20,17 +20,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .errors import GGBenchError
+from .gradient_map import MapError
 from .remove_restore import MARGIN_DEG, GravityGrid, Residual, height_anomaly, linear_weights
 from .spherical_harmonics import HarmonicCoefficients, gravity_and_gradient, without_normal_field
 
 Array = NDArray[np.float64]
 
 _WIDEST_SMOOTHING_DEG = 1.0
-
-
-class MapError(GGBenchError):
-    """A field or a map cannot be made as asked, or its data cannot be read."""
 
 
 @dataclass(frozen=True)

@@ -73,6 +73,12 @@ def metres_per_radian_of(sine: float, cosine: float, height: float) -> tuple[flo
     return meridian + height, (prime_vertical + height) * cosine
 
 
+@compiled
+def metres_per_radian(position: np.ndarray) -> tuple[float, float]:
+    """Return (R_M + h) and (R_N + h) cos L [m/rad]: what δL and δλ are worth in metres."""
+    return metres_per_radian_of(math.sin(position[0]), math.cos(position[0]), position[2])
+
+
 @inlined
 def radii_derivatives_of(sine: float, cosine: float) -> tuple[float, float]:
     """Return dR_M/dL and dR_N/dL [m/rad] where sin L and cos L are given."""

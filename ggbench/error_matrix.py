@@ -1,6 +1,6 @@
 """F of the INS error model, by its entries that are not always zero, for several runs at once.
 
-All arrays have the runs last, :data:`~ggbench.strapdown.LANES` of them, and are flat where it makes
+All arrays have the runs last, :data:`~ggbench.kernels.LANES` of them, and are flat where it makes
 a loop over the runs vector instructions: element j of run r is at ``j * LANES + r``. Such loops run
 to the length of an axis, not to LANES: for a fixed small number of iterations the compiler does not
 check that arrays do not overlap, and then gives up.
@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 from .earth import normal_gravity_of, radii_derivatives_of
-from .kernels import compiled, inlined
-from .strapdown import LANES, frame_rates_of, place_of
+from .kernels import LANES, compiled, inlined
+from .strapdown import frame_rates_of, place_of
 
 STATES = 15
 NAVIGATION_STATES = 9

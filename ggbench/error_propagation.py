@@ -15,9 +15,9 @@ import numpy as np
 from .adjoint import add_products, add_six, back, forward, wander
 from .earth import metres_per_radian_of
 from .error_matrix import ENTRIES, NAVIGATION_STATES, STATES, entries_between
-from .kernels import aligned, compiled
+from .kernels import LANES, aligned, compiled
 from .rotations import sine_cosine
-from .strapdown import LANES, TRACK
+from .strapdown import TRACK
 
 
 class Noise(NamedTuple):

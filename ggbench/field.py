@@ -19,9 +19,9 @@ from scipy.linalg import solve_banded
 
 from .earth import metres_per_radian_of, normal_gradient_at, normal_gradient_of
 from .errors import GGBenchError
+from .frozen import frozen
 from .gradient_map import GradientMap
 from .kernels import LANES, compiled, copied, inlined
-from .problem import frozen
 
 
 class OutsideMapError(GGBenchError):

@@ -5,8 +5,8 @@ from __future__ import annotations
 from functools import lru_cache
 from pathlib import Path
 
-from .disturbing_field import MapError
 from .field import Field
+from .gradient_map import MapError
 from .map_error import MapDegradation, degrade
 from .map_file import file_key
 from .maps import MapRecipe, content_key, load_or_build, read

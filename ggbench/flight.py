@@ -19,10 +19,11 @@ from .gradiometer import inertial_from_local, readings
 from .gradiometer_errors import Faults
 from .ins_error import POSITION, STATES, system_matrices
 from .lowpass import prefilter
+from .manoeuvres import TrajectoryError
 from .measurement_model import GradiometerModel, model_arrays
 from .schema import CaseSpec
 from .spinning_disks import SpinningDisks
-from .trajectory import Trajectory, from_spec
+from .trajectory import Trajectory, along, fly
 from .trajectory_schema import TrajectorySpec, file_versions
 
 
@@ -218,7 +219,7 @@ def _error_free(
     disturbance of gravity the accelerometers feel, if they do.
     """
     spec = TrajectorySpec.model_validate_json(trajectory_json)
-    trajectory = from_spec(spec, dt)
+    trajectory = trajectory_of(spec, dt)
     disturbances = np.zeros((len(trajectory.times) - 1, 3))
     if felt is not None:
         middle = 0.5 * (trajectory.positions[1:] + trajectory.positions[:-1])
@@ -231,3 +232,32 @@ def _error_free(
         trajectory.dt,
     )
     return trajectory, delta_angles, delta_velocities
+
+
+def trajectory_of(spec: TrajectorySpec, dt: float) -> Trajectory:
+    """Return the truth of a ``[trajectory]`` table, of segments or of a track.
+
+    Parameters
+    ----------
+    spec : the table. dt : sampling interval [s].
+
+    Raises
+    ------
+    TrajectoryError
+        If it cannot be flown, or a file that it names cannot be used.
+    """
+    pitch, roll = math.radians(spec.pitch_deg), math.radians(spec.roll_deg)
+    banks = spec.vehicle == "aircraft"
+    if spec.file is None:
+        start = spec.start()
+        return fly(
+            start.position, start.speed, start.heading, pitch, roll, spec.manoeuvres(), dt,
+            banks=banks, size=len(spec.segment),
+        )  # fmt: skip
+    from .track import read_track  # not at the top: it loads slowly, few flights have a track
+
+    track = read_track(spec.file, spec.track_limits())
+    try:
+        return along(track, dt, pitch, roll, banks)
+    except TrajectoryError as error:
+        raise TrajectoryError(f"track {spec.file}: {error}") from None

@@ -7,7 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .errors import GGBenchError
+
 Array = NDArray[np.float64]
+
+
+class MapError(GGBenchError):
+    """A field or a map cannot be made as asked, or its data cannot be read."""
 
 
 @dataclass(frozen=True)

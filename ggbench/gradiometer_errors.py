@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .gradiometer import Gradiometer
-from .strapdown import rotation_matrix
+from .rotations import rotation_matrix
 
 
 @dataclass(frozen=True)

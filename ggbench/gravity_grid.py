@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from .disturbing_field import MapError, read_arrays
+from .disturbing_field import read_arrays
+from .gradient_map import MapError
 from .remove_restore import GravityGrid, linear_weights
 
 if TYPE_CHECKING:

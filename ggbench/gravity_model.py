@@ -17,7 +17,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from .disturbing_field import MapError, read_arrays
+from .disturbing_field import read_arrays
+from .gradient_map import MapError
 from .spherical_harmonics import HarmonicCoefficients
 
 MOST_DEGREE = 5600

@@ -13,16 +13,14 @@ All of it depends on the INS-indicated states only, so every estimator of a run 
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
-from .earth import metres_per_radian_of
+from .earth import metres_per_radian
 from .error_matrix import ENTRIES, dense, entries_between, sparse
 from .error_matrix import STATES as STATES
 from .error_propagation import compose, delayed, intervals_of, noise_roots
-from .kernels import compiled
-from .strapdown import LANES, product, rotation_vector
+from .kernels import LANES, compiled
+from .rotations import product, rotation_vector
 
 POSITION, VELOCITY, ATTITUDE = slice(0, 3), slice(3, 6), slice(6, 9)
 GYRO_BIAS, ACCELEROMETER_BIAS = slice(9, 12), slice(12, 15)
@@ -109,12 +107,6 @@ def navigation_errors(
             product(attitudes[k], c_bn, turn)
             rotation_vector(turn, vector)
             error[6:9] = vector
-
-
-@compiled
-def metres_per_radian(position: np.ndarray) -> tuple[float, float]:
-    """Return (R_M + h) and (R_N + h) cos L [m/rad]: what δL and δλ are worth in metres."""
-    return metres_per_radian_of(math.sin(position[0]), math.cos(position[0]), position[2])
 
 
 def noise_psd(accelerometer_psd: float, gyro_psd: float) -> np.ndarray:

@@ -34,8 +34,8 @@ import numpy as np
 from scipy.linalg import qr, solve_triangular
 
 from .errors import GGBenchError
+from .frozen import frozen
 from .kernels import compiled
-from .problem import frozen
 
 Treatment = Literal["whitened", "delayed"]
 _MOST_RESPONSE = 10.0  # a computed response beyond this is rounding run wild

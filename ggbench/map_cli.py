@@ -89,7 +89,7 @@ def build(output: Path, precision: str, compression: int, **options: Any) -> Non
                                          remove, compute, restore (EGM2008 to degree 120)
     """  # noqa: D301
     from . import map_file, map_nodes, map_plan
-    from .disturbing_field import MapError
+    from .gradient_map import MapError
 
     grids = [kind for kind in ("geoid", "anomaly", "disturbance") if options[kind] is not None]
     if len(grids) > 1:
@@ -149,7 +149,7 @@ def build(output: Path, precision: str, compression: int, **options: Any) -> Non
 def show(file: Path, output: Path | None, height: float | None) -> None:
     """Print what the map in FILE is, and draw its six components."""
     from . import map_plan, map_reader
-    from .disturbing_field import MapError
+    from .gradient_map import MapError
 
     if output is not None and output.suffix.lower() != ".png":
         raise MapError(f"the figure {output} must be named *.png: it is a PNG file.")

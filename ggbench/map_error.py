@@ -13,10 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .disturbing_field import MapError
-from .earth import EOTVOS
-from .gradient_map import GradientMap
-from .ins_error import metres_per_radian
+from .earth import EOTVOS, metres_per_radian
+from .gradient_map import GradientMap, MapError
 
 Array = NDArray[np.float64]
 

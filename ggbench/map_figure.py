@@ -10,8 +10,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 
-from .disturbing_field import MapError
 from .figures import save
+from .gradient_map import MapError
 from .map_file import TENSOR, Nodes
 
 _MOST_PIXELS = 600  # per axis: more cannot be seen

@@ -21,9 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import __version__
-from .disturbing_field import MapError
 from .earth import FLATTENING, SEMI_MAJOR_AXIS
-from .gradient_map import GradientMap
+from .gradient_map import GradientMap, MapError
 
 Array = NDArray[np.floating]
 Layer = tuple[NDArray[Any], NDArray[Any]]

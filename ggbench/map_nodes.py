@@ -8,8 +8,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .disturbing_field import MapError
 from .earth import SEMI_MAJOR_AXIS
+from .gradient_map import MapError
 from .map_file import FEWEST_NODES, Nodes
 
 Array = NDArray[np.floating]

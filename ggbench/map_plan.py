@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import __version__
-from .disturbing_field import MapError, disturbing_coefficients
+from .disturbing_field import disturbing_coefficients
 from .earth import SEMI_MAJOR_AXIS
+from .gradient_map import MapError
 from .gravity_grid import elevation_at, read_grid
 from .gravity_model import read_model
 from .map_file import TENSOR, VECTOR, Layer, Nodes, described

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .disturbing_field import MapError
-from .gradient_map import GradientMap
+from .gradient_map import GradientMap, MapError
 from .map_file import AXES, ENU, FEWEST_NODES, TENSOR, VECTOR, Layer, Nodes, variables
 
 Array = NDArray[np.floating]

@@ -21,8 +21,8 @@ import scipy.fft
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
-from .disturbing_field import MapError
 from .earth import radii_of_curvature
+from .gradient_map import MapError
 from .map_file import Layer, Nodes
 from .remove_restore import Residual, linear_weights
 from .spherical_harmonics import HarmonicCoefficients, gravity_and_gradient

@@ -23,7 +23,6 @@ from . import map_reader
 from .cache import cache_folder
 from .disturbing_field import (
     SOURCES,
-    MapError,
     check_relief_smoothing,
     data_bytes,
     disturbing_field,
@@ -31,7 +30,7 @@ from .disturbing_field import (
     read_arrays,
 )
 from .earth import SEMI_MAJOR_AXIS
-from .gradient_map import GradientMap
+from .gradient_map import GradientMap, MapError
 from .source import source_hash
 from .terrain_source import (
     TERRAINS,

@@ -20,7 +20,7 @@ from .gradiometer import (
     rotate_tensor,
 )
 from .kernels import compiled, inlined
-from .strapdown import product, rotation_matrix
+from .rotations import product, rotation_matrix
 
 
 class ModelArrays(NamedTuple):

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from .field import Field
+from .frozen import frozen, read_only
 from .gradiometer import INSTRUMENTS, STRAPDOWN, Gradiometer, readings_along
 from .lowpass import Prefilter
 from .measurement_kernels import OF_A_RUN, ModelArrays, jacobian, predict
-from .problem import frozen, read_only
 
 
 def model_arrays(

@@ -14,22 +14,9 @@ from typing import Any, ClassVar, Literal, Protocol
 
 import numpy as np
 
+from .frozen import frozen
+
 Causality = Literal["none", "filter", "fixed-lag", "batch"]
-
-
-def frozen(array: np.ndarray) -> np.ndarray:
-    """Return an immutable copy: backed by bytes, it cannot be made writeable again."""
-    contiguous = np.ascontiguousarray(array, dtype=float)
-    return np.frombuffer(contiguous.tobytes()).reshape(contiguous.shape)
-
-
-def read_only(array: np.ndarray) -> np.ndarray:
-    """Return an array, contiguous, that its holders cannot change by mistake; no copy if it is."""
-    contiguous = np.ascontiguousarray(array, dtype=float)
-    if contiguous.flags.writeable:
-        contiguous = contiguous.view()
-        contiguous.flags.writeable = False
-    return contiguous
 
 
 class MeasurementModel(Protocol):

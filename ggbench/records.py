@@ -20,14 +20,8 @@ from .problem import Causality, Problem
 from .registry import Choice
 from .schema import CaseSpec
 from .simulation import random_streams
-from .store import Result
+from .store import DETAILED_RUN, SERIES_RUNS, Result, kept_epochs
 
-DETAILED_RUN = 0
-"""The run whose errors and claimed deviations are kept component by component, for the figures."""
-MOST_KEPT = 400
-"""Most epochs of a run whose errors are kept as a time series."""
-SERIES_RUNS = 1000
-"""Runs of a case whose time series are kept, the first ones: what figures over time are made of."""
 _LONGEST_INFO = 100_000
 
 
@@ -171,12 +165,6 @@ def remarks(info: Any) -> dict[str, Any]:
         raise ValueError(f"the estimate's info has {len(text)} characters, over {_LONGEST_INFO}")
     found: dict[str, Any] = json.loads(text)
     return found
-
-
-def kept_epochs(epochs: int) -> np.ndarray:
-    """Return which of the epochs are kept as a time series: all, or an even choice of many."""
-    kept = np.linspace(0, epochs - 1, min(epochs, MOST_KEPT))
-    return np.round(kept).astype(int)
 
 
 def lag_epochs(case: CaseSpec, lag: float) -> int:

@@ -17,9 +17,9 @@ from .answer import answer
 from .convergence_report import ConvergenceReport
 from .errors import GGBenchError
 from .ranking import rows_of
-from .records import DETAILED_RUN, SERIES_RUNS
 from .results import Results, as_argument
 from .schema import CaseSpec
+from .store import DETAILED_RUN, SERIES_RUNS
 from .sweep_report import SweepReport
 
 

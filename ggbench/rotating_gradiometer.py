@@ -45,7 +45,7 @@ import numpy as np
 
 from .earth import EOTVOS
 from .errors import GGBenchError
-from .problem import frozen
+from .frozen import frozen
 
 MINIMUM_SAMPLES_PER_TURN = 16
 

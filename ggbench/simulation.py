@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .block import ProblemBlock
+from .earth import metres_per_radian
 from .flight import Flight as Flight
 from .flight import prepare as prepare
 from .gradiometer import readings
@@ -27,14 +28,14 @@ from .ins_error import (
     POSITION,
     STATES,
     VELOCITY,
-    metres_per_radian,
     navigation_errors,
 )
-from .kernels import aligned
+from .kernels import LANES, aligned
 from .lowpass import prefilter
 from .measurement_model import model_arrays
 from .problem import Problem, StateBlock
-from .strapdown import LANES, TRACK, between, navigate_lanes, rotation_matrix
+from .rotations import between, rotation_matrix
+from .strapdown import TRACK, navigate_lanes
 from .trajectory import Trajectory
 
 LAYOUT = (

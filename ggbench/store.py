@@ -27,6 +27,12 @@ from pydantic_core import from_json
 from .errors import GGBenchError
 from .formats import flaw_of_arrays, flaw_of_manifest, flaw_of_records
 
+DETAILED_RUN = 0
+"""The run whose errors and claimed deviations are kept component by component, for the figures."""
+MOST_KEPT = 400
+"""Most epochs of a run whose errors are kept as a time series."""
+SERIES_RUNS = 1000
+"""Runs of a case whose time series are kept, the first ones: what figures over time are made of."""
 _APPLICATION_ID = 0x67676231
 """Says in the header of a database that it is one of ours."""
 _SCHEMA = """
@@ -88,6 +94,12 @@ class Result(NamedTuple):
     series: np.ndarray | None = None
     detail: np.ndarray | None = None
     retry_above: float | None = None
+
+
+def kept_epochs(epochs: int) -> np.ndarray:
+    """Return which of the epochs are kept as a time series: all, or an even choice of many."""
+    kept = np.linspace(0, epochs - 1, min(epochs, MOST_KEPT))
+    return np.round(kept).astype(int)
 
 
 class Store:

@@ -13,10 +13,10 @@ from rich.markup import escape
 from rich.table import Table
 
 from . import keys, metrics
-from .records import kept_epochs
 from .registry import choose
 from .runner import Task, flight_of, run_task
 from .scenario import Scenario
+from .store import kept_epochs
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -17,14 +17,16 @@ from __future__ import annotations
 import numpy as np
 
 from .earth import ROTATION_RATE, normal_gravity_of, radii_of_sine
-from .kernels import LANES as LANES
-from .kernels import aligned, compiled, inlined
-from .rotations import Matrix, fill, multiply, sine_cosine, small_turn
-from .rotations import attitude_matrix as attitude_matrix
-from .rotations import between as between
-from .rotations import product as product
-from .rotations import rotation_matrix as rotation_matrix
-from .rotations import rotation_vector as rotation_vector
+from .kernels import LANES, aligned, compiled, inlined
+from .rotations import (
+    Matrix,
+    fill,
+    multiply,
+    product,
+    rotation_vector,
+    sine_cosine,
+    small_turn,
+)
 
 TRACK = 15
 """Numbers of a navigation state: position, velocity and C_nb, row by row."""

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .disturbing_field import MapError, data_bytes, read_arrays
+from .disturbing_field import data_bytes, read_arrays
+from .gradient_map import MapError
 from .terrain import Terrain, TerrainError
 
 Array = NDArray[np.float64]

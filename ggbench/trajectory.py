@@ -6,9 +6,9 @@ rule, so that an error-free INS can return the truth to rounding.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
@@ -18,16 +18,17 @@ from .manoeuvres import (
     Manoeuvre,
     Segment,
     State,
-    TrajectoryError,
     enu,
     follow,
     plan,
     sample,
 )
-from .strapdown import attitude_matrix
-from .trajectory_schema import TrajectorySpec
+from .rotations import attitude_matrix
 
-__all__ = ["Segment", "Trajectory", "fly", "from_spec"]
+if TYPE_CHECKING:
+    from .track import Track
+
+__all__ = ["Segment", "Trajectory", "along", "fly"]
 
 
 @dataclass(frozen=True)
@@ -46,35 +47,6 @@ class Trajectory:
     positions: np.ndarray
     velocities: np.ndarray
     attitudes: np.ndarray
-
-
-def from_spec(spec: TrajectorySpec, dt: float) -> Trajectory:
-    """Return the truth of a ``[trajectory]`` table, of segments or of a track.
-
-    Parameters
-    ----------
-    spec : the table. dt : sampling interval [s].
-
-    Raises
-    ------
-    TrajectoryError
-        If it cannot be flown, or a file that it names cannot be used.
-    """
-    pitch, roll = math.radians(spec.pitch_deg), math.radians(spec.roll_deg)
-    if spec.file is None:
-        start = spec.start()
-        return fly(
-            start.position, start.speed, start.heading, pitch, roll, spec.manoeuvres(), dt,
-            banks=spec.vehicle == "aircraft", size=len(spec.segment),
-        )  # fmt: skip
-    from .track import read_track, resample  # not at the top: it loads slowly, few flights have one
-
-    track = read_track(spec.file, spec.track_limits())
-    try:
-        position, velocities, angles = resample(track, dt, pitch, roll, spec.vehicle == "aircraft")
-    except TrajectoryError as error:
-        raise TrajectoryError(f"track {spec.file}: {error}") from None
-    return _trajectory(position, velocities, angles, dt)
 
 
 def fly(
@@ -126,6 +98,25 @@ def fly(
         level = np.ones(samples)
         angles = np.stack([heading_t, pitch * level, roll * level], axis=-1)
     return _trajectory(start.position, enu(heading_t, speed_t, climb_t), angles, dt)
+
+
+def along(track: Track, dt: float, pitch: float, roll: float, banks: bool = True) -> Trajectory:
+    """Return the truth of a track of positions, made smooth at the samples.
+
+    Parameters
+    ----------
+    track : from :func:`.track.read_track`. dt : sampling interval [s].
+    pitch, roll, banks : as in :func:`fly`, where the track has no attitudes.
+
+    Raises
+    ------
+    TrajectoryError
+        If it cannot be flown.
+    """
+    from .track import resample  # not at the top: it loads slowly, few flights have a track
+
+    position, velocities, angles = resample(track, dt, pitch, roll, banks)
+    return _trajectory(position, velocities, angles, dt)
 
 
 def _trajectory(

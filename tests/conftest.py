@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ggbench import earth, scenario, simulation, strapdown
+from ggbench import earth, rotations, scenario, simulation, strapdown
 
 # Central difference of sixth order: offsets in steps, and weights per step.
 OFFSETS = np.array([-3.0, -2.0, -1.0, 1.0, 2.0, 3.0])
@@ -109,7 +109,7 @@ def mechanization_jacobian(
         out = np.zeros((3, 3))
         here, moving = position + error[0:3], velocity + error[3:6]
         turn = np.empty((3, 3))
-        strapdown.rotation_matrix(-error[6:9], turn)
+        rotations.rotation_matrix(-error[6:9], turn)
         attitude = turn @ c_nb
         strapdown.position_rate(here, moving, out[0])
         strapdown.velocity_rate(here, moving, attitude @ (force + error[12:15]), out[1])

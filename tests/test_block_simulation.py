@@ -12,8 +12,9 @@ from test_shipped_scenarios import over_the_normal_field
 
 from ggbench import ins_error, scenario, simulation
 from ggbench.block import ProblemBlock
+from ggbench.kernels import LANES
 from ggbench.simulation import Flight, TruthBlock, random_streams, simulate, simulate_block
-from ggbench.strapdown import LANES, navigate, navigate_lanes
+from ggbench.strapdown import navigate, navigate_lanes
 
 SEED = 5
 FAULTS: dict[str, dict[str, Any]] = {

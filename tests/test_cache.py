@@ -14,9 +14,11 @@ from ggbench import cache
 PACKAGE = Path(ggbench.__file__).parent
 SCRIPT = """
 import numpy as np
-from ggbench import earth, ins_error
+from ggbench import earth, strapdown
 print(repr(float(earth.radii_of_curvature(0.5)[0])))
-print(repr(float(ins_error.metres_per_radian(np.array([0.5, 0.0, 0.0]))[0])))
+rate = np.empty(3)
+strapdown.position_rate(np.array([0.5, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]), rate)
+print(repr(1.0 / float(rate[0])))
 """
 
 

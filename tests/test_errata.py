@@ -13,13 +13,13 @@ import pytest
 from conftest import cross_matrix, difference, mechanization_jacobian, square
 from filterpy.kalman import JulierSigmaPoints
 
-from ggbench import earth, strapdown
+from ggbench import earth, rotations, strapdown
 from ggbench.earth import EOTVOS, ROTATION_RATE
 from ggbench.field import Field
 
 POSITION = np.array([np.radians(33.5), np.radians(108.0), 10000.0])
 VELOCITY = np.array([250.0, -120.0, 30.0])
-C_NB = strapdown.attitude_matrix(np.radians(115.0), np.radians(6.0), np.radians(-20.0))
+C_NB = rotations.attitude_matrix(np.radians(115.0), np.radians(6.0), np.radians(-20.0))
 FORCE_N = np.array([1.5, -2.0, 10.3])
 RATE_B = np.array([0.02, -0.01, 0.03])
 

@@ -7,7 +7,7 @@ import gzip
 import numpy as np
 import pytest
 
-from ggbench.disturbing_field import MapError
+from ggbench.gradient_map import MapError
 from ggbench.gravity_model import read_model
 
 HEADER = {

@@ -14,10 +14,9 @@ from scipy.stats import chi2
 from small_cases import blank_map, rough_map, small_case
 
 from ggbench import maps
-from ggbench.disturbing_field import MapError
 from ggbench.field import Field
 from ggbench.field_source import make_field
-from ggbench.gradient_map import GradientMap
+from ggbench.gradient_map import GradientMap, MapError
 from ggbench.map_error import MapDegradation, degrade
 
 LENGTH = 2000.0

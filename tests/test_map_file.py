@@ -12,8 +12,8 @@ import pytest
 import xarray
 
 from ggbench import map_file, map_reader, maps
-from ggbench.disturbing_field import MapError
 from ggbench.field import Field
+from ggbench.gradient_map import MapError
 
 SHAPE = (9, 11, 5)
 

@@ -9,12 +9,8 @@ import numpy as np
 import pytest
 from test_spherical_harmonics import random_model
 
-from ggbench.disturbing_field import (
-    SOURCES,
-    MapError,
-    disturbing_coefficients,
-    disturbing_field,
-)
+from ggbench.disturbing_field import SOURCES, disturbing_coefficients, disturbing_field
+from ggbench.gradient_map import MapError
 from ggbench.map_file import Nodes
 from ggbench.map_sources import HarmonicPart, TerrainPart, smoothed, summed
 from ggbench.parker import TerrainOptions

@@ -13,7 +13,8 @@ from scipy.interpolate import make_interp_spline
 
 from ggbench import earth, maps
 from ggbench.cache import CACHE_VARIABLE
-from ggbench.disturbing_field import SOURCES, MapError, disturbing_field
+from ggbench.disturbing_field import SOURCES, disturbing_field
+from ggbench.gradient_map import MapError
 from ggbench.maps import MapRecipe, build, load_or_build
 from ggbench.spherical_harmonics import (
     HarmonicCoefficients,

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ggbench import earth, ins_error
+from ggbench import earth
 from ggbench.simulation import random_streams, simulate_block
 
 SEED, RUN = 11, 3
@@ -77,7 +77,7 @@ def test_an_ins_track_is_that_of_the_readable_mechanization(wang):
         wang.delta_velocities + imu.accelerometer_bias * biases[1] * dt
         + imu.accelerometer_root_psd * math.sqrt(dt) * noise[1]
     )  # fmt: skip
-    north, east = ins_error.metres_per_radian(truth.positions[0])
+    north, east = earth.metres_per_radian(truth.positions[0])
     start = truth.positions[0] + [error[1] / north, error[0] / east, error[2]]
     track = navigate(
         start, truth.velocities[0] + error[3:6], turn(-error[6:9]) @ truth.attitudes[0],
@@ -86,7 +86,7 @@ def test_an_ins_track_is_that_of_the_readable_mechanization(wang):
     _, found = simulate_block(wang, SEED, range(RUN - 2, RUN + 6))
     expected = []
     for indicated, true in zip(track[wang.epochs], truth.positions[wang.epochs], strict=True):
-        north, east = ins_error.metres_per_radian(indicated)
+        north, east = earth.metres_per_radian(indicated)
         d = indicated - true
         expected.append([d[1] * east, d[0] * north, d[2]])
     errors = np.abs(found.error_state[2, :, :3] - expected).max(axis=0)

@@ -9,7 +9,7 @@ from conftest import cross_matrix, difference, ecef, local_axes
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from ggbench import earth, strapdown
+from ggbench import earth, rotations, strapdown
 from ggbench.trajectory import Segment, Trajectory, fly
 
 RIGHT, FORWARD, UP = np.eye(3)
@@ -68,7 +68,7 @@ def closure(truth: Trajectory) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 )
 def test_attitude_conventions(heading, pitch, roll, body, local):
     """Heading clockwise from north, pitch nose up, roll right wing down; body right-forward-up."""
-    c_nb = strapdown.attitude_matrix(*np.radians([heading, pitch, roll]).astype(float))
+    c_nb = rotations.attitude_matrix(*np.radians([heading, pitch, roll]).astype(float))
     np.testing.assert_allclose(c_nb @ body, local, atol=1e-15)
 
 
@@ -81,7 +81,7 @@ def test_attitude_turns_in_the_order_roll_pitch_heading():
             * Rotation.from_rotvec(roll * FORWARD)
         )
         np.testing.assert_allclose(
-            strapdown.attitude_matrix(heading, pitch, roll), oracle.as_matrix(), atol=1e-15
+            rotations.attitude_matrix(heading, pitch, roll), oracle.as_matrix(), atol=1e-15
         )
 
 
@@ -93,9 +93,9 @@ def test_rotation_vectors(angle):
     matrix, vector = np.empty((3, 3)), np.empty(3)
     for direction in np.random.default_rng(2).normal(size=(20, 3)):
         given = angle * direction / np.linalg.norm(direction)
-        strapdown.rotation_matrix(given, matrix)
+        rotations.rotation_matrix(given, matrix)
         np.testing.assert_allclose(matrix, Rotation.from_rotvec(given).as_matrix(), atol=1e-15)
-        strapdown.rotation_vector(matrix, vector)
+        rotations.rotation_vector(matrix, vector)
         np.testing.assert_allclose(vector, given, rtol=0.0, atol=1e-15)
 
 
@@ -329,7 +329,7 @@ def test_second_order_convergence_to_the_equations_of_motion(signals, steps, lim
     velocity [m/s], attitude [rad] after 40 s with the shortest step.
     """
     position = np.array([np.radians(-61.0), np.radians(170.0), 30000.0])
-    velocity, c_nb = np.array([180.0, -120.0, 40.0]), strapdown.attitude_matrix(2.0, 0.1, -0.3)
+    velocity, c_nb = np.array([180.0, -120.0, 40.0]), rotations.attitude_matrix(2.0, 0.1, -0.3)
     duration = 40.0
     place, speed, attitude = cartesian_motion(position, velocity, c_nb, signals, duration)
     nodes, weights = np.polynomial.legendre.leggauss(6)

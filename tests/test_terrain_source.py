@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from ggbench import maps, parker, terrain_source
-from ggbench.disturbing_field import MapError
 from ggbench.field import Field
+from ggbench.gradient_map import MapError
 from ggbench.maps import MapRecipe
 from ggbench.terrain import Terrain
 from ggbench.terrain_source import TerrainSource, terrain_disturbing_field

@@ -11,8 +11,9 @@ from test_strapdown import closure
 
 from ggbench import keys, scenario, simulation
 from ggbench.errors import GGBenchError
+from ggbench.flight import trajectory_of
 from ggbench.manoeuvres import TrajectoryError
-from ggbench.trajectory import Trajectory, from_spec
+from ggbench.trajectory import Trajectory
 from ggbench.trajectory_schema import TrajectorySpec
 
 NAMES = "time_s,latitude_deg,longitude_deg,height_m"
@@ -54,7 +55,7 @@ def hour() -> Trajectory:
         {"kind": "speed", "to_speed_mps": 200.0, "acceleration_mps2": 1.0},
     ]
     start = {"latitude_deg": 33.5, "longitude_deg": 179.9, "height_m": 3000.0}
-    return from_spec(
+    return trajectory_of(
         TrajectorySpec.model_validate(
             start | {"speed_mps": 200.0, "heading_deg": 80.0, "segment": lap, "repeat": 6}
         ),
@@ -73,7 +74,7 @@ def test_the_truth_is_where_the_track_is(hour, tmp_path, rate):
     rows[:, 2] = (rows[:, 2] + 180.0) % 360.0 - 180.0
     assert np.ptp(rows[:, 2]) > 300.0
     asked = read(write(tmp_path / "track.csv", rows))
-    flight = from_spec(asked, 0.05)
+    flight = trajectory_of(asked, 0.05)
     assert asked.duration_s == pytest.approx(rows[-1, 0], abs=1e-9)
     assert flight.times[-1] > 3600.0
     same = hour.positions[:: 100 // rate].copy()
@@ -100,7 +101,7 @@ def test_rows_denser_than_the_samples_leave_no_drift(hour, tmp_path):
     rng = np.random.default_rng(5)
     rows[:, 3] += rng.uniform(-5e-4, 5e-4, len(rows))
     file = write(tmp_path / "dense.csv", rows, decimals=8)
-    flight = from_spec(read(file, vehicle="ship", max_acceleration_mps2=200.0), 0.05)
+    flight = trajectory_of(read(file, vehicle="ship", max_acceleration_mps2=200.0), 0.05)
     assert distance(flight.positions, hour.positions[:130_000:5]) < 0.01
 
 
@@ -112,13 +113,13 @@ def test_smoothing_takes_noise_away(hour, tmp_path):
     noisy[:, 3] += np.random.default_rng(7).normal(0.0, 0.3, 6000)
     file = write(tmp_path / "noisy.csv", noisy)
     with pytest.raises(TrajectoryError, match=r"acceleration of .* noise, which smoothing_s would"):
-        from_spec(read(file), 0.05)
-    flight = from_spec(read(file, smoothing_s=6.0), 0.05)
+        trajectory_of(read(file), 0.05)
+    flight = trajectory_of(read(file, smoothing_s=6.0), 0.05)
     assert distance(flight.positions[::200], hour.positions[::1000][:60]) < 1.0
     assert np.abs(np.diff(flight.velocities, axis=0)).max() / 0.05 < 8.0
     rows[:, 3] += 100.0 * np.sin(2.0 * np.pi * rows[:, 0] / 20.0)
     rows[:, 3] -= hour.positions[::10, 2][:6000]
-    wave = from_spec(read(write(tmp_path / "wave.csv", rows), smoothing_s=20.0), 0.1)
+    wave = trajectory_of(read(write(tmp_path / "wave.csv", rows), smoothing_s=20.0), 0.1)
     middle = wave.positions[1000:5000, 2]
     np.testing.assert_allclose(
         middle, 50.0 * np.sin(2.0 * np.pi * wave.times[1000:5000] / 20.0), atol=0.1
@@ -132,7 +133,9 @@ def test_attitude_comes_from_the_columns(tmp_path):
     rows = np.column_stack(
         [times, 30.0 + 1e-3 * times, 100.0 + 0.0 * times, 500.0 + times, heading, pitch, roll]
     )
-    flight = from_spec(read(write(tmp_path / "a.csv", rows, NAMES + ",Yaw,pitch,ROLL_DEG")), 0.1)
+    flight = trajectory_of(
+        read(write(tmp_path / "a.csv", rows, NAMES + ",Yaw,pitch,ROLL_DEG")), 0.1
+    )
     forward, right = flight.attitudes[:, :, 1], flight.attitudes[:, :, 0]
     headings = np.degrees(np.unwrap(np.arctan2(forward[:, 0], forward[:, 1]))) + 360.0
     np.testing.assert_allclose(headings[::10], 350.0 + 0.5 * times, atol=1e-6)
@@ -149,13 +152,13 @@ def test_a_ship_waits_without_losing_its_heading(tmp_path):
     rows = np.column_stack(
         [times, 10.0 + np.degrees(north / 6.34e6), 0.0 * times, 0.2 * np.sin(times / 9.0)]
     )
-    flight = from_spec(read(write(tmp_path / "ship.csv", rows), vehicle="ship"), 0.1)
+    flight = trajectory_of(read(write(tmp_path / "ship.csv", rows), vehicle="ship"), 0.1)
     turned = flight.attitudes - np.eye(3)
     assert np.degrees(np.abs(turned).max()) < 1.0
     np.testing.assert_allclose(flight.attitudes[:, 2, 2], 1.0, atol=1e-12)
     standing = np.column_stack([times, 10.0 + 0 * times, 0 * times, 0 * times])
     with pytest.raises(TrajectoryError, match=r"never exceeds 1 m/s, .* heading_deg"):
-        from_spec(read(write(tmp_path / "still.csv", standing)), 0.1)
+        trajectory_of(read(write(tmp_path / "still.csv", standing)), 0.1)
 
 
 # What may be in a file.
@@ -197,9 +200,9 @@ def test_one_track_in_many_spellings(kind, tmp_path):
     """Separators, line ends, names and what stands around the numbers change nothing."""
     path = tmp_path / "track.csv"
     path.write_bytes(SAME[kind].encode())
-    flight = from_spec(read(str(path)), 0.1)
+    flight = trajectory_of(read(str(path)), 0.1)
     path.write_text(text())
-    plain = from_spec(read(str(path)), 0.1)
+    plain = trajectory_of(read(str(path)), 0.1)
     np.testing.assert_allclose(flight.positions, plain.positions, rtol=0.0, atol=1e-9)
 
 
@@ -255,7 +258,7 @@ def test_a_mistake_in_a_track_has_its_sentence(kind, tmp_path):
     path = tmp_path / "track.csv"
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
     with pytest.raises(TrajectoryError, match=expected) as caught:
-        from_spec(read(str(path)), 0.1)
+        trajectory_of(read(str(path)), 0.1)
     assert str(caught.value).startswith(f"track {path}: ")
     assert "\n" not in str(caught.value)
 

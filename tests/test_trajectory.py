@@ -12,8 +12,9 @@ from pydantic import ValidationError
 from test_strapdown import closure
 
 from ggbench import strapdown, terrain_following
+from ggbench.flight import trajectory_of
 from ggbench.manoeuvres import TrajectoryError
-from ggbench.trajectory import Segment, Trajectory, fly, from_spec
+from ggbench.trajectory import Segment, Trajectory, fly
 from ggbench.trajectory_schema import TrajectorySpec
 
 START = {
@@ -59,7 +60,7 @@ CLIMBS = [
 def test_a_climb_ends_level_at_its_height(climb, dt):
     """To a centimetre, at the speed it had, never steeper than asked, within its acceleration."""
     asked = spec({"kind": "climb"} | climb)
-    flight = from_spec(asked, dt)
+    flight = trajectory_of(asked, dt)
     target = climb.get("to_height_m", 3000.0 + climb.get("by_height_m", 0.0))
     assert flight.positions[-1, 2] == pytest.approx(target, abs=0.01)
     assert flight.velocities[-1, 2] == pytest.approx(0.0, abs=1e-9)
@@ -89,7 +90,7 @@ TURNS = [
 def test_a_turn_ends_at_its_heading_level_and_coordinated(turn, angle, bank):
     """To 0.01°; the specific force in the body has no part sideways while it turns."""
     asked = spec({"kind": "turn"} | turn)
-    flight = from_spec(asked, 0.05)
+    flight = trajectory_of(asked, 0.05)
     assert headings(flight)[-1] - headings(flight)[0] == pytest.approx(angle, abs=0.01)
     assert flight.positions[-1, 2] == pytest.approx(3000.0, abs=1e-6)
     leaning = banks(flight)
@@ -107,7 +108,9 @@ def test_a_turn_ends_at_its_heading_level_and_coordinated(turn, angle, bank):
 
 def test_the_radius_of_a_turn():
     """A circle of 6 km passes 12 km from where it began."""
-    flight = from_spec(spec({"kind": "turn", "by_heading_deg": 2000.0, "radius_m": 6000.0}), 0.05)
+    flight = trajectory_of(
+        spec({"kind": "turn", "by_heading_deg": 2000.0, "radius_m": 6000.0}), 0.05
+    )
     metres = (flight.positions - flight.positions[0]) * [6.36e6, 5.32e6, 1.0]
     settled = metres[len(metres) // 4 : -len(metres) // 4, :2]
     assert np.ptp(settled, axis=0) == pytest.approx([12e3, 12e3], rel=0.005)
@@ -115,7 +118,7 @@ def test_the_radius_of_a_turn():
 
 def test_speed_and_distance():
     """A change of speed reaches it within its acceleration; a cruise is as long as it says."""
-    flight = from_spec(
+    flight = trajectory_of(
         spec({"kind": "speed", "to_speed_mps": 150.0, "acceleration_mps2": 0.8}), 0.05
     )
     assert speed_of(flight)[-1] == pytest.approx(150.0, abs=1e-9)
@@ -123,7 +126,7 @@ def test_speed_and_distance():
     cruise = spec({"kind": "cruise", "distance_km": 12.0})
     assert cruise.duration_s == pytest.approx(60.0)
     assert spec({"kind": "cruise", "duration_s": 5.0}).duration_s == pytest.approx(5.0)
-    flight = from_spec(cruise, 0.05)
+    flight = trajectory_of(cruise, 0.05)
     east = (
         (flight.positions[-1, 1] - flight.positions[0, 1]) * 6.3847e6 * math.cos(math.radians(33.5))
     )
@@ -145,7 +148,7 @@ LAP = (
 def test_a_racetrack_of_four_hours_closes():
     """Repetition adds up, durations are rounded once, and the INS returns the truth to 1 m."""
     asked = spec(*LAP, repeat=18)
-    flight = from_spec(asked, 0.1)
+    flight = trajectory_of(asked, 0.1)
     assert asked.duration_s == pytest.approx(18.0 * spec(*LAP).duration_s, rel=1e-6)
     assert flight.times[-1] > 4.0 * 3600.0
     assert flight.times[-1] == pytest.approx(asked.duration_s, abs=0.06)
@@ -160,7 +163,7 @@ def test_a_racetrack_of_four_hours_closes():
 
 def test_positions_follow_by_the_mechanizations_rule():
     """Bit by bit, whatever the loop that does it has been compiled to."""
-    flight = from_spec(spec(*LAP), 0.1)
+    flight = trajectory_of(spec(*LAP), 0.1)
     following = np.empty(3)
     for n in range(0, len(flight.times) - 1, 7):
         strapdown.advance_position(
@@ -178,7 +181,9 @@ def test_rounding_of_short_segments_does_not_add_up():
 def test_a_ship_stays_level():
     """It turns without leaning."""
     turn = {"kind": "turn", "by_heading_deg": 180.0, "radius_m": 900.0}
-    flight = from_spec(spec(turn, vehicle="ship", height_m=0.0, speed_mps=6.0, roll_deg=1.0), 0.1)
+    flight = trajectory_of(
+        spec(turn, vehicle="ship", height_m=0.0, speed_mps=6.0, roll_deg=1.0), 0.1
+    )
     np.testing.assert_allclose(banks(flight), 1.0, atol=1e-12)
     assert headings(flight)[-1] == pytest.approx(270.0, abs=0.01)
 
@@ -219,7 +224,7 @@ def test_terrain_is_followed_within_the_limits(over_ridges, angle, acceleration,
         segment["lowest_m"] = lowest
     asked = spec(segment, {"kind": "cruise", "duration_s": 10.0})
     assert asked.duration_s == pytest.approx(310.0)
-    flight = from_spec(asked, 0.05)
+    flight = trajectory_of(asked, 0.05)
     height = flight.positions[:, 2]
     clearance = (height - ridges("", *flight.positions[:, :2].T))[: 300 * 20]
     assert clearance.min() > 149.5
@@ -246,18 +251,18 @@ def test_flat_terrain_is_followed_at_its_clearance(over_ridges, monkeypatch):
     monkeypatch.setattr(
         terrain_following, "heights", lambda name, lat, lon: np.full(len(lat), 50.0)
     )
-    flight = from_spec(spec(over_ridges | {"distance_km": 80.0}), 0.1)
+    flight = trajectory_of(spec(over_ridges | {"distance_km": 80.0}), 0.1)
     assert 200.0 <= flight.positions[:, 2].min() < 202.0
 
 
 def test_a_start_too_low_is_told_how_high_it_must_be(over_ridges):
     """... and the height that the message gives is enough."""
     with pytest.raises(TrajectoryError, match=r"segment\[0\]: begins at 700.0 m") as caught:
-        from_spec(spec(over_ridges, height_m=700.0), 0.1)
+        trajectory_of(spec(over_ridges, height_m=700.0), 0.1)
     needed = float(str(caught.value).split("asks for ")[1].split(" m")[0])
-    from_spec(spec(over_ridges, height_m=needed), 0.1)
+    trajectory_of(spec(over_ridges, height_m=needed), 0.1)
     with pytest.raises(TrajectoryError, match="too low"):
-        from_spec(spec(over_ridges, height_m=needed - 5.0), 0.1)
+        trajectory_of(spec(over_ridges, height_m=needed - 5.0), 0.1)
 
 
 def test_terrain_heights_are_those_of_the_grid(monkeypatch):
