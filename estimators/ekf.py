@@ -11,8 +11,8 @@ from typing import Literal
 
 import numpy as np
 
-from .. import compiled_filters
 from ..block import EstimateBlock, ProblemBlock, block_of, refusal
+from ..engines import filters
 from ..problem import Causality, Estimate, Estimator, MeasurementModel, Problem
 from . import robust
 from .robust import Loss
@@ -71,7 +71,7 @@ class ExtendedKalmanFilter(Estimator):
 
     def estimate_block(self, block: ProblemBlock) -> EstimateBlock:
         """Filter all runs of a block."""
-        mean, cov, nis = compiled_filters.extended(block)
+        mean, cov, nis = filters.extended(block)
         evaluations = np.full(block.runs, block.epochs)
         info = {"linearisations": evaluations, "map_evaluations": evaluations}
         return EstimateBlock(mean, cov, self.causality, nis=nis, info=info)

@@ -18,9 +18,9 @@ from typing import Any, Literal
 import gtsam
 import numpy as np
 
-from .. import compiled_smoother
 from ..block import EstimateBlock, ProblemBlock, block_of, refusal
-from ..levenberg_marquardt import ABSOLUTE_DECREASE, RELATIVE_DECREASE, is_last_step
+from ..engines import batch_smoother
+from ..engines.step_rules import ABSOLUTE_DECREASE, RELATIVE_DECREASE, is_last_step
 from ..problem import Causality, Estimate, Estimator, MeasurementModel, Problem
 from . import robust
 from .robust import Loss
@@ -92,7 +92,7 @@ class FactorGraph(Estimator):
 
     def estimate_block(self, block: ProblemBlock) -> EstimateBlock:
         """Solve the batch problems of all runs of a block."""
-        mean, cov, info = compiled_smoother.smoother(block, self.max_iterations)
+        mean, cov, info = batch_smoother.smoother(block, self.max_iterations)
         return EstimateBlock(mean, cov, self.causality, info=info)
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:

@@ -13,8 +13,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from .. import compiled_filters
 from ..block import EstimateBlock, ProblemBlock, block_of, refusal
+from ..engines import filters
 from ..problem import Causality, Estimate, Estimator, Problem
 from . import robust
 from .robust import Loss
@@ -153,7 +153,7 @@ class UnscentedKalmanFilter(Estimator):
         else:
             scale, more = n + kappa, 0.0
         centre = 1.0 - n / scale
-        mean, cov, nis, counts = compiled_filters.unscented(
+        mean, cov, nis, counts = filters.unscented(
             block, math.sqrt(scale), centre + more, 0.5 / scale
         )
         info = {"covariance_repairs": counts[:, 0], "map_evaluations": counts[:, 1]}

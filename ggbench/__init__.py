@@ -33,7 +33,7 @@ time have the epochs first: (K, ...).
 
 from importlib.metadata import version
 
-from . import cache
+from .numerics import cache
 
 __version__ = version("ggbench")
 cache.keep_apart()

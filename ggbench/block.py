@@ -12,10 +12,10 @@ from types import MappingProxyType
 
 import numpy as np
 
-from .frozen import read_only
-from .measurement_kernels import ModelArrays
-from .measurement_model import GradiometerModel
+from .numerics.frozen import read_only
 from .problem import Causality, Estimate, Problem, StateBlock
+from .sensors.model import GradiometerModel
+from .sensors.model_kernels import ModelArrays
 
 
 @dataclass(frozen=True)

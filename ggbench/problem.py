@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Literal, Protocol
 
 import numpy as np
 
-from .frozen import frozen
+from .numerics.frozen import frozen
 
 Causality = Literal["none", "filter", "fixed-lag", "batch"]
 

@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 from problems import SMALL
 
-from ggbench import campaign, execution, scenario
-from ggbench.campaign import Campaign
-from ggbench.results import Results, write_tables
+from ggbench.campaign import campaign, execution
+from ggbench.campaign.campaign import Campaign
+from ggbench.results.folder import Results, write_tables
+from ggbench.spec import scenario
 
 DEADLINE_S = 240.0
 COMMAND = str(Path(sys.executable).parent / "ggbench")

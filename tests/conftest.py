@@ -13,7 +13,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ggbench import earth, rotations, scenario, simulation, strapdown
+from ggbench.gravity import ellipsoid
+from ggbench.ins import strapdown
+from ggbench.numerics import rotations
+from ggbench.simulation.error_free_flight import Flight, prepare
+from ggbench.spec import scenario
 
 # Central difference of sixth order: offsets in steps, and weights per step.
 OFFSETS = np.array([-3.0, -2.0, -1.0, 1.0, 2.0, 3.0])
@@ -45,7 +49,10 @@ def ecef(position: np.ndarray) -> np.ndarray:
     """Earth-fixed Cartesian coordinates of (latitude, longitude, height)."""
     latitude, longitude, height = position
     up = local_axes(latitude, longitude)[:, 2]
-    a2, b2 = earth.SEMI_MAJOR_AXIS**2, (earth.SEMI_MAJOR_AXIS * (1.0 - earth.FLATTENING)) ** 2
+    a2, b2 = (
+        ellipsoid.SEMI_MAJOR_AXIS**2,
+        (ellipsoid.SEMI_MAJOR_AXIS * (1.0 - ellipsoid.FLATTENING)) ** 2,
+    )
     # The point of the ellipsoid whose normal is ``up``: gradient of x²/a² + y²/a² + z²/b² along it.
     scaled = up * np.array([a2, a2, b2])
     return scaled / np.sqrt(up @ scaled) + height * up
@@ -138,19 +145,19 @@ def mechanization_jacobian(
 
 
 @functools.cache
-def flight(name: str) -> simulation.Flight:
+def flight(name: str) -> Flight:
     """The flight of a case of the paper, made once."""
-    return simulation.prepare(scenario.load("wang2013").case(name))
+    return prepare(scenario.load("wang2013").case(name))
 
 
 @pytest.fixture(scope="session")
-def wang() -> simulation.Flight:
+def wang() -> Flight:
     """The paper's flight: 200 s to the east over the EGM2008 field, readings filtered at 1 Hz."""
     return flight("0.01E-1Hz")
 
 
 @pytest.fixture(scope="session")
-def wang_unfiltered() -> simulation.Flight:
+def wang_unfiltered() -> Flight:
     return flight("0.01E-1Hz-unfiltered")
 
 

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from conftest import flight
 
-from ggbench import registry, simulation
+from ggbench.campaign import registry
 from ggbench.problem import Estimate, Estimator, Problem, StateBlock
-from ggbench.simulation import Truth
+from ggbench.simulation.runs import Truth, simulate
 
 CASES = (
     "0.01E-1Hz",
@@ -56,7 +56,7 @@ def rng() -> np.random.Generator:
 @functools.cache
 def simulated(case: str, run: int = 0) -> tuple[Problem, Truth]:
     """A run of a case of the paper."""
-    return simulation.simulate(flight(case), SEED, run)
+    return simulate(flight(case), SEED, run)
 
 
 @functools.cache

@@ -10,10 +10,13 @@ from typing import Any
 import numpy as np
 from problems import SMALL
 
-from ggbench import maps, scenario, simulation
-from ggbench.gradient_map import GradientMap
-from ggbench.map_error import MapDegradation, degrade
-from ggbench.schema import CaseSpec
+from ggbench.gravity.degraded_map import MapDegradation, degrade
+from ggbench.gravity.gradient_map import GradientMap
+from ggbench.maps.recipe import write
+from ggbench.simulation.error_free_flight import Flight, prepare
+from ggbench.spec import scenario
+from ggbench.spec.case import CaseSpec
+from ggbench.spec.sensors import FieldChange, FieldSpec, TrueField
 
 ROTATING = {
     "gradiometer.noise_eotvos": None,
@@ -22,6 +25,21 @@ ROTATING = {
     "gradiometer.rotating.accelerometer_noise_ng_per_sqrt_hz": 1.0,
 }
 """Changes that make the gradiometer one of three spinning disks; its noise is 28 E."""
+
+TINY = {
+    "initial_error.position_m": 1e-3,
+    "initial_error.velocity_mps": 1e-4,
+    "initial_error.attitude_arcmin": 1e-3,
+}
+
+
+QUIET = TINY | {
+    "imu.gyro_bias_deg_per_h": 0.0,
+    "imu.accelerometer_bias_ug": 0.0,
+    "imu.gyro_noise_deg_per_sqrt_h": 0.0,
+    "imu.accelerometer_noise_ug_per_sqrt_hz": 0.0,
+}
+"""Changes that leave an INS with hardly any error."""
 
 
 def small_case(changes: dict[str, Any] | None = None) -> CaseSpec:
@@ -40,9 +58,9 @@ def small_case(changes: dict[str, Any] | None = None) -> CaseSpec:
     return scenario.parse(document, "small", "small").cases[0]
 
 
-def small_flight(changes: dict[str, Any] | None = None) -> simulation.Flight:
+def small_flight(changes: dict[str, Any] | None = None) -> Flight:
     """The flight of :func:`small_case`."""
-    return simulation.prepare(small_case(changes))
+    return prepare(small_case(changes))
 
 
 def blank_map(spacing_arcmin: float = 0.5, count: int = 40, layers: int = 6) -> GradientMap:
@@ -65,5 +83,16 @@ def blank_map(spacing_arcmin: float = 0.5, count: int = 40, layers: int = 6) -> 
 def rough_map(path: Path, seed: int = 1, rms: float = 10.0) -> str:
     """Write a map of a random harmonic field, of 10 E over 3 km, and return its path."""
     degradation = MapDegradation(correlated_noise_eotvos=rms, correlation_m=3000.0, seed=seed)
-    maps.write(path, degrade(blank_map(), degradation))
+    write(path, degrade(blank_map(), degradation))
     return str(path)
+
+
+def over_the_normal_field(case: CaseSpec) -> CaseSpec:
+    """The case without any map."""
+    return case.model_copy(
+        update={
+            "field": FieldSpec(source="normal"),
+            "truth": case.truth.model_copy(update={"field": TrueField()}),
+            "model": case.model.model_copy(update={"field": FieldChange()}),
+        }
+    )

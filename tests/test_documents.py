@@ -10,7 +10,10 @@ import numpy as np
 import pytest
 from pydantic import BaseModel
 
-from ggbench import registry, scenario, schema, simulation
+from ggbench.campaign import registry
+from ggbench.simulation.error_free_flight import prepare
+from ggbench.simulation.runs import simulate
+from ggbench.spec import case, scenario
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -53,8 +56,8 @@ def test_example_estimator_works(tmp_path):
     code = re.search(r"```python\n((?:(?!```).)*IteratedEKF.*?)```", README, re.DOTALL).group(1)
     file = tmp_path / "iterated_ekf.py"
     file.write_text(code, encoding="utf-8")
-    flight = simulation.prepare(scenario.load("wang2013").case("0.01E-0.2Hz"))
-    problem, _ = simulation.simulate(flight, seed=3, run=0)
+    flight = prepare(scenario.load("wang2013").case("0.01E-0.2Hz"))
+    problem, _ = simulate(flight, seed=3, run=0)
     estimates = [
         registry.choose(text).estimator.estimate(problem, np.random.default_rng(0))
         for text in (f"{file}[iterations=5]", "ekf")
@@ -112,7 +115,7 @@ def test_every_key_of_a_scenario_is_documented():
                     found |= keys(candidate)
         return found
 
-    every = keys(schema.CaseSpec) | keys(schema.CampaignSpec) | keys(schema.SweepSpec)
+    every = keys(case.CaseSpec) | keys(case.CampaignSpec) | keys(case.SweepSpec)
     assert [key for key in sorted(every) if key not in text] == []
 
 

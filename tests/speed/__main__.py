@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from ggbench import simulation
+from ggbench.campaign.registry import choose
 from ggbench.errors import GGBenchError
-from ggbench.registry import choose
+from ggbench.simulation.runs import simulate_block
 
 from . import (
     check,
@@ -84,11 +84,9 @@ def profiles(times: int) -> tuple[dict[str, dict[str, float]], dict[str, float]]
     """
     counted: dict[str, float] = {}
     flight, seed, runs = export.flight(), export.seed(), range(BLOCK)
-    block = simulation.simulate_block(flight, seed, runs)[0]
+    block = simulate_block(flight, seed, runs)[0]
     found = {
-        "simulation": kernels.profile(
-            lambda: simulation.simulate_block(flight, seed, runs), BLOCK, times
-        )
+        "simulation": kernels.profile(lambda: simulate_block(flight, seed, runs), BLOCK, times)
     }
     for label in LABELS.values():
         compiled = check.with_engine(label)

@@ -34,7 +34,7 @@ class _Framework:
     runs_per_call = 1
 
     def __init__(self, label: str) -> None:
-        from ggbench.registry import choose
+        from ggbench.campaign.registry import choose
 
         self.estimator, (self.problem,) = choose(label).estimator, export.problems([0])
 

@@ -31,8 +31,8 @@ def stream(runs: int, threads: int, labels: Sequence[str]) -> dict[str, Any]:
     Wall seconds of all; seconds of the threads in the simulation and in each engine; the root mean
     square of each engine's position errors over runs and epochs [m]; the peak of memory [bytes].
     """
-    from ggbench.registry import choose
-    from ggbench.simulation import simulate_block
+    from ggbench.campaign.registry import choose
+    from ggbench.simulation.runs import simulate_block
 
     from . import export
     from .rival_ggbench import BLOCK

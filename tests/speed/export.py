@@ -7,13 +7,13 @@ from functools import cache
 
 import numpy as np
 
-from ggbench import scenario
-from ggbench.earth import EVEN_ZONALS
-from ggbench.flight import Flight, prepare
-from ggbench.measurement_kernels import ModelArrays
-from ggbench.measurement_model import GradiometerModel
+from ggbench.gravity.ellipsoid import EVEN_ZONALS
 from ggbench.problem import Problem
-from ggbench.simulation import simulate
+from ggbench.sensors.model import GradiometerModel
+from ggbench.sensors.model_kernels import ModelArrays
+from ggbench.simulation.error_free_flight import Flight, prepare
+from ggbench.simulation.runs import simulate
+from ggbench.spec import scenario
 
 from .problem_file import Arrays
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 
-from ggbench.figures import save
+from ggbench.report.figures import save
 
 
 def draw(points: list[dict[str, Any]], path: Path) -> None:

@@ -7,10 +7,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ggbench.kernels import LANES, compiled
-from ggbench.measurement_kernels import ModelArrays, predict_errors
-from ggbench.measurement_lanes import linearise_lanes, linearising_work
-from ggbench.simulation import simulate_block
+from ggbench.numerics.kernels import LANES, compiled
+from ggbench.sensors.model_kernels import ModelArrays, predict_errors
+from ggbench.sensors.model_lanes import linearise_lanes, linearising_work
+from ggbench.simulation.runs import simulate_block
 
 from . import export
 

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from ggbench.tables import markdown, short
+from ggbench.report.tables import markdown, short
 
 from . import figure, flops
 from .rounds import Measured

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ggbench.registry import choose
-from ggbench.simulation import simulate_block
+from ggbench.campaign.registry import choose
+from ggbench.simulation.runs import simulate_block
 
 from . import export
 

@@ -28,10 +28,12 @@ CAMPAIGN_RUNS = 10_000
 PAPERS_CASES = ("0.01E-1Hz", "0.001E-1Hz", "0.01E-0.2Hz")
 BARE = "python -c pass"
 
+COMMAND = "from ggbench.cli.main import main; main()"
+
 
 def measure(rounds: int) -> dict[str, dict[str, float]]:
     """Return the best and the median wall time [s] of each command, run in turn after once each."""
-    program = [sys.executable, "-c", "from ggbench.cli import main; main()"]
+    program = [sys.executable, "-c", COMMAND]
     commands = {BARE: [sys.executable, "-c", "pass"]}
     commands |= {name: [*program, *arguments] for name, arguments in COMMANDS.items()}
     times: dict[str, list[float]] = {name: [] for name in commands}
@@ -61,7 +63,7 @@ def campaign(runs: int, labels: Sequence[str]) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         start = time.perf_counter()
         subprocess.run(
-            [sys.executable, "-c", "from ggbench.cli import main; main()", *words, "-o", folder],
+            [sys.executable, "-c", COMMAND, *words, "-o", folder],
             check=True, env=environments.variables(), stdout=subprocess.DEVNULL,
         )  # fmt: skip
         seconds = time.perf_counter() - start

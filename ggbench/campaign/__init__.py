@@ -1,0 +1,1 @@
+"""Which runs there are, and running them: here, in processes, on a cluster."""

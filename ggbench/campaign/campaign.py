@@ -1,0 +1,401 @@
+"""Many runs: what they are, which of them are stored already, and running the others.
+
+A task is runs of one case, simulated once and given to every estimator, so that differences
+between estimators are paired. Estimators that take many runs at once have tasks of their own; what
+they are given is the same. Results are stored as they arrive, under keys of their content
+(:mod:`ggbench.campaign.result_keys`); what a folder already holds is not run again.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import math
+import os
+import platform
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence, Set
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..errors import GGBenchError
+from ..problem import Problem
+from ..results.store import (
+    DETAILED_RUN,
+    FORMAT,
+    Result,
+    Store,
+    StoreError,
+    read_manifest,
+    require_ours,
+)
+from ..simulation.runs import simulate
+from ..spec.case import CaseSpec
+from ..spec.scenario import Scenario
+from . import result_keys
+from .records import lag_epochs, shared_arrays
+from .registry import choose
+from .runner import Pairs, Task, flight_of, said
+
+TASK_RUNS = 128
+"""Most runs of a task."""
+
+
+class CampaignError(GGBenchError):
+    """A campaign cannot be run as asked."""
+
+
+def check(scenario: Scenario, seed: int = 0) -> Iterator[tuple[str, CaseSpec, Problem]]:
+    """Fly every case and every assumption's, before anything is written.
+
+    Yields
+    ------
+    The study ("" for none), the case and the problem of its first run.
+
+    Raises
+    ------
+    CampaignError
+        If a map cannot be made, a flight leaves it, or a filter cannot be computed.
+    """
+    for study, case in _cases(scenario):
+        try:
+            problem, _ = simulate(flight_of(case), seed, DETAILED_RUN)
+        except GGBenchError as error:
+            prefix = f"assumption {study}, " if study else ""
+            raise CampaignError(f"{scenario.name}, {prefix}case {case.name}: {error}") from None
+        yield study, case, problem
+
+
+def _cases(scenario: Scenario) -> Iterator[tuple[str, CaseSpec]]:
+    """Yield every case with the name of the study it belongs to, "" for the cases themselves."""
+    for case in scenario.cases:
+        yield "", case
+    for study in scenario.assumptions:
+        for case in study.cases:
+            yield study.name, case
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The runs that belong together, and their keys.
+
+    Attributes
+    ----------
+    scenario : with the cases that are run, and with assumptions only if they are studied.
+    estimators : label to content (:attr:`.Choice.content`) of the cases' runs.
+    studied : the same of the assumptions' runs.
+    runs, seed : number of runs per case, and the seed.
+    """
+
+    scenario: Scenario
+    estimators: Mapping[str, Mapping[str, Any]]
+    studied: Mapping[str, Mapping[str, Any]]
+    runs: int
+    seed: int
+
+    def cells(self) -> list[tuple[str, CaseSpec, Pairs]]:
+        """Return every study ("" for none) and case with its estimators and their keys."""
+        return [
+            (study, case, self._pairs(case, self.studied if study else self.estimators))
+            for study, case in _cases(self.scenario)
+        ]
+
+    def _pairs(self, case: CaseSpec, contents: Mapping[str, Mapping[str, Any]]) -> Pairs:
+        return tuple(
+            (label, result_keys.run_key(case, content, self.seed))
+            for label, content in contents.items()
+        )
+
+    def joined(self, old: Mapping[str, Any], whole: Scenario, finished: Set[str]) -> Plan:
+        """Return this plan together with what a folder holds of the same content.
+
+        Parameters
+        ----------
+        old : the folder's manifest. whole : the scenario with all of its cases.
+        finished : keys under which there are results.
+        """
+        now = result_keys.environment() | {"seed": self.seed}
+        if any(old[name] != value for name, value in now.items()):
+            return self
+        # By the contents that the manifest states: what it names is not to be loaded.
+        held: dict[str, Mapping[str, Any]] = {}
+        names = {case.name for case in self.scenario.cases}
+        for label, content in old["estimators"].items():
+            found = {
+                case.name
+                for case in whole.cases
+                if result_keys.run_key(case, content, self.seed) in finished
+            }
+            names |= found
+            if found and content not in self.estimators.values():
+                held[label] = content
+        shown = whole.select([case.name for case in whole.cases if case.name in names])
+        if not (old["assumptions"] or self.scenario.assumptions):
+            shown = replace(shown, assumptions=())
+        joined = replace(self, scenario=shown, estimators=held | dict(self.estimators))
+        stored = {key for _, _, pairs in joined.cells() for _, key in pairs} & finished
+        return replace(joined, runs=max(old["runs"], self.runs)) if stored else joined
+
+
+def _each_once(
+    cells: Iterable[tuple[str, CaseSpec, Pairs]],
+) -> list[tuple[str, CaseSpec, Pairs]]:
+    """Return cells without what another one before them runs: two names of one content."""
+    seen: set[str] = set()
+    once = []
+    for study, case, estimators in cells:
+        new = tuple(pair for pair in estimators if pair[1] not in seen)
+        seen.update(key for _, key in new)
+        if new:
+            once.append((study, case, new))
+    return once
+
+
+class _Open(NamedTuple):
+    """A case with its estimators, and which runs (estimators, runs) each of them misses."""
+
+    assumption: str
+    case: CaseSpec
+    pairs: Pairs
+    missing: np.ndarray
+
+
+class Tasks:
+    """What a campaign has still to run: its tasks, made when they are asked for.
+
+    A range of runs of all cases comes before the next one, and estimators that do not take many
+    runs at once go through it run by run: an interrupted campaign has runs of all cases.
+    """
+
+    def __init__(self, cells: Sequence[_Open], seed: int) -> None:
+        self._seed = seed
+        self.results = sum(int(cell.missing.sum()) for cell in cells)
+        """Number of results to come."""
+        self._at_once: list[_Open] = []
+        self._one_by_one: list[_Open] = []
+        for cell in cells:
+            compiled = np.array([bool(choose(label).estimator.compiled) for label, _ in cell.pairs])
+            for chosen, where in ((self._at_once, compiled), (self._one_by_one, ~compiled)):
+                pairs = tuple(pair for pair, mine in zip(cell.pairs, where, strict=True) if mine)
+                chosen.append(cell._replace(pairs=pairs, missing=cell.missing[where]))
+
+    def __iter__(self) -> Iterator[Task]:
+        cells = [*self._at_once, *self._one_by_one]
+        most = max((cell.missing.shape[1] for cell in cells), default=0)
+        for start in range(0, most, TASK_RUNS):
+            stop = min(start + TASK_RUNS, most)
+            for cell in self._at_once:
+                yield from self._blocks(cell, start, stop)
+            for run in range(start, stop):
+                for cell in self._one_by_one:
+                    yield from self._blocks(cell, run, run + 1)
+
+    def _blocks(self, cell: _Open, start: int, stop: int) -> Iterator[Task]:
+        """Yield tasks of a range of runs: one of each set of estimators that miss the same runs."""
+        patterns: dict[bytes, list[int]] = {}
+        for run in range(start, min(stop, cell.missing.shape[1])):
+            if cell.missing[:, run].any():
+                patterns.setdefault(cell.missing[:, run].tobytes(), []).append(run)
+        for runs in patterns.values():
+            lacking = cell.missing[:, runs[0]]
+            pairs = tuple(pair for pair, lacks in zip(cell.pairs, lacking, strict=True) if lacks)
+            yield Task(cell.case, cell.assumption, runs, self._seed, pairs)
+
+
+@dataclass
+class Campaign:
+    """A campaign on a results folder.
+
+    Parameters
+    ----------
+    scenario : the whole scenario.
+    argument : the text by which the user named it.
+    labels : estimators as chosen, ``ukf[points=merwe]``.
+    runs, seed : number of runs per case, and the seed from which all randomness comes.
+    plan : what is asked for, made of the above.
+    assumptions : also study the scenario's assumptions.
+    folder : where results go.
+    cases : names of the cases to run; none: all.
+    limit : longest time of one run of one estimator [s].
+    fresh : discard what the folder holds of an earlier campaign.
+    """
+
+    scenario: Scenario
+    argument: str
+    labels: tuple[str, ...]
+    runs: int
+    seed: int
+    assumptions: bool
+    folder: Path
+    cases: tuple[str, ...] = ()
+    limit: float = 600.0
+    fresh: bool = False
+    plan: Plan = field(init=False)
+
+    def __post_init__(self) -> None:
+        # Once: a file that is edited later changes nothing of what is run and how it is stored.
+        scenario = self.scenario.select(self.cases) if self.cases else self.scenario
+        contents = {label: choose(label).content for label in self.labels}
+        studied = choose(self.scenario.campaign.assumption_estimator)
+        label = next((k for k, v in contents.items() if v == studied.content), studied.label)
+        self.plan = Plan(
+            scenario if self.assumptions else replace(scenario, assumptions=()),
+            contents,
+            {label: studied.content},
+            self.runs,
+            self.seed,
+        )
+
+    def open(self) -> tuple[Store, list[str]]:
+        """Return the results folder, made or found again, and remarks for the user.
+
+        Raises
+        ------
+        StoreError
+            If the folder holds something else, or results of another scenario.
+        CampaignError
+            If a case cannot be flown, or no estimator can take the scenario.
+        """
+        self._require_folder()
+        remarks = self._leave_out()
+        store = Store(self.folder, create=True, fresh=self.fresh)
+        plan = self.plan
+        if (self.folder / "manifest.json").exists():
+            finished = store.finished().keys()
+            plan = plan.joined(read_manifest(self.folder), self.scenario, finished)
+        self._share(store, plan)
+        manifest = self._manifest(plan)
+        store.write_manifest(manifest)
+        used = {cell["key"] for cell in manifest["cells"]}
+        unused = sum(len(runs) for key, runs in store.finished().items() if key not in used)
+        if unused:
+            remarks.append(
+                f"{self.folder} holds {unused} results that are not part of this (another seed, "
+                "source or version; a case or estimator since changed or removed): they are kept "
+                "and not used; --fresh discards them"
+            )
+        return store, remarks
+
+    def tasks(self, store: Store) -> Tasks:
+        """Return the tasks whose results are not stored yet."""
+        return self._tasks(store.finished(self.limit))
+
+    def missing(self, store: Store) -> int:
+        """Return how many of the results asked for are not there, not even as failures."""
+        return self._tasks(store.finished(-math.inf)).results
+
+    def _tasks(self, finished: Mapping[str, np.ndarray]) -> Tasks:
+        cells = []
+        for study, case, pairs in _each_once(self.plan.cells()):
+            runs = min(self.runs, self.scenario.campaign.assumption_runs) if study else self.runs
+            missing = np.ones((len(pairs), runs), dtype=bool)
+            for row, (_, key) in zip(missing, pairs, strict=True):
+                held = finished.get(key, np.empty(0, dtype=np.int64))
+                row[held[held < runs]] = False
+            cells.append(_Open(study, case, pairs, missing))
+        return Tasks(cells, self.seed)
+
+    def _require_folder(self) -> None:
+        """Raise StoreError if the folder is not ours, or not to be joined."""
+        require_ours(self.folder)
+        if Path(self.argument).absolute() == (self.folder / "scenario.toml").absolute():
+            raise StoreError(
+                f"{self.folder} is the folder of the scenario itself, whose file would be "
+                "overwritten; choose another -o"
+            )
+        if (self.folder / "manifest.json").exists() and not self.fresh:
+            held = read_manifest(self.folder)["scenario"]
+            if held != self.scenario.name:
+                raise StoreError(
+                    f"{self.folder} holds results of the scenario {held}, not of "
+                    f"{self.scenario.name}; choose another -o, or --fresh to discard them"
+                )
+
+    def _leave_out(self) -> list[str]:
+        """Leave estimators out that cannot take a problem (``skip``); return why."""
+        reasons: dict[str, str] = {}
+        estimators = {label: choose(label).estimator for label in self.labels}
+        for study, _, problem in check(self.plan.scenario, self.seed):
+            for label, estimator in estimators.items() if not study else ():
+                try:
+                    reason = estimator.skip(problem)
+                except Exception as error:
+                    reason = f"its skip raises {said(error)}"
+                if reason:
+                    reasons.setdefault(label, f"{label} is left out: {reason}")
+        kept = {k: v for k, v in self.plan.estimators.items() if k not in reasons}
+        self.plan = replace(self.plan, estimators=kept)
+        if not kept:
+            raise CampaignError(
+                "no estimator can take this scenario: " + "; ".join(reasons.values())
+            )
+        return list(reasons.values())
+
+    def _share(self, store: Store, plan: Plan) -> None:
+        """Store what each case's runs share, unless it is stored: bounds, signals for figures."""
+        # Of those asked for now: what others needed has been stored when they were.
+        estimators = [choose(label).estimator for label in self.plan.estimators]
+        lagged = [vars(e)["lag"] for e in estimators if e.causality == "fixed-lag"]
+        for case in plan.scenario.cases:
+            key = result_keys.case_key(case, self.seed)
+            lags = {lag_epochs(case, lag) for lag in lagged}
+            if store.has_arrays(key):
+                prefix = "bound-fixed-lag-"
+                names = [n for n in store.arrays(key, case.name) if n.startswith(prefix)]
+                held = {int(name.removeprefix(prefix)) for name in names}
+                if lags <= held:
+                    continue
+                lags |= held
+            store.write_arrays(key, shared_arrays(flight_of(case), self.seed, sorted(lags)))
+
+    def _manifest(self, plan: Plan) -> dict[str, Any]:
+        return {
+            "format": FORMAT,
+            **result_keys.environment(),
+            "scenario": self.scenario.name,
+            "scenario_hash": self.scenario.content_hash,
+            "scenario_text": self.scenario.source,
+            "argument": self.argument,
+            "title": self.scenario.title,
+            "notes": self.scenario.notes,
+            "seed": self.seed,
+            "runs": plan.runs,
+            "estimators": dict(plan.estimators),
+            "cases": [case.name for case in plan.scenario.cases],
+            "assumptions": bool(plan.scenario.assumptions),
+            "cells": [
+                {
+                    "assumption": study,
+                    "case": case.name,
+                    "problem": result_keys.problem_key(case, plan.seed),
+                    "estimator": label,
+                    "key": key,
+                }
+                for study, case, estimators in plan.cells()
+                for label, key in estimators
+            ],
+            "shared": {
+                case.name: result_keys.case_key(case, self.seed) for case in plan.scenario.cases
+            },
+            "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+            "machine": {
+                "system": platform.system(),
+                "architecture": platform.machine(),
+                "processors": os.cpu_count(),
+            },
+        }
+
+
+def execute(
+    results: Generator[list[Result]], store: Store, progress: Callable[[list[Result]], None]
+) -> None:
+    """Store the results of an engine as they come, and tell ``progress`` of them.
+
+    However it ends, the engine is closed: nothing runs on.
+    """
+    with contextlib.closing(results):
+        for batch in results:
+            store.add(batch)
+            progress(batch)

@@ -1,0 +1,162 @@
+"""Running tasks on a Dask cluster: the same tasks, the same results, other machines.
+
+Each thread of a Dask worker keeps a process of ours (:mod:`.campaign.worker`) and lets it run the
+tasks that come, so that time limits and deaths are dealt with there as on one's own machine.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import re
+import socket
+import threading
+import uuid
+from collections.abc import Generator, Iterable, Iterator
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from ..errors import GGBenchError
+from ..results.store import Result
+from .execution import Member, drive
+from .runner import OtherSourceError, Task, failure
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+_CONNECT_S = 15.0
+_AHEAD = 3
+"""Tasks handed over per thread of the cluster, so that none of them waits for the next one."""
+_mine = threading.local()
+
+
+class ClusterError(GGBenchError):
+    """A cluster cannot be used."""
+
+
+def on_cluster(tasks: Iterable[Task], address: str, limit: float) -> Generator[list[Result]]:
+    """Run tasks on the cluster of a running Dask scheduler.
+
+    A task whose Dask worker dies is given to another one by Dask; if its workers die again and
+    again (``distributed.scheduler.allowed-failures``), its runs are tried one by one, and that a
+    single one's do is its result.
+
+    Raises
+    ------
+    ClusterError
+        If Dask is not installed, the scheduler cannot be reached or is lost, or a worker has
+        another version or source than this process.
+    """
+    try:
+        from distributed import Client
+    except ImportError:
+        raise ClusterError(
+            "--cluster needs Dask, which is not installed: pip install 'ggbench[cluster]'"
+        ) from None
+    _require_listener(address)
+    try:
+        client = Client(address, timeout=_CONNECT_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise ClusterError(f"no Dask scheduler answers at {address}: {error}") from None
+    with client:
+        yield from _on(client, tasks, limit)
+
+
+def _require_listener(address: str) -> None:
+    """Raise ClusterError unless somebody listens; Dask's own client would complain at length."""
+    found = re.fullmatch(r"(?:(?:tcp|tls)://)?([^/:]+|\[[^/]+\]):(\d{1,5})", address)
+    if not found or int(found[2]) > 65535:
+        raise ClusterError(
+            f"'{address}' is no address of a Dask scheduler; write tcp://HOST:PORT, or "
+            "tls://HOST:PORT"
+        )
+    try:
+        socket.create_connection((found[1].strip("[]"), int(found[2])), _CONNECT_S).close()
+    except OSError as error:
+        raise ClusterError(
+            f"no Dask scheduler answers at {address}: {error.strerror or error}"
+        ) from None
+
+
+def _on(client: Client, tasks: Iterable[Task], limit: float) -> Generator[list[Result]]:
+    from distributed import CancelledError, Event, KilledWorker, as_completed
+    from distributed.comm.core import CommClosedError
+
+    queue: Iterator[Task] = iter(tasks)
+    handed: dict[object, Task] = {}
+    stopped = Event(f"ggbench-{uuid.uuid4()}", client)
+
+    def hand_over() -> list[Future]:
+        # As many as keep the cluster busy as it is now: it may grow.
+        threads = max(1, sum(client.nthreads().values()))
+        new = list(itertools.islice(queue, max(0, _AHEAD * threads - len(handed))))
+        # Not pure: equal calls are not to be taken for one, their results are stored here.
+        futures = [client.submit(run_here, task, limit, stopped.name, pure=False) for task in new]
+        handed.update({future.key: task for future, task in zip(futures, new, strict=True)})
+        return futures
+
+    try:
+        completed = as_completed(hand_over(), loop=client.loop)
+        for future in completed:
+            task = handed.pop(future.key)
+            try:
+                results = future.result()
+            except KilledWorker:
+                results = []
+                if len(task.runs) > 1:
+                    singles = [replace(task, runs=[run]) for run in task.runs]
+                    queue = itertools.chain(singles, queue)
+                else:
+                    reason = "its Dask workers died, again and again"
+                    results = [
+                        failure(task, task.runs[0], *pair, reason, retry_above=0.0)
+                        for pair in task.estimators
+                    ]
+            completed.update(hand_over())
+            yield results
+    except (CancelledError, CommClosedError, OSError) as error:
+        raise ClusterError(
+            f"the connection to the Dask scheduler is lost ({type(error).__name__}: {error}); the "
+            "same command goes on from what is stored"
+        ) from None
+    except ModuleNotFoundError as error:
+        raise ClusterError(f"the cluster cannot run ggbench: {error}") from None
+    finally:
+        with contextlib.suppress(Exception):  # the scheduler may be gone
+            stopped.set()
+
+
+def run_here(task: Task, limit: float, stopped: str) -> list[Result]:
+    """Run a task in this thread's own process, on a worker of the cluster.
+
+    ``stopped`` names the event that says that nobody waits for it any more.
+    """
+    from distributed import Event
+
+    event = Event(stopped)
+    served = hasattr(_mine, "member")
+    if not served:
+        try:
+            _mine.member = Member(limit)
+        except OSError as error:
+            raise ClusterError(f"a Dask worker cannot start a process: {error}") from None
+    _mine.member.limit = limit
+    try:
+        results = list(itertools.chain.from_iterable(drive([task], [_mine.member], event.is_set)))
+        if not _mine.member.idle:  # stopped
+            _discard_member()
+        return results
+    except OtherSourceError:
+        # It may have loaded what has been edited since: a new process sees what is there now.
+        _discard_member()
+        if not served:
+            raise
+        return run_here(task, limit, stopped)
+    except BaseException:
+        _discard_member()
+        raise
+
+
+def _discard_member() -> None:
+    _mine.member.worker.kill()
+    del _mine.member

@@ -1,0 +1,278 @@
+"""Running tasks on this machine: in this process, or in worker processes with one BLAS thread.
+
+Each engine yields results as they come, in whatever order; what a result is does not depend on it.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import time
+from collections import deque
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from multiprocessing.connection import wait
+
+from ..errors import GGBenchError
+from ..results.store import Result
+from .runner import Started, Task, failure, run_task
+from .worker import Ready, Worker, WorkerDiedError
+
+_MOST_FALSE_STARTS = 3
+"""Processes that may end before they are ready, one after the other."""
+_WAKE_S = 1.0
+_BATCH, _BATCH_S = 500, 0.2
+"""Results that are stored together, as one write to the disk: so many, or those of so long."""
+
+
+class ExecutionError(GGBenchError):
+    """Tasks cannot be run at all."""
+
+
+def in_process(tasks: Iterable[Task]) -> Generator[list[Result]]:
+    """Run tasks in this process, where a debugger reaches them; no time limit applies."""
+    for task in tasks:
+        for message in run_task(task):
+            if isinstance(message, list):
+                yield message
+
+
+def in_processes(tasks: Iterable[Task], jobs: int, limit: float) -> Generator[list[Result]]:
+    """Run tasks in up to ``jobs`` worker processes.
+
+    A run whose process dies is tried once more, alone; if that process dies too, the death is its
+    result. A run of more than ``limit`` seconds is killed, and that is its result; several runs at
+    once that take as long are tried again one by one.
+
+    Raises
+    ------
+    ExecutionError
+        If processes die before they are ready.
+    GGBenchError
+        If a worker finds that it would run something else than was planned.
+    """
+    crew: list[Member] = []
+    source = iter(tasks)
+    first = list(itertools.islice(source, jobs))
+    try:
+        while len(crew) < len(first):
+            crew.append(Member(limit))
+        yield from drive(itertools.chain(first, source), crew)
+    except OSError as error:
+        raise ExecutionError(f"worker processes cannot be started: {error.strerror}") from None
+    finally:
+        for member in crew:
+            member.worker.kill()
+
+
+def drive(
+    tasks: Iterable[Task], crew: Sequence[Member], stop: Callable[[], bool] = lambda: False
+) -> Generator[list[Result]]:
+    """Let a crew run tasks to their end, after which all of it is idle again.
+
+    Or until ``stop``, asked about once a second, says so. Tasks are taken as they are needed.
+    """
+    queue = _Queue(tasks)
+    results: list[Result] = []
+    asked = stored = time.monotonic()
+    while True:
+        for member in crew:
+            if member.idle and queue:
+                member.begin(queue.pop())
+        finished = not queue and not any(member.attempt for member in crew)
+        start = time.monotonic()
+        if results and (finished or len(results) >= _BATCH or start - stored >= _BATCH_S):
+            yield results  # stored while the crew is at work again
+            results = []
+            stored = start = time.monotonic()
+        if finished:
+            return
+        if start - asked > _WAKE_S:
+            asked = start
+            if stop():
+                return
+        patience = max(0.0, min([_WAKE_S, *(m.deadline - start for m in crew)]))
+        if results:
+            patience = min(patience, _BATCH_S)
+        wait([m.worker.connection for m in crew if not m.idle], patience)
+        asleep = time.monotonic() - start - patience
+        if asleep > _WAKE_S:  # Ctrl-Z, a closed laptop: no run's time
+            for member in crew:
+                member.deadline += asleep
+        for member in crew:
+            come, again = member.attend()
+            results += come
+            queue.again(again)
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """A task, and whether a process has died of it before."""
+
+    task: Task
+    second: bool = False
+
+
+class _Queue:
+    """Attempts to come: what must be tried again, then tasks as they are made."""
+
+    def __init__(self, tasks: Iterable[Task]) -> None:
+        self._tasks: Iterator[Task] = iter(tasks)
+        self._next: deque[Attempt] = deque()
+
+    def __bool__(self) -> bool:
+        if not self._next:
+            self._next += [Attempt(task) for task in itertools.islice(self._tasks, 1)]
+        return bool(self._next)
+
+    def pop(self) -> Attempt:
+        return self._next.popleft()
+
+    def again(self, attempts: Sequence[Attempt]) -> None:
+        self._next.extendleft(reversed(attempts))
+
+
+def together(missing: Mapping[str, Collection[int]]) -> dict[tuple[str, ...], list[int]]:
+    """Return runs by the labels that miss them, so that each run is simulated once for all.
+
+    ``missing`` holds, by label, the runs that are missing.
+    """
+    labels: dict[int, tuple[str, ...]] = {}
+    for label, runs in missing.items():
+        for run in runs:
+            labels[run] = (*labels.get(run, ()), label)
+    groups: dict[tuple[str, ...], list[int]] = {}
+    for run in sorted(labels):
+        groups.setdefault(labels[run], []).append(run)
+    return groups
+
+
+class Member:
+    """A worker with what it is at; what becomes of it when it dies or takes too long."""
+
+    def __init__(self, limit: float) -> None:
+        self.limit = limit
+        self._false_starts = 0
+        self._start()
+
+    def _start(self) -> None:
+        self.worker = Worker()
+        self.idle = False
+        self.attempt: Attempt | None = None
+        self.deadline = math.inf
+        self._current: Started | None = None
+        self._keys: dict[str, str] = {}
+        self._left: dict[str, set[int]] = {}
+
+    def begin(self, attempt: Attempt) -> None:
+        """Give the worker something to do."""
+        self.idle, self.attempt = False, attempt
+        self._keys = dict(attempt.task.estimators)
+        self._left = {label: set(attempt.task.runs) for label in self._keys}
+        self.worker.give(attempt.task)
+
+    def attend(self) -> tuple[list[Result], list[Attempt]]:
+        """Return the results that have come, and what must be tried again."""
+        results: list[Result] = []
+        again: list[Attempt] = []
+        try:
+            while self.worker.connection.poll():
+                self._take(self.worker.receive(), results)
+            self.worker.check()
+        except WorkerDiedError as death:
+            self._bury(str(death), results, again)
+        if time.monotonic() > self.deadline:
+            self._stop(results, again)
+        return results, again
+
+    def _take(self, message: object, results: list[Result]) -> None:
+        if isinstance(message, Started) and self._left.get(message.label, set()).issuperset(
+            message.runs
+        ):
+            self._current, self.deadline = message, time.monotonic() + self.limit
+        elif isinstance(message, list) and self._current and self._is_of(message, self._current):
+            results += message
+            self._leave(self._current)
+            self._current, self.deadline = None, math.inf
+        elif isinstance(message, Ready) and not self._left:
+            self.idle, self.attempt, self._false_starts = True, None, 0
+        elif isinstance(message, GGBenchError):
+            raise message
+        else:
+            raise WorkerDiedError("its process said what was not asked")
+
+    def _is_of(self, message: list[object], started: Started) -> bool:
+        """Return whether a message is the results of just what was started."""
+        found = [r.record["run"] for r in message if isinstance(r, Result) and
+                 r.key == self._keys[started.label]]  # fmt: skip
+        return len(found) == len(message) and found == list(started.runs)
+
+    def _leave(self, part: Started) -> None:
+        """Take a part out of what is left of the task."""
+        self._left[part.label] -= set(part.runs)
+        if not self._left[part.label]:
+            del self._left[part.label]
+
+    def _bury(self, death: str, results: list[Result], again: list[Attempt]) -> None:
+        """See to what a worker that died was at, and start another one."""
+        if self.attempt is None:
+            self._false_starts += 1
+            if self._false_starts == _MOST_FALSE_STARTS:
+                raise ExecutionError(
+                    f"worker processes end before they are ready: {death}; what they printed may "
+                    "say why"
+                )
+        else:
+            # Between two runs it died of nobody's fault, or of what all of them share.
+            blamed = {label: set(runs) for label, runs in self._left.items()}
+            if self._current is not None:
+                blamed = {self._current.label: set(self._current.runs)}
+                self._leave(self._current)
+            else:
+                self._left = {}
+            if self.attempt.second:
+                results += self._lost(blamed, f"{death}, twice", 0.0)
+            else:
+                again += self._retry(blamed, one_by_one=True, second=True)
+            again += self._retry(self._left)
+        self._restart()
+
+    def _stop(self, results: list[Result], again: list[Attempt]) -> None:
+        """Kill a worker that is over its time limit: the result of the run that it is at."""
+        assert self._current is not None  # the clock runs in a run only
+        blamed = {self._current.label: set(self._current.runs)}
+        self._leave(self._current)
+        if len(self._current.runs) > 1:
+            again += self._retry(blamed, one_by_one=True)
+        else:
+            reason = f"over its time limit of {self.limit:g} s"
+            results += self._lost(blamed, reason, self.limit)
+        again += self._retry(self._left)
+        self._restart()
+
+    def _retry(
+        self, left: Mapping[str, Collection[int]], one_by_one: bool = False, second: bool = False
+    ) -> list[Attempt]:
+        """Return the attempts at what is left of the task."""
+        assert self.attempt is not None
+        attempts = []
+        for labels, runs in together(left).items():
+            pairs = tuple((label, self._keys[label]) for label in labels)
+            for some in ([run] for run in runs) if one_by_one else [runs]:
+                task = replace(self.attempt.task, runs=some, estimators=pairs)
+                attempts.append(Attempt(task, second))
+        return attempts
+
+    def _lost(
+        self, blamed: Mapping[str, Collection[int]], reason: str, retry_above: float
+    ) -> list[Result]:
+        assert self.attempt is not None
+        return [
+            failure(self.attempt.task, run, label, self._keys[label], reason, "", retry_above)
+            for label, runs in blamed.items()
+            for run in sorted(runs)
+        ]
+
+    def _restart(self) -> None:
+        self.worker.kill()
+        self._start()

@@ -1,0 +1,220 @@
+"""What runs leave behind: a record of each, its time series, and what all runs of a case share."""
+
+from __future__ import annotations
+
+import json
+import math
+import resource
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from ..gravity.field import Field
+from ..judging import locking, run_errors
+from ..judging.summary import bound_for, squared_bounds
+from ..problem import Causality, Problem
+from ..results.store import DETAILED_RUN, SERIES_RUNS, Result, kept_epochs
+from ..sensors.gradiometer.instrument import COMPONENTS
+from ..simulation.error_free_flight import Flight
+from ..simulation.runs import random_streams
+from ..spec.case import CaseSpec
+from .registry import Choice
+
+_LONGEST_INFO = 100_000
+
+
+@dataclass(frozen=True)
+class Estimated:
+    """The estimates of R runs by one estimator, with what it took to make them.
+
+    Attributes
+    ----------
+    mean : (R, K, n). cov : (R, K, n, n) or None.
+    nis : (R, K) or None; then it is computed from mean and covariance.
+    causality, lag : as :class:`ggbench.problem.Estimate` has them.
+    info : each run's remarks. evaluations : each run's points at which it evaluated the map.
+    seconds : time of a run, of several at once their mean.
+    """
+
+    mean: np.ndarray
+    cov: np.ndarray | None
+    nis: np.ndarray | None
+    causality: Causality
+    lag: float | None
+    info: Sequence[dict[str, Any]]
+    evaluations: Sequence[int]
+    seconds: float
+
+
+def blank(choice: Choice, run: int, seed: int) -> dict[str, Any]:
+    """Return what a record says of its run before it is known how it went."""
+    return {
+        "name": choice.estimator.name,
+        "parameters": choice.parameters,
+        "causality": choice.estimator.causality,
+        "run": run,
+        "seed": seed,
+        "status": "failed",
+    }
+
+
+def judged(
+    blanks: Sequence[dict[str, Any]],
+    key: str,
+    flight: Flight,
+    error_state: np.ndarray,
+    estimated: Estimated,
+    problem: Callable[[int], Problem],
+) -> list[Result]:
+    """Return the results of runs that were estimated; one that is no estimate has failed.
+
+    Parameters
+    ----------
+    blanks : what each run's record says already (:func:`blank`). key : of the results.
+    flight : the case. error_state : (R, K, n) the truth of the runs.
+    problem : returns a run's problem, by its place in the block.
+    """
+    case, times, filters = flight.case, flight.times, estimated.causality == "filter"
+    evaluation, flaws = run_errors.evaluate_block(error_state, estimated.mean, estimated.cov)
+    if filters and estimated.nis is not None:
+        evaluation.nis[:] = estimated.nis
+    elif filters and estimated.cov is not None:
+        for r in (r for r, flaw in enumerate(flaws) if not flaw):
+            evaluation.nis[r] = run_errors.innovations_squared(
+                problem(r), estimated.mean[r], estimated.cov[r]
+            )
+    means = run_errors.window_means(evaluation, times, case.windows).tolist()
+    final = evaluation.position_error[:, -1].tolist()
+    ins = np.sqrt((error_state[:, -1, :3] ** 2).sum(axis=1)).tolist()
+    locks: list[dict[str, Any]] = [{}] * len(blanks)
+    if case.windows.lock_m is not None:
+        found = locking.judge(
+            evaluation.position_error, evaluation.sigmas[:, -1, :3], times, case.windows.lock_m
+        )
+        locks = [
+            {"lock_time_s": None if math.isnan(time) else time, "false_lock": false}
+            for time, false in zip(*(values.tolist() for values in found), strict=True)
+        ]
+    common = {
+        "status": "ok",
+        "bound": _bound_of(case, estimated.causality, estimated.lag),
+        "peak_memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0,
+    }
+    kept = kept_epochs(len(times))
+    results = []
+    for r, begun in enumerate(blanks):
+        record = begun | {"seconds": estimated.seconds}
+        if flaws[r]:
+            results.append(Result(key, record | {"reason": f"ValueError: {flaws[r]}"}))
+            continue
+        record |= common
+        record |= {
+            "info": estimated.info[r],
+            "map_evaluations": estimated.evaluations[r],
+            "final_position_error_m": final[r],
+            "final_ins_error_m": ins[r],
+            "diverged": run_errors.has_diverged(final[r], flight.final_bound, ins[r]),
+            "windows": run_errors.named_figures(means[r]),
+        }
+        record |= locks[r]
+        series = detail = None
+        if record["run"] < SERIES_RUNS:
+            series = _series(evaluation, r, kept)
+        if record["run"] == DETAILED_RUN:
+            detail = _narrowed(np.hstack([evaluation.components[r], evaluation.sigmas[r]]))
+        results.append(Result(key, record, series, detail))
+    return results
+
+
+def _series(evaluation: run_errors.Evaluation, r: int, kept: np.ndarray) -> np.ndarray:
+    """Return (K', 4) float32 of a run: position and velocity error [m, m/s], NEES, NIS."""
+    columns = (
+        evaluation.position_error, evaluation.velocity_error, evaluation.nees, evaluation.nis
+    )  # fmt: skip
+    return _narrowed(np.stack([values[r, kept] for values in columns], axis=-1))
+
+
+def _narrowed(array: np.ndarray) -> np.ndarray:
+    """Return an array as float32; a diverged filter's error may be beyond its range."""
+    largest = np.finfo("<f4").max
+    return np.clip(array, -largest, largest).astype("<f4")
+
+
+def _bound_of(case: CaseSpec, causality: Causality, lag: float | None) -> str:
+    """Return the name of the bound that an estimate is set beside.
+
+    An estimate without aiding has the filtering bound: what aiding could give.
+    """
+    if lag is not None:
+        return f"fixed-lag-{lag_epochs(case, lag)}"
+    return "batch" if causality == "batch" else "filter"
+
+
+def remarks(info: Any) -> dict[str, Any]:
+    """Return an estimate's remarks as JSON can hold them.
+
+    Raises
+    ------
+    ValueError
+        If they are too long to be stored with every run.
+    """
+    text = json.dumps(dict(info), default=float)
+    if len(text) > _LONGEST_INFO:
+        raise ValueError(f"the estimate's info has {len(text)} characters, over {_LONGEST_INFO}")
+    found: dict[str, Any] = json.loads(text)
+    return found
+
+
+def lag_epochs(case: CaseSpec, lag: float) -> int:
+    """Return how many epochs after each one a fixed lag [s] sees."""
+    return math.floor(lag / case.gradiometer.period_s + 1e-9)
+
+
+def shared_arrays(flight: Flight, seed: int, lags: Sequence[int]) -> dict[str, np.ndarray]:
+    """Return what all runs of a case share: bounds, and the signals that figures show.
+
+    Parameters
+    ----------
+    flight : the case. seed : the campaign's. lags : fixed lags in use [epochs].
+    """
+    arrays = {
+        "times": flight.times,
+        "kept": kept_epochs(len(flight.times)),
+        "track": flight.trajectory.positions[flight.epochs],
+    }
+    bounds = {name: bound_for(flight.bound, name, None) for name in ("filter", "batch")}
+    for lag in lags:
+        bounds[f"fixed-lag-{lag}"] = bound_for(flight.bound, "fixed-lag", lag)
+    for name, cov in bounds.items():
+        arrays[f"bound-{name}"] = np.stack(squared_bounds(cov), axis=-1)
+    # Γ_UU with the noise that the detailed run has in zz, before and behind the filter.
+    rng = random_streams(seed, DETAILED_RUN).gradiometer
+    vertical = COMPONENTS.index("zz")
+    enu = flight.field.tensor(*arrays["track"].T)
+    noise = flight.true.gradiometer.noise_eotvos * rng.standard_normal(flight.noise_free.shape)
+    arrays["vertical"] = enu[:, vertical]
+    arrays["noisy"] = arrays["vertical"] + noise[:, vertical]
+    if flight.true.gradiometer.lowpass is not None:
+        arrays["filtered"] = flight.true.gradiometer.lowpass.apply(arrays["noisy"])
+        arrays["filtered_true"] = flight.true.gradiometer.lowpass.apply(arrays["vertical"])
+    if flight.field.has_map:
+        arrays |= _map_signals(flight.field, float(np.mean(arrays["track"][:, 2])))
+    return arrays
+
+
+@lru_cache(maxsize=8)
+def _map_signals(field: Field, height: float) -> dict[str, np.ndarray]:
+    """Return the disturbing vertical gradient over the whole map, at a height [m]."""
+    latitude = np.linspace(field.origin[0], field.upper[0], 101)
+    longitude = np.linspace(field.origin[1], field.upper[1], 161)
+    full = field.tensor(latitude[:, None], longitude[None, :], height)
+    normal = Field.normal().tensor(latitude[:, None], longitude[None, :], height)
+    vertical = COMPONENTS.index("zz")
+    return {
+        "map_latitude": latitude,
+        "map_longitude": longitude,
+        "map_vertical": full[..., vertical] - normal[..., vertical],
+    }

@@ -1,0 +1,260 @@
+"""Finding estimators: entry points of the group ``ggbench.estimators``, or a file of one's own.
+
+An estimator is chosen by a text ``NAME`` or ``NAME[parameter=value,...]``, where NAME is a
+registered name or the path of a Python file that defines one :class:`~ggbench.problem.Estimator`.
+"""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import importlib.metadata
+import inspect
+import re
+import sys
+import types
+import typing
+from collections.abc import Iterable
+from dataclasses import MISSING, dataclass, fields
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from pydantic import TypeAdapter, ValidationError
+
+from ..errors import GGBenchError
+from ..problem import Causality, Estimator
+
+GROUP = "ggbench.estimators"
+_SOURCE = "__ggbench_source__"
+
+
+class EstimatorError(GGBenchError):
+    """An estimator cannot be found or its parameters cannot be accepted."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """An estimator as chosen: its class with its parameters, and its label.
+
+    Attributes
+    ----------
+    label : the text by which results name it, ``ukf[points=merwe]``.
+    estimator : the instance.
+    """
+
+    label: str
+    estimator: Estimator
+
+    @property
+    def content(self) -> dict[str, Any]:
+        """What its results depend on: class, all parameters, and a hash of its source file."""
+        cls = type(self.estimator)
+        return {
+            "class": cls.__qualname__,
+            "parameters": {item.name: getattr(self.estimator, item.name) for item in fields(cls)},
+            "source": _source_of(cls),
+        }
+
+    @property
+    def parameters(self) -> str:
+        """The parameters set by the user, ``points=merwe``; empty if all are defaults."""
+        return self.label.partition("[")[2].rstrip("]")
+
+
+def registered() -> dict[str, type[Estimator]]:
+    """Return the registered estimator classes by name.
+
+    Raises
+    ------
+    EstimatorError
+        If an installed entry point cannot be imported.
+    """
+    return {name: _load(point) for name, point in _points().items()}
+
+
+def _points() -> dict[str, importlib.metadata.EntryPoint]:
+    """Return the entry points of the registered estimators by name, in order."""
+    points = importlib.metadata.entry_points(group=GROUP)
+    return {point.name: point for point in sorted(points, key=lambda p: p.name)}
+
+
+def _load(point: importlib.metadata.EntryPoint) -> type[Estimator]:
+    try:
+        cls: type[Estimator] = point.load()
+    except Exception as error:
+        raise EstimatorError(
+            f"the estimator '{point.name}' ({point.value}) cannot be imported: {error}"
+        ) from error
+    return cls
+
+
+def choose(text: str) -> Choice:
+    """Return the estimator that a text names.
+
+    Raises
+    ------
+    EstimatorError
+        If the text, the name, the file or a parameter is wrong; the message says what is allowed.
+    """
+    match = re.fullmatch(r"\s*([^\[\]]+?)\s*(?:\[([^\[\]]*)\])?\s*", text)
+    if not match:
+        raise EstimatorError(
+            f"'{text}' does not name an estimator; write NAME or NAME[parameter=value,...]"
+        )
+    name, listed = match.group(1), match.group(2) or ""
+    if name.endswith(".py"):
+        cls = _from_file(Path(name))
+    else:
+        points = _points()  # of which only the chosen one is imported: some load slowly
+        if name not in points:
+            close = difflib.get_close_matches(name, points, n=1)
+            hint = f" (did you mean '{close[0]}'?)" if close else ""
+            raise EstimatorError(
+                f"there is no estimator '{name}'{hint}; known: {', '.join(points)}; "
+                "or give the path of a .py file"
+            )
+        cls = _load(points[name])
+    _require_interface(cls, name)
+    parameters = _parse(cls, name, listed)
+    shown = ",".join(f"{key}={raw}" for key, (raw, _) in parameters.items())
+    try:
+        estimator = cls(**{key: value for key, (_, value) in parameters.items()})
+        causality = estimator.causality
+        _ = estimator.compiled  # the last of its properties that a campaign asks for
+    except Exception as error:
+        raise EstimatorError(
+            f"{name} cannot be made with '{shown}': {type(error).__name__}: {error}"
+        ) from error
+    if causality not in typing.get_args(Causality):
+        raise EstimatorError(
+            f"{name}: causality is {causality!r} and must be one of "
+            f"{', '.join(typing.get_args(Causality))}"
+        )
+    if causality == "fixed-lag" and "lag" not in parameters_of(cls):
+        raise EstimatorError(f"{name}: a fixed-lag estimator needs a parameter 'lag' [s]")
+    return Choice(f"{name}[{shown}]" if shown else name, estimator)
+
+
+def choose_all(texts: Iterable[str]) -> list[Choice]:
+    """Return the estimators that texts name, each content once, under its first label.
+
+    Raises
+    ------
+    EstimatorError
+        As :func:`choose`.
+    """
+    chosen: list[Choice] = []
+    for choice in map(choose, texts):
+        if all(choice.content != other.content for other in chosen):
+            chosen.append(choice)
+    return chosen
+
+
+def parameters_of(cls: type[Estimator]) -> dict[str, tuple[Any, Any]]:
+    """Return the (type, default) of each parameter of an estimator class."""
+    hints = typing.get_type_hints(cls)
+    return {item.name: (hints[item.name], item.default) for item in fields(cls)}
+
+
+def describe(annotation: Any) -> str:
+    """Return a parameter's type as a user reads it."""
+    if typing.get_origin(annotation) is typing.Literal:
+        return " | ".join(str(choice) for choice in typing.get_args(annotation))
+    return getattr(annotation, "__name__", str(annotation))
+
+
+def _require_interface(cls: type[Estimator], name: str) -> None:
+    """Raise EstimatorError unless a class is a named dataclass whose parameters have defaults."""
+    if not isinstance(getattr(cls, "name", None), str) or not cls.name:
+        raise EstimatorError(f"{name}: the class {cls.__name__} needs a text 'name'")
+    if "__dataclass_fields__" not in vars(cls):
+        raise EstimatorError(
+            f"{name}: the class {cls.__name__} needs the decorator @dataclass(frozen=True)"
+        )
+    for key, (_, default) in parameters_of(cls).items():
+        if default is MISSING:
+            raise EstimatorError(f"{name}: the parameter '{key}' needs a default")
+        if not isinstance(default, bool | int | float | str | None):
+            raise EstimatorError(
+                f"{name}: the parameter '{key}' is {default!r}; it must be a number, a text or a "
+                "truth value"
+            )
+
+
+def _parse(cls: type[Estimator], name: str, listed: str) -> dict[str, tuple[str, Any]]:
+    known = parameters_of(cls)
+    parsed: dict[str, tuple[str, Any]] = {}
+    for item in filter(None, (part.strip() for part in listed.split(","))):
+        key, equals, raw = (part.strip() for part in item.partition("="))
+        if not equals:
+            raise EstimatorError(f"{name}: '{item}' is not of the form parameter=value")
+        if key not in known:
+            allowed = ", ".join(known) or "it has none"
+            raise EstimatorError(f"{name} has no parameter '{key}'; its parameters: {allowed}")
+        if key in parsed:
+            raise EstimatorError(f"{name}: parameter '{key}' is given twice")
+        annotation, _ = known[key]
+        try:
+            parsed[key] = (raw, TypeAdapter(annotation).validate_python(raw))
+        except ValidationError:
+            raise EstimatorError(
+                f"{name}: parameter '{key}' is '{raw}' and must be {describe(annotation)}"
+            ) from None
+    return parsed
+
+
+@cache
+def _source_of(cls: type[Estimator]) -> str:
+    """Return a hash of the file that defines a class, as it was when it was loaded.
+
+    With it go the modules of the same package from which it imports, as robust losses are.
+    """
+    module = sys.modules[cls.__module__]
+    if _SOURCE in vars(module):
+        return str(vars(module)[_SOURCE])
+    found = {cls.__module__}
+    for item in vars(module).values():
+        name = item.__name__ if inspect.ismodule(item) else getattr(item, "__module__", None)
+        if module.__package__ and str(name).startswith(f"{module.__package__}."):
+            found.add(str(name))
+    files = sorted(inspect.getfile(sys.modules[name]) for name in found if name in sys.modules)
+    return hashlib.sha256(b"".join(Path(file).read_bytes() for file in files)).hexdigest()
+
+
+def _from_file(path: Path) -> type[Estimator]:
+    """Import a file and return the one estimator class that it defines."""
+    try:
+        source = path.read_bytes()
+    except OSError as error:
+        raise EstimatorError(f"cannot read estimator file {path}: {error.strerror}") from None
+    # The same file is imported once; two files of one name do not collide.
+    module_name = f"ggbench_user_{hashlib.sha256(source + str(path).encode()).hexdigest()[:16]}"
+    module = sys.modules.get(module_name)
+    if module is None:
+        # Not by an import: a cached byte code could be older than what is hashed here.
+        module = types.ModuleType(module_name)
+        module.__file__ = str(path)
+        vars(module)[_SOURCE] = hashlib.sha256(source).hexdigest()
+        sys.modules[module_name] = module
+        try:
+            exec(compile(source, str(path), "exec"), vars(module))
+        except (Exception, SystemExit) as error:
+            del sys.modules[module_name]
+            raise EstimatorError(
+                f"{path} cannot be imported: {type(error).__name__}: {error}"
+            ) from error
+    classes = [
+        item
+        for item in vars(module).values()
+        if inspect.isclass(item)
+        and issubclass(item, Estimator)
+        and not inspect.isabstract(item)
+        and item.__module__ == module_name
+    ]
+    if len(classes) != 1:
+        raise EstimatorError(
+            f"{path} defines {len(classes)} estimators; it must define exactly one class that "
+            "derives from ggbench.problem.Estimator and has causality and estimate"
+        )
+    return classes[0]

@@ -1,0 +1,83 @@
+"""What a stored run is the result of: its key.
+
+A run's key is a hash of everything that its result depends on (the content of its case and map,
+the estimator with its parameters and source, the seed, the package and the libraries below it) and
+never of a name, a place or an order. Its number completes it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import json
+import platform
+from collections.abc import Mapping
+from functools import cache
+from typing import Any
+
+from .. import __version__
+from ..numerics.source import source_hash
+from ..simulation.field_source import map_content
+from ..spec.case import CaseSpec
+from ..spec.sensors import FieldSpec
+
+_PACKAGES = ("numpy", "scipy", "filterpy", "gtsam", "numba")
+"""Packages whose version may change a result."""
+
+
+@cache
+def environment() -> dict[str, Any]:
+    """Return the versions that a result depends on: of the package, its source, its libraries."""
+    return {
+        "ggbench": __version__,
+        "source_hash": source_hash(),
+        "versions": {
+            "python": platform.python_version(),
+            **{name: importlib.metadata.version(name) for name in _PACKAGES},
+        },
+    }
+
+
+def problem_key(case: CaseSpec, seed: int) -> str:
+    """Return the key of what is simulated, whatever version of the package does it.
+
+    Raises
+    ------
+    MapError
+        If the case's map file cannot be read.
+    """
+    # A file is its content: where it lies, and how that is spelt, is no part of the problem.
+    placeless: dict[str, Any] = {
+        "field": case.field.model_copy(update={"source": "map"}),
+        "trajectory": case.trajectory.placeless(),
+    }
+    for name in ("truth", "model"):
+        side = getattr(case, name)
+        field = side.field.model_copy(update={"source": None})
+        placeless[name] = side.model_copy(update={"field": field})
+    maps = [_map_content(case.side(name).field.model_dump_json()) for name in ("truth", "model")]
+    content = case.model_copy(update=placeless).content_hash
+    return _hash([content, *maps, *case.trajectory.file_hashes(), seed])
+
+
+def case_key(case: CaseSpec, seed: int) -> str:
+    """Return the key of what all runs of a case share, whatever the estimator."""
+    return _hash([environment(), problem_key(case, seed)])
+
+
+def run_key(case: CaseSpec, estimator: Mapping[str, Any], seed: int) -> str:
+    """Return the key of the runs of an estimator on a case; a run's number completes it.
+
+    ``estimator`` is its content (:attr:`ggbench.campaign.registry.Choice.content`).
+    """
+    return _hash([case_key(case, seed), estimator])
+
+
+def _hash(content: Any) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+@cache
+def _map_content(field_json: str) -> str | None:
+    """Return a hash of the map of a field; a process reads its file once."""
+    return map_content(FieldSpec.model_validate_json(field_json))

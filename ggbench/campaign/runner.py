@@ -1,0 +1,358 @@
+"""Runs: simulate them, give them to every estimator, judge the estimates.
+
+This is what a worker process does; nothing here writes anything. Estimators that take many runs at
+once get them in blocks that fit into the processor's cache, the others run by run.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import hashlib
+import json
+import math
+import os
+import time
+import traceback
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..block import EstimateBlock, ProblemBlock
+from ..errors import GGBenchError
+from ..judging import run_errors
+from ..problem import Estimate, Estimator, MeasurementModel, Problem
+from ..results.store import Result
+from ..simulation.runs import Flight, prepare, simulate, simulate_block
+from ..spec.case import CaseSpec
+from . import result_keys
+from .records import Estimated, blank, judged, remarks
+from .registry import Choice, choose
+
+BLOCK_RUNS = 32
+"""Runs that an estimator takes at once: their arrays stay in the processor's cache."""
+_LONGEST_TEXT = 4000
+
+
+class OtherSourceError(GGBenchError):
+    """What would run here is not what the campaign was planned with."""
+
+
+Pairs = tuple[tuple[str, str], ...]
+"""(label, key) of estimators on a case."""
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """Runs of one case with the estimators that still miss them, all of them each.
+
+    Attributes
+    ----------
+    case : the case. assumption : the study it belongs to, "" for the cases themselves.
+    runs, seed : the runs' numbers and the campaign's seed.
+    estimators : (label, key) of each estimator to run.
+    """
+
+    case: CaseSpec
+    assumption: str
+    runs: Sequence[int]
+    seed: int
+    estimators: Pairs
+
+
+@dataclass(frozen=True)
+class Started:
+    """Says that an estimator begins with runs."""
+
+    label: str
+    runs: Sequence[int]
+
+
+class _CountingModel:
+    """A measurement model that counts the points at which the map is evaluated."""
+
+    def __init__(self, model: MeasurementModel) -> None:
+        self._model = model
+        self.evaluations = 0
+
+    def predict(self, k: int, x: np.ndarray) -> np.ndarray:
+        self.evaluations += math.prod(np.shape(x)[:-1])
+        return self._model.predict(k, x)
+
+    def jacobian(self, k: int, x: np.ndarray) -> np.ndarray:
+        self.evaluations += 1
+        return self._model.jacobian(k, x)
+
+
+@lru_cache(maxsize=1024)
+def _flight(case_json: str) -> Flight:
+    return prepare(CaseSpec.model_validate_json(case_json))
+
+
+def flight_of(case: CaseSpec) -> Flight:
+    """Return the flight of a case, made once in each process."""
+    return _flight(case.model_dump_json())
+
+
+def forget_flights() -> None:
+    """Let go of the flights of this process: a library of scenarios has many, and large ones."""
+    _flight.cache_clear()
+
+
+@lru_cache(maxsize=1024)
+def chosen(label: str) -> Choice:
+    """Return the estimator of a label, chosen once in each process."""
+    return choose(label)
+
+
+@lru_cache(maxsize=4096)
+def _key(case_json: str, label: str, seed: int) -> str:
+    return result_keys.run_key(CaseSpec.model_validate_json(case_json), chosen(label).content, seed)
+
+
+def _estimator_rng(seed: int, run: int, choice: Choice) -> np.random.Generator:
+    """Return the estimator's own generator: reproducible, and no key to the simulation's."""
+    content = choice.content
+    name = f"{content['class']}|{json.dumps(content['parameters'], sort_keys=True)}|{seed}|{run}"
+    digest = hashlib.sha256(name.encode()).digest()
+    return np.random.default_rng(int.from_bytes(digest[:16], "little"))
+
+
+_warm: set[str] = set()
+"""Labels of the estimators that this process has run: their first run compiles and imports."""
+
+
+def run_task(task: Task) -> Iterator[Started | list[Result]]:
+    """Simulate runs and judge every estimator on them; a failure is a record.
+
+    Yields
+    ------
+    For each estimator ``Started``, then the results of these runs; or, if they cannot be run
+    together, ``Started`` again for each of them.
+
+    Raises
+    ------
+    OtherSourceError
+        If the package, a library, an estimator's source or a map file is not what the task's keys
+        were made with.
+    """
+    case_json = task.case.model_dump_json()
+    for label, key in task.estimators:
+        if _key(case_json, label, task.seed) != key:
+            raise OtherSourceError(
+                f"the source or version of ggbench, of a library, of {label} or of a map file "
+                f"is not what the campaign was started with; here: {result_keys.environment()}"
+            )
+    at_once = tuple(pair for pair in task.estimators if chosen(pair[0]).estimator.compiled)
+    one_by_one = tuple(pair for pair in task.estimators if pair not in at_once)
+    for start in range(0, len(task.runs) if at_once else 0, BLOCK_RUNS):
+        yield from _run_block(task, case_json, at_once, task.runs[start : start + BLOCK_RUNS])
+    for run in task.runs if one_by_one else ():
+        yield from _run_one(task, case_json, one_by_one, run)
+
+
+def _run_one(
+    task: Task, case_json: str, pairs: Pairs, run: int
+) -> Iterator[Started | list[Result]]:
+    reason, trace = "", ""
+    try:
+        flight = _flight(case_json)
+        problem, truth = simulate(flight, task.seed, run)
+    except Exception as error:
+        reason, trace = f"simulation: {said(error)}", _trace()
+    for label, key in pairs:
+        yield Started(label, (run,))
+        choice = chosen(label)
+        if reason:
+            yield [failure(task, run, label, key, reason, trace)]
+            continue
+        begun = blank(choice, run, task.seed) | {"cold": _is_cold(label)}
+        try:
+            estimated = _estimate(problem, choice, _estimator_rng(task.seed, run, choice))
+            states = np.ascontiguousarray(truth.error_state)[None]
+            results = judged([begun], key, flight, states, estimated, lambda _: problem)
+        except (Exception, SystemExit) as error:
+            results = [Result(key, begun | {"reason": said(error), "traceback": _trace()})]
+        yield results
+
+
+def _run_block(
+    task: Task, case_json: str, pairs: Pairs, runs: Sequence[int]
+) -> Iterator[Started | list[Result]]:
+    """Run several runs at once; should that fail, one by one, so that it costs no other run."""
+    try:
+        flight = _flight(case_json)
+        block, truth = simulate_block(flight, task.seed, runs)
+    except Exception as error:
+        reason, trace = f"simulation: {said(error)}", _trace()
+        for run in runs if len(runs) > 1 else ():
+            yield from _run_block(task, case_json, pairs, (run,))
+        for label, key in pairs if len(runs) == 1 else ():
+            yield Started(label, runs)
+            yield [failure(task, runs[0], label, key, reason, trace)]
+        return
+    for label, key in pairs:
+        yield Started(label, runs)
+        choice = chosen(label)
+        cold = {"cold": _is_cold(label)}
+        blanks = [blank(choice, run, task.seed) | cold for run in runs]
+        try:
+            estimated = _estimate_block(block, choice)
+            results = judged(blanks, key, flight, truth.error_state, estimated, block.problem)
+        except (Exception, SystemExit) as error:
+            if len(runs) > 1:
+                for run in runs:
+                    yield from _run_block(task, case_json, ((label, key),), (run,))
+                continue
+            results = [Result(key, blanks[0] | {"reason": said(error), "traceback": _trace()})]
+        yield results
+
+
+def _is_cold(label: str) -> bool:
+    """Return whether this is an estimator's first run in this process.
+
+    Its time holds compilation and imports: summaries leave it out.
+    """
+    cold = label not in _warm
+    _warm.add(label)
+    return cold
+
+
+def failure(
+    task: Task,
+    run: int,
+    label: str,
+    key: str,
+    reason: str,
+    trace: str = "",
+    retry_above: float | None = None,
+) -> Result:
+    """Return the result of a run that has none, with the reason."""
+    record = blank(chosen(label), run, task.seed) | {"reason": reason}
+    if trace:
+        record["traceback"] = trace
+    return Result(key, record, retry_above=retry_above)
+
+
+@contextlib.contextmanager
+def _own_surroundings() -> Iterator[None]:
+    """Undo what an estimator changes for all that run in its process after it.
+
+    NumPy's treatment of floating-point errors, warning filters and the working directory; not what
+    it may do to modules.
+    """
+    folder = Path.cwd()
+    try:
+        with np.errstate(), warnings.catch_warnings():
+            yield
+    finally:
+        os.chdir(folder)
+
+
+def said(error: BaseException) -> str:
+    """Return an exception as a record can hold it and a terminal show it: printable, not long."""
+    try:
+        text = str(error)
+    except Exception:
+        text = "(its text cannot be made)"
+    return _printable(f"{type(error).__name__}: {text}")
+
+
+def _trace() -> str:
+    """Return the traceback of the exception being handled, its end if it is long."""
+    try:
+        return _printable(traceback.format_exc()[-_LONGEST_TEXT:])
+    except Exception:  # as long as the exception's own text is part of it
+        return ""
+
+
+def _printable(text: str) -> str:
+    shown = (c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text[:_LONGEST_TEXT])
+    return "".join(shown)
+
+
+def _estimate(problem: Problem, choice: Choice, rng: np.random.Generator) -> Estimated:
+    """Let an estimator estimate one run, and see that it returns what it declares.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it is no Estimate, is of another causality than its estimator declares, has a wrong
+        shape, numbers that are complex, or remarks that cannot be stored.
+    """
+    model = _CountingModel(problem.model)
+    given = Problem(**{**vars(problem), "model": model})
+    # A new instance each time: what one run leaves in it cannot reach the next.
+    estimator = dataclasses.replace(choice.estimator)
+    with _own_surroundings():
+        start = time.perf_counter()
+        estimate = estimator.estimate(given, rng)
+        seconds = time.perf_counter() - start
+    _require_declared(choice.estimator, estimate, Estimate, "estimate")
+    epochs, n = problem.epochs, problem.dimension
+    mean = run_errors.real_array("mean", estimate.mean, (epochs, n))
+    cov = estimate.cov
+    if cov is not None:
+        cov = run_errors.real_array("cov", cov, (epochs, n, n))[None]
+    return Estimated(
+        mean[None], cov, None, estimate.causality, estimate.lag,
+        [remarks(estimate.info)], [model.evaluations], seconds,
+    )  # fmt: skip
+
+
+def _estimate_block(block: ProblemBlock, choice: Choice) -> Estimated:
+    """Let an estimator estimate several runs at once.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As :func:`_estimate`, and if its info is not one number of each run.
+    """
+    estimator = dataclasses.replace(choice.estimator)
+    with _own_surroundings():
+        start = time.perf_counter()
+        estimate = estimator.estimate_block(block)
+        seconds = time.perf_counter() - start
+    _require_declared(choice.estimator, estimate, EstimateBlock, "estimate_block")
+    runs, epochs, n = block.runs, block.epochs, block.dimension
+    mean = run_errors.real_array("mean", estimate.mean, (runs, epochs, n))
+    cov, nis = estimate.cov, estimate.nis
+    if cov is not None:
+        cov = run_errors.real_array("cov", cov, (runs, epochs, n, n))
+    if nis is not None:
+        nis = run_errors.real_array("nis", nis, (runs, epochs))
+    columns = {str(name): np.asarray(values) for name, values in estimate.info.items()}
+    for name, values in columns.items():
+        if values.shape != (runs,) or values.dtype.kind not in "biuf":
+            raise ValueError(f"the estimate's info must have a number of each run as its {name}")
+    if "map_evaluations" not in columns:
+        raise ValueError("the estimate's info has no map_evaluations")
+    evaluations = columns.pop("map_evaluations").astype(int).tolist()
+    lists = [values.tolist() for values in columns.values()]
+    info = [dict(zip(columns, values, strict=True)) for values in zip(*lists, strict=True)]
+    return Estimated(
+        mean, cov, nis, estimate.causality, estimate.lag,
+        info or [{}] * runs, evaluations, seconds / runs,
+    )  # fmt: skip
+
+
+def _require_declared(
+    estimator: Estimator,
+    estimate: Any,
+    kind: type[Estimate] | type[EstimateBlock],
+    method: str,
+) -> None:
+    """Raise TypeError or ValueError unless an estimate is what its estimator declares."""
+    if not isinstance(estimate, kind):
+        raise TypeError(f"{method}() returned {type(estimate).__name__}, not an {kind.__name__}")
+    lag = vars(estimator)["lag"] if estimator.causality == "fixed-lag" else None
+    if (estimate.causality, estimate.lag) != (estimator.causality, lag):
+        raise ValueError(
+            f"the estimate is '{estimate.causality}' with lag {estimate.lag}, but its estimator "
+            f"declares '{estimator.causality}' with lag {lag}"
+        )

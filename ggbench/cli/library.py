@@ -1,0 +1,172 @@
+"""The whole library at once: run every scenario, report every results folder."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from ..errors import GGBenchError
+
+
+class LibraryError(GGBenchError):
+    """There is nothing to be reported."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How the campaign of a scenario ended.
+
+    Attributes
+    ----------
+    scenario : its name. results : number of records in its folder.
+    failed, diverged : of these. interrupted : whether the user stopped it.
+    error : why it ended without all of its results, "" if it did not.
+    seconds : how long it took.
+    """
+
+    scenario: str
+    results: int = 0
+    failed: int = 0
+    diverged: int = 0
+    interrupted: bool = False
+    error: str = ""
+    seconds: float = 0.0
+
+
+def run_all(
+    names: Sequence[str], run_one: Callable[[str], Outcome], console: Console
+) -> list[Outcome]:
+    """Run scenarios one after the other; one that fails does not stop the next.
+
+    Parameters
+    ----------
+    names : of the scenarios. run_one : runs one of them. console : where to say what comes.
+
+    Returns
+    -------
+    An outcome for each scenario that was begun: an interrupt ends the last one.
+    """
+    from ..campaign.runner import forget_flights, said
+
+    outcomes = []
+    for number, name in enumerate(names, 1):
+        console.rule(f"{escape(name)} ({number} of {len(names)})", align="left")
+        start = time.monotonic()
+        try:
+            outcome = run_one(name)
+        except KeyboardInterrupt:
+            outcome = Outcome(name, interrupted=True)
+        except Exception as error:  # whatever it is, the other scenarios are to be run
+            text = str(error) if isinstance(error, GGBenchError) else said(error)
+            outcome = Outcome(name, error=text)
+            console.print(f"{name} failed: {text}", markup=False, highlight=False, soft_wrap=True)
+        outcomes.append(replace(outcome, seconds=time.monotonic() - start))
+        forget_flights()
+        if outcome.interrupted:
+            break
+    return outcomes
+
+
+def print_outcomes(outcomes: Sequence[Outcome], output: Path, console: Console) -> None:
+    """Print what became of every scenario, and what to do next."""
+    from ..results.folder import as_argument
+
+    console.rule("The library", align="left")
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    table.add_column("scenario", overflow="fold")
+    for heading in ("results", "failed", "diverged", "minutes"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("", overflow="fold")
+    for outcome in outcomes:
+        word = "interrupted" if outcome.interrupted else "done"
+        told = not outcome.error and outcome.results
+        table.add_row(
+            escape(outcome.scenario),
+            *(str(n) if told else "" for n in (outcome.results, outcome.failed, outcome.diverged)),
+            f"{outcome.seconds / 60.0:.1f}",
+            f"[red]{escape(outcome.error)}[/]" if outcome.error else word,
+        )
+    console.print(table)
+    lost = [outcome.scenario for outcome in outcomes if outcome.error]
+    if lost:
+        console.print(f"{len(lost)} scenarios failed: {', '.join(lost)}.", markup=False,
+                      highlight=False, soft_wrap=True)  # fmt: skip
+    if lost or any(outcome.interrupted for outcome in outcomes):
+        console.print("The same command goes on where it stopped.", highlight=False)
+    console.print(
+        f"'ggbench report --all {as_argument(str(output))}' writes the reports of what is done.",
+        markup=False, highlight=False, soft_wrap=True,
+    )  # fmt: skip
+
+
+def report_all(folder: Path, output: Path, console: Console) -> bool:
+    """Write the report of every results folder in a folder, and the league of them all.
+
+    Of a campaign that is not finished there is a report, but it has no part in the league.
+
+    Returns
+    -------
+    Whether all of them could be reported.
+
+    Raises
+    ------
+    LibraryError
+        If the folder holds no results folders.
+    ReportError
+        If none is finished, or nothing can be written.
+    """
+    from ..report import league_page, scenario_report
+
+    try:
+        found = sorted(path for path in folder.iterdir() if (path / "manifest.json").is_file())
+    except OSError as error:
+        raise LibraryError(f"cannot read {folder}: {error.strerror}") from None
+    if not found:
+        raise LibraryError(f"{folder} holds no results folders; 'ggbench run --all' makes them")
+    chosen, unread, doubles = _one_for_each(found)
+    remarks = list(unread)
+    for path in chosen:
+        try:
+            written = scenario_report.write(path, output)
+        except GGBenchError as error:
+            remarks.append(str(error))
+            continue
+        console.print(f"Wrote {written}", markup=False, highlight=False, soft_wrap=True)
+    good = not remarks
+    written, left_out = league_page.write(chosen, output)
+    console.print(f"Wrote {written}", markup=False, highlight=False, soft_wrap=True)
+    for remark in dict.fromkeys([*remarks, *doubles, *left_out]):
+        console.print(remark, markup=False, highlight=False, soft_wrap=True)
+    return good
+
+
+def _one_for_each(folders: Sequence[Path]) -> tuple[list[Path], list[str], list[str]]:
+    """Return one results folder for each scenario; what cannot be read; what is there twice.
+
+    Of two of one scenario the one that is named like it, else the newer.
+    """
+    from ..results.store import read_manifest
+
+    held: dict[str, list[tuple[bool, str, Path]]] = {}
+    unread = []
+    for path in folders:
+        try:
+            manifest = read_manifest(path)
+        except GGBenchError as error:
+            unread.append(str(error))
+            continue
+        name = manifest["scenario"]
+        held.setdefault(name, []).append((path.name == name, str(manifest["date"]), path))
+    chosen, doubles = [], []
+    for group in held.values():
+        *others, best = (path for _, _, path in sorted(group))
+        chosen.append(best)
+        doubles += [f"{path} is left out: {best} is of the same scenario" for path in others]
+    return sorted(chosen), unread, doubles

@@ -1,0 +1,411 @@
+"""The ``ggbench`` command: list, validate, run, report, show, compare, map."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections import deque
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from ..errors import GGBenchError
+from ..spec.limits import MOST_RUNS, MOST_SEED
+from .maps import map_group
+
+if TYPE_CHECKING:
+    from ..campaign.campaign import Campaign
+    from ..results.store import Store
+    from .library import Outcome
+
+console = Console()
+if not console.is_terminal:
+    console.width = 120  # a file or a pipe has no edge at which tables must fold
+EXIT_WORSE = 1
+_MANY_CASES = 10
+EXIT_BAD_INPUT = 2
+EXIT_INTERRUPTED = 130
+
+
+class _Commands(click.Group):
+    """A group whose commands end with a sentence and exit code 2 on an error of the user's."""
+
+    def invoke(self, context: click.Context) -> Any:
+        try:
+            return super().invoke(context)
+        except GGBenchError as error:
+            click.echo(f"ggbench: {error}", err=True)
+            context.exit(EXIT_BAD_INPUT)
+        except KeyboardInterrupt:
+            click.echo("Interrupted.", err=True)
+            context.exit(EXIT_INTERRUPTED)
+
+
+@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="ggbench", message="%(prog)s %(version)s")
+def main() -> None:
+    """Benchmark estimators for gravity-gradient-aided inertial navigation."""
+    # One BLAS thread per process: more double the processor time for nothing on matrices this
+    # small. It must be said before NumPy is loaded, so each command imports what it needs itself.
+    for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(variable, "1")
+
+
+main.add_command(map_group)
+
+
+@main.command("list")
+def list_command() -> None:
+    """List the scenarios and the estimators with their parameters."""
+    from ..campaign import registry
+    from ..spec import scenario
+
+    table = Table("scenario", "title", "cases", title="Scenarios", title_justify="left")
+    for name in scenario.shipped():
+        loaded = scenario.load(name)
+        cases = ", ".join(case.name for case in loaded.cases)
+        if loaded.sweep:
+            axes = (f"{len(axis.values)} of {axis.name}" for axis in loaded.sweep.axes)
+            cases = f"{len(loaded.cases)}: {' × '.join(axes)}"
+        table.add_row(name, escape(loaded.title), cases)
+    console.print(table)
+    table = Table("estimator", "what it is", "parameters", title="Estimators", title_justify="left")
+    for name, cls in registry.registered().items():
+        parameters = [
+            f"{key}={default} ({registry.describe(annotation)})"
+            for key, (annotation, default) in registry.parameters_of(cls).items()
+        ]
+        summary = (cls.__doc__ or "").strip().splitlines()[0]
+        table.add_row(name, escape(summary), escape("\n".join(parameters)))
+    console.print(table)
+
+
+@main.command()
+@click.argument("file")
+def validate(file: str) -> None:
+    """Check a scenario: FILE is a path or the name of a shipped one."""
+    from ..campaign import campaign, registry
+    from ..spec import scenario
+
+    loaded = scenario.load(file)
+    deque(campaign.check(loaded), maxlen=0)
+    registry.choose_all([*loaded.campaign.estimators, loaded.campaign.assumption_estimator])
+    click.echo(
+        f"{file} is valid: {len(loaded.cases)} cases, {len(loaded.assumptions)} assumptions, "
+        f"{len(loaded.provenance)} values with provenance"
+    )
+
+
+@main.command()
+@click.argument("scenario_name", metavar="SCENARIO", required=False)
+@click.option(
+    "--all", "whole_library", is_flag=True,
+    help="Run every shipped scenario, one after the other, into results/NAME or DIR/NAME of -o.",
+)  # fmt: skip
+@click.option(
+    "-e", "--estimator", "estimators", multiple=True, metavar="NAME[param=value,...]",
+    help="Estimator to run: a name or a .py file; repeat for more. Default: the scenario's.",
+)  # fmt: skip
+@click.option(
+    "-n", "--runs", type=click.IntRange(1, MOST_RUNS), help="Runs per case [the scenario's]."
+)
+@click.option("-s", "--seed", type=click.IntRange(0, MOST_SEED), help="Seed [the scenario's].")
+@click.option(
+    "-c", "--case", "cases", multiple=True, metavar="NAME", help="Case to run; repeat for more."
+)
+@click.option("--assumptions", is_flag=True, help="Also study the scenario's assumptions.")
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path), help="Results folder [results/SCENARIO]."
+)
+@click.option(
+    "--resume/--fresh",
+    default=True,
+    help="Go on from what the results folder holds, or discard it  [resume].",
+)
+@click.option(
+    "-j",
+    "--jobs",
+    type=click.IntRange(0),
+    help="Worker processes [all processors]; 0: none, to debug, without time limit.",
+)
+@click.option("--cluster", metavar="ADDRESS", help="Run on the Dask scheduler at this address.")
+@click.option(
+    "--time-limit",
+    type=click.FloatRange(0.0, 1e9, min_open=True),
+    metavar="SECONDS",
+    help="Longest time of one run of one estimator [the scenario's, else 600].",
+)
+@click.option(
+    "--run",
+    "one_run",
+    type=click.IntRange(0, MOST_RUNS),
+    metavar="K",
+    help="Only run number K, in this process; tell its story and store nothing.",
+)
+def run(
+    scenario_name: str | None,
+    whole_library: bool,
+    estimators: tuple[str, ...],
+    runs: int | None,
+    seed: int | None,
+    cases: tuple[str, ...],
+    assumptions: bool,
+    output: Path | None,
+    resume: bool,
+    jobs: int | None,
+    cluster: str | None,
+    time_limit: float | None,
+    one_run: int | None,
+) -> None:
+    """Run a scenario: SCENARIO is the name of a shipped one or a path.
+
+    Finished runs are stored at once; the same command goes on where it was stopped.
+    """
+    from ..campaign import registry
+    from ..spec import scenario
+
+    _treat_as_interrupt(signal.SIGTERM, signal.SIGHUP)
+    if cluster and jobs is not None:
+        raise click.UsageError("-j is for this machine and --cluster for others: give one of them")
+    asked = _Asked(estimators, runs, seed, cases, assumptions, resume, jobs, cluster, time_limit)
+    if whole_library:
+        if scenario_name or cases or one_run is not None:
+            raise click.UsageError("--all runs all cases of all scenarios: no SCENARIO, -c, --run")
+        sys.exit(_run_library(asked, output or Path("results")))
+    if scenario_name is None:
+        raise click.UsageError("name a SCENARIO, or --all")
+    if one_run is not None:
+        if runs or output or not resume or jobs is not None or cluster or time_limit or assumptions:
+            raise click.UsageError("--run goes with -e, -c and --seed only: it stores nothing")
+        from . import story
+
+        loaded = scenario.load(scenario_name)
+        labels = [c.label for c in registry.choose_all(estimators or loaded.campaign.estimators)]
+        seed = loaded.campaign.seed if seed is None else seed
+        good = story.repeat(loaded, cases, labels, seed, one_run, console)
+        sys.exit(0 if good else EXIT_WORSE)
+    if _run_scenario(scenario_name, asked, output).interrupted:
+        sys.exit(EXIT_INTERRUPTED)
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """The options of a campaign, as the user gave them."""
+
+    estimators: tuple[str, ...]
+    runs: int | None
+    seed: int | None
+    cases: tuple[str, ...]
+    assumptions: bool
+    resume: bool
+    jobs: int | None
+    cluster: str | None
+    time_limit: float | None
+
+
+def _run_scenario(name: str, asked: _Asked, output: Path | None) -> Outcome:
+    """Run a scenario, into results/SCENARIO without an output; return how it ended."""
+    from ..campaign import campaign, registry
+    from ..spec import scenario
+
+    loaded = scenario.load(name)
+    texts = [*(asked.estimators or loaded.campaign.estimators)]
+    if asked.assumptions:  # its runs without the change are what the study is compared with
+        texts.append(loaded.campaign.assumption_estimator)
+    work = campaign.Campaign(
+        loaded,
+        name,
+        tuple(choice.label for choice in registry.choose_all(texts)),
+        asked.runs or loaded.campaign.runs,
+        loaded.campaign.seed if asked.seed is None else asked.seed,
+        asked.assumptions,
+        output or Path("results") / loaded.name,
+        asked.cases,
+        asked.time_limit or loaded.campaign.time_limit_s,
+        not asked.resume,
+    )
+    if len(loaded.cases) > _MANY_CASES:
+        click.echo(f"preparing {len(loaded.cases)} cases")
+    store, remarks = work.open()
+    for remark in remarks:
+        click.echo(remark)
+    interrupted = _execute(work, store, asked.jobs, asked.cluster)
+    missing = 0 if interrupted else work.missing(store)
+    outcome = _finish(work.folder, store, interrupted)
+    if missing:
+        raise campaign.CampaignError(f"{missing} runs gave no result; the same command goes on")
+    return outcome
+
+
+def _run_library(asked: _Asked, output: Path) -> int:
+    """Run every shipped scenario, whatever becomes of the others; return the exit code."""
+    from ..campaign import registry
+    from ..spec import scenario
+    from . import library
+
+    registry.choose_all(asked.estimators)  # a wrong name is wrong in all of them
+
+    def run_one(name: str) -> Outcome:
+        studied = asked.assumptions and bool(scenario.load(name).assumptions)
+        return _run_scenario(name, replace(asked, assumptions=studied), output / name)
+
+    outcomes = library.run_all(scenario.shipped(), run_one, console)
+    library.print_outcomes(outcomes, output, console)
+    if any(outcome.interrupted for outcome in outcomes):
+        return EXIT_INTERRUPTED
+    return EXIT_WORSE if any(outcome.error for outcome in outcomes) else 0
+
+
+def _execute(work: Campaign, store: Store, jobs: int | None, cluster: str | None) -> bool:
+    """Run what is missing; return whether it was interrupted."""
+    from ..campaign import campaign, execution
+    from ..results.folder import Results
+    from .progress import Progress
+
+    tasks = work.tasks(store)
+    if not tasks.results:
+        return False
+    if cluster:
+        from ..campaign.cluster import on_cluster
+
+        engine = on_cluster(tasks, cluster, work.limit)
+    elif jobs == 0:
+        engine = execution.in_process(tasks)
+    else:
+        engine = execution.in_processes(tasks, jobs or os.cpu_count() or 1, work.limit)
+    held = Results(work.folder, store)
+    cells = {c.key: (c.case, c.estimator) for c in held.cells if not c.assumption}
+    progress = Progress(work.scenario.name, tasks.results, cells, console)
+    for key in cells:
+        progress.count_stored((key, record) for record in store.records(key, work.runs))
+    try:
+        with progress:
+            campaign.execute(engine, store, progress.update)
+    except KeyboardInterrupt:
+        return True
+    return False
+
+
+def _finish(folder: Path, store: Store, interrupted: bool) -> Outcome:
+    """Write the tables of what is stored, print the summary, say how to go on."""
+    from ..results.folder import Results, as_argument, write_tables
+    from .library import Outcome
+    from .terminal import print_summary
+
+    results = Results(folder, store)
+    summary = write_tables(results)
+    if len(summary):
+        print_summary(summary, results.scenario, console)
+    failed = len(results.failures())
+    outcome = Outcome(
+        results.scenario.name, len(results.table), failed,
+        int(results.table["diverged"].sum()), interrupted,
+    )  # fmt: skip
+    store.close()
+    name = as_argument(str(folder))
+    if failed:
+        click.echo(f"{failed} runs failed: 'ggbench show {name}' tells why and repeats them.")
+    if interrupted:
+        click.echo(
+            f"Interrupted. The runs that finished are in {name}: 'ggbench report {name}' "
+            "reports them, the same command goes on."
+        )
+        return outcome
+    click.echo(f"Results are in {name}; 'ggbench report {name}' writes the report.")
+    return outcome
+
+
+def _treat_as_interrupt(*signals: signal.Signals) -> None:
+    """Have signals that ask for the end do what Ctrl-C does: what is finished is summed up."""
+
+    def interrupt(number: int, frame: object) -> None:
+        raise KeyboardInterrupt
+
+    for each in signals:
+        signal.signal(each, interrupt)
+
+
+@main.command()
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option("--run", "number", type=click.IntRange(0), metavar="K", help="Run to show.")
+@click.option("-c", "--case", metavar="NAME", help="Case to show.")
+def show(folder: Path, number: int | None, case: str | None) -> None:
+    """Show what a results FOLDER holds and the story of one run.
+
+    Without --run or --case: those that most deserve a look.
+    """
+    from ..results.folder import Results
+    from . import story
+
+    results = Results(folder)
+    chosen, which, reason = story.choose_run(results, case, number)
+    if number is None:
+        story.overview(results, console)
+    console.print(f"Shown: {reason}", highlight=False, markup=False)
+    story.tell(results, chosen, which, console)
+
+
+@main.command()
+@click.argument("before", type=click.Path(path_type=Path))
+@click.argument("after", type=click.Path(path_type=Path))
+@click.option(
+    "--threshold",
+    type=click.FloatRange(0.0),
+    default=0.0,
+    show_default=True,
+    help="Relative increase of an error that is still accepted; 0.05: five percent.",
+)
+@click.option(
+    "--window",
+    type=click.Choice(["whole", "settled", "last20"]),
+    default="settled",
+    show_default=True,
+    help="Part of the flight over which errors are averaged.",
+)
+@click.option(
+    "--require-all", is_flag=True, help="Also fail if AFTER lacks an estimator or case of BEFORE."
+)
+def compare(before: Path, after: Path, threshold: float, window: str, require_all: bool) -> None:
+    """Compare two results folders: what got better or worse, and how surely.
+
+    Exit code 1 if something got significantly worse than the threshold.
+    """
+    from ..judging.comparison import compare as compare_runs
+    from ..results.folder import Results
+    from .terminal import print_comparison
+
+    compared = compare_runs(Results(before).table, Results(after).table, threshold, window)
+    print_comparison(compared, console)
+    gone = require_all and bool(compared.only_before)
+    sys.exit(EXIT_WORSE if compared.worse or gone else 0)
+
+
+@main.command()
+@click.argument("folder", type=click.Path(path_type=Path), required=False)
+@click.option(
+    "--all", "whole_library", is_flag=True,
+    help="Report every results folder in FOLDER [results] and the league of them all.",
+)  # fmt: skip
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path),
+    help="Where to write [the folder itself; with --all: reports].",
+)  # fmt: skip
+def report(folder: Path | None, whole_library: bool, output: Path | None) -> None:
+    """Write the report of a results FOLDER: markdown and figures."""
+    if whole_library:
+        from . import library
+
+        good = library.report_all(folder or Path("results"), output or Path("reports"), console)
+        sys.exit(0 if good else EXIT_WORSE)
+    if folder is None:
+        raise click.UsageError("name a results FOLDER, or --all")
+    from ..report import scenario_report as reporting
+
+    path = reporting.write(folder, output or folder)
+    click.echo(f"Wrote {path}")

@@ -1,0 +1,237 @@
+"""``ggbench map``: build a gravity-gradient map from a user's own data, show what a map is."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.table import Table
+
+_FILE = click.Path(path_type=Path)
+_DEGREE = click.IntRange(2)
+
+
+@click.group("map")
+def map_group() -> None:
+    """Build gravity-gradient maps from data of your own, and look at them."""
+
+
+@map_group.command()
+@click.option("-o", "--output", required=True, type=_FILE, help="netCDF file to write.")
+@click.option("--terrain", type=_FILE, help="Elevation model: GeoTIFF, .hgt, netCDF, ESRI ASCII.")
+@click.option("--density", type=float, default=2670.0, show_default=True, help="Of rock [kg/m³].")
+@click.option(
+    "--water-density", type=float, default=1030.0, show_default=True, help="Of the sea [kg/m³]."
+)
+@click.option(
+    "--order", type=int, default=8, show_default=True, help="Fewest orders of Parker's series."
+)
+@click.option(
+    "--geoid-height",
+    type=float,
+    default=0.0,
+    show_default=True,
+    help="Height of the terrain's zero level above the ellipsoid [m].",
+)
+@click.option("--coefficients", type=_FILE, help="Global gravity model: a .gfc file.")
+@click.option("--max-degree", type=_DEGREE, help="Highest degree of the coefficients to use [all].")
+@click.option("--min-degree", type=_DEGREE, default=2, show_default=True, help="Lowest degree.")
+@click.option("--geoid", type=_FILE, help="Grid of geoid undulations or height anomalies.")
+@click.option("--anomaly", type=_FILE, help="Grid of free-air gravity anomalies.")
+@click.option("--disturbance", type=_FILE, help="Grid of gravity disturbances.")
+@click.option(
+    "--grid-height",
+    type=float,
+    default=0.0,
+    show_default=True,
+    help="Height above the ellipsoid at which the gravity grid holds [m].",
+)
+@click.option(
+    "--land-correction", type=_FILE, metavar="TERRAIN",
+    help="Elevation model that turns the geoid of land into the height anomaly.",
+)  # fmt: skip
+@click.option(
+    "--terrain-from-degree", type=_DEGREE, metavar="N",
+    help="Degree up to which the other data hold the field; the terrain adds what is shorter "
+    "[the highest degree of the coefficients].",
+)  # fmt: skip
+@click.option("--south", type=float, help="Bounds [deg]; default: what the data can serve.")
+@click.option("--north", type=float)
+@click.option("--west", type=float)
+@click.option("--east", type=float)
+@click.option("--lowest", type=float, help="Lowest height above the ellipsoid [m].")
+@click.option("--highest", type=float, help="Highest height above the ellipsoid [m].")
+@click.option("--height-spacing", type=float, help="Between layers [m].")
+@click.option("--spacing-arcsec", type=float, help="In latitude and longitude.")
+@click.option("--spacing-arcmin", type=float, help="The same in arc minutes.")
+@click.option(
+    "--precision", type=click.Choice(["float32", "float64"]), default="float32", show_default=True
+)
+@click.option(
+    "--compression",
+    type=click.IntRange(0, 9),
+    default=1,
+    show_default=True,
+    help="0: none, fastest; 9: smallest.",
+)
+def build(output: Path, precision: str, compression: int, **options: Any) -> None:
+    """Build a map of the disturbing gravity gradient from data of your own.
+
+    \b
+    Sources:
+      --terrain DEM                      what the ground attracts
+      --coefficients MODEL.gfc           a global model to its degree N
+      --coefficients ... --terrain ...   both: the terrain adds only what is shorter than degree N
+      --geoid | --anomaly | --disturbance GRID [--coefficients ...]
+                                         remove, compute, restore (EGM2008 to degree 120)
+    """  # noqa: D301
+    from ..gravity.gradient_map import MapError
+    from ..maps import netcdf, plan
+    from ..maps.nodes import Wishes
+
+    grids = [kind for kind in ("geoid", "anomaly", "disturbance") if options[kind] is not None]
+    if len(grids) > 1:
+        raise MapError(f"--{' and --'.join(grids)} are two grids of one field: give one of them.")
+    seconds, minutes = options["spacing_arcsec"], options["spacing_arcmin"]
+    if seconds is not None and minutes is not None:
+        raise MapError("--spacing-arcsec and --spacing-arcmin are the same: give one of them.")
+    if output.suffix != ".nc":
+        raise MapError(f"the map file {output} must be named *.nc: it is a netCDF file.")
+    for key in ("terrain", "coefficients", "land_correction", *grids):
+        if options[key] is not None and options[key].resolve() == output.resolve():
+            raise MapError(f"the map file {output} would overwrite what it is made of.")
+    kind = grids[0] if grids else "geoid"
+    inputs = plan.Inputs(
+        terrain=options["terrain"],
+        coefficients=options["coefficients"],
+        grid=options[kind],
+        grid_kind=kind,
+        grid_height_m=options["grid_height"],
+        land_correction=options["land_correction"],
+        min_degree=options["min_degree"],
+        max_degree=options["max_degree"],
+        terrain_from_degree=options["terrain_from_degree"],
+        density=options["density"],
+        water_density=options["water_density"],
+        order=options["order"],
+        geoid_height_m=options["geoid_height"],
+    )
+    spacing = minutes / 60.0 if minutes is not None else None
+    wishes = Wishes(
+        south_deg=options["south"],
+        north_deg=options["north"],
+        west_deg=options["west"],
+        east_deg=options["east"],
+        lowest_m=options["lowest"],
+        highest_m=options["highest"],
+        spacing_deg=seconds / 3600.0 if seconds is not None else spacing,
+        height_spacing_m=options["height_spacing"],
+    )
+    started = time.monotonic()
+    made = plan.plan(inputs, wishes, _command(options))
+    watched = plan.Watched(made.layers())
+    netcdf.write_layers(output, made.nodes, watched, made.attributes, precision, compression)
+    elapsed = time.monotonic() - started
+    for remark in made.remarks:
+        click.echo(f"Note: {remark}.")
+    console = _console()
+    _describe(made.nodes, made.attributes, console)
+    _print_rms(made.nodes, watched.rms, console)
+    click.echo(f"Wrote {output}, {output.stat().st_size / 1e6:.1f} MB, in {elapsed:.1f} s.")
+
+
+@map_group.command()
+@click.argument("file", type=_FILE)
+@click.option("-o", "--output", type=_FILE, help="PNG file of the six components to draw.")
+@click.option("--height", type=float, help="Height to draw, to the nearest node [the lowest].")
+def show(file: Path, output: Path | None, height: float | None) -> None:
+    """Print what the map in FILE is, and draw its six components."""
+    from ..gravity.gradient_map import MapError
+    from ..maps import netcdf_reader, plan
+
+    if output is not None and output.suffix.lower() != ".png":
+        raise MapError(f"the figure {output} must be named *.png: it is a PNG file.")
+    nodes, attributes, layers = netcdf_reader.read_layers(file)
+    lowest, highest = nodes.height_m[0], nodes.height_m[-1]
+    if height is not None and not lowest <= height <= highest:
+        raise MapError(f"--height {height:g} is not in {file}: {lowest:g} to {highest:g} m is.")
+    wanted = nodes.height_m[0] if height is None else height
+    drawn = int(abs(nodes.height_m - wanted).argmin())
+    chosen: Any = None
+    watched = plan.Watched(layers)
+    for index, layer in enumerate(watched):
+        if index == drawn:
+            chosen = layer
+    console = _console()
+    _describe(nodes, attributes, console)
+    for key in ("parameters", "source_files", "history", "ggbench_version"):
+        if attributes.get(key):
+            console.print(f"{key}: {attributes[key]}", markup=False, highlight=False)
+    _print_rms(nodes, watched.rms, console)
+    if output is not None and chosen is not None:
+        from ..report.map_figure import draw
+
+        draw(nodes, chosen[0], float(nodes.height_m[drawn]), attributes.get("source", ""), output)
+        click.echo(f"Wrote {output}")
+
+
+def _describe(nodes: Any, attributes: dict[str, str], console: Console) -> None:
+    """Print what a map is: frame, bounds, spacing."""
+    from ..maps.netcdf import CONTENT, FRAME
+
+    lat, lon, height = nodes.latitude_deg, nodes.longitude_deg, nodes.height_m
+    n_lat, n_lon, n_h = nodes.shape
+    lines = (
+        ("source", attributes.get("source", "not said")),
+        ("field", attributes.get("comment", CONTENT)),
+        ("frame", attributes.get("frame", FRAME)),
+        ("nodes", f"{n_lat} x {n_lon} x {n_h} in latitude, longitude and height"),
+        ("latitude", _axis(lat, "°", 3600.0, "″")),
+        ("longitude", _axis(lon, "°", 3600.0, "″")),
+        ("height", _axis(height, " m", 1.0, " m") + " above the ellipsoid"),
+    )
+    for key, text in lines:
+        console.print(f"{key}: {text}", markup=False, highlight=False)
+
+
+def _axis(values: Any, unit: str, factor: float, step_unit: str) -> str:
+    step = factor * (values[-1] - values[0]) / (values.size - 1)
+    first, last = (f"{value:.6f}".rstrip("0").rstrip(".") for value in (values[0], values[-1]))
+    return f"{first}{unit} to {last}{unit} every {step:.6g}{step_unit}"
+
+
+def _print_rms(nodes: Any, rms: list[Any], console: Console) -> None:
+    from ..maps.netcdf import TENSOR, VECTOR
+
+    table = Table(
+        "height [m]",
+        *(f"{name.upper()} [E]" for name in TENSOR),
+        *(f"{name.upper()} [mGal]" for name in VECTOR),
+        title="rms of the disturbing gradient and of the gravity disturbance",
+        title_justify="left",
+    )
+    for height, row in zip(nodes.height_m, rms, strict=True):
+        numbers = [*row[: len(TENSOR)], *(1e5 * row[len(TENSOR) :])]
+        table.add_row(f"{height:g}", *(f"{number:.3g}" for number in numbers))
+    console.print(table)
+
+
+def _console() -> Console:
+    console = Console()
+    if not console.is_terminal:
+        console.width = 120
+    return console
+
+
+def _command(options: dict[str, Any]) -> str:
+    """The options as they were given, files by their names only."""
+    defaults = {p.name: p.default for p in build.params}
+    words = [
+        f"--{key.replace('_', '-')} {value.name if isinstance(value, Path) else value}"
+        for key, value in options.items()
+        if value is not None and value != defaults[key]
+    ]
+    return " ".join(["ggbench map build", *words])

@@ -1,0 +1,254 @@
+"""The story of one run, for a terminal: what happened, error against time, how to repeat it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from ..campaign import result_keys
+from ..campaign.registry import choose
+from ..campaign.runner import Task, flight_of, run_task
+from ..judging.summary import squared_bounds
+from ..results.store import kept_epochs
+from ..spec.scenario import Scenario
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from ..results.folder import Results
+
+_BARS = "▁▂▃▄▅▆▇█"
+_WIDTH = 32
+_TIMES = 8
+_MOST_LISTED = 5
+
+
+@dataclass(frozen=True)
+class Told:
+    """What is known of one estimator in a run.
+
+    Attributes
+    ----------
+    label : the estimator. record : its record. series : (K', 4) its errors over time, or None.
+    command : what repeats it.
+    """
+
+    label: str
+    record: Mapping[str, Any]
+    series: np.ndarray | None
+    command: str
+
+
+def overview(results: Results, console: Console) -> None:
+    """Print what a results folder holds, what failed in it, and its largest errors."""
+    manifest, table = results.manifest, results.table
+    console.print(f"[bold]{escape(manifest['title'])}[/]", highlight=False)
+    failed, diverged = int((table["status"] != "ok").sum()), int(table["diverged"].sum())
+    console.print(
+        f"scenario {escape(manifest['scenario'])} {manifest['scenario_hash'][:16]}, seed "
+        f"{manifest['seed']}, {manifest['date'][:10]}, ggbench {manifest['ggbench']} source "
+        f"{manifest['source_hash']}\n{len(table)} results of up to {results.runs} runs per case: "
+        f"{failed} failed, {diverged} diverged",
+        highlight=False,
+    )
+    failures = results.failures()
+    for _, row in failures.head(_MOST_LISTED).iterrows():
+        console.print(
+            f"failed: {escape(_where(row))}: {escape(row['reason'])}\n"
+            f"  to repeat it: {escape(row['command'])}",
+            highlight=False, soft_wrap=True,
+        )  # fmt: skip
+    if len(failures) > _MOST_LISTED:
+        console.print(f"... and {len(failures) - _MOST_LISTED} more, in failures.csv")
+
+
+def _where(row: pd.Series) -> str:
+    study = f"{row['assumption']}/" if row["assumption"] else ""
+    return f"{study}{row['case']}, {row['estimator']}, run {row['run']}"
+
+
+def choose_run(results: Results, case: str | None, run: int | None = None) -> tuple[str, int, str]:
+    """Return case and number of the run that most deserves a look, and why.
+
+    Of one case, or of one run number only, if they are given.
+
+    Raises
+    ------
+    ResultsError
+        If the folder holds no such run.
+    """
+    from ..results.folder import ResultsError  # not at the top: to repeat a run needs no tables
+
+    table = results.table
+    table = table[
+        (table["assumption"] == "")
+        & ((table["case"] == case) | (case is None))
+        & ((table["run"] == run) | (run is None))
+    ]
+    if table.empty:
+        asked = f"run {run}" if run is not None else "run"
+        asked += f" of case {case}" if case else ""
+        raise ResultsError(
+            f"{results.folder} holds no {asked}; asked for were runs 0 to {results.runs - 1} of "
+            f"{', '.join(results.manifest['cases'])}"
+        )
+    failed = table[table["status"] != "ok"]
+    if len(failed):
+        row = failed.iloc[0]
+        return row["case"], int(row["run"]), f"the first run that failed: {row['estimator']}"
+    aided = table[table["causality"] != "none"]
+    chosen = aided if len(aided) else table
+    # In units of what the estimator usually does in this case, so that cases compare.
+    usual = results.table.groupby(["case", "estimator"])["settled_position_ms"].median()
+    squares = chosen.set_index(["case", "estimator"])["settled_position_ms"]
+    row = chosen.iloc[int(np.argmax((squares / usual.reindex(squares.index)).to_numpy()))]
+    reason = "the largest error, measured against the median of all runs:"
+    return row["case"], int(row["run"]), f"{reason} {row['estimator']}"
+
+
+def tell(results: Results, case_name: str, run: int, console: Console) -> None:
+    """Print one run of a case as it is stored."""
+    told = [
+        Told(
+            cell.estimator,
+            record,
+            results.series_of(case_name, cell.estimator, run),
+            results.command(cell, run),
+        )
+        for cell in results.cells
+        if cell.case == case_name and not cell.assumption
+        for record in results.store.records(cell.key, run + 1, first=run)
+    ]
+    arrays = results.arrays(case_name)
+    title = results.scenario.case(case_name).title
+    _print(title, run, arrays["times"][arrays["kept"]],
+           arrays["bound-filter"][arrays["kept"]], told, console)  # fmt: skip
+
+
+def repeat(
+    scenario: Scenario,
+    case_names: Sequence[str],
+    labels: Sequence[str],
+    seed: int,
+    run: int,
+    console: Console,
+) -> bool:
+    """Run one run again in this process, print it, and store nothing; return whether it went well.
+
+    ``case_names`` are names of cases, or ``STUDY/CASE`` for a case of an assumption.
+    """
+    good = True
+    names = case_names or [case.name for case in scenario.cases]
+    for study, case in map(scenario.find, names):
+        pairs = tuple(
+            (label, result_keys.run_key(case, choose(label).content, seed)) for label in labels
+        )
+        messages = run_task(Task(case, study, (run,), seed, pairs))
+        found = {result.key: result for m in messages if isinstance(m, list) for result in m}
+        told = [Told(label, found[key].record, found[key].series, "") for label, key in pairs]
+        flight = flight_of(case)
+        kept = kept_epochs(len(flight.times))
+        bound = np.stack(squared_bounds(flight.bound.filtering), axis=-1)[kept]
+        _print(case.title, run, flight.times[kept], bound, told, console)
+        good &= all(item.record["status"] == "ok" for item in told)
+    return good
+
+
+def _print(
+    title: str, run: int, times: np.ndarray, bound: np.ndarray, told: Sequence[Told],
+    console: Console,
+) -> None:  # fmt: skip
+    """Print the figures of a run, its errors against time, and how to repeat it."""
+    console.print(f"\n[bold]{escape(title)}, run {run}[/]", highlight=False)
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    table.add_column("estimator", no_wrap=True)
+    judged = any(item.record.get("false_lock") is not None for item in told)
+    headings = ("settled m", "m/s", "final m", "NEES", "diverged", "ms")
+    for heading in (*headings, *(["locked s"] if judged else [])):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for item in told:
+        record = item.record
+        if record["status"] != "ok":
+            table.add_row(escape(item.label), "[red]failed[/]")
+            continue
+        settled = record["windows"]["settled"]
+        table.add_row(
+            escape(item.label),
+            f"{settled['position_ms'] ** 0.5:.3g}",
+            f"{settled['velocity_ms'] ** 0.5:.3g}",
+            f"{record['final_position_error_m']:.3g}",
+            f"{settled['nees']:.2f}",
+            "[red]yes[/]" if record["diverged"] else "no",
+            f"{1e3 * record['seconds']:.1f}{'*' if record.get('cold') else ''}",
+            *([_lock(record)] if judged else []),
+        )
+    console.print(table)
+    if any(item.record["status"] == "ok" and item.record.get("cold") for item in told):
+        console.print("* with what is loaded and compiled in the first run of a process")
+    for item in told:
+        if item.record["status"] != "ok":
+            console.print(f"{item.label} failed: {item.record['reason']}", markup=False,
+                          highlight=False, soft_wrap=True)  # fmt: skip
+            if "traceback" in item.record:
+                console.print(item.record["traceback"].rstrip(), markup=False, highlight=False)
+    _print_errors(times, bound, [item for item in told if item.series is not None], console)
+    commands = [item for item in told if item.command]
+    if commands:
+        console.print("To repeat it, without storing anything:")
+        for item in commands:
+            console.print(f"  {item.command}", markup=False, highlight=False, soft_wrap=True)
+
+
+def _lock(record: Mapping[str, Any]) -> str:
+    """Return since when a run is locked on, or that it falsely claims to be."""
+    if record.get("lock_time_s") is not None:
+        return f"{record['lock_time_s']:g}"
+    return "[red]false lock[/]" if record.get("false_lock") else "never"
+
+
+def _print_errors(
+    times: np.ndarray, bound: np.ndarray, told: Sequence[Told], console: Console
+) -> None:
+    """Print position errors against time: as bars on one logarithmic scale, and as numbers."""
+    if not told:
+        return
+    curves = {item.label: item.series[:, 0] for item in told if item.series is not None}
+    curves["bound (rms)"] = np.sqrt(bound[:, 0])
+    logs = {label: np.log10(np.maximum(curve, 1e-12)) for label, curve in curves.items()}
+    low = min(float(values.min()) for values in logs.values())
+    high = max(float(values.max()) for values in logs.values())
+    low = max(low, high - 4.0)  # one touch of zero would flatten all the rest
+    shown = np.unique(np.linspace(0, len(times) - 1, _TIMES).round().astype(int))
+    table = Table(
+        title=f"position error in m against time; bars: {10.0**low:.2g} to {10.0**high:.2g} m, "
+        f"logarithmic, {times[0]:g} to {times[-1]:g} s",
+        title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0),
+    )  # fmt: skip
+    table.add_column("seconds", no_wrap=True)
+    table.add_column("", no_wrap=True)
+    for k in shown:
+        table.add_column(f"{times[k]:g}", justify="right", no_wrap=True)
+    for label, curve in curves.items():
+        bars = _bars(logs[label], low, high)
+        table.add_row(escape(label), bars, *(_two_digits(curve[k]) for k in shown))
+    console.print(table)
+
+
+def _two_digits(value: float) -> str:
+    """Return an error with two digits or, up to 100 km, as whole metres."""
+    return f"{value:.0f}" if 100.0 <= value < 1e5 else f"{value:.2g}"
+
+
+def _bars(values: np.ndarray, low: float, high: float) -> str:
+    """Return values as a line of bars between two levels, each the largest of its stretch."""
+    parts = np.array_split(values, min(_WIDTH, len(values)))
+    scale = (len(_BARS) - 1) / max(high - low, 1e-12)
+    heights = [round((float(part.max()) - low) * scale) for part in parts]
+    return "".join(_BARS[min(max(height, 0), len(_BARS) - 1)] for height in heights)

@@ -1,0 +1,116 @@
+"""Tables for a terminal."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from ..judging.comparison import LOST, Comparison
+from ..judging.ranking import rows_of
+from ..spec.scenario import Scenario
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_MOST_CASES = 12
+_UNITS = {"position": "m", "velocity": "m/s", LOST: "lost"}
+_COLOURS = {"worse": "red", "better": "green"}
+
+
+def print_summary(summary: pd.DataFrame, scenario: Scenario, console: Console) -> None:
+    """Print the settled window of every case: causal estimators, best first, then smoothers."""
+    shown = scenario.cases[:_MOST_CASES]
+    for case in shown:
+        rows = rows_of(summary, case, "settled")
+        if not rows:
+            continue
+        table = _table(f"{case.title}: MRSE from {case.windows.settled_from_s:g} s on")
+        table.add_column("estimator", overflow="fold", min_width=10)
+        headings = ("m", "median", "95 %", "m/s", "/bound", "NEES", "fail/div", "ms/run")
+        for heading in headings:
+            table.add_column(heading, justify="right", no_wrap=True, min_width=max(len(heading), 6))
+        causal = True
+        for row in rows.values():
+            if causal and row["causality"] in ("fixed-lag", "batch"):
+                causal = False
+                table.add_section()
+            table.add_row(
+                escape(row["label"]),
+                _digits(row["position_mrse_m"]),
+                _digits(row["position_median_m"]),
+                _digits(row["position_p95_m"]),
+                f"{row['velocity_mrse_mps']:.4f}",
+                f"{row['position_efficiency']:.3f}",
+                f"{row['nees_mean']:.2f}",
+                f"{row['failed']}/{row['diverged']}",
+                f"{1e3 * row['seconds_per_run']:.1f}",
+            )
+        table.add_section()
+        if case.reference:
+            table.add_row(
+                "paper",
+                _digits(case.reference.position_mrse_m),
+                "",
+                "",
+                f"{case.reference.velocity_mrse_mps:.4f}",
+                style="dim",
+            )
+        console.print(table)
+    more = len(scenario.cases) - len(shown)
+    if more:
+        console.print(f"... and {more} more cases, in summary.csv and in the report")
+
+
+def _table(title: str) -> Table:
+    return Table(
+        title=escape(title), title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False,
+        padding=(0, 1, 0, 0),
+    )  # fmt: skip
+
+
+def _digits(value: float) -> str:
+    """Return a number with three decimals, or fewer if it is large."""
+    return f"{value:.3f}" if abs(value) < 100.0 or math.isnan(value) else f"{value:.1f}"
+
+
+def print_comparison(compared: Comparison, console: Console) -> None:
+    """Print what got worse or better, and what only one of the two folders holds."""
+    table = _table("")
+    for heading in ("case", "estimator"):
+        table.add_column(heading, overflow="fold")
+    for heading in ("", "before", "after", "ratio", "95 % interval", "runs", "p"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("verdict", no_wrap=True)
+    for row in compared.rows.to_dict("records"):
+        if row["quantity"] == LOST and not row["before"] and not row["after"]:
+            continue
+        study = f"{row['assumption']}/" if row["assumption"] else ""
+        colour = _COLOURS.get(row["verdict"])
+        table.add_row(
+            escape(study + row["case"]),
+            escape(row["estimator"]),
+            _UNITS[row["quantity"]],
+            f"{row['before']:.4g}",
+            f"{row['after']:.4g}",
+            "" if math.isnan(row["ratio"]) else f"{row['ratio']:.4f}",
+            "" if math.isnan(row["lo"]) else f"{row['lo']:.4f}-{row['hi']:.4f}",
+            f"{row['runs']}",
+            f"{row['p_better' if row['verdict'] == 'better' else 'p']:.2g}",
+            f"[{colour}]{row['verdict']}[/]" if colour else row["verdict"],
+        )
+    console.print(table)
+    paired = compared.rows["paired"]
+    how = "paired" if paired.all() else "independent" if not paired.any() else "partly paired"
+    console.print(
+        f"Runs are {how}. p is adjusted for {compared.tests} tests: where nothing changed, 5 % "
+        "of comparisons at most say 'worse' anywhere, and 5 % 'better'.",
+        highlight=False,
+    )
+    for which, names in (("before", compared.only_before), ("after", compared.only_after)):
+        if names:
+            console.print(f"Only {which}: {', '.join(names)}", markup=False, highlight=False)

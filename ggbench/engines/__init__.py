@@ -1,0 +1,1 @@
+"""Compiled estimators on blocks of runs."""

@@ -1,0 +1,310 @@
+"""Extended and unscented Kalman filters on many runs at once, compiled.
+
+The same equations as filterpy's, which remain the reference: a test holds both together.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..block import ProblemBlock
+from ..numerics import lane_algebra, lanes
+from ..numerics.kernels import LANES, compiled
+from ..numerics.vectors import load, splat, store
+from ..sensors.model_kernels import ModelArrays
+from .sigma_points import Points, points_of, read_points
+from .whitened_readings import Readings, linearise, readings_of
+
+
+@compiled
+def _extended(
+    measurements: np.ndarray,
+    noise_inverse: np.ndarray,
+    transition: np.ndarray,
+    process_cov: np.ndarray,
+    prior_mean: np.ndarray,
+    prior_cov: np.ndarray,
+    model: ModelArrays,
+    mean: np.ndarray,
+    cov: np.ndarray,
+    nis: np.ndarray,
+) -> None:
+    """Fill mean (R, K, n), cov (R, K, n, n) and NIS (R, K) of the extended Kalman filter."""
+    runs, epochs, m = measurements.shape
+    n = prior_mean.shape[0]
+    expected = lanes.moving_states(transition, process_cov)
+    phi, q = lanes.lanes(n, n), lanes.lanes(n, n)
+    x, p, scratch = lanes.lanes(1, n), lanes.lanes(n, n), lanes.lanes(n, n)
+    reading = readings_of(model, n, m)
+    m = reading.rows.shape[0]
+    hp, gain, change = lanes.lanes(m, n), lanes.lanes(m, n), lanes.lanes(m, n)
+    s, white = lanes.lanes(m, m), lanes.lanes(1, m)
+    for first in range(0, runs, LANES):
+        count = min(LANES, runs - first)
+        group = lanes.members(first, runs)
+        lanes.spread(prior_mean.reshape((1, n)), x)
+        lanes.spread(prior_cov, p)
+        for k in range(epochs):
+            moving = lanes.gather(transition, process_cov, group, k, expected, phi, q)
+            lane_algebra.predict(phi, q, moving, x, p, scratch)
+            linearise(model, measurements, noise_inverse, group, count, k, x, reading)
+            lane_algebra.project(reading.rows, p, m, hp, s)
+            lane_algebra.factorise(s, m, s)
+            lane_algebra.whiten(s, m, reading.innovation, white)
+            lane_algebra.add_squares(white, m, reading.squared)
+            lane_algebra.solve_lower(s, m, hp, change)
+            lane_algebra.correct(change, white, m, x)
+            lane_algebra.solve_upper(s, m, change, gain)
+            lane_algebra.joseph(gain, hp, reading.rows, m, p, scratch, change)
+            _scatter_squares(reading, first, count, k, nis)
+            lanes.scatter(x, p, first, count, k, mean, cov)
+
+
+@compiled
+def _scatter_squares(reading: Readings, first: int, count: int, k: int, nis: np.ndarray) -> None:
+    """Write the squares of the innovations of a group; NaN where there was no reading."""
+    for r in range(count):
+        present = reading.gain[0, 0, r] != 0.0
+        nis[first + r, k] = reading.squared[0, 0, r] if present else np.nan
+
+
+@compiled
+def _root(matrix: np.ndarray, out: np.ndarray) -> bool:
+    """Fill the upper triangular U (n, n) with Uᵀ U = P, or with its nearest positive part.
+
+    Returns whether P had to be repaired, as :class:`.estimators.ukf.MatrixSquareRoot` does.
+    """
+    n = matrix.shape[0]
+    for i in range(n):
+        for j in range(i):
+            out[i, j] = 0.0
+        for j in range(i, n):
+            out[i, j] = 0.5 * (matrix[i, j] + matrix[j, i])
+    good = True
+    for i in range(n):
+        row = out[i]
+        for k in range(i):
+            other = out[k]
+            factor = other[i]
+            for j in range(i, n):
+                row[j] -= factor * other[j]
+        if not row[i] > 0.0:
+            good = False
+            break
+        scale = 1.0 / math.sqrt(row[i])
+        for j in range(i, n):
+            row[j] *= scale
+    if good:
+        return False
+    symmetric = 0.5 * (matrix + matrix.T)
+    size = np.sqrt(np.abs(np.diag(symmetric)))
+    for i in range(n):
+        if size[i] == 0.0:
+            size[i] = 1.0
+    values, vectors = np.linalg.eigh(symmetric / np.outer(size, size))
+    values = np.maximum(values, n * np.finfo(np.float64).eps * values[n - 1])
+    half = np.empty((n, n))
+    for i in range(n):
+        for j in range(n):
+            half[j, i] = size[i] * vectors[i, j] * math.sqrt(values[j])
+    out[:, :] = np.linalg.qr(half)[1]
+    return True
+
+
+@compiled
+def _moments(
+    lower: np.ndarray,
+    noise_cov: np.ndarray,
+    spread: float,
+    centre_cov: float,
+    weight: float,
+    points: Points,
+    offset: np.ndarray,
+    s: np.ndarray,
+    cross: np.ndarray,
+) -> None:
+    """Fill the offset of the mean, the lower half of S (m, m) and the cross-covariance.
+
+    Deviations of a pair from h(x) are e ± o: of the products of e + o and e − o only e eᵀ + o oᵀ
+    is left, and the weights' sum is one.
+    """
+    m, n = points.odd.shape[0], points.odd.shape[1]
+    double, scale = splat(2.0 * weight), splat(2.0 * weight * spread)
+    middle = splat(centre_cov + 2.0 * weight * n - 2.0)
+    for c in range(m):
+        total = splat(0.0)
+        for q in range(n):
+            total += load(points.even, c, q)
+        store(offset, 0, c, double * total)
+    for c in range(m):
+        for d in range(c + 1):
+            total = splat(0.0)
+            for q in range(n):
+                total += load(points.odd, c, q) * load(points.odd, d, q)
+                total += load(points.even, c, q) * load(points.even, d, q)
+            product = load(offset, 0, c) * load(offset, 0, d)
+            store(s, c, d, splat(noise_cov[c, d]) + (double * total + middle * product))
+        for j in range(n):
+            total = splat(0.0)
+            for q in range(j + 1):
+                total += load(points.odd, c, q) * load(lower, j, q)
+            store(cross, c, j, scale * total)
+
+
+@compiled
+def _repaired(p: np.ndarray, r: int, lower: np.ndarray) -> np.ndarray:
+    """Put the root of the nearest positive part of P into lane ``r`` of L; return that part."""
+    n = p.shape[0]
+    upper = np.empty((n, n))
+    _root(np.ascontiguousarray(p[:, :, r]), upper)
+    for i in range(n):
+        for j in range(i + 1):
+            lower[i, j, r] = upper[j, i]
+    return upper.T @ upper
+
+
+@compiled
+def _unscented(
+    measurements: np.ndarray,
+    noise_cov: np.ndarray,
+    noise_inverse: np.ndarray,
+    transition: np.ndarray,
+    process_cov: np.ndarray,
+    prior_mean: np.ndarray,
+    prior_cov: np.ndarray,
+    model: ModelArrays,
+    spread: float,
+    weights: np.ndarray,
+    mean: np.ndarray,
+    cov: np.ndarray,
+    nis: np.ndarray,
+    counts: np.ndarray,
+) -> None:
+    """Fill the unscented Kalman filter's results; counts (R, 2) of repairs and of evaluations."""
+    runs, epochs, m = measurements.shape
+    n = prior_mean.shape[0]
+    expected = lanes.moving_states(transition, process_cov)
+    phi, q = lanes.lanes(n, n), lanes.lanes(n, n)
+    x, p, scratch = lanes.lanes(1, n), lanes.lanes(n, n), lanes.lanes(n, n)
+    lower, inverse = lanes.lanes(n, n), lanes.lanes(1, n)
+    reading = readings_of(model, n, m)
+    equations = reading.rows.shape[0]
+    hp, linear = lanes.lanes(equations, n), lanes.lanes(equations, equations)
+    s, white = lanes.lanes(m, m), lanes.lanes(1, max(m, equations))
+    points = points_of(reading.b.shape[0], n, m)
+    offset, cross = lanes.lanes(1, m), lanes.lanes(m, n)
+    centre_cov, weight = weights[0], weights[1]
+    for first in range(0, runs, LANES):
+        count = min(LANES, runs - first)
+        group = lanes.members(first, runs)
+        lanes.spread(prior_mean.reshape((1, n)), x)
+        lanes.spread(prior_cov, p)
+        for k in range(epochs):
+            moving = lanes.gather(transition, process_cov, group, k, expected, phi, q)
+            # The motion is linear: sigma points through Φ have the mean Φ x and the covariance
+            # Φ P Φᵀ exactly.
+            lane_algebra.predict(phi, q, moving, x, p, scratch)
+            lane_algebra.triangular_root(p, lower, inverse)
+            for r in range(count):
+                if not lane_algebra.is_positive(inverse, r):
+                    counts[first + r, 0] += 1
+                    _repaired(p, r, lower)
+            linearise(model, measurements, noise_inverse, group, count, k, x, reading)
+            read_points(model, group, count, k, lower, spread, reading, points)
+            for r in range(count):
+                counts[first + r, 1] += 1 + 2 * points.counts[r]
+            if model.bias >= 0:
+                _add_biases(lower, spread, model.bias, reading, points)
+            _moments(lower, noise_cov, spread, centre_cov, weight, points, offset, s, cross)
+            # The square of the innovation is judged as that of every filter is, linearised.
+            lane_algebra.project(reading.rows, p, equations, hp, linear)
+            lane_algebra.factorise(linear, equations, linear)
+            lane_algebra.whiten(linear, equations, reading.innovation, white)
+            lane_algebra.add_squares(white, equations, reading.squared)
+            _scatter_squares(reading, first, count, k, nis)
+            lane_algebra.factorise(s, m, s)
+            _innovations(model.bias, x, reading, offset)
+            lane_algebra.whiten(s, m, reading.z, white)
+            lane_algebra.solve_lower(s, m, cross, cross)
+            lane_algebra.correct(cross, white, m, x)
+            lane_algebra.add_products(cross, cross, -1.0, p, scratch)
+            p, scratch = scratch, p
+            lane_algebra.triangular_root(p, lower, inverse)
+            for r in range(count):
+                if not lane_algebra.is_positive(inverse, r):
+                    counts[first + r, 0] += 1
+                    p[:, :, r] = _repaired(p, r, lower)
+            lanes.scatter(x, p, first, count, k, mean, cov)
+
+
+@compiled
+def _add_biases(
+    lower: np.ndarray, spread: float, bias: int, reading: Readings, out: Points
+) -> None:
+    """Add to what the points read the instrument's biases in them."""
+    m = out.odd.shape[0]
+    scale = splat(spread) * load(reading.gain, 0, 0)
+    for c in range(m):
+        for q in range(bias + c + 1):
+            store(out.odd, c, q, load(out.odd, c, q) + scale * load(lower, bias + c, q))
+
+
+@compiled
+def _innovations(bias: int, x: np.ndarray, reading: Readings, offset: np.ndarray) -> None:
+    """Turn the readings into innovations, against the weighted mean of the points' readings."""
+    for c in range(reading.z.shape[1]):
+        total = load(reading.z, 0, c) - load(reading.predicted, 0, c) - load(offset, 0, c)
+        if bias >= 0:
+            total -= load(reading.gain, 0, 0) * load(x, 0, bias + c)
+        store(reading.z, 0, c, total)
+
+
+def noise_inverse(block: ProblemBlock) -> np.ndarray:
+    """Return the inverse (m, m) of the lower triangular root of R."""
+    return np.linalg.inv(np.linalg.cholesky(block.noise_cov))
+
+
+def extended(block: ProblemBlock) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Run the extended Kalman filter; return mean (R, K, n), cov (R, K, n, n) and NIS (R, K)."""
+    runs, epochs, n = block.runs, block.epochs, block.dimension
+    mean, cov = np.empty((runs, epochs, n)), np.empty((runs, epochs, n, n))
+    nis = np.empty((runs, epochs))
+    _extended(
+        block.measurements, noise_inverse(block), block.transition, block.process_cov,
+        block.prior_mean, block.prior_cov, block.model, mean, cov, nis,
+    )  # fmt: skip
+    return mean, cov, nis
+
+
+def unscented(
+    block: ProblemBlock, spread: float, centre_cov: float, weight: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Run the unscented Kalman filter.
+
+    Sigma points that displace the instrument by less than a centimetre (and turn it by less than
+    1e-7 rad) are not evaluated: they read h(x) ± A B_k d, with the slope A of h at x. The error is
+    half a square, 5e-5 m² times the second derivative of h: below 1e-10 E at 10 km height, where
+    that is at most 1e-6 E/m² (100 E changing over 10 km), and 5e-7 E at 100 m.
+
+    Parameters
+    ----------
+    block : the runs.
+    spread : by how much the rows of the root of P are stretched.
+    centre_cov, weight : of the centre in covariances, of all others. Weights in means add up to 1.
+
+    Returns
+    -------
+    mean (R, K, n), cov (R, K, n, n), NIS (R, K), and counts (R, 2): how often a covariance was
+    repaired, and at how many points the map was evaluated.
+    """
+    runs, epochs, n = block.runs, block.epochs, block.dimension
+    mean, cov = np.empty((runs, epochs, n)), np.empty((runs, epochs, n, n))
+    nis, counts = np.empty((runs, epochs)), np.zeros((runs, 2), dtype=np.int64)
+    _unscented(
+        block.measurements, block.noise_cov, noise_inverse(block), block.transition,
+        block.process_cov, block.prior_mean, block.prior_cov, block.model, spread,
+        np.array([centre_cov, weight]), mean, cov, nis, counts,
+    )  # fmt: skip
+    return mean, cov, nis, counts

@@ -1,0 +1,179 @@
+"""Readings of eight runs as whitened linear equations, compiled."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..numerics.kernels import LANES, compiled
+from ..numerics.lanes import gather_row, gather_rows, lanes
+from ..numerics.vectors import load, root, splat, store, with_sign
+from ..sensors.gradiometer.instrument import STRAPDOWN
+from ..sensors.model_kernels import ModelArrays
+from ..sensors.model_lanes import linearise_lanes, linearising_work
+
+_TINY = 1e-300
+"""What keeps 0 / 0 from being NaN where a reading is missing."""
+
+
+class Readings(NamedTuple):
+    """The readings of eight runs at an epoch, linearised; arrays that :func:`linearise` fills.
+
+    Attributes
+    ----------
+    slope : (m, 6, LANES) A, of h by the errors B_k x [E/m; E/rad]; ``moving`` columns are used.
+    b : (moving, 15, LANES) B_k, as many rows as there are errors that h depends on.
+    errors : (1, 6, LANES) B_k x.
+    gain : (1, 1, LANES) of the biases; zero where a reading is missing.
+    z : (1, m, LANES) readings [E].
+    predicted : (1, m, LANES) h(x) without biases [E].
+    rows, innovation : (equations, n, LANES), (1, equations, LANES): H δx = innovation + noise of
+        unit variance. If there were less than three, others are zero.
+    squared : (1, 1, LANES) the sum of the squares of what no state explains.
+    white, residual : (m, moving, LANES), (1, m, LANES) whitened A and z − h, compressed.
+    work : scratch of :func:`.model_lanes.linearise_lanes`.
+    """
+
+    slope: np.ndarray
+    b: np.ndarray
+    errors: np.ndarray
+    gain: np.ndarray
+    z: np.ndarray
+    predicted: np.ndarray
+    rows: np.ndarray
+    innovation: np.ndarray
+    squared: np.ndarray
+    white: np.ndarray
+    residual: np.ndarray
+    work: np.ndarray
+
+
+@compiled
+def readings_of(model: ModelArrays, n: int, m: int) -> Readings:
+    """Return the arrays for readings of m components and n states."""
+    moving = 6 if model.instrument == STRAPDOWN else 3
+    # What components without biases say about ``moving`` errors is at most so many equations.
+    equations = max(m if model.bias >= 0 else min(m, moving), 3)
+    return Readings(
+        lanes(m, 6), lanes(moving, model.rows.shape[3]), lanes(1, 6), lanes(1, 1), lanes(1, m),
+        lanes(1, m), lanes(equations, n), lanes(1, equations), lanes(1, 1), lanes(m, moving),
+        lanes(1, m), linearising_work(),
+    )  # fmt: skip
+
+
+@compiled
+def linearise(
+    model: ModelArrays,
+    measurements: np.ndarray,
+    noise_inverse: np.ndarray,
+    group: np.ndarray,
+    count: int,
+    k: int,
+    x: np.ndarray,
+    out: Readings,
+) -> None:
+    """Fill the readings of a group at epoch ``k``, linearised at x.
+
+    Parameters
+    ----------
+    model, measurements : of a block; (R, K, m).
+    noise_inverse : (m, m) inverse of the lower triangular root of R.
+    group : (LANES,) runs, of which ``count`` differ. x : (1, n, LANES). out : output.
+    """
+    b, errors, gain, z, predicted = out.b, out.errors, out.gain, out.z, out.predicted
+    rows, residual, white, innovation = out.rows, out.residual, out.white, out.innovation
+    m, moving, columns = measurements.shape[2], b.shape[0], b.shape[1]
+    gather_rows(model.rows, group, k, moving, b)
+    gather_row(measurements, group, k, z)
+    for i in range(moving):
+        total = splat(0.0)
+        for j in range(columns):
+            total += load(b, i, j) * load(x, 0, j)
+        store(errors, 0, i, total)
+    linearise_lanes(
+        model, group, count, k, errors.reshape(-1), out.work, predicted.reshape(-1),
+        out.slope.reshape(-1),
+    )  # fmt: skip
+    for r in range(LANES):
+        gain[0, 0, r] = model.gain[group[r], k]
+    for i in range(m):
+        total = load(z, 0, i) - load(predicted, 0, i)
+        if model.bias >= 0:
+            total -= load(gain, 0, 0) * load(x, 0, model.bias + i)
+        store(residual, 0, i, total)
+    _whiten(noise_inverse, out)
+    equations = min(m, rows.shape[0])
+    if equations < m:
+        _compress(out)
+    total = splat(0.0)
+    for i in range(equations, m):
+        value = load(residual, 0, i)
+        total += value * value
+    store(out.squared, 0, 0, total)
+    for i in range(equations):
+        store(innovation, 0, i, load(residual, 0, i))
+        for c in range(columns):
+            total = splat(0.0)
+            for j in range(moving):
+                total += load(white, i, j) * load(b, j, c)
+            store(rows, i, c, total)
+        if model.bias >= 0:
+            for c in range(i + 1):
+                value = load(gain, 0, 0) * splat(noise_inverse[i, c])
+                store(rows, i, model.bias + c, value)
+
+
+@compiled
+def _whiten(noise_inverse: np.ndarray, out: Readings) -> None:
+    """Multiply slope and residual by the inverse root of R."""
+    slope, white, residual = out.slope, out.white, out.residual
+    m, moving = white.shape[0], white.shape[1]
+    for i in range(m - 1, -1, -1):
+        total = splat(0.0)
+        for c in range(i + 1):
+            total += splat(noise_inverse[i, c]) * load(residual, 0, c)
+        store(residual, 0, i, total)
+        for j in range(moving):
+            total = splat(0.0)
+            for c in range(i + 1):
+                total += splat(noise_inverse[i, c]) * load(slope, c, j)
+            store(white, i, j, total)
+
+
+@compiled
+def _compress(out: Readings) -> None:
+    """Turn m equations A e = residual + noise of unit variance into as many as e has numbers.
+
+    By an orthogonal transformation (Householder): the first rows, upper triangular, hold all that
+    the equations say about e; the residuals of the others say nothing.
+    """
+    slope, residual = out.white, out.residual
+    m, columns = slope.shape[0], slope.shape[1]
+    tiny = splat(_TINY)
+    for j in range(columns):
+        first = load(slope, j, j)
+        norm = first * first
+        for i in range(j + 1, m):
+            value = load(slope, i, j)
+            norm += value * value
+        # v = column − norm e_j; vᵀv / 2 = norm² − norm · first
+        signed = splat(0.0) - with_sign(root(norm), first)
+        scale = splat(1.0) / (norm - signed * first + tiny)
+        store(slope, j, j, first - signed)
+        for c in range(j + 1, columns):
+            along = splat(0.0)
+            for i in range(j, m):
+                along += load(slope, i, j) * load(slope, i, c)
+            along *= scale
+            for i in range(j, m):
+                store(slope, i, c, load(slope, i, c) - along * load(slope, i, j))
+        along = splat(0.0)
+        for i in range(j, m):
+            along += load(slope, i, j) * load(residual, 0, i)
+        along *= scale
+        for i in range(j, m):
+            store(residual, 0, i, load(residual, 0, i) - along * load(slope, i, j))
+        store(slope, j, j, signed)
+        for i in range(j + 1, m):
+            store(slope, i, j, splat(0.0))

@@ -1,0 +1,169 @@
+"""What is wrong with a map: made from a map that is taken as right, for a model beside its truth.
+
+An estimator's map differs from the field in four ways that practice knows: it does not resolve
+what is shorter than its data, the density assumed for the terrain is not the rock's, and its values
+carry noise, of each node by itself or correlated over the spacing of the survey.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .ellipsoid import EOTVOS, metres_per_radian
+from .gradient_map import GradientMap, MapError
+
+Array = NDArray[np.float64]
+
+_MOST_NODES = 4_000_000  # of the plane of a random field: some seconds per layer of the map
+
+
+@dataclass(frozen=True)
+class MapDegradation:
+    """Errors given to a map. The same seed gives the same errors.
+
+    Attributes
+    ----------
+    resolution_m : standard deviation of a horizontal Gaussian that smooths the map; 0 for none.
+    density_factor : factor of the whole disturbing field, as of the density of its masses.
+    white_noise_eotvos : RMS of noise in each component at each node, all independent [E].
+    correlated_noise_eotvos : RMS of Γ_UU of a random field at the lowest nodes [E]. The field is
+        harmonic: one random potential, continued upwards, gives all components and the gravity
+        disturbance, so that curl and Laplacian stay zero.
+    correlation_m : distance at which the correlation of that Γ_UU has fallen to 1/e [m].
+    seed : of the noise.
+    """
+
+    resolution_m: float = 0.0
+    density_factor: float = 1.0
+    white_noise_eotvos: float = 0.0
+    correlated_noise_eotvos: float = 0.0
+    correlation_m: float = 10e3
+    seed: int = 1
+
+
+def degrade(right: GradientMap, degradation: MapDegradation) -> GradientMap:
+    """Return a map with errors: smoothed and scaled first, then noisy.
+
+    Raises
+    ------
+    MapError
+        If the map is too small for a smoothing, or for the correlation of a noise, or its nodes lie
+        too far apart for that.
+    """
+    _check(right, degradation)
+    tensor = right.tensor.astype(float)
+    disturbance = right.gravity_disturbance.astype(float)
+    north, east = _node_distances(right)
+    if degradation.resolution_m > 0.0:
+        from scipy.ndimage import gaussian_filter1d  # not at the top: few maps are smoothed
+
+        tensor, disturbance = (
+            gaussian_filter1d(
+                gaussian_filter1d(values, degradation.resolution_m / north, axis=0),
+                degradation.resolution_m / east,
+                axis=1,
+            )
+            for values in (tensor, disturbance)
+        )
+    tensor, disturbance = (degradation.density_factor * v for v in (tensor, disturbance))
+    white, correlated = (
+        np.random.default_rng(child) for child in np.random.SeedSequence(degradation.seed).spawn(2)
+    )
+    if degradation.white_noise_eotvos > 0.0:
+        tensor = tensor + degradation.white_noise_eotvos * white.standard_normal(tensor.shape)
+    if degradation.correlated_noise_eotvos > 0.0:
+        noise, gravity = _harmonic_noise(right, degradation, north, east, correlated)
+        tensor, disturbance = tensor + noise, disturbance + gravity
+    said = ", ".join(
+        f"{key} {value:g}" for key, value in vars(degradation).items() if key != "seed"
+    )
+    return replace(
+        right,
+        tensor=tensor,
+        gravity_disturbance=disturbance,
+        provenance=f"{right.provenance}; degraded: {said}",
+    )
+
+
+def _check(grid: GradientMap, degradation: MapDegradation) -> None:
+    """Raise MapError if a length of the errors does not go with the map's nodes."""
+    steps = _node_distances(grid)
+    side = min(n * step for n, step in zip(grid.tensor.shape[:2], steps, strict=True))
+    if degradation.resolution_m > side:
+        raise MapError(
+            f"the error of a map has resolution_km = {1e-3 * degradation.resolution_m:g}, which "
+            f"must not be wider than the map, {1e-3 * side:.3g} km"
+        )
+    if degradation.correlated_noise_eotvos == 0.0:
+        return
+    correlation = f"correlation_km = {1e-3 * degradation.correlation_m:g}"
+    if degradation.correlation_m < max(steps):
+        raise MapError(
+            f"the error of a map has {correlation}, which must be at least the distance of the "
+            f"map's nodes, {1e-3 * max(steps):.3g} km"
+        )
+    if math.prod(_plane_shape(grid, degradation, *steps)) > _MOST_NODES:
+        raise MapError(
+            f"the error of a map has {correlation}, too long for a map whose nodes are "
+            f"{1e-3 * min(steps):.3g} km apart: a random field of so many nodes would be too large"
+        )
+
+
+def _plane_shape(
+    grid: GradientMap, degradation: MapDegradation, north: float, east: float
+) -> tuple[int, int]:
+    """Return the nodes of a plane so wide that its periods do not show on the map."""
+    n_lat, n_lon = grid.tensor.shape[:2]
+    beyond = 4.0 * degradation.correlation_m
+    return n_lat + math.ceil(beyond / north), n_lon + math.ceil(beyond / east)
+
+
+def _node_distances(grid: GradientMap) -> tuple[float, float]:
+    """Return the distances between nodes to the north and east, at the middle [m]."""
+    count = grid.tensor.shape[0]
+    middle = np.array([grid.latitude0 + 0.5 * (count - 1) * grid.latitude_step, 0.0, grid.height0])
+    per_north, per_east = metres_per_radian(middle)
+    return per_north * grid.latitude_step, per_east * grid.longitude_step
+
+
+def _harmonic_noise(
+    grid: GradientMap,
+    degradation: MapDegradation,
+    north: float,
+    east: float,
+    rng: np.random.Generator,
+) -> tuple[Array, Array]:
+    """Return a random harmonic field on the nodes: tensor [E] and gravity vector [m/s²].
+
+    Γ_UU has the covariance σ² exp(−d²/ℓ²) at the lowest layer, whose spectrum is a Gaussian, too.
+    """
+    n_lat, n_lon, n_h = grid.tensor.shape[:3]
+    pad_lat, pad_lon = _plane_shape(grid, degradation, north, east)
+    k_n = 2.0 * np.pi * np.fft.fftfreq(pad_lat, north)[:, np.newaxis]
+    k_e = 2.0 * np.pi * np.fft.fftfreq(pad_lon, east)[np.newaxis, :]
+    k = np.hypot(k_n, k_e)
+    # The square root of the spectrum of exp(−d²/ℓ²), scaled to unit variance.
+    shape = np.exp(-((k * degradation.correlation_m) ** 2) / 8.0)
+    shape[0, 0] = 0.0
+    shape *= math.sqrt(k.size / np.sum(shape**2))
+    vertical = np.fft.fft2(rng.standard_normal(k.shape)) * shape
+    with np.errstate(divide="ignore", invalid="ignore"):
+        potential = np.where(k > 0.0, vertical / k**2, 0.0)
+    potential *= degradation.correlated_noise_eotvos * EOTVOS
+    # Of the highest wave number there is no odd derivative on a grid.
+    slopes = [1j * k_e, 1j * k_n, -k]
+    tensor, gravity = np.empty((n_lat, n_lon, n_h, 6)), np.empty((n_lat, n_lon, n_h, 3))
+    for layer in range(n_h):
+        continued = potential * np.exp(-k * grid.height_step * layer)
+        first = [continued * slope for slope in slopes]
+        for i in range(3):
+            gravity[:, :, layer, i] = np.fft.ifft2(first[i]).real[:n_lat, :n_lon]
+        pairs = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+        for column, (i, j) in enumerate(pairs):
+            second = np.fft.ifft2(first[i] * slopes[j]).real[:n_lat, :n_lon]
+            tensor[:, :, layer, column] = second / EOTVOS
+    return tensor, gravity

@@ -1,0 +1,41 @@
+"""A gravity-gradient map: the disturbing field on a grid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import GGBenchError
+
+Array = NDArray[np.float64]
+
+
+class MapError(GGBenchError):
+    """A field or a map cannot be made as asked, or its data cannot be read."""
+
+
+@dataclass(frozen=True)
+class GradientMap:
+    """The disturbing field on a grid regular in geodetic latitude, longitude and height.
+
+    Attributes
+    ----------
+    latitude0, longitude0, height0 : the first node [rad, rad, m].
+    latitude_step, longitude_step, height_step : distances between nodes [rad, rad, m].
+    tensor : gradient tensor without the normal field, (n_lat, n_lon, n_h, 6) [E], ENU.
+    gravity_disturbance : gravity vector without the normal field, (n_lat, n_lon, n_h, 3) [m/s²],
+        ENU; its gradient is the tensor.
+    provenance : where the map comes from, in words.
+    """
+
+    latitude0: float
+    longitude0: float
+    height0: float
+    latitude_step: float
+    longitude_step: float
+    height_step: float
+    tensor: Array
+    gravity_disturbance: Array
+    provenance: str

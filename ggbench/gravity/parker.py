@@ -1,0 +1,412 @@
+"""Gravity and its gradient above a terrain by Parker's (1973) series of Fourier transforms.
+
+The masses lie between the zero level and the terrain: rock above it, and below it, at sea, water in
+the place of rock. Their attraction at the height z is, in the wavenumber domain,
+
+    F[g_U] = −2πG exp(−k (z − z₀)) Σₙ kⁿ⁻¹/n! F[Σ ρ (s − z₀)ⁿ],
+
+with the surfaces s of the land and of the sea floor, the density ρ below each of them, and z₀
+midway between their lowest and highest point (Parker 1973, eq. 4). All other components follow by
+multiplication with the wavenumbers. The series converges above the highest ground only.
+
+Beyond its edges the terrain is continued by its own mirror image, which fades within a tenth of its
+longer side into the mean height of its edge; at that level the ground goes on for ever. What really
+lies there is not known, and matters: ground that is 100 m higher from the distance D on is worth
+4 E · (10 km / D), smooth as that is; detail as small as the height above the ground is right from a
+few of these heights inwards.
+
+The Earth is flat, in a conformal map. What that neglects is mostly the turning of the axes with the
+position: U/R in EE and NN, −2U/R in UU, −E/R in EU and −N/R in NU, R the Earth's radius, which is
+0.16 and 0.31 E where the terrain attracts with 1e-3 m/s² (100 mGal). Of a mountain range of 2.4 km,
+40 E and 100 mGal rms, 150 km wide, the rest is 0.06 E and 0.5 mGal rms.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.fft
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+from scipy.ndimage import spline_filter
+
+from .ellipsoid import EOTVOS, radii_of_curvature
+from .plane_splines import evaluate, resample
+from .stereographic import plane_at, scale_factor, to_plane
+from .terrain import Terrain, TerrainError
+
+GRAVITATIONAL_CONSTANT = 6.6743e-11
+
+_SPACING_PER_HEIGHT = 0.25  # of the Fourier grid, to the height above the highest ground
+_MOST_NODES = 30_000_000  # of the Fourier grid: about four gigabytes
+_BORDER = 0.1  # of the longer side of the terrain
+_MARGIN_NODES = 8  # of the Fourier grid, beyond the border
+_LARGEST_DISTORTION = 5e-3  # of lengths, by the map
+_FEWEST_ORDERS = 6
+_MOST_ORDERS = 80
+_CONVERGED = 1e-4  # rms of what is left of the series [E]
+_COARSE_NODES = 64  # per axis, for the field of the periodic images
+_COARSE_PERIODS = 8
+_EDGE = 0.5  # cells beyond the outermost nodes that belong to the terrain
+
+
+@dataclass(frozen=True)
+class TerrainOptions:
+    """What the terrain is made of, and how far its series goes.
+
+    Attributes
+    ----------
+    density : of the ground [kg/m³].
+    water_density : of the sea, which fills all ground below the zero level [kg/m³].
+    order : fewest orders of the series, at least 6; more are summed, up to 80, until what is left
+        is below 1e-4 E rms at the lowest height.
+
+    Raises TerrainError for a density outside 0 to 10000 kg/m³ or an order outside 6 to 80.
+    """
+
+    density: float = 2670.0
+    water_density: float = 1030.0
+    order: int = 8
+
+    def __post_init__(self) -> None:
+        for name in ("density", "water_density"):
+            value = getattr(self, name)
+            if not 0.0 <= value <= 1e4:  # NaN fails too
+                raise TerrainError(f"{name} = {value} must lie between 0 and 10000 kg/m³.")
+        if self.order not in range(_FEWEST_ORDERS, _MOST_ORDERS + 1):
+            raise TerrainError(
+                f"order = {self.order} must be a whole number from {_FEWEST_ORDERS} to "
+                f"{_MOST_ORDERS}."
+            )
+
+
+def terrain_field(
+    terrain: Terrain,
+    latitude: ArrayLike,
+    longitude: ArrayLike,
+    height: ArrayLike,
+    options: TerrainOptions | None = None,
+    geoid_height: float = 0.0,
+    dtype: DTypeLike = np.float64,
+) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+    """The field of a terrain's masses on latitude x longitude x height.
+
+    Parameters
+    ----------
+    terrain : heights above the zero level.
+    latitude, longitude : positions on the terrain, shapes (n_lat,), (n_lon,) [rad].
+    height : above the ellipsoid and the highest ground, shape (n_h,) [m].
+    options : densities and order; by default those of :class:`TerrainOptions`.
+    geoid_height : of the terrain's zero level above the ellipsoid [m].
+    dtype : float64, or float32 for half the memory at an error of some 1e-5 E.
+
+    Returns
+    -------
+    The tensor, (n_lat, n_lon, n_h, 6) [E], and the gravity vector, (n_lat, n_lon, n_h, 3) [m/s²],
+    both in geodetic ENU axes. The tensor is the gradient of the vector on a flat Earth.
+
+    Raises
+    ------
+    TerrainError : positions outside the terrain or no numbers; a height at or below the highest
+        ground, or so close above it that the series or the Fourier grid grows too long; a terrain
+        too wide for a plane.
+    """
+    heights = _axis(height, "height")
+    shape = (_axis(latitude, "latitude").size, _axis(longitude, "longitude").size, heights.size)
+    tensor, vector = np.empty((*shape, 6), dtype), np.empty((*shape, 3), dtype)
+    layers = terrain_layers(terrain, latitude, longitude, heights, options, geoid_height, dtype)
+    for index, (layer_tensor, layer_vector) in enumerate(layers):
+        tensor[:, :, index], vector[:, :, index] = layer_tensor, layer_vector
+    return tensor, vector
+
+
+def terrain_layers(
+    terrain: Terrain,
+    latitude: ArrayLike,
+    longitude: ArrayLike,
+    height: ArrayLike,
+    options: TerrainOptions | None = None,
+    geoid_height: float = 0.0,
+    dtype: DTypeLike = np.float32,
+) -> Iterator[tuple[NDArray[np.floating], NDArray[np.floating]]]:
+    """The field of :func:`terrain_field` height by height, so that a large map needs no memory.
+
+    Yields
+    ------
+    For each height the tensor, (n_lat, n_lon, 6) [E], and the vector, (n_lat, n_lon, 3) [m/s²].
+
+    Raises TerrainError as :func:`terrain_field` does, with the first layer.
+    """
+    lat, lon, heights = (
+        _axis(values, name)
+        for values, name in ((latitude, "latitude"), (longitude, "longitude"), (height, "height"))
+    )
+    _check_inside(terrain, lat, lon)
+    if not math.isfinite(geoid_height):
+        raise TerrainError(f"geoid_height = {geoid_height} must be a finite number.")
+    levels = heights - geoid_height
+    series = _Series(terrain, options or TerrainOptions(), levels)
+    for level in levels:
+        fine, coarse = series.fields(level, np.dtype(dtype))
+        tensor = np.empty((lat.size, lon.size, 6), dtype)
+        vector = np.empty((lat.size, lon.size, 3), dtype)
+        evaluate(
+            lat, lon, series.plane, series.origin, series.step, fine, series.coarse_step, coarse,
+            series.level_gravity, tensor, vector,
+        )  # fmt: skip
+        yield tensor, vector
+
+
+class _Series:
+    """Parker's series at the lowest height, on a grid of the plane around the terrain."""
+
+    def __init__(self, terrain: Terrain, options: TerrainOptions, levels: NDArray) -> None:
+        self._lay_grid(terrain, levels)
+        surface, edge = self._sample(terrain)
+        layers = _layers(surface, edge, options)
+        del surface
+        # The ground at the level of the edge: an infinite slab.
+        slab = sum(density * edge_level for _, edge_level, density in layers)
+        self.level_gravity = -2.0 * math.pi * GRAVITATIONAL_CONSTANT * slab
+        self._sum(layers, options)
+
+    def _lay_grid(self, terrain: Terrain, levels: NDArray) -> None:
+        lat, lon = np.radians(terrain.latitudes_deg), np.radians(terrain.longitudes_deg)
+        middle = 0.5 * (lat[0] + lat[-1])
+        self.plane = plane_at(middle, 0.5 * (lon[0] + lon[-1]))
+        distortion = max(abs(scale_factor(a, lon[0], self.plane) - 1.0) for a in lat[[0, -1]])
+        if not (distortion <= _LARGEST_DISTORTION and lon[-1] - lon[0] < math.pi):
+            raise TerrainError(
+                f"{terrain.name} is too wide for a plane, {np.ptp(terrain.latitudes_deg):g} by "
+                f"{np.ptp(terrain.longitudes_deg):g} degrees: crop it to at most about 10 degrees."
+            )
+        rim = [(a, b) for a in lat for b in lon[[0, -1]]] + [
+            (a, b) for a in lat[[0, -1]] for b in lon
+        ]
+        points = np.array([to_plane(a, b, self.plane)[:2] for a, b in rim])
+        corner, size = points.min(axis=0), np.ptp(points, axis=0)
+
+        ground = terrain.height_m
+        highest = float(ground.max())
+        self._lowest_level = float(levels.min())
+        clearance = self._lowest_level - highest
+        if not clearance > 0.0:
+            raise TerrainError(
+                f"The lowest height lies {-clearance:g} m below the highest ground of "
+                f"{terrain.name}, {highest:g} m above its zero level: only heights above that "
+                "are allowed, where Parker's series converges."
+            )
+        meridian, prime_vertical = radii_of_curvature(middle)
+        native = (
+            math.radians(terrain.longitude_step_deg) * prime_vertical * math.cos(middle),
+            math.radians(terrain.latitude_step_deg) * meridian,
+        )
+        self.step = np.minimum(native, _SPACING_PER_HEIGHT * clearance)
+        # Of the terrain alone: a field must not depend on what other heights are asked for.
+        self.border = _BORDER * float(size.max())
+        wanted = np.ceil((size + 2.0 * self.border) / self.step) + 2 * _MARGIN_NODES
+        if wanted.prod() > _MOST_NODES:
+            allowed = math.sqrt((size + 2.0 * self.border).prod() / _MOST_NODES)
+            raise TerrainError(
+                f"A lowest height {clearance:.3g} m above the highest ground of {terrain.name} "
+                f"needs {wanted.prod():.2g} Fourier nodes, a quarter of that height or of the "
+                f"terrain's own spacing apart; {_MOST_NODES:.2g} are allowed: crop or coarsen the "
+                f"terrain, or stay {allowed / _SPACING_PER_HEIGHT:.3g} m above its highest ground."
+            )
+        self.count = [scipy.fft.next_fast_len(int(n), real=True) for n in wanted]  # x, y
+        self.origin = corner - 0.5 * (self.count * self.step - size)
+        self._name = terrain.name
+        self._highest = highest
+
+    def _sample(self, terrain: Terrain) -> tuple[NDArray, float]:
+        """Heights on the grid, and the mean height along the terrain's edge."""
+        ground = np.ascontiguousarray(terrain.height_m, dtype=float)
+        edge = float(
+            np.concatenate((ground[0], ground[-1], ground[1:-1, 0], ground[1:-1, -1])).mean()
+        )
+        surface = np.empty(self.count[::-1])
+        south_west = np.radians((terrain.south_deg, terrain.west_deg))
+        steps = np.radians((terrain.latitude_step_deg, terrain.longitude_step_deg))
+        meridian, prime_vertical = radii_of_curvature(np.radians(terrain.latitudes_deg.mean()))
+        metres = np.array([meridian, prime_vertical * self.plane.cosine]) * steps
+        resample(
+            ground, spline_filter(ground, 3, mode="mirror"), south_west, steps, metres, edge,
+            self.border, self.plane, self.origin, self.step, surface,
+        )  # fmt: skip
+        return surface, edge
+
+    def _sum(self, layers: list[tuple[NDArray, float, float]], options: TerrainOptions) -> None:
+        n_x, n_y = self.count
+        self._k_x, self._k_y, k = _wavenumbers(n_x, n_y, self.step)
+        top = max(surface.max() for surface, _, _ in layers)
+        bottom = min(surface.min() for surface, _, _ in layers)
+        self.middle = 0.5 * (top + bottom)
+        half = max(0.5 * (top - bottom), 1e-3)
+        distance = self._lowest_level - self.middle
+        relative = []
+        for surface, edge, density in layers:
+            surface -= self.middle  # in place, for these arrays are large
+            surface /= half
+            relative.append((surface, (edge - self.middle) / half, density))
+        powers = [np.ones((n_y, n_x)) for _ in relative]
+
+        factor = half * np.exp(-k * distance)
+        self._spectrum = np.zeros(k.shape, complex)
+        self._moments: list[NDArray] = []
+        left = math.inf
+        for n in range(1, _MOST_ORDERS + 1):
+            moment = np.zeros((n_y, n_x))
+            for power, (surface, edge, density) in zip(powers, relative, strict=True):
+                power *= surface
+                moment += density * power
+                moment -= density * edge**n
+            term = scipy.fft.rfft2(moment, workers=2)
+            del moment
+            if n <= 2:
+                self._moments.append(half**n / n * _lowest_harmonics(term, self.count))
+            term *= factor
+            self._spectrum += term
+            term *= k
+            rms = 2.0 * math.pi * GRAVITATIONAL_CONSTANT / EOTVOS * math.sqrt(2.0)
+            rms *= float(np.linalg.norm(term)) / (n_x * n_y)
+            # From here on the terms shrink at least as a geometric series does.
+            left = rms / (1.0 - half / distance)
+            if n >= options.order and left < _CONVERGED:
+                break
+            factor *= k * (half / (n + 1))
+        else:
+            raise TerrainError(
+                f"Parker's series leaves {left:.2g} E after {_MOST_ORDERS} orders at the lowest "
+                f"height, {self._lowest_level - self._highest:.3g} m above the highest ground of "
+                f"{self._name}: {_CONVERGED:g} E is allowed, which takes about "
+                f"{0.15 * half:.3g} m here."
+            )
+        self.orders = n
+
+    def fields(self, level: float, dtype: np.dtype) -> tuple[NDArray, NDArray]:
+        """Spline coefficients of the eight components at a level, and of what to add to them.
+
+        The Fourier series is that of a terrain repeated for ever. The field of the images is
+        smooth: it is the difference between two coarse grids of the same masses, one of the same
+        period and one of eight times that, of which two orders of the series are enough.
+        """
+        n_x, n_y = self.count
+        k_x, k_y, k = self._k_x, self._k_y, np.hypot(self._k_x, self._k_y[:, np.newaxis])
+        continued = self._spectrum * np.exp(-k * (level - self._lowest_level))
+        for wavenumber, axis, step in ((k_y, 0, self.step[1]), (k_x, 1, self.step[0])):
+            # The transform of the cubic B-spline at the nodes: coefficients that interpolate.
+            spline = (2.0 + np.cos(wavenumber * step)) / 3.0
+            continued /= np.expand_dims(spline, 1 - axis)
+        fine = np.empty((8, n_y, n_x), dtype)
+        for index, component in enumerate(_components(continued, k_x, k_y, k, n_x, dtype)):
+            fine[index] = component
+
+        m_y, m_x = self._moments[0].shape
+        coarse = np.zeros((8, m_y, m_x))
+        for sign, periods in ((1.0, _COARSE_PERIODS), (-1.0, 1)):
+            shape = (periods * m_y, periods * m_x)
+            k_x, k_y, k = _wavenumbers(shape[1], shape[0], self.coarse_step)
+            # rfft2 fills up with level ground.
+            continued = np.zeros(k.shape, complex)
+            for order, moment in enumerate(self._moments):
+                continued += k**order * scipy.fft.rfft2(moment, shape)
+            continued *= np.exp(-k * (level - self.middle))
+            parts = _components(continued, k_x, k_y, k, shape[1], np.dtype(float))
+            for index, component in enumerate(parts):
+                coarse[index] += sign * component[:m_y, :m_x]
+        return fine, np.array([spline_filter(part, 3, mode="mirror") for part in coarse])
+
+    @property
+    def coarse_step(self) -> NDArray:
+        """Spacing of the coarse grid in x and y [m]; its origin is that of the fine one."""
+        return self.step * self.count / np.array(self._moments[0].shape[::-1])
+
+
+def _layers(
+    surface: NDArray, edge: float, options: TerrainOptions
+) -> list[tuple[NDArray, float, float]]:
+    """Surfaces with their level at the edge and the density between them and the zero level."""
+    below = options.density - options.water_density
+    lowest, highest = min(surface.min(), edge), max(surface.max(), edge)
+    if lowest >= 0.0:
+        return [(surface, edge, options.density)]
+    if highest <= 0.0:
+        return [(surface, edge, below)]
+    return [
+        (np.maximum(surface, 0.0), max(edge, 0.0), options.density),
+        (np.minimum(surface, 0.0), min(edge, 0.0), below),
+    ]
+
+
+def _wavenumbers(n_x: int, n_y: int, step: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+    k_x = 2.0 * np.pi * scipy.fft.rfftfreq(n_x, step[0])
+    k_y = 2.0 * np.pi * scipy.fft.fftfreq(n_y, step[1])
+    return k_x, k_y, np.hypot(k_x, k_y[:, np.newaxis])
+
+
+def _lowest_harmonics(spectrum: NDArray, count: list[int]) -> NDArray:
+    """A smoothed surface on a coarse grid of the same period, from the spectrum of the fine one."""
+    (n_x, n_y), (m_x, m_y) = count, (min(_COARSE_NODES, n) for n in count)
+    half = (m_y - 1) // 2
+    columns = (m_x + 1) // 2  # without the Nyquist term of an even number
+    coarse = np.zeros((m_y, m_x // 2 + 1), complex)
+    coarse[: half + 1, :columns] = spectrum[: half + 1, :columns]
+    coarse[-half:, :columns] = spectrum[-half:, :columns]
+    # A Gaussian one node wide keeps the smoothed surface from ringing.
+    k_x, k_y, _ = _wavenumbers(m_x, m_y, np.ones(2))
+    coarse *= np.exp(-0.5 * (k_x**2 + k_y[:, np.newaxis] ** 2))
+    coarse *= m_x * m_y / (n_x * n_y)
+    return scipy.fft.irfft2(coarse, (m_y, m_x))
+
+
+def _components(
+    continued: NDArray, k_x: NDArray, k_y: NDArray, k: NDArray, n_x: int, dtype: np.dtype
+) -> Iterator[NDArray]:
+    """Yield EE, EN, EU, NN, NU [E], E, N, U [m/s²] in plane axes from the spectrum of −U / 2πG."""
+    single = dtype == np.dtype(np.float32)
+    shape = (continued.shape[0], n_x)
+    column = k_y[:, np.newaxis]
+    up = -2.0 * np.pi * GRAVITATIONAL_CONSTANT * continued
+    inverse = np.divide(1.0, k, out=np.zeros_like(k), where=k > 0.0)
+    factors = (
+        lambda: k_x**2 * inverse / EOTVOS,
+        lambda: k_x * column * inverse / EOTVOS,
+        lambda: 1j * k_x / EOTVOS,
+        lambda: column**2 * inverse / EOTVOS,
+        lambda: 1j * column / EOTVOS,
+        lambda: -1j * k_x * inverse,
+        lambda: -1j * column * inverse,
+        lambda: 1.0,
+    )
+    for factor in factors:
+        spectrum = up * factor()
+        if single:
+            spectrum = spectrum.astype(np.complex64)
+        yield scipy.fft.irfft2(spectrum, shape, overwrite_x=True, workers=2)
+
+
+def _axis(values: ArrayLike, name: str) -> NDArray:
+    axis = np.asarray(values, dtype=float)
+    if axis.ndim != 1 or axis.size == 0 or not np.isfinite(axis).all():
+        raise TerrainError(f"{name} must be a row of finite numbers, at least one.")
+    return axis
+
+
+def _check_inside(terrain: Terrain, latitude: NDArray, longitude: NDArray) -> None:
+    """Raise TerrainError unless all positions lie on the terrain's cells."""
+    limits = (
+        ("latitude", np.degrees(latitude), terrain.latitudes_deg, terrain.latitude_step_deg),
+        ("longitude", np.degrees(longitude), terrain.longitudes_deg, terrain.longitude_step_deg),
+    )
+    for name, degrees, nodes, step in limits:
+        low, high = nodes[0] - _EDGE * step, nodes[-1] + _EDGE * step
+        if name == "longitude":  # the same meridian, counted as the terrain counts
+            middle = 0.5 * (low + high)
+            degrees = middle + (degrees - middle + 180.0) % 360.0 - 180.0
+        if not (low - 1e-9 <= degrees.min() and degrees.max() <= high + 1e-9):
+            raise TerrainError(
+                f"{name} {degrees.min():.6g} to {degrees.max():.6g} degrees is not within "
+                f"{terrain.name}: {low:.6f} to {high:.6f} is allowed."
+            )

@@ -1,0 +1,119 @@
+"""Terrain: heights on a grid regular in geodetic latitude and longitude.
+
+:mod:`ggbench.gravity.terrain_files` reads the formats in which digital elevation models come.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import GGBenchError
+
+FEWEST_NODES = 4  # per axis, what a cubic spline needs
+LOWEST_M, HIGHEST_M = -12000.0, 9000.0  # the Earth has nothing beyond
+_ON_NODE = 1e-6  # of a step: a bound that rounding puts beside a node
+
+
+class TerrainError(GGBenchError):
+    """A terrain cannot be read, or gives no field as asked."""
+
+
+@dataclass(frozen=True, eq=False)
+class Terrain:
+    """Heights on a grid regular in geodetic latitude and longitude.
+
+    Attributes
+    ----------
+    south_deg, west_deg : the first node, which is the centre of a cell [deg].
+    latitude_step_deg, longitude_step_deg : distances between nodes, positive [deg].
+    height_m : heights above the zero level, shape (n_lat, n_lon), south to north and west to east,
+        negative for the sea floor [m].
+    name : where the heights come from, in words.
+
+    Raises TerrainError for what is no such grid: fewer than 4 nodes per axis, a node beyond a pole,
+    more than a turn of longitude, heights that are no numbers or outside -12000 to 9000 m.
+    """
+
+    south_deg: float
+    west_deg: float
+    latitude_step_deg: float
+    longitude_step_deg: float
+    height_m: NDArray[np.floating]
+    name: str
+
+    def __post_init__(self) -> None:
+        shape = np.shape(self.height_m)
+        if len(shape) != 2 or min(shape) < FEWEST_NODES:
+            raise TerrainError(
+                f"{self.name} has heights of shape {shape}: latitude by longitude, at least "
+                f"{FEWEST_NODES} of each, is allowed."
+            )
+        for name in ("latitude_step_deg", "longitude_step_deg"):
+            step = getattr(self, name)
+            if not 0.0 < step < np.inf:
+                raise TerrainError(f"{self.name} has {name} = {step}, which must be positive.")
+        south, north = self.south_deg, self.south_deg + self.latitude_step_deg * (shape[0] - 1)
+        if not -90.0 <= south < north <= 90.0 + 1e-9:
+            raise TerrainError(
+                f"{self.name} reaches from latitude {south:.6g} to {north:.6g}: -90 to 90 degrees "
+                "is allowed."
+            )
+        width = self.longitude_step_deg * (shape[1] - 1)
+        if not (abs(self.west_deg) <= 360.0 and width <= 360.0 + 1e-9):
+            raise TerrainError(
+                f"{self.name} begins at longitude {self.west_deg:.6g} and is {width:.6g} degrees "
+                "wide: -360 to 360 and at most 360 are allowed."
+            )
+        lowest, highest = float(self.height_m.min()), float(self.height_m.max())
+        if not (lowest >= LOWEST_M and highest <= HIGHEST_M):  # NaN fails too
+            raise TerrainError(
+                f"{self.name} has heights from {lowest:g} to {highest:g} m: finite numbers from "
+                f"{LOWEST_M:g} to {HIGHEST_M:g} are allowed."
+            )
+
+    @property
+    def latitudes_deg(self) -> NDArray[np.float64]:
+        """Latitudes of the rows, ascending, shape (n_lat,) [deg]."""
+        steps = np.arange(self.height_m.shape[0], dtype=float)
+        return self.south_deg + self.latitude_step_deg * steps
+
+    @property
+    def longitudes_deg(self) -> NDArray[np.float64]:
+        """Longitudes of the columns, ascending, shape (n_lon,) [deg]."""
+        steps = np.arange(self.height_m.shape[1], dtype=float)
+        return self.west_deg + self.longitude_step_deg * steps
+
+    def crop(self, south_deg: float, north_deg: float, west_deg: float, east_deg: float) -> Terrain:
+        """The smallest part that covers these bounds [deg], as far as the terrain reaches.
+
+        Raises TerrainError if the bounds are in the wrong order, or fewer than 4 rows or columns
+        of the terrain lie between them.
+        """
+        if not (south_deg < north_deg and west_deg < east_deg):  # NaN fails too
+            raise TerrainError(
+                f"Latitudes {south_deg} to {north_deg} and longitudes {west_deg} to {east_deg} "
+                "must each go from the smaller to the larger."
+            )
+        # The same meridians, counted as the terrain counts.
+        turn = 360.0 * round((self.longitudes_deg.mean() - 0.5 * (west_deg + east_deg)) / 360.0)
+        bounds = (
+            (south_deg, north_deg, self.south_deg, self.latitude_step_deg),
+            (west_deg + turn, east_deg + turn, self.west_deg, self.longitude_step_deg),
+        )
+        slices = []
+        for (low, high, first, step), count in zip(bounds, self.height_m.shape, strict=True):
+            begin = max(int(np.floor((low - first) / step + _ON_NODE)), 0)
+            end = min(int(np.ceil((high - first) / step - _ON_NODE)) + 1, count)
+            slices.append(slice(begin, max(begin, end)))
+        rows, columns = slices
+        return Terrain(
+            self.south_deg + self.latitude_step_deg * rows.start,
+            self.west_deg + self.longitude_step_deg * columns.start,
+            self.latitude_step_deg,
+            self.longitude_step_deg,
+            self.height_m[rows, columns],
+            f"{self.name}, cropped",
+        )

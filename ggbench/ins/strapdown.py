@@ -1,0 +1,412 @@
+"""Strapdown mechanization in the local-level East-North-Up frame, and its exact inverse.
+
+State: geodetic latitude L, longitude λ [rad], ellipsoidal height h [m], velocity v^n (ENU) [m/s]
+and C_nb, which maps the body frame (right-forward-up) to n::
+
+    L' = v_N/(R_M+h)     λ' = v_E/((R_N+h) cos L)     h' = v_U
+    v' = C_nb f − (2ω_ie + ω_en) × v + g        g = (0, 0, −γ(L, h)) + disturbance
+    C_nb' = C_nb [ω_ib×] − [(ω_ie + ω_en)×] C_nb
+
+Each step takes the increments of an IMU over the step, ∫ω_ib dt and ∫f dt in body axes, and is of
+second order (all rates at the midpoint). :func:`error_free_increments` is its exact inverse: truth
+comes back to rounding, because position follows from velocity by the rule that truth uses too.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..gravity.ellipsoid import ROTATION_RATE, normal_gravity_of, radii_of_sine
+from ..numerics.kernels import LANES, aligned, compiled, inlined
+from ..numerics.rotations import (
+    Matrix,
+    fill,
+    multiply,
+    product,
+    rotation_vector,
+    sine_cosine,
+    small_turn,
+)
+
+TRACK = 15
+"""Numbers of a navigation state: position, velocity and C_nb, row by row."""
+_WORK = TRACK + 9
+
+
+@inlined
+def place_of(latitude: float, height: float) -> tuple[float, float, float, float]:
+    """Return sin L, cos L, R_M + h and R_N + h [m] of a position."""
+    sine, cosine = sine_cosine(latitude)
+    meridian, prime_vertical = radii_of_sine(sine)
+    return sine, cosine, meridian + height, prime_vertical + height
+
+
+@inlined
+def frame_rates_of(
+    place: tuple[float, float, float, float], v_e: float, v_n: float
+) -> tuple[float, float, float, float, float]:
+    """Return the earth rate ω_ie (N, U; E is zero), the transport rate ω_en (E, N, U) [rad/s]."""
+    sine, cosine, r_m, r_n = place
+    en_n = v_e / r_n
+    return ROTATION_RATE * cosine, ROTATION_RATE * sine, -v_n / r_m, en_n, en_n * sine / cosine
+
+
+@inlined
+def position_rate_of(
+    place: tuple[float, float, float, float], v_e: float, v_n: float
+) -> tuple[float, float]:
+    """Return L' and λ' [rad/s]."""
+    _, cosine, r_m, r_n = place
+    return v_n / r_m, v_e / (r_n * cosine)
+
+
+@inlined
+def velocity_rate_of(
+    place: tuple[float, float, float, float],
+    height: float,
+    v: tuple[float, float, float],
+    f: tuple[float, float, float],
+) -> tuple[float, float, float]:
+    """Return v' [m/s²] for a specific force in n axes: f^n − (2ω_ie + ω_en) × v + (0, 0, −γ)."""
+    ie_n, ie_u, x, en_n, en_u = frame_rates_of(place, v[0], v[1])
+    y, z = 2.0 * ie_n + en_n, 2.0 * ie_u + en_u
+    gamma, _, _ = normal_gravity_of(place[0], place[1], height)
+    return (
+        f[0] - (y * v[2] - z * v[1]),
+        f[1] - (z * v[0] - x * v[2]),
+        f[2] - (x * v[1] - y * v[0]) - gamma,
+    )
+
+
+@inlined
+def advance_position_of(
+    position: tuple[float, float, float],
+    v: tuple[float, float, float],
+    next_v: tuple[float, float, float],
+    dt: float,
+) -> tuple[float, float, float]:
+    """Return the position after a step with the mean of the two velocities (midpoint rule)."""
+    v_e, v_n, v_u = 0.5 * (v[0] + next_v[0]), 0.5 * (v[1] + next_v[1]), 0.5 * (v[2] + next_v[2])
+    north, _ = position_rate_of(place_of(position[0], position[2]), v_e, v_n)
+    middle = place_of(position[0] + 0.5 * dt * north, position[2] + 0.5 * dt * v_u)
+    north, east = position_rate_of(middle, v_e, v_n)
+    return position[0] + dt * north, position[1] + dt * east, position[2] + dt * v_u
+
+
+@inlined
+def frame_turn(
+    place: tuple[float, float, float, float], v: tuple[float, float, float], time: float
+) -> Matrix:
+    """Return the rotation by which n turns back against inertial space in a time [s]."""
+    ie_n, ie_u, en_e, en_n, en_u = frame_rates_of(place, v[0], v[1])
+    return small_turn(-time * en_e, -time * (ie_n + en_n), -time * (ie_u + en_u))
+
+
+@inlined
+def step(
+    position: tuple[float, float, float],
+    v: tuple[float, float, float],
+    c_nb: Matrix,
+    angle: tuple[float, float, float],
+    dv: tuple[float, float, float],
+    disturbance: tuple[float, float, float],
+    dt: float,
+) -> tuple[tuple[float, float, float], tuple[float, float, float], Matrix]:
+    """Return the navigation state (position, velocity, C_nb) after an IMU interval.
+
+    Numbers in and numbers out, so that a loop over runs becomes vector instructions.
+
+    Parameters
+    ----------
+    position, v, c_nb : [rad, rad, m], ENU [m/s], attitude.
+    angle, dv : increments in body axes [rad], below π, and [m/s].
+    disturbance : gravity beyond the normal one, ENU [m/s²] (zero in an INS without a map).
+    dt : interval [s].
+    """
+    # Body attitude halfway, from half the increment and half the turn of n at the old rates.
+    latitude, _, height = position
+    place = place_of(latitude, height)
+    half = small_turn(0.5 * angle[0], 0.5 * angle[1], 0.5 * angle[2])
+    turned = multiply(c_nb, half)
+    middle = multiply(frame_turn(place, v, 0.5 * dt), turned)
+    f = (
+        (middle[0] * dv[0] + middle[1] * dv[1] + middle[2] * dv[2]) / dt + disturbance[0],
+        (middle[3] * dv[0] + middle[4] * dv[1] + middle[5] * dv[2]) / dt + disturbance[1],
+        (middle[6] * dv[0] + middle[7] * dv[1] + middle[8] * dv[2]) / dt + disturbance[2],
+    )
+    # Midpoint of position and velocity, then the velocity with the midpoint's rates.
+    north, _ = position_rate_of(place, v[0], v[1])
+    mid_height = height + 0.5 * dt * v[2]
+    mid_place = place_of(latitude + 0.5 * dt * north, mid_height)
+    rate = velocity_rate_of(place, height, v, f)
+    mid_v = v[0] + 0.5 * dt * rate[0], v[1] + 0.5 * dt * rate[1], v[2] + 0.5 * dt * rate[2]
+    rate = velocity_rate_of(mid_place, mid_height, mid_v, f)
+    next_v = v[0] + dt * rate[0], v[1] + dt * rate[1], v[2] + dt * rate[2]
+    next_c_nb = multiply(frame_turn(mid_place, mid_v, dt), multiply(turned, half))
+    return advance_position_of(position, v, next_v, dt), next_v, next_c_nb
+
+
+@compiled
+def frame_rates(
+    latitude: float, height: float, velocity: np.ndarray, omega_ie: np.ndarray, omega_en: np.ndarray
+) -> None:
+    """Fill the earth rate ω_ie^n and the transport rate ω_en^n [rad/s]."""
+    place = place_of(latitude, height)
+    omega_ie[0] = 0.0
+    omega_ie[1], omega_ie[2], omega_en[0], omega_en[1], omega_en[2] = frame_rates_of(
+        place, velocity[0], velocity[1]
+    )
+
+
+@compiled
+def position_rate(position: np.ndarray, velocity: np.ndarray, out: np.ndarray) -> None:
+    """Fill (L', λ', h') of a position [rad, rad, m] and an ENU velocity [m/s]."""
+    out[0], out[1] = position_rate_of(place_of(position[0], position[2]), velocity[0], velocity[1])
+    out[2] = velocity[2]
+
+
+@compiled
+def velocity_rate(
+    position: np.ndarray, velocity: np.ndarray, specific_force: np.ndarray, out: np.ndarray
+) -> None:
+    """Fill v' [m/s²] for a specific force in n axes, as :func:`velocity_rate_of` gives it."""
+    out[0], out[1], out[2] = velocity_rate_of(
+        place_of(position[0], position[2]), position[2], _three(velocity), _three(specific_force)
+    )
+
+
+@compiled
+def attitude_rate(
+    position: np.ndarray,
+    velocity: np.ndarray,
+    c_nb: np.ndarray,
+    angular_rate: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Fill ω_nb^n [rad/s]: the rate at which b turns against n, C_nb ω_ib − ω_ie − ω_en."""
+    omega_ie = np.empty(3)
+    omega_en = np.empty(3)
+    frame_rates(position[0], position[2], velocity, omega_ie, omega_en)
+    for i in range(3):
+        body = (
+            c_nb[i, 0] * angular_rate[0] + c_nb[i, 1] * angular_rate[1]
+            + c_nb[i, 2] * angular_rate[2]
+        )  # fmt: skip
+        out[i] = body - omega_ie[i] - omega_en[i]
+
+
+@compiled
+def advance_position(
+    position: np.ndarray,
+    velocity: np.ndarray,
+    next_velocity: np.ndarray,
+    dt: float,
+    out: np.ndarray,
+) -> None:
+    """Fill the position after a step, as :func:`advance_position_of` gives it."""
+    out[0], out[1], out[2] = advance_position_of(
+        _three(position), _three(velocity), _three(next_velocity), dt
+    )
+
+
+@inlined
+def _three(vector: np.ndarray) -> tuple[float, float, float]:
+    """Return the numbers of a vector (3,)."""
+    return vector[0], vector[1], vector[2]
+
+
+def altimeter_gains(time_constant: float) -> tuple[float, float]:
+    """Return k₁ [1/s], k₂ [1/s²] that give the vertical channel two poles at −1/T.
+
+    Its own dynamics are δh'' = (2g/R) δh, so k₁ = 2/T and k₂ = 1/T² + 2g/R.
+    """
+    return 2.0 / time_constant, 1.0 / time_constant**2 + 2.0 * 9.80665 / 6378137.0
+
+
+def navigate(
+    position: np.ndarray,
+    velocity: np.ndarray,
+    c_nb: np.ndarray,
+    delta_angles: np.ndarray,
+    delta_velocities: np.ndarray,
+    dt: float,
+    heights: np.ndarray | None = None,
+    gains: tuple[float, float] = (0.0, 0.0),
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Run the mechanization open loop in normal gravity over N increments.
+
+    With an altimeter each step ends with a correction of the vertical channel by the difference
+    from its height, h −= k₁ dt (h − h_a), v_U −= k₂ dt (h − h_a), which keeps it stable (Titterton
+    and Weston 2004, sec. 12.3).
+
+    Parameters
+    ----------
+    position, velocity, c_nb : initial state, as in :func:`step`.
+    delta_angles, delta_velocities : (N, 3) [rad], [m/s].
+    dt : IMU interval [s].
+    heights : (N,) of the altimeter at the end of each interval [m]; none without one.
+    gains : k₁ [1/s], k₂ [1/s²], from :func:`altimeter_gains`.
+
+    Returns
+    -------
+    positions (N + 1, 3) [rad, rad, m], velocities (N + 1, 3) [m/s], C_nb (N + 1, 3, 3).
+    """
+    count, initial = len(delta_angles), np.concatenate([position, velocity, np.ravel(c_nb)])
+    track = np.empty((count + 1, TRACK, LANES))
+    navigate_lanes(
+        np.repeat(initial[:, np.newaxis], LANES, axis=1),
+        np.repeat(np.hstack([delta_angles, delta_velocities])[:, :, np.newaxis], LANES, axis=2),
+        dt,
+        np.repeat(np.reshape([] if heights is None else heights, (-1, 1)), LANES, axis=1),
+        gains,
+        track,
+    )
+    one = track[:, :, 0]
+    return (
+        one[:, :3].copy(),
+        one[:, 3:6].copy(),
+        one[:, 6:].reshape(-1, 3, 3).copy(),
+    )
+
+
+@compiled
+def navigate_lanes(
+    initial: np.ndarray,
+    increments: np.ndarray,
+    dt: float,
+    heights: np.ndarray,
+    gains: tuple[float, float],
+    track: np.ndarray,
+) -> None:
+    """Run :func:`navigate` for :data:`LANES` runs at once.
+
+    Parameters
+    ----------
+    initial : (TRACK, LANES) position, velocity and C_nb (row by row) at the start.
+    increments : (N, 6, LANES) angles and velocities.
+    dt : IMU interval [s].
+    heights : (N, LANES) of the altimeters; (0, LANES) without.
+    gains : of the altimeter.
+    track : (N + 1, TRACK, LANES) output: position, velocity and C_nb.
+    """
+    count = increments.shape[0]
+    flat_track = track.reshape((count + 1, TRACK * LANES))
+    flat_increments = increments.reshape((count, 6 * LANES))
+    work = aligned(_WORK * LANES)
+    work[:] = 0.0
+    work[: TRACK * LANES] = initial.reshape(-1)
+    flat_track[0] = work[: TRACK * LANES]
+    for n in range(count):
+        for i in range(6 * LANES):
+            work[TRACK * LANES + i] = flat_increments[n, i]
+        _step_lanes(work, dt)
+        if heights.shape[0] > 0:
+            for r in range(LANES):
+                difference = work[2 * LANES + r] - heights[n, r]
+                work[2 * LANES + r] -= gains[0] * dt * difference
+                work[5 * LANES + r] -= gains[1] * dt * difference
+        for i in range(TRACK * LANES):
+            flat_track[n + 1, i] = work[i]
+
+
+@compiled
+def _step_lanes(work: np.ndarray, dt: float) -> None:
+    """Run :func:`step` in all lanes of ``work`` ((TRACK + 9) * LANES,), where the state changes.
+
+    It holds position, velocity and C_nb, the increments of angle and velocity, the disturbance. One
+    array for all that is read and written: the iterations over the runs are then known to be
+    independent, and become vector instructions.
+    """
+    for r in range(LANES):
+        position, velocity, c_nb = step(
+            (work[r], work[LANES + r], work[2 * LANES + r]),
+            (work[3 * LANES + r], work[4 * LANES + r], work[5 * LANES + r]),
+            (
+                work[6 * LANES + r], work[7 * LANES + r], work[8 * LANES + r],
+                work[9 * LANES + r], work[10 * LANES + r], work[11 * LANES + r],
+                work[12 * LANES + r], work[13 * LANES + r], work[14 * LANES + r],
+            ),
+            (work[15 * LANES + r], work[16 * LANES + r], work[17 * LANES + r]),
+            (work[18 * LANES + r], work[19 * LANES + r], work[20 * LANES + r]),
+            (work[21 * LANES + r], work[22 * LANES + r], work[23 * LANES + r]),
+            dt,
+        )  # fmt: skip
+        work[r], work[LANES + r], work[2 * LANES + r] = position
+        work[3 * LANES + r], work[4 * LANES + r], work[5 * LANES + r] = velocity
+        (
+            work[6 * LANES + r], work[7 * LANES + r], work[8 * LANES + r],
+            work[9 * LANES + r], work[10 * LANES + r], work[11 * LANES + r],
+            work[12 * LANES + r], work[13 * LANES + r], work[14 * LANES + r],
+        ) = c_nb  # fmt: skip
+
+
+@compiled
+def error_free_increments(
+    positions: np.ndarray,
+    velocities: np.ndarray,
+    attitudes: np.ndarray,
+    disturbances: np.ndarray,
+    dt: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the IMU increments with which :func:`navigate` follows the truth.
+
+    A fixed-point iteration on the step itself: increments change what they should by almost
+    exactly themselves, so six corrections reach rounding in any manoeuvre. Each step starts where
+    the increments before it have led, not from the truth: a rounding error that repeats itself
+    would otherwise grow with the vertical channel, e^(t √(2g/R)), to kilometres in four hours.
+
+    Parameters
+    ----------
+    positions, velocities, attitudes : (N + 1, ...) truth, as :func:`navigate` returns it.
+    disturbances : (N, 3) gravity disturbance felt during each interval, ENU [m/s²].
+    dt : interval [s].
+
+    Returns
+    -------
+    delta_angles (N, 3) [rad], delta_velocities (N, 3) [m/s].
+    """
+    count = positions.shape[0] - 1
+    delta_angles = np.zeros((count, 3))
+    delta_velocities = np.zeros((count, 3))
+    next_c_nb = np.empty((3, 3))
+    difference = np.empty((3, 3))
+    vector = np.empty(3)
+    # The state is kept where navigation keeps it, and advances by its instructions: the same
+    # formula compiled once more might round otherwise.
+    work = np.empty(_WORK * LANES)
+    state = work.reshape((_WORK, LANES))
+    for i in range(3):
+        state[i], state[3 + i] = positions[0, i], velocities[0, i]
+        for j in range(3):
+            state[6 + 3 * i + j] = attitudes[0, i, j]
+    for n in range(count):
+        for i in range(3):
+            state[21 + i] = disturbances[n, i]
+        for _ in range(6):
+            _, reached, turned = step(
+                (state[0, 0], state[1, 0], state[2, 0]),
+                (state[3, 0], state[4, 0], state[5, 0]),
+                (
+                    state[6, 0], state[7, 0], state[8, 0],
+                    state[9, 0], state[10, 0], state[11, 0],
+                    state[12, 0], state[13, 0], state[14, 0],
+                ),
+                _three(delta_angles[n]),
+                _three(delta_velocities[n]),
+                _three(disturbances[n]),
+                dt,
+            )  # fmt: skip
+            fill(turned, next_c_nb)
+            product(next_c_nb.T, attitudes[n + 1], difference)
+            rotation_vector(difference, vector)
+            for i in range(3):
+                delta_angles[n, i] += vector[i]
+                delta_velocities[n, i] += (
+                    next_c_nb[0, i] * (velocities[n + 1, 0] - reached[0])
+                    + next_c_nb[1, i] * (velocities[n + 1, 1] - reached[1])
+                    + next_c_nb[2, i] * (velocities[n + 1, 2] - reached[2])
+                )
+        for i in range(3):
+            state[15 + i], state[18 + i] = delta_angles[n, i], delta_velocities[n, i]
+        _step_lanes(work, dt)
+    return delta_angles, delta_velocities

@@ -1,0 +1,1 @@
+"""How good estimates are: errors of runs, statistics over them, comparisons."""

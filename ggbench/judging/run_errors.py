@@ -1,0 +1,330 @@
+"""Judging runs: errors and consistency of many estimates at once, and what is wrong with them.
+
+Estimates come as blocks, (R, K, ...) of R runs and K epochs; a single run is a block of one. What
+is said of a run depends on no other run of its block: the kernels go through them one by one.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.special import chdtri
+
+from ..numerics.kernels import compiled
+from ..problem import Estimate, Problem
+from ..simulation.runs import Truth
+from ..spec.case import WindowsSpec
+
+WINDOWS = ("whole", "settled", "last20")
+FIGURES = ("position_ms", "velocity_ms", "nees", "nis", "coverage")
+"""What is said of a run in each window."""
+JUDGED = 6
+"""Position and velocity error: the states whose consistency is judged."""
+COVERAGE = 0.95
+_INSIDE = float(chdtri(JUDGED, 1.0 - COVERAGE))
+"""The NEES below which a consistent estimate is with that probability."""
+_FLAWS = (
+    "",
+    "the estimate's mean is not finite from epoch {} on",
+    "the estimate's cov is not finite from epoch {} on",
+    "the estimate's cov is not positive definite at epoch {}",
+)
+_MEAN, _COV, _DEFINITE = 1, 2, 3
+
+
+def window_mask(times: np.ndarray, windows: WindowsSpec, name: str) -> np.ndarray:
+    """Return which epochs (K,) belong to a window.
+
+    ``whole``: from the first update on; ``settled``: from ``settled_from_s`` on; ``last20``: the
+    last ``last_s`` seconds.
+    """
+    if name == "whole":
+        return np.ones(len(times), dtype=bool)
+    if name == "settled":
+        return times >= windows.settled_from_s - 1e-9
+    return times > times[-1] - windows.last_s + 1e-9
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """The judgement of estimates: of R runs, or of one without the leading axis.
+
+    Attributes
+    ----------
+    position_error, velocity_error : (R, K) spherical errors ‖·‖ [m], [m/s].
+    nees : (R, K) normalised estimation error squared of the six judged states; NaN without P.
+    nis : (R, K) normalised innovation squared; NaN where there is none.
+    components : (R, K, 6) errors of position and velocity, ENU, estimated − true.
+    sigmas : (R, K, 6) their claimed standard deviations.
+    """
+
+    position_error: np.ndarray
+    velocity_error: np.ndarray
+    nees: np.ndarray
+    nis: np.ndarray
+    components: np.ndarray
+    sigmas: np.ndarray
+
+
+def real_array(name: str, array: Any, shape: tuple[int, ...]) -> np.ndarray:
+    """Return part of an estimate as contiguous floats of this shape.
+
+    Raises
+    ------
+    ValueError
+        If it has another shape or is complex.
+    """
+    if np.shape(array) != shape:
+        raise ValueError(f"the estimate's {name} has shape {np.shape(array)}, not {shape}")
+    if np.iscomplexobj(array):
+        raise ValueError(f"the estimate's {name} is complex")
+    return np.ascontiguousarray(array, dtype=float)
+
+
+def evaluate_block(
+    error_state: np.ndarray, mean: np.ndarray, cov: np.ndarray | None
+) -> tuple[Evaluation, list[str]]:
+    """Judge estimates of the INS error against the true one; the NIS is left NaN.
+
+    The corrected navigation solution is INS − x̂, so its error is x_true − x̂.
+
+    Parameters
+    ----------
+    error_state : (R, K, n) true INS error. mean : (R, K, n) estimates.
+    cov : (R, K, n, n) their covariances, or None. The lower triangle of the judged part counts.
+
+    Returns
+    -------
+    The judgement, and what is wrong with each run ("" if nothing): numbers that are not finite, a
+    covariance of position and velocity that is not positive definite. Of such a run the judgement
+    says nothing.
+    """
+    runs, epochs, _ = mean.shape
+    errors = np.full((2, runs, epochs), np.nan)
+    nees = np.full((runs, epochs), np.nan)
+    components = np.full((runs, epochs, JUDGED), np.nan)
+    sigmas = np.full((runs, epochs, JUDGED), np.nan)
+    flaws = np.zeros((runs, 2), dtype=np.int64)
+    given = np.empty((0, 0, 0, 0)) if cov is None else cov
+    _evaluate(error_state, mean, given, errors, nees, components, sigmas, flaws)
+    nis = np.full((runs, epochs), np.nan)
+    said = [_FLAWS[flaw].format(epoch) for flaw, epoch in flaws.tolist()]
+    return Evaluation(errors[0], errors[1], nees, nis, components, sigmas), said
+
+
+@compiled
+def _finite(array: np.ndarray) -> bool:
+    """Return whether all numbers of a contiguous array are finite."""
+    wrong = 0  # counted to the end, which becomes vector instructions
+    for value in array.ravel():
+        wrong += not abs(value) < math.inf
+    return wrong == 0
+
+
+@compiled
+def _first_flaw(mean: np.ndarray, cov: np.ndarray) -> tuple[int, int]:
+    """Return which flaw the mean (K, n) and cov (K, n, n) of a run have first, and at which epoch.
+
+    Of definiteness nothing is said here.
+    """
+    for k in range(mean.shape[0]):
+        if not _finite(mean[k]):
+            return _MEAN, k
+    for k in range(cov.shape[0]):
+        if not _finite(cov[k]):
+            return _COV, k
+    return 0, 0
+
+
+@compiled
+def _consistency(
+    cov: np.ndarray, error: np.ndarray, lower: np.ndarray, white: np.ndarray, sigma: np.ndarray
+) -> float:
+    """Return eᵀP⁻¹e ≥ 0 of the judged states, −1 if P is not positive definite; fill their σ.
+
+    By the Cholesky factor of the correlation: the states are of different units. ``lower`` (6, 6)
+    and ``white`` (6,) are workspace.
+    """
+    for i in range(JUDGED):
+        if not cov[i, i] > 0.0:
+            return -1.0
+        sigma[i] = math.sqrt(cov[i, i])
+    total = 0.0
+    for i in range(JUDGED):
+        for j in range(i):
+            value = cov[i, j] / (sigma[i] * sigma[j])
+            for m in range(j):
+                value -= lower[i, m] * lower[j, m]
+            lower[i, j] = value / lower[j, j]
+        pivot = 1.0
+        residual = error[i] / sigma[i]
+        for m in range(i):
+            pivot -= lower[i, m] * lower[i, m]
+            residual -= lower[i, m] * white[m]
+        if not pivot > 0.0:
+            return -1.0
+        lower[i, i] = math.sqrt(pivot)
+        white[i] = residual / lower[i, i]
+        total += white[i] * white[i]
+    return total
+
+
+@compiled
+def _evaluate(
+    error_state: np.ndarray,
+    mean: np.ndarray,
+    cov: np.ndarray,
+    errors: np.ndarray,
+    nees: np.ndarray,
+    components: np.ndarray,
+    sigmas: np.ndarray,
+    flaws: np.ndarray,
+) -> None:
+    """Fill the judgement of every run; ``cov`` has no runs if there is none."""
+    lower, white = np.zeros((JUDGED, JUDGED)), np.zeros(JUDGED)
+    error, sigma = np.empty(JUDGED), np.empty(JUDGED)
+    nothing = np.empty((0, 0, 0))
+    for r in range(mean.shape[0]):
+        claimed = cov[r] if cov.shape[0] else nothing
+        flaw, epoch = _first_flaw(mean[r], claimed)
+        for k in range(mean.shape[1]):
+            if flaw:
+                break
+            for i in range(JUDGED):
+                error[i] = error_state[r, k, i] - mean[r, k, i]
+                components[r, k, i] = error[i]
+            for part in range(2):
+                square = 0.0
+                for i in range(3 * part, 3 * part + 3):
+                    square += error[i] * error[i]
+                errors[part, r, k] = math.sqrt(square)
+            if claimed.shape[0]:
+                nees[r, k] = _consistency(claimed[k], error, lower, white, sigma)
+                if nees[r, k] < 0.0:
+                    flaw, epoch = _DEFINITE, k
+                sigmas[r, k] = sigma
+        flaws[r, 0], flaws[r, 1] = flaw, epoch
+
+
+def evaluate(problem: Problem, estimate: Estimate, truth: Truth) -> Evaluation:
+    """Judge one estimate (:func:`evaluate_block`), the NIS of a filter included.
+
+    Raises
+    ------
+    ValueError
+        If its numbers are not finite or its covariance is none.
+    """
+    shape = (problem.epochs, problem.dimension)
+    mean = real_array("mean", estimate.mean, shape)
+    cov = estimate.cov
+    if cov is not None:
+        cov = real_array("cov", cov, (*shape, problem.dimension))
+    found, flaws = evaluate_block(
+        np.ascontiguousarray(truth.error_state)[None],
+        mean[None],
+        None if cov is None else cov[None],
+    )
+    if flaws[0]:
+        raise ValueError(flaws[0])
+    nis = np.full(problem.epochs, np.nan)
+    if estimate.causality == "filter" and cov is not None:
+        nis = innovations_squared(problem, mean, cov)
+    return Evaluation(
+        position_error=found.position_error[0],
+        velocity_error=found.velocity_error[0],
+        nees=found.nees[0],
+        nis=nis,
+        components=found.components[0],
+        sigmas=found.sigmas[0],
+    )
+
+
+def innovations_squared(problem: Problem, mean: np.ndarray, cov: np.ndarray) -> np.ndarray:
+    """Return the NIS (K,) of a filter's estimates, from its own mean and covariance.
+
+    The innovation is that of the estimate at the previous epoch, predicted with Φ and Q. Only a
+    filter has innovations; the first epoch's is that of the prior. Where a reading is missing (h, H
+    and measurement are zero, see :mod:`ggbench.sensors.model`) there is none.
+    """
+    nis = np.full(problem.epochs, np.nan)
+    x, p = problem.prior_mean, problem.prior_cov
+    for k in range(problem.epochs):
+        phi = problem.transition[k]
+        x, p = phi @ x, phi @ p @ phi.T + problem.process_cov[k]
+        h = problem.model.jacobian(k, x)
+        innovation = problem.measurements[k] - problem.model.predict(k, x)
+        if h.any() or innovation.any():
+            nis[k] = innovation @ np.linalg.solve(h @ p @ h.T + problem.noise_cov, innovation)
+        x, p = mean[k], cov[k]
+    return nis
+
+
+def window_means(evaluation: Evaluation, times: np.ndarray, windows: WindowsSpec) -> np.ndarray:
+    """Return (R, W, 5): the :data:`FIGURES` of each run in each of :data:`WINDOWS`.
+
+    Mean squared errors, mean NEES, mean NIS of the epochs that have one, and the share of epochs
+    whose NEES is below the 95 % quantile of a consistent estimate's.
+    """
+    masks = np.array([window_mask(times, windows, name) for name in WINDOWS])
+    out = np.empty((len(evaluation.nees), len(WINDOWS), len(FIGURES)))
+    _window_means(
+        evaluation.position_error, evaluation.velocity_error, evaluation.nees,
+        np.ascontiguousarray(evaluation.nis, dtype=float), masks, _INSIDE, out,
+    )  # fmt: skip
+    return out
+
+
+@compiled
+def _window_means(
+    position: np.ndarray,
+    velocity: np.ndarray,
+    nees: np.ndarray,
+    nis: np.ndarray,
+    masks: np.ndarray,
+    limit: float,
+    out: np.ndarray,
+) -> None:
+    for r in range(position.shape[0]):
+        for w in range(masks.shape[0]):
+            sums = np.zeros(5)
+            epochs, innovations = 0, 0
+            for k in range(position.shape[1]):
+                if not masks[w, k]:
+                    continue
+                epochs += 1
+                sums[0] += position[r, k] * position[r, k]
+                sums[1] += velocity[r, k] * velocity[r, k]
+                sums[2] += nees[r, k]
+                if not math.isnan(nis[r, k]):
+                    innovations += 1
+                    sums[3] += nis[r, k]
+                if math.isnan(nees[r, k]):
+                    sums[4] = math.nan
+                elif nees[r, k] <= limit:
+                    sums[4] += 1.0
+            for i in range(5):
+                out[r, w, i] = sums[i] / (innovations if i == 3 else epochs)
+
+
+def window_figures(
+    evaluation: Evaluation, times: np.ndarray, windows: WindowsSpec
+) -> dict[str, dict[str, float]]:
+    """Return each window's figures (:func:`window_means`) of one run, by their names."""
+    block = Evaluation(**{name: values[None] for name, values in vars(evaluation).items()})
+    return named_figures(window_means(block, times, windows)[0].tolist())
+
+
+def named_figures(means: list[list[float]]) -> dict[str, dict[str, float]]:
+    """Return the figures (W, 5) of one run by the names of window and figure."""
+    return {
+        window: dict(zip(FIGURES, values, strict=True))
+        for window, values in zip(WINDOWS, means, strict=True)
+    }
+
+
+def has_diverged(final_error: float, final_bound: float, final_ins_error: float) -> bool:
+    """Return whether a run's final position error is beyond 10 × bound and beyond the INS's."""
+    return final_error > max(10.0 * final_bound, final_ins_error)

@@ -1,0 +1,1 @@
+"""Maps of the gravity gradient: from shipped data or a user's own, and as files."""

@@ -1,0 +1,265 @@
+"""Global gravity field models: files of spherical harmonic coefficients.
+
+The ``.gfc`` files of the International Centre for Global Earth Models (Barthelmes and Förste 2011),
+plain or compressed with gzip, and the ``.npz`` file that the package carries.
+"""
+
+from __future__ import annotations
+
+import gzip
+import io
+import math
+import re
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..gravity.gradient_map import MapError
+from ..gravity.harmonics import HarmonicCoefficients
+from .shipped_regions import read_arrays
+
+MOST_DEGREE = 5600
+"""Highest degree that is read: arrays of 0.5 GB, and ten of them for a synthesis."""
+
+_FLOAT = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d+)?"
+_NORMS = ("fully_normalized", "unnormalized")
+_TIME_VARIABLE = {"gfct", "trnd", "dot", "acos", "asin"}
+# The permanent tide in C20, k2 = 0.3 (Lemoine et al. 1998): zero-tide less tide-free.
+_ZERO_TIDE_C20 = -4.1736e-9
+_TIDE_PARTS = {
+    "tide_free": 0.0, "zero_tide": 1.0, "mean_tide": 1.3 / 0.3,
+    "unknown": 0.0, "does-not-apply": 0.0,
+}  # fmt: skip
+_ROW = [("key", "U6"), ("n", int), ("m", int), ("c", float), ("s", float)]
+_LEAST_ORDER = 0.95  # highest order, of the highest degree
+_HEADER_END = b"end_of_head"
+_MOST_HEADER = 2**20
+
+
+@dataclass(frozen=True)
+class GravityModel:
+    """Coefficients of the whole gravitational potential, fully normalised and tide-free.
+
+    Attributes
+    ----------
+    name : of the model.
+    coefficients : to the highest degree that was asked for.
+    """
+
+    name: str
+    coefficients: HarmonicCoefficients
+
+
+def read_model(path: Path, highest: int | None = None) -> GravityModel:
+    """Return the model in a ``.gfc`` file (perhaps ``.gz``) or in an ``.npz`` file.
+
+    An ``.npz`` file holds ``cs``, rows (C, S) for n = 0... and, within n, m = 0..n, ``gm`` [m³/s²]
+    and ``r`` [m].
+
+    Parameters
+    ----------
+    path : of the file.
+    highest : degree up to which to read; by default all.
+
+    Raises
+    ------
+    MapError
+        If the file cannot be read, is no such file, has coefficients twice or not at all, varies
+        with time, or does not go to the degree.
+    """
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise MapError(f"cannot read the coefficients {path}: {error.strerror}") from None
+    if content[:2] == b"\x1f\x8b":
+        try:
+            content = gzip.decompress(content)
+        except (OSError, EOFError, zlib.error) as error:
+            raise MapError(f"{path} is damaged: {error}") from None
+    if path.suffix == ".npz":
+        model = _from_arrays(path, content)
+    else:
+        model = _from_text(path, content, highest)
+    whole = model.coefficients
+    if highest is not None:
+        if not 2 <= highest <= whole.degree:
+            raise MapError(
+                f"{path} holds degrees up to {whole.degree}: degree {highest} is not there; from 2 "
+                f"to {whole.degree} is allowed."
+            )
+        whole = whole.between(0, highest)
+    return GravityModel(model.name, whole)
+
+
+def _from_arrays(path: Path, content: bytes) -> GravityModel:
+    try:
+        arrays = read_arrays(content, ("cs", "gm", "r"))
+        pairs = np.asarray(arrays["cs"], dtype=float)
+        gm, radius = float(arrays["gm"]), float(arrays["r"])
+    except Exception as error:  # whatever a damaged archive makes of itself
+        raise MapError(
+            f"{path} holds no coefficients: {error}; it must hold the arrays cs, gm and r."
+        ) from None
+    size = math.isqrt(2 * len(pairs))
+    if pairs.ndim != 2 or pairs.shape[1] != 2 or size * (size + 1) // 2 != len(pairs):
+        raise MapError(f"{path}: cs must have two columns and (N + 1)(N + 2)/2 rows.")
+    cosine, sine = np.zeros((2, size, size))
+    cosine[np.tril_indices(size)], sine[np.tril_indices(size)] = pairs.T
+    return GravityModel(path.stem, _checked(path, gm, radius, cosine, sine))
+
+
+def _from_text(path: Path, content: bytes, highest: int | None) -> GravityModel:
+    end = content.find(_HEADER_END, 0, _MOST_HEADER)
+    if end < 0:
+        raise MapError(
+            f"{path} is no .gfc file of coefficients: it has no line 'end_of_head' that ends its "
+            "header."
+        )
+    header = _header(content[:end].decode(errors="replace"))
+    start = content.find(b"\n", end) + 1
+    if header.get("product_type", "gravity_field") != "gravity_field":
+        raise MapError(
+            f"{path}: product_type is {header['product_type']!r}; only 'gravity_field' is allowed."
+        )
+    norm = header.get("norm", _NORMS[0])
+    if norm not in _NORMS:
+        raise MapError(f"{path}: norm is {norm!r}; allowed: {', '.join(_NORMS)}.")
+    tide = header.get("tide_system", "unknown")
+    if tide not in _TIDE_PARTS:
+        raise MapError(f"{path}: tide_system is {tide!r}; allowed: {', '.join(_TIDE_PARTS)}.")
+    gm = _number(path, header, "earth_gravity_constant", "gravity_constant")
+    radius = _number(path, header, "radius")
+    declared = _number(path, header, "max_degree")
+    if not (declared == int(declared) and declared >= 2):
+        raise MapError(f"{path}: max_degree is {declared:g}; it must be a whole number from 2 on.")
+    degree = int(min(declared, highest if highest is not None and highest >= 2 else declared))
+    if degree > MOST_DEGREE:
+        raise MapError(
+            f"{path}: max_degree is {degree}; at most {MOST_DEGREE} can be used: ask for fewer."
+        )
+    cosine, sine = _body(path, content[start:], degree, int(declared))
+    if norm == "unnormalized":
+        _normalise(path, cosine, sine)
+    cosine[0, 0] = cosine[0, 0] or 1.0
+    cosine[2, 0] -= _TIDE_PARTS[tide] * _ZERO_TIDE_C20
+    name = header.get("modelname", path.name)
+    return GravityModel(name, _checked(path, gm, radius, cosine, sine))
+
+
+def _header(text: str) -> dict[str, str]:
+    """First two words of each line of the header; the rest is for people."""
+    pairs = (line.split() for line in text.splitlines())
+    return {words[0].lower(): words[1] for words in pairs if len(words) > 1}
+
+
+def _number(path: Path, header: dict[str, str], *keys: str) -> float:
+    for key in keys:
+        if key in header:
+            if re.fullmatch(_FLOAT, header[key]):
+                return float(re.sub("[dD]", "e", header[key]))
+            raise MapError(f"{path}: {key} is {header[key]!r}, which is no number.")
+    raise MapError(f"{path}: its header lacks {keys[0]}.")
+
+
+def _body(
+    path: Path, content: bytes, degree: int, declared: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """C and S, (degree + 1, degree + 1), of the lines after the header."""
+    if not content.strip():
+        raise MapError(f"{path} has a header, but no coefficients.")
+    # Fortran's 1.0D-6; the keywords come back as they were, but for their d.
+    content = content.replace(b"D", b"E").replace(b"d", b"e")
+    try:
+        # Errors of the coefficients may follow the first five words, or not.
+        table = np.loadtxt(
+            io.BytesIO(content), dtype=_ROW, usecols=range(5), encoding="latin-1", ndmin=1
+        )
+    except ValueError as error:
+        raise MapError(f"{path}: its coefficients cannot be read: {error}") from None
+    keys = set(np.unique(table["key"]).tolist())
+    varying = sorted(key for key in _TIME_VARIABLE if key.replace("d", "e") in keys)
+    if varying:
+        raise MapError(
+            f"{path}: its coefficients vary with time (lines {', '.join(varying)}); only a static "
+            "model can be used, or one reduced to an epoch."
+        )
+    if keys != {"gfc"}:
+        odd = sorted(keys - {"gfc"})[0]
+        raise MapError(f"{path}: a line of coefficients begins with {odd!r}; it must be 'gfc'.")
+    n, m = table["n"], table["m"]
+    values = np.stack((table["c"], table["s"]), axis=-1)
+    bad = ~np.isfinite(values).all(axis=1) | (m < 0) | (m > n) | (n > declared)
+    if bad.any():
+        line = " ".join(str(item) for item in table[np.argmax(bad)])
+        raise MapError(
+            f"{path}: {line!r} is no coefficient: it must be gfc, degree up to {declared}, order "
+            "up to the degree, C and S."
+        )
+    used = n <= degree
+    n, m, values = n[used], m[used], values[used]
+    count = np.zeros((degree + 1, degree + 1), dtype=np.int32)
+    np.add.at(count, (n, m), 1)
+    _require_once(path, count)
+    cosine, sine = np.zeros((2, degree + 1, degree + 1))
+    cosine[n, m], sine[n, m] = values.T
+    return cosine, sine
+
+
+def _require_once(path: Path, count: NDArray[np.int32]) -> None:
+    """Each coefficient from degree 2 on once; EGM2008, say, stops at order 2159 of degree 2190."""
+    if (count > 1).any():
+        n, m = np.argwhere(count > 1)[0]
+        raise MapError(f"{path} has the coefficient of degree {n} and order {m} more than once.")
+    highest_order = int(np.flatnonzero(count.any(axis=0))[-1]) if count.any() else 0
+    degree = len(count) - 1
+    if highest_order < _LEAST_ORDER * degree:
+        raise MapError(
+            f"{path} stops at order {highest_order}, far below degree {degree}: is it whole?"
+        )
+    needed = np.tril(np.ones(count.shape, dtype=bool))
+    needed[:2], needed[:, highest_order + 1 :] = False, False
+    if (needed & (count == 0)).any():
+        n, m = np.argwhere(needed & (count == 0))[0]
+        raise MapError(f"{path} lacks the coefficient of degree {n} and order {m}.")
+
+
+def _normalise(path: Path, cosine: NDArray[np.float64], sine: NDArray[np.float64]) -> None:
+    """Turn coefficients of functions that are not normalised into fully normalised ones."""
+    for n in range(len(cosine)):
+        for m in range(n + 1):
+            twice = 1.0 if m == 0 else 2.0
+            log = math.lgamma(n + m + 1) - math.lgamma(n - m + 1)
+            if log > 1000.0:
+                raise MapError(
+                    f"{path}: norm 'unnormalized' can be read to degree 85 or so only; degree {n} "
+                    f"and order {m} is too much for double precision."
+                )
+            factor = math.exp(0.5 * log) / math.sqrt(twice * (2 * n + 1))
+            cosine[n, m] *= factor
+            sine[n, m] *= factor
+
+
+def _checked(
+    path: Path,
+    gm: float,
+    radius: float,
+    cosine: NDArray[np.float64],
+    sine: NDArray[np.float64],
+) -> HarmonicCoefficients:
+    """Refuse what is not of the Earth, in metres."""
+    if not (3.98e14 < gm < 3.99e14 and 6.3e6 < radius < 6.4e6):
+        raise MapError(
+            f"{path}: earth_gravity_constant {gm:g} and radius {radius:g} are not the Earth's in "
+            "m³/s² and m."
+        )
+    if not (np.isfinite(cosine).all() and np.isfinite(sine).all()):
+        raise MapError(f"{path} has coefficients that are no finite numbers.")
+    if len(cosine) < 3 or not -5.0e-4 < cosine[2, 0] < -4.7e-4:
+        raise MapError(
+            f"{path}: its coefficient of degree 2 and order 0 must be the Earth's, -4.84e-4; is "
+            "the normal field removed already?"
+        )
+    return HarmonicCoefficients(gm, radius, cosine, sine)

@@ -1,0 +1,254 @@
+"""Gravity-gradient maps as netCDF files that describe themselves (CF conventions 1.11).
+
+One variable per component of the tensor and of the gravity disturbance, each on height x latitude
+x longitude, so that every program which draws netCDF grids can draw them. A file is written layer
+by layer, never held in memory as a whole, and the same map always gives the same bytes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import __version__
+from ..gravity.ellipsoid import FLATTENING, SEMI_MAJOR_AXIS
+from ..gravity.gradient_map import GradientMap, MapError
+
+Array = NDArray[np.floating]
+Layer = tuple[NDArray[Any], NDArray[Any]]
+"""Tensor (n_lat, n_lon, 6) [E] and gravity disturbance (n_lat, n_lon, 3) [m/s²] at one height."""
+
+TENSOR = ("ee", "en", "eu", "nn", "nu", "uu")
+VECTOR = ("e", "n", "u")
+FORMAT = "ggbench gravity-gradient map 1"
+ENU = "East-North-Up"
+FRAME = f"geodetic {ENU} (ENU) on the WGS84 ellipsoid"
+CONTENT = "disturbing field: normal field of WGS84 removed"
+FEWEST_NODES = 4  # per axis, what a cubic spline needs
+_CHUNK = 256
+AXES: dict[str, dict[str, Any]] = {
+    "height": {
+        "standard_name": "height_above_reference_ellipsoid",
+        "long_name": "height above the WGS84 ellipsoid",
+        "units": "m",
+        "axis": "Z",
+        "positive": "up",
+    },
+    "latitude": {
+        "standard_name": "latitude",
+        "long_name": "geodetic latitude",
+        "units": "degrees_north",
+        "axis": "Y",
+    },
+    "longitude": {
+        "standard_name": "longitude",
+        "long_name": "geodetic longitude",
+        "units": "degrees_east",
+        "axis": "X",
+    },
+}
+_CRS = {
+    "grid_mapping_name": "latitude_longitude",
+    "geographic_crs_name": "WGS 84",
+    "reference_ellipsoid_name": "WGS 84",
+    "semi_major_axis": SEMI_MAJOR_AXIS,
+    "inverse_flattening": 1.0 / FLATTENING,
+    "longitude_of_prime_meridian": 0.0,
+    "prime_meridian_name": "Greenwich",
+}
+
+
+@dataclass(frozen=True)
+class Nodes:
+    """The nodes of a map: ascending and regular latitudes, longitudes [deg] and heights [m]."""
+
+    latitude_deg: Array
+    longitude_deg: Array
+    height_m: Array
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Numbers of latitudes, longitudes and heights."""
+        return self.latitude_deg.size, self.longitude_deg.size, self.height_m.size
+
+
+def write_layers(
+    path: Path,
+    nodes: Nodes,
+    layers: Iterable[Layer],
+    attributes: Mapping[str, str],
+    dtype: str = "float32",
+    compression: int = 1,
+) -> None:
+    """Write a map in one stroke: a reader sees a whole file or none.
+
+    Parameters
+    ----------
+    path : of the file; its folder is made if need be.
+    nodes : of the map.
+    layers : one per height, from the lowest up.
+    attributes : global attributes: title, source, history, ...
+    dtype : ``float32`` (1e-5 E on a field of 100 E) or ``float64``.
+    compression : of zlib, 0 (none) to 9.
+
+    Raises
+    ------
+    MapError
+        If the file cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".tmp", delete=False) as file:
+            temporary = Path(file.name)
+        try:
+            _write(temporary, nodes, layers, attributes, dtype, compression)
+            temporary.chmod(0o644)
+            temporary.replace(path)
+        except BaseException:
+            temporary.unlink()
+            raise
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise MapError(f"cannot write the map {path}: {reason}") from None
+
+
+def write(path: Path, gradient_map: GradientMap, dtype: str = "float64") -> None:
+    """Write a map that is in memory. Raises MapError if the file cannot be written."""
+    n_lat, n_lon, n_h = gradient_map.tensor.shape[:3]
+    south, west = math.degrees(gradient_map.latitude0), math.degrees(gradient_map.longitude0)
+    nodes = Nodes(
+        south + math.degrees(gradient_map.latitude_step) * np.arange(n_lat),
+        west + math.degrees(gradient_map.longitude_step) * np.arange(n_lon),
+        gradient_map.height0 + gradient_map.height_step * np.arange(n_h),
+    )
+    layers = (
+        (gradient_map.tensor[:, :, i], gradient_map.gravity_disturbance[:, :, i])
+        for i in range(n_h)
+    )
+    attributes = {"title": "Gravity-gradient map", "source": gradient_map.provenance}
+    write_layers(path, nodes, layers, attributes, dtype)
+
+
+def _write(
+    path: Path,
+    nodes: Nodes,
+    layers: Iterable[Layer],
+    attributes: Mapping[str, str],
+    dtype: str,
+    compression: int,
+) -> None:
+    import netCDF4
+
+    with netCDF4.Dataset(path, "w", format="NETCDF4") as file:
+        file.setncatts(
+            {
+                "Conventions": "CF-1.11",
+                "format": FORMAT,
+                "ggbench_version": __version__,
+                "frame": FRAME,
+                "comment": CONTENT,
+                **attributes,
+            }
+        )
+        file.createVariable("crs", "i4").setncatts(_CRS)
+        axes = {
+            "height": nodes.height_m,
+            "latitude": nodes.latitude_deg,
+            "longitude": nodes.longitude_deg,
+        }
+        for name, values in axes.items():
+            file.createDimension(name, values.size)
+            variable = file.createVariable(name, "f8", (name,))
+            variable.setncatts(AXES[name])
+            variable[:] = values
+        n_lat, n_lon, n_h = nodes.shape
+        options: dict[str, Any] = {
+            "zlib": compression > 0,
+            "complevel": compression,
+            "chunksizes": (1, _chunk(n_lat), _chunk(n_lon)),
+            "fill_value": False,
+        }
+        for name, attrs in variables().items():
+            variable = file.createVariable(name, dtype, tuple(axes), **options)
+            variable.setncatts({**attrs, "grid_mapping": "crs"})
+        count = 0
+        for index, (tensor, disturbance) in enumerate(_ahead(layers)):
+            for prefix, names, values in (
+                ("gradient_", TENSOR, tensor),
+                ("disturbance_", VECTOR, disturbance),
+            ):
+                for component, name in enumerate(names):
+                    layer = np.ascontiguousarray(values[..., component], dtype=dtype)
+                    if not np.isfinite(layer).all():
+                        raise MapError(
+                            f"the field at {nodes.height_m[index]:g} m has values that are no "
+                            "numbers: there is nothing to write."
+                        )
+                    file.variables[prefix + name][index] = layer
+            count += 1
+        if count != n_h:
+            raise MapError(f"the map has {n_h} heights, but {count} layers were computed.")
+
+
+def _chunk(count: int) -> int:
+    """Nodes per chunk, so that the last one is nearly full, too."""
+    return math.ceil(count / math.ceil(count / _CHUNK))
+
+
+def _ahead(layers: Iterable[Layer]) -> Iterator[Layer]:
+    """Yield the layers, each while the next is being computed: compression takes as long."""
+    iterator = iter(layers)
+    with ThreadPoolExecutor(1) as pool:
+        coming = pool.submit(next, iterator, None)
+        while (layer := coming.result()) is not None:
+            coming = pool.submit(next, iterator, None)
+            yield layer
+
+
+def variables() -> dict[str, dict[str, str]]:
+    """Return the names of the nine components in a file, with their attributes."""
+    words = {"e": "east", "n": "north", "u": "up"}
+    gradients = {
+        f"gradient_{name}": {
+            "long_name": "disturbing gravity-gradient tensor, component "
+            f"{name.upper()} ({words[name[0]]}-{words[name[1]]})",
+            "units": "1e-9 s-2",
+            "unit_name": "Eötvös (E)",
+        }
+        for name in TENSOR
+    }
+    disturbances = {
+        f"disturbance_{name}": {
+            "long_name": f"gravity disturbance vector, component {words[name]}",
+            "units": "m s-2",
+        }
+        for name in VECTOR
+    }
+    return gradients | disturbances
+
+
+def file_key(path: Path) -> str:
+    """Return the sha256 of a map file, which stands for its content.
+
+    Raises MapError if it cannot be read.
+    """
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise MapError(f"cannot read the map {path}: {error.strerror}") from None
+
+
+def described(items: Mapping[str, Any]) -> str:
+    """Return a mapping as the one line of an attribute (JSON, keys in their order)."""
+    return json.dumps(dict(items), ensure_ascii=False, default=str)

@@ -1,0 +1,259 @@
+"""Reading gravity-gradient maps from netCDF files, with a wary eye.
+
+:mod:`ggbench.maps.netcdf` says what is in them, and writes them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..gravity.gradient_map import GradientMap, MapError
+from .netcdf import AXES, ENU, FEWEST_NODES, TENSOR, VECTOR, Layer, Nodes, variables
+
+Array = NDArray[np.floating]
+
+Crop = tuple[float, float, float, float]
+"""South, north, west, east [deg]."""
+
+_MARGIN_NODES = 4  # kept around a crop: there the ends of a spline are felt
+MOST_NODES_READ = 20_000_000  # 1.4 GB in memory, and twice that for a spline
+_UNITS = {
+    "height": {"m", "metre", "metres", "meter", "meters"},
+    "latitude": {"degrees_north", "degree_north", "degrees_n", "degree_n"},
+    "longitude": {"degrees_east", "degree_east", "degrees_e", "degree_e"},
+    "gradient": {"1e-9 s-2", "1e-09 s-2", "1e-9 s^-2", "e", "eotvos", "eötvös"},
+    "disturbance": {"m s-2", "m/s2", "m/s^2", "m s^-2", "m/s**2"},
+}
+_LIMITS = {"height": (-12e3, 1e6), "latitude": (-90.0, 90.0), "longitude": (-360.0, 360.0)}
+
+
+def read(path: Path, crop: Crop | None = None) -> GradientMap:
+    """Return the map in a netCDF file of this package, or in one made like it.
+
+    Parameters
+    ----------
+    path : of the file. Dimensions may be in any order, latitudes and heights may descend.
+    crop : read only the nodes of this region and a margin of a few.
+
+    Raises
+    ------
+    MapError
+        If there is no such file, or it is no complete map; the message says what is wrong.
+    """
+    with opened(path) as file:
+        nodes, slices = _read_nodes(path, file)
+        keep = _kept(path, nodes, crop)
+        count = math.prod(s.stop - s.start for s in keep.values())
+        if count > MOST_NODES_READ:
+            raise MapError(
+                f"{path} has {count} nodes where it is needed; at most {MOST_NODES_READ} can be "
+                "read: make it smaller or of wider spacing."
+            )
+        tensor = _read_components(path, file, "gradient", TENSOR, keep, slices)
+        disturbance = _read_components(path, file, "disturbance", VECTOR, keep, slices)
+        provenance = _text(file, "source") or path.name
+    first, step = {}, {}
+    for name, values in nodes.items():
+        first[name], step[name] = values[keep[name].start], _step(values)
+    return GradientMap(
+        latitude0=math.radians(first["latitude"]),
+        longitude0=math.radians(first["longitude"]),
+        height0=float(first["height"]),
+        latitude_step=math.radians(step["latitude"]),
+        longitude_step=math.radians(step["longitude"]),
+        height_step=step["height"],
+        tensor=tensor,
+        gravity_disturbance=disturbance,
+        provenance=provenance,
+    )
+
+
+def read_layers(path: Path) -> tuple[Nodes, dict[str, str], Iterator[Layer]]:
+    """Return nodes, attributes and, one at a time, the layers of a file, from the lowest up.
+
+    Raises MapError as :func:`read` does, for the values when a layer is asked for.
+    """
+    with opened(path) as file:
+        nodes, _ = _read_nodes(path, file)
+        attributes = {key: _text(file, key) for key in file.ncattrs()}
+    return (
+        Nodes(nodes["latitude"], nodes["longitude"], nodes["height"]),
+        attributes,
+        _layers(path),
+    )
+
+
+def _layers(path: Path) -> Iterator[Layer]:
+    with opened(path) as file:
+        nodes, slices = _read_nodes(path, file)
+        whole = _kept(path, nodes, None)
+        for index in range(nodes["height"].size):
+            keep = whole | {"height": slice(index, index + 1)}
+            tensor, disturbance = (
+                _read_components(path, file, prefix, names, keep, slices)[:, :, 0]
+                for prefix, names in (("gradient", TENSOR), ("disturbance", VECTOR))
+            )
+            yield tensor, disturbance
+
+
+def opened(path: Path) -> Any:
+    """Return the open netCDF file. Raises MapError if it is none."""
+    import netCDF4
+
+    try:
+        path.open("rb").close()
+    except OSError as error:
+        raise MapError(f"cannot read the map {path}: {error.strerror}") from None
+    try:
+        file = netCDF4.Dataset(path, "r")
+    except (OSError, RuntimeError) as error:
+        reason = _first_line(error)
+        raise MapError(
+            f"{path} is not a gradient map: it is no whole netCDF file ({reason})"
+        ) from None
+    file.set_auto_maskandscale(False)
+    return file
+
+
+def _read_nodes(path: Path, file: Any) -> tuple[dict[str, Array], dict[str, bool]]:
+    """Coordinates by name, ascending, and which of them descend in the file."""
+    wanted = [*AXES, *variables()]
+    missing = [name for name in wanted if name not in file.variables]
+    if missing:
+        raise MapError(
+            f"{path} is not a gradient map: it lacks {', '.join(missing)}; 'ggbench map build' "
+            "writes all that is needed."
+        )
+    frame = _text(file, "frame")
+    if frame and ENU not in frame:
+        raise MapError(f"{path} states its frame as {frame!r}; it must be geodetic {ENU}.")
+    nodes, descends = {}, {}
+    for name in ("latitude", "longitude", "height"):
+        variable = file.variables[name]
+        _require_units(path, name, variable, _UNITS[name])
+        values = _values(path, name, variable, ())
+        if values.ndim != 1 or values.size < FEWEST_NODES:
+            raise MapError(
+                f"{path}: {name} must be one axis of at least {FEWEST_NODES} nodes, found shape "
+                f"{values.shape}."
+            )
+        descends[name] = bool(values[0] > values[-1])
+        if descends[name]:
+            values = values[::-1]
+        lowest, highest = _LIMITS[name]
+        if not (np.isfinite(values).all() and lowest <= values[0] <= values[-1] <= highest):
+            raise MapError(f"{path}: {name} must lie between {lowest:g} and {highest:g}.")
+        regular = np.linspace(values[0], values[-1], values.size)
+        if _step(values) <= 0.0 or np.abs(values - regular).max() > 1e-4 * _step(values):
+            raise MapError(f"{path}: {name} must be regular, with one step between all nodes.")
+        nodes[name] = regular
+    if nodes["longitude"][0] >= 180.0:  # a scenario's longitudes go from -180 to 180
+        nodes["longitude"] = nodes["longitude"] - 360.0
+    for name in variables():
+        variable = file.variables[name]
+        kind = name.split("_", maxsplit=1)[0]
+        _require_units(path, name, variable, _UNITS[kind])
+        if sorted(variable.dimensions) != sorted(AXES):
+            raise MapError(
+                f"{path}: {name} must have the dimensions {', '.join(AXES)}, in any order; found "
+                f"{', '.join(variable.dimensions) or 'none'}."
+            )
+        packed = {"scale_factor", "add_offset"} & set(variable.ncattrs())
+        if packed or np.dtype(variable.dtype).kind != "f":
+            raise MapError(
+                f"{path}: {name} must hold floating-point numbers that are not packed, found "
+                f"{', '.join(sorted(packed)) or variable.dtype}."
+            )
+    return nodes, descends
+
+
+def _kept(path: Path, nodes: Mapping[str, Array], crop: Crop | None) -> dict[str, slice]:
+    """The nodes to read, along each axis."""
+    keep = {name: slice(0, values.size) for name, values in nodes.items()}
+    if crop is None:
+        return keep
+    for name, low, high in (("latitude", *crop[:2]), ("longitude", *crop[2:])):
+        values, step = nodes[name], _step(nodes[name])
+        if not (low <= values[-1] + step and high >= values[0] - step and low <= high):
+            raise MapError(
+                f"{path} covers {name}s from {values[0]:.4f}° to {values[-1]:.4f}°, and nothing of "
+                f"the region from {low:.4f}° to {high:.4f}° in which it is needed."
+            )
+        first = math.floor((low - values[0]) / step) - _MARGIN_NODES
+        last = math.ceil((high - values[0]) / step) + _MARGIN_NODES
+        first = min(max(first, 0), values.size - FEWEST_NODES)
+        last = max(min(last, values.size - 1), first + FEWEST_NODES - 1)
+        keep[name] = slice(first, last + 1)
+    return keep
+
+
+def _read_components(
+    path: Path,
+    file: Any,
+    prefix: str,
+    names: tuple[str, ...],
+    keep: Mapping[str, slice],
+    descends: Mapping[str, bool],
+) -> NDArray[np.float64]:
+    """Components (n_lat, n_lon, n_h, len(names)) of the nodes to keep."""
+    order = ("latitude", "longitude", "height")
+    shape = tuple(keep[name].stop - keep[name].start for name in order)
+    out = np.empty((*shape, len(names)))
+    for component, name in enumerate(names):
+        variable = file.variables[f"{prefix}_{name}"]
+        dims = variable.dimensions
+        index = tuple(
+            _mirrored(keep[dim], file.dimensions[dim].size) if descends[dim] else keep[dim]
+            for dim in dims
+        )
+        values = _values(path, f"{prefix}_{name}", variable, index)
+        values = np.transpose(values, [dims.index(dim) for dim in order])
+        flip = tuple(slice(None, None, -1 if descends[dim] else 1) for dim in order)
+        out[..., component] = values[flip]
+        if not np.isfinite(out[..., component]).all() or _has_fill(variable, values):
+            raise MapError(f"{path}: {prefix}_{name} has missing values or such as are no numbers.")
+    return out
+
+
+def _has_fill(variable: Any, values: Array) -> bool:
+    names = {"_FillValue", "missing_value"} & set(variable.ncattrs())
+    fills = [variable.getncattr(name) for name in names]
+    return any(bool((values == float(np.ravel(fill)[0])).any()) for fill in fills)
+
+
+def _mirrored(kept: slice, size: int) -> slice:
+    return slice(size - kept.stop, size - kept.start)
+
+
+def _values(path: Path, name: str, variable: Any, index: tuple[slice, ...]) -> NDArray[np.float64]:
+    try:
+        return np.asarray(variable[index or ...], dtype=float)
+    except Exception as error:
+        raise MapError(f"{path}: {name} cannot be read: {_first_line(error)}") from None
+
+
+def _require_units(path: Path, name: str, variable: Any, allowed: set[str]) -> None:
+    found = _text(variable, "units")
+    if found.strip().lower() not in allowed:
+        first = (AXES | variables())[name]["units"]
+        stated = f"has units {found!r}" if found else "states no units"
+        raise MapError(f"{path}: {name} {stated}; it must be in {first!r}.")
+
+
+def _text(holder: Any, key: str) -> str:
+    """An attribute of a file or a variable as text, empty if there is none."""
+    return str(holder.getncattr(key)) if key in holder.ncattrs() else ""
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).split("\n", maxsplit=1)[0] or type(error).__name__
+
+
+def _step(values: Array) -> float:
+    return float((values[-1] - values[0]) / (values.size - 1))

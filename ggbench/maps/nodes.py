@@ -1,0 +1,171 @@
+"""The nodes of a map: what a user asks for, or else what the inputs can serve."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..gravity.ellipsoid import SEMI_MAJOR_AXIS
+from ..gravity.gradient_map import MapError
+from .netcdf import FEWEST_NODES, Nodes
+
+Array = NDArray[np.floating]
+
+EVERYWHERE = np.array([-90.0, 90.0, -360.0, 360.0])
+"""Bounds of what serves the whole Earth: south, north, west, east [deg]."""
+_MOST_NODES = 400_000_000  # 14 GB of float32
+_MOST_CELLS = 1_000_000  # along an axis
+HIGHEST_M = 1e6
+_LAYERS = 9
+_SPACING_PER_HEIGHT = 0.25
+_WIDEST_HEIGHT_SPACING = 1000.0
+_ROUNDING_DEG = 1e-6  # what a bound may lie outside for being typed with few digits
+
+
+@dataclasses.dataclass(frozen=True)
+class Wishes:
+    """Bounds and spacings that a user asks for; None: derived from the inputs."""
+
+    south_deg: float | None = None
+    north_deg: float | None = None
+    west_deg: float | None = None
+    east_deg: float | None = None
+    lowest_m: float | None = None
+    highest_m: float | None = None
+    spacing_deg: float | None = None
+    height_spacing_m: float | None = None
+
+
+@dataclasses.dataclass
+class Reach:
+    """Where a source can serve, and where it should.
+
+    Attributes
+    ----------
+    bounds : south, north, west, east [deg] that must not be left.
+    good : the same without the edges, where the field is poor.
+    floor_m : heights must be above this [m].
+    lowest_m : lowest height by default [m].
+    sources_m : height of the sources [m]; their distance decides on the spacing.
+    """
+
+    bounds: Array
+    good: Array
+    floor_m: float
+    lowest_m: float
+    sources_m: float
+
+
+def nodes_for(reaches: list[Reach], wishes: Wishes) -> tuple[Nodes, list[str]]:
+    """The nodes, within what all sources can serve, and remarks about them."""
+    remarks: list[str] = []
+    inner = np.array([1.0, -1.0, 1.0, -1.0])  # times a bound: the larger is further inside
+    allowed = inner * np.max([inner * reach.bounds for reach in reaches], axis=0)
+    good = inner * np.max([inner * reach.good for reach in reaches], axis=0)
+    names = ("south", "north", "west", "east")
+    for name, value in vars(wishes).items():
+        if value is not None and not math.isfinite(value):
+            option = name.removesuffix("_deg").removesuffix("_m").replace("_", "-")
+            raise MapError(f"--{option} {value} must be a finite number.")
+    asked = [getattr(wishes, f"{name}_deg") for name in names]
+    if allowed[3] <= 180.0:  # the inputs count from -180, the user perhaps from 0
+        asked[2:] = [a - 360.0 if a is not None and a > 180.0 else a for a in asked[2:]]
+    bounds = np.array([g if a is None else a for a, g in zip(asked, good, strict=True)])
+    if None in asked and np.array_equal(good, EVERYWHERE):
+        raise MapError(
+            "coefficients serve the whole Earth: give the bounds --south, --north, --west and "
+            "--east [deg]."
+        )
+    for name, value, allow, sign in zip(names, bounds, allowed, inner, strict=True):
+        if not sign * value >= sign * allow - _ROUNDING_DEG:  # NaN fails too
+            raise MapError(
+                f"--{name} {value:.9g} lies outside what the inputs serve: {allowed[0]:.9g}° to "
+                f"{allowed[1]:.9g}° N, {allowed[2]:.9g}° to {allowed[3]:.9g}° E."
+            )
+    bounds = inner * np.maximum(inner * bounds, inner * allowed)
+    for low, high in ((0, 1), (2, 3)):
+        if not bounds[low] < bounds[high]:
+            raise MapError(
+                f"--{names[low]} {bounds[low]:g} must be less than --{names[high]} "
+                f"{bounds[high]:g}: else nothing is left of what the inputs serve."
+            )
+    heights, spacing_deg = _heights_and_spacing(reaches, wishes, remarks)
+    latitude = _axis(bounds[0], bounds[1], spacing_deg, allowed[1])
+    longitude = _axis(bounds[2], bounds[3], spacing_deg, allowed[3])
+    counts = (latitude.size, longitude.size, heights.size)
+    if min(counts) < FEWEST_NODES or math.prod(counts) > _MOST_NODES:
+        raise MapError(
+            f"bounds and spacings give {counts[0]} x {counts[1]} x {counts[2]} nodes in latitude, "
+            f"longitude and height: at least {FEWEST_NODES} in each and at most {_MOST_NODES} in "
+            "all are allowed; --spacing-arcmin and --height-spacing change them."
+        )
+    return Nodes(latitude, longitude, heights), remarks
+
+
+def _heights_and_spacing(
+    reaches: list[Reach], wishes: Wishes, remarks: list[str]
+) -> tuple[Array, float]:
+    floor = max(reach.floor_m for reach in reaches)
+    sources = max(reach.sources_m for reach in reaches)
+    lowest = wishes.lowest_m
+    if lowest is None:
+        lowest = max(reach.lowest_m for reach in reaches)
+    if not lowest >= floor:
+        raise MapError(
+            f"--lowest {lowest:g} lies below the sources: at least {floor:g} m is allowed."
+        )
+    distance = lowest - sources
+    quarter = _SPACING_PER_HEIGHT * distance
+    spacing_m = wishes.height_spacing_m
+    if spacing_m is None:
+        spacing_m = _round_down(min(quarter, _WIDEST_HEIGHT_SPACING))
+    if not 0.0 < spacing_m < math.inf:
+        raise MapError(
+            f"--height-spacing {spacing_m:g} must be positive: is --lowest above the ground?"
+        )
+    highest = wishes.highest_m
+    if highest is None:
+        highest = lowest + (_LAYERS - 1) * spacing_m
+    if not lowest < highest <= HIGHEST_M:
+        raise MapError(
+            f"--highest {highest:g} must lie above --lowest {lowest:g} and at most at "
+            f"{HIGHEST_M:g} m."
+        )
+    heights = _axis(lowest, highest, spacing_m, math.inf)
+    widest = math.degrees(quarter / SEMI_MAJOR_AXIS)
+    spacing_deg = wishes.spacing_deg
+    if spacing_deg is None:
+        spacing_deg = _round_down(3600.0 * widest) / 3600.0
+    elif spacing_deg > 1.001 * widest:
+        remarks.append(
+            f"the spacing of {3600 * spacing_deg:g}″ is wider than {3600 * widest:.3g}″, a quarter "
+            f"of the {distance:.0f} m to the sources: what lies between the nodes is interpolated "
+            "poorly"
+        )
+    if not 0.0 < spacing_deg < math.inf:
+        raise MapError(f"the spacing of {3600 * spacing_deg:g}″ must be positive.")
+    return heights, spacing_deg
+
+
+def _axis(low: float, high: float, step: float, limit: float) -> Array:
+    """Nodes from ``low`` to ``high``, or beyond it by less than a step if the limit allows it."""
+    cells = math.ceil(min((high - low) / step, 1e9) - 1e-6)
+    if cells > _MOST_CELLS:
+        raise MapError(
+            f"a spacing of {step:g} from {low:g} to {high:g} gives more than {_MOST_CELLS} nodes "
+            "along one axis; that many are allowed."
+        )
+    if low + cells * step > limit + 1e-9:
+        cells -= 1
+    return low + step * np.arange(cells + 1)
+
+
+def _round_down(value: float) -> float:
+    """Two significant digits, not more than the value."""
+    if not value > 0.0:
+        return value
+    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return math.floor(value / unit + 1e-9) * unit

@@ -1,0 +1,227 @@
+"""What a map can be made of, and sums of it in which nothing is counted twice.
+
+Spherical harmonics hold the field up to a degree N. A terrain adds what is shorter: its field less
+that of the same terrain smoothed to degree N, which is in the harmonics already (residual terrain
+modelling, Forsberg 1984). The smoothing is a Butterworth filter in the terrain's own spectrum, and
+acts on masses: water counts by what it lacks against rock.
+
+Every part yields, for each height of a map, the tensor (n_lat, n_lon, 6) [E] and the gravity
+disturbance (n_lat, n_lon, 3) [m/s²].
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+from scipy.interpolate import make_interp_spline
+
+from ..gravity.ellipsoid import radii_of_curvature
+from ..gravity.gradient_map import MapError
+from ..gravity.harmonics import HarmonicCoefficients, gravity_and_gradient
+from ..gravity.remove_restore import Residual, linear_weights
+from .netcdf import Layer, Nodes
+
+if TYPE_CHECKING:
+    from ..gravity.parker import TerrainOptions
+    from ..gravity.terrain import Terrain
+
+Array = NDArray[np.floating]
+
+FILTER_ORDER = 8
+"""Of the Butterworth filter that smooths a terrain: half the amplitude passes at the cut-off."""
+_NODES_PER_HALF_WAVE = 6.0  # of the highest degree: harmonics are computed on no denser nodes
+_SPLINE_DEGREE = 5
+_SPLINE_MARGIN = 6  # nodes beyond the map, so that the spline ends outside
+_MOST_AT_ONCE = 4_000_000  # nodes of a synthesis held in memory
+_BAND_DEG = 1.0  # latitude over which a terrain is smoothed with one convergence of the meridians
+_MOST_BANDS = 30
+_WIDEST_DEG = 11.0  # of a terrain, in degrees of arc: its field is computed on a plane
+
+
+class Part(Protocol):
+    """One of the fields that make up a map."""
+
+    def layers(self, nodes: Nodes) -> Iterator[Layer]:
+        """Yield tensor and gravity disturbance on latitude x longitude for each height.
+
+        They are the caller's to change.
+        """
+        ...
+
+
+def summed(parts: Sequence[Part], nodes: Nodes) -> Iterator[Layer]:
+    """Yield the sum of all parts for each height."""
+    first, *others = (part.layers(nodes) for part in parts)
+    for tensor, disturbance in first:
+        for layers in others:  # one after the other, and in place: a layer may be large
+            more_tensor, more_disturbance = next(layers)
+            tensor += more_tensor
+            disturbance += more_disturbance
+        yield tensor, disturbance
+
+
+@dataclasses.dataclass(frozen=True)
+class HarmonicPart:
+    """The field of spherical harmonics, of the disturbing potential."""
+
+    coefficients: HarmonicCoefficients
+
+    def layers(self, nodes: Nodes) -> Iterator[Layer]:
+        """Yield the synthesis, by a spline of degree 5 where nodes are far denser than waves."""
+        finest = 180.0 / self.coefficients.degree / _NODES_PER_HALF_WAVE
+        latitude, to_latitude = _coarser(nodes.latitude_deg, finest, 89.999)
+        # Towards the poles waves get shorter in longitude; orders, which bound them, do not.
+        longitude, to_longitude = _coarser(nodes.longitude_deg, finest, math.inf)
+        heights = nodes.height_m
+        at_once = max(1, _MOST_AT_ONCE // (latitude.size * longitude.size))
+        for first in range(0, heights.size, at_once):
+            vector, tensor = gravity_and_gradient(
+                self.coefficients,
+                np.radians(latitude),
+                np.radians(longitude),
+                heights[first : first + at_once],
+            )
+            for index in range(tensor.shape[2]):
+                yield tuple(
+                    _on_nodes(values[:, :, index], to_latitude, to_longitude)
+                    for values in (tensor, vector)
+                )  # type: ignore[misc]
+
+
+@dataclasses.dataclass(frozen=True)
+class ResidualPart:
+    """What a gravity grid holds beyond the harmonics that were removed from it."""
+
+    residual: Residual
+
+    def layers(self, nodes: Nodes) -> Iterator[Layer]:
+        """Yield the residual field, continued upwards from the grid."""
+        latitude, longitude = np.radians(nodes.latitude_deg), np.radians(nodes.longitude_deg)
+        for height in nodes.height_m:
+            tensor = np.zeros((latitude.size, longitude.size, 1, 6))
+            vector = np.zeros((latitude.size, longitude.size, 1, 3))
+            self.residual.add_to(tensor, vector, latitude, longitude, np.array([height]))
+            yield tensor[:, :, 0], vector[:, :, 0]
+
+
+@dataclasses.dataclass(frozen=True)
+class TerrainPart:
+    """The field of a terrain, or only of what is shorter in it than a degree's wavelength.
+
+    Attributes
+    ----------
+    terrain, options : see :mod:`ggbench.gravity.parker`.
+    above_degree : leave out the field of the terrain smoothed to this degree; None: of nothing.
+    geoid_height_m : of the terrain's zero level above the ellipsoid [m].
+    """
+
+    terrain: Terrain
+    options: TerrainOptions
+    above_degree: int | None = None
+    geoid_height_m: float = 0.0
+
+    def layers(self, nodes: Nodes) -> Iterator[Layer]:
+        """Yield the field in float32."""
+        from ..gravity.parker import terrain_layers
+
+        axes = (np.radians(nodes.latitude_deg), np.radians(nodes.longitude_deg), nodes.height_m)
+        terrain = _around(self.terrain, nodes)
+        whole = terrain_layers(terrain, *axes, self.options, self.geoid_height_m)
+        if self.above_degree is None:
+            yield from whole
+            return
+        smooth_terrain = smoothed(terrain, self.above_degree, self.options)
+        smooth = terrain_layers(smooth_terrain, *axes, self.options, self.geoid_height_m)
+        for (tensor, vector), (smooth_tensor, smooth_vector) in zip(whole, smooth, strict=True):
+            tensor -= smooth_tensor
+            vector -= smooth_vector
+            yield tensor, vector
+
+
+def _around(terrain: Terrain, nodes: Nodes) -> Terrain:
+    """The terrain, or of one too wide for a plane what lies around the map."""
+    middle = 0.5 * (nodes.latitude_deg[0] + nodes.latitude_deg[-1])
+    half = np.array([_WIDEST_DEG, _WIDEST_DEG / math.cos(math.radians(middle))]) / 2.0
+    spans = np.ptp(terrain.latitudes_deg), np.ptp(terrain.longitudes_deg)
+    if spans[0] <= 2.0 * half[0] and spans[1] <= 2.0 * half[1]:
+        return terrain
+    centre = middle, 0.5 * (nodes.longitude_deg[0] + nodes.longitude_deg[-1])
+    return terrain.crop(
+        centre[0] - half[0], centre[0] + half[0], centre[1] - half[1], centre[1] + half[1]
+    )
+
+
+def smoothed(terrain: Terrain, degree: int, options: TerrainOptions) -> Terrain:
+    """The terrain without waves of higher degree than that of a spherical harmonic series.
+
+    A Butterworth filter of order 8: a wave of degree n keeps 1 / (1 + (n/degree)^16) of its
+    amplitude. The terrain is continued by its mirror image at its edges.
+
+    Raises MapError if the terrain is smaller than one wavelength of the degree.
+    """
+    heights = np.asarray(terrain.height_m, dtype=float)
+    n_lat, n_lon = heights.shape
+    latitude = terrain.south_deg + terrain.latitude_step_deg * np.arange(n_lat)
+    spans = (
+        terrain.latitude_step_deg * (n_lat - 1),
+        terrain.longitude_step_deg * (n_lon - 1) * math.cos(math.radians(latitude.mean())),
+    )
+    if min(spans) < 360.0 / degree:
+        raise MapError(
+            f"the terrain {terrain.name} is {min(spans):.3g}° wide, which is less than one "
+            f"wavelength of degree {degree} ({360.0 / degree:.3g}°): all that is shorter has to "
+            "come from the terrain, so it must be wider, or the coefficients of higher degree."
+        )
+    # Masses: below the zero level water takes the place of rock.
+    sea = 1.0 - options.water_density / options.density if options.density else 1.0
+    sea = sea if sea != 0.0 else 1.0
+    spectrum = scipy.fft.dctn(np.where(heights < 0.0, sea * heights, heights), type=2)
+    count = min(_MOST_BANDS, max(2, math.ceil((latitude[-1] - latitude[0]) / _BAND_DEG) + 1))
+    centres = np.linspace(latitude[0], latitude[-1], count)
+    waves_lat = math.pi * np.arange(n_lat) / (n_lat * math.radians(terrain.latitude_step_deg))
+    waves_lon = math.pi * np.arange(n_lon) / (n_lon * math.radians(terrain.longitude_step_deg))
+    masses = np.zeros_like(heights)
+    for centre, weight in zip(centres, linear_weights(centres, latitude).T, strict=True):
+        meridian, prime_vertical = radii_of_curvature(math.radians(centre))
+        squared = (waves_lat[:, np.newaxis] / meridian) ** 2 + (
+            waves_lon / (prime_vertical * math.cos(math.radians(centre)))
+        ) ** 2
+        # n(n + 1) = (kR)², and (n/N)^16 from it without a root.
+        ratio = meridian * prime_vertical * squared / (degree * (degree + 1.0))
+        passed = scipy.fft.idctn(spectrum / (1.0 + ratio**FILTER_ORDER), type=2)
+        masses += weight[:, np.newaxis] * passed
+    filtered = np.where(masses < 0.0, masses / sea, masses)
+    return dataclasses.replace(
+        terrain, height_m=filtered, name=f"{terrain.name}, smoothed to degree {degree}"
+    )
+
+
+def _coarser(fine: Array, finest: float, limit: float) -> tuple[Array, Array | None]:
+    """Nodes at most as dense as ``finest`` [deg], and the matrix that leads from them to ``fine``.
+
+    None for the matrix: the nodes are ``fine``.
+    """
+    step = (fine[-1] - fine[0]) / (fine.size - 1)
+    low, high = fine[0] - _SPLINE_MARGIN * finest, fine[-1] + _SPLINE_MARGIN * finest
+    count = math.ceil((high - low) / finest) + 1
+    if step >= finest or count >= fine.size or max(-low, high) > limit:
+        return fine, None
+    nodes = np.linspace(low, high, count)
+    return nodes, make_interp_spline(nodes, np.eye(count), k=_SPLINE_DEGREE)(fine)
+
+
+def _on_nodes(values: Array, to_latitude: Array | None, to_longitude: Array | None) -> Array:
+    """Interpolate (n_lat, n_lon, m) with the matrices of :func:`_coarser`."""
+    planes: Any = np.moveaxis(values, -1, 0)
+    if to_latitude is not None:
+        planes = to_latitude @ planes
+    if to_longitude is not None:
+        planes = planes @ to_longitude.T
+    result: Array = np.moveaxis(planes, 0, -1)
+    return result

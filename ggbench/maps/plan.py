@@ -1,0 +1,303 @@
+"""From a user's files to the parts, the nodes and the description of a map."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import __version__
+from ..gravity.ellipsoid import SEMI_MAJOR_AXIS
+from ..gravity.gradient_map import MapError
+from ..gravity.harmonics import HarmonicCoefficients, without_normal_field
+from ..gravity.remove_restore import MARGIN_DEG, TAPER_DEG, Residual, height_anomaly
+from .gravity_grid import elevation_at, read_grid
+from .gravity_model import read_model
+from .netcdf import TENSOR, VECTOR, Layer, Nodes, described
+from .nodes import EVERYWHERE, Reach, Wishes, nodes_for
+from .parts import FILTER_ORDER, HarmonicPart, Part, ResidualPart, TerrainPart, summed
+from .shipped_regions import disturbing_coefficients
+
+if TYPE_CHECKING:
+    from ..gravity.terrain import Terrain
+
+Array = NDArray[np.floating]
+
+SHIPPED_COEFFICIENTS = "egm2008_degree120.npz"
+_SHIPPED_DEGREE = 120
+_INSET = 0.1  # of a terrain's width: nearer to its edges what lies beyond them matters most
+_CLEARANCE_M = 500.0  # least height above the highest ground, by default
+
+
+@dataclasses.dataclass(frozen=True)
+class Inputs:
+    """What a map is to be made of; see ``ggbench map build --help``.
+
+    Attributes
+    ----------
+    terrain, coefficients, grid, land_correction : files.
+    grid_kind : ``geoid``, ``anomaly`` or ``disturbance``.
+    grid_height_m : above the ellipsoid, where the grid's values hold [m].
+    min_degree, max_degree : of the coefficients.
+    terrain_from_degree : up to which the other files hold the field.
+    density, water_density, order : of the terrain; see :mod:`ggbench.gravity.parker`.
+    geoid_height_m : of the terrain's zero level above the ellipsoid [m].
+    """
+
+    terrain: Path | None = None
+    coefficients: Path | None = None
+    grid: Path | None = None
+    grid_kind: str = "geoid"
+    grid_height_m: float = 0.0
+    land_correction: Path | None = None
+    min_degree: int = 2
+    max_degree: int | None = None
+    terrain_from_degree: int | None = None
+    density: float = 2670.0
+    water_density: float = 1030.0
+    order: int = 8
+    geoid_height_m: float = 0.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Plan:
+    """A map that can be computed."""
+
+    parts: tuple[Part, ...]
+    nodes: Nodes
+    attributes: dict[str, str]
+    remarks: tuple[str, ...]
+
+    def layers(self) -> Iterator[Layer]:
+        """Yield the layers of the map, from the lowest up."""
+        return summed(self.parts, self.nodes)
+
+
+def plan(inputs: Inputs, wishes: Wishes, command: str) -> Plan:
+    """Return the plan of a map.
+
+    ``command`` is how the user asked for it, for the history of the file.
+
+    Raises
+    ------
+    MapError, TerrainError
+        If a file cannot be used, files do not go together, or bounds cannot be served.
+    """
+    sources = _Sources(inputs)
+    nodes, remarks = nodes_for(sources.reaches, wishes)
+    attributes = {
+        "title": f"Gravity-gradient map: {sources.title}",
+        "source": "; ".join(sources.words),
+        "history": f"ggbench {__version__}: {command}",
+        "source_files": described(sources.hashes),
+        "parameters": described(sources.parameters),
+    }
+    return Plan(tuple(sources.parts), nodes, attributes, (*sources.remarks, *remarks))
+
+
+class _Sources:
+    """The parts of a map with what there is to say about them."""
+
+    def __init__(self, inputs: Inputs) -> None:
+        self.parts: list[Part] = []
+        self.reaches: list[Reach] = []
+        self.words: list[str] = []
+        self.remarks: list[str] = []
+        self.hashes: dict[str, str] = {}
+        self.parameters: dict[str, Any] = {}
+        if not (inputs.terrain or inputs.coefficients or inputs.grid):
+            raise MapError(
+                "a map is made of something: give --terrain, --coefficients, --geoid, --anomaly or "
+                "--disturbance."
+            )
+        if inputs.land_correction and (inputs.grid is None or inputs.grid_kind != "geoid"):
+            raise MapError("--land-correction turns a geoid into height anomalies: give --geoid.")
+        self._check_heights(inputs)
+        coefficients = self._coefficients(inputs)
+        if inputs.grid:
+            assert coefficients is not None
+            self._grid(inputs, inputs.grid, coefficients)
+        if inputs.terrain:
+            self._terrain(inputs, inputs.terrain, coefficients)
+        files = (inputs.coefficients, inputs.grid, inputs.terrain)
+        self.title = " + ".join(path.name for path in files if path)
+
+    @staticmethod
+    def _check_heights(inputs: Inputs) -> None:
+        """Refuse heights that are none, and options of data that are not given."""
+        for option, value in (
+            ("--grid-height", inputs.grid_height_m),
+            ("--geoid-height", inputs.geoid_height_m),
+        ):
+            if not math.isfinite(value):
+                raise MapError(f"{option} {value:g} must be a finite number.")
+        default = Inputs()
+        if inputs.grid is None and inputs.grid_height_m != default.grid_height_m:
+            raise MapError("--grid-height goes with --anomaly or --disturbance.")
+        terrain = ("density", "water_density", "order", "geoid_height_m", "terrain_from_degree")
+        changed = any(getattr(inputs, key) != getattr(default, key) for key in terrain)
+        if inputs.terrain is None and changed:
+            raise MapError(
+                "--density, --water-density, --order, --geoid-height and --terrain-from-degree "
+                "go with --terrain."
+            )
+
+    def _coefficients(self, inputs: Inputs) -> HarmonicCoefficients | None:
+        if inputs.coefficients is None:
+            if inputs.grid is None:
+                if inputs.max_degree is not None or inputs.min_degree > 2:
+                    raise MapError("--max-degree and --min-degree are for --coefficients.")
+                return None
+            whole = disturbing_coefficients(SHIPPED_COEFFICIENTS)
+            name, highest = "EGM2008", inputs.max_degree or _SHIPPED_DEGREE
+            if highest > whole.degree:
+                raise MapError(
+                    f"the package carries EGM2008 to degree {whole.degree} only: for degree "
+                    f"{highest} give --coefficients."
+                )
+            whole = whole.between(0, highest)
+        else:
+            self._hash(inputs.coefficients)
+            model = read_model(inputs.coefficients, inputs.max_degree)
+            name, whole = model.name, without_normal_field(model.coefficients)
+        lowest = inputs.min_degree
+        if not 2 <= lowest <= whole.degree:
+            raise MapError(
+                f"--min-degree {lowest} must lie between 2 and the highest degree, {whole.degree}."
+            )
+        if lowest > 2:
+            if inputs.grid is not None:
+                raise MapError("--min-degree is for coefficients alone or with a terrain.")
+            whole = whole.between(lowest, whole.degree)
+        self.parameters |= {"coefficients": name, "degrees": [lowest, whole.degree]}
+        self.words.append(f"{name}, spherical harmonics of degree {lowest} to {whole.degree}")
+        self.parts.append(HarmonicPart(whole))
+        half_wave = math.pi * SEMI_MAJOR_AXIS / whole.degree
+        self.reaches.append(Reach(EVERYWHERE, EVERYWHERE, -12e3, 0.0, -half_wave))
+        return whole
+
+    def _grid(self, inputs: Inputs, path: Path, coefficients: HarmonicCoefficients) -> None:
+        self._hash(path)
+        grid = read_grid(path, inputs.grid_kind, inputs.grid_height_m)
+        if inputs.grid_kind == "geoid" and inputs.grid_height_m != 0.0:
+            raise MapError("--grid-height is for gravity: a geoid holds at the ellipsoid.")
+        word = f"{inputs.grid_kind} grid {path.name} less the harmonics"
+        if inputs.land_correction:
+            terrain = self._read_terrain(inputs.land_correction)
+            values = height_anomaly(grid.values, elevation_at(grid, terrain))
+            grid = dataclasses.replace(grid, values=values)
+            word += f", land correction with {inputs.land_correction.name}"
+        elif inputs.grid_kind == "geoid":
+            self.remarks.append(
+                "the geoid is taken for the height anomaly; on land --land-correction makes it so"
+            )
+        self.words.append(word)
+        # Harmonics of higher degree leave a residual of shorter waves, which needs less of an edge.
+        narrower = min(1.0, _SHIPPED_DEGREE / coefficients.degree)
+        lat, lon = grid.latitude_deg, grid.longitude_deg
+        bounds = np.array([lat[0], lat[-1], lon[0], lon[-1]])
+        good = bounds + narrower * MARGIN_DEG * np.array([1.0, -1.0, 1.0, -1.0])
+        if not (good[0] < good[1] and good[2] < good[3]):
+            raise MapError(
+                f"{path} spans {lat[-1] - lat[0]:.3g}° x {lon[-1] - lon[0]:.3g}°; with harmonics "
+                f"to degree {coefficients.degree}, {narrower * MARGIN_DEG:.3g}° along each edge is "
+                "lost and nothing is left: it must be larger, or the harmonics of higher degree."
+            )
+        self.parts.append(ResidualPart(Residual(grid, coefficients, narrower * TAPER_DEG)))
+        height = grid.height_m
+        step = math.radians(max(grid.latitude_step_deg, grid.longitude_step_deg))
+        self.reaches.append(Reach(good, good, height, height, height - step * SEMI_MAJOR_AXIS))
+        self.parameters |= {"grid": inputs.grid_kind, "grid_height_m": height}
+
+    def _terrain(
+        self, inputs: Inputs, path: Path, coefficients: HarmonicCoefficients | None
+    ) -> None:
+        from ..gravity.parker import TerrainOptions
+
+        options = TerrainOptions(inputs.density, inputs.water_density, inputs.order)
+        terrain = self._read_terrain(path)
+        degree = inputs.terrain_from_degree
+        if degree is not None and coefficients is None:
+            raise MapError("--terrain-from-degree goes with --coefficients or a gravity grid.")
+        if coefficients is not None and degree is None:
+            if inputs.grid is not None:
+                raise MapError(
+                    "a gravity grid with a terrain needs --terrain-from-degree: the degree up to "
+                    "which the grid holds the field."
+                )
+            degree = coefficients.degree
+        if degree is not None and degree < 2:
+            raise MapError(f"--terrain-from-degree {degree} must be at least 2.")
+        self.parts.append(TerrainPart(terrain, options, degree, inputs.geoid_height_m))
+        word = f"terrain {path.name}, {options.density:g} kg/m³, by Parker's series"
+        if degree is not None:
+            word += f", of what is shorter than degree {degree}"
+        self.words.append(word)
+        self.parameters |= {
+            "density_kg_m3": options.density,
+            "water_density_kg_m3": options.water_density,
+            "order": options.order,
+            "geoid_height_m": inputs.geoid_height_m,
+        }
+        if degree is not None:
+            self.parameters |= {
+                "terrain_from_degree": degree,
+                "terrain_filter": f"Butterworth, order {FILTER_ORDER}",
+            }
+        if degree is None:
+            self.remarks.append(
+                "a terrain alone gives what the ground within it attracts, a plate under it "
+                "included; masses below and beyond it are not in the map (--coefficients adds them)"
+            )
+        self._reach_terrain(terrain, inputs.geoid_height_m)
+
+    def _reach_terrain(self, terrain: Terrain, geoid_height_m: float) -> None:
+        n_lat, n_lon = terrain.height_m.shape
+        south, west = terrain.south_deg, terrain.west_deg
+        spans = terrain.latitude_step_deg * (n_lat - 1), terrain.longitude_step_deg * (n_lon - 1)
+        bounds = np.array([south, south + spans[0], west, west + spans[1]])
+        inset = _INSET * np.repeat(spans, 2) * np.array([1.0, -1.0, 1.0, -1.0])
+        ground = float(np.max(terrain.height_m)) + geoid_height_m
+        step = math.radians(terrain.latitude_step_deg) * SEMI_MAJOR_AXIS
+        lowest = 100.0 * math.ceil((ground + max(_CLEARANCE_M, step)) / 100.0)
+        self.reaches.append(Reach(bounds, bounds + inset, ground, lowest, ground))
+
+    def _read_terrain(self, path: Path) -> Terrain:
+        from ..gravity.terrain_files import read_terrain
+
+        self._hash(path)
+        terrain = read_terrain(path)
+        if "," in terrain.name.removeprefix(path.name):  # voids, units, a projection
+            self.remarks.append(f"read {terrain.name}")
+        return terrain
+
+    def _hash(self, path: Path) -> None:
+        try:
+            with path.open("rb") as file:
+                self.hashes[path.name] = hashlib.file_digest(file, "sha256").hexdigest()
+        except OSError as error:
+            raise MapError(f"cannot read {path}: {error.strerror}") from None
+
+
+class Watched:
+    """Layers on their way into a file, with the rms of their components."""
+
+    def __init__(self, layers: Iterator[Layer]) -> None:
+        self._layers = layers
+        self.rms: list[Array] = []
+
+    def __iter__(self) -> Iterator[Layer]:
+        for tensor, disturbance in self._layers:
+            rms = [
+                math.sqrt(np.einsum("ij,ij->", plane, plane, dtype=float) / plane.size)
+                for values, count in ((tensor, len(TENSOR)), (disturbance, len(VECTOR)))
+                for plane in (values[..., index] for index in range(count))
+            ]
+            self.rms.append(np.array(rms))
+            yield tensor, disturbance

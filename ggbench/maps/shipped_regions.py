@@ -1,0 +1,219 @@
+"""The disturbing field of a region for which the package carries data.
+
+Geoid and harmonic coefficients make it by remove, compute and restore
+(:mod:`ggbench.gravity.remove_restore`).
+
+The normal field is no part of the result: :mod:`.gravity.ellipsoid` has it exactly. Tensor
+components are ordered [EE, EN, EU, NN, NU, UU], x = east, y = north, z = up.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.resources
+import io
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..gravity.gradient_map import MapError
+from ..gravity.harmonics import HarmonicCoefficients, gravity_and_gradient, without_normal_field
+from ..gravity.remove_restore import (
+    MARGIN_DEG,
+    GravityGrid,
+    Residual,
+    height_anomaly,
+    linear_weights,
+)
+
+Array = NDArray[np.float64]
+
+_WIDEST_SMOOTHING_DEG = 1.0
+
+
+@dataclass(frozen=True)
+class Source:
+    """Data files of a region, and the heights for which their resolution is adequate.
+
+    Attributes
+    ----------
+    geoid, topography, coefficients : names of the data files.
+    lowest_height_m, highest_height_m : above the ellipsoid [m].
+    provenance : where the data come from, in words.
+    source_depth_m : depth below the ellipsoid of sources whose field would be as smooth [m]. Zero
+        for land; at sea, half of the shortest wavelength that the data hold.
+    """
+
+    geoid: str
+    topography: str
+    coefficients: str
+    lowest_height_m: float
+    highest_height_m: float
+    provenance: str
+    source_depth_m: float = 0.0
+
+
+SOURCES = {
+    "egm2008_qinling": Source(
+        geoid="egm2008_geoid_2.5min_qinling.npz",
+        topography="etopo1_6min_qinling.npz",
+        coefficients="egm2008_degree120.npz",
+        lowest_height_m=3000.0,
+        highest_height_m=30000.0,
+        provenance="EGM2008 geoid (NGA) at 2.5 arc minutes and coefficients to degree 120, "
+        "ETOPO1 topography (NOAA)",
+    ),
+    # For ships too. Between 1 and 4 km above the sea floor, yet no steeper than EGM2008 knows it:
+    # degree 2160 is a wavelength of 10 arc minutes.
+    "egm2008_south_china_sea": Source(
+        geoid="egm2008_geoid_2.5min_south_china_sea.npz",
+        topography="etopo1_6min_south_china_sea.npz",
+        coefficients="egm2008_degree120.npz",
+        lowest_height_m=0.0,
+        highest_height_m=30000.0,
+        provenance="EGM2008 geoid (NGA) at 2.5 arc minutes and coefficients to degree 120, "
+        "ETOPO1 topography (NOAA), South China Sea",
+        source_depth_m=9270.0,
+    ),
+}
+"""The regions for which the package carries data, by the name that a recipe uses."""
+
+
+def disturbing_field(
+    source: str,
+    latitude: ArrayLike,
+    longitude: ArrayLike,
+    height: ArrayLike,
+    land_correction: bool = True,
+    relief_smoothing_deg: float = 0.0,
+) -> tuple[Array, Array]:
+    """The disturbing field of a source, free of interpolation, on latitude x longitude x height.
+
+    Parameters
+    ----------
+    source : a key of :data:`SOURCES`.
+    latitude, longitude : any positions inside the source, shapes (n_lat,), (n_lon,) [rad].
+    height : above the ellipsoid, shape (n_h,) [m].
+    land_correction : whether to turn the geoid into the height anomaly with the topography.
+    relief_smoothing_deg : standard deviation, in latitude and in longitude, of a Gaussian that
+        smooths the topography before; 0 leaves it as it is, between its samples bilinear.
+
+    Returns
+    -------
+    The tensor, (n_lat, n_lon, n_h, 6) [E], and the gravity disturbance, (n_lat, n_lon, n_h, 3)
+    [m/s²], both in geodetic ENU axes.
+
+    Raises MapError for an unknown source, a smoothing outside 0 to 1 deg, and a data file that is
+    missing or damaged.
+    """
+    check_relief_smoothing(relief_smoothing_deg)
+    files = find_source(source)
+    lat, lon, h = (np.asarray(axis, dtype=float) for axis in (latitude, longitude, height))
+    coefficients = disturbing_coefficients(files.coefficients)
+    geoid = _geoid(files)
+    if land_correction:
+        elevation = _elevation(files, geoid, relief_smoothing_deg)
+        values = height_anomaly(geoid.values, elevation)
+        geoid = dataclasses.replace(geoid, values=values)
+    residual = Residual(geoid, coefficients)
+
+    gravity_disturbance, tensor = gravity_and_gradient(coefficients, lat, lon, h)
+    residual.add_to(tensor, gravity_disturbance, lat, lon, h)
+    return tensor, gravity_disturbance
+
+
+def check_relief_smoothing(relief_smoothing_deg: float) -> None:
+    """Raise MapError if this is no width by which the relief can be smoothed."""
+    if not 0.0 <= relief_smoothing_deg <= _WIDEST_SMOOTHING_DEG:  # NaN fails too
+        raise MapError(
+            f"relief_smoothing_deg = {relief_smoothing_deg} must lie between 0, which is no "
+            f"smoothing, and {_WIDEST_SMOOTHING_DEG:g}."
+        )
+
+
+def extent_deg(source: Source) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Latitudes and longitudes, each from and to [deg], between which a source gives a field.
+
+    Raises MapError if its geoid is missing or damaged.
+    """
+    geoid = _geoid(source)
+    lat_deg, lon_deg = geoid.latitude_deg, geoid.longitude_deg
+    south, north = lat_deg[0] + MARGIN_DEG, lat_deg[-1] - MARGIN_DEG
+    west, east = lon_deg[0] + MARGIN_DEG, lon_deg[-1] - MARGIN_DEG
+    return (float(south), float(north)), (float(west), float(east))
+
+
+def _geoid(files: Source) -> GravityGrid:
+    grid = _load(files.geoid, ("lat0", "lon0", "step", "N_1e4m"))
+    step = float(grid["step"])
+    undulation = 1e-4 * grid["N_1e4m"]
+    return GravityGrid("geoid", float(grid["lat0"]), float(grid["lon0"]), step, step, undulation)
+
+
+def _elevation(files: Source, geoid: GravityGrid, smoothing_deg: float) -> Array:
+    """Heights of the land at the nodes of the geoid [m], 0 at sea."""
+    topography = _load(files.topography, ("lat", "lon", "z"))
+    land = np.maximum(topography["z"], 0.0)
+    if smoothing_deg > 0.0:
+        steps = [float(np.diff(topography[axis]).mean()) for axis in ("lat", "lon")]
+        from scipy.ndimage import gaussian_filter  # not at the top: few reliefs are smoothed
+
+        land = gaussian_filter(land, [smoothing_deg / step for step in steps])
+    at_rows = linear_weights(topography["lat"], geoid.latitude_deg)
+    at_columns = linear_weights(topography["lon"], geoid.longitude_deg)
+    elevation: Array = at_rows @ land @ at_columns.T
+    return elevation
+
+
+def disturbing_coefficients(name: str) -> HarmonicCoefficients:
+    """Coefficients in a data file of the package, less those of the normal field."""
+    data = _load(name, ("cs", "gm", "r"))
+    size = math.isqrt(2 * len(data["cs"]))
+    cosine, sine = np.zeros((2, size, size))
+    cosine[np.tril_indices(size)], sine[np.tril_indices(size)] = data["cs"].T
+    return without_normal_field(
+        HarmonicCoefficients(float(data["gm"]), float(data["r"]), cosine, sine)
+    )
+
+
+def find_source(name: str) -> Source:
+    """The source of that name. Raises MapError if there is none."""
+    if name not in SOURCES:
+        raise MapError(f"Unknown map source {name!r}; allowed: {', '.join(sorted(SOURCES))}.")
+    return SOURCES[name]
+
+
+def data_bytes(name: str) -> bytes:
+    """Content of a data file of the package. Raises MapError if it cannot be read."""
+    try:
+        return (importlib.resources.files("ggbench.scenarios") / "data" / name).read_bytes()
+    except (OSError, ModuleNotFoundError) as error:
+        raise MapError(
+            f"Data file {name} cannot be read ({error}); it belongs into the folder data of "
+            "ggbench.scenarios, where an installation puts it."
+        ) from error
+
+
+def read_arrays(content: bytes, keys: Iterable[str]) -> dict[str, Any]:
+    """Arrays of a NumPy archive, given its bytes.
+
+    Raises one of a dozen kinds of exceptions, of NumPy, zipfile and zlib, if it is damaged.
+    """
+    with np.load(io.BytesIO(content), allow_pickle=False) as data:
+        return {key: data[key] for key in keys}
+
+
+def _load(name: str, keys: tuple[str, ...]) -> dict[str, Any]:
+    """Arrays of a data file of the package."""
+    content = data_bytes(name)
+    try:
+        return read_arrays(content, keys)
+    except Exception as error:
+        raise MapError(
+            f"Data file {name} of ggbench.scenarios is damaged ({error}); it must be a NumPy "
+            f"archive with the arrays {', '.join(keys)}: install the package again."
+        ) from error

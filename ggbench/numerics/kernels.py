@@ -1,0 +1,38 @@
+"""How the hot loops are compiled: three decorators, and what their settings are for.
+
+Kernels are kept on disk (see :mod:`.numerics.cache`) and let other threads run. They divide as
+NumPy does: by zero gives infinity or NaN, which is judged later; Python's exception would be a
+branch that keeps a loop from becoming vector instructions. A product and a sum may be one
+instruction.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+from numba import njit
+
+_compile = partial(njit, cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+compiled = _compile()
+"""A kernel."""
+inlined = _compile(forceinline=True)
+"""Arithmetic that becomes part of the loops which call it, and is vectorised with them."""
+copied = _compile(inline="always")
+"""A part of a kernel that is compiled anew where it is used: sizes that are constants there make
+loops of known length, which become vector instructions without a remainder."""
+
+LANES = 8
+"""Runs that go through a kernel together, in the lanes of vector registers: the last index."""
+
+
+@compiled
+def aligned(count: int) -> np.ndarray:
+    """Return an array (count,), not yet filled, that begins where a line of the cache does.
+
+    Vectors of eight numbers then are in one line each, which makes loops over them half as fast
+    again.
+    """
+    array = np.empty(count + 7)
+    start = -(array.ctypes.data // 8) % 8
+    return array[start : start + count]

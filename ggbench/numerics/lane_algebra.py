@@ -1,0 +1,319 @@
+"""Steps of filters and smoothers on the matrices of eight runs at once, compiled.
+
+Matrices are laid out as :mod:`.numerics.lanes` says. Sizes are those of the arrays: n states, m
+equations of a reading, each three at least (equations may be zero). Readings are whitened: the
+noise of each equation has unit variance. Symmetric matrices are computed by halves and kept whole.
+No step mixes lanes, so a run's result does not depend on its neighbours, bit for bit.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .kernels import compiled, inlined
+from .vectors import load, root, splat, store
+
+Tile = tuple[Any, Any, Any, Any, Any, Any, Any, Any, Any]
+"""Vectors of three by three elements, row by row."""
+
+
+@inlined
+def _row_products(a: np.ndarray, i: int, b: np.ndarray, j: int) -> Tile:
+    """Return the products of rows i, i + 1, i + 2 of A (., n) and rows j, j + 1, j + 2 of B."""
+    t_00 = t_01 = t_02 = t_10 = t_11 = t_12 = t_20 = t_21 = t_22 = splat(0.0)
+    for k in range(b.shape[1]):
+        b_0, b_1, b_2 = load(b, j, k), load(b, j + 1, k), load(b, j + 2, k)
+        value = load(a, i, k)
+        t_00 += value * b_0
+        t_01 += value * b_1
+        t_02 += value * b_2
+        value = load(a, i + 1, k)
+        t_10 += value * b_0
+        t_11 += value * b_1
+        t_12 += value * b_2
+        value = load(a, i + 2, k)
+        t_20 += value * b_0
+        t_21 += value * b_1
+        t_22 += value * b_2
+    return t_00, t_01, t_02, t_10, t_11, t_12, t_20, t_21, t_22
+
+
+@inlined
+def _column_products(a: np.ndarray, i: int, b: np.ndarray, j: int) -> Tile:
+    """Return the products of columns i, i + 1, i + 2 of A (m, .) and j, j + 1, j + 2 of B."""
+    t_00 = t_01 = t_02 = t_10 = t_11 = t_12 = t_20 = t_21 = t_22 = splat(0.0)
+    for k in range(b.shape[0]):
+        b_0, b_1, b_2 = load(b, k, j), load(b, k, j + 1), load(b, k, j + 2)
+        value = load(a, k, i)
+        t_00 += value * b_0
+        t_01 += value * b_1
+        t_02 += value * b_2
+        value = load(a, k, i + 1)
+        t_10 += value * b_0
+        t_11 += value * b_1
+        t_12 += value * b_2
+        value = load(a, k, i + 2)
+        t_20 += value * b_0
+        t_21 += value * b_1
+        t_22 += value * b_2
+    return t_00, t_01, t_02, t_10, t_11, t_12, t_20, t_21, t_22
+
+
+@compiled
+def products_of_rows(a: np.ndarray, count: int, b: np.ndarray, out: np.ndarray) -> None:
+    """Fill A Bᵀ of the first ``count`` rows, three or more, of A (., n) and all of B (., n)."""
+    rows = b.shape[0]
+    for i_0 in range(0, count, 3):
+        i = min(i_0, count - 3)  # the last tile may overlap
+        for j_0 in range(0, rows, 3):
+            j = min(j_0, rows - 3)
+            t_00, t_01, t_02, t_10, t_11, t_12, t_20, t_21, t_22 = _row_products(a, i, b, j)
+            store(out, i, j, t_00)
+            store(out, i, j + 1, t_01)
+            store(out, i, j + 2, t_02)
+            store(out, i + 1, j, t_10)
+            store(out, i + 1, j + 1, t_11)
+            store(out, i + 1, j + 2, t_12)
+            store(out, i + 2, j, t_20)
+            store(out, i + 2, j + 1, t_21)
+            store(out, i + 2, j + 2, t_22)
+
+
+@inlined
+def _put(out: np.ndarray, i: int, j: int, value: Any) -> None:
+    """Set an element of the lower half of a symmetric matrix, and its mirror image."""
+    if j <= i:
+        store(out, i, j, value)
+        store(out, j, i, value)
+
+
+@compiled
+def predict(
+    phi: np.ndarray,
+    q: np.ndarray,
+    moving: int,
+    x: np.ndarray,
+    p: np.ndarray,
+    scratch: np.ndarray,
+) -> None:
+    """Replace x (1, n) by Φ x and P (n, n) by Φ P Φᵀ + Q; ``moving`` rows of Φ and Q are used.
+
+    ``scratch`` (n, n) is overwritten.
+    """
+    n = p.shape[0]
+    moving = max(moving, 3)
+    products_of_rows(phi, moving, p, scratch)
+    for i_0 in range(0, moving, 3):
+        i = min(i_0, moving - 3)
+        for j_0 in range(0, i + 3, 3):
+            j = min(j_0, moving - 3)
+            t_00, t_01, t_02, t_10, t_11, t_12, t_20, t_21, t_22 = _row_products(scratch, i, phi, j)
+            _put(p, i, j, t_00 + load(q, i, j))
+            _put(p, i, j + 1, t_01 + load(q, i, j + 1))
+            _put(p, i, j + 2, t_02 + load(q, i, j + 2))
+            _put(p, i + 1, j, t_10 + load(q, i + 1, j))
+            _put(p, i + 1, j + 1, t_11 + load(q, i + 1, j + 1))
+            _put(p, i + 1, j + 2, t_12 + load(q, i + 1, j + 2))
+            _put(p, i + 2, j, t_20 + load(q, i + 2, j))
+            _put(p, i + 2, j + 1, t_21 + load(q, i + 2, j + 1))
+            _put(p, i + 2, j + 2, t_22 + load(q, i + 2, j + 2))
+    for i in range(moving):
+        for j in range(moving, n):
+            value = load(scratch, i, j)
+            store(p, i, j, value)
+            store(p, j, i, value)
+    move(phi, moving, x, scratch)
+
+
+@compiled
+def move(phi: np.ndarray, moving: int, x: np.ndarray, scratch: np.ndarray) -> None:
+    """Replace x (1, n) by Φ x; row 0 of ``scratch`` is overwritten."""
+    n = x.shape[1]
+    for i in range(moving):
+        total = splat(0.0)
+        for k in range(n):
+            total += load(phi, i, k) * load(x, 0, k)
+        store(scratch, 0, i, total)
+    for i in range(moving):
+        store(x, 0, i, load(scratch, 0, i))
+
+
+@compiled
+def product(left: np.ndarray, right: np.ndarray, count: int, out: np.ndarray) -> None:
+    """Fill the first ``count`` rows of A B of A (., k) and B (k, n)."""
+    depth = right.shape[0]
+    for i in range(count):
+        for j in range(right.shape[1]):
+            total = splat(0.0)
+            for k in range(depth):
+                total += load(left, i, k) * load(right, k, j)
+            store(out, i, j, total)
+
+
+@compiled
+def project(rows: np.ndarray, p: np.ndarray, m: int, hp: np.ndarray, s: np.ndarray) -> None:
+    """Fill H P (m, n) and the lower half of S = H P Hᵀ + 1 (m, m)."""
+    n = p.shape[0]
+    one = splat(1.0)
+    products_of_rows(rows, m, p, hp)
+    for c in range(m):
+        for d in range(c + 1):
+            total = splat(0.0)
+            for k in range(n):
+                total += load(hp, c, k) * load(rows, d, k)
+            store(s, c, d, total + one if c == d else total)
+
+
+@compiled
+def factorise(matrix: np.ndarray, m: int, lower: np.ndarray) -> None:
+    """Fill the lower triangle of L, L Lᵀ = a matrix of which the lower half is given.
+
+    The diagonal of ``lower`` is that of 1 / L; NaN or infinite in a lane and from the row on where
+    the matrix is not positive definite. ``matrix`` and ``lower`` may be the same array.
+    """
+    one = splat(1.0)
+    for i in range(m):
+        for j in range(i):
+            total = load(matrix, i, j)
+            for k in range(j):
+                total -= load(lower, i, k) * load(lower, j, k)
+            store(lower, i, j, total * load(lower, j, j))
+        total = load(matrix, i, i)
+        for k in range(i):
+            value = load(lower, i, k)
+            total -= value * value
+        store(lower, i, i, one / root(total))
+
+
+@compiled
+def triangular_root(matrix: np.ndarray, lower: np.ndarray, inverse: np.ndarray) -> None:
+    """Fill the lower triangle of L (n, n), L Lᵀ = a symmetric matrix, and 1 / L_ii (1, n).
+
+    Where the matrix of a lane is not positive definite ``inverse`` has an element there that is
+    not a positive number.
+    """
+    one = splat(1.0)
+    for i in range(matrix.shape[0]):
+        for j in range(i):
+            total = load(matrix, i, j)
+            for k in range(j):
+                total -= load(lower, i, k) * load(lower, j, k)
+            store(lower, i, j, total * load(inverse, 0, j))
+        total = load(matrix, i, i)
+        for k in range(i):
+            value = load(lower, i, k)
+            total -= value * value
+        value = one / root(total)
+        store(inverse, 0, i, value)
+        store(lower, i, i, total * value)
+
+
+@compiled
+def is_positive(inverse: np.ndarray, r: int) -> bool:
+    """Return whether a matrix was positive definite, from :func:`triangular_root`."""
+    good = True
+    for i in range(inverse.shape[1]):
+        good &= 0.0 < inverse[0, i, r] < np.inf
+    return good
+
+
+@compiled
+def solve_lower(lower: np.ndarray, m: int, right: np.ndarray, out: np.ndarray) -> None:
+    """Fill L⁻¹ B of L from :func:`factorise` and the first m rows of B (., n); may be in place."""
+    for j in range(right.shape[1]):
+        for i in range(m):
+            total = load(right, i, j)
+            for k in range(i):
+                total -= load(lower, i, k) * load(out, k, j)
+            store(out, i, j, total * load(lower, i, i))
+
+
+@compiled
+def solve_upper(lower: np.ndarray, m: int, right: np.ndarray, out: np.ndarray) -> None:
+    """Fill L⁻ᵀ B of L from :func:`factorise` and the first m rows of B (., n); may be in place."""
+    for j in range(right.shape[1]):
+        for i in range(m - 1, -1, -1):
+            total = load(right, i, j)
+            for k in range(i + 1, m):
+                total -= load(lower, k, i) * load(out, k, j)
+            store(out, i, j, total * load(lower, i, i))
+
+
+@compiled
+def whiten(lower: np.ndarray, m: int, residual: np.ndarray, out: np.ndarray) -> None:
+    """Fill L⁻¹ y (1, m) of L from :func:`factorise`."""
+    for i in range(m):
+        total = load(residual, 0, i)
+        for k in range(i):
+            total -= load(lower, i, k) * load(out, 0, k)
+        store(out, 0, i, total * load(lower, i, i))
+
+
+@compiled
+def add_squares(values: np.ndarray, m: int, out: np.ndarray) -> None:
+    """Add to out (1, 1) the sum of the squares of the first m of values (1, .)."""
+    total = load(out, 0, 0)
+    for i in range(m):
+        value = load(values, 0, i)
+        total += value * value
+    store(out, 0, 0, total)
+
+
+@compiled
+def correct(half: np.ndarray, white: np.ndarray, m: int, x: np.ndarray) -> None:
+    """Add to x (1, n) the product of a matrix (m, n), transposed, and a column (1, m)."""
+    for j in range(x.shape[1]):
+        total = load(x, 0, j)
+        for c in range(m):
+            total += load(half, c, j) * load(white, 0, c)
+        store(x, 0, j, total)
+
+
+@compiled
+def joseph(
+    gain: np.ndarray,
+    hp: np.ndarray,
+    rows: np.ndarray,
+    m: int,
+    p: np.ndarray,
+    scratch: np.ndarray,
+    change: np.ndarray,
+) -> None:
+    """Replace P by (I − K H) P (I − K H)ᵀ + K Kᵀ of K given as Kᵀ (m, n).
+
+    With M = P − K (H P) that is M − (M Hᵀ − K) Kᵀ: two products of rank m instead of two whole
+    ones. ``hp`` (m, n) is H P; ``scratch`` (n, n) and ``change`` (m, n) are overwritten. M is
+    symmetric but for rounding.
+    """
+    add_products(gain, hp, -1.0, p, scratch)
+    products_of_rows(rows, m, scratch, change)
+    for c in range(m):
+        for j in range(p.shape[0]):
+            store(change, c, j, load(gain, c, j) - load(change, c, j))
+    add_products(gain, change, 1.0, scratch, p)
+
+
+@compiled
+def add_products(
+    left: np.ndarray, right: np.ndarray, sign: float, p: np.ndarray, out: np.ndarray
+) -> None:
+    """Fill P ± Aᵀ B of A and B (m, n), a symmetric matrix (n, n), in another array than P."""
+    n, factor = p.shape[0], splat(sign)
+    for i_0 in range(0, n, 3):
+        i = min(i_0, n - 3)
+        for j_0 in range(0, i + 3, 3):
+            j = min(j_0, n - 3)
+            t_00, t_01, t_02, t_10, t_11, t_12, t_20, t_21, t_22 = _column_products(
+                left, i, right, j
+            )
+            _put(out, i, j, load(p, i, j) + factor * t_00)
+            _put(out, i, j + 1, load(p, i, j + 1) + factor * t_01)
+            _put(out, i, j + 2, load(p, i, j + 2) + factor * t_02)
+            _put(out, i + 1, j, load(p, i + 1, j) + factor * t_10)
+            _put(out, i + 1, j + 1, load(p, i + 1, j + 1) + factor * t_11)
+            _put(out, i + 1, j + 2, load(p, i + 1, j + 2) + factor * t_12)
+            _put(out, i + 2, j, load(p, i + 2, j) + factor * t_20)
+            _put(out, i + 2, j + 1, load(p, i + 2, j + 1) + factor * t_21)
+            _put(out, i + 2, j + 2, load(p, i + 2, j + 2) + factor * t_22)

@@ -1,0 +1,389 @@
+"""The figures of a report, drawn from stored results only."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
+from matplotlib.ticker import MaxNLocator, NullFormatter
+
+from ..spec import sweep
+from ..spec.sweep import Axis
+from .tables import short
+
+MOST_NUMBERS = 150
+"""Most cells of a heat map that are shown with their numbers."""
+AXES = ("east", "north", "up")
+INS, _AIDED, _BOUND = "0.55", "tab:blue", "black"
+"""Colours of the INS, an aided solution and the bound."""
+
+plt.rcParams |= {
+    "figure.dpi": 110,
+    "font.size": 9,
+    "axes.grid": True,
+    "grid.alpha": 0.3,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "legend.frameon": False,
+    "svg.hashsalt": "ggbench",
+    "text.parse_math": False,  # a $ in somebody's title is a $
+}
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write a figure, the same bytes for the same content, and let go of it."""
+    figure.savefig(path, bbox_inches="tight", metadata={"Software": "ggbench"})
+    plt.close(figure)
+
+
+def gradient_along_track(arrays: Mapping[str, np.ndarray], title: str, path: Path) -> None:
+    """Draw the vertical gradient along the track, and what noise and filter do to it."""
+    times, true = arrays["times"], arrays["vertical"]
+    filtered = arrays.get("filtered")
+    ratios = (3, 2) if filtered is None else (3, 2, 2)
+    figure, axes = plt.subplots(
+        len(ratios), 1, figsize=(7.0, 1.6 + 0.69 * sum(ratios)), sharex=True, height_ratios=ratios,
+        layout="constrained",
+    )  # fmt: skip
+    top, bottom = axes[0], axes[-1]
+    dots = {"color": "tab:orange", "marker": ".", "ls": "", "ms": 3}
+    top.plot(times, arrays["noisy"], **dots, label="noisy")
+    before = "noise" if filtered is None else "noise before the filter"
+    bottom.plot(times, arrays["noisy"] - true, **dots, label=before)
+    if filtered is not None:
+        middle, passed = axes[1], arrays["filtered_true"]
+        top.plot(times, filtered, color="tab:blue", lw=1.2, label="filtered")
+        middle.plot(times, passed - true, color="tab:blue", lw=1.2, label="what the filter delays")
+        bottom.plot(times, filtered - passed, color="tab:blue", lw=1.2, label="behind the filter")
+        middle.set_ylabel("difference [E]")
+        middle.legend()
+    top.plot(times, true, "k--", lw=0.8, label="true")
+    top.set_title(title)
+    top.set_ylabel("Γ_UU [E]")
+    bottom.set_ylabel("noise [E]")
+    bottom.set_xlabel("time [s]")
+    top.legend()
+    bottom.margins(y=0.25)
+    bottom.legend(ncols=2)
+    save(figure, path)
+
+
+def component_errors(
+    times: np.ndarray,
+    aided: np.ndarray,
+    ins: np.ndarray | None,
+    first: int,
+    unit: str,
+    label: str,
+    path: Path,
+) -> None:
+    """Draw ENU errors of one run: with the pure INS on the left, aided with ±3σ on the right.
+
+    ``aided`` and ``ins`` are (K, 12): six errors and their six standard deviations; ``first`` is
+    the first of the three columns shown (0: position, 3: velocity).
+    """
+    figure, axes = plt.subplots(3, 2, figsize=(8.0, 6.0), sharex=True, layout="constrained")
+    for axis in range(3):
+        error, sigma = aided[:, first + axis], aided[:, 6 + first + axis]
+        left, right = axes[axis]
+        if ins is not None:
+            left.plot(times, ins[:, first + axis], color=INS, lw=1.5, label="pure INS")
+        left.plot(times, error, color=_AIDED, lw=1.2, label=label)
+        left.set_ylabel(f"{AXES[axis]} [{unit}]")
+        right.fill_between(times, -3 * sigma, 3 * sigma, color=_AIDED, alpha=0.15, label="±3σ")
+        right.plot(times, error, color=_AIDED, lw=1.2, label=label)
+        limit = 1.05 * np.percentile(np.maximum(3 * sigma, np.abs(error)), 98)
+        right.set_ylim(-limit, limit)
+    axes[0, 0].set_title("with the pure INS")
+    axes[0, 1].set_title("aided, with its claimed ±3σ")
+    axes[0, 0].legend()
+    axes[0, 1].legend()
+    for axis in axes[-1]:
+        axis.set_xlabel("time [s]")
+    save(figure, path)
+
+
+def field_map(arrays: Mapping[str, np.ndarray], path: Path) -> None:
+    """Draw the disturbing vertical gradient at flight height with the track."""
+    figure, axis = plt.subplots(figsize=(7.0, 4.4), layout="constrained")
+    longitude, latitude = np.degrees(arrays["map_longitude"]), np.degrees(arrays["map_latitude"])
+    values = arrays["map_vertical"]
+    limit = np.abs(values).max()
+    mesh = axis.pcolormesh(
+        longitude, latitude, values, cmap="RdBu_r", vmin=-limit, vmax=limit, rasterized=True
+    )
+    contours = axis.contour(longitude, latitude, values, 12, colors="k", linewidths=0.3)
+    axis.clabel(contours, fontsize=6)
+    track = np.degrees(arrays["track"][:, :2])
+    axis.plot(track[:, 1], track[:, 0], "k", lw=2.0)
+    axis.plot(track[0, 1], track[0, 0], "o", color="k", ms=6, mfc="w")
+    axis.annotate("start", (track[0, 1], track[0, 0]), (-4, 6), textcoords="offset points",
+                  ha="right")  # fmt: skip
+    axis.set_aspect(1.0 / np.cos(np.radians(latitude.mean())))
+    axis.set_xlabel("longitude [° E]")
+    axis.set_ylabel("latitude [° N]")
+    axis.grid(False)
+    figure.colorbar(mesh, label="disturbing Γ_UU [E]", shrink=0.8)
+    save(figure, path)
+
+
+def _plain_numbers(axis: Axes) -> None:
+    """Label a logarithmic y axis with plain numbers, between the decades too if there are few."""
+    low, high = axis.get_ylim()
+    axis.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    if np.floor(np.log10(high)) - np.ceil(np.log10(low)) < 1.0:  # fewer than two powers of ten
+        axis.yaxis.set_minor_formatter(lambda value, _: f"{value:g}")
+    else:
+        axis.yaxis.set_minor_formatter(NullFormatter())
+
+
+def error_over_time(
+    panels: Sequence[tuple[str, np.ndarray, Mapping[str, np.ndarray], Mapping[str, np.ndarray]]],
+    path: Path,
+) -> None:
+    """Draw root-mean-square spherical position and velocity errors over runs against the bounds.
+
+    Each panel is (title, times (K,), curves, bounds), both name to (K, 2): position, velocity.
+    """
+    count = len(panels)
+    figure, grid = plt.subplots(
+        2, count, figsize=(4.0 * count + 0.6, 6.4), sharex=True, squeeze=False, layout="constrained"
+    )
+    styles: dict[str, tuple[str, str]] = {}
+    for _, _, curves, _ in panels:
+        for name in curves:
+            if name not in styles:
+                colour = INS if name == "ins" else f"C{len(styles) % 10}"
+                # Beyond ten the colours repeat: lines of the same colour then differ in style.
+                turn = len(styles) + len(styles) // 10
+                styles[name] = (colour, ("-", "--", "-.", ":")[turn % 4])
+    for column, (title, times, curves, bounds) in enumerate(panels):
+        for row, quantity in enumerate(("position [m]", "velocity [m/s]")):
+            axis: Axes = grid[row, column]
+            for name, curve in curves.items():
+                colour, style = styles[name]
+                axis.semilogy(times, curve[:, row], style, color=colour, lw=1.4, label=name)
+            for number, (name, bound) in enumerate(bounds.items()):
+                axis.semilogy(
+                    times, bound[:, row], color=_BOUND, lw=0.9, ls=("-", ":", "--")[number % 3],
+                    label=name,
+                )  # fmt: skip
+            _plain_numbers(axis)
+            if row == 0:
+                axis.set_title(title)
+            else:
+                axis.set_xlabel("time [s]")
+            if column == 0:
+                axis.set_ylabel(f"RMS spherical {quantity}")
+    handles, names = grid[0, 0].get_legend_handles_labels()
+    figure.legend(handles, names, loc="outside lower center", ncols=4)
+    save(figure, path)
+
+
+@dataclass(frozen=True)
+class HeatMap:
+    """One panel of :func:`heat_maps`.
+
+    Attributes
+    ----------
+    title : above the panel.
+    values : (n, m) over the first and the second axis; NaN is left white.
+    framed : (n, m) cells to be framed, or None.
+    """
+
+    title: str
+    values: np.ndarray
+    framed: np.ndarray | None = None
+
+
+def heat_maps(
+    panels: Sequence[HeatMap], across: Axis, up: Axis, label: str, path: Path,
+    centre: float | None = None,
+) -> None:  # fmt: skip
+    """Draw positive values over a grid in panels of one logarithmic colour scale.
+
+    Cells are of equal size, whatever the spacing of the axes, and small grids show their numbers.
+    ``label`` is that of the colours; around ``centre``, if given, they diverge.
+    """
+    wide, high = len(across.values), len(up.values)
+    columns = min(len(panels), 2)
+    rows = -(-len(panels) // columns)
+    size = (columns * max(0.45 * wide + 0.5, 3.0) + 1.0, rows * max(0.27 * high + 1.0, 2.0))
+    figure, grid = plt.subplots(
+        rows, columns, figsize=size, squeeze=False, sharex=True, sharey=True, layout="constrained"
+    )
+    colours = ScalarMappable(
+        _scale([panel.values for panel in panels], centre),
+        "viridis" if centre is None else "RdBu_r",
+    )
+    for axis in grid.flat[len(panels) :]:
+        axis.set_visible(False)
+    for axis, panel in zip(grid.flat, panels, strict=False):
+        cells = colours.to_rgba(panel.values)
+        axis.imshow(cells.swapaxes(0, 1), origin="lower", aspect="auto")
+        axis.set_title(panel.title)
+        axis.grid(False)
+        for place, value in np.ndenumerate(panel.values):
+            if wide * high <= MOST_NUMBERS and np.isfinite(value):
+                dark = cells[place][:3] @ (0.3, 0.6, 0.1) < 0.5
+                axis.text(
+                    *place, short(value), ha="center", va="center", fontsize=6.5,
+                    color="white" if dark else "black",
+                )  # fmt: skip
+            if panel.framed is not None and panel.framed[place]:
+                corner = (place[0] - 0.46, place[1] - 0.44)
+                axis.add_patch(Rectangle(corner, 0.92, 0.88, fill=False, ec="black", lw=1.2))
+    for axis in grid[:, 0]:
+        _name_cells(axis.yaxis, up)
+        axis.set_ylabel(up.title)
+    for column in range(columns):
+        lowest = grid[(len(panels) - 1 - column) // columns, column]
+        _name_cells(lowest.xaxis, across)
+        lowest.set_xlabel(across.title)
+        lowest.tick_params(labelbottom=True, labelsize=8)
+    _colour_bar(figure, colours, grid, label)
+    save(figure, path)
+
+
+def _scale(values: Sequence[np.ndarray], centre: float | None) -> LogNorm:
+    """Return the colour scale from the least to the largest value, symmetric about a centre."""
+    logs = np.log(np.concatenate([v[np.isfinite(v)] for v in values]))
+    if centre is not None:
+        reach = max(np.abs(logs - np.log(centre)).max(), 0.05)
+        return LogNorm(centre * np.exp(-reach), centre * np.exp(reach))
+    return LogNorm(np.exp(logs.min()), np.exp(max(logs.max(), logs.min() + 1e-3)))
+
+
+def _colour_bar(figure: Figure, colours: ScalarMappable, axes: Any, label: str) -> None:
+    """Draw a logarithmic colour scale whose numbers are written plainly."""
+    bar = figure.colorbar(colours, ax=axes, label=label, shrink=0.95, pad=0.01)
+    low, high = colours.get_clim()
+    if high < 10.0 * low:
+        ticks = MaxNLocator(6).tick_values(low, high)
+        bar.set_ticks([tick for tick in ticks if low <= tick <= high], minor=False)
+        bar.minorticks_off()
+    bar.ax.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+
+
+def _name_cells(side: Any, axis: Axis) -> None:
+    """Write the axis's values at its cells, each one or as many as are legible."""
+    every = -(-len(axis.values) // 14)
+    places = range(0, len(axis.values), every)
+    side.set_ticks(list(places), [sweep.number(axis.values[i]) for i in places])
+
+
+def requirement(
+    errors: np.ndarray,
+    bound: np.ndarray,
+    targets: Sequence[float],
+    across: Axis,
+    up: Axis,
+    label: str,
+    path: Path,
+) -> None:
+    """Draw where in a plane an estimator, and the bound, reach given position errors.
+
+    ``errors`` and ``bound`` are (n, m) over the two axes [m]. The contours interpolate the
+    logarithm of the error linearly, as :func:`ggbench.spec.sweep.largest_within` does.
+    """
+    figure, axis = plt.subplots(figsize=(7.0, 4.8), layout="constrained")
+    from scipy.interpolate import RegularGridInterpolator  # not at the top: for sweeps only
+
+    x, y = across.coordinates(), up.coordinates()
+    fine_x, fine_y = (np.union1d(np.linspace(c[0], c[-1], 300), c) for c in (x, y))
+    places = tuple(np.meshgrid(fine_x, fine_y, indexing="ij"))
+    on_axes = [10.0**f if a.scale == "log" else f for a, f in ((across, fine_x), (up, fine_y))]
+    colour_scale = _scale([errors, bound], None)
+    for values, colour, style, width in ((errors, "black", "-", 2.2), (bound, "white", "--", 1.3)):
+        fine = 10.0 ** RegularGridInterpolator((x, y), np.log10(values))(places).T
+        if values is errors:
+            axis.pcolormesh(*on_axes, fine, norm=colour_scale, cmap="viridis", rasterized=True)
+        levels = [t for t in sorted(targets) if np.nanmin(values) < t < np.nanmax(values)]
+        if not levels:
+            continue
+        contours = axis.contour(
+            *on_axes, np.log10(fine), np.log10(levels), colors=colour, linestyles=style,
+            linewidths=width,
+        )  # fmt: skip
+        if values is errors:
+            for target, line in zip(levels, contours.get_paths(), strict=True):
+                points = np.asarray(line.vertices)
+                if len(points):
+                    middle = tuple(points[len(points) // 2])
+                    axis.annotate(
+                        f"{target:g} m", middle, (-7, 0), textcoords="offset points", ha="right",
+                        va="center", bbox={"boxstyle": "round", "fc": "white", "ec": "none"},
+                    )  # fmt: skip
+    axis.scatter(*np.meshgrid(across.values, up.values), s=5, c="0.85", lw=0, clip_on=False)
+    axis.set(xscale=across.scale, yscale=up.scale, xlabel=across.title, ylabel=up.title)
+    for side in (axis.xaxis, axis.yaxis):
+        side.set_major_formatter(lambda value, _: f"{value:g}")
+    axis.grid(False)
+    colours = ScalarMappable(colour_scale, "viridis")
+    _colour_bar(figure, colours, axis, f"position MRSE of {label} [m]")
+    handles = [Line2D([], [], color="black", lw=2.2, label=label),
+               Line2D([], [], color="0.7", lw=1.3, ls="--", label="Cramér–Rao bound")]  # fmt: skip
+    figure.legend(handles=handles, loc="outside upper center", ncols=2)
+    save(figure, path)
+
+
+@dataclass(frozen=True)
+class Curve:
+    """An error over the first axis: (n,) values, their 95 % interval (2, n), and their bound."""
+
+    label: str
+    values: np.ndarray
+    interval: np.ndarray
+    bound: np.ndarray
+
+
+def curves(
+    panels: Mapping[str, Sequence[Curve]], unaided: np.ndarray | None, across: Axis, path: Path
+) -> None:
+    """Draw position errors over an axis with the bounds dashed; ``unaided`` (n, m) is the INS's."""
+    columns = min(len(panels), 2)
+    rows = -(-len(panels) // columns)
+    figure, grid = plt.subplots(
+        rows, columns, figsize=(4.4 * columns + 0.4, 3.6 * rows + 0.4), squeeze=False,
+        sharex=True, sharey=True, layout="constrained",
+    )  # fmt: skip
+    for axis in grid.flat[len(panels) :]:
+        axis.set_visible(False)
+    for axis, (title, lines) in zip(grid.flat, panels.items(), strict=False):
+        if unaided is not None:
+            low, high = np.fmin.reduce(unaided, axis=1), np.fmax.reduce(unaided, axis=1)
+            axis.fill_between(across.values, low, high, fc=INS, ec=INS, lw=2.0, label="ins")
+        for line, colour in zip(lines, _shades(len(lines)), strict=True):
+            axis.fill_between(across.values, *line.interval, color=colour, alpha=0.2, lw=0)
+            axis.plot(across.values, line.values, ".-", color=colour, lw=1.3, label=line.label)
+            axis.plot(across.values, line.bound, "--", color=colour, lw=0.9)
+        axis.set(title=title, xscale=across.scale, yscale="log", xlabel=across.title)
+        for side in (axis.xaxis, axis.yaxis):
+            side.set_major_formatter(lambda value, _: f"{value:g}")
+    for axis in grid[:, 0]:
+        axis.set_ylabel("position MRSE [m]")
+    handles, names = grid[0, 0].get_legend_handles_labels()
+    handles.append(Line2D([], [], color="0.3", lw=0.9, ls="--"))
+    figure.legend(handles, [*names, "Cramér–Rao bound"], loc="outside lower center", ncols=5)
+    save(figure, path)
+
+
+def _shades(count: int) -> list[Any]:
+    """Return so many colours, distinct for a few, in the order of a scale for more."""
+    if count <= 4:
+        return [f"C{i}" for i in range(count)]
+    return list(plt.get_cmap("viridis")(np.linspace(0.0, 0.93, count)))

@@ -1,0 +1,55 @@
+"""The figure of a map: the six components of the gradient at one height."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.ticker import MaxNLocator
+
+from ..gravity.gradient_map import MapError
+from ..maps.netcdf import TENSOR, Nodes
+from .figures import save
+
+_MOST_PIXELS = 600  # per axis: more cannot be seen
+
+
+def draw(nodes: Nodes, tensor: Any, height: float, source: str, path: Path) -> None:
+    """Draw the tensor (n_lat, n_lon, 6) [E] at a height [m] as a PNG file.
+
+    Raises MapError if the file cannot be written.
+    """
+    lat, lon = nodes.latitude_deg, nodes.longitude_deg
+    stride = max(1, math.ceil(max(lat.size, lon.size) / _MOST_PIXELS))
+    half = 0.5 * (lat[1] - lat[0]), 0.5 * (lon[1] - lon[0])
+    extent = (lon[0] - half[1], lon[-1] + half[1], lat[0] - half[0], lat[-1] + half[0])
+    stretch = 1.0 / math.cos(math.radians(0.5 * (lat[0] + lat[-1])))
+    shape = (extent[3] - extent[2]) * stretch / (extent[1] - extent[0])
+    size = (10.0, min(14.0, max(4.0, 1.6 + 4.2 * shape)))
+    figure, axes = plt.subplots(2, 3, figsize=size, sharex=True, sharey=True, layout="constrained")
+    for index, (axis, name) in enumerate(zip(axes.flat, TENSOR, strict=True)):
+        values = tensor[::stride, ::stride, index]
+        limit = float(np.percentile(np.abs(values), 99.5)) or 1.0
+        image = axis.imshow(
+            values, origin="lower", extent=extent, aspect=stretch, cmap="RdBu_r", vmin=-limit,
+            vmax=limit, interpolation="nearest",
+        )  # fmt: skip
+        axis.grid(visible=False)
+        axis.set_title(f"Γ_{name.upper()}")
+        figure.colorbar(image, ax=axis, shrink=0.85, label="[E]", extend="both")
+    for axis in axes[-1]:
+        axis.set_xlabel("longitude [°]")
+        axis.xaxis.set_major_locator(MaxNLocator(4))
+    for axis in axes[:, 0]:
+        axis.set_ylabel("latitude [°]")
+    title = f"Disturbing gradient at {height:g} m"
+    figure.suptitle(f"{title}: {source}" if source else title, fontsize=9, wrap=True)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        save(figure, path)
+    except (OSError, ValueError) as error:
+        plt.close(figure)
+        raise MapError(f"cannot write the figure {path}: {error}") from None

@@ -1,0 +1,370 @@
+"""The report of a campaign: markdown and figures, made from a results folder alone."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+import pandas as pd
+
+from ..errors import GGBenchError
+from ..judging.ranking import rows_of
+from ..results.folder import Results, as_argument
+from ..results.store import DETAILED_RUN, SERIES_RUNS
+from ..spec import scenario
+from ..spec.case import CaseSpec
+from . import figures, tables
+from .locking_section import ConvergenceReport
+from .opening import answer
+from .sweep_section import SweepReport
+
+
+class ReportError(GGBenchError):
+    """A report cannot be written."""
+
+
+def write(folder: Path, output: Path) -> Path:
+    """Write ``NAME.md`` and its figures (in ``NAME/``) for a results folder.
+
+    Parameters
+    ----------
+    folder : results of ``ggbench run``, finished or interrupted.
+    output : folder to write to; made if it does not exist.
+
+    Returns
+    -------
+    Path of the markdown file.
+
+    Raises
+    ------
+    StoreError, ScenarioError, ReportError
+        If the folder is not a results folder, is damaged or holds no finished run.
+    """
+    results = Results(folder)
+    summary = results.summary()
+    if summary.empty:
+        raise ReportError(f"{folder} holds no finished run to report")
+    name = results.scenario.name
+    pictures = output / name
+    path = output / f"{name}.md"
+    try:
+        pictures.mkdir(parents=True, exist_ok=True)
+        path.write_text(_Report(results, summary, pictures).text(), encoding="utf-8")
+    except OSError as error:
+        raise ReportError(f"cannot write to {output}: {error.strerror}") from None
+    results.store.close()
+    return path
+
+
+class _Report:
+    """One report in the making."""
+
+    def __init__(self, results: Results, summary: pd.DataFrame, pictures: Path) -> None:
+        self.results = results
+        self.scenario = loaded = results.scenario
+        self.summary = summary
+        self.studies = results.studies()
+        self.paired = results.paired()
+        self.pictures = pictures
+        self.manifest = results.manifest
+        plain = () if loaded.sweep else loaded.cases  # a sweep's figures are of its summary alone
+        self.arrays = {case.name: results.arrays(case.name) for case in plain}
+        self.references = [case for case in loaded.cases if case.reference]
+
+    def text(self) -> str:
+        """Return the whole report as markdown."""
+        parts = self._of_sweep() if self.scenario.sweep else self._of_cases()
+        return "\n\n".join(part.strip() for part in parts if part.strip()) + "\n"
+
+    def _of_sweep(self) -> list[str]:
+        return [
+            f"# {self.scenario.title}",
+            *SweepReport(self.scenario, self.summary, self.pictures).sections(),
+            "## Estimators beside each other, run by run",
+            tables.verdicts(self.paired),
+            "## Assumptions",
+            self._assumptions(),
+            self.scenario.notes,
+            "## How this was made",
+            "Velocity errors, the other windows and all intervals are in the results folder's "
+            "`summary.csv`.",
+            self._making(),
+        ]
+
+    def _of_cases(self) -> list[str]:
+        return [
+            f"# {self.scenario.title}",
+            self._verdict(),
+            tables.glance(self.scenario, self.summary),
+            self.scenario.description,
+            *ConvergenceReport(self.results, self.summary, self.pictures).sections(),
+            "## Results",
+            self._reading(),
+            self._unaided(),
+            *(self._case_table(case) for case in self.scenario.cases),
+            *self._paired(),
+            "## Efficiency: MRSE over the Cramér–Rao bound, in every window",
+            tables.efficiency(self.scenario, self.summary),
+            "The bounds themselves, position [m] and velocity [m/s], filtering:",
+            tables.bounds(self.scenario, self.arrays),
+            "## Figures",
+            self._figures(),
+            "## Assumptions",
+            self._assumptions(),
+            self.scenario.notes,
+            "## How this was made",
+            self._making(),
+        ]
+
+    def _verdict(self) -> str:
+        settled = self.summary[self.summary["window"] == "settled"]
+        causal = settled[settled["causality"] == "filter"]
+        with_reference = causal.dropna(subset=["paper_position_m"])
+        if with_reference.empty:
+            return answer(self.scenario, self.summary, self.paired)
+        # Written so that an estimator without a figure (all runs failed) does not pass.
+        reached = (with_reference["position_mrse_m"] <= with_reference["paper_position_m"]) & (
+            with_reference["velocity_mrse_mps"] <= with_reference["paper_velocity_mps"]
+        )
+        names = list(dict.fromkeys(f"`{label}`" for label in causal["label"]))
+        numbers = 2 * len(self.references)
+        runs = int(with_reference["runs"].min())
+        if reached.all():
+            subject = f"every causal estimator ({', '.join(names)}) is"
+        else:
+            failing = [f"`{r.label}` in {r.case}" for r in with_reference[~reached].itertuples()]
+            subject = f"not every causal estimator (not {', '.join(failing)}) is"
+        lost = int(causal["failed"].sum() + causal["diverged"].sum())
+        efficiency = causal["position_efficiency"]
+        sentence = (
+            f"At {runs} runs per case {subject} at or below the paper's {numbers} numbers in the "
+            f"settled window; position errors are {efficiency.min():.2f} to "
+            f"{efficiency.max():.2f} times the Cramér–Rao bound"
+        )
+        if len(names) > 1 and causal["runs"].nunique() == 1 and not lost:
+            errors = causal.groupby("case")["position_mrse_m"]
+            spread = 100.0 * float((errors.max() / errors.min() - 1.0).max())
+            amount = f"{spread:.2f} % at most" if spread >= 0.01 else "less than 0.01 %"
+            sentence += f", and within one case the estimators differ by {amount}"
+        sentence += f"; {lost if lost else 'no'} runs failed or diverged."
+        return f"**{sentence}**"
+
+    def _reading(self) -> str:
+        case = self.scenario.cases[0]
+        w = case.windows
+        return (
+            "MRSE is the root of the mean, over runs and epochs of a window, of the squared "
+            f"spherical error. Windows: the settled one from {w.settled_from_s:g} s on, the whole "
+            f"flight from the first update, the last {w.last_s:g} s. In brackets: 95 % bootstrap "
+            "interval over runs; beside it the median and the 95th percentile of the runs' own "
+            "root-mean-square errors. *Bound*: posterior Cramér–Rao bound of the unfiltered "
+            "readings, for filters the filtering bound, for smoothers that of their data; "
+            "*efficiency* = "
+            "MRSE / bound, for position. *NEES* of the six position and velocity errors, 6 if "
+            "consistent; its 95 % band treats each run as a single draw, so that its false-alarm "
+            "rate is below 5 %. *Coverage*: share of epochs whose truth lies in the claimed 95 % "
+            "region, with a band of the same kind. *NIS*: normalised innovation squared, the "
+            "number of components if consistent; a consistent filter's innovations are white, so "
+            "that the band counts every epoch and is far narrower. "
+            "A run *diverges* when its final position error exceeds both ten bounds and the pure "
+            "INS's. Times are medians, warmed up, of one process. *Map points*: positions at which "
+            "a run evaluates the field. Best first; of equal errors (to three digits) the cheaper. "
+            "Causal estimators and smoothers never share a block. `ins` "
+            "is set beside the filtering bound: what aiding could give."
+        )
+
+    def _unaided(self) -> str:
+        """Return what the INS does alone, from its stored errors at the end of the flight."""
+        case = self.scenario.cases[0]
+        series = self.results.series(case.name, "ins")
+        if not len(series):
+            return ""
+        position, velocity = np.sqrt(np.mean(series[:, -1, :2] ** 2, axis=0) / 3.0)
+        which = "" if self.references or len(self.scenario.cases) == 1 else " of the first case"
+        return (
+            f"The pure INS ends the flight{which}, after "
+            f"{self.arrays[case.name]['times'][-1]:g} s, with "
+            f"errors of {position:.0f} m and {velocity:.2f} m/s per axis (root mean square over "
+            f"{len(series)} runs and the three axes)."
+        )
+
+    def _case_table(self, case: CaseSpec) -> str:
+        rows = rows_of(self.summary, case, "settled")
+        if not rows:
+            return ""
+        updates = len(self.arrays[case.name]["times"])
+        notes = []
+        for label, row in rows.items():
+            if row["diverged"] and math.isfinite(row["position_without_diverged_m"]):
+                runs = "run" if row["diverged"] == 1 else f"{row['diverged']} runs"
+                notes.append(
+                    f"Without the {runs} that diverged `{label}` has a position MRSE of "
+                    f"{row['position_without_diverged_m']:.3f} m."
+                )
+            elif row["diverged"]:
+                notes.append(f"No run of `{label}` is left without those that diverged.")
+            if row["failed"]:
+                notes.append(f"`{label}` failed in {row['failed']} runs: {self._failure(row)}")
+        errors = tables.case_errors(case, self.summary)
+        consistency = tables.case_consistency(case, self.summary, updates)
+        return f"### {case.title}\n\n{errors}\n\n{consistency}\n\n{' '.join(notes)}"
+
+    def _paired(self) -> list[str]:
+        table = tables.paired(self.scenario, self.summary, self.paired)
+        reading = (
+            "Every estimator against the best causal one of its case, on the same runs (settled "
+            "window): mean difference of squared position error with its 95 % bootstrap-t interval "
+            "over runs, ratio of MRSE, share of runs with the smaller error (a run "
+            "that one of them failed is lost by it). *better* and *worse*: the interval does not "
+            "hold 0; if two do not differ, that is said of one pair in twenty. A verdict is of "
+            "statistics, not of importance: many runs find differences that nobody needs. All "
+            "pairs and windows are in the results folder's `paired.csv`."
+        )
+        return ["## Estimators beside each other, run by run", reading, table] if table else []
+
+    def _failure(self, row: dict[str, Any]) -> str:
+        failures = self.results.failures()
+        same = failures[
+            (failures["case"] == row["case"])
+            & (failures["estimator"] == row["label"])
+            & (failures["assumption"] == "")
+        ]
+        first = same.iloc[0]
+        return f"{first['reason']} (run {first['run']}; again: `{first['command']}`)."
+
+    def _figures(self) -> str:
+        name = self.scenario.name
+        lead = self.scenario.cases[0]
+        arrays = self.arrays[lead.name]
+        shown = []
+
+        def show(file: str, caption: str) -> None:
+            shown.append(f"![{caption}]({quote(name)}/{file})\n\n*{caption}*")
+
+        panels = []
+        for case in self.references or _spread(self.scenario.cases):
+            curves = {}
+            for label in rows_of(self.summary, case, "settled"):
+                series = self.results.series(case.name, label)
+                if len(series):
+                    curves[label] = np.sqrt(np.mean(series[:, :, :2] ** 2, axis=0))
+            stored = self.arrays[case.name]
+            kept = stored["kept"]
+            bounds = {
+                f"bound: {key.removeprefix('bound-').rstrip('-0123456789')}": np.sqrt(value[kept])
+                for key, value in stored.items()
+                if key.startswith("bound-")
+            }
+            panels.append((case.title, stored["times"][kept], curves, bounds))
+        figures.error_over_time(panels, self.pictures / "error_over_time.png")
+        show(
+            "error_over_time.png",
+            f"RMS spherical error over {_drawn(self.results.runs)} against time, with the "
+            "Cramér–Rao bounds of filter, fixed-lag smoother and smoother",
+        )
+        if "map_vertical" in arrays:
+            figures.field_map(arrays, self.pictures / "field.png")
+            show(
+                "field.png",
+                "Vertical gradient of the disturbing field at flight height, with the track",
+            )
+        figures.gradient_along_track(arrays, lead.title, self.pictures / "gradient.png")
+        show(
+            "gradient.png",
+            "Vertical gradient Γ_UU along the track: true, with the instrument's noise, and "
+            "filtered; below, what the filter delays, and the noise before and behind it"
+            if "filtered" in arrays
+            else "Vertical gradient Γ_UU along the track: true and with the instrument's noise; "
+            "below, the noise",
+        )
+        rows = rows_of(self.summary, lead, "settled")
+        causal = [label for label, row in rows.items() if row["causality"] == "filter"]
+        if causal:
+            label = causal[0]
+            aided = self.results.detail(lead.name, label, DETAILED_RUN)
+            ins = self.results.detail(lead.name, "ins", DETAILED_RUN)
+            if aided is not None:
+                for first, quantity, unit in ((0, "position", "m"), (3, "velocity", "m/s")):
+                    file = f"{quantity}_error.png"
+                    figures.component_errors(
+                        arrays["times"], aided, ins, first, unit, label, self.pictures / file
+                    )
+                    show(
+                        file,
+                        f"ENU {quantity} errors of run {DETAILED_RUN}, {lead.title}: "
+                        f"`{label}` and the pure INS",
+                    )
+        return "\n\n".join(shown)
+
+    def _assumptions(self) -> str:
+        assumed = {
+            key: note.removeprefix("assumed:").strip()
+            for key, note in self.scenario.provenance.items()
+            if note.startswith("assumed")
+        }
+        lines = []
+        if assumed:
+            values = scenario.values(self.scenario.source)
+            lines += ["What the source leaves open, and what is assumed:", ""]
+            lines += ["| key | value | why |", "|---|---|---|"]
+            lines += [f"| `{key}` | {values.get(key)} | {why} |" for key, why in assumed.items()]
+        if len(self.studies):
+            runs = int(self.studies["runs"].max())
+            lines += [
+                "",
+                "How the numbers move when one assumption changes "
+                f"(`{self.scenario.campaign.assumption_estimator}`, the first {runs} runs, settled "
+                "window unless said otherwise; position MRSE [m], velocity MRSE [m/s]; NEES 6 if "
+                "consistent):",
+                "",
+                tables.study(self.scenario, self.studies),
+            ]
+        return "\n".join(lines)
+
+    def _making(self) -> str:
+        m = self.manifest
+        versions = ", ".join(f"{name} {version}" for name, version in m["versions"].items())
+        machine = m["machine"]
+        labels, cases = list(m["estimators"]), m["cases"]
+        flags = ""
+        if labels != self.scenario.campaign.estimators:
+            flags += "".join(f" -e {shlex.quote(label)}" for label in labels)
+        if cases != [case.name for case in self.results.whole_scenario.cases]:
+            flags += "".join(f" -c {shlex.quote(name)}" for name in cases)
+        flags += " --assumptions" if m["assumptions"] else ""
+        memory = self.results.table["peak_memory_mb"].max()
+        return "\n".join(
+            [
+                "Generated, not edited. To get it again:",
+                "",
+                "```",
+                f"ggbench run {as_argument(m['argument'])} -n {m['runs']} --seed {m['seed']}"
+                f"{flags} -o {shlex.quote('results/' + m['scenario'])}",
+                f"ggbench report {shlex.quote('results/' + m['scenario'])} -o reports",
+                "```",
+                "",
+                f"- ggbench {m['ggbench']}, source {m['source_hash']}, scenario "
+                f"{m['scenario_hash'][:16]}, seed {m['seed']}, run on {m['date'][:10]}",
+                f"- {versions}",
+                f"- {machine['system']} on {machine['architecture']}, "
+                f"{machine['processors']} processors; peak memory of a worker {memory:.0f} MB",
+            ]
+        )
+
+
+def _drawn(runs: int) -> str:
+    """Return of which runs curves over time are."""
+    if runs <= SERIES_RUNS:
+        return "all runs"
+    return f"the first {SERIES_RUNS} of {runs} runs (tables are of all of them)"
+
+
+def _spread(cases: Sequence[CaseSpec]) -> list[CaseSpec]:
+    """Return the first, the middle and the last of many cases."""
+    places = {0, len(cases) // 2, len(cases) - 1}
+    return [cases[i] for i in sorted(places)]

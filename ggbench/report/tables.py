@@ -1,0 +1,345 @@
+"""The markdown tables of a report, from summary rows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ..judging.ranking import ORDER, best_causal, pair_of, rows_of
+from ..judging.statistics import BETTER, UNDECIDED, WORSE
+from ..judging.summary import WINDOWS, window_mask
+from ..spec.case import CaseSpec
+from ..spec.scenario import Scenario
+
+WINDOW_TITLES = {
+    "whole": "whole flight",
+    "settled": "settled window",
+    "last20": "end of the flight",
+}
+
+
+def short(value: float) -> str:
+    """Return a number with three digits at most, as cells and sentences show it."""
+    if value == 0.0 or not 1e-3 <= abs(value) < 1e5:
+        return f"{value:.1e}" if value else "0"
+    digits = max(0, 2 - math.floor(math.log10(abs(value))))
+    return f"{value:.{digits}f}" if digits else f"{value:.0f}"
+
+
+def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a markdown table."""
+    lines = [head, ["---"] * len(head), *rows]
+    escaped = ([cell.replace("|", "\\|") for cell in line] for line in lines)
+    return "\n".join("| " + " | ".join(line) + " |" for line in escaped)
+
+
+def glance(scenario: Scenario, summary: pd.DataFrame) -> str:
+    """Return the table at a glance: every estimator beside the paper and the bound."""
+    cases = [case for case in scenario.cases if case.reference]
+    if not cases and len(scenario.cases) > 1:
+        return errors_of_cases(scenario, summary)
+    cases = cases or list(scenario.cases)
+    tables = [rows_of(summary, case, "settled") for case in cases]
+    rows = []
+    if any(case.reference for case in cases):
+        published = [
+            f"{c.reference.position_mrse_m:.2f}, {c.reference.velocity_mrse_mps:.3f}"
+            for c in cases
+            if c.reference
+        ]
+        rows.append(["*paper (UKF)*", "*filter*", *published, "", ""])
+
+    def cells(label: str, position: str, velocity: str) -> list[str]:
+        return [
+            f"{table[label][position]:.2f}, {table[label][velocity]:.3f}" if label in table else ""
+            for table in tables
+        ]
+
+    bounded = ""
+    for label, first in tables[0].items():
+        causality = first["causality"]
+        if causality not in ("none", bounded):
+            bounded = causality
+            bounds = cells(label, "position_bound_m", "velocity_bound_mps")
+            rows.append(["*Cramér–Rao bound*", f"*{causality}*", *bounds, "", ""])
+        errors = cells(label, "position_mrse_m", "velocity_mrse_mps")
+        milliseconds = f"{1e3 * first['seconds_per_run']:.0f}"
+        held = [table[label] for table in tables if label in table]
+        lost = " / ".join(str(sum(row[key] for row in held)) for key in ("failed", "diverged"))
+        rows.append([f"`{label}`", causality, *errors, lost, milliseconds])
+    titles = [f"{case.title}: m, m/s" for case in cases]
+    return markdown(["settled window", "causality", *titles, "failed / diverged", "ms/run"], rows)
+
+
+def errors_of_cases(scenario: Scenario, summary: pd.DataFrame) -> str:
+    """Return the position errors of many cases: a row for each, a column for each estimator."""
+    tables = {case.name: rows_of(summary, case, "settled") for case in scenario.cases}
+    labels = list(dict.fromkeys(label for table in tables.values() for label in table))
+    causality = {k: row["causality"] for table in tables.values() for k, row in table.items()}
+    labels.sort(key=lambda label: ORDER[causality[label]])
+    kinds = [kind for kind in ("filter", "fixed-lag", "batch") if kind in causality.values()]
+    rows = []
+    for case in scenario.cases:
+        table = tables[case.name]
+        if not table:
+            continue
+        best = best_causal(table.values())
+        cells = [_with_losses(table.get(label), best) for label in labels]
+        bounds = [
+            next((short(b) for b in _bounds(table, kind) if math.isfinite(b)), "") for kind in kinds
+        ]
+        rows.append([case.title, *cells, *bounds])
+    heads = [
+        f"`{k}`" if causality[k] in ("filter", "none") else f"`{k}` ({causality[k]})"
+        for k in labels
+    ]
+    titles = [f"*bound: {kind}*" for kind in kinds]
+    reading = (
+        "Position MRSE [m] in the settled window with its 95 % interval; the best causal estimator "
+        "of a case is bold, runs that failed or diverged are counted behind."
+    )
+    return f"{markdown(['case', *heads, *titles], rows)}\n\n{reading}"
+
+
+def _bounds(table: Mapping[str, Mapping[str, Any]], causality: str) -> list[float]:
+    """Return the bounds on the position [m] of a case's estimators of a causality."""
+    return [r["position_bound_m"] for r in table.values() if r["causality"] == causality]
+
+
+def _with_losses(row: dict[str, Any] | None, best: dict[str, Any] | None) -> str:
+    """Return an error with its interval and the runs that were lost."""
+    if row is None:
+        return ""
+    text = "–" if math.isnan(row["position_mrse_m"]) else short(row["position_mrse_m"])
+    low, high = row["position_mrse_lo"], row["position_mrse_hi"]
+    if not math.isnan(low):
+        text += f" [{short(low)}, {short(high)}]"
+    if best is not None and row["label"] == best["label"]:
+        text = f"**{text}**"
+    lost = [f"{row[kind]} {kind}" for kind in ("failed", "diverged") if row[kind]]
+    return f"{text}; {', '.join(lost)}" if lost else text
+
+
+def case_errors(case: CaseSpec, summary: pd.DataFrame) -> str:
+    """Return the errors of one case in the settled window, smoothers in their own block."""
+    head = [
+        "estimator", "position MRSE [m]", "median, 95 %", "bound", "efficiency",
+        "velocity MRSE [m/s]", "median, 95 %", "bound", "failed / diverged",
+    ]  # fmt: skip
+    rows = []
+    if case.reference:
+        paper = [""] * len(head)
+        paper[0] = "**paper**"
+        paper[1] = f"{case.reference.position_mrse_m:.4f}"
+        paper[5] = f"{case.reference.velocity_mrse_mps:.4f}"
+        rows.append(paper)
+    return markdown(head, [*rows, *_blocks(case, summary, len(head), _errors)])
+
+
+def case_consistency(case: CaseSpec, summary: pd.DataFrame, updates: int) -> str:
+    """Return consistency (with 95 % bands) and cost of one case in the settled window."""
+    head = [
+        "estimator", "NEES (band)", "NIS (band)", "coverage (band)", "ms/run", "ms/update",
+        "map points",
+    ]  # fmt: skip
+    return markdown(head, _blocks(case, summary, len(head), lambda row: _consistency(row, updates)))
+
+
+def _blocks(
+    case: CaseSpec,
+    summary: pd.DataFrame,
+    columns: int,
+    cells: Callable[[dict[str, Any]], list[str]],
+) -> list[list[str]]:
+    """Return a row of cells for each estimator, smoothers under their own title."""
+    rows = []
+    smoothing = False
+    for row in rows_of(summary, case, "settled").values():
+        if not smoothing and row["causality"] in ("fixed-lag", "batch"):
+            smoothing = True
+            rows.append(["*smoothers*", *[""] * (columns - 1)])
+        rows.append(cells(row))
+    return rows
+
+
+def paired(scenario: Scenario, summary: pd.DataFrame, pairs: pd.DataFrame) -> str:
+    """Return how every estimator does against the best causal one of its case, run by run.
+
+    ``pairs`` are the rows of :func:`ggbench.judging.summary.paired_table`.
+    """
+    head = [
+        "case", "estimator", "against", "runs", "position: difference of squared error [m²]",
+        "MRSE ratio", "wins", "verdict", "velocity: MRSE ratio", "wins", "verdict",
+    ]  # fmt: skip
+    rows = []
+    for case in scenario.cases:
+        ranking = rows_of(summary, case, "settled")
+        best = next((k for k, row in ranking.items() if row["causality"] == "filter"), None)
+        for label in ranking:
+            pair = pair_of(pairs, case.name, label, best) if best and label != best else None
+            if pair:
+                rows.append([case.name, *_pair(pair)])
+    return markdown(head, rows) if rows else ""
+
+
+def verdicts(pairs: pd.DataFrame) -> str:
+    """Return in how many cases each two estimators differ, for many cases.
+
+    ``pairs`` are the rows of :func:`ggbench.judging.summary.paired_table`.
+    """
+    head = ["estimator", "against", "quantity", "better", "worse", "not distinguishable",
+            "MRSE ratio farthest from 1"]  # fmt: skip
+    settled = pairs[pairs["window"] == "settled"]
+    rows = []
+    for (first, second), pair in settled.groupby(["first", "second"], sort=False):
+        for quantity in ("position", "velocity"):
+            found = pair[f"{quantity}_verdict"].value_counts()
+            ratios = 1.0 + pair[f"{quantity}_relative"].dropna().to_numpy()
+            farthest = ratios[np.abs(np.log(ratios)).argmax()] if len(ratios) else math.nan
+            counts = [str(found.get(verdict, 0)) for verdict in (BETTER, WORSE, UNDECIDED)]
+            rows.append([f"`{first}`", f"`{second}`", quantity, *counts, f"{farthest:.5g}"])
+    reading = (
+        "Paired over runs, settled window: the number of grid points at which the 95 % bootstrap-t "
+        "interval of the mean difference of squared error lies below 0, above 0, or holds it (one "
+        "in twenty does not, of estimators that do not differ)."
+    )
+    return f"{reading}\n\n{markdown(head, rows)}"
+
+
+def _pair(pair: dict[str, Any]) -> list[str]:
+    """Return the cells of a pair."""
+    text = f"{pair['position_difference_m2']:+.3g}"
+    if not math.isnan(pair["position_lo"]):
+        text += f" [{pair['position_lo']:+.3g}, {pair['position_hi']:+.3g}]"
+    cells = [f"`{pair['first']}`", f"`{pair['second']}`", str(pair["runs"]), text]
+    for quantity in ("position", "velocity"):
+        cells += [
+            f"{1.0 + pair[f'{quantity}_relative']:.5g}",
+            f"{100.0 * pair[f'{quantity}_win_rate']:.0f} %",
+            pair[f"{quantity}_verdict"],
+        ]
+    return cells
+
+
+def efficiency(scenario: Scenario, summary: pd.DataFrame) -> str:
+    """Return MRSE over bound for every case, estimator and window."""
+    head = ["case", "estimator"]
+    for window in WINDOWS:
+        head += [f"{WINDOW_TITLES[window]}: position", "velocity"]
+    rows = []
+    for case in scenario.cases:
+        tables = {window: rows_of(summary, case, window) for window in WINDOWS}
+        for label, settled in tables["settled"].items():
+            if settled["causality"] == "none":
+                continue
+            cells = [case.name, f"`{label}`"]
+            for table in tables.values():
+                cells.append(f"{table[label]['position_efficiency']:.3f}")
+                cells.append(f"{table[label]['velocity_efficiency']:.3f}")
+            rows.append(cells)
+    return markdown(head, rows)
+
+
+def bounds(scenario: Scenario, arrays: Mapping[str, Mapping[str, np.ndarray]]) -> str:
+    """Return the filtering bounds of every case and window; ``arrays`` are those of the cases."""
+    rows = []
+    for case in scenario.cases:
+        cells = [case.name]
+        for window in WINDOWS:
+            stored = arrays[case.name]
+            mask = window_mask(stored["times"], case.windows, window)
+            position, velocity = np.sqrt(stored["bound-filter"][mask].mean(axis=0))
+            cells.append(f"{position:.3f}, {velocity:.4f}")
+        rows.append(cells)
+    return markdown(["case", *(WINDOW_TITLES[w] for w in WINDOWS)], rows)
+
+
+def study(scenario: Scenario, studies: pd.DataFrame) -> str:
+    """Return how the published numbers move when one assumption changes."""
+    cases = [case for case in scenario.cases if case.reference]
+    head = ["assumption"]
+    for case in cases:
+        head += [case.name, "NEES"]
+    paper = ["*paper*"]
+    for case in cases:
+        if case.reference:
+            paper += [f"{case.reference.position_mrse_m}, {case.reference.velocity_mrse_mps}", ""]
+    rows = [paper]
+    declared = studies[studies["assumption"] == ""]
+    for title, window in (
+        ("**as declared**", "settled"),
+        ("window: the whole flight", "whole"),
+        ("window: the end of the flight", "last20"),
+    ):
+        rows.append([title, *_study_cells(cases, declared, window)])
+    for assumption in scenario.assumptions:
+        frame = studies[studies["assumption"] == assumption.name]
+        rows.append([assumption.title, *_study_cells(cases, frame, "settled")])
+    return markdown(head, rows)
+
+
+def _study_cells(cases: Sequence[CaseSpec], frame: pd.DataFrame, window: str) -> list[str]:
+    cells = []
+    for case in cases:
+        chosen = frame[(frame["case"] == case.name) & (frame["window"] == window)]
+        if chosen.empty:
+            cells += ["–", "–"]
+            continue
+        row = chosen.iloc[0]
+        lost = int(row["failed"] + row["diverged"])
+        note = f" ({lost} of {row['runs']} failed or diverged)" if lost else ""
+        cells.append(f"{row['position_mrse_m']:.3f}, {row['velocity_mrse_mps']:.4f}{note}")
+        cells.append(_short(row["nees_mean"]))
+    return cells
+
+
+def _errors(row: dict[str, Any]) -> list[str]:
+    """Return the cells of one estimator's errors."""
+    return [
+        f"`{row['label']}`",
+        _interval(row, "position_mrse", "m", 3),
+        f"{row['position_median_m']:.3f}, {row['position_p95_m']:.3f}",
+        f"{row['position_bound_m']:.3f}",
+        f"{row['position_efficiency']:.3f}",
+        _interval(row, "velocity_mrse", "mps", 4),
+        f"{row['velocity_median_mps']:.4f}, {row['velocity_p95_mps']:.4f}",
+        f"{row['velocity_bound_mps']:.4f}",
+        f"{row['failed']} / {row['diverged']}",
+    ]
+
+
+def _consistency(row: dict[str, Any], updates: int) -> list[str]:
+    """Return the cells of one estimator's consistency and cost."""
+    milliseconds = 1e3 * row["seconds_per_run"]
+    covered = [100.0 * row[f"coverage{end}"] for end in ("", "_lo", "_hi")]
+    return [
+        f"`{row['label']}`",
+        _band(_short(row["nees_mean"]), row["nees_lo"], row["nees_hi"], 2),
+        _band(_short(row["nis_mean"]), row["nis_lo"], row["nis_hi"], 2),
+        _band(f"{covered[0]:.1f} %", covered[1], covered[2], 1),
+        f"{milliseconds:.1f}",
+        f"{milliseconds / updates:.3f}",
+        f"{row['map_evaluations']:.0f}",
+    ]
+
+
+def _band(text: str, low: float, high: float, digits: int) -> str:
+    """Return a figure with its band; blank if there is no figure."""
+    if text.startswith("nan"):
+        return ""
+    return text if math.isnan(low) else f"{text} ({low:.{digits}f}–{high:.{digits}f})"
+
+
+def _interval(row: dict[str, Any], key: str, unit: str, digits: int) -> str:
+    low, high = row[f"{key}_lo"], row[f"{key}_hi"]
+    text = f"{row[f'{key}_{unit}']:.{digits}f}"
+    return text if math.isnan(low) else f"{text} [{low:.{digits}f}, {high:.{digits}f}]"
+
+
+def _short(value: float) -> str:
+    """Return a number with two decimals, or without any if it is large."""
+    return f"{value:.2f}" if abs(value) < 100.0 else f"{value:.0f}"

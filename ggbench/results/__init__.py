@@ -1,0 +1,1 @@
+"""What campaigns leave behind: a folder of records."""

@@ -1,0 +1,304 @@
+"""What a results folder holds, read back: records, tables of them, and files for other tools.
+
+Only what the folder itself holds is read: no estimator is loaded and nothing is simulated.
+"""
+
+from __future__ import annotations
+
+import io
+import itertools
+import shlex
+from collections.abc import Iterator
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from ..errors import GGBenchError
+from ..judging import locking
+from ..judging.summary import (
+    SUMMARY_COLUMNS,
+    WINDOWS,
+    paired_table,
+    runs_table,
+    summarize,
+    window_mask,
+)
+from ..simulation.equipment import channel_names, faults
+from ..spec import scenario
+from ..spec.scenario import Scenario
+from .store import Store, StoreError, read_manifest
+
+RUN_COLUMNS = (
+    "assumption", "case", "problem", "estimator", "name", "parameters", "causality", "seed",
+    "run", "status", "reason", "command", "diverged", "seconds", "cold", "map_evaluations",
+    "peak_memory_mb", "final_position_error_m", "final_ins_error_m", "bound", "lock_time_s",
+    "false_lock",
+)  # fmt: skip
+"""Columns of the table of runs, before those of the windows."""
+_PIECE = 5000
+"""Records that are held at a time on their way into a table."""
+
+
+class ResultsError(GGBenchError):
+    """What is asked of a results folder is not in it."""
+
+
+class Cell(NamedTuple):
+    """The runs of one estimator on one case."""
+
+    assumption: str
+    case: str
+    problem: str
+    estimator: str
+    key: str
+
+
+class Results:
+    """A results folder, finished or stopped.
+
+    Parameters
+    ----------
+    folder : where it is.
+    store : the open folder, if it is open already.
+
+    Raises
+    ------
+    StoreError
+        If it is no results folder or is damaged.
+    """
+
+    def __init__(self, folder: Path, store: Store | None = None) -> None:
+        self.folder = folder
+        self.store = store or Store(folder)
+        self.manifest = read_manifest(folder)
+        self.cells = [Cell(**cell) for cell in self.manifest["cells"]]
+        self._arrays: dict[str, dict[str, np.ndarray]] = {}
+        self._keys = {(*cell[:2], cell.estimator): cell.key for cell in self.cells}
+
+    @cached_property
+    def scenario(self) -> Scenario:
+        """The scenario with the cases that were run."""
+        return self.whole_scenario.select(self.manifest["cases"])
+
+    @cached_property
+    def whole_scenario(self) -> Scenario:
+        """The scenario from the copy in the folder, with all of its cases.
+
+        Raises
+        ------
+        ScenarioError, StoreError
+            If this version cannot read it, or it is not the one that was run.
+        """
+        manifest = self.manifest
+        loaded = scenario.from_text(
+            manifest["scenario_text"], manifest["scenario"], manifest["notes"]
+        )
+        if loaded.content_hash != manifest["scenario_hash"]:
+            raise StoreError(
+                f"the scenario in {self.folder / 'manifest.json'} is not the one that was run: "
+                "its hash differs"
+            )
+        return loaded
+
+    @property
+    def labels(self) -> list[str]:
+        """The estimators, in the order in which they were asked for."""
+        return list(self.manifest["estimators"])
+
+    @property
+    def runs(self) -> int:
+        """How many runs of each case were asked for."""
+        return int(self.manifest["runs"])
+
+    def records(self, assumption: str = "") -> Iterator[dict[str, Any]]:
+        """Yield the records of the cases ("") or of one assumption, with the names of their cell.
+
+        Case by case, estimator by estimator, run by run.
+        """
+        for cell in self.cells:
+            if cell.assumption == assumption:
+                for record in self.store.records(cell.key, self.runs):
+                    yield record | {"case": cell.case, "estimator": cell.estimator}
+
+    def series(self, case: str, estimator: str) -> np.ndarray:
+        """Return (runs, K', 4): position and velocity error [m, m/s], NEES, NIS of finished runs.
+
+        K' are the epochs that ``kept`` of the case's arrays names. Empty if there are none.
+        """
+        key = self._keys.get(("", case, estimator))
+        found = np.empty((0, 0, 4)) if key is None else self.store.series(key, self.runs)
+        return found if not len(found) else self._of_length(found, case, "kept")
+
+    def series_of(self, case: str, estimator: str, run: int) -> np.ndarray | None:
+        """Return (K', 4) of one run, or None if it has none."""
+        key = self._keys.get(("", case, estimator))
+        found = None if key is None else self.store.series_of(key, run)
+        return None if found is None else self._of_length(found, case, "kept")
+
+    def detail(self, case: str, estimator: str, run: int) -> np.ndarray | None:
+        """Return (K, 12) of a run kept in detail: errors of position and velocity, their σ."""
+        key = self._keys.get(("", case, estimator))
+        found = None if key is None else self.store.detail(key, run)
+        return None if found is None else self._of_length(found, case, "times")
+
+    def _of_length(self, found: np.ndarray, case: str, epochs: str) -> np.ndarray:
+        """Return (..., K, columns) as it is if K is the number of a case's epochs."""
+        errors = found[..., :2]  # a NEES or NIS may be undefined, an error may not
+        if found.shape[-2] != len(self.arrays(case)[epochs]) or not np.isfinite(errors).all():
+            raise StoreError(f"a time series of case {case} in {self.folder} is damaged")
+        return found
+
+    def lock_times(self, case: str, estimator: str) -> np.ndarray:
+        """Return the times to lock [s] (runs,) of finished runs, NaN of those that never did."""
+        table = self.table
+        own = (table["assumption"] == "") & (table["case"] == case)
+        own &= (table["estimator"] == estimator) & (table["status"] == "ok")
+        return table.loc[own, "lock_time_s"].to_numpy(dtype=float)
+
+    def arrays(self, case: str) -> dict[str, np.ndarray]:
+        """Return what all runs of a case share: epochs, track, bounds, signals."""
+        if case not in self._arrays:
+            key = self.manifest["shared"].get(case, "")
+            self._arrays[case] = self.store.arrays(key, case)
+        return self._arrays[case]
+
+    @cached_property
+    def table(self) -> pd.DataFrame:
+        """The table of runs: one row per run and estimator, the cases first, then the studies.
+
+        :data:`RUN_COLUMNS`, then for each window its mean squared errors, NEES, NIS and coverage.
+        """
+        tables = [table for cell in self.cells for table in self._tables_of(cell)]
+        if not tables:
+            return runs_table([], RUN_COLUMNS)
+        return pd.concat(tables, ignore_index=True)
+
+    def _tables_of(self, cell: Cell) -> Iterator[pd.DataFrame]:
+        """Yield the table of the runs of one estimator on one case, piece by piece."""
+        command = self.command(cell, 0).removesuffix("0")
+        records = self.store.records(cell.key, self.runs)
+        while piece := list(itertools.islice(records, _PIECE)):
+            common = cell._asdict() | {
+                "reason": [record.get("reason", "") for record in piece],
+                "command": [f"{command}{record['run']}" for record in piece],
+            }
+            yield runs_table(piece, RUN_COLUMNS, common)
+
+    def command(self, cell: Cell, run: int) -> str:
+        """Return the command that runs one run again, alone, in one process."""
+        case = f"{cell.assumption}/{cell.case}" if cell.assumption else cell.case
+        words = ["--case", case, "-e", cell.estimator, "--seed", str(self.manifest["seed"])]
+        name = as_argument(self.manifest["argument"])
+        return f"ggbench run {name} {shlex.join([*words, '--run', str(run)])}"
+
+    def summary(self) -> pd.DataFrame:
+        """Return one row per case, estimator and window (:func:`.summary.summarize`)."""
+        loaded = self.scenario
+        # Rows in the order in which the cases and estimators were asked for.
+        bounds: dict[tuple[str, str], dict[str, tuple[float, float]]] = {
+            (case.name, label): {} for case in loaded.cases for label in self.labels
+        }
+        runs = self.table[self.table["assumption"] == ""]
+        finished = runs[runs["status"] == "ok"].drop_duplicates(["case", "estimator"], keep="last")
+        named = finished.set_index(["case", "estimator"])["bound"].to_dict()
+        readings: dict[str, dict[str, tuple[int, int]]] = {}
+        for case in loaded.cases:
+            used = [label for label in self.labels if (case.name, label) in named]
+            if not used:
+                continue
+            arrays = self.arrays(case.name)
+            dropouts = faults(case.truth.gradiometer)
+            present = np.where(dropouts.in_dropouts(arrays["times"]), 0.0, 1.0)
+            present *= 1.0 - dropouts.dropout_share
+            readings[case.name] = {}
+            for window in WINDOWS:
+                mask = window_mask(arrays["times"], case.windows, window)
+                count = round(float(present[mask].sum()))
+                readings[case.name][window] = count, len(channel_names(case.gradiometer))
+                for label in used:
+                    squared = arrays.get(f"bound-{named[case.name, label]}")
+                    if squared is None:
+                        raise StoreError(f"{self.folder} does not hold the bound of {label}")
+                    position, velocity = np.sqrt(squared[mask].mean(axis=0))
+                    bounds[case.name, label][window] = (float(position), float(velocity))
+        return summarize(runs, bounds, self._references(), loaded.name, readings)
+
+    def studies(self) -> pd.DataFrame:
+        """Return each assumption's summary rows, and as ``""`` the same runs without it."""
+        loaded = self.scenario
+        table = self.table
+        groups = {
+            study.name: table[table["assumption"] == study.name] for study in loaded.assumptions
+        }
+        studied = table[table["assumption"] != ""]
+        if studied.empty:
+            return pd.DataFrame()
+        estimator = next(cell.estimator for cell in self.cells if cell.assumption)
+        declared = table[
+            (table["assumption"] == "")
+            & (table["estimator"] == estimator)
+            & table["run"].isin(studied["run"].unique())
+        ]
+        frames = [
+            summarize(group, {}, self._references(), loaded.name).assign(assumption=name)
+            for name, group in [*groups.items(), ("", declared)]
+            if len(group)
+        ]
+        return pd.concat(frames, ignore_index=True)
+
+    def paired(self) -> pd.DataFrame:
+        """Return the paired comparison of every two estimators, in every case and window."""
+        return paired_table(self.table)
+
+    def failures(self) -> pd.DataFrame:
+        """Return the runs that failed, each with its reason and the command that repeats it."""
+        table = self.table
+        columns = ["assumption", "case", "estimator", "run", "reason", "command"]
+        return table.loc[table["status"] != "ok", columns].reset_index(drop=True)
+
+    def _references(self) -> dict[str, tuple[float, float] | None]:
+        return {
+            case.name: (case.reference.position_mrse_m, case.reference.velocity_mrse_mps)
+            if case.reference
+            else None
+            for case in self.scenario.cases
+        }
+
+
+def as_argument(path: str) -> str:
+    """Return a path as it can be pasted into a command: quoted, and not taken for an option."""
+    return shlex.quote(f"./{path}" if path.startswith("-") else path)
+
+
+def write_tables(results: Results) -> pd.DataFrame:
+    """Write the tables of a results folder into it; return the summary.
+
+    ``summary.csv`` (:data:`.summary.SUMMARY_COLUMNS`), ``paired.csv``, ``failures.csv``,
+    ``runs.parquet`` (the table of runs), if assumptions were studied ``assumptions.csv``, and if
+    locks were judged ``convergence.csv``.
+
+    Raises
+    ------
+    StoreError
+        If a file cannot be written.
+    """
+    summary, studies = results.summary(), results.studies()
+
+    def write_csv(name: str, table: pd.DataFrame) -> None:
+        results.store.write(name, table.to_csv(index=False).encode())
+
+    write_csv("summary.csv", summary[list(SUMMARY_COLUMNS)])
+    write_csv("paired.csv", results.paired())
+    write_csv("failures.csv", results.failures())
+    if len(studies):
+        write_csv("assumptions.csv", studies)
+    locks = locking.table(summary)
+    if len(locks):
+        write_csv("convergence.csv", locks)
+    content = io.BytesIO()
+    results.table.to_parquet(content, index=False)
+    results.store.write("runs.parquet", content.getvalue())
+    return summary

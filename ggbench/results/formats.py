@@ -1,0 +1,181 @@
+"""What a manifest and a record must hold to be believed: a results folder may come from anyone."""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated, Any, Literal, NotRequired
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, with_config
+from typing_extensions import TypedDict
+
+from ..spec.limits import MOST_RUNS, MOST_SEED, SCENARIO_NAME
+
+Count = Annotated[int, Field(ge=0)]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(strict=True, extra="allow")
+
+
+class _Cell(_Part):
+    model_config = ConfigDict(strict=True, extra="forbid")
+
+    assumption: str
+    case: str
+    problem: str
+    estimator: str
+    key: str
+
+
+class _Machine(_Part):
+    system: str
+    architecture: str
+    processors: int | None
+
+
+class _Manifest(_Part):
+    scenario: Annotated[str, Field(min_length=1, pattern=SCENARIO_NAME)]
+    scenario_hash: str
+    scenario_text: str
+    argument: str
+    title: str
+    notes: str
+    seed: Annotated[int, Field(ge=0, le=MOST_SEED)]
+    runs: Annotated[int, Field(ge=1, le=MOST_RUNS)]
+    estimators: dict[str, dict[str, Any]]
+    cases: Annotated[list[str], Field(min_length=1)]
+    assumptions: bool
+    cells: list[_Cell]
+    shared: dict[str, str]
+    ggbench: str
+    source_hash: str
+    versions: dict[str, str]
+    date: str
+    machine: _Machine
+
+
+# Records are many: dictionaries are checked ten times as fast as models are made of them.
+_STRICT = ConfigDict(strict=True)
+_Positive = Annotated[float, Field(ge=0.0)]
+
+
+@with_config(_STRICT)
+class _Figures(TypedDict):
+    position_ms: _Positive
+    velocity_ms: _Positive
+    nees: float
+    nis: float
+    coverage: float
+
+
+@with_config(_STRICT)
+class _Windows(TypedDict):
+    whole: _Figures
+    settled: _Figures
+    last20: _Figures
+
+
+@with_config(_STRICT)
+class _Run(TypedDict):
+    name: str
+    parameters: str
+    causality: Literal["none", "filter", "fixed-lag", "batch"]
+    run: Annotated[int, Field(ge=0, le=MOST_RUNS)]
+    seed: Annotated[int, Field(ge=0, le=MOST_SEED)]
+    cold: NotRequired[bool]
+
+
+@with_config(_STRICT)
+class _Failed(_Run):
+    status: Literal["failed"]
+    reason: str
+    traceback: NotRequired[str]
+    seconds: NotRequired[_Positive]
+
+
+@with_config(_STRICT)
+class _Finished(_Run):
+    status: Literal["ok"]
+    seconds: _Positive
+    bound: str
+    map_evaluations: Count
+    peak_memory_mb: float
+    diverged: bool
+    final_position_error_m: float
+    final_ins_error_m: float
+    windows: _Windows
+    lock_time_s: NotRequired[_Positive | None]
+    false_lock: NotRequired[bool | None]
+
+
+_MANIFEST = TypeAdapter(_Manifest)
+_Record = Annotated[_Failed | _Finished, Field(discriminator="status")]
+_RECORD: TypeAdapter[Any] = TypeAdapter(_Record)
+_RECORDS: TypeAdapter[Any] = TypeAdapter(list[_Record])
+
+
+def flaw_of_manifest(content: Any) -> str | None:
+    """Return what is wrong with a manifest, in a few words, or None."""
+    return _flaw(_MANIFEST, content)
+
+
+def flaw_of_record(content: Any) -> str | None:
+    """Return what is wrong with a record, in a few words, or None."""
+    return _flaw(_RECORD, content)
+
+
+def flaw_of_records(content: Any, count: int) -> str | None:
+    """Return what is wrong with the first bad one of so many records, in a few words, or None."""
+    if not isinstance(content, list) or len(content) != count:
+        return "it is no single record"
+    if _flaw(_RECORDS, content) is None:  # at once, which is quicker
+        return None
+    return next(filter(None, map(flaw_of_record, content)), None)
+
+
+def flaw_of_arrays(arrays: dict[str, np.ndarray]) -> str | None:
+    """Return what is wrong with what all runs of a case share, in a few words, or None."""
+    bounds = {name: 2 for name in arrays if name.startswith("bound-")}
+    columns = {"times": 0, "kept": 0, "track": 3, "bound-filter": 2, "bound-batch": 2,
+               "vertical": 0, "noisy": 0} | bounds  # fmt: skip
+    optional = {"filtered": 0, "filtered_true": 0}
+    columns |= {name: width for name, width in optional.items() if name in arrays}
+    for name, width in columns.items():
+        if name not in arrays:
+            return f"it has no {name}"
+        if name.startswith("bound-") and not re.fullmatch(
+            r"bound-(filter|batch|fixed-lag-\d+)", name
+        ):
+            return f"it has an unknown {name}"
+        epochs = len(np.atleast_1d(arrays["times"]))
+        length = len(np.atleast_1d(arrays[name])) if name == "kept" else epochs
+        if arrays[name].shape != ((length, width) if width else (length,)):
+            return f"its {name} has the shape {arrays[name].shape}"
+        if arrays[name].dtype.kind != ("i" if name == "kept" else "f"):
+            return f"its {name} holds {arrays[name].dtype}"
+        if not np.isfinite(arrays[name]).all():
+            return f"its {name} is not finite"
+    kept = arrays["kept"]
+    if len(kept) == 0 or kept.min() < 0 or kept.max() >= len(arrays["times"]):
+        return "its kept names other epochs than there are"
+    if "map_vertical" in arrays:
+        sides = [arrays.get(f"map_{name}", np.empty(())) for name in ("latitude", "longitude")]
+        if any(side.ndim != 1 or side.dtype.kind != "f" for side in sides):
+            return "its map has no latitudes or longitudes"
+        values = arrays["map_vertical"]
+        if values.dtype.kind != "f" or values.shape != (len(sides[0]), len(sides[1])):
+            return "its map has another size than its sides"
+    return None
+
+
+def _flaw(adapter: TypeAdapter[Any], content: Any) -> str | None:
+    try:
+        adapter.validate_python(content)
+    except ValidationError as error:
+        problem = error.errors()[0]
+        where = ".".join(str(part) for part in problem["loc"])
+        if problem["type"] == "missing":
+            return f"it has no {where}"
+        return f"its {where or 'content'} is not what it should be ({problem['msg']})"
+    return None

@@ -1,0 +1,398 @@
+"""Where a campaign's results live: a folder whose every write happens whole or not at all.
+
+``manifest.json``   what was run: the scenario's text, versions, machine, seed, date, and the keys
+                    under which the results are stored.
+``records.sqlite``  one record per run and estimator, and what all runs of a case share; each is
+                    durable (written through to the disk) when it has been added.
+
+The other files of a folder are made from these two. A results folder is data: nothing in it is
+ever executed.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import io
+import json
+import os
+import re
+import sqlite3
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydantic_core import from_json
+
+from ..errors import GGBenchError
+from .formats import flaw_of_arrays, flaw_of_manifest, flaw_of_records
+
+DETAILED_RUN = 0
+"""The run whose errors and claimed deviations are kept component by component, for the figures."""
+MOST_KEPT = 400
+"""Most epochs of a run whose errors are kept as a time series."""
+SERIES_RUNS = 1000
+"""Runs of a case whose time series are kept, the first ones: what figures over time are made of."""
+_APPLICATION_ID = 0x67676231
+"""Says in the header of a database that it is one of ours."""
+_SCHEMA = """
+CREATE TABLE IF NOT EXISTS records (
+    key TEXT NOT NULL,
+    run INTEGER NOT NULL,
+    retry_above REAL,
+    record TEXT NOT NULL,
+    series BLOB,
+    detail BLOB,
+    PRIMARY KEY (key, run)
+);
+CREATE INDEX IF NOT EXISTS lost ON records (retry_above) WHERE retry_above IS NOT NULL;
+CREATE TABLE IF NOT EXISTS shared (key TEXT PRIMARY KEY, arrays BLOB NOT NULL);
+"""
+
+
+FORMAT = 2
+"""Version of what a folder holds; another one is refused."""
+DATABASE_FILES = (
+    "records.sqlite-journal", "records.sqlite-shm", "records.sqlite-wal", "records.sqlite",
+)  # fmt: skip
+"""The logs first: one that outlives its database would be replayed into the next."""
+RESULT_FILES = (
+    *DATABASE_FILES, "scenario.toml",
+    "summary.csv", "assumptions.csv", "paired.csv", "failures.csv",
+    "convergence.csv", "runs.parquet", "manifest.json",
+)  # fmt: skip
+"""In the order of removal: as long as there is something of ours, the manifest says whose it is."""
+LOCK = ".lock"
+_PART = re.compile(rf"\.({'|'.join(map(re.escape, RESULT_FILES))})\.\d+\.part")
+_BUSY_S = 60.0
+_CHUNK = 1000
+"""Records read at a time."""
+_MANIFEST_MARKS = (b'"format"', b'"source_hash"', b'"scenario_hash"')
+
+
+class StoreError(GGBenchError):
+    """A results folder cannot be used."""
+
+
+class Result(NamedTuple):
+    """What one run of one estimator leaves behind.
+
+    Attributes
+    ----------
+    key : hash of all that the result depends on but the number of the run
+        (:mod:`.campaign.result_keys`).
+    record : the judgement, as JSON can hold it.
+    series : (K', 4) float32, position and velocity error [m, m/s], NEES, NIS at the kept epochs; or
+        None.
+    detail : (K, 12) float32, errors of position and velocity and their σ, of a run kept in detail;
+        or None.
+    retry_above : None if the result is final; else the time limit [s] above which a run that was
+        lost to its surroundings (it died, it was too slow) is worth another attempt.
+    """
+
+    key: str
+    record: dict[str, Any]
+    series: np.ndarray | None = None
+    detail: np.ndarray | None = None
+    retry_above: float | None = None
+
+
+def kept_epochs(epochs: int) -> np.ndarray:
+    """Return which of the epochs are kept as a time series: all, or an even choice of many."""
+    kept = np.linspace(0, epochs - 1, min(epochs, MOST_KEPT))
+    return np.round(kept).astype(int)
+
+
+class Store:
+    """A results folder.
+
+    Parameters
+    ----------
+    folder : where it is.
+    create : make it (and its database) if it does not exist, and keep other processes out.
+    fresh : first remove the files of an earlier campaign, and nothing else.
+
+    Raises
+    ------
+    StoreError
+        If it does not exist or is damaged.
+    """
+
+    def __init__(self, folder: Path, create: bool = False, fresh: bool = False) -> None:
+        self.folder = folder
+        self._locked: io.BufferedWriter | None = None
+        self._database = database = folder / "records.sqlite"
+        try:
+            if create:
+                new = not folder.exists()
+                folder.mkdir(parents=True, exist_ok=True)
+                if new:
+                    _sync(folder.parent)
+                self._lock()
+                _remove_left(folder, all_of_them=fresh)
+            elif not database.exists():
+                raise StoreError(f"{folder} holds no results: it has no records.sqlite")
+            self._connection = self._connect(create)
+            if create:
+                # In the file itself, before there is a log that it could be in instead.
+                self._connection.execute(f"PRAGMA application_id = {_APPLICATION_ID}")
+                self._connection.execute("PRAGMA journal_mode = WAL")
+                self._connection.executescript(_SCHEMA)
+            self._connection.execute("PRAGMA synchronous = FULL")
+            self._connection.execute("SELECT record, series FROM records LIMIT 1").fetchone()
+        except OSError as error:
+            raise StoreError(f"cannot use results folder {folder}: {error.strerror}") from None
+        except sqlite3.Error as error:
+            raise StoreError(f"{database} is not a usable database: {error}") from None
+
+    def _connect(self, write: bool) -> sqlite3.Connection:
+        """Open the database; a folder in which nothing may be written is read as it is."""
+        name = self._database.absolute().as_uri()
+        if write or os.access(self.folder, os.W_OK):
+            return sqlite3.connect(name, timeout=_BUSY_S, uri=True)
+        log = self.folder / "records.sqlite-wal"
+        if log.exists() and log.stat().st_size:
+            # What the log holds can be read only where its index can be made.
+            raise StoreError(
+                f"{self.folder} may not be written to and its campaign was stopped (or is running):"
+                " let its owner look at it once with 'ggbench show', or copy it"
+            )
+        return sqlite3.connect(f"{name}?immutable=1", timeout=_BUSY_S, uri=True)
+
+    def _lock(self) -> None:
+        """Take the folder for this process, until it ends however it ends."""
+        self._locked = (self.folder / LOCK).open("wb")
+        try:
+            fcntl.flock(self._locked, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise StoreError(
+                f"another ggbench is running in {self.folder}; wait for it or choose another -o"
+            ) from None
+
+    def close(self) -> None:
+        """Close the database, whose log is merged into it, and leave the folder to others."""
+        self._connection.close()
+        if self._locked is not None:
+            self._locked.close()
+
+    def add(self, results: Iterable[Result]) -> None:
+        """Store results in one transaction.
+
+        Raises
+        ------
+        StoreError
+            If they cannot be written (a full disk): then none of them is.
+        """
+        self._write(
+            "INSERT OR REPLACE INTO records VALUES (?, ?, ?, ?, ?, ?)",
+            [
+                (
+                    r.key, r.record["run"], r.retry_above,
+                    json.dumps(r.record, separators=(",", ":")), _pack(r.series), _pack(r.detail),
+                )
+                for r in results
+            ],
+        )  # fmt: skip
+
+    def finished(self, limit: float = np.inf) -> dict[str, np.ndarray]:
+        """Return, by key, the runs whose results a time limit [s] leaves as they are."""
+        lost: dict[str, list[int]] = {}
+        query = "SELECT key, run FROM records WHERE retry_above < ?"
+        for key, run in self._select(query, (limit,)):
+            lost.setdefault(key, []).append(run)
+        found = {}
+        for (key,) in self._select("SELECT DISTINCT key FROM records"):
+            rows = self._select("SELECT run FROM records WHERE key = ?", (key,))
+            runs = np.fromiter((run for (run,) in rows), dtype=np.int64, count=len(rows))
+            found[key] = np.setdiff1d(runs, lost.get(key, []))
+        return {key: runs for key, runs in found.items() if len(runs)}
+
+    def records(self, key: str, runs: int, first: int = 0) -> Iterator[dict[str, Any]]:
+        """Yield the records under a key of the runs from ``first`` to below ``runs``, in order."""
+        query = (
+            "SELECT run, record FROM records WHERE key = ? AND run >= ? AND run < ? "
+            "ORDER BY run LIMIT ?"
+        )
+        while rows := self._select(query, (key, first, runs, _CHUNK)):
+            texts = [text for _, text in rows]
+            flaw: str | None
+            try:
+                records = from_json(f"[{','.join(texts)}]")
+            except (ValueError, TypeError, RecursionError) as error:
+                flaw = str(error)
+            else:
+                flaw = flaw_of_records(records, len(rows))
+            if flaw:
+                raise StoreError(f"a record in {self._database} is damaged: {flaw}")
+            yield from records
+            first = rows[-1][0] + 1
+
+    def series(self, key: str, runs: int) -> np.ndarray:
+        """Return (runs, K', 4): position and velocity error [m, m/s], NEES, NIS of finished runs.
+
+        K' are the epochs that ``kept`` of the shared arrays names.
+        """
+        rows = self._select(
+            "SELECT series FROM records WHERE key = ? AND run < ? AND series IS NOT NULL "
+            "ORDER BY run",
+            (key, runs),
+        )
+        found = [self._unpack(blob, 4) for (blob,) in rows]
+        if len({len(run) for run in found}) > 1:
+            raise StoreError(f"a time series in {self._database} is damaged")
+        return np.array(found)
+
+    def series_of(self, key: str, run: int) -> np.ndarray | None:
+        """Return (K', 4) of one run, or None if it has none."""
+        return self._blob("series", key, run, 4)
+
+    def detail(self, key: str, run: int) -> np.ndarray | None:
+        """Return (K, 12) of a run kept in detail: errors of position and velocity, their σ."""
+        return self._blob("detail", key, run, 12)
+
+    def _blob(self, column: str, key: str, run: int, width: int) -> np.ndarray | None:
+        found = self._select(f"SELECT {column} FROM records WHERE key = ? AND run = ?", (key, run))
+        return None if not found or found[0][0] is None else self._unpack(found[0][0], width)
+
+    def write_arrays(self, key: str, arrays: Mapping[str, np.ndarray]) -> None:
+        """Store what all runs of a case share."""
+        content = io.BytesIO()
+        np.savez_compressed(content, allow_pickle=False, **arrays)
+        self._write("INSERT OR REPLACE INTO shared VALUES (?, ?)", [(key, content.getvalue())])
+
+    def has_arrays(self, key: str) -> bool:
+        """Return whether what all runs of a case share is stored."""
+        return bool(self._select("SELECT 1 FROM shared WHERE key = ?", (key,)))
+
+    def arrays(self, key: str, case: str) -> dict[str, np.ndarray]:
+        """Return what all runs of a case share; ``case`` names it in messages."""
+        found = self._select("SELECT arrays FROM shared WHERE key = ?", (key,))
+        if not found:
+            raise StoreError(
+                f"{self.folder} does not hold what the runs of case {case} share: it was stopped "
+                "while it was prepared; the same command goes on from there"
+            )
+        try:
+            with np.load(io.BytesIO(found[0][0]), allow_pickle=False) as archive:
+                arrays = {name: archive[name] for name in archive.files}
+        except Exception as error:  # NumPy, zipfile and zlib each have their own for damage
+            raise StoreError(
+                f"what the runs of case {case} share, in {self._database}, cannot be read: {error}"
+            ) from None
+        if flaw := flaw_of_arrays(arrays):
+            raise StoreError(
+                f"what the runs of case {case} share, in {self._database}, is damaged: {flaw}"
+            )
+        return arrays
+
+    def _select(self, query: str, values: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+        try:
+            return self._connection.execute(query, values).fetchall()
+        except sqlite3.Error as error:
+            raise StoreError(f"{self._database} cannot be read: {error}") from None
+
+    def _write(self, query: str, rows: list[tuple[Any, ...]]) -> None:
+        try:
+            with self._connection:
+                self._connection.executemany(query, rows)
+        except sqlite3.Error as error:
+            raise StoreError(
+                f"cannot write to {self.folder}: {error}; what it holds is kept, and the same "
+                "command goes on from there"
+            ) from None
+
+    def _unpack(self, blob: Any, columns: int) -> np.ndarray:
+        if not isinstance(blob, bytes) or len(blob) % (4 * columns):
+            raise StoreError(f"a time series in {self._database} is damaged")
+        return np.frombuffer(blob, dtype="<f4").reshape(-1, columns).astype(float)
+
+    def write_manifest(self, manifest: Mapping[str, Any]) -> None:
+        """Write the manifest, and beside it the scenario's text for a human reader."""
+        self.write("manifest.json", (json.dumps(manifest, indent=1) + "\n").encode())
+        self.write("scenario.toml", manifest["scenario_text"].encode())
+
+    def write(self, name: str, content: bytes) -> None:
+        """Write a file of the folder, whole or not at all, and through to the disk."""
+        temporary = self.folder / f".{name}.{os.getpid()}.part"
+        try:
+            with temporary.open("wb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            temporary.replace(self.folder / name)
+            _sync(self.folder)
+        except OSError as error:
+            temporary.unlink(missing_ok=True)
+            raise StoreError(f"cannot write {self.folder / name}: {error.strerror}") from None
+
+
+def require_ours(folder: Path) -> None:
+    """Raise StoreError if a folder exists and holds anything but what a campaign left there.
+
+    Ours is one with our database or a manifest of ours (whatever else somebody put beside them),
+    or with nothing but what a campaign makes first.
+    """
+    try:
+        names = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
+        database, manifest = folder / "records.sqlite", folder / "manifest.json"
+        size = database.stat().st_size if database.is_file() else 0
+        if size:
+            with database.open("rb") as file:
+                if file.read(72)[68:] == _APPLICATION_ID.to_bytes(4, "big"):
+                    return
+        if manifest.is_file() and all(w in manifest.read_bytes() for w in _MANIFEST_MARKS):
+            return
+    except OSError as error:
+        raise StoreError(f"cannot use results folder {folder}: {error.strerror}") from None
+    first = {LOCK, *DATABASE_FILES} if size == 0 else {LOCK}
+    if any(name not in first and not _PART.fullmatch(name) for name in names):
+        raise StoreError(f"{folder} is not empty and holds no results; choose another -o")
+
+
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """Return the manifest of a results folder.
+
+    Raises
+    ------
+    StoreError
+        If it cannot be read, is damaged or of another format.
+    """
+    path = folder / "manifest.json"
+    try:
+        manifest = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise StoreError(f"cannot read {path}: {error.strerror}") from None
+    except (ValueError, RecursionError) as error:
+        raise StoreError(f"{path} is damaged: {error}") from None
+    if isinstance(manifest, dict) and manifest.get("format") != FORMAT:
+        raise StoreError(
+            f"{path} has format {manifest.get('format')!r}, and this version of ggbench reads "
+            f"format {FORMAT}: run the scenario again, with --fresh or another -o"
+        )
+    if flaw := flaw_of_manifest(manifest):
+        raise StoreError(f"{path} is damaged: {flaw}")
+    return manifest
+
+
+def _remove_left(folder: Path, all_of_them: bool) -> None:
+    """Remove what a stopped process left half written, or all files of earlier campaigns."""
+    for path in folder.iterdir():
+        if _PART.fullmatch(path.name):
+            path.unlink()
+    for name in RESULT_FILES if all_of_them else ():
+        (folder / name).unlink(missing_ok=True)
+
+
+def _sync(folder: Path) -> None:
+    """Write a folder's list of files through to the disk."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _pack(array: np.ndarray | None) -> bytes | None:
+    if array is None:
+        return None
+    return np.ascontiguousarray(array, dtype="<f4").tobytes()

@@ -1,0 +1,1 @@
+"""The gravity gradiometer: what it reads, its signal chain, its errors."""

@@ -1,0 +1,332 @@
+"""The gravity gradiometer: what it reads in the axes of its mount, and which of it it delivers.
+
+A gradiometer reads the gravitational gradient tensor Γ in the axes of its mount s, C_sn Γ^n C_snᵀ:
+
+``platform``
+    inertially stabilised, C_sn = C_in(L, λ + ω_ie t): a position error shows because the field
+    changes and because the local level turns against inertial space. Inertial axes coincide with
+    ECEF axes at t = 0.
+``local-level``
+    held level and to the north without error, C_sn = I: only the field's change shows.
+``strapdown``
+    fixed to the body, C_sn = C_bn: the reading depends on the attitude, too. Its rotation is taken
+    as compensated: no centrifugal term of ω_ib is left in the reading.
+
+Tensors are vectors [xx, xy, xz, yy, yz, zz], in E. A *channel* is a linear combination of the six:
+a component, half the difference of two diagonal ones (``xx-yy`` = (xx − yy)/2), or what a disk of
+rotating accelerometers measures (:mod:`ggbench.sensors.gradiometer.rotating`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...gravity.ellipsoid import ROTATION_RATE, metres_per_radian_of
+from ...gravity.field import Field, gradient_at, gradients
+from ...numerics.kernels import compiled, inlined
+from .lowpass import LowPass
+
+COMPONENTS = ("xx", "xy", "xz", "yy", "yz", "zz")
+DIFFERENCES = ("xx-yy", "yy-zz", "zz-xx")
+INSTRUMENTS = ("platform", "local-level", "strapdown")
+PLATFORM, LOCAL_LEVEL, STRAPDOWN = range(3)
+"""Kinds of instruments, as the compiled code knows them: indices of :data:`INSTRUMENTS`."""
+
+
+@inlined
+def inertial_matrix(
+    sin_l: float, cos_l: float, sin_a: float, cos_a: float
+) -> tuple[float, float, float, float, float, float, float, float, float]:
+    """Return C_in, row by row, of the latitude L and the angle λ + ω_ie t (eq. 10)."""
+    return (
+        -sin_a, -sin_l * cos_a, cos_l * cos_a,
+        cos_a, -sin_l * sin_a, cos_l * sin_a,
+        0.0, cos_l, sin_l,
+    )  # fmt: skip
+
+
+@compiled
+def inertial_from_local(latitude: float, longitude: float, time: float, out: np.ndarray) -> None:
+    """Fill C_in (3, 3): ENU at a geodetic position to inertial axes at ``time`` [s] (eq. 10)."""
+    angle = longitude + ROTATION_RATE * time
+    c = inertial_matrix(math.sin(latitude), math.cos(latitude), math.sin(angle), math.cos(angle))
+    out[0, 0], out[0, 1], out[0, 2] = c[0], c[1], c[2]
+    out[1, 0], out[1, 1], out[1, 2] = c[3], c[4], c[5]
+    out[2, 0], out[2, 1], out[2, 2] = c[6], c[7], c[8]
+
+
+@inlined
+def rotated(
+    c: tuple[float, ...], t: tuple[float, ...]
+) -> tuple[float, float, float, float, float, float]:
+    """Return vec6(C M Cᵀ) of the symmetric tensor t = vec6(M) (the paper's D6(C) vec6).
+
+    ``c`` are the nine numbers of C, row by row.
+    """
+    x_0 = c[0] * t[0] + c[1] * t[1] + c[2] * t[2]
+    x_1 = c[0] * t[1] + c[1] * t[3] + c[2] * t[4]
+    x_2 = c[0] * t[2] + c[1] * t[4] + c[2] * t[5]
+    y_0 = c[3] * t[0] + c[4] * t[1] + c[5] * t[2]
+    y_1 = c[3] * t[1] + c[4] * t[3] + c[5] * t[4]
+    y_2 = c[3] * t[2] + c[4] * t[4] + c[5] * t[5]
+    z_0 = c[6] * t[0] + c[7] * t[1] + c[8] * t[2]
+    z_1 = c[6] * t[1] + c[7] * t[3] + c[8] * t[4]
+    z_2 = c[6] * t[2] + c[7] * t[4] + c[8] * t[5]
+    return (
+        x_0 * c[0] + x_1 * c[1] + x_2 * c[2],
+        x_0 * c[3] + x_1 * c[4] + x_2 * c[5],
+        x_0 * c[6] + x_1 * c[7] + x_2 * c[8],
+        y_0 * c[3] + y_1 * c[4] + y_2 * c[5],
+        y_0 * c[6] + y_1 * c[7] + y_2 * c[8],
+        z_0 * c[6] + z_1 * c[7] + z_2 * c[8],
+    )
+
+
+@compiled
+def rotate_tensor(rotation: np.ndarray, tensor: np.ndarray, out: np.ndarray) -> None:
+    """Fill ``out`` with vec6(C M Cᵀ), see :func:`rotated`; it may be ``tensor`` itself."""
+    r = rotation
+    c = (r[0, 0], r[0, 1], r[0, 2], r[1, 0], r[1, 1], r[1, 2], r[2, 0], r[2, 1], r[2, 2])
+    t = (tensor[0], tensor[1], tensor[2], tensor[3], tensor[4], tensor[5])
+    _put(rotated(c, t), out)
+
+
+@compiled
+def platform_readings(
+    sines: np.ndarray,
+    cosines: np.ndarray,
+    angle_sines: np.ndarray,
+    angle_cosines: np.ndarray,
+    tensors: np.ndarray,
+) -> None:
+    """Turn tensors (6, N) from ENU to inertial axes, in place.
+
+    Of N points with these sines and cosines (N,) of their latitudes and of λ + ω_ie t; the rotation
+    is that of :func:`inertial_from_local`.
+    """
+    t_0, t_1, t_2, t_3, t_4, t_5 = (
+        tensors[0], tensors[1], tensors[2], tensors[3], tensors[4], tensors[5],
+    )  # fmt: skip
+    for p in range(sines.shape[0]):
+        c = inertial_matrix(sines[p], cosines[p], angle_sines[p], angle_cosines[p])
+        t = (t_0[p], t_1[p], t_2[p], t_3[p], t_4[p], t_5[p])
+        t_0[p], t_1[p], t_2[p], t_3[p], t_4[p], t_5[p] = rotated(c, t)
+
+
+@inlined
+def turn_of(
+    t: tuple[float, ...], x: float, y: float, z: float
+) -> tuple[float, float, float, float, float, float]:
+    """Return [φ×] M − M [φ×] of t = vec6(M) for φ = (x, y, z): eq. 12's ∂L_φ/∂φ times φ."""
+    return (
+        2.0 * (t[2] * y - t[1] * z),
+        t[4] * y - t[2] * x + (t[0] - t[3]) * z,
+        t[1] * x + (t[5] - t[0]) * y - t[4] * z,
+        2.0 * (t[1] * z - t[4] * x),
+        (t[3] - t[5]) * x - t[1] * y + t[2] * z,
+        2.0 * (t[4] * x - t[2] * y),
+    )
+
+
+@inlined
+def sum_of(
+    one: tuple[float, ...], two: tuple[float, ...]
+) -> tuple[float, float, float, float, float, float]:
+    """Return the sum of two symmetric tensors vec6."""
+    return (
+        one[0] + two[0], one[1] + two[1], one[2] + two[2],
+        one[3] + two[3], one[4] + two[4], one[5] + two[5],
+    )  # fmt: skip
+
+
+@compiled
+def linearised_reading_at(
+    instrument: int,
+    position: np.ndarray,
+    sine: float,
+    cosine: float,
+    time: float,
+    c_nb: np.ndarray,
+    origin: np.ndarray,
+    step: np.ndarray,
+    coefficients: np.ndarray,
+    reading: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Fill the tensor (6,) [E] in the axes of the mount, and how it changes (eqs. 11, 12).
+
+    ``out`` is ∂(reading)/∂(east, north, up; ψ) (6, 6) [E/m; E/rad]: for a platform
+    D6(C_in) { ∂Γ/∂r + [∂L_φ/∂φ][∂φ_in/∂r] }, the field's change and the local level's turn. ψ turns
+    the body, C_nb → exp([ψ×]) C_nb, which only a strapdown instrument sees: of the others the first
+    three columns are filled. ``instrument`` is an index of :data:`INSTRUMENTS`; ``sine`` and
+    ``cosine`` are those of the latitude; only a platform depends on ``time`` [s], only a strapdown
+    instrument on ``c_nb``.
+    """
+    work = np.empty(24)
+    tensor, derivative = work[:6], work[6:].reshape(6, 3)
+    gradient_at(position, sine, cosine, origin, step, coefficients, tensor, derivative)
+    if instrument == LOCAL_LEVEL:
+        reading[:] = tensor
+        out[:, :3] = derivative
+        return
+    if instrument == PLATFORM:
+        angle = position[1] + ROTATION_RATE * time
+        c = inertial_matrix(sine, cosine, math.sin(angle), math.cos(angle))
+        per_north, per_east = metres_per_radian_of(sine, cosine, position[2])
+        # φ_in: the rotation of the local level for one metre to the north and to the east.
+        north, level, up = -1.0 / per_north, cosine / per_east, sine / per_east
+    else:
+        c = (
+            c_nb[0, 0], c_nb[1, 0], c_nb[2, 0],
+            c_nb[0, 1], c_nb[1, 1], c_nb[2, 1],
+            c_nb[0, 2], c_nb[1, 2], c_nb[2, 2],
+        )  # fmt: skip
+        north = level = up = 0.0
+    t = (tensor[0], tensor[1], tensor[2], tensor[3], tensor[4], tensor[5])
+    _put(rotated(c, t), reading)
+    for axis in range(3):
+        if axis == 0:
+            turn = turn_of(t, 0.0, level, up)
+        elif axis == 1:
+            turn = turn_of(t, north, 0.0, 0.0)
+        else:
+            turn = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        d = derivative[:, axis]
+        change = sum_of((d[0], d[1], d[2], d[3], d[4], d[5]), turn)
+        _put(rotated(c, change), out[:, axis])
+    if instrument == STRAPDOWN:
+        # The mount turns with the body, so the tensor turns against it.
+        _put(rotated(c, turn_of(t, -1.0, 0.0, 0.0)), out[:, 3])
+        _put(rotated(c, turn_of(t, 0.0, -1.0, 0.0)), out[:, 4])
+        _put(rotated(c, turn_of(t, 0.0, 0.0, -1.0)), out[:, 5])
+
+
+@inlined
+def _put(values: tuple[float, ...], out: np.ndarray) -> None:
+    out[0], out[1], out[2] = values[0], values[1], values[2]
+    out[3], out[4], out[5] = values[3], values[4], values[5]
+
+
+@compiled
+def readings_along(
+    instrument: int,
+    positions: np.ndarray,
+    times: np.ndarray,
+    attitudes: np.ndarray,
+    origin: np.ndarray,
+    step: np.ndarray,
+    coefficients: np.ndarray,
+) -> np.ndarray:
+    """Return the noise-free tensors (K, 6) in the mount at (K, 3), (K,) and (K, 3, 3)."""
+    count = positions.shape[0]
+    sines, cosines = np.sin(positions[:, 0]), np.cos(positions[:, 0])
+    tensors = np.empty((6, count))
+    gradients(
+        np.ascontiguousarray(positions.T), sines, cosines, origin, step, coefficients, tensors
+    )
+    if instrument == PLATFORM:
+        angles = positions[:, 1] + ROTATION_RATE * times
+        platform_readings(sines, cosines, np.sin(angles), np.cos(angles), tensors)
+    out = np.ascontiguousarray(tensors.T)
+    if instrument == STRAPDOWN:
+        for k in range(count):
+            rotate_tensor(attitudes[k].T, out[k], out[k])
+    return out
+
+
+def readings(
+    field: Field,
+    positions: np.ndarray,
+    times: np.ndarray,
+    attitudes: np.ndarray | None = None,
+    instrument: str = "platform",
+) -> np.ndarray:
+    """Return noise-free tensors (K, 6) [E] in the mount of an instrument along a track.
+
+    Parameters
+    ----------
+    field : the gradient field.
+    positions : (K, 3) geodetic latitude, longitude [rad], height [m].
+    times : (K,) [s] since the inertial frame coincided with ECEF.
+    attitudes : (K, 3, 3) C_nb, which only a strapdown instrument needs.
+    instrument : one of :data:`INSTRUMENTS`.
+
+    Raises
+    ------
+    OutsideMapError
+        If a position lies outside the map; the message names it and the map's bounds.
+    """
+    field.tensor(*positions.T)  # raises outside the map, which the kernel below would extend
+    if attitudes is None:
+        attitudes = np.tile(np.eye(3), (len(positions), 1, 1))
+    return readings_along(
+        INSTRUMENTS.index(instrument), positions, times, np.ascontiguousarray(attitudes),
+        field.origin, field.step, field.tensor_coefficients,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Gradiometer:
+    """A gradiometer as the estimators know it.
+
+    Attributes
+    ----------
+    noise_eotvos : RMS of the white noise of each channel, before the filter [E].
+    lowpass : the instrument's filter, or None.
+    components : names of its channels.
+    instrument : how it is mounted, one of :data:`INSTRUMENTS`.
+    bias_eotvos : σ of each channel's bias at the start [E].
+    drift : root PSD of the bias's random walk [E/√s].
+    """
+
+    noise_eotvos: float
+    lowpass: LowPass | None
+    components: tuple[str, ...] = COMPONENTS
+    instrument: str = "platform"
+    bias_eotvos: float = 0.0
+    drift: float = 0.0
+
+    @property
+    def channels(self) -> np.ndarray:
+        """Rows (m, 6) that take the tensor in the mount to the channels."""
+        return np.stack([channel(name) for name in self.components])
+
+    def noise(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Return white noise (count, m) of its channels [E].
+
+        All that any instrument could deliver is drawn, so that a subset sees the same noise.
+        """
+        groups = (COMPONENTS, DIFFERENCES)
+        draws = np.hstack([rng.standard_normal((count, len(group))) for group in groups])
+        names = [name for group in groups for name in group]
+        chosen = [names.index(name) for name in self.components]
+        return np.asarray(self.noise_eotvos * draws[:, chosen])
+
+    @property
+    def biased(self) -> bool:
+        """Whether its channels have biases, which are states of the estimation problem then."""
+        return self.bias_eotvos > 0.0 or self.drift > 0.0
+
+
+def channel(name: str) -> np.ndarray:
+    """Return the row (6,) that takes a tensor to a component or to half a difference of two."""
+    row = np.zeros(6)
+    plus, _, minus = name.partition("-")
+    row[COMPONENTS.index(plus)] = 0.5 if minus else 1.0
+    if minus:
+        row[COMPONENTS.index(minus)] = -0.5
+    return row
+
+
+def noise_rms(root_psd: float, rate_hz: float) -> float:
+    """Return N_RMS = √(D_NSD² f / 2) of a noise density [E/√Hz] at an update rate [Hz] (eq. 1)."""
+    return math.sqrt(root_psd**2 * rate_hz / 2.0)
+
+
+def parse_components(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of channels in the standard order."""
+    return tuple(name for name in (*COMPONENTS, *DIFFERENCES) if name in names)

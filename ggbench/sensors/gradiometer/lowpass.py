@@ -1,0 +1,181 @@
+"""The gradiometer's Butterworth low-pass, and what an estimator can do about it.
+
+The instrument filters its readings by a causal difference equation, y = L x (L lower triangular,
+the first ``order`` outputs equal the inputs). A measurement model sees ``filter(reading)`` minus
+the same filter run over the readings predicted along the INS track, and answers its two effects,
+delay and coloured noise, by one of two treatments:
+
+``whitened``
+    The filter is causal and invertible, so its output carries all the information of its input. A
+    state augmented by the filter's own would recover it; since the filter is linear and known, the
+    innovation form of that augmented filter can be run once, ahead of all estimators: y is
+    multiplied by A = C⁻¹ with C Cᵀ = L Lᵀ + ρ² I (Cholesky). A delay of a fraction of a sample
+    remains. The constant ρ only bounds the inverse, which would amplify rounding without limit
+    near the Nyquist frequency, where the filter passes nothing; in those directions (one in nine
+    for the paper's filter) A y has less noise than the unit covariance claimed for it, and no
+    signal.
+
+``delayed``
+    y is taken as it is, as a measurement of the state one group delay ago with the noise of the
+    unfiltered data (the paper's "fixed delay compensation", done consistently).
+
+Both are the same formula: with W = A L (A = I for ``delayed``) a slowly varying error signal d(t)
+appears as g_k d(t_k − τ_k), where g_k is the sum of row k of W and τ_k the centroid of its lags.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
+from scipy.linalg import qr, solve_triangular
+
+from ...errors import GGBenchError
+from ...numerics.frozen import frozen
+from ...numerics.kernels import compiled
+
+Treatment = Literal["whitened", "delayed"]
+_MOST_RESPONSE = 10.0  # a computed response beyond this is rounding run wild
+
+
+@dataclass(frozen=True)
+class LowPass:
+    """Digital Butterworth low-pass (bilinear transform).
+
+    Attributes
+    ----------
+    order : number of poles.
+    cutoff_hz : −3 dB frequency [Hz], below the Nyquist frequency.
+    rate_hz : sampling rate [Hz].
+
+    Raises
+    ------
+    GGBenchError
+        If the cut-off is not below the Nyquist frequency: no such filter exists.
+    """
+
+    order: int
+    cutoff_hz: float
+    rate_hz: float
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.cutoff_hz < 0.5 * self.rate_hz:
+            raise GGBenchError(
+                f"a low-pass with cut-off {self.cutoff_hz:g} Hz cannot exist at {self.rate_hz:g} Hz"
+                f": the cut-off must lie between 0 and the Nyquist frequency, "
+                f"{0.5 * self.rate_hz:g} Hz"
+            )
+
+    def apply(self, samples: np.ndarray) -> np.ndarray:
+        """Filter ``samples`` (K,) or (..., K, m) along their time; the first ``order`` are kept."""
+        filtered = np.array(samples, dtype=float)
+        columns = filtered[:, np.newaxis] if filtered.ndim == 1 else filtered
+        _filter(*_difference_equation(self), columns.reshape(-1, *columns.shape[-2:]))
+        return filtered
+
+    def dc_delay(self) -> float:
+        """Return the delay of a slow signal [samples]."""
+        numerator, denominator = _difference_equation(self)
+        # Not scipy.signal.group_delay: its response at DC is −d(phase)/dω, exactly this sum.
+        lags = np.arange(self.order + 1)
+        return float(lags @ numerator / numerator.sum() - lags @ denominator / denominator.sum())
+
+
+@lru_cache(maxsize=16)
+def _difference_equation(lowpass: LowPass) -> tuple[np.ndarray, np.ndarray]:
+    """Return numerator and denominator, by the bilinear transform of Butterworth's poles.
+
+    As :func:`scipy.signal.butter` does it (a test says so), whose package takes half a second to
+    load.
+    """
+    order, twice = lowpass.order, 2.0 * lowpass.rate_hz
+    warped = twice * math.tan(math.pi * lowpass.cutoff_hz / lowpass.rate_hz)
+    angles = math.pi * (2.0 * np.arange(order) + 1.0 + order) / (2.0 * order)
+    poles = warped * np.exp(1j * angles)
+    denominator = np.real(np.poly((twice + poles) / (twice - poles)))
+    gain = np.real(np.prod(warped / (twice - poles)))
+    numerator = gain * np.array([math.comb(order, k) for k in range(order + 1)], dtype=float)
+    return numerator, denominator
+
+
+@compiled
+def _filter(numerator: np.ndarray, denominator: np.ndarray, samples: np.ndarray) -> None:
+    """Replace samples (R, K, m) by the difference equation's output, the first ones kept."""
+    order = numerator.shape[0] - 1
+    runs, count, columns = samples.shape
+    past = np.empty((order + 1, columns))
+    for run in range(runs):
+        own = samples[run]
+        # The inputs of the last steps, in a ring: outputs take their places in the samples.
+        for k in range(min(order, count)):
+            past[k] = own[k]
+        for k in range(order, count):
+            past[k % (order + 1)] = own[k]
+            for c in range(columns):
+                total = numerator[0] * own[k, c]
+                for lag in range(1, order + 1):
+                    total += numerator[lag] * past[(k - lag) % (order + 1), c]
+                    total -= denominator[lag] * own[k - lag, c]
+                own[k, c] = total
+
+
+@dataclass(frozen=True)
+class Prefilter:
+    """What turns the instrument's output into the measurements that estimators see.
+
+    Attributes
+    ----------
+    matrix : (K, K) lower-triangular A, applied to each component's output sequence; None for the
+        identity.
+    gain, delay_samples : (K,) g_k and τ_k (in samples) of the chain filter + A for slow signals.
+    """
+
+    matrix: np.ndarray | None
+    gain: np.ndarray
+    delay_samples: np.ndarray
+
+    def apply(self, output: np.ndarray) -> np.ndarray:
+        """Return A times output sequences (..., K, m)."""
+        return output if self.matrix is None else self.matrix @ output
+
+
+@lru_cache(maxsize=16)
+def prefilter(lowpass: LowPass | None, count: int, treatment: Treatment, rho: float) -> Prefilter:
+    """Return the treatment of ``count`` outputs of a low-pass (None: no filter, the identity).
+
+    Parameters
+    ----------
+    lowpass : the instrument's filter.
+    count : number of epochs K.
+    treatment : ``whitened`` or ``delayed``, see the module's docstring.
+    rho : the constant of ``whitened`` that bounds the inverse.
+
+    Raises
+    ------
+    GGBenchError
+        If the filter's difference equation cannot be computed in double precision.
+    """
+    if lowpass is None:
+        return Prefilter(None, frozen(np.ones(count)), frozen(np.zeros(count)))
+    identity = np.eye(count)
+    response = lowpass.apply(identity)
+    if not np.abs(response).max() < _MOST_RESPONSE:
+        raise GGBenchError(
+            f"the low-pass of order {lowpass.order} at {lowpass.cutoff_hz:g} Hz cannot be computed "
+            f"at a rate of {lowpass.rate_hz:g} Hz: its cut-off is too low for its order"
+        )
+    matrix = None
+    chain = response
+    if treatment == "whitened":
+        # QR of [L, ρ I]ᵀ gives the Cholesky factor of L Lᵀ + ρ² I without squaring its condition.
+        (factor,) = qr(np.vstack([response.T, rho * identity]), mode="r")
+        factor = factor[:count] * np.sign(np.diag(factor[:count]))[:, None]
+        matrix = frozen(solve_triangular(factor, identity, trans="T"))
+        chain = matrix @ response
+    samples = np.arange(count)
+    gain = chain.sum(axis=1)
+    delay = np.maximum(samples - chain @ samples / gain, 0.0)
+    return Prefilter(matrix, frozen(gain), frozen(delay))

@@ -1,0 +1,362 @@
+"""The rotating-accelerometer gravity gradiometer: its signal, demodulation and errors.
+
+Four accelerometers stand on a disk of diameter b (the baseline), opposite ones b apart, and sense
+along the tangent. The disk spins at Ω about z of the disk axes (x, y, z), which turn with the
+vehicle or platform at the angular rate ω but do not spin. At the angle θ = Ωt (+ π, + π/2, + 3π/2
+for the accelerometers 2, 3, 4) the radius and the tangent are r = (cos θ, sin θ, 0) and
+t = (−sin θ, cos θ, 0), and the proof mass at ρ = (b/2) r feels the specific force
+(acceleration minus gravitation)
+
+    f = f₀ − Γρ + ω̇×ρ + ω×(ω×ρ) + 2ω×(Ωz×ρ) + Ωz×(Ωz×ρ).
+
+Along t the last two terms vanish, ω̇_z and f₀ cancel in the sum signal, and what is left is the
+inertial tensor L = Γ − [ω×][ω×] = Γ − ωωᵀ + ω²I (its antisymmetric part, [ω̇×], has cancelled):
+
+    S = (a₁ + a₂) − (a₃ + a₄) = 2b [ (L_xx − L_yy)/2 · sin 2θ − L_xy · cos 2θ ].
+
+The mean over a reading of T seconds of 2S sin 2Ωt and −2S cos 2Ωt, divided by 2b, gives the two
+channels, (L_xx − L_yy)/2 and L_xy; gyros supply what ω adds to them. As one complex number,
+Z = (L_xx − L_yy)/2 + i L_xy = −(i/b) · mean(S e^{2iΩt}), and an error is whatever else in S beats
+with e^{2iΩt}. With F = f_x + i f_y, the errors put into the channels of a reading of whole turns
+
+* Z times the common scale factor and baseline errors; Z turned by the common lean of the sensitive
+  axes towards the radius and by the demodulation's phase error;
+* nothing of a mismatch within a pair × constant F (it is at Ω), but F's retrograde part at Ω and
+  prograde part at 3Ω; the lean of a pair acts likewise. An *odd number of half turns* lets the 1Ω
+  term through, 10³ E for a mismatch of 1e-6 under 10 m/s²; a rotation rate wrong by ε, about ε
+  of that term;
+* nothing of a lean towards the spin axis × constant f_z (it is a constant), but f_z's part at 2Ω
+  if the pairs differ; within a pair it brings in L_xz, L_yz and Coriolis' 2Ωω, at Ω;
+* iκF²/b for the mean quadratic coefficient κ: the only one that brings in a constant force;
+* of a difference *between* pairs in scale factor or lean towards the radius, only jitter about the
+  spin axis at 2Ω: ω̇_z through the scale factor, ω_z through the centripetal acceleration.
+
+Bias, and every other constant, is rejected. The list of errors follows Yu and Cai (2019,
+arXiv:1905.05009); the equations are derived here and held to `signal`, which knows none of them.
+Tensors are vectors [xx, xy, xz, yy, yz, zz] in E, forces, rates and tensors in disk axes.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, fields
+
+import numpy as np
+
+from ...errors import GGBenchError
+from ...gravity.ellipsoid import EOTVOS
+from ...numerics.frozen import frozen
+
+MINIMUM_SAMPLES_PER_TURN = 16
+
+# For each spin axis of the mount: which mount axes are the disk's x, y, z (cyclic, right-handed),
+# ``vector[..., DISK_AXES["x"]]``; which components of the mount's tensor are the disk's,
+# ``tensor[..., DISK_TENSOR["x"]]``; the rows (2, 6) that take the mount's tensor to the channels.
+DISK_AXES = {"x": (1, 2, 0), "y": (2, 0, 1), "z": (0, 1, 2)}
+DISK_TENSOR = {"x": (3, 4, 1, 5, 2, 0), "y": (5, 2, 4, 0, 1, 3), "z": (0, 1, 2, 3, 4, 5)}
+SPIN_CHANNELS = {
+    "x": frozen(np.array([[0, 0, 0, 0.5, 0, -0.5], [0, 0, 0, 0, 1, 0]])),
+    "y": frozen(np.array([[-0.5, 0, 0, 0, 0, 0.5], [0, 0, 1, 0, 0, 0]])),
+    "z": frozen(np.array([[0.5, 0, 0, -0.5, 0, 0], [0, 1, 0, 0, 0, 0]])),
+}
+
+
+class RotatingGradiometerError(GGBenchError):
+    """An instrument, an error, a vibration or a record of a signal that cannot be."""
+
+
+@dataclass(frozen=True)
+class RotatingGradiometer:
+    """A disk of four accelerometers.
+
+    Attributes
+    ----------
+    baseline : distance of opposite accelerometers [m].
+    rotation_rate_hz : turns of the disk per second, relative to the disk axes [Hz].
+    period : time over which one reading is demodulated [s]: a whole number of half turns. Whole
+        turns reject what a mismatch makes of a constant specific force; an odd half turn does not.
+
+    Raises
+    ------
+    RotatingGradiometerError
+        If a value is not positive, or the period is not a whole number of half turns.
+    """
+
+    baseline: float
+    rotation_rate_hz: float
+    period: float
+
+    def __post_init__(self) -> None:
+        """Refuse what is no instrument."""
+        for name, unit in (("baseline", "m"), ("rotation_rate_hz", "Hz"), ("period", "s")):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise RotatingGradiometerError(
+                    f"rotating gradiometer: {name} is {value} {unit}, but must be positive"
+                )
+        halves = 2.0 * self.rotation_rate_hz * self.period
+        if round(halves) < 1 or abs(halves - round(halves)) > 1e-9 * halves:
+            raise RotatingGradiometerError(
+                f"rotating gradiometer: a reading of {self.period} s at {self.rotation_rate_hz} Hz"
+                f" takes {halves:.9g} half turns, but must take a whole number of them, at least 1"
+            )
+
+    @property
+    def rotation_rate(self) -> float:
+        """The spin Ω [rad/s]."""
+        return 2.0 * math.pi * self.rotation_rate_hz
+
+    @property
+    def half_turns(self) -> int:
+        """Half turns in a reading."""
+        return round(2.0 * self.rotation_rate_hz * self.period)
+
+
+@dataclass(frozen=True)
+class RotatingErrors:
+    """The imperfections of a rotating gradiometer; all zero by default.
+
+    ``_pair12`` is accelerometer 1 minus 2, ``_pair34`` 3 minus 4, ``_between_pairs`` the mean of 1
+    and 2 minus the mean of 3 and 4, and the name alone the mean of the four.
+
+    Attributes
+    ----------
+    scale_factor... : relative error of the accelerometers' scale factors.
+    baseline : relative error of the baseline (true minus assumed).
+    radial_misalignment... : lean of the sensitive axes towards the radius, outwards [rad].
+    axial_misalignment... : lean of the sensitive axes towards the spin axis [rad]; its mean has
+        no effect of first order.
+    quadratic... : coefficient of the squared specific force in the output [1/(m/s²)].
+    demodulation_phase : phase of the reference minus twice the disk's angle [rad].
+    rotation_rate : relative error of the spin (true minus assumed); the angle is right when a
+        reading begins.
+    angular_rate_error : error of the gyros from whose rate ω's share of the channels is computed,
+        in disk axes [rad/s].
+    accelerometer_root_psd : white noise of each accelerometer [m/s²/√Hz], such that its mean over
+        T has the standard deviation root_psd/√T (as for the inertial sensors).
+
+    Raises
+    ------
+    RotatingGradiometerError
+        If a value is not finite, or the noise is negative.
+    """
+
+    scale_factor: float = 0.0
+    scale_factor_pair12: float = 0.0
+    scale_factor_pair34: float = 0.0
+    scale_factor_between_pairs: float = 0.0
+    baseline: float = 0.0
+    radial_misalignment: float = 0.0
+    radial_misalignment_pair12: float = 0.0
+    radial_misalignment_pair34: float = 0.0
+    radial_misalignment_between_pairs: float = 0.0
+    axial_misalignment_pair12: float = 0.0
+    axial_misalignment_pair34: float = 0.0
+    axial_misalignment_between_pairs: float = 0.0
+    quadratic: float = 0.0
+    quadratic_between_pairs: float = 0.0
+    demodulation_phase: float = 0.0
+    rotation_rate: float = 0.0
+    angular_rate_error: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    accelerometer_root_psd: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse what is no number."""
+        for entry in fields(self):
+            value = getattr(self, entry.name)
+            if not np.all(np.isfinite(value)):
+                raise RotatingGradiometerError(
+                    f"rotating gradiometer: the error {entry.name} is {value}, but must be finite"
+                )
+        if self.accelerometer_root_psd < 0.0:
+            raise RotatingGradiometerError(
+                "rotating gradiometer: accelerometer_root_psd is "
+                f"{self.accelerometer_root_psd} m/s²/√Hz, but must not be negative"
+            )
+
+
+@dataclass(frozen=True)
+class Vibration:
+    """Vibration in step with the disk; everything else averages out over a reading.
+
+    Attributes
+    ----------
+    specific_force_cos, specific_force_sin : (3, 3) amplitudes [m/s²] of cos nΩt and sin nΩt in disk
+        axes, row n − 1 for n = 1, 2, 3, with t from the beginning of the reading.
+    spin_rate_cos, spin_rate_sin : amplitudes [rad/s] of cos 2Ωt and sin 2Ωt in ω_z.
+    """
+
+    specific_force_cos: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
+    specific_force_sin: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
+    spin_rate_cos: float = 0.0
+    spin_rate_sin: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse what is no vibration."""
+        for name in ("specific_force_cos", "specific_force_sin"):
+            value = np.asarray(getattr(self, name), dtype=float)
+            if value.shape != (3, 3) or not np.all(np.isfinite(value)):
+                raise RotatingGradiometerError(
+                    f"rotating gradiometer: the vibration's {name}, of shape {value.shape},"
+                    " must be 3 harmonics by 3 axes of finite numbers"
+                )
+            object.__setattr__(self, name, frozen(value))
+
+    def motion(
+        self, instrument: RotatingGradiometer, times: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return what it adds to specific force, angular rate, angular acceleration: 3 × (n, 3)."""
+        angle = instrument.rotation_rate * times[:, None]
+        force = np.cos(angle * (1, 2, 3)) @ self.specific_force_cos
+        force += np.sin(angle * (1, 2, 3)) @ self.specific_force_sin
+        cosine, sine = np.cos(2.0 * angle[:, 0]), np.sin(2.0 * angle[:, 0])
+        rate, acceleration = np.zeros_like(force), np.zeros_like(force)
+        rate[:, 2] = self.spin_rate_cos * cosine + self.spin_rate_sin * sine
+        acceleration[:, 2] = self.spin_rate_sin * cosine - self.spin_rate_cos * sine
+        return force, rate, 2.0 * instrument.rotation_rate * acceleration
+
+
+def reading_times(instrument: RotatingGradiometer, samples: int) -> np.ndarray:
+    """Return the middles (samples,) [s] of equal parts of a reading, from its beginning."""
+    return (np.arange(samples) + 0.5) * (instrument.period / samples)
+
+
+def _four(errors: RotatingErrors, name: str) -> list[float]:
+    """Return an error of each of the four accelerometers; a difference without a name is zero."""
+    mean, pair12, pair34, between = (
+        getattr(errors, name + suffix, 0.0)
+        for suffix in ("", "_pair12", "_pair34", "_between_pairs")
+    )
+    first, second = mean + between / 2.0, mean - between / 2.0
+    return [first + pair12 / 2, first - pair12 / 2, second + pair34 / 2, second - pair34 / 2]
+
+
+def signal(
+    instrument: RotatingGradiometer,
+    errors: RotatingErrors,
+    tensor: np.ndarray,
+    specific_force: np.ndarray,
+    angular_rate: np.ndarray,
+    angular_acceleration: np.ndarray,
+    times: np.ndarray,
+    rng: np.random.Generator | None = None,
+) -> np.ndarray:
+    """Return the sum signal (n,) [m/s²], computed from each proof mass's motion.
+
+    Parameters
+    ----------
+    instrument, errors : the disk and its imperfections.
+    tensor : (6,) or (n, 6) gravitational tensor in disk axes [E].
+    specific_force : (3,) or (n, 3) at the disk's centre [m/s²].
+    angular_rate, angular_acceleration : (3,) or (n, 3) of the disk axes [rad/s, rad/s²].
+    times : (n,) sampling times [s] from the beginning of the reading, evenly spaced.
+    rng : draws the accelerometers' noise, one sample per time; without it there is none.
+    """
+    count = len(times)
+    gamma = EOTVOS * np.broadcast_to(np.asarray(tensor, dtype=float), (count, 6))
+    force, rate, acceleration = (
+        np.broadcast_to(np.asarray(a, dtype=float), (count, 3))
+        for a in (specific_force, angular_rate, angular_acceleration)
+    )
+    spin = instrument.rotation_rate * (1.0 + errors.rotation_rate)
+    angle = spin * times - errors.demodulation_phase / 2.0
+    c, s, zero = np.cos(angle), np.sin(angle), np.zeros(count)
+    scale = _four(errors, "scale_factor")
+    radial = _four(errors, "radial_misalignment")
+    axial = _four(errors, "axial_misalignment")
+    quadratic = _four(errors, "quadratic")
+    radius = 0.5 * instrument.baseline * (1.0 + errors.baseline)
+
+    total = np.zeros(count)
+    for n, (sign, cosine, sine) in enumerate(((1, c, s), (1, -c, -s), (-1, -s, c), (-1, s, -c))):
+        r = np.stack([cosine, sine, zero], axis=1)
+        t = np.stack([-sine, cosine, zero], axis=1)
+        place, velocity = radius * r, radius * spin * t
+        attraction = np.stack(
+            [
+                gamma[:, 0] * place[:, 0] + gamma[:, 1] * place[:, 1],
+                gamma[:, 1] * place[:, 0] + gamma[:, 3] * place[:, 1],
+                gamma[:, 2] * place[:, 0] + gamma[:, 4] * place[:, 1],
+            ],
+            axis=1,
+        )
+        felt = (
+            force
+            - attraction
+            + np.cross(acceleration, place)
+            + np.cross(rate, np.cross(rate, place))
+            + 2.0 * np.cross(rate, velocity)
+        )
+        # The spin's own centripetal acceleration is radial exactly: rounding must not tilt it.
+        along_radius = np.einsum("ij,ij->i", felt, r) - spin**2 * radius
+        along_tangent = np.einsum("ij,ij->i", felt, t)
+        sensed = (
+            math.cos(axial[n])
+            * (math.cos(radial[n]) * along_tangent + math.sin(radial[n]) * along_radius)
+            + math.sin(axial[n]) * (felt[:, 2])
+        )
+        output = (1.0 + scale[n]) * sensed + quadratic[n] * sensed**2
+        if rng is not None:
+            density = errors.accelerometer_root_psd / math.sqrt(instrument.period / count)
+            output = output + density * rng.standard_normal(count)
+        total += sign * output
+    return total
+
+
+def demodulate(
+    instrument: RotatingGradiometer, signal: np.ndarray, times: np.ndarray
+) -> np.ndarray:
+    """Return the two channels (L_xx − L_yy)/2, L_xy (2,) [E] of one reading.
+
+    Parameters
+    ----------
+    instrument : the disk, as assumed.
+    signal : (n,) sum signal [m/s²].
+    times : (n,) its times [s] from the beginning of the reading: n even steps of period/n.
+
+    Raises
+    ------
+    RotatingGradiometerError
+        If the samples are too few or do not cover exactly one reading in even steps.
+    """
+    times, signal = np.asarray(times, dtype=float), np.asarray(signal, dtype=float)
+    if times.ndim != 1 or signal.shape != times.shape:
+        raise RotatingGradiometerError(
+            f"rotating gradiometer: a signal of shape {signal.shape} with times of shape"
+            f" {times.shape}, but both must be (n,)"
+        )
+    least = math.ceil(MINIMUM_SAMPLES_PER_TURN * instrument.half_turns / 2)
+    if len(times) < least:
+        raise RotatingGradiometerError(
+            f"rotating gradiometer: {len(times)} samples in a reading of"
+            f" {instrument.half_turns} half turns, but at least {least} are needed"
+        )
+    step = instrument.period / len(times)
+    if not np.all(np.abs(np.diff(times) - step) <= 1e-6 * step):
+        raise RotatingGradiometerError(
+            f"rotating gradiometer: the {len(times)} samples must be evenly {step:.9g} s apart, so"
+            f" that they cover one reading of {instrument.period} s"
+        )
+    angle = 2.0 * instrument.rotation_rate * times
+    gain = instrument.baseline * EOTVOS
+    return np.array([np.mean(signal * np.sin(angle)), -np.mean(signal * np.cos(angle))]) / gain
+
+
+def centrifugal_channels(angular_rate: np.ndarray) -> np.ndarray:
+    """Return what an angular rate (..., 3) [rad/s] takes from the channels: (..., 2) [E], to add.
+
+    (ω_x² − ω_y²)/2 and ω_x ω_y: channels of L plus these are channels of Γ.
+    """
+    rate = np.asarray(angular_rate, dtype=float)
+    x, y = rate[..., 0], rate[..., 1]
+    return np.stack([(x**2 - y**2) / 2.0, x * y], axis=-1) / EOTVOS
+
+
+def channel_noise_eotvos(instrument: RotatingGradiometer, accelerometer_root_psd: float) -> float:
+    """Return the RMS [E] of each channel of a reading for white noise of the four accelerometers.
+
+    σ = √2 · root_psd / (b √T), with root_psd [m/s²/√Hz] as in `RotatingErrors`; the two channels'
+    noises are independent.
+    """
+    scale = instrument.baseline * math.sqrt(instrument.period) * EOTVOS
+    return math.sqrt(2.0) * accelerometer_root_psd / scale

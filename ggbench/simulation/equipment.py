@@ -1,0 +1,260 @@
+"""Sensors and prior of a case in SI units, as the truth has them or as the estimators know them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from ..ins.error_model import (
+    ACCELEROMETER_BIAS,
+    ATTITUDE,
+    GYRO_BIAS,
+    POSITION,
+    VELOCITY,
+    add_altimeter,
+    add_bias_decay,
+    noise_psd,
+    transitions,
+)
+from ..ins.imu import Imu, SensorErrors
+from ..ins.strapdown import altimeter_gains
+from ..ins.system_matrix import STATES, sparse
+from ..ins.transitions import Noise, delayed_rows_lanes, noise_roots, transitions_lanes
+from ..sensors.gradiometer.faults import Faults
+from ..sensors.gradiometer.instrument import Gradiometer, noise_rms, parse_components
+from ..sensors.gradiometer.lowpass import LowPass
+from ..sensors.gradiometer.rotating import RotatingGradiometer, channel_noise_eotvos
+from ..sensors.gradiometer.spinning_disks import DISK_CHANNELS, SpinningDisks
+from ..spec.case import CaseSpec
+from ..spec.sensors import GradiometerSpec, ImuSpec, Side, TrueGradiometer, TrueImu
+
+STANDARD_GRAVITY = 9.80665
+"""The g of accelerometer data sheets [m/s²]."""
+_MICRO_G = 1e-6 * STANDARD_GRAVITY
+
+
+@dataclass(frozen=True)
+class Equipment:
+    """Sensors and prior of one side of a case.
+
+    Attributes
+    ----------
+    imu, gradiometer : the sensors.
+    side : the tables of the scenario.
+    altimeter : gains k₁ [1/s], k₂ [1/s²] and noise PSD [m²/Hz] of the altimeter, if there is one.
+    """
+
+    imu: Imu
+    gradiometer: Gradiometer
+    side: Side
+    altimeter: tuple[tuple[float, float], float] | None
+
+    @property
+    def dimension(self) -> int:
+        """Number of states: 15, and the gradiometer's biases if it has any."""
+        return STATES + (len(self.gradiometer.components) if self.gradiometer.biased else 0)
+
+    @cached_property
+    def noise_cov(self) -> np.ndarray:
+        """Covariance (m, m) of the measurement noise [E²]."""
+        return self.gradiometer.noise_eotvos**2 * np.eye(len(self.gradiometer.components))
+
+    @cached_property
+    def prior_cov(self) -> np.ndarray:
+        """Covariance (n, n) of the INS error at the start, biases included."""
+        initial = self.side.initial_error
+        sigma = np.empty(self.dimension)
+        sigma[POSITION] = initial.position_m
+        if initial.height_m is not None:
+            sigma[2] = initial.height_m
+        sigma[VELOCITY] = initial.velocity_mps
+        sigma[ATTITUDE] = math.radians(initial.attitude_arcmin / 60.0)
+        # A sensor without bias leaves no freedom; a covariance must stay positive definite.
+        sigma[GYRO_BIAS] = max(self.imu.gyro_bias, 1e-15)
+        sigma[ACCELEROMETER_BIAS] = max(self.imu.accelerometer_bias, 1e-12)
+        # A bias that only walks starts from a hundredth of what one reading adds: states are solved
+        # for in units of their prior, which must not be nothing against the walk.
+        walk = self.gradiometer.drift * math.sqrt(self.side.gradiometer.period_s)
+        sigma[STATES:] = max(self.gradiometer.bias_eotvos, 1e-2 * walk, 1e-9)
+        return np.diag(sigma**2)
+
+    def complete(self, matrices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return F (N, 15, 15), changed in place, and G q Gᵀ (15, 15) of these sensors."""
+        imu = self.imu
+        noise = noise_psd(imu.accelerometer_root_psd**2, imu.gyro_root_psd**2)
+        for block, sigma, time in (
+            (GYRO_BIAS, imu.gyro_bias, imu.gyro_bias_time),
+            (ACCELEROMETER_BIAS, imu.accelerometer_bias, imu.accelerometer_bias_time),
+        ):
+            if math.isfinite(time):
+                add_bias_decay(matrices, noise, block, sigma, time)
+        if self.altimeter is not None:
+            add_altimeter(matrices, noise, *self.altimeter)
+        return matrices, noise
+
+    def system(
+        self,
+        matrices: np.ndarray,
+        noise: np.ndarray,
+        positions: np.ndarray,
+        epochs: np.ndarray,
+        dt: float,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return Φ and Q (K, n, n) between the measurement epochs along an INS track.
+
+        ``matrices`` and ``noise`` are those of :meth:`complete`. The gradiometer's biases walk.
+        """
+        transition, process_cov = np.empty((2, 1, len(epochs), self.dimension, self.dimension))
+        navigation = transitions(matrices, positions, epochs, dt, noise)
+        transition[0, :, :STATES, :STATES], process_cov[0, :, :STATES, :STATES] = navigation
+        self._add_biases(epochs, dt, transition, process_cov)
+        return transition[0], process_cov[0]
+
+    @cached_property
+    def _constants(self) -> tuple[np.ndarray, Noise]:
+        """What these sensors add to F, by its entries, and what drives the error model."""
+        added, noise = self.complete(np.zeros((1, STATES, STATES)))
+        decaying = bool(added[:, GYRO_BIAS.start :, GYRO_BIAS.start :].any())
+        return sparse(added)[0], noise_roots(noise, decaying)
+
+    def along(
+        self,
+        track: np.ndarray,
+        increments: np.ndarray,
+        epochs: np.ndarray,
+        dt: float,
+        transition: np.ndarray,
+        process_cov: np.ndarray,
+    ) -> None:
+        """Fill Φ and Q (R, K, n, n) of the runs in the first R lanes: :meth:`system` of each track.
+
+        Parameters
+        ----------
+        track, increments : (N + 1, 15, LANES), (N, 6, LANES) of :func:`.strapdown.navigate_lanes`.
+        epochs : (K,) indices of samples. dt : [s].
+        transition, process_cov : output.
+        """
+        constant, noise = self._constants
+        transitions_lanes(track, increments, epochs, dt, constant, noise, transition, process_cov)
+        self._add_biases(epochs, dt, transition, process_cov)
+
+    def delayed_rows(
+        self,
+        track: np.ndarray,
+        increments: np.ndarray,
+        epochs: np.ndarray,
+        delays: np.ndarray,
+        dt: float,
+        rows: np.ndarray,
+    ) -> None:
+        """Fill rows (R, K, 6, 15) of :func:`.error_model.delayed_rows`, as :meth:`along` does."""
+        constant, _ = self._constants
+        delayed_rows_lanes(track, increments, epochs, delays, dt, constant, rows)
+
+    def _add_biases(
+        self, epochs: np.ndarray, dt: float, transition: np.ndarray, process_cov: np.ndarray
+    ) -> None:
+        """Fill what the gradiometer's biases, which walk, have in Φ and Q (R, K, n, n)."""
+        transition[:, :, :STATES, STATES:] = transition[:, :, STATES:] = 0.0
+        process_cov[:, :, :STATES, STATES:] = process_cov[:, :, STATES:] = 0.0
+        bias = np.arange(STATES, self.dimension)
+        transition[:, :, bias, bias] = 1.0
+        walk = self.gradiometer.drift**2 * np.diff(epochs, prepend=0) * dt
+        process_cov[:, :, bias, bias] = walk[:, np.newaxis]
+
+
+def equip(case: CaseSpec, name: Literal["truth", "model"]) -> Equipment:
+    """Return the equipment of one side of a case."""
+    side = case.side(name)
+    altimeter = None
+    if case.altimeter is not None:
+        gains = altimeter_gains(case.altimeter.time_constant_s)
+        altimeter = gains, case.altimeter.noise_m_per_sqrt_hz**2
+    errors = case.truth.imu if name == "truth" else TrueImu()
+    return Equipment(_imu(side.imu, errors), _gradiometer(side.gradiometer), side, altimeter)
+
+
+def _imu(spec: ImuSpec, errors: TrueImu) -> Imu:
+    def triad(scale_factor_ppm: float, misalignment_arcmin: float) -> SensorErrors:
+        return SensorErrors(1e-6 * scale_factor_ppm, math.radians(misalignment_arcmin / 60.0))
+
+    return Imu(
+        gyro_bias=math.radians(spec.gyro_bias_deg_per_h) / 3600.0,
+        accelerometer_bias=spec.accelerometer_bias_ug * _MICRO_G,
+        gyro_root_psd=math.radians(spec.gyro_noise_deg_per_sqrt_h) / 60.0,
+        accelerometer_root_psd=spec.accelerometer_noise_ug_per_sqrt_hz * _MICRO_G,
+        fixed_biases=spec.biases == "fixed",
+        gyro_bias_time=spec.gyro_bias_time_s or math.inf,
+        accelerometer_bias_time=spec.accelerometer_bias_time_s or math.inf,
+        gyro_errors=triad(errors.gyro_scale_factor_ppm, errors.gyro_misalignment_arcmin),
+        accelerometer_errors=triad(
+            errors.accelerometer_scale_factor_ppm, errors.accelerometer_misalignment_arcmin
+        ),
+    )
+
+
+def _gradiometer(spec: GradiometerSpec) -> Gradiometer:
+    rate = 1.0 / spec.period_s
+    noise = spec.noise_eotvos
+    if spec.noise_density_eotvos_per_sqrt_hz is not None:
+        noise = noise_rms(spec.noise_density_eotvos_per_sqrt_hz, rate)
+    elif noise is None:
+        assert spec.rotating is not None  # the scenario checks it
+        assert spec.rotating.accelerometer_noise_ng_per_sqrt_hz is not None
+        root_psd = 1e-3 * _MICRO_G * spec.rotating.accelerometer_noise_ng_per_sqrt_hz
+        noise = channel_noise_eotvos(_disk(spec), root_psd)
+    lowpass = None
+    if spec.filter == "butterworth":
+        lowpass = LowPass(spec.filter_order, spec.filter_cutoff_hz, rate)
+    return Gradiometer(
+        noise, lowpass, channel_names(spec), spec.instrument, spec.bias_eotvos,
+        spec.drift_eotvos_per_sqrt_h / 60.0,
+    )  # fmt: skip
+
+
+def channel_names(spec: GradiometerSpec) -> tuple[str, ...]:
+    """Return the names of an instrument's channels, in the standard order."""
+    if spec.rotating is None:
+        return parse_components(spec.components)
+    return parse_components([name for a in spec.rotating.spin_axes for name in DISK_CHANNELS[a]])
+
+
+def _disk(spec: GradiometerSpec) -> RotatingGradiometer:
+    assert spec.rotating is not None
+    return RotatingGradiometer(spec.rotating.baseline_m, spec.rotating.rotation_hz, spec.period_s)
+
+
+def spinning_disks(case: CaseSpec) -> SpinningDisks | None:
+    """Return the disks of a rotating instrument whose imperfections a case gives, else None."""
+    spec, errors = case.gradiometer, case.truth.gradiometer.rotating
+    if spec.rotating is None or errors is None:
+        return None
+    return SpinningDisks(
+        instrument=_disk(spec),
+        spin_axes=tuple(spec.rotating.spin_axes),
+        scale_factor=1e-6 * errors.scale_factor_ppm,
+        scale_factor_mismatch=1e-6 * errors.scale_factor_mismatch_ppm,
+        baseline=1e-6 * errors.baseline_error_ppm,
+        misalignment=math.radians(errors.misalignment_arcmin / 60.0),
+        demodulation_phase=math.radians(errors.demodulation_phase_arcmin / 60.0),
+        rotation_rate=1e-6 * errors.rotation_rate_error_ppm,
+        vibration=errors.vibration_mps2,
+    )
+
+
+def faults(spec: TrueGradiometer) -> Faults:
+    """Return the errors of the true gradiometer beyond noise and biases."""
+    return Faults(
+        scale_factor=1e-6 * spec.scale_factor_ppm,
+        misalignment=math.radians(spec.misalignment_arcmin / 60.0),
+        outlier_share=spec.outlier_share,
+        outlier_eotvos=spec.outlier_eotvos,
+        dropout_share=spec.dropout_share,
+        dropouts=tuple((start, end) for start, end in spec.dropouts_s),
+        clock=spec.clock_error_s,
+        jitter=spec.timing_jitter_s,
+    )

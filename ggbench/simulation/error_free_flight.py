@@ -1,0 +1,265 @@
+"""A case flown without errors: all that is the same in every run."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from ..errors import GGBenchError
+from ..gravity.field import Field
+from ..ins import strapdown
+from ..ins.error_model import POSITION, STATES, system_matrices
+from ..sensors.gradiometer.faults import Faults
+from ..sensors.gradiometer.instrument import inertial_from_local, readings
+from ..sensors.gradiometer.lowpass import prefilter
+from ..sensors.gradiometer.spinning_disks import SpinningDisks
+from ..sensors.model import GradiometerModel, model_arrays
+from ..spec.case import CaseSpec
+from ..spec.trajectory import TrajectorySpec, file_versions
+from ..trajectory.manoeuvres import TrajectoryError
+from ..trajectory.truth import Trajectory, along, fly
+from .bound import Bound, posterior_bound
+from .equipment import Equipment, equip, faults, spinning_disks
+from .field_source import make_field
+
+
+@dataclass(frozen=True)
+class Flight:
+    """All of a case that is the same in every run.
+
+    Attributes
+    ----------
+    case : its specification.
+    trajectory : truth at the INS rate.
+    delta_angles, delta_velocities : (N, 3) error-free IMU increments.
+    field : map and normal field in which the truth flies.
+    model_field : the field that the estimators are told.
+    epochs : (K,) indices of the measurement epochs among the INS samples.
+    noise_free : (K, 6) tensors in the gradiometer's mount at the truth [E].
+    """
+
+    case: CaseSpec
+    trajectory: Trajectory
+    delta_angles: np.ndarray
+    delta_velocities: np.ndarray
+    field: Field
+    model_field: Field
+    epochs: np.ndarray
+    noise_free: np.ndarray
+
+    @property
+    def times(self) -> np.ndarray:
+        """Measurement epochs (K,) [s]."""
+        return self.trajectory.times[self.epochs]
+
+    @cached_property
+    def true(self) -> Equipment:
+        """Sensors and prior as they are."""
+        return equip(self.case, "truth")
+
+    @cached_property
+    def model(self) -> Equipment:
+        """Sensors and prior as the estimators know them."""
+        return equip(self.case, "model")
+
+    @cached_property
+    def faults(self) -> Faults:
+        """What is wrong with the gradiometer beyond noise and biases."""
+        return faults(self.case.truth.gradiometer)
+
+    @cached_property
+    def disks(self) -> SpinningDisks | None:
+        """The disks of a rotating instrument whose imperfections are simulated."""
+        return spinning_disks(self.case)
+
+    @cached_property
+    def motion(self) -> tuple[np.ndarray, np.ndarray]:
+        """Mean specific force [m/s²] and angular rate [rad/s] (K, 3) of each reading, in the mount.
+
+        A platform does not turn in inertial axes; a local level turns with the Earth and with the
+        flight over it, by 1e-4 rad/s, which is neglected here.
+        """
+        truth, count = self.trajectory, self.epochs[0]
+        force, rate = (
+            increments[: self.epochs[-1]].reshape(len(self.epochs), count, 3).sum(axis=1)
+            / (count * truth.dt)
+            for increments in (self.delta_velocities, self.delta_angles)
+        )
+        instrument = self.case.gradiometer.instrument
+        if instrument == "strapdown":
+            return force, rate
+        force = np.einsum("kij,kj->ki", truth.attitudes[self.epochs], force)
+        if instrument == "platform":
+            for k, n in enumerate(self.epochs):
+                c_in = np.empty((3, 3))
+                latitude, longitude, _ = truth.positions[n]
+                inertial_from_local(latitude, longitude, truth.times[n], c_in)
+                force[k] = c_in @ force[k]
+        return force, np.zeros_like(force)
+
+    @cached_property
+    def bound(self) -> Bound:
+        """Posterior Cramér–Rao bound of the unfiltered readings, H and Φ at the truth.
+
+        Of the true noise, biases and initial errors, with the true field known; outliers and errors
+        that no model has a state for are left out, so that it stays a lower bound. Of readings that
+        drop out by chance only the expected share informs.
+        """
+        truth, true = self.trajectory, self.true
+        matrices, noise = true.complete(
+            system_matrices(
+                truth.positions, truth.velocities, truth.attitudes, self.delta_velocities, truth.dt
+            )
+        )
+        transition, process_cov = true.system(
+            matrices, noise, truth.positions, self.epochs, truth.dt
+        )
+        rows = np.zeros((len(self.epochs), 6, STATES))
+        rows[:, :3, POSITION] = np.eye(3)
+        rows[:, 3:, 6:9] = np.eye(3)
+        at_epochs, attitudes = truth.positions[self.epochs], truth.attitudes[self.epochs]
+        instrument = dataclasses.replace(true.gradiometer, lowpass=None)
+        model = GradiometerModel(
+            model_arrays(
+                self.field,
+                instrument,
+                self.times,
+                at_epochs,
+                attitudes,
+                at_epochs,
+                attitudes,
+                np.zeros(len(self.epochs)),
+                rows,
+                prefilter(None, len(self.epochs), "whitened", 0.0),
+                self.faults.in_dropouts(self.times),
+            )
+        )
+        zero = np.zeros(true.dimension)
+        jacobians = np.stack([model.jacobian(k, zero) for k in range(len(self.epochs))])
+        jacobians *= math.sqrt(1.0 - self.faults.dropout_share)
+        return posterior_bound(transition, process_cov, true.prior_cov, jacobians, true.noise_cov)
+
+    @cached_property
+    def final_bound(self) -> float:
+        """Bound [m] on the spherical position error at the last epoch, whatever the causality."""
+        squared = float(np.trace(self.bound.filtering[-1, POSITION, POSITION]))
+        vars(self).pop("bound")  # up to tens of MB, and a worker keeps the flights of all cases
+        return math.sqrt(squared)
+
+
+def prepare(case: CaseSpec) -> Flight:
+    """Fly the case without errors.
+
+    Raises
+    ------
+    MapError, OutsideMapError, TrajectoryError
+        If a map cannot be made, the flight leaves it, or cannot be flown.
+    GGBenchError
+        If the low-pass cannot be computed, or errors decay within its delay.
+    """
+    if case.trajectory.files():
+        case.check_duration()
+    true, model = case.side("truth"), case.side("model")
+    field, model_field = make_field(true.field), make_field(model.field)
+    trajectory, delta_angles, delta_velocities = _error_free(
+        case.trajectory.model_dump_json(),
+        case.imu.period_s,
+        tuple(file_versions(case.trajectory)),
+        field if true.field.gravity_disturbance else None,
+    )
+    stride = round(case.gradiometer.period_s / trajectory.dt)
+    epochs = np.arange(stride, len(trajectory.times), stride)
+    positions, times = trajectory.positions[epochs], trajectory.times[epochs]
+    noise_free = readings(
+        field, positions, times, trajectory.attitudes[epochs], case.gradiometer.instrument
+    )
+    _require_short_delays(case, len(epochs))
+    if model_field is not field:
+        model_field.tensor(*positions.T)  # raises if the flight leaves the estimators' map
+    return Flight(
+        case, trajectory, delta_angles, delta_velocities, field, model_field, epochs, noise_free
+    )
+
+
+def _require_short_delays(case: CaseSpec, count: int) -> None:
+    """Raise GGBenchError if errors decay within the delay of the filtered readings.
+
+    The measurement model takes the state back over the delay (:func:`.error_model.delayed_rows`): a
+    decay would be e^(delay / time constant) there, and the noise that goes with it is neglected.
+    """
+    spec, model = case.gradiometer, equip(case, "model")
+    treatment = prefilter(
+        model.gradiometer.lowpass, count, spec.filter_treatment, spec.whitening_regularization
+    )
+    delay = spec.period_s * float(treatment.delay_samples.max())
+    altimeter = math.inf if case.altimeter is None else case.altimeter.time_constant_s
+    for name, time in (
+        ("altimeter.time_constant_s", altimeter),
+        ("imu.gyro_bias_time_s", model.imu.gyro_bias_time),
+        ("imu.accelerometer_bias_time_s", model.imu.accelerometer_bias_time),
+    ):
+        if time < delay:
+            raise GGBenchError(
+                f"{name} is {time:g} s and must be at least the delay of the filtered readings, "
+                f"{delay:.3g} s; use a higher filter_cutoff_hz or read faster"
+            )
+
+
+@lru_cache(maxsize=8)
+def _error_free(
+    trajectory_json: str, dt: float, versions: tuple[object, ...], felt: Field | None
+) -> tuple[Trajectory, np.ndarray, np.ndarray]:
+    """Return what cases that differ in sensors and priors share: truth and IMU increments.
+
+    ``versions`` are those of the files of which the flight is made. ``felt`` is the field whose
+    disturbance of gravity the accelerometers feel, if they do.
+    """
+    spec = TrajectorySpec.model_validate_json(trajectory_json)
+    trajectory = trajectory_of(spec, dt)
+    disturbances = np.zeros((len(trajectory.times) - 1, 3))
+    if felt is not None:
+        middle = 0.5 * (trajectory.positions[1:] + trajectory.positions[:-1])
+        disturbances = felt.gravity_disturbance(*middle.T)
+    delta_angles, delta_velocities = strapdown.error_free_increments(
+        trajectory.positions,
+        trajectory.velocities,
+        trajectory.attitudes,
+        disturbances,
+        trajectory.dt,
+    )
+    return trajectory, delta_angles, delta_velocities
+
+
+def trajectory_of(spec: TrajectorySpec, dt: float) -> Trajectory:
+    """Return the truth of a ``[trajectory]`` table, of segments or of a track.
+
+    Parameters
+    ----------
+    spec : the table. dt : sampling interval [s].
+
+    Raises
+    ------
+    TrajectoryError
+        If it cannot be flown, or a file that it names cannot be used.
+    """
+    pitch, roll = math.radians(spec.pitch_deg), math.radians(spec.roll_deg)
+    banks = spec.vehicle == "aircraft"
+    if spec.file is None:
+        start = spec.start()
+        return fly(
+            start.position, start.speed, start.heading, pitch, roll, spec.manoeuvres(), dt,
+            banks=banks, size=len(spec.segment),
+        )  # fmt: skip
+    from ..trajectory.track import (
+        read_track,  # not at the top: it loads slowly, few flights have a track
+    )
+
+    track = read_track(spec.file, spec.track_limits())
+    try:
+        return along(track, dt, pitch, roll, banks)
+    except TrajectoryError as error:
+        raise TrajectoryError(f"track {spec.file}: {error}") from None

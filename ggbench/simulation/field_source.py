@@ -1,0 +1,128 @@
+"""The field that a scenario's ``[field]`` table describes: normal, a map's file, a built map."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+
+from ..gravity.degraded_map import MapDegradation, degrade
+from ..gravity.field import Field
+from ..gravity.gradient_map import MapError
+from ..maps.netcdf import file_key
+from ..maps.recipe import MapRecipe, content_key, load_or_build, read
+from ..spec.sensors import FieldSpec, MapErrorSpec
+
+FILE_SUFFIXES = (".nc", ".npz")
+"""Endings by which a source is known as the path of a map's file."""
+
+
+def is_file(source: str) -> bool:
+    """Return whether a source is the path of a map's file."""
+    return source.endswith(FILE_SUFFIXES)
+
+
+def make_field(spec: FieldSpec) -> Field:
+    """Return the field of a ``[field]`` table; the last few are kept.
+
+    ``source`` is ``normal`` (no map), the path of a map's file, or the name of a source from which
+    the map is built, or taken from the cache.
+
+    Raises
+    ------
+    MapError
+        If the map cannot be made; the message says why and what is allowed.
+    """
+    # A map of the user's own may be written anew while this process lives.
+    own = Path(spec.source)
+    version = own.stat().st_mtime_ns if is_file(spec.source) and own.exists() else 0
+    # What the accelerometers feel is no part of the map.
+    return _make(spec.model_copy(update={"gravity_disturbance": False}).model_dump_json(), version)
+
+
+@lru_cache(maxsize=8)
+def _make(spec_json: str, version: int) -> Field:
+    spec = FieldSpec.model_validate_json(spec_json)
+    if spec.source == "normal" or is_file(spec.source):
+        _refuse_recipe(spec)
+    if spec.source == "normal":
+        if spec.error is not None:
+            raise MapError('field.error: source = "normal" has no map that could be wrong')
+        return Field.normal()
+    found = (
+        read(Path(spec.source), _crop(spec))
+        if is_file(spec.source)
+        else load_or_build(map_recipe(spec))
+    )
+    if spec.error is not None:
+        found = degrade(found, _degradation(spec.error))
+    return Field.from_map(found)
+
+
+def _crop(spec: FieldSpec) -> tuple[float, float, float, float] | None:
+    """Return the bounds (south, north, west, east) [deg] to which a file is cut, if given."""
+    bounds = spec.south_deg, spec.north_deg, spec.west_deg, spec.east_deg
+    if not any(bounds):
+        return None
+    south, north, west, east = bounds
+    if not (south < north and west < east):
+        raise MapError(
+            f"the map {spec.source} is to be cut to latitudes from {south:g}° to {north:g}° and "
+            f"longitudes from {west:g}° to {east:g}°: give south_deg, north_deg, west_deg and "
+            "east_deg, each ascending, or none of them"
+        )
+    return bounds
+
+
+def _refuse_recipe(spec: FieldSpec) -> None:
+    """Raise MapError if a map that is not built is said to be built in another way."""
+    for key in ("land_correction", "relief_smoothing_deg", "density_kg_m3"):
+        found, usual = getattr(spec, key), FieldSpec.model_fields[key].default
+        if found != usual:
+            raise MapError(
+                f'field.{key} is {found}, which means nothing for source = "{spec.source}": only '
+                "a map that is built from a named source has it"
+            )
+
+
+def _degradation(spec: MapErrorSpec) -> MapDegradation:
+    return MapDegradation(
+        resolution_m=1e3 * (spec.resolution_km or 0.0),
+        density_factor=spec.density_factor,
+        white_noise_eotvos=spec.white_noise_eotvos,
+        correlated_noise_eotvos=spec.correlated_noise_eotvos,
+        correlation_m=1e3 * spec.correlation_km,
+        seed=spec.seed,
+    )
+
+
+def map_recipe(spec: FieldSpec) -> MapRecipe:
+    """Return the recipe of the map that a ``[field]`` table with a named source describes."""
+    return MapRecipe(
+        source=spec.source,
+        south_deg=spec.south_deg,
+        north_deg=spec.north_deg,
+        west_deg=spec.west_deg,
+        east_deg=spec.east_deg,
+        min_height_m=spec.lowest_m,
+        max_height_m=spec.highest_m,
+        spacing_arcmin=spec.spacing_arcmin,
+        height_spacing_m=spec.height_spacing_m,
+        land_correction=spec.land_correction,
+        relief_smoothing_deg=spec.relief_smoothing_deg,
+        density_kg_m3=spec.density_kg_m3,
+    )
+
+
+def map_content(spec: FieldSpec) -> str | None:
+    """Return a hash of the map that a ``[field]`` table names, None if it has none.
+
+    Raises
+    ------
+    MapError
+        If its file cannot be read.
+    """
+    if spec.source == "normal":
+        return None
+    if not is_file(spec.source):
+        return content_key(map_recipe(spec))
+    return file_key(Path(spec.source))

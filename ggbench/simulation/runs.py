@@ -1,0 +1,376 @@
+"""From a flight and a seed to an estimation problem and its truth.
+
+A run adds random errors to a :class:`~.error_free_flight.Flight`. The random streams of a run are
+spawned from (seed, run), one per error source, so that two cases that differ in one source share
+all the others. What the truth has and what the estimators are told may differ: sensors, prior and
+map each exist twice, see :mod:`ggbench.spec.sensors`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ..block import ProblemBlock
+from ..gravity.ellipsoid import metres_per_radian
+from ..ins.error_model import (
+    ACCELEROMETER_BIAS,
+    ATTITUDE,
+    GYRO_BIAS,
+    POSITION,
+    STATES,
+    VELOCITY,
+    navigation_errors,
+)
+from ..ins.strapdown import TRACK, navigate_lanes
+from ..numerics.kernels import LANES, aligned
+from ..numerics.rotations import between, rotation_matrix
+from ..problem import Problem, StateBlock
+from ..sensors.gradiometer.faults import biases as gradiometer_biases
+from ..sensors.gradiometer.instrument import readings
+from ..sensors.gradiometer.lowpass import prefilter
+from ..sensors.model import model_arrays
+from ..trajectory.truth import Trajectory
+from .error_free_flight import Flight as Flight
+from .error_free_flight import prepare as prepare
+
+LAYOUT = (
+    StateBlock("position error ENU", POSITION, "m"),
+    StateBlock("velocity error ENU", VELOCITY, "m/s"),
+    StateBlock("attitude error ENU", ATTITUDE, "rad"),
+    StateBlock("gyro bias", GYRO_BIAS, "rad/s"),
+    StateBlock("accelerometer bias", ACCELEROMETER_BIAS, "m/s²"),
+)
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What the runner knows and no estimator may see.
+
+    Attributes
+    ----------
+    times : (K,) measurement epochs [s].
+    error_state : (K, n) true INS error at the epochs, in the state's units.
+    """
+
+    times: np.ndarray
+    error_state: np.ndarray
+
+
+@dataclass(frozen=True)
+class TruthBlock:
+    """The truth behind a block of runs.
+
+    Attributes
+    ----------
+    times : (K,) measurement epochs [s].
+    error_state : (R, K, n) true INS errors at the epochs, in the state's units.
+    """
+
+    times: np.ndarray
+    error_state: np.ndarray
+
+
+class RandomStreams:
+    """The generators of a run, one per source of error, each made when it is first used."""
+
+    SOURCES = (
+        "initial",
+        "biases",
+        "imu",
+        "gradiometer",
+        "bias_walks",
+        "imu_errors",
+        "altimeter",
+        "gradiometer_biases",
+        "gradiometer_errors",
+        "outliers",
+        "dropouts",
+        "timing",
+    )
+    """New sources come last: the number of a source is part of its seed."""
+
+    def __init__(self, seed: int, run: int) -> None:
+        self._entropy = [seed, run]
+
+    def __getattr__(self, source: str) -> np.random.Generator:
+        if source not in self.SOURCES:
+            raise AttributeError(f"there is no source of errors {source!r}")
+        # The child that SeedSequence.spawn would give in this place.
+        child = np.random.SeedSequence(self._entropy, spawn_key=(self.SOURCES.index(source),))
+        generator = np.random.default_rng(child)
+        setattr(self, source, generator)
+        return generator
+
+
+def random_streams(seed: int, run: int) -> RandomStreams:
+    """Return the generators of a run, spawned from the campaign's seed and the run's number."""
+    return RandomStreams(seed, run)
+
+
+def simulate(flight: Flight, seed: int, run: int) -> tuple[Problem, Truth]:
+    """Return the estimation problem of one run, and the truth it hides.
+
+    Parameters
+    ----------
+    flight : the case. seed, run : the campaign's seed and the run's number.
+    """
+    block, truth = simulate_block(flight, seed, [run])
+    return block.problem(0), Truth(truth.times, truth.error_state[0])
+
+
+def simulate_block(
+    flight: Flight, seed: int, runs: Sequence[int]
+) -> tuple[ProblemBlock, TruthBlock]:
+    """Return the estimation problems of several runs, and the truth that they hide.
+
+    A run is the same, bit by bit, in whatever block.
+
+    Parameters
+    ----------
+    flight : the case. seed, runs : the campaign's seed and the numbers of R runs, at least one.
+    """
+    streams = [random_streams(seed, run) for run in runs]
+    model, times, spec = flight.model, flight.times, flight.case.gradiometer
+    treatment = prefilter(
+        model.gradiometer.lowpass, len(times), spec.filter_treatment, spec.whitening_regularization
+    )
+    delays = treatment.delay_samples * spec.period_s
+    ins = Navigation.empty(len(streams), len(times), model.dimension)
+    for first in range(0, len(streams), LANES):
+        some = slice(first, first + LANES)
+        _navigate(flight, delays, streams[some], ins.of_runs(some))
+    output, instrument_biases = _gradiometer_output(flight, streams)
+    missing = _missing(flight, streams)
+    measurements = treatment.apply(output)
+    measurements[missing] = 0.0  # as the model predicts it then, whatever the state
+    layout: tuple[StateBlock, ...] = LAYOUT
+    if model.gradiometer.biased:
+        layout = (*LAYOUT, StateBlock("gradiometer bias", slice(STATES, model.dimension), "E"))
+    problems = ProblemBlock(
+        times=times,
+        measurements=measurements,
+        noise_cov=model.noise_cov,
+        transition=ins.transition,
+        process_cov=ins.process_cov,
+        prior_mean=np.zeros(model.dimension),
+        prior_cov=model.prior_cov,
+        model=model_arrays(
+            flight.model_field,
+            model.gradiometer,
+            times,
+            ins.states[:, :, POSITION],
+            ins.states[:, :, 6:].reshape(*ins.states.shape[:2], 3, 3),
+            ins.delayed_positions,
+            ins.delayed_attitudes,
+            delays,
+            ins.rows,
+            treatment,
+            missing,
+        ),
+        layout=layout,
+    )
+    truth, epochs = flight.trajectory, flight.epochs
+    error_state = np.empty((len(streams), len(times), model.dimension))
+    navigation_errors(
+        ins.states, truth.positions[epochs], truth.velocities[epochs], truth.attitudes[epochs],
+        error_state,
+    )  # fmt: skip
+    error_state[:, :, GYRO_BIAS.start : STATES] = ins.biases
+    if model.gradiometer.biased:
+        error_state[:, :, STATES:] = instrument_biases
+    return problems, TruthBlock(times, error_state)
+
+
+class Navigation(NamedTuple):
+    """What the INS of R runs indicates, at the epochs, and how its error moves between them.
+
+    Attributes
+    ----------
+    states : (R, K, 15) position, velocity and C_nb, row by row.
+    biases : (R, K, 6) true ones of gyros and accelerometers.
+    delayed_positions, delayed_attitudes : (R, K, 3), (R, K, 3, 3) a reading's delay earlier.
+    transition, process_cov : (R, K, n, n) Φ and Q as the estimators know them.
+    rows : (R, K, 6, 15) from an error at an epoch to that a delay earlier.
+    """
+
+    states: np.ndarray
+    biases: np.ndarray
+    delayed_positions: np.ndarray
+    delayed_attitudes: np.ndarray
+    transition: np.ndarray
+    process_cov: np.ndarray
+    rows: np.ndarray
+
+    @classmethod
+    def empty(cls, runs: int, epochs: int, n: int) -> Navigation:
+        """Return arrays to be filled."""
+        shapes = ((TRACK,), (6,), (3,), (3, 3), (n, n), (n, n), (6, STATES))
+        return cls(*(np.empty((runs, epochs, *shape)) for shape in shapes))
+
+    def of_runs(self, some: slice) -> Navigation:
+        """Return the arrays of some of the runs."""
+        return Navigation(*(array[some] for array in self))
+
+
+def _navigate(
+    flight: Flight, delays: np.ndarray, streams: Sequence[RandomStreams], out: Navigation
+) -> None:
+    """Navigate up to LANES runs at once; ``delays`` (K,) are those of the readings [s]."""
+    truth, true, model, epochs = flight.trajectory, flight.true, flight.model, flight.epochs
+    runs, count, dt = len(streams), len(flight.delta_angles), truth.dt
+    increments, biases = _inertial_readings(flight, streams)
+    track = aligned((count + 1) * TRACK * LANES).reshape(count + 1, TRACK, LANES)
+    sigma = np.sqrt(np.diag(true.prior_cov)[:STATES])
+    initial = np.empty((TRACK, LANES))
+    for lane in range(LANES):
+        if lane < runs:
+            initial[:, lane] = _perturbed(
+                truth, sigma * streams[lane].initial.standard_normal(STATES)
+            )
+        else:
+            initial[:, lane] = initial[:, 0]
+    navigate_lanes(initial, increments, dt, *_altimeter_readings(flight, streams), track)
+
+    def of_runs(lanes: np.ndarray) -> np.ndarray:
+        return np.moveaxis(lanes, -1, 0)[:runs]
+
+    out.states[:] = of_runs(track[epochs])
+    out.biases[:] = biases
+    earlier = np.maximum(epochs - delays / dt, 0.0)
+    first = earlier.astype(int)
+    share = earlier - first
+    before, after = track[first], track[np.minimum(first + 1, count)]
+    moved = share[:, np.newaxis, np.newaxis] * (after - before)[:, :3]
+    out.delayed_positions[:] = of_runs(before[:, :3] + moved)
+    shape = out.delayed_attitudes.shape
+    out.delayed_attitudes[:] = out.states[:, :, 6:].reshape(shape)
+    if model.gradiometer.instrument == "strapdown" and delays.any():
+        start, end = (np.ascontiguousarray(of_runs(c[:, 6:])) for c in (before, after))
+        turned = between(start.reshape(-1, 3, 3), end.reshape(-1, 3, 3), np.tile(share, runs))
+        out.delayed_attitudes[:] = turned.reshape(shape)
+    model.along(track, increments, epochs, dt, out.transition, out.process_cov)
+    model.delayed_rows(track, increments, epochs, delays, dt, out.rows)
+
+
+def _inertial_readings(
+    flight: Flight, streams: Sequence[RandomStreams]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the increments (N, 6, LANES) that the IMUs deliver, and the biases (R, K or 1, 6).
+
+    The biases at the epochs, once if they are constant.
+    """
+    imu, dt, count = flight.true.imu, flight.trajectory.dt, len(flight.delta_angles)
+    noise = np.empty((len(streams), 2, count, 3))
+    exact, biases = [], []
+    for run, of_run in enumerate(streams):
+        of_run.imu.standard_normal(out=noise[run])
+        start = imu.draw_biases(of_run.biases)
+        if imu.wanders:
+            biases.append(np.hstack(imu.bias_histories(start, count, dt, of_run.bias_walks)))
+        else:
+            biases.append(np.concatenate(start)[np.newaxis])
+        if imu.distorts:
+            exact.append(
+                np.hstack(
+                    imu.distort(flight.delta_angles, flight.delta_velocities, of_run.imu_errors)
+                )
+            )
+    if not imu.distorts:
+        exact.append(np.hstack([flight.delta_angles, flight.delta_velocities]))
+    histories = np.stack(biases)
+    increments = aligned(count * 6 * LANES).reshape(count, 6, LANES)
+    imu.measure(
+        np.stack(exact), histories[:, 1:] if imu.wanders else histories, noise, dt, increments
+    )
+    return increments, histories[:, flight.epochs] if imu.wanders else histories
+
+
+def _altimeter_readings(
+    flight: Flight, streams: Sequence[RandomStreams]
+) -> tuple[np.ndarray, tuple[float, float]]:
+    """Return the heights (N, LANES) that damp the mechanization, and gains; (0, LANES) without."""
+    truth = flight.trajectory
+    if flight.true.altimeter is None:
+        return np.empty((0, LANES)), (0.0, 0.0)
+    gains, psd = flight.true.altimeter
+    heights = np.empty((len(truth.times) - 1, LANES))
+    for lane in range(LANES):
+        if lane < len(streams):
+            noise = streams[lane].altimeter.standard_normal(len(heights))
+            heights[:, lane] = truth.positions[1:, 2] + math.sqrt(psd / truth.dt) * noise
+        else:
+            heights[:, lane] = heights[:, 0]
+    return heights, gains
+
+
+def _gradiometer_output(
+    flight: Flight, streams: Sequence[RandomStreams]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return what the instruments deliver (R, K, m), before readings drop out, and biases [E]."""
+    instrument, faults, times = flight.true.gradiometer, flight.faults, flight.times
+    channels = instrument.channels
+    undistorted = flight.noise_free @ channels.T
+    output = np.empty((len(streams), len(times), len(channels)))
+    biases = np.zeros(output.shape)
+    for run, of_run in enumerate(streams):
+        tensors, exact = flight.noise_free, undistorted
+        if faults.clock > 0.0 or faults.jitter > 0.0:
+            tensors = _mistimed(flight, of_run.timing)
+            exact = tensors @ channels.T
+        if faults.distorts or flight.disks is not None:
+            exact = faults.distort(tensors, channels, of_run.gradiometer_errors)
+        if flight.disks is not None:
+            exact = exact + flight.disks.errors(
+                instrument.components, tensors, *flight.motion, of_run.gradiometer_errors
+            )
+        if instrument.biased:
+            biases[run] = gradiometer_biases(
+                instrument, len(channels), times, of_run.gradiometer_biases
+            )
+        output[run] = exact + biases[run] + instrument.noise(len(times), of_run.gradiometer)
+        if faults.outlier_share > 0.0:
+            output[run] += faults.outliers(output[run].shape, of_run.outliers)
+    if instrument.lowpass is not None:
+        output = instrument.lowpass.apply(output)
+    return output, biases
+
+
+def _missing(flight: Flight, streams: Sequence[RandomStreams]) -> np.ndarray:
+    """Return which readings (R, K) drop out."""
+    faults, times = flight.faults, flight.times
+    if faults.dropout_share > 0.0:
+        return np.stack([faults.missing(times, of_run.dropouts) for of_run in streams])
+    return np.tile(faults.in_dropouts(times), (len(streams), 1))
+
+
+def _mistimed(flight: Flight, rng: np.random.Generator) -> np.ndarray:
+    """Return the tensors (K, 6) of readings that are taken at other times than they claim."""
+    truth, faults = flight.trajectory, flight.faults
+    clock = faults.clock * rng.standard_normal()
+    taken = flight.times + faults.jitter * rng.standard_normal(len(flight.times))
+    taken = np.clip(taken, truth.times[0], truth.times[-1])
+    positions = np.stack(
+        [np.interp(taken, truth.times, truth.positions[:, axis]) for axis in range(3)], axis=-1
+    )
+    sample = np.minimum(taken / truth.dt, len(truth.times) - 1)
+    first = np.minimum(sample.astype(int), len(truth.times) - 2)
+    attitudes = between(truth.attitudes[first], truth.attitudes[first + 1], sample - first)
+    return readings(
+        flight.field, positions, taken + clock, attitudes, flight.case.gradiometer.instrument
+    )
+
+
+def _perturbed(truth: Trajectory, error: np.ndarray) -> np.ndarray:
+    """Return the INS state (15,) at the start: truth plus a (15,) error state."""
+    position = truth.positions[0].copy()
+    north, east = metres_per_radian(position)
+    position += np.array([error[1] / north, error[0] / east, error[2]])
+    turn = np.empty((3, 3))
+    rotation_matrix(-error[ATTITUDE], turn)
+    velocity = truth.velocities[0] + error[VELOCITY]
+    return np.concatenate([position, velocity, np.ravel(turn @ truth.attitudes[0])])

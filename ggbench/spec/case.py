@@ -1,0 +1,248 @@
+"""What a scenario file may say: its tables, keys, types and limits (pydantic models).
+
+A key carries its unit. Rules that tie several keys together are checked where the keys meet.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+import math
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, ValidationError, model_validator
+
+from ..trajectory.manoeuvres import TrajectoryError
+from .limits import MOST_RUNS, MOST_SEED
+from .sensors import (
+    FEWEST_STEPS,
+    AltimeterSpec,
+    FieldSpec,
+    GradiometerSpec,
+    ImuSpec,
+    InitialErrorSpec,
+    ModelSpec,
+    Side,
+    TruthSpec,
+    changed,
+)
+from .tables import Finite, NonNegative, Positive, Section
+from .trajectory import TrajectorySpec
+
+Title = Annotated[str, Field(min_length=1)]
+CaseName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=60)]
+AxisName = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9.]*$", max_length=20)]
+MOST_POINTS = 10_000
+"""Most grid points of a sweep."""
+MOST_SAMPLES = 2_000_000
+"""Most IMU samples of a flight (about 2 GB of intermediate matrices at a million)."""
+
+
+class WindowsSpec(Section):
+    """``[windows]``: the parts of the flight over which errors are averaged, and what a lock is."""
+
+    settled_from_s: NonNegative
+    last_s: Positive
+    lock_m: Positive | None = None
+    """Spherical position error below which a run has locked on; without it nothing is judged."""
+
+
+class ReferenceSpec(Section):
+    """``case.reference``: published numbers of this case."""
+
+    position_mrse_m: Positive
+    velocity_mrse_mps: Positive
+
+
+class CampaignSpec(Section):
+    """``[campaign]``: defaults of ``ggbench run``."""
+
+    runs: Annotated[int, Field(ge=1, le=MOST_RUNS)] = 100
+    seed: Annotated[int, Field(ge=0, le=MOST_SEED)] = 1
+    assumption_runs: Annotated[int, Field(ge=1)] = 100
+    assumption_estimator: str = "ekf"
+    estimators: Annotated[list[str], Field(min_length=1)] = ["ins", "ekf"]
+    time_limit_s: Positive = 600.0
+    """Longest time of one run of one estimator [s]."""
+
+
+class AxisSpec(Section):
+    """One ``[[sweep.axis]]``: its values, and what each of them changes in a case."""
+
+    name: AxisName
+    label: Title
+    unit: str = ""
+    scale: Literal["linear", "log"] = "linear"
+    values: Annotated[list[Finite | int], Field(min_length=2)]
+    key: Title | None = None
+    changes: list[dict[str, Any]] | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> AxisSpec:
+        axis = f"axis '{self.name}'"
+        if any(b <= a for a, b in itertools.pairwise(self.values)):
+            raise ValueError(f"values of {axis} must increase strictly, found {self.values}")
+        if self.scale == "log" and self.values[0] <= 0.0:
+            raise ValueError(
+                f"values of {axis} must be positive on a logarithmic scale, found {self.values[0]}"
+            )
+        if (self.key is None) == (self.changes is None):
+            raise ValueError(f"{axis} needs exactly one of 'key' and 'changes'")
+        if self.changes is not None and len(self.changes) != len(self.values):
+            raise ValueError(
+                f"{axis} has {len(self.values)} values and {len(self.changes)} changes; give one "
+                "change for each value"
+            )
+        for key in sorted(self.changed_keys()):
+            if key.partition(".")[0] in ("name", "title", "reference"):
+                raise ValueError(f"{axis} changes '{key}', which says nothing about the flight")
+        return self
+
+    def change(self, index: int) -> dict[str, Any]:
+        """Return what a value changes, as nested tables."""
+        if self.changes is not None:
+            return self.changes[index]
+        assert self.key is not None  # checked above
+        change: Any = self.values[index]
+        for part in reversed(self.key.split(".")):
+            change = {part: change}
+        return dict(change)
+
+    def changed_keys(self) -> set[str]:
+        """Return the dotted keys that the axis changes."""
+        return {key for i in range(len(self.values)) for key in _dotted(self.change(i))}
+
+
+class SweepSpec(Section):
+    """``[sweep]``: the axes of a grid of cases, and the errors a report aims at."""
+
+    axis: list[AxisSpec] = []
+    targets_m: list[Positive] = []
+
+    @model_validator(mode="after")
+    def _check(self) -> SweepSpec:
+        if not self.axis:
+            raise ValueError("needs at least one [[sweep.axis]]")
+        for one, other in itertools.combinations(self.axis, 2):
+            if one.name == other.name:
+                raise ValueError(f"axis '{one.name}' is defined twice")
+            for key, other_key in itertools.product(one.changed_keys(), other.changed_keys()):
+                if f"{key}.".startswith(f"{other_key}.") or f"{other_key}.".startswith(f"{key}."):
+                    raise ValueError(f"axes '{one.name}' and '{other.name}' both change {key}")
+        return self
+
+
+def _dotted(table: dict[str, Any]) -> list[str]:
+    """Return the dotted keys of nested tables."""
+    return [
+        f"{key}.{rest}" if rest else key
+        for key, value in table.items()
+        for rest in (_dotted(value) if isinstance(value, dict) else [""])
+    ]
+
+
+class CaseSpec(Section):
+    """One case, fully resolved: the base of the file with the case's changes."""
+
+    name: CaseName
+    title: Title
+    trajectory: TrajectorySpec
+    imu: ImuSpec
+    initial_error: InitialErrorSpec
+    gradiometer: GradiometerSpec
+    field: FieldSpec
+    windows: WindowsSpec
+    altimeter: AltimeterSpec | None = None
+    truth: TruthSpec = TruthSpec()
+    model: ModelSpec = ModelSpec()
+    reference: ReferenceSpec | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> CaseSpec:
+        for name in ("truth", "model"):
+            self.side(name)  # raises if what it changes breaks a rule
+        felt = self.side("truth").field
+        if felt.gravity_disturbance and felt.source == "normal":
+            raise ValueError('gravity_disturbance needs a map: source = "normal" has none to feel')
+        instrument = self.truth.gradiometer
+        if self.gradiometer.filter != "none" and (
+            instrument.dropouts_s or instrument.dropout_share > 0.0
+        ):
+            raise ValueError(
+                "truth.gradiometer: readings can only drop out of an instrument without a filter; "
+                'set gradiometer.filter = "none"'
+            )
+        if instrument.clock_error_s > 0.0 and self.gradiometer.instrument != "platform":
+            raise ValueError(
+                "truth.gradiometer.clock_error_s is an error of the time by which a platform knows "
+                f'inertial axes; instrument = "{self.gradiometer.instrument}" needs none'
+            )
+        if instrument.rotating is not None and self.gradiometer.rotating is None:
+            raise ValueError(
+                "truth.gradiometer.rotating gives errors of an instrument that "
+                "[gradiometer.rotating] does not describe"
+            )
+        steps = self.gradiometer.period_s / self.imu.period_s
+        if abs(steps - round(steps)) > 1e-6 or round(steps) < 1:
+            raise ValueError(
+                f"gradiometer.period_s ({self.gradiometer.period_s:g} s) must be a whole multiple "
+                f"of imu.period_s ({self.imu.period_s:g} s)"
+            )
+        shortest = FEWEST_STEPS * self.imu.period_s
+        if self.altimeter is not None and self.altimeter.time_constant_s < shortest:
+            raise ValueError(
+                f"altimeter.time_constant_s is {self.altimeter.time_constant_s:g} s and must be at "
+                f"least {FEWEST_STEPS:g} times imu.period_s, {shortest:g} s"
+            )
+        # A track may be gone when a results folder is read; simulation.prepare checks its duration.
+        if not self.trajectory.files():
+            self.check_duration()
+        return self
+
+    def check_duration(self) -> None:
+        """Raise TrajectoryError, a ValueError, if the flight is too short or too long."""
+        duration = self.trajectory.duration_s
+        if duration < 2.0 * self.gradiometer.period_s:
+            raise TrajectoryError(
+                f"the flight lasts {duration:g} s, too short for two readings "
+                f"({self.gradiometer.period_s:g} s apart)"
+            )
+        samples = duration / self.imu.period_s
+        if samples > MOST_SAMPLES:
+            raise TrajectoryError(
+                f"the flight of {duration:g} s has {samples:.3g} samples of {self.imu.period_s:g} "
+                f"s; at most {MOST_SAMPLES} are allowed"
+            )
+        last = self.gradiometer.period_s * math.floor(duration / self.gradiometer.period_s + 1e-9)
+        if self.windows.settled_from_s > last:
+            raise TrajectoryError(
+                f"windows.settled_from_s is {self.windows.settled_from_s:g} s and must not lie "
+                f"beyond the last reading, at {last:g} s"
+            )
+
+    def side(self, name: Literal["truth", "model"]) -> Side:
+        """Return sensors, field and initial errors as the truth or the model has them.
+
+        Raises
+        ------
+        ValueError
+            If what it changes breaks a rule; the message names the table.
+        """
+        changes = getattr(self, name)
+        tables = {}
+        for key in Side._fields:
+            try:
+                tables[key] = changed(getattr(self, key), getattr(changes, key))
+            except ValidationError as error:
+                found = error.errors()[0]
+                said = found.get("ctx", {}).get("error", found["msg"])
+                raise ValueError(f"{name}.{key}: {said}") from None
+        return Side(**tables)
+
+    @property
+    def content_hash(self) -> str:
+        """SHA-256 of everything that defines the case's results (not its name or title)."""
+        # Without defaults, so that a key that is new in a later version changes nothing.
+        content = self.model_dump(exclude={"name", "title", "reference"}, exclude_defaults=True)
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

@@ -1,0 +1,418 @@
+"""Scenario files: TOML, validated, with the provenance of every value.
+
+A scenario file describes one flight, its instruments and the navigator's prior, and names *cases*
+(changes that are compared side by side, each with the numbers of a paper if there are any),
+*assumptions* (changes whose influence on the results a report shows), and a *sweep* (a grid of
+changes, laid over every case). A value is written plainly or as
+``{ value = 33.5, provenance = "paper: Table 1" }``.
+"""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import importlib.resources
+import json
+import math
+import re
+import tomllib
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, reduce
+from importlib.resources.abc import Traversable
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from ..errors import GGBenchError
+from . import sweep as sweep
+from .case import MOST_POINTS, CampaignSpec, CaseSpec, SweepSpec
+from .limits import SCENARIO_NAME
+from .sweep import Sweep
+
+T = TypeVar("T", bound=BaseModel)
+_MOST_NAMED = 20
+"""Most cases that a message lists."""
+
+
+class ScenarioError(GGBenchError):
+    """A scenario file cannot be found, read or accepted."""
+
+
+@dataclass(frozen=True)
+class Assumption:
+    """A change of the scenario whose influence is studied, applied to every reference case."""
+
+    name: str
+    title: str
+    cases: tuple[CaseSpec, ...]
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A validated scenario file.
+
+    Attributes
+    ----------
+    name, title, description : identity; ``name`` is the file's stem.
+    cases : the cases, in the file's order; with a sweep, the points of its grid.
+    assumptions : studies of single assumptions.
+    campaign : defaults for running it.
+    provenance : dotted key of the file to where its value comes from.
+    content_hash : SHA-256 of the file's content as parsed.
+    source : the text of the file.
+    notes : markdown that a report appends, from the file that ``notes`` names; may be empty.
+    sweep : the grid on which the cases lie, if they do.
+    """
+
+    name: str
+    title: str
+    description: str
+    cases: tuple[CaseSpec, ...]
+    assumptions: tuple[Assumption, ...]
+    campaign: CampaignSpec
+    provenance: Mapping[str, str]
+    content_hash: str
+    source: str
+    notes: str
+    sweep: Sweep | None = None
+
+    @cached_property
+    def _named(self) -> dict[str, CaseSpec]:
+        return {case.name: case for case in self.cases}
+
+    def case(self, name: str) -> CaseSpec:
+        """Return the case of that name (of the cases, not the assumptions)."""
+        return self._named[name]
+
+    def find(self, name: str) -> tuple[str, CaseSpec]:
+        """Return the study ("" for none) and the case that ``CASE`` or ``STUDY/CASE`` names.
+
+        Raises
+        ------
+        ScenarioError
+            If there is none of that name; the message says which there are.
+        """
+        known = {case.name: ("", case) for case in self.cases} | {
+            f"{study.name}/{case.name}": (study.name, case)
+            for study in self.assumptions
+            for case in study.cases
+        }
+        if name not in known:
+            more = f" and {len(known) - _MOST_NAMED} more" if len(known) > _MOST_NAMED else ""
+            raise ScenarioError(
+                f"{self.name} has no case '{name}'{_suggest(name, list(known))}; its cases: "
+                f"{', '.join(list(known)[:_MOST_NAMED])}{more}"
+            )
+        return known[name]
+
+    def select(self, names: Sequence[str]) -> Scenario:
+        """Return the scenario with only the cases of these names, in its own order.
+
+        Raises
+        ------
+        ScenarioError
+            If it has no case of a name.
+        """
+        whole = replace(self, assumptions=())
+        chosen = {whole.find(name)[1].name for name in names}
+        return replace(self, cases=tuple(case for case in self.cases if case.name in chosen))
+
+
+def shipped() -> list[str]:
+    """Return the names of the scenarios that come with the package."""
+    folder = importlib.resources.files("ggbench.scenarios")
+    return sorted(f.name[:-5] for f in folder.iterdir() if f.name.endswith(".toml"))
+
+
+def load(name_or_path: str) -> Scenario:
+    """Read a scenario by name (shipped) or path.
+
+    Raises
+    ------
+    ScenarioError
+        With a sentence that names the file, the key, what was found and what is allowed.
+    """
+    path = Path(name_or_path)
+    if name_or_path not in shipped():
+        if path.suffix == ".toml" or path.exists():
+            if not re.match(SCENARIO_NAME, path.stem):
+                raise ScenarioError(
+                    f"{path}: cannot be the name of a scenario; rename the file to one without "
+                    "backslash and without a dot before '.toml'"
+                )
+            return _read(path, path.stem, str(path))
+        raise ScenarioError(
+            f"there is no scenario '{name_or_path}'{_suggest(name_or_path, shipped())}; "
+            f"shipped scenarios: {', '.join(shipped())}; or give the path of a .toml file"
+        )
+    file = importlib.resources.files("ggbench.scenarios") / f"{name_or_path}.toml"
+    return _read(file, name_or_path, file.name)
+
+
+def from_text(source: str, name: str, notes: str) -> Scenario:
+    """Return the scenario of a text that was read before, as a results folder keeps it."""
+    origin = f"scenario.toml of {name}"
+    document = _toml(source, origin)
+    document.pop("notes", None)
+    return parse(document, name, origin, source, notes)
+
+
+def values(source: str) -> dict[str, Any]:
+    """Return the value of every dotted key of a scenario's text, without provenance."""
+    flat: dict[str, Any] = {}
+
+    def walk(node: Any, path: str) -> None:
+        if isinstance(node, dict):
+            for key, item in node.items():
+                walk(item, f"{path}.{key}" if path else key)
+        elif isinstance(node, list) and any(isinstance(item, dict) for item in node):
+            for i, item in enumerate(node):
+                walk(item, f"{path}[{i}]")
+        else:
+            flat[path] = node
+
+    walk(_strip_provenance(tomllib.loads(source), "", {}, ""), "")
+    return flat
+
+
+def _read(file: Traversable, name: str, origin: str) -> Scenario:
+    """Read and validate a scenario file; ``origin`` names it in messages."""
+    source = _text(file, origin)
+    document = _toml(source, origin)
+    notes_name = document.pop("notes", None)
+    notes = ""
+    if notes_name is not None:
+        if not isinstance(notes_name, str) or Path(notes_name).name != notes_name:
+            raise ScenarioError(f"{origin}: notes must name a file beside the scenario")
+        folder = importlib.resources.files("ggbench.scenarios")
+        beside = file.parent if isinstance(file, Path) else folder
+        notes = _text(beside / notes_name, f"{origin}: notes {notes_name}")
+    return parse(document, name, origin, source, notes)
+
+
+def _text(file: Traversable, origin: str) -> str:
+    """Return the content of a text file, or raise ScenarioError with a sentence."""
+    try:
+        return file.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise ScenarioError(f"{origin}: is not UTF-8 text") from None
+    except OSError as error:
+        raise ScenarioError(f"{origin}: cannot be read: {error.strerror}") from None
+
+
+def _toml(source: str, origin: str) -> dict[str, Any]:
+    """Return the content of a TOML text, or raise ScenarioError with a sentence."""
+    try:
+        return tomllib.loads(source)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise ScenarioError(f"{origin}: is not valid TOML: {error}") from None
+
+
+def parse(
+    document: dict[str, Any], name: str, origin: str, source: str = "", notes: str = ""
+) -> Scenario:
+    """Validate the content of a scenario file; ``origin`` names it in messages."""
+    provenance: dict[str, str] = {}
+    document = _strip_provenance(document, "", provenance, origin)
+    content_hash = hashlib.sha256(json.dumps(document, sort_keys=True, default=str).encode())
+    title = _take_text(document, "title", origin)
+    description = _take_text(document, "description", origin)
+    campaign = _validate(CampaignSpec, document.pop("campaign", {}), f"{origin}: campaign")
+    grid = document.pop("sweep", None)
+    changes = _take_changes(document, "case", origin)
+    studies = _take_changes(document, "assumption", origin)
+    laid_out = None
+    if grid is not None:
+        if studies:
+            raise ScenarioError(
+                f"{origin}: [[assumption]] cannot stand beside [sweep]; make it an axis of the "
+                "sweep, or a scenario of its own"
+            )
+        cases, laid_out = _spread(document, changes, grid, origin)
+    elif changes:
+        cases = tuple(_resolve(document, change, f"{origin}: case", {}) for change in changes)
+    else:
+        raise ScenarioError(f"{origin}: has no [[case]]; a scenario needs at least one")
+    assumptions = tuple(_study(document, study, changes, origin) for study in studies)
+    _check_unique("case", [case.name for case in cases], origin)
+    _check_unique("assumption", [study.name for study in assumptions], origin)
+    return Scenario(
+        name, title, description, cases, assumptions, campaign, provenance,
+        content_hash.hexdigest(), source, notes, laid_out,
+    )  # fmt: skip
+
+
+def _check_unique(kind: str, names: list[str], origin: str) -> None:
+    twice = sorted(name for name, count in Counter(names).items() if count > 1)
+    if twice:
+        raise ScenarioError(f"{origin}: {kind} '{twice[0]}' is defined twice")
+
+
+def _spread(
+    base: dict[str, Any], changes: list[dict[str, Any]], grid: Any, origin: str
+) -> tuple[tuple[CaseSpec, ...], Sweep]:
+    """Return the points of a grid, laid over every case of the file or over the base alone."""
+    spec = _validate(SweepSpec, grid, f"{origin}: sweep")
+    titles, bases = {}, {}
+    for number, change in enumerate(changes):
+        label = f"{origin}: case[{number}]"
+        # The published numbers of a case are not those of what the sweep makes of it.
+        rest = {key: value for key, value in change.items() if key != "reference"}
+        title, name = (_take_text(rest, key, label) for key in ("title", "name"))
+        if name in bases:
+            raise ScenarioError(f"{origin}: case '{name}' is defined twice")
+        titles[name], bases[name] = title, rest
+    points = math.prod(len(axis.values) for axis in spec.axis) * max(len(bases), 1)
+    if points > MOST_POINTS:
+        raise ScenarioError(
+            f"{origin}: sweep: has {points} grid points; at most {MOST_POINTS} are allowed"
+        )
+    laid_out, cells = sweep.lay_out(spec, titles)
+    cases = []
+    for cell in cells:
+        merged = reduce(_merge, cell.changes, _merge(base, bases.get(cell.base, {})))
+        named = merged | {"name": cell.name, "title": cell.title}
+        cases.append(_validate(CaseSpec, named, f"{origin}: sweep at {cell.title}"))
+    return tuple(cases), laid_out
+
+
+def _study(
+    base: dict[str, Any], study: dict[str, Any], cases: list[dict[str, Any]], origin: str
+) -> Assumption:
+    """Return an assumption applied to every case that has published numbers."""
+    name, title = study.get("name"), study.get("title")
+    label = f"{origin}: assumption '{name}'"
+    if not (isinstance(name, str) and isinstance(title, str) and name and title):
+        raise ScenarioError(f"{label}: needs a name and a title")
+    change = {key: value for key, value in study.items() if key not in ("name", "title")}
+    studied = [case for case in cases if "reference" in case]
+    return Assumption(
+        name, title, tuple(_resolve(base, case, f"{label}, case", change) for case in studied)
+    )
+
+
+def _take_text(document: dict[str, Any], key: str, origin: str) -> str:
+    text = document.pop(key, None)
+    if not isinstance(text, str) or not text.strip():
+        raise ScenarioError(f"{origin}: needs a text '{key}'")
+    return text.strip()
+
+
+def _take_changes(document: dict[str, Any], key: str, origin: str) -> list[dict[str, Any]]:
+    changes = document.pop(key, [])
+    if not isinstance(changes, list) or not all(isinstance(c, dict) for c in changes):
+        raise ScenarioError(f"{origin}: '{key}' must be written as [[{key}]] tables")
+    return changes
+
+
+def _resolve(
+    base: dict[str, Any], change: dict[str, Any], label: str, study: dict[str, Any]
+) -> CaseSpec:
+    merged = _merge(_merge(base, change), study)
+    return _validate(CaseSpec, merged, f"{label} '{change.get('name', '?')}'")
+
+
+def _merge(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
+    """Return ``base`` with ``change`` laid over it, table by table.
+
+    The ways to state the gradiometer's noise replace each other.
+    """
+    merged = dict(base)
+    for key, value in change.items():
+        if isinstance(value, Mapping) and isinstance(merged.get(key), Mapping):
+            merged[key] = _merge(merged[key], value)
+        else:
+            merged[key] = value
+    noises = ("noise_eotvos", "noise_density_eotvos_per_sqrt_hz")
+    for new, old in (noises, noises[::-1]):
+        if new in change and old in base and old not in change:
+            merged.pop(old)
+    of_disks = "accelerometer_noise_ng_per_sqrt_hz"
+    disks, changed_disks = merged.get("rotating"), change.get("rotating")
+    if isinstance(changed_disks, Mapping) and of_disks in changed_disks:
+        for noise in set(noises) - set(change):
+            merged.pop(noise, None)
+    elif isinstance(disks, Mapping) and any(noise in change for noise in noises):
+        merged["rotating"] = {key: value for key, value in disks.items() if key != of_disks}
+    return merged
+
+
+def _strip_provenance(node: Any, path: str, provenance: dict[str, str], origin: str) -> Any:
+    """Replace every ``{ value, provenance }`` by its value and collect the provenance by key."""
+    if isinstance(node, list):
+        return [
+            _strip_provenance(item, f"{path}[{i}]", provenance, origin)
+            for i, item in enumerate(node)
+        ]
+    if not isinstance(node, dict):
+        return node
+    if "value" in node:
+        if set(node) != {"value", "provenance"} or not isinstance(node["provenance"], str):
+            raise ScenarioError(
+                f"{origin}: {path}: a value with provenance is written "
+                '{ value = ..., provenance = "..." }'
+            )
+        provenance[path] = node["provenance"]
+        return node["value"]
+    return {
+        key: _strip_provenance(item, f"{path}.{key}" if path else key, provenance, origin)
+        for key, item in node.items()
+    }
+
+
+def _validate(model: type[T], content: Any, label: str) -> T:
+    try:
+        return model.model_validate(content)
+    except ValidationError as error:
+        problems = error.errors()
+        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+        raise ScenarioError(f"{label}: {_sentence(model, problems[0])}{more}") from None
+
+
+def _sentence(model: type[BaseModel], problem: Any) -> str:
+    """Return one of pydantic's findings as a sentence: key, what was found, what is allowed."""
+    path = [part for part in problem["loc"] if part not in ("float", "int")]
+    key = re.sub(r"\.(\d+)", r"[\1]", ".".join(str(part) for part in path)) or "it"
+    found = problem["input"]
+    kind = problem["type"]
+    if kind == "extra_forbidden":
+        allowed = _known_keys(model, path[:-1])
+        return f"unknown key '{key}'{_suggest(str(path[-1]), allowed)}; known: {', '.join(allowed)}"
+    if kind == "missing":
+        return f"'{key}' is missing"
+    if kind == "value_error":
+        return f"{key}: {problem['ctx']['error']}" if path else str(problem["ctx"]["error"])
+    if isinstance(found, float) and math.isnan(found):
+        return f"{key} is not a number (NaN)"
+    wanted = problem["msg"].replace("Input should be ", "must be ").replace("input", "value")
+    wanted = wanted.replace("String should have", "must have")
+    least = problem.get("ctx", {}).get("min_length", 1)
+    wanted = {
+        "float_type": "must be a plain number in the unit that the key names",
+        "int_type": "must be a whole number",
+        "model_type": "must be a table of keys",
+        "list_type": "must be a list",
+        "too_short": f"must have at least {least} items" if least > 1 else "must not be empty",
+        "string_too_short": "must not be empty",
+        "string_pattern_mismatch": "must consist of letters, digits, '.', '_' and '-'",
+    }.get(kind, wanted)
+    return f"{key} is {found!r} and {wanted}"
+
+
+def _known_keys(model: type[BaseModel], path: list[Any]) -> list[str]:
+    """Return the keys allowed in the table at ``path`` below a model."""
+    for part in path:
+        if isinstance(part, int):
+            continue
+        annotation = model.model_fields[part].annotation
+        candidates = [annotation, *getattr(annotation, "__args__", ())]
+        model = next(c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel))
+    return list(model.model_fields)
+
+
+def _suggest(word: str, allowed: list[str]) -> str:
+    close = difflib.get_close_matches(word, allowed, n=1)
+    return f" (did you mean '{close[0]}'?)" if close else ""

@@ -1,0 +1,327 @@
+"""What a scenario file may say of sensors and of the field, and what truth and model change in it.
+
+``[imu]``, ``[gradiometer]``, ``[field]`` and ``[initial_error]`` hold for the simulated truth and
+for what the estimators are told. ``[truth.imu]`` and the like change them for the truth alone, and
+know errors that no estimator is told of; ``[model.imu]`` and the like for the estimators alone.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar, get_args
+
+from pydantic import Field, model_validator
+
+from ..sensors.gradiometer.rotating import RotatingGradiometer, RotatingGradiometerError
+from .tables import Finite, Latitude, Longitude, Noise, NonNegative, Positive, Section
+
+Component = Literal["xx", "xy", "xz", "yy", "yz", "zz", "xx-yy", "yy-zz", "zz-xx"]
+Share = Annotated[float, Field(ge=0.0, lt=1.0)]
+Ppm = Annotated[float, Field(ge=0.0, le=1e5)]
+Arcmin = Annotated[float, Field(ge=0.0, le=600.0)]
+_NOISES = ("noise_eotvos", "noise_density_eotvos_per_sqrt_hz")
+"""The two ways to state the gradiometer's noise; one replaces the other."""
+FEWEST_STEPS = 10.0
+"""Fewest IMU periods in a time constant: in fewer, discrete steps are no longer the process."""
+
+
+class ImuSpec(Section):
+    """``[imu]``: the inertial sensors. A bias with a time constant is a Gauss–Markov process."""
+
+    period_s: Positive
+    gyro_bias_deg_per_h: NonNegative
+    gyro_noise_deg_per_sqrt_h: NonNegative
+    accelerometer_bias_ug: NonNegative
+    accelerometer_noise_ug_per_sqrt_hz: NonNegative
+    biases: Literal["drawn", "fixed"] = "drawn"
+    gyro_bias_time_s: Positive | None = None
+    accelerometer_bias_time_s: Positive | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> ImuSpec:
+        for key in ("gyro_bias_time_s", "accelerometer_bias_time_s"):
+            time = getattr(self, key)
+            if time is None:
+                continue
+            if self.biases == "fixed":
+                raise ValueError(
+                    'biases = "fixed" and a time constant of a bias exclude each other'
+                )
+            if time < FEWEST_STEPS * self.period_s:
+                raise ValueError(
+                    f"{key} is {time:g} s and must be at least {FEWEST_STEPS:g} times "
+                    f"imu.period_s, {FEWEST_STEPS * self.period_s:g} s"
+                )
+        return self
+
+
+class ImuChange(Section):
+    """``[model.imu]``: what the estimators believe of the inertial sensors."""
+
+    gyro_bias_deg_per_h: NonNegative | None = None
+    gyro_noise_deg_per_sqrt_h: NonNegative | None = None
+    accelerometer_bias_ug: NonNegative | None = None
+    accelerometer_noise_ug_per_sqrt_hz: NonNegative | None = None
+    gyro_bias_time_s: Positive | None = None
+    accelerometer_bias_time_s: Positive | None = None
+
+
+class TrueImu(ImuChange):
+    """``[truth.imu]``: the inertial sensors as they are; errors drawn once per run, N(0, σ²)."""
+
+    gyro_scale_factor_ppm: Ppm = 0.0
+    accelerometer_scale_factor_ppm: Ppm = 0.0
+    gyro_misalignment_arcmin: Arcmin = 0.0
+    accelerometer_misalignment_arcmin: Arcmin = 0.0
+
+
+class AltimeterSpec(Section):
+    """``[altimeter]``: heights that damp the vertical channel of the INS, white noise of a PSD."""
+
+    noise_m_per_sqrt_hz: Annotated[float, Field(gt=0.0, le=1e4)]
+    time_constant_s: Annotated[float, Field(ge=1.0, le=1000.0)] = 100.0
+
+
+class InitialErrorSpec(Section):
+    """``[initial_error]``: standard deviation of the INS error per axis at the start."""
+
+    position_m: Annotated[float, Field(gt=0.0, le=1e6)]
+    velocity_mps: Annotated[float, Field(gt=0.0, le=1000.0)]
+    attitude_arcmin: Annotated[float, Field(gt=0.0, le=600.0)]
+    height_m: Annotated[float, Field(gt=0.0, le=1e5)] | None = None
+
+
+class InitialErrorChange(Section):
+    """``[truth.initial_error]``, ``[model.initial_error]``."""
+
+    position_m: Annotated[float, Field(gt=0.0, le=1e6)] | None = None
+    velocity_mps: Annotated[float, Field(gt=0.0, le=1000.0)] | None = None
+    attitude_arcmin: Annotated[float, Field(gt=0.0, le=600.0)] | None = None
+    height_m: Annotated[float, Field(gt=0.0, le=1e5)] | None = None
+
+
+class RotatingSpec(Section):
+    """``[gradiometer.rotating]``: disks of accelerometers spinning about axes of the mount."""
+
+    baseline_m: Annotated[float, Field(gt=0.0, le=10.0)]
+    rotation_hz: Annotated[float, Field(gt=0.0, le=1000.0)]
+    spin_axes: Annotated[list[Literal["x", "y", "z"]], Field(min_length=1)] = ["x", "y", "z"]
+    accelerometer_noise_ng_per_sqrt_hz: Noise | None = None
+    """White noise of each accelerometer, from which that of the channels follows."""
+
+    @model_validator(mode="after")
+    def _check(self) -> RotatingSpec:
+        if len(set(self.spin_axes)) != len(self.spin_axes):
+            raise ValueError("spin_axes names an axis twice")
+        return self
+
+
+class GradiometerSpec(Section):
+    """``[gradiometer]``: instrument, noise (as RMS or as density), filter and its treatment."""
+
+    period_s: Positive
+    instrument: Literal["platform", "local-level", "strapdown"] = "platform"
+    noise_eotvos: Noise | None = None
+    noise_density_eotvos_per_sqrt_hz: Noise | None = None
+    bias_eotvos: NonNegative = 0.0
+    drift_eotvos_per_sqrt_h: NonNegative = 0.0
+    components: Annotated[list[Component], Field(min_length=1)] = [
+        "xx", "xy", "xz", "yy", "yz", "zz",
+    ]  # fmt: skip
+    rotating: RotatingSpec | None = None
+    filter: Literal["butterworth", "none"] = "none"
+    filter_order: Annotated[int, Field(ge=1, le=12)] = 7
+    filter_cutoff_hz: Positive = 0.2
+    filter_treatment: Literal["whitened", "delayed"] = "whitened"
+    whitening_regularization: Annotated[float, Field(ge=1e-7, le=0.1)] = 1e-6
+
+    @model_validator(mode="after")
+    def _check(self) -> GradiometerSpec:
+        noises = [self.noise_eotvos, self.noise_density_eotvos_per_sqrt_hz]
+        said = "noise_eotvos (RMS) and noise_density_eotvos_per_sqrt_hz"
+        if self.rotating is not None:
+            noises.append(self.rotating.accelerometer_noise_ng_per_sqrt_hz)
+            said += " and rotating.accelerometer_noise_ng_per_sqrt_hz"
+        if sum(noise is not None for noise in noises) != 1:
+            raise ValueError(f"give exactly one of {said}")
+        if self.rotating is not None:
+            try:
+                RotatingGradiometer(
+                    self.rotating.baseline_m, self.rotating.rotation_hz, self.period_s
+                )
+            except RotatingGradiometerError as error:
+                raise ValueError(str(error)) from None
+        if len(set(self.components)) != len(self.components):
+            raise ValueError("components names a component twice")
+        if self.rotating is not None and self.components != list(get_args(Component)[:6]):
+            raise ValueError(
+                "components must not be given beside [gradiometer.rotating]: its spin_axes say "
+                "what it measures"
+            )
+        nyquist = 0.5 / self.period_s
+        if self.filter != "none" and self.filter_cutoff_hz >= nyquist:
+            raise ValueError(
+                f"filter_cutoff_hz is {self.filter_cutoff_hz:g} Hz and must lie below the Nyquist "
+                f"frequency of the readings, {nyquist:g} Hz (period_s = {self.period_s:g}); "
+                'use filter = "none" or read faster'
+            )
+        return self
+
+
+class GradiometerChange(Section):
+    """``[model.gradiometer]``: what the estimators believe of the gradiometer."""
+
+    noise_eotvos: Noise | None = None
+    noise_density_eotvos_per_sqrt_hz: Noise | None = None
+    bias_eotvos: NonNegative | None = None
+    drift_eotvos_per_sqrt_h: NonNegative | None = None
+
+
+class RotatingErrorsSpec(Section):
+    """``[truth.gradiometer.rotating]``: σ of what is wrong with a spinning disk, per run."""
+
+    scale_factor_ppm: Ppm = 0.0
+    scale_factor_mismatch_ppm: Ppm = 0.0
+    baseline_error_ppm: Ppm = 0.0
+    misalignment_arcmin: Arcmin = 0.0
+    demodulation_phase_arcmin: Arcmin = 0.0
+    rotation_rate_error_ppm: Ppm = 0.0
+    vibration_mps2: Annotated[float, Field(ge=0.0, le=100.0)] = 0.0
+
+
+class TrueGradiometer(GradiometerChange):
+    """``[truth.gradiometer]``: the gradiometer as it is.
+
+    Scale factor, misalignment and clock error are drawn once per run, N(0, σ²); outliers, dropouts
+    and timing jitter strike readings one by one.
+    """
+
+    scale_factor_ppm: Ppm = 0.0
+    misalignment_arcmin: Arcmin = 0.0
+    outlier_share: Share = 0.0
+    outlier_eotvos: Annotated[float, Field(ge=0.0, le=1e9)] = 0.0
+    dropout_share: Share = 0.0
+    dropouts_s: list[Annotated[list[NonNegative], Field(min_length=2, max_length=2)]] = []
+    clock_error_s: Annotated[float, Field(ge=0.0, le=86400.0)] = 0.0
+    timing_jitter_s: NonNegative = 0.0
+    rotating: RotatingErrorsSpec | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> TrueGradiometer:
+        if (self.outlier_share > 0.0) != (self.outlier_eotvos > 0.0):
+            raise ValueError("outlier_share and outlier_eotvos go together: give both or none")
+        for start, end in self.dropouts_s:
+            if not start < end:
+                raise ValueError(
+                    f"dropouts_s must be [from, to] with from < to, found [{start:g}, {end:g}]"
+                )
+        return self
+
+
+class MapErrorSpec(Section):
+    """``[field.error]``: what is wrong with a map, see :mod:`ggbench.gravity.degraded_map`."""
+
+    resolution_km: Annotated[float, Field(gt=0.0, le=1000.0)] | None = None
+    density_factor: Annotated[float, Field(gt=0.0, le=10.0)] = 1.0
+    white_noise_eotvos: NonNegative = 0.0
+    correlated_noise_eotvos: NonNegative = 0.0
+    correlation_km: Annotated[float, Field(gt=0.0, le=1000.0)] = 10.0
+    seed: Annotated[int, Field(ge=0, le=2**31)] = 1
+
+
+class FieldSpec(Section):
+    """``[field]``: the gradient map over the normal field, and what the accelerometers feel."""
+
+    source: str
+    south_deg: Latitude = 0.0
+    north_deg: Latitude = 0.0
+    west_deg: Longitude = 0.0
+    east_deg: Longitude = 0.0
+    lowest_m: Finite = 0.0
+    highest_m: Finite = 0.0
+    spacing_arcmin: Positive = 1.25
+    height_spacing_m: Positive = 500.0
+    land_correction: bool = True
+    relief_smoothing_deg: Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)] = 0.0
+    density_kg_m3: Annotated[float, Field(gt=0.0, le=10000.0)] = 2670.0
+    gravity_disturbance: bool = False
+    error: MapErrorSpec | None = None
+
+
+class FieldChange(Section):
+    """``[truth.field]``, ``[model.field]``: another field than ``[field]``, in part or whole."""
+
+    source: str | None = None
+    south_deg: Latitude | None = None
+    north_deg: Latitude | None = None
+    west_deg: Longitude | None = None
+    east_deg: Longitude | None = None
+    lowest_m: Finite | None = None
+    highest_m: Finite | None = None
+    spacing_arcmin: Positive | None = None
+    height_spacing_m: Positive | None = None
+    land_correction: bool | None = None
+    relief_smoothing_deg: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
+    density_kg_m3: Annotated[float, Field(gt=0.0, le=10000.0)] | None = None
+    error: MapErrorSpec | None = None
+
+
+class TrueField(FieldChange):
+    """``[truth.field]``: also says whether the accelerometers feel the disturbing field."""
+
+    gravity_disturbance: bool | None = None
+
+
+class TruthSpec(Section):
+    """``[truth]``: what the simulation does, and no estimator is told."""
+
+    imu: TrueImu = TrueImu()
+    gradiometer: TrueGradiometer = TrueGradiometer()
+    field: TrueField = TrueField()
+    initial_error: InitialErrorChange = InitialErrorChange()
+
+
+class ModelSpec(Section):
+    """``[model]``: what the estimators are told where it is not the truth."""
+
+    imu: ImuChange = ImuChange()
+    gradiometer: GradiometerChange = GradiometerChange()
+    field: FieldChange = FieldChange()
+    initial_error: InitialErrorChange = InitialErrorChange()
+
+
+class Side(NamedTuple):
+    """Sensors, field and initial errors as one side has them: the truth or the model."""
+
+    imu: ImuSpec
+    gradiometer: GradiometerSpec
+    field: FieldSpec
+    initial_error: InitialErrorSpec
+
+
+S = TypeVar("S", bound=Section)
+
+
+def changed(spec: S, change: Section) -> S:
+    """Return a table with what is given in ``change`` laid over it.
+
+    Raises
+    ------
+    ValueError
+        (pydantic's) if the result breaks a rule of the table.
+    """
+    known = type(spec).model_fields
+    given: dict[str, Any] = {
+        key: value
+        for key, value in change.model_dump(exclude_defaults=True).items()
+        if key in known and key != "rotating"
+    }
+    if not given:
+        return spec
+    content = spec.model_dump(exclude_unset=True)
+    for new, old in (_NOISES, _NOISES[::-1]):
+        if new in given and old not in given:
+            content.pop(old, None)
+    if content.get("rotating") and any(noise in given for noise in _NOISES):
+        # A stated noise of the channels replaces the one that follows from the accelerometers.
+        content["rotating"].pop("accelerometer_noise_ng_per_sqrt_hz", None)
+    return type(spec).model_validate(content | given)

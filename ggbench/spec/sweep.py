@@ -1,0 +1,209 @@
+"""Sweeps: a grid of cases, and what must be known about a sensor to reach an error.
+
+The axes of a ``[sweep]`` span a grid. Each of its points is an ordinary case, so that running,
+resuming and summarizing know nothing of sweeps; a :class:`Sweep` says which case lies where, and
+a :class:`Plane` arranges summary rows accordingly.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .case import SweepSpec
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One axis of the grid.
+
+    Attributes
+    ----------
+    name, label : short name; what a figure writes, without the unit.
+    unit : of the values; may be empty.
+    scale : "linear" or "log".
+    values : (n,) coordinates, strictly increasing [unit].
+    """
+
+    name: str
+    label: str
+    unit: str
+    scale: str
+    values: tuple[float, ...]
+
+    @property
+    def title(self) -> str:
+        """Label and unit, as they stand on an axis."""
+        return f"{self.label} [{self.unit}]" if self.unit else self.label
+
+    def at(self, index: int) -> str:
+        """Return a coordinate with its unit, ``0.01 E``."""
+        return f"{number(self.values[index])} {self.unit}".rstrip()
+
+    def coordinates(self) -> np.ndarray:
+        """Return the values (n,) as they are spaced on the axis: log10 of a logarithmic one's."""
+        values = np.array(self.values, dtype=float)
+        return np.log10(values) if self.scale == "log" else values
+
+
+@dataclass(frozen=True)
+class Point:
+    """Where a case lies: the case of the file it varies ("" for none), and its index per axis."""
+
+    base: str
+    indices: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A grid of cases.
+
+    Attributes
+    ----------
+    axes : in the file's order; figures show the first across and the second up.
+    targets_m : position errors that a report finds the first axis's values for [m].
+    bases : name to title of the cases over which the grid is laid; {"": ""} if there are none.
+    points : name of every case of the scenario to its place in the grid.
+    """
+
+    axes: tuple[Axis, ...]
+    targets_m: tuple[float, ...]
+    bases: Mapping[str, str]
+    points: Mapping[str, Point]
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A grid point before it is a case: case that it varies, name, title, each axis's change."""
+
+    base: str
+    name: str
+    title: str
+    changes: tuple[dict[str, Any], ...]
+
+
+def number(value: float) -> str:
+    """Return a number as case names and tables write it: short, exact, ``0.0001``, ``3e-6``."""
+    short = f"{value:g}"
+    if float(short) != value:
+        short = repr(value)
+    mantissa, e, exponent = short.partition("e")
+    return f"{mantissa}e{int(exponent)}" if e else short
+
+
+def lay_out(spec: SweepSpec, bases: Mapping[str, str]) -> tuple[Sweep, list[Cell]]:
+    """Return the grid of a ``[sweep]`` table and its points, case by case, the last axis fastest.
+
+    ``bases`` is name to title of the cases to vary; without any, the base of the file is varied.
+    A point is named after its coordinates, and after its case if there are several.
+    """
+    axes = tuple(
+        Axis(axis.name, axis.label, axis.unit, axis.scale, tuple(axis.values)) for axis in spec.axis
+    )
+    bases = bases or {"": ""}
+    points, cells = {}, []
+    for base, base_title in bases.items():
+        for indices in itertools.product(*(range(len(axis.values)) for axis in axes)):
+            places = list(zip(axes, indices, strict=True))
+            name = "_".join(f"{axis.name}-{number(axis.values[i])}" for axis, i in places)
+            title = ", ".join(f"{axis.name} {axis.at(i)}" for axis, i in places)
+            if len(bases) > 1:
+                name, title = f"{base}_{name}", f"{base_title}: {title}"
+            changes = tuple(axis.change(i) for axis, i in zip(spec.axis, indices, strict=True))
+            points[name] = Point(base, indices)
+            cells.append(Cell(base, name, title, changes))
+    return Sweep(axes, tuple(spec.targets_m), bases, points), cells
+
+
+@dataclass(frozen=True)
+class Plane:
+    """The cases that share everything but the first two axes (or the first, if it is the only one).
+
+    Attributes
+    ----------
+    title : what they share, "" if there is nothing else; suffix : the same in names of files.
+    cases : (n, m) their names; m is 1 without a second axis.
+    rows : summary rows of the settled window, by case and estimator.
+    """
+
+    title: str
+    suffix: str
+    cases: np.ndarray
+    rows: pd.DataFrame
+
+    def of(self, label: str, column: str) -> np.ndarray:
+        """Return a column of the summary (n, m) for an estimator; NaN where it has no run."""
+        index = [(case, label) for case in self.cases.ravel()]
+        return np.array(self.rows[column].reindex(index), dtype=float).reshape(self.cases.shape)
+
+    def error(self, label: str) -> np.ndarray:
+        """Return the position MRSE (n, m) [m]."""
+        return self.of(label, "position_mrse_m")
+
+    def bound(self, label: str) -> np.ndarray:
+        """Return the bound (n, m) of an estimator's position MRSE [m]."""
+        return self.of(label, "position_bound_m")
+
+
+def planes(sweep: Sweep, summary: pd.DataFrame) -> list[Plane]:
+    """Return the grid as planes of its first two axes, without those in which nothing has run."""
+    settled = summary[summary["window"] == "settled"].set_index(["case", "label"])
+    names = {(point.base, point.indices): name for name, point in sweep.points.items()}
+    shape = [len(axis.values) for axis in sweep.axes[:2]]
+    others = sweep.axes[2:]
+    found = []
+    for base, title in sweep.bases.items():
+        for rest in itertools.product(*(range(len(axis.values)) for axis in others)):
+            places = list(zip(others, rest, strict=True))
+            parts = [title] if len(sweep.bases) > 1 else []
+            parts += [f"{axis.name} {axis.at(i)}" for axis, i in places]
+            marks = [base] if len(sweep.bases) > 1 else []
+            marks += [f"{axis.name}-{number(axis.values[i])}" for axis, i in places]
+            cases = np.array(
+                [names[base, (*plane, *rest)] for plane in np.ndindex(*shape)], dtype=object
+            ).reshape(shape[0], -1)
+            if not settled.index.isin(cases.ravel(), level="case").any():
+                continue
+            suffix = "".join(f"_{mark}" for mark in marks)
+            found.append(Plane(", ".join(parts), suffix, cases, settled))
+    return found
+
+
+def largest_within(axis: Axis, errors: np.ndarray, target: float) -> float:
+    """Return the largest value of an axis up to which an error stays within a target.
+
+    Between two grid points the logarithm of the error is linear in the axis's coordinate (a power
+    law on a logarithmic axis).
+
+    Parameters
+    ----------
+    axis : the axis.
+    errors : (n,) errors at its values; NaN where there is none, and nothing is known beyond it.
+    target : the error to stay within, in the same unit.
+
+    Returns
+    -------
+    The value; −∞ if already the first error is larger, ∞ if none is, NaN if the first is NaN.
+    """
+    if math.isnan(errors[0]):
+        return math.nan
+    beyond = np.flatnonzero(~(errors <= target))
+    if not len(beyond):
+        return math.inf
+    last = int(beyond[0]) - 1
+    if last < 0:
+        return -math.inf
+    if math.isnan(errors[last + 1]):
+        return axis.values[last]
+    lower, upper = np.log(errors[last : last + 2])
+    here, there = axis.coordinates()[last : last + 2]
+    found = here + (math.log(target) - lower) / (upper - lower) * (there - here)
+    return float(10.0**found if axis.scale == "log" else found)

@@ -1,0 +1,334 @@
+"""What ``[trajectory]`` of a scenario file may say."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from ..trajectory.manoeuvres import (
+    Climb,
+    Cruise,
+    Manoeuvre,
+    Segment,
+    SpeedChange,
+    State,
+    TrajectoryError,
+    Turn,
+    plan,
+    repeated,
+)
+from ..trajectory.terrain_following import TerrainFollowing, terrain_path
+from .tables import Finite, Latitude, Longitude, NonNegative, Positive, Section
+
+if TYPE_CHECKING:
+    from ..trajectory.track import TrackLimits
+
+_PLAN_STEP = 0.5  # of the plan whose duration counts before the IMU's rate is known [s]
+
+Kind = Literal["rates", "cruise", "climb", "turn", "speed", "terrain-following"]
+_CHOICES: dict[str, tuple[tuple[str, ...], ...]] = {
+    "rates": (("duration_s",),),
+    "cruise": (("duration_s", "distance_km"),),
+    "climb": (("to_height_m", "by_height_m"), ("climb_angle_deg", "vertical_speed_mps")),
+    "turn": (("to_heading_deg", "by_heading_deg"), ("bank_deg", "turn_rate_deg_per_s", "radius_m")),
+    "speed": (("to_speed_mps",), ("acceleration_mps2",)),
+    "terrain-following": (("terrain",), ("clearance_m",), ("duration_s", "distance_km")),
+}
+"""Of each group of keys a kind of segment needs exactly one."""
+_OPTIONS: dict[str, tuple[str, ...]] = {
+    "rates": ("turn_rate_deg_per_s", "acceleration_mps2", "climb_rate_deg_per_s"),
+    "cruise": (),
+    "climb": ("max_vertical_acceleration_mps2",),
+    "turn": ("direction",),
+    "speed": (),
+    "terrain-following": ("lowest_m", "max_climb_angle_deg", "max_vertical_acceleration_mps2"),
+}
+"""Keys that a kind of segment may have besides."""
+
+Height = Annotated[float, Field(ge=-12000.0, le=100000.0)]
+Steepness = Annotated[float, Field(gt=0.0, le=60.0)]
+
+
+class SegmentSpec(Section):
+    """One ``[[trajectory.segment]]``."""
+
+    kind: Kind = "rates"
+    duration_s: Positive | None = None
+    distance_km: Positive | None = None
+    turn_rate_deg_per_s: Annotated[float, Field(ge=-30.0, le=30.0)] = 0.0
+    acceleration_mps2: Annotated[float, Field(ge=-50.0, le=50.0)] = 0.0
+    climb_rate_deg_per_s: Annotated[float, Field(ge=-30.0, le=30.0)] = 0.0
+    to_height_m: Height | None = None
+    by_height_m: Annotated[float, Field(ge=-100000.0, le=100000.0)] | None = None
+    climb_angle_deg: Steepness | None = None
+    vertical_speed_mps: Positive | None = None
+    max_vertical_acceleration_mps2: Annotated[float, Field(ge=0.01, le=50.0)] = 2.0
+    to_heading_deg: Annotated[float, Field(ge=-360.0, le=360.0)] | None = None
+    by_heading_deg: Annotated[float, Field(ge=-36000.0, le=36000.0)] | None = None
+    direction: Literal["left", "right", "shorter"] = "shorter"
+    bank_deg: Annotated[float, Field(gt=0.0, le=75.0)] | None = None
+    radius_m: Positive | None = None
+    to_speed_mps: Annotated[float, Field(ge=0.0, le=10000.0)] | None = None
+    terrain: Annotated[str, Field(min_length=1)] | None = None
+    clearance_m: NonNegative | None = None
+    lowest_m: Height | None = None
+    max_climb_angle_deg: Annotated[float, Field(gt=0.0, le=45.0)] = 10.0
+
+    @model_validator(mode="after")
+    def _check(self) -> SegmentSpec:
+        given = _given(self) - {"kind"}
+        kind = f'a segment of kind "{self.kind}"'
+        groups = _CHOICES[self.kind]
+        allowed = {key for group in groups for key in group} | {*_OPTIONS[self.kind]}
+        for group in groups:
+            found = [key for key in group if key in given]
+            if len(found) != 1:
+                wanted = f"'{group[0]}'" if len(group) == 1 else f"exactly one of {_list(group)}"
+                raise ValueError(
+                    f"{kind} needs {wanted}, found {_list(found) if found else 'none'}"
+                )
+        if given - allowed:
+            named = '; other kinds have a line kind = "..."' if self.kind == "rates" else ""
+            raise ValueError(
+                f"{kind} has no key '{min(given - allowed)}'; its keys: "
+                f"{_list(sorted(allowed))}{named}"
+            )
+        if self.kind == "turn":
+            if "direction" in given and self.to_heading_deg is None:
+                raise ValueError("direction belongs to to_heading_deg; by_heading_deg has a sign")
+            if self.by_heading_deg == 0.0:
+                raise ValueError("by_heading_deg is 0 and must be an angle, positive to the right")
+            if "turn_rate_deg_per_s" in given and not self.turn_rate_deg_per_s > 0.0:
+                raise ValueError(
+                    f"turn_rate_deg_per_s is {self.turn_rate_deg_per_s:g} and must be positive in "
+                    'a segment of kind "turn"; the sign is that of by_heading_deg'
+                )
+        if self.kind == "speed" and not self.acceleration_mps2 > 0.0:
+            raise ValueError(
+                f"acceleration_mps2 is {self.acceleration_mps2:g} and must be positive in a segment"
+                ' of kind "speed"; to_speed_mps says whether it slows down'
+            )
+        if self.by_height_m == 0.0:
+            raise ValueError("by_height_m is 0 and must be a difference, positive upwards")
+        return self
+
+    def manoeuvre(self) -> Manoeuvre:
+        """Return it in SI units."""
+        if self.kind == "rates":
+            assert self.duration_s is not None
+            return Segment(
+                self.duration_s,
+                math.radians(self.turn_rate_deg_per_s),
+                self.acceleration_mps2,
+                math.radians(self.climb_rate_deg_per_s),
+            )
+        if self.kind == "cruise":
+            if self.duration_s is not None:
+                return Segment(self.duration_s)
+            assert self.distance_km is not None
+            return Cruise(1e3 * self.distance_km)
+        if self.kind == "climb":
+            return Climb(
+                self.by_height_m,
+                self.to_height_m,
+                _radians(self.climb_angle_deg),
+                self.vertical_speed_mps,
+                self.max_vertical_acceleration_mps2,
+            )
+        if self.kind == "turn":
+            return Turn(
+                _radians(self.by_heading_deg),
+                _radians(self.to_heading_deg),
+                {"left": -1, "right": 1, "shorter": 0}[self.direction],
+                _radians(self.bank_deg),
+                _radians(self.turn_rate_deg_per_s) or None,
+                self.radius_m,
+            )
+        if self.kind == "speed":
+            assert self.to_speed_mps is not None
+            return SpeedChange(self.to_speed_mps, self.acceleration_mps2)
+        assert self.terrain is not None and self.clearance_m is not None
+        return TerrainFollowing(
+            self.terrain,
+            self.clearance_m,
+            -math.inf if self.lowest_m is None else self.lowest_m,
+            self.duration_s,
+            None if self.distance_km is None else 1e3 * self.distance_km,
+            math.radians(self.max_climb_angle_deg),
+            self.max_vertical_acceleration_mps2,
+        )
+
+
+_START = ("latitude_deg", "longitude_deg", "height_m", "speed_mps", "heading_deg")
+_TRACK = ("max_gap_s", "max_acceleration_mps2", "smoothing_s")
+
+
+class TrajectorySpec(Section):
+    """``[trajectory]``: initial state and segments of the true flight, or the file of a track."""
+
+    latitude_deg: Latitude | None = None
+    longitude_deg: Longitude | None = None
+    height_m: Annotated[float, Field(ge=-12000.0, le=100000.0, allow_inf_nan=False)] | None = None
+    speed_mps: Annotated[float, Field(ge=0.0, le=10000.0)] | None = None
+    heading_deg: Finite | None = None
+    pitch_deg: Finite = 0.0
+    roll_deg: Finite = 0.0
+    segment: list[SegmentSpec] = []
+    repeat: Annotated[int, Field(ge=1, le=1000)] = 1
+    vehicle: Literal["aircraft", "ship"] = "aircraft"
+    file: Annotated[str, Field(min_length=1)] | None = None
+    max_gap_s: Positive | None = None
+    max_acceleration_mps2: Annotated[float, Field(gt=0.0, le=10000.0)] = 50.0
+    smoothing_s: Annotated[float, Field(ge=0.0, le=3600.0)] = 0.0
+
+    @model_validator(mode="after")
+    def _check(self) -> TrajectorySpec:
+        given = _given(self)
+        if self.file is not None:
+            for key in (*_START, "segment", "repeat"):
+                if key in given:
+                    raise ValueError(
+                        f"'{key}' cannot stand beside 'file', which says where and how to fly; "
+                        "remove one of them"
+                    )
+            return self
+        for key in _TRACK:
+            if key in given:
+                raise ValueError(f"'{key}' belongs to a track; it needs 'file'")
+        if not self.segment:
+            raise ValueError(
+                "needs a flight: [[trajectory.segment]] tables, or file = the path of a track (CSV)"
+            )
+        for key in _START:
+            if getattr(self, key) is None:
+                raise ValueError(f"'{key}' is missing")
+        if self.vehicle == "ship" and any(s.bank_deg is not None for s in self.segment):
+            raise ValueError(
+                "a ship does not bank; give its turns a turn_rate_deg_per_s or a radius_m instead "
+                "of bank_deg"
+            )
+        return self
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the flight [s].
+
+        Raises
+        ------
+        TrajectoryError
+            A ValueError: if a segment cannot be flown, or a file cannot be used.
+        """
+        if self.file is not None:
+            from ..trajectory.track import (
+                read_track,  # not at the top: it loads slowly, few flights have one
+            )
+
+            return float(read_track(self.file, self.track_limits()).times[-1])
+        if all(segment.kind == "rates" for segment in self.segment):
+            return sum(s.duration_s for s in self.segment if s.duration_s) * self.repeat
+        return _duration(self.model_dump_json(), tuple(file_versions(self)))
+
+    def start(self) -> State:
+        """Return the state in which segments begin."""
+        assert self.latitude_deg is not None and self.longitude_deg is not None
+        assert self.height_m is not None and self.speed_mps is not None
+        assert self.heading_deg is not None
+        return State(
+            np.array(
+                [math.radians(self.latitude_deg), math.radians(self.longitude_deg), self.height_m]
+            ),
+            math.radians(self.heading_deg),
+            self.speed_mps,
+            0.0,
+        )
+
+    def manoeuvres(self) -> list[Manoeuvre]:
+        """Return all segments, repetitions included."""
+        return list(repeated([segment.manoeuvre() for segment in self.segment], self.repeat))
+
+    def track_limits(self) -> TrackLimits:
+        """Return what a track may look like."""
+        from ..trajectory.track import TrackLimits
+
+        return TrackLimits(self.max_gap_s, self.max_acceleration_mps2, self.smoothing_s)
+
+    def files(self) -> list[Path]:
+        """Return the files on whose content the flight depends."""
+        names = sorted({s.terrain for s in self.segment if s.terrain is not None})
+        return [terrain_path(name) for name in names] + ([Path(self.file)] if self.file else [])
+
+    def file_hashes(self) -> list[str]:
+        """Return the SHA-256 of the content of each of its files.
+
+        Raises
+        ------
+        TrajectoryError
+            If one cannot be read.
+        """
+        versions = file_versions(self)
+        return [_hash(path, v) for path, v in zip(self.files(), versions, strict=True)]
+
+    def placeless(self) -> TrajectorySpec:
+        """Return it with the place of its files left out: what counts is their content."""
+        terrains = sorted({s.terrain for s in self.segment if s.terrain is not None})
+        segments = [
+            s.model_copy(update={"terrain": f"terrain {terrains.index(s.terrain)}"})
+            if s.terrain is not None
+            else s
+            for s in self.segment
+        ]
+        return self.model_copy(
+            update={"segment": segments, "file": None if self.file is None else "track"}
+        )
+
+
+def file_versions(spec: TrajectorySpec) -> list[tuple[int, int]]:
+    """Return what changes when a file of the flight is written anew: time and size of each.
+
+    Raises
+    ------
+    TrajectoryError
+        If there is none.
+    """
+    versions = []
+    for path in spec.files():
+        try:
+            status = path.stat()
+        except OSError as error:
+            raise TrajectoryError(f"cannot read {path}: {error.strerror}") from None
+        versions.append((status.st_mtime_ns, status.st_size))
+    return versions
+
+
+@lru_cache(maxsize=64)
+def _hash(path: Path, version: tuple[int, int]) -> str:
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise TrajectoryError(f"cannot read {path}: {error.strerror}") from None
+
+
+@lru_cache(maxsize=64)
+def _duration(trajectory_json: str, versions: tuple[tuple[int, int], ...]) -> float:
+    spec = TrajectorySpec.model_validate_json(trajectory_json)
+    return plan(spec.start(), spec.manoeuvres(), _PLAN_STEP, len(spec.segment))[1]
+
+
+def _given(section: Section) -> set[str]:
+    """Return the keys that say something, whether read from a file or from a complete dump."""
+    fields = type(section).model_fields
+    return {key for key, field in fields.items() if getattr(section, key) != field.default}
+
+
+def _radians(degrees: float | None) -> float | None:
+    return None if degrees is None else math.radians(degrees)
+
+
+def _list(keys: tuple[str, ...] | list[str]) -> str:
+    return ", ".join(f"'{key}'" for key in keys)

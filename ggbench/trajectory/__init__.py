@@ -1,0 +1,1 @@
+"""True flights: manoeuvres, terrain following, tracks."""

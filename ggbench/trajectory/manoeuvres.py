@@ -1,0 +1,392 @@
+"""Manoeuvres: what the parts of a flight do to heading, speed and climb angle.
+
+Each is laid out as rates at the middle of the sampling intervals, so that a flight is one sum of
+rates whatever it is made of. Rates rise and fall as raised cosines: acceleration and turn rate are
+continuous.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from ..errors import GGBenchError
+from ..ins.strapdown import advance_position
+
+Array = NDArray[np.float64]
+
+BANK_GRAVITY = 9.81
+"""The g of a coordinated turn, tan(bank) = speed · turn rate / g [m/s²]."""
+LONGEST_FLIGHT = 1e6
+"""Longest flight of manoeuvres [s]."""
+_RAMP = 5.0  # rolling in or out of a turn, or of an acceleration [s]
+_SHORTEST_PULL_UP = 4.0  # [s]
+
+
+class TrajectoryError(GGBenchError, ValueError):
+    """A flight cannot be flown as asked, or a file that it needs cannot be used.
+
+    A ValueError too, so that a scenario in which it comes up names its place in the file.
+    """
+
+
+@dataclass(frozen=True)
+class State:
+    """Where a manoeuvre begins.
+
+    Attributes
+    ----------
+    position : (3,) latitude, longitude [rad], height [m].
+    heading, speed, climb : [rad], along the path [m/s], climb angle [rad].
+    """
+
+    position: Array
+    heading: float
+    speed: float
+    climb: float
+
+
+class Manoeuvre(Protocol):
+    """A part of a flight."""
+
+    def length(self, start: State) -> float:
+        """Return how long it takes from a state [s]; raises TrajectoryError if it cannot be."""
+        ...
+
+    def rates(self, start: State, count: int, dt: float) -> Array:
+        """Return (count, 3) rates of heading, speed and climb angle in the intervals' middles."""
+        ...
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A part of a flight in which speed, heading and climb angle change at constant rates.
+
+    Attributes
+    ----------
+    duration : [s].
+    turn_rate : rate of the heading, clockwise positive [rad/s].
+    acceleration : rate of the speed [m/s²].
+    climb_rate : rate of the vertical velocity's angle above the horizon [rad/s].
+    """
+
+    duration: float
+    turn_rate: float = 0.0
+    acceleration: float = 0.0
+    climb_rate: float = 0.0
+
+    def length(self, start: State) -> float:
+        """Return its duration [s]."""
+        return self.duration
+
+    def rates(self, start: State, count: int, dt: float) -> Array:
+        """Return the rates, whose integrals are those stated times the duration."""
+        shape = _shape(count, dt, self.duration)
+        if abs(count * dt - self.duration) > 1e-9 * self.duration:
+            shape *= self.duration / (count * dt)
+        return np.outer(shape, [self.turn_rate, self.acceleration, self.climb_rate])
+
+
+@dataclass(frozen=True)
+class Cruise:
+    """Straight on for a distance along the path [m], at the speed and climb angle there are."""
+
+    distance: float
+
+    def length(self, start: State) -> float:
+        """Return distance over speed."""
+        return self.distance / _moving(start)
+
+    def rates(self, start: State, count: int, dt: float) -> Array:
+        """Return no rates."""
+        return np.zeros((count, 3))
+
+
+@dataclass(frozen=True)
+class Turn:
+    """A turn by an angle or to a heading, rolled in and out over five seconds.
+
+    Attributes
+    ----------
+    by, to : angle, clockwise positive, or the heading to be reached [rad]; one of them is None.
+    direction : of a turn ``to`` a heading: 1 right, -1 left, 0 the shorter way.
+    bank, rate, radius : steepness, one of them [rad], [rad/s], [m]; a turn too small to be rolled
+        in and out is gentler.
+    """
+
+    by: float | None = None
+    to: float | None = None
+    direction: int = 0
+    bank: float | None = None
+    rate: float | None = None
+    radius: float | None = None
+
+    def angle(self, start: State) -> float:
+        """Return the angle of the turn, clockwise positive [rad]."""
+        if self.by is not None:
+            return self.by
+        assert self.to is not None
+        short = math.remainder(self.to - start.heading, math.tau)
+        if abs(short) < 1e-9:
+            raise TrajectoryError(
+                f"already flies at heading {math.degrees(self.to):g}°; give another to_heading_deg,"
+                " or by_heading_deg = 360 for a full circle"
+            )
+        if self.direction * short < 0.0:
+            return short + self.direction * math.tau
+        return short
+
+    def length(self, start: State) -> float:
+        """Return the time of the turn at its steepness plus that of rolling in and out."""
+        if self.rate is not None:
+            rate = self.rate
+        elif self.radius is not None:
+            rate = _moving(start) / self.radius
+        else:
+            assert self.bank is not None
+            rate = BANK_GRAVITY * math.tan(self.bank) / _moving(start)
+        return max(abs(self.angle(start)) / rate + _RAMP, 2.0 * _RAMP)
+
+    def rates(self, start: State, count: int, dt: float) -> Array:
+        """Return a heading rate whose integral is the angle."""
+        shape = _shape(count, dt, count * dt)
+        return np.outer(shape, [self.angle(start) / (count * dt), 0.0, 0.0])
+
+
+@dataclass(frozen=True)
+class SpeedChange:
+    """A change to a speed [m/s] at an acceleration [m/s²] that comes and goes in five seconds."""
+
+    to: float
+    acceleration: float
+
+    def length(self, start: State) -> float:
+        """Return the time at that acceleration plus that of its coming and going."""
+        if abs(self.to - start.speed) < 1e-9:
+            raise TrajectoryError(
+                f"already flies at {self.to:g} m/s; to_speed_mps must be another speed"
+            )
+        return max(abs(self.to - start.speed) / self.acceleration + _RAMP, 2.0 * _RAMP)
+
+    def rates(self, start: State, count: int, dt: float) -> Array:
+        """Return an acceleration whose integral is the change."""
+        shape = _shape(count, dt, count * dt)
+        return np.outer(shape, [0.0, (self.to - start.speed) / (count * dt), 0.0])
+
+
+@dataclass(frozen=True)
+class Climb:
+    """A climb or descent from level flight to level flight at another height.
+
+    Attributes
+    ----------
+    by, to : difference of height, or the height to be reached [m]; one of them is None.
+    angle, vertical_speed : steepness, one of them [rad], [m/s], positive; a climb too small to
+        reach it is flatter.
+    vertical_acceleration : its limit in the pull-up and in the push-over [m/s²].
+    """
+
+    by: float | None = None
+    to: float | None = None
+    angle: float | None = None
+    vertical_speed: float | None = None
+    vertical_acceleration: float = 2.0
+
+    def length(self, start: State) -> float:
+        """Return the time of pull-up, steady climb and push-over."""
+        pull_up, steady = self._times(start)
+        return 2.0 * pull_up + steady
+
+    def rates(self, start: State, count: int, dt: float) -> Array:
+        """Return rates of the climb angle with which the sampled flight gains the height."""
+        height = self._height(start)
+        pull_up = max(self._times(start)[0], dt)
+        middle = (np.arange(count) + 0.5) * dt
+        up = np.where(middle < pull_up, 1.0 - np.cos(math.tau * middle / pull_up), 0.0)
+        up /= up.sum() * dt
+        unit = up - up[::-1]
+        shape = _sums(unit, dt)
+        if count * dt < pull_up or not shape.max() > 0.0:
+            raise TrajectoryError(
+                f"climbs within {self.length(start):g} s, too short for an IMU interval of {dt:g} s"
+            )
+
+        def excess(angle: float) -> float:
+            return float(start.speed * np.sin(angle * shape).sum() * dt) - height
+
+        reach = math.copysign(0.5 * math.pi, height)
+        if excess(reach) * reach < 0.0:
+            raise TrajectoryError(
+                f"cannot climb {height:g} m in {count * dt:g} s at {start.speed:g} m/s"
+            )
+        from scipy.optimize import brentq  # not at the top: it loads slowly, and few flights climb
+
+        angle = brentq(excess, 0.0, reach, xtol=1e-15, rtol=1e-14)
+        return np.outer(angle * unit, [0.0, 0.0, 1.0])
+
+    def _height(self, start: State) -> float:
+        if self.by is not None:
+            return self.by
+        assert self.to is not None
+        height = self.to - float(start.position[2])
+        if abs(height) < 1e-3:
+            raise TrajectoryError(
+                f"already flies at {self.to:g} m; to_height_m must be another height"
+            )
+        return height
+
+    def _times(self, start: State) -> tuple[float, float]:
+        """Return the duration of the pull-up (as of the push-over), and between them [s]."""
+        _level(start)
+        height, speed = abs(self._height(start)), _moving(start)
+        if self.angle is not None:
+            angle = self.angle
+        else:
+            assert self.vertical_speed is not None
+            if self.vertical_speed > 0.9 * speed:
+                raise TrajectoryError(
+                    f"vertical_speed_mps is {self.vertical_speed:g} and must not exceed 0.9 times "
+                    f"the speed there, {speed:g} m/s"
+                )
+            angle = math.asin(self.vertical_speed / speed)
+
+        def pull_up(angle: float) -> float:
+            # The peak of the raised cosine is twice the mean rate.
+            return max(2.0 * speed * angle / self.vertical_acceleration, _SHORTEST_PULL_UP)
+
+        phase = (np.arange(64) + 0.5) / 64.0
+        ramp = phase - np.sin(math.tau * phase) / math.tau
+
+        def gain(angle: float) -> float:
+            return 2.0 * speed * pull_up(angle) * float(np.sin(angle * ramp).mean())
+
+        if gain(angle) > height:
+            from scipy.optimize import brentq
+
+            return pull_up(brentq(lambda a: gain(a) - height, 0.0, angle)), 0.0
+        return pull_up(angle), (height - gain(angle)) / (speed * math.sin(angle))
+
+
+def plan(
+    start: State, manoeuvres: Sequence[Manoeuvre], dt: float, size: int | None = None
+) -> tuple[Array, float]:
+    """Lay out manoeuvres one after the other.
+
+    Parameters
+    ----------
+    start : of the flight. manoeuvres : in the order of the flight. dt : sampling interval [s].
+    size : number of manoeuvres in the file, of which the others are repetitions (for messages).
+
+    Returns
+    -------
+    (N, 3) rates of heading, speed and climb angle in the middle of each interval, and the duration
+    before it is rounded to whole intervals [s].
+
+    Raises
+    ------
+    TrajectoryError
+        If one of them cannot be flown; the message says which and why.
+    """
+    parts: list[Array] = []
+    total, samples, state = 0.0, 0, start
+    for number, manoeuvre in enumerate(manoeuvres):
+        try:
+            total += manoeuvre.length(state)
+            if total > LONGEST_FLIGHT:
+                raise TrajectoryError(
+                    f"ends after {total:.3g} s; a flight may last {LONGEST_FLIGHT:g} s at most"
+                )
+            # Ends are rounded, not lengths: rounding errors of many segments do not add up.
+            count = max(round(total / dt) - samples, 1)
+            parts.append(manoeuvre.rates(state, count, dt))
+        except TrajectoryError as error:
+            raise TrajectoryError(f"{_place(number, size)}: {error}") from None
+        samples += count
+        if number + 1 < len(manoeuvres):
+            state = _end(state, parts[-1], dt)
+    return np.concatenate(parts), total
+
+
+def sample(start: State, rates: Array, dt: float) -> tuple[Array, Array, Array]:
+    """Return heading, speed and climb angle (N + 1,) at the samples.
+
+    Midpoint values of the rates integrate exactly into values at the samples.
+    """
+    heading, speed, climb = (
+        first + _sums(rates[:, i], dt)
+        for i, first in enumerate((start.heading, start.speed, start.climb))
+    )
+    return heading, speed, climb
+
+
+def enu(heading: Array, speed: Array, climb: Array) -> Array:
+    """Return velocities (N, 3) ENU [m/s] of heading, climb angle [rad], speed [m/s], each (N,)."""
+    return np.stack(
+        [
+            speed * np.cos(climb) * np.sin(heading),
+            speed * np.cos(climb) * np.cos(heading),
+            speed * np.sin(climb),
+        ],
+        axis=-1,
+    )
+
+
+@njit(cache=True)
+def follow(position: Array, velocities: Array, dt: float) -> Array:
+    """Return the positions (N, 3) to which velocities (N, 3) lead by the mechanization's rule."""
+    positions = np.empty((velocities.shape[0], 3))
+    positions[0] = position
+    for n in range(1, velocities.shape[0]):
+        advance_position(positions[n - 1], velocities[n - 1], velocities[n], dt, positions[n])
+    return positions
+
+
+def _end(start: State, rates: Array, dt: float) -> State:
+    heading, speed, climb = sample(start, rates, dt)
+    positions = follow(start.position, enu(heading, speed, climb), dt)
+    return State(positions[-1], float(heading[-1]), float(speed[-1]), float(climb[-1]))
+
+
+def _place(number: int, size: int | None) -> str:
+    if size is None or number < size:
+        return f"trajectory.segment[{number}]"
+    return f"trajectory.segment[{number % size}] (repetition {number // size + 1})"
+
+
+def _sums(rate: Array, dt: float) -> Array:
+    return np.concatenate([[0.0], np.cumsum(rate) * dt])
+
+
+def _shape(count: int, dt: float, duration: float) -> Array:
+    """Return (count,) weights of mean 1 that start and end at zero smoothly."""
+    middle = (np.arange(count) + 0.5) * dt
+    ramp = min(_RAMP, 0.5 * duration)
+    edge = np.minimum(middle, count * dt - middle)
+    shape = np.where(edge < ramp, 0.5 * (1.0 - np.cos(math.pi * edge / ramp)), 1.0)
+    return np.asarray(shape / shape.mean())
+
+
+def _moving(start: State) -> float:
+    if start.speed < 1e-3:
+        raise TrajectoryError(f"needs a speed, and there it is {start.speed:g} m/s")
+    return start.speed
+
+
+def _level(start: State) -> None:
+    if abs(start.climb) > 1e-6:
+        raise TrajectoryError(
+            f"must begin in level flight, and there the climb angle is "
+            f"{math.degrees(start.climb):g}°"
+        )
+
+
+def repeated(manoeuvres: Sequence[Manoeuvre], times: int) -> Iterator[Manoeuvre]:
+    """Iterate over all manoeuvres several times."""
+    for _ in range(times):
+        yield from manoeuvres

@@ -1,0 +1,279 @@
+"""Flying over terrain at a clearance: the height profile of an aircraft that sees it ahead.
+
+The lowest profile that stays above a floor f(t) within limits s of the slope and a of the
+acceleration, near enough. First the slope: g(t) = max_τ f(τ) − s |t − τ|. Then the acceleration,
+by the double envelope of Lasry and Lions (1986), which keeps the slope::
+
+    d(t) = max_τ g(τ) − a (t − τ)² / 4          curvature above −a / 2
+    h(t) = min_τ d(τ) + a (t − τ)² / 2          curvature between −a and a, h ≥ g
+
+Peaks are passed tightly, valleys are rounded. A moving average over two seconds makes the
+acceleration continuous.
+"""
+
+from __future__ import annotations
+
+import importlib.resources
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numba import njit
+
+from ..errors import GGBenchError
+from .manoeuvres import Array, State, TrajectoryError, enu, follow
+
+_STEP = 0.1  # of the plan [s]
+_SHORTEST, _LONGEST = 20.0, 36000.0  # [s]
+_BLUR = 2.0  # half the width of the moving average, a raised cosine [s]
+
+
+@dataclass(frozen=True)
+class TerrainFollowing:
+    """Level to level over terrain, straight on, at the speed over ground of the start.
+
+    Attributes
+    ----------
+    terrain : path of the terrain's file, or the name of one that is shipped.
+    clearance : least height above the terrain [m].
+    lowest : least height above the ellipsoid [m].
+    duration, distance : length, one of them [s], over ground [m].
+    climb_angle : steepest climb and descent [rad].
+    vertical_acceleration : its limit, upwards and downwards [m/s²].
+    """
+
+    terrain: str
+    clearance: float
+    lowest: float = -math.inf
+    duration: float | None = None
+    distance: float | None = None
+    climb_angle: float = math.radians(10.0)
+    vertical_acceleration: float = 2.0
+
+    def length(self, start: State) -> float:
+        """Return its duration [s]."""
+        duration = self.duration
+        if duration is None:
+            assert self.distance is not None
+            if start.speed < 1e-3:
+                raise TrajectoryError(f"needs a speed, and there it is {start.speed:g} m/s")
+            duration = self.distance / start.speed
+        if not _SHORTEST <= duration <= _LONGEST:
+            raise TrajectoryError(
+                f"lasts {duration:g} s; terrain can be followed for {_SHORTEST:g} to {_LONGEST:g} s"
+            )
+        return duration
+
+    def rates(self, start: State, count: int, dt: float) -> Array:
+        """Return the rates of climb angle, and of speed, whose horizontal part is kept."""
+        if start.speed < 1e-3 or abs(start.climb) > 1e-6:
+            raise TrajectoryError(
+                "must begin in level flight with a speed, and there the climb angle is "
+                f"{math.degrees(start.climb):g}° and the speed {start.speed:g} m/s"
+            )
+        from scipy.interpolate import CubicSpline  # not at the top: it loads slowly
+
+        times = np.arange(count + 1) * dt
+        steps = math.ceil(times[-1] / _STEP)
+        step = times[-1] / steps
+        floor = self._floor(start, steps, step)
+        slope = start.speed * math.tan(self.climb_angle)
+        profile = _profile(floor, float(start.position[2]), step, slope, self.vertical_acceleration)
+        vertical = CubicSpline(step * np.arange(steps + 1), profile, bc_type="clamped")(times, 1)
+        climb = np.arctan(vertical / start.speed)
+        speed = start.speed / np.cos(climb)
+        return np.stack([np.zeros(count), np.diff(speed) / dt, np.diff(climb) / dt], axis=-1)
+
+    def _floor(self, start: State, steps: int, step: float) -> Array:
+        """Return the least height (steps + 1,) under way [m]."""
+        # The track at constant height: the terrain's height moves it by 1e-4 of its length.
+        fine = 4
+        count = fine * steps + 1
+        velocity = enu(*(np.full(count, x) for x in (start.heading, start.speed, 0.0)))
+        track = follow(start.position, velocity, step / fine)
+        height = heights(self.terrain, track[:, 0], track[:, 1]) + self.clearance
+        # Highest of the neighbourhood of each step, so that none between them is missed.
+        padded = np.concatenate([height[:1].repeat(fine), height, height[-1:].repeat(fine)])
+        windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * fine + 1)
+        return np.maximum(windows.max(axis=-1)[::fine], self.lowest)
+
+
+def heights(name: str, latitude: Array, longitude: Array) -> Array:
+    """Return terrain heights (N,) [m], bilinear between the points of the file's grid.
+
+    Parameters
+    ----------
+    name : path of the file, or the name of one that is shipped.
+    latitude, longitude : (N,) [rad].
+
+    Raises
+    ------
+    TrajectoryError
+        If the file cannot be read, or the positions leave it.
+    """
+    south, west, latitude_step, longitude_step, grid = _terrain(name, _version(name))
+    row = (np.degrees(latitude) - south) / latitude_step
+    rounding = 1e-9
+    column = (np.mod(np.degrees(longitude) - west + rounding, 360.0) - rounding) / longitude_step
+    rows, columns = grid.shape
+    outside = (row < -rounding) | (row > rows - 1 + rounding) | (column > columns - 1 + rounding)
+    if outside.any():
+        n = int(np.argmax(outside))
+        raise TrajectoryError(
+            f"leaves the terrain {name} at {math.degrees(latitude[n]):.5f}° N, "
+            f"{math.degrees(longitude[n]):.5f}° E; it covers {south:.3f}° to "
+            f"{south + (rows - 1) * latitude_step:.3f}° N, {west:.3f}° to "
+            f"{west + (columns - 1) * longitude_step:.3f}° E"
+        )
+    i = np.clip(row.astype(int), 0, rows - 2)
+    j = np.clip(column.astype(int), 0, columns - 2)
+    u, v = row - i, column - j
+    height = (1.0 - u) * ((1.0 - v) * grid[i, j] + v * grid[i, j + 1]) + u * (
+        (1.0 - v) * grid[i + 1, j] + v * grid[i + 1, j + 1]
+    )
+    if not np.isfinite(height).all():
+        n = int(np.argmin(np.isfinite(height)))
+        raise TrajectoryError(
+            f"the terrain {name} has no height at {math.degrees(latitude[n]):.5f}° N, "
+            f"{math.degrees(longitude[n]):.5f}° E, which the flight passes; fill its gaps first"
+        )
+    return np.asarray(height)
+
+
+def terrain_path(name: str) -> Path:
+    """Return where a terrain lies: among the shipped data, or where its path says."""
+    if Path(name).name == name:
+        shipped = importlib.resources.files("ggbench.scenarios") / "data" / name
+        if isinstance(shipped, Path) and shipped.is_file():
+            return shipped
+    return Path(name)
+
+
+def _version(name: str) -> tuple[int, int]:
+    """Return what changes when a file is written anew."""
+    try:
+        status = terrain_path(name).stat()
+    except OSError as error:
+        raise TrajectoryError(f"cannot read the terrain {name}: {error.strerror}") from None
+    return status.st_mtime_ns, status.st_size
+
+
+@lru_cache(maxsize=2)
+def _terrain(name: str, version: tuple[int, int]) -> tuple[float, float, float, float, Array]:
+    """Return south, west, steps in latitude and longitude [deg], and heights [m]."""
+    from ..gravity.terrain_files import read_terrain
+
+    try:
+        terrain = read_terrain(terrain_path(name))
+    except GGBenchError as error:
+        raise TrajectoryError(str(error)) from None
+    return (
+        terrain.south_deg,
+        terrain.west_deg,
+        terrain.latitude_step_deg,
+        terrain.longitude_step_deg,
+        np.asarray(terrain.height_m, dtype=float),
+    )
+
+
+def _profile(floor: Array, height: float, step: float, slope: float, acceleration: float) -> Array:
+    """Return heights (N,) above a floor (N,) that begin at a height and begin and end level."""
+    # Level flight beyond both ends, within them for as long as the moving average sees.
+    flat = round(_BLUR / step) + 2
+    edge = flat + 2
+    blur = 0.5 * (1.0 + np.cos(math.pi * np.linspace(-1.0, 1.0, 2 * flat - 1)))
+    blur /= blur.sum()
+    # A mean of a curve lies below it by half its curvature times the variance of the weights.
+    offsets = step * np.arange(-(flat - 1), flat)
+    margin = 0.5 * acceleration * float(blur @ offsets**2)
+    raised = floor + margin
+
+    def envelope(end: float) -> Array:
+        padded = np.concatenate([np.full(edge, height), raised, np.full(edge, end)])
+        padded[edge : edge + flat] = np.maximum(padded[edge : edge + flat], height)
+        padded[-edge - flat : -edge] = np.maximum(padded[-edge - flat : -edge], end)
+        return _limited(padded, step, slope, acceleration)
+
+    # The lowest level at which the end can be reached level.
+    low, high = float(raised[-flat:].max()), max(float(raised.max()), height) + 1.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        if envelope(middle)[-edge - flat] <= middle + 1e-9:
+            high = middle
+        else:
+            low = middle
+    whole = envelope(high)
+    if whole[edge] > height + 1e-3:
+        # Where it begins, the terrain ahead asks for more.
+        raise TrajectoryError(
+            f"begins at {height:.1f} m, too low for the terrain ahead, which asks for "
+            f"{math.ceil(_least_start(raised, flat, edge, step, slope, acceleration))} m there; "
+            "climb first, or allow a larger max_climb_angle_deg or a smaller clearance_m"
+        )
+    smooth = np.convolve(whole, blur, mode="same")
+    return np.asarray(smooth[edge:-edge])
+
+
+def _least_start(
+    raised: Array, flat: int, edge: int, step: float, slope: float, acceleration: float
+) -> float:
+    """Return the lowest height from which the floor can be passed after beginning level."""
+    low, high = float(raised[0]), float(raised.max()) + 1.0
+    for _ in range(40):
+        height = 0.5 * (low + high)
+        padded = np.concatenate([np.full(edge, height), raised, np.full(edge, raised[-1])])
+        padded[edge : edge + flat] = np.maximum(padded[edge : edge + flat], height)
+        if _limited(padded, step, slope, acceleration)[edge] <= height + 1e-6:
+            high = height
+        else:
+            low = height
+    return high
+
+
+@njit(cache=True)
+def _limited(floor: Array, step: float, slope: float, acceleration: float) -> Array:
+    """Return the envelope (N,) above a floor (N,) within limits of slope and acceleration."""
+    count = floor.shape[0]
+    lifted = floor.copy()
+    fall = slope * step
+    for n in range(1, count):
+        lifted[n] = max(lifted[n], lifted[n - 1] - fall)
+    for n in range(count - 2, -1, -1):
+        lifted[n] = max(lifted[n], lifted[n + 1] - fall)
+    curvature = 0.5 * acceleration * step * step
+    dilated = -_envelope(-lifted, 0.5 * curvature)
+    return _envelope(dilated, curvature)
+
+
+@njit(cache=True)
+def _envelope(values: Array, curvature: float) -> Array:
+    """Return min over m of values[m] + curvature (n − m)² for every n (N,), in linear time.
+
+    Felzenszwalb and Huttenlocher (2012): the parabolas that are lowest somewhere, from left to
+    right, and where each begins to be.
+    """
+    count = values.shape[0]
+    lowest = np.zeros(count, dtype=np.int64)
+    begins = np.empty(count)
+    last = 0
+    begins[0] = -np.inf
+    for n in range(1, count):
+        while True:
+            m = lowest[last]
+            crossing = 0.5 * ((values[n] - values[m]) / (curvature * (n - m)) + (n + m))
+            if crossing > begins[last]:
+                break
+            last -= 1
+        last += 1
+        lowest[last] = n
+        begins[last] = crossing
+    out = np.empty(count)
+    at = 0
+    for n in range(count):
+        while at < last and begins[at + 1] < n:
+            at += 1
+        m = lowest[at]
+        out[n] = values[m] + curvature * (n - m) ** 2
+    return out

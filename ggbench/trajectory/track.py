@@ -1,0 +1,333 @@
+"""Tracks of the user's own: positions over time, checked, and made smooth at the INS rate."""
+
+from __future__ import annotations
+
+import math
+import stat
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numba import njit
+from scipy.interpolate import CubicSpline, PchipInterpolator
+from scipy.linalg import solveh_banded
+
+from ..gravity.ellipsoid import radii_of_curvature
+from .manoeuvres import BANK_GRAVITY, Array, TrajectoryError
+from .track_file import parse
+
+FASTEST = 10000.0
+"""Highest speed of a track [m/s]."""
+_LARGEST = 1_000_000_000  # file [bytes]
+_GAP = 5.0  # the longest step, in medians, unless the scenario says otherwise
+_STILL = 1.0  # speed below which the heading of the velocity means nothing [m/s]
+_WIDEST = 1000.0  # smoothing, in medians of the step: beyond it rounding shows
+_LARGEST_TURN = 90.0  # of an attitude angle from row to row [deg]
+_RANGES = {
+    "latitude_deg": (-89.0, 89.0, "degrees"),
+    "longitude_deg": (-180.0, 360.0, "degrees"),
+    "height_m": (-12000.0, 100000.0, "metres"),
+    "heading_deg": (-360.0, 360.0, "degrees"),
+    "pitch_deg": (-85.0, 85.0, "degrees"),
+    "roll_deg": (-180.0, 180.0, "degrees"),
+}
+
+
+@dataclass(frozen=True)
+class TrackLimits:
+    """What a track may look like, and how it is smoothed.
+
+    Attributes
+    ----------
+    gap : longest time between two rows [s]; None for five times the median.
+    acceleration : largest one [m/s²].
+    smoothing : period at which a smoothing halves the amplitude [s]; 0 for none.
+    """
+
+    gap: float | None = None
+    acceleration: float = 50.0
+    smoothing: float = 0.0
+
+
+@dataclass(frozen=True)
+class Track:
+    """Positions over time as twice continuously differentiable functions, and attitudes if known.
+
+    Attributes
+    ----------
+    times : (N,) of the rows, from 0 [s].
+    position : splines of latitude, longitude [rad, without jumps at 180°] and height [m].
+    angles : heading, pitch and roll [rad], each a function of time, None where it is not given.
+    """
+
+    times: Array
+    position: tuple[CubicSpline, ...]
+    angles: tuple[PchipInterpolator | None, ...]
+
+
+def read_track(file: str, limits: TrackLimits) -> Track:
+    """Read a track from a CSV file.
+
+    Its first line names the columns: time_s, latitude_deg, longitude_deg and height_m, and heading,
+    pitch and roll in degrees if they are known. Other columns are passed over.
+
+    Parameters
+    ----------
+    file : path. limits : what the track may look like.
+
+    Raises
+    ------
+    TrajectoryError
+        With a sentence that names the file, the line, what was found and what is allowed.
+    """
+    try:
+        status = Path(file).stat()
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not a path"
+        raise TrajectoryError(f"cannot read the track {file}: {reason}") from None
+    if not stat.S_ISREG(status.st_mode):
+        raise TrajectoryError(f"cannot read the track {file}: it is no file")
+    if status.st_size > _LARGEST:
+        raise TrajectoryError(
+            f"track {file}: has {status.st_size / 1e6:.0f} MB; at most {_LARGEST / 1e6:g} may be"
+        )
+    return _read_track(file, limits, status.st_mtime_ns, status.st_size)
+
+
+@lru_cache(maxsize=2)
+def _read_track(file: str, limits: TrackLimits, time: int, size: int) -> Track:
+    try:
+        content = Path(file).read_bytes()
+    except OSError as error:
+        raise TrajectoryError(f"cannot read the track {file}: {error.strerror}") from None
+    try:
+        columns, first = parse(content)
+        return _track(columns, first, limits)
+    except TrajectoryError as error:
+        raise TrajectoryError(f"track {file}: {error}") from None
+
+
+def _track(columns: dict[str, Array], first: int, limits: TrackLimits) -> Track:
+    """Check the columns of a track and make it smooth; ``first`` is the line of its first row."""
+    for key, (low, high, unit) in _RANGES.items():
+        if key in columns:
+            bad = (columns[key] < low) | (columns[key] > high)
+            if bad.any():
+                n = int(np.argmax(bad))
+                raise TrajectoryError(
+                    f"line {first + n}: {key} is {columns[key][n]:g} and must lie between {low:g} "
+                    f"and {high:g} {unit}"
+                )
+    latitude, longitude = columns["latitude_deg"], columns["longitude_deg"]
+    times = _times(columns["time_s"], first, limits)
+    longitude = np.unwrap(longitude, period=360.0)
+    position = [np.radians(latitude), np.radians(longitude), columns["height_m"]]
+    _check_speed(times, position, first)
+    if limits.smoothing > _WIDEST * float(np.median(np.diff(times))):
+        raise TrajectoryError(
+            f"smoothing_s is {limits.smoothing:g} and must not exceed {_WIDEST:g} times the median "
+            f"step, {_WIDEST * float(np.median(np.diff(times))):g} s"
+        )
+    splines: list[CubicSpline] = []
+    for values in position:
+        if limits.smoothing > 0.0:
+            values = _smooth(times, values, limits.smoothing)
+        splines.append(CubicSpline(times, values))
+    _check_acceleration(times, splines, first, limits)
+    angles: list[PchipInterpolator | None] = []
+    for key in ("heading_deg", "pitch_deg", "roll_deg"):
+        if key not in columns:
+            angles.append(None)
+            continue
+        unwrapped = np.unwrap(columns[key], period=360.0)
+        turn = np.abs(np.diff(unwrapped))
+        if turn.max() > _LARGEST_TURN:
+            n = int(np.argmax(turn > _LARGEST_TURN)) + 1
+            raise TrajectoryError(
+                f"line {first + n}: {key} turns by {turn[n - 1]:g}° from the line before; at most "
+                f"{_LARGEST_TURN:g}° are allowed from line to line"
+            )
+        angles.append(PchipInterpolator(times, np.radians(unwrapped)))
+    return Track(times, tuple(splines), tuple(angles))
+
+
+def _smooth(times: Array, values: Array, period: float) -> Array:
+    """Return values (N,) of a cubic smoothing spline that halves the amplitude at a period.
+
+    The integral of the squared deviations and (period / 2π)⁴ times that of the squared second
+    derivative are least together; Reinsch (1967), solved for the second derivatives at the inner
+    points.
+    """
+    steps = np.diff(times)
+    inverse = (period / math.tau) ** 4 / np.gradient(times)
+    left, right = 1.0 / steps[:-1], 1.0 / steps[1:]
+    centre = -left - right
+    bands = np.zeros((3, len(times) - 2))
+    bands[2] = (steps[:-1] + steps[1:]) / 3.0 + (
+        left**2 * inverse[:-2] + centre**2 * inverse[1:-1] + right**2 * inverse[2:]
+    )
+    bands[1, 1:] = steps[1:-1] / 6.0 + (
+        centre[:-1] * left[1:] * inverse[1:-2] + right[:-1] * centre[1:] * inverse[2:-1]
+    )
+    bands[0, 2:] = right[:-2] * left[2:] * inverse[2:-2]
+    bend = left * values[:-2] + centre * values[1:-1] + right * values[2:]
+    try:
+        second = solveh_banded(bands, bend)
+    except np.linalg.LinAlgError:
+        raise TrajectoryError(
+            f"smoothing_s is {period:g}, too wide for steps as short as {steps.min():.3g} s; "
+            "smooth less, or leave out lines that are close together"
+        ) from None
+    change = np.zeros(len(times))
+    change[:-2] += left * second
+    change[1:-1] += centre * second
+    change[2:] += right * second
+    return np.asarray(values - inverse * change)
+
+
+def _times(times: Array, first: int, limits: TrackLimits) -> Array:
+    """Return the times from zero, which increase without a gap."""
+    steps = np.diff(times)
+    if (steps <= 0.0).any():
+        n = int(np.argmax(steps <= 0.0)) + 1
+        raise TrajectoryError(
+            f"line {first + n}: time_s is {times[n]:.10g} after {times[n - 1]:.10g} in the line "
+            "before; times must increase from line to line"
+        )
+    median = float(np.median(steps))
+    allowed = _GAP * median if limits.gap is None else limits.gap
+    if steps.max() > allowed * (1.0 + 1e-9):
+        n = int(np.argmax(steps > allowed * (1.0 + 1e-9))) + 1
+        rule = f"{_GAP:g} times the median" if limits.gap is None else "max_gap_s"
+        raise TrajectoryError(
+            f"line {first + n}: comes {steps[n - 1]:g} s after the line before; at most "
+            f"{allowed:g} s ({rule}) are allowed"
+            + ("; set max_gap_s to allow more" if limits.gap is None else "")
+        )
+    return np.asarray(times - times[0])
+
+
+def _check_speed(times: Array, position: list[Array], first: int) -> None:
+    """Raise TrajectoryError at a jump."""
+    middle = [0.5 * (p[1:] + p[:-1]) for p in position]
+    meridian, prime_vertical = _radii(middle[0])
+    north = (meridian + middle[2]) * np.diff(position[0])
+    east = (prime_vertical + middle[2]) * np.cos(middle[0]) * np.diff(position[1])
+    speed = np.sqrt(north**2 + east**2 + np.diff(position[2]) ** 2) / np.diff(times)
+    if speed.max() > FASTEST:
+        n = int(np.argmax(speed > FASTEST)) + 1
+        raise TrajectoryError(
+            f"line {first + n}: lies {speed[n - 1] * (times[n] - times[n - 1]):.4g} m from the line"
+            f" before, {speed[n - 1]:.4g} m/s; at most {FASTEST:g} m/s are allowed"
+        )
+
+
+def _check_acceleration(
+    times: Array, splines: list[CubicSpline], first: int, limits: TrackLimits
+) -> None:
+    """Raise TrajectoryError where the splines ask for too much; it is largest at their knots."""
+    _, acceleration = _motion(splines, times)
+    size = np.sqrt((acceleration**2).sum(axis=-1))
+    if size.max() > limits.acceleration:
+        n = int(np.argmax(size))
+        raise TrajectoryError(
+            f"line {first + n}: the positions around it ask for an acceleration of "
+            f"{size[n]:.4g} m/s²; at most {limits.acceleration:g} m/s² (max_acceleration_mps2) "
+            "are allowed: there is a jump, or noise, which smoothing_s would take away"
+        )
+
+
+def _motion(splines: list[CubicSpline], times: Array) -> tuple[Array, Array]:
+    """Return velocity and acceleration (N, 3) ENU, the latter without terms of the earth's turn."""
+    latitude, height = (np.asarray(splines[i](times)) for i in (0, 2))
+    meridian, prime_vertical = _radii(latitude)
+    scale = np.stack(
+        [
+            (prime_vertical + height) * np.cos(latitude),
+            meridian + height,
+            np.ones_like(height),
+        ],
+        axis=-1,
+    )
+    order = [splines[1], splines[0], splines[2]]
+    velocity = scale * np.stack([s.derivative(1)(times) for s in order], axis=-1)
+    acceleration = scale * np.stack([s.derivative(2)(times) for s in order], axis=-1)
+    # Meridians converge: the scale of longitude changes on the way north.
+    acceleration[:, 0] -= velocity[:, 0] * velocity[:, 1] * np.tan(latitude) / scale[:, 1]
+    return velocity, acceleration
+
+
+@njit(cache=True)
+def _radii(latitude: Array) -> Array:
+    """Return the radii of curvature (2, N) [m] at latitudes (N,) [rad]."""
+    radii = np.empty((2, latitude.shape[0]))
+    for n in range(latitude.shape[0]):
+        radii[0, n], radii[1, n] = radii_of_curvature(latitude[n])
+    return radii
+
+
+def resample(
+    track: Track, dt: float, pitch: float, roll: float, banks: bool
+) -> tuple[Array, Array, Array]:
+    """Return what the truth of a track is made of, at the INS rate.
+
+    Velocities are those of cubic splines with a knot at every sample. Positions follow from them by
+    the mechanization's rule and stay with the track: of a cubic, the midpoint rule misses
+    dt² (a_{n+1} - a_n) / 12 in a step, which cancels from step to step and leaves dt² a / 12.
+
+    Parameters
+    ----------
+    track : as read. dt : sampling interval [s].
+    pitch, roll : added to those of coordinated flight where the track gives none [rad].
+    banks : whether the vehicle leans into its turns and pitches with its climb angle.
+
+    Returns
+    -------
+    The first position (3,) [rad, rad, m], velocities (N, 3) ENU [m/s], and heading, pitch and roll
+    (N, 3) [rad].
+
+    Raises
+    ------
+    TrajectoryError
+        If the heading cannot be told from the velocity.
+    """
+    times = np.arange(math.floor(track.times[-1] / dt + 1e-9) + 1) * dt
+    if len(times) < 2:
+        raise TrajectoryError(
+            f"lasts {track.times[-1]:g} s, less than one IMU interval of {dt:g} s"
+        )
+    # New splines through the values at the samples: those of rows denser than the samples would
+    # leave a random walk.
+    positions = [np.asarray(s(np.minimum(times, track.times[-1]))) for s in track.position]
+    velocity, acceleration = _motion([CubicSpline(times, p) for p in positions], times)
+    given = [None if angle is None else np.asarray(angle(times)) for angle in track.angles]
+    speed = np.hypot(velocity[:, 0], velocity[:, 1])
+    if given[0] is None:
+        moving = speed > _STILL
+        if not moving.any():
+            raise TrajectoryError(
+                f"never exceeds {_STILL:g} m/s, and has no heading; give it a column heading_deg"
+            )
+        heading = np.unwrap(np.arctan2(velocity[moving, 0], velocity[moving, 1]))
+        given[0] = np.interp(times, times[moving], heading)
+    sideways = (velocity[:, 1] * acceleration[:, 0] - velocity[:, 0] * acceleration[:, 1]) / (
+        np.maximum(speed, _STILL)
+    )
+    if given[1] is None:
+        climb = np.arctan2(velocity[:, 2], np.maximum(speed, _STILL))
+        given[1] = pitch + climb if banks else np.full(len(times), pitch)
+    if given[2] is None:
+        bank = np.arctan(sideways / BANK_GRAVITY)
+        given[2] = roll + bank if banks else np.full(len(times), roll)
+    angles = np.stack([np.asarray(angle) for angle in given], axis=-1)
+    turn = np.abs(np.diff(angles, axis=0)).max(axis=-1)
+    if turn.max() > 0.5:
+        n = int(np.argmax(turn))
+        raise TrajectoryError(
+            f"turns by {math.degrees(turn[n]):.3g}° within one IMU interval at "
+            f"{times[n]:g} s, and at most 28° are allowed; give it columns of attitude, or "
+            "smooth it (smoothing_s)"
+        )
+    start = np.array([p[0] for p in positions])
+    return start, velocity, angles

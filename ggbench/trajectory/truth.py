@@ -1,0 +1,131 @@
+"""True trajectories: segments of cruise, turn and climb, or a track, sampled at the INS rate.
+
+Velocity and attitude are smooth in time; position follows from velocity by the mechanization's own
+rule, so that an error-free INS can return the truth to rounding.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import njit
+
+from ..numerics.rotations import attitude_matrix
+from .manoeuvres import BANK_GRAVITY, Manoeuvre, Segment, State, enu, follow, plan, sample
+
+if TYPE_CHECKING:
+    from .track import Track
+
+__all__ = ["Segment", "Trajectory", "along", "fly"]
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Truth at the INS rate.
+
+    Attributes
+    ----------
+    times : (N + 1,) [s]. dt : interval [s].
+    positions : (N + 1, 3) geodetic latitude, longitude [rad], height [m].
+    velocities : (N + 1, 3) ENU [m/s]. attitudes : (N + 1, 3, 3) C_nb.
+    """
+
+    times: np.ndarray
+    dt: float
+    positions: np.ndarray
+    velocities: np.ndarray
+    attitudes: np.ndarray
+
+
+def fly(
+    position: np.ndarray,
+    speed: float,
+    heading: float,
+    pitch: float,
+    roll: float,
+    segments: Sequence[Manoeuvre],
+    dt: float,
+    banks: bool = True,
+    size: int | None = None,
+) -> Trajectory:
+    """Fly segments from a starting state.
+
+    Heading turns with the velocity, pitch with the climb angle; a turn banks the aircraft for
+    coordination (tan(bank) = speed · turn rate / g), rolled in and out over the first and the last
+    five seconds of the segment in which the turn rate, too, rises and falls (raised cosine).
+
+    Parameters
+    ----------
+    position : (3,) latitude, longitude [rad], height [m].
+    speed, heading : [m/s], clockwise from north [rad].
+    pitch, roll : attitude in straight and level flight [rad].
+    segments : flown one after the other. dt : sampling interval [s].
+    banks : whether the vehicle leans into its turns and pitches with its climb angle.
+    size : number of segments, of which those beyond it are repetitions (for messages).
+
+    Returns
+    -------
+    Trajectory of round(total duration / dt) + 1 samples.
+
+    Raises
+    ------
+    TrajectoryError
+        If a segment cannot be flown; the message says which and why.
+    """
+    start = State(np.asarray(position, dtype=float), heading, speed, 0.0)
+    rates, _ = plan(start, segments, dt, size)
+    heading_t, speed_t, climb_t = sample(start, rates, dt)
+    samples = len(heading_t)
+    turn_at_samples = np.interp(
+        np.arange(samples), np.arange(samples - 1) + 0.5, rates[:, 0], left=0.0, right=0.0
+    )
+    if banks:
+        bank = roll + np.arctan(speed_t * turn_at_samples / BANK_GRAVITY)
+        angles = np.stack([heading_t, pitch + climb_t, bank], axis=-1)
+    else:
+        level = np.ones(samples)
+        angles = np.stack([heading_t, pitch * level, roll * level], axis=-1)
+    return _trajectory(start.position, enu(heading_t, speed_t, climb_t), angles, dt)
+
+
+def along(track: Track, dt: float, pitch: float, roll: float, banks: bool = True) -> Trajectory:
+    """Return the truth of a track of positions, made smooth at the samples.
+
+    Parameters
+    ----------
+    track : from :func:`.track.read_track`. dt : sampling interval [s].
+    pitch, roll, banks : as in :func:`fly`, where the track has no attitudes.
+
+    Raises
+    ------
+    TrajectoryError
+        If it cannot be flown.
+    """
+    from .track import resample  # not at the top: it loads slowly, few flights have a track
+
+    position, velocities, angles = resample(track, dt, pitch, roll, banks)
+    return _trajectory(position, velocities, angles, dt)
+
+
+def _trajectory(
+    position: np.ndarray, velocities: np.ndarray, angles: np.ndarray, dt: float
+) -> Trajectory:
+    """Return the truth of velocities and of heading, pitch, roll (N + 1, 3) at the samples."""
+    return Trajectory(
+        np.arange(len(velocities)) * dt,
+        dt,
+        follow(position, velocities, dt),
+        velocities,
+        _attitudes(angles),
+    )
+
+
+@njit(cache=True)
+def _attitudes(angles: np.ndarray) -> np.ndarray:
+    attitudes = np.empty((angles.shape[0], 3, 3))
+    for n in range(angles.shape[0]):
+        attitudes[n] = attitude_matrix(angles[n, 0], angles[n, 1], angles[n, 2])
+    return attitudes

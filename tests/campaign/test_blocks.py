@@ -1,0 +1,252 @@
+"""Estimators that take many runs at once: the same records, and a failure costs one run."""
+
+from __future__ import annotations
+
+import sqlite3
+
+import numpy as np
+import pytest
+from campaigns import assert_equal, plan, ran, records, small
+from problems import SMALL
+
+from ggbench.campaign import campaign, execution, runner
+from ggbench.campaign import records as kept
+from ggbench.report import scenario_report
+from ggbench.results.folder import Results
+from ggbench.simulation.runs import simulate
+
+MANY = """
+import os, time
+from dataclasses import dataclass
+from typing import Literal
+import numpy as np
+from ggbench.block import EstimateBlock
+from ggbench.problem import Estimator
+from ggbench.campaign.registry import choose
+
+
+@dataclass(frozen=True)
+class Many(Estimator):
+    way: Literal["good", "nis", "nan mean", "nan cov", "indefinite", "raise", "exit", "sleep",
+                 "nothing", "batch", "short", "no count", "text"] = "good"
+    name = "many"
+    causality = "filter"
+    compiled = True
+
+    def estimate(self, problem, rng):
+        raise NotImplementedError
+
+    def estimate_block(self, block):
+        ekf = choose("ekf").estimator
+        each = [ekf.estimate(block.problem(r), None) for r in range(block.runs)]
+        mean, cov = np.stack([e.mean for e in each]), np.stack([e.cov for e in each])
+        info = {"map_evaluations": np.full(block.runs, 7), "first": block.measurements[:, 0, 0]}
+        bad = block.measurements[:, 0, 0] > THRESHOLD
+        causality, nis = "filter", None
+        if self.way == "nis":
+            nis = np.tile(np.where(np.arange(block.epochs) < 2, np.nan, 3.0), (block.runs, 1))
+        if self.way == "nan mean":
+            mean[bad, 3] = np.nan
+        if self.way == "nan cov":
+            cov[bad, 5, 14, 2] = np.inf
+        if self.way == "indefinite":
+            east, north = cov[bad, 4, 0, 0], cov[bad, 4, 1, 1]
+            cov[bad, 4, 1, 0] = cov[bad, 4, 0, 1] = 1.1 * np.sqrt(east * north)
+        if self.way == "raise" and bad.any():
+            raise ArithmeticError("not this one")
+        if self.way == "exit" and bad.any():
+            os._exit(7)
+        if self.way == "sleep" and bad.any():
+            time.sleep(1000.0)
+        if self.way == "nothing":
+            return None
+        if self.way == "batch":
+            causality = "batch"
+        if self.way == "short":
+            mean = mean[:-1]
+        if self.way == "no count":
+            del info["map_evaluations"]
+        if self.way == "text":
+            info["remark"] = np.array(["well"] * block.runs)
+        return EstimateBlock(mean=mean, cov=cov, nis=nis, causality=causality, info=info)
+"""
+OF_THE_ESTIMATOR = ("name", "parameters", "info", "map_evaluations", "estimator")
+
+
+@pytest.fixture
+def many(tmp_path) -> str:
+    """The path of an estimator that takes many runs at once, bad in one of 6 of case base."""
+    flight = runner.flight_of(small(tmp_path).cases[0])
+    first = [simulate(flight, 5, run)[0].measurements[0, 0] for run in range(6)]
+    threshold = np.mean(np.sort(first)[-2:])
+    (tmp_path / "many.py").write_text(MANY.replace("THRESHOLD", repr(float(threshold))))
+    return str(tmp_path / "many.py")
+
+
+def assert_close(one: object, other: object) -> None:
+    """Equal, or numbers that differ by less than the simulations may: 1e-9 m of 1 mm."""
+    if isinstance(one, dict):
+        assert one.keys() == other.keys()
+        for name in one:
+            assert_close(one[name], other[name])
+    elif isinstance(one, float):
+        assert one == pytest.approx(other, rel=1e-6, nan_ok=True)
+    else:
+        assert one == other
+
+
+@pytest.mark.parametrize("lock", ["", "lock_m = 100.0"])
+def test_records_of_a_block_are_those_of_single_runs(lock, many, tmp_path, monkeypatch):
+    """Field by field, the judgement of runs at once is that of each alone, series and detail too.
+
+    In blocks of three, the last of which is not full.
+    """
+    monkeypatch.setattr(runner, "BLOCK_RUNS", 3)
+    loaded = small(tmp_path, SMALL.replace("[windows]", f"[windows]\n{lock}", 1))
+    results = ran(tmp_path, labels=("ekf", many), runs=7, scenario=loaded)
+    found = records(results)
+    assert len(found) == 2 * 2 * 7
+    for (case, label, run), single in found.items():
+        if label != "ekf":
+            continue
+        block = found[case, many, run]
+        assert block["map_evaluations"] == 7
+        assert_close(
+            *({k: v for k, v in r.items() if k not in OF_THE_ESTIMATOR} for r in (single, block))
+        )
+        assert results.series_of(case, many, run) == pytest.approx(
+            results.series_of(case, "ekf", run), rel=1e-5, nan_ok=True
+        )
+        info = block["info"]["first"]
+        flight = runner.flight_of(loaded.case(case))
+        assert info == pytest.approx(simulate(flight, 5, run)[0].measurements[0, 0])
+    assert results.detail("base", many, 0) == pytest.approx(
+        results.detail("base", "ekf", 0), rel=1e-5, abs=1e-6
+    )
+    pairs = results.paired()
+    assert (pairs["runs"] == 7).all()
+
+
+def test_innovations_that_an_engine_delivers_are_those_of_the_record(many, tmp_path):
+    """A NIS that comes with the estimates is averaged over the epochs that have one."""
+    label = f"{many}[way=nis]"
+    results = ran(tmp_path, labels=(label,), runs=2)
+    for record in results.records():
+        assert [record["windows"][w]["nis"] for w in ("whole", "settled")] == [3.0, 3.0]
+    assert np.isnan(results.series("base", label)[:, :2, 3]).all()
+
+
+@pytest.mark.parametrize(
+    ("way", "reason"),
+    [
+        ("nan mean", "ValueError: the estimate's mean is not finite from epoch 3 on"),
+        ("nan cov", "ValueError: the estimate's cov is not finite from epoch 5 on"),
+        ("indefinite", "ValueError: the estimate's cov is not positive definite at epoch 4"),
+        ("raise", "ArithmeticError: not this one"),
+    ],
+)
+def test_a_run_that_fails_in_a_block_fails_alone(way, reason, many, tmp_path):
+    """What is wrong with one run is its record; the runs beside it are as if it were not."""
+    options = {"runs": 6, "cases": ("base",)}
+    good = records(ran(tmp_path, "good", labels=(many,), **options))
+    label = f"{many}[way={way}]"
+    found = records(ran(tmp_path, "bad", labels=(label,), **options))
+    failed = [run for _, _, run in found if found["base", label, run]["status"] != "ok"]
+    assert [found["base", label, run]["reason"] for run in failed] == [reason]
+    for run in set(range(6)) - set(failed):
+        assert_close(
+            {k: v for k, v in found["base", label, run].items() if k not in OF_THE_ESTIMATOR},
+            {k: v for k, v in good["base", many, run].items() if k not in OF_THE_ESTIMATOR},
+        )
+
+
+@pytest.mark.parametrize(
+    ("way", "reason"),
+    [
+        ("nothing", r"TypeError: estimate_block\(\) returned NoneType, not an EstimateBlock"),
+        ("batch", "the estimate is 'batch' with lag None, but its estimator declares 'filter'"),
+        ("short", r"the estimate's mean has shape \(0, 20, 15\), not \(1, 20, 15\)"),
+        ("no count", "the estimate's info has no map_evaluations"),
+        ("text", "the estimate's info must have a number of each run as its remark"),
+    ],
+)
+def test_an_engine_that_does_not_keep_to_the_interface_is_told(way, reason, many, tmp_path):
+    """Whatever an estimate of many runs lacks is the reason in the records of all of them."""
+    results = ran(tmp_path, labels=("ins", f"{many}[way={way}]"), runs=2, cases=("base",))
+    statuses = [r["status"] for r in results.records()]
+    assert statuses == ["ok"] * 2 + ["failed"] * 2
+    for record in list(results.records())[2:]:
+        with pytest.raises(ValueError, match=reason):
+            raise ValueError(record["reason"])
+
+
+@pytest.mark.parametrize(
+    ("way", "reason"),
+    [
+        ("exit", "its process ended with exit code 7, twice"),
+        ("sleep", "over its time limit of 3 s"),
+    ],
+)
+def test_a_death_in_a_block_costs_its_own_run_only(way, reason, many, tmp_path):
+    """A run that takes its process with it, or never ends, is a record; its block is not.
+
+    What runs at once may take no longer than one run; too slow together, they run one by one: each
+    of the others has its result.
+    """
+    label = f"{many}[way={way}]"
+    options = {"runs": 6, "cases": ("base",), "jobs": 1, "limit": 3.0}
+    results = ran(tmp_path, labels=(label, "ins"), **options)
+    table = results.table
+    assert len(table) == 12
+    assert (table.loc[table["estimator"] == "ins", "status"] == "ok").all()
+    failed = table[table["status"] != "ok"]
+    assert failed["reason"].tolist() == [reason]
+
+
+def test_an_interrupted_block_goes_on_with_the_runs_that_are_missing(many, tmp_path, monkeypatch):
+    """Runs that are stored are not run again, whichever they are, and the end is the same."""
+    labels = ("ekf", many)
+    whole = ran(tmp_path, "whole", labels=labels, runs=8)
+    folder = ran(tmp_path, "parts", labels=labels, runs=8)
+    folder.store.close()
+    with sqlite3.connect(folder.folder / "records.sqlite") as connection:
+        connection.execute("DELETE FROM records WHERE run IN (1, 4, 5)")
+    connection.close()
+    work = plan(tmp_path, "parts", labels, runs=8)
+    store, _ = work.open()
+    tasks = work.tasks(store)
+    assert tasks.results == work.missing(store) == 2 * 2 * 3
+    blocks = [list(task.runs) for task in tasks if task.estimators[0][0] == many]
+    assert blocks == [[1, 4, 5]] * 2
+    assert {len(task.runs) for task in tasks if task.estimators[0][0] == "ekf"} == {1}
+    ran_runs = []
+    real = runner.simulate_block
+
+    def seen(flight, seed, runs):
+        ran_runs.append(list(runs))
+        return real(flight, seed, runs)
+
+    monkeypatch.setattr(runner, "simulate_block", seen)
+    campaign.execute(execution.in_process(tasks), store, lambda batch: None)
+    assert ran_runs == [[1, 4, 5]] * 2
+    assert work.missing(store) == 0
+    assert_equal(Results(store.folder, store), whole)
+
+
+def test_blocks_do_not_depend_on_the_number_of_processes(many, tmp_path):
+    """Runs at once, in this process or in two others: the same bits."""
+    options = {"labels": ("ins", many), "runs": 20}
+    assert_equal(ran(tmp_path, "one", **options), ran(tmp_path, "two", jobs=2, **options))
+
+
+def test_time_series_are_kept_of_the_first_runs(many, tmp_path, monkeypatch):
+    """However many runs there are, figures over time are made of the first; tables of all."""
+    monkeypatch.setattr(kept, "SERIES_RUNS", 3)
+    results = ran(tmp_path, labels=("ekf", many), runs=5)
+    for label in ("ekf", many):
+        assert len(results.series("base", label)) == 3
+        assert results.series_of("base", label, 3) is None
+    assert (results.summary()["runs"] == 5).all()
+    monkeypatch.setattr(scenario_report, "SERIES_RUNS", 3)
+    text = scenario_report.write(results.folder, tmp_path / "reports").read_text()
+    assert "the first 3 of 5 runs (tables are of all of them) against time" in text

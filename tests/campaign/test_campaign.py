@@ -1,0 +1,366 @@
+"""Campaigns: reproducible, resumable, indifferent to failing estimators, wary of their folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from campaigns import LABELS, assert_equal, plan, ran, records, small
+from problems import SMALL
+
+from ggbench.campaign import campaign, execution, registry, result_keys, runner
+from ggbench.campaign.campaign import CampaignError
+from ggbench.report import scenario_report
+from ggbench.results.folder import Results
+from ggbench.simulation.runs import simulate
+from ggbench.spec.scenario import ScenarioError
+
+NAUGHTY = """
+import os
+from dataclasses import dataclass
+from typing import Literal
+import numpy as np
+from ggbench.problem import Estimate, Estimator
+
+
+@dataclass(frozen=True)
+class Naughty(Estimator):
+    kind: Literal[KINDS] = "good"
+    name = "naughty"
+    causality = "filter"
+
+    def estimate(self, problem, rng):
+        mean = np.zeros((problem.epochs, problem.dimension))
+        cov = np.tile(problem.prior_cov, (problem.epochs, 1, 1))
+        if self.kind == "raises in some runs" and problem.measurements[0, 0] > MEDIAN:
+            raise ArithmeticError("not this one")
+        if self.kind == "returns nan":
+            mean[3] = np.nan
+        if self.kind == "returns nan covariance":
+            cov[5, 2, 2] = np.nan
+        if self.kind == "wrong shape":
+            mean = mean[:, :9]
+        if self.kind == "wrong covariance shape":
+            cov = cov[:-1]
+        if self.kind == "nothing":
+            return None
+        if self.kind == "other causality":
+            return Estimate(mean, cov, "batch")
+        if self.kind == "singular covariance":
+            cov = np.zeros_like(cov)
+        if self.kind == "negative variance":
+            cov = -cov
+        if self.kind == "lists":
+            return Estimate(mean.tolist(), cov.tolist(), "filter")
+        if self.kind == "odd info":
+            return Estimate(mean, cov, "filter", info={"what": object()})
+        if self.kind == "complex":
+            mean = mean + 1j
+        return Estimate(mean, cov, "filter")
+"""
+FAULTS = {
+    "returns nan": "mean is not finite from epoch 3 on",
+    "returns nan covariance": "cov is not finite from epoch 5 on",
+    "wrong shape": r"mean has shape \(20, 9\), not \(20, 15\)",
+    "wrong covariance shape": r"cov has shape \(19, 15, 15\), not \(20, 15, 15\)",
+    "nothing": "NoneType",
+    "other causality": "'batch'.*declares 'filter'",
+    "singular covariance": "(?i)singular|definite",
+    "negative variance": "(?i)definite|negative",
+    "complex": "(?i)complex|real",
+}
+HARMLESS = ("lists", "odd info")
+
+
+def naughty(tmp_path: Path, median: float = 0.0) -> str:
+    """The path of an estimator file that does wrong in the way it is asked to."""
+    path = tmp_path / "naughty.py"
+    kinds = ("good", "raises in some runs", *FAULTS, *HARMLESS)
+    path.write_text(
+        NAUGHTY.replace("KINDS", ", ".join(map(repr, kinds))).replace("MEDIAN", repr(median))
+    )
+    return str(path)
+
+
+def test_results_do_not_depend_on_the_number_of_processes(tmp_path):
+    """The same seed gives the same records and series, in one process or in two."""
+    alone, together = ran(tmp_path, "one"), ran(tmp_path, "two", jobs=2)
+    expected = records(alone)
+    assert len(expected) == 2 * len(LABELS) * 3
+    assert {r["status"] for r in expected.values()} == {"ok"}
+    assert_equal(alone, together)
+
+
+def test_runs_differ_and_cases_are_paired(tmp_path):
+    """Another run or another seed is another draw; two cases share what they have in common."""
+    first, other = records(ran(tmp_path, "a")), records(ran(tmp_path, "b", seed=6))
+    final = "final_position_error_m"
+    assert len({r["base", "ins", run][final] for r in (first, other) for run in range(3)}) == 6
+    for run in range(3):
+        assert first["base", "ins", run][final] == first["noisy", "ins", run][final]
+        assert first["base", "ekf", run][final] != first["noisy", "ekf", run][final]
+
+
+def test_results_do_not_depend_on_the_company(tmp_path):
+    """An estimator's records are the same whichever others run beside it, in whatever order."""
+    expected = records(ran(tmp_path, "all"))
+    mixed = records(ran(tmp_path, "some", labels=("ukf[points=merwe]", "ins")))
+    assert mixed == {key: expected[key] for key in mixed}
+
+
+@pytest.mark.parametrize("kind", FAULTS)
+def test_an_estimator_that_fails_becomes_records(kind, tmp_path):
+    """What an estimator does wrong is the reason in its record; the others are not touched."""
+    label = f"{naughty(tmp_path)}[kind={kind}]"
+    results = ran(tmp_path, labels=(label, "ekf"), runs=2)
+    found = records(results)
+    for key, record in found.items():
+        if key[1] == "ekf":
+            assert record["status"] == "ok"
+        else:
+            assert record["status"] == "failed"
+            assert record["name"] == "naughty"
+            with pytest.raises(ValueError, match=FAULTS[kind]):
+                raise ValueError(record["reason"])
+    summary = results.summary()
+    counts = summary.groupby("estimator")["failed"].max()
+    assert counts.to_dict() == {"naughty": 2, "ekf": 0}
+
+
+@pytest.mark.parametrize("kind", HARMLESS)
+def test_what_is_odd_but_harmless_does_not_stop_a_campaign(kind, tmp_path):
+    """Lists for arrays, remarks that no file can hold: accepted or recorded, never a crash."""
+    label = f"{naughty(tmp_path)}[kind={kind}]"
+    found = records(ran(tmp_path, labels=(label, "ekf"), runs=1))
+    assert found["base", "ekf", 0]["status"] == "ok"
+    assert found["base", label, 0]["status"] in ("ok", "failed")
+
+
+def test_an_estimator_that_fails_in_some_runs(tmp_path):
+    """Failed runs are counted and left out; the finished ones are judged and reported."""
+    case = small(tmp_path).cases[0]
+    problems = [simulate(runner.flight_of(case), 5, run)[0] for run in range(4)]
+    firsts = sorted(problem.measurements[0, 0] for problem in problems)
+    label = f"{naughty(tmp_path, float(np.mean(firsts[1:3])))}[kind=raises in some runs]"
+    results = ran(tmp_path, labels=("ins", label), runs=4)
+    statuses = [records(results)["base", label, run]["status"] for run in range(4)]
+    assert sorted(statuses) == ["failed", "failed", "ok", "ok"]
+    assert {r.get("reason") for r in results.records()} == {None, "ArithmeticError: not this one"}
+    table = results.summary()
+    row = table[(table["case"] == "base") & (table["estimator"] == "naughty")].iloc[0]
+    assert (row["runs"], row["failed"]) == (4, 2)
+    assert np.isfinite(row["position_mrse_m"])
+    text = scenario_report.write(results.folder, tmp_path / "reports").read_text()
+    assert "ArithmeticError: not this one" in text
+
+
+def test_a_campaign_of_nothing_but_failures_is_summed_up(tmp_path):
+    """Even if every run of every estimator fails, there is a table, and it counts them."""
+    label = f"{naughty(tmp_path)}[kind=nothing]"
+    results = ran(tmp_path, labels=(label,), runs=2)
+    table = results.summary()
+    assert table["failed"].tolist() == [2] * len(table)
+
+
+def test_an_estimator_that_cannot_take_the_problem_is_left_out(tmp_path):
+    """A reason to skip is told before anything runs; if none is left, nothing runs."""
+    bad = "ukf[kappa=-20]"
+    work = plan(tmp_path, "out", ("ins", bad))
+    store, (reason,) = work.open()
+    assert reason.startswith(f"{bad} is left out: n + kappa must be positive")
+    assert {label for task in work.tasks(store) for label, _ in task.estimators} == {"ins"}
+    work = plan(tmp_path, "none", (bad,))
+    with pytest.raises(CampaignError, match=r"no estimator can take this scenario: .*n \+ kappa"):
+        work.open()
+
+
+def missing(work, store) -> set[tuple[str, str, int]]:
+    """What a campaign would still run: case, estimator, run."""
+    return {
+        (t.case.name, label, run)
+        for t in work.tasks(store)
+        for label, _ in t.estimators
+        for run in t.runs
+    }
+
+
+def test_a_campaign_goes_on_where_it_stopped(tmp_path):
+    """What is stored is not run again; more runs and more estimators are added to it."""
+    whole = ran(tmp_path, "whole")
+    ran(tmp_path, "parts", labels=LABELS[:2], runs=1).store.close()
+    work = plan(tmp_path, "parts", LABELS)
+    store, remarks = work.open()
+    assert remarks == []
+    assert missing(work, store) == {k for k in records(whole) if k[2] > 0 or k[1] == LABELS[2]}
+    campaign.execute(execution.in_process(work.tasks(store)), store, lambda batch: None)
+    assert_equal(Results(store.folder, store), whole)
+    assert work.tasks(store).results == 0
+
+
+def test_estimators_asked_for_before_stay_in_the_tables(tmp_path):
+    """A command that adds an estimator to a folder reports the stored ones beside it."""
+    ran(tmp_path, labels=LABELS[:2], runs=2).store.close()
+    later = ran(tmp_path, labels=LABELS[2:], runs=1)
+    assert later.labels == list(LABELS)
+    assert later.summary().groupby("label")["runs"].first().to_dict() == {
+        "ins": 2, "ekf": 2, LABELS[2]: 1,
+    }  # fmt: skip
+
+
+_HEAD, _BASE, _NOISY = SMALL.split("[[case]]")
+REORDERED = "[[case]]".join([_HEAD, _NOISY, _BASE])
+FASTER = SMALL.replace("speed_mps = 250.0", "speed_mps = 251.0")
+SAME_CONTENT = {
+    "title": SMALL.replace('title = "as it is"', 'title = "something else"'),
+    "description": SMALL.replace("For tests", "For all tests"),
+    "name of a case": SMALL.replace('name = "base"', 'name = "first"'),
+    "order of the cases": REORDERED,
+    "a default spelt out": SMALL.replace("[windows]", "gravity_disturbance = false\n\n[windows]"),
+    "a reference": SMALL.replace("value = 6.0", "value = 5.0"),
+    "one case more": SMALL + '\n[[case]]\nname = "third"\ntitle = "x"\nimu.biases = "fixed"\n',
+}
+
+
+@pytest.mark.parametrize("change", SAME_CONTENT)
+def test_stored_runs_are_known_by_their_content(change, tmp_path):
+    """Names, titles, order, other cases: what does not change a result does not run it again."""
+    ran(tmp_path, runs=1).store.close()
+    loaded = small(tmp_path, SAME_CONTENT[change])
+    work = plan(tmp_path, "out", tuple(reversed(LABELS)), runs=1, scenario=loaded)
+    store, remarks = work.open()
+    assert {case for case, _, _ in missing(work, store)} <= {"third"}
+    assert remarks == []
+    names = {case.name for case in loaded.cases} - {"third"}
+    results = Results(store.folder, store)
+    assert {(r["case"], r["estimator"]) for r in results.records()} == {
+        (name, label) for name in names for label in LABELS
+    }
+
+
+@pytest.mark.parametrize("change", ["noise_eotvos = 0.2", "name"])
+def test_a_folder_is_joined_by_content(change, tmp_path):
+    """After an edit of one case, a command for the other one reports what is still true.
+
+    Results of the edited case are out, those of a renamed one are in.
+    """
+    ran(tmp_path, labels=("ins", "ekf"), runs=3).store.close()
+    text = SMALL.replace('name = "noisy"', 'name = "loud"')
+    if change != "name":
+        text = SMALL.replace("gradiometer.noise_eotvos = 0.1", f"gradiometer.{change}")
+        assert text != SMALL
+    loaded = small(tmp_path, text)
+    results = ran(tmp_path, labels=("ekf",), runs=1, cases=("base",), scenario=loaded)
+    expected = ["base", "loud"] if change == "name" else ["base"]
+    assert results.manifest["cases"] == expected
+    assert len(results.table) == len(expected) * 2 * 3
+    assert "-n 3 " in scenario_report.write(results.folder, tmp_path / "reports").read_text()
+
+
+def test_a_map_is_its_content(tmp_path):
+    """Where a map's file lies is no part of what is simulated; what it holds is."""
+    case = small(tmp_path).cases[0]
+    problems = []
+    for name, content in (("a.npz", b"map"), ("b.npz", b"map"), ("c.npz", b"other map")):
+        (tmp_path / name).write_bytes(content)
+        field = case.field.model_copy(update={"source": str(tmp_path / name)})
+        problems.append(result_keys.problem_key(case.model_copy(update={"field": field}), 1))
+    problems.append(result_keys.problem_key(case, 1))
+    assert problems[0] == problems[1]
+    assert len(set(problems)) == 3
+
+
+def test_two_spellings_of_one_estimator_are_one(tmp_path):
+    """Defaults spelt out are no other estimator, in one command or in two."""
+    ran(tmp_path, labels=("ukf",), runs=1).store.close()
+    results = ran(tmp_path, labels=("ukf[points=julier]",), runs=1)
+    assert results.labels == ["ukf[points=julier]"]
+    assert len(results.table) == 2
+    chosen = registry.choose_all(["ukf", "ekf", "ukf[points=julier]"])
+    assert [choice.label for choice in chosen] == ["ukf", "ekf"]
+
+
+OTHER_CONTENT = {
+    "seed": {"seed": 6},
+    "scenario": {"text": FASTER},
+    "estimator's source": {"median": 1.0},
+    "estimator's parameter": {"kind": "lists"},
+    "library": {"numpy": "0.0"},
+}
+
+
+@pytest.mark.parametrize("change", OTHER_CONTENT)
+def test_runs_of_other_content_are_neither_used_nor_lost(change, tmp_path, monkeypatch):
+    """Whatever a result depends on is in its key: if it changes, the run is run again.
+
+    What was stored before stays in the folder: the first command finds it again.
+    """
+    first = naughty(tmp_path)
+    before = ran(tmp_path, labels=(first,), runs=1)
+    expected = records(before)
+    before.store.close()
+    new = OTHER_CONTENT[change]
+    if "median" in new:
+        naughty(tmp_path, **new)
+    label = f"{first}[kind={new['kind']}]" if "kind" in new else first
+    if "numpy" in new:
+        changed = result_keys.environment() | {"versions": {"numpy": "0.0"}}
+        monkeypatch.setattr(result_keys, "environment", lambda: changed)
+        monkeypatch.setattr(runner, "_key", runner._key.__wrapped__)
+    runner.chosen.cache_clear()
+    loaded = small(tmp_path, new.get("text", SMALL))
+    options = {"runs": 1, "seed": new.get("seed", 5), "scenario": loaded}
+    work = plan(tmp_path, "out", (label,), **options)
+    store, remarks = work.open()
+    assert missing(work, store) == {(case, label, 0) for case in ("base", "noisy")}
+    if change != "estimator's parameter":  # then both are of this campaign
+        assert "holds 2 results that are not part of this" in remarks[0]
+        assert list(Results(store.folder, store).records()) == []
+    store.close()
+
+    monkeypatch.undo()
+    naughty(tmp_path)
+    runner.chosen.cache_clear()
+    work = plan(tmp_path, "out", (first,), runs=1)
+    store, _ = work.open()
+    assert work.tasks(store).results == 0
+    found = records(Results(store.folder, store))
+    assert {key: found[key] for key in expected} == expected
+
+
+def test_a_worker_runs_nothing_but_what_was_planned(tmp_path):
+    """An estimator's file that changes while a campaign runs ends it; nothing is stored wrongly."""
+    label = naughty(tmp_path)
+    work = plan(tmp_path, "out", (label,), runs=1)
+    store, _ = work.open()
+    tasks = work.tasks(store)
+    naughty(tmp_path, median=1.0)
+    with pytest.raises(runner.OtherSourceError, match="is not what the campaign was started with"):
+        campaign.execute(execution.in_processes(tasks, 1, 60.0), store, lambda batch: None)
+    assert store.finished() == {}
+
+
+def test_some_cases_only(tmp_path):
+    """Cases can be chosen, and added later; a wrong name is told with what there is."""
+    results = ran(tmp_path, labels=("ins",), runs=1, cases=("noisy",))
+    assert {r["case"] for r in results.records()} == {"noisy"}
+    assert [case.name for case in results.scenario.cases] == ["noisy"]
+    results.store.close()
+    results = ran(tmp_path, labels=("ins",), runs=1, cases=("base",))
+    assert [case.name for case in results.scenario.cases] == ["base", "noisy"]
+    with pytest.raises(ScenarioError, match=r"no case 'nosy' \(did you mean 'noisy'\?\)"):
+        ran(tmp_path, cases=("nosy",))
+
+
+def test_runs_in_a_notebook(tmp_path):
+    """The Parquet file holds one row per run and estimator, with what the records say."""
+    results = ran(tmp_path, runs=2)
+    table = pd.read_parquet(tmp_path / "out" / "runs.parquet")
+    assert len(table) == 2 * len(LABELS) * 2
+    for row in table.to_dict("records"):
+        record = records(results)[row["case"], row["estimator"], row["run"]]
+        assert row["settled_position_ms"] == record["windows"]["settled"]["position_ms"]
+        assert row["status"] == "ok" and row["seed"] == 5
+        assert f"--case {row['case']} " in row["command"]
+    pd.testing.assert_frame_equal(table, results.table)

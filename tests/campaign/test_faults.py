@@ -1,0 +1,183 @@
+"""Nothing is lost: processes killed at any moment, between any two writes, on a full disk."""
+
+from __future__ import annotations
+
+import os
+import random
+import re
+import resource
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+
+import psutil
+import pytest
+from campaigns import DEADLINE_S, assert_equal, command, finish, ran, stored
+from problems import SMALL
+
+from ggbench.cli.main import main
+from ggbench.results.folder import Results
+
+
+def kill_parent(process: subprocess.Popen, moment: random.Random) -> None:
+    process.kill()
+
+
+def kill_all(process: subprocess.Popen, moment: random.Random) -> None:
+    """Kill the workers and their parent, in whatever order."""
+    parent = psutil.Process(process.pid)
+    everyone = [parent, *parent.children()]
+    moment.shuffle(everyone)
+    for each in everyone:
+        each.kill()
+
+
+def interrupt(process: subprocess.Popen, moment: random.Random) -> None:
+    os.killpg(process.pid, signal.SIGINT)
+
+
+def kill_worker_then_parent(process: subprocess.Popen, moment: random.Random) -> None:
+    """Kill a worker, let the campaign go on for a moment, then kill that too."""
+    workers = psutil.Process(process.pid).children()
+    if workers:
+        moment.choice(workers).kill()
+    time.sleep(moment.uniform(0.0, 0.6))
+    process.kill()
+
+
+def test_two_thousand_runs_interrupted_ten_times(tmp_path, started):
+    """A campaign killed and interrupted ten times at random moments ends as an undisturbed one.
+
+    500 runs of two cases with two estimators. The moments (seeded) fall anywhere between two
+    records; the ways alternate. What was stored before a kill is there after it.
+    """
+    (tmp_path / "small.toml").write_text(SMALL)
+    moment = random.Random(9)
+    ways = [kill_parent, kill_all, kill_worker_then_parent, interrupt, kill_parent] * 2
+    run = command(tmp_path / "out", "-n", "500", "-j", "2")
+    interruptions, held = 0, 0
+    for way in ways:
+        process = started(tmp_path, run)
+        target = held + moment.randint(1, 60)
+        deadline = time.monotonic() + DEADLINE_S
+        while stored(tmp_path / "out") < target:
+            assert process.poll() is None, process.stderr.read()
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        time.sleep(moment.uniform(0.0, 0.05))
+        way(process, moment)
+        _, errors = process.communicate(timeout=DEADLINE_S)
+        assert process.returncode in (-signal.SIGKILL, 130), errors
+        assert "Traceback" not in errors
+        interruptions += 1
+        assert stored(tmp_path / "out") >= target
+        held = stored(tmp_path / "out")
+    assert interruptions == 10
+    assert held < 2000, "the campaign was over before it was interrupted ten times"
+    done = finish(tmp_path, run)
+    assert (done.returncode, done.stderr) == (0, "")
+    disturbed = Results(tmp_path / "out")
+    assert len(disturbed.table) == 2000
+    assert_equal(disturbed, ran(tmp_path, "whole", ("ins", "ekf"), runs=500, jobs=2))
+
+
+def in_child(action: Callable[[], None]) -> int:
+    """Do something in a forked process; return how it ended, as subprocess does."""
+    pid = os.fork()
+    if pid == 0:
+        code = 1
+        try:
+            action()
+            code = 0
+        except SystemExit as end:
+            code = end.code or 0
+        finally:
+            os._exit(code)
+    return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+
+
+def killed_at_write(number: int, arguments: list[str]) -> int:
+    """Run the command in a child that kills itself before its write ``number``; its exit code.
+
+    Writes are: opening a file to write, renaming and removing one, making a folder, and every
+    statement that reaches the database.
+    """
+
+    def run() -> None:
+        left = number
+
+        def tick(*_: object) -> None:
+            nonlocal left
+            left -= 1
+            if left < 0:
+                os.kill(os.getpid(), signal.SIGKILL)
+
+        def connect(*arguments: object, **options: object) -> sqlite3.Connection:
+            connection = plain_connect(*arguments, **options)
+            connection.set_trace_callback(tick)
+            return connection
+
+        def watch(event: str, values: tuple) -> None:
+            if event in ("os.rename", "os.remove", "os.mkdir") or (
+                event == "open" and isinstance(values[2], int) and values[2] & os.O_ACCMODE
+            ):
+                tick()
+
+        plain_connect, sqlite3.connect = sqlite3.connect, connect
+        sys.addaudithook(watch)
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.__stdout__.fileno())
+        main(arguments, prog_name="ggbench")
+
+    return in_child(run)
+
+
+@pytest.mark.parametrize("options", [(), ("--fresh",)])
+def test_a_power_cut_between_any_two_writes(options, tmp_path, monkeypatch):
+    """Killed before its first write, its second, ...: every time the same command completes it.
+
+    With --fresh the folder holds results of another seed, which are discarded on the way.
+    """
+    (tmp_path / "small.toml").write_text(SMALL)
+    monkeypatch.chdir(tmp_path)
+    whole = ran(tmp_path, "whole", ("ins", "ekf"), runs=2)
+    run = ["run", "small.toml", "-s", "5", "-n", "2", "-j", "0"]
+    number, code = len(options), -signal.SIGKILL
+    while code != 0:
+        folder = tmp_path / f"out{number}"
+        if options:
+            ran(tmp_path, folder.name, ("ins",), runs=1, seed=6).store.close()
+        code = killed_at_write(number, [*run, "-o", str(folder), *options])
+        assert code in (0, -signal.SIGKILL), f"ended with {code} at write {number}"
+        if code:
+            assert killed_at_write(10**9, [*run, "-o", str(folder)]) == 0
+        assert_equal(Results(folder), whole)
+        assert not list(folder.glob(".*.part"))
+        number += 3  # every third write, to be quick; the offsets differ between the two forms
+    assert number > 40
+
+
+def test_a_full_disk(tmp_path):
+    """When nothing more can be written, a sentence says so; what is stored stays.
+
+    A limit on the size of files stands for the disk: the system refuses to let them grow.
+    """
+    (tmp_path / "small.toml").write_text(SMALL)
+    run = command(tmp_path / "out", "-n", "200", "-j", "2")
+
+    def small_disk() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (400_000, 400_000))
+
+    done = finish(tmp_path, run, preexec_fn=small_disk)
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert re.match(r"ggbench: cannot write .*out.*: .*the same command goes on", line)
+    held = stored(tmp_path / "out")
+    assert 0 < held < 800
+    done = finish(tmp_path, run)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert_equal(
+        Results(tmp_path / "out"), ran(tmp_path, "whole", ("ins", "ekf"), runs=200, jobs=2)
+    )

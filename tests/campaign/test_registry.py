@@ -1,0 +1,240 @@
+"""Choosing an estimator: by name or by file, with parameters, and every mistake with a sentence."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.metadata
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from problems import estimator, kalman, linear_problem, rng
+
+from ggbench.campaign import registry
+from ggbench.campaign.registry import EstimatorError, choose
+from ggbench.problem import Estimator
+
+OWN = '''
+"""A file of one's own, as short as an estimator can be."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ggbench.problem import Estimate, Estimator
+
+
+@dataclass(frozen=True)
+class InformationFilter(Estimator):
+    """Kalman filter by information matrices."""
+
+    inflation: float = 1.0
+
+    name = "information"
+    causality = "filter"
+
+    def estimate(self, problem, rng):
+        x, p = problem.prior_mean, problem.prior_cov
+        means, covs = [], []
+        for k in range(problem.epochs):
+            phi = problem.transition[k]
+            x, p = phi @ x, phi @ p @ phi.T + problem.process_cov[k]
+            h = problem.model.jacobian(k, x)
+            r = self.inflation * problem.noise_cov
+            p = np.linalg.inv(np.linalg.inv(p) + h.T @ np.linalg.solve(r, h))
+            residual = problem.measurements[k] - problem.model.predict(k, x)
+            x = x + p @ h.T @ np.linalg.solve(r, residual)
+            means.append(x)
+            covs.append(p)
+        return Estimate(np.array(means), np.array(covs), self.causality)
+'''
+
+
+@pytest.fixture
+def own(tmp_path: Path) -> Path:
+    path = tmp_path / "information.py"
+    path.write_text(OWN)
+    return path
+
+
+def test_the_estimators_of_the_benchmark_are_registered():
+    """The four estimators are found by name through entry points, by anyone's package alike."""
+    found = registry.registered()
+    assert {"ins", "ekf", "ukf", "factor-graph"} <= set(found)
+    for name, cls in found.items():
+        assert issubclass(cls, Estimator)
+        assert cls.name == name
+        assert dataclasses.is_dataclass(cls)
+        cls()  # every parameter has a default
+        assert (cls.__doc__ or "").strip()
+
+
+def test_an_entry_point_that_cannot_be_imported_is_named(monkeypatch):
+    """Another package's broken estimator is an error that names it, and stops no other one."""
+    broken = importlib.metadata.EntryPoint("broken", "no_such_module:Thing", registry.GROUP)
+    whole = importlib.metadata.EntryPoint("ins", "ggbench.estimators.ins:InertialOnly", "")
+    monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: [broken, whole])
+    said = r"'broken' \(no_such_module:Thing\) cannot be imported"
+    for look in (lambda: choose("broken"), registry.registered):
+        with pytest.raises(EstimatorError, match=said):
+            look()
+    assert choose("ins").label == "ins"
+
+
+@pytest.mark.parametrize(
+    ("text", "label", "parameters", "values"),
+    [
+        ("ekf", "ekf", "", {}),
+        ("  ekf ", "ekf", "", {}),
+        ("ekf[]", "ekf", "", {}),
+        ("ukf[points=merwe]", "ukf[points=merwe]", "points=merwe", {"points": "merwe"}),
+        (
+            "ukf[ points = merwe , alpha=0.25]",
+            "ukf[points=merwe,alpha=0.25]",
+            "points=merwe,alpha=0.25",
+            {"points": "merwe", "alpha": 0.25, "beta": 2.0},
+        ),
+        ("ukf[kappa=-12]", "ukf[kappa=-12]", "kappa=-12", {"kappa": -12.0, "points": "julier"}),
+        (
+            "factor-graph[mode=fixed-lag,lag=5,max_iterations=7]",
+            "factor-graph[mode=fixed-lag,lag=5,max_iterations=7]",
+            "mode=fixed-lag,lag=5,max_iterations=7",
+            {"mode": "fixed-lag", "lag": 5.0, "max_iterations": 7},
+        ),
+    ],
+)
+def test_parameters_are_read(text, label, parameters, values):
+    """NAME[parameter=value,...] sets what it says and leaves the rest; its label is canonical."""
+    choice = choose(text)
+    assert (choice.label, choice.parameters) == (label, parameters)
+    for key, value in values.items():
+        assert getattr(choice.estimator, key) == value
+        assert type(getattr(choice.estimator, key)) is type(value)
+    assert choose(choice.label).estimator == choice.estimator
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "'' does not name an estimator; write NAME or NAME"),
+        ("[x=1]", "does not name an estimator"),
+        ("ekf[", r"'ekf\[' does not name an estimator"),
+        ("ekf]x[", "does not name an estimator"),
+        ("ukf[points=merwe]]", "does not name an estimator"),
+        ("ekff", r"no estimator 'ekff' \(did you mean 'ekf'\?\); known: .*ekf.*ukf.*\.py file"),
+        ("zzz", "no estimator 'zzz'; known: "),
+        ("ekf[gain=1]", "ekf has no parameter 'gain'; its parameters: iterations, loss, thr"),
+        ("ins[gain=1]", "ins has no parameter 'gain'; its parameters: it has none"),
+        ("ukf[pionts=merwe]", "ukf has no parameter 'pionts'; its parameters: points, kappa, alph"),
+        ("ukf[points]", "ukf: 'points' is not of the form parameter=value"),
+        ("ukf[points=gauss]", r"'points' is 'gauss' and must be julier \| merwe"),
+        ("ukf[points=]", r"'points' is '' and must be julier \| merwe"),
+        ("ukf[kappa=big]", "ukf: parameter 'kappa' is 'big' and must be float"),
+        ("factor-graph[max_iterations=2.5]", "'max_iterations' is '2.5' and must be int"),
+        ("ukf[alpha=1,alpha=2]", "ukf: parameter 'alpha' is given twice"),
+    ],
+)
+def test_a_mistaken_choice_has_its_sentence(text, message):
+    """An unknown name, parameter or value is one line that says what is allowed."""
+    with pytest.raises(EstimatorError, match=message) as caught:
+        choose(text)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_estimator_is_one_file(own):
+    """A file with one class is an estimator: chosen by path, with parameters, and right.
+
+    This is the example of how an estimator is added. It equals the Kalman filter.
+    """
+    choice = choose(str(own))
+    problem = linear_problem(seed=6)
+    mean, cov, _, _ = kalman(problem)
+    estimate = choice.estimator.estimate(problem, rng())
+    sigma = np.sqrt(np.diagonal(cov, axis1=1, axis2=2))
+    assert (np.abs(estimate.mean - mean) / sigma).max() < 1e-6
+    assert choose(f"{own}[inflation=4]").estimator.inflation == 4.0
+    assert choose(f"{own}[inflation=4]").parameters == "inflation=4"
+    with pytest.raises(EstimatorError, match="has no parameter 'size'; its parameters: inflation"):
+        choose(f"{own}[size=4]")
+
+
+def test_a_file_is_found_by_relative_path(own, monkeypatch):
+    """A path is relative to where the command is given."""
+    monkeypatch.chdir(own.parent)
+    assert choose("information.py").estimator.name == "information"
+    monkeypatch.chdir(own.parent.parent)
+    assert choose(f"{own.parent.name}/information.py").estimator.name == "information"
+
+
+def test_files_of_one_name_do_not_collide(own, tmp_path):
+    """Two files called alike are two estimators; the same file is imported once."""
+    other = tmp_path / "elsewhere" / own.name
+    other.parent.mkdir()
+    other.write_text(OWN.replace('name = "information"', 'name = "other"'))
+    assert choose(str(own)).estimator.name == "information"
+    assert choose(str(other)).estimator.name == "other"
+    assert type(choose(str(own)).estimator) is type(choose(str(own)).estimator)
+    own.write_text(OWN.replace('name = "information"', 'name = "edited"'))
+    assert choose(str(own)).estimator.name == "edited"
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("", r"defines 0 estimators; it must define exactly one class"),
+        ("from ggbench.estimators.ekf import ExtendedKalmanFilter\n", "defines 0 estimators"),
+        (OWN + OWN.replace("InformationFilter", "Second"), "defines 2 estimators"),
+        (OWN.replace('    causality = "filter"\n', ""), "defines 0 estimators.*has causality and"),
+        ("def f(:\n", "cannot be imported: SyntaxError: "),
+        ("1 / 0\n", "cannot be imported: ZeroDivisionError: division by zero"),
+        ("import no_such_module\n", "cannot be imported: ModuleNotFoundError: "),
+    ],
+    ids=["empty", "imported", "two", "abstract", "syntax", "raises", "imports"],
+)
+def test_a_file_that_is_no_estimator_has_its_sentence(content, message, tmp_path):
+    """What a file lacks is said in one line that names it, and leaves nothing half imported."""
+    path = tmp_path / "mine.py"
+    path.write_text(content)
+    before = set(sys.modules)
+    with pytest.raises(EstimatorError, match=rf"^{re.escape(str(path))} {message}") as caught:
+        choose(str(path))
+    assert "\n" not in str(caught.value)
+    if "imported" in str(caught.value):
+        assert not [name for name in set(sys.modules) - before if name.startswith("ggbench_user")]
+
+
+def test_a_file_that_is_not_there_has_its_sentence(tmp_path):
+    """A missing file and a folder are told apart from broken ones."""
+    with pytest.raises(EstimatorError, match=r"cannot read estimator file .*gone.py: No such file"):
+        choose(str(tmp_path / "gone.py"))
+    (tmp_path / "folder.py").mkdir()
+    with pytest.raises(EstimatorError, match=r"cannot read estimator file .*: Is a directory"):
+        choose(str(tmp_path / "folder.py"))
+
+
+UNUSABLE = {
+    "required parameter": ("    inflation: float = 1.0\n", "    inflation: float\n"),
+    "no name": ('    name = "information"\n', ""),
+    "unknown causality": ('causality = "filter"', 'causality = "psychic"'),
+    "fixed lag without a lag": ('causality = "filter"', 'causality = "fixed-lag"'),
+}
+
+
+@pytest.mark.parametrize("kind", UNUSABLE)
+def test_a_class_that_breaks_the_interface_has_its_sentence(kind, tmp_path):
+    """What the interface demands of a class is said when it is chosen, not in mid-run."""
+    old, new = UNUSABLE[kind]
+    path = tmp_path / "mine.py"
+    path.write_text(OWN.replace(old, new))
+    with pytest.raises(EstimatorError, match=re.escape(str(path))):
+        choose(str(path))
+
+
+def test_what_a_user_reads_of_a_parameter():
+    """Types are shown as choices or plain names, beside their defaults."""
+    parameters = registry.parameters_of(type(estimator("ukf[points=merwe]")))
+    assert registry.describe(parameters["points"][0]) == "julier | merwe | cubature"
+    assert registry.describe(parameters["alpha"][0]) == "float"
+    assert parameters["alpha"][1] == 0.5

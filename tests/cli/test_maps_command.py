@@ -1,0 +1,292 @@
+"""`ggbench map` as a user meets it: maps of every kind of source, pictures, one-sentence errors."""
+
+from __future__ import annotations
+
+import json
+import math
+from importlib.resources import files
+
+import numpy as np
+import pytest
+import xarray
+from click.testing import CliRunner
+from matplotlib.image import imread
+from random_harmonics import random_model
+
+from ggbench.cli.main import main
+from ggbench.gravity import ellipsoid
+from ggbench.gravity.field import Field
+from ggbench.gravity.harmonics import gravity_and_gradient, without_normal_field
+from ggbench.maps.gravity_model import read_model
+from ggbench.maps.recipe import Path, read
+from ggbench.maps.shipped_regions import SOURCES, disturbing_coefficients, disturbing_field
+
+DATA = files("ggbench.scenarios") / "data"
+GEOID = DATA / "egm2008_geoid_2.5min_qinling.npz"
+RELIEF = DATA / "etopo1_6min_qinling.npz"
+DEM = DATA / "jacksboro_dem_3arcsec.npz"
+BOX = ["--south", "33.2", "--north", "33.6", "--west", "108", "--east", "108.5"]
+HEIGHTS = ["--lowest", "9000", "--highest", "11000", "--height-spacing", "500"]
+
+
+@pytest.fixture(autouse=True)
+def inside(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def run(*words, code=0):
+    result = CliRunner().invoke(main, ["map", *map(str, words)])
+    assert result.exit_code == code, (result.output, result.exception)
+    return " ".join(result.output.split())
+
+
+def write_gfc(path, degree, seed=1):
+    model = random_model(degree, seed)
+    model.cosine[2, 0] = -4.8416e-4
+    lines = [
+        f"gfc {n} {m} {model.cosine[n, m]:.15e} {model.sine[n, m]:.15e}"
+        for n in range(2, degree + 1)
+        for m in range(n + 1)
+    ]
+    head = ["earth_gravity_constant 3.986004418e14", f"radius {model.radius}"]
+    path.write_text("\n".join([*head, f"max_degree {degree}", "end_of_head", *lines, ""]))
+
+
+def write_grid(path, name, units, values, south, west, step):
+    latitude, longitude = (
+        first + step * np.arange(count)
+        for first, count in zip((south, west), values.shape, strict=True)
+    )
+    xarray.Dataset(
+        {name: (("lat", "lon"), values, {"units": units})},
+        {"lat": latitude, "lon": longitude},
+    ).to_netcdf(path)
+
+
+def test_a_geoid_gives_the_map_that_the_package_makes_of_it():
+    """The shipped region as if it were a user's own, with and without the relief."""
+    for land, words in ((True, ["--land-correction", RELIEF]), (False, [])):
+        run("build", "-o", "own.nc", "--geoid", GEOID, *words, *BOX, *HEIGHTS,
+            "--precision", "float64")  # fmt: skip
+        own = read(Path("own.nc"))
+        axes = [
+            first + step * np.arange(count)
+            for first, step, count in zip(
+                (own.latitude0, own.longitude0, own.height0),
+                (own.latitude_step, own.longitude_step, own.height_step),
+                own.tensor.shape,
+                strict=False,
+            )
+        ]
+        tensor, vector = disturbing_field("egm2008_qinling", *axes, land_correction=land)
+        # The relief's file has its coordinates in single precision.
+        assert np.abs(own.tensor - tensor).max() < (1e-3 if land else 2e-5)
+        assert np.abs(own.gravity_disturbance - vector).max() < 1e-8
+        assert math.degrees(axes[0][-1]) >= 33.6 - 1e-9
+
+
+def test_coefficients_give_their_synthesis():
+    write_gfc(Path("model.gfc"), 60)
+    output = run("build", "-o", "map.nc", "--coefficients", "model.gfc", "--max-degree", 50, *BOX,
+                 *HEIGHTS, "--spacing-arcmin", 5)  # fmt: skip
+    assert "degree 2 to 50" in output
+    field = Field.from_map(read(Path("map.nc")))
+    model = without_normal_field(read_model(Path("model.gfc"), 50).coefficients)
+    place = (math.radians(33.37), math.radians(108.22), 9810.0)
+    vector, tensor = gravity_and_gradient(model, *([x] for x in place))
+    normal = Field.normal().tensor(*place)
+    np.testing.assert_allclose(field.tensor(*place) - normal, tensor[0, 0, 0], atol=1e-4)
+    np.testing.assert_allclose(field.gravity_disturbance(*place), vector[0, 0, 0], atol=1e-9)
+
+
+@pytest.mark.parametrize(("kind", "unit"), [("anomaly", "mGal"), ("disturbance", "m s-2")])
+def test_a_grid_of_gravity_gives_the_field_that_it_was_made_of(kind, unit):
+    """EGM2008 to degree 120 as a grid, against harmonics to degree 60 removed and restored."""
+    model = disturbing_coefficients(SOURCES["egm2008_qinling"].coefficients)
+    step, shape = 0.25, (57, 61)
+    latitude, longitude = (
+        np.radians(first + step * np.arange(count))
+        for first, count in zip((26.0, 100.0), shape, strict=True)
+    )
+    from ggbench.gravity.harmonics import potential
+
+    values = -gravity_and_gradient(model, latitude, longitude, [0.0])[0][:, :, 0, 2]
+    if kind == "anomaly":
+        gamma = np.array([ellipsoid.normal_gravity(a, 0.0) for a in latitude])
+        ratio = (gamma[:, 2] / gamma[:, 0])[:, np.newaxis]
+        values = 1e5 * (values + ratio * potential(model, latitude, longitude, [0.0])[:, :, 0])
+    write_grid("grid.nc", "gravity", unit, values, 26.0, 100.0, step)
+    run("build", "-o", "map.nc", f"--{kind}", "grid.nc", "--max-degree", 60, *BOX, *HEIGHTS,
+        "--spacing-arcmin", 2)  # fmt: skip
+    made = read(Path("map.nc"))
+    at = [[made.latitude0], [made.longitude0], [made.height0]]
+    _, whole = gravity_and_gradient(model, *at)
+    _, low = gravity_and_gradient(model.between(2, 60), *at)
+    error = np.abs(made.tensor[0, 0, 0] - whole[0, 0, 0]).max()
+    assert error < 0.05 * np.abs(whole - low).max()
+
+
+def test_a_grid_of_icgem_says_itself_where_it_holds():
+    """Rows from north to south; the height is the file's, and no map can lie below it."""
+    latitude, longitude = np.arange(38.0, 27.9, -0.25), np.arange(103.0, 114.1, 0.25)
+    values = 30.0 * np.add.outer(np.sin(4.0 * latitude), np.cos(3.0 * longitude))
+    head = [f"latitude_parallels {latitude.size}", f"longitude_parallels {longitude.size}",
+            "unit mgal", "height_over_ell 2000.0 m", "gapvalue 9999999.0", "",
+            "longitude latitude gravity_disturbance", "end_of_head ==="]  # fmt: skip
+
+    def write(path, extra=""):
+        rows = [
+            f"{lon} {lat} {extra} {values[i, j]}"
+            for i, lat in enumerate(latitude)
+            for j, lon in enumerate(longitude)
+        ]
+        Path(path).write_text("\n".join([*head, *rows]))
+
+    write("grid.gdf")
+    write_grid("grid.nc", "g", "mGal", values[::-1], 28.0, 103.0, 0.25)
+    tensors = []
+    for words in (["grid.gdf"], ["grid.nc", "--grid-height", 2000]):
+        run("build", "-o", "map.nc", "--disturbance", *words, *BOX, "--spacing-arcmin", 5)
+        tensors.append(read(Path("map.nc")).tensor)
+    np.testing.assert_allclose(*tensors, atol=1e-6)
+    words = ["build", "-o", "map.nc", "--disturbance", "grid.gdf", *BOX]
+    assert "at least 2000 m is allowed" in run(*words, "--lowest", 1000, code=2)
+    assert "holds at 2000 m, not at" in run(*words, "--grid-height", 1000, code=2)
+    assert "a geoid must be in 'm'" in run(*words[:3], "--geoid", "grid.gdf", code=2)
+    write("grid.gdf", "178.0")
+    assert "heights that vary" in run(*words, code=2)
+    Path("grid.gdf").write_text("\n".join([*head, "103.0 38.0 x"]))
+    assert "is no grid of ICGEM's format" in run(*words, code=2)
+
+
+def test_a_terrain_map_says_all_about_itself(monkeypatch):
+    """With bounds, heights and spacing of its own; shown, drawn, in its file."""
+    output = run("build", "-o", "dem.nc", "--terrain", DEM, "--density", 2600, "--west", 275.65)
+    assert "longitude: -84.35° to" in output
+    assert "a terrain alone gives what the ground within it attracts" in output
+    assert "Wrote dem.nc" in output
+    with xarray.open_dataset("dem.nc") as data:
+        attributes, heights = data.attrs, data["height"].to_numpy()
+        rms = float(np.sqrt((data["gradient_uu"].isel(height=0) ** 2).mean()))
+    assert heights[0] > 1076 + 400  # clear of the highest ground
+    assert json.loads(attributes["parameters"])["density_kg_m3"] == 2600.0
+    sha256 = json.loads(attributes["source_files"])[DEM.name]
+    assert len(sha256) == 64
+    assert str(DEM.parent) not in " ".join(map(str, attributes.values()))
+    assert attributes["history"].endswith(
+        "--terrain jacksboro_dem_3arcsec.npz --density 2600.0 --west 275.65"
+    )
+
+    shown = run("show", "dem.nc", "-o", "dem.png", "--height", 2000)
+    for words in ("kg/m³", "East-North-Up", sha256, f" {rms:.3g} ", f"{heights[0]:g} m to"):
+        assert words in shown
+    picture = imread("dem.png")
+    assert picture.shape[1] > 800
+    assert picture.std() > 0.05
+
+
+def test_a_sum_is_finer_than_its_coefficients():
+    """The terrain adds to the harmonics what is beyond them, and no more than it has."""
+    write_gfc(Path("model.gfc"), 180)
+    degrees = np.arange(241) / 60.0  # four by four, with waves of 2 and of a third of a degree
+    waves = [500.0 * np.sin(np.pi * degrees), 150.0 * np.sin(6.0 * np.pi * degrees)]
+    relief = 1000.0 + sum(np.add.outer(wave, wave) for wave in waves)
+    np.savez("relief.npz", lat=30.0 + degrees, lon=100.0 + degrees, z=relief)
+    box = [*BOX, "--spacing-arcmin", 5, *HEIGHTS]
+    box[1:8:2] = [31, 33, 101, 103]
+    made = {}
+    for name, words in (
+        ("sum", ["--coefficients", "model.gfc", "--terrain", "relief.npz"]),
+        ("terrain", ["--terrain", "relief.npz"]),
+        ("coefficients", ["--coefficients", "model.gfc"]),
+    ):
+        output = run("build", "-o", "map.nc", *words, *box)
+        made[name] = read(Path("map.nc")).tensor
+        assert ("wider than" in output) == ("terrain" in words[-2])
+    added, whole = made["sum"] - made["coefficients"], made["terrain"]
+    assert 0.1 < added.std() / whole.std() < 1.0
+    assert np.corrcoef(added[..., 5].ravel(), whole[..., 5].ravel())[0, 1] > 0.8
+    run("build", "-o", "map.nc", "--coefficients", "model.gfc", "--terrain", "relief.npz", *box,
+        "--terrain-from-degree", 2000)  # fmt: skip
+    nothing_left = read(Path("map.nc")).tensor - made["coefficients"]
+    assert nothing_left.std() < 0.02 * added.std()
+
+
+BAD = {
+    "nothing": ([], "a map is made of something: give --terrain, --coefficients"),
+    "two grids": (["--geoid", GEOID, "--anomaly", "x.nc"], "give one of them"),
+    "two spacings": (
+        ["--terrain", DEM, "--spacing-arcsec", 3, "--spacing-arcmin", 1], "give one of them"
+    ),
+    "no coefficients": (["--terrain", DEM, "--max-degree", 9], "are for --coefficients"),
+    "missing file": (["--terrain", "gone.tif"], "cannot read gone.tif: No such file"),
+    "missing model": (["--coefficients", "gone.gfc", *BOX], "cannot read gone.gfc"),
+    "missing grid": (["--geoid", "gone.nc"], "cannot read gone.nc: No such file"),
+    "no model": (["--coefficients", "text.txt", *BOX], "no line 'end_of_head'"),
+    "no grid": (["--geoid", "text.nc"], "text.nc is no grid that can be read"),
+    "no bounds": (["--coefficients", "model.gfc"], "serve the whole Earth: give the bounds"),
+    "degree too high": (["--coefficients", "model.gfc", "--max-degree", 99, *BOX], "up to 8"),
+    "shipped degree": (["--geoid", GEOID, "--max-degree", 121], "to degree 120 only"),
+    "lowest degree": (["--coefficients", "model.gfc", "--min-degree", 9, *BOX], "between 2 and"),
+    "outside": (["--geoid", GEOID, "--south", 20], "--south 20 lies outside what the inputs"),
+    "not a number": (["--geoid", GEOID, "--south", "nan"], "--south nan must be a finite number"),
+    "upside down": (["--geoid", GEOID, "--south", 34, "--north", 33], "must be less than --north"),
+    "below ground": (["--terrain", DEM, "--lowest", 900], "--lowest 900 lies below the sources"),
+    "heights": (["--terrain", DEM, "--highest", 1000], "must lie above --lowest"),
+    "space": (["--terrain", DEM, "--lowest", 1e7], "at most at 1e+06 m"),
+    "no spacing": (["--geoid", GEOID, "--spacing-arcsec", 0], "must be positive"),
+    "endless": (["--geoid", GEOID, "--spacing-arcsec", 1e-3], "more than 1000000 nodes"),
+    "too many": (["--geoid", GEOID, "--spacing-arcsec", 2], "at most 400000000 in all"),
+    "around the Earth": (["--coefficients", "model.gfc", "--west", -400, *BOX[:4], *BOX[6:]],
+                         "--west -400 lies outside"),
+    "too few": (["--geoid", GEOID, "--highest", 100], "at least 4 in each"),
+    "density": (["--terrain", DEM, "--density", -1], "density = -1.0 must lie between"),
+    "correction": (["--terrain", DEM, "--land-correction", DEM], "give --geoid"),
+    "small relief": (["--geoid", GEOID, "--land-correction", DEM], "it must cover the grid"),
+    "raised geoid": (["--geoid", GEOID, "--grid-height", 10], "a geoid holds at the ellipsoid"),
+    "small terrain": (["--coefficients", "model.gfc", "--terrain", DEM], "less than one wave"),
+    "grid and terrain": (["--geoid", GEOID, "--terrain", RELIEF], "needs --terrain-from-degree"),
+    "archive": (["--anomaly", GEOID], "an .npz file holds a geoid"),
+    "units": (["--geoid", "gravity.nc"], "has units 'mgal'; a geoid must be in 'm'"),
+    "huge values": (["--anomaly", "huge.nc"], "which no anomaly grid can have"),
+    "gaps": (["--anomaly", "gaps.nc"], "gaps.nc has gaps"),
+    "small grid": (["--anomaly", "gravity.nc"], "nothing is left"),
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("files")
+    write_gfc(path / "model.gfc", 8)
+    for name in ("text.txt", "text.nc"):
+        (path / name).write_text("This is no data.\n")
+    values = 1e-3 * np.ones((20, 20))
+    write_grid(path / "gravity.nc", "g", "mGal", values, 33.0, 108.0, 0.1)
+    write_grid(path / "huge.nc", "g", "mGal", 1e7 * values, 33.0, 108.0, 0.1)
+    values[3, 4] = np.nan
+    write_grid(path / "gaps.nc", "g", "mGal", values, 33.0, 108.0, 0.1)
+    return path
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_what_cannot_be_is_refused_with_one_sentence(name, folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    words, message = BAD[name]
+    output = run("build", "-o", "bad.nc", *words, code=2)
+    assert output.startswith("ggbench: ")
+    assert message in output
+    assert "Traceback" not in output
+    assert not (folder / "bad.nc").exists()
+
+
+def test_files_that_cannot_be_shown_or_written_are_refused(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    assert "gone.nc: No such file" in run("show", "gone.nc", code=2)
+    assert "is no whole netCDF file" in run("show", "text.nc", code=2)
+    assert "lacks height" in run("show", "gravity.nc", code=2)
+    assert "must be named *.nc" in run("build", "-o", "x.tif", "--terrain", DEM, code=2)
+    words = ["--geoid", GEOID, *BOX, *HEIGHTS, "--spacing-arcmin", 5]
+    assert "cannot write the map" in run("build", "-o", "text.txt/x.nc", *words, code=2)
+    run("build", "-o", "good.nc", *words)
+    assert "cannot write the figure" in run("show", "good.nc", "-o", "text.txt/x.png", code=2)
+    (folder / "good.nc").unlink()

@@ -1,0 +1,118 @@
+"""The compiled engines beside the frameworks, which are the reference, on every shipped scenario.
+
+``make agreement`` sets GGBENCH_TEST_AGREEMENT=all: then all cases (twelve of a sweep), and 20 runs
+of the batch solution on each, which takes GTSAM its time; else the first case of each scenario, and
+two runs of the batch solution but for the paper's.
+"""
+
+from __future__ import annotations
+
+import os
+from functools import cache
+
+import numpy as np
+import pytest
+
+from ggbench.block import ProblemBlock
+from ggbench.campaign.registry import choose
+from ggbench.problem import Estimate, Problem
+from ggbench.simulation import error_free_flight
+from ggbench.simulation.runs import simulate_block
+from ggbench.spec import scenario
+
+EVERYTHING = os.environ.get("GGBENCH_TEST_AGREEMENT") == "all"
+RUNS = 20
+BATCH_RUNS = RUNS if EVERYTHING else 2
+MOST_CASES = 12 if EVERYTHING else 1
+LIMIT = 1e-6
+"""Difference of the means and of the standard deviations, in deviations of the prior."""
+NUDGE = 1e-9
+"""By how many deviations of their noise readings are moved to see what rounding can do."""
+BATCH = "factor-graph[mode=batch]"
+
+
+def cases_of(name: str) -> list[tuple[str, str]]:
+    """The first case of a scenario, or up to twelve across all of them."""
+    cases = scenario.load(name).cases
+    return [(name, case.name) for case in cases[:: -(-len(cases) // MOST_CASES)]]
+
+
+CASES = [case for name in scenario.shipped() for case in cases_of(name)]
+
+
+def compiled(label: str):
+    name, _, rest = label.rstrip("]").partition("[")
+    return choose(f"{name}[{','.join(filter(None, [rest, 'engine=numba']))}]").estimator
+
+
+@cache
+def block_of_runs(name: str, case: str) -> ProblemBlock:
+    loaded = scenario.load(name)
+    found = next(c for c in loaded.cases if c.name == case)
+    return simulate_block(error_free_flight.prepare(found), loaded.campaign.seed, range(RUNS))[0]
+
+
+def difference(one: Estimate, other: Estimate, problem: Problem) -> float:
+    """Of means and deviations, in deviations of the prior."""
+    sigma = np.sqrt(np.diag(problem.prior_cov))
+    means = np.abs(one.mean - other.mean) / sigma
+    deviations = [np.sqrt(np.diagonal(e.cov, axis1=1, axis2=2)) / sigma for e in (one, other)]
+    return float(max(means.max(), np.abs(deviations[0] - deviations[1]).max()))
+
+
+def nudged(problem: Problem) -> Problem:
+    noise = np.random.default_rng(0).standard_normal(problem.measurements.shape)
+    moved = problem.measurements + NUDGE * np.sqrt(np.diag(problem.noise_cov)) * noise
+    return Problem(**{**vars(problem), "measurements": moved})
+
+
+@pytest.mark.parametrize(("name", "case"), CASES)
+@pytest.mark.parametrize("label", ["ekf", "ukf"])
+def test_filters_are_those_of_filterpy(label, name, case):
+    """To a millionth of the prior, in 20 runs.
+
+    A filter that has lost its way can be chaotic: where filterpy's own answer is another one when
+    readings move by a billionth of their noise, no engine can agree better with it than it does
+    with itself. There are such runs where the prior is as wide as the terrain's valleys alone.
+    """
+    block = block_of_runs(name, case)
+    reference = choose(label).estimator
+    estimates = compiled(label).estimate_block(block)
+    chaotic = 0
+    for run in range(block.runs):
+        problem = block.problem(run)
+        expected = reference.estimate(problem, np.random.default_rng(0))
+        found = difference(estimates.estimate(run), expected, problem)
+        if found < LIMIT:
+            continue
+        again = reference.estimate(nudged(problem), np.random.default_rng(0))
+        own = difference(again, expected, problem)
+        assert own > 0.1 * LIMIT, f"run {run}: {found:.1e}, and {own:.1e} of the reference itself"
+        chaotic += 1
+    assert chaotic == 0 or name == "wide_prior" or EVERYTHING
+
+
+@pytest.mark.parametrize(("name", "case"), CASES)
+def test_the_batch_solution_is_gtsams(name, case):
+    """To a millionth of the prior wherever GTSAM converges, or to what its own answer moves by.
+
+    Where it has not converged within the limit of steps, the two are as good as each other: the
+    costs are equal.
+    """
+    block = block_of_runs(name, case)
+    reference, estimates = choose(BATCH).estimator, compiled(BATCH).estimate_block(block)
+    for run in range(BATCH_RUNS if name != "wang2013" else RUNS):
+        problem = block.problem(run)
+        expected = reference.estimate(problem, np.random.default_rng(0))
+        found = estimates.estimate(run)
+        error = expected.info["error"]
+        assert abs(found.info["error"] - error) < 1e-4 + 1e-6 * error
+        apart = difference(found, expected, problem)
+        if apart < LIMIT or expected.info["iterations"] == reference.max_iterations:
+            continue
+        again = reference.estimate(nudged(problem), np.random.default_rng(0))
+        own = difference(again, expected, problem)
+        # Where the map is wrong, Gauss-Newton steps shrink slowly, and the search ends when the
+        # cost falls by less than 1e-5, wherever it then is.
+        assert own > 0.1 * LIMIT or (EVERYTHING and apart < 1e-3), f"run {run}: {apart:.1e}"
+        assert name == "wide_prior" or EVERYTHING

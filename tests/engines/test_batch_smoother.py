@@ -1,0 +1,72 @@
+"""The batch solution on eight runs at once beside GTSAM, and that runs do not depend on others."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from ggbench.block import ProblemBlock
+from ggbench.campaign.registry import choose
+from ggbench.engines import batch_smoother
+from ggbench.simulation import error_free_flight
+from ggbench.simulation.runs import simulate_block
+from ggbench.spec import scenario
+
+REFERENCE = choose("factor-graph[mode=batch]").estimator
+MOST = REFERENCE.max_iterations
+
+
+@cache
+def block_of_runs(name: str, case: str, first: int, last: int) -> ProblemBlock:
+    loaded = scenario.load(name)
+    found = next(c for c in loaded.cases if c.name == case)
+    prepared = error_free_flight.prepare(found)
+    return simulate_block(prepared, loaded.campaign.seed, range(first, last))[0]
+
+
+@pytest.mark.parametrize(
+    ("name", "case", "runs"),
+    [
+        ("wang2013", "0.01E-1Hz", 3),
+        ("jacksboro_helicopter", "strapdown", 1),
+        ("jacksboro_helicopter", "rotating-biases", 1),
+    ],
+)
+def test_the_minimum_is_gtsams(name, case, runs):
+    """The same number of steps, means to 1e-7 and deviations to 1e-8 of the prior's deviations.
+
+    Of a platform instrument, of one that turns with the vehicle, and of one with biases.
+    """
+    block = block_of_runs(name, case, 0, runs)
+    mean, cov, counters = batch_smoother.smoother(block, MOST)
+    sigma = np.sqrt(np.diag(block.prior_cov))
+    for run in range(runs):
+        expected = REFERENCE.estimate(block.problem(run), np.random.default_rng(0))
+        assert counters["iterations"][run] == expected.info["iterations"]
+        assert counters["error"][run] == pytest.approx(expected.info["error"], rel=1e-9)
+        assert np.abs((mean[run] - expected.mean) / sigma).max() < 1e-7
+        deviations = [np.sqrt(np.diagonal(c, axis1=1, axis2=2)) for c in (cov[run], expected.cov)]
+        assert np.abs((deviations[0] - deviations[1]) / sigma).max() < 1e-8
+
+
+def test_a_run_does_not_depend_on_its_neighbours():
+    """Alone, in three and in eleven (the last group not full), shifted by one: the same bits."""
+    whole = batch_smoother.smoother(block_of_runs("wang2013", "0.01E-0.2Hz", 0, 11), MOST)
+    for first, last in ((0, 1), (4, 7), (1, 11)):
+        part = batch_smoother.smoother(block_of_runs("wang2013", "0.01E-0.2Hz", first, last), MOST)
+        np.testing.assert_array_equal(part[0], whole[0][first:last])
+        np.testing.assert_array_equal(part[1], whole[1][first:last])
+        for name, values in part[2].items():
+            np.testing.assert_array_equal(values, whole[2][name][first:last])
+
+
+def test_steps_that_need_damping_are_gtsams():
+    """Where undamped steps fail the search is GTSAM's: as many steps to the same cost."""
+    block = block_of_runs("jacksboro_drone", "1E", 1, 2)
+    _, _, counters = batch_smoother.smoother(block, MOST)
+    expected = REFERENCE.estimate(block.problem(0), np.random.default_rng(0)).info
+    assert counters["map_evaluations"][0] > (1 + counters["iterations"][0]) * block.epochs
+    assert counters["iterations"][0] == expected["iterations"]
+    assert counters["error"][0] == pytest.approx(expected["error"], rel=1e-6)

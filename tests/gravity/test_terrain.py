@@ -1,0 +1,444 @@
+"""Terrain from the formats in which elevation models come, and from files that are none."""
+
+import math
+
+import numpy as np
+import pytest
+import rasterio
+import xarray
+from rasterio.transform import Affine, from_origin
+from rasterio.warp import transform
+
+from ggbench.gravity import terrain_files
+from ggbench.gravity.terrain import Terrain, TerrainError
+from ggbench.gravity.terrain_files import read_terrain
+from ggbench.maps.shipped_regions import data_bytes
+
+SOUTH, WEST, STEP = 45.0, 7.0, 0.01
+N_LAT, N_LON = 12, 16
+LATITUDES = SOUTH + STEP * np.arange(N_LAT)
+LONGITUDES = WEST + STEP * np.arange(N_LON)
+
+
+def plane(latitude, longitude):
+    """Heights [m] by which a cell is known: no two are alike, and any interpolation keeps them."""
+    return 1000.0 + 2000.0 * (np.asarray(latitude) - SOUTH) + 700.0 * (longitude - WEST)
+
+
+HEIGHTS = plane(LATITUDES[:, np.newaxis], LONGITUDES)
+# A raster begins in the north-west, with the corner of a cell.
+CORNERS = from_origin(WEST - STEP / 2, LATITUDES[-1] + STEP / 2, STEP, STEP)
+
+
+def write_raster(path, heights=HEIGHTS[::-1], tags=None, scales=None, units=None, **profile):
+    profile = {
+        "driver": "GTiff", "count": 1, "dtype": "float64", "crs": "EPSG:4326",
+        "transform": CORNERS, "height": heights.shape[0], "width": heights.shape[1], **profile,
+    }  # fmt: skip
+    with rasterio.open(path, "w", **profile) as dataset:
+        for band in range(1, profile["count"] + 1):
+            dataset.write(heights.astype(profile["dtype"]), band)
+        dataset.update_tags(**(tags or {}))
+        if scales:
+            dataset.scales = scales
+        if units:
+            dataset.units = units
+    return path
+
+
+def grid(latitude=LATITUDES, longitude=LONGITUDES, names=("lat", "lon")):
+    heights = plane(np.asarray(latitude)[:, np.newaxis], (np.asarray(longitude) + 180) % 360 - 180)
+    return xarray.DataArray(heights, dict(zip(names, (latitude, longitude), strict=True)), names)
+
+
+def assert_is_the_plane(terrain, tolerance=1e-6):
+    heights = plane(terrain.latitudes_deg[:, np.newaxis], terrain.longitudes_deg)
+    np.testing.assert_allclose(terrain.height_m, heights, atol=tolerance)
+
+
+def assert_is_the_grid(terrain):
+    assert terrain.height_m.shape == (N_LAT, N_LON)
+    np.testing.assert_allclose(terrain.latitudes_deg, LATITUDES, atol=1e-7)
+    np.testing.assert_allclose(terrain.longitudes_deg, LONGITUDES, atol=1e-7)
+    assert_is_the_plane(terrain, 1e-3)
+
+
+@pytest.mark.parametrize("kind", ["Area", "Point"])
+def test_geotiff_of_cells_or_of_points(tmp_path, kind):
+    # rasterio's transform is that of corners in both; the file itself then stores another one.
+    path = write_raster(tmp_path / "alps.tif", tags={"AREA_OR_POINT": kind})
+    with rasterio.open(path) as dataset:
+        assert dataset.tags()["AREA_OR_POINT"] == kind
+    assert_is_the_grid(read_terrain(path))
+
+
+def test_geotiff_from_south_to_north(tmp_path):
+    south_up = Affine(STEP, 0.0, WEST - STEP / 2, 0.0, STEP, SOUTH - STEP / 2)
+    assert_is_the_grid(read_terrain(write_raster(tmp_path / "a.tif", HEIGHTS, transform=south_up)))
+
+
+def test_srtm_tile(tmp_path):
+    # 1201 x 1201 big-endian integers from the north-west; nodes lie on the degrees.
+    rows, columns = np.indices((1201, 1201))
+    tile = (rows - columns).astype(">i2")
+    path = tmp_path / "N36W085.hgt"
+    path.write_bytes(tile.tobytes())
+    terrain = read_terrain(path)
+    assert terrain.height_m.shape == (1201, 1201)
+    assert terrain.latitudes_deg[[0, -1]] == pytest.approx([36.0, 37.0])
+    assert terrain.longitudes_deg[[0, -1]] == pytest.approx([-85.0, -84.0])
+    np.testing.assert_array_equal(terrain.height_m, (rows - columns)[::-1])
+
+
+@pytest.mark.parametrize("reference", ["corner", "center"])
+def test_ascii_grid(tmp_path, reference):
+    shift = STEP / 2 if reference == "corner" else 0.0
+    path = tmp_path / "alps.asc"
+    rows = "\n".join(" ".join(f"{height:.6f}" for height in row) for row in HEIGHTS[::-1])
+    path.write_text(
+        f"ncols {N_LON}\nnrows {N_LAT}\nxll{reference} {WEST - shift}\n"
+        f"yll{reference} {SOUTH - shift}\ncellsize {STEP}\nNODATA_value -9999\n{rows}\n"
+    )
+    assert_is_the_grid(read_terrain(path))
+
+
+@pytest.mark.parametrize("crs", ["EPSG:32632", "EPSG:3035"])
+def test_projected_raster_is_resampled(tmp_path, crs):
+    # UTM, and an equal-area projection whose grid is turned by 2 degrees here.
+    (east,), (north,) = transform("EPSG:4326", crs, [WEST], [SOUTH])
+    spacing, count = 100.0, 200
+    x = east + spacing * (np.arange(count) + 0.5)
+    y = north + spacing * (np.arange(count) + 0.5)
+    grid_x, grid_y = np.meshgrid(x, y)
+    longitude, latitude = transform(crs, "EPSG:4326", grid_x.ravel(), grid_y.ravel())
+    heights = plane(np.array(latitude), np.array(longitude)).reshape(count, count)[::-1]
+    corner = from_origin(east, north + spacing * count, spacing, spacing)
+    path = write_raster(tmp_path / "utm.tif", heights, crs=crs, transform=corner)
+    terrain = read_terrain(path)
+    assert "resampled to latitude and longitude" in terrain.name
+    assert min(terrain.height_m.shape) > 120
+    # Half a cell in the wrong place would be a metre. The spline bends only at the borders.
+    assert_is_the_plane(terrain, 0.5)
+    lat, lon = terrain.latitudes_deg[4:-4], terrain.longitudes_deg[4:-4]
+    np.testing.assert_allclose(
+        terrain.height_m[4:-4, 4:-4], plane(lat[:, np.newaxis], lon), atol=0.01
+    )
+
+
+@pytest.mark.parametrize("engine", ["scipy", "netcdf4"])
+@pytest.mark.parametrize("order", [1, -1])
+@pytest.mark.parametrize(
+    ("suffix", "variable", "names"),
+    [
+        ("nc", "elevation", ("lat", "lon")),
+        ("grd", "z", ("y", "x")),
+        ("nc", "Band1", ("lat", "lon")),
+    ],
+)
+def test_netcdf_grid(tmp_path, engine, order, suffix, variable, names):
+    path = tmp_path / f"alps.{suffix}"
+    data = grid(LATITUDES[::order], LONGITUDES, names)
+    xarray.Dataset({variable: data, "crs": 4326}).to_netcdf(path, engine=engine)
+    assert_is_the_grid(read_terrain(path))
+
+
+def test_netcdf_with_longitude_first_and_up_to_360(tmp_path):
+    west = LONGITUDES - 7.05
+    data = grid(LATITUDES, west % 360.0).transpose("lon", "lat")
+    data.to_dataset(name="z").to_netcdf(tmp_path / "a.nc", engine="scipy")
+    terrain = read_terrain(tmp_path / "a.nc")
+    assert terrain.longitudes_deg == pytest.approx(west)
+    assert_is_the_plane(terrain)
+
+
+def test_grid_across_the_date_line(tmp_path):
+    longitude = np.array([179.8, 179.9, -180.0, -179.9, -179.8])
+    np.savez(tmp_path / "a.npz", lat=LATITUDES, lon=longitude, z=np.zeros((N_LAT, 5)))
+    terrain = read_terrain(tmp_path / "a.npz")
+    assert terrain.west_deg == pytest.approx(179.8)
+    assert terrain.longitude_step_deg == pytest.approx(0.1)
+
+
+def test_heights_in_feet_become_metres(tmp_path):
+    feet = grid() / 0.3048
+    feet.attrs["units"] = "feet"
+    feet.to_dataset(name="z").to_netcdf(tmp_path / "feet.nc", engine="scipy")
+    path = write_raster(tmp_path / "feet.tif", HEIGHTS[::-1] / 0.3048, units=["ft"])
+    for terrain in (read_terrain(tmp_path / "feet.nc"), read_terrain(path)):
+        assert_is_the_grid(terrain)
+        assert "converted from f" in terrain.name
+
+
+def test_scaled_integers(tmp_path):
+    path = write_raster(tmp_path / "a.tif", HEIGHTS[::-1] / 0.1, dtype="int32", scales=[0.1])
+    np.testing.assert_allclose(read_terrain(path).height_m, HEIGHTS, atol=0.11)
+
+
+@pytest.mark.parametrize("mark", [-32768.0, -9999.0, math.nan])
+@pytest.mark.parametrize("declared", [True, False])
+def test_few_voids_are_filled_and_named(tmp_path, mark, declared):
+    heights = HEIGHTS[::-1].copy()
+    heights[4, 7] = mark  # in the interior: a plane is restored exactly
+    nodata = {"nodata": mark} if declared else {}
+    terrain = read_terrain(write_raster(tmp_path / "a.tif", heights, **nodata))
+    assert_is_the_grid(terrain)
+    assert "1 voids filled, the first at 45.07000, 7.07000" in terrain.name
+
+
+def test_a_void_at_the_border_is_filled(tmp_path):
+    heights = HEIGHTS[::-1].copy()
+    heights[0, 0] = math.nan
+    terrain = read_terrain(write_raster(tmp_path / "a.tif", heights))
+    assert terrain.height_m[-1, 0] == pytest.approx(HEIGHTS[-1, 0], abs=30.0)
+
+
+def test_many_voids_are_refused(tmp_path):
+    heights = HEIGHTS[::-1].copy()
+    heights[4, 7:10] = -32768.0
+    path = write_raster(tmp_path / "holes.tif", heights, nodata=-32768.0)
+    message = r"holes.tif has 3 voids among 192 cells, the first at .* 45.07000, 7.07000: less than"
+    with pytest.raises(TerrainError, match=message):
+        read_terrain(path)
+
+
+def test_jacksboro_lies_where_it_should(tmp_path):
+    # Cross Mountain, 36°11'54"N 84°13'50"W, 1077 m, is the highest mountain of the region; the
+    # full pool of Norris Lake is a plain at one height.
+    (tmp_path / "a.npz").write_bytes(data_bytes("jacksboro_dem_3arcsec.npz"))
+    terrain = read_terrain(tmp_path / "a.npz")
+    row, column = np.unravel_index(terrain.height_m.argmax(), terrain.height_m.shape)
+    assert terrain.latitudes_deg[row] == pytest.approx(36 + 11 / 60 + 54 / 3600, abs=1e-3)
+    assert terrain.longitudes_deg[column] == pytest.approx(-84 - 13 / 60 - 50 / 3600, abs=1e-3)
+    assert terrain.height_m.max() == pytest.approx(1077.0, abs=2.0)
+
+
+def test_jacksboro_is_matplotlibs_sample(tmp_path):
+    from matplotlib.cbook import get_sample_data
+
+    (tmp_path / "a.npz").write_bytes(data_bytes("jacksboro_dem_3arcsec.npz"))
+    ours = read_terrain(tmp_path / "a.npz")
+    theirs = read_terrain(get_sample_data("jacksboro_fault_dem.npz", asfileobj=False))
+    np.testing.assert_array_equal(ours.height_m, theirs.height_m)
+    np.testing.assert_allclose(ours.latitudes_deg, theirs.latitudes_deg)
+    np.testing.assert_allclose(ours.longitudes_deg, theirs.longitudes_deg)
+
+
+def test_topography_of_a_scenario(tmp_path):
+    path = tmp_path / "etopo1.npz"
+    path.write_bytes(data_bytes("etopo1_6min_qinling.npz"))
+    terrain = read_terrain(path)
+    assert terrain.height_m.shape == (151, 191)
+    assert (terrain.south_deg, terrain.west_deg) == (26.0, 99.0)
+    # Xi'an lies at 400 m, mount Taibai in the south-west of it above 3000.
+    at = {
+        name: terrain.height_m[round((lat - 26.0) * 10), round((lon - 99.0) * 10)]
+        for name, lat, lon in (("Xi'an", 34.3, 108.9), ("Taibai", 34.0, 107.8))
+    }
+    assert 350 < at["Xi'an"] < 500 < 2500 < at["Taibai"]
+
+
+def test_crop_covers_its_bounds_as_far_as_the_terrain_reaches():
+    whole = Terrain(SOUTH, WEST, STEP, STEP, HEIGHTS, "alps")
+    part = whole.crop(45.031, 45.08, 367.04, 367.092)
+    assert part.latitudes_deg[[0, -1]] == pytest.approx([45.03, 45.08])
+    assert part.longitudes_deg[[0, -1]] == pytest.approx([7.04, 7.10])
+    assert_is_the_plane(part)
+    assert whole.crop(0.0, 90.0, -100.0, 100.0).height_m.shape == HEIGHTS.shape
+    with pytest.raises(TerrainError, match=r"heights of shape \(0, 16\)"):
+        whole.crop(60.0, 61.0, 6.0, 8.0)
+    with pytest.raises(TerrainError, match="from the smaller to the larger"):
+        whole.crop(46.0, 45.0, 6.0, 8.0)
+
+
+def bad_bands(path):
+    write_raster(path / "a.tif", count=2)
+
+
+def bad_rotation(path):
+    write_raster(path / "a.tif", transform=Affine(STEP, 0.1 * STEP, WEST, 0.1 * STEP, -STEP, SOUTH))
+
+
+def bad_place(path):
+    write_raster(path / "a.tif", transform=Affine.identity(), crs=None)
+
+
+def bad_metres(path):
+    write_raster(path / "a.tif", transform=from_origin(4e5, 5e6, 90.0, 90.0), crs=None)
+
+
+def bad_unit(path):
+    write_raster(path / "a.tif", units=["fathom"])
+
+
+def bad_heights(path):
+    write_raster(path / "a.tif", HEIGHTS[::-1] * 10.0)
+
+
+def bad_truncation(path):
+    write_raster(path / "a.tif", np.zeros((200, 200)))
+    content = (path / "a.tif").read_bytes()
+    (path / "a.tif").write_bytes(content[: len(content) // 2])
+
+
+def bad_tile(path):
+    (path / "N36W085.hgt").write_bytes(b"\0" * 1000)
+
+
+def bad_garbage(path):
+    (path / "a.tif").write_bytes(b"no raster at all")
+
+
+def bad_netcdf(path):
+    (path / "a.nc").write_bytes(b"\x89HDF no netCDF")
+
+
+def bad_old_netcdf(path):
+    (path / "a.grd").write_bytes(b"DSBB")
+
+
+def bad_empty_netcdf(path):
+    (path / "a.nc").write_bytes(b"")
+
+
+def bad_variables(path):
+    grids = xarray.Dataset({"slope": grid(), "roughness": grid()})
+    grids.to_netcdf(path / "a.nc", engine="scipy")
+
+
+def bad_dimensions(path):
+    xarray.Dataset({"z": (("a", "b"), HEIGHTS)}).to_netcdf(path / "a.nc", engine="scipy")
+
+
+def bad_coordinates(path):
+    data = grid(names=("y", "x"))
+    data["x"].attrs["units"] = data["y"].attrs["units"] = "m"
+    data.to_dataset(name="z").to_netcdf(path / "a.nc", engine="scipy")
+
+
+def bad_projection(path):
+    data = grid(names=("y", "x"))
+    data["x"].attrs["standard_name"] = "projection_x_coordinate"
+    data.to_dataset(name="z").to_netcdf(path / "a.nc", engine="scipy")
+
+
+def bad_spacing(path):
+    uneven = LATITUDES + 0.001 * (np.arange(N_LAT) == 5)
+    np.savez(path / "a.npz", lat=uneven, lon=LONGITUDES, z=HEIGHTS)
+
+
+def bad_order(path):
+    np.savez(path / "a.npz", lat=np.roll(LATITUDES, 3), lon=LONGITUDES, z=HEIGHTS)
+
+
+def bad_shape(path):
+    np.savez(path / "a.npz", lat=LATITUDES, lon=LONGITUDES, z=HEIGHTS.T)
+
+
+def bad_latitude(path):
+    np.savez(path / "a.npz", lat=LATITUDES + 45.0, lon=LONGITUDES, z=HEIGHTS)
+
+
+def bad_keys(path):
+    np.savez(path / "a.npz", heights=HEIGHTS)
+
+
+def bad_archive(path):
+    np.savez(path / "b.npz", lat=LATITUDES, lon=LONGITUDES, z=HEIGHTS)
+    (path / "a.npz").write_bytes((path / "b.npz").read_bytes()[:-40])
+    (path / "b.npz").unlink()
+
+
+def bad_pickle(path):
+    np.savez(path / "a.npz", lat=LATITUDES, lon=LONGITUDES, z=np.array([{}], dtype=object))
+
+
+def bad_text(path):
+    np.savez(path / "a.npz", lat=LATITUDES, lon=LONGITUDES, z=np.full((N_LAT, N_LON), "high"))
+
+
+def bad_size(path):
+    np.savez(path / "a.npz", lat=LATITUDES[:3], lon=LONGITUDES, z=HEIGHTS[:3])
+
+
+def bad_suffix(path):
+    (path / "a.docx").write_bytes(b"")
+
+
+def bad_folder(path):
+    (path / "a.tif").mkdir()
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (bad_bands, "has 2 bands; one, of heights, is allowed"),
+        (bad_rotation, "is rotated; rows along parallels"),
+        (bad_place, "does not say where it lies"),
+        (bad_metres, r"latitude 4.9.* to 4.9.*e\+06: -90 to 90 degrees is allowed"),
+        (bad_unit, "heights in 'fathom'; metres or feet are allowed"),
+        (bad_heights, "heights from 10000 to .* m: finite numbers from -12000 to 9000"),
+        (bad_truncation, "a.tif cannot be read as a raster"),
+        (bad_tile, "N36W085.hgt cannot be read as a raster"),
+        (bad_garbage, "a.tif cannot be read as a raster"),
+        (bad_netcdf, "a.nc cannot be read as a netCDF grid"),
+        (bad_old_netcdf, "a.grd cannot be read as a netCDF grid"),
+        (bad_empty_netcdf, "a.nc cannot be read as a netCDF grid"),
+        (bad_variables, r"has 2 grids in latitude and longitude \(slope, roughness\); one"),
+        (bad_dimensions, r"has 0 grids in latitude and longitude \(none\)"),
+        (bad_coordinates, "has y in 'm'; degrees are allowed"),
+        (bad_projection, "coordinate x is one of a projection; degrees are allowed"),
+        (bad_spacing, "has latitudes that are not evenly spaced"),
+        (bad_order, "has latitudes that are not evenly spaced"),
+        (bad_shape, r"heights of shape \(16, 12\), but \(12,\) latitudes and \(16,\) longitudes"),
+        (bad_latitude, "latitude 90 to 90.11: -90 to 90 degrees is allowed"),
+        (bad_keys, "has the arrays heights; those of a Terrain"),
+        (bad_archive, "a.npz cannot be read as a NumPy archive"),
+        (bad_pickle, "a.npz cannot be read as a NumPy archive"),
+        (bad_text, "a.npz cannot be read as a NumPy archive"),
+        (bad_size, "has 3 latitudes; at least 4 are allowed"),
+        (bad_suffix, r"a.docx is of no kind that is known by its suffix; allowed: .tif"),
+        (bad_folder, "is a folder; a terrain is a file"),
+    ],
+)
+def test_a_bad_file_is_refused_in_one_sentence(tmp_path, make, message):
+    make(tmp_path)
+    (path,) = tmp_path.iterdir()
+    with pytest.raises(TerrainError, match=message) as caught:
+        read_terrain(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_file_is_refused(tmp_path):
+    with pytest.raises(TerrainError, match=r"There is no terrain file .*nowhere.tif"):
+        read_terrain(tmp_path / "nowhere.tif")
+
+
+@pytest.mark.parametrize("name", ["a" * 1000 + ".tif", "a\0.tif", "file.tif/a.tif"])
+def test_an_impossible_path_is_refused(tmp_path, name):
+    (tmp_path / "file.tif").touch()
+    with pytest.raises(TerrainError, match=r"The terrain file .* cannot be read"):
+        read_terrain(tmp_path / name)
+
+
+@pytest.mark.parametrize("name", ["a.tif", "a.nc"])
+def test_a_missing_package_is_named(tmp_path, monkeypatch, name):
+    def missing(module):
+        raise ImportError(f"No module named {module!r}")
+
+    (tmp_path / name).write_bytes(b"")
+    monkeypatch.setattr(terrain_files.importlib, "import_module", missing)
+    with pytest.raises(TerrainError, match=r"needs the package .*pip install 'ggbench\[terrain\]'"):
+        read_terrain(tmp_path / name)
+
+
+def test_a_huge_file_is_refused_before_it_is_read(tmp_path):
+    # A sparse raster of 40 gigabytes takes no room on the disk.
+    path = tmp_path / "globe.tif"
+    with rasterio.open(
+        path, "w", driver="GTiff", width=100_000, height=50_000, count=1, dtype="float64",
+        crs="EPSG:4326", transform=from_origin(-180, 90, 0.0036, 0.0036), sparse_ok=True,
+        compress="deflate", tiled=True, bigtiff="yes",
+    ):  # fmt: skip
+        pass
+    with pytest.raises(TerrainError, match=r"50000 x 100000 cells; at most 1e\+08 are allowed"):
+        read_terrain(path)

@@ -1,0 +1,220 @@
+"""Two campaigns beside each other: false alarms counted per comparison, real changes found."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from ggbench.judging.comparison import LOST, ROW_COLUMNS, Comparison, ComparisonError, compare
+from ggbench.judging.summary import WINDOWS
+
+
+def campaign(
+    errors: dict[str, np.ndarray],
+    case: str = "c",
+    assumption: str = "",
+    problem: str = "hash",
+    lost: Sequence[int] = (),
+    diverged: Sequence[int] = (),
+) -> pd.DataFrame:
+    """A table of runs with given squared position errors by estimator; velocity a hundredth."""
+    tables = []
+    for label, squares in errors.items():
+        run = np.arange(len(squares))
+        failed = np.isin(run, lost)
+        columns = {
+            "assumption": assumption, "case": case, "problem": problem, "estimator": label,
+            "name": label,
+            "seed": 1, "run": run, "status": np.where(failed, "failed", "ok"),
+            "diverged": np.isin(run, diverged),
+        }  # fmt: skip
+        squares = np.where(failed, np.nan, squares)
+        for window in WINDOWS:
+            columns |= {f"{window}_position_ms": squares, f"{window}_velocity_ms": squares / 100.0}
+        tables.append(pd.DataFrame(columns))
+    return pd.concat(tables, ignore_index=True)
+
+
+def verdicts(comparison: Comparison) -> dict[str, str]:
+    return dict(zip(comparison.rows["quantity"], comparison.rows["verdict"], strict=True))
+
+
+def squares(seed: int, runs: int = 300) -> np.ndarray:
+    return np.random.default_rng(seed).chisquare(3, runs)
+
+
+def noisy(seed: int, runs: int = 300) -> np.ndarray:
+    """Factors around 1, by which an estimator differs from a similar one on the same run."""
+    return np.random.default_rng(seed).lognormal(0.0, 0.1, runs)
+
+
+def test_the_same_campaign_is_the_same():
+    """Bit-identical data are "same" in every row, in whatever order they are stored."""
+    table = campaign({"a": squares(1), "b": squares(2)}, lost=[3], diverged=[4])
+    result = compare(table, table.iloc[::-1], threshold=0.0)
+    assert tuple(result.rows.columns) == ROW_COLUMNS
+    assert len(result.rows) == 6
+    assert set(result.rows["verdict"]) == {"same"}
+    assert not result.worse
+    assert result.rows["paired"].all()
+    assert (result.only_before, result.only_after) == ((), ())
+    ratios = result.rows[result.rows["quantity"] != LOST]
+    assert (ratios[["ratio", "lo", "hi"]] == 1.0).all(axis=None)
+    assert (ratios["runs"] == 299).all()
+
+
+def test_rounding_is_not_worse():
+    """Another order of summation changes every run a little, and nothing became worse."""
+    before = squares(1)
+    result = compare(campaign({"a": before}), campaign({"a": before * (1 + 1e-12)}), 0.0)
+    assert verdicts(result)["position"] == "not distinguishable"
+    assert not result.worse
+
+
+def test_ten_percent_worse_is_found():
+    """10 % more MRSE in 300 runs: worse than a threshold of 5 %, not of 20 %; or better."""
+    before = campaign({"a": squares(1)})
+    after = campaign({"a": 1.21 * squares(1) * noisy(2)})
+    result = compare(before, after, 0.05)
+    row = result.rows.iloc[0]
+    assert (row["verdict"], result.worse) == ("worse", True)
+    assert row["lo"] < row["ratio"] < row["hi"]
+    assert row["ratio"] == pytest.approx(1.1, abs=0.02)
+    assert row["ratio"] == pytest.approx(row["after"] / row["before"])
+    assert not compare(before, after, 0.2).worse
+    turned = compare(after, before, 0.05)
+    assert verdicts(turned) == {"position": "better", "velocity": "better", LOST: "same"}
+    assert not turned.worse
+
+
+def test_the_window_is_the_one_asked_for():
+    """Only the asked window is compared."""
+    before, after = campaign({"a": squares(1)}), campaign({"a": squares(1)})
+    after["last20_position_ms"] *= 2.0
+    assert not compare(before, after, 0.0).worse
+    assert compare(before, after, 0.0, window="last20").worse
+
+
+def test_pairs_are_of_the_same_problems():
+    """With another case or seed the samples are independent; a common drift then hides more."""
+    before, after = campaign({"a": squares(1)}), campaign({"a": 1.05 * squares(1)})
+    assert compare(before, after, 0.0).worse
+    for other in (after.assign(problem="other"), after.assign(seed=2)):
+        result = compare(before, other, 0.0)
+        assert not result.rows["paired"].any()
+        assert not result.worse
+
+
+def test_runs_that_only_one_campaign_has():
+    """Pairs are of common runs; independent samples are cut to equally many; losses count all."""
+    long, short = campaign({"a": squares(1)}), campaign({"a": squares(1, 300)[:100]})
+    for before, after in ((long, short), (long, short.assign(problem="other"))):
+        rows = compare(before, after, 0.0).rows.set_index("quantity")
+        assert rows.loc["position", "runs_before"] == rows.loc["position", "runs"] == 100
+        assert (rows.loc[LOST, "runs_before"], rows.loc[LOST, "runs"]) == (300, 100)
+
+
+def test_an_estimator_that_fails_always_is_worse():
+    """No ratio is left, and the lost runs tell."""
+    before = campaign({"a": squares(1, 20)})
+    after = campaign({"a": squares(1, 20)}, lost=range(20))
+    result = compare(before, after, 0.5)
+    assert verdicts(result) == {
+        "position": "not distinguishable", "velocity": "not distinguishable", LOST: "worse",
+    }  # fmt: skip
+    assert result.worse
+    rows = result.rows.set_index("quantity")
+    assert tuple(rows.loc[LOST, ["before", "after"]]) == (0, 20)
+    assert math.isnan(rows.loc["position", "ratio"])
+    assert verdicts(compare(after, before, 0.5))[LOST] == "better"
+
+
+@pytest.mark.parametrize("kind", ["lost", "diverged"])
+def test_lost_runs_need_to_be_more_than_one(kind):
+    """A single run that fails or diverges of 300 is no evidence; ten are."""
+    before = campaign({"a": squares(1)})
+    one = compare(before, campaign({"a": squares(1)}, **{kind: [7]}), 0.0)
+    assert verdicts(one)[LOST] == "not distinguishable"
+    assert not one.worse
+    ten = compare(before, campaign({"a": squares(1)}, **{kind: range(10)}), 0.0)
+    assert verdicts(ten)[LOST] == "worse"
+
+
+def test_infinite_errors_are_lost_runs():
+    """An error beyond all numbers has no mean; its run diverged, and is counted there."""
+    errors = squares(1)
+    errors[:10] = np.inf
+    result = compare(campaign({"a": squares(1)}), campaign({"a": errors}, diverged=range(10)), 0.0)
+    assert verdicts(result) == {"position": "same", "velocity": "same", LOST: "worse"}
+
+
+def test_false_alarms_of_a_whole_comparison():
+    """Of comparisons in which nothing became worse 5 % at most say so, and as many "better".
+
+    120 comparisons of five estimators on 30 runs, of which one in ten is lost: ten rows of errors
+    and five of lost runs; every second one paired. A rate of 5 % leads to more than 13 alarms with
+    a probability of 0.3 %.
+    """
+    generator = np.random.default_rng(31)
+    before = campaign(dict.fromkeys("abcde", np.ones(30)))
+    after = before.copy()
+    worse = better = 0
+    for number in range(120):
+        paired = number % 2
+        common = paired * generator.chisquare(3, 150)
+        for table in (before, after):
+            lost = generator.random(150) < 0.1
+            table["status"] = np.where(lost, "failed", "ok")
+            table["settled_position_ms"] = np.where(
+                lost, np.nan, common + generator.chisquare(3, 150)
+            )
+            table["settled_velocity_ms"] = np.where(
+                lost, np.nan, common + generator.chisquare(3, 150)
+            )
+        after["seed"] = 1 if paired else 2
+        result = compare(before, after, threshold=0.0)
+        worse += result.worse
+        better += (result.rows["verdict"] == "better").any()
+    assert max(worse, better) <= 13
+
+
+def test_what_only_one_campaign_holds():
+    """Estimators, cases and assumptions of one side are named once; studies are compared too."""
+    before = pd.concat(
+        [
+            campaign({"a": squares(1, 5), "old": squares(2, 5)}),
+            campaign({"a": squares(3, 5), "old": squares(3, 5)}, case="gone"),
+            campaign({"a": squares(4, 5)}, assumption="wind"),
+        ]
+    )
+    after = pd.concat(
+        [
+            campaign({"a": squares(1, 5), "new": squares(2, 5)}),
+            campaign({"new": squares(2, 5)}, case="added"),
+            campaign({"a": squares(4, 5)}, assumption="wind"),
+            campaign({"a": squares(4, 5)}, assumption="rain"),
+            campaign({"a": squares(4, 5)}, case="d", assumption="wind"),
+        ]
+    )
+    result = compare(before, after, 0.1)
+    assert list(result.rows["assumption"].unique()) == ["", "wind"]
+    assert result.only_before == ("estimator old", "case gone")
+    assert result.only_after == ("estimator new", "assumption rain", "case d of assumption wind")
+
+
+def test_nothing_to_compare():
+    """One sentence that names what each holds; a wrong threshold or window is one, too."""
+    one, two = campaign({"a": squares(1, 5)}), campaign({"b": squares(1, 5)}, case="d")
+    with pytest.raises(ComparisonError, match=r"cases c and .* a, the other .* d and .* b"):
+        compare(one, two, 0.1)
+    with pytest.raises(ComparisonError, match="no runs"):
+        compare(one, two[:0], 0.1)
+    for threshold in (-0.1, math.nan, math.inf):
+        with pytest.raises(ComparisonError, match="threshold"):
+            compare(one, one, threshold)
+    with pytest.raises(ComparisonError, match="settled"):
+        compare(one, one, 0.1, window="middle")

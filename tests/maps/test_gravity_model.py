@@ -1,0 +1,163 @@
+"""Files of global gravity models: what is read, and what is refused with a sentence."""
+
+from __future__ import annotations
+
+import gzip
+
+import numpy as np
+import pytest
+
+from ggbench.gravity.gradient_map import MapError
+from ggbench.maps.gravity_model import read_model
+
+HEADER = {
+    "product_type": "gravity_field",
+    "modelname": "TEST",
+    "earth_gravity_constant": "0.3986004415D+15",
+    "radius": "0.63781363E+07",
+    "max_degree": "4",
+    "errors": "calibrated",
+    "norm": "fully_normalized",
+    "tide_system": "tide_free",
+}
+
+
+def rows(degree: int = 4) -> list[list[str]]:
+    """Coefficients (n, m) -> C = 1e-6 (n + m/10), S = -C, as Fortran writes them."""
+    lines = [["gfc", "0", "0", "1.0D0", "0.0d0", "0.0", "0.0"]]
+    for n in range(2, degree + 1):
+        for m in range(n + 1):
+            c = -4.84e-4 if (n, m) == (2, 0) else 1e-6 * (n + m / 10)
+            s = 0.0 if m == 0 else -c
+            numbers = [f"{x:.12e}".replace("e", "D") for x in (c, s)]
+            lines.append(["gfc", str(n), str(m), *numbers, "1.0E-12", "1.0E-12"])
+    return lines
+
+
+def text(header: dict[str, str | None] | None = None, lines: list[list[str]] | None = None) -> str:
+    keys = {k: v for k, v in (HEADER | (header or {})).items() if v is not None}
+    head = [f"{key:25s} {value}" for key, value in keys.items()]
+    body = [" ".join(words) for words in (rows() if lines is None else lines)]
+    return "\n".join(["A model, with words before.", *head, "end_of_head =====", *body, ""])
+
+
+def test_coefficients_are_read_as_written(tmp_path):
+    file = tmp_path / "model.gfc"
+    file.write_text(text())
+    model = read_model(file)
+    assert model.name == "TEST"
+    read = model.coefficients
+    assert (read.gm, read.radius, read.degree) == (3.986004415e14, 6378136.3, 4)
+    assert read.cosine[2, 0] == -4.84e-4
+    assert read.cosine[4, 3] == 4.3e-6
+    assert read.sine[3, 2] == -3.2e-6
+    assert not read.cosine[1].any()
+    assert not np.triu(read.cosine, 1).any()
+    assert read_model(file, 3).coefficients.degree == 3
+
+
+def test_a_compressed_file_and_other_orders_of_lines_are_the_same(tmp_path):
+    plain, packed = tmp_path / "a.gfc", tmp_path / "a.gfc.gz"
+    plain.write_text(text())
+    packed.write_bytes(gzip.compress(text(lines=rows()[::-1]).encode()))
+    one, other = read_model(plain).coefficients, read_model(packed).coefficients
+    np.testing.assert_array_equal(one.cosine, other.cosine)
+    np.testing.assert_array_equal(one.sine, other.sine)
+
+
+def test_orders_that_a_model_does_not_have_are_zero(tmp_path):
+    """EGM2008 goes to degree 2190, but to order 2159 only."""
+    file = tmp_path / "model.gfc"
+    lines = [row for row in rows(40) if int(row[2]) <= 39]
+    file.write_text(text({"max_degree": "40"}, lines))
+    model = read_model(file).coefficients
+    assert model.cosine[40, 40] == 0.0
+    assert model.cosine[40, 39] == 43.9e-6
+
+
+def test_the_permanent_tide_is_removed(tmp_path):
+    """EGM2008 is published both ways: C20 differs by -4.1736e-9 (its README)."""
+    read = {}
+    for tide in ("tide_free", "zero_tide", "mean_tide"):
+        file = tmp_path / f"{tide}.gfc"
+        file.write_text(text({"tide_system": tide}))
+        read[tide] = read_model(file).coefficients.cosine[2, 0]
+    assert read["zero_tide"] - read["tide_free"] == pytest.approx(4.1736e-9, rel=1e-6)
+    assert read["mean_tide"] > read["zero_tide"]
+
+
+def test_unnormalised_coefficients_are_normalised(tmp_path):
+    """By the known ratio: C̄20 = C20/√5, C̄22 = C22 √(12/5)."""
+    lines = rows(2)
+    file = tmp_path / "model.gfc"
+    lines[1][3] = "-1.0826E-03"
+    file.write_text(text({"norm": "unnormalized", "max_degree": "2"}, lines))
+    model = read_model(file).coefficients
+    assert model.cosine[2, 0] == pytest.approx(-1.0826e-3 / np.sqrt(5.0))
+    assert model.cosine[2, 2] == pytest.approx(2.2e-6 * np.sqrt(12.0 / 5.0))
+
+
+def changed(index: int, column: int, word: str) -> list[list[str]]:
+    lines = rows()
+    lines[index][column] = word
+    return lines
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("", "no line 'end_of_head'"),
+        ("\x00\x01binary" * 100, "no line 'end_of_head'"),
+        (text(lines=[]), "a header, but no coefficients"),
+        (text({"norm": "odd"}), "norm is 'odd'; allowed: fully_normalized"),
+        (text({"product_type": "topography"}), "product_type is 'topography'"),
+        (text({"tide_system": "spring"}), "tide_system is 'spring'"),
+        (text({"radius": None}), "header lacks radius"),
+        (text({"earth_gravity_constant": "big"}), "'big', which is no number"),
+        (text({"earth_gravity_constant": "4.9028D+12"}), "are not the Earth's"),
+        (text({"radius": "6378.1363"}), "are not the Earth's in m"),
+        (text({"max_degree": "1e9"}), "at most 5600 can be used"),
+        (text({"max_degree": "3"}), "'gfc 4 0 .*degree up to 3"),
+        (text({"max_degree": "5"}), "stops at order 4, far below degree 5"),
+        (text(lines=rows()[:5] + rows()[6:]), "lacks the coefficient of degree 3 and order 1"),
+        (text(lines=[*rows(), rows()[4]]), "degree 3 and order 0 more than once"),
+        (text(lines=changed(3, 0, "gfct")), "vary with time .lines gfct"),
+        (text(lines=changed(3, 0, "dot")), "vary with time .lines dot"),
+        (text(lines=changed(3, 0, "gfx")), "begins with 'gfx'"),
+        (text(lines=changed(3, 2, "7")), "is no coefficient"),
+        (text(lines=changed(3, 1, "-2")), "is no coefficient"),
+        (text(lines=changed(3, 3, "nan")), "is no coefficient"),
+        (text(lines=changed(3, 4, "x1.0")), "cannot be read: could not convert string 'x1.0'"),
+        (text(lines=changed(1, 3, "1.0E-9")), "degree 2 and order 0 must be the Earth's"),
+        (text(lines=changed(3, 2, "1.5")), "cannot be read"),
+        (text(lines=[*rows(), ["gfc"]]), "cannot be read"),
+        (text()[:-80], "stops at order 3, far below degree 4"),
+        (text()[:-500], "cannot be read"),
+    ],
+)
+def test_what_is_no_model_is_refused(tmp_path, content, message):
+    file = tmp_path / "model.gfc"
+    file.write_text(content)
+    with pytest.raises(MapError, match=message):
+        read_model(file)
+
+
+@pytest.mark.parametrize("degree", [1, 5, 10_000])
+def test_a_degree_that_is_not_there_is_refused(tmp_path, degree):
+    file = tmp_path / "model.gfc"
+    file.write_text(text())
+    with pytest.raises(MapError, match="degrees up to 4"):
+        read_model(file, degree)
+
+
+def test_files_that_are_none_are_refused(tmp_path):
+    with pytest.raises(MapError, match="No such file"):
+        read_model(tmp_path / "gone.gfc")
+    damaged = tmp_path / "damaged.gfc.gz"
+    damaged.write_bytes(gzip.compress(text().encode())[:-20])
+    with pytest.raises(MapError, match="damaged"):
+        read_model(damaged)
+    archive = tmp_path / "other.npz"
+    np.savez(archive, cs=np.zeros((7, 2)), gm=3.986e14, r=6378e3)
+    with pytest.raises(MapError, match="two columns and"):
+        read_model(archive)

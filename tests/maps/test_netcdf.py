@@ -1,0 +1,277 @@
+"""Map files: what goes in comes out, others can read them, and nothing wrong is taken for a map."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import shutil
+
+import netCDF4
+import numpy as np
+import pytest
+import xarray
+
+from ggbench.gravity.field import Field
+from ggbench.gravity.gradient_map import GradientMap, MapError
+from ggbench.maps import netcdf, netcdf_reader
+from ggbench.maps.recipe import read
+
+SHAPE = (9, 11, 5)
+
+
+def some_map(dtype: type = np.float64) -> GradientMap:
+    rng = np.random.default_rng(7)
+    tensor, vector = rng.normal(size=(*SHAPE, 6)), 1e-4 * rng.normal(size=(*SHAPE, 3))
+    return GradientMap(
+        latitude0=math.radians(33.0),
+        longitude0=math.radians(107.5),
+        height0=2500.0,
+        latitude_step=math.radians(0.01),
+        longitude_step=math.radians(0.02),
+        height_step=125.0,
+        tensor=tensor.astype(dtype).astype(float),
+        gravity_disturbance=vector.astype(dtype).astype(float),
+        provenance="drawn at random",
+    )
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    path = tmp_path_factory.mktemp("map") / "whole.nc"
+    netcdf.write(path, some_map())
+    return path
+
+
+@pytest.fixture
+def file(whole, tmp_path):
+    return shutil.copy(whole, tmp_path / "map.nc")
+
+
+def assert_same(one: GradientMap, other: GradientMap) -> None:
+    np.testing.assert_array_equal(one.tensor, other.tensor)
+    np.testing.assert_array_equal(one.gravity_disturbance, other.gravity_disturbance)
+    for name in ("latitude0", "longitude0", "height0", "latitude_step", "longitude_step"):
+        assert getattr(one, name) == pytest.approx(getattr(other, name), rel=1e-13)
+    assert one.height_step == other.height_step
+    assert one.provenance == other.provenance
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_what_is_written_is_read(tmp_path, dtype):
+    path = tmp_path / "new folder" / "map.nc"
+    written = some_map(np.dtype(dtype).type)
+    netcdf.write(path, written, dtype)
+    assert_same(read(path), written)
+    assert [entry.name for entry in path.parent.iterdir()] == ["map.nc"]
+
+
+def test_the_same_map_is_the_same_bytes(whole, tmp_path):
+    again = tmp_path / "again.nc"
+    netcdf.write(again, some_map())
+    assert netcdf.file_key(again) == netcdf.file_key(whole)
+    other = dataclasses.replace(some_map(), height0=2501.0)
+    netcdf.write(again, other)
+    assert netcdf.file_key(again) != netcdf.file_key(whole)
+
+
+def test_others_can_read_it_and_see_what_it_is(whole):
+    expected = some_map()
+    with xarray.open_dataset(whole) as data:
+        assert data.attrs["Conventions"] == "CF-1.11"
+        assert "normal field of WGS84 removed" in data.attrs["comment"]
+        assert data["height"].attrs["standard_name"] == "height_above_reference_ellipsoid"
+        assert data["latitude"].attrs["units"] == "degrees_north"
+        assert data["crs"].attrs["semi_major_axis"] == 6378137.0
+        for index, name in enumerate(("ee", "en", "eu", "nn", "nu", "uu")):
+            component = data[f"gradient_{name}"]
+            assert component.attrs["units"] == "1e-9 s-2"
+            assert component.attrs["grid_mapping"] == "crs"
+            component = component.transpose("latitude", "longitude", "height")
+            np.testing.assert_array_equal(component, expected.tensor[..., index])
+        point = data["disturbance_u"].sel(
+            latitude=33.04, longitude=107.6, height=2750.0, method="nearest"
+        )
+        assert float(point) == expected.gravity_disturbance[4, 5, 2, 2]
+
+
+def test_xarray_may_rewrite_it_in_another_order(whole, tmp_path):
+    """Another order of dimensions, latitudes from north to south, heights from above."""
+    other = tmp_path / "other.nc"
+    with xarray.open_dataset(whole) as data:
+        turned = data.transpose("longitude", "height", "latitude")
+        turned.isel(latitude=slice(None, None, -1), height=slice(None, None, -1)).to_netcdf(other)
+    assert_same(read(other), some_map())
+    cropped, expected = (read(p, (33.031, 33.032, 107.6, 107.62)) for p in (other, whole))
+    assert_same(cropped, expected)
+
+
+def test_a_crop_serves_the_region_as_the_whole_map_does(tmp_path):
+    """Of a smooth field: the spline's ends, a few nodes from the region, are not felt in it."""
+    shape = (60, 70, 5)
+    grid = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"))
+    smooth = 30.0 * np.sin(0.3 * grid[0]) * np.cos(0.25 * grid[1]) * np.exp(-0.05 * grid[2])
+    large = dataclasses.replace(
+        some_map(), tensor=np.repeat(smooth[..., None], 6, -1),
+        gravity_disturbance=np.repeat(1e-5 * smooth[..., None], 3, -1),
+    )  # fmt: skip
+    path = tmp_path / "large.nc"
+    netcdf.write(path, large)
+    cropped = read(path, (33.2, 33.3, 108.0, 108.2))
+    assert cropped.tensor.size < 0.2 * large.tensor.size
+    places = (np.radians([33.203, 33.298]), np.radians([108.01, 108.197]), np.array([2500, 2700.0]))
+    whole, part = (Field.from_map(m).tensor(*places) for m in (large, cropped))
+    assert np.abs(part - whole).max() < 1e-3
+
+
+def test_longitudes_beyond_180_become_western_ones(tmp_path):
+    path = tmp_path / "west.nc"
+    netcdf.write(path, dataclasses.replace(some_map(), longitude0=math.radians(276.0)))
+    assert math.degrees(read(path).longitude0) == pytest.approx(-84.0)
+
+
+def edit(**changes):
+    """Change attributes of one variable of a file."""
+
+    def change(path, variable):
+        with netCDF4.Dataset(path, "a") as data:
+            data[variable].setncatts(changes)
+
+    return change
+
+
+def turn(path, variable):
+    with netCDF4.Dataset(path, "a") as data:
+        data.frame = "North-East-Down"
+
+
+def put(index, value):
+    def change(path, variable):
+        with netCDF4.Dataset(path, "a") as data:
+            data[variable][index] = value
+
+    return change
+
+
+def rename(path, variable):
+    with netCDF4.Dataset(path, "a") as data:
+        data.renameVariable(variable, "other")
+
+
+def missing(path, variable):
+    """Name one of the values the mark of what is missing."""
+    with netCDF4.Dataset(path, "a") as data:
+        data[variable].missing_value = data[variable][1, 2, 3]
+
+
+def cut(share):
+    def change(path, variable):
+        content = path.read_bytes()
+        path.write_bytes(content[: int(share * len(content))])
+
+    return change
+
+
+def rewrite(**options):
+    """Have xarray write it anew, changed."""
+
+    def change(path, variable):
+        with xarray.open_dataset(path) as data:
+            data.load()
+        if "drop" in options:
+            data = data.isel({options["drop"]: 0})
+        if "few" in options:
+            data = data.isel({options["few"]: slice(0, 3)})
+        data.to_netcdf(path, encoding={variable: options.get("encoding", {})})
+
+    return change
+
+
+def overwrite(content):
+    return lambda path, variable: path.write_bytes(content)
+
+
+@pytest.mark.parametrize(
+    ("change", "variable", "message"),
+    [
+        (rename, "gradient_uu", "lacks gradient_uu"),
+        (rename, "disturbance_e", "lacks disturbance_e"),
+        (edit(units="s-2"), "gradient_ee", "gradient_ee has units 's-2'; it must be in '1e-9 s-2'"),
+        (edit(units="mGal"), "disturbance_n", "disturbance_n has units 'mGal'"),
+        (edit(units="radians"), "latitude", "latitude has units 'radians'"),
+        (edit(units="km"), "height", "height has units 'km'; it must be in 'm'"),
+        (edit(units=""), "gradient_nn", "gradient_nn states no units"),
+        (edit(scale_factor=2.0), "gradient_nn", "not packed, found scale_factor"),
+        (missing, "gradient_nn", "gradient_nn has missing values"),
+        (put((1, 2, 3), np.nan), "gradient_en", "gradient_en has missing values"),
+        (put((1, 2, 3), np.inf), "disturbance_u", "disturbance_u has missing values"),
+        (put(3, 33.0305), "latitude", "latitude must be regular"),
+        (put(3, np.nan), "longitude", "longitude must lie between"),
+        (put(slice(None), 33.0), "latitude", "latitude must be regular"),
+        (put(slice(None), np.arange(9) + 85.0), "latitude", "latitude must lie between -90 and 90"),
+        (put(slice(None), np.arange(5) * 1e6), "height", "height must lie between"),
+        (turn, "", "states its frame as 'North-East-Down'"),
+        (rewrite(drop="height"), "height", "height must be one axis"),
+        (rewrite(few="longitude"), "longitude", "at least 4 nodes"),
+        (
+            rewrite(encoding={"dtype": "i2", "scale_factor": 0.01, "_FillValue": -9}),
+            "gradient_uu",
+            "not packed",
+        ),
+        (overwrite(b""), "", "is no whole netCDF file"),
+        (overwrite(b"not a map" * 1000), "", "is no whole netCDF file"),
+        (overwrite(b"\x89HDF\r\n\x1a\n" + b"\0" * 5000), "", "is no whole netCDF file"),
+        (cut(0.5), "", "is no whole netCDF file|cannot be read"),
+        (cut(0.98), "", "is no whole netCDF file|cannot be read"),
+    ],
+)
+def test_what_is_no_map_is_refused_with_a_sentence(file, change, variable, message):
+    change(file, variable)
+    with pytest.raises(MapError, match=message) as error:
+        read(file)
+    assert str(file) in str(error.value)
+
+
+def test_other_files_are_refused(tmp_path):
+    with pytest.raises(MapError, match="No such file"):
+        read(tmp_path / "gone.nc")
+    with pytest.raises(MapError, match="Is a directory"):
+        read(tmp_path)
+    with pytest.raises(MapError, match="cannot read the map"):
+        netcdf.file_key(tmp_path / "gone.nc")
+    other = tmp_path / "other.nc"
+    xarray.Dataset({"z": ("x", np.zeros(4))}).to_netcdf(other)
+    with pytest.raises(MapError, match="lacks height, latitude, longitude, gradient_ee"):
+        read(other)
+
+
+def test_a_region_that_the_map_does_not_touch_is_refused(file):
+    with pytest.raises(
+        MapError, match=r"covers longitudes from 107.5000° to 107.7000°, and nothing"
+    ):
+        read(file, (33.0, 33.1, 10.0, 11.0))
+
+
+def test_a_map_too_large_for_memory_is_refused(file, monkeypatch):
+    monkeypatch.setattr(netcdf_reader, "MOST_NODES_READ", 200)
+    with pytest.raises(MapError, match="has 495 nodes where it is needed; at most 200"):
+        read(file)
+
+
+def test_nothing_is_left_of_a_map_that_could_not_be_finished(tmp_path):
+    nodes = netcdf.Nodes(*(np.arange(5.0) for _ in range(3)))
+
+    def layers(bad):
+        for _ in range(4):
+            yield np.zeros((5, 5, 6)), np.zeros((5, 5, 3))
+        if bad is not None:
+            yield np.full((5, 5, 6), bad), np.zeros((5, 5, 3))
+
+    path = tmp_path / "map.nc"
+    path.write_bytes(b"what was there before")
+    for bad, message in ((np.nan, "no numbers"), (None, "4 layers were computed")):
+        with pytest.raises(MapError, match=message):
+            netcdf.write_layers(path, nodes, layers(bad), {})
+    with pytest.raises(MapError, match="cannot write the map"):
+        netcdf.write_layers(path / "below" / "map.nc", nodes, layers(0.0), {})
+    assert path.read_bytes() == b"what was there before"
+    assert list(tmp_path.iterdir()) == [path]

@@ -1,0 +1,68 @@
+"""Compiled code belongs to one source: a changed formula is never served from an old cache."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import ggbench
+from ggbench.numerics import cache
+
+PACKAGE = Path(ggbench.__file__).parent
+SCRIPT = """
+import numpy as np
+from ggbench.gravity import ellipsoid
+from ggbench.ins import strapdown
+print(repr(float(ellipsoid.radii_of_curvature(0.5)[0])))
+rate = np.empty(3)
+strapdown.position_rate(np.array([0.5, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]), rate)
+print(repr(1.0 / float(rate[0])))
+"""
+
+
+def run(folder: Path, kept: Path) -> list[float]:
+    """What two functions give, of which the second one inlines the first, from another file."""
+    environment = os.environ | {"PYTHONPATH": str(folder), "GGBENCH_CACHE_DIR": str(kept)}
+    environment.pop("NUMBA_CACHE_DIR", None)
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", SCRIPT],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return [float(line) for line in done.stdout.splitlines()]
+
+
+def test_a_changed_formula_is_compiled_anew(tmp_path):
+    """A formula of one module that is compiled into another one's code changes both."""
+    copy = tmp_path / "source" / "ggbench"
+    shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__"), symlinks=False)
+    kept = tmp_path / "cache"
+    before = run(copy.parent, kept)
+    assert run(copy.parent, kept) == before
+    ellipsoid = copy / "gravity" / "ellipsoid.py"
+    text = ellipsoid.read_text()
+    assert "SEMI_MAJOR_AXIS = 6378137.0" in text
+    ellipsoid.write_text(
+        text.replace("SEMI_MAJOR_AXIS = 6378137.0", "SEMI_MAJOR_AXIS = 2 * 6378137.0")
+    )
+    after = run(copy.parent, kept)
+    assert [round(new / old, 6) for new, old in zip(after, before, strict=True)] == [2.0, 2.0]
+    assert len(list((kept / "numba").iterdir())) == 2
+
+
+def test_folders_of_others_are_left_alone(tmp_path, monkeypatch):
+    """Only compiled code of former sources is removed, whatever else lies beside it."""
+    mine = [f"ggbench-results{i}" for i in range(9)] + ["ggbench-numba"]
+    former = [f"ggbench-{i:016x}" for i in range(9)]
+    for name in [*mine, *former]:
+        (tmp_path / name).mkdir()
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    cache.keep_apart()
+    left = {path.name for path in tmp_path.iterdir()}
+    assert set(mine) <= left
+    assert 1 <= len(left & set(former)) < len(former)

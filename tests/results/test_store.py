@@ -1,0 +1,281 @@
+"""A results folder: other things in it, other processes, damage of every kind."""
+
+from __future__ import annotations
+
+import io
+import json
+import pickle
+import shutil
+import sqlite3
+from pathlib import Path
+
+import numpy as np
+import pytest
+from campaigns import LABELS, plan, ran, small
+from problems import SMALL
+
+from ggbench.errors import GGBenchError
+from ggbench.judging.summary import SUMMARY_COLUMNS
+from ggbench.report import scenario_report
+from ggbench.results.folder import Results
+from ggbench.results.store import StoreError
+
+
+def test_a_folder_of_other_things_is_left_alone(tmp_path):
+    """A folder that holds something else is refused; --fresh removes results and nothing else."""
+    folder = tmp_path / "thesis"
+    folder.mkdir()
+    (folder / "chapter1.txt").write_text("years of work")
+    with pytest.raises(StoreError, match="is not empty and holds no results"):
+        plan(tmp_path, "thesis", ("ins",), fresh=True).open()
+    ran(tmp_path, runs=1).store.close()
+    (tmp_path / "out" / "notes.txt").write_text("mine")
+    (tmp_path / "out" / ".notes.part").write_text("mine too")
+    results = ran(tmp_path, runs=1, seed=9, fresh=True)
+    assert (tmp_path / "out" / "notes.txt").read_text() == "mine"
+    assert (tmp_path / "out" / ".notes.part").read_text() == "mine too"
+    assert sum(map(len, results.store.finished().values())) == 2 * len(LABELS)
+
+
+FOREIGN = {
+    "scenario.toml": "mine",
+    "summary.csv": "a,b",
+    "manifest.json": '{"name": "my web app"}',
+    "records.sqlite": "SQLite format 3",
+}
+
+
+@pytest.mark.parametrize("name", FOREIGN)
+@pytest.mark.parametrize("fresh", [False, True])
+def test_files_of_others_with_our_names_are_left_alone(name, fresh, tmp_path):
+    """A folder that has only names in common with a results folder is not one."""
+    folder = tmp_path / "thesis"
+    folder.mkdir()
+    (folder / name).write_text(FOREIGN[name])
+    with pytest.raises(StoreError, match="is not empty and holds no results"):
+        plan(tmp_path, "thesis", ("ins",), fresh=fresh).open()
+    assert [path.name for path in folder.iterdir()] == [name]
+    assert (folder / name).read_text() == FOREIGN[name]
+
+
+def test_a_scenario_is_not_overwritten_by_its_own_copy(tmp_path, monkeypatch):
+    """Results cannot go where their scenario.toml would replace the scenario's file."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / ".lock").touch()
+    work = plan(tmp_path, "out", ("ins",))
+    work.argument = "out/scenario.toml"
+    with pytest.raises(StoreError, match="is the folder of the scenario itself"):
+        work.open()
+
+
+def test_a_folder_that_may_only_be_read(results, tmp_path, monkeypatch):
+    """Someone else's folder is read as it is, or, with an unmerged log, refused with a sentence."""
+    folder = tmp_path / "out"
+    shutil.copytree(results, folder)
+    monkeypatch.setattr("os.access", lambda path, mode: False)
+    whole = len(Results(folder).table)
+    assert whole == len(Results(results).table) > 0
+    (folder / "records.sqlite-wal").write_bytes(b"not merged")
+    with pytest.raises(StoreError, match="may not be written to and its campaign was stopped"):
+        Results(folder)
+
+
+def test_a_report_stays_in_its_folder(results, tmp_path):
+    """A manifest that names a scenario like a path does not lead a report elsewhere."""
+    folder = tmp_path / "out"
+    shutil.copytree(results, folder)
+    manifest = json.loads((folder / "manifest.json").read_text())
+    for name in ("../escaped", "/escaped", "..", ".", ""):
+        (folder / "manifest.json").write_text(json.dumps(manifest | {"scenario": name}))
+        with pytest.raises(StoreError, match=r"manifest\.json is damaged: its scenario"):
+            scenario_report.write(folder, tmp_path / "deep" / "er")
+
+
+def test_what_a_folder_names_is_not_loaded(tmp_path, monkeypatch):
+    """Neither reading nor resuming a folder runs a file that its manifest or scenario names."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "trap.py").write_text(f"open({str(tmp_path / 'sprung')!r}, 'w')")
+    loaded = small(tmp_path, SMALL.replace('["ins", "ekf"]', '["ins", "trap.py"]'))
+    results = ran(tmp_path, labels=("ins",), runs=2, scenario=loaded)
+    results.store.close()
+    path = tmp_path / "out" / "manifest.json"
+    manifest = json.loads(path.read_text())
+    manifest["estimators"]["trap.py"] = manifest["estimators"]["ins"]
+    path.write_text(json.dumps(manifest))
+    (tmp_path / "sprung").unlink(missing_ok=True)
+    scenario_report.write(tmp_path / "out", tmp_path / "reports")
+    assert not (tmp_path / "sprung").exists()
+
+
+def test_results_of_another_scenario_are_not_overwritten(tmp_path):
+    """Another scenario in the same folder is refused, unless it is to be discarded."""
+    ran(tmp_path, runs=1).store.close()
+    (tmp_path / "small.toml").rename(tmp_path / "other.toml")
+    from ggbench.spec import scenario
+
+    loaded = scenario.load(str(tmp_path / "other.toml"))
+    with pytest.raises(StoreError, match="holds results of the scenario small, not of other"):
+        plan(tmp_path, "out", ("ins",), scenario=loaded).open()
+    assert ran(tmp_path, scenario=loaded, labels=("ins",), runs=1, fresh=True).table.shape[0] == 2
+
+
+def test_two_processes_do_not_share_a_folder(tmp_path):
+    """While one campaign has a folder, another is refused; reading it is allowed."""
+    results = ran(tmp_path, runs=1)
+    with pytest.raises(StoreError, match="another ggbench is running in"):
+        plan(tmp_path, "out", ("ins",)).open()
+    assert len(Results(results.folder).table) == 2 * len(LABELS)
+    results.store.close()
+    plan(tmp_path, "out", ("ins",)).open()
+
+
+def test_a_folder_that_cannot_be_made_has_its_sentence(tmp_path):
+    """A file where the folder should be is an error with a sentence."""
+    (tmp_path / "file").write_text("")
+    for folder in ("file", "file/below"):
+        with pytest.raises(StoreError, match="cannot use results folder"):
+            plan(tmp_path, folder, ("ins",)).open()
+
+
+class Trap:
+    """A pickle of this creates a file when it is loaded."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> tuple:
+        return Path.touch, (self.path,)
+
+
+QUERIES = {
+    "record that is no JSON": "UPDATE records SET record = '{'",
+    "record without its content": "UPDATE records SET record = '{}'",
+    "arrays gone": "DELETE FROM shared",
+    "arrays cut": "UPDATE shared SET arrays = substr(arrays, 1, 300)",
+    "series cut": "UPDATE records SET series = x'0011'",
+    "database of something else": "ALTER TABLE records RENAME COLUMN record TO something",
+}
+TEXTS = {
+    "manifest cut": ("manifest.json", '{"scenario": '),
+    "manifest of something else": ("manifest.json", "[1, 2]"),
+    "manifest empty": ("manifest.json", "{}"),
+    "database overwritten": ("records.sqlite", "not a database" * 1000),
+    "database empty": ("records.sqlite", ""),
+}
+EDITS = {
+    "scenario spoilt": ("scenario_text", "[[["),
+    "scenario of something else": ("scenario_text", SMALL.replace("250.0", "251.0")),
+    "cells spoilt": ("cells", [{"key": 1}]),
+}
+
+
+def pickled(trap: object) -> bytes:
+    """An archive of arrays that would run code if it were trusted."""
+    content = io.BytesIO()
+    array = np.array([trap], dtype=object)
+    np.savez(content, times=array, **{"bound-filter": array})
+    return content.getvalue()
+
+
+def archive(**arrays: np.ndarray) -> bytes:
+    content = io.BytesIO()
+    np.savez(content, **arrays)
+    return content.getvalue()
+
+
+def damage(folder: Path, kind: str) -> None:
+    """Spoil one thing in a results folder."""
+    database = folder / "records.sqlite"
+    trap = Trap(folder / "sprung")
+    arrays = {
+        "arrays of something else": archive(other=np.zeros(3)),
+        "arrays not zipped": b"\x93NUMPY",
+        "arrays pickled": pickled(trap),
+        "arrays a bare pickle": pickle.dumps(trap),
+    }
+    if kind in QUERIES:
+        with sqlite3.connect(database) as connection:
+            connection.execute(QUERIES[kind])
+    elif kind in arrays:
+        with sqlite3.connect(database) as connection:
+            connection.execute("UPDATE shared SET arrays = ?", (arrays[kind],))
+    elif kind in TEXTS:
+        name, text = TEXTS[kind]
+        (folder / name).write_text(text)
+    elif kind in EDITS:
+        manifest = json.loads((folder / "manifest.json").read_text())
+        name, value = EDITS[kind]
+        (folder / "manifest.json").write_text(json.dumps(manifest | {name: value}))
+    elif kind == "manifest gone":
+        (folder / "manifest.json").unlink()
+    elif kind == "database spoilt inside":
+        content = database.read_bytes()
+        database.write_bytes(content[:4096] + b"\xa5" * (len(content) - 4096))
+    else:
+        database.write_bytes(database.read_bytes()[: database.stat().st_size // 3])
+
+
+DAMAGES = {
+    "database overwritten": "records.sqlite",
+    "database spoilt inside": "records.sqlite",
+    "database cut": "records.sqlite",
+    "database empty": "records.sqlite|no finished run",
+    "database of something else": "records.sqlite",
+    "record that is no JSON": "records.sqlite",
+    "record without its content": "records.sqlite",
+    "series cut": "records.sqlite",
+    "manifest cut": "manifest.json.* is damaged",
+    "manifest of something else": "manifest.json has format None|is damaged",
+    "manifest empty": "manifest.json",
+    "manifest gone": "manifest.json.*No such file",
+    "scenario spoilt": "scenario.* is not valid TOML",
+    "scenario of something else": "is not the one that was run: its hash differs",
+    "cells spoilt": "manifest.json is damaged: it has no cells.0.assumption",
+    "arrays gone": "does not hold what the runs of case base share.*goes on from there",
+    "arrays cut": "case base share.* cannot be read",
+    "arrays of something else": "case base share.* is damaged: it has no times",
+    "arrays not zipped": "case base share.* cannot be read",
+    "arrays pickled": "case base share.* cannot be read.*allow_pickle=False",
+    "arrays a bare pickle": "case base share.* cannot be read",
+}
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory) -> Path:
+    """A finished results folder, to be copied and spoilt."""
+    tmp_path = tmp_path_factory.mktemp("results")
+    made = ran(tmp_path, runs=2)
+    made.store.close()
+    return made.folder
+
+
+@pytest.mark.parametrize("kind", DAMAGES)
+def test_damaged_results_have_their_sentence(kind, results, tmp_path):
+    """Whatever a folder's files have become, reporting it ends with one line that names the file.
+
+    Nothing in a results folder is executed: a pickle planted in it is refused, not loaded.
+    """
+    folder = tmp_path / "out"
+    folder.mkdir()
+    for file in results.iterdir():
+        (folder / file.name).write_bytes(file.read_bytes())
+    damage(folder, kind)
+    with pytest.raises(GGBenchError, match=DAMAGES[kind]) as caught:
+        scenario_report.write(folder, tmp_path / "reports")
+    assert "\n" not in str(caught.value)
+    assert not (folder / "sprung").exists()
+
+
+def test_a_results_folder_says_what_made_it(results):
+    """The manifest has scenario, seed, versions, machine and date; the folder the scenario."""
+    manifest = json.loads((results / "manifest.json").read_text())
+    assert (manifest["scenario"], manifest["seed"], manifest["runs"]) == ("small", 5, 2)
+    assert list(manifest["estimators"]) == list(LABELS)
+    assert len(manifest["scenario_hash"]) == 64
+    assert {"python", "numpy", "gtsam", "filterpy"} <= set(manifest["versions"])
+    assert manifest["machine"]["processors"] >= 1
+    assert manifest["date"].startswith("20")
+    assert (results / "scenario.toml").read_text() == SMALL
+    header = (results / "summary.csv").read_text().splitlines()[0]
+    assert header == ",".join(SUMMARY_COLUMNS)

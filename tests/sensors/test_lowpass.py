@@ -1,0 +1,168 @@
+"""The instrument's Butterworth filter, and the two ways to live with it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ggbench.errors import GGBenchError
+from ggbench.sensors.gradiometer.lowpass import LowPass, prefilter
+
+PAPER = LowPass(order=7, cutoff_hz=0.2, rate_hz=1.0)
+
+
+@pytest.mark.parametrize("order", [1, 2, 7])
+@pytest.mark.parametrize("frequency", [0.02, 0.1, 0.2, 0.25, 0.4])
+def test_amplitude_is_butterworths(order, frequency):
+    """In steady state a sine passes with |H|² = 1/(1 + (tan πf / tan πf_c)^2N) (bilinear)."""
+    lowpass = LowPass(order, 0.2, 1.0)
+    times = np.arange(6000)
+    passed = lowpass.apply(np.exp(2j * np.pi * frequency * times).real)[-1000:]
+    quadrature = lowpass.apply(np.exp(2j * np.pi * frequency * times).imag)[-1000:]
+    power = (passed**2 + quadrature**2).mean()
+    warped = np.tan(np.pi * frequency) / np.tan(np.pi * 0.2)
+    assert power == pytest.approx(1.0 / (1.0 + warped ** (2 * order)), rel=1e-6)
+
+
+def test_rate_scales_the_frequencies():
+    """A filter of 2 Hz at 10 Hz is the filter of 0.2 Hz at 1 Hz."""
+    samples = np.random.default_rng(1).normal(size=(60, 2))
+    np.testing.assert_allclose(
+        LowPass(7, 2.0, 10.0).apply(samples), PAPER.apply(samples), rtol=0.0, atol=1e-12
+    )
+
+
+def test_delay_of_a_slow_signal():
+    """A ramp comes out 3.093 samples late: the delay at DC of order 7, 0.2 Hz at 1 Hz."""
+    ramp = np.arange(400.0)
+    late = ramp - PAPER.apply(ramp)
+    assert late[-1] == pytest.approx(3.093, abs=5e-4)
+    assert PAPER.dc_delay() == pytest.approx(late[-1], abs=1e-9)
+
+
+def test_share_of_white_noise_that_passes():
+    """0.401 of the variance of white noise passes: the energy of the impulse response."""
+    impulse = np.zeros(600)
+    impulse[100] = 1.0
+    assert (PAPER.apply(impulse) ** 2).sum() == pytest.approx(0.401, abs=5e-4)
+
+
+def test_first_outputs_equal_the_inputs():
+    """The instrument starts with as many unfiltered readings as the filter has poles."""
+    samples = np.random.default_rng(2).normal(size=(40, 6))
+    filtered = PAPER.apply(samples)
+    np.testing.assert_array_equal(filtered[:7], samples[:7])
+    assert (np.abs(filtered[7] - samples[7]) > 1e-3).all()
+    for count in (1, 3, 7):
+        np.testing.assert_array_equal(PAPER.apply(samples[:count]), samples[:count])
+
+
+@pytest.mark.parametrize("order", [1, 2, 7])
+def test_the_difference_equation_runs_on_from_the_first_outputs(order):
+    """From output N on: sum a_j y_{n-j} = sum b_j x_{n-j}, eq. 3, with the first outputs as past.
+
+    The coefficients from the poles of the analogue prototype, by hand: bilinear transform of
+    1/prod(1 - s/p_k), p_k = w exp(iπ(2k+N+1)/(2N)).
+    """
+    x = np.random.default_rng(3).normal(size=40)
+    poles = np.tan(np.pi * 0.2) * np.exp(
+        1j * np.pi * (2 * np.arange(order) + order + 1) / (2 * order)
+    )
+    a = np.poly((1.0 + poles) / (1.0 - poles)).real
+    b = np.poly(np.full(order, -1.0))
+    b *= a.sum() / b.sum()
+    expected = x.copy()
+    for n in range(order, len(x)):
+        past = slice(n - order, n)
+        expected[n] = b @ x[n - order : n + 1][::-1] - a[1:] @ expected[past][::-1]
+    np.testing.assert_allclose(LowPass(order, 0.2, 1.0).apply(x), expected, rtol=0.0, atol=1e-11)
+
+
+def test_a_constant_passes_from_the_start():
+    """There is no transient at start-up: a constant field reads as it is."""
+    np.testing.assert_allclose(PAPER.apply(np.full((50, 6), -1535.0)), -1535.0, rtol=1e-12)
+
+
+def test_filter_is_causal_linear_and_per_component():
+    """No output knows the future, and components do not mix."""
+    rng = np.random.default_rng(4)
+    samples = rng.normal(size=(60, 3))
+    changed = samples.copy()
+    changed[30:, 1] += 1.0
+    before, after = PAPER.apply(samples), PAPER.apply(changed)
+    np.testing.assert_array_equal(before[:30], after[:30])
+    np.testing.assert_array_equal(before[:, [0, 2]], after[:, [0, 2]])
+    np.testing.assert_allclose(
+        PAPER.apply(2.0 * samples - changed), 2.0 * before - after, rtol=0.0, atol=1e-12
+    )
+
+
+@pytest.mark.parametrize("cutoff", [0.1, 0.2, 0.0, -0.1, float("nan")])
+def test_impossible_cutoff_is_explained(cutoff):
+    """At 0.2 Hz the cut-off of 0.2 Hz lies above Nyquist: the message says so, with the numbers."""
+    with pytest.raises(GGBenchError, match=r"0\.2 Hz.*Nyquist.*0\.1 Hz"):
+        LowPass(7, cutoff, 0.2)
+
+
+# Treatments.
+
+
+@pytest.mark.parametrize("count", [5, 8, 60, 200])
+@pytest.mark.parametrize("rho", [1e-6, 1e-2])
+def test_whitened_noise_is_white(count, rho):
+    """A y has noise of unit covariance: W Wᵀ + ρ² A Aᵀ = I, for white noise in front of the filter.
+
+    The noise ρ behind the filter is the regularisation; in front of it alone W Wᵀ is I but for
+    the directions that the filter kills. What rounding a near-inverse costs is 4e-6.
+    """
+    treatment = prefilter(PAPER, count, "whitened", rho)
+    chain = treatment.matrix @ PAPER.apply(np.eye(count))
+    total = chain @ chain.T + rho**2 * treatment.matrix @ treatment.matrix.T
+    np.testing.assert_allclose(total, np.eye(count), rtol=0.0, atol=1e-5)
+    np.testing.assert_array_equal(np.triu(treatment.matrix, 1), 0.0)  # causal
+
+
+@pytest.mark.parametrize("kind", ["whitened", "delayed"])
+def test_gain_and_delay_describe_a_slow_ramp(kind):
+    """The ramp a + b t comes out of filter and treatment as g (a + b (t − τ)), exactly.
+
+    Delays are floored at zero, where the treatment of the first outputs is a little early.
+    """
+    treatment = prefilter(PAPER, 120, kind, 1e-6)
+    times = np.arange(120.0)
+    ramp = 5.0 + 0.3 * times
+    passed = treatment.apply(PAPER.apply(ramp))
+    expected = treatment.gain * (5.0 + 0.3 * (times - treatment.delay_samples))
+    floored = treatment.delay_samples == 0.0
+    np.testing.assert_allclose(passed[~floored], expected[~floored], rtol=0.0, atol=1e-6)
+    assert np.abs(passed - expected)[floored].max(initial=0.0) < 0.3 * 0.01
+    assert (treatment.delay_samples >= 0.0).all()
+    assert (treatment.delay_samples <= times).all()
+
+
+def test_delayed_treatment_settles_at_the_delay_at_dc():
+    """Left alone, the output is late by the filter's delay and has gain one."""
+    treatment = prefilter(PAPER, 120, "delayed", 1e-6)
+    output = np.random.default_rng(1).normal(size=(120, 2))
+    np.testing.assert_array_equal(treatment.apply(output), output)
+    assert treatment.delay_samples[-1] == pytest.approx(PAPER.dc_delay(), abs=1e-6)
+    assert treatment.gain[-1] == pytest.approx(1.0, abs=1e-9)
+    np.testing.assert_allclose(treatment.delay_samples[:7], 0.0, atol=1e-12)
+
+
+def test_whitened_treatment_all_but_undoes_the_delay():
+    """The filter's information is all there: less than half a sample of delay remains, no loss.
+
+    The information about a constant, gᵀ g, is that of unfiltered readings.
+    """
+    treatment = prefilter(PAPER, 200, "whitened", 1e-6)
+    assert treatment.delay_samples.max() < 0.5
+    assert (treatment.gain**2).sum() == pytest.approx(200.0, rel=0.01)
+
+
+def test_no_filter_needs_no_treatment():
+    treatment = prefilter(None, 30, "whitened", 1e-6)
+    output = np.random.default_rng(1).normal(size=(30, 2))
+    np.testing.assert_array_equal(treatment.apply(output), output)
+    np.testing.assert_array_equal(treatment.gain, 1.0)
+    np.testing.assert_array_equal(treatment.delay_samples, 0.0)

@@ -1,0 +1,165 @@
+"""Blocks of runs: the same runs as one by one, whatever the block."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+from small_cases import ROTATING, over_the_normal_field, small_flight
+
+from ggbench.block import ProblemBlock
+from ggbench.ins import error_model
+from ggbench.ins.strapdown import navigate, navigate_lanes
+from ggbench.numerics.kernels import LANES
+from ggbench.simulation.error_free_flight import Flight, prepare
+from ggbench.simulation.runs import (
+    RandomStreams,
+    TruthBlock,
+    random_streams,
+    simulate,
+    simulate_block,
+)
+from ggbench.spec import scenario
+
+SEED = 5
+FAULTS: dict[str, dict[str, Any]] = {
+    "altimeter": {"altimeter.noise_m_per_sqrt_hz": 1.0, "altimeter.time_constant_s": 20.0},
+    "wandering biases": {"imu.gyro_bias_time_s": 30.0, "imu.accelerometer_bias_time_s": 60.0},
+    "one wandering bias": {"imu.gyro_bias_time_s": 30.0},
+    "scale factors": {
+        "truth.imu.gyro_scale_factor_ppm": 100.0,
+        "truth.imu.accelerometer_misalignment_arcmin": 1.0,
+    },
+    "strapdown": {"gradiometer.instrument": "strapdown"},
+    "gradiometer biases": {
+        "gradiometer.bias_eotvos": 1.0,
+        "gradiometer.drift_eotvos_per_sqrt_h": 1.0,
+    },
+    "readings": {
+        "truth.gradiometer.scale_factor_ppm": 50.0,
+        "truth.gradiometer.misalignment_arcmin": 1.0,
+        "truth.gradiometer.outlier_share": 0.1,
+        "truth.gradiometer.outlier_eotvos": 3.0,
+        "truth.gradiometer.dropout_share": 0.2,
+        "truth.gradiometer.dropouts_s": [[2.0, 4.0]],
+    },
+    "times": {"truth.gradiometer.clock_error_s": 0.1, "truth.gradiometer.timing_jitter_s": 0.02},
+    "disks": ROTATING | {"truth.gradiometer.rotating.scale_factor_ppm": 10.0},
+    "worse truth": {"truth.gradiometer.noise_eotvos": 3.0, "truth.initial_error.position_m": 30.0},
+}  # fmt: skip
+
+
+def arrays(block: ProblemBlock, truth: TruthBlock, run: int) -> dict[str, np.ndarray]:
+    """All numbers of one run of a block."""
+    problem = block.problem(run)
+    found = {k: v for k, v in vars(problem).items() if isinstance(v, np.ndarray)}
+    for name, value in problem.model.arrays._asdict().items():
+        found[f"model.{name}"] = np.asarray(value)
+    return found | {"error": truth.error_state[run]}
+
+
+def assert_same(one: dict[str, np.ndarray], other: dict[str, np.ndarray]) -> None:
+    assert one.keys() == other.keys()
+    for name, array in one.items():
+        np.testing.assert_array_equal(array, other[name], err_msg=name)
+
+
+def assert_runs_are_the_same_in_any_block(flight: Flight) -> None:
+    """In a block that is not filled, in two that are, and alone; bit by bit."""
+    together, truths = simulate_block(flight, SEED, range(LANES + 3))
+    assert together.runs == LANES + 3
+    other, other_truths = simulate_block(flight, SEED, [40, LANES + 1, 2])
+    problem, truth = simulate(flight, SEED, 2)
+    for run, at in ((LANES + 1, 1), (2, 2)):
+        one = arrays(together, truths, run)
+        assert all(np.isfinite(array).all() for array in one.values())
+        assert_same(one, arrays(other, other_truths, at))
+    alone = {k: v for k, v in vars(problem).items() if isinstance(v, np.ndarray)}
+    for name, value in problem.model.arrays._asdict().items():
+        alone[f"model.{name}"] = np.asarray(value)
+    assert_same(alone | {"error": truth.error_state}, arrays(together, truths, 2))
+    # Runs differ where they should.
+    assert (truths.error_state[0] != truths.error_state[1]).any()
+    assert (together.measurements[0] != together.measurements[1]).any()
+
+
+@pytest.mark.parametrize("what", FAULTS)
+def test_a_run_is_the_same_in_any_block(what):
+    """With every kind of error that a run can have: its lane and its neighbours do not matter."""
+    assert_runs_are_the_same_in_any_block(small_flight(FAULTS[what]))
+
+
+@pytest.mark.parametrize("name", sorted(scenario.shipped()))
+def test_a_run_of_a_shipped_scenario_is_the_same_in_any_block(name):
+    """In the first ten epochs of its first case, over the normal field, as maps take their time."""
+    flight = prepare(over_the_normal_field(scenario.load(name).cases[0]))
+    epochs = flight.epochs[:10]
+    count, truth = epochs[-1] + 1, flight.trajectory
+    short = dataclasses.replace(
+        flight,
+        trajectory=dataclasses.replace(
+            truth,
+            times=truth.times[:count],
+            positions=truth.positions[:count],
+            velocities=truth.velocities[:count],
+            attitudes=truth.attitudes[:count],
+        ),
+        delta_angles=flight.delta_angles[: count - 1],
+        delta_velocities=flight.delta_velocities[: count - 1],
+        epochs=epochs,
+        noise_free=flight.noise_free[:10],
+    )
+    assert_runs_are_the_same_in_any_block(short)
+
+
+def test_streams_are_the_children_of_a_campaigns_seed():
+    """Each source has the generator that NumPy spawns in its place, whatever else was used.
+
+    So results can be made again.
+    """
+    children = np.random.SeedSequence([SEED, 7]).spawn(len(RandomStreams.SOURCES))
+    streams = random_streams(SEED, 7)
+    for source, child in reversed(list(zip(RandomStreams.SOURCES, children, strict=True))):
+        np.testing.assert_array_equal(
+            getattr(streams, source).random(5), np.random.default_rng(child).random(5)
+        )
+
+
+@pytest.mark.parametrize("what", ["strapdown", "altimeter", "wandering biases", "both"])
+def test_error_model_along_tracks_is_that_of_each_track(what):
+    """Φ, Q and delayed rows of runs in their lanes are those that F, formed ahead, leads to."""
+    changes = FAULTS["altimeter"] | FAULTS["wandering biases"] if what == "both" else FAULTS[what]
+    flight = small_flight(changes)
+    truth, model, dt = flight.trajectory, flight.model, flight.trajectory.dt
+    rng = np.random.default_rng(1)
+    exact = np.hstack([flight.delta_angles, flight.delta_velocities])
+    increments = exact[:, :, np.newaxis] + 1e-4 * rng.normal(size=(*exact.shape, LANES))
+    start = np.concatenate([truth.positions[0], truth.velocities[0], truth.attitudes[0].ravel()])
+    track = np.empty((len(exact) + 1, 15, LANES))
+    navigate_lanes(
+        np.repeat(start[:, np.newaxis], LANES, axis=1), increments, dt, np.empty((0, LANES)),
+        (0.0, 0.0), track,
+    )  # fmt: skip
+    epochs, delays = np.array([7, 8, 30]), np.array([0.2, 0.0, 0.333])
+    transition, process_cov = np.empty((2, 3, 3, model.dimension, model.dimension))
+    rows = np.empty((3, 3, 6, 15))
+    model.along(track, increments, epochs, dt, transition, process_cov)
+    model.delayed_rows(track, increments, epochs, delays, dt, rows)
+    for run in range(3):
+        one = navigate(
+            truth.positions[0], truth.velocities[0], truth.attitudes[0],
+            increments[:, :3, run], increments[:, 3:, run], dt,
+        )  # fmt: skip
+        np.testing.assert_array_equal(one[0], track[:, :3, run])
+        matrices, noise = model.complete(
+            error_model.system_matrices(*one, increments[:, 3:, run], dt)
+        )
+        expected = model.system(matrices, noise, one[0], epochs, dt)
+        np.testing.assert_allclose(transition[run], expected[0], rtol=1e-12, atol=1e-15)
+        scale = np.sqrt(np.maximum(np.diagonal(expected[1], axis1=1, axis2=2), 1e-60))
+        scale = scale[:, :, np.newaxis] * scale[:, np.newaxis]
+        np.testing.assert_allclose(process_cov[run] / scale, expected[1] / scale, atol=1e-11)
+        late = error_model.delayed_rows(matrices, one[0], epochs, delays, dt)
+        np.testing.assert_allclose(rows[run], late, rtol=1e-12, atol=1e-15)

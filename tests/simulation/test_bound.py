@@ -1,0 +1,139 @@
+"""The posterior Cramér–Rao bound equals what a linear-Gaussian problem can be known to, exactly.
+
+The oracles know no recursion: the joint distribution of all states and measurements, conditioned
+on the measurements at once, and the joint information matrix of the whole trajectory.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from scipy.linalg import block_diag
+
+from ggbench.simulation.bound import posterior_bound
+from ggbench.simulation.error_free_flight import prepare
+from ggbench.spec import scenario
+
+EPOCHS, N, M = 12, 4, 2
+
+
+def linear_problem(seed: int, singular: bool) -> tuple[np.ndarray, ...]:
+    """Φ, Q, P0, H, R of a random problem; ``singular``: the last two states are constants."""
+    rng = np.random.default_rng(seed)
+    transition = np.eye(N) + 0.3 * rng.normal(size=(EPOCHS, N, N))
+    root = 0.4 * rng.normal(size=(EPOCHS, N, N))
+    if singular:
+        transition[:, 2:] = np.eye(N)[2:]
+        root[:, 2:] = 0.0
+    prior = rng.normal(size=(N, N))
+    noise = rng.normal(size=(M, M))
+    return (
+        transition,
+        root @ root.transpose(0, 2, 1),
+        prior @ prior.T + 0.1 * np.eye(N),
+        rng.normal(size=(EPOCHS, M, N)),
+        noise @ noise.T + 0.1 * np.eye(M),
+    )
+
+
+def conditioned(problem: tuple[np.ndarray, ...], lag: int) -> np.ndarray:
+    """Covariance of x_k given z_0..z_{k+lag}, from the joint Gaussian of everything."""
+    transition, process_cov, prior_cov, jacobians, noise_cov = problem
+    # Every state is a linear function of (x_start, w_0, ..., w_{K-1}).
+    source = block_diag(prior_cov, *process_cov)
+    maps = [np.hstack([np.eye(N), np.zeros((N, EPOCHS * N))])]
+    for k in range(EPOCHS):
+        step = transition[k] @ maps[-1]
+        step[:, N * (k + 1) : N * (k + 2)] += np.eye(N)
+        maps.append(step)
+    states = np.array(maps[1:])
+    out = np.empty((EPOCHS, N, N))
+    for k in range(EPOCHS):
+        used = min(k + lag + 1, EPOCHS)
+        sensed = np.concatenate([jacobians[i] @ states[i] for i in range(used)])
+        gram = sensed @ source @ sensed.T + block_diag(*[noise_cov] * used)
+        cross = states[k] @ source @ sensed.T
+        out[k] = states[k] @ source @ states[k].T - cross @ np.linalg.solve(gram, cross.T)
+    return out
+
+
+@pytest.mark.parametrize("singular", [False, True])
+@pytest.mark.parametrize("lag", [0, 1, 3, EPOCHS - 1, EPOCHS, 100])
+def test_every_lag_is_the_conditional_covariance(lag, singular):
+    """Filter, fixed-lag smoother and smoother: the covariance given what each has seen.
+
+    Also with constant states, whose process noise is singular.
+    """
+    problem = linear_problem(1, singular)
+    np.testing.assert_allclose(
+        posterior_bound(*problem).fixed_lag(lag), conditioned(problem, lag), rtol=0.0, atol=1e-10
+    )
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_smoothing_is_the_inverse_of_the_batch_information(seed):
+    """The blocks of the inverse of the whole trajectory's information matrix (Tichavský 1998)."""
+    problem = linear_problem(seed, singular=False)
+    transition, process_cov, prior_cov, jacobians, noise_cov = problem
+    information = np.zeros(((EPOCHS + 1) * N,) * 2)  # the start is block 0
+    information[:N, :N] += np.linalg.inv(prior_cov)
+    for k in range(EPOCHS):
+        rows = slice(N * k, N * (k + 2))
+        link = np.hstack([-transition[k], np.eye(N)])
+        information[rows, rows] += link.T @ np.linalg.solve(process_cov[k], link)
+        now = slice(N * (k + 1), N * (k + 2))
+        information[now, now] += jacobians[k].T @ np.linalg.solve(noise_cov, jacobians[k])
+    inverse = np.linalg.inv(information)
+    blocks = [inverse[N * k : N * (k + 1), N * k : N * (k + 1)] for k in range(1, EPOCHS + 1)]
+    np.testing.assert_allclose(posterior_bound(*problem).smoothing, blocks, rtol=0.0, atol=1e-8)
+
+
+def test_ends_of_the_family():
+    """No lag is filtering; a lag as long as the flight is smoothing; the last epoch is the same."""
+    bound = posterior_bound(*linear_problem(4, singular=True))
+    np.testing.assert_array_equal(bound.fixed_lag(0), bound.filtering)
+    np.testing.assert_array_equal(bound.fixed_lag(EPOCHS), bound.smoothing)
+    for lag in range(EPOCHS):
+        np.testing.assert_array_equal(bound.fixed_lag(lag)[-1], bound.filtering[-1])
+
+
+def test_more_measurements_never_hurt():
+    """The bound falls, as a matrix, with every epoch that may be used, and below the prediction."""
+    bound = posterior_bound(*linear_problem(5, singular=True))
+    chain = [bound.predicted, *(bound.fixed_lag(lag) for lag in range(EPOCHS))]
+    for wider, narrower in itertools.pairwise(chain):
+        assert np.linalg.eigvalsh(wider - narrower).min() > -1e-10
+    assert np.trace(chain[-1][0]) < 0.9 * np.trace(chain[1][0])
+
+
+def test_units_do_not_matter():
+    """In units of radians per second or of kilometres the bound is the same bound."""
+    transition, process_cov, prior_cov, jacobians, noise_cov = linear_problem(6, singular=True)
+    units = np.array([1e3, 1.0, 1e-7, 1e-4])
+    outer = np.outer(units, units)
+    rescaled = posterior_bound(
+        transition * units[:, None] / units,
+        process_cov * outer,
+        prior_cov * outer,
+        jacobians / units,
+        noise_cov,
+    )
+    plain = posterior_bound(transition, process_cov, prior_cov, jacobians, noise_cov)
+    for lag in (0, 2, EPOCHS):
+        np.testing.assert_allclose(
+            rescaled.fixed_lag(lag) / outer, plain.fixed_lag(lag), rtol=0.0, atol=1e-11
+        )
+
+
+def test_bound_of_the_papers_flight_in_the_normal_field():
+    """Six gradients of 0.01 E at 1 Hz, of the normal field alone, hold the position to 3.7 m.
+
+    The number of an independent calculation, over the last 20 s; a map only helps.
+    """
+    study = next(a for a in scenario.load("wang2013").assumptions if a.name == "normal-field")
+    flight = prepare(next(c for c in study.cases if c.name == "0.01E-1Hz"))
+    last = flight.bound.filtering[flight.times > 180.0]
+    position = np.sqrt(np.trace(last[:, 0:3, 0:3], axis1=1, axis2=2).mean())
+    assert position == pytest.approx(3.7, abs=0.05)

@@ -1,0 +1,418 @@
+"""Truth and model of a case: each changes its own side alone, and mistakes have a sentence."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from problems import SMALL
+from small_cases import ROTATING, rough_map, small_case, small_flight
+
+from ggbench.campaign import result_keys
+from ggbench.errors import GGBenchError
+from ggbench.simulation.error_free_flight import prepare
+from ggbench.simulation.runs import simulate
+from ggbench.spec import scenario
+from ggbench.spec.case import CaseSpec
+from ggbench.spec.scenario import ScenarioError
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"), [("wang2013", "5d1e55b21b60"), ("noise_rate_sweep", "b8723016c6f6")]
+)
+def test_new_keys_leave_the_identity_of_old_cases(name, expected):
+    """Results that were stored before a key existed are still those of their case."""
+    assert scenario.load(name).cases[0].content_hash.startswith(expected)
+
+
+def test_a_case_survives_the_store():
+    """A case that was written as JSON and read back is the same case, with the same results."""
+    cases = [case for name in scenario.shipped() for case in scenario.load(name).cases[:12]]
+    cases += [
+        small_case(ROTATING),
+        small_case(
+            ROTATING | {"truth.gradiometer.rotating.scale_factor_ppm": 10.0,
+                        "gradiometer.rotating.spin_axes": ["y", "z"]}
+        ),
+        small_case({"truth.gradiometer.noise_density_eotvos_per_sqrt_hz": 0.1}),
+        small_case({"field.source": "a.npz", "model.field.error": {"density_factor": 1.1}}),
+    ]  # fmt: skip
+    for case in cases:
+        again = CaseSpec.model_validate_json(case.model_dump_json())
+        assert again == case
+        assert again.content_hash == case.content_hash
+        assert again.side("truth") == case.side("truth")
+        assert again.side("model") == case.side("model")
+
+
+def test_a_default_that_is_written_out_changes_nothing():
+    """Truth and model that say what holds anyway are no other problem."""
+    plain = small_case()
+    written = small_case(
+        {
+            "truth.imu.gyro_scale_factor_ppm": 0.0,
+            "truth.gradiometer.dropouts_s": [],
+            "gradiometer.instrument": "platform",
+            "gradiometer.bias_eotvos": 0.0,
+        }
+    )
+    assert written.content_hash == plain.content_hash
+    assert result_keys.problem_key(written, 1) == result_keys.problem_key(plain, 1)
+
+
+# Each side alone.
+
+OF_THE_READINGS: dict[str, dict[str, Any]] = {
+    "noise": {"truth.gradiometer.noise_eotvos": 0.1},
+    "density": {"truth.gradiometer.noise_density_eotvos_per_sqrt_hz": 0.1},
+    "bias": {"truth.gradiometer.bias_eotvos": 0.1},
+    "drift": {"truth.gradiometer.drift_eotvos_per_sqrt_h": 1.0},
+    "scale factor": {"truth.gradiometer.scale_factor_ppm": 100.0},
+    "misalignment": {"truth.gradiometer.misalignment_arcmin": 1.0},
+    "outliers": {"truth.gradiometer.outlier_share": 0.2, "truth.gradiometer.outlier_eotvos": 1.0},
+    "clock": {"truth.gradiometer.clock_error_s": 1.0},
+    "jitter": {"truth.gradiometer.timing_jitter_s": 0.1},
+}
+OF_THE_INS: dict[str, dict[str, Any]] = {
+    "gyro bias": {"truth.imu.gyro_bias_deg_per_h": 0.1},
+    "gyro noise": {"truth.imu.gyro_noise_deg_per_sqrt_h": 0.05},
+    "accelerometer bias": {"truth.imu.accelerometer_bias_ug": 5000.0},
+    "accelerometer noise": {"truth.imu.accelerometer_noise_ug_per_sqrt_hz": 1000.0},
+    "gyro drift": {"truth.imu.gyro_bias_time_s": 10.0},
+    "accelerometer drift": {"truth.imu.accelerometer_bias_time_s": 10.0},
+    "gyro scale factor": {"truth.imu.gyro_scale_factor_ppm": 1000.0},
+    "accelerometer scale factor": {"truth.imu.accelerometer_scale_factor_ppm": 1000.0},
+    "gyro misalignment": {"truth.imu.gyro_misalignment_arcmin": 10.0},
+    "accelerometer misalignment": {"truth.imu.accelerometer_misalignment_arcmin": 10.0},
+    "position": {"truth.initial_error.position_m": 50.0},
+    "height": {"truth.initial_error.height_m": 50.0},
+    "velocity": {"truth.initial_error.velocity_mps": 1.0},
+    "attitude": {"truth.initial_error.attitude_arcmin": 10.0},
+}
+OF_THE_MODEL: dict[str, tuple[dict[str, Any], str]] = {
+    "noise": ({"model.gradiometer.noise_eotvos": 0.1}, "noise_cov"),
+    "density": ({"model.gradiometer.noise_density_eotvos_per_sqrt_hz": 0.1}, "noise_cov"),
+    "bias": ({"model.gradiometer.bias_eotvos": 0.1}, "prior_cov"),
+    "drift": ({"model.gradiometer.drift_eotvos_per_sqrt_h": 1.0}, "process_cov"),
+    "gyro bias": ({"model.imu.gyro_bias_deg_per_h": 0.1}, "prior_cov"),
+    "gyro noise": ({"model.imu.gyro_noise_deg_per_sqrt_h": 0.05}, "process_cov"),
+    "accelerometer bias": ({"model.imu.accelerometer_bias_ug": 5000.0}, "prior_cov"),
+    "accelerometer noise": (
+        {"model.imu.accelerometer_noise_ug_per_sqrt_hz": 1000.0}, "process_cov",
+    ),
+    "gyro drift": ({"model.imu.gyro_bias_time_s": 10.0}, "transition"),
+    "accelerometer drift": ({"model.imu.accelerometer_bias_time_s": 10.0}, "process_cov"),
+    "position": ({"model.initial_error.position_m": 50.0}, "prior_cov"),
+    "height": ({"model.initial_error.height_m": 50.0}, "prior_cov"),
+}  # fmt: skip
+BELIEFS = ("noise_cov", "prior_mean", "prior_cov", "transition", "process_cov")
+
+
+@pytest.fixture(scope="module")
+def right():
+    """A run of a small flight whose model is right."""
+    return simulate(small_flight(), seed=3, run=1)
+
+
+def forecasts(problem) -> np.ndarray:
+    """What h says at all epochs of no error and for an error of position and attitude."""
+    state = np.zeros(problem.dimension)
+    state[:9] = [100.0, -50.0, 20.0, 0.1, 0.2, -0.1, 1e-3, -2e-3, 1e-3]
+    return np.array(
+        [problem.model.predict(k, np.stack([0.0 * state, state])) for k in range(problem.epochs)]
+    )
+
+
+@pytest.mark.parametrize("what", OF_THE_READINGS)
+def test_truth_of_the_gradiometer_changes_the_readings_alone(what, right):
+    """No number of the problem but the measurements tells of a gradiometer's true errors."""
+    problem, truth = right
+    other, other_truth = simulate(small_flight(OF_THE_READINGS[what]), seed=3, run=1)
+    assert (problem.measurements != other.measurements).any()
+    for name in BELIEFS:
+        np.testing.assert_array_equal(getattr(other, name), getattr(problem, name), err_msg=name)
+    np.testing.assert_array_equal(forecasts(other), forecasts(problem))
+    np.testing.assert_array_equal(other_truth.error_state, truth.error_state)
+    assert other.layout == problem.layout
+
+
+@pytest.mark.parametrize("what", OF_THE_INS)
+def test_truth_of_the_ins_changes_its_errors_alone(what, right):
+    """The gradiometer flies with the aircraft, whatever the INS; what is claimed stays.
+
+    Φ, Q follow the INS track, which is another by metres: to 1e-3 of the largest entry they are
+    the same, where a claim of ten times the noise would be a hundred times off.
+    """
+    problem, truth = right
+    other, other_truth = simulate(small_flight(OF_THE_INS[what]), seed=3, run=1)
+    np.testing.assert_array_equal(other.measurements, problem.measurements)
+    assert (other_truth.error_state[-1, :9] != truth.error_state[-1, :9]).any()
+    for name in ("noise_cov", "prior_mean", "prior_cov"):
+        np.testing.assert_array_equal(getattr(other, name), getattr(problem, name), err_msg=name)
+    scale = np.sqrt(np.einsum("kii->ki", problem.process_cov)).max(axis=0) + 1e-30
+    np.testing.assert_allclose(
+        other.process_cov / np.outer(scale, scale),
+        problem.process_cov / np.outer(scale, scale),
+        rtol=0.0,
+        atol=0.02,
+    )
+
+
+@pytest.mark.parametrize("what", OF_THE_MODEL)
+def test_model_changes_what_is_claimed_alone(what, right):
+    """A wrong belief changes what an estimator is told, and no measurement and no error."""
+    problem, truth = right
+    changes, claimed = OF_THE_MODEL[what]
+    other, other_truth = simulate(small_flight(changes), seed=3, run=1)
+    np.testing.assert_array_equal(other.measurements, problem.measurements)
+    np.testing.assert_array_equal(other_truth.error_state[:, :15], truth.error_state)
+    np.testing.assert_array_equal(other_truth.error_state[:, 15:], 0.0)
+    before, after = getattr(problem, claimed), getattr(other, claimed)
+    assert before.shape != after.shape or (before != after).any()
+
+
+def test_truth_and_model_may_fly_over_different_maps(tmp_path):
+    """Readings come from the truth's map, h from the model's; equal maps are one and the same."""
+    one, two = (rough_map(tmp_path / f"{n}.npz", seed=n) for n in (1, 2))
+    both = simulate(small_flight({"field.source": one}), seed=3, run=1)[0]
+    split = simulate(
+        small_flight({"truth.field.source": one, "model.field.source": two}), seed=3, run=1
+    )[0]
+    other = simulate(small_flight({"field.source": two}), seed=3, run=1)[0]
+    np.testing.assert_array_equal(split.measurements, both.measurements)
+    np.testing.assert_array_equal(forecasts(split), forecasts(other))
+    assert np.abs(forecasts(split) - forecasts(both)).max() > 1.0
+
+
+# Two ways to state the noise.
+
+
+@pytest.mark.parametrize("side", ["truth", "model"])
+def test_each_statement_of_the_noise_replaces_the_other(side, tmp_path):
+    """The later one holds, for truth, model and cases; a density D at 1 Hz is D/√2 RMS."""
+    density = f"{side}.gradiometer.noise_density_eotvos_per_sqrt_hz"
+    flight = small_flight({density: 0.2})
+    given, kept = (flight.true, flight.model) if side == "truth" else (flight.model, flight.true)
+    assert given.gradiometer.noise_eotvos == pytest.approx(0.2 / np.sqrt(2.0))
+    assert kept.gradiometer.noise_eotvos == 0.01
+    reverse = small_case(
+        {
+            "gradiometer.noise_eotvos": None,
+            "gradiometer.noise_density_eotvos_per_sqrt_hz": 0.2,
+            f"{side}.gradiometer.noise_eotvos": 0.3,
+        }
+    )
+    assert reverse.side(side).gradiometer.noise_eotvos == 0.3
+    path = tmp_path / "small.toml"
+    path.write_text(SMALL + f"{side}.gradiometer.noise_eotvos = 0.3\n[[case]]\n"
+                    'name = "density"\ntitle = "as a density"\n'
+                    "gradiometer.noise_density_eotvos_per_sqrt_hz = 0.4\n"
+                    f"{side}.gradiometer.noise_density_eotvos_per_sqrt_hz = 0.5\n")  # fmt: skip
+    noisy, density_case = scenario.load(str(path)).cases[1:]
+    assert noisy.side(side).gradiometer.noise_eotvos == 0.3
+    assert density_case.gradiometer.noise_density_eotvos_per_sqrt_hz == 0.4
+    assert density_case.side(side).gradiometer.noise_density_eotvos_per_sqrt_hz == 0.5
+
+
+@pytest.mark.parametrize("side", ["truth", "model"])
+def test_a_stated_noise_replaces_that_of_the_accelerometers(side):
+    """The noise of a rotating instrument, too, may be another in truth or model."""
+    flight = small_flight(ROTATING | {f"{side}.gradiometer.noise_eotvos": 3.0})
+    given, kept = (flight.true, flight.model) if side == "truth" else (flight.model, flight.true)
+    assert given.gradiometer.noise_eotvos == 3.0
+    assert kept.gradiometer.noise_eotvos == pytest.approx(np.sqrt(2.0) * 9.80665 / 0.5)
+
+
+def test_a_case_states_its_noise_in_the_other_way(tmp_path):
+    """A case's noise replaces that of the base's accelerometers, and theirs replaces the base's."""
+    disks = "gradiometer.rotating.baseline_m = 0.5\ngradiometer.rotating.rotation_hz = 0.5\n"
+    path = tmp_path / "small.toml"
+    path.write_text(
+        SMALL + f'[[case]]\nname = "a"\ntitle = "a"\n{disks}'
+        "gradiometer.rotating.accelerometer_noise_ng_per_sqrt_hz = 1.0\n"
+    )
+    case = scenario.load(str(path)).cases[-1]
+    assert case.gradiometer.noise_eotvos is None
+    path.write_text(
+        SMALL.replace(
+            "noise_eotvos = 0.01",
+            "rotating = { baseline_m = 0.5, rotation_hz = 0.5, "
+            "accelerometer_noise_ng_per_sqrt_hz = 1.0 }",
+        )
+        + '[[case]]\nname = "a"\ntitle = "a"\ngradiometer.noise_eotvos = 2.0\n'
+    )
+    case = scenario.load(str(path)).cases[-1]
+    assert case.gradiometer.noise_eotvos == 2.0
+    assert case.gradiometer.rotating.baseline_m == 0.5
+
+
+# Mistakes.
+
+GRADIOMETER = "[gradiometer]"
+BAD = {
+    "true error as a common one": (
+        "[imu]", "[imu]\ngyro_scale_factor_ppm = 100.0",
+        r"unknown key 'imu.gyro_scale_factor_ppm'; known: period_s, ",
+    ),
+    "outliers in the model": (
+        GRADIOMETER, f"[model.gradiometer]\noutlier_share = 0.1\n{GRADIOMETER}",
+        r"unknown key 'model.gradiometer.outlier_share'; known: noise_eotvos, ",
+    ),
+    "another period in the truth": (
+        GRADIOMETER, f"[truth.gradiometer]\nperiod_s = 2.0\n{GRADIOMETER}",
+        r"unknown key 'truth.gradiometer.period_s'.*; known: ",
+    ),
+    "unknown table of the truth": (
+        GRADIOMETER, f"[truth.imus]\n{GRADIOMETER}",
+        r"unknown key 'truth.imus' \(did you mean 'imu'\?\); known: imu, gradiometer, field, init",
+    ),
+    "gravity felt by the model": (
+        GRADIOMETER, f"[model.field]\ngravity_disturbance = true\n{GRADIOMETER}",
+        r"unknown key 'model.field.gravity_disturbance'",
+    ),
+    "outliers without a size": (
+        GRADIOMETER, f"[truth.gradiometer]\noutlier_share = 0.1\n{GRADIOMETER}",
+        r"truth.gradiometer: outlier_share and outlier_eotvos go together",
+    ),
+    "all outliers": (
+        GRADIOMETER, f"[truth.gradiometer]\noutlier_share = 1.0\n{GRADIOMETER}",
+        r"truth.gradiometer.outlier_share is 1.0 and must be less than 1",
+    ),
+    "a dropout that ends before it begins": (
+        GRADIOMETER, f"[truth.gradiometer]\ndropouts_s = [[5.0, 4.0]]\n{GRADIOMETER}",
+        r"truth.gradiometer: dropouts_s must be \[from, to\] with from < to, found \[5, 4\]",
+    ),
+    "a dropout without an end": (
+        GRADIOMETER, f"[truth.gradiometer]\ndropouts_s = [[5.0]]\n{GRADIOMETER}",
+        r"truth.gradiometer.dropouts_s\[0\] is \[5.0\] and",
+    ),
+    "dropouts behind a filter": (
+        GRADIOMETER,
+        f'[truth.gradiometer]\ndropout_share = 0.1\n{GRADIOMETER}\nfilter = "butterworth"',
+        r"truth.gradiometer: readings can only drop out of an instrument without a filter",
+    ),
+    "both noises of the truth": (
+        GRADIOMETER,
+        "[truth.gradiometer]\nnoise_eotvos = 1.0\nnoise_density_eotvos_per_sqrt_hz = 1.0\n"
+        + GRADIOMETER,
+        r"truth.gradiometer: give exactly one of noise_eotvos",
+    ),
+    "fixed biases that wander in the truth": (
+        "[imu]", '[truth.imu]\ngyro_bias_time_s = 9.0\n[imu]\nbiases = "fixed"',
+        r'truth.imu: biases = "fixed" and a time constant of a bias exclude each other',
+    ),
+    "negative scale factor": (
+        "[imu]", "[truth.imu]\ngyro_scale_factor_ppm = -1.0\n[imu]",
+        r"truth.imu.gyro_scale_factor_ppm is -1.0 and must be greater than or equal to 0",
+    ),
+    "errors of disks that are not there": (
+        GRADIOMETER, f"[truth.gradiometer.rotating]\nscale_factor_ppm = 1.0\n{GRADIOMETER}",
+        r"truth.gradiometer.rotating gives errors of an instrument that",
+    ),
+    "components of a rotating instrument": (
+        GRADIOMETER,
+        "[gradiometer.rotating]\nbaseline_m = 0.5\nrotation_hz = 0.5\n"
+        f'{GRADIOMETER}\ncomponents = ["zz"]',
+        r"gradiometer: components must not be given beside \[gradiometer.rotating\]",
+    ),
+    "no whole number of half turns": (
+        GRADIOMETER,
+        f"[gradiometer.rotating]\nbaseline_m = 0.5\nrotation_hz = 0.3\n{GRADIOMETER}",
+        r"gradiometer: rotating gradiometer: a reading of 1.0 s at 0.3 Hz takes 0.6 half turns",
+    ),
+    "an axis twice": (
+        GRADIOMETER,
+        '[gradiometer.rotating]\nbaseline_m = 0.5\nrotation_hz = 0.5\nspin_axes = ["x", "x"]\n'
+        + GRADIOMETER,
+        r"gradiometer.rotating: spin_axes names an axis twice",
+    ),
+    "unknown mount": (
+        GRADIOMETER, f'{GRADIOMETER}\ninstrument = "gimballed"',
+        r"gradiometer.instrument is 'gimballed' and must be 'platform', 'local-level' or 'strapd",
+    ),
+    "unknown channel": (
+        GRADIOMETER, f'{GRADIOMETER}\ncomponents = ["yx"]', r"gradiometer.components\[0\] is 'yx'",
+    ),
+    "an altimeter without noise": (
+        GRADIOMETER, f"[altimeter]\nnoise_m_per_sqrt_hz = 0.0\n{GRADIOMETER}",
+        r"altimeter.noise_m_per_sqrt_hz is 0.0 and must be greater than 0",
+    ),
+    "a damping faster than the INS": (
+        "[imu]\nperiod_s = 0.1",
+        "[altimeter]\nnoise_m_per_sqrt_hz = 1.0\ntime_constant_s = 1.5\n[imu]\nperiod_s = 0.2",
+        r"altimeter.time_constant_s is 1.5 s and must be at least 10 times imu.period_s, 2 s",
+    ),
+    "a bias that wanders faster than it is read": (
+        "[imu]", "[truth.imu]\ngyro_bias_time_s = 0.5\n[imu]",
+        r"truth.imu: gyro_bias_time_s is 0.5 s and must be at least 10 times imu.period_s, 1 s",
+    ),
+    "an error of the normal field": (
+        'source = "normal"', 'source = "normal"\nerror.density_factor = 1.1',
+        r'field.error: source = "normal" has no map that could be wrong',
+    ),
+    "a map that is not there": (
+        GRADIOMETER, f'[model.field]\nsource = "gone.nc"\n{GRADIOMETER}', r"gone.nc.*No such file",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", BAD)
+def test_a_mistake_has_its_sentence(kind, tmp_path):
+    """One line that names the key, what was found and what is allowed."""
+    old, new, expected = BAD[kind]
+    assert old in SMALL
+    path = tmp_path / "small.toml"
+    path.write_text(SMALL.replace(old, new, 1))
+    with pytest.raises(GGBenchError, match=expected) as caught:
+        for case in scenario.load(str(path)).cases:
+            prepare(case)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert not re.search(r"Input should|pydantic|Spec\b|Change\b|validation error", message)
+    if isinstance(caught.value, ScenarioError):
+        assert message.startswith(f"{path}: ")
+
+
+# Identity.
+
+
+def test_a_problem_is_its_maps_content_wherever_they_lie(tmp_path):
+    """Another place of a map changes no key; another content of truth's or model's map does."""
+    one, same, two = (
+        rough_map(Path(tmp_path / f"{name}.npz"), seed=seed)
+        for name, seed in (("one", 1), ("same", 1), ("two", 2))
+    )
+    Path(same).write_bytes(Path(one).read_bytes())
+
+    def key(**sources: str) -> str:
+        changes = {f"{side}.field.source": path for side, path in sources.items()}
+        return result_keys.problem_key(small_case(changes), seed=1)
+
+    found = {
+        (t, m): key(truth=path, model=believed)
+        for t, path in (("one", one), ("two", two))
+        for m, believed in (("one", one), ("two", two))
+    }
+    assert len(set(found.values())) == 4
+    assert key(truth=same, model=two) == found["one", "two"]
+    assert key(truth=two, model=same) == found["two", "one"]
+    # What both share may be said once.
+    assert result_keys.problem_key(small_case({"field.source": same}), 1) == found["one", "one"]
+    assert result_keys.problem_key(small_case(), 1) not in found.values()
+
+
+def test_every_error_of_a_model_map_is_another_problem():
+    """Two maps from one file that are degraded differently are not confused."""
+    base = {"field.source": "egm2008_qinling"}
+    errors = ({}, {"density_factor": 1.1}, {"white_noise_eotvos": 1.0},
+              {"white_noise_eotvos": 1.0, "seed": 2}, {"resolution_km": 1.0})  # fmt: skip
+    cases = [
+        small_case(base | ({f"{side}.field.error": error} if error else {}))
+        for side in ("truth", "model")
+        for error in errors
+    ]
+    hashes = [case.content_hash for case in cases]
+    assert len(set(hashes)) == len(hashes) - 1  # the two without any error are one

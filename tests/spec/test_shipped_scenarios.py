@@ -1,0 +1,104 @@
+"""Every scenario that is shipped can be flown, within its map, and its runs are what they claim.
+
+Over the normal field, as the maps take half a minute each; that a flight stays within its map is
+seen from its recipe.
+"""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+from small_cases import over_the_normal_field
+
+from ggbench.campaign import registry
+from ggbench.maps.recipe import _check
+from ggbench.simulation.error_free_flight import Flight, prepare
+from ggbench.simulation.field_source import map_recipe
+from ggbench.simulation.runs import simulate
+from ggbench.spec import scenario
+from ggbench.spec.case import CaseSpec
+from ggbench.spec.sensors import (
+    GradiometerChange,
+    TrueGradiometer,
+)
+
+SAMPLES = 20_000
+"""IMU samples beyond which one case of a scenario stands for all."""
+
+
+def chosen(name: str) -> list[CaseSpec]:
+    """The cases of a scenario, or one of a sweep or of long flights."""
+    loaded = scenario.load(name)
+    first = loaded.cases[0]
+    long = first.trajectory.duration_s > SAMPLES * first.imu.period_s
+    return list(loaded.cases[:1] if long or loaded.sweep else loaded.cases)
+
+
+CASES = [(name, case.name) for name in scenario.shipped() for case in chosen(name)]
+
+
+@functools.cache
+def flown(name: str, case: str) -> Flight:
+    return prepare(over_the_normal_field(scenario.load(name).case(case)))
+
+
+@pytest.mark.parametrize("name", scenario.shipped())
+def test_a_shipped_scenario_names_estimators_that_exist(name):
+    """A campaign of it can begin."""
+    loaded = scenario.load(name)
+    chosen = registry.choose_all(
+        [*loaded.campaign.estimators, loaded.campaign.assumption_estimator]
+    )
+    assert len(chosen) >= 2
+    assert loaded.notes
+
+
+@pytest.mark.parametrize("name", scenario.shipped())
+def test_a_shipped_flight_stays_within_its_maps(name):
+    """Truth's and model's map can be made as they are described, and cover the flight."""
+    for case in chosen(name):
+        positions = flown(name, case.name).trajectory.positions
+        where = positions * np.array([180.0 / np.pi, 180.0 / np.pi, 1.0])
+        for side in ("truth", "model"):
+            field = case.side(side).field
+            if field.source == "normal":
+                continue
+            recipe = map_recipe(field)
+            _check(recipe)
+            low = [recipe.south_deg, recipe.west_deg, recipe.min_height_m]
+            high = [recipe.north_deg, recipe.east_deg, recipe.max_height_m]
+            assert (where.min(axis=0) >= low).all(), case.name
+            assert (where.max(axis=0) <= high).all(), case.name
+
+
+@pytest.mark.parametrize(("name", "case"), CASES)
+def test_a_shipped_case_is_simulated_as_it_is_told(name, case):
+    """A run of finite numbers; where the model is right, z − h(true error) is noise of its R.
+
+    Chi-square of all readings, false-alarm probability 1e-4 per case. Behind a filter they are not
+    white, and only finite.
+    """
+    flight = flown(name, case)
+    problem, truth = simulate(flight, seed=1, run=0)
+    for array in (problem.measurements, problem.transition, problem.process_cov, problem.prior_cov,
+                  truth.error_state):  # fmt: skip
+        assert np.isfinite(array).all()
+    assert np.isfinite(flight.final_bound)
+    spec = flight.case
+    told = (
+        spec.gradiometer.filter == "none"
+        and spec.truth.gradiometer == TrueGradiometer()
+        and spec.model.gradiometer == GradiometerChange()
+    )
+    if not told:
+        return
+    left = np.array(
+        [z - problem.model.predict(k, x)
+         for k, (z, x) in enumerate(zip(problem.measurements, truth.error_state, strict=True))]
+    )  # fmt: skip
+    total = np.einsum("ki,ij,kj->", left, np.linalg.inv(problem.noise_cov), left)
+    low, high = chi2.ppf([5e-5, 1.0 - 5e-5], left.size)
+    assert low < total < high

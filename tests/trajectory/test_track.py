@@ -1,0 +1,323 @@
+"""Tracks of the user's own: flown as they are, and every mistake in a file has its sentence."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from error_free import closure
+from problems import SMALL
+
+from ggbench.campaign import result_keys
+from ggbench.errors import GGBenchError
+from ggbench.simulation.error_free_flight import prepare, trajectory_of
+from ggbench.simulation.runs import simulate
+from ggbench.spec import scenario
+from ggbench.spec.trajectory import TrajectorySpec
+from ggbench.trajectory.manoeuvres import TrajectoryError
+from ggbench.trajectory.truth import Trajectory
+
+NAMES = "time_s,latitude_deg,longitude_deg,height_m"
+
+
+def write(path: Path, rows: np.ndarray, names: str = NAMES, decimals: int = 10) -> str:
+    """Write a track and return its path."""
+    np.savetxt(path, rows, fmt=f"%.{decimals}f", delimiter=",", header=names, comments="")
+    return str(path)
+
+
+def read(path: str, **limits: float | str) -> TrajectorySpec:
+    return TrajectorySpec.model_validate({"file": path} | limits)
+
+
+def degrees(flight: Trajectory, every: int) -> np.ndarray:
+    """Rows of a CSV file (N, 4)."""
+    positions = flight.positions[::every]
+    return np.column_stack([flight.times[::every], np.degrees(positions[:, :2]), positions[:, 2]])
+
+
+def distance(one: np.ndarray, other: np.ndarray) -> float:
+    """Greatest distance [m] between positions (N, 3) near one another."""
+    scale = np.stack([np.full(len(one), 6.38e6), 6.38e6 * np.cos(one[:, 0]), np.ones(len(one))])
+    return float(np.abs((one - other) * scale.T).max())
+
+
+@pytest.fixture(scope="module")
+def hour() -> Trajectory:
+    """A bit more than an hour of turns, climbs and changes of speed, known at 100 Hz."""
+    lap = [
+        {"kind": "cruise", "distance_km": 30.0},
+        {"kind": "turn", "by_heading_deg": 180.0, "bank_deg": 25.0},
+        {"kind": "climb", "by_height_m": 300.0, "climb_angle_deg": 3.0},
+        {"kind": "cruise", "distance_km": 30.0},
+        {"kind": "turn", "by_heading_deg": -180.0, "bank_deg": 25.0},
+        {"kind": "climb", "by_height_m": -300.0, "vertical_speed_mps": 7.0},
+        {"kind": "speed", "to_speed_mps": 170.0, "acceleration_mps2": 1.0},
+        {"kind": "speed", "to_speed_mps": 200.0, "acceleration_mps2": 1.0},
+    ]
+    start = {"latitude_deg": 33.5, "longitude_deg": 179.9, "height_m": 3000.0}
+    return trajectory_of(
+        TrajectorySpec.model_validate(
+            start | {"speed_mps": 200.0, "heading_deg": 80.0, "segment": lap, "repeat": 6}
+        ),
+        0.01,
+    )
+
+
+@pytest.mark.parametrize("rate", [1, 10])
+def test_the_truth_is_where_the_track_is(hour, tmp_path, rate):
+    """Over an hour, across 180° E, within 5 cm of every row, and smooth in between.
+
+    Velocity and attitude are those of the flight that wrote the file, which banked for the same
+    turns; from 1 Hz, but for what a second hides.
+    """
+    rows = degrees(hour, 100 // rate)
+    rows[:, 2] = (rows[:, 2] + 180.0) % 360.0 - 180.0
+    assert np.ptp(rows[:, 2]) > 300.0
+    asked = read(write(tmp_path / "track.csv", rows))
+    flight = trajectory_of(asked, 0.05)
+    assert asked.duration_s == pytest.approx(rows[-1, 0], abs=1e-9)
+    assert flight.times[-1] > 3600.0
+    same = hour.positions[:: 100 // rate].copy()
+    at_rows = flight.positions[:: 20 // rate]
+    assert np.abs(at_rows[0, 1]) <= np.pi
+    count = min(len(at_rows), len(same))
+    assert distance(at_rows[:count], same[:count]) < 0.05
+    every = slice(None, 5 * len(flight.times), 5)
+    count = min(len(flight.times), len(hour.times[every]))
+    velocity = flight.velocities[:count] - hour.velocities[every][:count]
+    assert np.abs(velocity).max() < (0.05 if rate == 1 else 0.005)
+    turn = flight.attitudes[:count] @ hour.attitudes[every][:count].transpose(0, 2, 1)
+    assert np.degrees(np.abs(turn - np.eye(3)).max()) < 0.6
+    position, speed, attitude = closure(flight)
+    assert np.abs(position).max() < 1.0
+    assert np.abs(position[: 200 * 20]).max() < 1e-3
+    assert np.abs(speed).max() < 1e-3
+    assert attitude.max() < 1e-9
+
+
+def test_rows_denser_than_the_samples_leave_no_drift(hour, tmp_path):
+    """Rounded to millimetres at 100 Hz, they wiggle by 0.1 m/s: no reason to go astray."""
+    rows = degrees(hour, 1)[:130_000]
+    rng = np.random.default_rng(5)
+    rows[:, 3] += rng.uniform(-5e-4, 5e-4, len(rows))
+    file = write(tmp_path / "dense.csv", rows, decimals=8)
+    flight = trajectory_of(read(file, vehicle="ship", max_acceleration_mps2=200.0), 0.05)
+    assert distance(flight.positions, hour.positions[:130_000:5]) < 0.01
+
+
+def test_smoothing_takes_noise_away(hour, tmp_path):
+    """Noise of 0.3 m at 10 Hz is refused; smoothed, half of a wave of that period is left."""
+    rows = degrees(hour, 10)[:6000]
+    noisy = rows.copy()
+    noisy[:, 1:3] += np.degrees(np.random.default_rng(6).normal(0.0, 0.3, (6000, 2)) / 6.38e6)
+    noisy[:, 3] += np.random.default_rng(7).normal(0.0, 0.3, 6000)
+    file = write(tmp_path / "noisy.csv", noisy)
+    with pytest.raises(TrajectoryError, match=r"acceleration of .* noise, which smoothing_s would"):
+        trajectory_of(read(file), 0.05)
+    flight = trajectory_of(read(file, smoothing_s=6.0), 0.05)
+    assert distance(flight.positions[::200], hour.positions[::1000][:60]) < 1.0
+    assert np.abs(np.diff(flight.velocities, axis=0)).max() / 0.05 < 8.0
+    rows[:, 3] += 100.0 * np.sin(2.0 * np.pi * rows[:, 0] / 20.0)
+    rows[:, 3] -= hour.positions[::10, 2][:6000]
+    wave = trajectory_of(read(write(tmp_path / "wave.csv", rows), smoothing_s=20.0), 0.1)
+    middle = wave.positions[1000:5000, 2]
+    np.testing.assert_allclose(
+        middle, 50.0 * np.sin(2.0 * np.pi * wave.times[1000:5000] / 20.0), atol=0.1
+    )
+
+
+def test_attitude_comes_from_the_columns(tmp_path):
+    """Heading through north, pitch and roll, where they are given; a crab angle stays one."""
+    times = np.arange(0.0, 60.0)
+    heading, pitch, roll = (350.0 + 0.5 * times) % 360.0, 3.0 + 0.0 * times, np.sin(times / 5.0)
+    rows = np.column_stack(
+        [times, 30.0 + 1e-3 * times, 100.0 + 0.0 * times, 500.0 + times, heading, pitch, roll]
+    )
+    flight = trajectory_of(
+        read(write(tmp_path / "a.csv", rows, NAMES + ",Yaw,pitch,ROLL_DEG")), 0.1
+    )
+    forward, right = flight.attitudes[:, :, 1], flight.attitudes[:, :, 0]
+    headings = np.degrees(np.unwrap(np.arctan2(forward[:, 0], forward[:, 1]))) + 360.0
+    np.testing.assert_allclose(headings[::10], 350.0 + 0.5 * times, atol=1e-6)
+    np.testing.assert_allclose(np.degrees(np.arcsin(forward[:, 2])), 3.0, atol=1e-6)
+    rolled = np.degrees(np.arctan2(-right[::10, 2], flight.attitudes[::10, 2, 2]))
+    np.testing.assert_allclose(rolled, roll, atol=1e-6)
+
+
+def test_a_ship_waits_without_losing_its_heading(tmp_path):
+    """While it lies still it keeps its heading; it turns without leaning and pitches not."""
+    times = np.arange(0.0, 300.0)
+    speed = np.interp(times, [0, 60, 80, 200, 220, 300], [5, 5, 0, 0, 5, 5])
+    north = np.cumsum(speed)
+    rows = np.column_stack(
+        [times, 10.0 + np.degrees(north / 6.34e6), 0.0 * times, 0.2 * np.sin(times / 9.0)]
+    )
+    flight = trajectory_of(read(write(tmp_path / "ship.csv", rows), vehicle="ship"), 0.1)
+    turned = flight.attitudes - np.eye(3)
+    assert np.degrees(np.abs(turned).max()) < 1.0
+    np.testing.assert_allclose(flight.attitudes[:, 2, 2], 1.0, atol=1e-12)
+    standing = np.column_stack([times, 10.0 + 0 * times, 0 * times, 0 * times])
+    with pytest.raises(TrajectoryError, match=r"never exceeds 1 m/s, .* heading_deg"):
+        trajectory_of(read(write(tmp_path / "still.csv", standing)), 0.1)
+
+
+# What may be in a file.
+
+ROWS = [f"{t},{33.0 + 1e-3 * t:.6f},{108.0 + 1e-3 * t:.6f},{3000.0 + 0.1 * t}" for t in range(20)]
+
+
+def text(rows: list[str] = ROWS, names: str = NAMES) -> str:
+    return "\n".join([names, *rows]) + "\n"
+
+
+def with_row(row: str) -> str:
+    """The track with another fourth row, on line 5."""
+    return text([*ROWS[:3], row, *ROWS[4:]])
+
+
+SAME = {
+    "as it is": text(),
+    "byte order mark": "\ufeff" + text(),
+    "of Windows": text().replace("\n", "\r\n"),
+    "of an old Mac": text().replace("\n", "\r"),
+    "semicolons": text().replace(",", ";"),
+    "tabs": text().replace(",", "\t"),
+    "spaces": text().replace(",", " , "),
+    "quoted": '"' + text().strip().replace(",", '","').replace("\n", '"\n"') + '"',
+    "other names": text(names="T,Latitude,LON,Alt"),
+    "remarks above": "# a flight\n\n" + text(),
+    "empty lines below": text() + "\n\n",
+    "column of names": text([row + ",CALL-SIGN" for row in ROWS], NAMES + ",call"),
+    "other order": text([",".join(row.split(",")[::-1]) for row in ROWS],
+                        ",".join(NAMES.split(",")[::-1])),
+    "another clock": text([f"{1.7e9 + t:.0f}," + row.partition(",")[2]
+                           for t, row in enumerate(ROWS)]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", SAME)
+def test_one_track_in_many_spellings(kind, tmp_path):
+    """Separators, line ends, names and what stands around the numbers change nothing."""
+    path = tmp_path / "track.csv"
+    path.write_bytes(SAME[kind].encode())
+    flight = trajectory_of(read(str(path)), 0.1)
+    path.write_text(text())
+    plain = trajectory_of(read(str(path)), 0.1)
+    np.testing.assert_allclose(flight.positions, plain.positions, rtol=0.0, atol=1e-9)
+
+
+BAD: dict[str, tuple[str | bytes, str]] = {
+    "empty": ("", "is empty; its first line must name the columns, time_s"),
+    "blank": ("\n\n", "is empty"),
+    "binary": (bytes(range(256)), "is not UTF-8 text"),
+    "UTF-16": (text().encode("utf-16"), "is not UTF-8 text"),
+    "no names": (text()[len(NAMES) + 1 :], r"line 1 names no column time_s \(found: 0, 33"),
+    "names only": (NAMES, "has 0 rows; a track needs at least 5"),
+    "two rows": (text(ROWS[:2]), "has 2 rows"),
+    "radians by name": (text(names="t,lat_rad,lon_rad,h"), "names no column latitude_deg"),
+    "radians by value": (
+        text([f"{t},{0.5 + 1e-6 * t:.8f},1.8,100" for t in range(9)], "t,lat,lon,h"),
+        "could be radians; if they are degrees, name the columns latitude_deg",
+    ),
+    "feet": (text(names="t,lat,lon,altitude_ft"), r"no column height_m \(found: .*altitude_ft\)"),
+    "heading in radians": (
+        text([r + ",1.0" for r in ROWS], NAMES + ",heading_rad"), "'heading_rad'; .* in degrees",
+    ),
+    "column twice": (text(names="time,lat,latitude,h"), "latitude_deg twice, 'lat' and 'latitude'"),
+    "field missing": (with_row("3,33.003,108.003"), "line 5 has 3 fields and line 1 names 4"),
+    "field too many": (with_row("3,33.003,108.003,3000,1"), "line 5 has 5 fields and line 1"),
+    "line empty": (with_row(""), "line 5 has 0 fields"),
+    "cell empty": (with_row("3,,108.003,3000"), "line 5: latitude_deg is empty and must be"),
+    "NaN": (with_row("3,33.003,108.003,nan"), "line 5: height_m is 'nan' and must be a number"),
+    "infinity": (with_row("3,33.003,108.003,inf"), "line 5: height_m is 'inf'"),
+    "word": (with_row("3,33.003,E108,3000"), "line 5: longitude_deg is 'E108'"),
+    "truth": (with_row("3,33.003,True,3000"), "line 5: longitude_deg is 'True'"),
+    "decimal commas": (text().replace(",", ";").replace(".", ","), "line 2: .* a decimal comma"),
+    "both commas": (text([r.replace(".", ",") for r in ROWS]), "line 2 has 7 .* a decimal comma"),
+    "dates": (text(["2024-05-01T00:00:0" + r for r in ROWS]), "line 2: time_s is '2024.* seconds"),
+    "time twice": (with_row("2,33.003,108.003,3000"), "line 5: time_s is 2 after 2 in the line"),
+    "time backwards": (with_row("1,33.003,108.003,3000"), "line 5: time_s is 1 after 2"),
+    "gap": (text(ROWS[:5] + ROWS[12:]), "line 7: comes 8 s after .* at most 5 s .* max_gap_s"),
+    "pole": (with_row("3,89.5,108.003,3000"), "line 5: latitude_deg is 89.5 .* -89 and 89"),
+    "no latitude": (with_row("3,108.003,33.003,3000"), "line 5: latitude_deg is 108.003"),
+    "longitude": (with_row("3,33.003,361,3000"), "line 5: longitude_deg is 361"),
+    "orbit": (with_row("3,33.003,108.003,400000"), "line 5: height_m is 400000"),
+    "jump": (with_row("3,34.003,108.003,3000"), r"line 5: lies .* at most 10000 m/s are allowed"),
+    "outlier": (with_row("3,33.004,108.003,3000"), r"line 5: .* acceleration of \d+.* at most 50"),
+    "flip": (
+        text([f"{r},{200 * (n > 7)}" for n, r in enumerate(ROWS)], NAMES + ",heading"),
+        "line 10: heading_deg turns by 160° from the line before",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", BAD)
+def test_a_mistake_in_a_track_has_its_sentence(kind, tmp_path):
+    """It names the file, the line, what was found and what is allowed."""
+    content, expected = BAD[kind]
+    path = tmp_path / "track.csv"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(TrajectoryError, match=expected) as caught:
+        trajectory_of(read(str(path)), 0.1)
+    assert str(caught.value).startswith(f"track {path}: ")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", [".", "gone.csv", "gone/track.csv", "/dev/zero"])
+def test_what_is_no_file_has_its_sentence(name, tmp_path):
+    """A folder and a device are told from a missing file, and not waited for."""
+    with pytest.raises(TrajectoryError, match=r"the track .*: (it is no|No such) file"):
+        assert read(str(tmp_path / name)).duration_s
+
+
+def test_limits_can_be_widened(tmp_path):
+    """A gap that is meant, and a rocket."""
+    path = tmp_path / "track.csv"
+    path.write_text(text(ROWS[:5] + ROWS[12:]))
+    assert read(str(path), max_gap_s=8.0).duration_s == 19.0
+    path.write_text(with_row("3,33.004,108.003,3000"))
+    assert read(str(path), max_acceleration_mps2=1000.0).duration_s == 19.0
+
+
+# In a scenario.
+
+
+def test_a_scenario_flies_a_track(hour, tmp_path):
+    """Up to a simulated run; another content is another problem, another place is not."""
+    rows = degrees(hour, 100)[:30]
+    file = Path(write(tmp_path / "track.csv", rows))
+    start, end = SMALL.index("[trajectory]"), SMALL.index("[imu]")
+    path = tmp_path / "small.toml"
+
+    def load(track: Path) -> scenario.CaseSpec:
+        path.write_text(f'{SMALL[:start]}[trajectory]\nfile = "{track}"\n\n{SMALL[end:]}')
+        return scenario.load(str(path)).cases[0]
+
+    case = load(file)
+    flight = prepare(case)
+    assert flight.times[-1] == 29.0
+    problem, _ = simulate(flight, seed=1, run=0)
+    assert problem.epochs == 29
+    key = result_keys.problem_key(case, 1)
+    copy = tmp_path / "copy.csv"
+    copy.write_bytes(file.read_bytes())
+    assert result_keys.problem_key(load(copy), 1) == key
+    rows[:, 3] += 100.0
+    write(file, rows)
+    assert result_keys.problem_key(case, 1) != key
+    again = prepare(case)
+    assert again.trajectory.positions[0, 2] == pytest.approx(3100.0)
+    file.write_text(with_row("3,33.003,E108,3000"))
+    with pytest.raises(GGBenchError, match=r"^track .*line 5: longitude_deg is 'E10"):
+        prepare(case)
+    write(file, rows[:8])
+    with pytest.raises(GGBenchError, match=r"settled_from_s is 10 s .* last reading, at 7 s"):
+        prepare(case)
+    # Without the track there is no flight; results of old can still be read.
+    file.unlink()
+    old = load(file)
+    assert scenario.from_text(path.read_text(), "small", "").cases[0] == old
+    with pytest.raises(GGBenchError, match=r"cannot read .*track.csv: No such file"):
+        prepare(case)
