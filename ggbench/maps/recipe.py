@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from ..gravity.ellipsoid import SEMI_MAJOR_AXIS
 from ..gravity.gradient_map import GradientMap, MapError
 from ..numerics.cache import cache_folder
-from ..numerics.source import source_hash
+from ..numerics.source import MAP_ROOMS, source_hash
 from . import netcdf_reader
 from .shipped_regions import (
     SOURCES,
@@ -251,7 +251,7 @@ def content_key(recipe: MapRecipe) -> str:
     """Hash of all that determines the map: recipe, data, code."""
     values = [v if isinstance(v, str) else float(v) for v in dataclasses.astuple(recipe)]
     digest = hashlib.sha256(json.dumps(values).encode())
-    digest.update(source_hash().encode())
+    digest.update(source_hash(*MAP_ROOMS).encode())
     if recipe.source in TERRAINS:
         names = [TERRAINS[recipe.source].file]
     else:

@@ -1,7 +1,8 @@
 """Where compiled code is kept: apart for every version of its source.
 
 Numba knows that a function's own file has changed, but not that of a function which it inlines
-from another one, and would go on with the old formula. So the folder is named after the source.
+from another one, and would go on with the old formula. So the folder is named after the source of
+the rooms that hold compiled code.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from pathlib import Path
 
 import platformdirs
 
-from .source import source_hash
+from .source import COMPILED_ROOMS, source_hash
 
 CACHE_VARIABLE = "GGBENCH_CACHE_DIR"
 """Environment variable that names another cache folder than the user's."""
@@ -31,7 +32,7 @@ def cache_folder() -> Path:
 
 def keep_apart() -> None:
     """Have numba keep what it compiles in a folder of this source; before anything is compiled."""
-    name = f"ggbench-{source_hash()}"
+    name = f"ggbench-{source_hash(*COMPILED_ROOMS)}"
     base = Path(os.environ.get(_VARIABLE) or cache_folder() / "numba")
     if _OURS.fullmatch(base.name):  # a process that this package started
         base = base.parent

@@ -1,60 +1,77 @@
-"""Results, maps and compiled code are known by the source that made them: all of it, by content."""
+"""Results, maps and compiled code are known by the source that made them: whole rooms of it."""
 
 from __future__ import annotations
 
+import re
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 import ggbench
+from ggbench.numerics import source
+from ggbench.numerics.source import COMPILED_ROOMS, MAP_ROOMS, source_hash
 
 PACKAGE = Path(ggbench.__file__).parent
-SCRIPT = "from ggbench.numerics import source; print(source.source_hash())"
-
-
-def hash_of(folder: Path) -> str:
-    """The hash that a process sees which imports the package from a folder."""
-    done = subprocess.run(
-        [sys.executable, "-P", "-c", SCRIPT],
-        env={"PYTHONPATH": str(folder)}, capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    return done.stdout.strip()
+SHOWN = ("report", "cli")
+"""Rooms that show results and make none."""
 
 
 @pytest.fixture
-def copy(tmp_path) -> Path:
-    shutil.copytree(
-        PACKAGE, tmp_path / "ggbench", ignore=shutil.ignore_patterns("__pycache__", "scenarios")
-    )
-    return tmp_path / "ggbench"
+def copy(tmp_path, monkeypatch) -> Path:
+    """The package's source elsewhere, which is hashed there, anew each time."""
+    folder = tmp_path / "ggbench"
+    shutil.copytree(PACKAGE, folder, ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.setattr(source, "PACKAGE", folder)
+    return folder
 
 
-def modules() -> list[str]:
-    """Every module of the package, whatever folder it lies in."""
-    return sorted(str(path.relative_to(PACKAGE)) for path in PACKAGE.rglob("*.py"))
+def hash_of(*rooms: str) -> str:
+    return source_hash.__wrapped__(*rooms)
 
 
-def test_every_module_counts(copy):
-    """A change of any module, in the top folder or below, is another source."""
-    before = hash_of(copy.parent)
-    found = {before}
-    for name in modules():
-        file = copy / name
-        text = file.read_text(encoding="utf-8")
-        file.write_text(text + "# another source\n", encoding="utf-8")
-        found.add(hash_of(copy.parent))
-        file.write_text(text, encoding="utf-8")
-    assert len(found) == 1 + len(modules())
-    assert hash_of(copy.parent) == before
+def changes(copy: Path, *rooms: str) -> set[str]:
+    """Modules of which a change changes the hash."""
+    before, found = hash_of(*rooms), set()
+    for file in sorted(copy.rglob("*.py")):
+        text = file.read_bytes()
+        file.write_bytes(text + b"# another source\n")
+        if hash_of(*rooms) != before:
+            found.add(file.relative_to(copy).as_posix())
+        file.write_bytes(text)
+    assert hash_of(*rooms) == before
+    return found
+
+
+def modules(*rooms: str) -> set[str]:
+    """Modules of rooms, of all if none is named."""
+    files = {path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py")}
+    return {file.as_posix() for file in files if not rooms or file.parts[0] in rooms}
+
+
+def test_every_module_that_makes_a_result_counts(copy):
+    """A change of any module is another source, but of one that only shows results."""
+    assert changes(copy) == modules() - modules(*SHOWN)
+
+
+@pytest.mark.parametrize("rooms", [COMPILED_ROOMS, MAP_ROOMS])
+def test_every_module_of_a_room_counts(copy, rooms):
+    assert changes(copy, *rooms) == modules(*rooms)
+
+
+def test_compiled_code_is_in_rooms_that_are_hashed():
+    """No module elsewhere is compiled, or holds a number that compiled code could take from it."""
+    compiles = re.compile(r"^@(njit|compiled|inlined|copied)|numba\.njit", re.MULTILINE)
+    found = {
+        name.split("/")[0] for name in modules() if compiles.search((PACKAGE / name).read_text())
+    }
+    assert found == set(COMPILED_ROOMS)
 
 
 def test_a_new_module_counts_and_a_renamed_one(copy):
-    before = hash_of(copy.parent)
+    before = hash_of()
     (copy / "room").mkdir()
     (copy / "room" / "new.py").write_text("")
-    added = hash_of(copy.parent)
+    added = hash_of()
     (copy / "room" / "new.py").rename(copy / "room" / "other.py")
-    assert len({before, added, hash_of(copy.parent)}) == 3
+    assert len({before, added, hash_of()}) == 3

@@ -1,0 +1,125 @@
+"""The rooms of the package, and which of them may know which others."""
+
+from __future__ import annotations
+
+import ast
+import shutil
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+FLOORS = (
+    ("errors",),
+    ("numerics",),
+    ("gravity", "problem"),
+    ("ins", "maps", "sensors"),
+    ("trajectory", "block"),
+    ("spec", "engines"),
+    ("simulation",),
+    ("judging",),
+    ("results",),
+    ("campaign", "report"),
+    ("cli",),
+)
+"""A room imports what stands above it in this list, and nothing beside it or below."""
+ESTIMATORS_MAY = {"problem", "block", "engines", "numerics", "estimators"}
+
+
+def room_of(name: str) -> str:
+    """The room of a dotted name within the package: its first part."""
+    return name.split(".")[0]
+
+
+def imported(file: Path, package: tuple[str, ...]) -> Iterator[tuple[int, str]]:
+    """(line, dotted name within the package) of what a file imports from it, wherever it does."""
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom):
+            if node.level:
+                base = (*package[: len(package) - node.level + 1], *(node.module or "").split("."))
+            elif node.module and node.module.split(".")[0] == "ggbench":
+                base = tuple(node.module.split(".")[1:])
+            else:
+                continue
+            base = tuple(part for part in base if part)
+            for alias in node.names:
+                yield node.lineno, ".".join((*base, alias.name))
+        elif isinstance(node, ast.Import):
+            for alias in node.names:
+                if alias.name.split(".")[0] == "ggbench":
+                    yield node.lineno, ".".join(alias.name.split(".")[1:]) or "ggbench"
+
+
+def violations(package: Path, estimators: Path) -> list[str]:
+    """Imports that the table does not allow, as sentences."""
+    floor = {room: n for n, rooms in enumerate(FLOORS) for room in rooms}
+    found = []
+    for file in sorted(package.rglob("*.py")):
+        place = file.relative_to(package)
+        mine = place.parts[0].removesuffix(".py")
+        if mine == "__init__":
+            continue
+        if mine not in floor:
+            found.append(f"{place} stands in no room of the table")
+            continue
+        for line, name in imported(file, place.parent.parts):
+            other = room_of(name)
+            if other not in floor and other != "estimators":
+                continue  # a name of the package itself, as its version
+            if other == "estimators" or (other != mine and floor[other] >= floor[mine]):
+                found.append(f"{place}:{line} imports {name}: {mine} may not know {other}")
+    for file in sorted(estimators.glob("*.py")):
+        for line, name in imported(file, ("estimators",)):
+            if room_of(name) not in ESTIMATORS_MAY:
+                found.append(f"estimators/{file.name}:{line} imports {name}")
+    return found
+
+
+def test_rooms_know_only_what_stands_above_them():
+    assert violations(ROOT / "ggbench", ROOT / "estimators") == []
+
+
+@pytest.mark.parametrize(
+    ("place", "line"),
+    [
+        ("ggbench/gravity/field.py", "from ..simulation.runs import simulate\n"),
+        ("ggbench/sensors/gradiometer/lowpass.py", "from ...ins import strapdown\n"),
+        ("ggbench/campaign/runner.py", "from ..report.tables import short\n"),
+        ("ggbench/problem.py", "import ggbench.engines.filters\n"),
+        ("ggbench/judging/ranking.py", "def later():\n    from ggbench.cli import main\n"),
+        ("ggbench/engines/filters.py", "from ..estimators import ekf\n"),
+        ("ggbench/numerics/lanes.py", "from .. import block\n"),
+        ("ggbench/attic.py", "import numpy\n"),
+        ("estimators/ekf.py", "from ..simulation.runs import simulate\n"),
+        ("estimators/ins.py", "from ggbench.results import store\n"),
+    ],
+)
+def test_an_import_that_climbs_is_seen(tmp_path, place, line):
+    """The guard fails where it should: one planted line is one violation."""
+    for folder in ("ggbench", "estimators"):
+        shutil.copytree(ROOT / folder, tmp_path / folder, ignore=shutil.ignore_patterns("*.pyc"))
+    file = tmp_path / place
+    before = file.read_text(encoding="utf-8") if file.exists() else ""
+    file.write_text(f"{before}\n{line}", encoding="utf-8")
+    assert len(violations(tmp_path / "ggbench", tmp_path / "estimators")) == 1
+
+
+def test_rooms_are_entered_by_their_modules():
+    """The ``__init__`` of a room imports nothing, so that --help stays quick and no circle hides."""
+    for file in (ROOT / "ggbench").glob("*/**/__init__.py"):
+        tree = ast.parse(file.read_text(encoding="utf-8"))
+        assert ast.get_docstring(tree), file
+        assert len(tree.body) == 1, file
+
+
+def test_every_room_is_installed():
+    """What ``packages`` of pyproject.toml lists is what there is."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    rooms = {
+        ".".join(file.parent.relative_to(ROOT).parts)
+        for file in (ROOT / "ggbench").rglob("__init__.py")
+    }
+    listed = project["tool"]["setuptools"]["packages"]
+    assert sorted(listed) == sorted(rooms | {"ggbench.estimators", "ggbench.scenarios"})
