@@ -107,7 +107,7 @@ def test_an_import_that_climbs_is_seen(tmp_path, place, line):
 
 
 def test_rooms_are_entered_by_their_modules():
-    """The ``__init__`` of a room imports nothing, so that --help stays quick and no circle hides."""
+    """The ``__init__`` of a room imports nothing: --help stays quick, and no circle hides."""
     for file in (ROOT / "ggbench").glob("*/**/__init__.py"):
         tree = ast.parse(file.read_text(encoding="utf-8"))
         assert ast.get_docstring(tree), file
