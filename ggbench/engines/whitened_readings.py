@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from ..numerics.kernels import LANES, compiled
 from ..numerics.lanes import gather_row, gather_rows, lanes
-from ..numerics.vectors import load, root, splat, store, with_sign
+from ..numerics.vectors import load, splat, store, with_sign
 from ..sensors.gradiometer.instrument import STRAPDOWN
 from ..sensors.model_kernels import ModelArrays
 from ..sensors.model_lanes import linearise_lanes, linearising_work
@@ -158,7 +159,7 @@ def _compress(out: Readings) -> None:
             value = load(slope, i, j)
             norm += value * value
         # v = column − norm e_j; vᵀv / 2 = norm² − norm · first
-        signed = splat(0.0) - with_sign(root(norm), first)
+        signed = splat(0.0) - with_sign(math.sqrt(norm), first)
         scale = splat(1.0) / (norm - signed * first + tiny)
         store(slope, j, j, first - signed)
         for c in range(j + 1, columns):

@@ -17,6 +17,7 @@ import math
 import numpy as np
 
 from ..numerics.kernels import compiled, inlined
+from ..numerics.vectors import like
 
 SEMI_MAJOR_AXIS = 6378137.0
 FLATTENING = 1.0 / 298.257223563
@@ -113,14 +114,14 @@ _DEGREES = EVEN_ZONALS.size
 def _zonal_derivatives(radius: float, sine: float) -> tuple[float, float, float, float, float]:
     """Return V_r, V_s, V_rr, V_rs, V_ss of the zonal potential, s = sin(geocentric latitude).
 
-    V = GM/r (1 − Σ J_n (a/r)^n P_n(s)), by Horner's rule in s² and in (a/r)²: numbers in, numbers
-    out, so that a loop over points becomes vector instructions.
+    V = GM/r (1 − Σ J_n (a/r)^n P_n(s)), by Horner's rule in s² and in (a/r)².
     """
-    square = sine * sine
-    ratio = (SEMI_MAJOR_AXIS / radius) ** 2
-    v_r = v_rr = v_s = v_rs = v_ss = 0.0
+    square, zero = sine * sine, like(sine, 0.0)
+    ratio = SEMI_MAJOR_AXIS / radius
+    ratio = ratio * ratio
+    v_r = v_rr = v_s = v_rs = v_ss = zero
     for i in range(_DEGREES - 1, -1, -1):
-        p0 = p1 = p2 = 0.0
+        p0 = p1 = p2 = zero
         for k in range(i + 1, -1, -1):
             p0 = p0 * square + _LEGENDRE[0, i, k]
         for k in range(i, -1, -1):
@@ -146,11 +147,12 @@ def _zonal_derivatives(radius: float, sine: float) -> tuple[float, float, float,
 @inlined
 def _zonal_third_derivatives(radius: float, sine: float) -> tuple[float, float, float, float]:
     """Return V_rrr, V_rrs, V_rss, V_sss, as :func:`_zonal_derivatives` does."""
-    square = sine * sine
-    ratio = (SEMI_MAJOR_AXIS / radius) ** 2
-    v_rrr = v_rrs = v_rss = v_sss = 0.0
+    square, zero = sine * sine, like(sine, 0.0)
+    ratio = SEMI_MAJOR_AXIS / radius
+    ratio = ratio * ratio
+    v_rrr = v_rrs = v_rss = v_sss = zero
     for i in range(_DEGREES - 1, -1, -1):
-        p0 = p1 = p2 = p3 = 0.0
+        p0 = p1 = p2 = p3 = zero
         for k in range(i + 1, -1, -1):
             p0 = p0 * square + _LEGENDRE[0, i, k]
         for k in range(i, -1, -1):
@@ -279,7 +281,8 @@ def normal_gradient_slopes_of(
     meridian, _ = radii_of_sine(sine)
     _, nn, nu, uu = normal_gradient_of(sine, cosine, height)
     sin2, cos2, cross = sin_psi * sin_psi, cos_psi * cos_psi, sin_psi * cos_psi
-    slopes = (0.0, 0.0, 0.0, 0.0)
+    zero = like(sine, 0.0)
+    slopes = (zero, zero, zero, zero)
     north = slopes
     for axis in range(2):
         if axis == 0:

@@ -8,12 +8,13 @@ No step mixes lanes, so a run's result does not depend on its neighbours, bit fo
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
 from .kernels import compiled, inlined
-from .vectors import load, root, splat, store
+from .vectors import load, splat, store
 
 Tile = tuple[Any, Any, Any, Any, Any, Any, Any, Any, Any]
 """Vectors of three by three elements, row by row."""
@@ -184,7 +185,7 @@ def factorise(matrix: np.ndarray, m: int, lower: np.ndarray) -> None:
         for k in range(i):
             value = load(lower, i, k)
             total -= value * value
-        store(lower, i, i, one / root(total))
+        store(lower, i, i, one / math.sqrt(total))
 
 
 @compiled
@@ -205,7 +206,7 @@ def triangular_root(matrix: np.ndarray, lower: np.ndarray, inverse: np.ndarray) 
         for k in range(i):
             value = load(lower, i, k)
             total -= value * value
-        value = one / root(total)
+        value = one / math.sqrt(total)
         store(inverse, 0, i, value)
         store(lower, i, i, total * value)
 

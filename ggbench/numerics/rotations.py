@@ -11,6 +11,7 @@ import math
 import numpy as np
 
 from .kernels import compiled, inlined
+from .vectors import like
 
 Matrix = tuple[float, float, float, float, float, float, float, float, float]
 """A 3 by 3 matrix as nine numbers, row by row."""
@@ -27,7 +28,7 @@ def circular(square: float) -> tuple[float, float]:
 
     Their Taylor series, to rounding for angles below π/2, and to 1e-11 below π.
     """
-    sine = cosine = 0.0
+    sine = cosine = like(square, 0.0)
     for k in range(11, -1, -1):
         sine = sine * square + _SINE[k]
         cosine = cosine * square + _COSINE[k]

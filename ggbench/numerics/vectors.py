@@ -1,14 +1,16 @@
 """Numbers of eight runs as one value in compiled code: a vector register of the processor.
 
 An array (..., LANES) of double precision numbers, the run last, is read and written a vector at a
-time by :func:`load` and :func:`store`; vectors are added, subtracted, multiplied and divided as
-numbers are, lane by lane, so that a loop reads as it does for one run and no compiler has to find
-out that it can be made one of vectors. A product and a sum are one instruction where there is one.
-Only compiled code knows vectors: they cannot be returned to Python.
+time by :func:`load` and :func:`store`; vectors are added, subtracted, multiplied, divided and
+negated as numbers are, lane by lane, and ``math.sqrt`` and ``math.floor`` take them, so that a
+formula is written once, for a number and for the numbers of eight runs: the compiler makes code of
+it for what it is given. A product and a sum are one instruction where there is one. Only compiled
+code knows vectors: they cannot be returned to Python.
 """
 
 from __future__ import annotations
 
+import math
 import operator
 from typing import Any
 
@@ -89,6 +91,25 @@ for _operation, _inplace, _instruction in (
     _define(_inplace, _instruction)
 
 
+def _define_of_one(function: Any, code: Any) -> None:
+    """Let a function of one number take a vector; ``code`` makes its instructions."""
+
+    class Typing(AbstractTemplate):
+        def generic(self, args: Any, kws: Any) -> Any:
+            return signature(_vector, *args) if args == (_vector,) else None
+
+    infer_global(function)(Typing)
+
+    @lower_builtin(function, _Vector)
+    def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return code(builder, args)
+
+
+_define_of_one(operator.neg, lambda builder, args: builder.fneg(args[0]))
+_define_of_one(math.sqrt, lambda builder, args: _call(builder, "sqrt", args))
+_define_of_one(math.floor, lambda builder, args: _call(builder, "floor", args))
+
+
 def _address(context: Any, builder: Any, kind: Any, value: Any, places: Any) -> Any:
     """Return the address of the vector at some places of an array's leading axes."""
     array = context.make_array(kind)(context, builder, value)
@@ -132,13 +153,17 @@ def load(typing: Any, array: Any, i: Any, j: Any) -> Any:
 
 @intrinsic
 def store(typing: Any, array: Any, i: Any, j: Any, value: Any) -> Any:
-    """Set ``array[i, j]`` of a contiguous array (., ., LANES) to a vector; no negative index."""
-    if not _accepts(array, 2) or not isinstance(value, _Vector):
+    """Set ``array[i, j]`` of a contiguous array (., ., LANES), no negative index.
+
+    To a vector, or to a number in all lanes.
+    """
+    if not _accepts(array, 2) or not (isinstance(value, _Vector) or value == types.float64):
         return None
 
     def code(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         where = _address(context, builder, sig.args[0], args[0], args[1:3])
-        builder.store(args[3], where, align=_ALIGNMENT)
+        vector = args[3] if isinstance(value, _Vector) else _spread(builder, args[3])
+        builder.store(vector, where, align=_ALIGNMENT)
         return context.get_dummy_value()
 
     return types.void(array, *_places(2), value), code
@@ -155,15 +180,15 @@ def splat(typing: Any, number: Any) -> Any:
 
 
 @intrinsic
-def root(typing: Any, value: Any) -> Any:
-    """Return the square roots of a vector; NaN where a number is negative."""
-    if not isinstance(value, _Vector):
+def like(typing: Any, kind: Any, number: Any) -> Any:
+    """Return a number as a value of the kind of another one: itself, or a vector of it."""
+    if not (isinstance(kind, _Vector) or kind == types.float64):
         return None
 
     def code(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return _call(builder, "sqrt", args)
+        return _spread(builder, args[1]) if isinstance(kind, _Vector) else args[1]
 
-    return _vector(value), code
+    return kind(kind, types.float64), code
 
 
 @intrinsic
