@@ -15,7 +15,7 @@ from ..numerics.kernels import LANES, compiled
 from ..numerics.vectors import load, splat, store
 from ..sensors.model_kernels import ModelArrays
 from .sigma_points import Points, points_of, read_points
-from .whitened_readings import Readings, linearise, readings_of
+from .whitened_readings import Readings, linearise, noise_inverse, readings_of
 
 
 @compiled
@@ -259,11 +259,6 @@ def _innovations(bias: int, x: np.ndarray, reading: Readings, offset: np.ndarray
         if bias >= 0:
             total -= load(reading.gain, 0, 0) * load(x, 0, bias + c)
         store(reading.z, 0, c, total)
-
-
-def noise_inverse(block: ProblemBlock) -> np.ndarray:
-    """Return the inverse (m, m) of the lower triangular root of R."""
-    return np.linalg.inv(np.linalg.cholesky(block.noise_cov))
 
 
 def extended(block: ProblemBlock) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..block import ProblemBlock
 from ..numerics.kernels import LANES, compiled
 from ..numerics.lanes import gather_row, gather_rows, lanes
 from ..numerics.vectors import load, splat, store, with_sign
@@ -178,3 +179,8 @@ def _compress(out: Readings) -> None:
         store(slope, j, j, signed)
         for i in range(j + 1, m):
             store(slope, i, j, splat(0.0))
+
+
+def noise_inverse(block: ProblemBlock) -> np.ndarray:
+    """Return the inverse (m, m) of the lower triangular root of R."""
+    return np.linalg.inv(np.linalg.cholesky(block.noise_cov))

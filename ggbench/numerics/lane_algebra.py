@@ -63,6 +63,14 @@ def _column_products(a: np.ndarray, i: int, b: np.ndarray, j: int) -> Tile:
 
 
 @compiled
+def copy(source: np.ndarray, out: np.ndarray) -> None:
+    """Copy a matrix."""
+    for i in range(source.shape[0]):
+        for j in range(source.shape[1]):
+            store(out, i, j, load(source, i, j))
+
+
+@compiled
 def products_of_rows(a: np.ndarray, count: int, b: np.ndarray, out: np.ndarray) -> None:
     """Fill A Bᵀ of the first ``count`` rows, three or more, of A (., n) and all of B (., n)."""
     rows = b.shape[0]

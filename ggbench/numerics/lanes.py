@@ -21,6 +21,30 @@ def lanes(rows: int, columns: int) -> np.ndarray:
 
 
 @compiled
+def series(count: int, rows: int, columns: int) -> np.ndarray:
+    """Return an array (count, rows, columns, LANES), not yet filled: a matrix of each epoch."""
+    return aligned(count * rows * columns * LANES).reshape((count, rows, columns, LANES))
+
+
+@compiled
+def starts(runs: int) -> np.ndarray:
+    """Return with which run each group of up to LANES runs begins."""
+    return np.arange(0, runs, LANES)
+
+
+@compiled
+def count_from(first: int, runs: int) -> int:
+    """Return how many runs the group has that begins with ``first``."""
+    return min(LANES, runs - first)
+
+
+@compiled
+def numbers(value: float) -> np.ndarray:
+    """Return a number of each lane (LANES,)."""
+    return np.full(LANES, value)
+
+
+@compiled
 def members(first: int, runs: int) -> np.ndarray:
     """Return the runs (LANES,) of the group that begins with ``first``; the last one may repeat."""
     out = np.empty(LANES, dtype=np.int64)

@@ -1,0 +1,395 @@
+"""Passes over the linear problems of eight runs: forwards, backwards, and for the covariances.
+
+A Kalman filter forwards and multipliers backwards (Bryson & Frazier; Bierman 1973) solve a linear
+problem exactly: x = x_f + P_f r with r ← Hᵀ S⁻¹ y + (I − K H)ᵀ r at a reading and r ← Φᵀ r between
+two. Neither P nor Q is inverted, so a singular Q is exact, and the cost of the motion is that of
+the multipliers, ½ Σ rᵀ Q r.
+
+Damping with λ is one more reading of every state, in units of the prior's deviation and with the
+variance 1/λ: whitened, rows of √λ/σ. Where nothing is damped they are zero, and change nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ..numerics import lane_algebra, lanes
+from ..numerics.kernels import compiled
+from ..numerics.vectors import load, splat, store
+from .whitened_readings import Readings
+
+
+class Updates(NamedTuple):
+    """What updates with the readings of all epochs leave for the way back.
+
+    Attributes
+    ----------
+    gains, lower, pulls : (K, m, n, lanes), (K, m, m, lanes), (K, m, 1, lanes): Kᵀ, the root of S
+        (see :func:`.lane_algebra.factorise`) and S⁻¹ y.
+    """
+
+    gains: np.ndarray
+    lower: np.ndarray
+    pulls: np.ndarray
+
+
+class Path(NamedTuple):
+    """The linear problems of a group about its trajectories, and what the filter leaves of them.
+
+    Attributes
+    ----------
+    moving : (K,) how many states Φ moves. phi, q : (K, n, n, lanes) their rows of Φ and Q.
+    rows, target : (K, m, n, lanes), (K, 1, m, lanes): H x = target + noise of unit variance.
+    old_rows, old_target : those of the step before.
+    states, trial : (K, 1, n, lanes) the trajectory and the one that is tried.
+    filtered, half_cov : (K, 1, n, lanes), (K, 1, n (n + 1) / 2, lanes): x_f and P_f, half of it.
+    updates : with the readings.
+    damping_rows : (n, n, lanes) √λ/σ on the diagonal.
+    damping : updates with the readings of the states; of no epoch as long as nothing is damped.
+    """
+
+    moving: np.ndarray
+    phi: np.ndarray
+    q: np.ndarray
+    rows: np.ndarray
+    target: np.ndarray
+    old_rows: np.ndarray
+    old_target: np.ndarray
+    states: np.ndarray
+    trial: np.ndarray
+    filtered: np.ndarray
+    half_cov: np.ndarray
+    updates: Updates
+    damping_rows: np.ndarray
+    damping: Updates
+
+
+class Work(NamedTuple):
+    """Scratch for one epoch and readings of m equations, named as what it holds for a while."""
+
+    x: np.ndarray
+    p: np.ndarray
+    scratch: np.ndarray
+    other: np.ndarray
+    hp: np.ndarray
+    half: np.ndarray
+    change: np.ndarray
+    s: np.ndarray
+    innovation: np.ndarray
+    white: np.ndarray
+    back: np.ndarray
+
+
+class Costs(NamedTuple):
+    """Sums along the trial trajectories, (1, 1, lanes) each.
+
+    Attributes
+    ----------
+    unexplained : squares of what no state explains.
+    explained : squares of the other residuals; promised : what the linear problem said of them.
+    motion : the cost of the motion, twice.
+    """
+
+    unexplained: np.ndarray
+    explained: np.ndarray
+    promised: np.ndarray
+    motion: np.ndarray
+
+
+@compiled
+def updates_of(epochs: int, n: int, m: int) -> Updates:
+    """Return arrays for updates of n states with m equations."""
+    new = lanes.series
+    return Updates(new(epochs, m, n), new(epochs, m, m), new(epochs, m, 1))
+
+
+@compiled
+def path_of(epochs: int, n: int, m: int) -> Path:
+    """Return the arrays of a group; rows and targets before the first step are zero."""
+    new = lanes.series
+    path = Path(
+        np.zeros(epochs, dtype=np.int64), new(epochs, n, n), new(epochs, n, n),
+        new(epochs, m, n), new(epochs, 1, m), new(epochs, m, n),
+        new(epochs, 1, m), new(epochs, 1, n), new(epochs, 1, n),
+        new(epochs, 1, n), new(epochs, 1, n * (n + 1) // 2), updates_of(epochs, n, m),
+        lanes.lanes(n, n), updates_of(0, n, n),
+    )  # fmt: skip
+    path.rows[:] = 0.0
+    path.target[:] = 0.0
+    return path
+
+
+@compiled
+def with_damping(path: Path) -> Path:
+    """Return a path that has room for updates with damping."""
+    epochs, n = path.states.shape[0], path.states.shape[2]
+    return Path(
+        path.moving, path.phi, path.q, path.rows, path.target, path.old_rows, path.old_target,
+        path.states, path.trial, path.filtered, path.half_cov, path.updates, path.damping_rows,
+        updates_of(epochs, n, n),
+    )  # fmt: skip
+
+
+@compiled
+def work_of(n: int, m: int) -> Work:
+    """Return the scratch for n states and m equations."""
+    new = lanes.lanes
+    return Work(
+        new(1, n), new(n, n), new(n, n), new(n, n), new(m, n), new(m, n), new(m, n), new(m, m),
+        new(1, m), new(1, m), new(1, n),
+    )  # fmt: skip
+
+
+@compiled
+def costs_of() -> Costs:
+    """Return costs of nothing."""
+    return Costs(lanes.lanes(1, 1), lanes.lanes(1, 1), lanes.lanes(1, 1), lanes.lanes(1, 1))
+
+
+@compiled
+def put_back(path: Path, k: int, r: int) -> None:
+    """Give a run the linear problem of the step before, at an epoch."""
+    for c in range(path.rows.shape[1]):
+        path.target[k, 0, c, r] = path.old_target[k, 0, c, r]
+        for j in range(path.rows.shape[2]):
+            path.rows[k, c, j, r] = path.old_rows[k, c, j, r]
+
+
+@compiled
+def take_trial(path: Path, r: int) -> None:
+    """Make the trial of a run its trajectory."""
+    for k in range(path.states.shape[0]):
+        for i in range(path.states.shape[2]):
+            path.states[k, 0, i, r] = path.trial[k, 0, i, r]
+
+
+@compiled
+def judge(path: Path, reading: Readings, k: int, costs: Costs) -> None:
+    """Replace the linear problem of an epoch by the one about the trial; add up the costs."""
+    rows, target, trial = path.rows[k], path.target[k], path.trial[k]
+    m, n = rows.shape[0], rows.shape[1]
+    explained = load(costs.explained, 0, 0)
+    for c in range(m):
+        new = load(reading.innovation, 0, c)
+        explained += new * new
+        for j in range(n):
+            new += load(reading.rows, c, j) * load(trial, 0, j)
+        store(path.old_target[k], 0, c, load(target, 0, c))
+        store(target, 0, c, new)
+    store(costs.explained, 0, 0, explained)
+    total = load(costs.unexplained, 0, 0) + load(reading.squared, 0, 0)
+    store(costs.unexplained, 0, 0, total)
+    lane_algebra.copy(rows, path.old_rows[k])
+    lane_algebra.copy(reading.rows, rows)
+
+
+@compiled
+def set_damping(path: Path, damping: np.ndarray, prior_cov: np.ndarray) -> None:
+    """Fill the rows of damping of λ (lanes,), in units of the prior's deviations."""
+    for i in range(prior_cov.shape[0]):
+        for r in range(damping.shape[0]):
+            path.damping_rows[i, i, r] = math.sqrt(damping[r] / prior_cov[i, i])
+
+
+@compiled
+def _update(
+    rows: np.ndarray, target: np.ndarray, updates: Updates, k: int, p: np.ndarray, work: Work
+) -> None:
+    """Update x and P with linear readings (m, n) of an epoch; keep what the way back needs.
+
+    x and P are those of a work, ``p`` the P, and ``work.scratch`` of that of m equations.
+    """
+    lower, gain = updates.lower[k], updates.gains[k]
+    m, n = rows.shape[0], rows.shape[1]
+    for c in range(m):
+        total = load(target, 0, c)
+        for j in range(n):
+            total -= load(rows, c, j) * load(work.x, 0, j)
+        store(work.innovation, 0, c, total)
+    lane_algebra.project(rows, p, m, work.hp, work.s)
+    lane_algebra.factorise(work.s, m, lower)
+    lane_algebra.whiten(lower, m, work.innovation, work.white)
+    lane_algebra.solve_lower(lower, m, work.hp, work.half)
+    lane_algebra.correct(work.half, work.white, m, work.x)
+    lane_algebra.solve_upper(lower, m, work.half, gain)
+    column = work.white.reshape((m, 1, work.white.shape[2]))
+    lane_algebra.solve_upper(lower, m, column, updates.pulls[k])
+    lane_algebra.joseph(gain, work.hp, rows, m, p, work.scratch, work.change)
+
+
+@compiled
+def filter_epoch(path: Path, k: int, damped: bool, work: Work, damping_work: Work) -> None:
+    """Predict to an epoch, update with its readings and the damping; keep x_f and P_f."""
+    lane_algebra.predict(path.phi[k], path.q[k], path.moving[k], work.x, work.p, work.scratch)
+    _update(path.rows[k], path.target[k], path.updates, k, work.p, work)
+    if damped:
+        rows, states, target = path.damping_rows, path.states[k], damping_work.back
+        for i in range(rows.shape[0]):
+            store(target, 0, i, load(rows, i, i) * load(states, 0, i))
+        lane_algebra.copy(work.x, damping_work.x)
+        _update(rows, target, path.damping, k, work.p, damping_work)
+        lane_algebra.copy(damping_work.x, work.x)
+    lane_algebra.copy(work.x, path.filtered[k])
+    half = path.half_cov[k]
+    place = 0
+    for i in range(work.p.shape[0]):
+        for j in range(i + 1):
+            store(half, 0, place, load(work.p, i, j))
+            place += 1
+
+
+@compiled
+def _back_through(rows: np.ndarray, updates: Updates, k: int, work: Work, back: np.ndarray) -> None:
+    """Take the multipliers r (1, n) back through an update: r + Hᵀ (S⁻¹ y − Kᵀ r)."""
+    gain, pulls = updates.gains[k], updates.pulls[k]
+    m, n = rows.shape[0], rows.shape[1]
+    for c in range(m):
+        total = load(pulls, c, 0)
+        for j in range(n):
+            total -= load(gain, c, j) * load(back, 0, j)
+        store(work.innovation, 0, c, total)
+    for j in range(n):
+        total = load(back, 0, j)
+        for c in range(m):
+            total += load(rows, c, j) * load(work.innovation, 0, c)
+        store(back, 0, j, total)
+
+
+@compiled
+def go_back(
+    path: Path, prior_cov: np.ndarray, damped: bool, work: Work, damping_work: Work, costs: Costs
+) -> None:
+    """Fill the trial trajectories, x_f + P_f r; what their motion and, linearly, readings cost."""
+    epochs, m, n = path.rows.shape[0], path.rows.shape[1], path.rows.shape[2]
+    back, x = work.back, work.x
+    zero, two = splat(0.0), splat(2.0)
+    for j in range(n):
+        store(back, 0, j, zero)
+    motion, promised = splat(0.0), splat(0.0)
+    for e in range(epochs):
+        k = epochs - 1 - e
+        rows, half, phi, q, moving = (
+            path.rows[k],
+            path.half_cov[k],
+            path.phi[k],
+            path.q[k],
+            path.moving[k],
+        )
+        filtered, trial, target = path.filtered[k], path.trial[k], path.target[k]
+        for j in range(n):
+            total = load(filtered, 0, j)
+            place = j * (j + 1) // 2
+            for i in range(j + 1):
+                total += load(half, 0, place + i) * load(back, 0, i)
+            place += j
+            for i in range(j + 1, n):
+                place += i
+                total += load(half, 0, place) * load(back, 0, i)
+            store(trial, 0, j, total)
+        for c in range(m):
+            left = load(target, 0, c)
+            for j in range(n):
+                left -= load(rows, c, j) * load(trial, 0, j)
+            promised += left * left
+        if damped:
+            _back_through(path.damping_rows, path.damping, k, damping_work, back)
+        _back_through(rows, path.updates, k, work, back)
+        for i in range(moving):
+            total = splat(0.0)
+            for j in range(i):
+                total += load(q, i, j) * load(back, 0, j)
+            value = load(back, 0, i)
+            motion += value * (two * total + load(q, i, i) * value)
+        for j in range(n):
+            total = splat(0.0)
+            if j >= moving:
+                total = load(back, 0, j)
+            for i in range(moving):
+                total += load(phi, i, j) * load(back, 0, i)
+            store(x, 0, j, total)
+        lane_algebra.copy(x, back)
+    for i in range(n):
+        value = load(back, 0, i)
+        for j in range(n):
+            motion += value * splat(prior_cov[i, j]) * load(back, 0, j)
+    store(costs.motion, 0, 0, motion)
+    store(costs.promised, 0, 0, promised)
+
+
+@compiled
+def covariances(
+    path: Path, first: int, count: int, work: Work, mean: np.ndarray, cov: np.ndarray
+) -> None:
+    """Write the trajectories and their covariances P_f − P_f Λ P_f, given all readings.
+
+    The filter has gone along them, undamped.
+    """
+    epochs, m, n = path.rows.shape[0], path.rows.shape[1], path.rows.shape[2]
+    f, phi_t = lanes.lanes(n, n), lanes.lanes(n, n)
+    later, t, p = work.other, work.scratch, work.p
+    pulled, e, s = work.hp, work.change, work.s
+    later[:] = 0.0
+    half_of = splat(0.5)
+    for step in range(epochs):
+        k = epochs - 1 - step
+        rows, gain, lower, phi = (
+            path.rows[k],
+            path.updates.gains[k],
+            path.updates.lower[k],
+            path.phi[k],
+        )
+        half, moving = path.half_cov[k], path.moving[k]
+        place = 0
+        for i in range(n):
+            for j in range(i + 1):
+                value = load(half, 0, place)
+                store(f, i, j, value)
+                store(f, j, i, value)
+                place += 1
+        lane_algebra.products_of_rows(f, n, later, t)
+        lane_algebra.products_of_rows(t, n, f, p)
+        for i in range(n):
+            for j in range(i + 1):
+                value = load(f, i, j) - load(p, i, j)
+                store(p, i, j, value)
+                store(p, j, i, value)
+        lanes.scatter(path.states[k], p, first, count, k, mean, cov)
+        # Hᵀ S⁻¹ H + (I − K H)ᵀ Λ (I − K H) = Λ + Hᵀ E + Eᵀ H, E = ½ (Kᵀ Λ K + S⁻¹) H − Kᵀ Λ
+        lane_algebra.products_of_rows(gain, m, later, pulled)
+        lane_algebra.solve_lower(lower, m, rows, e)
+        lane_algebra.solve_upper(lower, m, e, e)
+        for c in range(m):
+            for d in range(m):
+                total = splat(0.0)
+                for j in range(n):
+                    total += load(pulled, c, j) * load(gain, d, j)
+                store(s, c, d, total)
+            for j in range(n):
+                total = load(e, c, j)
+                for d in range(m):
+                    total += load(s, c, d) * load(rows, d, j)
+                store(e, c, j, half_of * total - load(pulled, c, j))
+        for i in range(n):
+            for j in range(i + 1):
+                total = load(later, i, j)
+                for c in range(m):
+                    total += load(rows, c, i) * load(e, c, j)
+                    total += load(e, c, i) * load(rows, c, j)
+                store(later, i, j, total)
+                store(later, j, i, total)
+        for i in range(n):
+            for j in range(n):
+                value = splat(1.0 if i == j else 0.0)
+                if i < moving:
+                    value = load(phi, i, j)
+                store(phi_t, j, i, value)
+        lane_algebra.products_of_rows(phi_t, n, later, t)
+        lane_algebra.products_of_rows(t, n, phi_t, p)
+        for i in range(n):
+            for j in range(i + 1):
+                value = load(p, i, j)
+                store(later, i, j, value)
+                store(later, j, i, value)
