@@ -15,338 +15,76 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import solve_banded
 
 from ..errors import GGBenchError
 from ..numerics.frozen import frozen
-from ..numerics.kernels import LANES, compiled, copied, inlined
-from .ellipsoid import metres_per_radian_of, normal_gradient_at, normal_gradient_of
+from ..numerics.kernels import compiled, inlined
+from .ellipsoid import (
+    metres_per_radian_of,
+    normal_gradient_of,
+    normal_gradient_slopes_of,
+)
 from .gradient_map import GradientMap
+from .spline import (
+    TENSOR_WORK,
+    spline_at,
+    spline_coefficients,
+    spline_tensor_at,
+    spline_tensors,
+)
 
 
 class OutsideMapError(GGBenchError):
     """A position lies outside the gradient map."""
 
 
-def spline_coefficients(values: np.ndarray, axis: int) -> np.ndarray:
-    """Return uniform cubic B-spline coefficients that interpolate ``values`` along ``axis``.
-
-    n nodes (n >= 4) give n + 2 coefficients; the two end conditions are not-a-knot (the third
-    derivative is continuous across the second and the last but one node).
-    """
-    data = np.moveaxis(values, axis, 0)
-    n = data.shape[0]
-    right = np.zeros((n + 2, *data.shape[1:]))
-    right[1:-1] = data
-    band = np.zeros((9, n + 2))  # LAPACK's band storage, four diagonals on either side
-
-    def put(row: int, column: int, value: float) -> None:
-        band[4 + row - column, column] = value
-
-    for offset, weight in enumerate((1.0, -4.0, 6.0, -4.0, 1.0)):
-        put(0, offset, weight)
-        put(n + 1, n - 3 + offset, weight)
-    for row in range(1, n + 1):
-        for column, weight in zip(range(row - 1, row + 2), (1 / 6, 4 / 6, 1 / 6), strict=True):
-            put(row, column, weight)
-    solved = solve_banded((4, 4), band, right.reshape(n + 2, -1))
-    return np.ascontiguousarray(np.moveaxis(solved.reshape(right.shape), 0, axis))
+Tensor = tuple[float, float, float, float, float, float]
+"""The six components; of numbers, or of vectors of eight runs each."""
 
 
 @inlined
-def _locate(position: float, origin: float, step: float, nodes: int) -> tuple[int, float, bool]:
-    """Return the cell along an axis, the place 0 <= t <= 1 in it, and whether the grid has it.
+def gradient_of(
+    sine: float,
+    cosine: float,
+    height: float,
+    values: Tensor,
+    along: tuple[Tensor, Tensor, Tensor],
+) -> tuple[Tensor, tuple[Tensor, Tensor, Tensor], float, float]:
+    """Return the full tensor [E], its slopes, and the metres per radian to the north and east.
 
-    A position outside is moved to the border; the cell of NaN is −1.
+    The slopes are [E/m] for a metre to the east, to the north and up.
+
+    Parameters
+    ----------
+    sine, cosine, height : of the latitude; [m].
+    values, along : the disturbing tensor [E], and how it changes along latitude, longitude [E/rad]
+        and height [E/m].
     """
-    u = (position - origin) / step
-    if math.isnan(u):  # it must not become an index, nor a number
-        return -1, math.nan, False
-    cells = nodes - 3
-    clamped = min(max(u, 0.0), float(cells))
-    cell = min(int(clamped), cells - 1)
-    # Half a millionth of a cell: a border node computed in another order is inside.
-    return cell, clamped - cell, abs(u - clamped) <= 5e-7
-
-
-@inlined
-def _four_weights(t: float) -> tuple[float, float, float, float]:
-    """Return the four cubic B-spline weights at 0 <= t <= 1 of a cell."""
-    u = 1.0 - t
+    ee, nn, nu, uu = normal_gradient_of(sine, cosine, height)
+    slopes = normal_gradient_slopes_of(sine, cosine, height)
+    north, east = metres_per_radian_of(sine, cosine, height)
+    per_north, per_east = 1.0 / north, 1.0 / east
+    a, o, h = along
     return (
-        u * u * u * (1.0 / 6.0),
-        (4.0 + t * t * (3.0 * t - 6.0)) * (1.0 / 6.0),
-        (4.0 + u * u * (3.0 * u - 6.0)) * (1.0 / 6.0),
-        t * t * t * (1.0 / 6.0),
-    )
-
-
-@inlined
-def _four_slopes(t: float) -> tuple[float, float, float, float]:
-    """Return the derivatives of the four weights."""
-    u = 1.0 - t
-    return -0.5 * u * u, t * (1.5 * t - 2.0), u * (2.0 - 1.5 * u), 0.5 * t * t
-
-
-@inlined
-def _weights(t: float, weight: np.ndarray) -> None:
-    """Fill the four weights."""
-    weight[0], weight[1], weight[2], weight[3] = _four_weights(t)
-
-
-@inlined
-def _slopes(t: float, slope: np.ndarray) -> None:
-    """Fill the derivatives of the four weights."""
-    slope[0], slope[1], slope[2], slope[3] = _four_slopes(t)
-
-
-_UNSIGNED = np.uint64
-"""An index that cannot be negative: one that could be would keep a loop from running on vectors."""
-
-
-@copied
-def _sum_columns(
-    flat: np.ndarray,
-    size: int,
-    start: int,
-    row: int,
-    column: int,
-    first: np.ndarray,
-    second: np.ndarray,
-    out: np.ndarray,
-) -> None:
-    """Sum the 16 columns of nodes around a cell with the weights ``first`` ⊗ ``second``.
-
-    The four nodes of a column, with all their components, are contiguous, so that ``out`` is one
-    sum of ``size`` numbers. ``start`` is where the first column begins in the flat coefficients,
-    ``row`` and ``column`` how far it is to the next one along the first and the second axis.
-    """
-    for a in range(4):
-        c_0 = _UNSIGNED(start + a * row)
-        c_1, c_2 = c_0 + _UNSIGNED(column), c_0 + _UNSIGNED(2 * column)
-        c_3 = c_0 + _UNSIGNED(3 * column)
-        w_0, w_1 = first[a] * second[0], first[a] * second[1]
-        w_2, w_3 = first[a] * second[2], first[a] * second[3]
-        for c in range(_UNSIGNED(size)):
-            total = (
-                w_0 * flat[c_0 + c] + w_1 * flat[c_1 + c]
-                + w_2 * flat[c_2 + c] + w_3 * flat[c_3 + c]
-            )  # fmt: skip
-            out[c] = total if a == 0 else out[c] + total
-
-
-@copied
-def _sum_columns_and_slopes(
-    flat: np.ndarray,
-    size: int,
-    start: int,
-    row: int,
-    column: int,
-    weights: np.ndarray,
-    out: np.ndarray,
-    along_first: np.ndarray,
-    along_second: np.ndarray,
-) -> None:
-    """Do :func:`_sum_columns`, and the same for the derivatives along the first two axes.
-
-    ``weights`` (24,): of each axis the four weights and their four derivatives.
-    """
-    x_0, x_1, x_2, x_3 = weights[8], weights[9], weights[10], weights[11]
-    y_0, y_1, y_2, y_3 = weights[12], weights[13], weights[14], weights[15]
-    for a in range(4):
-        c_0 = _UNSIGNED(start + a * row)
-        c_1, c_2 = c_0 + _UNSIGNED(column), c_0 + _UNSIGNED(2 * column)
-        c_3 = c_0 + _UNSIGNED(3 * column)
-        weight, slope = weights[a], weights[4 + a]
-        for c in range(_UNSIGNED(size)):
-            f_0, f_1, f_2, f_3 = flat[c_0 + c], flat[c_1 + c], flat[c_2 + c], flat[c_3 + c]
-            across = x_0 * f_0 + x_1 * f_1 + x_2 * f_2 + x_3 * f_3
-            slope_across = y_0 * f_0 + y_1 * f_1 + y_2 * f_2 + y_3 * f_3
-            if a == 0:
-                out[c] = weight * across
-                along_first[c] = slope * across
-                along_second[c] = weight * slope_across
-            else:
-                out[c] += weight * across
-                along_first[c] += slope * across
-                along_second[c] += weight * slope_across
-
-
-@inlined
-def _along(columns: np.ndarray, weight: np.ndarray, m: int, count: int) -> float:
-    """Return the sum along a column of component ``m`` of ``count``."""
-    return (
-        weight[0] * columns[m]
-        + weight[1] * columns[count + m]
-        + weight[2] * columns[2 * count + m]
-        + weight[3] * columns[3 * count + m]
-    )
-
-
-@copied
-def _spline(
-    position: np.ndarray,
-    origin: np.ndarray,
-    step: np.ndarray,
-    coefficients: np.ndarray,
-    out: np.ndarray,
-    count: int,
-) -> bool:
-    """Fill ``out`` (4 count,): the values, then the three derivatives of each; see spline_at."""
-    # One piece of memory: to ask for it costs as much as to fill it.
-    work = np.empty(24 + 12 * count)
-    weights = work[:24]
-    start = 0
-    inside = True
-    for axis in range(3):
-        nodes = coefficients.shape[axis]
-        cell, t, within = _locate(position[axis], origin[axis], step[axis], nodes)
-        if cell < 0:
-            out[:] = math.nan
-            return False
-        start = start * nodes + cell
-        _weights(t, weights[8 * axis :])
-        slopes = weights[8 * axis + 4 : 8 * axis + 8]
-        _slopes(t, slopes)
-        scale = 1.0 / step[axis] if within else 0.0
-        inside &= within
-        for i in range(4):
-            slopes[i] *= scale
-    column = coefficients.shape[2] * count
-    row = coefficients.shape[1] * column
-    size = 4 * count
-    sums = work[24 : 24 + size]
-    along_first, along_second = work[24 + size : 24 + 2 * size], work[24 + 2 * size :]
-    _sum_columns_and_slopes(
-        coefficients.reshape(-1), size, start * count, row, column,
-        weights, sums, along_first, along_second,
+        (values[0] + ee, values[1], values[2], values[3] + nn, values[4] + nu, values[5] + uu),
+        (
+            (
+                per_east * o[0], per_east * o[1], per_east * o[2],
+                per_east * o[3], per_east * o[4], per_east * o[5],
+            ),
+            (
+                per_north * a[0] + slopes[0], per_north * a[1], per_north * a[2],
+                per_north * a[3] + slopes[1], per_north * a[4] + slopes[2],
+                per_north * a[5] + slopes[3],
+            ),
+            (
+                h[0] + slopes[4], h[1], h[2],
+                h[3] + slopes[5], h[4] + slopes[6], h[5] + slopes[7],
+            ),
+        ),
+        north,
+        east,
     )  # fmt: skip
-    vertical, slopes = weights[16:20], weights[20:24]
-    for m in range(count):
-        out[m] = _along(sums, vertical, m, count)
-        out[count + 3 * m] = _along(along_first, vertical, m, count)
-        out[count + 3 * m + 1] = _along(along_second, vertical, m, count)
-        out[count + 3 * m + 2] = _along(sums, slopes, m, count)
-    return inside
-
-
-@compiled
-def spline_tensor_at(
-    position: np.ndarray,
-    origin: np.ndarray,
-    step: np.ndarray,
-    coefficients: np.ndarray,
-    out: np.ndarray,
-) -> bool:
-    """Fill ``out`` (24,): a tensor and the three derivatives of each component; see spline_at."""
-    return _spline(position, origin, step, coefficients, out, 6)  # loops of known length
-
-
-@compiled
-def spline_at(
-    position: np.ndarray,
-    origin: np.ndarray,
-    step: np.ndarray,
-    coefficients: np.ndarray,
-    value: np.ndarray,
-    derivative: np.ndarray,
-) -> bool:
-    """Evaluate the spline and its derivatives at one (latitude, longitude, height).
-
-    Outside the grid the value at its border is kept and the derivative across it is zero: an
-    estimator's trial point must have a number, and this one is continuous.
-
-    Parameters
-    ----------
-    position, origin, step : (3,) in the units of the grid's three axes.
-    coefficients : (n0 + 2, n1 + 2, n2 + 2, m).
-    value : (m,) output. derivative : (m, 3) output, per unit of each axis.
-
-    Returns
-    -------
-    Whether the position lies inside the grid.
-    """
-    count = coefficients.shape[3]
-    out = np.empty(4 * count)
-    if count == 6:
-        inside = spline_tensor_at(position, origin, step, coefficients, out)
-    else:
-        inside = _spline(position, origin, step, coefficients, out, count)
-    for m in range(count):
-        value[m] = out[m]
-        for axis in range(3):
-            derivative[m, axis] = out[count + 3 * m + axis]
-    return inside
-
-
-@compiled
-def spline_lanes(
-    places: np.ndarray,
-    count: int,
-    origin: np.ndarray,
-    step: np.ndarray,
-    coefficients: np.ndarray,
-    work: np.ndarray,
-    out: np.ndarray,
-) -> None:
-    """Do :func:`spline_tensor_at` at the places of several runs at once.
-
-    Parameters
-    ----------
-    places : (3 * LANES,) the run is the last index, as in ``out``. count : how many there are.
-    origin, step, coefficients : the map.
-    work : (27 * LANES + 96,) scratch.
-    out : (24 * LANES,) output: a tensor, and the three derivatives of each component.
-    """
-    for axis in range(3):
-        start, inverse = origin[axis], 1.0 / step[axis]
-        cells = float(coefficients.shape[axis] - 3)
-        place = places[axis * LANES : (axis + 1) * LANES]
-        weights = work[8 * axis * LANES : 8 * (axis + 1) * LANES]
-        first = work[(24 + axis) * LANES : (25 + axis) * LANES]
-        for r in range(LANES):
-            u = (place[r] - start) * inverse
-            clamped = min(max(u, 0.0), cells)
-            cell = min(math.floor(clamped), cells - 1.0)
-            first[r] = cell if cell >= 0.0 else 0.0  # NaN must not become an index
-            t = clamped - cell if u == u else u
-            within = 1.0 if abs(u - clamped) <= 5e-7 else 0.0
-            w, s = _four_weights(t), _four_slopes(t)
-            scale = inverse * within
-            weights[r], weights[LANES + r] = w[0], w[1]
-            weights[2 * LANES + r], weights[3 * LANES + r] = w[2], w[3]
-            weights[4 * LANES + r], weights[5 * LANES + r] = scale * s[0], scale * s[1]
-            weights[6 * LANES + r], weights[7 * LANES + r] = scale * s[2], scale * s[3]
-    flat = coefficients.reshape(-1)
-    column = coefficients.shape[2] * 6
-    row = coefficients.shape[1] * column
-    own = work[27 * LANES : 27 * LANES + 24]
-    sums = work[27 * LANES + 24 : 27 * LANES + 48]
-    along_first = work[27 * LANES + 48 : 27 * LANES + 72]
-    along_second = work[27 * LANES + 72 : 27 * LANES + 96]
-    for r in range(count):
-        for i in range(24):
-            own[i] = work[i * LANES + r]
-        i, j = int(work[24 * LANES + r]), int(work[25 * LANES + r])
-        k = int(work[26 * LANES + r])
-        _sum_columns_and_slopes(
-            flat, 24, i * row + j * column + 6 * k, row, column, own,
-            sums, along_first, along_second,
-        )  # fmt: skip
-        w_0, w_1, w_2, w_3 = own[16], own[17], own[18], own[19]
-        s_0, s_1, s_2, s_3 = own[20], own[21], own[22], own[23]
-        for m in range(6):
-            a, b, c, d = sums[m], sums[6 + m], sums[12 + m], sums[18 + m]
-            out[m * LANES + r] = w_0 * a + w_1 * b + w_2 * c + w_3 * d
-            out[(8 + 3 * m) * LANES + r] = s_0 * a + s_1 * b + s_2 * c + s_3 * d
-            out[(6 + 3 * m) * LANES + r] = (
-                w_0 * along_first[m] + w_1 * along_first[6 + m]
-                + w_2 * along_first[12 + m] + w_3 * along_first[18 + m]
-            )  # fmt: skip
-            out[(7 + 3 * m) * LANES + r] = (
-                w_0 * along_second[m] + w_1 * along_second[6 + m]
-                + w_2 * along_second[12 + m] + w_3 * along_second[18 + m]
-            )  # fmt: skip
 
 
 @compiled
@@ -365,19 +103,22 @@ def gradient_at(
     ``sine`` and ``cosine`` are those of its latitude. ``coefficients`` of size zero mean the normal
     field alone. Returns whether the point lies inside the map (always true without one).
     """
-    if coefficients.size == 0:
-        normal_gradient_at(sine, cosine, position[2], value, derivative)
-        return True
-    disturbing = np.empty(24)
-    inside = spline_tensor_at(position, origin, step, coefficients, disturbing)
-    normal_gradient_at(sine, cosine, position[2], value, derivative)
-    north, east = metres_per_radian_of(sine, cosine, position[2])
-    per_north, per_east = 1.0 / north, 1.0 / east
+    s, inside = np.zeros(24), True
+    if coefficients.size > 0:
+        inside = spline_tensor_at(position, origin, step, coefficients, np.empty(TENSOR_WORK), s)
+    full, slopes, _, _ = gradient_of(
+        sine, cosine, position[2],
+        (s[0], s[1], s[2], s[3], s[4], s[5]),
+        (
+            (s[6], s[9], s[12], s[15], s[18], s[21]),
+            (s[7], s[10], s[13], s[16], s[19], s[22]),
+            (s[8], s[11], s[14], s[17], s[20], s[23]),
+        ),
+    )  # fmt: skip
     for m in range(6):
-        value[m] += disturbing[m]
-        derivative[m, 0] += disturbing[7 + 3 * m] * per_east
-        derivative[m, 1] += disturbing[6 + 3 * m] * per_north
-        derivative[m, 2] += disturbing[8 + 3 * m]
+        value[m] = full[m]
+        for axis in range(3):
+            derivative[m, axis] = slopes[axis][m]
     return inside
 
 
@@ -400,34 +141,18 @@ def gradients(
     origin, step, coefficients : the map, as in :func:`spline_at`; of size zero for none.
     out : (6, N) output; NaN where a position is.
     """
-    ee, en, eu, nn, nu, uu = out[0], out[1], out[2], out[3], out[4], out[5]
-    heights = positions[2]
-    for p in range(sines.shape[0]):
-        ee[p], nn[p], nu[p], uu[p] = normal_gradient_of(sines[p], cosines[p], heights[p])
-    en[:] = 0.0
-    eu[:] = 0.0
+    count = sines.shape[0]
     if coefficients.size == 0:
-        return
-    flat = coefficients.reshape(-1)
-    weights = np.empty((3, 4))
-    columns = np.empty(24)
-    shape = coefficients.shape
-    column = shape[2] * 6
-    row = shape[1] * column
-    for p in range(sines.shape[0]):
-        i, t_0, _ = _locate(positions[0, p], origin[0], step[0], shape[0])
-        j, t_1, _ = _locate(positions[1, p], origin[1], step[1], shape[1])
-        k, t_2, _ = _locate(positions[2, p], origin[2], step[2], shape[2])
-        if i < 0 or j < 0 or k < 0:
-            out[:, p] = math.nan
-            continue
-        _weights(t_0, weights[0])
-        _weights(t_1, weights[1])
-        _weights(t_2, weights[2])
-        start = i * row + j * column + k * 6
-        _sum_columns(flat, 24, start, row, column, weights[0], weights[1], columns)
-        for m in range(6):
-            out[m, p] += _along(columns, weights[2], m, 6)
+        out[:, :] = 0.0
+    else:
+        spline_tensors(positions, count, origin, step, coefficients, out)
+    heights, ee, nn, nu, uu = positions[2], out[0], out[3], out[4], out[5]
+    for p in range(count):
+        normal = normal_gradient_of(sines[p], cosines[p], heights[p])
+        ee[p] += normal[0]
+        nn[p] += normal[1]
+        nu[p] += normal[2]
+        uu[p] += normal[3]
 
 
 @compiled

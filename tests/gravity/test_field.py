@@ -13,10 +13,9 @@ from ggbench.gravity.field import (
     Field,
     OutsideMapError,
     gradient_at,
-    spline_at,
-    spline_coefficients,
 )
 from ggbench.gravity.gradient_map import GradientMap
+from ggbench.gravity.spline import spline_at, spline_coefficients
 
 ORIGIN = np.array([0.58, 1.88, 9000.0])
 STEP = np.array([4e-4, 5e-4, 500.0])
