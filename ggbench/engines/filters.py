@@ -11,10 +11,10 @@ import numpy as np
 
 from ..block import ProblemBlock
 from ..numerics import lane_algebra, lanes
-from ..numerics.kernels import LANES, compiled
+from ..numerics.kernels import compiled
 from ..numerics.vectors import load, splat, store
 from ..sensors.model_kernels import ModelArrays
-from .sigma_points import Points, points_of, read_points
+from .sigma_points import SigmaPoints, read_sigma_points, sigma_points_of
 from .whitened_readings import Readings, linearise, noise_inverse, readings_of
 
 
@@ -41,9 +41,8 @@ def _extended(
     m = reading.rows.shape[0]
     hp, gain, change = lanes.lanes(m, n), lanes.lanes(m, n), lanes.lanes(m, n)
     s, white = lanes.lanes(m, m), lanes.lanes(1, m)
-    for first in range(0, runs, LANES):
-        count = min(LANES, runs - first)
-        group = lanes.members(first, runs)
+    for first in lanes.starts(runs):
+        count, group = lanes.count_from(first, runs), lanes.members(first, runs)
         lanes.spread(prior_mean.reshape((1, n)), x)
         lanes.spread(prior_cov, p)
         for k in range(epochs):
@@ -66,7 +65,7 @@ def _extended(
 def _scatter_squares(reading: Readings, first: int, count: int, k: int, nis: np.ndarray) -> None:
     """Write the squares of the innovations of a group; NaN where there was no reading."""
     for r in range(count):
-        present = reading.gain[0, 0, r] != 0.0
+        present = reading.here.gain[0, 0, r] != 0.0
         nis[first + r, k] = reading.squared[0, 0, r] if present else np.nan
 
 
@@ -120,7 +119,7 @@ def _moments(
     spread: float,
     centre_cov: float,
     weight: float,
-    points: Points,
+    points: SigmaPoints,
     offset: np.ndarray,
     s: np.ndarray,
     cross: np.ndarray,
@@ -193,12 +192,11 @@ def _unscented(
     equations = reading.rows.shape[0]
     hp, linear = lanes.lanes(equations, n), lanes.lanes(equations, equations)
     s, white = lanes.lanes(m, m), lanes.lanes(1, max(m, equations))
-    points = points_of(reading.b.shape[0], n, m)
+    points = sigma_points_of(reading.b.shape[0], n, m)
     offset, cross = lanes.lanes(1, m), lanes.lanes(m, n)
     centre_cov, weight = weights[0], weights[1]
-    for first in range(0, runs, LANES):
-        count = min(LANES, runs - first)
-        group = lanes.members(first, runs)
+    for first in lanes.starts(runs):
+        count, group = lanes.count_from(first, runs), lanes.members(first, runs)
         lanes.spread(prior_mean.reshape((1, n)), x)
         lanes.spread(prior_cov, p)
         for k in range(epochs):
@@ -212,7 +210,7 @@ def _unscented(
                     counts[first + r, 0] += 1
                     _repaired(p, r, lower)
             linearise(model, measurements, noise_inverse, group, count, k, x, reading)
-            read_points(model, group, count, k, lower, spread, reading, points)
+            read_sigma_points(model, group, count, k, lower, spread, reading, points)
             for r in range(count):
                 counts[first + r, 1] += 1 + 2 * points.counts[r]
             if model.bias >= 0:
@@ -241,11 +239,11 @@ def _unscented(
 
 @compiled
 def _add_biases(
-    lower: np.ndarray, spread: float, bias: int, reading: Readings, out: Points
+    lower: np.ndarray, spread: float, bias: int, reading: Readings, out: SigmaPoints
 ) -> None:
     """Add to what the points read the instrument's biases in them."""
     m = out.odd.shape[0]
-    scale = splat(spread) * load(reading.gain, 0, 0)
+    scale = splat(spread) * load(reading.here.gain, 0, 0)
     for c in range(m):
         for q in range(bias + c + 1):
             store(out.odd, c, q, load(out.odd, c, q) + scale * load(lower, bias + c, q))
@@ -257,7 +255,7 @@ def _innovations(bias: int, x: np.ndarray, reading: Readings, offset: np.ndarray
     for c in range(reading.z.shape[1]):
         total = load(reading.z, 0, c) - load(reading.predicted, 0, c) - load(offset, 0, c)
         if bias >= 0:
-            total -= load(reading.gain, 0, 0) * load(x, 0, bias + c)
+            total -= load(reading.here.gain, 0, 0) * load(x, 0, bias + c)
         store(reading.z, 0, c, total)
 
 

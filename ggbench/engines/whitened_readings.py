@@ -8,12 +8,19 @@ from typing import NamedTuple
 import numpy as np
 
 from ..block import ProblemBlock
-from ..numerics.kernels import LANES, compiled
+from ..numerics.kernels import compiled
 from ..numerics.lanes import gather_row, gather_rows, lanes
 from ..numerics.vectors import load, splat, store, with_sign
-from ..sensors.gradiometer.instrument import STRAPDOWN
-from ..sensors.model_kernels import ModelArrays
-from ..sensors.model_lanes import linearise_lanes, linearising_work
+from ..sensors.model_kernels import (
+    Here,
+    ModelArrays,
+    Points,
+    arrive,
+    here_of,
+    linearise_reading,
+    moving_errors,
+    points_of,
+)
 
 _TINY = 1e-300
 """What keeps 0 / 0 from being NaN where a reading is missing."""
@@ -24,23 +31,23 @@ class Readings(NamedTuple):
 
     Attributes
     ----------
-    slope : (m, 6, LANES) A, of h by the errors B_k x [E/m; E/rad]; ``moving`` columns are used.
-    b : (moving, 15, LANES) B_k, as many rows as there are errors that h depends on.
-    errors : (1, 6, LANES) B_k x.
-    gain : (1, 1, LANES) of the biases; zero where a reading is missing.
-    z : (1, m, LANES) readings [E].
-    predicted : (1, m, LANES) h(x) without biases [E].
-    rows, innovation : (equations, n, LANES), (1, equations, LANES): H δx = innovation + noise of
+    slope : (m, 6, lanes) A, of h by the errors B_k x [E/m; E/rad]; ``moving`` columns are used.
+    b : (moving, 15, lanes) B_k, as many rows as there are errors that h depends on.
+    errors : (6, 1, lanes) B_k x.
+    here : what the readings depend on; the gain is that of biases, too: zero where none came.
+    z : (1, m, lanes) readings [E].
+    predicted : (1, m, lanes) h(x) without biases [E].
+    rows, innovation : (equations, n, lanes), (1, equations, lanes): H δx = innovation + noise of
         unit variance. If there were less than three, others are zero.
-    squared : (1, 1, LANES) the sum of the squares of what no state explains.
-    white, residual : (m, moving, LANES), (1, m, LANES) whitened A and z − h, compressed.
-    work : scratch of :func:`.model_lanes.linearise_lanes`.
+    squared : (1, 1, lanes) the sum of the squares of what no state explains.
+    white, residual : (m, moving, lanes), (1, m, lanes) whitened A and z − h, compressed.
+    points : scratch.
     """
 
     slope: np.ndarray
     b: np.ndarray
     errors: np.ndarray
-    gain: np.ndarray
+    here: Here
     z: np.ndarray
     predicted: np.ndarray
     rows: np.ndarray
@@ -48,19 +55,19 @@ class Readings(NamedTuple):
     squared: np.ndarray
     white: np.ndarray
     residual: np.ndarray
-    work: np.ndarray
+    points: Points
 
 
 @compiled
 def readings_of(model: ModelArrays, n: int, m: int) -> Readings:
     """Return the arrays for readings of m components and n states."""
-    moving = 6 if model.instrument == STRAPDOWN else 3
+    moving = moving_errors(model)
     # What components without biases say about ``moving`` errors is at most so many equations.
     equations = max(m if model.bias >= 0 else min(m, moving), 3)
     return Readings(
-        lanes(m, 6), lanes(moving, model.rows.shape[3]), lanes(1, 6), lanes(1, 1), lanes(1, m),
+        lanes(m, 6), lanes(moving, model.rows.shape[3]), lanes(6, 1), here_of(m), lanes(1, m),
         lanes(1, m), lanes(equations, n), lanes(1, equations), lanes(1, 1), lanes(m, moving),
-        lanes(1, m), linearising_work(),
+        lanes(1, m), points_of(1),
     )  # fmt: skip
 
 
@@ -81,9 +88,9 @@ def linearise(
     ----------
     model, measurements : of a block; (R, K, m).
     noise_inverse : (m, m) inverse of the lower triangular root of R.
-    group : (LANES,) runs, of which ``count`` differ. x : (1, n, LANES). out : output.
+    group : (lanes,) runs, of which ``count`` differ. x : (1, n, lanes). out : output.
     """
-    b, errors, gain, z, predicted = out.b, out.errors, out.gain, out.z, out.predicted
+    b, errors, gain, z, predicted = out.b, out.errors, out.here.gain, out.z, out.predicted
     rows, residual, white, innovation = out.rows, out.residual, out.white, out.innovation
     m, moving, columns = measurements.shape[2], b.shape[0], b.shape[1]
     gather_rows(model.rows, group, k, moving, b)
@@ -92,13 +99,9 @@ def linearise(
         total = splat(0.0)
         for j in range(columns):
             total += load(b, i, j) * load(x, 0, j)
-        store(errors, 0, i, total)
-    linearise_lanes(
-        model, group, count, k, errors.reshape(-1), out.work, predicted.reshape(-1),
-        out.slope.reshape(-1),
-    )  # fmt: skip
-    for r in range(LANES):
-        gain[0, 0, r] = model.gain[group[r], k]
+        store(errors, i, 0, total)
+    arrive(model, group, k, out.here)
+    linearise_reading(model, k, out.here, errors, count, out.points, predicted, out.slope)
     for i in range(m):
         total = load(z, 0, i) - load(predicted, 0, i)
         if model.bias >= 0:

@@ -20,6 +20,7 @@ _SERIES_BELOW = 2.5
 """Square of an angle up to which :func:`circular` is exact to rounding."""
 _SINE = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(12))
 _COSINE = tuple((-1.0) ** k / math.factorial(2 * k + 2) for k in range(12))
+_REST = tuple((-1.0) ** k / math.factorial(2 * k + 3) for k in range(12))
 
 
 @inlined
@@ -60,6 +61,26 @@ def small_turn(x: float, y: float, z: float) -> Matrix:
     """Return exp([v×]) of v = (x, y, z) (Rodrigues), for angles for which :func:`circular` is."""
     a, b = circular(x * x + y * y + z * z)
     return _rodrigues(x, y, z, a, b)
+
+
+@inlined
+def left_jacobian(x: float, y: float, z: float) -> Matrix:
+    """Return J with exp([(v + δ)×]) = exp([(J δ)×]) exp([v×]) to first order in δ, v = (x, y, z).
+
+    I + (1 − cos θ)/θ² [v×] + (θ − sin θ)/θ³ [v×]², θ = |v|, by the series of :func:`circular`.
+    """
+    square = x * x + y * y + z * z
+    rest = like(square, 0.0)
+    for k in range(11, -1, -1):
+        rest = rest * square + _REST[k]
+    _, versine = circular(square)
+    return _rodrigues(x, y, z, versine, rest)
+
+
+@inlined
+def transpose(a: Matrix) -> Matrix:
+    """Return the transpose of a matrix."""
+    return a[0], a[3], a[6], a[1], a[4], a[7], a[2], a[5], a[8]
 
 
 @inlined

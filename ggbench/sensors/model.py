@@ -95,11 +95,12 @@ class GradiometerModel:
             name: frozen(getattr(arrays, name)) for name in ("channels", "times", *OF_A_RUN)
         }
         self.arrays = arrays._replace(**own)
+        self._block = self.arrays.as_block()
 
     def predict(self, k: int, x: np.ndarray) -> np.ndarray:
         """Return h (..., m) [E] at epoch ``k`` for states x (..., n); any leading axes."""
         states = self._states(k, x)
-        out = predict(self.arrays, k, states.reshape(-1, states.shape[-1]))
+        out = predict(self._block, k, states.reshape(-1, states.shape[-1]))
         return out.reshape(*states.shape[:-1], out.shape[-1])
 
     def jacobian(self, k: int, x: np.ndarray) -> np.ndarray:
@@ -107,7 +108,7 @@ class GradiometerModel:
         state = self._states(k, x)
         if state.ndim != 1:
             raise ValueError(f"the Jacobian is taken at one state (n,), not at {state.shape}")
-        return jacobian(self.arrays, k, state)
+        return jacobian(self._block, k, state)
 
     def _states(self, k: int, x: np.ndarray) -> np.ndarray:
         """Return states ready for the kernels, which check nothing."""

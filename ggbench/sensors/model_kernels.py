@@ -1,6 +1,7 @@
-"""h and H of the gradiometer along INS tracks, compiled: of many points, of one, of eight runs.
+"""h and H of the gradiometer along INS tracks, compiled: one implementation, eight at a time.
 
-Every estimator's measurement model is these kernels, whatever its engine.
+Every estimator's measurement model is these kernels, whatever its engine. A vector holds eight
+points: of eight runs, where compiled estimators ask, or of one run, where a framework does.
 """
 
 from __future__ import annotations
@@ -10,16 +11,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..gravity.ellipsoid import ROTATION_RATE, metres_per_radian_of
-from ..gravity.field import gradients
+from ..gravity.ellipsoid import ROTATION_RATE, metres_per_radian_of, normal_gradient_of
+from ..gravity.field import Tensor, gradient_of
+from ..gravity.spline import TENSOR_WORK, spline_tensor_at, spline_tensors
+from ..numerics import lanes
 from ..numerics.kernels import compiled, inlined
-from ..numerics.rotations import product, rotation_matrix
+from ..numerics.rotations import Matrix, left_jacobian, multiply, sine_cosine, small_turn, transpose
+from ..numerics.vectors import load, store
 from .gradiometer.instrument import (
+    LOCAL_LEVEL,
     PLATFORM,
     STRAPDOWN,
-    linearised_reading_at,
-    platform_readings,
-    rotate_tensor,
+    inertial_matrix,
+    rotated,
+    sum_of,
+    turn_of,
 )
 
 
@@ -74,213 +80,319 @@ OF_A_RUN = ("references", "attitudes", "rows", "offset", "gain")
 """The arrays that differ from run to run."""
 
 
+_TURN = 2.0 * math.pi
+
+
+class Here(NamedTuple):
+    """Where the INS of eight runs says they are at an epoch, and what else their readings need.
+
+    Attributes
+    ----------
+    references : (1, 3, lanes) positions [rad, rad, m]. attitudes : (1, 9, lanes) C_nb, row by row.
+    offset : (1, m, lanes) [E]. gain : (1, 1, lanes).
+    """
+
+    references: np.ndarray
+    attitudes: np.ndarray
+    offset: np.ndarray
+    gain: np.ndarray
+
+
+class Points(NamedTuple):
+    """Scratch for points: (3, S, lanes), (6, S, lanes), (24,) and (TENSOR_WORK,)."""
+
+    places: np.ndarray
+    tensors: np.ndarray
+    one: np.ndarray
+    work: np.ndarray
+
+
 @compiled
-def run_arrays(model: ModelArrays, run: int) -> ModelArrays:
-    """Return the arrays of one run of a block: :meth:`ModelArrays.of_run`, compiled."""
-    return ModelArrays(
-        model.instrument, model.channels, model.bias, model.origin, model.step,
-        model.coefficients, model.times, model.references[run], model.attitudes[run],
-        model.rows[run], model.offset[run], model.gain[run],
-    )  # fmt: skip
+def here_of(m: int) -> Here:
+    """Return the arrays for readings of m channels."""
+    new = lanes.lanes
+    return Here(new(1, 3), new(1, 9), new(1, m), new(1, 1))
 
 
-SMALL = 0.1
-"""Angle [rad] up to which the series of :func:`turned` are exact to rounding."""
+@compiled
+def points_of(count: int) -> Points:
+    """Return scratch for ``count`` vectors of points, at least one."""
+    new = lanes.lanes
+    return Points(new(3, count), new(24, count), np.zeros(24), np.empty(TENSOR_WORK))
+
+
+@compiled
+def arrive(model: ModelArrays, group: np.ndarray, k: int, out: Here) -> None:
+    """Fill what the readings of a group of runs (lanes,) of a block need at epoch ``k``."""
+    lanes.gather_row(model.references, group, k, out.references)
+    lanes.gather_row(model.offset, group, k, out.offset)
+    for r in range(group.shape[0]):
+        out.gain[0, 0, r] = model.gain[group[r], k]
+    if model.instrument == STRAPDOWN:
+        for r in range(group.shape[0]):
+            attitude = model.attitudes[group[r], k]
+            for i in range(3):
+                for j in range(3):
+                    out.attitudes[0, 3 * i + j, r] = attitude[i, j]
 
 
 @inlined
-def turned(sine: float, cosine: float, d: float) -> tuple[float, float]:
-    """Return sin and cos of an angle that has grown by a small d, from its sine and cosine."""
-    d2 = d * d
-    sin_d = d * (1.0 - d2 / 6.0 * (1.0 - d2 / 20.0 * (1.0 - d2 / 42.0 * (1.0 - d2 / 72.0))))
-    cos_d = 1.0 - d2 / 2.0 * (
-        1.0 - d2 / 12.0 * (1.0 - d2 / 30.0 * (1.0 - d2 / 56.0 * (1.0 - d2 / 90.0)))
-    )
-    return sine * cos_d + cosine * sin_d, cosine * cos_d - sine * sin_d
+def _near_zero(angle: float) -> float:
+    """Return an angle less whole turns, between −π and π."""
+    return angle - _TURN * math.floor(angle / _TURN + 0.5)
+
+
+@inlined
+def _displaced(
+    latitude: float, longitude: float, height: float, east: float, north: float, up: float
+) -> tuple[float, float, float, float, float]:
+    """Return the position that a position error [m] leads to, and metres per radian (N, E) before.
+
+    Linear in the error, as the error state is.
+    """
+    sine, cosine = sine_cosine(latitude)
+    per_north, per_east = metres_per_radian_of(sine, cosine, height)
+    return (
+        latitude - north / per_north, longitude - east / per_east, height - up, per_north, per_east
+    )  # fmt: skip
+
+
+@inlined
+def _whole_turns_less(x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Return the rotation vector of the same rotation whose angle is below π."""
+    angle = math.sqrt(x * x + y * y + z * z + 1e-300)
+    factor = _near_zero(angle) / angle
+    return factor * x, factor * y, factor * z
+
+
+@inlined
+def _body_matrix(c_nb: Matrix, error: tuple[float, float, float]) -> Matrix:
+    """Return C_bn of the attitude that an INS's C_nb and an attitude error [rad] lead to."""
+    return transpose(multiply(small_turn(error[0], error[1], error[2]), c_nb))
+
+
+@inlined
+def _combined(channel: np.ndarray, t: Tensor) -> float:
+    """Return what a channel (6,) makes of a tensor."""
+    return (
+        channel[0] * t[0] + channel[1] * t[1] + channel[2] * t[2]
+        + channel[3] * t[3] + channel[4] * t[4] + channel[5] * t[5]
+    )  # fmt: skip
+
+
+@inlined
+def _attitude_error(errors: np.ndarray, s: int) -> tuple[float, float, float]:
+    """Return the attitude error (three vectors) of points ``s`` of errors (6, S, lanes)."""
+    return _whole_turns_less(load(errors, 3, s), load(errors, 4, s), load(errors, 5, s))
+
+
+@inlined
+def _attitude(here: Here) -> Matrix:
+    """Return C_nb of eight runs."""
+    c = here.attitudes
+    return (
+        load(c, 0, 0), load(c, 0, 1), load(c, 0, 2),
+        load(c, 0, 3), load(c, 0, 4), load(c, 0, 5),
+        load(c, 0, 6), load(c, 0, 7), load(c, 0, 8),
+    )  # fmt: skip
 
 
 @compiled
-def _turn_all(angle: float, growth: np.ndarray, sines: np.ndarray, cosines: np.ndarray) -> None:
-    """Fill sines and cosines (N,) of ``angle + growth[p]``."""
-    sine, cosine = math.sin(angle), math.cos(angle)
-    for p in range(growth.shape[0]):
-        sines[p], cosines[p] = turned(sine, cosine, growth[p])
-    for p in range(growth.shape[0]):
-        if abs(growth[p]) > SMALL:
-            sines[p], cosines[p] = math.sin(angle + growth[p]), math.cos(angle + growth[p])
-
-
-@compiled
-def predict_errors(model: ModelArrays, k: int, errors: np.ndarray, out: np.ndarray) -> None:
-    """Fill h (m, N) [E] of N points, biases left out.
+def read(
+    model: ModelArrays,
+    k: int,
+    here: Here,
+    errors: np.ndarray,
+    vectors: int,
+    count: int,
+    points: Points,
+    out: np.ndarray,
+) -> None:
+    """Fill h [E] at points, biases left out.
 
     Parameters
     ----------
-    model, k : arrays of one run, epoch.
-    errors : (6, N) B_k x of each point: position error ENU [m] and attitude error [rad]; the latter
-        only of a strapdown instrument.
-    out : (m, N) output.
+    model, k : arrays of a block, epoch. here : of the runs, from :func:`arrive`.
+    errors : (6, S, lanes) B_k x of each point: position error ENU [m] and attitude error [rad]; the
+        latter only of a strapdown instrument.
+    vectors : how many of the S vectors are points. count : how many of the points there is an
+        answer for, in the order of memory.
+    points : scratch for S. out : (m, S, lanes) output.
     """
-    count = errors.shape[1]
-    reference = model.references[k]
-    per_north, per_east = metres_per_radian_of(
-        math.sin(reference[0]), math.cos(reference[0]), reference[2]
-    )
-    positions = np.empty((3, count))
-    growth = np.empty((2, count))
-    trigonometry = np.empty((4, count))
-    tensors = np.empty((6, count))
-    # Linear in the error, as the error state is.
-    for p in range(count):
-        growth[0, p] = -errors[1, p] / per_north
-        growth[1, p] = -errors[0, p] / per_east
-        positions[0, p] = reference[0] + growth[0, p]
-        positions[1, p] = reference[1] + growth[1, p]
-        positions[2, p] = reference[2] - errors[2, p]
-    _turn_all(reference[0], growth[0], trigonometry[0], trigonometry[1])
-    gradients(
-        positions, trigonometry[0], trigonometry[1],
-        model.origin, model.step, model.coefficients, tensors,
+    places, tensors = points.places, points.tensors
+    latitude, longitude, height = (
+        load(here.references, 0, 0), load(here.references, 0, 1), load(here.references, 0, 2),
     )  # fmt: skip
-    if model.instrument == PLATFORM:
-        angle = reference[1] + ROTATION_RATE * model.times[k]
-        _turn_all(angle, growth[1], trigonometry[2], trigonometry[3])
-        platform_readings(
-            trigonometry[0], trigonometry[1], trigonometry[2], trigonometry[3], tensors
+    for s in range(vectors):
+        place = _displaced(
+            latitude, longitude, height, load(errors, 0, s), load(errors, 1, s), load(errors, 2, s)
         )
-    elif model.instrument == STRAPDOWN:
-        turn = np.empty((3, 3))
-        c_nb = np.empty((3, 3))
-        tensor = np.empty(6)
-        for p in range(count):
-            rotation_matrix(errors[3:, p], turn)
-            product(turn, model.attitudes[k], c_nb)
-            tensor[:] = tensors[:, p]
-            rotate_tensor(c_nb.T, tensor, tensor)
-            tensors[:, p] = tensor
-    gain = model.gain[k]
-    for m in range(out.shape[0]):
-        channel, offset, row = model.channels[m], model.offset[k, m], out[m]
-        for p in range(count):
-            row[p] = offset + gain * (
-                channel[0] * tensors[0, p] + channel[1] * tensors[1, p]
-                + channel[2] * tensors[2, p] + channel[3] * tensors[3, p]
-                + channel[4] * tensors[4, p] + channel[5] * tensors[5, p]
-            )  # fmt: skip
+        store(places, 0, s, place[0])
+        store(places, 1, s, place[1])
+        store(places, 2, s, place[2])
+    if model.coefficients.size > 0:
+        size = places.shape[1] * places.shape[2]
+        spline_tensors(
+            places.reshape((3, size)), count, model.origin, model.step, model.coefficients,
+            tensors.reshape((24, size)),
+        )  # fmt: skip
+    gain, turned = load(here.gain, 0, 0), ROTATION_RATE * model.times[k]
+    for s in range(vectors):
+        sine, cosine = sine_cosine(_near_zero(load(places, 0, s)))
+        ee, nn, nu, uu = normal_gradient_of(sine, cosine, load(places, 2, s))
+        t = (
+            load(tensors, 0, s) + ee, load(tensors, 1, s), load(tensors, 2, s),
+            load(tensors, 3, s) + nn, load(tensors, 4, s) + nu, load(tensors, 5, s) + uu,
+        )  # fmt: skip
+        if model.instrument == PLATFORM:
+            sine_a, cosine_a = sine_cosine(_near_zero(load(places, 1, s) + turned))
+            t = rotated(inertial_matrix(sine, cosine, sine_a, cosine_a), t)
+        elif model.instrument == STRAPDOWN:
+            t = rotated(_body_matrix(_attitude(here), _attitude_error(errors, s)), t)
+        for c in range(out.shape[0]):
+            store(out, c, s, load(here.offset, 0, c) + gain * _combined(model.channels[c], t))
+
+
+@inlined
+def _put_column(channels: np.ndarray, t: Tensor, factor: float, j: int, out: np.ndarray) -> None:
+    """Fill column ``j`` of a slope (m, 6, lanes) with a factor times the channels of a tensor."""
+    for c in range(channels.shape[0]):
+        store(out, c, j, factor * _combined(channels[c], t))
+
+
+@compiled
+def linearise_reading(
+    model: ModelArrays,
+    k: int,
+    here: Here,
+    errors: np.ndarray,
+    count: int,
+    points: Points,
+    predicted: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Fill h [E], biases left out, and its derivative by the error at a point of each run.
+
+    For a platform the derivative is D6(C_in) { ∂Γ/∂r + [∂L_φ/∂φ][∂φ_in/∂r] }, the field's change
+    and the local level's turn (eqs. 11, 12 of Wang et al. 2013).
+
+    Parameters
+    ----------
+    model, k, here, points : as in :func:`read`.
+    errors : (6, 1, lanes) B_k x. count : how many of the lanes there is an answer for.
+    predicted : (1, m, lanes) output.
+    out : (m, 6, lanes) output [E/m; E/rad]; the last three columns of a strapdown instrument only.
+    """
+    places, found = points.places, points.tensors
+    latitude, longitude, height, per_north, per_east = _displaced(
+        load(here.references, 0, 0), load(here.references, 0, 1), load(here.references, 0, 2),
+        load(errors, 0, 0), load(errors, 1, 0), load(errors, 2, 0),
+    )  # fmt: skip
+    if model.coefficients.size > 0:
+        store(places, 0, 0, latitude)
+        store(places, 1, 0, longitude)
+        store(places, 2, 0, height)
+        place = np.empty(3)
+        for r in range(count):
+            place[0], place[1], place[2] = places[0, 0, r], places[1, 0, r], places[2, 0, r]
+            spline_tensor_at(
+                place, model.origin, model.step, model.coefficients, points.work, points.one
+            )
+            for i in range(24):
+                found[i, 0, r] = points.one[i]
+    sine, cosine = sine_cosine(_near_zero(latitude))
+    t, slopes, north, east = gradient_of(
+        sine, cosine, height,
+        (
+            load(found, 0, 0), load(found, 1, 0), load(found, 2, 0),
+            load(found, 3, 0), load(found, 4, 0), load(found, 5, 0),
+        ),
+        (_along(found, 6), _along(found, 7), _along(found, 8)),
+    )  # fmt: skip
+    d_e, d_n, d_u = slopes
+    gain, error = load(here.gain, 0, 0), _attitude_error(errors, 0)
+    if model.instrument != LOCAL_LEVEL:
+        if model.instrument == PLATFORM:
+            turned = longitude + ROTATION_RATE * model.times[k]
+            sine_a, cosine_a = sine_cosine(_near_zero(turned))
+            c = inertial_matrix(sine, cosine, sine_a, cosine_a)
+            # The local level turns for a metre to the east and to the north.
+            d_e = sum_of(d_e, turn_of(t, 0.0, cosine / east, sine / east))
+            d_n = sum_of(d_n, turn_of(t, -1.0 / north, 0.0, 0.0))
+        else:
+            c = _body_matrix(_attitude(here), error)
+        d_e, d_n, d_u = rotated(c, d_e), rotated(c, d_n), rotated(c, d_u)
+        if model.instrument == STRAPDOWN:
+            # The mount turns with the body, so the tensor turns against it.
+            j = left_jacobian(error[0], error[1], error[2])
+            for i in range(3):
+                turn = turn_of(t, -j[i], -j[3 + i], -j[6 + i])
+                _put_column(model.channels, rotated(c, turn), gain, 3 + i, out)
+        t = rotated(c, t)
+    for c_ in range(model.channels.shape[0]):
+        value = load(here.offset, 0, c_) + gain * _combined(model.channels[c_], t)
+        store(predicted, 0, c_, value)
+    # The error's metres are measured at the reference, the slope's at the displaced point.
+    _put_column(model.channels, d_e, -gain * east / per_east, 0, out)
+    _put_column(model.channels, d_n, -gain * north / per_north, 1, out)
+    _put_column(model.channels, d_u, -gain, 2, out)
+
+
+@inlined
+def _along(found: np.ndarray, first: int) -> Tensor:
+    """Return how the spline's tensor changes along an axis, from its derivatives."""
+    return (
+        load(found, first, 0), load(found, first + 3, 0), load(found, first + 6, 0),
+        load(found, first + 9, 0), load(found, first + 12, 0), load(found, first + 15, 0),
+    )  # fmt: skip
+
+
+@compiled
+def moving_errors(model: ModelArrays) -> int:
+    """Return on how many elements of B_k x the readings depend."""
+    return 6 if model.instrument == STRAPDOWN else 3
 
 
 @compiled
 def predict(model: ModelArrays, k: int, states: np.ndarray) -> np.ndarray:
-    """Return h (N, m) of states (N, n)."""
-    count, rows = states.shape[0], model.rows[k]
-    errors = np.zeros((6, count))
-    for i in range(6 if model.instrument == STRAPDOWN else 3):
+    """Return h (N, m) of states (N, n); ``model`` is a block of one run."""
+    count, m, rows = states.shape[0], model.channels.shape[0], model.rows[0, k]
+    here, vectors = here_of(m), lanes.starts(count).shape[0]
+    points = points_of(vectors)
+    errors, found = lanes.lanes(6, vectors), lanes.lanes(m, vectors)
+    arrive(model, lanes.members(0, 1), k, here)
+    for i in range(moving_errors(model)):
+        flat = errors[i].reshape(-1)
         for p in range(count):
             for j in range(rows.shape[1]):
-                errors[i, p] += rows[i, j] * states[p, j]
-    found = np.empty((model.channels.shape[0], count))
-    predict_errors(model, k, errors, found)
-    out = np.ascontiguousarray(found.T)
-    if model.bias >= 0:
-        out += model.gain[k] * states[:, model.bias : model.bias + found.shape[0]]
+                flat[p] += rows[i, j] * states[p, j]
+    read(model, k, here, errors, vectors, count, points, found)
+    out = np.empty((count, m))
+    for c in range(m):
+        flat = found[c].reshape(-1)
+        for p in range(count):
+            out[p, c] = flat[p]
+            if model.bias >= 0:
+                out[p, c] += model.gain[0, k] * states[p, model.bias + c]
     return out
 
 
 @compiled
-def _left_jacobian(vector: np.ndarray) -> np.ndarray:
-    """Return J (3, 3) with exp([(v + δ)×]) = exp([(J δ)×]) exp([v×]) to first order in δ."""
-    x, y, z = vector[0], vector[1], vector[2]
-    angle2 = x * x + y * y + z * z
-    if angle2 < 1e-8:
-        a, b = 0.5 - angle2 / 24.0, 1.0 / 6.0 - angle2 / 120.0
-    else:
-        angle = math.sqrt(angle2)
-        a = (1.0 - math.cos(angle)) / angle2
-        b = (angle - math.sin(angle)) / (angle2 * angle)
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    square = np.empty((3, 3))
-    product(cross, cross, square)
-    return np.eye(3) + a * cross + b * square
-
-
-@compiled
-def linearise_errors(
-    model: ModelArrays, k: int, error: np.ndarray, predicted: np.ndarray, out: np.ndarray
-) -> None:
-    """Fill h (m,) [E], biases left out, and its derivative by the error (m, 6).
-
-    Parameters
-    ----------
-    model, k : arrays of one run, epoch.
-    error : (6,) B_k x, see :func:`predict_errors`.
-    predicted : (m,) output.
-    out : (m, 6) output [E/m; E/rad].
-    """
-    reference = model.references[k]
-    sine, cosine = math.sin(reference[0]), math.cos(reference[0])
-    per_north, per_east = metres_per_radian_of(sine, cosine, reference[2])
-    work = np.empty(54)
-    position, reading, slope = work[:3], work[3:9], work[9:45].reshape(6, 6)
-    growth = -error[1] / per_north
-    position[0] = reference[0] + growth
-    position[1] = reference[1] - error[0] / per_east
-    position[2] = reference[2] - error[2]
-    if abs(growth) < SMALL:
-        sine, cosine = turned(sine, cosine, growth)
-    else:
-        sine, cosine = math.sin(position[0]), math.cos(position[0])
-    c_nb = work[45:].reshape(3, 3)
-    if model.instrument == STRAPDOWN:
-        turn = np.empty((3, 3))
-        rotation_matrix(error[3:], turn)
-        product(turn, model.attitudes[k], c_nb)
-    linearised_reading_at(
-        model.instrument, position, sine, cosine, model.times[k], c_nb,
-        model.origin, model.step, model.coefficients, reading, slope,
-    )  # fmt: skip
-    # The error's metres are measured at the reference, the slope's at the displaced point.
-    north, east = metres_per_radian_of(sine, cosine, position[2])
-    scale_east, scale_north = -east / per_east, -north / per_north
-    for i in range(6):
-        slope[i, 0] *= scale_east
-        slope[i, 1] *= scale_north
-        slope[i, 2] *= -1.0
-    if model.instrument == STRAPDOWN:
-        slope[:, 3:] = slope[:, 3:].copy() @ _left_jacobian(error[3:])
-    else:
-        slope[:, 3:] = 0.0
-    gain = model.gain[k]
-    for m in range(model.channels.shape[0]):
-        channel = model.channels[m]
-        value = 0.0
-        for i in range(6):
-            value += channel[i] * reading[i]
-        predicted[m] = model.offset[k, m] + gain * value
-        for j in range(6):
-            along = 0.0
-            for i in range(6):
-                along += channel[i] * slope[i, j]
-            out[m, j] = gain * along
-
-
-@compiled
 def jacobian(model: ModelArrays, k: int, state: np.ndarray) -> np.ndarray:
-    """Return H (m, n) of one state."""
-    rows, width = model.rows[k], model.rows.shape[2]
-    moving = 6 if model.instrument == STRAPDOWN else 3
-    channels = model.channels.shape[0]
-    error, predicted = np.zeros(6), np.empty(channels)
-    slope = np.empty((channels, 6))
+    """Return H (m, n) of one state; ``model`` is a block of one run."""
+    rows, m, moving = model.rows[0, k], model.channels.shape[0], moving_errors(model)
+    here, errors = here_of(m), lanes.lanes(6, 1)
+    predicted, slope = lanes.lanes(1, m), lanes.lanes(m, 6)
+    arrive(model, lanes.members(0, 1), k, here)
     for i in range(moving):
-        for j in range(width):
-            error[i] += rows[i, j] * state[j]
-    linearise_errors(model, k, error, predicted, slope)
-    out = np.zeros((channels, state.shape[0]))
-    for m in range(channels):
-        row = out[m]
+        for j in range(rows.shape[1]):
+            errors[i, 0, 0] += rows[i, j] * state[j]
+    linearise_reading(model, k, here, errors, 1, points_of(1), predicted, slope)
+    out = np.zeros((m, state.shape[0]))
+    for c in range(m):
         for j in range(moving):
-            for i in range(width):
-                row[i] += slope[m, j] * rows[j, i]
+            for i in range(rows.shape[1]):
+                out[c, i] += slope[c, j, 0] * rows[j, i]
         if model.bias >= 0:
-            row[model.bias + m] += model.gain[k]
+            out[c, model.bias + c] += model.gain[0, k]
     return out

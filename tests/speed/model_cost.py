@@ -7,9 +7,16 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from ggbench.numerics import lanes
 from ggbench.numerics.kernels import LANES, compiled
-from ggbench.sensors.model_kernels import ModelArrays, predict_errors
-from ggbench.sensors.model_lanes import linearise_lanes, linearising_work
+from ggbench.sensors.model_kernels import (
+    ModelArrays,
+    arrive,
+    here_of,
+    linearise_reading,
+    points_of,
+    read,
+)
 from ggbench.simulation.runs import simulate_block
 
 from . import export
@@ -19,27 +26,28 @@ from . import export
 def _linearise_all(model: ModelArrays, errors: np.ndarray) -> float:
     """Linearise h of the eight runs of a block at every epoch."""
     channels = model.channels.shape[0]
-    predicted, slope = np.empty(channels * LANES), np.empty(channels * 6 * LANES)
-    work, group = linearising_work(), np.arange(LANES)
+    predicted, slope = lanes.lanes(1, channels), lanes.lanes(channels, 6)
+    here, points, group = here_of(channels), points_of(1), lanes.members(0, LANES)
     total = 0.0
     for k in range(errors.shape[0]):
-        linearise_lanes(model, group, LANES, k, errors[k], work, predicted, slope)
-        total += predicted[0] + slope[0]
+        arrive(model, group, k, here)
+        linearise_reading(model, k, here, errors[k], LANES, points, predicted, slope)
+        total += predicted[0, 0, 0] + slope[0, 0, 0]
     return total
 
 
 @compiled
 def _predict_all(model: ModelArrays, errors: np.ndarray) -> float:
-    out = np.empty((model.channels.shape[0], errors.shape[2]))
+    """Evaluate h of the eight runs of a block at every epoch, at as many points in each run."""
+    channels, vectors = model.channels.shape[0], errors.shape[2]
+    out, here, points = lanes.lanes(channels, vectors), here_of(channels), points_of(vectors)
+    group = lanes.members(0, LANES)
     total = 0.0
     for k in range(errors.shape[0]):
-        predict_errors(model, k, errors[k], out)
-        total += out[0, 0]
+        arrive(model, group, k, here)
+        read(model, k, here, errors[k], vectors, vectors * LANES, points, out)
+        total += out[0, 0, 0]
     return total
-
-
-def _called(kernel: Callable[..., float], errors: np.ndarray, model: ModelArrays) -> float:
-    return kernel(model, errors)
 
 
 def measure(points: Sequence[int], rounds: int) -> dict[str, float]:
@@ -54,23 +62,22 @@ def measure(points: Sequence[int], rounds: int) -> dict[str, float]:
     Those, and ``h and H``: both, at one state an epoch, of eight runs at once.
     """
     block, _ = simulate_block(export.flight(), export.seed(), range(LANES))
-    models = [block.problem(run).model.arrays for run in range(LANES)]
     scale = np.sqrt(np.diag(block.prior_cov))
     rng = np.random.default_rng(0)
 
     def errors(count: int) -> np.ndarray:
-        found = np.zeros((block.epochs, 6, count))
-        found[:, :3] = scale[:3, np.newaxis] * rng.standard_normal((len(found), 3, count))
+        found = np.zeros((block.epochs, 6, count, LANES))
+        drawn = rng.standard_normal((block.epochs, 3, count, LANES))
+        found[:, :3] = scale[:3, np.newaxis, np.newaxis] * drawn
         return found
 
-    def predictions(count: int) -> Callable[[], object]:
+    def timed(kernel: Callable[..., float], count: int) -> Callable[[], object]:
         drawn = errors(count)
-        return lambda: [_predict_all(model, drawn) for model in models]
+        return lambda: kernel(block.model, drawn)
 
-    at_once = errors(LANES).reshape(block.epochs, -1)
     work: dict[str, Callable[[], object]] = {
-        "h and H": lambda: _linearise_all(block.model, at_once),
-        **{f"h of {count}": predictions(count) for count in points},
+        "h and H": timed(_linearise_all, 1),
+        **{f"h of {count}": timed(_predict_all, count) for count in points},
     }
     best: dict[str, float] = {}
     for function in work.values():

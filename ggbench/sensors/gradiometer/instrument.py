@@ -25,9 +25,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...gravity.ellipsoid import ROTATION_RATE, metres_per_radian_of
-from ...gravity.field import Field, gradient_at, gradients
+from ...gravity.ellipsoid import ROTATION_RATE
+from ...gravity.field import Field, gradients
 from ...numerics.kernels import compiled, inlined
+from ...numerics.vectors import like
 from .lowpass import LowPass
 
 COMPONENTS = ("xx", "xy", "xz", "yy", "yz", "zz")
@@ -45,7 +46,7 @@ def inertial_matrix(
     return (
         -sin_a, -sin_l * cos_a, cos_l * cos_a,
         cos_a, -sin_l * sin_a, cos_l * sin_a,
-        0.0, cos_l, sin_l,
+        like(sin_l, 0.0), cos_l, sin_l,
     )  # fmt: skip
 
 
@@ -141,68 +142,6 @@ def sum_of(
         one[0] + two[0], one[1] + two[1], one[2] + two[2],
         one[3] + two[3], one[4] + two[4], one[5] + two[5],
     )  # fmt: skip
-
-
-@compiled
-def linearised_reading_at(
-    instrument: int,
-    position: np.ndarray,
-    sine: float,
-    cosine: float,
-    time: float,
-    c_nb: np.ndarray,
-    origin: np.ndarray,
-    step: np.ndarray,
-    coefficients: np.ndarray,
-    reading: np.ndarray,
-    out: np.ndarray,
-) -> None:
-    """Fill the tensor (6,) [E] in the axes of the mount, and how it changes (eqs. 11, 12).
-
-    ``out`` is ∂(reading)/∂(east, north, up; ψ) (6, 6) [E/m; E/rad]: for a platform
-    D6(C_in) { ∂Γ/∂r + [∂L_φ/∂φ][∂φ_in/∂r] }, the field's change and the local level's turn. ψ turns
-    the body, C_nb → exp([ψ×]) C_nb, which only a strapdown instrument sees: of the others the first
-    three columns are filled. ``instrument`` is an index of :data:`INSTRUMENTS`; ``sine`` and
-    ``cosine`` are those of the latitude; only a platform depends on ``time`` [s], only a strapdown
-    instrument on ``c_nb``.
-    """
-    work = np.empty(24)
-    tensor, derivative = work[:6], work[6:].reshape(6, 3)
-    gradient_at(position, sine, cosine, origin, step, coefficients, tensor, derivative)
-    if instrument == LOCAL_LEVEL:
-        reading[:] = tensor
-        out[:, :3] = derivative
-        return
-    if instrument == PLATFORM:
-        angle = position[1] + ROTATION_RATE * time
-        c = inertial_matrix(sine, cosine, math.sin(angle), math.cos(angle))
-        per_north, per_east = metres_per_radian_of(sine, cosine, position[2])
-        # φ_in: the rotation of the local level for one metre to the north and to the east.
-        north, level, up = -1.0 / per_north, cosine / per_east, sine / per_east
-    else:
-        c = (
-            c_nb[0, 0], c_nb[1, 0], c_nb[2, 0],
-            c_nb[0, 1], c_nb[1, 1], c_nb[2, 1],
-            c_nb[0, 2], c_nb[1, 2], c_nb[2, 2],
-        )  # fmt: skip
-        north = level = up = 0.0
-    t = (tensor[0], tensor[1], tensor[2], tensor[3], tensor[4], tensor[5])
-    _put(rotated(c, t), reading)
-    for axis in range(3):
-        if axis == 0:
-            turn = turn_of(t, 0.0, level, up)
-        elif axis == 1:
-            turn = turn_of(t, north, 0.0, 0.0)
-        else:
-            turn = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        d = derivative[:, axis]
-        change = sum_of((d[0], d[1], d[2], d[3], d[4], d[5]), turn)
-        _put(rotated(c, change), out[:, axis])
-    if instrument == STRAPDOWN:
-        # The mount turns with the body, so the tensor turns against it.
-        _put(rotated(c, turn_of(t, -1.0, 0.0, 0.0)), out[:, 3])
-        _put(rotated(c, turn_of(t, 0.0, -1.0, 0.0)), out[:, 4])
-        _put(rotated(c, turn_of(t, 0.0, 0.0, -1.0)), out[:, 5])
 
 
 @inlined
