@@ -29,7 +29,7 @@ from .spline import (
     TENSOR_WORK,
     spline_at,
     spline_coefficients,
-    spline_tensor_at,
+    spline_tensor_slopes,
     spline_tensors,
 )
 
@@ -105,7 +105,10 @@ def gradient_at(
     """
     s, inside = np.zeros(24), True
     if coefficients.size > 0:
-        inside = spline_tensor_at(position, origin, step, coefficients, np.empty(TENSOR_WORK), s)
+        inside = spline_tensor_slopes(
+            position.reshape((3, 1)), 1, origin, step, coefficients, np.empty(TENSOR_WORK),
+            s.reshape((24, 1)),
+        )  # fmt: skip
     full, slopes, _, _ = gradient_of(
         sine, cosine, position[2],
         (s[0], s[1], s[2], s[3], s[4], s[5]),

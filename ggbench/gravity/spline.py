@@ -120,43 +120,6 @@ def _sum_columns(
             out[c] = total if a == 0 else out[c] + total
 
 
-@copied
-def _sum_columns_and_slopes(
-    flat: np.ndarray,
-    size: int,
-    start: int,
-    row: int,
-    column: int,
-    weights: np.ndarray,
-    out: np.ndarray,
-    along_first: np.ndarray,
-    along_second: np.ndarray,
-) -> None:
-    """Do :func:`_sum_columns`, and the same for the derivatives along the first two axes.
-
-    ``weights`` (24,): of each axis the four weights and their four derivatives.
-    """
-    x_0, x_1, x_2, x_3 = weights[8], weights[9], weights[10], weights[11]
-    y_0, y_1, y_2, y_3 = weights[12], weights[13], weights[14], weights[15]
-    for a in range(4):
-        c_0 = _UNSIGNED(start + a * row)
-        c_1, c_2 = c_0 + _UNSIGNED(column), c_0 + _UNSIGNED(2 * column)
-        c_3 = c_0 + _UNSIGNED(3 * column)
-        weight, slope = weights[a], weights[4 + a]
-        for c in range(_UNSIGNED(size)):
-            f_0, f_1, f_2, f_3 = flat[c_0 + c], flat[c_1 + c], flat[c_2 + c], flat[c_3 + c]
-            across = x_0 * f_0 + x_1 * f_1 + x_2 * f_2 + x_3 * f_3
-            slope_across = y_0 * f_0 + y_1 * f_1 + y_2 * f_2 + y_3 * f_3
-            if a == 0:
-                out[c] = weight * across
-                along_first[c] = slope * across
-                along_second[c] = weight * slope_across
-            else:
-                out[c] += weight * across
-                along_first[c] += slope * across
-                along_second[c] += weight * slope_across
-
-
 @inlined
 def _along(columns: np.ndarray, weight: np.ndarray, m: int, count: int) -> float:
     """Return the sum along a column of component ``m`` of ``count``."""
@@ -168,73 +131,100 @@ def _along(columns: np.ndarray, weight: np.ndarray, m: int, count: int) -> float
     )
 
 
+_SUMS = 24
+"""Where in the scratch of a point the sums along columns begin, after the weights of its axes."""
+
+
+@inlined
+def _put_weights(t: float, scale: float, at: int, work: np.ndarray) -> None:
+    """Put the four weights at a place of a cell, and their derivatives, into the scratch."""
+    weights, slopes = _four_weights(t), _four_slopes(t)
+    for i in range(4):
+        work[at + i], work[at + 4 + i] = weights[i], scale * slopes[i]
+
+
 @copied
-def _spline(
-    position: np.ndarray,
+def _sum_columns_and_slopes(
+    flat: np.ndarray, start: int, row: int, column: int, size: int, work: np.ndarray
+) -> None:
+    """Do :func:`_sum_columns` with the scratch's weights, and for the slopes of the first two axes.
+
+    The three sums of ``size`` numbers follow each other from :data:`_SUMS` on. One array for all
+    that is read and written here: to make views of it would cost as much as the sums.
+    """
+    x_0, x_1, x_2, x_3 = work[8], work[9], work[10], work[11]
+    y_0, y_1, y_2, y_3 = work[12], work[13], work[14], work[15]
+    for a in range(4):
+        c_0 = _UNSIGNED(start + a * row)
+        c_1, c_2 = c_0 + _UNSIGNED(column), c_0 + _UNSIGNED(2 * column)
+        c_3 = c_0 + _UNSIGNED(3 * column)
+        weight, slope = work[a], work[4 + a]
+        for c in range(_UNSIGNED(size)):
+            f_0, f_1, f_2, f_3 = flat[c_0 + c], flat[c_1 + c], flat[c_2 + c], flat[c_3 + c]
+            across = x_0 * f_0 + x_1 * f_1 + x_2 * f_2 + x_3 * f_3
+            slope_across = y_0 * f_0 + y_1 * f_1 + y_2 * f_2 + y_3 * f_3
+            s_0 = c + _UNSIGNED(_SUMS)
+            s_1, s_2 = s_0 + _UNSIGNED(size), s_0 + _UNSIGNED(2 * size)
+            if a == 0:
+                work[s_0] = weight * across
+                work[s_1] = slope * across
+                work[s_2] = weight * slope_across
+            else:
+                work[s_0] += weight * across
+                work[s_1] += slope * across
+                work[s_2] += weight * slope_across
+
+
+@inlined
+def _up(work: np.ndarray, weights: int, sums: int, m: int, count: int) -> float:
+    """Return the sum along a column of component ``m`` of ``count``, from sums in the scratch."""
+    return (
+        work[weights] * work[sums + m]
+        + work[weights + 1] * work[sums + count + m]
+        + work[weights + 2] * work[sums + 2 * count + m]
+        + work[weights + 3] * work[sums + 3 * count + m]
+    )
+
+
+@copied
+def _evaluate(
+    latitude: float,
+    longitude: float,
+    height: float,
     origin: np.ndarray,
     step: np.ndarray,
     coefficients: np.ndarray,
+    flat: np.ndarray,
     work: np.ndarray,
-    out: np.ndarray,
     count: int,
 ) -> bool:
-    """Fill ``out`` (4 count,): the values, then the three derivatives of each; see spline_at.
+    """Evaluate the spline of ``count`` components at a point; see :func:`spline_at`.
 
-    ``work`` (24 + 12 count,) is scratch: to ask for it costs as much as to fill it.
+    ``work`` (24 + 16 count,) is scratch, whose last 4 count numbers are then the values and the
+    three derivatives of each. ``flat`` are the coefficients in one row.
     """
-    weights = work[:24]
-    start = 0
-    inside = True
-    for axis in range(3):
-        nodes = coefficients.shape[axis]
-        cell, t, within = _locate(position[axis], origin[axis], step[axis], nodes)
-        if cell < 0:
-            out[:] = math.nan
-            return False
-        start = start * nodes + cell
-        _weights(t, weights[8 * axis :])
-        slopes = weights[8 * axis + 4 : 8 * axis + 8]
-        _slopes(t, slopes)
-        scale = 1.0 / step[axis] if within else 0.0
-        inside &= within
-        for i in range(4):
-            slopes[i] *= scale
-    column = coefficients.shape[2] * count
-    row = coefficients.shape[1] * column
-    size = 4 * count
-    sums = work[24 : 24 + size]
-    along_first, along_second = work[24 + size : 24 + 2 * size], work[24 + 2 * size :]
-    _sum_columns_and_slopes(
-        coefficients.reshape(-1), size, start * count, row, column,
-        weights, sums, along_first, along_second,
-    )  # fmt: skip
-    vertical, slopes = weights[16:20], weights[20:24]
+    shape, size = coefficients.shape, 4 * count
+    result = _SUMS + 3 * size
+    i, t_0, in_0 = _locate(latitude, origin[0], step[0], shape[0])
+    j, t_1, in_1 = _locate(longitude, origin[1], step[1], shape[1])
+    k, t_2, in_2 = _locate(height, origin[2], step[2], shape[2])
+    if i < 0 or j < 0 or k < 0:
+        for m in range(size):
+            work[result + m] = math.nan
+        return False
+    _put_weights(t_0, 1.0 / step[0] if in_0 else 0.0, 0, work)
+    _put_weights(t_1, 1.0 / step[1] if in_1 else 0.0, 8, work)
+    _put_weights(t_2, 1.0 / step[2] if in_2 else 0.0, 16, work)
+    column = shape[2] * count
+    row = shape[1] * column
+    _sum_columns_and_slopes(flat, i * row + j * column + k * count, row, column, size, work)
     for m in range(count):
-        out[m] = _along(sums, vertical, m, count)
-        out[count + 3 * m] = _along(along_first, vertical, m, count)
-        out[count + 3 * m + 1] = _along(along_second, vertical, m, count)
-        out[count + 3 * m + 2] = _along(sums, slopes, m, count)
-    return inside
-
-
-TENSOR_WORK = 24 + 12 * 6
-"""Length of the scratch of :func:`spline_tensor_at`."""
-
-
-@compiled
-def spline_tensor_at(
-    position: np.ndarray,
-    origin: np.ndarray,
-    step: np.ndarray,
-    coefficients: np.ndarray,
-    work: np.ndarray,
-    out: np.ndarray,
-) -> bool:
-    """Fill ``out`` (24,): a tensor and the three derivatives of each component; see spline_at.
-
-    ``work`` (:data:`TENSOR_WORK`,) is scratch.
-    """
-    return _spline(position, origin, step, coefficients, work, out, 6)  # loops of known length
+        work[result + m] = _up(work, 16, _SUMS, m, count)
+        at = result + count + 3 * m
+        work[at] = _up(work, 16, _SUMS + size, m, count)
+        work[at + 1] = _up(work, 16, _SUMS + 2 * size, m, count)
+        work[at + 2] = _up(work, 20, _SUMS, m, count)
+    return in_0 and in_1 and in_2
 
 
 @compiled
@@ -262,15 +252,52 @@ def spline_at(
     Whether the position lies inside the grid.
     """
     count = coefficients.shape[3]
-    work, out = np.empty(24 + 12 * count), np.empty(4 * count)
-    if count == 6:
-        inside = spline_tensor_at(position, origin, step, coefficients, work, out)
-    else:
-        inside = _spline(position, origin, step, coefficients, work, out, count)
+    work, flat = np.empty(_SUMS + 16 * count), coefficients.reshape(-1)
+    inside = _evaluate(
+        position[0], position[1], position[2], origin, step, coefficients, flat, work, count
+    )
     for m in range(count):
-        value[m] = out[m]
+        value[m] = work[_SUMS + 12 * count + m]
         for axis in range(3):
-            derivative[m, axis] = out[count + 3 * m + axis]
+            derivative[m, axis] = work[_SUMS + 13 * count + 3 * m + axis]
+    return inside
+
+
+TENSOR_WORK = _SUMS + 16 * 6
+"""Length of the scratch of :func:`spline_tensor_slopes`."""
+
+
+@compiled
+def spline_tensor_slopes(
+    positions: np.ndarray,
+    count: int,
+    origin: np.ndarray,
+    step: np.ndarray,
+    coefficients: np.ndarray,
+    work: np.ndarray,
+    out: np.ndarray,
+) -> bool:
+    """Fill (24, N): tensors and the three derivatives of each component, at some of N positions.
+
+    Parameters
+    ----------
+    positions : (3, N), of which the first ``count`` are evaluated.
+    origin, step, coefficients : as in :func:`spline_at`, of six components.
+    work : (:data:`TENSOR_WORK`,) scratch. out : output.
+
+    Returns
+    -------
+    Whether they all lie inside the grid.
+    """
+    flat, inside = coefficients.reshape(-1), True
+    for p in range(count):
+        # Sizes that are constants make loops of known length.
+        inside &= _evaluate(
+            positions[0, p], positions[1, p], positions[2, p], origin, step, coefficients, flat,
+            work, 6,
+        )  # fmt: skip
+        for m in range(24):
+            out[m, p] = work[_SUMS + 72 + m]
     return inside
 
 

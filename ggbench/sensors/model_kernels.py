@@ -13,7 +13,7 @@ import numpy as np
 
 from ..gravity.ellipsoid import ROTATION_RATE, metres_per_radian_of, normal_gradient_of
 from ..gravity.field import Tensor, gradient_of
-from ..gravity.spline import TENSOR_WORK, spline_tensor_at, spline_tensors
+from ..gravity.spline import TENSOR_WORK, spline_tensor_slopes, spline_tensors
 from ..numerics import lanes
 from ..numerics.kernels import compiled, inlined
 from ..numerics.rotations import Matrix, left_jacobian, multiply, sine_cosine, small_turn, transpose
@@ -99,11 +99,10 @@ class Here(NamedTuple):
 
 
 class Points(NamedTuple):
-    """Scratch for points: (3, S, lanes), (6, S, lanes), (24,) and (TENSOR_WORK,)."""
+    """Scratch for points: (3, S, lanes) places, (24, S, lanes) tensors and slopes, and of one."""
 
     places: np.ndarray
     tensors: np.ndarray
-    one: np.ndarray
     work: np.ndarray
 
 
@@ -118,7 +117,7 @@ def here_of(m: int) -> Here:
 def points_of(count: int) -> Points:
     """Return scratch for ``count`` vectors of points, at least one."""
     new = lanes.lanes
-    return Points(new(3, count), new(24, count), np.zeros(24), np.empty(TENSOR_WORK))
+    return Points(new(3, count), new(24, count), np.empty(TENSOR_WORK))
 
 
 @compiled
@@ -292,14 +291,11 @@ def linearise_reading(
         store(places, 0, 0, latitude)
         store(places, 1, 0, longitude)
         store(places, 2, 0, height)
-        place = np.empty(3)
-        for r in range(count):
-            place[0], place[1], place[2] = places[0, 0, r], places[1, 0, r], places[2, 0, r]
-            spline_tensor_at(
-                place, model.origin, model.step, model.coefficients, points.work, points.one
-            )
-            for i in range(24):
-                found[i, 0, r] = points.one[i]
+        size = places.shape[1] * places.shape[2]
+        spline_tensor_slopes(
+            places.reshape((3, size)), count, model.origin, model.step, model.coefficients,
+            points.work, found.reshape((24, size)),
+        )  # fmt: skip
     sine, cosine = sine_cosine(_near_zero(latitude))
     t, slopes, north, east = gradient_of(
         sine, cosine, height,
