@@ -257,7 +257,7 @@ class _Report:
         )
         show(
             "error_over_time.png",
-            f"RMS spherical error over {_drawn(self.results.runs)} against time, with the "
+            f"RMS spherical error over {_drawn(self.results.run_count)} against time, with the "
             "Cramér–Rao bounds of filter, fixed-lag smoother and smoother",
         )
         if stored.has_map(self.results, lead.name):
@@ -328,7 +328,7 @@ class _Report:
         if cases != [case.name for case in self.results.whole_scenario.cases]:
             flags += "".join(f" -c {shlex.quote(name)}" for name in cases)
         flags += " --assumptions" if m["assumptions"] else ""
-        memory = self.results.table["peak_memory_mb"].max()
+        memory = self.results.runs()["peak_memory_mb"].max()
         return "\n".join(
             [
                 "Generated, not edited. To get it again:",
