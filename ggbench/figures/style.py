@@ -27,6 +27,7 @@ _SETTINGS = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "legend.frameon": False,
+    "savefig.bbox": "tight",
     "svg.hashsalt": "ggbench",
     "text.parse_math": False,  # a $ in somebody's title is a $
 }
@@ -65,7 +66,7 @@ class Drawing(Figure):
     def _repr_png_(self) -> bytes:
         """Return the picture that a notebook shows, even if it has not loaded pyplot."""
         picture = io.BytesIO()
-        self.savefig(picture, format="png", bbox_inches="tight")
+        self.savefig(picture, format="png")
         return picture.getvalue()
 
 
@@ -90,6 +91,6 @@ def save(figure: Figure, path: Path) -> None:
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, bbox_inches="tight", metadata={"Software": "ggbench"})
+        figure.savefig(path, metadata={"Software": "ggbench"})
     except OSError as error:
         raise FigureError(f"cannot write the figure {path}: {error.strerror or error}") from None

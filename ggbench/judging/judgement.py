@@ -141,7 +141,9 @@ def _require(problem: Any, estimate: Any, truth: Any, windows: Any) -> None:
     ):
         if not isinstance(value, kind):
             wanted = getattr(kind, "__name__", "WindowsSpec")
-            raise JudgingError(f"{name} is a {type(value).__name__} and must be a {wanted}")
+            raise JudgingError(
+                f"{name} is of type {type(value).__name__} and must be of type {wanted}"
+            )
     wanted_shape = (problem.epochs, problem.dimension)
     if truth.error_state.shape != wanted_shape:
         raise JudgingError(
