@@ -88,7 +88,7 @@ def test_first_steps_lead_to_a_figure(tmp_path):
 
 def test_errata_cite_existing_tests():
     """Every erratum of the report names a test that exists."""
-    tests = (ROOT / "tests" / "test_errata.py").read_text(encoding="utf-8")
+    tests = (ROOT / "tests" / "accuracy" / "test_errata.py").read_text(encoding="utf-8")
     cited = re.findall(r"`(test_eq\w+)`", REPORT)
     assert len(cited) >= 10
     assert not [name for name in cited if f"def {name}(" not in tests]
