@@ -63,7 +63,7 @@ def test_what_cannot_be_judged(run):
         ((problem, truth, estimate), "estimate is of type Truth and must be"),
         (
             (problem, estimate, truth, {"last_s": 1.0}),
-            "windows is a dict and must be a WindowsSpec",
+            "windows is of type dict and must be of type WindowsSpec",
         ),
         (
             (problem, dataclasses.replace(estimate, mean=bare[1:]), truth),
