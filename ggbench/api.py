@@ -31,6 +31,7 @@ from .judging.judgement import judge as judge
 from .problem import Estimate, Estimator, Problem
 from .results import folder
 from .results.folder import ResultsError
+from .results.store import Store
 from .simulation import runs as simulation
 from .simulation.runs import Truth
 from .spec import scenario as scenarios
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
     from .figures.stored import Quantity
 
 _LONGEST_S = 1e9
+_MOST_NAMED = 4
 
 
 class ArgumentError(GGBenchError):
@@ -211,6 +213,9 @@ def run(
             shutil.rmtree(kept, ignore_errors=True)
         raise
     folder.write_tables(results)
+    # From here on it is only read: another call may go on in the folder.
+    ended.store.close()
+    results.store = Store(work.folder)
     if ended.interrupted:
         raise KeyboardInterrupt
     if ended.missing:
@@ -236,9 +241,12 @@ class Results(folder.Results):
     """
 
     def __repr__(self) -> str:
+        cases = ", ".join(self.manifest["cases"][:_MOST_NAMED])
+        if len(self.manifest["cases"]) > _MOST_NAMED:
+            cases = f"{len(self.manifest['cases'])} cases"
         return (
-            f"Results({self.manifest['scenario']}: {len(self.manifest['cases'])} cases, "
-            f"{', '.join(self.labels)}, {self.run_count} runs, in {self.folder})"
+            f"Results({self.manifest['scenario']}: {cases}; {', '.join(self.labels)}; runs 0 to "
+            f"{self.run_count - 1}; in {self.folder})"
         )
 
     def plot_error_over_time(self, case: str | None = None) -> Figure:

@@ -121,7 +121,7 @@ def test_what_is_shown_takes_one_line(scenario, results):
     )
     assert repr(estimate) == "Estimate(mean (20, 15), cov (20, 15, 15), filter)"
     assert repr(truth) == "Truth(20 epochs of 15 states)"
-    assert "2 cases, ins, ekf, 2 runs, in " in repr(results)
+    assert repr(results).startswith("Results(small: base, noisy; ins, ekf; runs 0 to 1; in ")
     assert repr(scenario) == "Scenario(small: 'A short flight over the normal field', 2 cases)"
     assert repr(gg.judge(problem, estimate, truth)).startswith("Judgement(20 epochs: position ")
 
@@ -199,10 +199,17 @@ def test_an_interrupt_keeps_what_has_finished(scenario, tmp_path):
     assert told == [(0, 6), (1, 6), (2, 6)]
     held = gg.Results(str(tmp_path / "out"))
     assert len(held.runs()) == 2
-    held.store.close()
     gg.run(scenario, "ins", runs=3, jobs=0, output=str(tmp_path / "out"),
            progress=lambda done, total: told.append((done, total)))  # fmt: skip
     assert told[3:] == [(0, 4), (1, 4), (2, 4), (3, 4), (4, 4)]
+
+
+def test_a_folder_is_free_when_a_run_has_ended(scenario, tmp_path):
+    """A second call adds to the folder of the first one's results, which stay what they are."""
+    first = gg.run(scenario, "ins", runs=1, jobs=0, output=tmp_path / "out")
+    second = gg.run(scenario, ["ins", "ekf"], runs=2, jobs=0, output=tmp_path / "out")
+    assert (len(first.runs()), len(second.runs())) == (2, 8)
+    assert first.plot_error_over_time() is not None
 
 
 def test_an_estimator_itself(scenario, lazy):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -115,20 +114,18 @@ def judge(
     spec = windows or WindowsSpec(settled_from_s=0.0, last_s=1.0)
     figures = run_errors.window_figures(found, problem.times, spec)
     named = {name: _named(figures[name]) for name in (figures if windows else (_WHOLE,))}
-    return Judgement(problem.times, **vars(found), windows=MappingProxyType(named))
+    return Judgement(problem.times, **vars(found), windows=named)
 
 
 def _named(figures: Mapping[str, float]) -> Mapping[str, float]:
     """Return the figures of a window by the names that summaries have for them."""
-    return MappingProxyType(
-        {
-            "position_mrse_m": math.sqrt(figures["position_ms"]),
-            "velocity_mrse_mps": math.sqrt(figures["velocity_ms"]),
-            "nees_mean": figures["nees"],
-            "nis_mean": figures["nis"],
-            "coverage": figures["coverage"],
-        }
-    )
+    return {
+        "position_mrse_m": math.sqrt(figures["position_ms"]),
+        "velocity_mrse_mps": math.sqrt(figures["velocity_ms"]),
+        "nees_mean": figures["nees"],
+        "nis_mean": figures["nis"],
+        "coverage": figures["coverage"],
+    }
 
 
 def _require(problem: Any, estimate: Any, truth: Any, windows: Any) -> None:
