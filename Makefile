@@ -45,7 +45,7 @@ bench-check: $(INSTALLED)
 	PYTHONPATH=tests $(BIN)/python -m speed --check
 
 agreement: $(INSTALLED)
-	GGBENCH_TEST_AGREEMENT=all $(BIN)/python -m pytest tests/test_engines.py
+	GGBENCH_TEST_AGREEMENT=all $(BIN)/python -m pytest tests/engines/test_agreement.py
 
 test: $(INSTALLED)
 	$(BIN)/python -m pytest

@@ -31,9 +31,60 @@ Numbers are SI and radians; a name that carries another unit says so (``noise_eo
 time have the epochs first: (K, ...).
 """
 
+from __future__ import annotations
+
+from importlib import import_module
 from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
 
 from .numerics import cache
 
+if TYPE_CHECKING:
+    from . import maps as maps
+    from .api import Judgement as Judgement
+    from .api import Results as Results
+    from .api import estimate as estimate
+    from .api import estimator as estimator
+    from .api import judge as judge
+    from .api import load as load
+    from .api import run as run
+    from .api import simulate as simulate
+    from .errors import GGBenchError as GGBenchError
+    from .problem import Estimate as Estimate
+    from .problem import Estimator as Estimator
+    from .problem import Problem as Problem
+    from .simulation.runs import Truth as Truth
+    from .spec.scenario import Scenario as Scenario
+
 __version__ = version("ggbench")
 cache.keep_apart()
+
+_MODULES = {
+    "Estimate": "problem",
+    "Estimator": "problem",
+    "GGBenchError": "errors",
+    "Judgement": "api",
+    "Problem": "problem",
+    "Results": "api",
+    "Scenario": "spec.scenario",
+    "Truth": "simulation.runs",
+    "estimate": "api",
+    "estimator": "api",
+    "judge": "api",
+    "load": "api",
+    "run": "api",
+    "simulate": "api",
+}
+"""Where the public names are; each module is loaded when one of them is first used."""
+
+
+def __getattr__(name: str) -> Any:
+    if name == "maps":
+        return import_module(".maps", __name__)
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f".{_MODULES[name]}", __name__), name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*_MODULES, "maps", "__version__"])

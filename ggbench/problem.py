@@ -73,6 +73,13 @@ class Problem:
             if isinstance(value, np.ndarray):
                 object.__setattr__(self, item.name, frozen(value))
 
+    def __repr__(self) -> str:
+        first, last = (round(float(time), 6) for time in self.times[[0, -1]])
+        return (
+            f"Problem({self.epochs} epochs of {self.measurements.shape[1]} channels from {first} "
+            f"to {last} s, {self.dimension} states, {type(self.model).__name__})"
+        )
+
     @property
     def epochs(self) -> int:
         """Number of measurement epochs K."""
@@ -103,6 +110,12 @@ class Estimate:
     causality: Causality
     lag: float | None = None
     info: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+
+    def __repr__(self) -> str:
+        # Of whatever an estimator has put into it: a wrong estimate is to be looked at, too.
+        causality = self.causality if self.lag is None else f"{self.causality} of {self.lag} s"
+        cov = "no covariance" if self.cov is None else f"cov {np.shape(self.cov)}"
+        return f"Estimate(mean {np.shape(self.mean)}, {cov}, {causality})"
 
 
 @dataclass(frozen=True)

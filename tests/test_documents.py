@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.image import imread
 from pydantic import BaseModel
 
 from ggbench.campaign import registry
@@ -66,9 +69,26 @@ def test_example_estimator_works(tmp_path):
     assert np.abs((estimates[0].mean - estimates[1].mean) / sigma).max() < 0.05
 
 
+def test_first_steps_lead_to_a_figure(tmp_path):
+    """The README's fifteen lines are those of docs/first_steps.py, and run as a plain script."""
+    script = (ROOT / "docs" / "first_steps.py").read_text(encoding="utf-8")
+    shown = re.search(r"### From Python.*?```python\n(.*?)```", README, re.DOTALL).group(1)
+    code = [line for line in script.splitlines() if line and not line.startswith("#")]
+    assert code == [line for line in shown.splitlines() if line]
+    assert len(code) <= 15
+    assert "runs=20" in shown
+    done = subprocess.run(
+        [sys.executable, "-c", shown.replace("runs=20", "runs=2")], cwd=tmp_path,
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert done.stdout.startswith("Problem(200 epochs of 6 channels from 1.0 to 200.0 s, 15 states")
+    assert done.stderr == ""
+    assert imread(tmp_path / "error_over_time.png").shape[0] > 400
+
+
 def test_errata_cite_existing_tests():
     """Every erratum of the report names a test that exists."""
-    tests = (ROOT / "tests" / "test_errata.py").read_text(encoding="utf-8")
+    tests = (ROOT / "tests" / "accuracy" / "test_errata.py").read_text(encoding="utf-8")
     cited = re.findall(r"`(test_eq\w+)`", REPORT)
     assert len(cited) >= 10
     assert not [name for name in cited if f"def {name}(" not in tests]

@@ -35,8 +35,9 @@ from ..simulation.runs import simulate
 from ..spec.case import CaseSpec
 from ..spec.scenario import Scenario
 from . import result_keys
+from .execution import in_process, in_processes
 from .records import lag_epochs, shared_arrays
-from .registry import choose
+from .registry import choose, choose_all
 from .runner import Pairs, Task, flight_of, said
 
 TASK_RUNS = 128
@@ -303,14 +304,14 @@ class Campaign:
         if Path(self.argument).absolute() == (self.folder / "scenario.toml").absolute():
             raise StoreError(
                 f"{self.folder} is the folder of the scenario itself, whose file would be "
-                "overwritten; choose another -o"
+                "overwritten; choose another output folder"
             )
         if (self.folder / "manifest.json").exists() and not self.fresh:
             held = read_manifest(self.folder)["scenario"]
             if held != self.scenario.name:
                 raise StoreError(
                     f"{self.folder} holds results of the scenario {held}, not of "
-                    f"{self.scenario.name}; choose another -o, or --fresh to discard them"
+                    f"{self.scenario.name}; choose another output folder, or discard them (--fresh)"
                 )
 
     def _leave_out(self) -> list[str]:
@@ -386,6 +387,129 @@ class Campaign:
                 "processors": os.cpu_count(),
             },
         }
+
+
+@dataclass(frozen=True)
+class Step:
+    """How far a campaign has come.
+
+    Attributes
+    ----------
+    campaign, store : what is run, and the open folder with what is stored of it.
+    remarks : what its user should know: estimators left out, stored results that are not used.
+    total, done : number of results that were missing when it began, and of those since stored.
+    new : those stored since the last step.
+    """
+
+    campaign: Campaign
+    store: Store
+    remarks: Sequence[str]
+    total: int
+    done: int = 0
+    new: Sequence[Result] = ()
+
+
+class Ended(NamedTuple):
+    """How a campaign ended: its open folder, whether it was stopped, what gave no result."""
+
+    store: Store
+    interrupted: bool
+    missing: int
+
+
+def planned(
+    scenario: Scenario,
+    folder: Path,
+    estimators: Sequence[str] = (),
+    runs: int | None = None,
+    seed: int | None = None,
+    cases: Sequence[str] = (),
+    assumptions: bool = False,
+    time_limit: float | None = None,
+    fresh: bool = False,
+) -> Campaign:
+    """Return the campaign that is asked for; what is not said is as the scenario has it.
+
+    Raises
+    ------
+    EstimatorError, ScenarioError
+        If an estimator or a case is named wrongly.
+    """
+    settings = scenario.campaign
+    texts = [*(estimators or settings.estimators)]
+    if assumptions:  # its runs without the change are what the study is compared with
+        texts.append(settings.assumption_estimator)
+    return Campaign(
+        scenario,
+        scenario.argument or scenario.name,
+        tuple(choice.label for choice in choose_all(texts)),
+        settings.runs if runs is None else runs,
+        settings.seed if seed is None else seed,
+        assumptions,
+        folder,
+        tuple(cases),
+        settings.time_limit_s if time_limit is None else time_limit,
+        fresh,
+    )
+
+
+def run(
+    work: Campaign,
+    jobs: int | None = None,
+    cluster: str | None = None,
+    progress: Callable[[Step], None] = lambda step: None,
+) -> Ended:
+    """Run what a campaign's folder does not hold yet. Ctrl-C while runs are running ends it early.
+
+    Parameters
+    ----------
+    work : the campaign.
+    jobs : number of worker processes, by default one for each processor; 0: none, all runs are run
+        in this process, without time limit.
+    cluster : address of the Dask scheduler to run on instead.
+    progress : is told of every step, first when the folder is open.
+
+    Raises
+    ------
+    StoreError, CampaignError
+        As :meth:`Campaign.open`.
+    ExecutionError
+        If the runs cannot be run at all.
+    """
+    store, remarks = work.open()
+    try:
+        tasks = work.tasks(store)
+        step = Step(work, store, remarks, tasks.results)
+        progress(step)
+        if tasks.results:
+            results = _engine(tasks, jobs, cluster, work.limit)
+
+            def told(batch: list[Result]) -> None:
+                nonlocal step
+                step = replace(step, done=step.done + len(batch), new=batch)
+                progress(step)
+
+            try:
+                execute(results, store, told)
+            except KeyboardInterrupt:
+                return Ended(store, True, 0)
+        return Ended(store, False, work.missing(store))
+    except BaseException:
+        store.close()  # or nobody could use the folder as long as this process lives
+        raise
+
+
+def _engine(
+    tasks: Tasks, jobs: int | None, cluster: str | None, limit: float
+) -> Generator[list[Result]]:
+    """Return the results of tasks as they come, from where they are run."""
+    if cluster:
+        from .cluster import on_cluster  # not at the top: Dask is not always there
+
+        return on_cluster(tasks, cluster, limit)
+    if jobs == 0:
+        return in_process(tasks)
+    return in_processes(tasks, jobs or os.cpu_count() or 1, limit)
 
 
 def execute(

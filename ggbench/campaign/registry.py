@@ -27,6 +27,8 @@ from ..problem import Causality, Estimator
 
 GROUP = "ggbench.estimators"
 _SOURCE = "__ggbench_source__"
+_OWN_MODULE = "ggbench_user_"
+"""How the module names of files of a user's own begin."""
 
 
 class EstimatorError(GGBenchError):
@@ -136,6 +138,44 @@ def choose(text: str) -> Choice:
     return Choice(f"{name}[{shown}]" if shown else name, estimator)
 
 
+def text_of(estimator: Estimator) -> str:
+    """Return the text that names an estimator, ``ukf[points=merwe]``.
+
+    Raises
+    ------
+    EstimatorError
+        If there is none: its class is neither registered nor from a file that :func:`choose` has
+        read, the file has changed since, or a parameter cannot be written.
+    """
+    cls = type(estimator)
+    file = getattr(sys.modules.get(cls.__module__), "__file__", None)
+    if cls.__module__.startswith(_OWN_MODULE):
+        name = str(file)
+    else:
+        place = f"{cls.__module__}:{cls.__qualname__}"
+        names = [name for name, point in _points().items() if point.value == place]
+        if not names:
+            raise EstimatorError(
+                f"a campaign's workers cannot find the class {cls.__name__} of {cls.__module__}: "
+                "put it into a file and give the path of that; or simulate, estimate and judge "
+                "runs one by one"
+            )
+        name = names[0]
+    changed = {
+        item.name: value
+        for item in fields(cls)
+        if (value := getattr(estimator, item.name)) != item.default
+    }
+    listed = ",".join(f"{key}={value}" for key, value in changed.items())
+    text = f"{name}[{listed}]" if listed else name
+    if choose(text).estimator != estimator:
+        raise EstimatorError(
+            f"the text '{text}' does not give the estimator {estimator!r}: its file has changed "
+            "since it was read, or a parameter is no plain number or text"
+        )
+    return text
+
+
 def choose_all(texts: Iterable[str]) -> list[Choice]:
     """Return the estimators that texts name, each content once, under its first label.
 
@@ -229,7 +269,7 @@ def _from_file(path: Path) -> type[Estimator]:
     except OSError as error:
         raise EstimatorError(f"cannot read estimator file {path}: {error.strerror}") from None
     # The same file is imported once; two files of one name do not collide.
-    module_name = f"ggbench_user_{hashlib.sha256(source + str(path).encode()).hexdigest()[:16]}"
+    module_name = f"{_OWN_MODULE}{hashlib.sha256(source + str(path).encode()).hexdigest()[:16]}"
     module = sys.modules.get(module_name)
     if module is None:
         # Not by an import: a cached byte code could be older than what is hashed here.

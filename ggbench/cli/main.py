@@ -20,8 +20,7 @@ from ..spec.limits import MOST_RUNS, MOST_SEED
 from .maps import map_group
 
 if TYPE_CHECKING:
-    from ..campaign.campaign import Campaign
-    from ..results.store import Store
+    from ..campaign.campaign import Ended
     from .library import Outcome
 
 console = Console()
@@ -211,35 +210,24 @@ class _Asked:
 
 def _run_scenario(name: str, asked: _Asked, output: Path | None) -> Outcome:
     """Run a scenario, into results/SCENARIO without an output; return how it ended."""
-    from ..campaign import campaign, registry
+    from ..campaign import campaign
     from ..spec import scenario
+    from .progress import Progress
 
     loaded = scenario.load(name)
-    texts = [*(asked.estimators or loaded.campaign.estimators)]
-    if asked.assumptions:  # its runs without the change are what the study is compared with
-        texts.append(loaded.campaign.assumption_estimator)
-    work = campaign.Campaign(
-        loaded,
-        name,
-        tuple(choice.label for choice in registry.choose_all(texts)),
-        asked.runs or loaded.campaign.runs,
-        loaded.campaign.seed if asked.seed is None else asked.seed,
-        asked.assumptions,
-        output or Path("results") / loaded.name,
-        asked.cases,
-        asked.time_limit or loaded.campaign.time_limit_s,
-        not asked.resume,
-    )
+    work = campaign.planned(
+        loaded, output or Path("results") / loaded.name, asked.estimators, asked.runs, asked.seed,
+        asked.cases, asked.assumptions, asked.time_limit, not asked.resume,
+    )  # fmt: skip
     if len(loaded.cases) > _MANY_CASES:
         click.echo(f"preparing {len(loaded.cases)} cases")
-    store, remarks = work.open()
-    for remark in remarks:
-        click.echo(remark)
-    interrupted = _execute(work, store, asked.jobs, asked.cluster)
-    missing = 0 if interrupted else work.missing(store)
-    outcome = _finish(work.folder, store, interrupted)
-    if missing:
-        raise campaign.CampaignError(f"{missing} runs gave no result; the same command goes on")
+    with Progress(console) as progress:
+        ended = campaign.run(work, asked.jobs, asked.cluster, progress.tell)
+    outcome = _finish(work.folder, ended)
+    if ended.missing:
+        raise campaign.CampaignError(
+            f"{ended.missing} runs gave no result; the same command goes on"
+        )
     return outcome
 
 
@@ -262,52 +250,21 @@ def _run_library(asked: _Asked, output: Path) -> int:
     return EXIT_WORSE if any(outcome.error for outcome in outcomes) else 0
 
 
-def _execute(work: Campaign, store: Store, jobs: int | None, cluster: str | None) -> bool:
-    """Run what is missing; return whether it was interrupted."""
-    from ..campaign import campaign, execution
-    from ..results.folder import Results
-    from .progress import Progress
-
-    tasks = work.tasks(store)
-    if not tasks.results:
-        return False
-    if cluster:
-        from ..campaign.cluster import on_cluster
-
-        engine = on_cluster(tasks, cluster, work.limit)
-    elif jobs == 0:
-        engine = execution.in_process(tasks)
-    else:
-        engine = execution.in_processes(tasks, jobs or os.cpu_count() or 1, work.limit)
-    held = Results(work.folder, store)
-    cells = {c.key: (c.case, c.estimator) for c in held.cells if not c.assumption}
-    progress = Progress(work.scenario.name, tasks.results, cells, console)
-    for key in cells:
-        progress.count_stored((key, record) for record in store.records(key, work.runs))
-    try:
-        with progress:
-            campaign.execute(engine, store, progress.update)
-    except KeyboardInterrupt:
-        return True
-    return False
-
-
-def _finish(folder: Path, store: Store, interrupted: bool) -> Outcome:
+def _finish(folder: Path, ended: Ended) -> Outcome:
     """Write the tables of what is stored, print the summary, say how to go on."""
     from ..results.folder import Results, as_argument, write_tables
     from .library import Outcome
     from .terminal import print_summary
 
-    results = Results(folder, store)
+    results, interrupted = Results(folder, ended.store), ended.interrupted
     summary = write_tables(results)
     if len(summary):
         print_summary(summary, results.scenario, console)
-    failed = len(results.failures())
+    runs, failed = results.runs(), len(results.failures())
     outcome = Outcome(
-        results.scenario.name, len(results.table), failed,
-        int(results.table["diverged"].sum()), interrupted,
-    )  # fmt: skip
-    store.close()
+        results.scenario.name, len(runs), failed, int(runs["diverged"].sum()), interrupted
+    )
+    ended.store.close()
     name = as_argument(str(folder))
     if failed:
         click.echo(f"{failed} runs failed: 'ggbench show {name}' tells why and repeats them.")
@@ -380,7 +337,7 @@ def compare(before: Path, after: Path, threshold: float, window: str, require_al
     from ..results.folder import Results
     from .terminal import print_comparison
 
-    compared = compare_runs(Results(before).table, Results(after).table, threshold, window)
+    compared = compare_runs(Results(before).runs(), Results(after).runs(), threshold, window)
     print_comparison(compared, console)
     gone = require_all and bool(compared.only_before)
     sys.exit(EXIT_WORSE if compared.worse or gone else 0)

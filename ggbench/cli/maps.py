@@ -172,9 +172,11 @@ def show(file: Path, output: Path | None, height: float | None) -> None:
             console.print(f"{key}: {attributes[key]}", markup=False, highlight=False)
     _print_rms(nodes, watched.rms, console)
     if output is not None and chosen is not None:
-        from ..report.map_figure import draw
+        from ..figures.map_components import map_components
+        from ..figures.style import save
 
-        draw(nodes, chosen[0], float(nodes.height_m[drawn]), attributes.get("source", ""), output)
+        source = attributes.get("source", "")
+        save(map_components(nodes, chosen[0], float(nodes.height_m[drawn]), source), output)
         click.echo(f"Wrote {output}")
 
 

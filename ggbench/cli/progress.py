@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich import box
@@ -15,7 +15,8 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from ..results.store import Result
+from ..campaign.campaign import Step
+from ..results.folder import Results
 
 _WINDOW = "settled"
 _MOST_CASES = 4
@@ -26,28 +27,61 @@ _REDRAWS_PER_S = 4.0
 class Progress:
     """Progress of a campaign: a live table in a terminal, a plain line now and then elsewhere.
 
-    Parameters
-    ----------
-    title : what is running.
-    total : number of results to come.
-    cells : key of a run to its case and estimator, of the runs whose errors are shown.
-    console : where to show it.
+    ``console`` is where to show it. What is in the folder when it begins counts in the errors.
     """
 
-    def __init__(
-        self, title: str, total: int, cells: Mapping[str, tuple[str, str]], console: Console
-    ) -> None:
-        self._title = title
-        self._total = total
+    def __init__(self, console: Console) -> None:
         self._console = console
-        self._cells = cells
-        self._cases: Sequence[str] = list(dict.fromkeys(case for case, _ in cells.values()))
-        self._labels: Sequence[str] = list(dict.fromkeys(label for _, label in cells.values()))
+        self._title = ""
+        self._cells: dict[str, tuple[str, str]] = {}
+        self._cases: Sequence[str] = ()
+        self._labels: Sequence[str] = ()
         self._sums: dict[tuple[str, str], tuple[float, int]] = {}
-        self._done = self._failed = 0
+        self._total = self._done = self._failed = 0
+        self._start = self._last = 0.0
         self._live: Live | None = None
 
     def __enter__(self) -> Progress:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        if self._live is not None:
+            self._live.stop()
+        if self._live is not None or self._done < self._total:
+            self._say(self._counts())
+
+    def tell(self, step: Step) -> None:
+        """Show how far the campaign has come."""
+        if not step.done:
+            self._begin(step)
+        for result in step.new:
+            self._done += 1
+            self._failed += result.record["status"] != "ok"
+            self._count(result.key, result.record)
+        now = time.monotonic()
+        if self._live or not step.new:
+            return
+        if self._done == self._total or now - self._last > _LINE_EVERY_S:
+            self._last = now
+            line = "; ".join(filter(None, [self._counts(), self._lead()]))
+            self._say(line)
+
+    def _begin(self, step: Step) -> None:
+        """Say what the user should know, and show what is to come, if anything is."""
+        for remark in step.remarks:
+            self._say(remark)
+        if not step.total:
+            return
+        work, self._total = step.campaign, step.total
+        self._title = work.scenario.name
+        # Of all that the folder holds of this campaign, not only of what was asked for now.
+        held = Results(work.folder, step.store)
+        self._cells = {c.key: (c.case, c.estimator) for c in held.cells if not c.assumption}
+        self._cases = list(dict.fromkeys(case for case, _ in self._cells.values()))
+        self._labels = list(dict.fromkeys(label for _, label in self._cells.values()))
+        for key in self._cells:
+            for record in step.store.records(key, work.runs):
+                self._count(key, record)
         self._start = self._last = time.monotonic()
         if self._console.is_terminal:
             self._live = Live(
@@ -57,30 +91,6 @@ class Progress:
             self._live.start()
         else:
             self._say(f"{self._title}: {self._total} runs to do")
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        if self._live is not None:
-            self._live.stop()
-        if self._live is not None or self._done < self._total:
-            self._say(self._counts())
-
-    def count_stored(self, records: Iterable[tuple[str, Mapping[str, Any]]]) -> None:
-        """Count the errors of (key, record) that were stored before."""
-        for key, record in records:
-            self._count(key, record)
-
-    def update(self, batch: Sequence[Result]) -> None:
-        """Count results that have been stored."""
-        for result in batch:
-            self._done += 1
-            self._failed += result.record["status"] != "ok"
-            self._count(result.key, result.record)
-        now = time.monotonic()
-        if self._live is None and (self._done == self._total or now - self._last > _LINE_EVERY_S):
-            self._last = now
-            line = "; ".join(filter(None, [self._counts(), self._lead()]))
-            self._say(line)
 
     def _count(self, key: str, record: Mapping[str, Any]) -> None:
         cell = self._cells.get(key)

@@ -48,14 +48,14 @@ class Told:
 
 def overview(results: Results, console: Console) -> None:
     """Print what a results folder holds, what failed in it, and its largest errors."""
-    manifest, table = results.manifest, results.table
+    manifest, table = results.manifest, results.runs()
     console.print(f"[bold]{escape(manifest['title'])}[/]", highlight=False)
     failed, diverged = int((table["status"] != "ok").sum()), int(table["diverged"].sum())
     console.print(
         f"scenario {escape(manifest['scenario'])} {manifest['scenario_hash'][:16]}, seed "
         f"{manifest['seed']}, {manifest['date'][:10]}, ggbench {manifest['ggbench']} source "
-        f"{manifest['source_hash']}\n{len(table)} results of up to {results.runs} runs per case: "
-        f"{failed} failed, {diverged} diverged",
+        f"{manifest['source_hash']}\n{len(table)} results of up to {results.run_count} runs per "
+        f"case: {failed} failed, {diverged} diverged",
         highlight=False,
     )
     failures = results.failures()
@@ -86,7 +86,7 @@ def choose_run(results: Results, case: str | None, run: int | None = None) -> tu
     """
     from ..results.folder import ResultsError  # not at the top: to repeat a run needs no tables
 
-    table = results.table
+    table = results.runs()
     table = table[
         (table["assumption"] == "")
         & ((table["case"] == case) | (case is None))
@@ -96,8 +96,8 @@ def choose_run(results: Results, case: str | None, run: int | None = None) -> tu
         asked = f"run {run}" if run is not None else "run"
         asked += f" of case {case}" if case else ""
         raise ResultsError(
-            f"{results.folder} holds no {asked}; asked for were runs 0 to {results.runs - 1} of "
-            f"{', '.join(results.manifest['cases'])}"
+            f"{results.folder} holds no {asked}; asked for were runs 0 to "
+            f"{results.run_count - 1} of {', '.join(results.manifest['cases'])}"
         )
     failed = table[table["status"] != "ok"]
     if len(failed):
@@ -106,7 +106,7 @@ def choose_run(results: Results, case: str | None, run: int | None = None) -> tu
     aided = table[table["causality"] != "none"]
     chosen = aided if len(aided) else table
     # In units of what the estimator usually does in this case, so that cases compare.
-    usual = results.table.groupby(["case", "estimator"])["settled_position_ms"].median()
+    usual = results.runs().groupby(["case", "estimator"])["settled_position_ms"].median()
     squares = chosen.set_index(["case", "estimator"])["settled_position_ms"]
     row = chosen.iloc[int(np.argmax((squares / usual.reindex(squares.index)).to_numpy()))]
     reason = "the largest error, measured against the median of all runs:"

@@ -114,7 +114,7 @@ def _smooth(
                 if active[r] and damping[r] >= LEAST_FELT:
                     felt[r] = damping[r]
             begun = True
-            damped = felt.any()
+            damped = bool(felt.any())
             if damped and path.damping.gains.shape[0] == 0:
                 path = with_damping(path)
             _filter(path, prior_mean, prior_cov, felt, work, damping_work)
@@ -151,7 +151,7 @@ def _filter(
     damping_work: Work,
 ) -> None:
     """Filter the linear problems of a group, each run with its own damping λ (lanes,)."""
-    damped = damping.any()
+    damped = bool(damping.any())
     if damped:
         set_damping(path, damping, prior_cov)
     lanes.spread(prior_mean.reshape((1, prior_mean.shape[0])), work.x)

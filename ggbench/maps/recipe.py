@@ -23,7 +23,7 @@ from ..gravity.ellipsoid import SEMI_MAJOR_AXIS
 from ..gravity.gradient_map import GradientMap, MapError
 from ..numerics.cache import cache_folder
 from ..numerics.source import MAP_ROOMS, source_hash
-from . import netcdf_reader
+from . import netcdf, netcdf_reader
 from .shipped_regions import (
     SOURCES,
     check_relief_smoothing,
@@ -103,7 +103,7 @@ def load_or_build(recipe: MapRecipe) -> GradientMap:
         return read(path)
     gradient_map = build(recipe)
     # Without a copy on disk the map itself is as good.
-    with contextlib.suppress(OSError):
+    with contextlib.suppress(MapError):
         write(path, gradient_map)
     return gradient_map
 
@@ -262,7 +262,7 @@ def content_key(recipe: MapRecipe) -> str:
     return digest.hexdigest()[:32]
 
 
-def read(path: Path, crop: netcdf_reader.Crop | None = None) -> GradientMap:
+def read(path: Path | str, crop: netcdf_reader.Crop | None = None) -> GradientMap:
     """Return the map in a netCDF file, or in an ``.npz`` file that :func:`write` wrote.
 
     Parameters
@@ -276,6 +276,7 @@ def read(path: Path, crop: netcdf_reader.Crop | None = None) -> GradientMap:
     MapError
         If there is no such file, or it is no complete map; the message says what is missing.
     """
+    path = Path(path)
     if path.suffix != ".npz":
         return netcdf_reader.read(path, crop)
     names = [item.name for item in dataclasses.fields(GradientMap)]
@@ -316,15 +317,37 @@ def read(path: Path, crop: netcdf_reader.Crop | None = None) -> GradientMap:
     )
 
 
-def write(path: Path, gradient_map: GradientMap) -> None:
-    """Write a map to a ``.npz`` file in one stroke: a reader sees a whole file or none."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".tmp", delete=False) as file:
-        temporary = Path(file.name)
-        try:
-            np.savez(file, allow_pickle=False, **vars(gradient_map))
-            file.close()
-            temporary.replace(path)
-        except BaseException:
-            temporary.unlink()
-            raise
+def write(path: Path | str, gradient_map: GradientMap) -> None:
+    """Write a map to a file, ``*.nc`` (netCDF) or ``*.npz`` (NumPy), in double precision.
+
+    In one stroke: a reader sees a whole file or none. The folder is made if need be.
+
+    Raises
+    ------
+    MapError
+        If the file is named otherwise, or cannot be written.
+    """
+    path = Path(path)
+    if path.suffix == ".nc":
+        netcdf.write(path, gradient_map)
+    elif path.suffix == ".npz":
+        _write_archive(path, gradient_map)
+    else:
+        raise MapError(f"the map file {path} must be named *.nc or *.npz")
+
+
+def _write_archive(path: Path, gradient_map: GradientMap) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".tmp", delete=False) as file:
+            temporary = Path(file.name)
+            try:
+                np.savez(file, allow_pickle=False, **vars(gradient_map))
+                file.close()
+                temporary.replace(path)
+            except BaseException:
+                temporary.unlink()
+                raise
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise MapError(f"cannot write the map {path}: {reason}") from None

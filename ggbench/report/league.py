@@ -368,9 +368,9 @@ def read_entry(folder: Path) -> Entry | str:
             label: min(int(counts.get((label, case.name), 0)) for case in loaded.cases)
             for label in results.labels
         }
-        if max(least.values(), default=0) < results.runs:
+        if max(least.values(), default=0) < results.run_count:
             return (
-                f"{folder} is left out: it is not finished, of {results.runs} runs "
+                f"{folder} is left out: it is not finished, of {results.run_count} runs "
                 f"{max(least.values(), default=0)} are done in all cases"
             )
         pairs = results.paired()
@@ -382,7 +382,7 @@ def read_entry(folder: Path) -> Entry | str:
         ]
         return Entry(
             folder, loaded, results.manifest, [flown for flown in cases if flown.rows],
-            {label: runs for label, runs in least.items() if runs < results.runs},
+            {label: runs for label, runs in least.items() if runs < results.run_count},
         )  # fmt: skip
     finally:
         results.store.close()

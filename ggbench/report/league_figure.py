@@ -4,32 +4,31 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.colors import TwoSlopeNorm
 
-from .figures import save
+from ..figures.numbers import short
+from ..figures.style import Drawing, styled, subplots
 from .league import SMOOTHERS, Standing
-from .tables import short
 
 _FARTHEST = (0.1, 1000.0)
 """Ratios beyond which the colour of the league's figure does not change."""
 
 
-def draw(shown: Sequence[Standing], names: Sequence[str], path: Path) -> None:
+@styled()
+def draw(shown: Sequence[Standing], names: Sequence[str]) -> Drawing:
     """Draw the ratios of the league as a heat map: estimators over scenarios, on a log scale.
 
     Parameters
     ----------
-    shown : the estimators. names : of the scenarios. path : of the figure.
+    shown : the estimators. names : of the scenarios.
     """
     ratios = np.array([[s.by_scenario.get(n, math.nan) for n in names] for s in shown])
     with np.errstate(divide="ignore"):
         logs = np.log10(np.clip(ratios, *_FARTHEST))
     width, height = 0.78 * len(names) + 3.6, 0.31 * len(shown) + 1.9
-    figure, axis = plt.subplots(figsize=(max(width, 5.0), height), layout="constrained")
+    figure, axis = subplots(figsize=(max(width, 5.0), height))
     low, high = (math.log10(end) for end in _FARTHEST)
     image = axis.imshow(
         np.ma.masked_invalid(logs), aspect="auto", cmap="RdBu_r",
@@ -54,7 +53,7 @@ def draw(shown: Sequence[Standing], names: Sequence[str], path: Path) -> None:
     bar = figure.colorbar(image, ax=axis, label="MRSE / best causal", pad=0.02)
     ticks = [-1.0, 0.0, 1.0, 2.0, 3.0]
     bar.set_ticks(ticks, labels=["≤ 0.1", "1", "10", "100", "≥ 1000"])
-    save(figure, path)
+    return figure
 
 
 def number(value: float) -> str:

@@ -9,6 +9,8 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from urllib.parse import quote
 
+from ..figures.numbers import short
+from ..figures.style import save
 from .league import (
     COST_OF,
     EXCEPTIONS,
@@ -25,7 +27,7 @@ from .league import (
 from .league_figure import draw, number
 from .scenario_report import ReportError
 from .situations import LONG_S, NOTHING, SITUATIONS, WIDE_M
-from .tables import markdown, short
+from .tables import markdown
 
 _MOST_NAMED = 6
 
@@ -74,7 +76,7 @@ class LeagueReport:
 
     def text(self) -> str:
         """Return the page as markdown, and draw its figure."""
-        draw(self.league.standings, self.names, self.output / "README" / "league.png")
+        save(draw(self.league.standings, self.names), self.output / "README" / "league.png")
         cases, scenarios = len(self.league.cases), len(self.names)
         picture = "Position MRSE of every estimator over that of the best causal one"
         parts = [

@@ -13,13 +13,15 @@ from urllib.parse import quote
 import numpy as np
 import pandas as pd
 
+from ..figures.locking import Panels, Series, against_time, over_cases, short_km
+from ..figures.numbers import short
+from ..figures.style import save
 from ..judging import locking
 from ..judging.ranking import rows_of
 from ..judging.statistics import ALPHA
 from ..results.folder import Results
 from ..spec.case import CaseSpec
-from .locking_figures import Panels, Series, against_time, over_cases, short_km
-from .tables import markdown, short
+from .tables import markdown
 
 READING = (
     "A run *locks* at the first epoch from which its spherical position error stays below {limit} "
@@ -143,8 +145,8 @@ class ConvergenceReport:
 
     def _figures(self) -> str:
         name = quote(self.results.scenario.name)
-        over_cases([self._panels(g) for g in self._groups()], self.labels,
-                   self.pictures / "convergence.png")  # fmt: skip
+        rows = [self._panels(group) for group in self._groups()]
+        save(over_cases(rows, self.labels), self.pictures / "convergence.png")
         curves = []
         for case in self.cases:
             times = np.concatenate([[0.0], self.results.arrays(case.name)["times"]])
@@ -155,7 +157,7 @@ class ConvergenceReport:
                 for label, row in self.rows[case.name].items()
             }
             curves.append((case.title, times, shares))
-        against_time(curves, self.labels, self.pictures / "locks_over_time.png")
+        save(against_time(curves, self.labels), self.pictures / "locks_over_time.png")
         captions = {
             "convergence.png": "Share of runs that locked, share of false locks, and median time "
             "to lock, with 95 % intervals",

@@ -13,11 +13,11 @@ from typing import Any
 import pandas as pd
 from scipy.special import bdtrc
 
+from ..figures.numbers import short
 from ..judging.ranking import best_causal, pair_of, rows_of
 from ..judging.statistics import BETTER, UNDECIDED, WORSE
 from ..spec.case import CaseSpec
 from ..spec.scenario import Scenario
-from .tables import short
 
 MOST_CASES = 8
 """Most cases of which a sentence each is said."""

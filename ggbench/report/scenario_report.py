@@ -13,12 +13,14 @@ import numpy as np
 import pandas as pd
 
 from ..errors import GGBenchError
+from ..figures import stored
+from ..figures.style import save
 from ..judging.ranking import rows_of
 from ..results.folder import Results, as_argument
 from ..results.store import DETAILED_RUN, SERIES_RUNS
 from ..spec import scenario
 from ..spec.case import CaseSpec
-from . import figures, tables
+from . import tables
 from .locking_section import ConvergenceReport
 from .opening import answer
 from .sweep_section import SweepReport
@@ -246,34 +248,25 @@ class _Report:
         def show(file: str, caption: str) -> None:
             shown.append(f"![{caption}]({quote(name)}/{file})\n\n*{caption}*")
 
-        panels = []
-        for case in self.references or _spread(self.scenario.cases):
-            curves = {}
-            for label in rows_of(self.summary, case, "settled"):
-                series = self.results.series(case.name, label)
-                if len(series):
-                    curves[label] = np.sqrt(np.mean(series[:, :, :2] ** 2, axis=0))
-            stored = self.arrays[case.name]
-            kept = stored["kept"]
-            bounds = {
-                f"bound: {key.removeprefix('bound-').rstrip('-0123456789')}": np.sqrt(value[kept])
-                for key, value in stored.items()
-                if key.startswith("bound-")
-            }
-            panels.append((case.title, stored["times"][kept], curves, bounds))
-        figures.error_over_time(panels, self.pictures / "error_over_time.png")
+        shown_cases = {
+            case.name: list(rows_of(self.summary, case, "settled"))
+            for case in self.references or _spread(self.scenario.cases)
+        }
+        save(
+            stored.error_over_time(self.results, shown_cases), self.pictures / "error_over_time.png"
+        )
         show(
             "error_over_time.png",
-            f"RMS spherical error over {_drawn(self.results.runs)} against time, with the "
+            f"RMS spherical error over {_drawn(self.results.run_count)} against time, with the "
             "Cramér–Rao bounds of filter, fixed-lag smoother and smoother",
         )
-        if "map_vertical" in arrays:
-            figures.field_map(arrays, self.pictures / "field.png")
+        if stored.has_map(self.results, lead.name):
+            save(stored.field_map(self.results, lead.name), self.pictures / "field.png")
             show(
                 "field.png",
                 "Vertical gradient of the disturbing field at flight height, with the track",
             )
-        figures.gradient_along_track(arrays, lead.title, self.pictures / "gradient.png")
+        save(stored.track_gradient(self.results, lead.name), self.pictures / "gradient.png")
         show(
             "gradient.png",
             "Vertical gradient Γ_UU along the track: true, with the instrument's noise, and "
@@ -286,19 +279,17 @@ class _Report:
         causal = [label for label, row in rows.items() if row["causality"] == "filter"]
         if causal:
             label = causal[0]
-            aided = self.results.detail(lead.name, label, DETAILED_RUN)
-            ins = self.results.detail(lead.name, "ins", DETAILED_RUN)
-            if aided is not None:
-                for first, quantity, unit in ((0, "position", "m"), (3, "velocity", "m/s")):
-                    file = f"{quantity}_error.png"
-                    figures.component_errors(
-                        arrays["times"], aided, ins, first, unit, label, self.pictures / file
-                    )
-                    show(
-                        file,
-                        f"ENU {quantity} errors of run {DETAILED_RUN}, {lead.title}: "
-                        f"`{label}` and the pure INS",
-                    )
+            quantities: tuple[stored.Quantity, ...] = ("position", "velocity")
+            detailed = self.results.detail(lead.name, label, DETAILED_RUN) is not None
+            for quantity in quantities if detailed else ():
+                file = f"{quantity}_error.png"
+                figure = stored.component_errors(self.results, lead.name, label, quantity)
+                save(figure, self.pictures / file)
+                show(
+                    file,
+                    f"ENU {quantity} errors of run {DETAILED_RUN}, {lead.title}: "
+                    f"`{label}` and the pure INS",
+                )
         return "\n\n".join(shown)
 
     def _assumptions(self) -> str:
@@ -337,7 +328,7 @@ class _Report:
         if cases != [case.name for case in self.results.whole_scenario.cases]:
             flags += "".join(f" -c {shlex.quote(name)}" for name in cases)
         flags += " --assumptions" if m["assumptions"] else ""
-        memory = self.results.table["peak_memory_mb"].max()
+        memory = self.results.runs()["peak_memory_mb"].max()
         return "\n".join(
             [
                 "Generated, not edited. To get it again:",

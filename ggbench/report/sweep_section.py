@@ -14,12 +14,14 @@ from urllib.parse import quote
 import numpy as np
 import pandas as pd
 
+from ..figures import sweeps
+from ..figures.numbers import short
+from ..figures.style import save
+from ..figures.sweeps import Curve, HeatMap
 from ..judging.summary import JUDGED
 from ..spec.scenario import Scenario
 from ..spec.sweep import Plane, largest_within, number, planes
-from . import figures
-from .figures import Curve, HeatMap
-from .tables import markdown, short
+from .tables import markdown
 
 READING = (
     "MRSE is the root of the mean, over runs and epochs of the settled window (from {settled:g} s "
@@ -135,9 +137,8 @@ class SweepReport:
         )
         if len(self.axes) > 1 and np.isfinite(errors).any():
             file = f"answer{plane.suffix}.png"
-            figures.requirement(
-                errors, bound, targets, first, self.axes[1], best, self.pictures / file
-            )
+            figure = sweeps.requirement(errors, bound, targets, first, self.axes[1], best)
+            save(figure, self.pictures / file)
             aims = ", ".join(f"{target:g}" for target in targets)
             caption = (
                 f"Position MRSE of `{best}` in the settled window (colour), and where it (solid) "
@@ -215,7 +216,7 @@ class SweepReport:
         ]
         file, against = f"curves{plane.suffix}.png", self.axes[0].name
         unaided = plane.error(self.unaided[0]) if self.unaided else None
-        figures.curves(self._curves(plane), unaided, self.axes[0], self.pictures / file)
+        save(sweeps.curves(self._curves(plane), unaided, self.axes[0]), self.pictures / file)
         parts.append(
             self._picture(
                 file,
@@ -267,8 +268,8 @@ class SweepReport:
         if len(self.axes) == 1 or np.isnan([panel.values for panel in panels]).all():
             return ""
         file = f"{name}{plane.suffix}.png"
-        path = self.pictures / file
-        figures.heat_maps(panels, self.axes[0], self.axes[1], label, path, centre)
+        figure = sweeps.heat_maps(panels, self.axes[0], self.axes[1], label, centre)
+        save(figure, self.pictures / file)
         return self._picture(file, caption)
 
     def _efficiency(self, plane: Plane) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ..figures.numbers import short
 from ..judging.ranking import ORDER, best_causal, pair_of, rows_of
 from ..judging.statistics import BETTER, UNDECIDED, WORSE
 from ..judging.summary import WINDOWS, window_mask
@@ -20,14 +21,6 @@ WINDOW_TITLES = {
     "settled": "settled window",
     "last20": "end of the flight",
 }
-
-
-def short(value: float) -> str:
-    """Return a number with three digits at most, as cells and sentences show it."""
-    if value == 0.0 or not 1e-3 <= abs(value) < 1e5:
-        return f"{value:.1e}" if value else "0"
-    digits = max(0, 2 - math.floor(math.log10(abs(value))))
-    return f"{value:.{digits}f}" if digits else f"{value:.0f}"
 
 
 def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

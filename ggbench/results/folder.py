@@ -70,10 +70,10 @@ class Results:
         If it is no results folder or is damaged.
     """
 
-    def __init__(self, folder: Path, store: Store | None = None) -> None:
-        self.folder = folder
-        self.store = store or Store(folder)
-        self.manifest = read_manifest(folder)
+    def __init__(self, folder: Path | str, store: Store | None = None) -> None:
+        self.folder = Path(folder)
+        self.store = store or Store(self.folder)
+        self.manifest = read_manifest(self.folder)
         self.cells = [Cell(**cell) for cell in self.manifest["cells"]]
         self._arrays: dict[str, dict[str, np.ndarray]] = {}
         self._keys = {(*cell[:2], cell.estimator): cell.key for cell in self.cells}
@@ -109,7 +109,7 @@ class Results:
         return list(self.manifest["estimators"])
 
     @property
-    def runs(self) -> int:
+    def run_count(self) -> int:
         """How many runs of each case were asked for."""
         return int(self.manifest["runs"])
 
@@ -120,7 +120,7 @@ class Results:
         """
         for cell in self.cells:
             if cell.assumption == assumption:
-                for record in self.store.records(cell.key, self.runs):
+                for record in self.store.records(cell.key, self.run_count):
                     yield record | {"case": cell.case, "estimator": cell.estimator}
 
     def series(self, case: str, estimator: str) -> np.ndarray:
@@ -129,7 +129,7 @@ class Results:
         K' are the epochs that ``kept`` of the case's arrays names. Empty if there are none.
         """
         key = self._keys.get(("", case, estimator))
-        found = np.empty((0, 0, 4)) if key is None else self.store.series(key, self.runs)
+        found = np.empty((0, 0, 4)) if key is None else self.store.series(key, self.run_count)
         return found if not len(found) else self._of_length(found, case, "kept")
 
     def series_of(self, case: str, estimator: str, run: int) -> np.ndarray | None:
@@ -153,7 +153,7 @@ class Results:
 
     def lock_times(self, case: str, estimator: str) -> np.ndarray:
         """Return the times to lock [s] (runs,) of finished runs, NaN of those that never did."""
-        table = self.table
+        table = self._runs
         own = (table["assumption"] == "") & (table["case"] == case)
         own &= (table["estimator"] == estimator) & (table["status"] == "ok")
         return table.loc[own, "lock_time_s"].to_numpy(dtype=float)
@@ -165,12 +165,16 @@ class Results:
             self._arrays[case] = self.store.arrays(key, case)
         return self._arrays[case]
 
-    @cached_property
-    def table(self) -> pd.DataFrame:
-        """The table of runs: one row per run and estimator, the cases first, then the studies.
+    def runs(self) -> pd.DataFrame:
+        """Return the table of runs: one row per run and estimator, the cases first, then studies.
 
         :data:`RUN_COLUMNS`, then for each window its mean squared errors, NEES, NIS and coverage.
+        The table is the caller's own, to be changed at will.
         """
+        return self._runs.copy()
+
+    @cached_property
+    def _runs(self) -> pd.DataFrame:
         tables = [table for cell in self.cells for table in self._tables_of(cell)]
         if not tables:
             return runs_table([], RUN_COLUMNS)
@@ -179,7 +183,7 @@ class Results:
     def _tables_of(self, cell: Cell) -> Iterator[pd.DataFrame]:
         """Yield the table of the runs of one estimator on one case, piece by piece."""
         command = self.command(cell, 0).removesuffix("0")
-        records = self.store.records(cell.key, self.runs)
+        records = self.store.records(cell.key, self.run_count)
         while piece := list(itertools.islice(records, _PIECE)):
             common = cell._asdict() | {
                 "reason": [record.get("reason", "") for record in piece],
@@ -195,13 +199,20 @@ class Results:
         return f"ggbench run {name} {shlex.join([*words, '--run', str(run)])}"
 
     def summary(self) -> pd.DataFrame:
-        """Return one row per case, estimator and window (:func:`.summary.summarize`)."""
+        """Return one row per case, estimator and window (:func:`.summary.summarize`).
+
+        The table is the caller's own.
+        """
+        return self._summary.copy()
+
+    @cached_property
+    def _summary(self) -> pd.DataFrame:
         loaded = self.scenario
         # Rows in the order in which the cases and estimators were asked for.
         bounds: dict[tuple[str, str], dict[str, tuple[float, float]]] = {
             (case.name, label): {} for case in loaded.cases for label in self.labels
         }
-        runs = self.table[self.table["assumption"] == ""]
+        runs = self._runs[self._runs["assumption"] == ""]
         finished = runs[runs["status"] == "ok"].drop_duplicates(["case", "estimator"], keep="last")
         named = finished.set_index(["case", "estimator"])["bound"].to_dict()
         readings: dict[str, dict[str, tuple[int, int]]] = {}
@@ -229,7 +240,7 @@ class Results:
     def studies(self) -> pd.DataFrame:
         """Return each assumption's summary rows, and as ``""`` the same runs without it."""
         loaded = self.scenario
-        table = self.table
+        table = self._runs
         groups = {
             study.name: table[table["assumption"] == study.name] for study in loaded.assumptions
         }
@@ -251,11 +262,11 @@ class Results:
 
     def paired(self) -> pd.DataFrame:
         """Return the paired comparison of every two estimators, in every case and window."""
-        return paired_table(self.table)
+        return paired_table(self._runs)
 
     def failures(self) -> pd.DataFrame:
         """Return the runs that failed, each with its reason and the command that repeats it."""
-        table = self.table
+        table = self._runs
         columns = ["assumption", "case", "estimator", "run", "reason", "command"]
         return table.loc[table["status"] != "ok", columns].reset_index(drop=True)
 
@@ -299,6 +310,6 @@ def write_tables(results: Results) -> pd.DataFrame:
     if len(locks):
         write_csv("convergence.csv", locks)
     content = io.BytesIO()
-    results.table.to_parquet(content, index=False)
+    results.runs().to_parquet(content, index=False)
     results.store.write("runs.parquet", content.getvalue())
     return summary

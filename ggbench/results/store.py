@@ -166,7 +166,8 @@ class Store:
             fcntl.flock(self._locked, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise StoreError(
-                f"another ggbench is running in {self.folder}; wait for it or choose another -o"
+                f"another ggbench is running in {self.folder}; wait for it or choose another "
+                "output folder"
             ) from None
 
     def close(self) -> None:
@@ -346,7 +347,9 @@ def require_ours(folder: Path) -> None:
         raise StoreError(f"cannot use results folder {folder}: {error.strerror}") from None
     first = {LOCK, *DATABASE_FILES} if size == 0 else {LOCK}
     if any(name not in first and not _PART.fullmatch(name) for name in names):
-        raise StoreError(f"{folder} is not empty and holds no results; choose another -o")
+        raise StoreError(
+            f"{folder} is not empty and holds no results; choose another output folder"
+        )
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
@@ -367,7 +370,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     if isinstance(manifest, dict) and manifest.get("format") != FORMAT:
         raise StoreError(
             f"{path} has format {manifest.get('format')!r}, and this version of ggbench reads "
-            f"format {FORMAT}: run the scenario again, with --fresh or another -o"
+            f"format {FORMAT}: run the scenario again, with --fresh or into another output folder"
         )
     if flaw := flaw_of_manifest(manifest):
         raise StoreError(f"{path} is damaged: {flaw}")

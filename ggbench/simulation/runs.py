@@ -60,6 +60,10 @@ class Truth:
     times: np.ndarray
     error_state: np.ndarray
 
+    def __repr__(self) -> str:
+        epochs, states = self.error_state.shape
+        return f"Truth({epochs} epochs of {states} states)"
+
 
 @dataclass(frozen=True)
 class TruthBlock:

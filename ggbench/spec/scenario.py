@@ -18,7 +18,7 @@ import re
 import tomllib
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -65,6 +65,7 @@ class Scenario:
     source : the text of the file.
     notes : markdown that a report appends, from the file that ``notes`` names; may be empty.
     sweep : the grid on which the cases lie, if they do.
+    argument : the text by which it was loaded, a name or a path; "" if it was not.
     """
 
     name: str
@@ -78,13 +79,26 @@ class Scenario:
     source: str
     notes: str
     sweep: Sweep | None = None
+    argument: str = field(default="", compare=False)
+
+    def __repr__(self) -> str:
+        cases = "1 case" if len(self.cases) == 1 else f"{len(self.cases)} cases"
+        return f"Scenario({self.name}: {self.title!r}, {cases})"
 
     @cached_property
     def _named(self) -> dict[str, CaseSpec]:
         return {case.name: case for case in self.cases}
 
     def case(self, name: str) -> CaseSpec:
-        """Return the case of that name (of the cases, not the assumptions)."""
+        """Return the case of that name (of the cases, not the assumptions).
+
+        Raises
+        ------
+        ScenarioError
+            If there is none; the message says which there are.
+        """
+        if name not in self._named:
+            raise self._no_case(name, list(self._named))
         return self._named[name]
 
     def find(self, name: str) -> tuple[str, CaseSpec]:
@@ -101,12 +115,15 @@ class Scenario:
             for case in study.cases
         }
         if name not in known:
-            more = f" and {len(known) - _MOST_NAMED} more" if len(known) > _MOST_NAMED else ""
-            raise ScenarioError(
-                f"{self.name} has no case '{name}'{_suggest(name, list(known))}; its cases: "
-                f"{', '.join(list(known)[:_MOST_NAMED])}{more}"
-            )
+            raise self._no_case(name, list(known))
         return known[name]
+
+    def _no_case(self, name: str, known: list[str]) -> ScenarioError:
+        more = f" and {len(known) - _MOST_NAMED} more" if len(known) > _MOST_NAMED else ""
+        return ScenarioError(
+            f"{self.name} has no case '{name}'{_suggest(str(name), known)}; its cases: "
+            f"{', '.join(known[:_MOST_NAMED])}{more}"
+        )
 
     def select(self, names: Sequence[str]) -> Scenario:
         """Return the scenario with only the cases of these names, in its own order.
@@ -127,7 +144,7 @@ def shipped() -> list[str]:
     return sorted(f.name[:-5] for f in folder.iterdir() if f.name.endswith(".toml"))
 
 
-def load(name_or_path: str) -> Scenario:
+def load(name_or_path: str | Path) -> Scenario:
     """Read a scenario by name (shipped) or path.
 
     Raises
@@ -135,21 +152,22 @@ def load(name_or_path: str) -> Scenario:
     ScenarioError
         With a sentence that names the file, the key, what was found and what is allowed.
     """
-    path = Path(name_or_path)
-    if name_or_path not in shipped():
+    named = str(name_or_path)
+    path = Path(named)
+    if named not in shipped():
         if path.suffix == ".toml" or path.exists():
             if not re.match(SCENARIO_NAME, path.stem):
                 raise ScenarioError(
                     f"{path}: cannot be the name of a scenario; rename the file to one without "
                     "backslash and without a dot before '.toml'"
                 )
-            return _read(path, path.stem, str(path))
+            return replace(_read(path, path.stem, str(path)), argument=named)
         raise ScenarioError(
-            f"there is no scenario '{name_or_path}'{_suggest(name_or_path, shipped())}; "
+            f"there is no scenario '{named}'{_suggest(named, shipped())}; "
             f"shipped scenarios: {', '.join(shipped())}; or give the path of a .toml file"
         )
-    file = importlib.resources.files("ggbench.scenarios") / f"{name_or_path}.toml"
-    return _read(file, name_or_path, file.name)
+    file = importlib.resources.files("ggbench.scenarios") / f"{named}.toml"
+    return replace(_read(file, named, file.name), argument=named)
 
 
 def from_text(source: str, name: str, notes: str) -> Scenario:
@@ -158,6 +176,39 @@ def from_text(source: str, name: str, notes: str) -> Scenario:
     document = _toml(source, origin)
     document.pop("notes", None)
     return parse(document, name, origin, source, notes)
+
+
+def as_written(scenario: Scenario) -> Scenario:
+    """Return the whole scenario that the text of one says, whatever of it was selected.
+
+    Raises
+    ------
+    ScenarioError
+        If it was changed since it was read: what is stored with results would not be what was run.
+    """
+    whole = from_text(scenario.source, scenario.name, scenario.notes)
+    changed = [case.name for case in scenario.cases if case not in whole.cases]
+    if changed:
+        raise ScenarioError(
+            f"case {changed[0]} of {scenario.name} is not what the scenario's file says: write the "
+            "change into a file, or take the changed case alone, to simulate, estimate and judge"
+        )
+    if replace(scenario, cases=whole.cases) != whole:
+        raise ScenarioError(
+            f"the scenario {scenario.name} is not what its file says: write the change into a file"
+        )
+    return replace(whole, argument=scenario.argument)
+
+
+def checked(case: CaseSpec) -> CaseSpec:
+    """Return a case, perhaps changed since it was read, held to the rules of a file.
+
+    Raises
+    ------
+    ScenarioError
+        As :func:`load`.
+    """
+    return _validate(CaseSpec, case.model_dump(warnings=False), f"case '{case.name}'")
 
 
 def values(source: str) -> dict[str, Any]:

@@ -196,7 +196,7 @@ def test_a_death_in_a_block_costs_its_own_run_only(way, reason, many, tmp_path):
     label = f"{many}[way={way}]"
     options = {"runs": 6, "cases": ("base",), "jobs": 1, "limit": 3.0}
     results = ran(tmp_path, labels=(label, "ins"), **options)
-    table = results.table
+    table = results.runs()
     assert len(table) == 12
     assert (table.loc[table["estimator"] == "ins", "status"] == "ok").all()
     failed = table[table["status"] != "ok"]

@@ -254,7 +254,7 @@ def test_a_folder_is_joined_by_content(change, tmp_path):
     results = ran(tmp_path, labels=("ekf",), runs=1, cases=("base",), scenario=loaded)
     expected = ["base", "loud"] if change == "name" else ["base"]
     assert results.manifest["cases"] == expected
-    assert len(results.table) == len(expected) * 2 * 3
+    assert len(results.runs()) == len(expected) * 2 * 3
     assert "-n 3 " in scenario_report.write(results.folder, tmp_path / "reports").read_text()
 
 
@@ -276,7 +276,7 @@ def test_two_spellings_of_one_estimator_are_one(tmp_path):
     ran(tmp_path, labels=("ukf",), runs=1).store.close()
     results = ran(tmp_path, labels=("ukf[points=julier]",), runs=1)
     assert results.labels == ["ukf[points=julier]"]
-    assert len(results.table) == 2
+    assert len(results.runs()) == 2
     chosen = registry.choose_all(["ukf", "ekf", "ukf[points=julier]"])
     assert [choice.label for choice in chosen] == ["ukf", "ekf"]
 
@@ -363,4 +363,4 @@ def test_runs_in_a_notebook(tmp_path):
         assert row["settled_position_ms"] == record["windows"]["settled"]["position_ms"]
         assert row["status"] == "ok" and row["seed"] == 5
         assert f"--case {row['case']} " in row["command"]
-    pd.testing.assert_frame_equal(table, results.table)
+    pd.testing.assert_frame_equal(table, results.runs())

@@ -65,7 +65,7 @@ def test_deaths_and_time_limits_are_records_there_too(cluster, tmp_path):
     )  # fmt: skip
     _, errors = process.communicate(timeout=DEADLINE_S)
     assert process.returncode == 0, errors
-    table = Results(tmp_path / "out").table
+    table = Results(tmp_path / "out").runs()
     assert table["reason"].tolist() == [
         "its process ended with exit code 7, twice", "over its time limit of 2 s", "",
     ]  # fmt: skip

@@ -80,7 +80,7 @@ def test_two_thousand_runs_interrupted_ten_times(tmp_path, started):
     done = finish(tmp_path, run)
     assert (done.returncode, done.stderr) == (0, "")
     disturbed = Results(tmp_path / "out")
-    assert len(disturbed.table) == 2000
+    assert len(disturbed.runs()) == 2000
     assert_equal(disturbed, ran(tmp_path, "whole", ("ins", "ekf"), runs=500, jobs=2))
 
 

@@ -47,7 +47,7 @@ def test_a_worker_that_dies_is_a_record(way, reason, deadly):
     assert done.returncode == 0, done.stderr
     assert "2 runs failed: 'ggbench show" in done.stdout
     results = Results(deadly / "out")
-    table = results.table.set_index(["estimator", "run"])
+    table = results.runs().set_index(["estimator", "run"])
     assert (table.loc["ekf", "status"] == "ok").all()
     failed = table[table["status"] != "ok"]
     assert len(failed) == 2
@@ -75,7 +75,7 @@ def test_a_run_over_its_time_limit_is_a_record(deadly):
     run = command(deadly / "out", "-n", "4", "-j", "2", "-c", "base", "-e", label, "-e", "ins")
     done = finish(deadly, [*run, "--time-limit", "2"])
     assert done.returncode == 0, done.stderr
-    table = Results(deadly / "out").table
+    table = Results(deadly / "out").runs()
     assert (table.loc[table["estimator"] == "ins", "status"] == "ok").all()
     failed = table[table["status"] != "ok"]
     assert set(failed["reason"]) == {"over its time limit of 2 s"}
@@ -85,7 +85,7 @@ def test_a_run_over_its_time_limit_is_a_record(deadly):
     assert "runs to do" not in done.stdout
     done = finish(deadly, [*run, "--time-limit", "100"])
     assert "2 runs to do" in done.stdout
-    assert (Results(deadly / "out").table["status"] == "ok").all()
+    assert (Results(deadly / "out").runs()["status"] == "ok").all()
 
 
 def test_no_process_is_left_behind(deadly, started):
@@ -166,7 +166,7 @@ def test_an_estimator_leaves_the_others_alone(way, odd):
     done = finish(odd, [*run, "-e", "ekf"])
     assert done.returncode == 0, done.stderr
     assert "RACKET" not in done.stdout
-    table = Results(odd / "out").table
+    table = Results(odd / "out").runs()
     assert len(table) == 4 * 2 * 3
     assert (table.loc[table["estimator"] != f"odd.py[way={way}]", "status"] == "ok").all()
     assert not [p for p in psutil.process_iter(["cmdline"]) if "97531" in (p.info["cmdline"] or [])]
@@ -205,7 +205,7 @@ def test_time_that_a_campaign_was_stopped_is_not_a_runs(deadly, started):
     for one in everyone:
         one.resume()
     process.communicate(timeout=DEADLINE_S)
-    assert (Results(deadly / "out").table["status"] == "ok").all()
+    assert (Results(deadly / "out").runs()["status"] == "ok").all()
 
 
 def test_a_request_to_end_is_an_interrupt(deadly, started):

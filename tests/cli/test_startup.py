@@ -38,6 +38,13 @@ def test_help_needs_no_numbers(arguments):
     assert not loaded_by(*arguments) & everything
 
 
+def test_the_package_itself_needs_no_numbers():
+    """Its public names are there to be listed, and are loaded when they are used."""
+    everything = NUMBERS | FIGURES | FILES | TABLES | ESTIMATION
+    assert not loaded("import ggbench; assert 'run' in dir(ggbench); ggbench.maps") & everything
+    assert not loaded("import ggbench; ggbench.run, ggbench.Results") & (FIGURES | ESTIMATION)
+
+
 def test_a_list_needs_no_filters_and_no_tables():
     """What estimators are is told without filterpy, whose import takes longer than the list."""
     found = loaded_by("list")

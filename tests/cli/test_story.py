@@ -14,7 +14,7 @@ from problems import SMALL
 HALF_BLIND = """
 from dataclasses import dataclass
 import numpy as np
-from ggbench import registry
+from ggbench.campaign import registry
 from ggbench.problem import Estimate, Estimator
 
 

@@ -161,7 +161,7 @@ def results(tmp_path_factory):
 
 def test_records_and_tables_hold_the_locks(results):
     """What a record says of its lock is what its own series says, and the tables count it."""
-    table = results.table
+    table = results.runs()
     for case, label, run in table[["case", "estimator", "run"]].itertuples(index=False):
         errors = results.series_of(case, label, run)[:, 0]
         times = results.arrays(case)["times"]

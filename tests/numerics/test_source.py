@@ -13,8 +13,8 @@ from ggbench.numerics import source
 from ggbench.numerics.source import COMPILED_ROOMS, MAP_ROOMS, source_hash
 
 PACKAGE = Path(ggbench.__file__).parent
-SHOWN = ("report", "cli")
-"""Rooms that show results and make none."""
+SHOWN = ("figures", "report", "api.py", "cli")
+"""Parts that show results and make none."""
 
 
 @pytest.fixture

@@ -74,8 +74,8 @@ def test_a_folder_that_may_only_be_read(results, tmp_path, monkeypatch):
     folder = tmp_path / "out"
     shutil.copytree(results, folder)
     monkeypatch.setattr("os.access", lambda path, mode: False)
-    whole = len(Results(folder).table)
-    assert whole == len(Results(results).table) > 0
+    whole = len(Results(folder).runs())
+    assert whole == len(Results(results).runs()) > 0
     (folder / "records.sqlite-wal").write_bytes(b"not merged")
     with pytest.raises(StoreError, match="may not be written to and its campaign was stopped"):
         Results(folder)
@@ -117,7 +117,7 @@ def test_results_of_another_scenario_are_not_overwritten(tmp_path):
     loaded = scenario.load(str(tmp_path / "other.toml"))
     with pytest.raises(StoreError, match="holds results of the scenario small, not of other"):
         plan(tmp_path, "out", ("ins",), scenario=loaded).open()
-    assert ran(tmp_path, scenario=loaded, labels=("ins",), runs=1, fresh=True).table.shape[0] == 2
+    assert ran(tmp_path, scenario=loaded, labels=("ins",), runs=1, fresh=True).runs().shape[0] == 2
 
 
 def test_two_processes_do_not_share_a_folder(tmp_path):
@@ -125,7 +125,7 @@ def test_two_processes_do_not_share_a_folder(tmp_path):
     results = ran(tmp_path, runs=1)
     with pytest.raises(StoreError, match="another ggbench is running in"):
         plan(tmp_path, "out", ("ins",)).open()
-    assert len(Results(results.folder).table) == 2 * len(LABELS)
+    assert len(Results(results.folder).runs()) == 2 * len(LABELS)
     results.store.close()
     plan(tmp_path, "out", ("ins",)).open()
 

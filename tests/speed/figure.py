@@ -5,14 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import matplotlib.pyplot as plt
-
-from ggbench.report.figures import save
+from ggbench.figures.style import Drawing, save, styled
 
 
+@styled()
 def draw(points: list[dict[str, Any]], path: Path) -> None:
     """Draw simulation, engines and their sum, in wall time a run."""
-    figure, axes = plt.subplots(figsize=(7.0, 3.6))
+    figure = Drawing(figsize=(7.0, 3.6))
+    axes = figure.subplots()
     runs = [point["runs"] for point in points]
     for name in points[0]["parts"]:
         each = [1e3 * p["parts"][name] / p["threads"] / p["runs"] for p in points]

@@ -1,197 +1,27 @@
-"""The figures of a report, drawn from stored results only."""
+"""Figures of a sweep: heat maps over its plane, where targets are reached, curves over an axis."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import matplotlib
-
-matplotlib.use("Agg")
-
-import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
-from matplotlib.ticker import MaxNLocator, NullFormatter
+from matplotlib.ticker import MaxNLocator
 
 from ..spec import sweep
 from ..spec.sweep import Axis
-from .tables import short
+from .numbers import short
+from .style import INS, Drawing, styled, subplots
 
 MOST_NUMBERS = 150
 """Most cells of a heat map that are shown with their numbers."""
-AXES = ("east", "north", "up")
-INS, _AIDED, _BOUND = "0.55", "tab:blue", "black"
-"""Colours of the INS, an aided solution and the bound."""
-
-plt.rcParams |= {
-    "figure.dpi": 110,
-    "font.size": 9,
-    "axes.grid": True,
-    "grid.alpha": 0.3,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "legend.frameon": False,
-    "svg.hashsalt": "ggbench",
-    "text.parse_math": False,  # a $ in somebody's title is a $
-}
-
-
-def save(figure: Figure, path: Path) -> None:
-    """Write a figure, the same bytes for the same content, and let go of it."""
-    figure.savefig(path, bbox_inches="tight", metadata={"Software": "ggbench"})
-    plt.close(figure)
-
-
-def gradient_along_track(arrays: Mapping[str, np.ndarray], title: str, path: Path) -> None:
-    """Draw the vertical gradient along the track, and what noise and filter do to it."""
-    times, true = arrays["times"], arrays["vertical"]
-    filtered = arrays.get("filtered")
-    ratios = (3, 2) if filtered is None else (3, 2, 2)
-    figure, axes = plt.subplots(
-        len(ratios), 1, figsize=(7.0, 1.6 + 0.69 * sum(ratios)), sharex=True, height_ratios=ratios,
-        layout="constrained",
-    )  # fmt: skip
-    top, bottom = axes[0], axes[-1]
-    dots = {"color": "tab:orange", "marker": ".", "ls": "", "ms": 3}
-    top.plot(times, arrays["noisy"], **dots, label="noisy")
-    before = "noise" if filtered is None else "noise before the filter"
-    bottom.plot(times, arrays["noisy"] - true, **dots, label=before)
-    if filtered is not None:
-        middle, passed = axes[1], arrays["filtered_true"]
-        top.plot(times, filtered, color="tab:blue", lw=1.2, label="filtered")
-        middle.plot(times, passed - true, color="tab:blue", lw=1.2, label="what the filter delays")
-        bottom.plot(times, filtered - passed, color="tab:blue", lw=1.2, label="behind the filter")
-        middle.set_ylabel("difference [E]")
-        middle.legend()
-    top.plot(times, true, "k--", lw=0.8, label="true")
-    top.set_title(title)
-    top.set_ylabel("Γ_UU [E]")
-    bottom.set_ylabel("noise [E]")
-    bottom.set_xlabel("time [s]")
-    top.legend()
-    bottom.margins(y=0.25)
-    bottom.legend(ncols=2)
-    save(figure, path)
-
-
-def component_errors(
-    times: np.ndarray,
-    aided: np.ndarray,
-    ins: np.ndarray | None,
-    first: int,
-    unit: str,
-    label: str,
-    path: Path,
-) -> None:
-    """Draw ENU errors of one run: with the pure INS on the left, aided with ±3σ on the right.
-
-    ``aided`` and ``ins`` are (K, 12): six errors and their six standard deviations; ``first`` is
-    the first of the three columns shown (0: position, 3: velocity).
-    """
-    figure, axes = plt.subplots(3, 2, figsize=(8.0, 6.0), sharex=True, layout="constrained")
-    for axis in range(3):
-        error, sigma = aided[:, first + axis], aided[:, 6 + first + axis]
-        left, right = axes[axis]
-        if ins is not None:
-            left.plot(times, ins[:, first + axis], color=INS, lw=1.5, label="pure INS")
-        left.plot(times, error, color=_AIDED, lw=1.2, label=label)
-        left.set_ylabel(f"{AXES[axis]} [{unit}]")
-        right.fill_between(times, -3 * sigma, 3 * sigma, color=_AIDED, alpha=0.15, label="±3σ")
-        right.plot(times, error, color=_AIDED, lw=1.2, label=label)
-        limit = 1.05 * np.percentile(np.maximum(3 * sigma, np.abs(error)), 98)
-        right.set_ylim(-limit, limit)
-    axes[0, 0].set_title("with the pure INS")
-    axes[0, 1].set_title("aided, with its claimed ±3σ")
-    axes[0, 0].legend()
-    axes[0, 1].legend()
-    for axis in axes[-1]:
-        axis.set_xlabel("time [s]")
-    save(figure, path)
-
-
-def field_map(arrays: Mapping[str, np.ndarray], path: Path) -> None:
-    """Draw the disturbing vertical gradient at flight height with the track."""
-    figure, axis = plt.subplots(figsize=(7.0, 4.4), layout="constrained")
-    longitude, latitude = np.degrees(arrays["map_longitude"]), np.degrees(arrays["map_latitude"])
-    values = arrays["map_vertical"]
-    limit = np.abs(values).max()
-    mesh = axis.pcolormesh(
-        longitude, latitude, values, cmap="RdBu_r", vmin=-limit, vmax=limit, rasterized=True
-    )
-    contours = axis.contour(longitude, latitude, values, 12, colors="k", linewidths=0.3)
-    axis.clabel(contours, fontsize=6)
-    track = np.degrees(arrays["track"][:, :2])
-    axis.plot(track[:, 1], track[:, 0], "k", lw=2.0)
-    axis.plot(track[0, 1], track[0, 0], "o", color="k", ms=6, mfc="w")
-    axis.annotate("start", (track[0, 1], track[0, 0]), (-4, 6), textcoords="offset points",
-                  ha="right")  # fmt: skip
-    axis.set_aspect(1.0 / np.cos(np.radians(latitude.mean())))
-    axis.set_xlabel("longitude [° E]")
-    axis.set_ylabel("latitude [° N]")
-    axis.grid(False)
-    figure.colorbar(mesh, label="disturbing Γ_UU [E]", shrink=0.8)
-    save(figure, path)
-
-
-def _plain_numbers(axis: Axes) -> None:
-    """Label a logarithmic y axis with plain numbers, between the decades too if there are few."""
-    low, high = axis.get_ylim()
-    axis.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    if np.floor(np.log10(high)) - np.ceil(np.log10(low)) < 1.0:  # fewer than two powers of ten
-        axis.yaxis.set_minor_formatter(lambda value, _: f"{value:g}")
-    else:
-        axis.yaxis.set_minor_formatter(NullFormatter())
-
-
-def error_over_time(
-    panels: Sequence[tuple[str, np.ndarray, Mapping[str, np.ndarray], Mapping[str, np.ndarray]]],
-    path: Path,
-) -> None:
-    """Draw root-mean-square spherical position and velocity errors over runs against the bounds.
-
-    Each panel is (title, times (K,), curves, bounds), both name to (K, 2): position, velocity.
-    """
-    count = len(panels)
-    figure, grid = plt.subplots(
-        2, count, figsize=(4.0 * count + 0.6, 6.4), sharex=True, squeeze=False, layout="constrained"
-    )
-    styles: dict[str, tuple[str, str]] = {}
-    for _, _, curves, _ in panels:
-        for name in curves:
-            if name not in styles:
-                colour = INS if name == "ins" else f"C{len(styles) % 10}"
-                # Beyond ten the colours repeat: lines of the same colour then differ in style.
-                turn = len(styles) + len(styles) // 10
-                styles[name] = (colour, ("-", "--", "-.", ":")[turn % 4])
-    for column, (title, times, curves, bounds) in enumerate(panels):
-        for row, quantity in enumerate(("position [m]", "velocity [m/s]")):
-            axis: Axes = grid[row, column]
-            for name, curve in curves.items():
-                colour, style = styles[name]
-                axis.semilogy(times, curve[:, row], style, color=colour, lw=1.4, label=name)
-            for number, (name, bound) in enumerate(bounds.items()):
-                axis.semilogy(
-                    times, bound[:, row], color=_BOUND, lw=0.9, ls=("-", ":", "--")[number % 3],
-                    label=name,
-                )  # fmt: skip
-            _plain_numbers(axis)
-            if row == 0:
-                axis.set_title(title)
-            else:
-                axis.set_xlabel("time [s]")
-            if column == 0:
-                axis.set_ylabel(f"RMS spherical {quantity}")
-    handles, names = grid[0, 0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside lower center", ncols=4)
-    save(figure, path)
 
 
 @dataclass(frozen=True)
@@ -210,10 +40,10 @@ class HeatMap:
     framed: np.ndarray | None = None
 
 
+@styled()
 def heat_maps(
-    panels: Sequence[HeatMap], across: Axis, up: Axis, label: str, path: Path,
-    centre: float | None = None,
-) -> None:  # fmt: skip
+    panels: Sequence[HeatMap], across: Axis, up: Axis, label: str, centre: float | None = None
+) -> Drawing:
     """Draw positive values over a grid in panels of one logarithmic colour scale.
 
     Cells are of equal size, whatever the spacing of the axes, and small grids show their numbers.
@@ -223,9 +53,7 @@ def heat_maps(
     columns = min(len(panels), 2)
     rows = -(-len(panels) // columns)
     size = (columns * max(0.45 * wide + 0.5, 3.0) + 1.0, rows * max(0.27 * high + 1.0, 2.0))
-    figure, grid = plt.subplots(
-        rows, columns, figsize=size, squeeze=False, sharex=True, sharey=True, layout="constrained"
-    )
+    figure, grid = subplots(rows, columns, figsize=size, squeeze=False, sharex=True, sharey=True)
     colours = ScalarMappable(
         _scale([panel.values for panel in panels], centre),
         "viridis" if centre is None else "RdBu_r",
@@ -256,7 +84,7 @@ def heat_maps(
         lowest.set_xlabel(across.title)
         lowest.tick_params(labelbottom=True, labelsize=8)
     _colour_bar(figure, colours, grid, label)
-    save(figure, path)
+    return figure
 
 
 def _scale(values: Sequence[np.ndarray], centre: float | None) -> LogNorm:
@@ -286,6 +114,7 @@ def _name_cells(side: Any, axis: Axis) -> None:
     side.set_ticks(list(places), [sweep.number(axis.values[i]) for i in places])
 
 
+@styled()
 def requirement(
     errors: np.ndarray,
     bound: np.ndarray,
@@ -293,14 +122,13 @@ def requirement(
     across: Axis,
     up: Axis,
     label: str,
-    path: Path,
-) -> None:
+) -> Drawing:
     """Draw where in a plane an estimator, and the bound, reach given position errors.
 
     ``errors`` and ``bound`` are (n, m) over the two axes [m]. The contours interpolate the
     logarithm of the error linearly, as :func:`ggbench.spec.sweep.largest_within` does.
     """
-    figure, axis = plt.subplots(figsize=(7.0, 4.8), layout="constrained")
+    figure, axis = subplots(figsize=(7.0, 4.8))
     from scipy.interpolate import RegularGridInterpolator  # not at the top: for sweeps only
 
     x, y = across.coordinates(), up.coordinates()
@@ -338,7 +166,7 @@ def requirement(
     handles = [Line2D([], [], color="black", lw=2.2, label=label),
                Line2D([], [], color="0.7", lw=1.3, ls="--", label="Cramér–Rao bound")]  # fmt: skip
     figure.legend(handles=handles, loc="outside upper center", ncols=2)
-    save(figure, path)
+    return figure
 
 
 @dataclass(frozen=True)
@@ -351,15 +179,18 @@ class Curve:
     bound: np.ndarray
 
 
+@styled()
 def curves(
-    panels: Mapping[str, Sequence[Curve]], unaided: np.ndarray | None, across: Axis, path: Path
-) -> None:
+    panels: Mapping[str, Sequence[Curve]],
+    unaided: np.ndarray | None,
+    across: Axis,
+) -> Drawing:
     """Draw position errors over an axis with the bounds dashed; ``unaided`` (n, m) is the INS's."""
     columns = min(len(panels), 2)
     rows = -(-len(panels) // columns)
-    figure, grid = plt.subplots(
+    figure, grid = subplots(
         rows, columns, figsize=(4.4 * columns + 0.4, 3.6 * rows + 0.4), squeeze=False,
-        sharex=True, sharey=True, layout="constrained",
+        sharex=True, sharey=True,
     )  # fmt: skip
     for axis in grid.flat[len(panels) :]:
         axis.set_visible(False)
@@ -379,11 +210,11 @@ def curves(
     handles, names = grid[0, 0].get_legend_handles_labels()
     handles.append(Line2D([], [], color="0.3", lw=0.9, ls="--"))
     figure.legend(handles, [*names, "Cramér–Rao bound"], loc="outside lower center", ncols=5)
-    save(figure, path)
+    return figure
 
 
 def _shades(count: int) -> list[Any]:
     """Return so many colours, distinct for a few, in the order of a scale for more."""
     if count <= 4:
         return [f"C{i}" for i in range(count)]
-    return list(plt.get_cmap("viridis")(np.linspace(0.0, 0.93, count)))
+    return list(matplotlib.colormaps["viridis"](np.linspace(0.0, 0.93, count)))

@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, NullLocator
 
-from .figures import INS, save
-from .tables import short
+from .numbers import short
+from .style import INS, Drawing, styled, subplots
 
 _COLOURS = (
     "tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple", "tab:brown", "tab:pink",
@@ -69,16 +67,17 @@ def looks(labels: Sequence[str]) -> dict[str, dict[str, Any]]:
     return drawn
 
 
-def over_cases(rows: Sequence[Panels], labels: Sequence[str], path: Path) -> None:
+@styled()
+def over_cases(rows: Sequence[Panels], labels: Sequence[str]) -> Drawing:
     """Draw the share of runs locked, of false locks, and the median time to lock over the cases.
 
     Bars are 95 % intervals; the estimators of one case stand beside each other.
     """
     widest = max(len(row.names) for row in rows)
     columns = 3
-    figure, grid = plt.subplots(
+    figure, grid = subplots(
         len(rows), columns, figsize=(10.8, 3.3 * len(rows) + 0.45 * math.ceil(len(labels) / 4)),
-        squeeze=False, layout="constrained",
+        squeeze=False,
     )  # fmt: skip
     drawn = looks(labels)
     for panels, axes in zip(rows, grid, strict=True):
@@ -102,7 +101,8 @@ def over_cases(rows: Sequence[Panels], labels: Sequence[str], path: Path) -> Non
         if panels.priors is None and widest > 3:
             for axis in axes:
                 axis.tick_params(axis="x", labelrotation=40)
-                plt.setp(axis.get_xticklabels(), ha="right", rotation_mode="anchor")
+                for name in axis.get_xticklabels():
+                    name.set(ha="right", rotation_mode="anchor")
     handles = {
         name: handle
         for axis in grid.flat
@@ -110,7 +110,7 @@ def over_cases(rows: Sequence[Panels], labels: Sequence[str], path: Path) -> Non
     }
     shown = [label for label in labels if label in handles]
     figure.legend([handles[label] for label in shown], shown, loc="outside lower center", ncols=4)
-    save(figure, path)
+    return figure
 
 
 def _over(
@@ -153,19 +153,19 @@ def short_km(prior: float) -> str:
     return f"{prior:g}" if len(f"{prior:g}") <= 5 else short(prior)
 
 
+@styled()
 def against_time(
     panels: Sequence[tuple[str, np.ndarray, Mapping[str, np.ndarray]]],
     labels: Sequence[str],
-    path: Path,
-) -> None:
+) -> Drawing:
     """Draw the share of runs that have locked on by each time, a panel for each case.
 
     Each panel is (title, times (K,), estimator to shares (K,)).
     """
     columns = min(len(panels), 3)
     rows = -(-len(panels) // columns)
-    figure, grid = plt.subplots(
-        rows, columns, squeeze=False, sharey=True, layout="constrained",
+    figure, grid = subplots(
+        rows, columns, squeeze=False, sharey=True,
         figsize=(3.6 * columns + 0.3, 2.6 * rows + 0.45 * math.ceil(len(labels) / 4)),
     )  # fmt: skip
     drawn = looks(labels)
@@ -187,4 +187,4 @@ def against_time(
         axis.set_ylabel("share of runs locked")
     shown = [label for label in labels if label in handles]
     figure.legend([handles[label] for label in shown], shown, loc="outside lower center", ncols=4)
-    save(figure, path)
+    return figure

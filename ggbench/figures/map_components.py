@@ -3,25 +3,20 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 
-from ..gravity.gradient_map import MapError
 from ..maps.netcdf import TENSOR, Nodes
-from .figures import save
+from .style import Drawing, styled, subplots
 
 _MOST_PIXELS = 600  # per axis: more cannot be seen
 
 
-def draw(nodes: Nodes, tensor: Any, height: float, source: str, path: Path) -> None:
-    """Draw the tensor (n_lat, n_lon, 6) [E] at a height [m] as a PNG file.
-
-    Raises MapError if the file cannot be written.
-    """
+@styled()
+def map_components(nodes: Nodes, tensor: Any, height: float, source: str) -> Drawing:
+    """Draw the tensor (n_lat, n_lon, 6) [E] of a map at a height [m]; ``source`` is in words."""
     lat, lon = nodes.latitude_deg, nodes.longitude_deg
     stride = max(1, math.ceil(max(lat.size, lon.size) / _MOST_PIXELS))
     half = 0.5 * (lat[1] - lat[0]), 0.5 * (lon[1] - lon[0])
@@ -29,7 +24,7 @@ def draw(nodes: Nodes, tensor: Any, height: float, source: str, path: Path) -> N
     stretch = 1.0 / math.cos(math.radians(0.5 * (lat[0] + lat[-1])))
     shape = (extent[3] - extent[2]) * stretch / (extent[1] - extent[0])
     size = (10.0, min(14.0, max(4.0, 1.6 + 4.2 * shape)))
-    figure, axes = plt.subplots(2, 3, figsize=size, sharex=True, sharey=True, layout="constrained")
+    figure, axes = subplots(2, 3, figsize=size, sharex=True, sharey=True)
     for index, (axis, name) in enumerate(zip(axes.flat, TENSOR, strict=True)):
         values = tensor[::stride, ::stride, index]
         limit = float(np.percentile(np.abs(values), 99.5)) or 1.0
@@ -47,9 +42,4 @@ def draw(nodes: Nodes, tensor: Any, height: float, source: str, path: Path) -> N
         axis.set_ylabel("latitude [°]")
     title = f"Disturbing gradient at {height:g} m"
     figure.suptitle(f"{title}: {source}" if source else title, fontsize=9, wrap=True)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        save(figure, path)
-    except (OSError, ValueError) as error:
-        plt.close(figure)
-        raise MapError(f"cannot write the figure {path}: {error}") from None
+    return figure

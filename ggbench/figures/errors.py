@@ -1,0 +1,99 @@
+"""Figures of errors over time: of many runs beside the bounds, of one run by its components."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import NullFormatter
+
+from .style import AIDED, BOUND, INS, Drawing, styled, subplots
+
+AXES = ("east", "north", "up")
+
+
+@styled()
+def error_over_time(
+    panels: Sequence[tuple[str, np.ndarray, Mapping[str, np.ndarray], Mapping[str, np.ndarray]]],
+) -> Drawing:
+    """Draw root-mean-square spherical position and velocity errors over runs against the bounds.
+
+    Each panel is (title, times (K,), curves, bounds), both name to (K, 2): position, velocity.
+    """
+    count = len(panels)
+    figure, grid = subplots(2, count, figsize=(4.0 * count + 0.6, 6.4), sharex=True, squeeze=False)
+    styles: dict[str, tuple[str, str]] = {}
+    for _, _, curves, _ in panels:
+        for name in curves:
+            if name not in styles:
+                colour = INS if name == "ins" else f"C{len(styles) % 10}"
+                # Beyond ten the colours repeat: lines of the same colour then differ in style.
+                turn = len(styles) + len(styles) // 10
+                styles[name] = (colour, ("-", "--", "-.", ":")[turn % 4])
+    for column, (title, times, curves, bounds) in enumerate(panels):
+        for row, quantity in enumerate(("position [m]", "velocity [m/s]")):
+            axis: Axes = grid[row, column]
+            for name, curve in curves.items():
+                colour, style = styles[name]
+                axis.semilogy(times, curve[:, row], style, color=colour, lw=1.4, label=name)
+            for number, (name, bound) in enumerate(bounds.items()):
+                axis.semilogy(
+                    times, bound[:, row], color=BOUND, lw=0.9, ls=("-", ":", "--")[number % 3],
+                    label=name,
+                )  # fmt: skip
+            _plain_numbers(axis)
+            if row == 0:
+                axis.set_title(title)
+            else:
+                axis.set_xlabel("time [s]")
+            if column == 0:
+                axis.set_ylabel(f"RMS spherical {quantity}")
+    handles, names = grid[0, 0].get_legend_handles_labels()
+    figure.legend(handles, names, loc="outside lower center", ncols=4)
+    return figure
+
+
+def _plain_numbers(axis: Axes) -> None:
+    """Label a logarithmic y axis with plain numbers, between the decades too if there are few."""
+    low, high = axis.get_ylim()
+    axis.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    if np.floor(np.log10(high)) - np.ceil(np.log10(low)) < 1.0:  # fewer than two powers of ten
+        axis.yaxis.set_minor_formatter(lambda value, _: f"{value:g}")
+    else:
+        axis.yaxis.set_minor_formatter(NullFormatter())
+
+
+@styled()
+def component_errors(
+    times: np.ndarray,
+    aided: np.ndarray,
+    ins: np.ndarray | None,
+    first: int,
+    unit: str,
+    label: str,
+) -> Drawing:
+    """Draw ENU errors of one run: with the pure INS on the left, aided with ±3σ on the right.
+
+    ``aided`` and ``ins`` are (K, 12): six errors and their six standard deviations; ``first`` is
+    the first of the three columns shown (0: position, 3: velocity).
+    """
+    figure, axes = subplots(3, 2, figsize=(8.0, 6.0), sharex=True)
+    for axis in range(3):
+        error, sigma = aided[:, first + axis], aided[:, 6 + first + axis]
+        left, right = axes[axis]
+        if ins is not None:
+            left.plot(times, ins[:, first + axis], color=INS, lw=1.5, label="pure INS")
+        left.plot(times, error, color=AIDED, lw=1.2, label=label)
+        left.set_ylabel(f"{AXES[axis]} [{unit}]")
+        right.fill_between(times, -3 * sigma, 3 * sigma, color=AIDED, alpha=0.15, label="±3σ")
+        right.plot(times, error, color=AIDED, lw=1.2, label=label)
+        limit = 1.05 * np.percentile(np.maximum(3 * sigma, np.abs(error)), 98)
+        right.set_ylim(-limit, limit)
+    axes[0, 0].set_title("with the pure INS")
+    axes[0, 1].set_title("aided, with its claimed ±3σ")
+    axes[0, 0].legend()
+    axes[0, 1].legend()
+    for axis in axes[-1]:
+        axis.set_xlabel("time [s]")
+    return figure

@@ -1,0 +1,13 @@
+"""Numbers as figures and tables show them."""
+
+from __future__ import annotations
+
+import math
+
+
+def short(value: float) -> str:
+    """Return a number with three digits at most, as cells and sentences show it."""
+    if value == 0.0 or not 1e-3 <= abs(value) < 1e5:
+        return f"{value:.1e}" if value else "0"
+    digits = max(0, 2 - math.floor(math.log10(abs(value))))
+    return f"{value:.{digits}f}" if digits else f"{value:.0f}"

@@ -1,0 +1,90 @@
+"""Figures of the cases that a results folder holds, drawn from what is stored alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Literal
+
+import numpy as np
+
+from ..results.folder import Results, ResultsError
+from ..results.store import DETAILED_RUN
+from . import errors, field
+from .style import Drawing
+
+Quantity = Literal["position", "velocity"]
+_COLUMNS: dict[Quantity, tuple[int, str]] = {"position": (0, "m"), "velocity": (3, "m/s")}
+"""First column of an error's components in a detailed run, and its unit."""
+
+
+def error_over_time(results: Results, shown: Mapping[str, Sequence[str]]) -> Drawing:
+    """Draw the RMS spherical errors over all runs against time, beside the bounds.
+
+    Parameters
+    ----------
+    results : the folder.
+    shown : name of each case, a panel, to its estimators; of one without a finished run there is no
+        line.
+    """
+    panels = []
+    for name, labels in shown.items():
+        curves = {}
+        for label in labels:
+            series = results.series(name, label)
+            if len(series):
+                curves[label] = np.sqrt(np.mean(series[:, :, :2] ** 2, axis=0))
+        stored = results.arrays(name)
+        kept = stored["kept"]
+        bounds = {
+            f"bound: {key.removeprefix('bound-').rstrip('-0123456789')}": np.sqrt(value[kept])
+            for key, value in stored.items()
+            if key.startswith("bound-")
+        }
+        title = results.scenario.case(name).title
+        panels.append((title, stored["times"][kept], curves, bounds))
+    return errors.error_over_time(panels)
+
+
+def component_errors(results: Results, case: str, label: str, quantity: Quantity) -> Drawing:
+    """Draw the ENU errors of the detailed run with their claimed ±3σ, and the pure INS's.
+
+    Raises
+    ------
+    ResultsError
+        If this run of the estimator failed or has not been run; if the quantity is another one.
+    """
+    if quantity not in _COLUMNS:
+        raise ResultsError(f"the quantity is {quantity!r} and must be one of {', '.join(_COLUMNS)}")
+    aided = results.detail(case, label, DETAILED_RUN)
+    if aided is None:
+        raise ResultsError(
+            f"{results.folder} holds no errors of {label} in run {DETAILED_RUN} of case {case}, "
+            "the one that is kept in detail: it failed or was not run"
+        )
+    ins = results.detail(case, "ins", DETAILED_RUN)
+    first, unit = _COLUMNS[quantity]
+    times = results.arrays(case)["times"]
+    return errors.component_errors(times, aided, ins, first, unit, label)
+
+
+def has_map(results: Results, case: str) -> bool:
+    """Return whether a case flies over a map, and not over the normal field alone."""
+    return "map_vertical" in results.arrays(case)
+
+
+def field_map(results: Results, case: str) -> Drawing:
+    """Draw the map that a case flies over, at flight height, with the track.
+
+    Raises
+    ------
+    ResultsError
+        If it has none.
+    """
+    if not has_map(results, case):
+        raise ResultsError(f"case {case} flies over the normal field: it has no map to draw")
+    return field.field_map(results.arrays(case))
+
+
+def track_gradient(results: Results, case: str) -> Drawing:
+    """Draw the vertical gradient along the track of a case: true, noisy and filtered."""
+    return field.gradient_along_track(results.arrays(case), results.scenario.case(case).title)

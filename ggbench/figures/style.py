@@ -1,0 +1,96 @@
+"""How figures look: one place for settings and colours, in force only while a figure is drawn.
+
+Nothing here changes Matplotlib's own settings or its backend, and no figure is known to pyplot: it
+lives as long as somebody holds it.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import matplotlib.style
+from matplotlib.figure import Figure
+
+from ..errors import GGBenchError
+
+INS, AIDED, BOUND = "0.55", "tab:blue", "black"
+"""Colours of the INS, an aided solution and the bound."""
+_SETTINGS = {
+    "figure.dpi": 110,
+    "font.size": 9,
+    "axes.grid": True,
+    "grid.alpha": 0.3,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "legend.frameon": False,
+    "savefig.bbox": "tight",
+    "svg.hashsalt": "ggbench",
+    "text.parse_math": False,  # a $ in somebody's title is a $
+}
+
+
+class FigureError(GGBenchError):
+    """A figure cannot be written."""
+
+
+@contextmanager
+def styled() -> Iterator[None]:
+    """Have what is drawn look as all figures of the package do, whatever the user's settings.
+
+    Also a decorator.
+    """
+    with matplotlib.style.context(["default", _SETTINGS]):
+        yield
+
+
+class Drawing(Figure):
+    """A Matplotlib figure that is drawn in the package's style whenever it is drawn.
+
+    Ticks and numbers come into being only then, long after the function that made the figure.
+    """
+
+    def draw(self, renderer: Any) -> None:
+        """Draw the figure."""
+        with styled():
+            super().draw(renderer)
+
+    def savefig(self, *args: Any, **kwargs: Any) -> None:
+        """Write the figure, as :meth:`matplotlib.figure.Figure.savefig` does."""
+        with styled():
+            super().savefig(*args, **kwargs)
+
+    def _repr_png_(self) -> bytes:
+        """Return the picture that a notebook shows, even if it has not loaded pyplot."""
+        picture = io.BytesIO()
+        self.savefig(picture, format="png")
+        return picture.getvalue()
+
+
+def subplots(
+    rows: int = 1, columns: int = 1, *, figsize: tuple[float, float], **options: Any
+) -> tuple[Drawing, Any]:
+    """Return a figure of so many panels, and its axes, as :func:`matplotlib.pyplot.subplots` does.
+
+    ``figsize`` is in inches; the panels find their places by themselves.
+    """
+    figure = Drawing(figsize=figsize, layout="constrained")
+    return figure, figure.subplots(rows, columns, **options)
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write a figure, the same bytes for the same content; its folder is made if need be.
+
+    Raises
+    ------
+    FigureError
+        If the file cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(path, metadata={"Software": "ggbench"})
+    except OSError as error:
+        raise FigureError(f"cannot write the figure {path}: {error.strerror or error}") from None

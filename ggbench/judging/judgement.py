@@ -1,0 +1,159 @@
+"""One estimate beside its truth: its errors over time and in windows of the flight."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from ..errors import GGBenchError
+from ..numerics.frozen import frozen
+from ..problem import Estimate, Problem
+from ..simulation.runs import Truth
+from ..spec.case import WindowsSpec
+from . import run_errors
+
+_WHOLE = "whole"
+
+
+class JudgingError(GGBenchError):
+    """An estimate cannot be judged."""
+
+
+@dataclass(frozen=True, repr=False)
+class Judgement:
+    """How good one estimate is. Every array is immutable; K epochs, errors are estimated − true.
+
+    Attributes
+    ----------
+    times : (K,) [s].
+    position_error, velocity_error : (K,) spherical errors [m], [m/s].
+    nees : (K,) normalised estimation error squared of position and velocity, 6 if consistent; NaN
+        without covariances.
+    nis : (K,) normalised innovation squared; NaN where there is none, as for smoothers.
+    components : (K, 6) errors of position and velocity, ENU.
+    sigmas : (K, 6) their claimed standard deviations; NaN without covariances.
+    windows : name of each window (``whole``, and if they are given ``settled`` and ``last20``) to
+        ``position_mrse_m``, ``velocity_mrse_mps``, ``nees_mean``, ``nis_mean`` and ``coverage``,
+        the share of epochs whose truth lies in the claimed 95 % region.
+    """
+
+    times: np.ndarray
+    position_error: np.ndarray
+    velocity_error: np.ndarray
+    nees: np.ndarray
+    nis: np.ndarray
+    components: np.ndarray
+    sigmas: np.ndarray
+    windows: Mapping[str, Mapping[str, float]]
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if isinstance(value, np.ndarray):
+                object.__setattr__(self, item.name, frozen(value))
+
+    @property
+    def position_mrse_m(self) -> float:
+        """Root of the mean squared position error over the whole flight [m]."""
+        return self.windows[_WHOLE]["position_mrse_m"]
+
+    @property
+    def velocity_mrse_mps(self) -> float:
+        """Root of the mean squared velocity error over the whole flight [m/s]."""
+        return self.windows[_WHOLE]["velocity_mrse_mps"]
+
+    @property
+    def final_position_error_m(self) -> float:
+        """Position error at the last epoch [m]."""
+        return float(self.position_error[-1])
+
+    @property
+    def final_velocity_error_mps(self) -> float:
+        """Velocity error at the last epoch [m/s]."""
+        return float(self.velocity_error[-1])
+
+    def __repr__(self) -> str:
+        whole = self.windows[_WHOLE]
+        parts = [
+            f"position {self.position_mrse_m:.3g} m (at the end {self.final_position_error_m:.3g})",
+            f"velocity {self.velocity_mrse_mps:.3g} m/s",
+        ]
+        for name in ("nees", "nis"):
+            if not math.isnan(whole[f"{name}_mean"]):
+                parts.append(f"{name.upper()} {whole[f'{name}_mean']:.2f}")
+        return f"Judgement({len(self.times)} epochs: {', '.join(parts)})"
+
+
+def judge(
+    problem: Problem, estimate: Estimate, truth: Truth, windows: WindowsSpec | None = None
+) -> Judgement:
+    """Judge an estimate of a problem by its truth.
+
+    Parameters
+    ----------
+    problem : that was estimated. estimate : of it. truth : that the problem hides.
+    windows : parts of the flight to be judged besides the whole, as ``case.windows`` has them.
+
+    Raises
+    ------
+    JudgingError
+        If the estimate is of another shape than the problem, is not finite, or claims a covariance
+        that is none; if the truth is of other epochs or states. Another run of the same case has
+        the same epochs and states: that its truth is the wrong one cannot be seen.
+    """
+    _require(problem, estimate, truth, windows)
+    try:
+        found = run_errors.evaluate(problem, estimate, truth)
+    except (ValueError, TypeError) as error:
+        raise JudgingError(f"the estimate cannot be judged: {error}") from None
+    # The whole flight needs no windows to be said, but its figures come with those of the others.
+    spec = windows or WindowsSpec(settled_from_s=0.0, last_s=1.0)
+    figures = run_errors.window_figures(found, problem.times, spec)
+    named = {name: _named(figures[name]) for name in (figures if windows else (_WHOLE,))}
+    return Judgement(problem.times, **vars(found), windows=named)
+
+
+def _named(figures: Mapping[str, float]) -> Mapping[str, float]:
+    """Return the figures of a window by the names that summaries have for them."""
+    return {
+        "position_mrse_m": math.sqrt(figures["position_ms"]),
+        "velocity_mrse_mps": math.sqrt(figures["velocity_ms"]),
+        "nees_mean": figures["nees"],
+        "nis_mean": figures["nis"],
+        "coverage": figures["coverage"],
+    }
+
+
+def _require(problem: Any, estimate: Any, truth: Any, windows: Any) -> None:
+    """Raise JudgingError unless these are what they are to be, of one problem."""
+    for name, value, kind in (
+        ("problem", problem, Problem),
+        ("estimate", estimate, Estimate),
+        ("truth", truth, Truth),
+        ("windows", windows, WindowsSpec | None),
+    ):
+        if not isinstance(value, kind):
+            wanted = getattr(kind, "__name__", "WindowsSpec")
+            raise JudgingError(
+                f"{name} is of type {type(value).__name__} and must be of type {wanted}"
+            )
+    wanted_shape = (problem.epochs, problem.dimension)
+    if truth.error_state.shape != wanted_shape:
+        raise JudgingError(
+            f"the truth is of another problem: its states have shape {truth.error_state.shape}, "
+            f"not {wanted_shape}"
+        )
+    if not np.array_equal(truth.times, problem.times):
+        raise JudgingError(
+            f"the truth is of another problem: its epochs are from {truth.times[0]:g} to "
+            f"{truth.times[-1]:g} s, or lie otherwise between"
+        )
+    if windows is not None and windows.settled_from_s > problem.times[-1]:
+        raise JudgingError(
+            f"windows.settled_from_s is {windows.settled_from_s:g} s and must not lie beyond the "
+            f"last epoch, at {problem.times[-1]:g} s"
+        )
