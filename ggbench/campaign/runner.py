@@ -7,10 +7,10 @@ once get them in blocks that fit into the processor's cache, the others run by r
 from __future__ import annotations
 
 import contextlib
+import copy
 import dataclasses
 import hashlib
 import json
-import math
 import os
 import time
 import traceback
@@ -23,10 +23,10 @@ from typing import Any
 
 import numpy as np
 
-from ..block import EstimateBlock, ProblemBlock
+from ..block import EstimateBlock, ProblemBlock, takes_blocks
 from ..errors import GGBenchError
 from ..judging import run_errors
-from ..problem import Estimate, Estimator, MeasurementModel, Problem
+from ..problem import CountingModel, Estimate, Estimator, MeasurementModel, Problem
 from ..results.store import Result
 from ..simulation.runs import Flight, prepare, simulate, simulate_block
 from ..spec.case import CaseSpec
@@ -71,22 +71,6 @@ class Started:
 
     label: str
     runs: Sequence[int]
-
-
-class _CountingModel:
-    """A measurement model that counts the points at which the map is evaluated."""
-
-    def __init__(self, model: MeasurementModel) -> None:
-        self._model = model
-        self.evaluations = 0
-
-    def predict(self, k: int, x: np.ndarray) -> np.ndarray:
-        self.evaluations += math.prod(np.shape(x)[:-1])
-        return self._model.predict(k, x)
-
-    def jacobian(self, k: int, x: np.ndarray) -> np.ndarray:
-        self.evaluations += 1
-        return self._model.jacobian(k, x)
 
 
 @lru_cache(maxsize=1024)
@@ -148,7 +132,7 @@ def run_task(task: Task) -> Iterator[Started | list[Result]]:
                 f"the source or version of ggbench, of a library, of {label} or of a map file "
                 f"is not what the campaign was started with; here: {result_keys.environment()}"
             )
-    at_once = tuple(pair for pair in task.estimators if chosen(pair[0]).estimator.compiled)
+    at_once = tuple(pair for pair in task.estimators if takes_blocks(chosen(pair[0]).estimator))
     one_by_one = tuple(pair for pair in task.estimators if pair not in at_once)
     for start in range(0, len(task.runs) if at_once else 0, BLOCK_RUNS):
         yield from _run_block(task, case_json, at_once, task.runs[start : start + BLOCK_RUNS])
@@ -285,14 +269,15 @@ def _estimate(problem: Problem, choice: Choice, rng: np.random.Generator) -> Est
         If it is no Estimate, is of another causality than its estimator declares, has a wrong
         shape, numbers that are complex, or remarks that cannot be stored.
     """
-    model = _CountingModel(problem.model)
-    given = Problem(**{**vars(problem), "model": model})
-    # A new instance each time: what one run leaves in it cannot reach the next.
+    # New instances each time: what one estimator or run leaves in them cannot reach the next.
+    given = dataclasses.replace(problem, model=copy.copy(problem.model))
     estimator = dataclasses.replace(choice.estimator)
+    before = _evaluations(given.model)
     with _own_surroundings():
         start = time.perf_counter()
         estimate = estimator.estimate(given, rng)
         seconds = time.perf_counter() - start
+    evaluations = _evaluations(given.model) - before
     _require_declared(choice.estimator, estimate, Estimate, "estimate")
     epochs, n = problem.epochs, problem.dimension
     mean = run_errors.real_array("mean", estimate.mean, (epochs, n))
@@ -301,8 +286,13 @@ def _estimate(problem: Problem, choice: Choice, rng: np.random.Generator) -> Est
         cov = run_errors.real_array("cov", cov, (epochs, n, n))[None]
     return Estimated(
         mean[None], cov, None, estimate.causality, estimate.lag,
-        [remarks(estimate.info)], [model.evaluations], seconds,
+        [remarks(estimate.info)], [evaluations], seconds,
     )  # fmt: skip
+
+
+def _evaluations(model: MeasurementModel) -> int:
+    """Return at how many points a model was evaluated so far, 0 if it does not count them."""
+    return model.evaluations if isinstance(model, CountingModel) else 0
 
 
 def _estimate_block(block: ProblemBlock, choice: Choice) -> Estimated:
@@ -314,6 +304,7 @@ def _estimate_block(block: ProblemBlock, choice: Choice) -> Estimated:
         As :func:`_estimate`, and if its info is not one number of each run.
     """
     estimator = dataclasses.replace(choice.estimator)
+    assert takes_blocks(estimator)  # run_task has asked
     with _own_surroundings():
         start = time.perf_counter()
         estimate = estimator.estimate_block(block)
