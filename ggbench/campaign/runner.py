@@ -74,18 +74,14 @@ class Started:
 
 
 @lru_cache(maxsize=1024)
-def _flight(case_json: str) -> Flight:
-    return prepare(CaseSpec.model_validate_json(case_json))
-
-
 def flight_of(case: CaseSpec) -> Flight:
     """Return the flight of a case, made once in each process."""
-    return _flight(case.model_dump_json())
+    return prepare(case)
 
 
 def forget_flights() -> None:
     """Let go of the flights of this process: a library of scenarios has many, and large ones."""
-    _flight.cache_clear()
+    flight_of.cache_clear()
 
 
 @lru_cache(maxsize=1024)
@@ -95,8 +91,8 @@ def chosen(label: str) -> Choice:
 
 
 @lru_cache(maxsize=4096)
-def _key(case_json: str, label: str, seed: int) -> str:
-    return result_keys.run_key(CaseSpec.model_validate_json(case_json), chosen(label).content, seed)
+def _key(case: CaseSpec, label: str, seed: int) -> str:
+    return result_keys.run_key(case, chosen(label).content, seed)
 
 
 def _estimator_rng(seed: int, run: int, choice: Choice) -> np.random.Generator:
@@ -125,9 +121,8 @@ def run_task(task: Task) -> Iterator[Started | list[Result]]:
         If the package, a library, an estimator's source or a map file is not what the task's keys
         were made with.
     """
-    case_json = task.case.model_dump_json()
     for label, key in task.estimators:
-        if _key(case_json, label, task.seed) != key:
+        if _key(task.case, label, task.seed) != key:
             raise OtherSourceError(
                 f"the source or version of ggbench, of a library, of {label} or of a map file "
                 f"is not what the campaign was started with; here: {result_keys.environment()}"
@@ -135,17 +130,15 @@ def run_task(task: Task) -> Iterator[Started | list[Result]]:
     at_once = tuple(pair for pair in task.estimators if takes_blocks(chosen(pair[0]).estimator))
     one_by_one = tuple(pair for pair in task.estimators if pair not in at_once)
     for start in range(0, len(task.runs) if at_once else 0, BLOCK_RUNS):
-        yield from _run_block(task, case_json, at_once, task.runs[start : start + BLOCK_RUNS])
+        yield from _run_block(task, at_once, task.runs[start : start + BLOCK_RUNS])
     for run in task.runs if one_by_one else ():
-        yield from _run_one(task, case_json, one_by_one, run)
+        yield from _run_one(task, one_by_one, run)
 
 
-def _run_one(
-    task: Task, case_json: str, pairs: Pairs, run: int
-) -> Iterator[Started | list[Result]]:
+def _run_one(task: Task, pairs: Pairs, run: int) -> Iterator[Started | list[Result]]:
     reason, trace = "", ""
     try:
-        flight = _flight(case_json)
+        flight = flight_of(task.case)
         problem, truth = simulate(flight, task.seed, run)
     except Exception as error:
         reason, trace = f"simulation: {said(error)}", _trace()
@@ -165,17 +158,15 @@ def _run_one(
         yield results
 
 
-def _run_block(
-    task: Task, case_json: str, pairs: Pairs, runs: Sequence[int]
-) -> Iterator[Started | list[Result]]:
+def _run_block(task: Task, pairs: Pairs, runs: Sequence[int]) -> Iterator[Started | list[Result]]:
     """Run several runs at once; should that fail, one by one, so that it costs no other run."""
     try:
-        flight = _flight(case_json)
+        flight = flight_of(task.case)
         block, truth = simulate_block(flight, task.seed, runs)
     except Exception as error:
         reason, trace = f"simulation: {said(error)}", _trace()
         for run in runs if len(runs) > 1 else ():
-            yield from _run_block(task, case_json, pairs, (run,))
+            yield from _run_block(task, pairs, (run,))
         for label, key in pairs if len(runs) == 1 else ():
             yield Started(label, runs)
             yield [failure(task, runs[0], label, key, reason, trace)]
@@ -191,7 +182,7 @@ def _run_block(
         except (Exception, SystemExit) as error:
             if len(runs) > 1:
                 for run in runs:
-                    yield from _run_block(task, case_json, ((label, key),), (run,))
+                    yield from _run_block(task, ((label, key),), (run,))
                 continue
             results = [Result(key, blanks[0] | {"reason": said(error), "traceback": _trace()})]
         yield results
