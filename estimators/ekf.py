@@ -11,9 +11,9 @@ from typing import Literal
 
 import numpy as np
 
-from ..block import EstimateBlock, ProblemBlock, block_of, refusal
+from ..block import BlockEstimator, EstimateBlock, ProblemBlock
 from ..engines import filters
-from ..problem import Causality, Estimate, Estimator, MeasurementModel, Problem
+from ..problem import Causality, Estimate, MeasurementModel, Problem
 from . import robust
 from .robust import Loss
 
@@ -23,7 +23,7 @@ _CONVERGED = 1e-6
 
 
 @dataclass(frozen=True)
-class ExtendedKalmanFilter(Estimator):
+class ExtendedKalmanFilter(BlockEstimator):
     """Extended Kalman filter (Bar-Shalom, Li & Kirubarajan 2001, ch. 10).
 
     Parameters
@@ -55,18 +55,23 @@ class ExtendedKalmanFilter(Estimator):
         """Measurements up to each epoch."""
         return "filter"
 
+    @property
+    def takes_blocks(self) -> bool:
+        """Only the engine ``numba``."""
+        return self.engine == "numba"
+
     def skip(self, problem: Problem) -> str | None:
         """Refuse parameters that mean nothing."""
         if self.iterations < 1:
             return f"iterations must be at least 1, and is {self.iterations}"
         if self.noise_memory < 0 or self.noise_memory == 1:
             return f"noise_memory must be 0 or at least 2, and is {self.noise_memory}"
-        if self.compiled:
+        if self.takes_blocks:
             if self != ExtendedKalmanFilter(engine=self.engine):
                 return (
                     "engine=numba is the plain filter: iterations, loss, noise_memory need filterpy"
                 )
-            return refusal(problem)
+            return super().skip(problem)
         return robust.refusal(self.loss, self.threshold)
 
     def estimate_block(self, block: ProblemBlock) -> EstimateBlock:
@@ -78,8 +83,8 @@ class ExtendedKalmanFilter(Estimator):
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
         """Predict with Φ and Q, update with h linearised where it fits, epoch by epoch."""
-        if self.compiled:
-            return self.estimate_block(block_of(problem)).estimate(0)
+        if self.takes_blocks:
+            return super().estimate(problem, rng)
         # Not at the top: it loads as slowly as all the rest, and to be listed needs none of it.
         from filterpy.kalman import ExtendedKalmanFilter as FilterpyEKF
 

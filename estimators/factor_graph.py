@@ -18,10 +18,10 @@ from typing import Any, Literal
 import gtsam
 import numpy as np
 
-from ..block import EstimateBlock, ProblemBlock, block_of, refusal
+from ..block import BlockEstimator, EstimateBlock, ProblemBlock
 from ..engines import batch_smoother
 from ..engines.step_rules import ABSOLUTE_DECREASE, RELATIVE_DECREASE, is_last_step
-from ..problem import Causality, Estimate, Estimator, MeasurementModel, Problem
+from ..problem import Causality, Estimate, MeasurementModel, Problem
 from . import robust
 from .robust import Loss
 
@@ -32,7 +32,7 @@ _SAME_TIME = 1e-6
 
 
 @dataclass(frozen=True)
-class FactorGraph(Estimator):
+class FactorGraph(BlockEstimator):
     """Maximum a posteriori estimate on a factor graph.
 
     Parameters
@@ -71,6 +71,11 @@ class FactorGraph(Estimator):
         }
         return modes[self.mode]
 
+    @property
+    def takes_blocks(self) -> bool:
+        """Only the engine ``numba``."""
+        return self.engine == "numba"
+
     def skip(self, problem: Problem) -> str | None:
         """Refuse limits that leave nothing to do."""
         if self.mode == "fixed-lag":
@@ -84,10 +89,10 @@ class FactorGraph(Estimator):
             return f"relinearize_threshold must be positive, and is {self.relinearize_threshold:g}"
         if self.max_iterations < 1:
             return f"max_iterations must be at least 1, and is {self.max_iterations}"
-        if self.compiled:
+        if self.takes_blocks:
             if self.mode != "batch" or self.loss != "none":
                 return "engine=numba solves mode=batch without a loss; the others need gtsam"
-            return refusal(problem)
+            return super().skip(problem)
         return robust.refusal(self.loss, self.threshold)
 
     def estimate_block(self, block: ProblemBlock) -> EstimateBlock:
@@ -97,8 +102,8 @@ class FactorGraph(Estimator):
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
         """Build the graph of the problem and solve it in the chosen mode."""
-        if self.compiled:
-            return self.estimate_block(block_of(problem)).estimate(0)
+        if self.takes_blocks:
+            return super().estimate(problem, rng)
         solve = {"batch": self._batch, "isam2": self._isam2, "fixed-lag": self._fixed_lag}
         scaled = _ScaledProblem(problem, self.loss, robust.threshold_of(self.loss, self.threshold))
         mean, cov, info = solve[self.mode](scaled)

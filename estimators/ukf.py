@@ -13,9 +13,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..block import EstimateBlock, ProblemBlock, block_of, refusal
+from ..block import BlockEstimator, EstimateBlock, ProblemBlock
 from ..engines import filters
-from ..problem import Causality, Estimate, Estimator, Problem
+from ..problem import Causality, Estimate, Problem
 from . import robust
 from .robust import Loss
 
@@ -90,7 +90,7 @@ def _vectorized_ukf() -> Any:
 
 
 @dataclass(frozen=True)
-class UnscentedKalmanFilter(Estimator):
+class UnscentedKalmanFilter(BlockEstimator):
     """Unscented Kalman filter (Julier & Uhlmann 2004; eqs. 13–16 of Wang et al. 2013, corrected).
 
     Parameters
@@ -123,6 +123,11 @@ class UnscentedKalmanFilter(Estimator):
         """Measurements up to each epoch."""
         return "filter"
 
+    @property
+    def takes_blocks(self) -> bool:
+        """Only the engine ``numba``."""
+        return self.engine == "numba"
+
     def skip(self, problem: Problem) -> str | None:
         """Refuse sigma points that do not exist: their spread must be positive and finite."""
         n = problem.dimension
@@ -133,8 +138,8 @@ class UnscentedKalmanFilter(Estimator):
             return f"n + kappa must be positive and finite, and is {n} + {kappa:g}"
         if self.points == "merwe" and not 0.0 < self.alpha < np.inf:
             return f"alpha must be positive and finite, and is {self.alpha:g}"
-        if self.compiled:
-            return "engine=numba has no loss" if self.loss != "none" else refusal(problem)
+        if self.takes_blocks:
+            return "engine=numba has no loss" if self.loss != "none" else super().skip(problem)
         return robust.refusal(self.loss, self.threshold)
 
     def _kappa(self, n: int) -> float:
@@ -161,8 +166,8 @@ class UnscentedKalmanFilter(Estimator):
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
         """Sigma points through Φ and h, epoch by epoch."""
-        if self.compiled:
-            return self.estimate_block(block_of(problem)).estimate(0)
+        if self.takes_blocks:
+            return super().estimate(problem, rng)
         from filterpy.kalman import JulierSigmaPoints, MerweScaledSigmaPoints
 
         n, m = problem.dimension, problem.measurements.shape[1]

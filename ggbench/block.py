@@ -6,16 +6,27 @@ so that what a run needs stays in the processor's cache; a campaign is a stream 
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from types import MappingProxyType
+from typing import Protocol, TypeGuard, runtime_checkable
 
 import numpy as np
 
 from .numerics.frozen import read_only
-from .problem import Causality, Estimate, Problem, StateBlock
+from .problem import Causality, Estimate, Estimator, MeasurementModel, Problem, StateBlock
 from .sensors.model import GradiometerModel
 from .sensors.model_kernels import ModelArrays
+
+
+@runtime_checkable
+class CompiledModel(MeasurementModel, Protocol):
+    """A measurement model that is kernels and their arrays: what a block needs of a problem's."""
+
+    @property
+    def arrays(self) -> ModelArrays:
+        """The arrays of one run."""
 
 
 @dataclass(frozen=True)
@@ -79,30 +90,16 @@ MOST_STATES, MOST_COMPONENTS = 24, 9
 """Sizes of the largest problem that compiled engines take."""
 
 
-def refusal(problem: Problem) -> str | None:
-    """Return why no compiled engine can take a problem, or None if one can."""
-    n, m = problem.dimension, problem.measurements.shape[1]
-    if not isinstance(getattr(problem.model, "arrays", None), ModelArrays):
-        return f"engine=numba needs the gradiometer's model, not {type(problem.model).__name__}"
-    if n > MOST_STATES or m > MOST_COMPONENTS:
-        return (
-            f"engine=numba takes up to {MOST_STATES} states and {MOST_COMPONENTS} components, not "
-            f"{n} and {m}"
-        )
-    return None
-
-
 def block_of(problem: Problem) -> ProblemBlock:
     """Return a block of one run.
 
     Raises
     ------
     TypeError
-        If no compiled engine can take the problem, see :func:`refusal`.
+        If the problem's model is no :class:`CompiledModel`.
     """
-    if reason := refusal(problem):
-        raise TypeError(reason)
-    arrays: ModelArrays = vars(problem.model)["arrays"]
+    if not isinstance(problem.model, CompiledModel):
+        raise TypeError(_without_arrays(problem.model))
     return ProblemBlock(
         problem.times,
         problem.measurements[np.newaxis],
@@ -111,9 +108,13 @@ def block_of(problem: Problem) -> ProblemBlock:
         problem.process_cov[np.newaxis],
         problem.prior_mean,
         problem.prior_cov,
-        arrays.as_block(),
+        problem.model.arrays.as_block(),
         problem.layout,
     )
+
+
+def _without_arrays(model: MeasurementModel) -> str:
+    return f"a compiled engine needs the gradiometer's model, not {type(model).__name__}"
 
 
 @dataclass(frozen=True)
@@ -141,3 +142,48 @@ class EstimateBlock:
         """Return the estimate of one run."""
         info = {name: values[run].item() for name, values in self.info.items()}
         return Estimate(self.mean[run], self.cov[run], self.causality, self.lag, info)
+
+
+@dataclass(frozen=True)
+class BlockEstimator(Estimator):
+    """Base of the estimators that take many runs at once: what there is to write is a block's way.
+
+    Of one run it makes a block of one. An estimator that has another way, too, says by
+    ``takes_blocks`` which one its parameters choose, and extends ``estimate`` and ``skip``.
+    """
+
+    @property
+    def takes_blocks(self) -> bool:
+        """Whether it takes many runs at once, as its parameters are."""
+        return True
+
+    @abstractmethod
+    def estimate_block(self, block: ProblemBlock) -> EstimateBlock:
+        """Estimate the states of all runs of a block; no run may depend on its neighbours."""
+
+    def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
+        """Estimate the states of a block of one run.
+
+        Raises
+        ------
+        TypeError
+            If the problem's model is no :class:`CompiledModel`.
+        """
+        return self.estimate_block(block_of(problem)).estimate(0)
+
+    def skip(self, problem: Problem) -> str | None:
+        """Refuse what no compiled engine can take: other models, problems that are too large."""
+        n, m = problem.dimension, problem.measurements.shape[1]
+        if not isinstance(problem.model, CompiledModel):
+            return _without_arrays(problem.model)
+        if n > MOST_STATES or m > MOST_COMPONENTS:
+            return (
+                f"a compiled engine takes up to {MOST_STATES} states and {MOST_COMPONENTS} "
+                f"components, not {n} and {m}"
+            )
+        return None
+
+
+def takes_blocks(estimator: Estimator) -> TypeGuard[BlockEstimator]:
+    """Return whether an estimator, as its parameters are, takes many runs at once."""
+    return isinstance(estimator, BlockEstimator) and bool(estimator.takes_blocks)

@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from types import MappingProxyType
-from typing import Any, ClassVar, Literal, Protocol
+from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -27,6 +27,15 @@ class MeasurementModel(Protocol):
 
     def jacobian(self, k: int, x: np.ndarray) -> np.ndarray:
         """Return ∂h/∂x of shape (m, n) at one state x (n,)."""
+
+
+@runtime_checkable
+class CountingModel(MeasurementModel, Protocol):
+    """A measurement model that counts at how many points it was evaluated."""
+
+    @property
+    def evaluations(self) -> int:
+        """Number of states at which h was taken so far, and of Jacobians."""
 
 
 @dataclass(frozen=True)
@@ -124,7 +133,8 @@ class Estimator(ABC):
 
     A parameter is a field with a default, typed ``int``, ``float``, ``bool``, ``str`` or a
     ``Literal`` of strings; ``name[parameter=value]`` on the command line sets it. An estimator
-    whose causality is ``fixed-lag`` has a parameter ``lag`` [s].
+    whose causality is ``fixed-lag`` has a parameter ``lag`` [s]. One that takes many runs at once
+    is a :class:`.block.BlockEstimator`.
     """
 
     name: ClassVar[str]
@@ -137,18 +147,6 @@ class Estimator(ABC):
     @abstractmethod
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
         """Estimate the state at every epoch; all randomness comes from ``rng``."""
-
-    @property
-    def compiled(self) -> bool:
-        """Whether it takes many runs at once: it has a parameter ``engine``, which is ``numba``."""
-        return vars(self).get("engine") == "numba"
-
-    def estimate_block(self, block: Any) -> Any:
-        """Estimate the states of all runs of a block; only if it is ``compiled``.
-
-        From a :class:`.block.ProblemBlock` to a :class:`.block.EstimateBlock`.
-        """
-        raise NotImplementedError(f"{self.name} takes one run at a time")
 
     def skip(self, problem: Problem) -> str | None:
         """Return why this estimator cannot take the problem, or None if it can."""

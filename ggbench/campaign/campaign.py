@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..block import takes_blocks
 from ..errors import GGBenchError
 from ..problem import Problem
 from ..results.store import (
@@ -177,8 +178,8 @@ class Tasks:
         self._at_once: list[_Open] = []
         self._one_by_one: list[_Open] = []
         for cell in cells:
-            compiled = np.array([bool(choose(label).estimator.compiled) for label, _ in cell.pairs])
-            for chosen, where in ((self._at_once, compiled), (self._one_by_one, ~compiled)):
+            blocks = np.array([takes_blocks(choose(label).estimator) for label, _ in cell.pairs])
+            for chosen, where in ((self._at_once, blocks), (self._one_by_one, ~blocks)):
                 pairs = tuple(pair for pair, mine in zip(cell.pairs, where, strict=True) if mine)
                 chosen.append(cell._replace(pairs=pairs, missing=cell.missing[where]))
 

@@ -174,7 +174,7 @@ def lag_epochs(case: CaseSpec, lag: float) -> int:
 
 
 def shared_arrays(flight: Flight, seed: int, lags: Sequence[int]) -> dict[str, np.ndarray]:
-    """Return what all runs of a case share: bounds, and the signals that figures show.
+    """Return what all runs of a case share: bounds, its readings, and the signals of figures.
 
     Parameters
     ----------
@@ -184,6 +184,8 @@ def shared_arrays(flight: Flight, seed: int, lags: Sequence[int]) -> dict[str, n
         "times": flight.times,
         "kept": kept_epochs(len(flight.times)),
         "track": flight.trajectory.positions[flight.epochs],
+        "present": flight.faults.expected_share(flight.times),
+        "channels": np.array(len(flight.true.gradiometer.channels)),
     }
     bounds = {name: bound_for(flight.bound, name, None) for name in ("filter", "batch")}
     for lag in lags:

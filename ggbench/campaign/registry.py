@@ -22,6 +22,7 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
+from ..block import takes_blocks
 from ..errors import GGBenchError
 from ..problem import Causality, Estimator
 
@@ -123,7 +124,7 @@ def choose(text: str) -> Choice:
     try:
         estimator = cls(**{key: value for key, (_, value) in parameters.items()})
         causality = estimator.causality
-        _ = estimator.compiled  # the last of its properties that a campaign asks for
+        takes_blocks(estimator)  # the last of what a campaign asks for before it runs anything
     except Exception as error:
         raise EstimatorError(
             f"{name} cannot be made with '{shown}': {type(error).__name__}: {error}"

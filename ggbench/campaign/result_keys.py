@@ -19,7 +19,6 @@ from .. import __version__
 from ..numerics.source import source_hash
 from ..simulation.field_source import map_content
 from ..spec.case import CaseSpec
-from ..spec.sensors import FieldSpec
 
 _PACKAGES = ("numpy", "scipy", "filterpy", "gtsam", "numba")
 """Packages whose version may change a result."""
@@ -55,7 +54,7 @@ def problem_key(case: CaseSpec, seed: int) -> str:
         side = getattr(case, name)
         field = side.field.model_copy(update={"source": None})
         placeless[name] = side.model_copy(update={"field": field})
-    maps = [_map_content(case.side(name).field.model_dump_json()) for name in ("truth", "model")]
+    maps = [_map_content(case.side(name).field) for name in ("truth", "model")]
     content = case.model_copy(update=placeless).content_hash
     return _hash([content, *maps, *case.trajectory.file_hashes(), seed])
 
@@ -77,7 +76,5 @@ def _hash(content: Any) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
-@cache
-def _map_content(field_json: str) -> str | None:
-    """Return a hash of the map of a field; a process reads its file once."""
-    return map_content(FieldSpec.model_validate_json(field_json))
+_map_content = cache(map_content)
+"""A hash of the map of a field; a process reads its file once."""

@@ -7,10 +7,10 @@ once get them in blocks that fit into the processor's cache, the others run by r
 from __future__ import annotations
 
 import contextlib
+import copy
 import dataclasses
 import hashlib
 import json
-import math
 import os
 import time
 import traceback
@@ -23,10 +23,10 @@ from typing import Any
 
 import numpy as np
 
-from ..block import EstimateBlock, ProblemBlock
+from ..block import EstimateBlock, ProblemBlock, takes_blocks
 from ..errors import GGBenchError
 from ..judging import run_errors
-from ..problem import Estimate, Estimator, MeasurementModel, Problem
+from ..problem import CountingModel, Estimate, Estimator, MeasurementModel, Problem
 from ..results.store import Result
 from ..simulation.runs import Flight, prepare, simulate, simulate_block
 from ..spec.case import CaseSpec
@@ -73,35 +73,15 @@ class Started:
     runs: Sequence[int]
 
 
-class _CountingModel:
-    """A measurement model that counts the points at which the map is evaluated."""
-
-    def __init__(self, model: MeasurementModel) -> None:
-        self._model = model
-        self.evaluations = 0
-
-    def predict(self, k: int, x: np.ndarray) -> np.ndarray:
-        self.evaluations += math.prod(np.shape(x)[:-1])
-        return self._model.predict(k, x)
-
-    def jacobian(self, k: int, x: np.ndarray) -> np.ndarray:
-        self.evaluations += 1
-        return self._model.jacobian(k, x)
-
-
 @lru_cache(maxsize=1024)
-def _flight(case_json: str) -> Flight:
-    return prepare(CaseSpec.model_validate_json(case_json))
-
-
 def flight_of(case: CaseSpec) -> Flight:
     """Return the flight of a case, made once in each process."""
-    return _flight(case.model_dump_json())
+    return prepare(case)
 
 
 def forget_flights() -> None:
     """Let go of the flights of this process: a library of scenarios has many, and large ones."""
-    _flight.cache_clear()
+    flight_of.cache_clear()
 
 
 @lru_cache(maxsize=1024)
@@ -111,8 +91,8 @@ def chosen(label: str) -> Choice:
 
 
 @lru_cache(maxsize=4096)
-def _key(case_json: str, label: str, seed: int) -> str:
-    return result_keys.run_key(CaseSpec.model_validate_json(case_json), chosen(label).content, seed)
+def _key(case: CaseSpec, label: str, seed: int) -> str:
+    return result_keys.run_key(case, chosen(label).content, seed)
 
 
 def _estimator_rng(seed: int, run: int, choice: Choice) -> np.random.Generator:
@@ -141,27 +121,24 @@ def run_task(task: Task) -> Iterator[Started | list[Result]]:
         If the package, a library, an estimator's source or a map file is not what the task's keys
         were made with.
     """
-    case_json = task.case.model_dump_json()
     for label, key in task.estimators:
-        if _key(case_json, label, task.seed) != key:
+        if _key(task.case, label, task.seed) != key:
             raise OtherSourceError(
                 f"the source or version of ggbench, of a library, of {label} or of a map file "
                 f"is not what the campaign was started with; here: {result_keys.environment()}"
             )
-    at_once = tuple(pair for pair in task.estimators if chosen(pair[0]).estimator.compiled)
+    at_once = tuple(pair for pair in task.estimators if takes_blocks(chosen(pair[0]).estimator))
     one_by_one = tuple(pair for pair in task.estimators if pair not in at_once)
     for start in range(0, len(task.runs) if at_once else 0, BLOCK_RUNS):
-        yield from _run_block(task, case_json, at_once, task.runs[start : start + BLOCK_RUNS])
+        yield from _run_block(task, at_once, task.runs[start : start + BLOCK_RUNS])
     for run in task.runs if one_by_one else ():
-        yield from _run_one(task, case_json, one_by_one, run)
+        yield from _run_one(task, one_by_one, run)
 
 
-def _run_one(
-    task: Task, case_json: str, pairs: Pairs, run: int
-) -> Iterator[Started | list[Result]]:
+def _run_one(task: Task, pairs: Pairs, run: int) -> Iterator[Started | list[Result]]:
     reason, trace = "", ""
     try:
-        flight = _flight(case_json)
+        flight = flight_of(task.case)
         problem, truth = simulate(flight, task.seed, run)
     except Exception as error:
         reason, trace = f"simulation: {said(error)}", _trace()
@@ -181,17 +158,15 @@ def _run_one(
         yield results
 
 
-def _run_block(
-    task: Task, case_json: str, pairs: Pairs, runs: Sequence[int]
-) -> Iterator[Started | list[Result]]:
+def _run_block(task: Task, pairs: Pairs, runs: Sequence[int]) -> Iterator[Started | list[Result]]:
     """Run several runs at once; should that fail, one by one, so that it costs no other run."""
     try:
-        flight = _flight(case_json)
+        flight = flight_of(task.case)
         block, truth = simulate_block(flight, task.seed, runs)
     except Exception as error:
         reason, trace = f"simulation: {said(error)}", _trace()
         for run in runs if len(runs) > 1 else ():
-            yield from _run_block(task, case_json, pairs, (run,))
+            yield from _run_block(task, pairs, (run,))
         for label, key in pairs if len(runs) == 1 else ():
             yield Started(label, runs)
             yield [failure(task, runs[0], label, key, reason, trace)]
@@ -207,7 +182,7 @@ def _run_block(
         except (Exception, SystemExit) as error:
             if len(runs) > 1:
                 for run in runs:
-                    yield from _run_block(task, case_json, ((label, key),), (run,))
+                    yield from _run_block(task, ((label, key),), (run,))
                 continue
             results = [Result(key, blanks[0] | {"reason": said(error), "traceback": _trace()})]
         yield results
@@ -285,14 +260,15 @@ def _estimate(problem: Problem, choice: Choice, rng: np.random.Generator) -> Est
         If it is no Estimate, is of another causality than its estimator declares, has a wrong
         shape, numbers that are complex, or remarks that cannot be stored.
     """
-    model = _CountingModel(problem.model)
-    given = Problem(**{**vars(problem), "model": model})
-    # A new instance each time: what one run leaves in it cannot reach the next.
+    # New instances each time: what one estimator or run leaves in them cannot reach the next.
+    given = dataclasses.replace(problem, model=copy.copy(problem.model))
     estimator = dataclasses.replace(choice.estimator)
+    before = _evaluations(given.model)
     with _own_surroundings():
         start = time.perf_counter()
         estimate = estimator.estimate(given, rng)
         seconds = time.perf_counter() - start
+    evaluations = _evaluations(given.model) - before
     _require_declared(choice.estimator, estimate, Estimate, "estimate")
     epochs, n = problem.epochs, problem.dimension
     mean = run_errors.real_array("mean", estimate.mean, (epochs, n))
@@ -301,8 +277,13 @@ def _estimate(problem: Problem, choice: Choice, rng: np.random.Generator) -> Est
         cov = run_errors.real_array("cov", cov, (epochs, n, n))[None]
     return Estimated(
         mean[None], cov, None, estimate.causality, estimate.lag,
-        [remarks(estimate.info)], [model.evaluations], seconds,
+        [remarks(estimate.info)], [evaluations], seconds,
     )  # fmt: skip
+
+
+def _evaluations(model: MeasurementModel) -> int:
+    """Return at how many points a model was evaluated so far, 0 if it does not count them."""
+    return model.evaluations if isinstance(model, CountingModel) else 0
 
 
 def _estimate_block(block: ProblemBlock, choice: Choice) -> Estimated:
@@ -314,6 +295,7 @@ def _estimate_block(block: ProblemBlock, choice: Choice) -> Estimated:
         As :func:`_estimate`, and if its info is not one number of each run.
     """
     estimator = dataclasses.replace(choice.estimator)
+    assert takes_blocks(estimator)  # run_task has asked
     with _own_surroundings():
         start = time.perf_counter()
         estimate = estimator.estimate_block(block)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -170,10 +169,11 @@ class ConvergenceReport:
 
         A group is in the order of its priors, if these are all different.
         """
-        found: dict[str, list[CaseSpec]] = {}
+        found: dict[CaseSpec, list[CaseSpec]] = {}
         for case in self.cases:
-            content = case.model_dump(exclude={"name", "title", "reference", "initial_error"})
-            found.setdefault(json.dumps(content, sort_keys=True, default=str), []).append(case)
+            prior = self.cases[0].initial_error
+            nameless = {"name": "", "title": "", "reference": None, "initial_error": prior}
+            found.setdefault(case.model_copy(update=nameless), []).append(case)
         groups, single = [], []
         for group in found.values():
             if len({case.initial_error.position_m for case in group}) == len(group) > 1:

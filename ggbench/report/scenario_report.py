@@ -321,7 +321,7 @@ class _Report:
         m = self.manifest
         versions = ", ".join(f"{name} {version}" for name, version in m["versions"].items())
         machine = m["machine"]
-        labels, cases = list(m["estimators"]), m["cases"]
+        labels, cases = tuple(m["estimators"]), m["cases"]
         flags = ""
         if labels != self.scenario.campaign.estimators:
             flags += "".join(f" -e {shlex.quote(label)}" for label in labels)

@@ -26,7 +26,6 @@ from ..judging.summary import (
     summarize,
     window_mask,
 )
-from ..simulation.equipment import channel_names, faults
 from ..spec import scenario
 from ..spec.scenario import Scenario
 from .store import Store, StoreError, read_manifest
@@ -221,14 +220,11 @@ class Results:
             if not used:
                 continue
             arrays = self.arrays(case.name)
-            dropouts = faults(case.truth.gradiometer)
-            present = np.where(dropouts.in_dropouts(arrays["times"]), 0.0, 1.0)
-            present *= 1.0 - dropouts.dropout_share
             readings[case.name] = {}
             for window in WINDOWS:
                 mask = window_mask(arrays["times"], case.windows, window)
-                count = round(float(present[mask].sum()))
-                readings[case.name][window] = count, len(channel_names(case.gradiometer))
+                count = round(float(arrays["present"][mask].sum()))
+                readings[case.name][window] = count, int(arrays["channels"])
                 for label in used:
                     squared = arrays.get(f"bound-{named[case.name, label]}")
                     if squared is None:

@@ -138,7 +138,7 @@ def flaw_of_arrays(arrays: dict[str, np.ndarray]) -> str | None:
     """Return what is wrong with what all runs of a case share, in a few words, or None."""
     bounds = {name: 2 for name in arrays if name.startswith("bound-")}
     columns = {"times": 0, "kept": 0, "track": 3, "bound-filter": 2, "bound-batch": 2,
-               "vertical": 0, "noisy": 0} | bounds  # fmt: skip
+               "present": 0, "vertical": 0, "noisy": 0} | bounds  # fmt: skip
     optional = {"filtered": 0, "filtered_true": 0}
     columns |= {name: width for name, width in optional.items() if name in arrays}
     for name, width in columns.items():
@@ -159,6 +159,11 @@ def flaw_of_arrays(arrays: dict[str, np.ndarray]) -> str | None:
     kept = arrays["kept"]
     if len(kept) == 0 or kept.min() < 0 or kept.max() >= len(arrays["times"]):
         return "its kept names other epochs than there are"
+    if arrays["present"].min() < 0.0 or arrays["present"].max() > 1.0:
+        return "its present holds more than shares"
+    channels = arrays.get("channels", np.empty(0))
+    if channels.shape != () or channels.dtype.kind != "i" or channels < 1:
+        return "its channels is no number of channels"
     if "map_vertical" in arrays:
         sides = [arrays.get(f"map_{name}", np.empty(())) for name in ("latitude", "longitude")]
         if any(side.ndim != 1 or side.dtype.kind != "f" for side in sides):

@@ -50,7 +50,7 @@ CREATE TABLE IF NOT EXISTS shared (key TEXT PRIMARY KEY, arrays BLOB NOT NULL);
 """
 
 
-FORMAT = 2
+FORMAT = 3
 """Version of what a folder holds; another one is refused."""
 DATABASE_FILES = (
     "records.sqlite-journal", "records.sqlite-shm", "records.sqlite-wal", "records.sqlite",

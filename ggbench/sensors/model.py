@@ -85,6 +85,9 @@ class GradiometerModel:
     if there are any, and g_k the chain's gain. Without a filter this is L(p_INS − δr) + b. Outside
     the map the field at its border is continued. Where a reading is missing, h and H are zero.
 
+    ``evaluations`` counts the points at which h was taken, and the Jacobians: what an estimator
+    asked of the map. A compiled engine takes the arrays instead and counts for itself.
+
     Parameters
     ----------
     arrays : of one run, from :func:`model_arrays`.
@@ -96,11 +99,19 @@ class GradiometerModel:
         }
         self.arrays = arrays._replace(**own)
         self._block = self.arrays.as_block()
+        self._evaluations = 0
+
+    @property
+    def evaluations(self) -> int:
+        """Number of states at which h was taken so far, and of Jacobians."""
+        return self._evaluations
 
     def predict(self, k: int, x: np.ndarray) -> np.ndarray:
         """Return h (..., m) [E] at epoch ``k`` for states x (..., n); any leading axes."""
         states = self._states(k, x)
-        out = predict(self._block, k, states.reshape(-1, states.shape[-1]))
+        points = states.reshape(-1, states.shape[-1])
+        self._evaluations += len(points)
+        out = predict(self._block, k, points)
         return out.reshape(*states.shape[:-1], out.shape[-1])
 
     def jacobian(self, k: int, x: np.ndarray) -> np.ndarray:
@@ -108,6 +119,7 @@ class GradiometerModel:
         state = self._states(k, x)
         if state.ndim != 1:
             raise ValueError(f"the Jacobian is taken at one state (n,), not at {state.shape}")
+        self._evaluations += 1
         return jacobian(self._block, k, state)
 
     def _states(self, k: int, x: np.ndarray) -> np.ndarray:

@@ -235,7 +235,7 @@ def spinning_disks(case: CaseSpec) -> SpinningDisks | None:
         return None
     return SpinningDisks(
         instrument=_disk(spec),
-        spin_axes=tuple(spec.rotating.spin_axes),
+        spin_axes=spec.rotating.spin_axes,
         scale_factor=1e-6 * errors.scale_factor_ppm,
         scale_factor_mismatch=1e-6 * errors.scale_factor_mismatch_ppm,
         baseline=1e-6 * errors.baseline_error_ppm,

@@ -166,9 +166,9 @@ def prepare(case: CaseSpec) -> Flight:
     true, model = case.side("truth"), case.side("model")
     field, model_field = make_field(true.field), make_field(model.field)
     trajectory, delta_angles, delta_velocities = _error_free(
-        case.trajectory.model_dump_json(),
+        case.trajectory,
         case.imu.period_s,
-        tuple(file_versions(case.trajectory)),
+        file_versions(case.trajectory),
         field if true.field.gravity_disturbance else None,
     )
     stride = round(case.gradiometer.period_s / trajectory.dt)
@@ -211,14 +211,13 @@ def _require_short_delays(case: CaseSpec, count: int) -> None:
 
 @lru_cache(maxsize=8)
 def _error_free(
-    trajectory_json: str, dt: float, versions: tuple[object, ...], felt: Field | None
+    spec: TrajectorySpec, dt: float, versions: tuple[object, ...], felt: Field | None
 ) -> tuple[Trajectory, np.ndarray, np.ndarray]:
     """Return what cases that differ in sensors and priors share: truth and IMU increments.
 
     ``versions`` are those of the files of which the flight is made. ``felt`` is the field whose
     disturbance of gravity the accelerometers feel, if they do.
     """
-    spec = TrajectorySpec.model_validate_json(trajectory_json)
     trajectory = trajectory_of(spec, dt)
     disturbances = np.zeros((len(trajectory.times) - 1, 3))
     if felt is not None:

@@ -36,12 +36,11 @@ def make_field(spec: FieldSpec) -> Field:
     own = Path(spec.source)
     version = own.stat().st_mtime_ns if is_file(spec.source) and own.exists() else 0
     # What the accelerometers feel is no part of the map.
-    return _make(spec.model_copy(update={"gravity_disturbance": False}).model_dump_json(), version)
+    return _make(spec.model_copy(update={"gravity_disturbance": False}), version)
 
 
 @lru_cache(maxsize=8)
-def _make(spec_json: str, version: int) -> Field:
-    spec = FieldSpec.model_validate_json(spec_json)
+def _make(spec: FieldSpec, version: int) -> Field:
     if spec.source == "normal" or is_file(spec.source):
         _refuse_recipe(spec)
     if spec.source == "normal":

@@ -11,7 +11,7 @@ import json
 import math
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from ..trajectory.manoeuvres import TrajectoryError
 from .limits import MOST_RUNS, MOST_SEED
@@ -27,7 +27,7 @@ from .sensors import (
     TruthSpec,
     changed,
 )
-from .tables import Finite, NonNegative, Positive, Section
+from .tables import Finite, Listed, NonNegative, Positive, Section, Table
 from .trajectory import TrajectorySpec
 
 Title = Annotated[str, Field(min_length=1)]
@@ -62,7 +62,7 @@ class CampaignSpec(Section):
     seed: Annotated[int, Field(ge=0, le=MOST_SEED)] = 1
     assumption_runs: Annotated[int, Field(ge=1)] = 100
     assumption_estimator: str = "ekf"
-    estimators: Annotated[list[str], Field(min_length=1)] = ["ins", "ekf"]
+    estimators: Annotated[Listed[str], Field(min_length=1)] = ("ins", "ekf")
     time_limit_s: Positive = 600.0
     """Longest time of one run of one estimator [s]."""
 
@@ -74,15 +74,15 @@ class AxisSpec(Section):
     label: Title
     unit: str = ""
     scale: Literal["linear", "log"] = "linear"
-    values: Annotated[list[Finite | int], Field(min_length=2)]
+    values: Annotated[Listed[Finite | int], Field(min_length=2)]
     key: Title | None = None
-    changes: list[dict[str, Any]] | None = None
+    changes: Listed[Annotated[Any, BeforeValidator(Table.of)]] | None = None
 
     @model_validator(mode="after")
     def _check(self) -> AxisSpec:
         axis = f"axis '{self.name}'"
         if any(b <= a for a, b in itertools.pairwise(self.values)):
-            raise ValueError(f"values of {axis} must increase strictly, found {self.values}")
+            raise ValueError(f"values of {axis} must increase strictly, found {[*self.values]}")
         if self.scale == "log" and self.values[0] <= 0.0:
             raise ValueError(
                 f"values of {axis} must be positive on a logarithmic scale, found {self.values[0]}"
@@ -102,7 +102,7 @@ class AxisSpec(Section):
     def change(self, index: int) -> dict[str, Any]:
         """Return what a value changes, as nested tables."""
         if self.changes is not None:
-            return self.changes[index]
+            return dict(self.changes[index].content())
         assert self.key is not None  # checked above
         change: Any = self.values[index]
         for part in reversed(self.key.split(".")):
@@ -117,8 +117,8 @@ class AxisSpec(Section):
 class SweepSpec(Section):
     """``[sweep]``: the axes of a grid of cases, and the errors a report aims at."""
 
-    axis: list[AxisSpec] = []
-    targets_m: list[Positive] = []
+    axis: Listed[AxisSpec] = ()
+    targets_m: Listed[Positive] = ()
 
     @model_validator(mode="after")
     def _check(self) -> SweepSpec:

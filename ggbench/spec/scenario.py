@@ -74,7 +74,7 @@ class Scenario:
     cases: tuple[CaseSpec, ...]
     assumptions: tuple[Assumption, ...]
     campaign: CampaignSpec
-    provenance: Mapping[str, str]
+    provenance: Mapping[str, str] = field(hash=False)
     content_hash: str
     source: str
     notes: str
@@ -445,7 +445,7 @@ def _sentence(model: type[BaseModel], problem: Any) -> str:
         "float_type": "must be a plain number in the unit that the key names",
         "int_type": "must be a whole number",
         "model_type": "must be a table of keys",
-        "list_type": "must be a list",
+        "tuple_type": "must be a list",
         "too_short": f"must have at least {least} items" if least > 1 else "must not be empty",
         "string_too_short": "must not be empty",
         "string_pattern_mismatch": "must consist of letters, digits, '.', '_' and '-'",

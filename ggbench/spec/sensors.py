@@ -12,7 +12,16 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeVar, get_args
 from pydantic import Field, model_validator
 
 from ..sensors.gradiometer.rotating import RotatingGradiometer, RotatingGradiometerError
-from .tables import Finite, Latitude, Longitude, Noise, NonNegative, Positive, Section
+from .tables import (
+    Finite,
+    Latitude,
+    Listed,
+    Longitude,
+    Noise,
+    NonNegative,
+    Positive,
+    Section,
+)
 
 Component = Literal["xx", "xy", "xz", "yy", "yz", "zz", "xx-yy", "yy-zz", "zz-xx"]
 Share = Annotated[float, Field(ge=0.0, lt=1.0)]
@@ -104,7 +113,7 @@ class RotatingSpec(Section):
 
     baseline_m: Annotated[float, Field(gt=0.0, le=10.0)]
     rotation_hz: Annotated[float, Field(gt=0.0, le=1000.0)]
-    spin_axes: Annotated[list[Literal["x", "y", "z"]], Field(min_length=1)] = ["x", "y", "z"]
+    spin_axes: Annotated[Listed[Literal["x", "y", "z"]], Field(min_length=1)] = ("x", "y", "z")
     accelerometer_noise_ng_per_sqrt_hz: Noise | None = None
     """White noise of each accelerometer, from which that of the channels follows."""
 
@@ -124,9 +133,9 @@ class GradiometerSpec(Section):
     noise_density_eotvos_per_sqrt_hz: Noise | None = None
     bias_eotvos: NonNegative = 0.0
     drift_eotvos_per_sqrt_h: NonNegative = 0.0
-    components: Annotated[list[Component], Field(min_length=1)] = [
+    components: Annotated[Listed[Component], Field(min_length=1)] = (
         "xx", "xy", "xz", "yy", "yz", "zz",
-    ]  # fmt: skip
+    )  # fmt: skip
     rotating: RotatingSpec | None = None
     filter: Literal["butterworth", "none"] = "none"
     filter_order: Annotated[int, Field(ge=1, le=12)] = 7
@@ -152,7 +161,7 @@ class GradiometerSpec(Section):
                 raise ValueError(str(error)) from None
         if len(set(self.components)) != len(self.components):
             raise ValueError("components names a component twice")
-        if self.rotating is not None and self.components != list(get_args(Component)[:6]):
+        if self.rotating is not None and self.components != get_args(Component)[:6]:
             raise ValueError(
                 "components must not be given beside [gradiometer.rotating]: its spin_axes say "
                 "what it measures"
@@ -200,7 +209,7 @@ class TrueGradiometer(GradiometerChange):
     outlier_share: Share = 0.0
     outlier_eotvos: Annotated[float, Field(ge=0.0, le=1e9)] = 0.0
     dropout_share: Share = 0.0
-    dropouts_s: list[Annotated[list[NonNegative], Field(min_length=2, max_length=2)]] = []
+    dropouts_s: Listed[Annotated[Listed[NonNegative], Field(min_length=2, max_length=2)]] = ()
     clock_error_s: Annotated[float, Field(ge=0.0, le=86400.0)] = 0.0
     timing_jitter_s: NonNegative = 0.0
     rotating: RotatingErrorsSpec | None = None

@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -76,8 +76,8 @@ class Sweep:
 
     axes: tuple[Axis, ...]
     targets_m: tuple[float, ...]
-    bases: Mapping[str, str]
-    points: Mapping[str, Point]
+    bases: Mapping[str, str] = field(hash=False)
+    points: Mapping[str, Point] = field(hash=False)
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ def lay_out(spec: SweepSpec, bases: Mapping[str, str]) -> tuple[Sweep, list[Cell
     A point is named after its coordinates, and after its case if there are several.
     """
     axes = tuple(
-        Axis(axis.name, axis.label, axis.unit, axis.scale, tuple(axis.values)) for axis in spec.axis
+        Axis(axis.name, axis.label, axis.unit, axis.scale, axis.values) for axis in spec.axis
     )
     bases = bases or {"": ""}
     points, cells = {}, []
@@ -120,7 +120,7 @@ def lay_out(spec: SweepSpec, bases: Mapping[str, str]) -> tuple[Sweep, list[Cell
             changes = tuple(axis.change(i) for axis, i in zip(spec.axis, indices, strict=True))
             points[name] = Point(base, indices)
             cells.append(Cell(base, name, title, changes))
-    return Sweep(axes, tuple(spec.targets_m), bases, points), cells
+    return Sweep(axes, spec.targets_m, bases, points), cells
 
 
 @dataclass(frozen=True)

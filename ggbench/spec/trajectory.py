@@ -24,7 +24,7 @@ from ..trajectory.manoeuvres import (
     repeated,
 )
 from ..trajectory.terrain_following import TerrainFollowing, terrain_path
-from .tables import Finite, Latitude, Longitude, NonNegative, Positive, Section
+from .tables import Finite, Latitude, Listed, Longitude, NonNegative, Positive, Section
 
 if TYPE_CHECKING:
     from ..trajectory.track import TrackLimits
@@ -179,7 +179,7 @@ class TrajectorySpec(Section):
     heading_deg: Finite | None = None
     pitch_deg: Finite = 0.0
     roll_deg: Finite = 0.0
-    segment: list[SegmentSpec] = []
+    segment: Listed[SegmentSpec] = ()
     repeat: Annotated[int, Field(ge=1, le=1000)] = 1
     vehicle: Literal["aircraft", "ship"] = "aircraft"
     file: Annotated[str, Field(min_length=1)] | None = None
@@ -232,7 +232,7 @@ class TrajectorySpec(Section):
             return float(read_track(self.file, self.track_limits()).times[-1])
         if all(segment.kind == "rates" for segment in self.segment):
             return sum(s.duration_s for s in self.segment if s.duration_s) * self.repeat
-        return _duration(self.model_dump_json(), tuple(file_versions(self)))
+        return _duration(self, file_versions(self))
 
     def start(self) -> State:
         """Return the state in which segments begin."""
@@ -277,18 +277,18 @@ class TrajectorySpec(Section):
     def placeless(self) -> TrajectorySpec:
         """Return it with the place of its files left out: what counts is their content."""
         terrains = sorted({s.terrain for s in self.segment if s.terrain is not None})
-        segments = [
+        segments = tuple(
             s.model_copy(update={"terrain": f"terrain {terrains.index(s.terrain)}"})
             if s.terrain is not None
             else s
             for s in self.segment
-        ]
+        )
         return self.model_copy(
             update={"segment": segments, "file": None if self.file is None else "track"}
         )
 
 
-def file_versions(spec: TrajectorySpec) -> list[tuple[int, int]]:
+def file_versions(spec: TrajectorySpec) -> tuple[tuple[int, int], ...]:
     """Return what changes when a file of the flight is written anew: time and size of each.
 
     Raises
@@ -303,7 +303,7 @@ def file_versions(spec: TrajectorySpec) -> list[tuple[int, int]]:
         except OSError as error:
             raise TrajectoryError(f"cannot read {path}: {error.strerror}") from None
         versions.append((status.st_mtime_ns, status.st_size))
-    return versions
+    return tuple(versions)
 
 
 @lru_cache(maxsize=64)
@@ -315,8 +315,7 @@ def _hash(path: Path, version: tuple[int, int]) -> str:
 
 
 @lru_cache(maxsize=64)
-def _duration(trajectory_json: str, versions: tuple[tuple[int, int], ...]) -> float:
-    spec = TrajectorySpec.model_validate_json(trajectory_json)
+def _duration(spec: TrajectorySpec, versions: tuple[tuple[int, int], ...]) -> float:
     return plan(spec.start(), spec.manoeuvres(), _PLAN_STEP, len(spec.segment))[1]
 
 

@@ -7,10 +7,11 @@ import sqlite3
 import numpy as np
 import pytest
 from campaigns import assert_equal, plan, ran, records, small
-from problems import SMALL
+from problems import SMALL, linear_problem
 
 from ggbench.campaign import campaign, execution, runner
 from ggbench.campaign import records as kept
+from ggbench.campaign.registry import choose
 from ggbench.report import scenario_report
 from ggbench.results.folder import Results
 from ggbench.simulation.runs import simulate
@@ -20,21 +21,16 @@ import os, time
 from dataclasses import dataclass
 from typing import Literal
 import numpy as np
-from ggbench.block import EstimateBlock
-from ggbench.problem import Estimator
+from ggbench.block import BlockEstimator, EstimateBlock
 from ggbench.campaign.registry import choose
 
 
 @dataclass(frozen=True)
-class Many(Estimator):
+class Many(BlockEstimator):
     way: Literal["good", "nis", "nan mean", "nan cov", "indefinite", "raise", "exit", "sleep",
                  "nothing", "batch", "short", "no count", "text"] = "good"
     name = "many"
     causality = "filter"
-    compiled = True
-
-    def estimate(self, problem, rng):
-        raise NotImplementedError
 
     def estimate_block(self, block):
         ekf = choose("ekf").estimator
@@ -125,6 +121,21 @@ def test_records_of_a_block_are_those_of_single_runs(lock, many, tmp_path, monke
     )
     pairs = results.paired()
     assert (pairs["runs"] == 7).all()
+
+
+def test_a_block_is_all_that_there_is_to_write(many, tmp_path):
+    """An estimator that knows only blocks takes one run like any other, or says why it cannot."""
+    problem, _ = simulate(runner.flight_of(small(tmp_path).cases[0]), 5, 0)
+    estimator, rng = choose(many).estimator, np.random.default_rng(0)
+    assert estimator.skip(problem) is None
+    found = estimator.estimate(problem, rng)
+    assert found.info == {"map_evaluations": 7, "first": problem.measurements[0, 0]}
+    expected = choose("ekf").estimator.estimate(problem, rng)
+    np.testing.assert_allclose(found.mean, expected.mean, rtol=1e-12)
+    reason = "a compiled engine needs the gradiometer's model, not LinearModel"
+    assert estimator.skip(linear_problem(seed=0)) == reason
+    with pytest.raises(TypeError, match=reason):
+        estimator.estimate(linear_problem(seed=0), rng)
 
 
 def test_innovations_that_an_engine_delivers_are_those_of_the_record(many, tmp_path):

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from campaigns import LABELS, assert_equal, plan, ran, records, small
-from problems import SMALL
+from problems import SMALL, LinearModel, changed
 
 from ggbench.campaign import campaign, execution, registry, result_keys, runner
 from ggbench.campaign.campaign import CampaignError
@@ -136,6 +136,58 @@ def test_what_is_odd_but_harmless_does_not_stop_a_campaign(kind, tmp_path):
     found = records(ran(tmp_path, labels=(label, "ekf"), runs=1))
     assert found["base", "ekf", 0]["status"] == "ok"
     assert found["base", label, 0]["status"] in ("ok", "failed")
+
+
+ASKING = """
+from dataclasses import dataclass
+import numpy as np
+from ggbench.problem import Estimate, Estimator
+
+
+@dataclass(frozen=True)
+class Asking(Estimator):
+    points: int = 1
+    name = "asking"
+    causality = "filter"
+
+    def estimate(self, problem, rng):
+        states = np.zeros((problem.epochs, problem.dimension))
+        problem.model.predict(1, np.zeros((2, self.points, problem.dimension)))
+        problem.model.predict(2, states[0])
+        problem.model.jacobian(3, states[0])
+        assert not hasattr(problem.model, "left_by_another")
+        problem.model.left_by_another = True
+        return Estimate(states, None, "filter")
+"""
+
+
+def asking(tmp_path: Path) -> str:
+    """The path of an estimator that asks h at 2 times some points and at one, and H at one."""
+    (tmp_path / "asking.py").write_text(ASKING)
+    return str(tmp_path / "asking.py")
+
+
+def test_points_at_which_the_map_was_evaluated_are_each_estimators_own(tmp_path):
+    """A record counts what its own estimator asked in its own run, and nothing of the others'."""
+    labels = [f"{asking(tmp_path)}[points={points}]" for points in (5, 7, 0)]
+    found = records(ran(tmp_path, labels=("ekf", "ins", *labels), runs=2))
+    for case, label, run in found:
+        counts = dict(zip(labels, (12, 16, 2), strict=True)) | {"ekf": 40, "ins": 0}
+        assert found[case, label, run]["map_evaluations"] == counts[label]
+
+
+def test_a_model_that_counts_nothing_has_no_evaluations(tmp_path, monkeypatch):
+    """Any measurement model can be judged in a campaign: 0 points of one that does not count."""
+    real = runner.simulate
+
+    def over_lines(*arguments):
+        problem, truth = real(*arguments)
+        rows = np.zeros((problem.epochs, problem.measurements.shape[1], problem.dimension))
+        return changed(problem, model=LinearModel(rows)), truth
+
+    monkeypatch.setattr(runner, "simulate", over_lines)
+    for record in ran(tmp_path, labels=("ekf",), runs=1).records():
+        assert (record["status"], record["map_evaluations"]) == ("ok", 0)
 
 
 def test_an_estimator_that_fails_in_some_runs(tmp_path):

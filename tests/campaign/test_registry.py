@@ -23,6 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ggbench.block import BlockEstimator
 from ggbench.problem import Estimate, Estimator
 
 
@@ -219,6 +220,11 @@ UNUSABLE = {
     "no name": ('    name = "information"\n', ""),
     "unknown causality": ('causality = "filter"', 'causality = "psychic"'),
     "fixed lag without a lag": ('causality = "filter"', 'causality = "fixed-lag"'),
+    "blocks by an engine that it lacks": (
+        "(Estimator):\n",
+        "(BlockEstimator):\n    takes_blocks = property(lambda self: self.engine)\n"
+        "    estimate_block = None\n",
+    ),
 }
 
 

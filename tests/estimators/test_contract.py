@@ -11,6 +11,7 @@ import gc
 import inspect
 import types
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -32,7 +33,7 @@ from problems import (
 )
 
 from ggbench.campaign import registry, result_keys, runner
-from ggbench.problem import Estimate, Problem
+from ggbench.problem import Estimate, Estimator, Problem
 from ggbench.simulation.error_free_flight import prepare
 from ggbench.simulation.runs import simulate
 from ggbench.spec import scenario
@@ -291,6 +292,40 @@ class Spy(Estimator):
 """
 
 
+def spied(case: str, tmp_path: Path) -> tuple[Estimator, Problem, np.random.Generator]:
+    """What a worker gives an estimator in run 1 of a case: itself, the problem, a generator."""
+    file = tmp_path / "spy.py"
+    file.write_text(SPY)
+    spec = scenario.load("wang2013").case(case)
+    key = result_keys.run_key(spec, registry.choose(str(file)).content, SEED)
+    list(runner.run_task(runner.Task(spec, "", (1,), SEED, ((str(file), key),))))
+    return inspect.getmodule(type(estimator(str(file)))).SEEN[-1]
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_campaign_gives_what_a_notebook_gives(case, tmp_path):
+    """The problem in a campaign is that of ``simulate``: same types, same attributes, same bits."""
+    (_, given, _), (usual, _) = spied(case, tmp_path), simulated(case, 1)
+    for one, other in ((given, usual), (given.model, usual.model)):
+        assert type(one) is type(other)
+        assert public(one) == public(other)
+    for name in ARRAYS:
+        np.testing.assert_array_equal(getattr(given, name), getattr(usual, name), strict=True)
+    assert given.layout == usual.layout
+    assert given.model.arrays._fields == usual.model.arrays._fields
+    for one, other in zip(given.model.arrays, usual.model.arrays, strict=True):
+        np.testing.assert_array_equal(one, other, strict=True)
+    # An engine that takes the model's arrays is within an estimator's reach in both.
+    compiled = estimator("ekf[engine=numba]")
+    one, other = (compiled.estimate(problem, rng()) for problem in (given, usual))
+    np.testing.assert_array_equal(one.mean, other.mean)
+
+
+def public(item: object) -> list[str]:
+    """The names of an object's attributes that are for everyone."""
+    return [name for name in dir(item) if not name.startswith("_")]
+
+
 @pytest.mark.parametrize("case", CASES)
 def test_truth_cannot_be_reached_from_what_an_estimator_is_given(case, tmp_path):
     """From its problem, its generator and itself an estimator can walk to nothing of the truth.
@@ -299,13 +334,7 @@ def test_truth_cannot_be_reached_from_what_an_estimator_is_given(case, tmp_path)
     and owners of memory, not through code: a program that inspects the interpreter it runs in
     (modules, stack) cannot be kept from anything in one process.
     """
-    file = tmp_path / "spy.py"
-    file.write_text(SPY)
-    spec = scenario.load("wang2013").case(case)
-    key = result_keys.run_key(spec, registry.choose(str(file)).content, SEED)
-    list(runner.run_task(runner.Task(spec, "", (1,), SEED, ((str(file), key),))))
-    seen = inspect.getmodule(type(estimator(str(file)))).SEEN
-    spy, problem, generator = seen[-1]
+    spy, problem, generator = spied(case, tmp_path)
     assert leaks([spy, problem, generator], case, 1) == []
     # Nor can the generator be wound back to those of the simulation.
     entropy = generator.bit_generator.seed_seq.entropy

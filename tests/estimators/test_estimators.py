@@ -29,6 +29,7 @@ from problems import (
     smoothed,
 )
 
+from ggbench.block import takes_blocks
 from ggbench.estimators.ukf import MatrixSquareRoot
 from ggbench.problem import Problem
 from ggbench.simulation.error_free_flight import prepare
@@ -37,7 +38,7 @@ from ggbench.spec import scenario
 from ggbench.spec.case import CaseSpec
 
 GRAPHS = [label for label in labels() if label.startswith("factor-graph")]
-ON_GTSAM = [label for label in GRAPHS if not estimator(label).compiled]
+ON_GTSAM = [label for label in GRAPHS if not takes_blocks(estimator(label))]
 
 
 @pytest.mark.parametrize("points", ["julier", "merwe"])

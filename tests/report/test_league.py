@@ -243,7 +243,7 @@ def test_situations_are_those_of_the_keys(changes, gained, situation):
         spec = spec.model_copy(update={"initial_error": wide})
     if duration := changes.get("duration_s"):
         segment = spec.trajectory.segment[0].model_copy(update={"duration_s": duration})
-        path = spec.trajectory.model_copy(update={"segment": [segment]})
+        path = spec.trajectory.model_copy(update={"segment": (segment,)})
         spec = spec.model_copy(update={"trajectory": path})
     assert situations.situation_of(spec, gained) == situation
 

@@ -15,6 +15,7 @@ from campaigns import LABELS, plan, ran, small
 from problems import SMALL
 
 from ggbench.errors import GGBenchError
+from ggbench.judging import statistics
 from ggbench.judging.summary import SUMMARY_COLUMNS
 from ggbench.report import scenario_report
 from ggbench.results.folder import Results
@@ -163,6 +164,12 @@ TEXTS = {
     "database overwritten": ("records.sqlite", "not a database" * 1000),
     "database empty": ("records.sqlite", ""),
 }
+SHARED = {
+    "readings of other epochs": ("present", np.ones(3)),
+    "readings beyond all": ("present", np.full(20, 1.5)),
+    "no channels": ("channels", np.array(0)),
+    "channels one by one": ("channels", np.ones(6)),
+}
 EDITS = {
     "scenario spoilt": ("scenario_text", "[[["),
     "scenario of something else": ("scenario_text", SMALL.replace("250.0", "251.0")),
@@ -184,6 +191,13 @@ def archive(**arrays: np.ndarray) -> bytes:
     return content.getvalue()
 
 
+def spoil_arrays(connection: sqlite3.Connection, name: str, value: np.ndarray) -> None:
+    """Give one of the arrays that a case's runs share another value, in every case."""
+    for key, content in connection.execute("SELECT key, arrays FROM shared").fetchall():
+        arrays = dict(np.load(io.BytesIO(content))) | {name: value}
+        connection.execute("UPDATE shared SET arrays = ? WHERE key = ?", (archive(**arrays), key))
+
+
 def damage(folder: Path, kind: str) -> None:
     """Spoil one thing in a results folder."""
     database = folder / "records.sqlite"
@@ -200,6 +214,9 @@ def damage(folder: Path, kind: str) -> None:
     elif kind in arrays:
         with sqlite3.connect(database) as connection:
             connection.execute("UPDATE shared SET arrays = ?", (arrays[kind],))
+    elif kind in SHARED:
+        with sqlite3.connect(database) as connection:
+            spoil_arrays(connection, *SHARED[kind])
     elif kind in TEXTS:
         name, text = TEXTS[kind]
         (folder / name).write_text(text)
@@ -236,6 +253,10 @@ DAMAGES = {
     "arrays cut": "case base share.* cannot be read",
     "arrays of something else": "case base share.* is damaged: it has no times",
     "arrays not zipped": "case base share.* cannot be read",
+    "readings of other epochs": r"case base share.* is damaged: its present has the shape \(3,\)",
+    "readings beyond all": "case base share.* is damaged: its present holds more than shares",
+    "no channels": "case base share.* is damaged: its channels is no number of channels",
+    "channels one by one": "case base share.* is damaged: its channels is no number of channels",
     "arrays pickled": "case base share.* cannot be read.*allow_pickle=False",
     "arrays a bare pickle": "case base share.* cannot be read",
 }
@@ -265,6 +286,21 @@ def test_damaged_results_have_their_sentence(kind, results, tmp_path):
         scenario_report.write(folder, tmp_path / "reports")
     assert "\n" not in str(caught.value)
     assert not (folder / "sprung").exists()
+
+
+def test_the_band_of_innovations_is_of_the_readings_that_are_expected(tmp_path):
+    """A folder alone tells how many readings a run has: the share that does not drop out.
+
+    Of the 20 readings (11 of them settled, from 10 s on), four lie in a gap, and of the others half
+    are expected.
+    """
+    faults = "[truth.gradiometer]\ndropout_share = 0.5\ndropouts_s = [[12.0, 15.0]]\n\n[windows]"
+    loaded = small(tmp_path, SMALL.replace("[windows]", faults, 1))
+    results = ran(tmp_path, labels=("ekf",), runs=3, scenario=loaded)
+    rows = results.summary().set_index(["case", "window"]).loc["base"]
+    for window, readings in (("whole", 8), ("settled", 4)):
+        band = tuple(rows.loc[window, ["nis_lo", "nis_hi"]])
+        assert band == statistics.nis_band(3, readings, 6)
 
 
 def test_a_results_folder_says_what_made_it(results):

@@ -52,6 +52,9 @@ def test_dropouts_have_the_stated_share_and_intervals():
     lost = faults.missing(times, np.random.default_rng(2))
     assert lost[inside].all()
     assert between(lost[~inside].sum(), binom((~inside).sum(), 0.1), 1e-3)
+    expected = faults.expected_share(times)
+    np.testing.assert_array_equal(expected[inside], 0.0)
+    np.testing.assert_array_equal(expected[~inside], 0.9)
     # One by one: a reading is lost no more often after one that was lost.
     free = lost[300:]
     assert between((free[1:] & free[:-1]).sum(), binom(len(free) - 1, 0.01), 1e-3)

@@ -71,6 +71,10 @@ class Faults:
         inside = [(times > start - 1e-9) & (times < end + 1e-9) for start, end in self.dropouts]
         return np.logical_or.reduce([np.zeros(len(times), dtype=bool), *inside])
 
+    def expected_share(self, times: np.ndarray) -> np.ndarray:
+        """Return the share of all runs (K,) in which each of the readings is there."""
+        return np.where(self.in_dropouts(times), 0.0, 1.0 - self.dropout_share)
+
 
 def biases(
     gradiometer: Gradiometer, channels: int, times: np.ndarray, rng: np.random.Generator
