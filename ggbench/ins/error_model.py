@@ -16,11 +16,13 @@ from __future__ import annotations
 import numpy as np
 
 from ..gravity.ellipsoid import metres_per_radian
-from ..numerics.kernels import LANES, compiled
+from ..numerics.kernels import compiled
+from ..numerics.lanes import in_lanes, out_of_lanes, unfilled
 from ..numerics.rotations import product, rotation_vector
+from .adjoint import noise_roots
 from .system_matrix import ENTRIES, dense, entries_between, sparse
 from .system_matrix import STATES as STATES
-from .transitions import compose, delayed, intervals_of, noise_roots
+from .transitions import compose, delayed, intervals_of
 
 POSITION, VELOCITY, ATTITUDE = slice(0, 3), slice(3, 6), slice(6, 9)
 GYRO_BIAS, ACCELEROMETER_BIAS = slice(9, 12), slice(12, 15)
@@ -58,20 +60,15 @@ def system_matrices(
 
 
 def _matrices(states: np.ndarray, delta_velocities: np.ndarray, dt: float) -> np.ndarray:
-    """Return F (N, 15, 15) between states (N + 1, 15), eight successive intervals at a time."""
+    """Return F (N, 15, 15) between states (N + 1, 15)."""
     count = len(delta_velocities)
-    entries = np.empty((count, ENTRIES))
-    constant = np.zeros(ENTRIES)
-    lanes = np.empty(ENTRIES * LANES)
-    for first in range(0, count, LANES):
-        chosen = np.minimum(first + np.arange(LANES), count - 1)
-        entries_between(
-            states[chosen].T.ravel(), states[chosen + 1].T.ravel(),
-            delta_velocities[chosen].T.ravel(), dt, constant, lanes,
-        )  # fmt: skip
-        some = entries[first : first + LANES]
-        some[:] = lanes.reshape(ENTRIES, LANES).T[: len(some)]
-    return dense(entries)
+    increments = np.hstack([np.zeros((count, 3)), delta_velocities])
+    entries = unfilled(count, ENTRIES)
+    entries_between(
+        in_lanes(states[np.newaxis]), in_lanes(increments[np.newaxis]), 0, count, dt,
+        np.zeros(ENTRIES), entries,
+    )  # fmt: skip
+    return dense(out_of_lanes(entries, 1)[0])
 
 
 @compiled
@@ -167,7 +164,7 @@ def transitions(
     -------
     transition, process_cov : (K, 15, 15) each, from epoch k − 1 to epoch k.
     """
-    entries = np.repeat(sparse(matrices), LANES, axis=1)
+    entries = in_lanes(sparse(matrices)[np.newaxis])
     roots = noise_roots(noise, bool(matrices[:, GYRO_BIAS.start :, GYRO_BIAS.start :].any()))
     transition, process_cov = np.empty((2, 1, len(epochs), STATES, STATES))
     start = 0
@@ -188,7 +185,7 @@ def delayed_rows(
     Rows of Φ(t_k, t_k − τ_k)⁻¹; process noise within the delay (millimetres) is neglected.
     ``delays`` (K,) are in seconds, zero or positive, and do not reach before sample 0.
     """
-    entries = np.repeat(sparse(matrices), LANES, axis=1)
+    entries = in_lanes(sparse(matrices)[np.newaxis])
     rows = np.empty((1, len(epochs), 6, STATES))
     for k, (epoch, delay) in enumerate(zip(epochs, delays, strict=True)):
         first, part, nearest = intervals_of(delay, epoch, dt)
@@ -200,5 +197,5 @@ def delayed_rows(
 
 
 def _metres(position: np.ndarray) -> np.ndarray:
-    """Return metres per radian of latitude and longitude (2, LANES) of one run."""
-    return np.repeat(np.array(metres_per_radian(position))[:, np.newaxis], LANES, axis=1)
+    """Return metres per radian of latitude and longitude (1, 2, LANES) of one run."""
+    return in_lanes(np.reshape(metres_per_radian(position), (1, 1, 2)))

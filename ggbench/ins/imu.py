@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..numerics.kernels import compiled
+from ..numerics.lanes import members
 
 
 @dataclass(frozen=True)
@@ -129,7 +130,7 @@ class Imu:
         exact : (R or 1, N, 6) error-free angles and velocities, the same in all runs or not.
         biases : (R, B, 6) of gyros and accelerometers, constant (B = 1) or at each sample (B = N).
         noise : (R, 2, N, 3) standard normal numbers, of angles and of velocities.
-        dt : [s]. out : output; lanes beyond the R runs are those of the first run.
+        dt : [s]. out : output, of a group of runs.
         """
         roots = np.repeat([self.gyro_root_psd, self.accelerometer_root_psd], 3) * math.sqrt(dt)
         _measure(exact, biases * dt, noise, roots, out)
@@ -140,12 +141,12 @@ def _measure(
     exact: np.ndarray, biases: np.ndarray, noise: np.ndarray, roots: np.ndarray, out: np.ndarray
 ) -> None:
     """Run :meth:`Imu.measure`, with what biases and noise add to an increment."""
-    runs, lanes = noise.shape[0], out.shape[2]
+    group = members(0, noise.shape[0])
     for n in range(out.shape[0]):
         for i in range(6):
             root, triad, axis = roots[i], i // 3, i % 3
-            for lane in range(lanes):
-                r = lane if lane < runs else 0
+            for lane in range(out.shape[2]):
+                r = group[lane]
                 out[n, i, lane] = (
                     exact[r if exact.shape[0] > 1 else 0, n, i]
                     + biases[r, n if biases.shape[1] > 1 else 0, i]

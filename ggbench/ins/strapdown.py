@@ -17,20 +17,20 @@ from __future__ import annotations
 import numpy as np
 
 from ..gravity.ellipsoid import ROTATION_RATE, normal_gravity_of, radii_of_sine
-from ..numerics.kernels import LANES, aligned, compiled, inlined
+from ..numerics.kernels import compiled, inlined
+from ..numerics.lanes import in_lanes, lanes, out_of_lanes, unfilled
 from ..numerics.rotations import (
     Matrix,
-    fill,
     multiply,
     product,
     rotation_vector,
     sine_cosine,
     small_turn,
 )
+from ..numerics.vectors import load, store
 
 TRACK = 15
 """Numbers of a navigation state: position, velocity and C_nb, row by row."""
-_WORK = TRACK + 9
 
 
 @inlined
@@ -114,7 +114,7 @@ def step(
 ) -> tuple[tuple[float, float, float], tuple[float, float, float], Matrix]:
     """Return the navigation state (position, velocity, C_nb) after an IMU interval.
 
-    Numbers in and numbers out, so that a loop over runs becomes vector instructions.
+    Of numbers, or of vectors of a group of runs.
 
     Parameters
     ----------
@@ -171,7 +171,10 @@ def velocity_rate(
 ) -> None:
     """Fill v' [m/s²] for a specific force in n axes, as :func:`velocity_rate_of` gives it."""
     out[0], out[1], out[2] = velocity_rate_of(
-        place_of(position[0], position[2]), position[2], _three(velocity), _three(specific_force)
+        place_of(position[0], position[2]),
+        position[2],
+        _numbers(velocity),
+        _numbers(specific_force),
     )
 
 
@@ -205,12 +208,12 @@ def advance_position(
 ) -> None:
     """Fill the position after a step, as :func:`advance_position_of` gives it."""
     out[0], out[1], out[2] = advance_position_of(
-        _three(position), _three(velocity), _three(next_velocity), dt
+        _numbers(position), _numbers(velocity), _numbers(next_velocity), dt
     )
 
 
 @inlined
-def _three(vector: np.ndarray) -> tuple[float, float, float]:
+def _numbers(vector: np.ndarray) -> tuple[float, float, float]:
     """Return the numbers of a vector (3,)."""
     return vector[0], vector[1], vector[2]
 
@@ -251,22 +254,19 @@ def navigate(
     -------
     positions (N + 1, 3) [rad, rad, m], velocities (N + 1, 3) [m/s], C_nb (N + 1, 3, 3).
     """
-    count, initial = len(delta_angles), np.concatenate([position, velocity, np.ravel(c_nb)])
-    track = np.empty((count + 1, TRACK, LANES))
+    initial = np.concatenate([position, velocity, np.ravel(c_nb)])
+    altimeter = np.reshape([] if heights is None else heights, (1, -1, 1))
+    track = unfilled(len(delta_angles) + 1, TRACK)
     navigate_lanes(
-        np.repeat(initial[:, np.newaxis], LANES, axis=1),
-        np.repeat(np.hstack([delta_angles, delta_velocities])[:, :, np.newaxis], LANES, axis=2),
+        in_lanes(initial.reshape(1, 1, TRACK)),
+        in_lanes(np.hstack([delta_angles, delta_velocities])[np.newaxis]),
         dt,
-        np.repeat(np.reshape([] if heights is None else heights, (-1, 1)), LANES, axis=1),
+        in_lanes(altimeter),
         gains,
         track,
     )
-    one = track[:, :, 0]
-    return (
-        one[:, :3].copy(),
-        one[:, 3:6].copy(),
-        one[:, 6:].reshape(-1, 3, 3).copy(),
-    )
+    one = out_of_lanes(track, 1)[0]
+    return one[:, :3].copy(), one[:, 3:6].copy(), one[:, 6:].reshape(-1, 3, 3)
 
 
 @compiled
@@ -278,66 +278,63 @@ def navigate_lanes(
     gains: tuple[float, float],
     track: np.ndarray,
 ) -> None:
-    """Run :func:`navigate` for :data:`LANES` runs at once.
+    """Run :func:`navigate` for a group of runs at once.
 
     Parameters
     ----------
-    initial : (TRACK, LANES) position, velocity and C_nb (row by row) at the start.
+    initial : (1, TRACK, LANES) position, velocity and C_nb (row by row) at the start.
     increments : (N, 6, LANES) angles and velocities.
     dt : IMU interval [s].
-    heights : (N, LANES) of the altimeters; (0, LANES) without.
+    heights : (N, 1, LANES) of the altimeters; (0, 1, LANES) without.
     gains : of the altimeter.
     track : (N + 1, TRACK, LANES) output: position, velocity and C_nb.
     """
-    count = increments.shape[0]
-    flat_track = track.reshape((count + 1, TRACK * LANES))
-    flat_increments = increments.reshape((count, 6 * LANES))
-    work = aligned(_WORK * LANES)
-    work[:] = 0.0
-    work[: TRACK * LANES] = initial.reshape(-1)
-    flat_track[0] = work[: TRACK * LANES]
-    for n in range(count):
-        for i in range(6 * LANES):
-            work[TRACK * LANES + i] = flat_increments[n, i]
-        _step_lanes(work, dt)
+    track[0] = initial[0]
+    disturbance = lanes(1, 3)
+    for n in range(increments.shape[0]):
+        _step_lanes(track, increments, disturbance, n, dt)
         if heights.shape[0] > 0:
-            for r in range(LANES):
-                difference = work[2 * LANES + r] - heights[n, r]
-                work[2 * LANES + r] -= gains[0] * dt * difference
-                work[5 * LANES + r] -= gains[1] * dt * difference
-        for i in range(TRACK * LANES):
-            flat_track[n + 1, i] = work[i]
+            difference = load(track, n + 1, 2) - load(heights, n, 0)
+            store(track, n + 1, 2, load(track, n + 1, 2) - gains[0] * dt * difference)
+            store(track, n + 1, 5, load(track, n + 1, 5) - gains[1] * dt * difference)
+
+
+@inlined
+def _three(rows: np.ndarray, n: int, i: int) -> tuple[float, float, float]:
+    """Return three numbers of a row, from ``i`` on."""
+    return load(rows, n, i), load(rows, n, i + 1), load(rows, n, i + 2)
+
+
+@inlined
+def _keep(rows: np.ndarray, n: int, i: int, numbers: tuple[float, float, float]) -> None:
+    """Set three numbers of a row, from ``i`` on."""
+    store(rows, n, i, numbers[0])
+    store(rows, n, i + 1, numbers[1])
+    store(rows, n, i + 2, numbers[2])
 
 
 @compiled
-def _step_lanes(work: np.ndarray, dt: float) -> None:
-    """Run :func:`step` in all lanes of ``work`` ((TRACK + 9) * LANES,), where the state changes.
+def _step_lanes(
+    track: np.ndarray, increments: np.ndarray, disturbance: np.ndarray, n: int, dt: float
+) -> None:
+    """Run :func:`step` from row ``n`` of a track (., TRACK, LANES) to the next one.
 
-    It holds position, velocity and C_nb, the increments of angle and velocity, the disturbance. One
-    array for all that is read and written: the iterations over the runs are then known to be
-    independent, and become vector instructions.
+    With row ``n`` of the increments (., 6, LANES), and one disturbance (1, 3, LANES).
     """
-    for r in range(LANES):
-        position, velocity, c_nb = step(
-            (work[r], work[LANES + r], work[2 * LANES + r]),
-            (work[3 * LANES + r], work[4 * LANES + r], work[5 * LANES + r]),
-            (
-                work[6 * LANES + r], work[7 * LANES + r], work[8 * LANES + r],
-                work[9 * LANES + r], work[10 * LANES + r], work[11 * LANES + r],
-                work[12 * LANES + r], work[13 * LANES + r], work[14 * LANES + r],
-            ),
-            (work[15 * LANES + r], work[16 * LANES + r], work[17 * LANES + r]),
-            (work[18 * LANES + r], work[19 * LANES + r], work[20 * LANES + r]),
-            (work[21 * LANES + r], work[22 * LANES + r], work[23 * LANES + r]),
-            dt,
-        )  # fmt: skip
-        work[r], work[LANES + r], work[2 * LANES + r] = position
-        work[3 * LANES + r], work[4 * LANES + r], work[5 * LANES + r] = velocity
-        (
-            work[6 * LANES + r], work[7 * LANES + r], work[8 * LANES + r],
-            work[9 * LANES + r], work[10 * LANES + r], work[11 * LANES + r],
-            work[12 * LANES + r], work[13 * LANES + r], work[14 * LANES + r],
-        ) = c_nb  # fmt: skip
+    position, velocity, c_nb = step(
+        _three(track, n, 0),
+        _three(track, n, 3),
+        (*_three(track, n, 6), *_three(track, n, 9), *_three(track, n, 12)),
+        _three(increments, n, 0),
+        _three(increments, n, 3),
+        _three(disturbance, 0, 0),
+        dt,
+    )
+    _keep(track, n + 1, 0, position)
+    _keep(track, n + 1, 3, velocity)
+    _keep(track, n + 1, 6, c_nb[:3])
+    _keep(track, n + 1, 9, c_nb[3:6])
+    _keep(track, n + 1, 12, c_nb[6:])
 
 
 @compiled
@@ -368,45 +365,33 @@ def error_free_increments(
     count = positions.shape[0] - 1
     delta_angles = np.zeros((count, 3))
     delta_velocities = np.zeros((count, 3))
-    next_c_nb = np.empty((3, 3))
-    difference = np.empty((3, 3))
-    vector = np.empty(3)
+    c_nb, difference, vector = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
     # The state is kept where navigation keeps it, and advances by its instructions: the same
-    # formula compiled once more might round otherwise.
-    work = np.empty(_WORK * LANES)
-    state = work.reshape((_WORK, LANES))
+    # formula compiled once more, for numbers, might round otherwise.
+    pair, felt, disturbance = lanes(2, TRACK), lanes(1, 6), lanes(1, 3)
     for i in range(3):
-        state[i], state[3 + i] = positions[0, i], velocities[0, i]
+        store(pair, 0, i, positions[0, i])
+        store(pair, 0, 3 + i, velocities[0, i])
         for j in range(3):
-            state[6 + 3 * i + j] = attitudes[0, i, j]
+            store(pair, 0, 6 + 3 * i + j, attitudes[0, i, j])
     for n in range(count):
         for i in range(3):
-            state[21 + i] = disturbances[n, i]
+            store(disturbance, 0, i, disturbances[n, i])
+        felt[:] = 0.0
+        _step_lanes(pair, felt, disturbance, 0, dt)
         for _ in range(6):
-            _, reached, turned = step(
-                (state[0, 0], state[1, 0], state[2, 0]),
-                (state[3, 0], state[4, 0], state[5, 0]),
-                (
-                    state[6, 0], state[7, 0], state[8, 0],
-                    state[9, 0], state[10, 0], state[11, 0],
-                    state[12, 0], state[13, 0], state[14, 0],
-                ),
-                _three(delta_angles[n]),
-                _three(delta_velocities[n]),
-                _three(disturbances[n]),
-                dt,
-            )  # fmt: skip
-            fill(turned, next_c_nb)
-            product(next_c_nb.T, attitudes[n + 1], difference)
+            for i in range(3):
+                for j in range(3):
+                    c_nb[i, j] = pair[1, 6 + 3 * i + j, 0]
+            product(c_nb.T, attitudes[n + 1], difference)
             rotation_vector(difference, vector)
             for i in range(3):
                 delta_angles[n, i] += vector[i]
-                delta_velocities[n, i] += (
-                    next_c_nb[0, i] * (velocities[n + 1, 0] - reached[0])
-                    + next_c_nb[1, i] * (velocities[n + 1, 1] - reached[1])
-                    + next_c_nb[2, i] * (velocities[n + 1, 2] - reached[2])
-                )
-        for i in range(3):
-            state[15 + i], state[18 + i] = delta_angles[n, i], delta_velocities[n, i]
-        _step_lanes(work, dt)
+                for j in range(3):
+                    missing = velocities[n + 1, j] - pair[1, 3 + j, 0]
+                    delta_velocities[n, i] += c_nb[j, i] * missing
+                store(felt, 0, i, delta_angles[n, i])
+                store(felt, 0, 3 + i, delta_velocities[n, i])
+            _step_lanes(pair, felt, disturbance, 0, dt)
+        pair[0] = pair[1]
     return delta_angles, delta_velocities

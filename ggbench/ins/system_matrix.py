@@ -1,9 +1,6 @@
-"""F of the INS error model, by its entries that are not always zero, for several runs at once.
+"""F of the INS error model, by its entries that are not always zero, for a group of runs at once.
 
-All arrays have the runs last, :data:`~.kernels.LANES` of them, and are flat where it makes
-a loop over the runs vector instructions: element j of run r is at ``j * LANES + r``. Such loops run
-to the length of an axis, not to LANES: for a fixed small number of iterations the compiler does not
-check that arrays do not overlap, and then gives up.
+Arrays have the runs last, see :mod:`ggbench.numerics.lanes`.
 """
 
 from __future__ import annotations
@@ -11,7 +8,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..gravity.ellipsoid import normal_gravity_of, radii_derivatives_of
-from ..numerics.kernels import LANES, compiled, inlined
+from ..numerics.kernels import compiled, inlined
+from ..numerics.vectors import load, store
 from .strapdown import frame_rates_of, place_of
 
 STATES = 15
@@ -66,20 +64,26 @@ def sparse(matrices: np.ndarray) -> np.ndarray:
 
 
 @inlined
+def entries_dot(f: np.ndarray, n: int, j: int, stride: int, x: float, y: float, z: float) -> float:
+    """Return the product of three entries of F, from ``j`` on in strides, and (x, y, z)."""
+    return load(f, n, j) * x + load(f, n, j + stride) * y + load(f, n, j + 2 * stride) * z
+
+
+@inlined
 def _fill(
     latitude: float,
     height: float,
     v: tuple[float, float, float],
     f: tuple[float, float, float],
     out: np.ndarray,
-    r: int,
+    m: int,
 ) -> None:
-    """Fill the entries of F of run ``r`` but C_nb, damping and decay.
+    """Fill the entries of F at ``m`` but C_nb, damping and decay.
 
     Parameters
     ----------
     latitude, height, v, f : navigation state [rad, m], ENU [m/s], and specific force ENU [m/s²].
-    out : (ENTRIES * LANES,) output.
+    out : (., ENTRIES, LANES) output.
     """
     place = place_of(latitude, height)
     sine, cosine, r_m, r_n = place
@@ -94,103 +98,87 @@ def _fill(
     en_u_l = v[0] * secant * secant / r_n + en_u_h * d_n
     en_n_e, en_u_e, en_e_n = 1.0 / r_n, tangent / r_n, -1.0 / r_m
     # Position.
-    out[r] = -v[1] * d_m / (r_m * r_m)
-    out[LANES + r] = -v[1] / (r_m * r_m)
-    out[2 * LANES + r] = 1.0 / r_m
-    out[3 * LANES + r] = v[0] * secant / r_n * (tangent - d_n / r_n)
-    out[4 * LANES + r] = -v[0] * secant / (r_n * r_n)
-    out[5 * LANES + r] = secant / r_n
+    store(out, m, 0, -v[1] * d_m / (r_m * r_m))
+    store(out, m, 1, -v[1] / (r_m * r_m))
+    store(out, m, 2, 1.0 / r_m)
+    store(out, m, 3, v[0] * secant / r_n * (tangent - d_n / r_n))
+    store(out, m, 4, -v[0] * secant / (r_n * r_n))
+    store(out, m, 5, secant / r_n)
     # Velocity: −(∂(2ω_ie + ω_en) × v) − (2ω_ie + ω_en) × ∂v + ∂g.
     x_l, y_l, z_l = en_e_l, en_n_l - 2.0 * ie_u, en_u_l + 2.0 * ie_n
     x, y, z = en_e, en_n + 2.0 * ie_n, en_u + 2.0 * ie_u
-    out[(VELOCITY + 0) * LANES + r] = z_l * v[1] - y_l * v[2]
-    out[(VELOCITY + 1) * LANES + r] = en_u_h * v[1] - en_n_h * v[2]
-    out[(VELOCITY + 2) * LANES + r] = en_u_e * v[1] - en_n_e * v[2]
-    out[(VELOCITY + 3) * LANES + r] = z
-    out[(VELOCITY + 4) * LANES + r] = -y
-    out[(VELOCITY + 5) * LANES + r] = x_l * v[2] - z_l * v[0]
-    out[(VELOCITY + 6) * LANES + r] = en_e_h * v[2] - en_u_h * v[0]
-    out[(VELOCITY + 7) * LANES + r] = -en_u_e * v[0] - z
-    out[(VELOCITY + 8) * LANES + r] = en_e_n * v[2]
-    out[(VELOCITY + 9) * LANES + r] = x
-    out[(VELOCITY + 10) * LANES + r] = y_l * v[0] - x_l * v[1] - gamma_latitude
-    out[(VELOCITY + 11) * LANES + r] = en_n_h * v[0] - en_e_h * v[1] - gamma_height
-    out[(VELOCITY + 12) * LANES + r] = en_n_e * v[0] + y
-    out[(VELOCITY + 13) * LANES + r] = -en_e_n * v[1] - x
-    out[(VELOCITY + 14) * LANES + r] = 0.0
-    out[(FORCE + 0) * LANES + r], out[(FORCE + 1) * LANES + r] = f[0], f[1]
-    out[(FORCE + 2) * LANES + r] = f[2]
+    store(out, m, VELOCITY, z_l * v[1] - y_l * v[2])
+    store(out, m, VELOCITY + 1, en_u_h * v[1] - en_n_h * v[2])
+    store(out, m, VELOCITY + 2, en_u_e * v[1] - en_n_e * v[2])
+    store(out, m, VELOCITY + 3, z)
+    store(out, m, VELOCITY + 4, -y)
+    store(out, m, VELOCITY + 5, x_l * v[2] - z_l * v[0])
+    store(out, m, VELOCITY + 6, en_e_h * v[2] - en_u_h * v[0])
+    store(out, m, VELOCITY + 7, -en_u_e * v[0] - z)
+    store(out, m, VELOCITY + 8, en_e_n * v[2])
+    store(out, m, VELOCITY + 9, x)
+    store(out, m, VELOCITY + 10, y_l * v[0] - x_l * v[1] - gamma_latitude)
+    store(out, m, VELOCITY + 11, en_n_h * v[0] - en_e_h * v[1] - gamma_height)
+    store(out, m, VELOCITY + 12, en_n_e * v[0] + y)
+    store(out, m, VELOCITY + 13, -en_e_n * v[1] - x)
+    store(out, m, VELOCITY + 14, 0.0)
+    for axis in range(3):
+        store(out, m, FORCE + axis, f[axis])
     # Attitude: ∂ω_in − ω_in × φ.
-    out[(ATTITUDE + 0) * LANES + r] = en_e_l
-    out[(ATTITUDE + 1) * LANES + r] = en_e_h
-    out[(ATTITUDE + 2) * LANES + r] = en_e_n
-    out[(ATTITUDE + 3) * LANES + r] = en_n_l - ie_u
-    out[(ATTITUDE + 4) * LANES + r] = en_n_h
-    out[(ATTITUDE + 5) * LANES + r] = en_n_e
-    out[(ATTITUDE + 6) * LANES + r] = en_u_l + ie_n
-    out[(ATTITUDE + 7) * LANES + r] = en_u_h
-    out[(ATTITUDE + 8) * LANES + r] = en_u_e
-    out[(TURN + 0) * LANES + r] = en_e
-    out[(TURN + 1) * LANES + r] = ie_n + en_n
-    out[(TURN + 2) * LANES + r] = ie_u + en_u
+    store(out, m, ATTITUDE, en_e_l)
+    store(out, m, ATTITUDE + 1, en_e_h)
+    store(out, m, ATTITUDE + 2, en_e_n)
+    store(out, m, ATTITUDE + 3, en_n_l - ie_u)
+    store(out, m, ATTITUDE + 4, en_n_h)
+    store(out, m, ATTITUDE + 5, en_n_e)
+    store(out, m, ATTITUDE + 6, en_u_l + ie_n)
+    store(out, m, ATTITUDE + 7, en_u_h)
+    store(out, m, ATTITUDE + 8, en_u_e)
+    store(out, m, TURN, en_e)
+    store(out, m, TURN + 1, ie_n + en_n)
+    store(out, m, TURN + 2, ie_u + en_u)
+
+
+@inlined
+def _middle(track: np.ndarray, n: int, i: int) -> float:
+    """Return number ``i`` of a navigation state, halfway from one IMU sample to the next."""
+    return 0.5 * (load(track, n, i) + load(track, n + 1, i))
 
 
 @compiled
 def entries_between(
-    before: np.ndarray,
-    after: np.ndarray,
-    delta_velocities: np.ndarray,
+    track: np.ndarray,
+    increments: np.ndarray,
+    first: int,
+    last: int,
     dt: float,
     constant: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Fill the entries of F at the middle of an IMU interval.
+    """Fill the entries of F at the middles of the IMU intervals between two samples.
 
     Parameters
     ----------
-    before, after : (TRACK * LANES,) navigation states at its ends.
-    delta_velocities : (3 * LANES,) increments [m/s]. dt : the interval [s].
+    track : (N + 1, TRACK, LANES) navigation states.
+    increments : (N, 6, LANES) of angle, and of velocity [m/s]. dt : IMU interval [s].
+    first, last : the samples.
     constant : (ENTRIES,) what is added to F, of which only damping and decay may differ from zero.
-    out : (ENTRIES * LANES,) output.
+    out : (., ENTRIES, LANES) output, ``last - first`` intervals.
     """
-    lanes = out.shape[0] // ENTRIES
-    for r in range(lanes):
-        c = (
-            0.5 * (before[6 * LANES + r] + after[6 * LANES + r]),
-            0.5 * (before[7 * LANES + r] + after[7 * LANES + r]),
-            0.5 * (before[8 * LANES + r] + after[8 * LANES + r]),
-            0.5 * (before[9 * LANES + r] + after[9 * LANES + r]),
-            0.5 * (before[10 * LANES + r] + after[10 * LANES + r]),
-            0.5 * (before[11 * LANES + r] + after[11 * LANES + r]),
-            0.5 * (before[12 * LANES + r] + after[12 * LANES + r]),
-            0.5 * (before[13 * LANES + r] + after[13 * LANES + r]),
-            0.5 * (before[14 * LANES + r] + after[14 * LANES + r]),
+    for n in range(first, last):
+        m = n - first
+        a_0, a_1 = load(increments, n, 3) / dt, load(increments, n, 4) / dt
+        a_2 = load(increments, n, 5) / dt
+        for i in range(9):
+            store(out, m, BODY + i, _middle(track, n, 6 + i))
+        force = (
+            entries_dot(out, m, BODY, 1, a_0, a_1, a_2),
+            entries_dot(out, m, BODY + 3, 1, a_0, a_1, a_2),
+            entries_dot(out, m, BODY + 6, 1, a_0, a_1, a_2),
         )
-        a_0 = delta_velocities[r] / dt
-        a_1 = delta_velocities[LANES + r] / dt
-        a_2 = delta_velocities[2 * LANES + r] / dt
-        _fill(
-            0.5 * (before[r] + after[r]),
-            0.5 * (before[2 * LANES + r] + after[2 * LANES + r]),
-            (
-                0.5 * (before[3 * LANES + r] + after[3 * LANES + r]),
-                0.5 * (before[4 * LANES + r] + after[4 * LANES + r]),
-                0.5 * (before[5 * LANES + r] + after[5 * LANES + r]),
-            ),
-            (
-                c[0] * a_0 + c[1] * a_1 + c[2] * a_2,
-                c[3] * a_0 + c[4] * a_1 + c[5] * a_2,
-                c[6] * a_0 + c[7] * a_1 + c[8] * a_2,
-            ),
-            out,
-            r,
-        )
-        out[(BODY + 0) * LANES + r], out[(BODY + 1) * LANES + r] = c[0], c[1]
-        out[(BODY + 2) * LANES + r], out[(BODY + 3) * LANES + r] = c[2], c[3]
-        out[(BODY + 4) * LANES + r], out[(BODY + 5) * LANES + r] = c[4], c[5]
-        out[(BODY + 6) * LANES + r], out[(BODY + 7) * LANES + r] = c[6], c[7]
-        out[(BODY + 8) * LANES + r] = c[8]
-        out[DAMPING * LANES + r] = constant[DAMPING]
-        out[(VELOCITY + 11) * LANES + r] += constant[VELOCITY + 11]
-        out[DECAY * LANES + r] = constant[DECAY]
-        out[(DECAY + 1) * LANES + r] = constant[DECAY + 1]
+        velocity = _middle(track, n, 3), _middle(track, n, 4), _middle(track, n, 5)
+        _fill(_middle(track, n, 0), _middle(track, n, 2), velocity, force, out, m)
+        store(out, m, DAMPING, constant[DAMPING])
+        store(out, m, VELOCITY + 11, load(out, m, VELOCITY + 11) + constant[VELOCITY + 11])
+        store(out, m, DECAY, constant[DECAY])
+        store(out, m, DECAY + 1, constant[DECAY + 1])

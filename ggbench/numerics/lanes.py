@@ -6,6 +6,8 @@ numbers is an array (1, n, LANES).
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from .kernels import LANES, aligned, compiled
@@ -18,6 +20,11 @@ def lanes(rows: int, columns: int) -> np.ndarray:
     array = aligned(rows * columns * LANES)
     array[:] = 0.0
     return array.reshape((rows, columns, LANES))
+
+
+def unfilled(rows: int, columns: int) -> np.ndarray:
+    """Return what :func:`lanes` does, but not yet filled; long tracks are not written twice."""
+    return np.reshape(aligned(rows * columns * LANES), (rows, columns, LANES))
 
 
 @compiled
@@ -51,6 +58,28 @@ def members(first: int, runs: int) -> np.ndarray:
     for r in range(LANES):
         out[r] = min(first + r, runs - 1)
     return out
+
+
+def groups(runs: int) -> Iterator[slice]:
+    """Yield which of R runs go through the lanes together, group by group."""
+    for first in range(0, runs, LANES):
+        yield slice(first, min(first + LANES, runs))
+
+
+def in_lanes(runs: np.ndarray) -> np.ndarray:
+    """Return the matrices (R, rows, columns) of a group as (rows, columns, LANES).
+
+    In lanes that are left the last run repeats, as :func:`members` has it.
+    """
+    out = unfilled(*runs.shape[1:])
+    out[:, :, : len(runs)] = np.moveaxis(runs, 0, -1)
+    out[:, :, len(runs) :] = runs[-1, :, :, np.newaxis]
+    return out
+
+
+def out_of_lanes(values: np.ndarray, runs: int) -> np.ndarray:
+    """Return the matrices (R, rows, columns) of a group of R runs from (rows, columns, LANES)."""
+    return np.ascontiguousarray(np.moveaxis(values[:, :, :runs], -1, 0))
 
 
 @compiled

@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from ..ins.adjoint import Noise, noise_roots
 from ..ins.error_model import (
     ACCELEROMETER_BIAS,
     ATTITUDE,
@@ -23,7 +24,7 @@ from ..ins.error_model import (
 from ..ins.imu import Imu, SensorErrors
 from ..ins.strapdown import altimeter_gains
 from ..ins.system_matrix import STATES, sparse
-from ..ins.transitions import Noise, delayed_rows_lanes, noise_roots, transitions_lanes
+from ..ins.transitions import delayed_rows_lanes, transitions_lanes
 from ..sensors.gradiometer.faults import Faults
 from ..sensors.gradiometer.instrument import Gradiometer, noise_rms, parse_components
 from ..sensors.gradiometer.lowpass import LowPass

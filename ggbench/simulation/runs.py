@@ -27,7 +27,7 @@ from ..ins.error_model import (
     navigation_errors,
 )
 from ..ins.strapdown import TRACK, navigate_lanes
-from ..numerics.kernels import LANES, aligned
+from ..numerics.lanes import groups, in_lanes, out_of_lanes, unfilled
 from ..numerics.rotations import between, rotation_matrix
 from ..problem import Problem, StateBlock
 from ..sensors.gradiometer.faults import biases as gradiometer_biases
@@ -145,8 +145,7 @@ def simulate_block(
     )
     delays = treatment.delay_samples * spec.period_s
     ins = Navigation.empty(len(streams), len(times), model.dimension)
-    for first in range(0, len(streams), LANES):
-        some = slice(first, first + LANES)
+    for some in groups(len(streams)):
         _navigate(flight, delays, streams[some], ins.of_runs(some))
     output, instrument_biases = _gradiometer_output(flight, streams)
     missing = _missing(flight, streams)
@@ -224,37 +223,30 @@ class Navigation(NamedTuple):
 def _navigate(
     flight: Flight, delays: np.ndarray, streams: Sequence[RandomStreams], out: Navigation
 ) -> None:
-    """Navigate up to LANES runs at once; ``delays`` (K,) are those of the readings [s]."""
+    """Navigate a group of runs at once; ``delays`` (K,) are those of the readings [s]."""
     truth, true, model, epochs = flight.trajectory, flight.true, flight.model, flight.epochs
     runs, count, dt = len(streams), len(flight.delta_angles), truth.dt
     increments, biases = _inertial_readings(flight, streams)
-    track = aligned((count + 1) * TRACK * LANES).reshape(count + 1, TRACK, LANES)
+    track = unfilled(count + 1, TRACK)
     sigma = np.sqrt(np.diag(true.prior_cov)[:STATES])
-    initial = np.empty((TRACK, LANES))
-    for lane in range(LANES):
-        if lane < runs:
-            initial[:, lane] = _perturbed(
-                truth, sigma * streams[lane].initial.standard_normal(STATES)
-            )
-        else:
-            initial[:, lane] = initial[:, 0]
-    navigate_lanes(initial, increments, dt, *_altimeter_readings(flight, streams), track)
+    initial = [_perturbed(truth, sigma * s.initial.standard_normal(STATES)) for s in streams]
+    heights, gains = _altimeter_readings(flight, streams)
+    navigate_lanes(
+        in_lanes(np.stack(initial)[:, np.newaxis]), increments, dt, heights, gains, track
+    )
 
-    def of_runs(lanes: np.ndarray) -> np.ndarray:
-        return np.moveaxis(lanes, -1, 0)[:runs]
-
-    out.states[:] = of_runs(track[epochs])
+    out.states[:] = out_of_lanes(track[epochs], runs)
     out.biases[:] = biases
     earlier = np.maximum(epochs - delays / dt, 0.0)
     first = earlier.astype(int)
     share = earlier - first
     before, after = track[first], track[np.minimum(first + 1, count)]
     moved = share[:, np.newaxis, np.newaxis] * (after - before)[:, :3]
-    out.delayed_positions[:] = of_runs(before[:, :3] + moved)
+    out.delayed_positions[:] = out_of_lanes(before[:, :3] + moved, runs)
     shape = out.delayed_attitudes.shape
     out.delayed_attitudes[:] = out.states[:, :, 6:].reshape(shape)
     if model.gradiometer.instrument == "strapdown" and delays.any():
-        start, end = (np.ascontiguousarray(of_runs(c[:, 6:])) for c in (before, after))
+        start, end = (out_of_lanes(c[:, 6:], runs) for c in (before, after))
         turned = between(start.reshape(-1, 3, 3), end.reshape(-1, 3, 3), np.tile(share, runs))
         out.delayed_attitudes[:] = turned.reshape(shape)
     model.along(track, increments, epochs, dt, out.transition, out.process_cov)
@@ -287,7 +279,7 @@ def _inertial_readings(
     if not imu.distorts:
         exact.append(np.hstack([flight.delta_angles, flight.delta_velocities]))
     histories = np.stack(biases)
-    increments = aligned(count * 6 * LANES).reshape(count, 6, LANES)
+    increments = unfilled(count, 6)
     imu.measure(
         np.stack(exact), histories[:, 1:] if imu.wanders else histories, noise, dt, increments
     )
@@ -297,19 +289,14 @@ def _inertial_readings(
 def _altimeter_readings(
     flight: Flight, streams: Sequence[RandomStreams]
 ) -> tuple[np.ndarray, tuple[float, float]]:
-    """Return the heights (N, LANES) that damp the mechanization, and gains; (0, LANES) without."""
+    """Return the heights (N, 1, LANES) that damp the mechanization, and gains; none without."""
     truth = flight.trajectory
     if flight.true.altimeter is None:
-        return np.empty((0, LANES)), (0.0, 0.0)
+        return unfilled(0, 1), (0.0, 0.0)
     gains, psd = flight.true.altimeter
-    heights = np.empty((len(truth.times) - 1, LANES))
-    for lane in range(LANES):
-        if lane < len(streams):
-            noise = streams[lane].altimeter.standard_normal(len(heights))
-            heights[:, lane] = truth.positions[1:, 2] + math.sqrt(psd / truth.dt) * noise
-        else:
-            heights[:, lane] = heights[:, 0]
-    return heights, gains
+    exact, sigma = truth.positions[1:, 2], math.sqrt(psd / truth.dt)
+    heights = [exact + sigma * s.altimeter.standard_normal(len(exact)) for s in streams]
+    return in_lanes(np.stack(heights)[:, :, np.newaxis]), gains
 
 
 def _gradiometer_output(

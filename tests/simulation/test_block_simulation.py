@@ -13,6 +13,7 @@ from ggbench.block import ProblemBlock
 from ggbench.ins import error_model
 from ggbench.ins.strapdown import navigate, navigate_lanes
 from ggbench.numerics.kernels import LANES
+from ggbench.numerics.lanes import in_lanes, lanes
 from ggbench.simulation.error_free_flight import Flight, prepare
 from ggbench.simulation.runs import (
     RandomStreams,
@@ -135,13 +136,12 @@ def test_error_model_along_tracks_is_that_of_each_track(what):
     truth, model, dt = flight.trajectory, flight.model, flight.trajectory.dt
     rng = np.random.default_rng(1)
     exact = np.hstack([flight.delta_angles, flight.delta_velocities])
-    increments = exact[:, :, np.newaxis] + 1e-4 * rng.normal(size=(*exact.shape, LANES))
+    increments = in_lanes(exact + 1e-4 * rng.normal(size=(3, *exact.shape)))
     start = np.concatenate([truth.positions[0], truth.velocities[0], truth.attitudes[0].ravel()])
-    track = np.empty((len(exact) + 1, 15, LANES))
+    track = lanes(len(exact) + 1, 15)
     navigate_lanes(
-        np.repeat(start[:, np.newaxis], LANES, axis=1), increments, dt, np.empty((0, LANES)),
-        (0.0, 0.0), track,
-    )  # fmt: skip
+        in_lanes(start.reshape(1, 1, 15)), increments, dt, lanes(0, 1), (0.0, 0.0), track
+    )
     epochs, delays = np.array([7, 8, 30]), np.array([0.2, 0.0, 0.333])
     transition, process_cov = np.empty((2, 3, 3, model.dimension, model.dimension))
     rows = np.empty((3, 3, 6, 15))
