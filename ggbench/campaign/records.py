@@ -19,7 +19,7 @@ from ..problem import Causality, Problem
 from ..results.store import DETAILED_RUN, SERIES_RUNS, Result, kept_epochs
 from ..sensors.gradiometer.instrument import COMPONENTS
 from ..simulation.error_free_flight import Flight
-from ..simulation.runs import random_streams
+from ..simulation.random_streams import random_streams
 from ..spec.case import CaseSpec
 from .registry import Choice
 

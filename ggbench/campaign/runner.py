@@ -28,7 +28,8 @@ from ..errors import GGBenchError
 from ..judging import run_errors
 from ..problem import CountingModel, Estimate, Estimator, MeasurementModel, Problem
 from ..results.store import Result
-from ..simulation.runs import Flight, prepare, simulate, simulate_block
+from ..simulation.error_free_flight import Flight, prepare
+from ..simulation.runs import simulate, simulate_block
 from ..spec.case import CaseSpec
 from . import result_keys
 from .records import Estimated, blank, judged, remarks

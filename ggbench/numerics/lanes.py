@@ -15,22 +15,23 @@ from .vectors import load_from, splat, store_from, transposed, with_sign
 
 
 @compiled
-def lanes(rows: int, columns: int) -> np.ndarray:
-    """Return an array (rows, columns, LANES) of zeros whose vectors lie within lines of cache."""
-    array = aligned(rows * columns * LANES)
-    array[:] = 0.0
-    return array.reshape((rows, columns, LANES))
-
-
 def unfilled(rows: int, columns: int) -> np.ndarray:
-    """Return what :func:`lanes` does, but not yet filled; long tracks are not written twice."""
-    return np.reshape(aligned(rows * columns * LANES), (rows, columns, LANES))
+    """Return an array (rows, columns, LANES) whose vectors lie within lines of cache."""
+    return aligned(rows * columns * LANES).reshape((rows, columns, LANES))
+
+
+@compiled
+def lanes(rows: int, columns: int) -> np.ndarray:
+    """Return what :func:`unfilled` does, filled with zeros; long tracks are not written twice."""
+    array = unfilled(rows, columns)
+    array[:] = 0.0
+    return array
 
 
 @compiled
 def series(count: int, rows: int, columns: int) -> np.ndarray:
     """Return an array (count, rows, columns, LANES), not yet filled: a matrix of each epoch."""
-    return aligned(count * rows * columns * LANES).reshape((count, rows, columns, LANES))
+    return unfilled(count * rows, columns).reshape((count, rows, columns, LANES))
 
 
 @compiled

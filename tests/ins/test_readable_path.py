@@ -8,7 +8,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ggbench.gravity import ellipsoid
-from ggbench.simulation.runs import random_streams, simulate_block
+from ggbench.simulation.random_streams import random_streams
+from ggbench.simulation.runs import simulate_block
 
 SEED, RUN = 11, 3
 

@@ -21,7 +21,8 @@ from ggbench.sensors.gradiometer.instrument import (
     channel,
 )
 from ggbench.simulation.error_free_flight import Flight
-from ggbench.simulation.runs import random_streams, simulate
+from ggbench.simulation.random_streams import random_streams
+from ggbench.simulation.runs import simulate
 from ggbench.spec.scenario import ScenarioError
 
 ASKEW = {"trajectory.heading_deg": 37.0, "trajectory.roll_deg": 12.0, "trajectory.pitch_deg": 1.0}

@@ -20,7 +20,8 @@ from ggbench.sensors.gradiometer.rotating import (
 )
 from ggbench.sensors.gradiometer.spinning_disks import DISK_CHANNELS
 from ggbench.simulation.error_free_flight import Flight
-from ggbench.simulation.runs import random_streams, simulate
+from ggbench.simulation.random_streams import random_streams
+from ggbench.simulation.runs import simulate
 
 WHOLE = ROTATING | {"gradiometer.rotating.rotation_hz": 1.0}
 """Whole turns in a reading."""

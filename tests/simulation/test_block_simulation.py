@@ -15,13 +15,8 @@ from ggbench.ins.strapdown import navigate, navigate_lanes
 from ggbench.numerics.kernels import LANES
 from ggbench.numerics.lanes import in_lanes, lanes
 from ggbench.simulation.error_free_flight import Flight, prepare
-from ggbench.simulation.runs import (
-    RandomStreams,
-    TruthBlock,
-    random_streams,
-    simulate,
-    simulate_block,
-)
+from ggbench.simulation.random_streams import RandomStreams, random_streams
+from ggbench.simulation.runs import TruthBlock, simulate, simulate_block
 from ggbench.spec import scenario
 
 SEED = 5
