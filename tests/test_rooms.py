@@ -90,9 +90,8 @@ def test_rooms_know_only_what_stands_above_them():
 @pytest.mark.parametrize(
     ("place", "line"),
     [
-        ("ggbench/gravity/field.py", "from ..simulation.runs import (simulate\n")(
-            "ggbench/sensors/gradiometer/lowpass.py", "from ...ins import strapdown\n"
-        ),
+        ("ggbench/gravity/field.py", "from ..simulation.runs import simulate\n"),
+        ("ggbench/sensors/gradiometer/lowpass.py", "from ...ins import strapdown\n"),
         ("ggbench/campaign/runner.py", "from ..report import tables\n"),
         ("ggbench/api.py", "from .report import tables\n"),
         ("ggbench/report/tables.py", "from ..campaign.records import judged\n"),
@@ -101,9 +100,8 @@ def test_rooms_know_only_what_stands_above_them():
         ("ggbench/engines/filters.py", "from ..estimators import ekf\n"),
         ("ggbench/numerics/lanes.py", "from .. import block\n"),
         ("ggbench/attic.py", "import numpy\n"),
-        ("estimators/ekf.py", "from ..simulation.runs import (simulate\n")(
-            "estimators/ins.py", "from ggbench.results import store\n"
-        ),
+        ("estimators/ekf.py", "from ..simulation.runs import simulate\n"),
+        ("estimators/ins.py", "from ggbench.results import store\n"),
     ],
 )
 def test_an_import_that_climbs_is_seen(tmp_path, place, line):
