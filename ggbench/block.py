@@ -86,10 +86,6 @@ class ProblemBlock:
         )
 
 
-MOST_STATES, MOST_COMPONENTS = 24, 9
-"""Sizes of the largest problem that compiled engines take."""
-
-
 def block_of(problem: Problem) -> ProblemBlock:
     """Return a block of one run.
 
@@ -172,15 +168,9 @@ class BlockEstimator(Estimator):
         return self.estimate_block(block_of(problem)).estimate(0)
 
     def skip(self, problem: Problem) -> str | None:
-        """Refuse what no compiled engine can take: other models, problems that are too large."""
-        n, m = problem.dimension, problem.measurements.shape[1]
+        """Refuse the models that no compiled engine can take."""
         if not isinstance(problem.model, CompiledModel):
             return _without_arrays(problem.model)
-        if n > MOST_STATES or m > MOST_COMPONENTS:
-            return (
-                f"a compiled engine takes up to {MOST_STATES} states and {MOST_COMPONENTS} "
-                f"components, not {n} and {m}"
-            )
         return None
 
 

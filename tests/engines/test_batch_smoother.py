@@ -70,3 +70,16 @@ def test_steps_that_need_damping_are_gtsams():
     assert counters["map_evaluations"][0] > (1 + counters["iterations"][0]) * block.epochs
     assert counters["iterations"][0] == expected["iterations"]
     assert counters["error"][0] == pytest.approx(expected["error"], rel=1e-6)
+
+
+def test_damping_of_a_neighbour_changes_nothing():
+    """A run that needs no damping is solved in company of one that does as alone: the same bits."""
+    whole = batch_smoother.smoother(block_of_runs("jacksboro_drone", "1E", 0, 3), MOST)
+    epochs = block_of_runs("jacksboro_drone", "1E", 0, 3).epochs
+    damped = whole[2]["map_evaluations"] > (1 + whole[2]["iterations"]) * epochs
+    assert damped[1]
+    assert not damped.all()
+    for run in range(3):
+        alone = batch_smoother.smoother(block_of_runs("jacksboro_drone", "1E", run, run + 1), MOST)
+        for one, all_of_them in zip(alone[:2], whole[:2], strict=True):
+            np.testing.assert_array_equal(one[0], all_of_them[run])

@@ -40,3 +40,19 @@ def test_large_turns_are_rotations(angle):
         np.testing.assert_allclose(
             ours, Rotation.from_rotvec(vector).as_matrix(), rtol=0.0, atol=2e-15
         )
+
+
+@pytest.mark.parametrize("angle", [1e-9, 1e-3, 0.3, 1.5, 2.5])
+def test_the_left_jacobian_is_the_derivative_of_a_rotation(angle):
+    """exp([(v + δ)×]) = exp([(J δ)×]) exp([v×]): by central differences, to their 1e-9."""
+    step = 1e-5
+    for axis in np.random.default_rng(3).normal(size=(20, 3)):
+        vector = angle * axis / np.linalg.norm(axis)
+        jacobian = np.reshape(rotations.left_jacobian(*vector), (3, 3))
+        numeric = np.empty((3, 3))
+        for i in range(3):
+            ends = [
+                Rotation.from_rotvec(vector + side * step * np.eye(3)[i]) for side in (1.0, -1.0)
+            ]
+            numeric[:, i] = (ends[0] * ends[1].inv()).as_rotvec() / (2.0 * step)
+        np.testing.assert_allclose(jacobian, numeric, atol=1e-9)
