@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Protocol, TypeGuard, runtime_checkable
 
 import numpy as np
 
-from .numerics.frozen import read_only
+from .numerics.frozen import freeze_arrays, read_only
 from .problem import Causality, Estimate, Estimator, MeasurementModel, Problem, StateBlock
 from .sensors.model import GradiometerModel
 from .sensors.model_kernels import ModelArrays
@@ -51,10 +51,7 @@ class ProblemBlock:
     layout: tuple[StateBlock, ...]
 
     def __post_init__(self) -> None:
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if isinstance(value, np.ndarray):
-                object.__setattr__(self, item.name, read_only(value))
+        freeze_arrays(self, read_only)
 
     @property
     def runs(self) -> int:

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
 
 import numpy as np
 
-from .numerics.frozen import frozen
+from .numerics.frozen import freeze_arrays
 
 Causality = Literal["none", "filter", "fixed-lag", "batch"]
 
@@ -77,10 +77,7 @@ class Problem:
     layout: tuple[StateBlock, ...]
 
     def __post_init__(self) -> None:
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if isinstance(value, np.ndarray):
-                object.__setattr__(self, item.name, frozen(value))
+        freeze_arrays(self)
 
     def __repr__(self) -> str:
         first, last = (round(float(time), 6) for time in self.times[[0, -1]])

@@ -11,13 +11,13 @@ derivatives are for a displacement of one metre east, north and up, with axes th
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import GGBenchError
-from ..numerics.frozen import frozen
+from ..numerics.frozen import freeze_arrays
 from ..numerics.kernels import compiled, inlined
 from .ellipsoid import (
     metres_per_radian_of,
@@ -214,8 +214,7 @@ class Field:
     disturbance_coefficients: np.ndarray
 
     def __post_init__(self) -> None:
-        for item in fields(self):
-            object.__setattr__(self, item.name, frozen(getattr(self, item.name)))
+        freeze_arrays(self)
 
     @classmethod
     def normal(cls) -> Field:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ..errors import GGBenchError
-from ..numerics.frozen import frozen
+from ..numerics.frozen import freeze_arrays
 from ..problem import Estimate, Problem
 from ..simulation.runs import Truth
 from ..spec.case import WindowsSpec
@@ -51,10 +51,7 @@ class Judgement:
     windows: Mapping[str, Mapping[str, float]]
 
     def __post_init__(self) -> None:
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if isinstance(value, np.ndarray):
-                object.__setattr__(self, item.name, frozen(value))
+        freeze_arrays(self)
 
     @property
     def position_mrse_m(self) -> float:

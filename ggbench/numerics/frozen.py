@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import fields
+from typing import Any
+
 import numpy as np
 
 
@@ -18,3 +22,11 @@ def read_only(array: np.ndarray) -> np.ndarray:
         contiguous = contiguous.view()
         contiguous.flags.writeable = False
     return contiguous
+
+
+def freeze_arrays(instance: Any, freeze: Callable[[np.ndarray], np.ndarray] = frozen) -> None:
+    """Replace the arrays among the fields of a frozen dataclass: for its ``__post_init__``."""
+    for item in fields(instance):
+        value = getattr(instance, item.name)
+        if isinstance(value, np.ndarray):
+            object.__setattr__(instance, item.name, freeze(value))
