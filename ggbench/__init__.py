@@ -34,10 +34,10 @@ time have the epochs first: (K, ...).
 from __future__ import annotations
 
 from importlib import import_module
-from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 from .numerics import cache
+from .numerics.source import VERSION
 
 if TYPE_CHECKING:
     from . import maps as maps
@@ -56,7 +56,7 @@ if TYPE_CHECKING:
     from .simulation.runs import Truth as Truth
     from .spec.scenario import Scenario as Scenario
 
-__version__ = version("ggbench")
+__version__ = VERSION
 cache.keep_apart()
 
 _MODULES = {

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .campaign import campaign, registry
+from .campaign import campaign, registry, running
 from .campaign.campaign import CampaignError
 from .campaign.runner import flight_of
 from .errors import GGBenchError
@@ -196,14 +196,14 @@ def run(
             _listed(cases, str, "cases") or chosen_cases, assumptions, time_limit, fresh,
         )  # fmt: skip
 
-        def told(step: campaign.Step) -> None:
+        def told(step: running.Step) -> None:
             if step.done == 0:
                 for remark in step.remarks:
                     warnings.warn(remark, stacklevel=4)
             if progress is not None:
                 progress(step.done, step.total)
 
-        ended = campaign.run(work, processes, cluster, told)
+        ended = running.run(work, processes, cluster, told)
         results = Results(work.folder, ended.store)
         if kept is not None:
             # At the latest when the process ends.

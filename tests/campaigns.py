@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from problems import SMALL
 
-from ggbench.campaign import campaign, execution
+from ggbench.campaign import execution, running
 from ggbench.campaign.campaign import Campaign
 from ggbench.results.folder import Results, write_tables
 from ggbench.spec import scenario
@@ -46,7 +46,7 @@ def ran(
     engine = (
         execution.in_processes(tasks, jobs, work.limit) if jobs else execution.in_process(tasks)
     )
-    campaign.execute(engine, store, lambda batch: None)
+    running.execute(engine, store, lambda batch: None)
     results = Results(work.folder, store)
     write_tables(results)
     return results

@@ -15,8 +15,7 @@ from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
-from .. import __version__
-from ..numerics.source import source_hash
+from ..numerics.source import VERSION, source_hash
 from ..simulation.field_source import map_content
 from ..spec.case import CaseSpec
 
@@ -28,7 +27,7 @@ _PACKAGES = ("numpy", "scipy", "filterpy", "gtsam", "numba")
 def environment() -> dict[str, Any]:
     """Return the versions that a result depends on: of the package, its source, its libraries."""
     return {
-        "ggbench": __version__,
+        "ggbench": VERSION,
         "source_hash": source_hash(),
         "versions": {
             "python": platform.python_version(),

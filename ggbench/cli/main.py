@@ -20,7 +20,7 @@ from ..spec.limits import MOST_RUNS, MOST_SEED
 from .maps import map_group
 
 if TYPE_CHECKING:
-    from ..campaign.campaign import Ended
+    from ..campaign.running import Ended
     from .library import Outcome
 
 console = Console()
@@ -210,7 +210,7 @@ class _Asked:
 
 def _run_scenario(name: str, asked: _Asked, output: Path | None) -> Outcome:
     """Run a scenario, into results/SCENARIO without an output; return how it ended."""
-    from ..campaign import campaign
+    from ..campaign import campaign, running
     from ..spec import scenario
     from .progress import Progress
 
@@ -222,7 +222,7 @@ def _run_scenario(name: str, asked: _Asked, output: Path | None) -> Outcome:
     if len(loaded.cases) > _MANY_CASES:
         click.echo(f"preparing {len(loaded.cases)} cases")
     with Progress(console) as progress:
-        ended = campaign.run(work, asked.jobs, asked.cluster, progress.tell)
+        ended = running.run(work, asked.jobs, asked.cluster, progress.tell)
     outcome = _finish(work.folder, ended)
     if ended.missing:
         raise campaign.CampaignError(

@@ -15,7 +15,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from ..campaign.campaign import Step
+from ..campaign.running import Step
 from ..results.folder import Results
 
 _WINDOW = "settled"

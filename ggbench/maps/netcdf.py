@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import __version__
 from ..gravity.ellipsoid import FLATTENING, SEMI_MAJOR_AXIS
 from ..gravity.gradient_map import GradientMap, MapError
+from ..numerics.source import VERSION
 
 Array = NDArray[np.floating]
 Layer = tuple[NDArray[Any], NDArray[Any]]
@@ -154,7 +154,7 @@ def _write(
             {
                 "Conventions": "CF-1.11",
                 "format": FORMAT,
-                "ggbench_version": __version__,
+                "ggbench_version": VERSION,
                 "frame": FRAME,
                 "comment": CONTENT,
                 **attributes,

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import __version__
 from ..gravity.ellipsoid import SEMI_MAJOR_AXIS
 from ..gravity.gradient_map import MapError
 from ..gravity.harmonics import HarmonicCoefficients, without_normal_field
 from ..gravity.remove_restore import MARGIN_DEG, TAPER_DEG, Residual, height_anomaly
+from ..numerics.source import VERSION
 from .gravity_grid import elevation_at, read_grid
 from .gravity_model import read_model
 from .netcdf import TENSOR, VECTOR, Layer, Nodes, described
@@ -94,7 +94,7 @@ def plan(inputs: Inputs, wishes: Wishes, command: str) -> Plan:
     attributes = {
         "title": f"Gravity-gradient map: {sources.title}",
         "source": "; ".join(sources.words),
-        "history": f"ggbench {__version__}: {command}",
+        "history": f"ggbench {VERSION}: {command}",
         "source_files": described(sources.hashes),
         "parameters": described(sources.parameters),
     }

@@ -1,4 +1,4 @@
-"""Hashes of the package's own source: of what compiled code, maps and results are made with.
+"""The version, and hashes of the source: of what compiled code, maps and results are made with.
 
 Whole rooms are hashed, never a list of files that somebody has to remember.
 """
@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import hashlib
 from functools import cache
+from importlib.metadata import version
 from pathlib import Path
 
+VERSION = version("ggbench")
 PACKAGE = Path(__file__).parent.parent
 COMPILED_ROOMS = ("numerics", "gravity", "ins", "sensors", "trajectory", "engines", "judging")
 """Rooms that hold compiled code, or constants that are compiled into it."""

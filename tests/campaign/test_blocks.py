@@ -9,7 +9,7 @@ import pytest
 from campaigns import assert_equal, plan, ran, records, small
 from problems import SMALL, linear_problem
 
-from ggbench.campaign import campaign, execution, runner
+from ggbench.campaign import execution, runner, running
 from ggbench.campaign import records as kept
 from ggbench.campaign.registry import choose
 from ggbench.report import scenario_report
@@ -238,7 +238,7 @@ def test_an_interrupted_block_goes_on_with_the_runs_that_are_missing(many, tmp_p
         return real(flight, seed, runs)
 
     monkeypatch.setattr(runner, "simulate_block", seen)
-    campaign.execute(execution.in_process(tasks), store, lambda batch: None)
+    running.execute(execution.in_process(tasks), store, lambda batch: None)
     assert ran_runs == [[1, 4, 5]] * 2
     assert work.missing(store) == 0
     assert_equal(Results(store.folder, store), whole)

@@ -10,7 +10,7 @@ import pytest
 from campaigns import LABELS, assert_equal, plan, ran, records, small
 from problems import SMALL, LinearModel, changed
 
-from ggbench.campaign import campaign, execution, registry, result_keys, runner
+from ggbench.campaign import execution, registry, result_keys, runner, running
 from ggbench.campaign.campaign import CampaignError
 from ggbench.report import scenario_report
 from ggbench.results.folder import Results
@@ -246,7 +246,7 @@ def test_a_campaign_goes_on_where_it_stopped(tmp_path):
     store, remarks = work.open()
     assert remarks == []
     assert missing(work, store) == {k for k in records(whole) if k[2] > 0 or k[1] == LABELS[2]}
-    campaign.execute(execution.in_process(work.tasks(store)), store, lambda batch: None)
+    running.execute(execution.in_process(work.tasks(store)), store, lambda batch: None)
     assert_equal(Results(store.folder, store), whole)
     assert work.tasks(store).results == 0
 
@@ -389,7 +389,7 @@ def test_a_worker_runs_nothing_but_what_was_planned(tmp_path):
     tasks = work.tasks(store)
     naughty(tmp_path, median=1.0)
     with pytest.raises(runner.OtherSourceError, match="is not what the campaign was started with"):
-        campaign.execute(execution.in_processes(tasks, 1, 60.0), store, lambda batch: None)
+        running.execute(execution.in_processes(tasks, 1, 60.0), store, lambda batch: None)
     assert store.finished() == {}
 
 
