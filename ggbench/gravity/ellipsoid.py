@@ -1,9 +1,9 @@
 """WGS84: the ellipsoid, its normal gravity and its normal gravity-gradient tensor.
 
-One compiled kernel, :func:`normal_field`, sums the even zonal harmonics J2..J12 of the normal
-potential. They reproduce the closed forms of normal gravity to 1e-13 and the normal gradient to
-1e-10 E (J14 is below 2e-19), so gravity, its derivative in the mechanization and the gradient that
-the gradiometer feels can never disagree.
+One sum of the even zonal harmonics J2..J12 gives the normal potential's derivatives. They reproduce
+the closed forms of normal gravity to 1e-13 and the normal gradient to 1e-10 E (J14 is below 2e-19),
+so gravity, its derivative in the mechanization and the gradient that the gradiometer feels can
+never disagree.
 
 Angles in rad, heights in m above the ellipsoid, gravity in m/s², gradients in E (1 E = 1e-9 s⁻²).
 The gradient is the *gravitational* part only: a gradiometer that does not rotate in inertial space

@@ -1,8 +1,7 @@
 """The gravity-gradient tensor at a point: normal field plus a map of the disturbing field.
 
 A :class:`Field` interpolates a :class:`~.gradient_map.GradientMap` by a tensor-product cubic
-B-spline in latitude, longitude and height (not-a-knot ends) and adds the exact normal field. The
-compiled point kernels below are the only implementation: simulation, h and H all call them.
+B-spline in latitude, longitude and height (:mod:`.spline`) and adds the exact normal field.
 
 Tensor components are ordered [EE, EN, EU, NN, NU, UU] (x = east, y = north, z = up), in E;
 derivatives are for a displacement of one metre east, north and up, with axes that move along.

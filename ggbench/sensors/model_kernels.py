@@ -273,7 +273,8 @@ def linearise_reading(
     """Fill h [E], biases left out, and its derivative by the error at a point of each run.
 
     For a platform the derivative is D6(C_in) { ∂Γ/∂r + [∂L_φ/∂φ][∂φ_in/∂r] }, the field's change
-    and the local level's turn (eqs. 11, 12 of Wang et al. 2013).
+    and the local level's turn (eqs. 11, 12 of Wang et al. 2013). An attitude error beyond π is
+    taken as the turn that it amounts to.
 
     Parameters
     ----------
@@ -325,9 +326,9 @@ def linearise_reading(
                 turn = turn_of(t, -j[i], -j[3 + i], -j[6 + i])
                 _put_column(model.channels, rotated(c, turn), gain, 3 + i, out)
         t = rotated(c, t)
-    for c_ in range(model.channels.shape[0]):
-        value = load(here.offset, 0, c_) + gain * _combined(model.channels[c_], t)
-        store(predicted, 0, c_, value)
+    for m in range(model.channels.shape[0]):
+        value = load(here.offset, 0, m) + gain * _combined(model.channels[m], t)
+        store(predicted, 0, m, value)
     # The error's metres are measured at the reference, the slope's at the displaced point.
     _put_column(model.channels, d_e, -gain * east / per_east, 0, out)
     _put_column(model.channels, d_n, -gain * north / per_north, 1, out)
