@@ -79,12 +79,6 @@ def _weights(t: float, weight: np.ndarray) -> None:
     weight[0], weight[1], weight[2], weight[3] = _four_weights(t)
 
 
-@inlined
-def _slopes(t: float, slope: np.ndarray) -> None:
-    """Fill the derivatives of the four weights."""
-    slope[0], slope[1], slope[2], slope[3] = _four_slopes(t)
-
-
 _UNSIGNED = np.uint64
 """An index that cannot be negative: one that could be would keep a loop from running on vectors."""
 

@@ -7,6 +7,7 @@ by layer, never held in memory as a whole, and the same map always gives the sam
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import math
@@ -106,13 +107,26 @@ def write_layers(
     MapError
         If the file cannot be written.
     """
+    with written_whole(path) as temporary:
+        _write(temporary, nodes, layers, attributes, dtype, compression)
+        temporary.chmod(0o644)
+
+
+@contextlib.contextmanager
+def written_whole(path: Path) -> Iterator[Path]:
+    """Yield where to write the file of a map, which takes its place in one stroke or not at all.
+
+    Raises
+    ------
+    MapError
+        If it cannot be written.
+    """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".tmp", delete=False) as file:
             temporary = Path(file.name)
         try:
-            _write(temporary, nodes, layers, attributes, dtype, compression)
-            temporary.chmod(0o644)
+            yield temporary
             temporary.replace(path)
         except BaseException:
             temporary.unlink()

@@ -12,7 +12,6 @@ import dataclasses
 import hashlib
 import json
 import math
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -337,17 +336,5 @@ def write(path: Path | str, gradient_map: GradientMap) -> None:
 
 
 def _write_archive(path: Path, gradient_map: GradientMap) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".tmp", delete=False) as file:
-            temporary = Path(file.name)
-            try:
-                np.savez(file, allow_pickle=False, **vars(gradient_map))
-                file.close()
-                temporary.replace(path)
-            except BaseException:
-                temporary.unlink()
-                raise
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise MapError(f"cannot write the map {path}: {reason}") from None
+    with netcdf.written_whole(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, allow_pickle=False, **vars(gradient_map))
