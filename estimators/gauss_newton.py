@@ -17,9 +17,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from scipy.special import ndtri
 
+from ..numerics.kernels import compiled
 from ..problem import Causality, Estimate, Estimator, Problem
 from . import robust
 from .robust import Loss
@@ -256,7 +256,7 @@ class _Smoother:
         return minimum.trajectory.states * self.scale, cov * np.outer(self.scale, self.scale)
 
 
-@njit(cache=True)
+@compiled
 def _smooth(
     transition: np.ndarray,
     process_cov: np.ndarray,

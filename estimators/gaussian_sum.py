@@ -12,8 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from ..numerics.kernels import compiled
 from ..problem import Causality, Estimate, Estimator, Problem
 from . import robust
 from .robust import Loss
@@ -268,7 +268,7 @@ def _merged(
     return np.array(merged_weights), np.array(merged_means), np.array(merged_covs)
 
 
-@njit(cache=True)
+@compiled
 def _leaders(
     order: np.ndarray, means: np.ndarray, variances: np.ndarray, information: np.ndarray
 ) -> np.ndarray:

@@ -16,9 +16,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from ..numerics.kernels import compiled
 from .ellipsoid import (
     ECCENTRICITY_SQUARED,
     EOTVOS,
@@ -241,7 +241,7 @@ def _legendre_columns(degree: int, sine: Array, cosine: Array) -> Iterator[Array
         yield column
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _fill_column(
     sine: np.ndarray,
     sectorial: np.ndarray,

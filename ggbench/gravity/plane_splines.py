@@ -8,12 +8,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from ..numerics.kernels import compiled, copied
 from .stereographic import Plane, from_plane, to_plane
 
 
-@njit(cache=True, inline="always")
+@copied
 def _weights(t: float) -> tuple[float, float, float, float]:
     """The four cubic B-spline weights at 0 <= t <= 1 of a cell."""
     u = 1.0 - t
@@ -25,7 +25,7 @@ def _weights(t: float) -> tuple[float, float, float, float]:
     )
 
 
-@njit(cache=True)
+@compiled
 def _mirrored(index: int, count: int) -> int:
     """The index of a row of nodes continued by its mirror image at both ends."""
     period = 2 * (count - 1)
@@ -33,7 +33,7 @@ def _mirrored(index: int, count: int) -> int:
     return folded if folded < count else period - folded
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def resample(
     ground: np.ndarray,
     coefficients: np.ndarray,
@@ -86,7 +86,7 @@ def resample(
             surface[j, i] = edge + fade * (value - edge)
 
 
-@njit(cache=True, inline="always")
+@copied
 def _add_spline(u: float, v: float, coefficients: np.ndarray, value: np.ndarray) -> None:
     """Add to ``value`` (8,) the splines at the column u and the row v of their nodes."""
     column, row = math.floor(u), math.floor(v)
@@ -104,7 +104,7 @@ def _add_spline(u: float, v: float, coefficients: np.ndarray, value: np.ndarray)
         value[part] += total
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def evaluate(
     latitude: np.ndarray,
     longitude: np.ndarray,

@@ -12,8 +12,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from ..numerics.kernels import compiled
 from .ellipsoid import ECCENTRICITY_SQUARED, radii_of_curvature
 
 _ECCENTRICITY = math.sqrt(ECCENTRICITY_SQUARED)
@@ -44,13 +44,13 @@ def plane_at(latitude: float, longitude: float) -> Plane:
     return Plane(longitude, sine, cosine, 2.0 * prime_vertical * math.cos(latitude) / cosine)
 
 
-@njit(cache=True)
+@compiled
 def _conformal_sine(latitude: float) -> float:
     sine = min(max(math.sin(latitude), -_LARGEST_SINE), _LARGEST_SINE)
     return math.tanh(math.atanh(sine) - _ECCENTRICITY * math.atanh(_ECCENTRICITY * sine))
 
 
-@njit(cache=True)
+@compiled
 def to_plane(latitude: float, longitude: float, plane: Plane) -> tuple[float, float, float, float]:
     """Return x, y [m] and the x and y components of the local unit vector east."""
     sine = _conformal_sine(latitude)
@@ -68,7 +68,7 @@ def to_plane(latitude: float, longitude: float, plane: Plane) -> tuple[float, fl
     return x, y, east_x / norm, east_y / norm
 
 
-@njit(cache=True)
+@compiled
 def from_plane(x: float, y: float, plane: Plane) -> tuple[float, float]:
     """Return latitude and longitude [rad]; the longitude within pi of the centre's."""
     rho = math.hypot(x, y)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ..gravity.ellipsoid import SEMI_MAJOR_AXIS
 from ..gravity.gradient_map import GradientMap, MapError
-from ..numerics.cache import cache_folder
+from ..numerics.cache import alone, cache_folder
 from ..numerics.source import MAP_ROOMS, source_hash
 from . import netcdf, netcdf_reader
 from .shipped_regions import (
@@ -100,11 +100,14 @@ def load_or_build(recipe: MapRecipe) -> GradientMap:
     path = cache_folder() / "maps" / f"{content_key(recipe)}.npz"
     with contextlib.suppress(MapError):
         return read(path)
-    gradient_map = build(recipe)
-    # Without a copy on disk the map itself is as good.
-    with contextlib.suppress(MapError):
-        write(path, gradient_map)
-    return gradient_map
+    with alone(path):
+        with contextlib.suppress(MapError):
+            return read(path)
+        gradient_map = build(recipe)
+        # Without a copy on disk the map itself is as good.
+        with contextlib.suppress(MapError):
+            write(path, gradient_map)
+        return gradient_map
 
 
 def build(recipe: MapRecipe) -> GradientMap:

@@ -1,6 +1,6 @@
 """How the hot loops are compiled: three decorators, and what their settings are for.
 
-Kernels are kept on disk (see :mod:`.numerics.cache`) and let other threads run. They divide as
+Kernels are kept on disk (see :mod:`.compiling`) and let other threads run. They divide as
 NumPy does: by zero gives infinity or NaN, which is judged later; Python's exception would be a
 branch that keeps a loop from becoming vector instructions. A product and a sum may be one
 instruction.
@@ -8,17 +8,29 @@ instruction.
 
 from __future__ import annotations
 
-from functools import partial
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numba import njit
 
-_compile = partial(njit, cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-compiled = _compile()
+from .compiling import keep
+
+
+def _decorator(**options: Any) -> Any:
+    jit = njit(nogil=True, error_model="numpy", fastmath={"contract"}, **options)
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        return keep(jit(function))
+
+    return decorate
+
+
+compiled = _decorator()
 """A kernel."""
-inlined = _compile(forceinline=True)
+inlined = _decorator(forceinline=True)
 """Arithmetic that becomes part of the loops which call it, and is vectorised with them."""
-copied = _compile(inline="always")
+copied = _decorator(inline="always")
 """A part of a kernel that is compiled anew where it is used: sizes that are constants there make
 loops of known length, which become vector instructions without a remainder."""
 

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ..errors import GGBenchError
 from ..ins.strapdown import advance_position
+from ..numerics.kernels import compiled
 
 Array = NDArray[np.float64]
 
@@ -337,7 +337,7 @@ def enu(heading: Array, speed: Array, climb: Array) -> Array:
     )
 
 
-@njit(cache=True)
+@compiled
 def follow(position: Array, velocities: Array, dt: float) -> Array:
     """Return the positions (N, 3) to which velocities (N, 3) lead by the mechanization's rule."""
     positions = np.empty((velocities.shape[0], 3))

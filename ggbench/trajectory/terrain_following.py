@@ -20,9 +20,9 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 
 from ..errors import GGBenchError
+from ..numerics.kernels import compiled
 from .manoeuvres import Array, State, TrajectoryError, enu, follow
 
 _STEP = 0.1  # of the plan [s]
@@ -232,7 +232,7 @@ def _least_start(
     return high
 
 
-@njit(cache=True)
+@compiled
 def _limited(floor: Array, step: float, slope: float, acceleration: float) -> Array:
     """Return the envelope (N,) above a floor (N,) within limits of slope and acceleration."""
     count = floor.shape[0]
@@ -247,7 +247,7 @@ def _limited(floor: Array, step: float, slope: float, acceleration: float) -> Ar
     return _envelope(dilated, curvature)
 
 
-@njit(cache=True)
+@compiled
 def _envelope(values: Array, curvature: float) -> Array:
     """Return min over m of values[m] + curvature (n − m)² for every n (N,), in linear time.
 

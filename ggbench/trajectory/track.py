@@ -9,11 +9,11 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 from scipy.interpolate import CubicSpline, PchipInterpolator
 from scipy.linalg import solveh_banded
 
 from ..gravity.ellipsoid import radii_of_curvature
+from ..numerics.kernels import compiled
 from .manoeuvres import BANK_GRAVITY, Array, TrajectoryError
 from .track_file import parse
 
@@ -258,7 +258,7 @@ def _motion(splines: list[CubicSpline], times: Array) -> tuple[Array, Array]:
     return velocity, acceleration
 
 
-@njit(cache=True)
+@compiled
 def _radii(latitude: Array) -> Array:
     """Return the radii of curvature (2, N) [m] at latitudes (N,) [rad]."""
     radii = np.empty((2, latitude.shape[0]))

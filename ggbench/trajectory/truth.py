@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
+from ..numerics.kernels import compiled
 from ..numerics.rotations import attitude_matrix
 from .manoeuvres import BANK_GRAVITY, Manoeuvre, Segment, State, enu, follow, plan, sample
 
@@ -123,7 +123,7 @@ def _trajectory(
     )
 
 
-@njit(cache=True)
+@compiled
 def _attitudes(angles: np.ndarray) -> np.ndarray:
     attitudes = np.empty((angles.shape[0], 3, 3))
     for n in range(angles.shape[0]):

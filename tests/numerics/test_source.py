@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import shutil
 from pathlib import Path
@@ -10,7 +11,7 @@ import pytest
 
 import ggbench
 from ggbench.numerics import source
-from ggbench.numerics.source import COMPILED_ROOMS, MAP_ROOMS, source_hash
+from ggbench.numerics.source import COMPILED_ROOMS, MAP_ROOMS, module_hash, source_hash
 
 PACKAGE = Path(ggbench.__file__).parent
 SHOWN = ("figures", "report", "api.py", "cli")
@@ -75,3 +76,53 @@ def test_a_new_module_counts_and_a_renamed_one(copy):
     added = hash_of()
     (copy / "room" / "new.py").rename(copy / "room" / "other.py")
     assert len({before, added, hash_of()}) == 3
+
+
+def imported(file: Path) -> set[Path]:
+    """What a module imports from the package, as Python reads it."""
+    found = set()
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.Import):
+            assert not any(name.name.startswith("ggbench") for name in node.names), file
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level or not (node.module or "").startswith("ggbench"), file
+            base = file.parents[node.level - 1].joinpath(*(node.module or "").split("."))
+            for name in node.names if node.level else ():
+                places = base / f"{name.name}.py", base / name.name / "__init__.py"
+                places += base.with_suffix(".py"), base / "__init__.py"
+                found.add(next(place for place in places if place.is_file()))
+    return found
+
+
+def test_what_a_module_imports_is_found(copy):
+    """As Python finds it: in a function, of many lines, under another name, beside a comment."""
+    files = [PACKAGE / name for name in modules()]
+    assert {file: set(source._imported_directly(file)) for file in files} == {
+        file: imported(file) for file in files
+    }
+    odd = copy / "ins" / "odd.py"
+    odd.write_text(
+        "def f():\n    from ..gravity import (  # noqa: it (comes) late\n"
+        "        ellipsoid as e,\n        field,\n    )\n"
+    )
+    assert set(source._imported_directly(odd)) == imported(odd) != set()
+
+
+def test_compiled_code_is_known_by_all_that_it_is_made_of(copy, monkeypatch):
+    """Whatever a module imports, directly or not, changes its hash, and nothing else does."""
+    monkeypatch.setattr(source, "_VECTORS", copy / "numerics" / "vectors.py")
+    file = copy / "ins" / "strapdown.py"
+    before, found = module_hash(file), set()
+    for other in sorted(copy.rglob("*.py")):
+        text = other.read_bytes()
+        other.write_bytes(text + b"# another source\n")
+        if module_hash(file) != before:
+            found.add(other.relative_to(copy).as_posix())
+        other.write_bytes(text)
+    assert {"ins/strapdown.py", "gravity/ellipsoid.py", "numerics/vectors.py"} <= found
+    assert not {name.split("/")[0] for name in found} & {"sensors", "engines", "campaign"}
+    mine = copy.parent / "mine.py"
+    mine.write_text("one = 1\n")
+    before = module_hash(mine)
+    mine.write_text("one = 2\n")
+    assert module_hash(mine) != before
