@@ -8,7 +8,7 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: help paper sweep library bench bench-check agreement test lint format typecheck wheel-check lock clean
+.PHONY: help paper sweep library bench bench-check agreement test test-long test-all coverage lint format typecheck wheel-check lock clean
 
 help:
 	@echo "make paper        run the scenario wang2013 and write its report to reports/"
@@ -17,7 +17,9 @@ help:
 	@echo "make bench        measure the engines beside other packages; writes reports/speed.md"
 	@echo "make bench-check  check in a minute that the engines' ratios have not fallen"
 	@echo "make agreement    hold the compiled engines to the frameworks on every case (half an hour)"
-	@echo "make test         run the tests"
+	@echo "make test         run the tests, in as many processes as there are processors"
+	@echo "make test-all     run these and the long ones: agreement on every scenario, loops of faults"
+	@echo "make coverage     run the tests, and write which lines none of them runs to build/coverage"
 	@echo "make lint         check style and format"
 	@echo "make format       apply style fixes and format"
 	@echo "make typecheck    check the type annotations"
@@ -45,10 +47,24 @@ bench-check: $(INSTALLED)
 	PYTHONPATH=tests $(BIN)/python -m speed --check
 
 agreement: $(INSTALLED)
-	GGBENCH_TEST_AGREEMENT=all $(BIN)/python -m pytest tests/engines/test_agreement.py
+	GGBENCH_TEST_AGREEMENT=all $(BIN)/python -m pytest -m "" tests/engines/test_agreement.py
+
+# A file's tests stay in one process, in their order: what they share is made once.
+PYTEST := $(BIN)/python -m pytest -n logical --dist loadfile --no-loadscope-reorder
 
 test: $(INSTALLED)
-	$(BIN)/python -m pytest
+	$(PYTEST)
+
+test-long: $(INSTALLED)
+	$(PYTEST) -m long
+
+test-all: test test-long
+
+coverage: $(INSTALLED)
+	mkdir -p build/coverage
+	$(BIN)/python -m coverage run -m pytest
+	$(BIN)/python -m coverage combine --quiet
+	$(BIN)/python -m coverage report --skip-covered --show-missing
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import shutil
 import tomllib
 from collections.abc import Iterator
@@ -37,9 +38,18 @@ def room_of(name: str) -> str:
     return name.split(".")[0]
 
 
-def imported(file: Path, package: tuple[str, ...]) -> Iterator[tuple[int, str]]:
+def imported(file: Path, package: tuple[str, ...]) -> tuple[tuple[int, str], ...]:
     """(line, dotted name within the package) of what a file imports from it, wherever it does."""
-    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+    return imports_in(file.read_text(encoding="utf-8"), package)
+
+
+@functools.cache
+def imports_in(text: str, package: tuple[str, ...]) -> tuple[tuple[int, str], ...]:
+    return tuple(_imports_in(ast.parse(text), package))
+
+
+def _imports_in(tree: ast.Module, package: tuple[str, ...]) -> Iterator[tuple[int, str]]:
+    for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom):
             if node.level:
                 base = (*package[: len(package) - node.level + 1], *(node.module or "").split("."))

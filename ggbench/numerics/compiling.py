@@ -132,4 +132,5 @@ def _with_own_code(finalize: Any) -> Any:
     return finalize_with_own_code
 
 
-CPUCodeLibrary._finalize_final_module = _with_own_code(CPUCodeLibrary._finalize_final_module)
+_plain = CPUCodeLibrary._finalize_final_module
+CPUCodeLibrary._finalize_final_module = _with_own_code(_plain)  # type: ignore[method-assign]

@@ -1,8 +1,8 @@
 """The compiled engines beside the frameworks, which are the reference, on every shipped scenario.
 
-``make agreement`` sets GGBENCH_TEST_AGREEMENT=all: then all cases (twelve of a sweep), and 20 runs
-of the batch solution on each, which takes GTSAM its time; else the first case of each scenario, and
-two runs of the batch solution but for the paper's.
+The first case of each scenario (``make test`` has the paper's alone), and two runs of the batch
+solution but for the paper's. ``make agreement`` sets GGBENCH_TEST_AGREEMENT=all: then all cases
+(twelve of a sweep), and 20 runs of the batch solution on each, which takes GTSAM its time.
 """
 
 from __future__ import annotations
@@ -37,7 +37,11 @@ def cases_of(name: str) -> list[tuple[str, str]]:
     return [(name, case.name) for case in cases[:: -(-len(cases) // MOST_CASES)]]
 
 
-CASES = [case for name in scenario.shipped() for case in cases_of(name)]
+CASES = [
+    pytest.param(*case, marks=() if name == "wang2013" else pytest.mark.long)
+    for name in scenario.shipped()
+    for case in cases_of(name)
+]
 
 
 def compiled(label: str):
