@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import importlib
 import re
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
+from test_rooms import imported, room_of
 
 import ggbench
 from ggbench.numerics import source
 from ggbench.numerics.source import COMPILED_ROOMS, MAP_ROOMS, source_hash
 
 PACKAGE = Path(ggbench.__file__).parent
+NUMBERS = int | float | complex | tuple | list | dict | np.ndarray
 SHOWN = ("figures", "report", "api.py", "cli")
 """Parts that show results and make none."""
 
@@ -66,6 +70,47 @@ def test_compiled_code_is_in_rooms_that_are_hashed():
         name.split("/")[0] for name in modules() if compiles.search((PACKAGE / name).read_text())
     }
     assert found == set(COMPILED_ROOMS)
+
+
+def known_to(module: str) -> set[str]:
+    """Modules of the package that a module is made with: what it imports, and what they do."""
+    found: set[str] = set()
+    waiting = [module]
+    while waiting:
+        file = Path(waiting.pop())
+        if file.as_posix() in found:
+            continue
+        found.add(file.as_posix())
+        for _, name in imported(PACKAGE / file, file.parent.parts):
+            parts = name.split(".")
+            for count in range(len(parts), 0, -1):
+                candidate = Path(*parts[:count]).with_suffix(".py").as_posix()
+                if candidate in modules():
+                    waiting.append(candidate)
+                    break
+    return found
+
+
+def test_a_map_is_known_by_every_room_that_its_making_imports():
+    """Held against the imports: a room that is left out of the hash would leave stale maps."""
+    made_with = known_to("maps/recipe.py")
+    assert {"gravity/ellipsoid.py", "gravity/parker.py", "numerics/source.py"} <= made_with
+    assert {Path(file).parts[0] for file in made_with} - {"errors.py"} == set(MAP_ROOMS)
+
+
+def test_compiled_code_takes_its_numbers_from_rooms_that_are_hashed():
+    """What compiled rooms import from elsewhere is nothing that is compiled into them."""
+    taken = {
+        (file, name)
+        for file in modules(*COMPILED_ROOMS)
+        for _, name in imported(PACKAGE / file, Path(file).parent.parts)
+        if room_of(name) not in COMPILED_ROOMS
+    }
+    assert any(room_of(name) == "problem" for _, name in taken)
+    for file, name in taken:
+        module, _, thing = name.rpartition(".")
+        loaded = importlib.import_module(f"ggbench.{module}".rstrip("."))
+        assert not isinstance(getattr(loaded, thing), NUMBERS), (file, name)
 
 
 def test_a_new_module_counts_and_a_renamed_one(copy):
