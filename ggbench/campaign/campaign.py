@@ -32,6 +32,7 @@ from ..results.store import (
 )
 from ..simulation.runs import simulate
 from ..spec.case import CaseSpec
+from ..spec.oddities import oddities
 from ..spec.scenario import Scenario
 from . import result_keys
 from .records import lag_epochs, shared_arrays
@@ -258,7 +259,8 @@ class Campaign:
             If a case cannot be flown, or no estimator can take the scenario.
         """
         self._require_folder()
-        remarks = self._leave_out()
+        left_out = self._leave_out()
+        remarks = [*oddities(self.plan.scenario), *left_out]
         store = Store(self.folder, create=True, fresh=self.fresh)
         plan = self.plan
         if (self.folder / "manifest.json").exists():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import platform
 import resource
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -47,6 +48,13 @@ class Estimated:
     info: Sequence[dict[str, Any]]
     evaluations: Sequence[int]
     seconds: float
+
+
+def peak_memory_mb() -> float:
+    """Return the most memory [MiB] that this process has had in use."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    # In bytes on macOS, in KiB on Linux and the BSDs (getrusage(2) of each).
+    return peak / (2.0**20 if platform.system() == "Darwin" else 2.0**10)
 
 
 def blank(choice: Choice, run: int, seed: int) -> dict[str, Any]:
@@ -101,7 +109,7 @@ def judged(
     common = {
         "status": "ok",
         "bound": _bound_of(case, estimated.causality, estimated.lag),
-        "peak_memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0,
+        "peak_memory_mb": peak_memory_mb(),
     }
     kept = kept_epochs(len(times))
     results = []

@@ -20,7 +20,8 @@ class Step:
     Attributes
     ----------
     campaign, store : what is run, and the open folder with what is stored of it.
-    remarks : what its user should know: estimators left out, stored results that are not used.
+    remarks : what its user should know: odd values, estimators left out, stored results that are
+        not used.
     total, done : number of results that were missing when it began, and of those since stored.
     new : those stored since the last step.
     """

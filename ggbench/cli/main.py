@@ -91,8 +91,11 @@ def validate(file: str) -> None:
     """Check a scenario: FILE is a path or the name of a shipped one."""
     from ..campaign import campaign, registry
     from ..spec import scenario
+    from ..spec.oddities import oddities
 
     loaded = scenario.load(file)
+    for remark in oddities(loaded):
+        click.echo(f"Note: {remark}.")
     deque(campaign.check(loaded), maxlen=0)
     registry.choose_all([*loaded.campaign.estimators, loaded.campaign.assumption_estimator])
     click.echo(
@@ -182,9 +185,12 @@ def run(
     if one_run is not None:
         if runs or output or not resume or jobs is not None or cluster or time_limit or assumptions:
             raise click.UsageError("--run goes with -e, -c and --seed only: it stores nothing")
+        from ..spec.oddities import oddities
         from . import story
 
         loaded = scenario.load(scenario_name)
+        for remark in oddities(loaded.select(cases) if cases else replace(loaded, assumptions=())):
+            click.echo(f"Note: {remark}.")
         labels = [c.label for c in registry.choose_all(estimators or loaded.campaign.estimators)]
         seed = loaded.campaign.seed if seed is None else seed
         good = story.repeat(loaded, cases, labels, seed, one_run, console)

@@ -8,7 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import NullFormatter
 
-from .style import AIDED, BOUND, INS, Drawing, styled, subplots
+from .looks import looks
+from .style import BOUND, INS, Drawing, styled, subplots
 
 AXES = ("east", "north", "up")
 
@@ -23,20 +24,15 @@ def error_over_time(
     """
     count = len(panels)
     figure, grid = subplots(2, count, figsize=(4.0 * count + 0.6, 6.4), sharex=True, squeeze=False)
-    styles: dict[str, tuple[str, str]] = {}
-    for _, _, curves, _ in panels:
-        for name in curves:
-            if name not in styles:
-                colour = INS if name == "ins" else f"C{len(styles) % 10}"
-                # Beyond ten the colours repeat: lines of the same colour then differ in style.
-                turn = len(styles) + len(styles) // 10
-                styles[name] = (colour, ("-", "--", "-.", ":")[turn % 4])
+    drawn = looks(name for _, _, curves, _ in panels for name in curves)
     for column, (title, times, curves, bounds) in enumerate(panels):
         for row, quantity in enumerate(("position [m]", "velocity [m/s]")):
             axis: Axes = grid[row, column]
             for name, curve in curves.items():
-                colour, style = styles[name]
-                axis.semilogy(times, curve[:, row], style, color=colour, lw=1.4, label=name)
+                look = drawn[name]
+                axis.semilogy(
+                    times, curve[:, row], ls=look.ls, color=look.color, lw=1.4, label=name
+                )
             for number, (name, bound) in enumerate(bounds.items()):
                 axis.semilogy(
                     times, bound[:, row], color=BOUND, lw=0.9, ls=("-", ":", "--")[number % 3],
@@ -78,16 +74,17 @@ def component_errors(
     ``aided`` and ``ins`` are (K, 12): six errors and their six standard deviations; ``first`` is
     the first of the three columns shown (0: position, 3: velocity).
     """
+    colour = looks([label])[label].color
     figure, axes = subplots(3, 2, figsize=(8.0, 6.0), sharex=True)
     for axis in range(3):
         error, sigma = aided[:, first + axis], aided[:, 6 + first + axis]
         left, right = axes[axis]
         if ins is not None:
             left.plot(times, ins[:, first + axis], color=INS, lw=1.5, label="pure INS")
-        left.plot(times, error, color=AIDED, lw=1.2, label=label)
+        left.plot(times, error, color=colour, lw=1.2, label=label)
         left.set_ylabel(f"{AXES[axis]} [{unit}]")
-        right.fill_between(times, -3 * sigma, 3 * sigma, color=AIDED, alpha=0.15, label="±3σ")
-        right.plot(times, error, color=AIDED, lw=1.2, label=label)
+        right.fill_between(times, -3 * sigma, 3 * sigma, color=colour, alpha=0.15, label="±3σ")
+        right.plot(times, error, color=colour, lw=1.2, label=label)
         limit = 1.05 * np.percentile(np.maximum(3 * sigma, np.abs(error)), 98)
         right.set_ylim(-limit, limit)
     axes[0, 0].set_title("with the pure INS")

@@ -11,16 +11,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, NullLocator
 
+from .looks import Look, looks
 from .numbers import short
-from .style import INS, Drawing, styled, subplots
-
-_COLOURS = (
-    "tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple", "tab:brown", "tab:pink",
-    "tab:olive", "tab:cyan", "black", "navy", "darkgreen", "crimson", "goldenrod",
-)  # fmt: skip
-"""Without grey, which is the INS's."""
-_MARKERS = "osD^vP*Xhd"
-_STYLES = ("-", "--", "-.", ":")
+from .style import Drawing, styled, subplots
 
 
 @dataclass(frozen=True)
@@ -50,21 +43,6 @@ class Panels:
     shares: Mapping[str, Series]
     false_locks: Mapping[str, Series]
     times: Mapping[str, Series]
-
-
-def looks(labels: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Return how the line of each estimator is drawn, the same in all figures of a report."""
-    drawn = {}
-    aided = [label for label in labels if label != "ins"]
-    for label in labels:
-        number = 0 if label == "ins" else aided.index(label)
-        colour = INS if label == "ins" else _COLOURS[number % len(_COLOURS)]
-        drawn[label] = {
-            "color": colour,
-            "ls": _STYLES[(number // len(_COLOURS) + number) % 4],
-            "marker": "x" if label == "ins" else _MARKERS[number % len(_MARKERS)],
-        }
-    return drawn
 
 
 @styled()
@@ -115,7 +93,7 @@ def over_cases(rows: Sequence[Panels], labels: Sequence[str]) -> Drawing:
 
 def _over(
     axis: Axes, panels: Panels, series: Mapping[str, Series], labels: Sequence[str],
-    drawn: Mapping[str, Mapping[str, Any]],
+    drawn: Mapping[str, Look],
 ) -> None:  # fmt: skip
     """Draw one figure of every estimator over the cases of a row."""
     places = np.arange(len(panels.names), dtype=float)
@@ -128,7 +106,7 @@ def _over(
         # Side by side, so that equal shares do not hide each other.
         shift = 0.5 * gap * ((number + 0.5) / len(held) - 0.5)
         reach = np.abs(np.nan_to_num([line.value - line.low, line.high - line.value]))
-        look = dict(drawn[label])
+        look: dict[str, Any] = drawn[label]._asdict()
         if panels.priors is None:
             look["ls"] = ""
         axis.errorbar(
@@ -175,9 +153,12 @@ def against_time(
     for axis, (title, times, curves) in zip(grid.flat, panels, strict=False):
         for number, label in enumerate(label for label in labels if label in curves):
             # Thinner from line to line: what is below another one is seen at its sides.
-            look = {key: drawn[label][key] for key in ("color", "ls")}
+            look = drawn[label]
             width = max(3.2 - 0.5 * number, 1.0)
-            (handles[label],) = axis.step(times, curves[label], where="post", lw=width, **look)
+            (handles[label],) = axis.step(
+                times, curves[label], where="post", lw=width,
+                color=look.color, ls=look.ls,
+            )  # fmt: skip
         axis.set(title=title, ylim=(-0.04, 1.04))
         axis.yaxis.set_major_formatter(lambda value, _: f"{100.0 * value:.0f} %")
     for column in range(columns):

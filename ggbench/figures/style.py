@@ -17,8 +17,8 @@ from matplotlib.figure import Figure
 
 from ..errors import GGBenchError
 
-INS, AIDED, BOUND = "0.55", "tab:blue", "black"
-"""Colours of the INS, an aided solution and the bound."""
+INS, BOUND = "0.55", "black"
+"""Colours of the INS and the bound."""
 _SETTINGS = {
     "figure.dpi": 110,
     "font.size": 9,

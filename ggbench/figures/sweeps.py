@@ -17,6 +17,7 @@ from matplotlib.ticker import MaxNLocator
 
 from ..spec import sweep
 from ..spec.sweep import Axis
+from .looks import looks
 from .numbers import short
 from .style import INS, Drawing, styled, subplots
 
@@ -185,7 +186,10 @@ def curves(
     unaided: np.ndarray | None,
     across: Axis,
 ) -> Drawing:
-    """Draw position errors over an axis with the bounds dashed; ``unaided`` (n, m) is the INS's."""
+    """Draw position errors over an axis with the bounds dashed; ``unaided`` (n, m) is the INS's.
+
+    The lines of a panel without a title are estimators, those of others values of another axis.
+    """
     columns = min(len(panels), 2)
     rows = -(-len(panels) // columns)
     figure, grid = subplots(
@@ -198,7 +202,10 @@ def curves(
         if unaided is not None:
             low, high = np.fmin.reduce(unaided, axis=1), np.fmax.reduce(unaided, axis=1)
             axis.fill_between(across.values, low, high, fc=INS, ec=INS, lw=2.0, label="ins")
-        for line, colour in zip(lines, _shades(len(lines)), strict=True):
+        drawn = looks(line.label for line in lines)
+        shades = matplotlib.colormaps["viridis"](np.linspace(0.0, 0.93, len(lines)))
+        for line, shade in zip(lines, shades, strict=True):
+            colour: Any = shade if title else drawn[line.label].color
             axis.fill_between(across.values, *line.interval, color=colour, alpha=0.2, lw=0)
             axis.plot(across.values, line.values, ".-", color=colour, lw=1.3, label=line.label)
             axis.plot(across.values, line.bound, "--", color=colour, lw=0.9)
@@ -211,10 +218,3 @@ def curves(
     handles.append(Line2D([], [], color="0.3", lw=0.9, ls="--"))
     figure.legend(handles, [*names, "Cramér–Rao bound"], loc="outside lower center", ncols=5)
     return figure
-
-
-def _shades(count: int) -> list[Any]:
-    """Return so many colours, distinct for a few, in the order of a scale for more."""
-    if count <= 4:
-        return [f"C{i}" for i in range(count)]
-    return list(matplotlib.colormaps["viridis"](np.linspace(0.0, 0.93, count)))

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..gravity.gradient_map import GradientMap, MapError
+from . import checks
 from .netcdf import AXES, ENU, FEWEST_NODES, TENSOR, VECTOR, Layer, Nodes, variables
 
 Array = NDArray[np.floating]
@@ -22,7 +23,6 @@ Crop = tuple[float, float, float, float]
 """South, north, west, east [deg]."""
 
 _MARGIN_NODES = 4  # kept around a crop: there the ends of a spline are felt
-MOST_NODES_READ = 20_000_000  # 1.4 GB in memory, and twice that for a spline
 _UNITS = {
     "height": {"m", "metre", "metres", "meter", "meters"},
     "latitude": {"degrees_north", "degree_north", "degrees_n", "degree_n"},
@@ -49,14 +49,11 @@ def read(path: Path, crop: Crop | None = None) -> GradientMap:
     with opened(path) as file:
         nodes, slices = _read_nodes(path, file)
         keep = _kept(path, nodes, crop)
-        count = math.prod(s.stop - s.start for s in keep.values())
-        if count > MOST_NODES_READ:
-            raise MapError(
-                f"{path} has {count} nodes where it is needed; at most {MOST_NODES_READ} can be "
-                "read: make it smaller or of wider spacing."
-            )
+        shape = tuple(s.stop - s.start for s in keep.values())
+        checks.require_size(str(path), shape, checks.MOST_NODES_READ)
         tensor = _read_components(path, file, "gradient", TENSOR, keep, slices)
         disturbance = _read_components(path, file, "disturbance", VECTOR, keep, slices)
+        checks.require_possible(str(path), tensor, disturbance)
         provenance = _text(file, "source") or path.name
     first, step = {}, {}
     for name, values in nodes.items():
@@ -81,6 +78,9 @@ def read_layers(path: Path) -> tuple[Nodes, dict[str, str], Iterator[Layer]]:
     """
     with opened(path) as file:
         nodes, _ = _read_nodes(path, file)
+        shape = tuple(values.size for values in nodes.values())
+        checks.require_size(str(path), shape, checks.MOST_NODES)
+        checks.require_size(f"a layer of {path}", shape[:2], checks.MOST_NODES_READ)
         attributes = {key: _text(file, key) for key in file.ncattrs()}
     return (
         Nodes(nodes["latitude"], nodes["longitude"], nodes["height"]),
@@ -99,6 +99,8 @@ def _layers(path: Path) -> Iterator[Layer]:
                 _read_components(path, file, prefix, names, keep, slices)[:, :, 0]
                 for prefix, names in (("gradient", TENSOR), ("disturbance", VECTOR))
             )
+            what = f"{path}, at {nodes['height'][index]:g} m"
+            checks.require_possible(what, tensor, disturbance)
             yield tensor, disturbance
 
 
@@ -137,6 +139,11 @@ def _read_nodes(path: Path, file: Any) -> tuple[dict[str, Array], dict[str, bool
     for name in ("latitude", "longitude", "height"):
         variable = file.variables[name]
         _require_units(path, name, variable, _UNITS[name])
+        if variable.size > checks.MOST_ON_AXIS:
+            raise MapError(
+                f"{path}: {name} has {variable.size} values; at most {checks.MOST_ON_AXIS} can be "
+                "read."
+            )
         values = _values(path, name, variable, ())
         if values.ndim != 1 or values.size < FEWEST_NODES:
             raise MapError(
@@ -164,6 +171,7 @@ def _read_nodes(path: Path, file: Any) -> tuple[dict[str, Array], dict[str, bool
                 f"{path}: {name} must have the dimensions {', '.join(AXES)}, in any order; found "
                 f"{', '.join(variable.dimensions) or 'none'}."
             )
+        _require_numbers(path, name, variable)
         packed = {"scale_factor", "add_offset"} & set(variable.ncattrs())
         if packed or np.dtype(variable.dtype).kind != "f":
             raise MapError(
@@ -221,10 +229,22 @@ def _read_components(
     return out
 
 
-def _has_fill(variable: Any, values: Array) -> bool:
+def _fills(variable: Any) -> dict[str, NDArray[Any]]:
+    """What a variable names as the marks of missing values."""
     names = {"_FillValue", "missing_value"} & set(variable.ncattrs())
-    fills = [variable.getncattr(name) for name in names]
-    return any(bool((values == float(np.ravel(fill)[0])).any()) for fill in fills)
+    return {name: np.ravel(variable.getncattr(name)) for name in sorted(names)}
+
+
+def _has_fill(variable: Any, values: Array) -> bool:
+    return any((values == fill).any() for fills in _fills(variable).values() for fill in fills)
+
+
+def _require_numbers(path: Path, name: str, variable: Any) -> None:
+    """Raise MapError if what marks a missing value is no number."""
+    for key, fills in _fills(variable).items():
+        if fills.dtype.kind not in "fiu":
+            found = _text(variable, key)
+            raise MapError(f"{path}: {name} has {key} = {found!r}; it must be a number.")
 
 
 def _mirrored(kept: slice, size: int) -> slice:
@@ -247,8 +267,8 @@ def _require_units(path: Path, name: str, variable: Any, allowed: set[str]) -> N
 
 
 def _text(holder: Any, key: str) -> str:
-    """An attribute of a file or a variable as text, empty if there is none."""
-    return str(holder.getncattr(key)) if key in holder.ncattrs() else ""
+    """An attribute of a file or a variable as text, empty if there is none; fit to be shown."""
+    return checks.clean_text(str(holder.getncattr(key))) if key in holder.ncattrs() else ""
 
 
 def _first_line(error: Exception) -> str:

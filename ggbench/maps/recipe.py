@@ -10,8 +10,10 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import hashlib
+import io
 import json
 import math
+import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,7 +24,7 @@ from ..gravity.ellipsoid import SEMI_MAJOR_AXIS
 from ..gravity.gradient_map import GradientMap, MapError
 from ..numerics.cache import alone, cache_folder
 from ..numerics.source import MAP_ROOMS, source_hash
-from . import netcdf, netcdf_reader
+from . import checks, netcdf, netcdf_reader
 from .shipped_regions import (
     SOURCES,
     check_relief_smoothing,
@@ -283,9 +285,19 @@ def read(path: Path | str, crop: netcdf_reader.Crop | None = None) -> GradientMa
         return netcdf_reader.read(path, crop)
     names = [item.name for item in dataclasses.fields(GradientMap)]
     try:
-        arrays = read_arrays(path.read_bytes(), names)
+        content = path.read_bytes()
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            unpacked = sum(entry.file_size for entry in archive.infolist())
+        if unpacked > checks.MOST_BYTES_READ:
+            raise MapError(
+                f"{path} unpacks to {unpacked / 1e9:.3g} GB; at most "
+                f"{checks.MOST_BYTES_READ / 1e9:.3g} GB can be read"
+            )
+        arrays = read_arrays(content, names)
     except OSError as error:
         raise MapError(f"cannot read the map {path}: {error.strerror}") from None
+    except MapError:
+        raise
     except Exception as error:  # whatever a damaged archive makes of itself
         raise MapError(
             f"{path} is not a gradient map: {error}; it must hold the arrays {', '.join(names)}"
@@ -311,11 +323,12 @@ def read(path: Path | str, crop: netcdf_reader.Crop | None = None) -> GradientMa
             raise MapError(f"{path} is not a gradient map: {key} must be one finite number")
         if key.endswith("_step") and value <= 0:
             raise MapError(f"{path} is not a gradient map: {key} must be positive, not {value}")
+    checks.require_possible(str(path), tensor, disturbance)
     return GradientMap(
         **{key: float(value) for key, value in scalars.items()},
         tensor=tensor.astype(float),
         gravity_disturbance=disturbance.astype(float),
-        provenance=str(arrays["provenance"]),
+        provenance=checks.clean_text(str(arrays["provenance"])),
     )
 
 

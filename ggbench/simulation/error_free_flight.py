@@ -19,6 +19,7 @@ from ..sensors.gradiometer.lowpass import prefilter
 from ..sensors.gradiometer.spinning_disks import SpinningDisks
 from ..sensors.model import GradiometerModel, model_arrays
 from ..spec.case import CaseSpec
+from ..spec.limits import FASTEST_MPS, HIGHEST_M, LOWEST_M
 from ..spec.trajectory import TrajectorySpec, file_versions
 from ..trajectory.manoeuvres import TrajectoryError
 from ..trajectory.truth import Trajectory, along, fly
@@ -219,6 +220,7 @@ def _error_free(
     disturbance of gravity the accelerometers feel, if they do.
     """
     trajectory = trajectory_of(spec, dt)
+    _require_possible(trajectory)
     disturbances = np.zeros((len(trajectory.times) - 1, 3))
     if felt is not None:
         middle = 0.5 * (trajectory.positions[1:] + trajectory.positions[:-1])
@@ -231,6 +233,26 @@ def _error_free(
         trajectory.dt,
     )
     return trajectory, delta_angles, delta_velocities
+
+
+def _require_possible(trajectory: Trajectory) -> None:
+    """Raise TrajectoryError if a flight leaves the heights and speeds that have a meaning.
+
+    Each key may be within its limits, and what long manoeuvres or a track make of them is not.
+    """
+    heights, speeds = trajectory.positions[:, 2], np.linalg.norm(trajectory.velocities, axis=1)
+    for what, values, lowest, highest, unit in (
+        ("height", heights, LOWEST_M, HIGHEST_M, "m"),
+        ("speed", speeds, 0.0, FASTEST_MPS, "m/s"),
+    ):
+        outside = ~((lowest <= values) & (values <= highest))  # NaN is outside
+        if outside.any():
+            first = int(outside.argmax())
+            raise TrajectoryError(
+                f"the flight's {what} is {values[first]:g} {unit} after "
+                f"{trajectory.times[first]:g} s and must lie between {lowest:g} and {highest:g}"
+                f" {unit}"
+            )
 
 
 def trajectory_of(spec: TrajectorySpec, dt: float) -> Trajectory:

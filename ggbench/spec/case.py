@@ -15,6 +15,7 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from ..trajectory.manoeuvres import TrajectoryError
 from .limits import MOST_RUNS, MOST_SEED
+from .quantities import Duration, Moment, PositionTarget, TimeLimit, VelocityTarget
 from .sensors import (
     FEWEST_STEPS,
     AltimeterSpec,
@@ -27,7 +28,7 @@ from .sensors import (
     TruthSpec,
     changed,
 )
-from .tables import Finite, Listed, NonNegative, Positive, Section, Table
+from .tables import Finite, Listed, Section, Table
 from .trajectory import TrajectorySpec
 
 Title = Annotated[str, Field(min_length=1)]
@@ -42,17 +43,17 @@ MOST_SAMPLES = 2_000_000
 class WindowsSpec(Section):
     """``[windows]``: the parts of the flight over which errors are averaged, and what a lock is."""
 
-    settled_from_s: NonNegative
-    last_s: Positive
-    lock_m: Positive | None = None
+    settled_from_s: Moment
+    last_s: Duration
+    lock_m: PositionTarget | None = None
     """Spherical position error below which a run has locked on; without it nothing is judged."""
 
 
 class ReferenceSpec(Section):
     """``case.reference``: published numbers of this case."""
 
-    position_mrse_m: Positive
-    velocity_mrse_mps: Positive
+    position_mrse_m: PositionTarget
+    velocity_mrse_mps: VelocityTarget
 
 
 class CampaignSpec(Section):
@@ -60,10 +61,10 @@ class CampaignSpec(Section):
 
     runs: Annotated[int, Field(ge=1, le=MOST_RUNS)] = 100
     seed: Annotated[int, Field(ge=0, le=MOST_SEED)] = 1
-    assumption_runs: Annotated[int, Field(ge=1)] = 100
+    assumption_runs: Annotated[int, Field(ge=1, le=MOST_RUNS)] = 100
     assumption_estimator: str = "ekf"
     estimators: Annotated[Listed[str], Field(min_length=1)] = ("ins", "ekf")
-    time_limit_s: Positive = 600.0
+    time_limit_s: TimeLimit = 600.0
     """Longest time of one run of one estimator [s]."""
 
 
@@ -118,7 +119,7 @@ class SweepSpec(Section):
     """``[sweep]``: the axes of a grid of cases, and the errors a report aims at."""
 
     axis: Listed[AxisSpec] = ()
-    targets_m: Listed[Positive] = ()
+    targets_m: Listed[PositionTarget] = ()
 
     @model_validator(mode="after")
     def _check(self) -> SweepSpec:
@@ -207,6 +208,11 @@ class CaseSpec(Section):
             raise TrajectoryError(
                 f"the flight lasts {duration:g} s, too short for two readings "
                 f"({self.gradiometer.period_s:g} s apart)"
+            )
+        if self.windows.last_s > duration * (1.0 + 1e-9):
+            raise TrajectoryError(
+                f"windows.last_s is {self.windows.last_s:g} s and must not be longer than the "
+                f"flight, {duration:g} s"
             )
         samples = duration / self.imu.period_s
         if samples > MOST_SAMPLES:

@@ -6,3 +6,7 @@ MOST_RUNS = 1_000_000
 """Most runs of a case."""
 MOST_SEED = 2**63 - 1
 """Largest seed, what a table of whole numbers can hold."""
+LOWEST_M, HIGHEST_M = -11_000.0, 100_000.0
+"""Heights of a flight above the ellipsoid [m]: from the deepest sea to the edge of space."""
+FASTEST_MPS = 8000.0
+"""Fastest flight [m/s]: beyond it, it is an orbit."""

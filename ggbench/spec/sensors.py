@@ -12,21 +12,49 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeVar, get_args
 from pydantic import Field, model_validator
 
 from ..sensors.gradiometer.rotating import RotatingGradiometer, RotatingGradiometerError
-from .tables import (
-    Finite,
+from .quantities import (
+    AccelerometerBias,
+    AccelerometerNoise,
+    AltimeterNoise,
+    Arcmin,
+    AttitudeError,
+    Baseline,
+    ClockError,
+    Damping,
+    Density,
+    DensityFactor,
+    DiskNoise,
+    Frequency,
+    GradiometerBias,
+    GyroBias,
+    GyroNoise,
+    Height,
+    HeightError,
+    HeightSpacing,
+    Jitter,
     Latitude,
-    Listed,
     Longitude,
+    MapNoise,
+    MapSpacing,
+    Moment,
     Noise,
-    NonNegative,
-    Positive,
-    Section,
+    Outlier,
+    PositionError,
+    Ppm,
+    ReadingPeriod,
+    Regularization,
+    ReliefSmoothing,
+    SamplePeriod,
+    Share,
+    Spin,
+    TimeConstant,
+    VelocityError,
+    Vibration,
+    Wavelength,
 )
+from .tables import Listed, Section
 
 Component = Literal["xx", "xy", "xz", "yy", "yz", "zz", "xx-yy", "yy-zz", "zz-xx"]
-Share = Annotated[float, Field(ge=0.0, lt=1.0)]
-Ppm = Annotated[float, Field(ge=0.0, le=1e5)]
-Arcmin = Annotated[float, Field(ge=0.0, le=600.0)]
 _NOISES = ("noise_eotvos", "noise_density_eotvos_per_sqrt_hz")
 """The two ways to state the gradiometer's noise; one replaces the other."""
 FEWEST_STEPS = 10.0
@@ -36,14 +64,14 @@ FEWEST_STEPS = 10.0
 class ImuSpec(Section):
     """``[imu]``: the inertial sensors. A bias with a time constant is a Gauss–Markov process."""
 
-    period_s: Positive
-    gyro_bias_deg_per_h: NonNegative
-    gyro_noise_deg_per_sqrt_h: NonNegative
-    accelerometer_bias_ug: NonNegative
-    accelerometer_noise_ug_per_sqrt_hz: NonNegative
+    period_s: SamplePeriod
+    gyro_bias_deg_per_h: GyroBias
+    gyro_noise_deg_per_sqrt_h: GyroNoise
+    accelerometer_bias_ug: AccelerometerBias
+    accelerometer_noise_ug_per_sqrt_hz: AccelerometerNoise
     biases: Literal["drawn", "fixed"] = "drawn"
-    gyro_bias_time_s: Positive | None = None
-    accelerometer_bias_time_s: Positive | None = None
+    gyro_bias_time_s: TimeConstant | None = None
+    accelerometer_bias_time_s: TimeConstant | None = None
 
     @model_validator(mode="after")
     def _check(self) -> ImuSpec:
@@ -66,12 +94,12 @@ class ImuSpec(Section):
 class ImuChange(Section):
     """``[model.imu]``: what the estimators believe of the inertial sensors."""
 
-    gyro_bias_deg_per_h: NonNegative | None = None
-    gyro_noise_deg_per_sqrt_h: NonNegative | None = None
-    accelerometer_bias_ug: NonNegative | None = None
-    accelerometer_noise_ug_per_sqrt_hz: NonNegative | None = None
-    gyro_bias_time_s: Positive | None = None
-    accelerometer_bias_time_s: Positive | None = None
+    gyro_bias_deg_per_h: GyroBias | None = None
+    gyro_noise_deg_per_sqrt_h: GyroNoise | None = None
+    accelerometer_bias_ug: AccelerometerBias | None = None
+    accelerometer_noise_ug_per_sqrt_hz: AccelerometerNoise | None = None
+    gyro_bias_time_s: TimeConstant | None = None
+    accelerometer_bias_time_s: TimeConstant | None = None
 
 
 class TrueImu(ImuChange):
@@ -86,35 +114,35 @@ class TrueImu(ImuChange):
 class AltimeterSpec(Section):
     """``[altimeter]``: heights that damp the vertical channel of the INS, white noise of a PSD."""
 
-    noise_m_per_sqrt_hz: Annotated[float, Field(gt=0.0, le=1e4)]
-    time_constant_s: Annotated[float, Field(ge=1.0, le=1000.0)] = 100.0
+    noise_m_per_sqrt_hz: AltimeterNoise
+    time_constant_s: Damping = 100.0
 
 
 class InitialErrorSpec(Section):
     """``[initial_error]``: standard deviation of the INS error per axis at the start."""
 
-    position_m: Annotated[float, Field(gt=0.0, le=1e6)]
-    velocity_mps: Annotated[float, Field(gt=0.0, le=1000.0)]
-    attitude_arcmin: Annotated[float, Field(gt=0.0, le=600.0)]
-    height_m: Annotated[float, Field(gt=0.0, le=1e5)] | None = None
+    position_m: PositionError
+    velocity_mps: VelocityError
+    attitude_arcmin: AttitudeError
+    height_m: HeightError | None = None
 
 
 class InitialErrorChange(Section):
     """``[truth.initial_error]``, ``[model.initial_error]``."""
 
-    position_m: Annotated[float, Field(gt=0.0, le=1e6)] | None = None
-    velocity_mps: Annotated[float, Field(gt=0.0, le=1000.0)] | None = None
-    attitude_arcmin: Annotated[float, Field(gt=0.0, le=600.0)] | None = None
-    height_m: Annotated[float, Field(gt=0.0, le=1e5)] | None = None
+    position_m: PositionError | None = None
+    velocity_mps: VelocityError | None = None
+    attitude_arcmin: AttitudeError | None = None
+    height_m: HeightError | None = None
 
 
 class RotatingSpec(Section):
     """``[gradiometer.rotating]``: disks of accelerometers spinning about axes of the mount."""
 
-    baseline_m: Annotated[float, Field(gt=0.0, le=10.0)]
-    rotation_hz: Annotated[float, Field(gt=0.0, le=1000.0)]
+    baseline_m: Baseline
+    rotation_hz: Spin
     spin_axes: Annotated[Listed[Literal["x", "y", "z"]], Field(min_length=1)] = ("x", "y", "z")
-    accelerometer_noise_ng_per_sqrt_hz: Noise | None = None
+    accelerometer_noise_ng_per_sqrt_hz: DiskNoise | None = None
     """White noise of each accelerometer, from which that of the channels follows."""
 
     @model_validator(mode="after")
@@ -127,21 +155,21 @@ class RotatingSpec(Section):
 class GradiometerSpec(Section):
     """``[gradiometer]``: instrument, noise (as RMS or as density), filter and its treatment."""
 
-    period_s: Positive
+    period_s: ReadingPeriod
     instrument: Literal["platform", "local-level", "strapdown"] = "platform"
     noise_eotvos: Noise | None = None
     noise_density_eotvos_per_sqrt_hz: Noise | None = None
-    bias_eotvos: NonNegative = 0.0
-    drift_eotvos_per_sqrt_h: NonNegative = 0.0
+    bias_eotvos: GradiometerBias = 0.0
+    drift_eotvos_per_sqrt_h: GradiometerBias = 0.0
     components: Annotated[Listed[Component], Field(min_length=1)] = (
         "xx", "xy", "xz", "yy", "yz", "zz",
     )  # fmt: skip
     rotating: RotatingSpec | None = None
     filter: Literal["butterworth", "none"] = "none"
     filter_order: Annotated[int, Field(ge=1, le=12)] = 7
-    filter_cutoff_hz: Positive = 0.2
+    filter_cutoff_hz: Frequency = 0.2
     filter_treatment: Literal["whitened", "delayed"] = "whitened"
-    whitening_regularization: Annotated[float, Field(ge=1e-7, le=0.1)] = 1e-6
+    whitening_regularization: Regularization = 1e-6
 
     @model_validator(mode="after")
     def _check(self) -> GradiometerSpec:
@@ -181,8 +209,8 @@ class GradiometerChange(Section):
 
     noise_eotvos: Noise | None = None
     noise_density_eotvos_per_sqrt_hz: Noise | None = None
-    bias_eotvos: NonNegative | None = None
-    drift_eotvos_per_sqrt_h: NonNegative | None = None
+    bias_eotvos: GradiometerBias | None = None
+    drift_eotvos_per_sqrt_h: GradiometerBias | None = None
 
 
 class RotatingErrorsSpec(Section):
@@ -194,7 +222,7 @@ class RotatingErrorsSpec(Section):
     misalignment_arcmin: Arcmin = 0.0
     demodulation_phase_arcmin: Arcmin = 0.0
     rotation_rate_error_ppm: Ppm = 0.0
-    vibration_mps2: Annotated[float, Field(ge=0.0, le=100.0)] = 0.0
+    vibration_mps2: Vibration = 0.0
 
 
 class TrueGradiometer(GradiometerChange):
@@ -207,11 +235,11 @@ class TrueGradiometer(GradiometerChange):
     scale_factor_ppm: Ppm = 0.0
     misalignment_arcmin: Arcmin = 0.0
     outlier_share: Share = 0.0
-    outlier_eotvos: Annotated[float, Field(ge=0.0, le=1e9)] = 0.0
+    outlier_eotvos: Outlier = 0.0
     dropout_share: Share = 0.0
-    dropouts_s: Listed[Annotated[Listed[NonNegative], Field(min_length=2, max_length=2)]] = ()
-    clock_error_s: Annotated[float, Field(ge=0.0, le=86400.0)] = 0.0
-    timing_jitter_s: NonNegative = 0.0
+    dropouts_s: Listed[Annotated[Listed[Moment], Field(min_length=2, max_length=2)]] = ()
+    clock_error_s: ClockError = 0.0
+    timing_jitter_s: Jitter = 0.0
     rotating: RotatingErrorsSpec | None = None
 
     @model_validator(mode="after")
@@ -229,11 +257,11 @@ class TrueGradiometer(GradiometerChange):
 class MapErrorSpec(Section):
     """``[field.error]``: what is wrong with a map, see :mod:`ggbench.gravity.degraded_map`."""
 
-    resolution_km: Annotated[float, Field(gt=0.0, le=1000.0)] | None = None
-    density_factor: Annotated[float, Field(gt=0.0, le=10.0)] = 1.0
-    white_noise_eotvos: NonNegative = 0.0
-    correlated_noise_eotvos: NonNegative = 0.0
-    correlation_km: Annotated[float, Field(gt=0.0, le=1000.0)] = 10.0
+    resolution_km: Wavelength | None = None
+    density_factor: DensityFactor = 1.0
+    white_noise_eotvos: MapNoise = 0.0
+    correlated_noise_eotvos: MapNoise = 0.0
+    correlation_km: Wavelength = 10.0
     seed: Annotated[int, Field(ge=0, le=2**31)] = 1
 
 
@@ -245,13 +273,13 @@ class FieldSpec(Section):
     north_deg: Latitude = 0.0
     west_deg: Longitude = 0.0
     east_deg: Longitude = 0.0
-    lowest_m: Finite = 0.0
-    highest_m: Finite = 0.0
-    spacing_arcmin: Positive = 1.25
-    height_spacing_m: Positive = 500.0
+    lowest_m: Height = 0.0
+    highest_m: Height = 0.0
+    spacing_arcmin: MapSpacing = 1.25
+    height_spacing_m: HeightSpacing = 500.0
     land_correction: bool = True
-    relief_smoothing_deg: Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)] = 0.0
-    density_kg_m3: Annotated[float, Field(gt=0.0, le=10000.0)] = 2670.0
+    relief_smoothing_deg: ReliefSmoothing = 0.0
+    density_kg_m3: Density = 2670.0
     gravity_disturbance: bool = False
     error: MapErrorSpec | None = None
 
@@ -264,13 +292,13 @@ class FieldChange(Section):
     north_deg: Latitude | None = None
     west_deg: Longitude | None = None
     east_deg: Longitude | None = None
-    lowest_m: Finite | None = None
-    highest_m: Finite | None = None
-    spacing_arcmin: Positive | None = None
-    height_spacing_m: Positive | None = None
+    lowest_m: Height | None = None
+    highest_m: Height | None = None
+    spacing_arcmin: MapSpacing | None = None
+    height_spacing_m: HeightSpacing | None = None
     land_correction: bool | None = None
-    relief_smoothing_deg: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
-    density_kg_m3: Annotated[float, Field(gt=0.0, le=10000.0)] | None = None
+    relief_smoothing_deg: ReliefSmoothing | None = None
+    density_kg_m3: Density | None = None
     error: MapErrorSpec | None = None
 
 

@@ -8,12 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 T = TypeVar("T")
 
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
-Noise = Annotated[float, Field(ge=1e-9, le=1e9)]
-NonNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
-Latitude = Annotated[float, Field(ge=-89.0, le=89.0, allow_inf_nan=False)]
-Longitude = Annotated[float, Field(ge=-180.0, le=360.0, allow_inf_nan=False)]
 Listed = Annotated[tuple[T, ...], Field(strict=False)]
 """A list of a file, kept as a tuple."""
 

@@ -24,7 +24,31 @@ from ..trajectory.manoeuvres import (
     repeated,
 )
 from ..trajectory.terrain_following import TerrainFollowing, terrain_path
-from .tables import Finite, Latitude, Listed, Longitude, NonNegative, Positive, Section
+from .quantities import (
+    Acceleration,
+    Angle,
+    AngularRate,
+    Bank,
+    Clearance,
+    Duration,
+    Height,
+    HeightDifference,
+    Incline,
+    InclineLimit,
+    Kilometres,
+    LargestAcceleration,
+    Latitude,
+    Longitude,
+    Pitch,
+    Radius,
+    Roll,
+    Smoothing,
+    Speed,
+    TrackAcceleration,
+    Turns,
+    VerticalSpeed,
+)
+from .tables import Listed, Section
 
 if TYPE_CHECKING:
     from ..trajectory.track import TrackLimits
@@ -51,34 +75,31 @@ _OPTIONS: dict[str, tuple[str, ...]] = {
 }
 """Keys that a kind of segment may have besides."""
 
-Height = Annotated[float, Field(ge=-12000.0, le=100000.0)]
-Steepness = Annotated[float, Field(gt=0.0, le=60.0)]
-
 
 class SegmentSpec(Section):
     """One ``[[trajectory.segment]]``."""
 
     kind: Kind = "rates"
-    duration_s: Positive | None = None
-    distance_km: Positive | None = None
-    turn_rate_deg_per_s: Annotated[float, Field(ge=-30.0, le=30.0)] = 0.0
-    acceleration_mps2: Annotated[float, Field(ge=-50.0, le=50.0)] = 0.0
-    climb_rate_deg_per_s: Annotated[float, Field(ge=-30.0, le=30.0)] = 0.0
+    duration_s: Duration | None = None
+    distance_km: Kilometres | None = None
+    turn_rate_deg_per_s: AngularRate = 0.0
+    acceleration_mps2: Acceleration = 0.0
+    climb_rate_deg_per_s: AngularRate = 0.0
     to_height_m: Height | None = None
-    by_height_m: Annotated[float, Field(ge=-100000.0, le=100000.0)] | None = None
-    climb_angle_deg: Steepness | None = None
-    vertical_speed_mps: Positive | None = None
-    max_vertical_acceleration_mps2: Annotated[float, Field(ge=0.01, le=50.0)] = 2.0
-    to_heading_deg: Annotated[float, Field(ge=-360.0, le=360.0)] | None = None
-    by_heading_deg: Annotated[float, Field(ge=-36000.0, le=36000.0)] | None = None
+    by_height_m: HeightDifference | None = None
+    climb_angle_deg: Incline | None = None
+    vertical_speed_mps: VerticalSpeed | None = None
+    max_vertical_acceleration_mps2: LargestAcceleration = 2.0
+    to_heading_deg: Angle | None = None
+    by_heading_deg: Turns | None = None
     direction: Literal["left", "right", "shorter"] = "shorter"
-    bank_deg: Annotated[float, Field(gt=0.0, le=75.0)] | None = None
-    radius_m: Positive | None = None
-    to_speed_mps: Annotated[float, Field(ge=0.0, le=10000.0)] | None = None
+    bank_deg: Bank | None = None
+    radius_m: Radius | None = None
+    to_speed_mps: Speed | None = None
     terrain: Annotated[str, Field(min_length=1)] | None = None
-    clearance_m: NonNegative | None = None
+    clearance_m: Clearance | None = None
     lowest_m: Height | None = None
-    max_climb_angle_deg: Annotated[float, Field(gt=0.0, le=45.0)] = 10.0
+    max_climb_angle_deg: InclineLimit = 10.0
 
     @model_validator(mode="after")
     def _check(self) -> SegmentSpec:
@@ -174,18 +195,18 @@ class TrajectorySpec(Section):
 
     latitude_deg: Latitude | None = None
     longitude_deg: Longitude | None = None
-    height_m: Annotated[float, Field(ge=-12000.0, le=100000.0, allow_inf_nan=False)] | None = None
-    speed_mps: Annotated[float, Field(ge=0.0, le=10000.0)] | None = None
-    heading_deg: Finite | None = None
-    pitch_deg: Finite = 0.0
-    roll_deg: Finite = 0.0
+    height_m: Height | None = None
+    speed_mps: Speed | None = None
+    heading_deg: Angle | None = None
+    pitch_deg: Pitch = 0.0
+    roll_deg: Roll = 0.0
     segment: Listed[SegmentSpec] = ()
     repeat: Annotated[int, Field(ge=1, le=1000)] = 1
     vehicle: Literal["aircraft", "ship"] = "aircraft"
     file: Annotated[str, Field(min_length=1)] | None = None
-    max_gap_s: Positive | None = None
-    max_acceleration_mps2: Annotated[float, Field(gt=0.0, le=10000.0)] = 50.0
-    smoothing_s: Annotated[float, Field(ge=0.0, le=3600.0)] = 0.0
+    max_gap_s: Duration | None = None
+    max_acceleration_mps2: TrackAcceleration = 50.0
+    smoothing_s: Smoothing = 0.0
 
     @model_validator(mode="after")
     def _check(self) -> TrajectorySpec:

@@ -48,7 +48,7 @@ BAD = {
     "unit in a value": (["validate", "unit.toml"], "unit.toml: case 'base': gradiometer.noise_eo"),
     "negative noise": (
         ["run", "negative.toml"],
-        "is -0.01 and must be greater than or equal to 0.000000001",
+        "is -0.01 and must lie between 1e-9 and 1e6",
     ),
     "cut-off": (["run", "nyquist.toml"], "must lie below the Nyquist frequency"),
     "invalid TOML": (["validate", "invalid.toml"], "invalid.toml: is not valid TOML"),

@@ -6,6 +6,7 @@ import json
 import math
 from importlib.resources import files
 
+import netCDF4
 import numpy as np
 import pytest
 import xarray
@@ -290,3 +291,17 @@ def test_files_that_cannot_be_shown_or_written_are_refused(folder, monkeypatch):
     run("build", "-o", "good.nc", *words)
     assert "cannot write the figure" in run("show", "good.nc", "-o", "text.txt/x.png", code=2)
     (folder / "good.nc").unlink()
+
+
+def test_what_a_map_says_of_itself_cannot_harm_a_terminal():
+    """No escape of its words is printed, nor megabytes of them."""
+    words = ["--geoid", GEOID, *BOX, *HEIGHTS, "--spacing-arcmin", 5]
+    run("build", "-o", "map.nc", *words)
+    with netCDF4.Dataset("map.nc", "a") as data:
+        data.source = "\x1b]0;owned\x07" + "\x1b[31m!" * 10**6
+        data.history = "\x1b[2J" + "long " * 10**6
+    shown = run("show", "map.nc")
+    assert "\x1b" not in shown and "\x07" not in shown
+    assert "source: �]0;owned��[31m!" in shown
+    assert "(5000004 characters)" in shown
+    assert len(shown) < 12_000

@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import math
 import shutil
+import tracemalloc
+from collections import deque
 
 import netCDF4
 import numpy as np
@@ -13,8 +15,8 @@ import xarray
 
 from ggbench.gravity.field import Field
 from ggbench.gravity.gradient_map import GradientMap, MapError
-from ggbench.maps import netcdf, netcdf_reader
-from ggbench.maps.recipe import read
+from ggbench.maps import checks, netcdf, netcdf_reader
+from ggbench.maps.recipe import read, write
 
 SHAPE = (9, 11, 5)
 
@@ -22,6 +24,7 @@ SHAPE = (9, 11, 5)
 def some_map(dtype: type = np.float64) -> GradientMap:
     rng = np.random.default_rng(7)
     tensor, vector = rng.normal(size=(*SHAPE, 6)), 1e-4 * rng.normal(size=(*SHAPE, 3))
+    tensor[..., 5] = -tensor[..., 0] - tensor[..., 3]
     return GradientMap(
         latitude0=math.radians(33.0),
         longitude0=math.radians(107.5),
@@ -111,7 +114,7 @@ def test_a_crop_serves_the_region_as_the_whole_map_does(tmp_path):
     grid = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"))
     smooth = 30.0 * np.sin(0.3 * grid[0]) * np.cos(0.25 * grid[1]) * np.exp(-0.05 * grid[2])
     large = dataclasses.replace(
-        some_map(), tensor=np.repeat(smooth[..., None], 6, -1),
+        some_map(), tensor=smooth[..., None] * np.array([1.0, 1.0, 1.0, -0.5, 1.0, -0.5]),
         gravity_disturbance=np.repeat(1e-5 * smooth[..., None], 3, -1),
     )  # fmt: skip
     path = tmp_path / "large.nc"
@@ -202,6 +205,8 @@ def overwrite(content):
         (edit(units=""), "gradient_nn", "gradient_nn states no units"),
         (edit(scale_factor=2.0), "gradient_nn", "not packed, found scale_factor"),
         (missing, "gradient_nn", "gradient_nn has missing values"),
+        (edit(missing_value="none"), "gradient_nn", "missing_value = 'none'; it must be a number"),
+        (edit(missing_value="\x1b[2J"), "disturbance_e", "missing_value = '�.2J'; it must be a"),
         (put((1, 2, 3), np.nan), "gradient_en", "gradient_en has missing values"),
         (put((1, 2, 3), np.inf), "disturbance_u", "disturbance_u has missing values"),
         (put(3, 33.0305), "latitude", "latitude must be regular"),
@@ -251,10 +256,123 @@ def test_a_region_that_the_map_does_not_touch_is_refused(file):
         read(file, (33.0, 33.1, 10.0, 11.0))
 
 
-def test_a_map_too_large_for_memory_is_refused(file, monkeypatch):
-    monkeypatch.setattr(netcdf_reader, "MOST_NODES_READ", 200)
-    with pytest.raises(MapError, match="has 495 nodes where it is needed; at most 200"):
+def put_everywhere(name, change):
+    """Change all values of the tensor or of the disturbance."""
+
+    def changed(path, variable):
+        with netCDF4.Dataset(path, "a") as data:
+            for each in data.variables:
+                if each.startswith(name):
+                    data[each][:] = change(data[each][:])
+
+    return changed
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (put_everywhere("gradient_uu", lambda v: v + 0.01), r"EE \+ NN \+ UU is up to 0.01 E and"),
+        (
+            put_everywhere("gradient_ee", lambda v: 1.001 * v),
+            r"EE \+ NN \+ UU is up to .* rounding m",
+        ),
+        (
+            put_everywhere("gradient", lambda v: 1e300 * v),
+            r"largest gradient is .*e\+300 E; .*10000 E",
+        ),
+        (put_everywhere("gradient", lambda v: 5e3 * v), r"at most 10000 E: mend its values or"),
+        (put_everywhere("gradient", lambda v: 1e-9 * v), r"s⁻² that is taken for E: multiply"),
+        (put_everywhere("disturbance", lambda v: 1e5 * v), r"m/s²; .* at most 0.1 m/s².* mGal is"),
+    ],
+)
+@pytest.mark.parametrize("ending", ["nc", "npz"])
+def test_values_that_no_field_has_are_refused(tmp_path, change, message, ending):
+    """Of a file of either kind, read as a whole or layer by layer."""
+    path = tmp_path / "map.nc"
+    netcdf.write(path, some_map())
+    change(path, "")
+    with pytest.raises(MapError, match=message):
+        deque(netcdf_reader.read_layers(path)[2], maxlen=0)
+    if ending == "npz":
+        with xarray.open_dataset(path) as data:
+            data = data.transpose("latitude", "longitude", "height")
+            tensor, vector = (
+                np.stack([data[f"{kind}_{name}"].values for name in names], axis=-1)
+                for kind, names in (("gradient", netcdf.TENSOR), ("disturbance", netcdf.VECTOR))
+            )
+        path = tmp_path / "map.npz"
+        write(path, dataclasses.replace(some_map(), tensor=tensor, gravity_disturbance=vector))
+    with pytest.raises(MapError, match=message) as error:
+        read(path)
+    assert str(error.value).startswith(f"{path}: ")
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_rounding_is_no_trace(tmp_path, dtype):
+    """A strong field in the precision of its file is a field; so is one of nothing."""
+    path = tmp_path / "map.nc"
+    for factor in (1500.0, 1e-3, 0.0):
+        netcdf.write(
+            path, dataclasses.replace(some_map(), tensor=factor * some_map().tensor), dtype
+        )
+        read(path)
+
+
+def declared(path, count):
+    """A file that declares count nodes on each axis, and holds no values."""
+    spans = {"height": (0.0, 1e4), "latitude": (30.0, 40.0), "longitude": (100.0, 110.0)}
+    with netCDF4.Dataset(path, "w") as data:
+        for name, attributes in netcdf.AXES.items():
+            data.createDimension(name, count)
+            data.createVariable(name, "f8", (name,)).setncatts(attributes)
+            data[name][:] = np.linspace(*spans[name], count)
+        for name, attributes in netcdf.variables().items():
+            data.createVariable(name, "f4", tuple(spans), zlib=True).setncatts(attributes)
+
+
+def test_a_map_too_large_for_memory_is_refused(tmp_path):
+    """Before memory is taken for it: with its size in bytes and what is allowed."""
+    path = tmp_path / "huge.nc"
+    declared(path, 4000)
+    assert path.stat().st_size < 1e6
+    for reading, limit in (
+        (read, "20000000 .1.44 GB."),
+        (netcdf_reader.read_layers, "10{10} .720"),
+    ):
+        tracemalloc.start()
+        with pytest.raises(MapError, match=rf"4000 x 4000\), 4.61e\+03 GB in memory; .* {limit}"):
+            reading(path)
+        assert tracemalloc.get_traced_memory()[1] < 10e6
+        tracemalloc.stop()
+
+
+def test_a_layer_or_an_axis_too_large_is_refused(file, monkeypatch):
+    monkeypatch.setattr(checks, "MOST_NODES_READ", 80)
+    with pytest.raises(MapError, match=r"a layer of .*map.nc has 99 nodes .*at most 80 "):
+        netcdf_reader.read_layers(file)
+    monkeypatch.setattr(checks, "MOST_ON_AXIS", 10)
+    with pytest.raises(MapError, match="longitude has 11 values; at most 10 can be read"):
         read(file)
+
+
+def test_an_archive_that_unpacks_without_end_is_refused(tmp_path, monkeypatch):
+    write(tmp_path / "map.npz", some_map())
+    monkeypatch.setattr(checks, "MOST_BYTES_READ", 30_000)
+    with pytest.raises(MapError, match=r"map.npz unpacks to 3.\S+e-05 GB; at most 3e-05 GB"):
+        read(tmp_path / "map.npz")
+
+
+def test_words_of_a_stranger_are_harmless(tmp_path):
+    """No escape of a terminal, no other direction of writing, no megabytes; the rest stays."""
+    words = "\x1b[31m\x9bred \x07 \u202eback\u2028 Eötvös, 北 "
+    for name in ("map.nc", "map.npz"):
+        for text, shown in (
+            (words, "�[31m�red � �back� Eötvös, 北"),
+            ("x" * 10**7, "x" * 4000 + "… (10000000 characters)"),
+        ):
+            write(tmp_path / name, dataclasses.replace(some_map(), provenance=text))
+            assert read(tmp_path / name).provenance == shown
+    assert len(netcdf_reader.read_layers(tmp_path / "map.nc")[1]["source"]) < 4100
 
 
 def test_nothing_is_left_of_a_map_that_could_not_be_finished(tmp_path):

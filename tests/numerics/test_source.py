@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import re
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
+from test_rooms import imported, room_of
 
 import ggbench
 from ggbench.numerics import source
 from ggbench.numerics.source import COMPILED_ROOMS, MAP_ROOMS, module_hash, source_hash
 
 PACKAGE = Path(ggbench.__file__).parent
+NUMBERS = int | float | complex | tuple | list | dict | np.ndarray
 SHOWN = ("figures", "report", "api.py", "cli")
 """Parts that show results and make none."""
 
@@ -69,6 +73,47 @@ def test_compiled_code_is_in_rooms_that_are_hashed():
     assert found == set(COMPILED_ROOMS)
 
 
+def known_to(module: str) -> set[str]:
+    """Modules of the package that a module is made with: what it imports, and what they do."""
+    found: set[str] = set()
+    waiting = [module]
+    while waiting:
+        file = Path(waiting.pop())
+        if file.as_posix() in found:
+            continue
+        found.add(file.as_posix())
+        for _, name in imported(PACKAGE / file, file.parent.parts):
+            parts = name.split(".")
+            for count in range(len(parts), 0, -1):
+                candidate = Path(*parts[:count]).with_suffix(".py").as_posix()
+                if candidate in modules():
+                    waiting.append(candidate)
+                    break
+    return found
+
+
+def test_a_map_is_known_by_every_room_that_its_making_imports():
+    """Held against the imports: a room that is left out of the hash would leave stale maps."""
+    made_with = known_to("maps/recipe.py")
+    assert {"gravity/ellipsoid.py", "gravity/parker.py", "numerics/source.py"} <= made_with
+    assert {Path(file).parts[0] for file in made_with} - {"errors.py"} == set(MAP_ROOMS)
+
+
+def test_compiled_code_takes_its_numbers_from_rooms_that_are_hashed():
+    """What compiled rooms import from elsewhere is nothing that is compiled into them."""
+    taken = {
+        (file, name)
+        for file in modules(*COMPILED_ROOMS)
+        for _, name in imported(PACKAGE / file, Path(file).parent.parts)
+        if room_of(name) not in COMPILED_ROOMS
+    }
+    assert any(room_of(name) == "problem" for _, name in taken)
+    for file, name in taken:
+        module, _, thing = name.rpartition(".")
+        loaded = importlib.import_module(f"ggbench.{module}".rstrip("."))
+        assert not isinstance(getattr(loaded, thing), NUMBERS), (file, name)
+
+
 def test_a_new_module_counts_and_a_renamed_one(copy):
     before = hash_of()
     (copy / "room").mkdir()
@@ -78,7 +123,7 @@ def test_a_new_module_counts_and_a_renamed_one(copy):
     assert len({before, added, hash_of()}) == 3
 
 
-def imported(file: Path) -> set[Path]:
+def as_python_reads(file: Path) -> set[Path]:
     """What a module imports from the package, as Python reads it."""
     found = set()
     for node in ast.walk(ast.parse(file.read_text())):
@@ -98,14 +143,14 @@ def test_what_a_module_imports_is_found(copy):
     """As Python finds it: in a function, of many lines, under another name, beside a comment."""
     files = [PACKAGE / name for name in modules()]
     assert {file: set(source._imported_directly(file)) for file in files} == {
-        file: imported(file) for file in files
+        file: as_python_reads(file) for file in files
     }
     odd = copy / "ins" / "odd.py"
     odd.write_text(
         "def f():\n    from ..gravity import (  # noqa: it (comes) late\n"
         "        ellipsoid as e,\n        field,\n    )\n"
     )
-    assert set(source._imported_directly(odd)) == imported(odd) != set()
+    assert set(source._imported_directly(odd)) == as_python_reads(odd) != set()
 
 
 def test_compiled_code_is_known_by_all_that_it_is_made_of(copy, monkeypatch):

@@ -142,18 +142,18 @@ BAD = {
     ),
     "number for a table": (CASE, CASE + "\nimu = 3", r"case 'noisy': imu is 3 and must be"),
     "NaN": (NOISE, "noise_eotvos = nan", r"gradiometer.noise_eotvos is not a number"),
-    "infinity": (NOISE, "noise_eotvos = inf", r"gradiometer.noise_eotvos is inf and must be"),
+    "infinity": (NOISE, "noise_eotvos = inf", r"gradiometer.noise_eotvos is inf and must lie"),
     "NaN elsewhere": (
         "heading_deg = 90.0", "heading_deg = nan", r"trajectory.heading_deg is not a number",
     ),
     "negative noise": (
         NOISE, "noise_eotvos = -0.01",
-        r"gradiometer.noise_eotvos is -0.01 and must be greater than or equal to 0.000000001",
+        r"gradiometer.noise_eotvos is -0.01 and must lie between 1e-9 and 1e6",
     ),
-    "no noise at all": (NOISE, "noise_eotvos = 0.0", r"noise_eotvos is 0.0 and must be greater"),
+    "no noise at all": (NOISE, "noise_eotvos = 0.0", r"noise_eotvos is 0.0 and must lie between"),
     "negative gyro noise": (
         "gyro_noise_deg_per_sqrt_h = 0.005", "gyro_noise_deg_per_sqrt_h = -1.0",
-        r"imu.gyro_noise_deg_per_sqrt_h is -1.0 and must be greater than or equal to 0",
+        r"imu.gyro_noise_deg_per_sqrt_h is -1.0 and must be 0 or lie between 1e-9 and 3600",
     ),
     "both kinds of noise": (
         NOISE, NOISE + "\nnoise_density_eotvos_per_sqrt_hz = 0.01",

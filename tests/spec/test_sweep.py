@@ -142,7 +142,7 @@ BAD = {
     "zero on a logarithmic axis": ("[1e-4, 0.01]", "[0.0, 0.01]", r"must be positive on a logar"),
     "unknown scale": ('"log"', '"cubic"', r"axis\[0\].scale is 'cubic' and must be 'linear' or"),
     "unknown key of the sweep": ("targets_m", "target_m", r"sweep: unknown key 'target_m' \(did y"),
-    "negative target": ("[8.0]", "[-8.0]", r"targets_m\[0\] is -8.0 and must be greater than 0"),
+    "negative target": ("[8.0]", "[-8.0]", r"targets_m\[0\] is -8.0 and must lie between 1e-6"),
     "no axis": (SWEEP, "\n[sweep]\n", r"sweep: needs at least one \[\[sweep.axis\]\]"),
     "no table": (BASE + SWEEP, "sweep = 3\n" + BASE, r"sweep: it is 3 and must be a table"),
     "too many points": (

@@ -334,7 +334,7 @@ BAD: dict[str, tuple[list[dict[str, Any]], dict[str, Any], str]] = {
     ),
     "standing": ([{"kind": "cruise", "distance_km": 5.0}], {"speed_mps": 0.0}, "needs a speed"),
     "endless": (
-        [{"kind": "cruise", "distance_km": 1e9}], {}, "may last 1e.06 s at most",
+        [{"kind": "cruise", "distance_km": 4e4}], {"speed_mps": 1.0}, "may last 1e.06 s at most",
     ),
     "no segments": ([], {}, "needs a flight"),
     "no start": ([{"duration_s": 1.0}], {"height_m": None}, "'height_m' is missing"),

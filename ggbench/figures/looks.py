@@ -1,0 +1,88 @@
+"""How each estimator is drawn: one table for all figures, whoever else is in them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+from zlib import crc32
+
+from .style import INS
+
+_COLOURS = {
+    "ekf": ("tab:blue", "navy", "deepskyblue", "slateblue", "cadetblue"),
+    "ukf": ("tab:orange", "saddlebrown", "goldenrod", "lightsalmon"),
+    "factor-graph": ("tab:green", "darkolivegreen", "limegreen", "teal"),
+    "gaussian-sum": ("tab:red", "maroon"),
+    "gauss-newton": ("tab:purple", "orchid"),
+}
+"""Shades of each estimator; its variants take them in the order of the next table."""
+_VARIANTS = {
+    "ekf": ("", "iterations=5", "loss=cauchy", "loss=huber", "noise_memory=20"),
+    "ukf": ("points=cubature", "points=julier", "points=merwe", "points=cubature,loss=cauchy"),
+    "factor-graph": ("mode=batch", "mode=isam2", "mode=fixed-lag", "mode=batch,loss=cauchy"),
+    "gaussian-sum": ("", "loss=cauchy"),
+    "gauss-newton": ("", "loss=cauchy"),
+}
+_OTHERS = ("deeppink", "darkkhaki", "olive", "tan", "mediumaquamarine", "rosybrown")
+"""Colours of estimators that the package does not know: neither the INS's nor the bound's."""
+_LINES = ("-", "--", "-.", ":")
+_MARKERS = {
+    "ekf": "osphH",
+    "ukf": "D^v<",
+    "factor-graph": "PX*d",
+    "gaussian-sum": "><",
+    "gauss-newton": "8p",
+}
+_OTHER_MARKERS = "os^vD"
+
+
+class Look(NamedTuple):
+    """How an estimator is drawn: Matplotlib's names of a colour, a line and a marker."""
+
+    color: str
+    ls: str
+    marker: str
+
+
+def looks(labels: Iterable[str]) -> dict[str, Look]:
+    """Return how each estimator is drawn: the same in every figure, whoever stands beside it.
+
+    One that the package does not know gets what its label says by a hash, and something else only
+    if another one in the same figure has that already.
+    """
+    labels = list(dict.fromkeys(labels))
+    drawn = {label: look for label in labels if (look := _known(label)) is not None}
+    taken = set(drawn.values())
+    for label in labels:
+        if label not in drawn:
+            choices = _choices(label)
+            drawn[label] = next((look for look in choices if look not in taken), choices[0])
+            taken.add(drawn[label])
+    return {label: drawn[label] for label in labels}
+
+
+def _known(label: str) -> Look | None:
+    if label == "ins":
+        return Look(INS, "-", "x")
+    name, _, variant = label.removesuffix("]").partition("[")
+    if variant not in _VARIANTS.get(name, ()):
+        return None
+    number = _VARIANTS[name].index(variant)
+    return Look(_COLOURS[name][number], _LINES[number % 4], _MARKERS[name][number])
+
+
+def _choices(label: str) -> list[Look]:
+    """All looks of an estimator that is in no table, those first that its label says."""
+    name = label.partition("[")[0]
+    shades = _COLOURS.get(name, _OTHERS)
+    number = crc32((label if name in _COLOURS else name).encode())
+    line = crc32(label.encode())
+    return [
+        Look(
+            shades[(number + shade) % len(shades)],
+            _LINES[(line + style) % 4],
+            _OTHER_MARKERS[(line + style) % len(_OTHER_MARKERS)],
+        )
+        for shade in range(len(shades))
+        for style in range(4)
+    ]

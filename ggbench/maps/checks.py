@@ -1,0 +1,91 @@
+"""What a map from outside must be to be believed: its size, its values, its words."""
+
+from __future__ import annotations
+
+import unicodedata
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..gravity.gradient_map import MapError
+
+_BYTES_PER_NODE = 9 * 8
+MOST_NODES_READ = 20_000_000
+"""Nodes of which the values may be in memory at once: 1.4 GB, and twice that for a spline."""
+MOST_BYTES_READ = MOST_NODES_READ * _BYTES_PER_NODE
+MOST_NODES = 10_000_000_000
+"""Nodes of a file that is read layer by layer: 720 GB in double precision."""
+MOST_ON_AXIS = 1_000_000
+LARGEST_GRADIENT = 1e4
+"""Largest component of a disturbing gradient [E]: the gradient jumps by 4 pi G rho where ground
+begins, 2240 E at rock and 19000 E at osmium; no ground is near the latter."""
+LARGEST_DISTURBANCE = 0.1
+"""Largest component of a gravity disturbance [m/s²]: ten times that of the steepest mountains."""
+_MOST_TEXT = 4000
+_TRACE_SHARE, _TRACE = 1e-5, 1e-3
+"""Trace that is let pass, of the largest component and in E, whichever is more: what arithmetic in
+single precision leaves, and what it leaves of ground a thousand times as steep as what remains."""
+_SI = 1e-9 * LARGEST_GRADIENT
+_HIDDEN = {"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"}
+
+
+def require_size(what: str, shape: tuple[int, ...], most: int) -> None:
+    """Raise MapError if so many nodes are more than ``most``. ``what`` begins the sentence."""
+    nodes = 1
+    for size in shape:
+        nodes *= int(size)
+    if nodes > most:
+        raise MapError(
+            f"{what} has {nodes} nodes where it is needed ({' x '.join(map(str, shape))}), "
+            f"{nodes * _BYTES_PER_NODE / 1e9:.3g} GB in memory; at most {most} "
+            f"({most * _BYTES_PER_NODE / 1e9:.3g} GB) can be read: make it smaller or of wider "
+            "spacing."
+        )
+
+
+def require_possible(
+    what: str, tensor: NDArray[np.floating], disturbance: NDArray[np.floating]
+) -> None:
+    """Raise MapError if values of a map cannot be those of a disturbing field.
+
+    Parameters
+    ----------
+    what : names the map, at the beginning of the sentence.
+    tensor : finite, (..., 6) [E]. disturbance : finite, (..., 3) [m/s²].
+    """
+    largest = _largest(tensor)
+    if largest > LARGEST_GRADIENT:
+        raise MapError(
+            f"{what}: its largest gradient is {largest:.3g} E; a disturbing field has at most "
+            f"{LARGEST_GRADIENT:g} E: mend its values or its unit."
+        )
+    if 0.0 < largest < _SI:
+        raise MapError(
+            f"{what}: its largest gradient is {largest:.3g} E, as small as one in s⁻² that is taken"
+            " for E: multiply its gradients by 1e9."
+        )
+    strongest = _largest(disturbance)
+    if strongest > LARGEST_DISTURBANCE:
+        raise MapError(
+            f"{what}: its largest gravity disturbance is {strongest:.3g} m/s²; the Earth has at "
+            f"most {LARGEST_DISTURBANCE:g} m/s²: mend its values or its unit (1 mGal is 1e-5 m/s²)."
+        )
+    trace = _largest(tensor[..., 0] + tensor[..., 3] + tensor[..., 5])
+    rounding = max(_TRACE_SHARE * largest, _TRACE)
+    if trace > rounding:
+        raise MapError(
+            f"{what}: EE + NN + UU is up to {trace:.3g} E and must be zero, as that of any gravity "
+            f"field outside the masses; rounding makes {rounding:.3g} E at most."
+        )
+
+
+def clean_text(text: str) -> str:
+    """Return a text of a stranger as one that can be shown: no control characters, not endless."""
+    shown = text[:_MOST_TEXT]
+    shown = "".join("�" if unicodedata.category(c) in _HIDDEN else c for c in shown.strip())
+    return shown if len(text) <= _MOST_TEXT else f"{shown}… ({len(text)} characters)"
+
+
+def _largest(values: NDArray[np.floating]) -> float:
+    """Largest magnitude, without a copy of the values."""
+    return max(float(values.max()), -float(values.min()))

@@ -1,0 +1,128 @@
+"""What a number of a scenario file may be: the limits of each kind of quantity.
+
+Beyond its limits a value has no meaning, and is refused. Beyond what is usual it has one, but is
+more often a slip or a unit taken for another: it is accepted, and the user is told.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from pydantic import GetCoreSchemaHandler
+from pydantic_core import PydanticCustomError, core_schema
+
+from .limits import FASTEST_MPS, HIGHEST_M, LOWEST_M
+
+
+@dataclass(frozen=True)
+class Within:
+    """Limits of a number, both included; of a number that may also be 0, if ``or_zero``.
+
+    ``usual`` is the narrower range outside which a value other than 0 is odd.
+    """
+
+    lowest: float
+    highest: float
+    or_zero: bool = False
+    usual: tuple[float, float] | None = None
+
+    def __str__(self) -> str:
+        zero = "be 0 or " if self.or_zero else ""
+        return f"{zero}lie between {_short(self.lowest)} and {_short(self.highest)}"
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> core_schema.CoreSchema:
+        return core_schema.no_info_after_validator_function(self.held, handler(source))
+
+    def held(self, value: float) -> float:
+        """Return the value. Raises PydanticCustomError, a ValueError, if it is outside."""
+        # NaN fails too.
+        if self.lowest <= value <= self.highest or (self.or_zero and value == 0.0):
+            return value
+        raise PydanticCustomError("limits", "must {limits}", {"limits": str(self)})
+
+    def oddity(self, value: float) -> str:
+        """Return what is usual if the value is not, else nothing."""
+        if self.usual is None or value == 0.0 or self.usual[0] <= value <= self.usual[1]:
+            return ""
+        return f"{_short(self.usual[0])} to {_short(self.usual[1])} is usual"
+
+
+def _short(number: float) -> str:
+    """A limit as people write it."""
+    return f"{number:g}".replace("e+0", "e").replace("e-0", "e-")
+
+
+# Where and how fast.
+Latitude = Annotated[float, Within(-89.0, 89.0)]
+Longitude = Annotated[float, Within(-180.0, 360.0)]
+Height = Annotated[float, Within(LOWEST_M, HIGHEST_M, usual=(-500.0, 30e3))]
+HeightDifference = Annotated[float, Within(LOWEST_M - HIGHEST_M, HIGHEST_M - LOWEST_M)]
+Clearance = Annotated[float, Within(0.1, HIGHEST_M, or_zero=True)]
+Speed = Annotated[float, Within(0.0, FASTEST_MPS, usual=(0.5, 1000.0))]
+VerticalSpeed = Annotated[float, Within(1e-3, 1000.0, usual=(0.1, 100.0))]
+Acceleration = Annotated[float, Within(-50.0, 50.0)]
+LargestAcceleration = Annotated[float, Within(0.01, 50.0)]
+TrackAcceleration = Annotated[float, Within(1e-3, 1e4, usual=(0.1, 100.0))]
+Angle = Annotated[float, Within(-360.0, 360.0)]
+Turns = Annotated[float, Within(-36e3, 36e3)]
+Pitch = Annotated[float, Within(-90.0, 90.0, usual=(-30.0, 30.0))]
+Roll = Annotated[float, Within(-180.0, 180.0, usual=(-45.0, 45.0))]
+Bank = Annotated[float, Within(0.01, 75.0)]
+Incline = Annotated[float, Within(0.01, 60.0)]
+InclineLimit = Annotated[float, Within(0.01, 45.0)]
+AngularRate = Annotated[float, Within(-30.0, 30.0)]
+Radius = Annotated[float, Within(1.0, 1e6)]
+Kilometres = Annotated[float, Within(1e-3, 40_000.0)]  # once around the Earth
+
+# Times and rates.
+Duration = Annotated[float, Within(1e-3, 1e6)]
+Moment = Annotated[float, Within(1e-9, 1e6, or_zero=True)]
+SamplePeriod = Annotated[float, Within(1e-4, 10.0, usual=(1e-3, 1.0))]
+ReadingPeriod = Annotated[float, Within(1e-3, 3600.0, usual=(0.01, 300.0))]
+TimeConstant = Annotated[float, Within(1e-3, 1e8, usual=(1.0, 1e6))]
+Damping = Annotated[float, Within(1.0, 1000.0)]
+Smoothing = Annotated[float, Within(1e-3, 3600.0, or_zero=True)]
+ClockError = Annotated[float, Within(1e-12, 86400.0, or_zero=True)]
+Jitter = Annotated[float, Within(1e-12, 60.0, or_zero=True)]
+Frequency = Annotated[float, Within(1e-6, 1e4)]
+Spin = Annotated[float, Within(1e-4, 1000.0, usual=(0.01, 100.0))]
+TimeLimit = Annotated[float, Within(1e-6, 1e9)]
+
+# Standard deviations of the start: at least what rounding leaves of a position on the Earth.
+PositionError = Annotated[float, Within(1e-6, 1e6, usual=(1e-3, 1e5))]
+HeightError = Annotated[float, Within(1e-6, 1e5, usual=(1e-3, 1e4))]
+VelocityError = Annotated[float, Within(1e-9, 1000.0, usual=(1e-6, 50.0))]
+AttitudeError = Annotated[float, Within(1e-6, 600.0, usual=(1e-4, 300.0))]
+
+# Inertial sensors.
+GyroBias = Annotated[float, Within(1e-9, 36e3, or_zero=True, usual=(1e-6, 1e3))]  # to 10°/s
+GyroNoise = Annotated[float, Within(1e-9, 3600.0, or_zero=True, usual=(1e-6, 10.0))]
+AccelerometerBias = Annotated[float, Within(1e-9, 1e7, or_zero=True, usual=(1e-4, 1e5))]  # to 10 g
+AccelerometerNoise = Annotated[float, Within(1e-9, 1e7, or_zero=True, usual=(1e-4, 1e4))]
+AltimeterNoise = Annotated[float, Within(1e-6, 1e4, usual=(1e-3, 100.0))]
+Ppm = Annotated[float, Within(1e-6, 1e5, or_zero=True)]
+Arcmin = Annotated[float, Within(1e-9, 600.0, or_zero=True)]
+
+# The gradiometer and the field: the Earth's own gradient is 3086 E, steep ground has hundreds.
+Noise = Annotated[float, Within(1e-9, 1e6, usual=(1e-6, 1e4))]
+GradiometerBias = Annotated[float, Within(1e-9, 1e6, or_zero=True, usual=(1e-6, 1e4))]
+Outlier = Annotated[float, Within(1e-9, 1e9, or_zero=True)]
+MapNoise = Annotated[float, Within(1e-9, 1e4, or_zero=True, usual=(1e-6, 1e3))]
+DiskNoise = Annotated[float, Within(1e-9, 1e9, usual=(1e-6, 1e6))]
+Baseline = Annotated[float, Within(1e-3, 10.0)]
+Vibration = Annotated[float, Within(1e-12, 100.0, or_zero=True)]
+Share = Annotated[float, Within(1e-9, 0.999, or_zero=True)]
+Regularization = Annotated[float, Within(1e-7, 0.1)]
+MapSpacing = Annotated[float, Within(1e-4, 600.0)]
+HeightSpacing = Annotated[float, Within(1e-2, 1e5)]
+ReliefSmoothing = Annotated[float, Within(1e-6, 1.0, or_zero=True)]
+Density = Annotated[float, Within(1.0, 1e4, usual=(500.0, 4000.0))]
+DensityFactor = Annotated[float, Within(1e-3, 10.0)]
+Wavelength = Annotated[float, Within(1e-3, 1000.0)]
+
+# What is aimed at, or published.
+PositionTarget = Annotated[float, Within(1e-6, 1e7)]
+VelocityTarget = Annotated[float, Within(1e-9, 1e5)]
