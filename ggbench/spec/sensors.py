@@ -141,7 +141,8 @@ class GradiometerSpec(Section):
     filter_order: Annotated[int, Field(ge=1, le=12)] = 7
     filter_cutoff_hz: Positive = 0.2
     filter_treatment: Literal["whitened", "delayed"] = "whitened"
-    whitening_regularization: Annotated[float, Field(ge=1e-7, le=0.1)] = 1e-6
+    whitening_regularization: Annotated[float, Field(ge=1e-7, le=0.1)] = 1e-2
+    noise_behind_filter_eotvos: NonNegative = 0.0
 
     @model_validator(mode="after")
     def _check(self) -> GradiometerSpec:
@@ -183,6 +184,7 @@ class GradiometerChange(Section):
     noise_density_eotvos_per_sqrt_hz: Noise | None = None
     bias_eotvos: NonNegative | None = None
     drift_eotvos_per_sqrt_h: NonNegative | None = None
+    noise_behind_filter_eotvos: NonNegative | None = None
 
 
 class RotatingErrorsSpec(Section):
