@@ -61,7 +61,7 @@ class Equipment:
 
     @cached_property
     def noise_cov(self) -> np.ndarray:
-        """Covariance (m, m) of the measurement noise, as the treatment of the filter leaves it [E²].
+        """Covariance (m, m) of the measurements' noise as the filter's treatment leaves it [E²].
 
         Whitening takes the noise behind the filter into account by itself, see :meth:`treatment`.
         """

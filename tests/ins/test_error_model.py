@@ -311,7 +311,7 @@ def test_delayed_rows(flown, delay):
 
 @pytest.mark.parametrize("delay", [0.0, 0.01, 0.05, 0.0749, 0.08, 0.35, 3.093, 4.99])
 def test_a_delay_spans_the_intervals_that_it_reaches_into(delay):
-    """t − τ lies in the first interval, ``part`` before its end, and next to the sample named.
+    """The instant lies in the first interval, ``part`` before its end, next to the sample named.
 
     Where metres are turned into radians; half an interval of a fast aircraft moves that by 1e-6.
     """

@@ -113,7 +113,9 @@ PI = Decimal("3.14159265358979323846264338327950288419716939937510582097494")
 
 
 def sine(x: Decimal) -> Decimal:
-    return sum(((-1) ** k * x ** (2 * k + 1) / math.factorial(2 * k + 1) for k in range(24)), PI * 0)
+    return sum(
+        ((-1) ** k * x ** (2 * k + 1) / math.factorial(2 * k + 1) for k in range(24)), PI * 0
+    )
 
 
 def product(one: list[Decimal], other: list[Decimal]) -> list[Decimal]:

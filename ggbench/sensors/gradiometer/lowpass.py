@@ -21,8 +21,8 @@ delay and coloured noise, by one of two treatments:
     unfiltered data (the paper's "fixed delay compensation", done consistently). Outputs that the
     filter's start makes noisier than its inputs are scaled down to their noise.
 
-Both are the same formula: with W = A L (A diagonal for ``delayed``) a slowly varying error signal d(t)
-appears as g_k d(t_k − τ_k), where g_k is the sum of row k of W and τ_k the centroid of its lags.
+Both are the same formula: with W = A L (A diagonal for ``delayed``) a slowly varying error signal
+d(t) appears as g_k d(t_k − τ_k), with g_k the sum of row k of W and τ_k the centroid of its lags.
 """
 
 from __future__ import annotations
@@ -218,6 +218,6 @@ def prefilter(lowpass: LowPass | None, count: int, treatment: Treatment, rho: fl
         chain = matrix @ response
     samples = np.arange(count)
     gain = chain.sum(axis=1)
-    # The first outputs may extrapolate; no reading is taken as one before the first or after its own.
+    # The first outputs may extrapolate: to before the first reading, or beyond their own.
     delay = np.clip(samples - chain @ samples / gain, 0.0, samples)
     return Prefilter(matrix, frozen(gain), frozen(delay))
