@@ -34,7 +34,10 @@ MOST_FACTORS = 39
 
 _LAST = 5
 """Order of the last term: F's chain bias → attitude → velocity → position ends after three
-products, and what comes back is 1e-4 of it in an interval; terms beyond are below rounding."""
+products, and what comes back is 1e-4 of it in an interval. The fifth is for biases that wander:
+over a tenth of their time constant, the longest interval allowed, it is 8e-8 of what remains of
+them and 3e-8 of their Q, and the sixth is 1e-9. (Of Q without them the fifth is below 1e-12 even in
+intervals of a second.)"""
 _HEIGHT = STATES
 """Where a term has what an altimeter's noise enters by, after its 15 numbers."""
 

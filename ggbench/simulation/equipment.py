@@ -27,7 +27,7 @@ from ..ins.system_matrix import STATES, sparse
 from ..ins.transitions import delayed_rows_lanes, transitions_lanes
 from ..sensors.gradiometer.faults import Faults
 from ..sensors.gradiometer.instrument import Gradiometer, noise_rms, parse_components
-from ..sensors.gradiometer.lowpass import LowPass
+from ..sensors.gradiometer.lowpass import LowPass, Prefilter, prefilter
 from ..sensors.gradiometer.rotating import RotatingGradiometer, channel_noise_eotvos
 from ..sensors.gradiometer.spinning_disks import DISK_CHANNELS, SpinningDisks
 from ..spec.case import CaseSpec
@@ -61,8 +61,32 @@ class Equipment:
 
     @cached_property
     def noise_cov(self) -> np.ndarray:
-        """Covariance (m, m) of the measurement noise [E²]."""
-        return self.gradiometer.noise_eotvos**2 * np.eye(len(self.gradiometer.components))
+        """Covariance (m, m) of the measurements' noise as the filter's treatment leaves it [E²].
+
+        Whitening takes the noise behind the filter into account by itself, see :meth:`treatment`.
+        """
+        gradiometer = self.gradiometer
+        variance = gradiometer.noise_eotvos**2
+        if gradiometer.lowpass is None or self.side.gradiometer.filter_treatment == "delayed":
+            variance += gradiometer.noise_behind_filter**2
+        return variance * np.eye(len(gradiometer.components))
+
+    def treatment(self, count: int) -> Prefilter:
+        """Return what these sensors make of ``count`` outputs of their filter.
+
+        Raises
+        ------
+        GGBenchError
+            If the low-pass cannot be computed.
+        """
+        spec, gradiometer = self.side.gradiometer, self.gradiometer
+        behind = gradiometer.noise_behind_filter / gradiometer.noise_eotvos
+        return prefilter(
+            gradiometer.lowpass,
+            count,
+            spec.filter_treatment,
+            max(behind, spec.whitening_regularization),
+        )
 
     @cached_property
     def prior_cov(self) -> np.ndarray:
@@ -213,7 +237,7 @@ def _gradiometer(spec: GradiometerSpec) -> Gradiometer:
         lowpass = LowPass(spec.filter_order, spec.filter_cutoff_hz, rate)
     return Gradiometer(
         noise, lowpass, channel_names(spec), spec.instrument, spec.bias_eotvos,
-        spec.drift_eotvos_per_sqrt_h / 60.0,
+        spec.drift_eotvos_per_sqrt_h / 60.0, spec.noise_behind_filter_eotvos,
     )  # fmt: skip
 
 

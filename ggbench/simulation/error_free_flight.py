@@ -108,7 +108,8 @@ class Flight:
 
         Of the true noise, biases and initial errors, with the true field known; outliers and errors
         that no model has a state for are left out, so that it stays a lower bound. Of readings that
-        drop out by chance only the expected share informs.
+        drop out by chance only the expected share informs. The noise behind a filter is left out,
+        too; without a filter it is noise of the readings like the other.
         """
         truth, true = self.trajectory, self.true
         matrices, noise = true.complete(
@@ -142,7 +143,11 @@ class Flight:
         zero = np.zeros(true.dimension)
         jacobians = np.stack([model.jacobian(k, zero) for k in range(len(self.epochs))])
         jacobians *= math.sqrt(1.0 - self.faults.dropout_share)
-        return posterior_bound(transition, process_cov, true.prior_cov, jacobians, true.noise_cov)
+        variance = instrument.noise_eotvos**2
+        if true.gradiometer.lowpass is None:
+            variance += instrument.noise_behind_filter**2
+        noise_cov = variance * np.eye(jacobians.shape[1])
+        return posterior_bound(transition, process_cov, true.prior_cov, jacobians, noise_cov)
 
     @cached_property
     def final_bound(self) -> float:
@@ -192,11 +197,8 @@ def _require_short_delays(case: CaseSpec, count: int) -> None:
     The measurement model takes the state back over the delay (:func:`.error_model.delayed_rows`): a
     decay would be e^(delay / time constant) there, and the noise that goes with it is neglected.
     """
-    spec, model = case.gradiometer, equip(case, "model")
-    treatment = prefilter(
-        model.gradiometer.lowpass, count, spec.filter_treatment, spec.whitening_regularization
-    )
-    delay = spec.period_s * float(treatment.delay_samples.max())
+    model = equip(case, "model")
+    delay = case.gradiometer.period_s * float(model.treatment(count).delay_samples.max())
     altimeter = math.inf if case.altimeter is None else case.altimeter.time_constant_s
     for name, time in (
         ("altimeter.time_constant_s", altimeter),

@@ -21,6 +21,7 @@ class RandomStreams:
         "outliers",
         "dropouts",
         "timing",
+        "behind_filter",
     )
     """New sources come last: the number of a source is part of its seed."""
 

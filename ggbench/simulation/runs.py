@@ -32,7 +32,6 @@ from ..numerics.rotations import between, rotation_matrix
 from ..problem import Problem, StateBlock
 from ..sensors.gradiometer.faults import biases as gradiometer_biases
 from ..sensors.gradiometer.instrument import readings
-from ..sensors.gradiometer.lowpass import prefilter
 from ..sensors.model import model_arrays
 from ..trajectory.truth import Trajectory
 from .error_free_flight import Flight
@@ -102,11 +101,9 @@ def simulate_block(
     flight : the case. seed, runs : the campaign's seed and the numbers of R runs, at least one.
     """
     streams = [random_streams(seed, run) for run in runs]
-    model, times, spec = flight.model, flight.times, flight.case.gradiometer
-    treatment = prefilter(
-        model.gradiometer.lowpass, len(times), spec.filter_treatment, spec.whitening_regularization
-    )
-    delays = treatment.delay_samples * spec.period_s
+    model, times = flight.model, flight.times
+    treatment = model.treatment(len(times))
+    delays = treatment.delay_samples * flight.case.gradiometer.period_s
     ins = Navigation.empty(len(streams), len(times), model.dimension)
     for some in groups(len(streams)):
         _navigate(flight, delays, streams[some], ins.of_runs(some))
@@ -291,6 +288,9 @@ def _gradiometer_output(
             output[run] += faults.outliers(output[run].shape, of_run.outliers)
     if instrument.lowpass is not None:
         output = instrument.lowpass.apply(output)
+    if instrument.noise_behind_filter > 0.0:
+        for run, of_run in enumerate(streams):
+            output[run] += instrument.noise_behind(len(times), of_run.behind_filter)
     return output, biases
 
 

@@ -34,6 +34,8 @@ from .trajectory import TrajectorySpec
 Title = Annotated[str, Field(min_length=1)]
 CaseName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=60)]
 AxisName = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9.]*$", max_length=20)]
+_FIRST_REGULARIZATION = 1e-6
+"""The whitening_regularization of cases that name none, for their identity."""
 MOST_POINTS = 10_000
 """Most grid points of a sweep."""
 MOST_SAMPLES = 2_000_000
@@ -251,4 +253,9 @@ class CaseSpec(Section):
         """SHA-256 of everything that defines the case's results (not its name or title)."""
         # Without defaults, so that a key that is new in a later version changes nothing.
         content = self.model_dump(exclude={"name", "title", "reference"}, exclude_defaults=True)
+        # A default that was another in an earlier version is named where it has an effect.
+        content["gradiometer"].pop("whitening_regularization", None)
+        regularization = self.gradiometer.whitening_regularization
+        if self.gradiometer.filter != "none" and regularization != _FIRST_REGULARIZATION:
+            content["gradiometer"]["whitening_regularization"] = regularization
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

@@ -108,6 +108,7 @@ Arcmin = Annotated[float, Within(1e-9, 600.0, or_zero=True)]
 
 # The gradiometer and the field: the Earth's own gradient is 3086 E, steep ground has hundreds.
 Noise = Annotated[float, Within(1e-9, 1e6, usual=(1e-6, 1e4))]
+NoiseBehindFilter = Annotated[float, Within(1e-12, 1e6, or_zero=True)]
 GradiometerBias = Annotated[float, Within(1e-9, 1e6, or_zero=True, usual=(1e-6, 1e4))]
 Outlier = Annotated[float, Within(1e-9, 1e9, or_zero=True)]
 MapNoise = Annotated[float, Within(1e-9, 1e4, or_zero=True, usual=(1e-6, 1e3))]

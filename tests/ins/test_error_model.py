@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from ggbench.ins import error_model, strapdown
+from ggbench.ins.transitions import intervals_of
 from ggbench.trajectory.truth import Segment, Trajectory, fly
 
 # Which entries of F are not zero for a general state of motion: x, by rows.
@@ -77,6 +78,23 @@ def test_f_has_no_entry_that_the_mechanization_lacks():
     for state in random_states(20, seed=2):
         numeric, rounding = mechanization_jacobian(*state)
         assert (np.abs(numeric) <= rounding)[~STRUCTURE].all()
+
+
+def test_f_of_an_interval_is_that_of_its_middle():
+    """Between two samples far apart F is that of the state halfway: of all of it.
+
+    The second-order rule of the transitions. (Over one IMU interval its ends differ by 1e-6.)
+    """
+    rng = np.random.default_rng(7)
+    turn = Rotation.from_quat(rng.normal(size=4)).as_matrix()
+    ends = np.array([[0.5, 0.1, 1e3], [0.7, 0.2, 21e3]])
+    velocities = np.array([[100.0, -50.0, 20.0], [-30.0, 200.0, 60.0]])
+    force = np.array([1.0, 2.0, 9.0])
+    between = error_model.system_matrices(
+        ends, velocities, np.stack([turn, turn]), force[np.newaxis] * 0.05, 0.05
+    )[0]
+    middle = system_matrix(ends.mean(axis=0), velocities.mean(axis=0), turn, force)
+    np.testing.assert_allclose(between, middle, rtol=1e-12, atol=1e-25)
 
 
 def natural_units(position: np.ndarray) -> np.ndarray:
@@ -289,6 +307,20 @@ def test_delayed_rows(flown, delay):
     assert np.abs(attitude - tilt).max() < 1e-3 * np.abs(tilt).max()
     if delay > 0.1:
         assert moved > 0.03
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.01, 0.05, 0.0749, 0.08, 0.35, 3.093, 4.99])
+def test_a_delay_spans_the_intervals_that_it_reaches_into(delay):
+    """The instant lies in the first interval, ``part`` before its end, next to the sample named.
+
+    Where metres are turned into radians; half an interval of a fast aircraft moves that by 1e-6.
+    """
+    dt, epoch = 0.05, 100
+    first, part, nearest = intervals_of(delay, epoch, dt)
+    instant = epoch * dt - delay
+    assert abs(nearest * dt - instant) <= 0.5 * dt + 1e-9
+    assert part + (epoch - first - 1) * dt == pytest.approx(delay, abs=1e-9)
+    assert first == epoch or -1e-9 < part <= dt + 1e-9
 
 
 def test_delay_does_not_reach_before_the_start(flown):

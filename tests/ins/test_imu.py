@@ -15,11 +15,38 @@ from small_cases import QUIET, TINY, small_flight
 
 from ggbench.ins import error_model
 from ggbench.ins.imu import Imu, SensorErrors
+from ggbench.numerics.lanes import out_of_lanes, unfilled
 from ggbench.simulation.equipment import equip
+from ggbench.simulation.random_streams import random_streams
 from ggbench.simulation.runs import simulate
+from ggbench.spec.sensors import FEWEST_STEPS
 
 GYRO, ACCELEROMETER = 5e-6, 1e-3
+GYRO_NOISE, ACCELEROMETER_NOISE = 1e-6, 1e-3
 WANDERING = Imu(GYRO, ACCELEROMETER, 0.0, 0.0, gyro_bias_time=20.0, accelerometer_bias_time=50.0)
+
+
+@pytest.mark.parametrize("dt", [0.005, 0.05, 0.5])
+def test_the_allan_deviation_of_white_noise_is_its_root_psd(dt):
+    """σ_A(τ) = N/√τ, whatever the sampling interval and over whatever averaging time.
+
+    Differences of means over neighbouring τ, each mean used once: independent, of variance 2N²/τ.
+    Three axes of each triad, τ of 1, 8 and 64 samples; chi-square, false-alarm probability 1e-4
+    each, 18 in all.
+    """
+    count = 8192
+    imu = Imu(0.0, 0.0, GYRO_NOISE, ACCELEROMETER_NOISE)
+    out = unfilled(count, 6)
+    noise = np.random.default_rng(6).standard_normal((1, 2, count, 3))
+    imu.measure(np.zeros((1, count, 6)), np.zeros((1, 1, 6)), noise, dt, out)
+    increments = out_of_lanes(out, 1)[0]
+    for samples in (1, 8, 64):
+        means = increments.reshape(-1, samples, 6).sum(axis=1) / (samples * dt)
+        differences = means[1::2] - means[::2]
+        low, high = chi2.ppf([5e-5, 1.0 - 5e-5], 3 * len(differences))
+        for triad, root in ((slice(0, 3), GYRO_NOISE), (slice(3, 6), ACCELEROMETER_NOISE)):
+            variance = 2.0 * root**2 / (samples * dt)
+            assert low < (differences[:, triad] ** 2).sum() / variance < high, (samples, root)
 
 
 def test_a_wandering_bias_is_stationary_and_forgets_as_stated():
@@ -97,6 +124,52 @@ def test_transitions_of_wandering_biases_are_van_loans(times):
             np.diag(transition[k])[9:], np.exp(-decay * (end - start) * dt), rtol=1e-7
         )
         start = end
+
+
+def test_a_bias_of_the_shortest_time_is_exact_over_an_interval():
+    """A bias that decays within ten intervals: e^(−dt/T) and σ² (1 − e^(−2 dt/T)), to 3e-9.
+
+    Far below what any reading shows, and what is left of the series of one interval.
+    """
+    dt = 0.1
+    time = FEWEST_STEPS * dt
+    matrices, noise = np.zeros((1, 15, 15)), np.zeros((15, 15))
+    for block, sigma in ((slice(9, 12), GYRO), (slice(12, 15), ACCELEROMETER)):
+        error_model.add_bias_decay(matrices, noise, block, sigma, time)
+    here = np.array([[0.6, 0.1, 1e3]] * 2)
+    transition, process_cov = error_model.transitions(matrices, here, np.array([1]), dt, noise)
+    np.testing.assert_allclose(np.diag(transition[0])[9:], math.exp(-dt / time), rtol=3e-9)
+    variances = -math.expm1(-2.0 * dt / time) * np.repeat([GYRO, ACCELEROMETER], 3) ** 2
+    np.testing.assert_allclose(np.diag(process_cov[0])[9:], variances, rtol=3e-9)
+
+
+def test_a_wandering_bias_acts_when_the_truth_has_it():
+    """Of an INS with no other error the velocity is off by what the accelerometer's bias adds up.
+
+    A reading at every IMU sample, so that each interval is seen by itself: δv_k − δv_{k−1} = b_k dt
+    in a straight level flight to the north, with b_k the bias that the truth has at its end, which
+    is that of the process at that sample.
+    """
+    flight = small_flight(
+        QUIET
+        | {
+            "trajectory.heading_deg": 0.0,
+            "imu.accelerometer_bias_ug": 5000.0,
+            "imu.accelerometer_bias_time_s": 1.0,
+            "gradiometer.period_s": 0.1,
+        }
+    )
+    _, truth = simulate(flight, 16, 2)
+    biases = truth.error_state[:, 12:]
+    steps = np.diff(truth.error_state[:, 3:6], axis=0) / 0.1
+    changes = np.abs(np.diff(biases, axis=0)).mean(axis=0)
+    assert (changes > 5e-3).all()
+    # Body axes are east, north, up here; the rest is gravity's and Coriolis' answer to the error.
+    np.testing.assert_allclose(steps, biases[1:], rtol=0.0, atol=1e-3)
+    streams, imu = random_streams(16, 2), flight.true.imu
+    start = imu.draw_biases(streams.biases)
+    history = imu.bias_histories(start, len(biases), 0.1, streams.bias_walks)[1]
+    np.testing.assert_array_equal(biases, history[1:])
 
 
 def deviations(flight, runs: int) -> np.ndarray:

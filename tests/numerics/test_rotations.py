@@ -56,3 +56,23 @@ def test_the_left_jacobian_is_the_derivative_of_a_rotation(angle):
             ]
             numeric[:, i] = (ends[0] * ends[1].inv()).as_rotvec() / (2.0 * step)
         np.testing.assert_allclose(jacobian, numeric, atol=1e-9)
+
+
+@pytest.mark.parametrize("angle", [2.0, 2.8, 3.14])
+def test_the_series_reach_half_a_turn(angle):
+    """An attitude error below π, as h may be asked for: to 1e-12, by the closed forms."""
+    for axis in np.random.default_rng(4).normal(size=(20, 3)):
+        axis /= np.linalg.norm(axis)
+        vector = angle * axis
+        turn = np.reshape(rotations.small_turn(*vector), (3, 3))
+        np.testing.assert_allclose(
+            turn, Rotation.from_rotvec(vector).as_matrix(), rtol=0.0, atol=1e-12
+        )
+        cross = np.cross(axis, np.eye(3), axisb=0, axisc=0)
+        exact = (
+            np.eye(3)
+            + (1.0 - np.cos(angle)) / angle * cross
+            + (1.0 - np.sin(angle) / angle) * cross @ cross
+        )
+        jacobian = np.reshape(rotations.left_jacobian(*vector), (3, 3))
+        np.testing.assert_allclose(jacobian, exact, rtol=0.0, atol=3e-14)

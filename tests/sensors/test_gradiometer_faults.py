@@ -206,6 +206,18 @@ def test_biases_start_and_walk_as_stated():
     assert abs(np.corrcoef(step.ravel(), walks[:, 0].ravel())[0, 1]) < 3.3 / np.sqrt(1200)
 
 
+def test_the_walk_that_is_claimed_begins_with_the_flight():
+    """What is claimed of a bias t after the start is σ² + d² t, of the first reading already."""
+    flight = small_flight(
+        {"gradiometer.bias_eotvos": 0.01, "gradiometer.drift_eotvos_per_sqrt_h": 3.0}
+    )
+    problem, _ = simulate(flight, 13, 0)
+    claimed = problem.prior_cov + np.cumsum(problem.process_cov, axis=0)
+    expected = 1e-4 + 9.0 * problem.times / 3600.0
+    for channel in range(15, 21):
+        np.testing.assert_allclose(claimed[:, channel, channel], expected, rtol=1e-9)
+
+
 @pytest.mark.parametrize("drift", [0.0, 3.0])
 def test_the_walk_that_is_claimed_is_the_walk_that_is_flown(drift):
     """Prior, Φ and Q of the bias states are those of the simulated biases.

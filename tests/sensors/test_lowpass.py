@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from decimal import Decimal, localcontext
+
 import numpy as np
 import pytest
 
@@ -104,6 +107,113 @@ def test_impossible_cutoff_is_explained(cutoff):
         LowPass(7, cutoff, 0.2)
 
 
+# What can be computed.
+
+PI = Decimal("3.14159265358979323846264338327950288419716939937510582097494")
+
+
+def sine(x: Decimal) -> Decimal:
+    return sum(
+        ((-1) ** k * x ** (2 * k + 1) / math.factorial(2 * k + 1) for k in range(24)), PI * 0
+    )
+
+
+def product(one: list[Decimal], other: list[Decimal]) -> list[Decimal]:
+    """Coefficients of the product of two polynomials."""
+    out = [Decimal(0)] * (len(one) + len(other) - 1)
+    for i, a in enumerate(one):
+        for j, b in enumerate(other):
+            out[i + j] += a * b
+    return out
+
+
+def response_of_60_digits(order: int, cutoff: float, count: int) -> np.ndarray:
+    """(count, count) what the difference equation of a rate of 1 Hz makes of unit impulses.
+
+    Butterworth's quadratics s² + 2 s sin φ + 1, bilinear transform s = (1 − 1/z)/(1 + 1/z)/w with
+    w = tan(π f), in decimal arithmetic.
+    """
+    with localcontext(prec=60):
+        angle = PI * Decimal(cutoff)
+        w = sine(angle) / sine(angle + PI / 2)
+        a, b = [Decimal(1)], [Decimal(1)]
+        for k in range(order // 2):
+            damping = 2 * w * sine(PI * (2 * k + 1) / (2 * order))
+            a = product(a, [1 + damping + w * w, 2 * w * w - 2, 1 - damping + w * w])
+            b = product(b, [w * w, 2 * w * w, w * w])
+        if order % 2:
+            a, b = product(a, [1 + w, w - 1]), product(b, [w, w])
+        out = np.zeros((count, count))
+        for column in range(min(order + 1, count)):
+            x = [Decimal(int(row == column)) for row in range(count)]
+            y = x.copy()
+            for n in range(order, count):
+                past = sum(a[lag] * y[n - lag] for lag in range(1, order + 1))
+                y[n] = (sum(b[lag] * x[n - lag] for lag in range(order + 1)) - past) / a[0]
+            out[:, column] = [float(value) for value in y]
+    for column in range(order + 1, count):  # no later one knows of the start
+        out[column:, column] = out[order : order + count - column, order]
+    return out
+
+
+@pytest.mark.parametrize("order", [1, 3, 5, 7, 9, 12])
+def test_what_is_accepted_is_computed_and_nothing_else_is_refused(order):
+    """Against 60 digits: what passes is right to 1e-9 of the largest response, whatever its size.
+
+    A filter that is refused for rounding really loses digits: more than three of the sixteen.
+    """
+    accepted = refused = 0
+    for cutoff in (0.003, 0.02, 0.1, 0.2, 0.4, 0.45, 0.49):
+        lowpass, count = LowPass(order, cutoff, 1.0), 50
+        exact = response_of_60_digits(order, cutoff, count)
+        error = np.abs(lowpass.apply(np.eye(count)) - exact).max() / np.abs(exact).max()
+        try:
+            prefilter(lowpass, count, "whitened", 1e-2)
+        except GGBenchError:
+            refused += 1
+            assert error > 1e-12, cutoff
+        else:
+            accepted += 1
+            assert error < 1e-9, cutoff
+    assert accepted >= 3
+    assert refused >= (1 if order > 5 else 0)
+
+
+@pytest.mark.parametrize("cutoff", [0.1, 0.4])
+@pytest.mark.parametrize("treatment", ["whitened", "delayed"])
+def test_a_large_transient_is_no_rounding(cutoff, treatment):
+    """Order 7 far from a fifth of the rate answers its first outputs with tens of them: it may.
+
+    Whatever the treatment makes of it has no more noise than is claimed, and sees the state at an
+    instant that the flight has had: an output that extrapolates counts as one of its own time, or
+    of the first.
+    """
+    lowpass, count = LowPass(7, cutoff, 1.0), 60
+    response = lowpass.apply(np.eye(count))
+    assert np.abs(response).max() > 30.0
+    treated = prefilter(lowpass, count, treatment, 1e-2)
+    chain = treated.apply(response)
+    assert (np.linalg.norm(chain, axis=1) < 1.0 + 1e-6).all()
+    seen = chain @ np.arange(count) / chain.sum(axis=1)
+    at = np.arange(count) - treated.delay_samples
+    inside = (seen >= 0.0) & (seen <= np.arange(count))
+    np.testing.assert_allclose(at[inside], seen[inside], atol=1e-6)
+    np.testing.assert_allclose(at[seen < 0.0], 0.0, atol=1e-9)
+    np.testing.assert_array_equal(treated.delay_samples[seen > np.arange(count)], 0.0)
+    if (cutoff, treatment) == (0.4, "delayed"):
+        assert (seen > np.arange(count) + 1.0).any()
+        assert (seen < -1.0).any()
+
+
+@pytest.mark.parametrize(("order", "cutoff"), [(12, 0.01), (12, 0.49), (9, 0.01), (7, 0.003)])
+def test_a_filter_that_rounding_would_spoil_is_refused(order, cutoff):
+    """The message says what is lost, and the way out."""
+    with pytest.raises(GGBenchError, match=r"rounding errors may reach .* of its response") as info:
+        prefilter(LowPass(order, cutoff, 1.0), 200, "whitened", 1e-2)
+    assert str(info.value).startswith(f"the low-pass of order {order} at {cutoff:g} Hz")
+    assert "the Nyquist frequency, 0.5 Hz" in str(info.value)
+
+
 # Treatments.
 
 
@@ -144,7 +254,7 @@ def test_delayed_treatment_settles_at_the_delay_at_dc():
     """Left alone, the output is late by the filter's delay and has gain one."""
     treatment = prefilter(PAPER, 120, "delayed", 1e-6)
     output = np.random.default_rng(1).normal(size=(120, 2))
-    np.testing.assert_array_equal(treatment.apply(output), output)
+    np.testing.assert_array_equal(treatment.apply(output)[14:], output[14:])
     assert treatment.delay_samples[-1] == pytest.approx(PAPER.dc_delay(), abs=1e-6)
     assert treatment.gain[-1] == pytest.approx(1.0, abs=1e-9)
     np.testing.assert_allclose(treatment.delay_samples[:7], 0.0, atol=1e-12)

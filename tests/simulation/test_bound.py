@@ -11,6 +11,7 @@ import itertools
 import numpy as np
 import pytest
 from scipy.linalg import block_diag
+from small_cases import small_flight
 
 from ggbench.simulation.bound import posterior_bound
 from ggbench.simulation.error_free_flight import prepare
@@ -137,3 +138,28 @@ def test_bound_of_the_papers_flight_in_the_normal_field():
     last = flight.bound.filtering[flight.times > 180.0]
     position = np.sqrt(np.trace(last[:, 0:3, 0:3], axis1=1, axis2=2).mean())
     assert position == pytest.approx(3.7, abs=0.05)
+
+
+def test_readings_that_drop_out_inform_by_their_share():
+    """Of readings of which three quarters are missing the bound is that of noise twice as large.
+
+    Information adds up over readings: a share of them is worth that share of 1/σ².
+    """
+    missing = small_flight({"truth.gradiometer.dropout_share": 0.75}).bound
+    noisy = small_flight({"gradiometer.noise_eotvos": 0.02}).bound
+    whole = small_flight().bound
+    np.testing.assert_allclose(missing.filtering, noisy.filtering, rtol=1e-6)
+    assert np.trace(noisy.filtering[-1]) > 1.01 * np.trace(whole.filtering[-1])
+
+
+def test_noise_behind_the_filter_never_raises_the_bound_of_a_filtered_instrument():
+    """It is left out there, so the bound stays one; without a filter it is noise as any other."""
+    behind = {"gradiometer.noise_behind_filter_eotvos": 0.01 * np.sqrt(3.0)}
+    filtered = {"gradiometer.filter": "butterworth"}
+    plain = small_flight().bound.filtering
+    for treatment in ("whitened", "delayed"):
+        changes = {"gradiometer.filter_treatment": treatment}
+        bound = small_flight(behind | filtered | changes).bound
+        np.testing.assert_array_equal(bound.filtering, plain)
+    twice = small_flight({"gradiometer.noise_eotvos": 0.02}).bound.filtering
+    np.testing.assert_allclose(small_flight(behind).bound.filtering, twice, rtol=1e-6)

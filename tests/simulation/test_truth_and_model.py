@@ -20,12 +20,28 @@ from ggbench.spec.case import CaseSpec
 from ggbench.spec.scenario import ScenarioError
 
 
-@pytest.mark.parametrize(
-    ("name", "expected"), [("wang2013", "5d1e55b21b60"), ("noise_rate_sweep", "b8723016c6f6")]
-)
-def test_new_keys_leave_the_identity_of_old_cases(name, expected):
+def test_new_keys_leave_the_identity_of_old_cases():
     """Results that were stored before a key existed are still those of their case."""
-    assert scenario.load(name).cases[0].content_hash.startswith(expected)
+    assert scenario.load("noise_rate_sweep").cases[0].content_hash.startswith("b8723016c6f6")
+    unfiltered = scenario.load("wang2013").case("0.01E-1Hz-unfiltered")
+    assert unfiltered.content_hash.startswith("43063d721784")
+
+
+def test_a_new_default_changes_the_identity_of_what_it_touches():
+    """Results of another regularisation of the whitening are not those of the case as it is.
+
+    A case that states the earlier default is the earlier case.
+    """
+    case = scenario.load("wang2013").case("0.01E-1Hz")
+
+    def with_regularization(case: CaseSpec, value: float) -> str:
+        changed = case.gradiometer.model_copy(update={"whitening_regularization": value})
+        return case.model_copy(update={"gradiometer": changed}).content_hash
+
+    assert with_regularization(case, 1e-6).startswith("5d1e55b21b60")
+    assert len({case.content_hash, *(with_regularization(case, x) for x in (1e-6, 1e-3))}) == 3
+    unfiltered = small_case()
+    assert with_regularization(unfiltered, 1e-6) == unfiltered.content_hash
 
 
 def test_a_case_survives_the_store():
@@ -70,6 +86,7 @@ OF_THE_READINGS: dict[str, dict[str, Any]] = {
     "density": {"truth.gradiometer.noise_density_eotvos_per_sqrt_hz": 0.1},
     "bias": {"truth.gradiometer.bias_eotvos": 0.1},
     "drift": {"truth.gradiometer.drift_eotvos_per_sqrt_h": 1.0},
+    "noise behind the filter": {"truth.gradiometer.noise_behind_filter_eotvos": 0.01},
     "scale factor": {"truth.gradiometer.scale_factor_ppm": 100.0},
     "misalignment": {"truth.gradiometer.misalignment_arcmin": 1.0},
     "outliers": {"truth.gradiometer.outlier_share": 0.2, "truth.gradiometer.outlier_eotvos": 1.0},
@@ -97,6 +114,9 @@ OF_THE_MODEL: dict[str, tuple[dict[str, Any], str]] = {
     "density": ({"model.gradiometer.noise_density_eotvos_per_sqrt_hz": 0.1}, "noise_cov"),
     "bias": ({"model.gradiometer.bias_eotvos": 0.1}, "prior_cov"),
     "drift": ({"model.gradiometer.drift_eotvos_per_sqrt_h": 1.0}, "process_cov"),
+    "noise behind the filter": (
+        {"model.gradiometer.noise_behind_filter_eotvos": 0.01}, "noise_cov",
+    ),
     "gyro bias": ({"model.imu.gyro_bias_deg_per_h": 0.1}, "prior_cov"),
     "gyro noise": ({"model.imu.gyro_noise_deg_per_sqrt_h": 0.05}, "process_cov"),
     "accelerometer bias": ({"model.imu.accelerometer_bias_ug": 5000.0}, "prior_cov"),

@@ -1,8 +1,8 @@
 """What a gradiometer does to the tensor that it should deliver: truth that no estimator is told.
 
 In this order: scale factor and misalignment of the mount, the errors of its rotating disks, bias
-and drift, white noise, outliers, the low-pass; then readings drop out. When readings are taken at
-wrong times, :mod:`ggbench.simulation.runs` takes the tensor there.
+and drift, white noise, outliers, the low-pass, the noise behind it; then readings drop out. When
+readings are taken at wrong times, :mod:`ggbench.simulation.runs` takes the tensor there.
 """
 
 from __future__ import annotations

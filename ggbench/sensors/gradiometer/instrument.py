@@ -220,6 +220,7 @@ class Gradiometer:
     instrument : how it is mounted, one of :data:`INSTRUMENTS`.
     bias_eotvos : σ of each channel's bias at the start [E].
     drift : root PSD of the bias's random walk [E/√s].
+    noise_behind_filter : RMS of the white noise of each channel's output, behind the filter [E].
     """
 
     noise_eotvos: float
@@ -228,6 +229,7 @@ class Gradiometer:
     instrument: str = "platform"
     bias_eotvos: float = 0.0
     drift: float = 0.0
+    noise_behind_filter: float = 0.0
 
     @property
     def channels(self) -> np.ndarray:
@@ -235,7 +237,15 @@ class Gradiometer:
         return np.stack([channel(name) for name in self.components])
 
     def noise(self, count: int, rng: np.random.Generator) -> np.ndarray:
-        """Return white noise (count, m) of its channels [E].
+        """Return white noise (count, m) of its channels, before the filter [E]."""
+        return self.noise_eotvos * self._white(count, rng)
+
+    def noise_behind(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Return white noise (count, m) of its outputs, behind the filter [E]."""
+        return self.noise_behind_filter * self._white(count, rng)
+
+    def _white(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Return standard normal numbers (count, m) for its channels.
 
         All that any instrument could deliver is drawn, so that a subset sees the same noise.
         """
@@ -243,7 +253,7 @@ class Gradiometer:
         draws = np.hstack([rng.standard_normal((count, len(group))) for group in groups])
         names = [name for group in groups for name in group]
         chosen = [names.index(name) for name in self.components]
-        return np.asarray(self.noise_eotvos * draws[:, chosen])
+        return np.asarray(draws[:, chosen])
 
     @property
     def biased(self) -> bool:

@@ -9,18 +9,20 @@ delay and coloured noise, by one of two treatments:
     The filter is causal and invertible, so its output carries all the information of its input. A
     state augmented by the filter's own would recover it; since the filter is linear and known, the
     innovation form of that augmented filter can be run once, ahead of all estimators: y is
-    multiplied by A = C⁻¹ with C Cᵀ = L Lᵀ + ρ² I (Cholesky). A delay of a fraction of a sample
-    remains. The constant ρ only bounds the inverse, which would amplify rounding without limit
-    near the Nyquist frequency, where the filter passes nothing; in those directions (one in nine
-    for the paper's filter) A y has less noise than the unit covariance claimed for it, and no
-    signal.
+    multiplied by A = C⁻¹ with C Cᵀ = L Lᵀ + ρ² I (Cholesky). A delay of a sample or so remains.
+    With ρ the noise behind the filter, in units of that in front of it, A y is white. Noise that
+    a model does not know of is amplified up to 1/ρ near the Nyquist frequency, where the filter
+    passes nothing, so ρ is never below a regularisation: up to so much noise behind the filter A y
+    has no more noise than the unit covariance claimed for it. Without any it has less, in the
+    directions that the filter all but stops, where there is no signal either.
 
 ``delayed``
     y is taken as it is, as a measurement of the state one group delay ago with the noise of the
-    unfiltered data (the paper's "fixed delay compensation", done consistently).
+    unfiltered data (the paper's "fixed delay compensation", done consistently). Outputs that the
+    filter's start makes noisier than its inputs are scaled down to their noise.
 
-Both are the same formula: with W = A L (A = I for ``delayed``) a slowly varying error signal d(t)
-appears as g_k d(t_k − τ_k), where g_k is the sum of row k of W and τ_k the centroid of its lags.
+Both are the same formula: with W = A L (A diagonal for ``delayed``) a slowly varying error signal
+d(t) appears as g_k d(t_k − τ_k), with g_k the sum of row k of W and τ_k the centroid of its lags.
 """
 
 from __future__ import annotations
@@ -38,7 +40,8 @@ from ...numerics.frozen import frozen
 from ...numerics.kernels import compiled
 
 Treatment = Literal["whitened", "delayed"]
-_MOST_RESPONSE = 10.0  # a computed response beyond this is rounding run wild
+_MOST_ROUNDING = 1e-9
+"""Largest rounding error of a response, relative to it, with which a filter counts as computed."""
 
 
 @dataclass(frozen=True)
@@ -122,6 +125,37 @@ def _filter(numerator: np.ndarray, denominator: np.ndarray, samples: np.ndarray)
                 own[k, c] = total
 
 
+def _rounding(lowpass: LowPass, count: int) -> float:
+    """Return a bound of the rounding errors in ``count`` outputs, relative to the largest response.
+
+    To first order, of the largest entry of |D⁻¹| (|N| + |D| |L|) ε, where D y = N x is the
+    difference equation: what rounded coefficients and rounded terms of a step do to all later
+    outputs. (How large L itself is says nothing: the start of a filter of high order is a true
+    transient, as large as a polynomial through its first outputs makes it.)
+    """
+    order = lowpass.order
+    if count <= order:
+        return 0.0
+    numerator, denominator = _difference_equation(lowpass)
+    # The response to any later input is the last one's, shifted.
+    inputs = np.eye(count, order + 1)
+    outputs = lowpass.apply(inputs)
+    unit = np.eye(1, order + 1)[0]
+    pulse = np.eye(1, count, order).reshape(1, count, 1)
+    _filter(unit, denominator, pulse)
+    echo, past = np.abs(pulse[0, order:, 0]), np.abs(denominator) - unit
+    with np.errstate(all="ignore"):  # poles that rounding takes out of the unit circle
+        errors = [
+            np.convolve(
+                echo,
+                np.convolve(np.abs(numerator), np.abs(x))[order:count]
+                + np.convolve(past, np.abs(y))[order:count],
+            )[: count - order]
+            for x, y in zip(inputs.T, outputs.T, strict=True)
+        ]
+        return float(np.finfo(float).eps * np.max(errors) / np.abs(outputs).max())
+
+
 @dataclass(frozen=True)
 class Prefilter:
     """What turns the instrument's output into the measurements that estimators see.
@@ -151,7 +185,7 @@ def prefilter(lowpass: LowPass | None, count: int, treatment: Treatment, rho: fl
     lowpass : the instrument's filter.
     count : number of epochs K.
     treatment : ``whitened`` or ``delayed``, see the module's docstring.
-    rho : the constant of ``whitened`` that bounds the inverse.
+    rho : of ``whitened``, the noise behind the filter in units of that in front of it.
 
     Raises
     ------
@@ -160,15 +194,22 @@ def prefilter(lowpass: LowPass | None, count: int, treatment: Treatment, rho: fl
     """
     if lowpass is None:
         return Prefilter(None, frozen(np.ones(count)), frozen(np.zeros(count)))
-    identity = np.eye(count)
-    response = lowpass.apply(identity)
-    if not np.abs(response).max() < _MOST_RESPONSE:
+    rounding = _rounding(lowpass, count)
+    if not rounding < _MOST_ROUNDING:
         raise GGBenchError(
             f"the low-pass of order {lowpass.order} at {lowpass.cutoff_hz:g} Hz cannot be computed "
-            f"at a rate of {lowpass.rate_hz:g} Hz: its cut-off is too low for its order"
+            f"at a rate of {lowpass.rate_hz:g} Hz: rounding errors may reach {rounding:.0e} of its "
+            f"response, and {_MOST_ROUNDING:.0e} is allowed; use a lower order, or a cut-off "
+            f"farther from 0 and from the Nyquist frequency, {0.5 * lowpass.rate_hz:g} Hz"
         )
+    identity = np.eye(count)
+    response = lowpass.apply(identity)
     matrix = None
     chain = response
+    noise = np.linalg.norm(response, axis=1)
+    if treatment == "delayed" and (noise > 1.0 + _MOST_ROUNDING).any():
+        matrix = frozen(np.diag(1.0 / np.maximum(noise, 1.0)))
+        chain = matrix @ response
     if treatment == "whitened":
         # QR of [L, ρ I]ᵀ gives the Cholesky factor of L Lᵀ + ρ² I without squaring its condition.
         (factor,) = qr(np.vstack([response.T, rho * identity]), mode="r")
@@ -177,5 +218,6 @@ def prefilter(lowpass: LowPass | None, count: int, treatment: Treatment, rho: fl
         chain = matrix @ response
     samples = np.arange(count)
     gain = chain.sum(axis=1)
-    delay = np.maximum(samples - chain @ samples / gain, 0.0)
+    # The first outputs may extrapolate: to before the first reading, or beyond their own.
+    delay = np.clip(samples - chain @ samples / gain, 0.0, samples)
     return Prefilter(matrix, frozen(gain), frozen(delay))

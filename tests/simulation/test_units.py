@@ -1,0 +1,457 @@
+"""Every number of a scenario file, in the unit that its key names, becomes the SI value in use.
+
+The unit is read from the key by astropy; the value where the simulation or the model takes it. A
+key that is new fails the last test until it has a row here, or is said to have no unit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from types import SimpleNamespace
+from typing import Any, get_args
+
+import astropy.units as u
+import numpy as np
+import pytest
+from astropy.constants import g0
+from pydantic import BaseModel
+from small_cases import ROTATING, blank_map, small_case, small_flight
+
+from ggbench.gravity import parker
+from ggbench.judging import locking
+from ggbench.judging.run_errors import window_mask
+from ggbench.maps import recipe
+from ggbench.simulation import field_source
+from ggbench.simulation.equipment import Equipment
+from ggbench.simulation.error_free_flight import Flight
+from ggbench.simulation.runs import simulate
+from ggbench.spec.case import CampaignSpec, CaseSpec, SweepSpec, WindowsSpec
+from ggbench.spec.trajectory import SegmentSpec, TrajectorySpec
+
+EOTVOS = 1e-9 / u.s**2
+SUFFIXES = {
+    "kg_m3": u.kg / u.m**3,
+    "deg_per_sqrt_h": u.deg / u.hour**0.5,
+    "deg_per_h": u.deg / u.hour,
+    "deg_per_s": u.deg / u.s,
+    "ug_per_sqrt_hz": 1e-6 * g0 / u.Hz**0.5,
+    "ng_per_sqrt_hz": 1e-9 * g0 / u.Hz**0.5,
+    "eotvos_per_sqrt_hz": EOTVOS / u.Hz**0.5,
+    "eotvos_per_sqrt_h": EOTVOS / u.hour**0.5,
+    "m_per_sqrt_hz": u.m / u.Hz**0.5,
+    "arcmin": u.arcmin,
+    "eotvos": EOTVOS,
+    "ppm": 1e-6 * u.one,
+    "mps2": u.m / u.s**2,
+    "mps": u.m / u.s,
+    "deg": u.deg,
+    "hz": u.Hz,
+    "ug": 1e-6 * g0,
+    "km": u.km,
+    "m": u.m,
+    "s": u.s,
+}
+"""Endings of keys, the longer ones first."""
+
+
+def unit_of(key: str) -> Any:
+    """The unit that a key names, None if it names none."""
+    return next((unit for end, unit in SUFFIXES.items() if key.endswith(f"_{end}")), None)
+
+
+def si(key: str, value: float) -> float:
+    """A value of a key in SI units, by astropy."""
+    return float((value * unit_of(key)).si.value)
+
+
+E = 1e-9
+"""What the package's numbers of gradients are in SI: they alone are kept in another unit."""
+
+
+# Sensors and initial errors: what a flight has.
+
+Read = Callable[[Flight, Equipment], float]
+Row = tuple[float, Read] | tuple[float, Read, dict[str, Any]]
+
+
+def root(psd: Callable[[np.ndarray], float]) -> Read:
+    """A root of the noise that drives the error model."""
+    return lambda f, e: math.sqrt(psd(e.complete(np.zeros((1, 15, 15)))[1]))
+
+
+def prior(state: int) -> Read:
+    return lambda f, e: math.sqrt(e.prior_cov[state, state])
+
+
+def decay(state: int) -> Read:
+    return lambda f, e: -1.0 / e.complete(np.zeros((1, 15, 15)))[0][0, state, state]
+
+
+def noise(f: Flight, e: Equipment) -> float:
+    """RMS of a reading, as R has it."""
+    return E * math.sqrt(e.noise_cov[0, 0])
+
+
+def walk(f: Flight, e: Equipment) -> float:
+    """The root of what Q adds to a bias of the gradiometer in a second."""
+    nothing = np.zeros((10, 15, 15)), np.zeros((15, 15)), f.trajectory.positions[:11]
+    _, q = e.system(*nothing, np.array([10]), 0.1)
+    return E * math.sqrt(q[0, 15, 15])
+
+
+def behind(f: Flight, e: Equipment) -> float:
+    """RMS of what is drawn, by the same numbers as a noise before the filter."""
+    drawn = e.gradiometer.noise_behind(50, np.random.default_rng(1))
+    unit = e.gradiometer.noise(50, np.random.default_rng(1)) / e.gradiometer.noise_eotvos
+    return E * float(np.median(drawn / unit))
+
+
+def accelerometer(f: Flight, e: Equipment) -> float:
+    """Root PSD of one of four whose signals a disk of baseline b adds up over T: √2 a / (b √T)."""
+    return noise(f, e) * 0.5 / math.sqrt(2.0)
+
+
+FILTERED = {"gradiometer.filter": "butterworth"}
+DENSITY = {"gradiometer.noise_eotvos": None}
+ALTIMETER = {"altimeter.noise_m_per_sqrt_hz": 5.0}
+
+SHARED: dict[str, Row] = {
+    "imu.period_s": (0.05, lambda f, e: f.trajectory.dt),
+    "imu.gyro_bias_deg_per_h": (3.0, prior(9)),
+    "imu.gyro_noise_deg_per_sqrt_h": (0.2, root(lambda q: q[6, 6])),
+    "imu.accelerometer_bias_ug": (700.0, prior(12)),
+    "imu.accelerometer_noise_ug_per_sqrt_hz": (70.0, root(lambda q: q[3, 3])),
+    "imu.gyro_bias_time_s": (40.0, decay(9)),
+    "imu.accelerometer_bias_time_s": (60.0, decay(12)),
+    "altimeter.noise_m_per_sqrt_hz": (4.0, lambda f, e: math.sqrt(e.altimeter[1])),
+    # Two poles at −1/T.
+    "altimeter.time_constant_s": (50.0, lambda f, e: 2.0 / e.altimeter[0][0], ALTIMETER),
+    "initial_error.position_m": (30.0, prior(0)),
+    "initial_error.height_m": (7.0, prior(2)),
+    "initial_error.velocity_mps": (0.3, prior(3)),
+    "initial_error.attitude_arcmin": (2.0, prior(6)),
+    "gradiometer.period_s": (2.0, lambda f, e: float(f.times[1] - f.times[0])),
+    "gradiometer.noise_eotvos": (0.7, noise),
+    # N² = D² f / 2, f = 1 Hz.
+    "gradiometer.noise_density_eotvos_per_sqrt_hz": (
+        0.3, lambda f, e: noise(f, e) * math.sqrt(2.0), DENSITY,
+    ),
+    "gradiometer.bias_eotvos": (0.9, lambda f, e: E * math.sqrt(e.prior_cov[15, 15])),
+    "gradiometer.drift_eotvos_per_sqrt_h": (6.0, walk),
+    "gradiometer.noise_behind_filter_eotvos": (0.004, behind, FILTERED),
+    "gradiometer.filter_cutoff_hz": (
+        0.3, lambda f, e: e.gradiometer.lowpass.cutoff_hz, FILTERED,
+    ),
+    "gradiometer.rotating.baseline_m": (0.3, lambda f, e: f.disks.instrument.baseline),
+    "gradiometer.rotating.rotation_hz": (
+        1.5, lambda f, e: f.disks.instrument.rotation_rate_hz,
+    ),
+    "gradiometer.rotating.accelerometer_noise_ng_per_sqrt_hz": (0.2, accelerometer, ROTATING),
+}  # fmt: skip
+"""Value, where it is in use, and what must be said besides."""
+
+DISKS = ROTATING | {"truth.gradiometer.rotating.scale_factor_mismatch_ppm": 1.0}
+OF_THE_TRUTH: dict[str, Row] = {
+    "imu.gyro_scale_factor_ppm": (30.0, lambda f, e: e.imu.gyro_errors.scale_factor),
+    "imu.accelerometer_scale_factor_ppm": (
+        40.0, lambda f, e: e.imu.accelerometer_errors.scale_factor,
+    ),
+    "imu.gyro_misalignment_arcmin": (0.5, lambda f, e: e.imu.gyro_errors.misalignment),
+    "imu.accelerometer_misalignment_arcmin": (
+        0.6, lambda f, e: e.imu.accelerometer_errors.misalignment,
+    ),
+    "gradiometer.scale_factor_ppm": (50.0, lambda f, e: f.faults.scale_factor),
+    "gradiometer.misalignment_arcmin": (0.7, lambda f, e: f.faults.misalignment),
+    "gradiometer.outlier_eotvos": (
+        8.0, lambda f, e: E * f.faults.outlier_eotvos, {"truth.gradiometer.outlier_share": 0.1},
+    ),
+    "gradiometer.clock_error_s": (0.2, lambda f, e: f.faults.clock),
+    "gradiometer.timing_jitter_s": (0.03, lambda f, e: f.faults.jitter),
+    "gradiometer.rotating.scale_factor_ppm": (11.0, lambda f, e: f.disks.scale_factor),
+    "gradiometer.rotating.scale_factor_mismatch_ppm": (
+        12.0, lambda f, e: f.disks.scale_factor_mismatch,
+    ),
+    "gradiometer.rotating.baseline_error_ppm": (13.0, lambda f, e: f.disks.baseline),
+    "gradiometer.rotating.misalignment_arcmin": (0.14, lambda f, e: f.disks.misalignment),
+    "gradiometer.rotating.demodulation_phase_arcmin": (
+        0.15, lambda f, e: f.disks.demodulation_phase,
+    ),
+    "gradiometer.rotating.rotation_rate_error_ppm": (16.0, lambda f, e: f.disks.rotation_rate),
+    "gradiometer.rotating.vibration_mps2": (0.17, lambda f, e: f.disks.vibration),
+}  # fmt: skip
+
+
+def keys_of(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
+    """Dotted keys of all numbers of a table."""
+
+    def parts(annotation: Any) -> Iterator[Any]:
+        yield annotation
+        for part in get_args(annotation):
+            yield from parts(part)
+
+    for name, field in model.model_fields.items():
+        found = list(parts(field.annotation))
+        tables = [t for t in found if isinstance(t, type) and issubclass(t, BaseModel)]
+        for table in tables:
+            yield from keys_of(table, f"{prefix}{name}.")
+        if not tables and {float, int}.intersection(t for t in found if isinstance(t, type)):
+            yield prefix + name
+
+
+KEYS = {
+    *keys_of(CaseSpec), *keys_of(CampaignSpec, "campaign."), *keys_of(SweepSpec, "sweep."),
+}  # fmt: skip
+SENSORS = {
+    **{key: (row, ("true", "model")) for key, row in SHARED.items()},
+    **{f"truth.{key}": (row, ("true",)) for key, row in SHARED.items() if f"truth.{key}" in KEYS},
+    **{f"model.{key}": (row, ("model",)) for key, row in SHARED.items() if f"model.{key}" in KEYS},
+    **{f"truth.{key}": (row, ("true",)) for key, row in OF_THE_TRUTH.items()},
+}
+
+
+@pytest.mark.parametrize("key", SENSORS)
+def test_sensors_and_initial_errors(key):
+    """Of the shared tables for both sides, of ``[truth]`` and ``[model]`` for their own."""
+    (value, read, *rest), sides = SENSORS[key]
+    context = dict(rest[0]) if rest else {}
+    if key.startswith(("truth.", "model.")):
+        context = {name: x for name, x in context.items() if x is not None}
+    if "rotating" in key:
+        context |= DISKS
+    flight = small_flight(context | {key: value})
+    for side in sides:
+        assert read(flight, getattr(flight, side)) == pytest.approx(si(key, value), rel=1e-9)
+
+
+def test_the_truth_draws_what_the_rows_read():
+    """Biases, their walk and the sensors' noise come from the numbers above, in the same units.
+
+    A hundred draws of three axes: within a third, six deviations.
+    """
+    changes = {
+        key: SHARED[key][0] for key in SHARED if key.startswith("imu.") and "time" not in key
+    }
+    imu = small_flight(changes).true.imu
+    drawn = np.array([imu.draw_biases(np.random.default_rng(n)) for n in range(100)])
+    for sensor, key in enumerate(("imu.gyro_bias_deg_per_h", "imu.accelerometer_bias_ug")):
+        assert drawn[:, sensor].std() == pytest.approx(si(key, changes[key]), rel=0.33)
+    key = "imu.gyro_noise_deg_per_sqrt_h"
+    assert imu.gyro_root_psd == pytest.approx(si(key, changes[key]), rel=1e-12)
+    key = "imu.accelerometer_noise_ug_per_sqrt_hz"
+    assert imu.accelerometer_root_psd == pytest.approx(si(key, changes[key]), rel=1e-12)
+    key = "gradiometer.drift_eotvos_per_sqrt_h"
+    truth = small_flight({key: 6.0}).true.gradiometer
+    assert E * truth.drift == pytest.approx(si(key, 6.0), rel=1e-12)
+
+
+def test_gradients_are_in_eotvos():
+    """Γ_UU of a sphere's field is 2 GM/r³, 3.08e-6 /s² near the ground, and so are its readings."""
+    flight = small_flight({"gradiometer.instrument": "local-level"})
+    expected = (2.0 * 3.986004418e14 * u.m**3 / u.s**2 / (6381e3 * u.m) ** 3).si.value
+    assert E * -flight.noise_free[:, 0] == pytest.approx(0.5 * expected, rel=0.01)
+    assert E * flight.noise_free[:, 5] == pytest.approx(expected, rel=0.01)
+
+
+def test_dropouts():
+    key, value = "truth.gradiometer.dropouts_s", (3.0, 7.5)
+    flight = small_flight({key: [list(value)]})
+    problem, _ = simulate(flight, 1, 0)
+    missing = problem.times[problem.model.arrays.gain == 0.0]
+    assert missing.min() == pytest.approx(si(key, 3.0))
+    assert missing.max() <= si(key, 7.5) < missing.max() + 1.0
+
+
+# The flight.
+
+TRAJECTORY: dict[str, tuple[float, Callable[[Any], float]]] = {
+    "trajectory.latitude_deg": (34.0, lambda t: t.positions[0, 0]),
+    "trajectory.longitude_deg": (-107.0, lambda t: t.positions[0, 1]),
+    "trajectory.height_m": (9000.0, lambda t: t.positions[0, 2]),
+    "trajectory.speed_mps": (120.0, lambda t: float(np.linalg.norm(t.velocities[0]))),
+    "trajectory.heading_deg": (50.0, lambda t: math.atan2(*t.velocities[0, :2])),
+    "trajectory.pitch_deg": (4.0, lambda t: math.asin(t.attitudes[0, 2, 1])),
+    "trajectory.roll_deg": (
+        -6.0, lambda t: math.atan2(-t.attitudes[0, 2, 0], t.attitudes[0, 2, 2]),
+    ),
+}  # fmt: skip
+TRACK = {"trajectory.max_gap_s": "gap", "trajectory.max_acceleration_mps2": "acceleration",
+         "trajectory.smoothing_s": "smoothing"}  # fmt: skip
+TURN = {"kind": "turn", "by_heading_deg": 90.0}
+CLIMB = {"kind": "climb", "by_height_m": 100.0, "climb_angle_deg": 3.0}
+TERRAIN = {"kind": "terrain-following", "terrain": "t", "clearance_m": 90.0, "duration_s": 60.0}
+SEGMENT: dict[str, tuple[float, dict[str, Any], str]] = {
+    "duration_s": (33.0, {"kind": "cruise"}, "duration"),
+    "distance_km": (12.0, {"kind": "cruise"}, "distance"),
+    "turn_rate_deg_per_s": (2.0, {"duration_s": 10.0}, "turn_rate"),
+    "acceleration_mps2": (0.4, {"duration_s": 10.0}, "acceleration"),
+    "climb_rate_deg_per_s": (0.3, {"duration_s": 10.0}, "climb_rate"),
+    "to_height_m": (500.0, CLIMB | {"by_height_m": None}, "to"),
+    "by_height_m": (-50.0, CLIMB, "by"),
+    "climb_angle_deg": (4.0, CLIMB, "angle"),
+    "vertical_speed_mps": (2.5, CLIMB | {"climb_angle_deg": None}, "vertical_speed"),
+    "max_vertical_acceleration_mps2": (1.5, CLIMB, "vertical_acceleration"),
+    "to_heading_deg": (200.0, {"kind": "turn", "bank_deg": 10.0}, "to"),
+    "by_heading_deg": (-75.0, {"kind": "turn", "bank_deg": 10.0}, "by"),
+    "bank_deg": (15.0, TURN, "bank"),
+    "radius_m": (4000.0, TURN, "radius"),
+    "to_speed_mps": (70.0, {"kind": "speed", "acceleration_mps2": 1.0}, "to"),
+    "clearance_m": (80.0, TERRAIN, "clearance"),
+    "lowest_m": (450.0, TERRAIN, "lowest"),
+    "max_climb_angle_deg": (8.0, TERRAIN, "climb_angle"),
+}
+"""Value, the other keys of a segment, and the attribute of the manoeuvre that is flown."""
+SEGMENT_TWICE: dict[str, tuple[float, dict[str, Any], str]] = {
+    "turn_rate_deg_per_s": (3.0, TURN, "rate"),
+    "acceleration_mps2": (0.7, {"kind": "speed", "to_speed_mps": 70.0}, "acceleration"),
+    "duration_s": (50.0, TERRAIN, "duration"),
+    "distance_km": (9.0, TERRAIN | {"duration_s": None}, "distance"),
+    "max_vertical_acceleration_mps2": (1.2, TERRAIN, "vertical_acceleration"),
+}
+"""Keys that another kind of segment has, too."""
+
+
+@pytest.mark.parametrize("key", TRAJECTORY)
+def test_start(key):
+    value, read = TRAJECTORY[key]
+    flight = small_flight({key: value})
+    assert read(flight.trajectory) == pytest.approx(si(key, value), rel=1e-9)
+
+
+@pytest.mark.parametrize("key", TRACK)
+def test_tracks(key):
+    limits = TrajectorySpec(file="track.csv", **{key.partition(".")[2]: 3.5}).track_limits()
+    assert getattr(limits, TRACK[key]) == pytest.approx(si(key, 3.5))
+
+
+@pytest.mark.parametrize(
+    ("key", "row"), [*SEGMENT.items(), *SEGMENT_TWICE.items()], ids=lambda x: str(x)[:30]
+)
+def test_segments(key, row):
+    value, others, attribute = row
+    given = {name: x for name, x in (others | {key: value}).items() if x is not None}
+    manoeuvre = SegmentSpec(**given).manoeuvre()
+    assert getattr(manoeuvre, attribute) == pytest.approx(si(key, value), rel=1e-12)
+
+
+# Maps.
+
+MAP = {
+    "field.source": "jacksboro", "field.south_deg": 36.20, "field.north_deg": 36.30,
+    "field.west_deg": -84.30, "field.east_deg": -84.20, "field.lowest_m": 1200.0,
+    "field.highest_m": 1500.0, "field.spacing_arcmin": 0.05, "field.height_spacing_m": 50.0,
+    "field.relief_smoothing_deg": 0.001, "field.density_kg_m3": 2500.0,
+}  # fmt: skip
+FIELD: dict[str, Callable[[Any], float]] = {
+    "south_deg": lambda made: made.latitude[0],
+    "north_deg": lambda made: made.latitude[-1],
+    "west_deg": lambda made: made.longitude[0],
+    "east_deg": lambda made: made.longitude[-1],
+    "lowest_m": lambda made: made.height[0],
+    "highest_m": lambda made: made.height[-1],
+    "spacing_arcmin": lambda made: made.latitude[1] - made.latitude[0],
+    "height_spacing_m": lambda made: made.height[1] - made.height[0],
+    "relief_smoothing_deg": lambda made: made.smoothing,
+    "density_kg_m3": lambda made: made.density,
+}
+ERROR: dict[str, tuple[float, str, float]] = {
+    "resolution_km": (2.0, "resolution_m", 1.0),
+    "white_noise_eotvos": (0.3, "white_noise_eotvos", E),
+    "correlated_noise_eotvos": (0.4, "correlated_noise_eotvos", E),
+    "correlation_km": (5.0, "correlation_m", 1.0),
+}
+"""Value, where it is in use, and what that is in SI units."""
+SIDES = ("", "truth.", "model.")
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_maps(side, monkeypatch):
+    """What the masses of a terrain are asked for: nodes, density, and the smoothing of its relief.
+
+    A Gaussian of the terrain's own steps, whose length is that of its latitudes.
+    """
+    case = small_case({side + key if side else key: value for key, value in MAP.items()})
+    made = SimpleNamespace()
+
+    def record(terrain, latitude, longitude, height, options):
+        made.latitude, made.longitude, made.height = latitude, longitude, height
+        made.density = options.density
+        shape = (len(latitude), len(longitude), len(height))
+        made.smoothing = made.sigma * math.radians(terrain.latitude_step_deg)
+        return np.zeros((*shape, 6)), np.zeros((*shape, 3))
+
+    def smooth(heights, sigma, mode):
+        made.sigma = sigma[0]
+        return heights
+
+    monkeypatch.setattr(parker, "terrain_field", record)
+    monkeypatch.setattr("scipy.ndimage.gaussian_filter", smooth)
+    for name in ("truth", "model"):
+        if side in ("", f"{name}."):
+            recipe.build(field_source.map_recipe(case.side(name).field))
+            for key, read in FIELD.items():
+                expected = si(key, MAP[f"field.{key}"])
+                assert read(made) == pytest.approx(expected, rel=1e-9), key
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_errors_of_maps(side, monkeypatch, tmp_path):
+    """What a map is degraded by."""
+    path = tmp_path / "map.npz"
+    recipe.write(path, blank_map())
+    error = {key: value for key, (value, *_) in ERROR.items()}
+    case = small_case({"field.source": str(path), f"{side}field.error": error})
+    seen = []
+    monkeypatch.setattr(field_source, "degrade", lambda found, d: seen.append(d) or found)
+    for name in ("truth", "model"):
+        field_source._make.cache_clear()
+        field_source.make_field(case.side(name).field)
+    assert len(seen) == (1 if side else 2)
+    for degradation in seen:
+        for key, (value, attribute, unit) in ERROR.items():
+            found = unit * getattr(degradation, attribute)
+            assert found == pytest.approx(si(key, value), rel=1e-12), key
+
+
+# Judging.
+
+
+def test_windows():
+    """Which epochs count, and which errors are a lock."""
+    times = np.arange(1, 1001) * 0.1
+    windows = WindowsSpec(settled_from_s=40.0, last_s=12.0, lock_m=30.0)
+    settled, last = (times[window_mask(times, windows, name)] for name in ("settled", "last20"))
+    assert settled[0] == pytest.approx(si("settled_from_s", 40.0))
+    assert last[0] == pytest.approx(times[-1] - si("last_s", 12.0) + 0.1)
+    errors = si("lock_m", 30.0) * np.array([[0.999], [1.001]]) * np.ones((1, 1000))
+    found, _ = locking.judge(errors, np.full((2, 3), np.nan), times, windows.lock_m)
+    assert np.isfinite(found).tolist() == [True, False]
+
+
+# Completeness.
+
+ONLY_SHOWN = {"reference.position_mrse_m", "reference.velocity_mrse_mps", "sweep.targets_m"}
+"""What reports print beside results; nothing is computed from it."""
+IN_SECONDS = {"campaign.time_limit_s"}
+"""Given as it is to the clock that a run is held to."""
+WITHOUT_UNIT = {
+    "gradiometer.filter_order", "gradiometer.whitening_regularization",
+    "truth.gradiometer.outlier_share", "truth.gradiometer.dropout_share", "trajectory.repeat",
+    "campaign.runs", "campaign.seed", "campaign.assumption_runs", "sweep.axis.values",
+    *(f"{side}field.error.{key}" for side in SIDES for key in ("density_factor", "seed")),
+}  # fmt: skip
+
+
+def test_every_number_has_a_row():
+    """A key that is new names its unit, and has a row above, or is said to have none."""
+    rows = {
+        *SENSORS, *TRAJECTORY, *TRACK, "truth.gradiometer.dropouts_s",
+        *(f"trajectory.segment.{key}" for key in SEGMENT),
+        *(f"{side}field.{key}" for side in SIDES for key in FIELD),
+        *(f"{side}field.error.{key}" for side in SIDES for key in ERROR),
+        *(f"windows.{key}" for key in ("settled_from_s", "last_s", "lock_m")),
+        *ONLY_SHOWN, *IN_SECONDS,
+    }  # fmt: skip
+    assert rows | WITHOUT_UNIT == KEYS
+    assert [key for key in rows if unit_of(key) is None] == []
+    assert [key for key in WITHOUT_UNIT if unit_of(key) is not None] == []
