@@ -19,7 +19,7 @@ from ggbench.judging import statistics
 from ggbench.judging.summary import SUMMARY_COLUMNS
 from ggbench.report import scenario_report
 from ggbench.results.folder import Results
-from ggbench.results.store import StoreError
+from ggbench.results.store import Result, Store, StoreError
 
 
 def test_a_folder_of_other_things_is_left_alone(tmp_path):
@@ -36,6 +36,21 @@ def test_a_folder_of_other_things_is_left_alone(tmp_path):
     assert (tmp_path / "out" / "notes.txt").read_text() == "mine"
     assert (tmp_path / "out" / ".notes.part").read_text() == "mine too"
     assert sum(map(len, results.store.finished().values())) == 2 * len(LABELS)
+
+
+def test_a_lost_run_is_worth_another_attempt_only_with_more_time(tmp_path):
+    """What was lost at a limit stays lost at that limit; a higher one leaves it to be run again."""
+    store = Store(tmp_path / "out", create=True)
+    store.add([Result("k", {"run": 0}), Result("k", {"run": 1}, retry_above=60.0),
+               Result("lost", {"run": 0}, retry_above=0.0)])  # fmt: skip
+    kept = {
+        limit: {key: runs.tolist() for key, runs in store.finished(limit).items()}
+        for limit in (1.0, 60.0, 60.5, np.inf)
+    }
+    assert kept == {
+        1.0: {"k": [0, 1]}, 60.0: {"k": [0, 1]}, 60.5: {"k": [0]}, np.inf: {"k": [0]}
+    }  # fmt: skip
+    store.close()
 
 
 FOREIGN = {
