@@ -121,6 +121,7 @@ def test_components_of_a_map_stand_under_their_names():
         assert np.asarray(image.get_array()) == pytest.approx(tensor[:, :, index])
         assert image.origin == "lower"
         assert image.get_extent() == pytest.approx((99.75, 103.25, 29.9, 31.1))
+        assert axis.get_aspect() == pytest.approx(1.0 / np.cos(np.radians(30.5)))
         low, high = image.get_clim()
         assert -low == high > 0.9 * np.abs(tensor[:, :, index]).max()
 
