@@ -21,7 +21,7 @@ from problems import (
 from rough_field import LENGTH, rough_flight
 from scipy.stats import chi2
 
-from ggbench.estimators.gaussian_sum import _split_prior
+from ggbench.estimators.gaussian_sum import _merged, _split_prior
 from ggbench.problem import Estimate, Problem, StateBlock
 
 RUNS = 10
@@ -246,6 +246,72 @@ def test_a_mixture_admits_that_it_does_not_know():
     mixture = estimator("gaussian-sum[spacing_m=100]").estimate(problem, rng())
     assert np.sqrt(mixture.cov[-1, 0, 0]) == pytest.approx(2000.0, rel=0.05)
     assert np.sqrt(estimator("ekf").estimate(problem, rng()).cov[-1, 0, 0]) < 1.0
+
+
+@dataclass(frozen=True)
+class Hill:
+    """A field with one summit, steep before it and gentle behind: each reading fits two places."""
+
+    def predict(self, k: int, x: np.ndarray) -> np.ndarray:
+        x = np.asarray(x)
+        return np.where(x < 0.0, np.exp(x / 300.0), np.exp(-x / 1200.0))
+
+    def jacobian(self, k: int, x: np.ndarray) -> np.ndarray:
+        length = 300.0 if x[0] < 0.0 else -1200.0
+        return (self.predict(k, x) / length)[:, None]
+
+
+@pytest.mark.parametrize("reading", [0.3, 0.5, 0.7])
+def test_hypotheses_weigh_as_much_as_bayes_gives_them(reading):
+    """After one reading, mean and deviation are those of the density, integrated numerically.
+
+    Where the field is gentle, more places fit than where it is steep: of equally good hypotheses
+    the one with the smaller gradient weighs more. To 2 % of the deviation.
+    """
+    sigma, noise = 1000.0, 0.01
+    problem = Problem(
+        times=np.ones(1),
+        measurements=np.array([[reading]]),
+        noise_cov=np.array([[noise**2]]),
+        transition=np.eye(1)[None],
+        process_cov=np.zeros((1, 1, 1)),
+        prior_mean=np.zeros(1),
+        prior_cov=np.array([[sigma**2]]),
+        model=Hill(),
+        layout=(StateBlock("position", slice(0, 1), "m"),),
+    )
+    x = np.linspace(-5.0 * sigma, 5.0 * sigma, 200_001)
+    off = (reading - Hill().predict(0, x)) / noise
+    density = np.exp(-0.5 * (x / sigma) ** 2 - 0.5 * off**2)
+    density /= density.sum()
+    mean = density @ x
+    deviation = np.sqrt(density @ (x - mean) ** 2)
+    found = estimator("gaussian-sum[spacing_m=50,iterations=10]").estimate(problem, rng())
+    assert found.mean[0, 0] == pytest.approx(mean, abs=0.02 * deviation)
+    assert np.sqrt(found.cov[0, 0, 0]) == pytest.approx(deviation, rel=0.02)
+
+
+def test_merging_keeps_the_moments():
+    """What a crowd of hypotheses says together, its mean and covariance, it says merged."""
+    generator = np.random.default_rng(5)
+    count, n = 60, 3
+    weights = np.log(generator.uniform(0.1, 1.0, count))
+    means = 0.8 * generator.standard_normal((count, n))
+    roots = generator.standard_normal((count, n, n)) * 0.3 + np.eye(n)
+    covs = roots @ roots.transpose(0, 2, 1)
+
+    def moments(weights, means, covs) -> tuple[float, np.ndarray, np.ndarray]:
+        share = np.exp(weights)
+        total = share.sum()
+        share = share / total
+        mean = share @ means
+        off = means - mean
+        return total, mean, np.einsum("j,jab->ab", share, covs) + (off.T * share) @ off
+
+    merged = _merged(weights, means, covs)
+    assert 1 < len(merged[0]) < count / 2
+    for before, after in zip(moments(weights, means, covs), moments(*merged), strict=True):
+        assert after == pytest.approx(before, rel=1e-12, abs=1e-12)
 
 
 @pytest.mark.parametrize("label", ["gaussian-sum", "gauss-newton", "gauss-newton[starts=1]"])

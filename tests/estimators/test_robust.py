@@ -153,6 +153,29 @@ def test_what_the_prior_explains_is_no_outlier(label, loss):
     assert max(deviation(found.mean, found.cov, plain.mean, plain.cov)) < 0.1
 
 
+@pytest.mark.parametrize("label", ["ekf", "ekf[iterations=20]", "ukf"])
+def test_an_outlier_near_the_prediction_does_not_win(label):
+    """Of five readings of a place known to 1000 deviations, the four that agree are believed.
+
+    The fifth has the smallest innovation, by chance: against the noise alone it looks like the only
+    good one, against the innovation's own deviation they are all possible.
+    """
+    readings = np.array([3000.0, 3000.6, 2999.5, 1.0, 3000.2])
+    problem = Problem(
+        times=np.ones(1),
+        measurements=readings[None],
+        noise_cov=np.eye(5),
+        transition=np.eye(1)[None],
+        process_cov=np.zeros((1, 1, 1)),
+        prior_mean=np.zeros(1),
+        prior_cov=np.array([[1e6]]),
+        model=LinearModel(np.ones((1, 5, 1))),
+        layout=(),
+    )
+    found = with_(label, loss="cauchy").estimate(problem, rng())
+    assert found.mean[0, 0] == pytest.approx(3000.0, abs=1.0)
+
+
 @pytest.mark.parametrize("label", ["ekf", "ekf[iterations=20]", "gaussian-sum[iterations=40]"])
 def test_update_minimises_the_huber_cost(label):
     """The updated state is the minimum that a general optimizer finds of the same convex cost."""

@@ -87,6 +87,45 @@ def test_anywhere_on_the_earth(model):
         assert np.std(tensor - truth) < 1e-2 * signal
 
 
+@pytest.mark.parametrize(
+    ("kind", "height"),
+    [("geoid", 0.0), ("disturbance", 2000.0), ("anomaly", 0.0), ("anomaly", 3000.0)],
+)
+def test_what_is_known_already_leaves_nothing(kind, height):
+    """A grid of the coefficients' own field, from the definitions, adds nothing to it (1e-9).
+
+    From 27° to 40° of latitude normal gravity changes by a thousandth.
+    """
+    known = random_model(20, 2)
+    vector, tensor = (np.zeros((*map(len, INNER), width)) for width in (3, 6))
+    Residual(grid_of(known, kind, height, 27.0), known).add_to(tensor, vector, *INNER)
+    whole_vector, whole_tensor = gravity_and_gradient(known, *INNER)
+    assert np.abs(vector).max() < 1e-9 * np.abs(whole_vector).max()
+    assert np.abs(tensor).max() < 1e-7 * np.abs(whole_tensor).max()
+
+
+@pytest.mark.parametrize("height", [0.0, 3000.0])
+def test_the_field_of_waves_is_the_derivative_of_its_potential(height):
+    """Derivatives of the gravity vector along height, by differences, are what the tensor says.
+
+    EU and NU exactly, whatever the latitude; UU, which the tensor has from EE and NN, at the
+    latitude whose convergence was taken, as far as the waves are harmonic on an ellipsoid: to 4e-3.
+    """
+    rng = np.random.default_rng(3)
+    grid = GravityGrid("disturbance", 30.0, 105.0, 0.25, 0.25, rng.normal(size=(25, 31)), height)
+    nothing = random_model(2, 1)
+    residual = Residual(grid, nothing)
+    latitude, longitude = np.radians([31.9, 32.7, 33.5]), np.radians([106.2, 108.0, 110.1])
+    heights = 1e4 + np.array([-30.0, -20.0, -10.0, 0.0, 10.0, 20.0, 30.0])
+    vector, tensor = residual.field(latitude, longitude, heights, latitude[1])
+    weights = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 600.0
+    slope = np.tensordot(vector, weights, axes=(2, 0)) / 1e-9
+    size = np.abs(tensor).max()
+    assert np.abs(slope[..., 0] - tensor[:, :, 3, 2]).max() < 1e-7 * size
+    assert np.abs(slope[..., 1] - tensor[:, :, 3, 4]).max() < 1e-7 * size
+    assert np.abs(slope[1, :, 2] - tensor[1, :, 3, 5]).max() < 4e-3 * size
+
+
 def test_a_map_of_the_south_china_sea_serves_a_ship():
     """At the sea's surface, between nodes: interpolation costs less than 0.01 E rms."""
     source = "egm2008_south_china_sea"

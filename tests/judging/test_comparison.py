@@ -8,8 +8,17 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.stats import binomtest, fisher_exact
 
-from ggbench.judging.comparison import LOST, ROW_COLUMNS, Comparison, ComparisonError, compare
+from ggbench.judging.comparison import (
+    LOST,
+    ROW_COLUMNS,
+    Comparison,
+    ComparisonError,
+    _groups,
+    _lost_runs,
+    compare,
+)
 from ggbench.judging.summary import WINDOWS
 
 
@@ -89,6 +98,7 @@ def test_ten_percent_worse_is_found():
     turned = compare(after, before, 0.05)
     assert verdicts(turned) == {"position": "better", "velocity": "better", LOST: "same"}
     assert not turned.worse
+    assert set(verdicts(compare(after, before, 0.2)).values()) == {"not distinguishable", "same"}
 
 
 def test_the_window_is_the_one_asked_for():
@@ -112,8 +122,12 @@ def test_pairs_are_of_the_same_problems():
 def test_runs_that_only_one_campaign_has():
     """Pairs are of common runs; independent samples are cut to equally many; losses count all."""
     long, short = campaign({"a": squares(1)}), campaign({"a": squares(1, 300)[:100]})
+    mrse = math.sqrt(squares(1)[:100].mean())  # of the first ones, of either
     for before, after in ((long, short), (long, short.assign(problem="other"))):
         rows = compare(before, after, 0.0).rows.set_index("quantity")
+        assert tuple(rows.loc["position", ["before", "after"]]) == pytest.approx((mrse, mrse))
+        turned = compare(after, before, 0.0).rows.set_index("quantity")
+        assert tuple(turned.loc["position", ["before", "after"]]) == pytest.approx((mrse, mrse))
         assert rows.loc["position", "runs_before"] == rows.loc["position", "runs"] == 100
         assert (rows.loc[LOST, "runs_before"], rows.loc[LOST, "runs"]) == (300, 100)
 
@@ -142,6 +156,26 @@ def test_lost_runs_need_to_be_more_than_one(kind):
     assert not one.worse
     ten = compare(before, campaign({"a": squares(1)}, **{kind: range(10)}), 0.0)
     assert verdicts(ten)[LOST] == "worse"
+
+
+@pytest.mark.parametrize(("old", "new"), [(3, 20), (9, 4), (0, 5), (6, 6)])
+def test_evidence_of_lost_runs_is_that_of_exact_tests(old, new):
+    """Fisher's of independent samples of 40 and 90 runs, McNemar's of pairs; both one-sided."""
+    before, after = (
+        next(iter(_groups(campaign({"a": squares(1, runs)}, lost=lost)).values()))
+        for runs, lost in ((40, range(old)), (90, range(2, 2 + new)))
+    )
+    found = _lost_runs(before, after, paired=False)
+    table = [[new, 90 - new], [old, 40 - old]]
+    assert (found["before"], found["after"]) == (old, new)
+    assert found["p"] == pytest.approx(fisher_exact(table, alternative="greater").pvalue)
+    assert found["p_better"] == pytest.approx(fisher_exact(table, alternative="less").pvalue)
+    pairs = _lost_runs(before, after, paired=True)
+    one, other = set(range(old)), set(range(2, 2 + new))
+    differing = len(one ^ other)
+    for name, count in (("p", len(other - one)), ("p_better", len(one - other))):
+        wanted = binomtest(count, differing, 0.5, alternative="greater").pvalue if differing else 1
+        assert pairs[name] == pytest.approx(wanted)
 
 
 def test_infinite_errors_are_lost_runs():

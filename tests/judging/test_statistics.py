@@ -10,7 +10,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
+from scipy.stats import binom, chi2, ttest_ind, ttest_rel
 
 from ggbench.judging import statistics
 
@@ -196,6 +196,15 @@ def test_coverage_band_is_safe_for_correlated_epochs(correlated):
     assert all(math.isnan(end) for end in statistics.coverage_band(0))
 
 
+@pytest.mark.parametrize("runs", [1, 20, 100, 1000])
+def test_coverage_band_leaves_as_much_out_below_as_above(runs):
+    """Its ends are quantiles of the binomial law: at most 2.5 % lie below, and 2.5 % above."""
+    found = tuple(round(end * runs) for end in statistics.coverage_band(runs))
+    assert found == tuple(binom.ppf([0.025, 0.975], runs, 0.95).astype(int))
+    low, high = found
+    assert binom.cdf(low - 1, runs, 0.95) <= 0.025 >= binom.sf(high, runs, 0.95)
+
+
 def test_ratio_on_hand_numbers():
     """A ratio of roots; in pairs what is common cancels, in independent samples it does not."""
     before = np.random.default_rng(7).chisquare(3, 50)
@@ -234,6 +243,21 @@ def test_excess_without_spread_or_runs():
         assert statistics.excess_p_value(ones, more, 0.05, paired) == 0.0
         assert statistics.excess_p_value(ones, more, 0.1, paired) == 1.0
         assert statistics.excess_p_value(ones[:1], more[:1], 0.0, paired) == 1.0
+
+
+@pytest.mark.parametrize("runs", [2, 3, 10, 100])
+def test_an_excess_is_students_and_welchs(runs):
+    """p-values are those of textbook t-tests of the mean squares, the threshold in the roots."""
+    generator = np.random.default_rng(runs)
+    before, after = generator.chisquare(3, runs), 1.5 * generator.chisquare(5, runs)
+    for threshold in (0.0, 0.1):
+        allowed = (1.0 + threshold) ** 2 * before
+        for paired, test in (
+            (True, ttest_rel(after, allowed, alternative="greater")),
+            (False, ttest_ind(after, allowed, equal_var=False, alternative="greater")),
+        ):
+            found = statistics.excess_p_value(before, after, threshold, paired)
+            assert found == pytest.approx(test.pvalue, rel=1e-9)
 
 
 @each_law

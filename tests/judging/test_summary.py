@@ -246,6 +246,21 @@ def test_summary_has_the_documented_columns_and_numbers():
         assert math.isnan(row["nis_lo"]) and math.isnan(row["nis_hi"])
 
 
+def test_the_time_of_a_run_is_that_of_warm_processes():
+    """Runs that also compile and import do not count into the median, unless there are no others.
+
+    Nor do failed ones.
+    """
+    seconds = {0: (90.0, True), 1: (1.0, False), 2: (80.0, True), 3: (3.0, False), 4: (4.0, False)}
+    records = [
+        record(run, 4.0) | {"seconds": time, "cold": cold} for run, (time, cold) in seconds.items()
+    ]
+    failed = record(5, 0.0, status="failed") | {"seconds": 700.0, "cold": False}
+    assert set(summary([*records, failed], BOUNDS, {}, "s")["seconds_per_run"]) == {3.0}
+    first = [entry for entry in records if entry["cold"]]
+    assert set(summary(first, BOUNDS, {}, "s")["seconds_per_run"]) == {85.0}
+
+
 def test_an_interval_does_not_depend_on_the_company():
     """Cells that share their draws have the intervals that each has alone."""
     generator = np.random.default_rng(8)

@@ -19,7 +19,7 @@ from ggbench.judging import statistics
 from ggbench.judging.summary import SUMMARY_COLUMNS
 from ggbench.report import scenario_report
 from ggbench.results.folder import Results
-from ggbench.results.store import StoreError
+from ggbench.results.store import Result, Store, StoreError
 
 
 def test_a_folder_of_other_things_is_left_alone(tmp_path):
@@ -36,6 +36,21 @@ def test_a_folder_of_other_things_is_left_alone(tmp_path):
     assert (tmp_path / "out" / "notes.txt").read_text() == "mine"
     assert (tmp_path / "out" / ".notes.part").read_text() == "mine too"
     assert sum(map(len, results.store.finished().values())) == 2 * len(LABELS)
+
+
+def test_a_lost_run_is_worth_another_attempt_only_with_more_time(tmp_path):
+    """What was lost at a limit stays lost at that limit; a higher one leaves it to be run again."""
+    store = Store(tmp_path / "out", create=True)
+    store.add([Result("k", {"run": 0}), Result("k", {"run": 1}, retry_above=60.0),
+               Result("lost", {"run": 0}, retry_above=0.0)])  # fmt: skip
+    kept = {
+        limit: {key: runs.tolist() for key, runs in store.finished(limit).items()}
+        for limit in (1.0, 60.0, 60.5, np.inf)
+    }
+    assert kept == {
+        1.0: {"k": [0, 1]}, 60.0: {"k": [0, 1]}, 60.5: {"k": [0]}, np.inf: {"k": [0]}
+    }  # fmt: skip
+    store.close()
 
 
 FOREIGN = {
@@ -154,6 +169,7 @@ QUERIES = {
     "record without its content": "UPDATE records SET record = '{}'",
     "arrays gone": "DELETE FROM shared",
     "arrays cut": "UPDATE shared SET arrays = substr(arrays, 1, 300)",
+    "run below 0": "UPDATE records SET record = replace(record, '\"run\":', '\"run\":-1')",
     "series cut": "UPDATE records SET series = x'0011'",
     "database of something else": "ALTER TABLE records RENAME COLUMN record TO something",
 }
@@ -164,7 +180,11 @@ TEXTS = {
     "database overwritten": ("records.sqlite", "not a database" * 1000),
     "database empty": ("records.sqlite", ""),
 }
+ONE_NAN = np.ones((20, 2))
+ONE_NAN[7, 1] = np.nan
 SHARED = {
+    "kept epochs beyond the last": ("kept", np.array([0, 5, 20])),
+    "one number missing": ("bound-filter", ONE_NAN),
     "readings of other epochs": ("present", np.ones(3)),
     "readings beyond all": ("present", np.full(20, 1.5)),
     "no channels": ("channels", np.array(0)),
@@ -241,6 +261,7 @@ DAMAGES = {
     "database of something else": "records.sqlite",
     "record that is no JSON": "records.sqlite",
     "record without its content": "records.sqlite",
+    "run below 0": r"records\.sqlite is damaged: .*run",
     "series cut": "records.sqlite",
     "manifest cut": "manifest.json.* is damaged",
     "manifest of something else": "manifest.json has format None|is damaged",
@@ -255,6 +276,8 @@ DAMAGES = {
     "arrays not zipped": "case base share.* cannot be read",
     "readings of other epochs": r"case base share.* is damaged: its present has the shape \(3,\)",
     "readings beyond all": "case base share.* is damaged: its present holds more than shares",
+    "kept epochs beyond the last": "case base share.* is damaged: its kept names other epochs",
+    "one number missing": "case base share.* is damaged: its bound-filter is not finite",
     "no channels": "case base share.* is damaged: its channels is no number of channels",
     "channels one by one": "case base share.* is damaged: its channels is no number of channels",
     "arrays pickled": "case base share.* cannot be read.*allow_pickle=False",

@@ -1,0 +1,236 @@
+"""Tables of a report: under each heading the figure that it names, in its unit."""
+
+from __future__ import annotations
+
+import math
+import re
+import tomllib
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from problems import SMALL
+
+from ggbench.judging.summary import WINDOWS
+from ggbench.report import tables
+from ggbench.spec import scenario
+
+SCENARIO = scenario.parse(tomllib.loads(SMALL), "small", "small")
+UNPUBLISHED = scenario.parse(tomllib.loads(re.sub("reference.*", "", SMALL)), "small", "small")
+CASES = ("base", "noisy")
+LABELS = {"ekf": "filter", "ins": "none", "lagged": "fixed-lag", "late": "batch"}
+COLUMNS = (
+    "position_mrse_m", "position_mrse_lo", "position_mrse_hi", "position_median_m",
+    "position_p95_m", "position_bound_m", "position_efficiency", "velocity_mrse_mps",
+    "velocity_mrse_lo", "velocity_mrse_hi", "velocity_median_mps", "velocity_p95_mps",
+    "velocity_bound_mps", "velocity_efficiency", "nees_mean", "nees_lo", "nees_hi", "nis_mean",
+    "nis_lo", "nis_hi",
+)  # fmt: skip
+
+
+def figure(case: str, label: str, window: str, column: str) -> float:
+    """A number that is of no other case, estimator, window and column."""
+    place = (CASES.index(case), list(LABELS).index(label), WINDOWS.index(window))
+    return 10.0 + COLUMNS.index(column) + 0.01 * (30 * place[0] + 6 * place[1] + place[2] + 1)
+
+
+def row(case: str, label: str, window: str) -> dict[str, Any]:
+    found = {column: figure(case, label, window, column) for column in COLUMNS}
+    index = list(LABELS).index(label)
+    return found | {
+        "case": case, "label": label, "window": window, "causality": LABELS[label], "runs": 50,
+        "failed": 2 + index, "diverged": 12 + index, "seconds_per_run": 0.125 + index,
+        "map_evaluations": 700 + index, "coverage": 0.911, "coverage_lo": 0.922,
+        "coverage_hi": 0.933, "lock_share": math.nan,
+    }  # fmt: skip
+
+
+SUMMARY = pd.DataFrame(
+    [row(case, label, window) for case in CASES for label in LABELS for window in WINDOWS]
+)
+
+
+def parsed(markdown: str) -> tuple[list[str], list[list[str]]]:
+    """Heading and rows of cells of a markdown table."""
+    lines = [line for line in markdown.splitlines() if line.startswith("|")]
+    head, _, *rows = ([c.strip() for c in line.strip("|").split(" | ")] for line in lines)
+    return head, rows
+
+
+def numbers(cell: str) -> list[float]:
+    return [float(text) for text in re.findall(r"\d+(?:\.\d+)?", cell)]
+
+
+def shown(case: str, label: str, window: str, *columns: str) -> pytest.approx:
+    return pytest.approx([figure(case, label, window, column) for column in columns], abs=0.006)
+
+
+def test_the_first_table_tells_position_before_velocity_and_milliseconds():
+    """Every estimator in the settled window, beside what was published and the bound."""
+    head, rows = parsed(tables.glance(SCENARIO, SUMMARY))
+    assert head[2:] == ["as it is: m, m/s", "failed / diverged", "ms/run"]
+    assert rows[0][0] == "*paper (UKF)*" and numbers(rows[0][2]) == [6.0, 0.3]
+    for cells in (cells for cells in rows if cells[0].strip("`") in LABELS):
+        label = cells[0].strip("`")
+        index = list(LABELS).index(label)
+        assert cells[1] == LABELS[label]
+        wanted = shown("base", label, "settled", "position_mrse_m", "velocity_mrse_mps")
+        assert numbers(cells[2]) == wanted
+        assert numbers(cells[3]) == [2 + index, 12 + index]
+        assert numbers(cells[4]) == pytest.approx([125.0 + 1000.0 * index], abs=1.0)
+    bounds = {cells[1].strip("*"): cells[2] for cells in rows if "bound" in cells[0]}
+    for label, causality in LABELS.items():
+        if causality != "none":
+            wanted = shown("base", label, "settled", "position_bound_m", "velocity_bound_mps")
+            assert numbers(bounds[causality]) == wanted
+
+
+def test_many_cases_show_their_position_errors():
+    """A row for each case, a column for each estimator, the bounds of each causality behind."""
+    head, rows = parsed(tables.glance(UNPUBLISHED, SUMMARY))
+    labels = [re.match("`(.*)`", title)[1] for title in head[1:5]]
+    assert labels == list(LABELS)
+    for name, cells in zip(CASES, rows, strict=True):
+        for label, cell in zip(labels, cells[1:5], strict=True):
+            columns = ("position_mrse_m", "position_mrse_lo", "position_mrse_hi")
+            index = list(LABELS).index(label)
+            figures = pytest.approx(
+                [figure(name, label, "settled", column) for column in columns], abs=0.06
+            )
+            assert numbers(cell)[:3] == figures
+            assert cell.endswith(f"; {2 + index} failed, {12 + index} diverged")
+        for title, cell in zip(head[5:], cells[5:], strict=True):
+            label = {causality: k for k, causality in LABELS.items()}[title.split()[1].strip("*")]
+            bound = figure(name, label, "settled", "position_bound_m")
+            assert numbers(cell) == pytest.approx([bound], abs=0.06)
+
+
+def test_errors_of_a_case_stand_under_their_headings():
+    """MRSE with its interval, median and 95 % quantile, bound, efficiency: position, velocity."""
+    head, rows = parsed(tables.case_errors(SCENARIO.cases[0], SUMMARY))
+    assert [title.split(" [")[0] for title in head] == [
+        "estimator", "position MRSE", "median, 95 %", "bound", "efficiency", "velocity MRSE",
+        "median, 95 %", "bound", "failed / diverged",
+    ]  # fmt: skip
+    assert numbers(rows[0][1]) == [6.0] and numbers(rows[0][5]) == [0.3]
+    columns = (
+        ("position_mrse_m", "position_mrse_lo", "position_mrse_hi"),
+        ("position_median_m", "position_p95_m"),
+        ("position_bound_m",),
+        ("position_efficiency",),
+        ("velocity_mrse_mps", "velocity_mrse_lo", "velocity_mrse_hi"),
+        ("velocity_median_mps", "velocity_p95_mps"),
+        ("velocity_bound_mps",),
+    )
+    seen = [cells[0].strip("`*") for cells in rows]
+    assert seen == ["paper", "ekf", "ins", "smoothers", "lagged", "late"]
+    for cells in rows:
+        if (label := cells[0].strip("`")) in LABELS:
+            for cell, names in zip(cells[1:8], columns, strict=True):
+                assert numbers(cell) == shown("base", label, "settled", *names)
+            index = list(LABELS).index(label)
+            assert numbers(cells[8]) == [2 + index, 12 + index]
+
+
+def test_consistency_and_cost_of_a_case_stand_under_their_headings():
+    """NEES, NIS and coverage with their bands; milliseconds of a run and of an update."""
+    head, rows = parsed(tables.case_consistency(SCENARIO.cases[1], SUMMARY, updates=20))
+    assert head[1:] == [
+        "NEES (band)", "NIS (band)", "coverage (band)", "ms/run", "ms/update", "map points",
+    ]  # fmt: skip
+    for cells in rows:
+        if (label := cells[0].strip("`")) in LABELS:
+            index = list(LABELS).index(label)
+            for cell, name in ((cells[1], "nees"), (cells[2], "nis")):
+                columns = (f"{name}_mean", f"{name}_lo", f"{name}_hi")
+                assert numbers(cell) == shown("noisy", label, "settled", *columns)
+            assert numbers(cells[3]) == [91.1, 92.2, 93.3]
+            assert numbers(cells[4]) == [125.0 + 1000.0 * index]
+            assert numbers(cells[5]) == [6.25 + 50.0 * index]
+            assert numbers(cells[6]) == [700 + index]
+
+
+def test_efficiencies_of_all_windows_stand_under_their_headings():
+    """Position before velocity in each window, the windows in their order, without the INS."""
+    head, rows = parsed(tables.efficiency(SCENARIO, SUMMARY))
+    assert [title.partition(":")[0] for title in head[2::2]] == list(tables.WINDOW_TITLES.values())
+    assert [(c[0], c[1].strip("`")) for c in rows] == [
+        (case, label) for case in CASES for label in LABELS if label != "ins"
+    ]
+    for case, label, *cells in rows:
+        for index, window in enumerate(WINDOWS):
+            pair = [float(cell) for cell in cells[2 * index : 2 * index + 2]]
+            columns = ("position_efficiency", "velocity_efficiency")
+            assert pair == shown(case, label.strip("`"), window, *columns)
+
+
+def test_bounds_are_roots_of_means_over_their_windows():
+    """Of the squared bounds of position and velocity over the epochs of each window."""
+    times = np.arange(1.0, 21.0)
+    squared = np.stack([times**2, (0.1 * times) ** 2], axis=-1)
+    arrays = {case: {"times": times, "bound-filter": squared} for case in CASES}
+    head, rows = parsed(tables.bounds(SCENARIO, arrays))
+    assert head[1:] == list(tables.WINDOW_TITLES.values())
+    # Of 1..20, 10..20 and 16..20.
+    wanted = [math.sqrt(total / count) for total, count in ((2870, 20), (2585, 11), (1630, 5))]
+    for cells in rows:
+        for cell, position in zip(cells[1:], wanted, strict=True):
+            assert numbers(cell) == pytest.approx([position, 0.1 * position], abs=6e-4)
+
+
+def pairs() -> pd.DataFrame:
+    """The INS against the EKF in both cases, as paired_table has them."""
+    pair = {
+        "first": "ins", "second": "ekf", "runs": 48, "first_only": 1, "second_only": 0,
+        "position_difference_m2": 30.0, "position_lo": 20.0, "position_hi": 45.0,
+        "position_relative": 1.5, "position_win_rate": 0.12, "position_verdict": "worse",
+        "velocity_difference_m2ps2": 3.0, "velocity_lo": -2.0, "velocity_hi": 4.5,
+        "velocity_relative": 0.25, "velocity_win_rate": 0.43,
+        "velocity_verdict": "not distinguishable",
+    }  # fmt: skip
+    lower = {"position_relative": -0.8, "position_verdict": "better"}
+    places = (("base", "settled"), ("noisy", "settled"), ("base", "whole"))
+    others = ({}, lower, {"position_verdict": "better"})
+    return pd.DataFrame(
+        [
+            pair | {"case": case, "window": window} | other
+            for (case, window), other in zip(places, others, strict=True)
+        ]
+    )
+
+
+def test_pairs_are_told_against_the_best_of_their_case():
+    """Difference, ratio, wins and verdict of the position, then of the velocity."""
+    head, rows = parsed(tables.paired(SCENARIO, SUMMARY, pairs()))
+    assert head[4:8] == [
+        "position: difference of squared error [m²]", "MRSE ratio", "wins", "verdict",
+    ]  # fmt: skip
+    assert rows[0] == [
+        "base", "`ins`", "`ekf`", "48", "+30 [+20, +45]", "2.5", "12 %", "worse", "1.25", "43 %",
+        "not distinguishable",
+    ]  # fmt: skip
+    assert len(rows) == 2
+
+
+def test_verdicts_of_many_cases_are_counted():
+    """In the settled window: how many cases are better, worse, undecided; the farthest ratio."""
+    head, rows = parsed(tables.verdicts(pairs()))
+    assert head[3:6] == ["better", "worse", "not distinguishable"]
+    assert rows == [
+        ["`ins`", "`ekf`", "position", "1", "1", "0", "0.2"],
+        ["`ins`", "`ekf`", "velocity", "0", "0", "2", "1.25"],
+    ]
+
+
+def test_a_study_sets_windows_and_lost_runs_beside_the_paper():
+    """The published numbers, the declared ones in three windows; lost runs are said."""
+    declared = SUMMARY[SUMMARY["label"] == "ekf"].assign(assumption="")
+    head, rows = parsed(tables.study(SCENARIO, declared))
+    assert head == ["assumption", "base", "NEES"]
+    assert numbers(rows[0][1]) == [6.0, 0.3]
+    for cells, window in zip(rows[1:], ("settled", "whole", "last20"), strict=True):
+        wanted = shown("base", "ekf", window, "position_mrse_m", "velocity_mrse_mps")
+        assert numbers(cells[1].partition(" (")[0]) == wanted
+        assert cells[1].endswith("(14 of 50 failed or diverged)")
+        assert numbers(cells[2]) == shown("base", "ekf", window, "nees_mean")
