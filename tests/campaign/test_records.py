@@ -68,10 +68,10 @@ def third_party(file: Path) -> set[str]:
 
 def test_libraries_below_the_estimators_are_in_the_key(monkeypatch):
     """A new version of anything that an estimator computes with is another result."""
-    used = {"scipy"}  # below the rooms
+    used = {"scipy", "numba"}  # below the rooms
     for file in Path(ggbench.estimators.__file__).parent.glob("*.py"):
         used |= third_party(file)
-    assert {"numpy", "gtsam", "filterpy", "numba"} <= used
+    assert {"numpy", "gtsam", "filterpy"} < used
     case, content = small_case(), registry.choose("ins").content
 
     def key() -> str:
