@@ -7,7 +7,7 @@ import math
 import platform
 import resource
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -201,15 +201,18 @@ def shared_arrays(flight: Flight, seed: int, lags: Sequence[int]) -> dict[str, n
     for name, cov in bounds.items():
         arrays[f"bound-{name}"] = np.stack(squared_bounds(cov), axis=-1)
     # Γ_UU with the noise that the detailed run has in zz, before and behind the filter.
-    rng = random_streams(seed, DETAILED_RUN).gradiometer
-    vertical = COMPONENTS.index("zz")
-    enu = flight.field.tensor(*arrays["track"].T)
-    noise = flight.true.gradiometer.noise_eotvos * rng.standard_normal(flight.noise_free.shape)
+    streams, vertical = random_streams(seed, DETAILED_RUN), COMPONENTS.index("zz")
+    instrument = replace(flight.true.gradiometer, components=COMPONENTS)
+    enu, count = flight.field.tensor(*arrays["track"].T), len(flight.epochs)
     arrays["vertical"] = enu[:, vertical]
-    arrays["noisy"] = arrays["vertical"] + noise[:, vertical]
-    if flight.true.gradiometer.lowpass is not None:
-        arrays["filtered"] = flight.true.gradiometer.lowpass.apply(arrays["noisy"])
-        arrays["filtered_true"] = flight.true.gradiometer.lowpass.apply(arrays["vertical"])
+    noise = instrument.noise(count, streams.gradiometer)[:, vertical]
+    behind = instrument.noise_behind(count, streams.behind_filter)[:, vertical]
+    arrays["noisy"] = arrays["vertical"] + noise
+    if instrument.lowpass is None:
+        arrays["noisy"] += behind
+    else:
+        arrays["filtered"] = instrument.lowpass.apply(arrays["noisy"]) + behind
+        arrays["filtered_true"] = instrument.lowpass.apply(arrays["vertical"])
     if flight.field.has_map:
         arrays |= _map_signals(flight.field, float(np.mean(arrays["track"][:, 2])))
     return arrays

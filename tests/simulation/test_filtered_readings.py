@@ -11,7 +11,9 @@ from scipy.stats import chi2
 from small_cases import small_flight
 
 from ggbench.campaign import registry
+from ggbench.campaign.records import shared_arrays
 from ggbench.judging.run_errors import evaluate_block
+from ggbench.results.store import DETAILED_RUN
 from ggbench.simulation.runs import simulate, simulate_block
 from ggbench.spec.sensors import TrueGradiometer, TruthSpec
 
@@ -112,3 +114,22 @@ def test_a_filter_with_a_large_transient_misleads_nobody(treatment, cutoff):
     found = registry.choose("ekf[engine=numba]").estimator.estimate_block(problems)
     judged, _ = evaluate_block(truth.error_state, found.mean, found.cov)
     assert judged.nees[:, 100:].mean() == pytest.approx(6.0, rel=0.15)
+
+
+@pytest.mark.parametrize("filtered", [True, False])
+def test_the_figure_of_the_readings_shows_those_of_a_run(filtered):
+    """Γ_UU of the detailed run as its instrument delivered it, all noises included.
+
+    Held level, so that zz is Γ_UU, and delayed, so that outputs are not touched but at the start.
+    """
+    made = small_flight(
+        {
+            "gradiometer.instrument": "local-level",
+            "gradiometer.filter_treatment": "delayed",
+            f"truth.{BEHIND}": 0.003,
+        }
+        | (FILTERED if filtered else {})
+    )
+    problem, _ = simulate(made, 5, DETAILED_RUN)
+    shown = shared_arrays(made, 5, [])["filtered" if filtered else "noisy"]
+    np.testing.assert_allclose(shown[14:], problem.measurements[14:, 5], rtol=1e-13)
