@@ -30,6 +30,9 @@ def test_errors_are_estimate_minus_truth(run):
     assert np.allclose(found.position_error, position)
     assert found.position_mrse_m == pytest.approx(np.sqrt(np.mean(position**2)))
     assert found.final_velocity_error_mps == pytest.approx(np.linalg.norm(error[-1, 3:6]))
+    assert found.final_position_error_m == pytest.approx(position[-1])
+    assert found.windows["whole"]["nis_mean"] == pytest.approx(found.nis.mean())
+    assert found.windows["whole"]["nees_mean"] == pytest.approx(found.nees.mean())
     settled = position[problem.times >= 10.0]
     mrse = np.sqrt(np.mean(settled**2))
     assert found.windows["settled"]["position_mrse_m"] == pytest.approx(mrse)

@@ -20,11 +20,10 @@ from ggbench.judging.run_errors import (
     window_mask,
 )
 from ggbench.judging.summary import (
-    PAIRED_COLUMNS,
     SUMMARY_COLUMNS,
     bound_for,
-    paired_table,
     runs_table,
+    squared_bounds,
     summarize,
 )
 from ggbench.problem import Estimate, Problem, StateBlock
@@ -156,6 +155,24 @@ def test_nis_of_a_right_filter_and_of_wrong_ones():
     assert totals["overconfident"] / count > high
 
 
+def test_a_missing_reading_has_no_innovation():
+    """Where h and H are zero and nothing was read; the mean is of the epochs that have one."""
+    problem = ten_states(3)
+    rows = problem.model.rows.copy()
+    rows[10:30] = 0.0
+    there = np.ones(problem.epochs, dtype=bool)
+    there[10:30] = False
+    gapped = changed(
+        problem, model=LinearModel(rows), measurements=problem.measurements * there[:, None]
+    )
+    mean, cov, _, _ = kalman(gapped)
+    truth = Truth(gapped.times, np.zeros((gapped.epochs, 10)))
+    evaluation = evaluate(gapped, Estimate(mean, cov, "filter"), truth)
+    assert np.isnan(evaluation.nis).tolist() == (~there).tolist()
+    figures = window_figures(evaluation, gapped.times, LIMITS)
+    assert figures["whole"]["nis"] == pytest.approx(evaluation.nis[there].mean())
+
+
 @pytest.mark.parametrize(
     ("causality", "lag"), [("filter", None), ("fixed-lag", 3), ("batch", None)]
 )
@@ -246,6 +263,36 @@ def test_summary_has_the_documented_columns_and_numbers():
         assert math.isnan(row["nis_lo"]) and math.isnan(row["nis_hi"])
 
 
+def test_quantiles_are_those_of_the_errors():
+    """Of errors from 0 to 100 m in equal steps: the median is 50 m, one in twenty is over 95 m."""
+    table = summary([record(run, float(run**2)) for run in range(101)], BOUNDS, {}, "s")
+    for row in table.to_dict("records"):
+        assert (row["position_median_m"], row["position_p95_m"]) == pytest.approx((50.0, 95.0))
+        assert (row["velocity_median_mps"], row["velocity_p95_mps"]) == pytest.approx((5.0, 9.5))
+        assert row["velocity_efficiency"] == pytest.approx(row["velocity_mrse_mps"] / 0.2)
+        assert row["coverage"] == pytest.approx(0.9)
+        assert (row["nis_mean"], row["map_evaluations"]) == (1.0, 10.0)
+
+
+def test_a_failed_run_has_not_locked():
+    """Of four runs two locked, one did not and one failed: half of them."""
+    records = [
+        record(run, 4.0) | {"lock_time_s": time, "false_lock": false}
+        for run, (time, false) in enumerate([(3.0, False), (5.0, False), (None, True)])
+    ]
+    records.append(record(3, 0.0, status="failed"))
+    row = summary(records, BOUNDS, {}, "s").iloc[0]
+    assert (row["lock_share"], row["false_lock_share"]) == (0.5, 0.25)
+    assert row["lock_time_median_s"] == 4.0
+
+
+def test_bounds_of_position_and_velocity_are_traces():
+    """Sums of the three variances each; of the attitude nothing."""
+    cov = np.diag([1.0, 2.0, 4.0, 0.1, 0.2, 0.4, 50.0, 60.0, 70.0])[None]
+    position, velocity = squared_bounds(cov)
+    assert (position[0], velocity[0]) == pytest.approx((7.0, 0.7))
+
+
 def test_the_time_of_a_run_is_that_of_warm_processes():
     """Runs that also compile and import do not count into the median, unless there are no others.
 
@@ -291,75 +338,6 @@ def test_the_band_of_the_innovations_counts_the_readings():
         entry["windows"]["whole"]["nis"] = math.nan
     table = summary(records, BOUNDS, {}, "s", readings).set_index("window")
     assert math.isnan(table.loc["whole", "nis_lo"])
-
-
-def table_of(position: dict[str, list[float]], case: str = "c") -> pd.DataFrame:
-    """A table of runs with given position errors by estimator; NaN failed, None was not run."""
-    rows = [
-        {"assumption": "", "case": case, "estimator": label, "seed": 1, "run": run}
-        | {f"{window}_position_ms": value for window in WINDOWS}
-        | {f"{window}_velocity_ms": value / 100.0 for window in WINDOWS}
-        for label, values in position.items()
-        for run, value in enumerate(values)
-        if value is not None
-    ]
-    return pd.DataFrame(rows)
-
-
-def test_estimators_are_set_beside_each_other_run_by_run():
-    """Every pair once, in order; a failed run loses, one not run does not count; by hand."""
-    nan = math.nan
-    table = table_of(
-        {
-            "z": [1.0, 2.0, 3.0, 4.0, nan, nan, 7.0],
-            "a": [2.0, 3.0, 3.0, 2.0, 5.0, nan, None],
-            "m": [1.0, 2.0, 3.0, nan, nan, 6.0, 7.0],
-        }
-    )
-    study = table.assign(assumption="other")
-    pairs = paired_table(pd.concat([table, study, table_of({"alone": [1.0]}, "d")]))
-    assert tuple(pairs.columns) == PAIRED_COLUMNS
-    assert list(zip(pairs["first"], pairs["second"], pairs["window"], strict=True)) == [
-        (*pair, window) for pair in (("z", "a"), ("z", "m"), ("a", "m")) for window in WINDOWS
-    ]
-    row = pairs.iloc[0]
-    assert (row["case"], row["runs"], row["first_only"], row["second_only"]) == ("c", 4, 0, 1)
-    assert row["position_difference_m2"] == 0.0
-    assert row["position_relative"] == 0.0
-    assert row["position_win_rate"] == pytest.approx((2 + 0.5) / 5)  # one tie, one lost by failing
-    assert row["velocity_win_rate"] == row["position_win_rate"]
-    row = pairs[(pairs["first"] == "z") & (pairs["second"] == "m")].iloc[0]
-    assert (row["runs"], row["first_only"], row["second_only"]) == (4, 1, 1)
-    assert (row["position_win_rate"], row["position_verdict"]) == (0.5, "not distinguishable")
-
-
-def test_pairs_without_a_common_run():
-    """Where no run finished in both there are counts and no differences; without runs, no rows."""
-    failed = table_of({"a": [1.0, 2.0], "b": [math.nan, math.nan]})
-    row = paired_table(failed).iloc[0]
-    assert (row["runs"], row["first_only"], row["second_only"]) == (0, 2, 0)
-    assert math.isnan(row["position_difference_m2"]) and math.isnan(row["velocity_lo"])
-    assert (row["position_win_rate"], row["position_verdict"]) == (1.0, "not distinguishable")
-    both = table_of({"a": [math.nan], "b": [math.nan]})
-    assert math.isnan(paired_table(both).iloc[0]["position_win_rate"])
-    assert paired_table(failed[:0]).empty
-
-
-def test_the_verdict_of_a_table_is_that_of_the_pair():
-    """A pair of the table has the figures of the same pair alone, in both quantities."""
-    generator = np.random.default_rng(2)
-    common = generator.chisquare(3, 40)
-    table = table_of({label: list(common * generator.chisquare(9, 40)) for label in "abc"})
-    for row in paired_table(table).to_dict("records"):
-        first, second = (
-            table.loc[table["estimator"] == row[key], "whole_velocity_ms"].to_numpy()
-            for key in ("first", "second")
-        )
-        alone = statistics.paired(first, second)
-        for key in ("lo", "hi", "relative", "win_rate"):
-            assert row[f"velocity_{key}"] == pytest.approx(getattr(alone, key))
-        assert row["velocity_difference_m2ps2"] == pytest.approx(alone.difference)
-        assert row["velocity_verdict"] == alone.verdict
 
 
 def test_summary_without_a_finished_run():

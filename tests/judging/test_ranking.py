@@ -1,0 +1,97 @@
+"""Which estimator is the best: who may be, who is, and how two of them stand to each other."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pandas as pd
+import pytest
+from small_cases import small_case
+
+from ggbench.judging.ranking import best_causal, pair_of, ranked, rows_of
+
+
+def row(label: str, error: float, **changes: Any) -> dict[str, Any]:
+    """A summary row of an estimator in 100 runs."""
+    return {
+        "label": label, "case": "base", "window": "settled", "causality": "filter", "runs": 100,
+        "failed": 0, "position_mrse_m": error, "seconds_per_run": 1.0, "lock_share": math.nan,
+        "lock_lo": math.nan, "lock_hi": math.nan,
+    } | changes  # fmt: skip
+
+
+def best(*rows: dict[str, Any]) -> str | None:
+    found = best_causal(rows)
+    return None if found is None else found["label"]
+
+
+def test_the_best_is_the_causal_one_of_the_least_error():
+    """Neither the INS nor a smoother, nor what has no figure."""
+    others = row("ins", 0.1, causality="none"), row("late", 0.1, causality="batch")
+    assert best(row("a", 3.0), row("b", 2.0), *others) == "b"
+    assert best(row("a", 3.0), row("b", math.nan), row("c", math.inf)) == "a"
+    assert best(*others) is None
+
+
+def test_of_equal_errors_the_cheaper_one_is_the_better():
+    """Equal to three digits; a difference in the third one counts."""
+    dear, cheap = row("dear", 2.001), row("cheap", 2.004, seconds_per_run=0.5)
+    assert best(dear, cheap) == "cheap"
+    assert best(dear, cheap | {"position_mrse_m": 2.016}) == "dear"
+    assert list(ranked(pd.DataFrame([dear, cheap]))["label"]) == ["cheap", "dear"]
+
+
+def test_who_fails_in_more_than_one_of_twenty_runs_is_not_the_best():
+    """Five failures of a hundred are allowed, six are not."""
+    sound = row("sound", 3.0)
+    assert best(row("frail", 1.0, failed=5), sound) == "frail"
+    assert best(row("frail", 1.0, failed=6), sound) == "sound"
+
+
+def test_who_locks_surely_less_often_is_not_the_best():
+    """Where the intervals of two shares overlap the smaller error decides, else the share."""
+    sure = row("sure", 3.0, lock_share=0.9, lock_lo=0.82, lock_hi=0.95)
+    sharp = row("sharp", 1.0, lock_share=0.78, lock_lo=0.69)
+    assert best(sharp | {"lock_hi": 0.85}, sure) == "sharp"
+    assert best(sharp | {"lock_hi": 0.82}, sure) == "sharp"
+    assert best(sharp | {"lock_hi": 0.81}, sure) == "sure"
+    assert best(row("unjudged", 0.1), sure) == "sure"
+
+
+def test_blocks_of_a_ranking():
+    """Filters, the INS, fixed lags, batch solutions; within each the least error first."""
+    rows = [
+        row("batch", 1.0, causality="batch"), row("lag", 2.0, causality="fixed-lag"),
+        row("ins", 0.1, causality="none"), row("worse", 9.0), row("better", 8.0),
+        row("elsewhere", 1.0, case="noisy"), row("early", 1.0, window="whole"),
+    ]  # fmt: skip
+    found = rows_of(pd.DataFrame(rows), small_case(), "settled")
+    assert list(found) == ["better", "worse", "ins", "lag", "batch"]
+    assert found["worse"]["position_mrse_m"] == 9.0
+
+
+def test_a_pair_is_turned_in_all_of_its_figures():
+    """Seen from the second: counts, differences, intervals, ratios, wins and verdicts."""
+    pair = {
+        "case": "c", "window": "settled", "first": "a", "second": "b", "runs": 9,
+        "first_only": 2, "second_only": 5,
+        "position_difference_m2": 4.0, "position_lo": 1.0, "position_hi": 6.0,
+        "position_relative": 0.25, "position_win_rate": 0.3, "position_verdict": "worse",
+        "velocity_difference_m2ps2": -2.0, "velocity_lo": -5.0, "velocity_hi": 1.0,
+        "velocity_relative": -0.5, "velocity_win_rate": 0.6,
+        "velocity_verdict": "not distinguishable",
+    }  # fmt: skip
+    table = pd.DataFrame([pair, pair | {"window": "whole", "runs": 1}])
+    assert pair_of(table, "c", "a", "b") == pair
+    assert pair_of(table, "c", "b", "a") == pytest.approx({
+        "case": "c", "window": "settled", "first": "b", "second": "a", "runs": 9,
+        "first_only": 5, "second_only": 2,
+        "position_difference_m2": -4.0, "position_lo": -6.0, "position_hi": -1.0,
+        "position_relative": -0.2, "position_win_rate": 0.7, "position_verdict": "better",
+        "velocity_difference_m2ps2": 2.0, "velocity_lo": -1.0, "velocity_hi": 5.0,
+        "velocity_relative": 1.0, "velocity_win_rate": 0.4,
+        "velocity_verdict": "not distinguishable",
+    })  # fmt: skip
+    assert pair_of(table, "c", "a", "b", "whole")["runs"] == 1
+    assert pair_of(table, "d", "a", "b") is None
