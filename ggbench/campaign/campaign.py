@@ -37,7 +37,8 @@ from ..spec.scenario import Scenario
 from . import result_keys
 from .records import lag_epochs, shared_arrays
 from .registry import choose, choose_all
-from .runner import Pairs, Task, flight_of, said
+from .runner import Pairs, Task, flight_of
+from .texts import said
 
 TASK_RUNS = 128
 """Most runs of a task."""
@@ -260,9 +261,14 @@ class Campaign:
         """
         self._require_folder()
         left_out = self._leave_out()
-        remarks = [*oddities(self.plan.scenario), *left_out]
+        remarks = [*oddities(self.plan.scenario), *left_out, *self._seeking()]
         store = Store(self.folder, create=True, fresh=self.fresh)
         plan = self.plan
+        if damaged := store.discard_damaged():
+            remarks.append(
+                f"{self.folder} holds {damaged} records that cannot be read: they are discarded, "
+                "and those that are asked for are run again"
+            )
         if (self.folder / "manifest.json").exists():
             finished = store.finished().keys()
             plan = plan.joined(read_manifest(self.folder), self.scenario, finished)
@@ -333,6 +339,14 @@ class Campaign:
                 "no estimator can take this scenario: " + "; ".join(reasons.values())
             )
         return list(reasons.values())
+
+    def _seeking(self) -> list[str]:
+        """Return remarks on estimators whose source looks where truth could be found."""
+        return [
+            f"{label} uses {', '.join(content['seeks'])}: the report will tell its readers"
+            for label, content in self.plan.estimators.items()
+            if "seeks" in content
+        ]
 
     def _share(self, store: Store, plan: Plan) -> None:
         """Store what each case's runs share, unless it is stored: bounds, signals for figures."""

@@ -16,7 +16,7 @@ from multiprocessing.connection import wait
 from ..errors import GGBenchError
 from ..results.store import Result
 from .runner import Started, Task, failure, run_task
-from .worker import Ready, Worker, WorkerDiedError
+from .worker import Ready, Worker, WorkerDiedError, kill_surely
 
 _MOST_FALSE_STARTS = 3
 """Processes that may end before they are ready, one after the other."""
@@ -61,8 +61,7 @@ def in_processes(tasks: Iterable[Task], jobs: int, limit: float) -> Generator[li
     except OSError as error:
         raise ExecutionError(f"worker processes cannot be started: {error.strerror}") from None
     finally:
-        for member in crew:
-            member.worker.kill()
+        kill_surely([member.worker for member in crew])
 
 
 def drive(
@@ -94,7 +93,7 @@ def drive(
         patience = max(0.0, min([_WAKE_S, *(m.deadline - start for m in crew)]))
         if results:
             patience = min(patience, _BATCH_S)
-        wait([m.worker.connection for m in crew if not m.idle], patience)
+        wait([end for m in crew if not m.idle for end in m.worker.readable], patience)
         asleep = time.monotonic() - start - patience
         if asleep > _WAKE_S:  # Ctrl-Z, a closed laptop: no run's time
             for member in crew:
@@ -176,9 +175,8 @@ class Member:
         results: list[Result] = []
         again: list[Attempt] = []
         try:
-            while self.worker.connection.poll():
-                self._take(self.worker.receive(), results)
-            self.worker.check()
+            for message in self.worker.receive():
+                self._take(message, results)
         except WorkerDiedError as death:
             self._bury(str(death), results, again)
         if time.monotonic() > self.deadline:
@@ -191,7 +189,7 @@ class Member:
         ):
             self._current, self.deadline = message, time.monotonic() + self.limit
         elif isinstance(message, list) and self._current and self._is_of(message, self._current):
-            results += message
+            results += self._with_output(message)
             self._leave(self._current)
             self._current, self.deadline = None, math.inf
         elif isinstance(message, Ready) and not self._left:
@@ -218,9 +216,10 @@ class Member:
         if self.attempt is None:
             self._false_starts += 1
             if self._false_starts == _MOST_FALSE_STARTS:
+                last = self.worker.printed.of_run().rpartition("\n")[2]
                 raise ExecutionError(
-                    f"worker processes end before they are ready: {death}; what they printed may "
-                    "say why"
+                    f"worker processes end before they are ready: {death}"
+                    + (f"; the last that they printed: {last}" if last else "")
                 )
         else:
             # Between two runs it died of nobody's fault, or of what all of them share.
@@ -267,11 +266,21 @@ class Member:
         self, blamed: Mapping[str, Collection[int]], reason: str, retry_above: float
     ) -> list[Result]:
         assert self.attempt is not None
-        return [
-            failure(self.attempt.task, run, label, self._keys[label], reason, "", retry_above)
-            for label, runs in blamed.items()
-            for run in sorted(runs)
-        ]
+        return self._with_output(
+            [
+                failure(self.attempt.task, run, label, self._keys[label], reason, "", retry_above)
+                for label, runs in blamed.items()
+                for run in sorted(runs)
+            ]
+        )
+
+    def _with_output(self, results: list[Result]) -> list[Result]:
+        """Return the results of what has just ended; what failed, with what was printed in it."""
+        output = self.worker.printed.of_run()
+        for result in results:
+            if output and result.record["status"] != "ok":
+                result.record["output"] = output
+        return results
 
     def _restart(self) -> None:
         self.worker.kill()

@@ -12,6 +12,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from pydantic_core import from_json
 
 from ..gravity.field import Field
 from ..judging import locking, run_errors
@@ -162,17 +163,27 @@ def _bound_of(case: CaseSpec, causality: Causality, lag: float | None) -> str:
 
 
 def remarks(info: Any) -> dict[str, Any]:
-    """Return an estimate's remarks as JSON can hold them.
+    """Return an estimate's remarks as a stored record can hold them.
+
+    Halves of characters (lone surrogates, as in names of files of other bytes) become ``?``: they
+    are no reason to lose a run.
 
     Raises
     ------
     ValueError
-        If they are too long to be stored with every run.
+        If they are too long to be stored with every run, or could not be read again: nested
+        beyond all measure, numbers of thousands of digits.
     """
-    text = json.dumps(dict(info), default=float)
+    text = json.dumps(dict(info), default=float, ensure_ascii=False)
+    text = text.encode(errors="replace").decode()
     if len(text) > _LONGEST_INFO:
         raise ValueError(f"the estimate's info has {len(text)} characters, over {_LONGEST_INFO}")
-    found: dict[str, Any] = json.loads(text)
+    try:
+        # By what reads records, and as deep in one as it will be.
+        record: dict[str, Any] = from_json(f'[{{"info":{text}}}]')[0]
+    except ValueError as error:
+        raise ValueError(f"the estimate's info cannot be stored: {error}") from None
+    found: dict[str, Any] = record["info"]
     return found
 
 

@@ -25,6 +25,7 @@ from pydantic import TypeAdapter, ValidationError
 from ..block import takes_blocks
 from ..errors import GGBenchError
 from ..problem import Causality, Estimator
+from .truth_kept import sought
 
 GROUP = "ggbench.estimators"
 _SOURCE = "__ggbench_source__"
@@ -51,12 +52,17 @@ class Choice:
 
     @property
     def content(self) -> dict[str, Any]:
-        """What its results depend on: class, all parameters, and a hash of its source file."""
+        """What its results depend on: class, all parameters, and a hash of its source file.
+
+        If that file uses what only helps to find truth, what it uses (:func:`.sought`).
+        """
         cls = type(self.estimator)
+        source, seeks = _source_of(cls)
         return {
             "class": cls.__qualname__,
             "parameters": {item.name: getattr(self.estimator, item.name) for item in fields(cls)},
-            "source": _source_of(cls),
+            "source": source,
+            **({"seeks": list(seeks)} if seeks else {}),
         }
 
     @property
@@ -100,6 +106,10 @@ def choose(text: str) -> Choice:
     EstimatorError
         If the text, the name, the file or a parameter is wrong; the message says what is allowed.
     """
+    if not _is_unicode(text):
+        raise EstimatorError(
+            f"{text!a} names an estimator with characters that are no Unicode: rename its file"
+        )
     match = re.fullmatch(r"\s*([^\[\]]+?)\s*(?:\[([^\[\]]*)\])?\s*", text)
     if not match:
         raise EstimatorError(
@@ -209,6 +219,10 @@ def _require_interface(cls: type[Estimator], name: str) -> None:
     """Raise EstimatorError unless a class is a named dataclass whose parameters have defaults."""
     if not isinstance(getattr(cls, "name", None), str) or not cls.name:
         raise EstimatorError(f"{name}: the class {cls.__name__} needs a text 'name'")
+    if not cls.name.isprintable():
+        raise EstimatorError(
+            f"{name}: the name of the class {cls.__name__} is {cls.name!a} and must be printable"
+        )
     if "__dataclass_fields__" not in vars(cls):
         raise EstimatorError(
             f"{name}: the class {cls.__name__} needs the decorator @dataclass(frozen=True)"
@@ -221,6 +235,15 @@ def _require_interface(cls: type[Estimator], name: str) -> None:
                 f"{name}: the parameter '{key}' is {default!r}; it must be a number, a text or a "
                 "truth value"
             )
+
+
+def _is_unicode(text: str) -> bool:
+    """Return whether a text has no halves of characters, as file names of other bytes have."""
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def _parse(cls: type[Estimator], name: str, listed: str) -> dict[str, tuple[str, Any]]:
@@ -246,21 +269,24 @@ def _parse(cls: type[Estimator], name: str, listed: str) -> dict[str, tuple[str,
 
 
 @cache
-def _source_of(cls: type[Estimator]) -> str:
-    """Return a hash of the file that defines a class, as it was when it was loaded.
+def _source_of(cls: type[Estimator]) -> tuple[str, tuple[str, ...]]:
+    """Return a hash of the file that defines a class, as it was when it was loaded, and its seeks.
 
     With it go the modules of the same package from which it imports, as robust losses are.
     """
     module = sys.modules[cls.__module__]
     if _SOURCE in vars(module):
-        return str(vars(module)[_SOURCE])
-    found = {cls.__module__}
-    for item in vars(module).values():
-        name = item.__name__ if inspect.ismodule(item) else getattr(item, "__module__", None)
-        if module.__package__ and str(name).startswith(f"{module.__package__}."):
-            found.add(str(name))
-    files = sorted(inspect.getfile(sys.modules[name]) for name in found if name in sys.modules)
-    return hashlib.sha256(b"".join(Path(file).read_bytes() for file in files)).hexdigest()
+        contents = [vars(module)[_SOURCE]]
+    else:
+        found = {cls.__module__}
+        for item in vars(module).values():
+            name = item.__name__ if inspect.ismodule(item) else getattr(item, "__module__", None)
+            if module.__package__ and str(name).startswith(f"{module.__package__}."):
+                found.add(str(name))
+        files = sorted(inspect.getfile(sys.modules[name]) for name in found if name in sys.modules)
+        contents = [Path(file).read_bytes() for file in files]
+    seeks = {name for content in contents for name in sought(content)}
+    return hashlib.sha256(b"".join(contents)).hexdigest(), tuple(sorted(seeks))
 
 
 def _from_file(path: Path) -> type[Estimator]:
@@ -276,7 +302,7 @@ def _from_file(path: Path) -> type[Estimator]:
         # Not by an import: a cached byte code could be older than what is hashed here.
         module = types.ModuleType(module_name)
         module.__file__ = str(path)
-        vars(module)[_SOURCE] = hashlib.sha256(source).hexdigest()
+        vars(module)[_SOURCE] = source
         sys.modules[module_name] = module
         try:
             exec(compile(source, str(path), "exec"), vars(module))

@@ -9,13 +9,13 @@ from __future__ import annotations
 import contextlib
 import copy
 import dataclasses
+import gc
 import hashlib
 import json
 import os
 import time
-import traceback
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -34,10 +34,11 @@ from ..spec.case import CaseSpec
 from . import result_keys
 from .records import Estimated, blank, judged, remarks
 from .registry import Choice, choose
+from .texts import said, traced
+from .truth_kept import PutAway
 
 BLOCK_RUNS = 32
 """Runs that an estimator takes at once: their arrays stay in the processor's cache."""
-_LONGEST_TEXT = 4000
 
 
 class OtherSourceError(GGBenchError):
@@ -78,6 +79,22 @@ class Started:
 def flight_of(case: CaseSpec) -> Flight:
     """Return the flight of a case, made once in each process."""
     return prepare(case)
+
+
+_flown: set[CaseSpec] = set()
+
+
+def fly_unseen(case: CaseSpec) -> None:
+    """Make the flight of a case, and keep it out of sight of those who list a process's objects.
+
+    For a worker: what is there by then, modules above all, is never collected as garbage.
+    """
+    if case not in _flown:
+        _flown.add(case)
+        with contextlib.suppress(Exception):  # which run_task meets again, and records
+            flight_of(case)
+        gc.collect()
+        gc.freeze()
 
 
 def forget_flights() -> None:
@@ -137,12 +154,12 @@ def run_task(task: Task) -> Iterator[Started | list[Result]]:
 
 
 def _run_one(task: Task, pairs: Pairs, run: int) -> Iterator[Started | list[Result]]:
+    # Of no frame of these, while an estimator runs, truth or flight are a part.
     reason, trace = "", ""
     try:
-        flight = flight_of(task.case)
-        problem, truth = simulate(flight, task.seed, run)
+        problem, truth = _simulated(task, run)
     except Exception as error:
-        reason, trace = f"simulation: {said(error)}", _trace()
+        reason, trace = f"simulation: {said(error)}", traced()
     for label, key in pairs:
         yield Started(label, (run,))
         choice = chosen(label)
@@ -152,20 +169,24 @@ def _run_one(task: Task, pairs: Pairs, run: int) -> Iterator[Started | list[Resu
         begun = blank(choice, run, task.seed) | {"cold": _is_cold(label)}
         try:
             estimated = _estimate(problem, choice, _estimator_rng(task.seed, run, choice))
-            states = np.ascontiguousarray(truth.error_state)[None]
-            results = judged([begun], key, flight, states, estimated, lambda _: problem)
+            results = _judged([begun], key, task.case, truth, estimated, lambda _: problem)
         except (Exception, SystemExit) as error:
-            results = [Result(key, begun | {"reason": said(error), "traceback": _trace()})]
+            results = [Result(key, begun | {"reason": said(error), "traceback": traced()})]
         yield results
+
+
+def _simulated(task: Task, run: int) -> tuple[Problem, PutAway]:
+    """Simulate a run; its truth is put away before any estimator sees the problem."""
+    problem, truth = simulate(flight_of(task.case), task.seed, run)
+    return problem, PutAway(truth.error_state[np.newaxis])
 
 
 def _run_block(task: Task, pairs: Pairs, runs: Sequence[int]) -> Iterator[Started | list[Result]]:
     """Run several runs at once; should that fail, one by one, so that it costs no other run."""
     try:
-        flight = flight_of(task.case)
-        block, truth = simulate_block(flight, task.seed, runs)
+        block, truth = _simulated_block(task, runs)
     except Exception as error:
-        reason, trace = f"simulation: {said(error)}", _trace()
+        reason, trace = f"simulation: {said(error)}", traced()
         for run in runs if len(runs) > 1 else ():
             yield from _run_block(task, pairs, (run,))
         for label, key in pairs if len(runs) == 1 else ():
@@ -179,14 +200,33 @@ def _run_block(task: Task, pairs: Pairs, runs: Sequence[int]) -> Iterator[Starte
         blanks = [blank(choice, run, task.seed) | cold for run in runs]
         try:
             estimated = _estimate_block(block, choice)
-            results = judged(blanks, key, flight, truth.error_state, estimated, block.problem)
+            results = _judged(blanks, key, task.case, truth, estimated, block.problem)
         except (Exception, SystemExit) as error:
             if len(runs) > 1:
                 for run in runs:
                     yield from _run_block(task, ((label, key),), (run,))
                 continue
-            results = [Result(key, blanks[0] | {"reason": said(error), "traceback": _trace()})]
+            results = [Result(key, blanks[0] | {"reason": said(error), "traceback": traced()})]
         yield results
+
+
+def _simulated_block(task: Task, runs: Sequence[int]) -> tuple[ProblemBlock, PutAway]:
+    """Simulate runs; their truth is put away before any estimator sees the problems."""
+    block, truth = simulate_block(flight_of(task.case), task.seed, runs)
+    return block, PutAway(truth.error_state)
+
+
+def _judged(
+    blanks: Sequence[dict[str, Any]],
+    key: str,
+    case: CaseSpec,
+    truth: PutAway,
+    estimated: Estimated,
+    problem: Callable[[int], Problem],
+) -> list[Result]:
+    """Judge estimates (:func:`.records.judged`) beside the truth that was put away."""
+    with truth.looked_at() as states:
+        return judged(blanks, key, flight_of(case), states, estimated, problem)
 
 
 def _is_cold(label: str) -> bool:
@@ -228,28 +268,6 @@ def _own_surroundings() -> Iterator[None]:
             yield
     finally:
         os.chdir(folder)
-
-
-def said(error: BaseException) -> str:
-    """Return an exception as a record can hold it and a terminal show it: printable, not long."""
-    try:
-        text = str(error)
-    except Exception:
-        text = "(its text cannot be made)"
-    return _printable(f"{type(error).__name__}: {text}")
-
-
-def _trace() -> str:
-    """Return the traceback of the exception being handled, its end if it is long."""
-    try:
-        return _printable(traceback.format_exc()[-_LONGEST_TEXT:])
-    except Exception:  # as long as the exception's own text is part of it
-        return ""
-
-
-def _printable(text: str) -> str:
-    shown = (c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text[:_LONGEST_TEXT])
-    return "".join(shown)
 
 
 def _estimate(problem: Problem, choice: Choice, rng: np.random.Generator) -> Estimated:
@@ -309,6 +327,8 @@ def _estimate_block(block: ProblemBlock, choice: Choice) -> Estimated:
         cov = run_errors.real_array("cov", cov, (runs, epochs, n, n))
     if nis is not None:
         nis = run_errors.real_array("nis", nis, (runs, epochs))
+    for name, values in estimate.info.items():
+        run_errors.require_plain(f"info {name}", values)
     columns = {str(name): np.asarray(values) for name, values in estimate.info.items()}
     for name, values in columns.items():
         if values.shape != (runs,) or values.dtype.kind not in "biuf":

@@ -1,29 +1,40 @@
 """A process of its own for runs: what an estimator does to it is its own affair.
 
 The parent gives a :class:`Worker` one task at a time and receives, as they come, who has started
-and what has finished. A worker that dies or must be killed takes only the runs in flight with it.
-It ends by itself when its parent is gone.
+and what has finished. A worker that dies or must be killed takes only the runs in flight with it,
+and all that an estimator has started ends with it. It ends by itself when its parent is gone.
 """
 
 from __future__ import annotations
 
 import contextlib
+import ctypes
+import io
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
-from multiprocessing.connection import Connection, Pipe
-from typing import Any
+import uuid
+from collections.abc import Collection, Iterator
+from typing import TYPE_CHECKING, Any
 
 from ..errors import GGBenchError
+from . import leftovers
+from .messages import GarbledError, Inbox, packed
+from .printed import Printed
+
+if TYPE_CHECKING:
+    from ..results.store import Result
 
 _WATCH_S = 1.0
 _PATIENCE_S = 2.0
+_PIECE = 1 << 20
 ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Environment of one BLAS thread: more double the processor time for nothing on small matrices."""
+_living: set[Worker] = set()
 
 
 class Ready:
@@ -31,70 +42,135 @@ class Ready:
 
 
 class WorkerDiedError(Exception):
-    """The process has ended; the text says how."""
+    """The process has ended, or is of no more use; the text says how."""
 
 
 class Worker:
-    """The parent's side of a worker process, which starts with it.
-
-    ``connection`` becomes readable when there is something to receive.
-    """
+    """The parent's side of a worker process, which starts with it."""
 
     def __init__(self) -> None:
-        self.connection, theirs = Pipe()
-        with interrupts_held():
-            self._process = subprocess.Popen(
-                # -P: no module of the folder that the user is in can stand in for one of ours.
-                [sys.executable, "-P", "-m", __name__, str(theirs.fileno())],
-                pass_fds=[theirs.fileno()],
-                stdin=subprocess.DEVNULL,
-                env=os.environ | ONE_THREAD,
-                process_group=0,  # so that what an estimator starts ends with it
-            )
-        theirs.close()
+        self._socket, theirs = socket.socketpair()
+        self._inbox = Inbox()
+        self._mark = uuid.uuid4().hex
+        reading, writing = os.pipe()
+        self.printed = Printed(reading, _seam(self._mark))
+        try:
+            with interrupts_held():
+                self._process = subprocess.Popen(
+                    # -P: no module of the folder that the user is in can stand in for one of ours.
+                    [sys.executable, "-P", "-m", __name__, str(theirs.fileno()), str(os.getpid())],
+                    pass_fds=[theirs.fileno()],
+                    stdin=subprocess.DEVNULL,
+                    stdout=writing,
+                    stderr=writing,
+                    env=os.environ | ONE_THREAD | {leftovers.MARK: self._mark},
+                    # So that what an estimator starts ends with it, and reaches no terminal.
+                    start_new_session=True,
+                )
+                _living.add(self)
+        except BaseException:
+            self._socket.close()
+            self.printed.close()
+            raise
+        finally:
+            theirs.close()
+            os.close(writing)
+
+    @property
+    def readable(self) -> list[int]:
+        """What becomes readable when there is something to receive, or to read that was printed."""
+        return [self._socket.fileno(), *self.printed.readable]
 
     def give(self, task: Any) -> None:
         """Give the worker a task. That it has died meanwhile is told by ``receive``."""
         with contextlib.suppress(OSError):
-            self.connection.send(task)
+            self._socket.sendall(packed(task))
 
-    def receive(self) -> Any:
-        """Return the next message: what ``run_task`` yields, ``Ready``, or an error of the user's.
+    def receive(self) -> Iterator[Any]:
+        """Yield the messages that have come: what ``run_task`` yields, ``Ready``, or an error.
+
+        The error is one of the user's (:class:`GGBenchError`).
 
         Raises
         ------
         WorkerDiedError
-            If the process has ended.
+            If the process has ended and nothing is left to receive, or has sent what is no message.
         """
+        # Asked first. The pipe alone does not say so: a process that it started may still hold it.
+        ended = self._process.poll() is not None
+        self.printed.read()
         try:
-            return self.connection.recv()
-        except (EOFError, OSError):
+            while True:
+                piece = self._socket.recv(_PIECE, socket.MSG_DONTWAIT)
+                if not piece:
+                    raise WorkerDiedError(self._how_it_ended())
+                yield from self._inbox.take(piece)
+        except BlockingIOError:
+            if ended:
+                raise WorkerDiedError(self._how_it_ended()) from None
+        except GarbledError:
+            raise WorkerDiedError("it wrote into the connection that results come by") from None
+        except OSError:
             raise WorkerDiedError(self._how_it_ended()) from None
 
-    def check(self) -> None:
-        """Raise WorkerDiedError if the process has ended and nothing is left to receive.
-
-        Its pipe alone does not say so: a process that it has started may still hold it.
-        """
-        if self._process.poll() is not None and not self.connection.poll():
-            raise WorkerDiedError(self._how_it_ended())
-
     def kill(self) -> None:
-        """End the process at once."""
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(self._process.pid, signal.SIGKILL)
-        self._process.wait()
-        self.connection.close()
+        """End the process at once, and what it has started."""
+        kill([self])
 
     def _how_it_ended(self) -> str:
         try:
             code = self._process.wait(timeout=_PATIENCE_S)
         except subprocess.TimeoutExpired:  # it closed its pipe, and lives
-            self.kill()
             return "its process broke off the connection"
         if code < 0:
             return f"its process was killed by {signal.Signals(-code).name}"
         return f"its process ended with exit code {code}"
+
+    def _end_group(self) -> None:
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+
+    def _let_go(self) -> None:
+        self._process.wait()
+        self._socket.close()
+        self.printed.close()
+        _living.discard(self)
+
+
+def kill(workers: Collection[Worker]) -> None:
+    """End worker processes at once, and what they have started."""
+    for worker in workers:
+        worker._end_group()
+    leftovers.end_marked([worker._mark for worker in workers])
+    for worker in workers:
+        worker._let_go()
+
+
+def kill_surely(workers: Collection[Worker]) -> None:
+    """End worker processes, whatever interrupts that: it is begun again, and the interrupt kept.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        When nothing is left alive, if there was one.
+    """
+    interrupt: KeyboardInterrupt | None = None
+    while True:
+        try:
+            kill(workers)
+            break
+        except KeyboardInterrupt as another:
+            interrupt = another
+    if interrupt is not None:
+        raise interrupt
+
+
+def kill_all() -> None:
+    """End all worker processes of this process: nothing else is done before it ends itself."""
+    workers = list(_living)
+    for worker in workers:
+        worker._end_group()
+    leftovers.end_marked([worker._mark for worker in workers])
 
 
 @contextlib.contextmanager
@@ -110,44 +186,75 @@ def interrupts_held() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _end_with_parent() -> None:
+def _seam(mark: str) -> bytes:
+    """Return what parts the output of a run from that of the next; nobody prints it by mistake."""
+    return f"\0{mark}\0".encode()
+
+
+def _end_with_parent(parent: int, mark: str) -> None:
     """End this process when its parent has ended, even in the middle of an endless run."""
-    parent = os.getppid()
 
     def watch() -> None:
         while os.getppid() == parent:
             time.sleep(_WATCH_S)
+        leftovers.end_marked([mark])
         os.killpg(0, signal.SIGKILL)
 
     threading.Thread(target=watch, daemon=True).start()
 
 
-def main(descriptor: int) -> None:
+def main(descriptor: int, parent: int) -> None:
     """Run the tasks that arrive, until there will be no more."""
-    _end_with_parent()
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # stdout is the campaign's own
-    from .runner import run_task
+    mark = os.environ[leftovers.MARK]
+    _end_with_parent(parent, mark)
+    leftovers.adopt_orphans()
+    output = os.dup(1)  # an estimator may close its own, or lead it elsewhere
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # so that a process that dies has said it
+            stream.reconfigure(line_buffering=True, errors="backslashreplace")
+    from .runner import fly_unseen, run_task
 
-    connection, mine = Connection(descriptor), os.getpid()
+    connection, mine = socket.socket(fileno=descriptor), os.getpid()
+    connection.set_inheritable(False)
 
-    def send(message: object) -> None:
+    def tell(message: object) -> None:
         if os.getpid() != mine:  # an estimator forked, and its copy came back, too
             os._exit(1)
-        connection.send(message)
+        if isinstance(message, list):
+            _end_run(message, output, _seam(mark))
+        connection.sendall(packed(message))
 
-    with contextlib.suppress(EOFError, ConnectionError):
-        while True:
-            send(Ready())
-            task = connection.recv()
-            try:
-                for message in run_task(task):
-                    send(message)
-            except GGBenchError as error:
-                send(error)
+    inbox = Inbox()
+    with contextlib.suppress(ConnectionError):
+        tell(Ready())
+        while piece := connection.recv(_PIECE):
+            for task in inbox.take(piece):
+                fly_unseen(task.case)
+                try:
+                    for message in run_task(task):
+                        tell(message)
+                except GGBenchError as error:
+                    tell(error)
+                tell(Ready())
+
+
+def _end_run(results: list[Result], output: int, seam: bytes) -> None:
+    """End what runs left running, which their records say, and what they print."""
+    if left := leftovers.end_descendants():
+        remark = f"left {left} process{'es' * (left > 1)} running, ended with the run"
+        for result in results:
+            result.record["remark"] = remark
+    for stream in (sys.__stdout__, sys.__stderr__):
+        with contextlib.suppress(Exception):  # an estimator may have closed it
+            if stream is not None:
+                stream.flush()
+    ctypes.CDLL(None).fflush(None)  # what C code holds back
+    with contextlib.suppress(OSError):
+        os.write(output, seam)
 
 
 if __name__ == "__main__":
     # As the module that the parent knows, so that messages are of the same classes on both sides.
     from . import worker
 
-    worker.main(int(sys.argv[1]))
+    worker.main(int(sys.argv[1]), int(sys.argv[2]))

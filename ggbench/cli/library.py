@@ -53,7 +53,8 @@ def run_all(
     -------
     An outcome for each scenario that was begun: an interrupt ends the last one.
     """
-    from ..campaign.runner import forget_flights, said
+    from ..campaign.runner import forget_flights
+    from ..campaign.texts import said
 
     outcomes = []
     for number, name in enumerate(names, 1):

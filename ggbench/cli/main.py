@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
 import sys
 from collections import deque
 from dataclasses import dataclass, replace
@@ -17,6 +16,7 @@ from rich.table import Table
 
 from ..errors import GGBenchError
 from ..spec.limits import MOST_RUNS, MOST_SEED
+from .interrupts import requests_to_end
 from .maps import map_group
 
 if TYPE_CHECKING:
@@ -36,6 +36,10 @@ class _Commands(click.Group):
     """A group whose commands end with a sentence and exit code 2 on an error of the user's."""
 
     def invoke(self, context: click.Context) -> Any:
+        with requests_to_end(EXIT_INTERRUPTED):
+            return self._told(context)
+
+    def _told(self, context: click.Context) -> Any:
         try:
             return super().invoke(context)
         except GGBenchError as error:
@@ -172,7 +176,6 @@ def run(
     from ..campaign import registry
     from ..spec import scenario
 
-    _treat_as_interrupt(signal.SIGTERM, signal.SIGHUP)
     if cluster and jobs is not None:
         raise click.UsageError("-j is for this machine and --cluster for others: give one of them")
     asked = _Asked(estimators, runs, seed, cases, assumptions, resume, jobs, cluster, time_limit)
@@ -282,16 +285,6 @@ def _finish(folder: Path, ended: Ended) -> Outcome:
         return outcome
     click.echo(f"Results are in {name}; 'ggbench report {name}' writes the report.")
     return outcome
-
-
-def _treat_as_interrupt(*signals: signal.Signals) -> None:
-    """Have signals that ask for the end do what Ctrl-C does: what is finished is summed up."""
-
-    def interrupt(number: int, frame: object) -> None:
-        raise KeyboardInterrupt
-
-    for each in signals:
-        signal.signal(each, interrupt)
 
 
 @main.command()

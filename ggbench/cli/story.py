@@ -58,6 +58,9 @@ def overview(results: Results, console: Console) -> None:
         f"case: {failed} failed, {diverged} diverged",
         highlight=False,
     )
+    for label, names in results.seeking.items():
+        console.print(f"{label} uses {names}, and may have seen the truth", markup=False,
+                      highlight=False, soft_wrap=True)  # fmt: skip
     failures = results.failures()
     for _, row in failures.head(_MOST_LISTED).iterrows():
         console.print(
@@ -198,6 +201,12 @@ def _print(
                           highlight=False, soft_wrap=True)  # fmt: skip
             if "traceback" in item.record:
                 console.print(item.record["traceback"].rstrip(), markup=False, highlight=False)
+            if "output" in item.record:
+                console.print(f"It had printed: {item.record['output']}", markup=False,
+                              highlight=False, soft_wrap=True)  # fmt: skip
+        if "remark" in item.record:
+            console.print(f"{item.label} {item.record['remark']}", markup=False,
+                          highlight=False, soft_wrap=True)  # fmt: skip
     _print_errors(times, bound, [item for item in told if item.series is not None], console)
     commands = [item for item in told if item.command]
     if commands:

@@ -33,6 +33,8 @@ _FLAWS = (
     "the estimate's cov is not positive definite at epoch {}",
 )
 _MEAN, _COV, _DEFINITE = 1, 2, 3
+_PLAIN = (np.ndarray, np.matrix, np.memmap)
+"""Arrays whose numbers are all that they mean."""
 
 
 def window_mask(times: np.ndarray, windows: WindowsSpec, name: str) -> np.ndarray:
@@ -75,13 +77,33 @@ def real_array(name: str, array: Any, shape: tuple[int, ...]) -> np.ndarray:
     Raises
     ------
     ValueError
-        If it has another shape or is complex.
+        If it has another shape, holds anything but real numbers, or is an array of a kind that
+        means more than its numbers: masked ones, numbers with units.
     """
-    if np.shape(array) != shape:
-        raise ValueError(f"the estimate's {name} has shape {np.shape(array)}, not {shape}")
-    if np.iscomplexobj(array):
+    require_plain(name, array)
+    found = np.asarray(array)
+    if found.shape != shape:
+        raise ValueError(f"the estimate's {name} has shape {found.shape}, not {shape}")
+    if found.dtype.kind == "c":
         raise ValueError(f"the estimate's {name} is complex")
-    return np.ascontiguousarray(array, dtype=float)
+    if found.dtype.kind not in "biuf":
+        raise ValueError(f"the estimate's {name} holds {found.dtype}, not real numbers")
+    return np.ascontiguousarray(found, dtype=float)
+
+
+def require_plain(name: str, array: Any) -> None:
+    """Raise ValueError if an array, or one in a list, means more than its numbers."""
+    if isinstance(array, list | tuple):
+        for item in array:
+            if not isinstance(item, float):  # by far most of them
+                require_plain(name, item)
+    elif isinstance(array, np.ma.MaskedArray):
+        masked = int(np.ma.count_masked(array))
+        if masked:
+            raise ValueError(f"the estimate's {name} is masked in {masked} of {array.size} places")
+    elif isinstance(array, np.ndarray) and type(array) not in _PLAIN:
+        kind = type(array).__name__
+        raise ValueError(f"the estimate's {name} is a {kind}, not a plain array of numbers")
 
 
 def evaluate_block(

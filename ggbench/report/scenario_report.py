@@ -86,6 +86,7 @@ class _Report:
     def _of_sweep(self) -> list[str]:
         return [
             f"# {self.scenario.title}",
+            self._seeking(),
             *SweepReport(self.scenario, self.summary, self.pictures).sections(),
             "## Estimators beside each other, run by run",
             tables.verdicts(self.paired),
@@ -102,6 +103,7 @@ class _Report:
         return [
             f"# {self.scenario.title}",
             self._verdict(),
+            self._seeking(),
             tables.glance(self.scenario, self.summary),
             self.scenario.description,
             *ConvergenceReport(self.results, self.summary, self.pictures).sections(),
@@ -155,6 +157,17 @@ class _Report:
             sentence += f", and within one case the estimators differ by {amount}"
         sentence += f"; {lost if lost else 'no'} runs failed or diverged."
         return f"**{sentence}**"
+
+    def _seeking(self) -> str:
+        """Return a warning of estimators that may have seen the truth, or nothing."""
+        found = [f"`{label}` uses {names}" for label, names in self.results.seeking.items()]
+        if not found:
+            return ""
+        return (
+            f"**Read with care: {'; '.join(found)}. What looks through the process that runs it "
+            "may have seen the truth: how such an estimator comes to its figures is told by its "
+            "source alone.**"
+        )
 
     def _reading(self) -> str:
         case = self.scenario.cases[0]
@@ -212,6 +225,7 @@ class _Report:
                 notes.append(f"No run of `{label}` is left without those that diverged.")
             if row["failed"]:
                 notes.append(f"`{label}` failed in {row['failed']} runs: {self._failure(row)}")
+            notes += self._remarks(row)
         errors = tables.case_errors(case, self.summary)
         consistency = tables.case_consistency(case, self.summary, updates)
         return f"### {case.title}\n\n{errors}\n\n{consistency}\n\n{' '.join(notes)}"
@@ -238,6 +252,16 @@ class _Report:
         ]
         first = same.iloc[0]
         return f"{first['reason']} (run {first['run']}; again: `{first['command']}`)."
+
+    def _remarks(self, row: dict[str, Any]) -> list[str]:
+        """Return what is remarked of an estimator's runs in a case, each remark once."""
+        runs = self.results.runs()
+        same = (runs["case"] == row["case"]) & (runs["estimator"] == row["label"])
+        found = runs.loc[same & (runs["assumption"] == "") & (runs["remark"] != ""), "remark"]
+        return [
+            f"`{row['label']}` {remark} ({count} run{'s' * (count != 1)})."
+            for remark, count in found.value_counts(sort=False).items()
+        ]
 
     def _figures(self) -> str:
         name = self.scenario.name

@@ -32,9 +32,9 @@ from .store import Store, StoreError, read_manifest
 
 RUN_COLUMNS = (
     "assumption", "case", "problem", "estimator", "name", "parameters", "causality", "seed",
-    "run", "status", "reason", "command", "diverged", "seconds", "cold", "map_evaluations",
-    "peak_memory_mb", "final_position_error_m", "final_ins_error_m", "bound", "lock_time_s",
-    "false_lock",
+    "run", "status", "reason", "remark", "command", "diverged", "seconds", "cold",
+    "map_evaluations", "peak_memory_mb", "final_position_error_m", "final_ins_error_m", "bound",
+    "lock_time_s", "false_lock",
 )  # fmt: skip
 """Columns of the table of runs, before those of the windows."""
 _PIECE = 5000
@@ -108,6 +108,16 @@ class Results:
         return list(self.manifest["estimators"])
 
     @property
+    def seeking(self) -> dict[str, str]:
+        """Estimators whose source looks where truth could be found, each with what it uses."""
+        found = {name: held.get("seeks") for name, held in self.manifest["estimators"].items()}
+        return {
+            label: ", ".join(map(str, names))
+            for label, names in found.items()
+            if names and isinstance(names, list)
+        }
+
+    @property
     def run_count(self) -> int:
         """How many runs of each case were asked for."""
         return int(self.manifest["runs"])
@@ -177,7 +187,10 @@ class Results:
         tables = [table for cell in self.cells for table in self._tables_of(cell)]
         if not tables:
             return runs_table([], RUN_COLUMNS)
-        return pd.concat(tables, ignore_index=True)
+        runs = pd.concat(tables, ignore_index=True)
+        if runs["reason"].str.startswith(self.store.damaged).all():
+            raise StoreError(runs["reason"].iloc[0])
+        return runs
 
     def _tables_of(self, cell: Cell) -> Iterator[pd.DataFrame]:
         """Yield the table of the runs of one estimator on one case, piece by piece."""
@@ -186,6 +199,7 @@ class Results:
         while piece := list(itertools.islice(records, _PIECE)):
             common = cell._asdict() | {
                 "reason": [record.get("reason", "") for record in piece],
+                "remark": [record.get("remark", "") for record in piece],
                 "command": [f"{command}{record['run']}" for record in piece],
             }
             yield runs_table(piece, RUN_COLUMNS, common)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import re
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal, NotRequired
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, with_config
+from pydantic_core import from_json
 from typing_extensions import TypedDict
 
 from ..spec.limits import MOST_RUNS, MOST_SEED, SCENARIO_NAME
@@ -84,6 +87,7 @@ class _Run(TypedDict):
     run: Annotated[int, Field(ge=0, le=MOST_RUNS)]
     seed: Annotated[int, Field(ge=0, le=MOST_SEED)]
     cold: NotRequired[bool]
+    remark: NotRequired[str]
 
 
 @with_config(_STRICT)
@@ -91,6 +95,7 @@ class _Failed(_Run):
     status: Literal["failed"]
     reason: str
     traceback: NotRequired[str]
+    output: NotRequired[str]
     seconds: NotRequired[_Positive]
 
 
@@ -120,18 +125,45 @@ def flaw_of_manifest(content: Any) -> str | None:
     return _flaw(_MANIFEST, content)
 
 
+_UNKNOWN: dict[str, Any] = {"name": "?", "parameters": "", "causality": "none", "seed": 0}
+
+
 def flaw_of_record(content: Any) -> str | None:
     """Return what is wrong with a record, in a few words, or None."""
     return _flaw(_RECORD, content)
 
 
-def flaw_of_records(content: Any, count: int) -> str | None:
-    """Return what is wrong with the first bad one of so many records, in a few words, or None."""
-    if not isinstance(content, list) or len(content) != count:
-        return "it is no single record"
-    if _flaw(_RECORDS, content) is None:  # at once, which is quicker
-        return None
-    return next(filter(None, map(flaw_of_record, content)), None)
+def read_records(texts: Sequence[Any]) -> list[dict[str, Any] | str]:
+    """Return each text's record, or in a few words why there is none."""
+    try:
+        records = from_json(f"[{','.join(texts)}]")
+    except (ValueError, TypeError, RecursionError) as error:
+        flaw: str | None = str(error)
+    else:
+        if len(records) == len(texts) and _flaw(_RECORDS, records) is None:  # at once: quicker
+            return list(records)
+        flaw = flaw_of_record(records[0]) if len(records) == 1 else "it is no single record"
+    if len(texts) == 1:
+        return [flaw or "it is no record"]
+    return [found for text in texts for found in read_records([text])]
+
+
+def stand_in(text: Any, run: int, reason: str, other: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the record of a run whose own cannot be read: it has failed.
+
+    ``other`` is one of the same estimator; what can be made out of the text itself comes first.
+    """
+    found = dict(_UNKNOWN) | {name: other[name] for name in _UNKNOWN if name in other}
+    try:
+        held = json.loads(text)  # which is not as strict
+    except (ValueError, TypeError, RecursionError):
+        held = None
+    record = {"run": run, "status": "failed", "reason": reason}
+    if isinstance(held, dict):
+        better = found | {name: held[name] for name in _UNKNOWN if name in held}
+        if flaw_of_record(better | record) is None:
+            found = better
+    return found | record
 
 
 def flaw_of_arrays(arrays: dict[str, np.ndarray]) -> str | None:

@@ -22,10 +22,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from pydantic_core import from_json
 
 from ..errors import GGBenchError
-from .formats import flaw_of_arrays, flaw_of_manifest, flaw_of_records
+from .formats import flaw_of_arrays, flaw_of_manifest, read_records, stand_in
 
 DETAILED_RUN = 0
 """The run whose errors and claimed deviations are kept component by component, for the figures."""
@@ -209,23 +208,44 @@ class Store:
         return {key: runs for key, runs in found.items() if len(runs)}
 
     def records(self, key: str, runs: int, first: int = 0) -> Iterator[dict[str, Any]]:
-        """Yield the records under a key of the runs from ``first`` to below ``runs``, in order."""
+        """Yield the records under a key of the runs from ``first`` to below ``runs``, in order.
+
+        Of a run whose record cannot be read, one that says so: it has failed.
+        """
+        good: dict[str, Any] = {}
+        for run, text, found in self._read(key, runs, first):
+            if isinstance(found, str):
+                yield stand_in(text, run, f"{self.damaged}: {found}", good)
+            else:
+                good = found
+                yield found
+
+    @property
+    def damaged(self) -> str:
+        """How the reason of a run begins whose record cannot be read."""
+        return f"a record in {self._database} is damaged"
+
+    def discard_damaged(self) -> int:
+        """Remove the records that cannot be read, so that their runs are run; return how many."""
+        keys = self._select("SELECT DISTINCT key FROM records")
+        damaged = [
+            (key, run) for (key,) in keys for run, _, found in self._read(key) if type(found) is str
+        ]
+        if damaged:
+            self._write("DELETE FROM records WHERE key = ? AND run = ?", damaged)
+        return len(damaged)
+
+    def _read(
+        self, key: str, runs: int = 1 << 62, first: int = 0
+    ) -> Iterator[tuple[int, Any, dict[str, Any] | str]]:
+        """Yield runs, their texts as they are stored, and the record or what is wrong with it."""
         query = (
             "SELECT run, record FROM records WHERE key = ? AND run >= ? AND run < ? "
             "ORDER BY run LIMIT ?"
         )
         while rows := self._select(query, (key, first, runs, _CHUNK)):
-            texts = [text for _, text in rows]
-            flaw: str | None
-            try:
-                records = from_json(f"[{','.join(texts)}]")
-            except (ValueError, TypeError, RecursionError) as error:
-                flaw = str(error)
-            else:
-                flaw = flaw_of_records(records, len(rows))
-            if flaw:
-                raise StoreError(f"a record in {self._database} is damaged: {flaw}")
-            yield from records
+            found = read_records([text for _, text in rows])
+            yield from ((*row, record) for row, record in zip(rows, found, strict=True))
             first = rows[-1][0] + 1
 
     def series(self, key: str, runs: int) -> np.ndarray:

@@ -28,7 +28,8 @@ from ggbench.campaign.registry import choose
 @dataclass(frozen=True)
 class Many(BlockEstimator):
     way: Literal["good", "nis", "nan mean", "nan cov", "indefinite", "raise", "exit", "sleep",
-                 "nothing", "batch", "short", "no count", "text"] = "good"
+                 "nothing", "batch", "short", "no count", "text", "masked nis",
+                 "masked info"] = "good"
     name = "many"
     causality = "filter"
 
@@ -64,6 +65,10 @@ class Many(BlockEstimator):
             del info["map_evaluations"]
         if self.way == "text":
             info["remark"] = np.array(["well"] * block.runs)
+        if self.way == "masked nis":
+            nis = np.ma.masked_less(np.tile(np.arange(block.epochs), (block.runs, 1)), 3)
+        if self.way == "masked info":
+            info["repairs"] = np.ma.masked_all(block.runs)
         return EstimateBlock(mean=mean, cov=cov, nis=nis, causality=causality, info=info)
 """
 OF_THE_ESTIMATOR = ("name", "parameters", "info", "map_evaluations", "estimator")
@@ -178,6 +183,8 @@ def test_a_run_that_fails_in_a_block_fails_alone(way, reason, many, tmp_path):
         ("batch", "the estimate is 'batch' with lag None, but its estimator declares 'filter'"),
         ("short", r"the estimate's mean has shape \(0, 20, 15\), not \(1, 20, 15\)"),
         ("no count", "the estimate's info has no map_evaluations"),
+        ("masked nis", "the estimate's nis is masked in 3 of 20 places"),
+        ("masked info", "the estimate's info repairs is masked in 1 of 1 places"),
         ("text", "the estimate's info must have a number of each run as its remark"),
     ],
 )

@@ -25,6 +25,10 @@ import numpy as np
 from ggbench.problem import Estimate, Estimator
 
 
+class Kilometres(np.ndarray):
+    pass
+
+
 @dataclass(frozen=True)
 class Naughty(Estimator):
     kind: Literal[KINDS] = "good"
@@ -58,6 +62,20 @@ class Naughty(Estimator):
             return Estimate(mean, cov, "filter", info={"what": object()})
         if self.kind == "complex":
             mean = mean + 1j
+        if self.kind == "masked":
+            mean = np.ma.array(mean, mask=np.arange(mean.size).reshape(mean.shape) < 4)
+        if self.kind == "masked covariance":
+            cov = np.ma.masked_less(cov, 0.5)
+        if self.kind == "list of masked":
+            mean = [np.ma.array(row, mask=row == 0.0) for row in mean]
+        if self.kind == "masked nowhere":
+            mean, cov = np.ma.array(mean), np.ma.array(cov, mask=False)
+        if self.kind == "objects":
+            mean = mean.astype(object)
+        if self.kind == "texts":
+            mean = mean.astype(str)
+        if self.kind == "with a unit":
+            mean = mean.view(Kilometres)
         return Estimate(mean, cov, "filter")
 """
 FAULTS = {
@@ -70,8 +88,14 @@ FAULTS = {
     "singular covariance": "(?i)singular|definite",
     "negative variance": "(?i)definite|negative",
     "complex": "(?i)complex|real",
+    "masked": "mean is masked in 4 of 300 places",
+    "masked covariance": r"cov is masked in \d+ of 4500 places",
+    "list of masked": "mean is masked in 15 of 15 places",
+    "objects": "mean holds object, not real numbers",
+    "texts": "mean holds <U32, not real numbers",
+    "with a unit": "mean is a Kilometres, not a plain array of numbers",
 }
-HARMLESS = ("lists", "odd info")
+HARMLESS = ("lists", "odd info", "masked nowhere")
 
 
 def naughty(tmp_path: Path, median: float = 0.0) -> str:

@@ -1,0 +1,56 @@
+"""Messages between two processes, of which one runs code that may write anything anywhere.
+
+A message is its length, a checksum and its pickled bytes. Nothing is unpickled that was not sent as
+a message: bytes that something else wrote in between are seen, and are no message.
+"""
+
+from __future__ import annotations
+
+import pickle
+import struct
+import zlib
+from collections.abc import Iterator
+from typing import Any
+
+_MARK = b"ggb\x00"
+_HEADER = struct.Struct("<4sIQ")
+_LARGEST = 1 << 32
+
+
+class GarbledError(Exception):
+    """What arrived is no message."""
+
+
+def packed(message: object) -> bytes:
+    """Return a message as it is sent."""
+    content = pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL)
+    return _HEADER.pack(_MARK, zlib.crc32(content), len(content)) + content
+
+
+class Inbox:
+    """Puts messages together again from the pieces in which they arrive."""
+
+    def __init__(self) -> None:
+        self._held = bytearray()
+
+    def take(self, piece: bytes) -> Iterator[Any]:
+        """Yield the messages that a piece completes.
+
+        Raises
+        ------
+        GarbledError
+            If something else than messages has arrived.
+        """
+        self._held += piece
+        while len(self._held) >= _HEADER.size:
+            mark, checksum, length = _HEADER.unpack_from(self._held)
+            if mark != _MARK or length > _LARGEST:
+                raise GarbledError
+            end = _HEADER.size + length
+            if len(self._held) < end:
+                return
+            content = bytes(self._held[_HEADER.size : end])
+            del self._held[:end]
+            if zlib.crc32(content) != checksum:
+                raise GarbledError
+            yield pickle.loads(content)

@@ -1,0 +1,87 @@
+"""What a worker process prints: caught, and its end kept until somebody asks."""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+
+from .texts import LONGEST_TEXT, printable
+
+_PIECE = 1 << 16
+_AT_ONCE = 64
+"""Pieces that are read at a time: a flood does not keep the parent from its other workers."""
+_KEPT = 4 * LONGEST_TEXT
+"""Bytes of which the last characters are made."""
+
+
+class Printed:
+    """The parent's end of the pipe to which a worker's standard output and error go.
+
+    The worker writes ``seam`` between runs: what was printed in a run is told from what was printed
+    in the next, however late it is read.
+
+    Parameters
+    ----------
+    descriptor : of the pipe; it is closed with this object.
+    """
+
+    def __init__(self, descriptor: int, seam: bytes) -> None:
+        self._descriptor: int | None = descriptor
+        self._seam = seam
+        self._over: deque[str] = deque()
+        self._end, self._count = b"", 0
+        os.set_blocking(descriptor, False)
+
+    @property
+    def readable(self) -> list[int]:
+        """The descriptor to wait for, as long as something may come."""
+        return [] if self._descriptor is None else [self._descriptor]
+
+    def read(self) -> None:
+        """Read what has been printed, or much of it."""
+        for _ in range(_AT_ONCE):
+            if self._descriptor is None:
+                return
+            try:
+                piece = os.read(self._descriptor, _PIECE)
+            except BlockingIOError:
+                return
+            if not piece:
+                self.close()
+            self._add(piece)
+
+    def of_run(self) -> str:
+        """Return what was printed in the run that is over, or was when its process ended."""
+        self.read()
+        return self._over.popleft() if self._over else self._taken()
+
+    def close(self) -> None:
+        """Let go of the pipe."""
+        if self._descriptor is not None:
+            os.close(self._descriptor)
+            self._descriptor = None
+
+    def _add(self, piece: bytes) -> None:
+        # A seam may be cut in two by the pieces.
+        held = min(len(self._end), len(self._seam))
+        first, *others = (self._end[len(self._end) - held :] + piece).split(self._seam)
+        self._end = self._end[: len(self._end) - held]
+        self._count -= held
+        self._extend(first)
+        for other in others:
+            self._over.append(self._taken())
+            self._extend(other)
+
+    def _extend(self, piece: bytes) -> None:
+        self._end = (self._end + piece)[-_KEPT:]
+        self._count += len(piece)
+
+    def _taken(self) -> str:
+        """Return the end of what was printed since the last seam, and begin anew."""
+        found, count = self._end, self._count
+        self._end, self._count = b"", 0
+        text = found.decode(errors="replace").strip()
+        shown = printable(text[-LONGEST_TEXT:])[-LONGEST_TEXT:]
+        if count > len(found) or len(text) > LONGEST_TEXT:
+            return f"({count} bytes; their end:) {shown}"
+        return shown

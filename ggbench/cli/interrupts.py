@@ -1,0 +1,58 @@
+"""Requests to end: the first one sums up what is finished, the second ends at once."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_SHOW_CURSOR = b"\x1b[?25h"
+
+
+@contextlib.contextmanager
+def requests_to_end(exit_code: int) -> Iterator[None]:
+    """Have Ctrl-C, SIGTERM and SIGHUP each do the same: a KeyboardInterrupt, and the next an end.
+
+    At the second one all worker processes are killed and the process ends with ``exit_code``,
+    whatever it is at: what is stored is whole. A signal that is ignored stays so (``nohup``).
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    asked = False
+
+    def ask(number: int, frame: object) -> None:
+        nonlocal asked
+        if asked:
+            _end_at_once(exit_code)
+        asked = True
+        raise KeyboardInterrupt
+
+    before = {
+        each: signal.signal(each, ask)
+        for each in _SIGNALS
+        if signal.getsignal(each) is not signal.SIG_IGN
+    }
+    try:
+        yield
+    finally:
+        if not asked:  # else the process is about to end: it does so as it was asked to
+            for each, handler in before.items():
+                signal.signal(each, handler)
+
+
+def _end_at_once(exit_code: int) -> None:
+    worker = sys.modules.get("ggbench.campaign.worker")  # if there can be any
+    try:
+        if worker is not None:
+            worker.kill_all()
+        # Not through Python's own streams, in the middle of whose work this may be.
+        if os.isatty(1):
+            os.write(1, _SHOW_CURSOR)
+        os.write(2, b"Ended at once.\n")
+    finally:
+        os._exit(exit_code)
