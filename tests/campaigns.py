@@ -104,6 +104,7 @@ def stored(folder: Path) -> int:
 DEADLY = """
 import ctypes, os, signal, time
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 import numpy as np
 from ggbench.problem import Estimate, Estimator
@@ -111,7 +112,7 @@ from ggbench.problem import Estimate, Estimator
 
 @dataclass(frozen=True)
 class Deadly(Estimator):
-    way: Literal["exit", "segfault", "killed", "sleep", "raise", "none"] = "none"
+    way: Literal["exit", "segfault", "killed", "sleep", "wait", "raise", "none"] = "none"
     seconds: float = 0.0
     name = "deadly"
     causality = "filter"
@@ -126,6 +127,10 @@ class Deadly(Estimator):
                 os.kill(os.getpid(), signal.SIGKILL)
             if self.way == "raise":
                 np.linalg.cholesky(-np.eye(2))
+            if self.way == "wait":
+                Path("waiting").touch()
+                while not Path("go").exists():
+                    time.sleep(0.01)
             time.sleep(self.seconds)
         cov = np.tile(problem.prior_cov, (problem.epochs, 1, 1))
         return Estimate(np.zeros((problem.epochs, problem.dimension)), cov, "filter")

@@ -202,7 +202,7 @@ def test_an_engine_that_does_not_keep_to_the_interface_is_told(way, reason, many
     ("way", "reason"),
     [
         ("exit", "its process ended with exit code 7, twice"),
-        ("sleep", "over its time limit of 3 s"),
+        pytest.param("sleep", "over its time limit of 20 s", marks=pytest.mark.long),
     ],
 )
 def test_a_death_in_a_block_costs_its_own_run_only(way, reason, many, tmp_path):
@@ -212,7 +212,7 @@ def test_a_death_in_a_block_costs_its_own_run_only(way, reason, many, tmp_path):
     of the others has its result.
     """
     label = f"{many}[way={way}]"
-    options = {"runs": 6, "cases": ("base",), "jobs": 1, "limit": 3.0}
+    options = {"runs": 6, "cases": ("base",), "jobs": 1, "limit": 20.0}
     results = ran(tmp_path, labels=(label, "ins"), **options)
     table = results.runs()
     assert len(table) == 12

@@ -52,20 +52,21 @@ def test_results_are_those_of_one_process_though_a_worker_is_killed(cluster, tmp
     assert_equal(Results(tmp_path / "out"), Results(tmp_path / "serial"))
 
 
+@pytest.mark.long
 def test_deaths_and_time_limits_are_records_there_too(cluster, tmp_path):
     """An estimator that kills its process, or never ends, does no harm to the cluster."""
     (tmp_path / "small.toml").write_text(SMALL)
     (tmp_path / "deadly.py").write_text(DEADLY.replace("THRESHOLD", "-1e9"))
     path = tmp_path / "deadly.py"
     process = start(
-        tmp_path, cluster.scheduler_address, "-n", "1", "-c", "base", "--time-limit", "2",
+        tmp_path, cluster.scheduler_address, "-n", "1", "-c", "base", "--time-limit", "20",
         "-e", f"{path}[way=exit]", "-e", f"{path}[way=sleep,seconds=1000]", "-e", "ekf",
     )  # fmt: skip
     _, errors = process.communicate(timeout=DEADLINE_S)
     assert process.returncode == 0, errors
     table = Results(tmp_path / "out").runs()
     assert table["reason"].tolist() == [
-        "its process ended with exit code 7, twice", "over its time limit of 2 s", "",
+        "its process ended with exit code 7, twice", "over its time limit of 20 s", "",
     ]  # fmt: skip
 
 

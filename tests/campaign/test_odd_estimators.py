@@ -69,20 +69,22 @@ def test_a_worker_that_dies_is_a_record(way, reason, deadly):
         assert failed["command"].iloc[0] in shown.stdout
 
 
+@pytest.mark.long
 def test_a_run_over_its_time_limit_is_a_record(deadly):
     """A run that takes too long is killed and is a record; a higher limit gives it another try."""
-    label = "deadly.py[way=sleep,seconds=4]"
+    label = "deadly.py[way=wait]"
     run = command(deadly / "out", "-n", "4", "-j", "2", "-c", "base", "-e", label, "-e", "ins")
-    done = finish(deadly, [*run, "--time-limit", "2"])
+    done = finish(deadly, [*run, "--time-limit", "10"])
     assert done.returncode == 0, done.stderr
     table = Results(deadly / "out").runs()
     assert (table.loc[table["estimator"] == "ins", "status"] == "ok").all()
     failed = table[table["status"] != "ok"]
-    assert set(failed["reason"]) == {"over its time limit of 2 s"}
+    assert set(failed["reason"]) == {"over its time limit of 10 s"}
     assert len(failed) == 2
     # The same command has nothing left to do, another limit has.
-    done = finish(deadly, [*run, "--time-limit", "2"])
+    done = finish(deadly, [*run, "--time-limit", "10"])
     assert "runs to do" not in done.stdout
+    (deadly / "go").touch()
     done = finish(deadly, [*run, "--time-limit", "100"])
     assert "2 runs to do" in done.stdout
     assert (Results(deadly / "out").runs()["status"] == "ok").all()
@@ -99,7 +101,7 @@ def test_no_process_is_left_behind(deadly, started):
     workers = psutil.Process(process.pid).children()
     assert len(workers) == 2
     process.kill()
-    _, alive = psutil.wait_procs(workers, timeout=20.0)
+    _, alive = psutil.wait_procs(workers, timeout=DEADLINE_S)
     assert not alive
 
 
@@ -190,18 +192,20 @@ def test_what_an_exception_says_can_be_stored_and_shown(way, reason, odd):
     assert finish(odd, [COMMAND, "show", "out"]).returncode == 0
 
 
+@pytest.mark.long
 def test_time_that_a_campaign_was_stopped_is_not_a_runs(deadly, started):
     """Ctrl-Z in the middle of a run, for longer than the limit, does not make it too slow."""
-    label = "deadly.py[way=sleep,seconds=2]"
+    label = "deadly.py[way=wait]"
     run = command(deadly / "out", "-n", "4", "-j", "1", "-c", "base", "-e", label)
-    process = started(deadly, [*run, "--time-limit", "4"])
-    while stored(deadly / "out") < 1:
+    process = started(deadly, [*run, "--time-limit", "15"])
+    while not (deadly / "waiting").exists():
         time.sleep(0.05)
         assert process.poll() is None
     everyone = [psutil.Process(process.pid), *psutil.Process(process.pid).children()]
     for one in everyone:
         one.suspend()
-    time.sleep(5.0)
+    time.sleep(16.0)
+    (deadly / "go").touch()
     for one in everyone:
         one.resume()
     process.communicate(timeout=DEADLINE_S)

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from campaigns import DEADLINE_S
 from command import Outcome, invoke
 from problems import SMALL
 
@@ -83,7 +84,7 @@ BAD = {
 def call(arguments: list[str], cwd: Path) -> Outcome:
     """Run the installed command to its end."""
     done = subprocess.run(
-        [COMMAND, *arguments], cwd=cwd, capture_output=True, text=True, timeout=100
+        [COMMAND, *arguments], cwd=cwd, capture_output=True, text=True, timeout=DEADLINE_S
     )
     return Outcome(done.returncode, done.stdout, done.stderr)
 
@@ -244,14 +245,14 @@ def test_an_interrupt_leaves_results_that_can_be_reported(jobs, moment, folder, 
     )  # fmt: skip
     database = tmp_path / "out" / "records.sqlite"
     try:
-        deadline = time.monotonic() + 60.0
+        deadline = time.monotonic() + DEADLINE_S
         prepared = tmp_path / "out" / "scenario.toml"
         while not prepared.exists() or stored(database) < 4 * moment:
             assert process.poll() is None and time.monotonic() < deadline
             time.sleep(0.05)
         time.sleep(0.5)
         os.killpg(process.pid, signal.SIGINT)
-        output, errors = process.communicate(timeout=60.0)
+        output, errors = process.communicate(timeout=DEADLINE_S)
     finally:
         if process.poll() is None:
             os.killpg(process.pid, signal.SIGKILL)
