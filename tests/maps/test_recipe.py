@@ -5,7 +5,9 @@ from __future__ import annotations
 import dataclasses
 import importlib.resources
 import math
+import re
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -197,6 +199,25 @@ def test_known_profile_of_the_vertical_gradient():
     assert np.abs(as_declared).max() < 5.0
     assert rms[1] < 1.5
     assert rms[2] > max(rms[:2])
+
+
+def test_no_map_that_is_rebuilt_is_called_egm2008s(qinling):
+    """What a map says of itself, and what is written about it: not a field that it is not."""
+    assert qinling.provenance.startswith("rebuilt from the EGM2008 geoid")
+    for source in SOURCES.values():
+        assert re.search(
+            r"rebuilt from the EGM2008 geoid.* E rms from EGM2008's", source.provenance
+        )
+    root = Path(__file__).parents[2]
+    written = [
+        root / "README.md",
+        root / "SCENARIOS.md",
+        *(root / "scenarios").rglob("*.[mt][do]*"),
+    ]
+    assert len(written) > 20
+    for document in written:
+        text = " ".join(document.read_text().split())
+        assert not re.search(r"(?<!from )EGM2008('s)? (field|map)", text), document
 
 
 def test_trace_vanishes(qinling):
