@@ -152,7 +152,7 @@ def flight(name: str) -> Flight:
 
 @pytest.fixture(scope="session")
 def wang() -> Flight:
-    """The paper's flight: 200 s to the east over the EGM2008 field, readings filtered at 1 Hz."""
+    """The paper's flight: 200 s to the east over the Qinling map, readings filtered at 1 Hz."""
     return flight("0.01E-1Hz")
 
 

@@ -124,7 +124,7 @@ def test_a_terrain_smaller_than_the_wavelength_is_refused():
 
 
 def test_terrain_explains_what_egm2008_has_beyond_degree_120():
-    """Real data, two ways: ETOPO1's residual terrain against EGM2008's geoid, over the Qinling.
+    """Real data, two ways: the residual terrain against EGM2008's geoid, over the Qinling.
 
     All six components agree in sign and size; what differs is density and isostasy.
     """
