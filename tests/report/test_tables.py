@@ -99,6 +99,7 @@ def test_many_cases_show_their_position_errors():
                 [figure(name, label, "settled", column) for column in columns], abs=0.06
             )
             assert numbers(cell)[:3] == figures
+            assert cell.startswith("**") == (label == "ekf")  # the only causal one
             assert cell.endswith(f"; {2 + index} failed, {12 + index} diverged")
         for title, cell in zip(head[5:], cells[5:], strict=True):
             label = {causality: k for k, causality in LABELS.items()}[title.split()[1].strip("*")]
