@@ -51,9 +51,10 @@ PAPER = CASES[:3]
 FILTERED, UNFILTERED = CASES[:2], CASES[2:]
 TWIN = dict(zip(CASES, (CASES[3], CASES[4], CASES[2], CASES[3], CASES[4]), strict=True))
 """The case whose linearized filter goes with a case: itself without the low-pass."""
-FIRST = {CASES[2]: 0, CASES[3]: 180, CASES[4]: 240}
-RUNS = {CASES[2]: 180, CASES[3]: 60, CASES[4]: 60}
-"""Run numbers by unfiltered case: 300 different flights of the INS in all."""
+FIRST = {CASES[2]: 0, CASES[3]: 300, CASES[4]: 360}
+RUNS = {CASES[2]: 300, CASES[3]: 60, CASES[4]: 60}
+"""Run numbers by unfiltered case: 420 different flights of the INS in all. Most are of the case
+whose margin to the paper is the least, 6 % of the position error."""
 FEWER_RUNS = 5
 BLOCKS = 4
 BATCH, LAGGED = "factor-graph[mode=batch]", "factor-graph[mode=fixed-lag]"
@@ -294,14 +295,14 @@ def test_no_run_fails_or_diverges(label, case):
 def test_pure_ins_drifts_as_predicted():
     """At 200 s the unaided INS is off by about 115 m and 1.1 m/s per horizontal axis.
 
-    Over 300 flights the RMS of each axis is what the propagated prior predicts, in the χ² band
+    Over all flights the RMS of each axis is what the propagated prior predicts, in the χ² band
     (false alarms: 1e-3 each), and so is the NEES of all six together.
     """
     flights = [record for case in UNFILTERED for record in judged()[case, "ins"]]
     errors = np.stack([record["error"] for record in flights])
     covs = np.stack([record["cov"][:6, :6] for record in flights])
     count = len(errors)
-    assert count == 300
+    assert count == sum(RUNS.values())
     assert len(np.unique(errors[:, 0])) == count
     predicted = np.sqrt(np.diagonal(covs, axis1=1, axis2=2).mean(axis=0))
     assert predicted[:2] == pytest.approx(115.0, rel=0.02)
