@@ -5,7 +5,9 @@ from __future__ import annotations
 import ast
 import importlib.metadata
 import sys
+from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,12 +16,13 @@ from problems import SMALL
 from small_cases import rough_map, small_case, small_flight
 
 import ggbench.estimators
+from ggbench.block import BlockEstimator, EstimateBlock, ProblemBlock
 from ggbench.campaign import records as recording
 from ggbench.campaign import registry, result_keys, runner
 from ggbench.judging.run_errors import innovations_squared
 from ggbench.results.store import DETAILED_RUN, MOST_KEPT, SERIES_RUNS, Result
 from ggbench.simulation.error_free_flight import Flight
-from ggbench.simulation.runs import simulate
+from ggbench.simulation.runs import simulate, simulate_block
 from ggbench.spec.trajectory import TrajectorySpec
 
 DRAWING = """
@@ -300,3 +303,27 @@ def test_two_cases_of_one_content_are_run_once(tmp_path):
     store.close()
     results = ran(tmp_path, labels=("ins",), scenario=small(tmp_path, text))
     assert {record["case"] for record in results.records()} == {"base", "noisy"}
+
+
+@dataclass(frozen=True)
+class Zeros(BlockEstimator):
+    """Estimates no error, of each run after so many points of the map as its number says."""
+
+    name = "zeros"
+    causality = "filter"
+
+    def estimate_block(self, block: ProblemBlock) -> EstimateBlock:
+        mean = np.zeros((block.runs, block.epochs, block.dimension))
+        counts = {"map_evaluations": np.arange(block.runs), "steps": 7 + np.arange(block.runs)}
+        return EstimateBlock(mean, mean[..., None] + np.eye(block.dimension), "filter", info=counts)
+
+
+def test_runs_of_a_block_share_its_time_and_keep_their_own_counts(monkeypatch):
+    """Four runs that take eight seconds together take two each."""
+    block, _ = simulate_block(small_flight(), 1, range(4))
+    clock = SimpleNamespace(perf_counter=iter([0.0, 8.0]).__next__)
+    monkeypatch.setattr(runner, "time", clock)
+    found = runner._estimate_block(block, registry.Choice("zeros", Zeros()))
+    assert found.seconds == 2.0
+    assert list(found.evaluations) == [0, 1, 2, 3]
+    assert list(found.info) == [{"steps": 7}, {"steps": 8}, {"steps": 9}, {"steps": 10}]

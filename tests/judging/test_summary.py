@@ -264,11 +264,11 @@ def test_summary_has_the_documented_columns_and_numbers():
 
 
 def test_quantiles_are_those_of_the_errors():
-    """Of errors from 0 to 100 m in equal steps: the median is 50 m, one in twenty is over 95 m."""
-    table = summary([record(run, float(run**2)) for run in range(101)], BOUNDS, {}, "s")
+    """Of the errors (0, 0.1, ..., 10)² m the median is 5² m, and one in twenty is over 9.5² m."""
+    table = summary([record(run, (0.1 * run) ** 4) for run in range(101)], BOUNDS, {}, "s")
     for row in table.to_dict("records"):
-        assert (row["position_median_m"], row["position_p95_m"]) == pytest.approx((50.0, 95.0))
-        assert (row["velocity_median_mps"], row["velocity_p95_mps"]) == pytest.approx((5.0, 9.5))
+        assert (row["position_median_m"], row["position_p95_m"]) == pytest.approx((25.0, 90.25))
+        assert (row["velocity_median_mps"], row["velocity_p95_mps"]) == pytest.approx((2.5, 9.025))
         assert row["velocity_efficiency"] == pytest.approx(row["velocity_mrse_mps"] / 0.2)
         assert row["coverage"] == pytest.approx(0.9)
         assert (row["nis_mean"], row["map_evaluations"]) == (1.0, 10.0)
