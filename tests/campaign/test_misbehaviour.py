@@ -19,6 +19,8 @@ from ggbench.campaign.printed import Printed
 from ggbench.report import scenario_report
 from ggbench.results.folder import Results
 
+SECONDS = f"86397.{os.getpid()}"
+"""That somebody sleeps: known among all processes, and to no other run of the tests."""
 WILD = """
 import contextlib, ctypes, os, stat, subprocess, sys, time
 from dataclasses import dataclass
@@ -39,14 +41,14 @@ class Wild(Estimator):
 
     def estimate(self, problem, rng):
         if self.way == "child":
-            subprocess.Popen(["sleep", "86397"])
+            subprocess.Popen(["sleep", "SECONDS"])
         if self.way == "own session":
-            subprocess.Popen(["sleep", "86397"], start_new_session=True)
+            subprocess.Popen(["sleep", "SECONDS"], start_new_session=True)
         if self.way == "orphan":
-            subprocess.run("setsid sleep 86397 & sleep 0.05", shell=True)
+            subprocess.run("setsid sleep SECONDS & sleep 0.05", shell=True)
         if self.way == "fork" and os.fork() == 0:
             os.setsid()
-            os.execlp("sleep", "sleep", "86397")
+            os.execlp("sleep", "sleep", "SECONDS")
         if self.way == "scribble":
             for name in range(3, 100):
                 with contextlib.suppress(OSError):
@@ -71,14 +73,14 @@ class Wild(Estimator):
             raise ArithmeticError("on purpose")
         cov = np.tile(problem.prior_cov, (problem.epochs, 1, 1))
         return Estimate(np.zeros((problem.epochs, problem.dimension)), cov, "filter")
-"""
+""".replace("SECONDS", SECONDS)
 
 
 def running() -> list[psutil.Process]:
     """The processes that the estimator has started and that have not ended."""
     found = []
     for process in psutil.process_iter(["cmdline"]):
-        if "86397" in (process.info["cmdline"] or []):
+        if SECONDS in (process.info["cmdline"] or []):
             found.append(process)
     return found
 
