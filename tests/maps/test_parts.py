@@ -105,6 +105,19 @@ def test_a_wave_is_halved_at_the_degree_whatever_its_direction_and_latitude():
             assert low <= amplitude <= high, (along, factor, amplitude)
 
 
+def test_a_wave_of_low_degree_is_halved_where_the_sphere_has_it():
+    """Degree n is the wavelength of 360° / (n + 1/2), as n (n + 1) is the square of its number.
+
+    At degree 20 half a degree matters: counted as 360° / 20 the wave would keep 0.4.
+    """
+    degree, count = 20, 200
+    step = 2.0 * 360.0 / (degree + 0.5) / count  # two waves
+    wave = np.cos(4.0 * np.pi * (np.arange(count) + 0.5) / count)[:, None] * np.ones((1, count))
+    ground = Terrain(20.0, 100.0, step, step, 500.0 + 100.0 * wave, "wave")
+    passed = smoothed(ground, degree, OPTIONS).height_m - 500.0
+    assert np.sum(passed * wave) / np.sum(100.0 * wave**2) == pytest.approx(0.5, abs=0.02)
+
+
 def test_smoothing_keeps_the_mass_of_land_and_sea():
     """At a coast: mean of rock and of what water lacks against rock."""
     heights = 1500.0 * np.sin(2 * np.pi * X / 0.4) + 300.0
