@@ -167,6 +167,17 @@ def test_starts_are_spread_as_the_prior_wants_them():
     assert np.cov(moved.T) == pytest.approx(5.0 / 3.0 * prior, abs=0.17)
 
 
+def test_where_readings_say_nothing_the_prior_ranks_the_starts():
+    """Over a field of nothing the best start is the prior's mean, then the nearest to it."""
+    problem = correlated_prior()
+    m = problem.measurements.shape[1]
+    rows = np.zeros((problem.epochs, m, problem.dimension))
+    smoother = _Smoother(changed(problem, model=LinearModel(rows)), "none", np.inf)
+    distances = [s.start @ smoother.prior_cov @ s.start for s in smoother.best_starts(200, 200)]
+    assert distances[0] == 0.0
+    assert (np.diff(distances) > -1e-9).all() and distances[-1] > 5.0
+
+
 def test_more_starts_never_end_higher():
     """The lowest minimum from 256 starts is never above the one from the prior's mean."""
     many, single = answers("gauss-newton[starts=256]", 3.0), answers("gauss-newton[starts=1]", 3.0)
