@@ -13,6 +13,7 @@ from rough_field import rough_flight
 from scipy.optimize import minimize
 
 from ggbench.estimators import robust
+from ggbench.estimators.ekf import _AdaptiveNoise
 from ggbench.problem import Problem
 
 WITH_LOSS = (
@@ -257,6 +258,41 @@ def test_adaptive_noise_does_not_count_missing_readings():
     adaptive = estimator("ekf[noise_memory=20,loss=huber]")
     all_epochs, half = adaptive.estimate(dropped, rng()), adaptive.estimate(kept, rng())
     assert max(deviation(all_epochs.mean[1::2], all_epochs.cov[1::2], half.mean, half.cov)) < 1e-8
+
+
+def test_adaptive_noise_forgets():
+    """Of noise that grows threefold only as many readings as the memory holds are believed.
+
+    After 500 readings of variance 1, and 100 of variance 9 with a memory of 25, the estimate is 9
+    within a factor of 2 (its deviation is 30 %); remembering all it would be below 2.5.
+    """
+    generator = np.random.default_rng(8)
+    noise = _AdaptiveNoise(np.eye(4), 25)
+    certain = np.zeros((4, 4))
+    for k in range(600):
+        noise.learn((1.0 if k < 500 else 3.0) * generator.standard_normal(4), certain, noise.cov)
+    assert (np.diag(noise.cov) > 4.5).all() and (np.diag(noise.cov) < 18.0).all()
+
+
+def test_adaptive_noise_counts_what_the_update_has_explained():
+    """What an update leaves is smaller than the noise by what it has learned: R − H P Hᵀ.
+
+    1000 residuals of variance 0.4 after updates that leave 0.6 are noise of variance 1 (20 %).
+    """
+    generator = np.random.default_rng(9)
+    root = np.array([[2.0, 0.0], [1.0, 0.5]])
+    noise = _AdaptiveNoise(root @ root.T, 1000)
+    for _ in range(1000):
+        left = root @ (np.sqrt(0.4) * generator.standard_normal(2))
+        noise.learn(left, 0.6 * root @ root.T, noise.cov)
+    assert noise.cov == pytest.approx(root @ root.T, rel=0.2)
+
+
+def test_adaptive_noise_does_not_learn_from_outliers():
+    """A residual of 30 deviations that a loss has weighed down by 900 counts as one of one."""
+    noise = _AdaptiveNoise(np.eye(2), 50)
+    noise.learn(np.array([30.0, 1.0]), np.zeros((2, 2)), np.diag([900.0, 1.0]))
+    assert noise.cov == pytest.approx(np.eye(2))
 
 
 @pytest.mark.parametrize("loss", ["huber", "cauchy"])

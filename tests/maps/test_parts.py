@@ -15,7 +15,7 @@ from ggbench.gravity.parker import TerrainOptions
 from ggbench.gravity.terrain import Terrain
 from ggbench.gravity.terrain_files import read_terrain
 from ggbench.maps.netcdf import Nodes
-from ggbench.maps.parts import HarmonicPart, TerrainPart, smoothed, summed
+from ggbench.maps.parts import HarmonicPart, TerrainPart, _around, smoothed, summed
 from ggbench.maps.shipped_regions import SOURCES, disturbing_coefficients, disturbing_field
 
 STEP = 1.0 / 60.0
@@ -58,6 +58,16 @@ def test_a_smooth_terrain_adds_nothing_to_the_harmonics(level):
     whole, residual = field(level + LONG), field(level + LONG, DEGREE)
     print(f"{rms(residual):.3f} of {rms(whole):.3f} E are left")
     assert rms(residual) < 0.02 * rms(whole)
+
+
+def test_gravity_of_a_smooth_terrain_is_not_counted_twice():
+    """What holds for the tensor holds for the gravity disturbance, the plate under it included."""
+    whole, residual = (
+        np.stack([v for _, v in TerrainPart(terrain(1200.0 + LONG), OPTIONS, n).layers(NODES)])
+        for n in (None, DEGREE)
+    )
+    assert rms(whole[..., 2]) > 1e-3  # more than 100 mGal, of a kilometre of rock
+    assert rms(residual) < 0.02 * np.std(whole[..., 2])
 
 
 def test_a_rough_terrain_adds_its_whole_field():
@@ -103,6 +113,19 @@ def test_a_wave_is_halved_at_the_degree_whatever_its_direction_and_latitude():
             amplitude = np.sum(middle * heights[:7] if along == "east" else passed * heights)
             amplitude /= np.sum(heights[:7] ** 2 if along == "east" else heights**2)
             assert low <= amplitude <= high, (along, factor, amplitude)
+
+
+def test_a_wave_of_low_degree_is_halved_where_the_sphere_has_it():
+    """Degree n is the wavelength of 360° / (n + 1/2), as n (n + 1) is the square of its number.
+
+    At degree 20 half a degree matters: counted as 360° / 20 the wave would keep 0.4.
+    """
+    degree, count = 20, 200
+    step = 2.0 * 360.0 / (degree + 0.5) / count  # two waves
+    wave = np.cos(4.0 * np.pi * (np.arange(count) + 0.5) / count)[:, None] * np.ones((1, count))
+    ground = Terrain(20.0, 100.0, step, step, 500.0 + 100.0 * wave, "wave")
+    passed = smoothed(ground, degree, OPTIONS).height_m - 500.0
+    assert np.sum(passed * wave) / np.sum(100.0 * wave**2) == pytest.approx(0.5, abs=0.02)
 
 
 def test_smoothing_keeps_the_mass_of_land_and_sea():
@@ -158,6 +181,14 @@ def test_of_a_terrain_too_wide_for_a_plane_what_lies_around_the_map_is_used():
     ]
     assert rms(fields[0]) > 5.0
     assert rms(fields[1] - fields[0]) < 0.02 * rms(fields[0])
+
+
+def test_what_lies_around_the_map_is_as_wide_to_the_east_as_to_the_north():
+    """In degrees of arc: at 60° of latitude twice as many degrees of longitude are kept."""
+    wide = Terrain(53.0, 85.0, 0.1, 0.1, np.zeros((141, 301)), "wide")
+    kept = _around(wide, Nodes(np.array([59.0, 61.0]), np.array([99.0, 101.0]), np.array([9e3])))
+    assert (kept.latitudes_deg[0], kept.latitudes_deg[-1]) == pytest.approx((54.5, 65.5), abs=0.11)
+    assert (kept.longitudes_deg[0], kept.longitudes_deg[-1]) == pytest.approx((89, 111), abs=0.11)
 
 
 def test_harmonics_on_dense_nodes_are_those_of_direct_synthesis():

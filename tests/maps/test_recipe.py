@@ -356,6 +356,19 @@ def test_another_recipe_is_another_file(cache):
         assert gradient_map.provenance.endswith(note)
 
 
+def test_other_code_or_data_make_another_file(monkeypatch):
+    """A cached map is used only with the sources of the rooms that made it, and the very data."""
+    before = recipe.content_key(SMALL)
+    with monkeypatch.context() as patch:
+        patch.setattr(recipe, "source_hash", lambda *rooms: f"other {rooms}")
+        assert recipe.content_key(SMALL) != before
+    with monkeypatch.context() as patch:
+        patch.setattr(recipe, "data_bytes", lambda name: b"other data")
+        assert recipe.content_key(SMALL) != before
+    assert recipe.content_key(SMALL) == before
+    assert {"numerics", "gravity", "maps"} <= set(recipe.MAP_ROOMS)
+
+
 def test_builders_at_the_same_time_leave_one_whole_file(cache):
     with ThreadPoolExecutor(4) as pool:
         several = list(pool.map(load_or_build, [SMALL] * 4))
