@@ -192,7 +192,8 @@ def run(
         from . import story
 
         loaded = scenario.load(scenario_name)
-        for remark in oddities(loaded.select(cases) if cases else replace(loaded, assumptions=())):
+        flown = tuple(loaded.find(name)[1] for name in cases) or loaded.cases
+        for remark in oddities(replace(loaded, cases=flown, assumptions=())):
             click.echo(f"Note: {remark}.")
         labels = [c.label for c in registry.choose_all(estimators or loaded.campaign.estimators)]
         seed = loaded.campaign.seed if seed is None else seed
