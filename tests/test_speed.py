@@ -124,6 +124,7 @@ def test_the_operations_of_the_filters_are_those_of_their_equations():
     assert Counted.count == pytest.approx(flops.ukf(n, m, 1), rel=0.06)
 
 
+@pytest.mark.long
 def test_what_gives_another_answer_is_not_timed(both, tmp_path):
     arrays, _, _ = both
     entries = [

@@ -57,6 +57,7 @@ def test_the_second_request_ends_what_swallows_the_first(second, tmp_path, start
     assert (process.returncode, errors) == (130, "Ended at once.\n")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "signals",
     [(signal.SIGINT, signal.SIGINT), (signal.SIGINT, signal.SIGTERM)],

@@ -8,6 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 SOURCE = (
     """
 import math
@@ -103,6 +105,7 @@ def test_code_is_not_exchanged_for_another_processes(tmp_path):
     assert other != first
 
 
+@pytest.mark.long
 def test_damaged_code_is_compiled_anew(tmp_path):
     place = Place(tmp_path / "here", 1.0)
     right, _ = place.run("calling(1.0)")
@@ -111,6 +114,7 @@ def test_damaged_code_is_compiled_anew(tmp_path):
     assert place.run("calling(1.0)") == [right, "calling"]
 
 
+@pytest.mark.long
 def test_without_a_folder_it_is_compiled_each_time(tmp_path):
     place = Place(tmp_path / "here", 1.0)
     place.cache.write_text("no folder")
