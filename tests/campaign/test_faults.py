@@ -103,8 +103,9 @@ def test_kills_while_it_is_compiled(tmp_path, started, monkeypatch):
     for _ in range(12):
         process = started(tmp_path, command(tmp_path / "out", *options))
         with contextlib.suppress(subprocess.TimeoutExpired):
-            process.communicate(timeout=moment.uniform(1.0, 12.0))
-        kill_all(process, moment)
+            process.wait(timeout=moment.uniform(1.0, 12.0))
+        if process.poll() is None:
+            kill_all(process, moment)
         process.communicate()
     for folder in ("out", "whole"):
         assert finish(tmp_path, command(tmp_path / folder, *options)).returncode == 0
