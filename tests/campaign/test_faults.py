@@ -34,7 +34,8 @@ def kill_all(process: subprocess.Popen, moment: random.Random) -> None:
     everyone = [parent, *parent.children()]
     moment.shuffle(everyone)
     for each in everyone:
-        each.kill()
+        with contextlib.suppress(psutil.NoSuchProcess):  # it may have ended with its parent
+            each.kill()
 
 
 def interrupt(process: subprocess.Popen, moment: random.Random) -> None:
