@@ -327,3 +327,31 @@ def test_runs_of_a_block_share_its_time_and_keep_their_own_counts(monkeypatch):
     assert found.seconds == 2.0
     assert list(found.evaluations) == [0, 1, 2, 3]
     assert list(found.info) == [{"steps": 7}, {"steps": 8}, {"steps": 9}, {"steps": 10}]
+
+
+def test_tasks_hold_every_run_once(tmp_path, monkeypatch):
+    """However many runs a task may have, of estimators that take them at once or one by one."""
+    monkeypatch.setattr("ggbench.campaign.campaign.TASK_RUNS", 4)
+    work = plan(tmp_path, "out", ("ins", "ekf[engine=numba]"), runs=11)
+    store, _ = work.open()
+    tasks = work.tasks(store)
+    found = [
+        (task.case.name, label, run)
+        for task in tasks
+        for label, _ in task.estimators
+        for run in task.runs
+    ]
+    assert len(found) == len(set(found)) == tasks.results == 2 * 2 * 11
+    assert max(len(task.runs) for task in work.tasks(store)) == 4
+    store.close()
+
+
+def test_a_lost_run_is_there_and_may_be_tried_again(tmp_path):
+    """A death counts as a result of the campaign; a campaign with more time has it to do."""
+    work = plan(tmp_path, "out", ("ins",), runs=2, cases=("base",), limit=60.0)
+    store, _ = work.open()
+    assert (work.missing(store), work.tasks(store).results) == (2, 2)
+    (_, _, ((_, key),)), = work.plan.cells()  # fmt: skip
+    store.add([Result(key, {"run": 0}, retry_above=60.0), Result(key, {"run": 1}, retry_above=5.0)])
+    assert (work.missing(store), work.tasks(store).results) == (0, 1)
+    store.close()

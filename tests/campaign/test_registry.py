@@ -244,3 +244,37 @@ def test_what_a_user_reads_of_a_parameter():
     assert registry.describe(parameters["points"][0]) == "julier | merwe | cubature"
     assert registry.describe(parameters["alpha"][0]) == "float"
     assert parameters["alpha"][1] == 0.5
+
+
+@pytest.mark.parametrize("text", ["ukf", "ukf[points=merwe]", "ekf[iterations=3,loss=huber]"])
+def test_the_text_of_an_estimator_names_what_is_not_default(text):
+    """An instance is named as a user would name it, without its defaults."""
+    assert registry.text_of(choose(text).estimator) == text
+
+
+def test_a_source_is_the_file_with_what_it_imports_from_beside_it(monkeypatch):
+    """Of the losses that estimators share every change counts, for those that have losses."""
+
+    def sources() -> dict[str, str]:
+        return {
+            name: registry._source_of.__wrapped__(type(choose(name).estimator))
+            for name in ("ekf", "ukf", "gauss-newton", "ins")
+        }
+
+    before, read = sources(), Path.read_bytes
+    monkeypatch.setattr(
+        Path,
+        "read_bytes",
+        lambda path: read(path) + (b"# changed" if path.name == "robust.py" else b""),
+    )
+    after = sources()
+    assert {name for name, source in before.items() if after[name] != source} == {
+        "ekf", "ukf", "gauss-newton",
+    }  # fmt: skip
+
+
+def test_of_two_texts_of_one_content_the_first_is_chosen():
+    """A default that is spelt out is no other estimator."""
+    texts = ["ukf", "ekf", "ukf[points=julier]", "ukf[points=merwe]"]
+    labels = [choice.label for choice in registry.choose_all(texts)]
+    assert labels == ["ukf", "ekf", "ukf[points=merwe]"]

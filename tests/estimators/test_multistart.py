@@ -18,6 +18,7 @@ from problems import (
     linear_problem,
     rng,
     simulated,
+    smoothed,
 )
 from rough_field import LENGTH, rough_flight
 from scipy.stats import chi2
@@ -165,6 +166,25 @@ def test_starts_are_spread_as_the_prior_wants_them():
     prior = smoother.prior_cov[:3, :3]
     assert np.abs(moved.mean(axis=0)).max() < 0.1
     assert np.cov(moved.T) == pytest.approx(5.0 / 3.0 * prior, abs=0.17)
+
+
+def test_the_filters_track_is_the_smoothed_one():
+    """The start that a filter gives is, of a linear problem, the answer already (1e-6 σ)."""
+    problem = linear_problem(3)
+    mean, cov = smoothed(problem, problem.epochs)
+    smoother = _Smoother(problem, "none", np.inf)
+    found = smoother.from_filter().states * smoother.scale
+    assert deviation(found, cov, mean, cov)[0] < 1e-6
+
+
+def test_screening_weighs_readings_as_the_cost_does():
+    """From some of many epochs, the cost that all of them have beside the prior's: to 30 %."""
+    problem = linear_problem(5, epochs=600)
+    smoother = _Smoother(problem, "none", np.inf)
+    screened = smoother._screen(np.zeros((1, problem.dimension)))[0]
+    undisturbed = smoother.from_prior(np.zeros(problem.dimension))
+    whole = smoother._cost(undisturbed, smoother._residuals(undisturbed.states))
+    assert screened == pytest.approx(whole, rel=0.3)
 
 
 def test_where_readings_say_nothing_the_prior_ranks_the_starts():

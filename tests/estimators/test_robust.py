@@ -200,6 +200,26 @@ def test_update_minimises_the_huber_cost(label):
     assert cost((found.mean[0] - mean) / units) < best.fun + 1e-5
 
 
+@pytest.mark.parametrize("label", ["ekf", "ekf[iterations=20]", "gaussian-sum[iterations=40]"])
+def test_a_reading_informs_as_much_as_it_weighs(label):
+    """P⁻¹ grows by each component's information times its weight: an outlier's by little."""
+    problem = linear_problem(seed=4, epochs=1, m=2)
+    problem = changed(problem, measurements=problem.measurements + np.array([0.0, 8.0]))
+    found = with_(label, loss="huber").estimate(problem, rng())
+    units = np.sqrt(np.diag(problem.prior_cov))
+    phi = problem.transition[0]
+    cov = phi @ problem.prior_cov @ phi.T + problem.process_cov[0]
+    root = np.linalg.cholesky(problem.noise_cov)
+    rows = np.linalg.solve(root, problem.model.jacobian(0, found.mean[0]) * units)
+    left = problem.measurements[0] - problem.model.predict(0, found.mean[0])
+    weight = robust.weights(np.linalg.solve(root, left), "huber", 1.345)
+    assert weight.min() < 0.5
+    information = np.linalg.inv(cov / np.outer(units, units)) + (rows.T * weight) @ rows
+    assert found.cov[0] / np.outer(units, units) == pytest.approx(
+        np.linalg.inv(information), rel=1e-3, abs=1e-6
+    )
+
+
 @pytest.mark.parametrize("loss", ["huber", "cauchy"])
 def test_robust_gauss_newton_is_gtsams_robust_graph(loss):
     """Two ways to the same minimum: reweighted Kalman smoothing and GTSAM's m-estimators."""

@@ -97,6 +97,19 @@ def test_the_truth_is_where_the_track_is(hour, tmp_path, rate):
     assert attitude.max() < 1e-9
 
 
+def test_a_straight_course_needs_no_bank_though_meridians_converge(tmp_path):
+    """At 80° N, to the north-east at a constant heading: level to 0.01°.
+
+    The angle between the meridians on its way would be mistaken for a turn with a bank of 0.2°.
+    """
+    start = {"latitude_deg": 80.0, "longitude_deg": 10.0, "height_m": 3000.0}
+    course = start | {"speed_mps": 250.0, "heading_deg": 45.0, "segment": [{"duration_s": 200.0}]}
+    flown = trajectory_of(TrajectorySpec.model_validate(course), 0.05)
+    again = trajectory_of(read(write(tmp_path / "track.csv", degrees(flown, 20), decimals=12)), 0.1)
+    tilt = np.degrees(np.abs(again.attitudes[20:-20, 2, :2]))
+    assert tilt.max() < 0.01
+
+
 def test_rows_denser_than_the_samples_leave_no_drift(hour, tmp_path):
     """Rounded to millimetres at 100 Hz, they wiggle by 0.1 m/s: no reason to go astray."""
     rows = degrees(hour, 1)[:130_000]
