@@ -35,6 +35,7 @@ _FLAWS = (
 _MEAN, _COV, _DEFINITE = 1, 2, 3
 _PLAIN = (np.ndarray, np.matrix, np.memmap)
 """Arrays whose numbers are all that they mean."""
+_ROUNDING = 1e-9
 
 
 def window_mask(times: np.ndarray, windows: WindowsSpec, name: str) -> np.ndarray:
@@ -348,5 +349,8 @@ def named_figures(means: list[list[float]]) -> dict[str, dict[str, float]]:
 
 
 def has_diverged(final_error: float, final_bound: float, final_ins_error: float) -> bool:
-    """Return whether a run's final position error is beyond 10 × bound and beyond the INS's."""
-    return final_error > max(10.0 * final_bound, final_ins_error)
+    """Return whether a run's final position error is beyond 10 × bound and beyond the INS's.
+
+    Beyond by more than rounding: the INS alone has its own error, summed up in another order.
+    """
+    return final_error > max(10.0 * final_bound, (1.0 + _ROUNDING) * final_ins_error)

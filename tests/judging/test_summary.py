@@ -102,6 +102,7 @@ def test_an_estimate_without_covariance_has_no_consistency():
         (21.0, 1.0, 20.0, True),
         (10.0, 1.0, 5.0, False),
         (math.inf, 1.0, 20.0, True),
+        (20.0 + 4e-15, 1.0, 20.0, False),  # the INS itself, summed up in another order
     ],
 )
 def test_divergence_is_worse_than_ten_bounds_and_than_no_aiding(final, bound, ins, diverged):
