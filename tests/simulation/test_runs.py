@@ -170,7 +170,8 @@ def test_measurements_scatter_as_the_problem_says(wang, treatment):
     Its power is that of W Wᵀ, by a normal approximation of the sum of 18000 squares (false-alarm
     probability 1e-3). The problem claims R = σ² I: exact without a filter; whitened, it is generous
     by the directions in which the filter passes less than the regularisation (one in nine of a
-    millionth, two in five of a hundredth), as there is no noise behind it; delayed, it claims nothing.
+    millionth, two in five of a hundredth), as there is no noise behind it; delayed, it claims
+    nothing.
     """
     kind = {"none": {"filter": "none"}}.get(treatment, {"filter_treatment": treatment})
     behind = changed(wang, gradiometer=kind)
