@@ -139,11 +139,15 @@ class Worker:
 
 def kill(workers: Collection[Worker]) -> None:
     """End worker processes at once, and what they have started."""
+    _end(workers)
+    for worker in workers:
+        worker._let_go()
+
+
+def _end(workers: Collection[Worker]) -> None:
     for worker in workers:
         worker._end_group()
     leftovers.end_marked([worker._mark for worker in workers])
-    for worker in workers:
-        worker._let_go()
 
 
 def kill_surely(workers: Collection[Worker]) -> None:
@@ -167,10 +171,7 @@ def kill_surely(workers: Collection[Worker]) -> None:
 
 def kill_all() -> None:
     """End all worker processes of this process: nothing else is done before it ends itself."""
-    workers = list(_living)
-    for worker in workers:
-        worker._end_group()
-    leftovers.end_marked([worker._mark for worker in workers])
+    _end(list(_living))
 
 
 @contextlib.contextmanager

@@ -21,6 +21,7 @@ from .maps import map_group
 
 if TYPE_CHECKING:
     from ..campaign.running import Ended
+    from ..spec.scenario import Scenario
     from .library import Outcome
 
 console = Console()
@@ -95,11 +96,9 @@ def validate(file: str) -> None:
     """Check a scenario: FILE is a path or the name of a shipped one."""
     from ..campaign import campaign, registry
     from ..spec import scenario
-    from ..spec.oddities import oddities
 
     loaded = scenario.load(file)
-    for remark in oddities(loaded):
-        click.echo(f"Note: {remark}.")
+    _note_oddities(loaded)
     deque(campaign.check(loaded), maxlen=0)
     registry.choose_all([*loaded.campaign.estimators, loaded.campaign.assumption_estimator])
     click.echo(
@@ -188,13 +187,11 @@ def run(
     if one_run is not None:
         if runs or output or not resume or jobs is not None or cluster or time_limit or assumptions:
             raise click.UsageError("--run goes with -e, -c and --seed only: it stores nothing")
-        from ..spec.oddities import oddities
         from . import story
 
         loaded = scenario.load(scenario_name)
         flown = tuple(loaded.find(name)[1] for name in cases) or loaded.cases
-        for remark in oddities(replace(loaded, cases=flown, assumptions=())):
-            click.echo(f"Note: {remark}.")
+        _note_oddities(replace(loaded, cases=flown, assumptions=()))
         labels = [c.label for c in registry.choose_all(estimators or loaded.campaign.estimators)]
         seed = loaded.campaign.seed if seed is None else seed
         good = story.repeat(loaded, cases, labels, seed, one_run, console)
@@ -286,6 +283,14 @@ def _finish(folder: Path, ended: Ended) -> Outcome:
         return outcome
     click.echo(f"Results are in {name}; 'ggbench report {name}' writes the report.")
     return outcome
+
+
+def _note_oddities(scenario: Scenario) -> None:
+    """Tell what of a scenario is allowed and yet odd."""
+    from ..spec.oddities import oddities
+
+    for remark in oddities(scenario):
+        click.echo(f"Note: {remark}.")
 
 
 @main.command()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import unicodedata
 
 import numpy as np
@@ -31,9 +32,7 @@ _HIDDEN = {"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"}
 
 def require_size(what: str, shape: tuple[int, ...], most: int) -> None:
     """Raise MapError if so many nodes are more than ``most``. ``what`` begins the sentence."""
-    nodes = 1
-    for size in shape:
-        nodes *= int(size)
+    nodes = math.prod(map(int, shape))
     if nodes > most:
         raise MapError(
             f"{what} has {nodes} nodes where it is needed ({' x '.join(map(str, shape))}), "

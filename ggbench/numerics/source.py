@@ -28,14 +28,12 @@ def source_hash(*rooms: str) -> str:
 
     Of all rooms that a result depends on, and of the modules beside the rooms, if none is named.
     """
-    digest = hashlib.sha256()
-    files = (path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py"))
-    for file in sorted(files):
-        room = file.parts[0]
+    found = set()
+    for file in PACKAGE.rglob("*.py"):
+        room = file.relative_to(PACKAGE).parts[0]
         if room in rooms or (not rooms and room not in _NOT_OF_RESULTS):
-            content = (PACKAGE / file).read_bytes()
-            digest.update(f"{file.as_posix()}\0{len(content)}\0".encode() + content)
-    return digest.hexdigest()[:16]
+            found.add(file)
+    return _hash_of(found)
 
 
 _VECTORS = PACKAGE / "numerics" / "vectors.py"
@@ -49,16 +47,20 @@ def module_hash(file: Path) -> str:
     Of modules of the package, directly or not. A file elsewhere, an estimator of a user's own, may
     use whatever is compiled here: it is hashed with all :data:`COMPILED_ROOMS`.
     """
-    digest = hashlib.sha256()
     if PACKAGE in file.parents:
         # A formula is compiled for vectors, too, without its module knowing them.
-        modules = {file, _VECTORS} | _imported(file) | _imported(_VECTORS)
-        for module in sorted(modules):
-            content = module.read_bytes()
-            name = module.relative_to(PACKAGE).as_posix()
-            digest.update(f"{name}\0{len(content)}\0".encode() + content)
-    else:
-        digest.update(source_hash(*COMPILED_ROOMS).encode() + file.read_bytes())
+        return _hash_of({file, _VECTORS} | _imported(file) | _imported(_VECTORS))
+    own = source_hash(*COMPILED_ROOMS).encode() + file.read_bytes()
+    return hashlib.sha256(own).hexdigest()[:16]
+
+
+def _hash_of(modules: set[Path]) -> str:
+    """Return a hash of modules of the package, with their names."""
+    digest = hashlib.sha256()
+    for module in sorted(modules):
+        content = module.read_bytes()
+        name = module.relative_to(PACKAGE).as_posix()
+        digest.update(f"{name}\0{len(content)}\0".encode() + content)
     return digest.hexdigest()[:16]
 
 
