@@ -49,8 +49,12 @@ bench-check: $(INSTALLED)
 agreement: $(INSTALLED)
 	GGBENCH_TEST_AGREEMENT=all $(BIN)/python -m pytest -m "" tests/engines/test_agreement.py
 
+# One thread of linear algebra per process: more only get into each other's way.
+test test-long coverage agreement: export OPENBLAS_NUM_THREADS := 1
+
 # A file's tests stay in one process, in their order: what they share is made once.
-PYTEST := $(BIN)/python -m pytest -n logical --dist loadfile --no-loadscope-reorder
+IN_PARALLEL := pytest -n logical --dist loadfile --no-loadscope-reorder
+PYTEST := $(BIN)/python -m $(IN_PARALLEL)
 
 test: $(INSTALLED)
 	$(PYTEST)
@@ -62,7 +66,7 @@ test-all: test test-long
 
 coverage: $(INSTALLED)
 	mkdir -p build/coverage
-	$(BIN)/python -m coverage run -m pytest
+	$(BIN)/python -m coverage run -m $(IN_PARALLEL)
 	$(BIN)/python -m coverage combine --quiet
 	$(BIN)/python -m coverage report --skip-covered --show-missing
 

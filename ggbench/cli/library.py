@@ -67,7 +67,7 @@ def run_all(
         except Exception as error:  # whatever it is, the other scenarios are to be run
             text = str(error) if isinstance(error, GGBenchError) else said(error)
             outcome = Outcome(name, error=text)
-            console.print(f"{name} failed: {text}", markup=False, highlight=False, soft_wrap=True)
+            console.out(f"{name} failed: {text}")
         outcomes.append(replace(outcome, seconds=time.monotonic() - start))
         forget_flights()
         if outcome.interrupted:
@@ -97,14 +97,11 @@ def print_outcomes(outcomes: Sequence[Outcome], output: Path, console: Console) 
     console.print(table)
     lost = [outcome.scenario for outcome in outcomes if outcome.error]
     if lost:
-        console.print(f"{len(lost)} scenarios failed: {', '.join(lost)}.", markup=False,
-                      highlight=False, soft_wrap=True)  # fmt: skip
+        console.out(f"{len(lost)} scenarios failed: {', '.join(lost)}.")
     if lost or any(outcome.interrupted for outcome in outcomes):
-        console.print("The same command goes on where it stopped.", highlight=False)
-    console.print(
-        f"'ggbench report --all {as_argument(str(output))}' writes the reports of what is done.",
-        markup=False, highlight=False, soft_wrap=True,
-    )  # fmt: skip
+        console.print("The same command goes on where it stopped.")
+    again = f"ggbench report --all {as_argument(str(output))}"
+    console.out(f"'{again}' writes the reports of what is done.")
 
 
 def report_all(folder: Path, output: Path, console: Console) -> bool:
@@ -139,12 +136,12 @@ def report_all(folder: Path, output: Path, console: Console) -> bool:
         except GGBenchError as error:
             remarks.append(str(error))
             continue
-        console.print(f"Wrote {written}", markup=False, highlight=False, soft_wrap=True)
+        console.out(f"Wrote {written}")
     good = not remarks
     written, left_out = league_page.write(chosen, output)
-    console.print(f"Wrote {written}", markup=False, highlight=False, soft_wrap=True)
+    console.out(f"Wrote {written}")
     for remark in dict.fromkeys([*remarks, *doubles, *left_out]):
-        console.print(remark, markup=False, highlight=False, soft_wrap=True)
+        console.out(remark)
     return good
 
 

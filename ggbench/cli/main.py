@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from ..spec.scenario import Scenario
     from .library import Outcome
 
-console = Console()
+console = Console(highlight=False)
 if not console.is_terminal:
     console.width = 120  # a file or a pipe has no edge at which tables must fold
 EXIT_WORSE = 1
@@ -309,7 +309,7 @@ def show(folder: Path, number: int | None, case: str | None) -> None:
     chosen, which, reason = story.choose_run(results, case, number)
     if number is None:
         story.overview(results, console)
-    console.print(f"Shown: {reason}", highlight=False, markup=False)
+    console.out(f"Shown: {reason}")
     story.tell(results, chosen, which, console)
 
 

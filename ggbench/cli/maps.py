@@ -169,7 +169,7 @@ def show(file: Path, output: Path | None, height: float | None) -> None:
     _describe(nodes, attributes, console)
     for key in ("parameters", "source_files", "history", "ggbench_version"):
         if attributes.get(key):
-            console.print(f"{key}: {attributes[key]}", markup=False, highlight=False)
+            console.out(f"{key}: {attributes[key]}")
     _print_rms(nodes, watched.rms, console)
     if output is not None and chosen is not None:
         from ..figures.map_components import map_components
@@ -196,7 +196,7 @@ def _describe(nodes: Any, attributes: dict[str, str], console: Console) -> None:
         ("height", _axis(height, " m", 1.0, " m") + " above the ellipsoid"),
     )
     for key, text in lines:
-        console.print(f"{key}: {text}", markup=False, highlight=False)
+        console.out(f"{key}: {text}")
 
 
 def _axis(values: Any, unit: str, factor: float, step_unit: str) -> str:
@@ -222,7 +222,7 @@ def _print_rms(nodes: Any, rms: list[Any], console: Console) -> None:
 
 
 def _console() -> Console:
-    console = Console()
+    console = Console(highlight=False)
     if not console.is_terminal:
         console.width = 120
     return console

@@ -99,7 +99,7 @@ class Progress:
             self._sums[cell] = total + record["windows"][_WINDOW]["position_ms"], runs + 1
 
     def _say(self, line: str) -> None:
-        self._console.print(line, markup=False, highlight=False, soft_wrap=True)
+        self._console.out(line)
 
     def _mrse(self, case: str, label: str) -> str:
         total, runs = self._sums.get((case, label), (0.0, 0))

@@ -49,25 +49,19 @@ class Told:
 def overview(results: Results, console: Console) -> None:
     """Print what a results folder holds, what failed in it, and its largest errors."""
     manifest, table = results.manifest, results.runs()
-    console.print(f"[bold]{escape(manifest['title'])}[/]", highlight=False)
+    console.print(f"[bold]{escape(manifest['title'])}[/]")
     failed, diverged = int((table["status"] != "ok").sum()), int(table["diverged"].sum())
     console.print(
         f"scenario {escape(manifest['scenario'])} {manifest['scenario_hash'][:16]}, seed "
         f"{manifest['seed']}, {manifest['date'][:10]}, ggbench {manifest['ggbench']} source "
         f"{manifest['source_hash']}\n{len(table)} results of up to {results.run_count} runs per "
-        f"case: {failed} failed, {diverged} diverged",
-        highlight=False,
+        f"case: {failed} failed, {diverged} diverged"
     )
     for label, names in results.seeking.items():
-        console.print(f"{label} uses {names}, and may have seen the truth", markup=False,
-                      highlight=False, soft_wrap=True)  # fmt: skip
+        console.out(f"{label} uses {names}, and may have seen the truth")
     failures = results.failures()
     for _, row in failures.head(_MOST_LISTED).iterrows():
-        console.print(
-            f"failed: {escape(_where(row))}: {escape(row['reason'])}\n"
-            f"  to repeat it: {escape(row['command'])}",
-            highlight=False, soft_wrap=True,
-        )  # fmt: skip
+        console.out(f"failed: {_where(row)}: {row['reason']}\n  to repeat it: {row['command']}")
     if len(failures) > _MOST_LISTED:
         console.print(f"... and {len(failures) - _MOST_LISTED} more, in failures.csv")
 
@@ -169,7 +163,7 @@ def _print(
     console: Console,
 ) -> None:  # fmt: skip
     """Print the figures of a run, its errors against time, and how to repeat it."""
-    console.print(f"\n[bold]{escape(title)}, run {run}[/]", highlight=False)
+    console.print(f"\n[bold]{escape(title)}, run {run}[/]")
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("estimator", no_wrap=True)
     judged = any(item.record.get("false_lock") is not None for item in told)
@@ -197,22 +191,19 @@ def _print(
         console.print("* with what is loaded and compiled in the first run of a process")
     for item in told:
         if item.record["status"] != "ok":
-            console.print(f"{item.label} failed: {item.record['reason']}", markup=False,
-                          highlight=False, soft_wrap=True)  # fmt: skip
+            console.out(f"{item.label} failed: {item.record['reason']}")
             if "traceback" in item.record:
-                console.print(item.record["traceback"].rstrip(), markup=False, highlight=False)
+                console.out(item.record["traceback"].rstrip())
             if "output" in item.record:
-                console.print(f"It had printed: {item.record['output']}", markup=False,
-                              highlight=False, soft_wrap=True)  # fmt: skip
+                console.out(f"It had printed: {item.record['output']}")
         if "remark" in item.record:
-            console.print(f"{item.label} {item.record['remark']}", markup=False,
-                          highlight=False, soft_wrap=True)  # fmt: skip
+            console.out(f"{item.label} {item.record['remark']}")
     _print_errors(times, bound, [item for item in told if item.series is not None], console)
     commands = [item for item in told if item.command]
     if commands:
         console.print("To repeat it, without storing anything:")
         for item in commands:
-            console.print(f"  {item.command}", markup=False, highlight=False, soft_wrap=True)
+            console.out(f"  {item.command}")
 
 
 def _lock(record: Mapping[str, Any]) -> str:

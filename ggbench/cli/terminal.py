@@ -108,9 +108,8 @@ def print_comparison(compared: Comparison, console: Console) -> None:
     how = "paired" if paired.all() else "independent" if not paired.any() else "partly paired"
     console.print(
         f"Runs are {how}. p is adjusted for {compared.tests} tests: where nothing changed, 5 % "
-        "of comparisons at most say 'worse' anywhere, and 5 % 'better'.",
-        highlight=False,
+        "of comparisons at most say 'worse' anywhere, and 5 % 'better'."
     )
     for which, names in (("before", compared.only_before), ("after", compared.only_after)):
         if names:
-            console.print(f"Only {which}: {', '.join(names)}", markup=False, highlight=False)
+            console.out(f"Only {which}: {', '.join(names)}")

@@ -17,8 +17,6 @@ from __future__ import annotations
 
 import functools
 import math
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 
 import numpy as np
 import pytest
@@ -57,7 +55,6 @@ FIRST = {CASES[2]: 0, CASES[3]: 60, CASES[4]: 120}
 RUNS = {CASES[2]: 60, CASES[3]: 60, CASES[4]: 60}
 """Run numbers by unfiltered case: 180 different flights of the INS in all."""
 FEWER_RUNS, MANY_RUNS = 5, 300
-BLOCKS = 4
 BATCH, LAGGED = "factor-graph[mode=batch]", "factor-graph[mode=fixed-lag]"
 COMPILED_BATCH, COMPILED_EKF = "factor-graph[mode=batch,engine=numba]", "ekf[engine=numba]"
 CAUSAL = ("ukf[points=julier]", "ukf[points=merwe]", "factor-graph[mode=isam2]")
@@ -86,12 +83,12 @@ def squared_errors(mean: np.ndarray, truth: Truth, case: str) -> dict[str, dict[
     return window_figures(evaluation, truth.times, flight(case).case.windows)
 
 
-def judge(twin: str, block: int) -> list[tuple[str, str, int, dict]]:
-    """Judge every BLOCKS-th run of an unfiltered case and of the filtered one that goes with it."""
+def judge(twin: str) -> list[tuple[str, str, int, dict]]:
+    """Judge the runs of an unfiltered case and of the filtered one that goes with it."""
     out = []
     for case in (case for case in CASES if TWIN[case] == twin):
         made = flight(case)
-        for run in range(block, RUNS[twin], BLOCKS):
+        for run in range(RUNS[twin]):
             problem, truth = simulate(made, SEED, FIRST[twin] + run)
             few = run < FEWER_RUNS
             labels = ("ekf", *CAUSAL, BATCH, LAGGED) if few else ("ekf",)
@@ -119,13 +116,8 @@ def judge(twin: str, block: int) -> list[tuple[str, str, int, dict]]:
 
 @functools.cache
 def judged() -> dict[tuple[str, str], list[dict]]:
-    """The records of every case and estimator, by run; made on first use, in two processes."""
-    tasks = [(twin, block) for twin in RUNS for block in range(BLOCKS)]
-    with pytest.MonkeyPatch.context() as patch:
-        # One thread of linear algebra per process: more only get into each other's way.
-        patch.setenv("OPENBLAS_NUM_THREADS", "1")
-        with ProcessPoolExecutor(2, get_context("spawn")) as pool:
-            done = [item for items in pool.map(judge, *zip(*tasks, strict=True)) for item in items]
+    """The records of every case and estimator, by run; made on first use."""
+    done = [item for twin in RUNS for item in judge(twin)]
     results: dict[tuple[str, str], list[dict]] = {}
     for case, label, _, figures in sorted(done, key=lambda item: item[:3]):
         results.setdefault((case, label), []).append(figures)

@@ -85,7 +85,7 @@ def test_runs_interrupted_many_times(times, runs, tmp_path, started):
     assert (done.returncode, done.stderr) == (0, "")
     disturbed = Results(tmp_path / "out")
     assert len(disturbed.runs()) == 4 * runs
-    assert_equal(disturbed, ran(tmp_path, "whole", ("ins", "ekf"), runs=runs, jobs=2))
+    assert_equal(disturbed, ran(tmp_path, "whole", ("ins", "ekf"), runs=runs))
 
 
 @pytest.mark.long
@@ -215,6 +215,4 @@ def test_a_full_disk(tmp_path):
     assert 0 < held < 800
     done = finish(tmp_path, run)
     assert (done.returncode, done.stderr) == (0, "")
-    assert_equal(
-        Results(tmp_path / "out"), ran(tmp_path, "whole", ("ins", "ekf"), runs=200, jobs=2)
-    )
+    assert_equal(Results(tmp_path / "out"), ran(tmp_path, "whole", ("ins", "ekf"), runs=200))

@@ -11,6 +11,7 @@ import pandas as pd
 import psutil
 import pytest
 from campaigns import COMMAND, DEADLINE_S, DEADLY, command, finish, ran, stored
+from command import invoke
 from problems import SMALL
 
 from ggbench.campaign import runner
@@ -30,43 +31,42 @@ def deadly(tmp_path) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize(
-    ("way", "reason"),
-    [
-        ("exit", "its process ended with exit code 7, twice"),
-        ("segfault", "its process was killed by SIGSEGV, twice"),
-        ("killed", "its process was killed by SIGKILL, twice"),
-        ("raise", "LinAlgError: Matrix is not positive definite"),
-    ],
-)
-def test_a_worker_that_dies_is_a_record(way, reason, deadly):
+DEATHS = {
+    "exit": ("its process ended with exit code 7, twice", 7),
+    "segfault": ("its process was killed by SIGSEGV, twice", -signal.SIGSEGV),
+    "killed": ("its process was killed by SIGKILL, twice", -signal.SIGKILL),
+    "raise": ("LinAlgError: Matrix is not positive definite", 1),
+}
+
+
+def test_a_run_that_dies_is_a_record(deadly):
     """A run that takes its process with it is a record; all other runs are as if it were not."""
-    label = f"deadly.py[way={way}]"
-    run = command(deadly / "out", "-n", "4", "-j", "2", "-c", "base", "-e", "ekf", "-e", label)
+    labels = [word for way in DEATHS for word in ("-e", f"deadly.py[way={way}]")]
+    run = command(deadly / "out", "-n", "4", "-j", "2", "-c", "base", "-e", "ekf", *labels)
     done = finish(deadly, run)
     assert done.returncode == 0, done.stderr
-    assert "2 runs failed: 'ggbench show" in done.stdout
+    assert "8 runs failed: 'ggbench show" in done.stdout
     results = Results(deadly / "out")
     table = results.runs().set_index(["estimator", "run"])
     assert (table.loc["ekf", "status"] == "ok").all()
     failed = table[table["status"] != "ok"]
-    assert len(failed) == 2
-    assert set(failed["reason"]) == {reason}
-    assert len(pd.read_csv(deadly / "out" / "failures.csv")) == 2
+    assert len(pd.read_csv(deadly / "out" / "failures.csv")) == len(failed)
+    for way, (reason, _) in DEATHS.items():
+        assert failed.loc[f"deadly.py[way={way}]", "reason"].tolist() == [reason] * 2
     undisturbed = ran(deadly, "whole", ("ekf",), runs=4, cases=("base",))
     assert [r for r in results.records() if r["estimator"] == "ekf"] != []
     for run_number in range(4):
         assert (results.series_of("base", "ekf", run_number)
                 == undisturbed.series_of("base", "ekf", run_number))[:, :3].all()  # fmt: skip
 
-    repeat = finish(deadly, [str(Path(COMMAND)), *shlex.split(failed["command"].iloc[0])[1:]])
-    ends = {"exit": 7, "segfault": -signal.SIGSEGV, "killed": -signal.SIGKILL, "raise": 1}
-    assert repeat.returncode == ends[way]
-    if way == "raise":
-        assert "LinAlgError" in repeat.stdout and "deadly.py" in repeat.stdout
-        shown = finish(deadly, [COMMAND, "show", "out"])
-        assert "LinAlgError" in shown.stdout
-        assert failed["command"].iloc[0] in shown.stdout
+    for way, (_, end) in DEATHS.items():
+        alone = failed.loc[f"deadly.py[way={way}]", "command"].iloc[0]
+        repeat = finish(deadly, [COMMAND, *shlex.split(alone)[1:]])
+        assert repeat.returncode == end
+    assert "LinAlgError" in repeat.stdout and "deadly.py" in repeat.stdout
+    shown = invoke(["show", "out"], deadly)
+    assert "LinAlgError" in shown.stdout
+    assert alone in shown.stdout
 
 
 @pytest.mark.long
@@ -157,39 +157,36 @@ def odd(tmp_path) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize("way", ["fork", "spoil", "loud", "children"])
-def test_an_estimator_leaves_the_others_alone(way, odd):
+def test_an_estimator_leaves_the_others_alone(odd):
     """Whatever one does to its process, all runs have their results, and the others' are good.
 
     It forks and both return, changes how NumPy, warnings and paths behave, prints, or leaves
     processes behind.
     """
-    run = command(odd / "out", "-n", "4", "-j", "2", "-e", f"odd.py[way={way}]", "-e", "odd.py")
-    done = finish(odd, [*run, "-e", "ekf"])
+    ways = [f"odd.py[way={way}]" for way in ("fork", "spoil", "loud", "children")]
+    labels = [word for label in (*ways, "odd.py", "ekf") for word in ("-e", label)]
+    done = finish(odd, command(odd / "out", "-n", "4", "-j", "2", *labels))
     assert done.returncode == 0, done.stderr
     assert "RACKET" not in done.stdout
     table = Results(odd / "out").runs()
-    assert len(table) == 4 * 2 * 3
-    assert (table.loc[table["estimator"] != f"odd.py[way={way}]", "status"] == "ok").all()
+    assert len(table) == 4 * 2 * 6
+    assert (table.loc[~table["estimator"].isin(ways), "status"] == "ok").all()
     assert not [p for p in psutil.process_iter(["cmdline"]) if "97531" in (p.info["cmdline"] or [])]
 
 
-@pytest.mark.parametrize(
-    ("way", "reason"),
-    [
-        ("speechless", "Mute: (its text cannot be made)"),
-        ("surrogate", r"ValueError: bad \udc80 name \x1b[31m"),
-        ("talkative", "ValueError: xxx"),
-    ],
-)
-def test_what_an_exception_says_can_be_stored_and_shown(way, reason, odd):
+def test_what_an_exception_says_can_be_stored_and_shown(odd):
     """Exceptions without a text, with one that is no Unicode, or without end: records, tables."""
-    run = command(odd / "out", "-n", "1", "-j", "1", "-c", "base", "-e", f"odd.py[way={way}]")
-    done = finish(odd, run)
+    reasons = {
+        "speechless": "Mute: (its text cannot be made)",
+        "surrogate": r"ValueError: bad \udc80 name \x1b[31m",
+        "talkative": "ValueError: xxx",
+    }
+    labels = [word for way in reasons for word in ("-e", f"odd.py[way={way}]")]
+    done = finish(odd, command(odd / "out", "-n", "1", "-j", "1", "-c", "base", *labels))
     assert (done.returncode, done.stderr) == (0, "")
-    (record,) = Results(odd / "out").records()
-    assert record["reason"].startswith(reason) and len(record["reason"]) < 5000
-    assert finish(odd, [COMMAND, "show", "out"]).returncode == 0
+    for record, reason in zip(Results(odd / "out").records(), reasons.values(), strict=True):
+        assert record["reason"].startswith(reason) and len(record["reason"]) < 5000
+    assert invoke(["show", "out"], odd).returncode == 0
 
 
 @pytest.mark.long
@@ -225,8 +222,10 @@ def test_a_request_to_end_is_an_interrupt(deadly, started):
     assert (deadly / "out" / "summary.csv").exists()
 
 
-def test_each_worker_has_one_blas_thread(tmp_path):
+def test_each_worker_has_one_blas_thread(tmp_path, monkeypatch):
     """Workers run with one BLAS thread each, whatever the environment says."""
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "2")
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
     (tmp_path / "small.toml").write_text(SMALL)
     (tmp_path / "telling.py").write_text(
         DEADLY.replace("THRESHOLD", "1e9").replace(

@@ -231,7 +231,9 @@ def stored(database: Path) -> int:
         return 0
 
 
-@pytest.mark.parametrize(("jobs", "moment"), [("1", 1), ("2", 1), ("2", 0)])
+@pytest.mark.parametrize(
+    ("jobs", "moment"), [pytest.param("1", 1, marks=pytest.mark.long), ("2", 1), ("2", 0)]
+)
 def test_an_interrupt_leaves_results_that_can_be_reported(jobs, moment, folder, tmp_path):
     """Ctrl-C in the middle: exit code 130, no traceback, and what is finished can be reported.
 

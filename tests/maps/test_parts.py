@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from importlib.resources import files
 
@@ -38,51 +39,49 @@ def terrain(heights: np.ndarray) -> Terrain:
     return Terrain(30.0, 100.0, STEP, STEP, heights, "made up")
 
 
-def field(heights: np.ndarray, above_degree: int | None = None) -> np.ndarray:
-    """Tensor (n_lat, n_lon, n_h, 6) of a terrain, or of what is short in it."""
-    part = TerrainPart(terrain(heights), OPTIONS, above_degree)
-    return np.stack([tensor for tensor, _ in part.layers(NODES)], axis=2)
+@functools.cache
+def fields(
+    level: float, long: bool, short: bool, above_degree: int | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Tensor (n_lat, n_lon, n_h, 6) and vector (..., 3) of a terrain, or of what is short in it."""
+    part = TerrainPart(terrain(level + long * LONG + short * SHORT), OPTIONS, above_degree)
+    tensors, vectors = zip(*part.layers(NODES), strict=True)
+    return np.stack(tensors, axis=2), np.stack(vectors, axis=2)
+
+
+def tensor(level: float, long: bool, short: bool, above_degree: int | None = None) -> np.ndarray:
+    return fields(level, long, short, above_degree)[0]
 
 
 def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-@pytest.fixture(scope="module")
-def fields():
-    return field(1200.0 + LONG), field(1200.0 + LONG + SHORT)
-
-
 @pytest.mark.parametrize("level", [1200.0, -3000.0], ids=["land", "sea"])
 def test_a_smooth_terrain_adds_nothing_to_the_harmonics(level):
-    whole, residual = field(level + LONG), field(level + LONG, DEGREE)
+    whole, residual = (tensor(level, True, False, degree) for degree in (None, DEGREE))
     print(f"{rms(residual):.3f} of {rms(whole):.3f} E are left")
     assert rms(residual) < 0.02 * rms(whole)
 
 
 def test_gravity_of_a_smooth_terrain_is_not_counted_twice():
     """What holds for the tensor holds for the gravity disturbance, the plate under it included."""
-    whole, residual = (
-        np.stack([v for _, v in TerrainPart(terrain(1200.0 + LONG), OPTIONS, n).layers(NODES)])
-        for n in (None, DEGREE)
-    )
+    whole, residual = (fields(1200.0, True, False, degree)[1] for degree in (None, DEGREE))
     assert rms(whole[..., 2]) > 1e-3  # more than 100 mGal, of a kilometre of rock
     assert rms(residual) < 0.02 * np.std(whole[..., 2])
 
 
 def test_a_rough_terrain_adds_its_whole_field():
-    whole, residual = (
-        field(1200.0 + SHORT) - field(1200.0 + 0.0 * SHORT),
-        field(1200.0 + SHORT, DEGREE),
-    )
+    whole = tensor(1200.0, False, True) - tensor(1200.0, False, False)
+    residual = tensor(1200.0, False, True, DEGREE)
     assert rms(whole) > 5.0
     assert rms(residual - whole) < 1e-3 * rms(whole)
 
 
-def test_harmonics_with_the_long_waves_and_the_rest_of_the_terrain_are_the_whole(fields):
+def test_harmonics_with_the_long_waves_and_the_rest_of_the_terrain_are_the_whole():
     """The harmonics of this Earth hold what its long waves attract; the terrain adds the rest."""
-    held_by_harmonics, whole = fields
-    found = held_by_harmonics + field(1200.0 + LONG + SHORT, DEGREE)
+    held_by_harmonics, whole = (tensor(1200.0, True, short) for short in (False, True))
+    found = held_by_harmonics + tensor(1200.0, True, True, DEGREE)
     twice = held_by_harmonics + whole
     error = rms(found - whole)
     print(f"{error:.3f} E of {rms(whole):.2f} E; counted twice: {rms(twice - whole):.2f} E")

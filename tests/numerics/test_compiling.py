@@ -19,7 +19,7 @@ from ggbench.numerics.kernels import compiled
 def long(x):
     y = {factor} * x
 """
-    + "    y += math.sin(y) + x\n" * 100
+    + "    y += math.sin(y) + x\n" * 40
     + """
     return y
 

@@ -73,23 +73,30 @@ def test_compiled_code_is_in_rooms_that_are_hashed():
     assert found == set(COMPILED_ROOMS)
 
 
+def as_python_reads(file: Path) -> set[Path]:
+    """What a module imports from the package, as Python reads it."""
+    found = set()
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.Import):
+            assert not any(name.name.startswith("ggbench") for name in node.names), file
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level or not (node.module or "").startswith("ggbench"), file
+            base = file.parents[node.level - 1].joinpath(*(node.module or "").split("."))
+            for name in node.names if node.level else ():
+                places = base / f"{name.name}.py", base / name.name / "__init__.py"
+                places += base.with_suffix(".py"), base / "__init__.py"
+                found.add(next(place for place in places if place.is_file()))
+    return found
+
+
 def known_to(module: str) -> set[str]:
     """Modules of the package that a module is made with: what it imports, and what they do."""
-    found: set[str] = set()
-    waiting = [module]
-    while waiting:
-        file = Path(waiting.pop())
-        if file.as_posix() in found:
-            continue
-        found.add(file.as_posix())
-        for _, name in imported(PACKAGE / file, file.parent.parts):
-            parts = name.split(".")
-            for count in range(len(parts), 0, -1):
-                candidate = Path(*parts[:count]).with_suffix(".py").as_posix()
-                if candidate in modules():
-                    waiting.append(candidate)
-                    break
-    return found
+    found: set[Path] = set()
+    ahead = {PACKAGE / module}
+    while ahead:
+        found |= ahead
+        ahead = set().union(*map(as_python_reads, ahead)) - found
+    return {file.relative_to(PACKAGE).as_posix() for file in found}
 
 
 def test_a_map_is_known_by_every_room_that_its_making_imports():
@@ -121,22 +128,6 @@ def test_a_new_module_counts_and_a_renamed_one(copy):
     added = hash_of()
     (copy / "room" / "new.py").rename(copy / "room" / "other.py")
     assert len({before, added, hash_of()}) == 3
-
-
-def as_python_reads(file: Path) -> set[Path]:
-    """What a module imports from the package, as Python reads it."""
-    found = set()
-    for node in ast.walk(ast.parse(file.read_text())):
-        if isinstance(node, ast.Import):
-            assert not any(name.name.startswith("ggbench") for name in node.names), file
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level or not (node.module or "").startswith("ggbench"), file
-            base = file.parents[node.level - 1].joinpath(*(node.module or "").split("."))
-            for name in node.names if node.level else ():
-                places = base / f"{name.name}.py", base / name.name / "__init__.py"
-                places += base.with_suffix(".py"), base / "__init__.py"
-                found.add(next(place for place in places if place.is_file()))
-    return found
 
 
 def test_what_a_module_imports_is_found(copy):
