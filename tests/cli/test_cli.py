@@ -213,7 +213,7 @@ def test_a_failing_estimator_does_not_end_a_run(folder):
         "    def estimate(self, problem, rng):\n"
         "        raise ValueError('I give up')\n"
     )
-    run = ["run", "small.toml", "-n", "2", "-j", "1", "-e", "bad.py", "-e", "ekf", "-o", "bad"]
+    run = ["run", "small.toml", "-n", "2", "-j", "0", "-e", "bad.py", "-e", "ekf", "-o", "bad"]
     done = invoke(run, folder)
     assert (done.returncode, done.stderr) == (0, "")
     table = pd.read_csv(folder / "bad" / "summary.csv").set_index("estimator")

@@ -37,7 +37,7 @@ def folder(tmp_path_factory) -> Path:
     (path / "small.toml").write_text(SMALL)
     for name, factor in (("before", "1.0"), ("after", "0.3")):
         (path / "blurred.py").write_text(HALF_BLIND.replace("FACTOR", factor))
-        run = ["run", "small.toml", "-n", "60", "-s", "5", "-j", "2", "-o", name]
+        run = ["run", "small.toml", "-n", "60", "-s", "5", "-j", "0", "-o", name]
         done = invoke([*run, "-e", "ekf", "-e", "blurred.py"], path)
         assert done.returncode == 0, done.stderr
     return path
@@ -66,7 +66,7 @@ def test_compare_in_the_other_direction_and_below_the_threshold(folder):
 
 def test_compare_another_parameter(folder):
     """An estimator with another parameter is compared with itself, under both labels."""
-    run = ["run", "small.toml", "-n", "60", "-s", "5", "-j", "2", "-c", "base"]
+    run = ["run", "small.toml", "-n", "60", "-s", "5", "-j", "0", "-c", "base"]
     for name, blur in (("low", "0.9"), ("high", "0.1")):
         assert invoke([*run, "-o", name, "-e", f"blurred.py[blur={blur}]"], folder).returncode == 0
     done = invoke(["compare", "low", "high"], folder)
@@ -87,7 +87,7 @@ def test_a_report_sets_estimators_beside_each_other(folder, tmp_path):
     """Each estimator against the best one, whichever of the two was asked for first."""
     for order in (["ekf", "blurred.py"], ["blurred.py", "ekf"]):
         run = ["run", "small.toml", "-n", "60", "-s", "5", "-c", "base", "-o", str(tmp_path / "o")]
-        run += ["--fresh", "-j", "2", *(f"-e{label}" for label in order)]
+        run += ["--fresh", "-j", "0", *(f"-e{label}" for label in order)]
         assert invoke(run, folder).returncode == 0
         assert invoke(["report", str(tmp_path / "o")], folder).returncode == 0
         (row,) = [
