@@ -296,7 +296,7 @@ class Campaign:
     def _tasks(self, finished: Mapping[str, np.ndarray]) -> Tasks:
         cells = []
         for study, case, pairs in _each_once(self.plan.cells()):
-            runs = min(self.runs, self.scenario.campaign.assumption_runs) if study else self.runs
+            runs = self.scenario.campaign.runs_of(study, self.runs)
             missing = np.ones((len(pairs), runs), dtype=bool)
             for row, (_, key) in zip(missing, pairs, strict=True):
                 held = finished.get(key, np.empty(0, dtype=np.int64))

@@ -129,8 +129,13 @@ class Results:
         """
         for cell in self.cells:
             if cell.assumption == assumption:
-                for record in self.store.records(cell.key, self.run_count):
+                for record in self._records_of(cell):
                     yield record | {"case": cell.case, "estimator": cell.estimator}
+
+    def _records_of(self, cell: Cell) -> Iterator[dict[str, Any]]:
+        # A study that changes nothing of a case shares its records, of which there may be more.
+        runs = self.whole_scenario.campaign.runs_of(cell.assumption, self.run_count)
+        return self.store.records(cell.key, runs)
 
     def series(self, case: str, estimator: str) -> np.ndarray:
         """Return (runs, K', 4): position and velocity error [m, m/s], NEES, NIS of finished runs.
@@ -195,7 +200,7 @@ class Results:
     def _tables_of(self, cell: Cell) -> Iterator[pd.DataFrame]:
         """Yield the table of the runs of one estimator on one case, piece by piece."""
         command = self.command(cell, 0).removesuffix("0")
-        records = self.store.records(cell.key, self.run_count)
+        records = self._records_of(cell)
         while piece := list(itertools.islice(records, _PIECE)):
             common = cell._asdict() | {
                 "reason": [record.get("reason", "") for record in piece],

@@ -69,6 +69,10 @@ class CampaignSpec(Section):
     time_limit_s: TimeLimit = 600.0
     """Longest time of one run of one estimator [s]."""
 
+    def runs_of(self, study: str, runs: int) -> int:
+        """Return how many of so many runs an assumption's study takes; the cases ("") take all."""
+        return min(runs, self.assumption_runs) if study else runs
+
 
 class AxisSpec(Section):
     """One ``[[sweep.axis]]``: its values, and what each of them changes in a case."""

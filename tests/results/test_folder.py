@@ -23,6 +23,11 @@ STUDIED = (
 name = "louder"
 title = "three times the noise"
 gradiometer.noise_eotvos = 0.03
+
+[[assumption]]
+name = "without-effect"
+title = "another regularisation, of a filter that there is not"
+gradiometer.whitening_regularization = 1e-6
 """
 )
 KINDS = {
@@ -69,26 +74,35 @@ def test_published_numbers_stand_beside_their_case(results):
 
 
 def test_a_study_is_set_beside_the_same_runs_without_it(results):
-    """Of three runs two were studied: the declared figures are of these two alone."""
+    """Of three runs two were studied: the declared figures are of these two alone.
+
+    One that changes nothing is the case itself, which has more results; it has its own two.
+    """
     studies = results.studies().set_index(["assumption", "case", "window"])
     runs = results.runs()
-    for name in ("", "louder"):
+    for name in ("", "louder", "without-effect"):
         of_study = (runs["assumption"] == name) & (runs["estimator"] == "ekf")
+        assert len(runs[of_study & (runs["case"] == "base")]) == (2 if name else 3)
         own = runs[of_study & (runs["case"] == "base") & (runs["run"] < 2)]
         row = studies.loc[(name, "base", "settled")]
         assert (row["runs"], row["label"]) == (2, "ekf")
         wanted = np.sqrt(own["settled_position_ms"].mean())
         assert row["position_mrse_m"] == pytest.approx(wanted)
     assert set(studies.loc["louder"].index.get_level_values("case")) == {"base"}
+    declared, same = (
+        studies.loc[name, "base"]["position_mrse_m"] for name in ("", "without-effect")
+    )
+    assert declared.tolist() == same.tolist()
 
 
 def test_records_are_of_the_cases_or_of_one_study(results):
     """The cases' runs are not mixed with a study's of the same case."""
     assert sum(1 for _ in results.records()) == 2 * len(KINDS) * 3
-    studied = list(results.records("louder"))
-    assert [(r["case"], r["estimator"], r["run"]) for r in studied] == [
-        ("base", "ekf", 0), ("base", "ekf", 1),
-    ]  # fmt: skip
+    for name in ("louder", "without-effect"):
+        studied = list(results.records(name))
+        assert [(r["case"], r["estimator"], r["run"]) for r in studied] == [
+            ("base", "ekf", 0), ("base", "ekf", 1),
+        ]  # fmt: skip
     assert list(results.records("other")) == []
 
 
