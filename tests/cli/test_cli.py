@@ -35,10 +35,6 @@ PROCESSES = (
     "validate shipped",
     "unknown scenario",
     "unknown key",
-    "unknown estimator",
-    "lag that is no number",
-    "output in the way",
-    "report of nothing",
     "unknown option",
 )
 """Commands that are run as processes; the others, for their number, inside this one."""
@@ -181,10 +177,10 @@ def test_run_and_report(folder, tmp_path):
     again = invoke(run, tmp_path)
     assert again.returncode == 0
     assert "runs to do" not in again.stdout
-    other = invoke([*run, "-s", "4"], tmp_path)
+    other = invoke([*run, "-s", "4", "-j", "0"], tmp_path)
     assert "out holds 12 results that are not part of this" in other.stdout
     assert "12 of 12 runs" in other.stdout
-    again = invoke(run, tmp_path)
+    again = invoke([*run, "-j", "0"], tmp_path)
     assert "runs to do" not in again.stdout
 
     done = call(["report", "out", "-o", "text"], tmp_path)

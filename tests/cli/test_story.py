@@ -37,7 +37,7 @@ def folder(tmp_path_factory) -> Path:
     (path / "small.toml").write_text(SMALL)
     for name, factor in (("before", "1.0"), ("after", "0.3")):
         (path / "blurred.py").write_text(HALF_BLIND.replace("FACTOR", factor))
-        run = ["run", "small.toml", "-n", "60", "-s", "5", "-j", "0", "-o", name]
+        run = ["run", "small.toml", "-n", "60", "-s", "5", "-j", "1", "-o", name]
         done = invoke([*run, "-e", "ekf", "-e", "blurred.py"], path)
         assert done.returncode == 0, done.stderr
     return path

@@ -9,6 +9,8 @@ import pytest
 
 from ggbench.block import ProblemBlock
 from ggbench.campaign import registry
+from ggbench.numerics.frozen import read_only
+from ggbench.sensors.model_kernels import OF_A_RUN
 from ggbench.simulation import error_free_flight
 from ggbench.simulation.runs import simulate_block
 from ggbench.spec import scenario
@@ -36,10 +38,8 @@ def prepared(name: str, case: str) -> ProblemBlock:
 
 def cut(block: ProblemBlock, runs: list[int], epochs: int) -> ProblemBlock:
     """Some runs of a block, in some order, up to an epoch."""
-    own = {
-        key: getattr(block.model, key)[runs, :epochs]
-        for key in ("references", "attitudes", "rows", "offset", "gain")
-    }
+    # Read-only, as all arrays of a block are: what may be written to is compiled once more.
+    own = {key: read_only(getattr(block.model, key)[runs, :epochs]) for key in OF_A_RUN}
     return ProblemBlock(
         times=block.times[:epochs],
         measurements=block.measurements[runs, :epochs],
@@ -48,7 +48,7 @@ def cut(block: ProblemBlock, runs: list[int], epochs: int) -> ProblemBlock:
         process_cov=block.process_cov[runs, :epochs],
         prior_mean=block.prior_mean,
         prior_cov=block.prior_cov,
-        model=block.model._replace(times=block.model.times[:epochs], **own),
+        model=block.model._replace(times=read_only(block.model.times[:epochs]), **own),
         layout=block.layout,
     )
 
@@ -98,7 +98,7 @@ def test_a_neighbour_without_readings_or_with_other_dynamics_changes_no_bit(name
             **vars(block),
             "measurements": measurements,
             "process_cov": process_cov,
-            "model": block.model._replace(gain=gain, offset=offset),
+            "model": block.model._replace(gain=read_only(gain), offset=read_only(offset)),
         }
     )
     found, usual = estimator.estimate_block(odd), estimator.estimate_block(block)
