@@ -289,7 +289,8 @@ def navigate_lanes(
     gains : of the altimeter.
     track : (N + 1, TRACK, LANES) output: position, velocity and C_nb.
     """
-    track[0] = initial[0]
+    for i in range(TRACK):
+        store(track, 0, i, load(initial, 0, i))
     disturbance = lanes(1, 3)
     for n in range(increments.shape[0]):
         _step_lanes(track, increments, disturbance, n, dt)
@@ -393,5 +394,6 @@ def error_free_increments(
                 store(felt, 0, i, delta_angles[n, i])
                 store(felt, 0, 3 + i, delta_velocities[n, i])
             _step_lanes(pair, felt, disturbance, 0, dt)
-        pair[0] = pair[1]
+        for i in range(TRACK):
+            store(pair, 0, i, load(pair, 1, i))
     return delta_angles, delta_velocities

@@ -127,7 +127,8 @@ def transitions_lanes(
         entries_between(track, increments, first, last, dt, constant, entries)
         _metres(track, last, end)
         compose(entries[: last - first], dt, noise, start, end, transition[:, k], process_cov[:, k])
-        start[:] = end
+        for i in range(2):
+            store(start, 0, i, load(end, 0, i))
         first = last
 
 

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from llvmlite.binding import Linkage
-from numba.core import caching, sigutils
+from numba.core import caching, sigutils, types
 from numba.core.codegen import CPUCodeLibrary
 from numba.core.compiler_lock import global_compiler_lock
 
@@ -35,7 +35,8 @@ def keep(dispatcher: Any) -> Any:
 
     def compile_alone(signature: Any) -> Any:
         arguments, _ = sigutils.normalize_signature(signature)
-        if tuple(arguments) in dispatcher.overloads:
+        signature = tuple(types.unliteral(argument) for argument in arguments)
+        if signature in dispatcher.overloads:
             return compile_now(signature)
         # The compiler's own lock first: threads and processes then wait in one order.
         with global_compiler_lock, kept.alone():

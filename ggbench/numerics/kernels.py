@@ -18,7 +18,9 @@ from .compiling import keep
 
 
 def _decorator(**options: Any) -> Any:
-    jit = njit(nogil=True, error_model="numpy", fastmath={"contract"}, **options)
+    # Nothing is called from C. What is called from kernels alone needs no entry from Python either.
+    options |= {"no_cfunc_wrapper": True, "error_model": "numpy", "fastmath": {"contract"}}
+    jit = njit(nogil=True, **options)
 
     def decorate(function: Callable[..., Any]) -> Any:
         return keep(jit(function))
@@ -28,7 +30,7 @@ def _decorator(**options: Any) -> Any:
 
 compiled = _decorator()
 """A kernel."""
-inlined = _decorator(forceinline=True)
+inlined = _decorator(forceinline=True, no_cpython_wrapper=True)
 """Arithmetic that becomes part of the loops which call it, and is vectorised with them."""
 copied = _decorator(inline="always")
 """A part of a kernel that is compiled anew where it is used: sizes that are constants there make
