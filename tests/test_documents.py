@@ -69,6 +69,7 @@ def test_example_estimator_works(tmp_path):
     assert np.abs((estimates[0].mean - estimates[1].mean) / sigma).max() < 0.05
 
 
+@pytest.mark.long
 def test_first_steps_lead_to_a_figure(tmp_path):
     """The README's fifteen lines are those of docs/first_steps.py, and run as a plain script."""
     script = (ROOT / "docs" / "first_steps.py").read_text(encoding="utf-8")

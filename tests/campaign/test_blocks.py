@@ -198,11 +198,12 @@ def test_an_engine_that_does_not_keep_to_the_interface_is_told(way, reason, many
             raise ValueError(record["reason"])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("way", "reason"),
     [
         ("exit", "its process ended with exit code 7, twice"),
-        pytest.param("sleep", "over its time limit of 20 s", marks=pytest.mark.long),
+        ("sleep", "over its time limit of 20 s"),
     ],
 )
 def test_a_death_in_a_block_costs_its_own_run_only(way, reason, many, tmp_path):
@@ -251,6 +252,7 @@ def test_an_interrupted_block_goes_on_with_the_runs_that_are_missing(many, tmp_p
     assert_equal(Results(store.folder, store), whole)
 
 
+@pytest.mark.long
 def test_blocks_do_not_depend_on_the_number_of_processes(many, tmp_path):
     """Runs at once, in this process or in two others: the same bits."""
     options = {"labels": ("ins", many), "runs": 20}

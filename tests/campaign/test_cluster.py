@@ -70,6 +70,7 @@ def test_deaths_and_time_limits_are_records_there_too(cluster, tmp_path):
     ]  # fmt: skip
 
 
+@pytest.mark.long
 def test_no_scheduler_has_its_sentence(tmp_path):
     """An address where nothing answers, or that is none, ends with one line and exit code 2."""
     (tmp_path / "small.toml").write_text(SMALL)

@@ -39,33 +39,31 @@ DEATHS = {
 }
 
 
-@pytest.mark.parametrize(
-    "ways", [("killed", "raise"), pytest.param(tuple(DEATHS), marks=pytest.mark.long)]
-)
-def test_a_run_that_dies_is_a_record(ways, deadly):
+@pytest.mark.long
+def test_a_run_that_dies_is_a_record(deadly):
     """A run that takes its process with it is a record; all other runs are as if it were not."""
-    labels = [word for way in ways for word in ("-e", f"deadly.py[way={way}]")]
+    labels = [word for way in DEATHS for word in ("-e", f"deadly.py[way={way}]")]
     run = command(deadly / "out", "-n", "4", "-j", "2", "-c", "base", "-e", "ekf", *labels)
     done = finish(deadly, run)
     assert done.returncode == 0, done.stderr
-    assert f"{2 * len(ways)} runs failed: 'ggbench show" in done.stdout
+    assert "8 runs failed: 'ggbench show" in done.stdout
     results = Results(deadly / "out")
     table = results.runs().set_index(["estimator", "run"])
     assert (table.loc["ekf", "status"] == "ok").all()
     failed = table[table["status"] != "ok"]
     assert len(pd.read_csv(deadly / "out" / "failures.csv")) == len(failed)
-    for way in ways:
-        assert failed.loc[f"deadly.py[way={way}]", "reason"].tolist() == [DEATHS[way][0]] * 2
+    for way, (reason, _) in DEATHS.items():
+        assert failed.loc[f"deadly.py[way={way}]", "reason"].tolist() == [reason] * 2
     undisturbed = ran(deadly, "whole", ("ekf",), runs=4, cases=("base",))
     assert [r for r in results.records() if r["estimator"] == "ekf"] != []
     for run_number in range(4):
         assert (results.series_of("base", "ekf", run_number)
                 == undisturbed.series_of("base", "ekf", run_number))[:, :3].all()  # fmt: skip
 
-    for way in ways:
+    for way, (_, end) in DEATHS.items():
         alone = failed.loc[f"deadly.py[way={way}]", "command"].iloc[0]
         repeat = finish(deadly, [COMMAND, *shlex.split(alone)[1:]])
-        assert repeat.returncode == DEATHS[way][1]
+        assert repeat.returncode == end
     assert "LinAlgError" in repeat.stdout and "deadly.py" in repeat.stdout
     shown = invoke(["show", "out"], deadly)
     assert "LinAlgError" in shown.stdout
@@ -160,6 +158,7 @@ def odd(tmp_path) -> Path:
     return tmp_path
 
 
+@pytest.mark.long
 def test_an_estimator_leaves_the_others_alone(odd):
     """Whatever one does to its process, all runs have their results, and the others' are good.
 

@@ -183,7 +183,7 @@ def test_run_and_report(folder, tmp_path):
     again = invoke([*run, "-j", "0"], tmp_path)
     assert "runs to do" not in again.stdout
 
-    done = call(["report", "out", "-o", "text"], tmp_path)
+    done = invoke(["report", "out", "-o", "text"], tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     text = (tmp_path / "text" / "small.md").read_text()
     assert "`ekf`" in text and "Cramér–Rao" in text
@@ -228,7 +228,8 @@ def stored(database: Path) -> int:
 
 
 @pytest.mark.parametrize(
-    ("jobs", "moment"), [pytest.param("1", 1, marks=pytest.mark.long), ("2", 1), ("2", 0)]
+    ("jobs", "moment"),
+    [*(pytest.param(jobs, 1, marks=pytest.mark.long) for jobs in "12"), ("2", 0)],
 )
 def test_an_interrupt_leaves_results_that_can_be_reported(jobs, moment, folder, tmp_path):
     """Ctrl-C in the middle: exit code 130, no traceback, and what is finished can be reported.

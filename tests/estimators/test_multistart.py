@@ -142,7 +142,7 @@ def test_gauss_newton_keeps_constant_states_constant():
     assert (np.ptp(mean, axis=0) / sigma).max() < 1e-9
 
 
-@pytest.mark.parametrize("lengths", [1.0, 3.0])
+@pytest.mark.parametrize("lengths", [1.0, pytest.param(3.0, marks=pytest.mark.long)])
 def test_many_hypotheses_find_the_place_where_one_locks(lengths):
     """With a prior of 1 and 3 correlation lengths the EKF loses runs; those that search do not."""
     assert (final_errors("ekf", lengths) > LOST).sum() >= (2 if lengths == 1.0 else 6)

@@ -146,17 +146,20 @@ def assert_agrees_with_prisms(terrain, level, base, size, densities=(2670.0, 267
     assert rms(vector[:, :, 0] - expected_vector).max() < 5e-8  # 0.005 mGal
 
 
-@pytest.mark.parametrize("clearance", [300.0, pytest.param(1500.0, marks=pytest.mark.long)])
+@pytest.mark.long  # as the other tests with prisms, of which the compiler has much to do
+@pytest.mark.parametrize("clearance", [300.0, 1500.0])
 def test_hills_agree_with_prisms(clearance):
     terrain = hills(36.3, -84.2, *HILLS)
     assert_agrees_with_prisms(terrain, terrain.height_m.max() + clearance, 0.0, 75.0)
 
 
+@pytest.mark.long
 def test_hills_far_south_across_the_date_line_agree_with_prisms():
     terrain = hills(-75.0, 180.0, *HILLS)
     assert_agrees_with_prisms(terrain, terrain.height_m.max() + 600.0, 0.0, 90.0)
 
 
+@pytest.mark.long
 def test_land_and_sea_floor_agree_with_prisms():
     terrain = hills(36.3, -84.2, *HILLS, BASIN)
     level = terrain.height_m.max() + 600.0
@@ -164,9 +167,8 @@ def test_land_and_sea_floor_agree_with_prisms():
     assert_agrees_with_prisms(terrain, level, 0.0, 90.0, densities=(2670.0, 2670.0 - 1030.0))
 
 
-@pytest.mark.parametrize(
-    ("clearance", "size"), [pytest.param(300.0, 40.0, marks=pytest.mark.long), (1000.0, 80.0)]
-)
+@pytest.mark.long
+@pytest.mark.parametrize(("clearance", "size"), [(300.0, 40.0), (1000.0, 80.0)])
 def test_a_real_terrain_agrees_with_prisms(jacksboro, clearance, size):
     part = jacksboro.crop(36.17, 36.32, -84.33, -84.15)
     level = 400.0
