@@ -18,7 +18,7 @@ from .compiling import keep
 
 
 def _decorator(**options: Any) -> Any:
-    # Nothing is called from C. What is called from kernels alone needs no entry from Python either.
+    # No kernel is called from C.
     options |= {"no_cfunc_wrapper": True, "error_model": "numpy", "fastmath": {"contract"}}
     jit = njit(nogil=True, **options)
 
@@ -30,7 +30,7 @@ def _decorator(**options: Any) -> Any:
 
 compiled = _decorator()
 """A kernel."""
-inlined = _decorator(forceinline=True, no_cpython_wrapper=True)
+inlined = _decorator(forceinline=True)
 """Arithmetic that becomes part of the loops which call it, and is vectorised with them."""
 copied = _decorator(inline="always")
 """A part of a kernel that is compiled anew where it is used: sizes that are constants there make
