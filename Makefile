@@ -17,7 +17,7 @@ help:
 	@echo "make bench        measure the engines beside other packages; writes reports/speed.md"
 	@echo "make bench-check  check in a minute that the engines' ratios have not fallen"
 	@echo "make agreement    hold the compiled engines to the frameworks on every case (half an hour)"
-	@echo "make test         run the tests, in as many processes as there are processors"
+	@echo "make test         run the tests, on all processors"
 	@echo "make test-all     run these and the long ones: agreement on every scenario, loops of faults"
 	@echo "make coverage     run the tests, and write which lines none of them runs to build/coverage"
 	@echo "make lint         check style and format"
@@ -52,9 +52,11 @@ agreement: $(INSTALLED)
 # One thread of linear algebra per process: more only get into each other's way.
 test test-long coverage agreement: export OPENBLAS_NUM_THREADS := 1
 
-# A file's tests stay in one process, in their order: what they share is made once.
-IN_PARALLEL := pytest -n logical --dist loadfile --no-loadscope-reorder
-PYTEST := $(BIN)/python -m $(IN_PARALLEL)
+# A file's tests stay in one process, in their order: what they share is made once. One process more
+# than there are processors, for one or the other waits for what another one compiles.
+PROCESSES = $(shell $(BIN)/python -c "import os; print(min(os.cpu_count() + 1, 8))")
+IN_PARALLEL = pytest -n $(PROCESSES) --dist loadfile --no-loadscope-reorder
+PYTEST = $(BIN)/python -m $(IN_PARALLEL)
 
 test: $(INSTALLED)
 	$(PYTEST)

@@ -55,7 +55,7 @@ TWIN = dict(zip(CASES, (CASES[3], CASES[4], CASES[2], CASES[3], CASES[4]), stric
 FIRST = {CASES[2]: 0, CASES[3]: 60, CASES[4]: 120}
 RUNS = {CASES[2]: 60, CASES[3]: 60, CASES[4]: 60}
 """Run numbers by unfiltered case: 180 different flights of the INS in all."""
-FEWER_RUNS, MANY_RUNS = 4, 300
+FEWER_RUNS, MANY_RUNS = 3, 300
 BATCH, LAGGED = "factor-graph[mode=batch]", "factor-graph[mode=fixed-lag]"
 COMPILED_BATCH, COMPILED_EKF = "factor-graph[mode=batch,engine=numba]", "ekf[engine=numba]"
 CAUSAL = ("ekf", "ukf[points=julier]", "ukf[points=merwe]", "factor-graph[mode=isam2]")

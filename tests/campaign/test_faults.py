@@ -199,17 +199,17 @@ def test_a_full_disk(tmp_path):
     A limit on the size of files stands for the disk: the system refuses to let them grow.
     """
     (tmp_path / "small.toml").write_text(SMALL)
-    run = command(tmp_path / "out", "-n", "60", "-j", "0")
+    run = command(tmp_path / "out", "-n", "30", "-j", "0")
 
     def small_disk() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (150_000, 150_000))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
 
     done = finish(tmp_path, run, preexec_fn=small_disk)
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
     assert re.match(r"ggbench: cannot write .*out.*: .*the same command goes on", line)
     held = stored(tmp_path / "out")
-    assert 0 < held < 240
+    assert 0 < held < 120
     done = finish(tmp_path, run)
     assert (done.returncode, done.stderr) == (0, "")
-    assert_equal(Results(tmp_path / "out"), ran(tmp_path, "whole", ("ins", "ekf"), runs=60))
+    assert_equal(Results(tmp_path / "out"), ran(tmp_path, "whole", ("ins", "ekf"), runs=30))

@@ -32,9 +32,7 @@ GOOD = {
 PROCESSES = (
     "version",
     "list",
-    "validate shipped",
     "unknown scenario",
-    "unknown key",
     "unknown option",
 )
 """Commands that are run as processes; the others, for their number, inside this one."""

@@ -37,7 +37,7 @@ def folder(tmp_path_factory) -> Path:
     (path / "small.toml").write_text(SMALL)
     for name, factor in (("before", "1.0"), ("after", "0.3")):
         (path / "blurred.py").write_text(HALF_BLIND.replace("FACTOR", factor))
-        run = ["run", "small.toml", "-n", "60", "-s", "5", "-j", "1", "-o", name]
+        run = ["run", "small.toml", "-n", "30", "-s", "5", "-j", "1", "-o", name]
         done = invoke([*run, "-e", "ekf", "-e", "blurred.py"], path)
         assert done.returncode == 0, done.stderr
     return path
@@ -66,7 +66,7 @@ def test_compare_in_the_other_direction_and_below_the_threshold(folder):
 
 def test_compare_another_parameter(folder):
     """An estimator with another parameter is compared with itself, under both labels."""
-    run = ["run", "small.toml", "-n", "60", "-s", "5", "-j", "0", "-c", "base"]
+    run = ["run", "small.toml", "-n", "30", "-s", "5", "-j", "0", "-c", "base"]
     for name, blur in (("low", "0.9"), ("high", "0.1")):
         assert invoke([*run, "-o", name, "-e", f"blurred.py[blur={blur}]"], folder).returncode == 0
     done = invoke(["compare", "low", "high"], folder)
@@ -86,14 +86,14 @@ def test_compare_folders_with_nothing_in_common(folder, tmp_path):
 def test_a_report_sets_estimators_beside_each_other(folder, tmp_path):
     """Each estimator against the best one, whichever of the two was asked for first."""
     for order in (["ekf", "blurred.py"], ["blurred.py", "ekf"]):
-        run = ["run", "small.toml", "-n", "60", "-s", "5", "-c", "base", "-o", str(tmp_path / "o")]
+        run = ["run", "small.toml", "-n", "30", "-s", "5", "-c", "base", "-o", str(tmp_path / "o")]
         run += ["--fresh", "-j", "0", *(f"-e{label}" for label in order)]
         assert invoke(run, folder).returncode == 0
         assert invoke(["report", str(tmp_path / "o")], folder).returncode == 0
         (row,) = [
             line
             for line in (tmp_path / "o" / "small.md").read_text().splitlines()
-            if line.startswith("| base | `blurred.py` | `ekf` | 60 | +")
+            if line.startswith("| base | `blurred.py` | `ekf` | 30 | +")
         ]
         cells = [cell.strip() for cell in row.strip("|").split("|")]
         assert 1.0 < float(cells[5]) < 2.0 and float(cells[6].split()[0]) < 50.0
@@ -104,7 +104,7 @@ def test_show_tells_the_run_that_deserves_a_look(folder):
     """Without a number: the largest error, its figures, error against time, and the commands."""
     done = invoke(["show", "after"], folder)
     assert (done.returncode, done.stderr) == (0, "")
-    assert "240 results of up to 60 runs per case: 0 failed" in done.stdout
+    assert "120 results of up to 30 runs per case: 0 failed" in done.stdout
     assert "the largest error, measured against the median of all runs" in done.stdout
     assert "position error in m against time" in done.stdout
     assert "bound (rms)" in done.stdout and "█" in done.stdout
@@ -139,7 +139,7 @@ def test_a_case_of_an_assumption_can_be_repeated(folder):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["show", "before", "--run", "60"], "before holds no run 60; asked for were runs 0 to 59"),
+        (["show", "before", "--run", "30"], "before holds no run 30; asked for were runs 0 to 29"),
         (["show", "before", "--case", "x"], "before holds no run of case x"),
     ],
 )

@@ -67,6 +67,7 @@ def test_a_run_does_not_depend_on_its_neighbours():
             np.testing.assert_array_equal(values, whole[2][name][first:last])
 
 
+@pytest.mark.long
 def test_steps_that_need_damping_are_gtsams():
     """Where undamped steps fail the search is GTSAM's: as many steps to the same cost."""
     block = block_of_runs("jacksboro_drone", "1E", 1, 2)
