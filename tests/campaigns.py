@@ -87,9 +87,8 @@ def command(folder: Path, *options: str) -> list[str]:
 
 
 def finish(cwd: Path, arguments: list[str], **options) -> subprocess.CompletedProcess:
-    return subprocess.run(
-        arguments, cwd=cwd, capture_output=True, text=True, timeout=DEADLINE_S, **options
-    )
+    options = {"timeout": DEADLINE_S} | options
+    return subprocess.run(arguments, cwd=cwd, capture_output=True, text=True, **options)
 
 
 def stored(folder: Path) -> int:

@@ -179,4 +179,5 @@ def started() -> Iterator[Callable[..., subprocess.Popen]]:
     for process in processes:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)
-        process.communicate()
+        process.wait()
+        process.stderr.close()
