@@ -300,7 +300,7 @@ def test_each_bound_is_shown_once(tmp_path):
     assert "with which `ekf` reaches" in "".join(report.sections())
 
 
-@pytest.mark.parametrize("axes", [1, 3])
+@pytest.mark.parametrize("axes", [pytest.param(1, marks=pytest.mark.long), 3])
 def test_a_report_for_any_number_of_axes(axes, tmp_path):
     """One axis has a table and curves; a third has a plane, and figures, for each value."""
     text = BASE + SWEEP + ALTITUDE
