@@ -133,12 +133,14 @@ def test_processes_end_with_a_worker_that_is_killed(wild, started):
         time.sleep(0.05)
 
 
+@pytest.mark.long
 def test_what_is_written_into_the_connection_is_a_failure(wild):
     """Bytes that are no results cost their own runs alone; the campaign goes on to its end."""
     (record, _) = tried(wild, "way=scribble").records()
     assert record["reason"] == "it wrote into the connection that results come by, twice"
 
 
+@pytest.mark.long
 def test_a_flood_reaches_neither_screen_nor_disk(wild, capfd):
     """400 MB on standard error: a failure keeps their end, and how many they were."""
     flooded, failed, _ = tried(wild, "way=flood", "way=flood,fails=yes").records()

@@ -26,6 +26,10 @@ def long(x):
 @compiled
 def calling(x):
     return long(x) + long(x + 1.0) + long(x + 2.0)
+
+@compiled
+def with_constants():
+    return long(1) + long(2)
 """
 )
 """A function too long to become part of the one that calls it."""
@@ -89,6 +93,12 @@ def test_a_function_is_compiled_by_one_process(tmp_path):
     again = place.run("calling(1.0)", "long(3)", "long(1.0)")
     assert again == [outputs[0][0], *outputs[2][:2], ""]
     assert outputs[1][0] == outputs[0][0]
+
+
+def test_nothing_is_compiled_for_a_constant(tmp_path):
+    """Two constants of a type are two numbers of it."""
+    place = Place(tmp_path / "here", 1.0)
+    assert sorted(place.run("with_constants()")[-1].split()) == ["long", "with_constants"]
 
 
 def test_code_is_not_exchanged_for_another_processes(tmp_path):
