@@ -75,13 +75,14 @@ OF_THE_ESTIMATOR = ("name", "parameters", "info", "map_evaluations", "estimator"
 
 
 @pytest.fixture
-def many(tmp_path) -> str:
-    """The path of an estimator that takes many runs at once, bad in one of 6 of case base."""
+def many(tmp_path, monkeypatch) -> str:
+    """The file of an estimator that takes many runs at once, bad in one of 6 of case base."""
+    monkeypatch.chdir(tmp_path)  # a whole path would be too long for the figures of a report
     flight = runner.flight_of(small(tmp_path).cases[0])
     first = [simulate(flight, 5, run)[0].measurements[0, 0] for run in range(6)]
     threshold = np.mean(np.sort(first)[-2:])
     (tmp_path / "many.py").write_text(MANY.replace("THRESHOLD", repr(float(threshold))))
-    return str(tmp_path / "many.py")
+    return "many.py"
 
 
 def assert_close(one: object, other: object) -> None:
