@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
@@ -18,15 +17,13 @@ from ..errors import GGBenchError
 from ..spec.limits import MOST_RUNS, MOST_SEED
 from .interrupts import requests_to_end
 from .maps import map_group
+from .screen import console
 
 if TYPE_CHECKING:
     from ..campaign.running import Ended
     from ..spec.scenario import Scenario
     from .library import Outcome
 
-console = Console(highlight=False)
-if not console.is_terminal:
-    console.width = 120  # a file or a pipe has no edge at which tables must fold
 EXIT_WORSE = 1
 _MANY_CASES = 10
 EXIT_BAD_INPUT = 2

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import click
-from rich.console import Console
 from rich.table import Table
+
+from .screen import console
 
 _FILE = click.Path(path_type=Path)
 _DEGREE = click.IntRange(2)
@@ -137,9 +138,8 @@ def build(output: Path, precision: str, compression: int, **options: Any) -> Non
     elapsed = time.monotonic() - started
     for remark in made.remarks:
         click.echo(f"Note: {remark}.")
-    console = _console()
-    _describe(made.nodes, made.attributes, console)
-    _print_rms(made.nodes, watched.rms, console)
+    _describe(made.nodes, made.attributes)
+    _print_rms(made.nodes, watched.rms)
     click.echo(f"Wrote {output}, {output.stat().st_size / 1e6:.1f} MB, in {elapsed:.1f} s.")
 
 
@@ -165,12 +165,11 @@ def show(file: Path, output: Path | None, height: float | None) -> None:
     for index, layer in enumerate(watched):
         if index == drawn:
             chosen = layer
-    console = _console()
-    _describe(nodes, attributes, console)
+    _describe(nodes, attributes)
     for key in ("parameters", "source_files", "history", "ggbench_version"):
         if attributes.get(key):
             console.out(f"{key}: {attributes[key]}")
-    _print_rms(nodes, watched.rms, console)
+    _print_rms(nodes, watched.rms)
     if output is not None and chosen is not None:
         from ..figures.map_components import map_components
         from ..figures.style import save
@@ -180,7 +179,7 @@ def show(file: Path, output: Path | None, height: float | None) -> None:
         click.echo(f"Wrote {output}")
 
 
-def _describe(nodes: Any, attributes: dict[str, str], console: Console) -> None:
+def _describe(nodes: Any, attributes: dict[str, str]) -> None:
     """Print what a map is: frame, bounds, spacing."""
     from ..maps.netcdf import CONTENT, FRAME
 
@@ -205,7 +204,7 @@ def _axis(values: Any, unit: str, factor: float, step_unit: str) -> str:
     return f"{first}{unit} to {last}{unit} every {step:.6g}{step_unit}"
 
 
-def _print_rms(nodes: Any, rms: list[Any], console: Console) -> None:
+def _print_rms(nodes: Any, rms: list[Any]) -> None:
     from ..maps.netcdf import TENSOR, VECTOR
 
     table = Table(
@@ -219,13 +218,6 @@ def _print_rms(nodes: Any, rms: list[Any], console: Console) -> None:
         numbers = [*row[: len(TENSOR)], *(1e5 * row[len(TENSOR) :])]
         table.add_row(f"{height:g}", *(f"{number:.3g}" for number in numbers))
     console.print(table)
-
-
-def _console() -> Console:
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console.width = 120
-    return console
 
 
 def _command(options: dict[str, Any]) -> str:

@@ -48,7 +48,7 @@ class Progress:
         if self._live is not None:
             self._live.stop()
         if self._live is not None or self._done < self._total:
-            self._say(self._counts())
+            self._console.out(self._counts())
 
     def tell(self, step: Step) -> None:
         """Show how far the campaign has come."""
@@ -64,12 +64,12 @@ class Progress:
         if self._done == self._total or now - self._last > _LINE_EVERY_S:
             self._last = now
             line = "; ".join(filter(None, [self._counts(), self._lead()]))
-            self._say(line)
+            self._console.out(line)
 
     def _begin(self, step: Step) -> None:
         """Say what the user should know, and show what is to come, if anything is."""
         for remark in step.remarks:
-            self._say(remark)
+            self._console.out(remark)
         if not step.total:
             return
         work, self._total = step.campaign, step.total
@@ -90,16 +90,13 @@ class Progress:
             )  # fmt: skip
             self._live.start()
         else:
-            self._say(f"{self._title}: {self._total} runs to do")
+            self._console.out(f"{self._title}: {self._total} runs to do")
 
     def _count(self, key: str, record: Mapping[str, Any]) -> None:
         cell = self._cells.get(key)
         if cell is not None and record["status"] == "ok":
             total, runs = self._sums.get(cell, (0.0, 0))
             self._sums[cell] = total + record["windows"][_WINDOW]["position_ms"], runs + 1
-
-    def _say(self, line: str) -> None:
-        self._console.out(line)
 
     def _mrse(self, case: str, label: str) -> str:
         total, runs = self._sums.get((case, label), (0.0, 0))

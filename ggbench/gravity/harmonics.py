@@ -271,8 +271,7 @@ def _fill_column(
                 old[p] = new[p]
                 new[p] = value
         if pending == 0:
-            for p in range(points):
-                column[i, p] = new[p]
+            column[i] = new
             continue
         for p in range(points):
             while power[p] < 0 and abs(new[p]) > _HUGE:

@@ -103,7 +103,7 @@ def navigation_errors(
                     c_bn[j, i] = state[6 + 3 * i + j]
             product(attitudes[k], c_bn, turn)
             rotation_vector(turn, vector)
-            error[6], error[7], error[8] = vector
+            error[6:9] = vector
 
 
 def noise_psd(accelerometer_psd: float, gyro_psd: float) -> np.ndarray:

@@ -289,8 +289,7 @@ def navigate_lanes(
     gains : of the altimeter.
     track : (N + 1, TRACK, LANES) output: position, velocity and C_nb.
     """
-    for i in range(TRACK):
-        store(track, 0, i, load(initial, 0, i))
+    track[0] = initial[0]
     disturbance = lanes(1, 3)
     for n in range(increments.shape[0]):
         _step_lanes(track, increments, disturbance, n, dt)
@@ -394,6 +393,5 @@ def error_free_increments(
                 store(felt, 0, i, delta_angles[n, i])
                 store(felt, 0, 3 + i, delta_velocities[n, i])
             _step_lanes(pair, felt, disturbance, 0, dt)
-        for i in range(TRACK):
-            store(pair, 0, i, load(pair, 1, i))
+        pair[0] = pair[1]
     return delta_angles, delta_velocities

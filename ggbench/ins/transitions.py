@@ -127,8 +127,7 @@ def transitions_lanes(
         entries_between(track, increments, first, last, dt, constant, entries)
         _metres(track, last, end)
         compose(entries[: last - first], dt, noise, start, end, transition[:, k], process_cov[:, k])
-        for i in range(2):
-            store(start, 0, i, load(end, 0, i))
+        start[:] = end
         first = last
 
 

@@ -1,0 +1,9 @@
+"""What all commands print to."""
+
+from __future__ import annotations
+
+from rich.console import Console
+
+console = Console(highlight=False)
+if not console.is_terminal:
+    console.width = 120  # a file or a pipe has no edge at which tables must fold
