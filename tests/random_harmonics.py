@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from ggbench.gravity import ellipsoid
@@ -17,3 +19,16 @@ def random_model(degree: int, seed: int) -> HarmonicCoefficients:
     sine[:, 0] = 0.0
     cosine[:2], sine[:2] = 0.0, 0.0
     return HarmonicCoefficients(ellipsoid.GM, 6378136.3, cosine, sine)
+
+
+def write_gfc(path: Path, degree: int, seed: int = 1) -> None:
+    """Write a random model as ICGEM's text."""
+    model = random_model(degree, seed)
+    model.cosine[2, 0] = -4.8416e-4
+    lines = [
+        f"gfc {n} {m} {model.cosine[n, m]:.15e} {model.sine[n, m]:.15e}"
+        for n in range(2, degree + 1)
+        for m in range(n + 1)
+    ]
+    head = ["earth_gravity_constant 3.986004418e14", f"radius {model.radius}"]
+    path.write_text("\n".join([*head, f"max_degree {degree}", "end_of_head", *lines, ""]))

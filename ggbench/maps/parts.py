@@ -163,7 +163,8 @@ def smoothed(terrain: Terrain, degree: int, options: TerrainOptions) -> Terrain:
     A Butterworth filter of order 8: a wave of degree n keeps 1 / (1 + (n/degree)^16) of its
     amplitude. The terrain is continued by its mirror image at its edges.
 
-    Raises MapError if the terrain is smaller than one wavelength of the degree.
+    Raises MapError if the terrain is smaller than one wavelength of the degree, or if its ground is
+    not denser than water.
     """
     heights = np.asarray(terrain.height_m, dtype=float)
     n_lat, n_lon = heights.shape
@@ -178,9 +179,14 @@ def smoothed(terrain: Terrain, degree: int, options: TerrainOptions) -> Terrain:
             f"wavelength of degree {degree} ({360.0 / degree:.3g}°): all that is shorter has to "
             "come from the terrain, so it must be wider, or the coefficients of higher degree."
         )
+    if not options.water_density < options.density:
+        raise MapError(
+            f"waves of low degree are taken out of the terrain {terrain.name} as masses, and with "
+            f"ground of {options.density:g} kg/m³ under water of {options.water_density:g} kg/m³ "
+            "the sea's depths have none: --density must be above --water-density."
+        )
     # Masses: below the zero level water takes the place of rock.
-    sea = 1.0 - options.water_density / options.density if options.density else 1.0
-    sea = sea if sea != 0.0 else 1.0
+    sea = 1.0 - options.water_density / options.density
     spectrum = scipy.fft.dctn(np.where(heights < 0.0, sea * heights, heights), type=2)
     count = min(_MOST_BANDS, max(2, math.ceil((latitude[-1] - latitude[0]) / _BAND_DEG) + 1))
     centres = np.linspace(latitude[0], latitude[-1], count)

@@ -12,7 +12,7 @@ import pytest
 import xarray
 from click.testing import CliRunner
 from matplotlib.image import imread
-from random_harmonics import random_model
+from random_harmonics import write_gfc
 
 from ggbench.cli.main import main
 from ggbench.gravity import ellipsoid
@@ -39,18 +39,6 @@ def run(*words, code=0):
     result = CliRunner().invoke(main, ["map", *map(str, words)])
     assert result.exit_code == code, (result.output, result.exception)
     return " ".join(result.output.split())
-
-
-def write_gfc(path, degree, seed=1):
-    model = random_model(degree, seed)
-    model.cosine[2, 0] = -4.8416e-4
-    lines = [
-        f"gfc {n} {m} {model.cosine[n, m]:.15e} {model.sine[n, m]:.15e}"
-        for n in range(2, degree + 1)
-        for m in range(n + 1)
-    ]
-    head = ["earth_gravity_constant 3.986004418e14", f"radius {model.radius}"]
-    path.write_text("\n".join([*head, f"max_degree {degree}", "end_of_head", *lines, ""]))
 
 
 def write_grid(path, name, units, values, south, west, step):

@@ -55,8 +55,10 @@ def test_spacings_are_a_quarter_of_the_distance_to_the_sources():
             step = 3600.0 * float(np.diff(axis).mean())
             assert 0.9 * widest < step <= widest
         assert remarks == []
-    _, (remark,) = nodes_for(held, Wishes(spacing_deg=0.2))
-    assert "a quarter of the 9500 m to the sources" in remark
+    for factor in (1.01, 4.0):
+        _, (remark,) = nodes_for(held, Wishes(spacing_deg=factor * widest / 3600.0))
+        assert "a quarter of the 9500 m to the sources" in remark
+    assert nodes_for(held, Wishes(spacing_deg=widest / 3600.0))[1] == []
 
 
 def test_a_map_begins_above_the_floor_of_every_input():

@@ -145,6 +145,12 @@ def test_a_terrain_smaller_than_the_wavelength_is_refused():
         smoothed(terrain(LONG), 60, OPTIONS)
 
 
+@pytest.mark.parametrize("density", [0.0, 900.0, OPTIONS.water_density])
+def test_ground_must_be_heavier_than_water_to_be_smoothed(density):
+    with pytest.raises(MapError, match="--density must be above --water-density"):
+        smoothed(terrain(LONG), DEGREE, TerrainOptions(density=density))
+
+
 def test_terrain_explains_what_egm2008_has_beyond_degree_120():
     """Real data, two ways: the residual terrain against EGM2008's geoid, over the Qinling.
 
@@ -190,10 +196,15 @@ def test_what_lies_around_the_map_is_as_wide_to_the_east_as_to_the_north():
     assert (kept.longitudes_deg[0], kept.longitudes_deg[-1]) == pytest.approx((89, 111), abs=0.11)
 
 
-def test_harmonics_on_dense_nodes_are_those_of_direct_synthesis():
-    """Between the nodes on which they are computed a spline of degree 5 serves, to 1e-5 E."""
+@pytest.mark.parametrize(("south", "north"), [(40.0, 41.0), (89.0, 90.0), (-90.0, -89.0)])
+def test_harmonics_on_dense_nodes_are_those_of_direct_synthesis(south, north):
+    """Between the nodes on which they are computed a spline of degree 5 serves, to 1e-5 E.
+
+    At a pole, beyond which there are no nodes, every node is computed.
+    """
     model = random_model(180, 2)
-    nodes = Nodes(np.arange(40, 41, 0.01), np.arange(7, 8.5, 0.01), np.array([0.0, 500.0, 1e3]))
+    latitude = np.linspace(south, north, 101)
+    nodes = Nodes(latitude, np.arange(7, 8.5, 0.01), np.array([0.0, 500.0, 1e3]))
     (tensor, vector), *_ = HarmonicPart(model).layers(nodes)
     direct_vector, direct = gravity_and_gradient(
         model, np.radians(nodes.latitude_deg), np.radians(nodes.longitude_deg), [0.0]

@@ -1,0 +1,66 @@
+"""What a map is planned to be, of the files a user gives: its waves, its nodes, what is good."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import netCDF4
+import numpy as np
+import pytest
+from random_harmonics import write_gfc
+
+from ggbench.gravity.ellipsoid import SEMI_MAJOR_AXIS
+from ggbench.gravity.harmonics import gravity_and_gradient, without_normal_field
+from ggbench.maps.gravity_model import read_model
+from ggbench.maps.nodes import Wishes
+from ggbench.maps.plan import Inputs, plan
+
+BOX = Wishes(40.0, 41.0, 7.0, 8.0, 3000.0, 6000.0, 0.25, 1000.0)
+
+
+@pytest.fixture
+def coefficients(tmp_path) -> Path:
+    path = tmp_path / "model.gfc"
+    write_gfc(path, 240)
+    return path
+
+
+def test_nodes_are_as_dense_as_half_the_shortest_wave_asks(coefficients):
+    """Harmonics of degree n vary as if from sources half a wavelength, πR/n, down."""
+    for degree in (120, 240):
+        wishes = Wishes(40.0, 45.0, 7.0, 12.0, 1000.0, 9000.0)
+        made = plan(Inputs(coefficients=coefficients, max_degree=degree), wishes, "test")
+        quarter = 0.25 * (1000.0 + math.pi * SEMI_MAJOR_AXIS / degree)
+        step = math.radians(float(np.diff(made.nodes.latitude_deg).mean())) * SEMI_MAJOR_AXIS
+        assert 0.9 * quarter < step <= quarter
+
+
+def test_the_lowest_degree_asked_for_is_the_lowest_in_the_map(coefficients):
+    inputs = Inputs(coefficients=coefficients, min_degree=30, max_degree=60)
+    tensor, vector = next(plan(inputs, BOX, "test").layers())
+    model = without_normal_field(read_model(coefficients, 60).coefficients)
+    place = [math.radians(40.0)], [math.radians(7.0)], [3000.0]
+    for lowest, same in ((30, True), (2, False)):
+        expected_vector, expected = gravity_and_gradient(model.between(lowest, 60), *place)
+        assert np.allclose(tensor[0, 0], expected[0, 0, 0], atol=1e-4) == same
+        assert np.allclose(vector[0, 0], expected_vector[0, 0, 0], atol=1e-9) == same
+
+
+def test_harmonics_of_higher_degree_need_less_of_a_grids_edge(coefficients, tmp_path):
+    """What is left of the grid has shorter waves: of degree 240 half the edge of degree 120."""
+    path = tmp_path / "grid.nc"
+    with netCDF4.Dataset(path, "w") as file:
+        for name, first in (("lat", 36.0), ("lon", 2.0)):
+            file.createDimension(name, 101)
+            file.createVariable(name, "f8", (name,))[:] = first + 0.1 * np.arange(101)
+        values = file.createVariable("geoid", "f8", ("lat", "lon"))
+        values.units, values[:] = "m", 0.0
+    edges = {}
+    for degree in (60, 120, 240):
+        inputs = Inputs(coefficients=coefficients, max_degree=degree, grid=path)
+        wishes = Wishes(lowest_m=3000.0, highest_m=6000.0, spacing_deg=0.1, height_spacing_m=1000.0)
+        nodes = plan(inputs, wishes, "test").nodes
+        edges[degree] = float(nodes.latitude_deg[0]) - 36.0
+    assert edges[60] == pytest.approx(edges[120])  # never more than what was measured to be enough
+    assert edges[240] == pytest.approx(0.5 * edges[120], abs=0.1)
