@@ -15,6 +15,7 @@ import numpy as np
 
 from ..block import BlockEstimator, EstimateBlock, ProblemBlock
 from ..engines import filters
+from ..numerics.positive import nearest_root
 from ..problem import Causality, Estimate, Problem
 from . import robust
 from .robust import Loss
@@ -24,8 +25,8 @@ class MatrixSquareRoot:
     """Upper-triangular square root of a covariance that may have lost positive definiteness.
 
     The paper's centre weight is negative, so nothing guarantees that P stays positive definite. It
-    is symmetrised and factorised by Cholesky; where that fails, negative eigenvalues of the
-    correlation-scaled matrix are set to a rounding error and the repair is counted.
+    is symmetrised and factorised by Cholesky; where that fails, the root is that of its nearest
+    positive part, and the repair is counted.
     """
 
     def __init__(self) -> None:
@@ -33,17 +34,11 @@ class MatrixSquareRoot:
 
     def __call__(self, matrix: np.ndarray) -> np.ndarray:
         """Return U (n, n), upper triangular, with Uᵀ U = P or its nearest positive part."""
-        symmetric = 0.5 * (matrix + matrix.T)
         try:
-            return np.linalg.cholesky(symmetric).T
+            return np.linalg.cholesky(0.5 * (matrix + matrix.T)).T
         except np.linalg.LinAlgError:
             self.repairs += 1
-        scale = np.sqrt(np.abs(np.diag(symmetric)))
-        scale[scale == 0.0] = 1.0
-        values, vectors = np.linalg.eigh(symmetric / np.outer(scale, scale))
-        values = np.maximum(values, len(values) * np.finfo(float).eps * values[-1])
-        # The triangular factor of any square root of P is one, too.
-        return np.asarray(np.linalg.qr((scale[:, None] * vectors * np.sqrt(values)).T).R)
+        return nearest_root(matrix)
 
     def repaired(self, matrix: np.ndarray) -> np.ndarray:
         """Return the symmetric, positive definite covariance that the square root stands for."""

@@ -5,13 +5,13 @@ The same equations as filterpy's, which remain the reference: a test holds both 
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
+from numba import objmode
 
 from ..block import ProblemBlock
 from ..numerics import lane_algebra, lanes
-from ..numerics.kernels import compiled
+from ..numerics.kernels import compiled, interpreted
+from ..numerics.positive import nearest_root
 from ..numerics.vectors import load, splat, store
 from ..sensors.model_kernels import ModelArrays
 from .sigma_points import SigmaPoints, read_sigma_points, sigma_points_of
@@ -70,49 +70,6 @@ def _scatter_squares(reading: Readings, first: int, count: int, k: int, nis: np.
 
 
 @compiled
-def _root(matrix: np.ndarray, out: np.ndarray) -> bool:
-    """Fill the upper triangular U (n, n) with Uᵀ U = P, or with its nearest positive part.
-
-    Returns whether P had to be repaired, as :class:`.estimators.ukf.MatrixSquareRoot` does.
-    """
-    n = matrix.shape[0]
-    for i in range(n):
-        for j in range(i):
-            out[i, j] = 0.0
-        for j in range(i, n):
-            out[i, j] = 0.5 * (matrix[i, j] + matrix[j, i])
-    good = True
-    for i in range(n):
-        row = out[i]
-        for k in range(i):
-            other = out[k]
-            factor = other[i]
-            for j in range(i, n):
-                row[j] -= factor * other[j]
-        if not row[i] > 0.0:
-            good = False
-            break
-        scale = 1.0 / math.sqrt(row[i])
-        for j in range(i, n):
-            row[j] *= scale
-    if good:
-        return False
-    symmetric = 0.5 * (matrix + matrix.T)
-    size = np.sqrt(np.abs(np.diag(symmetric)))
-    for i in range(n):
-        if size[i] == 0.0:
-            size[i] = 1.0
-    values, vectors = np.linalg.eigh(symmetric / np.outer(size, size))
-    values = np.maximum(values, n * np.finfo(np.float64).eps * values[n - 1])
-    half = np.empty((n, n))
-    for i in range(n):
-        for j in range(n):
-            half[j, i] = size[i] * vectors[i, j] * math.sqrt(values[j])
-    out[:, :] = np.linalg.qr(half)[1]
-    return True
-
-
-@compiled
 def _moments(
     lower: np.ndarray,
     noise_cov: np.ndarray,
@@ -152,16 +109,19 @@ def _moments(
             store(cross, c, j, scale * total)
 
 
-@compiled
+@interpreted
 def _repaired(p: np.ndarray, r: int, lower: np.ndarray) -> np.ndarray:
     """Put the root of the nearest positive part of P into lane ``r`` of L; return that part."""
+    matrix = p[:, :, r].copy()
+    # Rarely needed, and LAPACK takes ten seconds to compile.
+    with objmode(upper="float64[:, :]", nearest="float64[:, :]"):
+        upper = nearest_root(matrix)
+        nearest = upper.T @ upper
     n = p.shape[0]
-    upper = np.empty((n, n))
-    _root(np.ascontiguousarray(p[:, :, r]), upper)
     for i in range(n):
         for j in range(i + 1):
             lower[i, j, r] = upper[j, i]
-    return upper.T @ upper
+    return nearest
 
 
 @compiled

@@ -1,4 +1,4 @@
-"""How the hot loops are compiled: three decorators, and what their settings are for.
+"""How the hot loops are compiled: four decorators, and what their settings are for.
 
 Kernels are kept on disk (see :mod:`.compiling`) and let other threads run. They divide as
 NumPy does: by zero gives infinity or NaN, which is judged later; Python's exception would be a
@@ -20,7 +20,7 @@ from .compiling import keep
 def _decorator(**options: Any) -> Any:
     # No kernel is called from C.
     options |= {"no_cfunc_wrapper": True, "error_model": "numpy", "fastmath": {"contract"}}
-    jit = njit(nogil=True, **options)
+    jit = njit(**{"nogil": True} | options)
 
     def decorate(function: Callable[..., Any]) -> Any:
         return keep(jit(function))
@@ -35,6 +35,8 @@ inlined = _decorator(forceinline=True)
 copied = _decorator(inline="always")
 """A part of a kernel that is compiled anew where it is used: sizes that are constants there make
 loops of known length, which become vector instructions without a remainder."""
+interpreted = _decorator(nogil=False)
+"""A part that calls the interpreter, which no thread runs beside another one."""
 
 LANES = 8
 """Runs that go through a kernel together, in the lanes of vector registers: the last index."""

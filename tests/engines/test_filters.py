@@ -85,10 +85,13 @@ def test_neighbours_change_no_bit_of_a_run(case: tuple[str, str], name: str) -> 
 
 
 @pytest.mark.parametrize("name", ["ekf", "ukf"])
-def test_a_neighbour_without_readings_or_with_other_dynamics_changes_no_bit(name: str) -> None:
+@pytest.mark.parametrize("case", ["wang2013", "jacksboro_helicopter"])  # without biases, and with
+def test_a_neighbour_without_readings_or_with_other_dynamics_changes_no_bit(
+    case: str, name: str
+) -> None:
     """A run whose reading is missing, and one whose constant states wander, beside an ordinary."""
     estimator = registry.choose(f"{name}[engine=numba]").estimator
-    block = prepared("wang2013", "0.001E-1Hz")
+    block = prepared(case, CASES[case])
     gain, offset = block.model.gain.copy(), block.model.offset.copy()
     measurements, process_cov = block.measurements.copy(), block.process_cov.copy()
     gain[1, 5:9], offset[1, 5:9], measurements[1, 5:9] = 0.0, 0.0, 0.0
@@ -113,3 +116,18 @@ def test_a_neighbour_without_readings_or_with_other_dynamics_changes_no_bit(name
         )
         assert np.abs((found.mean[run] - expected.mean) / sigma).max() < 1e-7
         assert np.abs((found.cov[run] - expected.cov) / np.outer(sigma, sigma)).max() < 1e-7
+
+
+def test_a_covariance_that_is_no_longer_positive_is_repaired_as_filterpys_is() -> None:
+    """A centre weight of −14 breaks P where the position is known to 100 m; one run is whole."""
+    block = prepared("wide_prior", "0.1km")
+    found = registry.choose("ukf[kappa=-14,engine=numba]").estimator.estimate_block(block)
+    reference = registry.choose("ukf[kappa=-14]").estimator
+    sigma = np.sqrt(np.diag(block.prior_cov))
+    for run in range(block.runs):
+        expected = reference.estimate(block.problem(run), np.random.default_rng(0))
+        repairs = expected.info["covariance_repairs"]
+        print(run, repairs)
+        assert found.info["covariance_repairs"][run] == repairs > 0
+        assert np.abs((found.mean[run] - expected.mean) / sigma).max() < 1e-6
+        assert np.abs((found.cov[run] - expected.cov) / np.outer(sigma, sigma)).max() < 1e-6

@@ -30,6 +30,10 @@ def calling(x):
 @compiled
 def with_constants():
     return long(1) + long(2)
+
+@compiled
+def turning(x, again):
+    return x if again == 0 else 1.0 * turning(0.5 * x, again - 1)
 """
 )
 """A function too long to become part of the one that calls it."""
@@ -99,6 +103,12 @@ def test_nothing_is_compiled_for_a_constant(tmp_path):
     """Two constants of a type are two numbers of it."""
     place = Place(tmp_path / "here", 1.0)
     assert sorted(place.run("with_constants()")[-1].split()) == ["long", "with_constants"]
+
+
+def test_a_function_may_need_itself_for_other_arguments(tmp_path):
+    """It is locked once by its process, which does not wait for itself."""
+    place = Place(tmp_path / "here", 1.0)
+    assert place.run("turning(8, 2)") == ["2.0", "turning turning"]
 
 
 def test_code_is_not_exchanged_for_another_processes(tmp_path):

@@ -66,7 +66,9 @@ def test_every_module_of_a_room_counts(copy, rooms):
 
 def test_compiled_code_is_in_rooms_that_are_hashed():
     """No module elsewhere is compiled, or holds a number that compiled code could take from it."""
-    compiles = re.compile(r"^@(njit|compiled|inlined|copied)|numba\.njit", re.MULTILINE)
+    compiles = re.compile(
+        r"^@(njit|compiled|inlined|copied|interpreted)|numba\.njit", re.MULTILINE
+    )
     found = {
         name.split("/")[0] for name in modules() if compiles.search((PACKAGE / name).read_text())
     }
@@ -157,8 +159,21 @@ def test_compiled_code_is_known_by_all_that_it_is_made_of(copy, monkeypatch):
         other.write_bytes(text)
     assert {"ins/strapdown.py", "gravity/ellipsoid.py", "numerics/vectors.py"} <= found
     assert not {name.split("/")[0] for name in found} & {"sensors", "engines", "campaign"}
-    mine = copy.parent / "mine.py"
+    # A formula may be compiled for vectors without its module knowing them.
+    alone = copy / "ins" / "alone.py"
+    alone.write_text("one = 1.0\n")
+    before, vectors = module_hash(alone), copy / "numerics" / "vectors.py"
+    vectors.write_bytes(vectors.read_bytes() + b"# another source\n")
+    assert module_hash(alone) != before
+
+
+def test_a_users_own_code_is_known_by_itself_and_by_all_that_is_compiled_here(copy, monkeypatch):
+    monkeypatch.setattr(source, "source_hash", hash_of)  # the source changes under this process
+    mine, theirs = copy.parent / "mine.py", copy / "gravity" / "ellipsoid.py"
     mine.write_text("one = 1\n")
-    before = module_hash(mine)
+    hashes = {module_hash(mine)}
     mine.write_text("one = 2\n")
-    assert module_hash(mine) != before
+    hashes.add(module_hash(mine))
+    theirs.write_bytes(theirs.read_bytes() + b"# another source\n")
+    hashes.add(module_hash(mine))
+    assert len(hashes) == 3

@@ -188,18 +188,19 @@ def test_a_strapdown_reading_at_a_wrong_time_has_the_attitude_of_then():
     np.testing.assert_allclose(change, delay * rate, rtol=0.0, atol=0.02 * np.abs(change).max())
 
 
-def test_biases_start_and_walk_as_stated():
+@pytest.mark.parametrize("bias", [2.0, 0.02])  # much and little beside the walk to 60 s
+def test_biases_start_and_walk_as_stated(bias):
     """400 runs of 3 channels: b(t) has the variance σ² + d² t, with independent steps between.
 
     Variances at three times and of the step from the first to the last: chi-square, false-alarm
     probability 1e-3 each.
     """
     times = np.array([60.0, 900.0, 3600.0])
-    instrument = Gradiometer(1.0, None, COMPONENTS[:3], bias_eotvos=2.0, drift=3.0 / 60.0)
+    instrument = Gradiometer(1.0, None, COMPONENTS[:3], bias_eotvos=bias, drift=3.0 / 60.0)
     walks = np.array(
         [biases(instrument, 3, times, np.random.default_rng([12, run])) for run in range(400)]
     )
-    for k, variance in enumerate(4.0 + 9.0 * times / 3600.0):
+    for k, variance in enumerate(bias**2 + 9.0 * times / 3600.0):
         assert between((walks[:, k] ** 2).sum() / variance, chi2(1200), 1e-3)
     step = walks[:, 2] - walks[:, 0]
     assert between((step**2).sum() / (9.0 * 3540.0 / 3600.0), chi2(1200), 1e-3)
