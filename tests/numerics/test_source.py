@@ -66,9 +66,7 @@ def test_every_module_of_a_room_counts(copy, rooms):
 
 def test_compiled_code_is_in_rooms_that_are_hashed():
     """No module elsewhere is compiled, or holds a number that compiled code could take from it."""
-    compiles = re.compile(
-        r"^@(njit|compiled|inlined|copied|interpreted)|numba\.njit", re.MULTILINE
-    )
+    compiles = re.compile(r"^@(njit|compiled|inlined|copied|interpreted)|numba\.njit", re.MULTILINE)
     found = {
         name.split("/")[0] for name in modules() if compiles.search((PACKAGE / name).read_text())
     }
