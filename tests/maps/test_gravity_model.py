@@ -75,15 +75,28 @@ def test_orders_that_a_model_does_not_have_are_zero(tmp_path):
     assert model.cosine[40, 39] == 43.9e-6
 
 
+def test_a_potential_without_its_degree_zero_has_the_earths_mass(tmp_path):
+    """Files leave it out, or say 0 or 1: it is what the gravity constant is for."""
+    file = tmp_path / "model.gfc"
+    for first in ([], [["gfc", "0", "0", "0.0", "0.0", "0.0", "0.0"]], rows()[:1]):
+        file.write_text(text(lines=[*first, *rows()[1:]]))
+        assert read_model(file).coefficients.cosine[0, 0] == 1.0
+
+
 def test_the_permanent_tide_is_removed(tmp_path):
-    """EGM2008 is published both ways: C20 differs by -4.1736e-9 (its README)."""
+    """EGM2008 is published both ways: C20 differs by -4.1736e-9 (its README).
+
+    What the Moon and the Sun do to it themselves is 4.4228e-8 of -0.31460 (IERS Conventions 2010,
+    eq. 6.14).
+    """
     read = {}
     for tide in ("tide_free", "zero_tide", "mean_tide"):
         file = tmp_path / f"{tide}.gfc"
         file.write_text(text({"tide_system": tide}))
         read[tide] = read_model(file).coefficients.cosine[2, 0]
     assert read["zero_tide"] - read["tide_free"] == pytest.approx(4.1736e-9, rel=1e-6)
-    assert read["mean_tide"] > read["zero_tide"]
+    direct = 4.4228e-8 * 0.31460
+    assert read["mean_tide"] - read["zero_tide"] == pytest.approx(direct, rel=1e-3)
 
 
 def test_unnormalised_coefficients_are_normalised(tmp_path):

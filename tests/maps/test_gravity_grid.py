@@ -1,0 +1,89 @@
+"""Grids of a user's own: where their nodes are, what is a gap, how high the land is under them."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import netCDF4
+import numpy as np
+import pytest
+
+from ggbench.gravity.gradient_map import MapError
+from ggbench.gravity.remove_restore import GravityGrid
+from ggbench.gravity.terrain import Terrain
+from ggbench.maps.gravity_grid import elevation_at, read_grid
+
+
+def written(path: Path, south: float, west: float, values: np.ndarray) -> Path:
+    with netCDF4.Dataset(path, "w") as file:
+        for name, first, count in zip(("lat", "lon"), (south, west), values.shape, strict=True):
+            file.createDimension(name, count)
+            file.createVariable(name, "f8", (name,))[:] = first + 0.1 * np.arange(count)
+        file.createVariable("geoid", "f8", ("lat", "lon"))[:] = values
+    return path
+
+
+@pytest.mark.parametrize(
+    ("west", "expected"), [(179.0, 179.0), (180.0, -180.0), (275.0, -85.0), (-85.0, -85.0)]
+)
+def test_longitudes_from_180_on_are_western(west, expected, tmp_path):
+    """Grids say 275° or −85° E; maps and flights say −85°. One across 180° stays in one piece."""
+    grid = read_grid(written(tmp_path / "grid.nc", 30.0, west, np.ones((20, 25))), "geoid")
+    assert grid.west_deg == pytest.approx(expected)
+    assert grid.longitude_deg[-1] == pytest.approx(expected + 2.4)
+    assert grid.south_deg == 30.0
+
+
+def test_the_value_that_marks_a_gap_is_none(tmp_path):
+    """ICGEM's files name it in their header; whatever it is, it is no gravity."""
+    for gap, good in (("0.0", False), ("9999999.0", True)):
+        head = ["latitude_parallels 16", "longitude_parallels 16", "unit mgal", f"gapvalue {gap}"]
+        rows = [
+            f"{100 + 0.1 * j:.1f} {20 - 0.1 * i:.1f} {0.0 if i == j == 3 else 5.0}"
+            for i in range(16)
+            for j in range(16)
+        ]
+        path = tmp_path / "grid.gdf"
+        path.write_text("\n".join([*head, "longitude latitude gravity", "end_of_head ==", *rows]))
+        if good:
+            assert read_grid(path, "disturbance").values.min() == 0.0
+        else:
+            with pytest.raises(MapError, match="has gaps"):
+                read_grid(path, "disturbance")
+
+
+STEP = 0.01
+"""Of the terrain [deg]; the grid's is ten times that."""
+
+
+def under_a_grid(heights: np.ndarray) -> np.ndarray:
+    """Elevations at 11 by 11 nodes within a terrain of 201 by 201, the tenth of each axis first."""
+    terrain = Terrain(40.0, 5.0, STEP, STEP, heights, "made up")
+    grid = GravityGrid("geoid", 40.5, 5.5, 10 * STEP, 10 * STEP, np.zeros((11, 11)))
+    return elevation_at(grid, terrain)
+
+
+def test_a_finer_terrain_is_averaged_over_half_a_step_of_the_grid():
+    """A single high cell is spread as a Gaussian of five cells: 1/(2π 25) of it, e⁻² a step off."""
+    heights = np.zeros((201, 201))
+    heights[100, 100] = 8e3
+    found = under_a_grid(heights)
+    top = 8e3 / (2.0 * math.pi * 5.0**2)
+    assert found[5, 5] == pytest.approx(top, rel=1e-3)
+    assert found[5, 6] == pytest.approx(top * math.exp(-2.0), rel=1e-2)
+    assert found[4, 5] == pytest.approx(top * math.exp(-2.0), rel=1e-2)
+
+
+def test_the_sea_has_no_height_and_a_slope_stays_one():
+    rows = np.arange(201)[:, np.newaxis] * np.ones((1, 201))
+    np.testing.assert_allclose(under_a_grid(10.0 * rows)[:, 3], 500.0 + 100.0 * np.arange(11))
+    np.testing.assert_array_equal(under_a_grid(-10.0 - rows), 0.0)
+    coast = under_a_grid(10.0 * (rows - 100.0))
+    assert coast.min() >= 0.0 and coast[0, 0] == pytest.approx(0.0, abs=1e-3)
+
+
+def test_a_terrain_as_coarse_as_the_grid_is_taken_between_its_nodes():
+    terrain = Terrain(40.0, 5.0, 0.1, 0.1, np.add.outer(np.arange(21.0), np.zeros(21)), "coarse")
+    grid = GravityGrid("geoid", 40.55, 5.5, 0.1, 0.1, np.zeros((5, 5)))
+    np.testing.assert_allclose(elevation_at(grid, terrain)[:, 0], 5.5 + np.arange(5.0))
