@@ -174,6 +174,7 @@ QUERIES = {
     "arrays cut": "UPDATE shared SET arrays = substr(arrays, 1, 300)",
     "run below 0": "UPDATE records SET record = replace(record, '\"run\":', '\"run\":-1')",
     "series cut": "UPDATE records SET series = x'0011'",
+    "series a number short": "UPDATE records SET series = substr(series, 1, length(series) - 4)",
     "database of something else": "ALTER TABLE records RENAME COLUMN record TO something",
 }
 TEXTS = {
@@ -266,6 +267,7 @@ DAMAGES = {
     "record without its content": "records.sqlite",
     "run below 0": r"records\.sqlite is damaged: .*run",
     "series cut": "records.sqlite",
+    "series a number short": "a time series in .*records.sqlite is damaged",
     "manifest cut": "manifest.json.* is damaged",
     "manifest of something else": "manifest.json has format None|is damaged",
     "manifest empty": "manifest.json",
