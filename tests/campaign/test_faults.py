@@ -165,7 +165,7 @@ def killed_at_write(number: int, arguments: list[str]) -> int:
 @pytest.mark.parametrize(
     ("options", "stride"),
     [
-        ((), 10),
+        ((), 20),
         pytest.param((), 1, marks=pytest.mark.long),
         pytest.param(("--fresh",), 1, marks=pytest.mark.long),
     ],
@@ -194,6 +194,7 @@ def test_a_power_cut_between_any_two_writes(options, stride, tmp_path, monkeypat
     assert number > 40
 
 
+@pytest.mark.long
 def test_a_full_disk(tmp_path):
     """When nothing more can be written, a sentence says so; what is stored stays.
 
