@@ -187,6 +187,18 @@ def test_screening_weighs_readings_as_the_cost_does():
     assert screened == pytest.approx(whole, rel=0.3)
 
 
+def test_screening_by_all_readings_is_the_cost():
+    """Of few epochs none is left out: prior and readings count as they do in the search."""
+    problem = linear_problem(5, epochs=10)
+    smoother = _Smoother(problem, "none", np.inf)
+    starts = np.random.default_rng(6).normal(size=(4, problem.dimension))
+    costs = []
+    for start in starts:
+        undisturbed = smoother.from_prior(start)
+        costs.append(smoother._cost(undisturbed, smoother._residuals(undisturbed.states)))
+    np.testing.assert_allclose(smoother._screen(starts), costs, rtol=1e-9)
+
+
 def test_where_readings_say_nothing_the_prior_ranks_the_starts():
     """Over a field of nothing the best start is the prior's mean, then the nearest to it."""
     problem = correlated_prior()
