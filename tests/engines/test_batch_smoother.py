@@ -71,11 +71,28 @@ def test_a_run_does_not_depend_on_its_neighbours():
 def test_steps_that_need_damping_are_gtsams():
     """Where undamped steps fail the search is GTSAM's: as many steps to the same cost."""
     block = block_of_runs("jacksboro_drone", "1E", 1, 2)
-    _, _, counters = batch_smoother.smoother(block, MOST)
-    expected = REFERENCE.estimate(block.problem(0), np.random.default_rng(0)).info
+    mean, cov, counters = batch_smoother.smoother(block, MOST)
+    reference = REFERENCE.estimate(block.problem(0), np.random.default_rng(0))
+    expected = reference.info
     assert counters["map_evaluations"][0] > (1 + counters["iterations"][0]) * block.epochs
     assert counters["iterations"][0] == expected["iterations"]
     assert counters["error"][0] == pytest.approx(expected["error"], rel=1e-6)
+    sigma = np.sqrt(np.diag(block.prior_cov))
+    assert np.abs((mean[0] - reference.mean) / sigma).max() < 1e-2
+    assert np.abs((cov[0] - reference.cov) / np.outer(sigma, sigma)).max() < 1e-6
+
+
+def test_a_search_that_gives_up_has_no_answer():
+    """Where no step lowers the cost there is no estimate; the others have theirs, bit by bit."""
+    block = block_of_runs("wang2013", "0.01E-0.2Hz", 0, 3)
+    measurements = block.measurements.copy()
+    measurements[1, 5] = 1e12
+    odd = ProblemBlock(**{**vars(block), "measurements": measurements})
+    mean, _, counters = batch_smoother.smoother(odd, MOST)
+    usual, _, _ = batch_smoother.smoother(block, MOST)
+    assert counters["iterations"].tolist()[1] == 0
+    assert np.isnan(mean[1]).all()
+    np.testing.assert_array_equal(mean[[0, 2]], usual[[0, 2]])
 
 
 def test_damping_of_a_neighbour_changes_nothing():

@@ -141,6 +141,17 @@ def test_smoothing_takes_noise_away(hour, tmp_path):
     )
 
 
+def test_smoothing_does_not_depend_on_how_dense_the_rows_are(tmp_path):
+    """Half of a wave of the period is left, where rows are 0.2 s apart and where they are 1 s."""
+    times = np.concatenate([np.arange(0.0, 300.0, 0.2), np.arange(300.0, 600.0)])
+    rows = np.column_stack([times, 33.0 + 1e-3 * times, 108.0 + 0.0 * times, 0.0 * times])
+    rows[:, 3] = 1000.0 + 20.0 * np.sin(2.0 * np.pi * times / 20.0)
+    flight = trajectory_of(read(write(tmp_path / "wave.csv", rows), smoothing_s=20.0), 0.1)
+    middle = (flight.times > 50.0) & (flight.times < 550.0) & (np.abs(flight.times - 300.0) > 40.0)
+    wave = 1000.0 + 10.0 * np.sin(2.0 * np.pi * flight.times / 20.0)
+    np.testing.assert_allclose(flight.positions[middle, 2], wave[middle], atol=0.2)
+
+
 def test_attitude_comes_from_the_columns(tmp_path):
     """Heading through north, pitch and roll, where they are given; a crab angle stays one."""
     times = np.arange(0.0, 60.0)
@@ -219,6 +230,17 @@ def test_one_track_in_many_spellings(kind, tmp_path):
     path.write_text(text())
     plain = trajectory_of(read(str(path)), 0.1)
     np.testing.assert_allclose(flight.positions, plain.positions, rtol=0.0, atol=1e-9)
+
+
+def test_degrees_near_zero_are_degrees(tmp_path):
+    """Only where all of latitude and longitude could be radians is it doubted."""
+    rows = [f"{t},{1.6 + 1e-3 * t:.6f},{3.0 + 1e-3 * t:.6f},3000.0" for t in range(20)]
+    path = tmp_path / "track.csv"
+    path.write_text(text(rows, "time_s,lat,lon,height_m"))
+    assert np.degrees(trajectory_of(read(str(path)), 0.1).positions[0, 0]) == pytest.approx(1.6)
+    path.write_text(text([row.replace(",1.6", ",1.5") for row in rows], "time_s,lat,lon,height_m"))
+    with pytest.raises(TrajectoryError, match="could be radians"):
+        trajectory_of(read(str(path)), 0.1)
 
 
 BAD: dict[str, tuple[str | bytes, str]] = {

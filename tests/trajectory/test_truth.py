@@ -11,6 +11,7 @@ import pytest
 from error_free import closure
 from pydantic import ValidationError
 
+from ggbench.gravity.ellipsoid import metres_per_radian
 from ggbench.ins import strapdown
 from ggbench.simulation.error_free_flight import trajectory_of
 from ggbench.spec.trajectory import TrajectorySpec
@@ -254,6 +255,21 @@ def test_flat_terrain_is_followed_at_its_clearance(over_ridges, monkeypatch):
     )
     flight = trajectory_of(spec(over_ridges | {"distance_km": 80.0}), 0.1)
     assert 200.0 <= flight.positions[:, 2].min() < 202.0
+
+
+@pytest.mark.parametrize("place", [15000.0, 15005.0, 15010.0, 15015.0])
+def test_a_wall_between_two_steps_of_the_plan_is_cleared(over_ridges, monkeypatch, place):
+    """Steps are 20 m; a wall 6 m thick may stand anywhere between them."""
+
+    def wall(name: str, latitude: np.ndarray, longitude: np.ndarray) -> np.ndarray:
+        _, east = metres_per_radian(np.array([math.radians(33.5), 0.0, 3000.0]))
+        along = (longitude - math.radians(108.0)) * east
+        return np.where(np.abs(along - place) < 3.0, 1500.0, 50.0)
+
+    monkeypatch.setattr(terrain_following, "heights", wall)
+    flight = trajectory_of(spec(over_ridges | {"distance_km": 24.0}), 0.05)
+    at = np.abs(200.0 * flight.times - place).argmin()
+    assert 1650.0 <= flight.positions[at, 2] < 1680.0
 
 
 def test_a_start_too_low_is_told_how_high_it_must_be(over_ridges):
