@@ -82,6 +82,23 @@ def test_steps_that_need_damping_are_gtsams():
     assert np.abs((cov[0] - reference.cov) / np.outer(sigma, sigma)).max() < 1e-6
 
 
+@pytest.mark.parametrize("most", [3, 5])
+def test_a_search_that_is_cut_short_while_it_is_damped_is_gtsams(most):
+    """An outlier of 300 E: means, and covariances in which no damping is left."""
+    block = block_of_runs("wang2013", "0.01E-0.2Hz", 0, 1)
+    measurements = block.measurements.copy()
+    measurements[0, 5] += 300.0
+    odd = ProblemBlock(**{**vars(block), "measurements": measurements})
+    mean, cov, counters = batch_smoother.smoother(odd, most)
+    assert counters["map_evaluations"][0] > (1 + most) * block.epochs  # steps were refused
+    reference = choose(f"factor-graph[mode=batch,max_iterations={most}]").estimator
+    expected = reference.estimate(odd.problem(0), np.random.default_rng(0))
+    assert counters["iterations"][0] == expected.info["iterations"] == most
+    sigma = np.sqrt(np.diag(block.prior_cov))
+    assert np.abs((mean[0] - expected.mean) / sigma).max() < 1e-5
+    assert np.abs((cov[0] - expected.cov) / np.outer(sigma, sigma)).max() < 1e-9
+
+
 def test_a_search_that_gives_up_has_no_answer():
     """Where no step lowers the cost there is no estimate; the others have theirs, bit by bit."""
     block = block_of_runs("wang2013", "0.01E-0.2Hz", 0, 3)

@@ -68,3 +68,13 @@ def test_folders_of_others_are_left_alone(tmp_path):
     left = {path.name for path in tmp_path.iterdir()}
     assert set(others) <= left
     assert 1 <= len(left & set(former)) < len(former)
+
+
+def test_the_newest_folders_of_a_module_are_kept(tmp_path):
+    """Who goes back to the source of yesterday finds its code; that of last year makes room."""
+    former = [tmp_path / f"ggbench.ins-{i:016x}" for i in range(9)]
+    for age, folder in enumerate(former):
+        folder.mkdir()
+        os.utime(folder, (1e9 - age, 1e9 - age))
+    cache.make_code_folder(tmp_path / f"ggbench.ins-{10:016x}")
+    assert [folder for folder in former if folder.exists()] == former[: cache._MOST_KEPT - 1]
