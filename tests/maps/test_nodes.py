@@ -50,6 +50,7 @@ def test_spacings_are_a_quarter_of_the_distance_to_the_sources():
         nodes, remarks = nodes_for(held, Wishes())
         assert nodes.height_m[0] == lowest
         assert np.diff(nodes.height_m) == pytest.approx(quarter)
+        assert nodes.height_m.size == 9
         widest = 3600.0 * math.degrees(0.25 * (lowest + 500.0) / SEMI_MAJOR_AXIS)
         for axis in (nodes.latitude_deg, nodes.longitude_deg):
             step = 3600.0 * float(np.diff(axis).mean())

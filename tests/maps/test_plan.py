@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 
@@ -24,6 +25,27 @@ def coefficients(tmp_path) -> Path:
     path = tmp_path / "model.gfc"
     write_gfc(path, 240)
     return path
+
+
+def geoid_of_nothing(folder: Path) -> Path:
+    """Write a geoid of zero metres, 36° to 46° N, 2° to 12° E."""
+    path = folder / "grid.nc"
+    with netCDF4.Dataset(path, "w") as file:
+        for name, first in (("lat", 36.0), ("lon", 2.0)):
+            file.createDimension(name, 101)
+            file.createVariable(name, "f8", (name,))[:] = first + 0.1 * np.arange(101)
+        values = file.createVariable("geoid", "f8", ("lat", "lon"))
+        values.units, values[:] = "m", 0.0
+    return path
+
+
+def test_the_highest_degree_asked_for_is_the_highest_that_is_removed(tmp_path):
+    """Also of the coefficients that the package carries: a grid holds the rest."""
+    for asked, degree in ((60, 60), (None, 120)):
+        inputs = Inputs(grid=geoid_of_nothing(tmp_path), max_degree=asked)
+        made = plan(inputs, BOX, "test")
+        assert json.loads(made.attributes["parameters"])["degrees"] == [2, degree]
+        assert made.parts[0].coefficients.degree == degree
 
 
 def test_nodes_are_as_dense_as_half_the_shortest_wave_asks(coefficients):
@@ -49,13 +71,7 @@ def test_the_lowest_degree_asked_for_is_the_lowest_in_the_map(coefficients):
 
 def test_harmonics_of_higher_degree_need_less_of_a_grids_edge(coefficients, tmp_path):
     """What is left of the grid has shorter waves: of degree 240 half the edge of degree 120."""
-    path = tmp_path / "grid.nc"
-    with netCDF4.Dataset(path, "w") as file:
-        for name, first in (("lat", 36.0), ("lon", 2.0)):
-            file.createDimension(name, 101)
-            file.createVariable(name, "f8", (name,))[:] = first + 0.1 * np.arange(101)
-        values = file.createVariable("geoid", "f8", ("lat", "lon"))
-        values.units, values[:] = "m", 0.0
+    path = geoid_of_nothing(tmp_path)
     edges = {}
     for degree in (60, 120, 240):
         inputs = Inputs(coefficients=coefficients, max_degree=degree, grid=path)

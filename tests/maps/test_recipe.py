@@ -21,7 +21,7 @@ from ggbench.gravity.harmonics import (
     potential,
     without_normal_field,
 )
-from ggbench.maps import recipe
+from ggbench.maps import recipe, shipped_regions
 from ggbench.maps.recipe import MapRecipe, build, load_or_build
 from ggbench.maps.shipped_regions import SOURCES, disturbing_field
 from ggbench.numerics.cache import CACHE_VARIABLE
@@ -290,6 +290,16 @@ def test_land_correction_matters_on_land():
         for land in (True, False)
     )
     assert 0.5 < (corrected - plain)[..., 5].std() < 6.0
+
+
+def test_land_has_heights_and_the_sea_has_none():
+    """What lies under water is no land that a geoid would have to be corrected for."""
+    source = shipped_regions.SOURCES["egm2008_south_china_sea"]
+    geoid = shipped_regions._geoid(source)
+    elevation = shipped_regions._elevation(source, geoid, 0.0)
+    assert elevation.shape == geoid.values.shape
+    assert elevation.min() == 0.0 and elevation.max() > 1000.0
+    assert 0.5 < np.mean(elevation == 0.0) < 0.95
 
 
 def test_map_nodes_cover_the_bounds(qinling):
