@@ -16,7 +16,7 @@ from ggbench.maps.recipe import write
 from ggbench.simulation.error_free_flight import Flight, prepare
 from ggbench.spec import scenario
 from ggbench.spec.case import CaseSpec
-from ggbench.spec.sensors import FieldChange, FieldSpec, TrueField
+from ggbench.spec.sensors import FieldSpec, ModelField, TrueField
 
 ROTATING = {
     "gradiometer.noise_eotvos": None,
@@ -93,6 +93,6 @@ def over_the_normal_field(case: CaseSpec) -> CaseSpec:
         update={
             "field": FieldSpec(source="normal"),
             "truth": case.truth.model_copy(update={"field": TrueField()}),
-            "model": case.model.model_copy(update={"field": FieldChange()}),
+            "model": case.model.model_copy(update={"field": ModelField()}),
         }
     )

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -35,6 +36,14 @@ from .spline import (
 
 class OutsideMapError(GGBenchError):
     """A position lies outside the gradient map."""
+
+
+class DisturbanceMap(NamedTuple):
+    """The gravity disturbance of a map as a kernel is given it, see :class:`Field`."""
+
+    origin: np.ndarray
+    step: np.ndarray
+    coefficients: np.ndarray
 
 
 Tensor = tuple[float, float, float, float, float, float]
@@ -241,6 +250,11 @@ class Field:
     def has_map(self) -> bool:
         """Whether a disturbing field is added to the normal field."""
         return self.tensor_coefficients.size > 0
+
+    @property
+    def disturbance_map(self) -> DisturbanceMap:
+        """The gravity disturbance as arrays; of size zero without a map."""
+        return DisturbanceMap(self.origin, self.step, self.disturbance_coefficients)
 
     @property
     def upper(self) -> np.ndarray:

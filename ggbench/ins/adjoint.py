@@ -22,6 +22,7 @@ from .system_matrix import (
     DAMPING,
     DECAY,
     FORCE,
+    LONGITUDE,
     NAVIGATION_STATES,
     STATES,
     TURN,
@@ -74,10 +75,7 @@ def noise_roots(noise: np.ndarray, decaying: bool) -> Noise:
 
 @inlined
 def _transpose(f: np.ndarray, n: int, scale: float, terms: np.ndarray, k: int) -> None:
-    """Fill term k + 1 with scale · Fᵀ y of term k, y; the entries of F are ``f[n]``.
-
-    But for its second number, zero, as nothing depends on the longitude.
-    """
+    """Fill term k + 1 with scale · Fᵀ y of term k, y; the entries of F are ``f[n]``."""
     p_0, p_1 = scale * load(terms, k, 0), scale * load(terms, k, 1)
     p_2 = scale * load(terms, k, 2)
     v_0, v_1 = scale * load(terms, k, 3), scale * load(terms, k, 4)
@@ -87,6 +85,7 @@ def _transpose(f: np.ndarray, n: int, scale: float, terms: np.ndarray, k: int) -
     position = load(f, n, 0) * p_0 + load(f, n, 3) * p_1
     velocity = entries_dot(f, n, VELOCITY, 5, v_0, v_1, v_2)
     store(terms, k + 1, 0, position + velocity + entries_dot(f, n, ATTITUDE, 3, a_0, a_1, a_2))
+    store(terms, k + 1, 1, entries_dot(f, n, LONGITUDE, 1, v_0, v_1, v_2))
     position = load(f, n, 1) * p_0 + load(f, n, 4) * p_1 + load(f, n, DAMPING) * p_2
     velocity = entries_dot(f, n, VELOCITY + 1, 5, v_0, v_1, v_2)
     store(terms, k + 1, 2, position + velocity + entries_dot(f, n, ATTITUDE + 1, 3, a_0, a_1, a_2))

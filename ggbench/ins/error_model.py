@@ -16,10 +16,12 @@ from __future__ import annotations
 import numpy as np
 
 from ..gravity.ellipsoid import metres_per_radian
+from ..gravity.field import DisturbanceMap
 from ..numerics.kernels import compiled
 from ..numerics.lanes import in_lanes, out_of_lanes, unfilled
 from ..numerics.rotations import product, rotation_vector
 from .adjoint import noise_roots
+from .strapdown import NORMAL_GRAVITY
 from .system_matrix import ENTRIES, dense, entries_between, sparse
 from .system_matrix import STATES as STATES
 from .transitions import compose, delayed, intervals_of
@@ -34,6 +36,7 @@ def system_matrix(
     c_nb: np.ndarray,
     specific_force: np.ndarray,
     out: np.ndarray,
+    gravity: DisturbanceMap = NORMAL_GRAVITY,
 ) -> None:
     """Fill F (15, 15) in the variables (δL, δλ, δh), δv, φ, ε_b, ∇_b.
 
@@ -42,9 +45,11 @@ def system_matrix(
     position, velocity, c_nb : navigation state [rad, rad, m], ENU [m/s], (3, 3).
     specific_force : (3,) f^n, ENU [m/s²].
     out : (15, 15) output.
+    gravity : what the mechanization adds to normal gravity.
     """
     state = np.concatenate([position, velocity, np.ravel(c_nb)])
-    out[:, :] = _matrices(np.stack([state, state]), (c_nb.T @ specific_force)[np.newaxis], 1.0)[0]
+    force = (c_nb.T @ specific_force)[np.newaxis]
+    out[:, :] = _matrices(np.stack([state, state]), force, 1.0, gravity)[0]
 
 
 def system_matrices(
@@ -53,20 +58,23 @@ def system_matrices(
     attitudes: np.ndarray,
     delta_velocities: np.ndarray,
     dt: float,
+    gravity: DisturbanceMap = NORMAL_GRAVITY,
 ) -> np.ndarray:
     """Return F (N, 15, 15) at the middle of each of N IMU intervals of an INS track."""
     states = np.hstack([positions, velocities, attitudes.reshape(-1, 9)])
-    return _matrices(states, delta_velocities, dt)
+    return _matrices(states, delta_velocities, dt, gravity)
 
 
-def _matrices(states: np.ndarray, delta_velocities: np.ndarray, dt: float) -> np.ndarray:
+def _matrices(
+    states: np.ndarray, delta_velocities: np.ndarray, dt: float, gravity: DisturbanceMap
+) -> np.ndarray:
     """Return F (N, 15, 15) between states (N + 1, 15)."""
     count = len(delta_velocities)
     increments = np.hstack([np.zeros((count, 3)), delta_velocities])
     entries = unfilled(count, ENTRIES)
     entries_between(
         in_lanes(states[np.newaxis]), in_lanes(increments[np.newaxis]), 0, count, dt,
-        np.zeros(ENTRIES), entries,
+        np.zeros(ENTRIES), gravity, entries,
     )  # fmt: skip
     return dense(out_of_lanes(entries, 1)[0])
 

@@ -17,6 +17,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..gravity.ellipsoid import ROTATION_RATE, normal_gravity_of, radii_of_sine
+from ..gravity.field import DisturbanceMap, Field
+from ..gravity.spline import spline_at
 from ..numerics.kernels import compiled, inlined
 from ..numerics.lanes import in_lanes, lanes, out_of_lanes, unfilled
 from ..numerics.rotations import (
@@ -29,6 +31,8 @@ from ..numerics.rotations import (
 )
 from ..numerics.vectors import load, store
 
+NORMAL_GRAVITY = Field.normal().disturbance_map
+"""Of a mechanization that has no map."""
 TRACK = 15
 """Numbers of a navigation state: position, velocity and C_nb, row by row."""
 
@@ -235,8 +239,9 @@ def navigate(
     dt: float,
     heights: np.ndarray | None = None,
     gains: tuple[float, float] = (0.0, 0.0),
+    gravity: DisturbanceMap = NORMAL_GRAVITY,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Run the mechanization open loop in normal gravity over N increments.
+    """Run the mechanization open loop over N increments, in normal gravity or in a map's.
 
     With an altimeter each step ends with a correction of the vertical channel by the difference
     from its height, h −= k₁ dt (h − h_a), v_U −= k₂ dt (h − h_a), which keeps it stable (Titterton
@@ -249,6 +254,7 @@ def navigate(
     dt : IMU interval [s].
     heights : (N,) of the altimeter at the end of each interval [m]; none without one.
     gains : k₁ [1/s], k₂ [1/s²], from :func:`altimeter_gains`.
+    gravity : what is added to normal gravity, of a map at the indicated position.
 
     Returns
     -------
@@ -263,6 +269,7 @@ def navigate(
         dt,
         in_lanes(altimeter),
         gains,
+        gravity,
         track,
     )
     one = out_of_lanes(track, 1)[0]
@@ -276,6 +283,7 @@ def navigate_lanes(
     dt: float,
     heights: np.ndarray,
     gains: tuple[float, float],
+    gravity: DisturbanceMap,
     track: np.ndarray,
 ) -> None:
     """Run :func:`navigate` for a group of runs at once.
@@ -286,17 +294,36 @@ def navigate_lanes(
     increments : (N, 6, LANES) angles and velocities.
     dt : IMU interval [s].
     heights : (N, 1, LANES) of the altimeters; (0, 1, LANES) without.
-    gains : of the altimeter.
+    gains : of the altimeter. gravity : added to the normal one.
     track : (N + 1, TRACK, LANES) output: position, velocity and C_nb.
     """
     track[0] = initial[0]
     disturbance = lanes(1, 3)
     for n in range(increments.shape[0]):
+        if gravity.coefficients.size > 0:
+            _look_up(track, n, dt, gravity, disturbance)
         _step_lanes(track, increments, disturbance, n, dt)
         if heights.shape[0] > 0:
             difference = load(track, n + 1, 2) - load(heights, n, 0)
             store(track, n + 1, 2, load(track, n + 1, 2) - gains[0] * dt * difference)
             store(track, n + 1, 5, load(track, n + 1, 5) - gains[1] * dt * difference)
+
+
+@compiled
+def _look_up(
+    track: np.ndarray, n: int, dt: float, gravity: DisturbanceMap, disturbance: np.ndarray
+) -> None:
+    """Fill a map's gravity disturbances (1, 3, LANES) half a step beyond row ``n`` of a track."""
+    place, value, derivative = np.empty(3), np.empty(3), np.empty((3, 3))
+    for r in range(track.shape[2]):
+        latitude, height = track[n, 0, r], track[n, 2, r]
+        north, east = position_rate_of(place_of(latitude, height), track[n, 3, r], track[n, 4, r])
+        place[0] = latitude + 0.5 * dt * north
+        place[1] = track[n, 1, r] + 0.5 * dt * east
+        place[2] = height + 0.5 * dt * track[n, 5, r]
+        spline_at(place, gravity.origin, gravity.step, gravity.coefficients, value, derivative)
+        for i in range(3):
+            disturbance[0, i, r] = value[i]
 
 
 @inlined

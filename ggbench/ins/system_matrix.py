@@ -8,13 +8,15 @@ from __future__ import annotations
 import numpy as np
 
 from ..gravity.ellipsoid import normal_gravity_of, radii_derivatives_of
+from ..gravity.field import DisturbanceMap
+from ..gravity.spline import spline_at
 from ..numerics.kernels import compiled, inlined
 from ..numerics.vectors import load, store
 from .strapdown import frame_rates_of, place_of
 
 STATES = 15
 NAVIGATION_STATES = 9
-# F by its entries that are not always zero; 48 of them, in this order.
+# F by its entries that are not always zero; 51 of them, in this order.
 # 0 to 5: (L; L, h, v_N), (λ; L, h, v_E)
 DAMPING = 6  # (h; h)
 VELOCITY = 7  # (v_i; L, h, v_E, v_N, v_U) of each i
@@ -23,7 +25,8 @@ ATTITUDE = 25  # (φ_i; L, h, v_E or v_N) of each i
 TURN = 34  # ω_in, of −[ω_in ×]
 BODY = 37  # C_nb
 DECAY = 46  # 1/T of the gyro and of the accelerometer biases, negative
-ENTRIES = 48
+LONGITUDE = 48  # (v_i; λ) of each i, zero unless a map's gravity is added
+ENTRIES = 51
 
 
 def _places() -> list[tuple[int, int, int, float]]:
@@ -34,6 +37,7 @@ def _places() -> list[tuple[int, int, int, float]]:
         j, k = (i + 1) % 3, (i + 2) % 3
         for at, column in enumerate((0, 2, 3, 4, 5)):
             places.append((3 + i, column, VELOCITY + 5 * i + at, 1.0))
+        places.append((3 + i, 1, LONGITUDE + i, 1.0))
         for at, column in enumerate((0, 2, 4 if i == 0 else 3)):
             places.append((6 + i, column, ATTITUDE + 3 * i + at, 1.0))
         places += [(3 + i, 6 + k, FORCE + j, 1.0), (3 + i, 6 + j, FORCE + k, -1.0)]
@@ -49,7 +53,7 @@ _ROWS, _COLUMNS, _WHICH, _SIGNS = (np.array(column) for column in zip(*_places()
 
 
 def dense(entries: np.ndarray) -> np.ndarray:
-    """Return F (N, 15, 15) of its entries (N, 48)."""
+    """Return F (N, 15, 15) of its entries (N, 51)."""
     matrices = np.zeros((len(entries), STATES, STATES))
     matrices[:, _ROWS, _COLUMNS] = _SIGNS * entries[:, _WHICH]
     matrices[:, 2, 5] = 1.0
@@ -57,7 +61,7 @@ def dense(entries: np.ndarray) -> np.ndarray:
 
 
 def sparse(matrices: np.ndarray) -> np.ndarray:
-    """Return the entries (N, 48) of F (N, 15, 15)."""
+    """Return the entries (N, 51) of F (N, 15, 15)."""
     entries = np.empty((len(matrices), ENTRIES))
     entries[:, _WHICH] = _SIGNS * matrices[:, _ROWS, _COLUMNS]
     return entries
@@ -157,6 +161,7 @@ def entries_between(
     last: int,
     dt: float,
     constant: np.ndarray,
+    gravity: DisturbanceMap,
     out: np.ndarray,
 ) -> None:
     """Fill the entries of F at the middles of the IMU intervals between two samples.
@@ -167,6 +172,7 @@ def entries_between(
     increments : (N, 6, LANES) of angle, and of velocity [m/s]. dt : IMU interval [s].
     first, last : the samples.
     constant : (ENTRIES,) what is added to F, of which only damping and decay may differ from zero.
+    gravity : what the mechanization adds to normal gravity.
     out : (., ENTRIES, LANES) output, ``last - first`` intervals.
     """
     for n in range(first, last):
@@ -186,3 +192,24 @@ def entries_between(
         store(out, m, VELOCITY + 11, load(out, m, VELOCITY + 11) + constant[VELOCITY + 11])
         store(out, m, DECAY, constant[DECAY])
         store(out, m, DECAY + 1, constant[DECAY + 1])
+        if gravity.coefficients.size > 0:
+            _add_gradient(track, n, gravity, out, m)
+        else:
+            for i in range(3):
+                store(out, m, LONGITUDE + i, 0.0)
+
+
+@compiled
+def _add_gradient(
+    track: np.ndarray, n: int, gravity: DisturbanceMap, out: np.ndarray, m: int
+) -> None:
+    """Add to F at ``m`` how a map's gravity changes with the position, halfway from ``n`` on."""
+    place, value, slope = np.empty(3), np.empty(3), np.empty((3, 3))
+    for r in range(track.shape[2]):
+        for axis in range(3):
+            place[axis] = 0.5 * (track[n, axis, r] + track[n + 1, axis, r])
+        spline_at(place, gravity.origin, gravity.step, gravity.coefficients, value, slope)
+        for i in range(3):
+            out[m, VELOCITY + 5 * i, r] += slope[i, 0]
+            out[m, LONGITUDE + i, r] = slope[i, 1]
+            out[m, VELOCITY + 5 * i + 1, r] += slope[i, 2]

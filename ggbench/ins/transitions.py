@@ -12,6 +12,7 @@ import math
 import numpy as np
 
 from ..gravity.ellipsoid import metres_per_radian_of
+from ..gravity.field import DisturbanceMap
 from ..numerics.kernels import compiled
 from ..numerics.lane_algebra import add_products
 from ..numerics.lanes import lanes
@@ -102,6 +103,7 @@ def transitions_lanes(
     epochs: np.ndarray,
     dt: float,
     constant: np.ndarray,
+    gravity: DisturbanceMap,
     noise: Noise,
     transition: np.ndarray,
     process_cov: np.ndarray,
@@ -113,7 +115,8 @@ def transitions_lanes(
     track : (N + 1, TRACK, LANES) from :func:`ggbench.ins.strapdown.navigate_lanes`.
     increments : (N, 6, LANES) of the IMU.
     epochs : (K,) increasing indices of IMU samples. dt : IMU interval [s].
-    constant : (ENTRIES,) what is added to F. noise : that drives the state.
+    constant : (ENTRIES,) what is added to F. gravity : what is added to normal gravity.
+    noise : that drives the state.
     transition, process_cov : (R, K, n, n) of R runs, output; states from 15 on are not touched.
     """
     longest = epochs[0]
@@ -124,7 +127,7 @@ def transitions_lanes(
     _metres(track, 0, start)
     for k in range(epochs.shape[0]):
         last = epochs[k]
-        entries_between(track, increments, first, last, dt, constant, entries)
+        entries_between(track, increments, first, last, dt, constant, gravity, entries)
         _metres(track, last, end)
         compose(entries[: last - first], dt, noise, start, end, transition[:, k], process_cov[:, k])
         start[:] = end
@@ -165,13 +168,14 @@ def delayed_rows_lanes(
     delays: np.ndarray,
     dt: float,
     constant: np.ndarray,
+    gravity: DisturbanceMap,
     rows: np.ndarray,
 ) -> None:
     """Fill B (R, K, 6, 15) of :func:`.error_model.delayed_rows` along the tracks of R runs.
 
     Parameters
     ----------
-    track, increments, epochs, dt, constant : as in :func:`transitions_lanes`.
+    track, increments, epochs, dt, constant, gravity : as in :func:`transitions_lanes`.
     delays : (K,) [s]. rows : output.
     """
     then, now = lanes(1, 2), lanes(1, 2)
@@ -179,7 +183,7 @@ def delayed_rows_lanes(
         last = epochs[k]
         first, part, nearest = intervals_of(delays[k], last, dt)
         entries = lanes(last - first, ENTRIES)
-        entries_between(track, increments, first, last, dt, constant, entries)
+        entries_between(track, increments, first, last, dt, constant, gravity, entries)
         _metres(track, nearest, then)
         _metres(track, last, now)
         delayed(entries, part, dt, then, now, rows[:, k])

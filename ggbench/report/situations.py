@@ -18,6 +18,7 @@ SITUATIONS = {
     "long": f"Long flight ({LONG_S / 60.0:g} min or more)",
     "readings": "Outliers or gaps in the readings",
     "map": "A map that is not the field",
+    "gravity": "Gravity that the mechanization does not know",
     "model": "Sensors, times or initial errors other than the estimators believe",
     NOTHING: "Aiding gains nothing",
 }
@@ -37,9 +38,12 @@ def situation_of(case: CaseSpec, gained: str) -> str:
     wrong = {key for key in changed if key.split(".")[0] in ("truth", "model")}
     if any(word in key for key in wrong for word in _READINGS):
         return "readings"
-    # What the accelerometers feel is no part of the map.
-    if any(key.split(".")[1] == "field" for key in wrong - {"truth.field.gravity_disturbance"}):
+    # What the accelerometers feel and the mechanization adds is no part of the map.
+    wrong -= {"truth.field.gravity_disturbance", "model.field.compensate"}
+    if any(key.split(".")[1] == "field" for key in wrong):
         return "map"
+    if case.side("truth").field.gravity_disturbance and not case.model.field.compensate:
+        return "gravity"
     if case.initial_error.position_m >= WIDE_M:
         return "wide"
     if case.trajectory.duration_s >= LONG_S:

@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from ..gravity.field import DisturbanceMap
 from ..ins.adjoint import Noise, noise_roots
 from ..ins.error_model import (
     ACCELEROMETER_BIAS,
@@ -152,6 +153,7 @@ class Equipment:
         increments: np.ndarray,
         epochs: np.ndarray,
         dt: float,
+        gravity: DisturbanceMap,
         transition: np.ndarray,
         process_cov: np.ndarray,
     ) -> None:
@@ -161,10 +163,13 @@ class Equipment:
         ----------
         track, increments : (N + 1, 15, LANES), (N, 6, LANES) of :func:`.strapdown.navigate_lanes`.
         epochs : (K,) indices of samples. dt : [s].
+        gravity : what the mechanization adds to normal gravity.
         transition, process_cov : output.
         """
         constant, noise = self._constants
-        transitions_lanes(track, increments, epochs, dt, constant, noise, transition, process_cov)
+        transitions_lanes(
+            track, increments, epochs, dt, constant, gravity, noise, transition, process_cov
+        )
         self._add_biases(epochs, dt, transition, process_cov)
 
     def delayed_rows(
@@ -174,11 +179,12 @@ class Equipment:
         epochs: np.ndarray,
         delays: np.ndarray,
         dt: float,
+        gravity: DisturbanceMap,
         rows: np.ndarray,
     ) -> None:
         """Fill rows (R, K, 6, 15) of :func:`.error_model.delayed_rows`, as :meth:`along` does."""
         constant, _ = self._constants
-        delayed_rows_lanes(track, increments, epochs, delays, dt, constant, rows)
+        delayed_rows_lanes(track, increments, epochs, delays, dt, constant, gravity, rows)
 
     def _add_biases(
         self, epochs: np.ndarray, dt: float, transition: np.ndarray, process_cov: np.ndarray

@@ -10,7 +10,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from ..errors import GGBenchError
-from ..gravity.field import Field
+from ..gravity.field import DisturbanceMap, Field
 from ..ins import strapdown
 from ..ins.error_model import POSITION, STATES, system_matrices
 from ..sensors.gradiometer.faults import Faults
@@ -67,6 +67,11 @@ class Flight:
         """Sensors and prior as the estimators know them."""
         return equip(self.case, "model")
 
+    def added_gravity(self, field: Field) -> DisturbanceMap:
+        """Return what the mechanization, if it has this field, adds to normal gravity."""
+        compensates = self.case.model.field.compensate
+        return field.disturbance_map if compensates else strapdown.NORMAL_GRAVITY
+
     @cached_property
     def faults(self) -> Faults:
         """What is wrong with the gradiometer beyond noise and biases."""
@@ -114,7 +119,12 @@ class Flight:
         truth, true = self.trajectory, self.true
         matrices, noise = true.complete(
             system_matrices(
-                truth.positions, truth.velocities, truth.attitudes, self.delta_velocities, truth.dt
+                truth.positions,
+                truth.velocities,
+                truth.attitudes,
+                self.delta_velocities,
+                truth.dt,
+                self.added_gravity(self.field),
             )
         )
         transition, process_cov = true.system(

@@ -191,9 +191,11 @@ def _navigate(
     sigma = np.sqrt(np.diag(true.prior_cov)[:STATES])
     initial = [_perturbed(truth, sigma * s.initial.standard_normal(STATES)) for s in streams]
     heights, gains = _altimeter_readings(flight, streams)
+    added = flight.added_gravity(flight.model_field)
     navigate_lanes(
-        in_lanes(np.stack(initial)[:, np.newaxis]), increments, dt, heights, gains, track
-    )
+        in_lanes(np.stack(initial)[:, np.newaxis]), increments, dt, heights, gains,
+        added, track,
+    )  # fmt: skip
 
     out.states[:] = out_of_lanes(track[epochs], runs)
     out.biases[:] = biases
@@ -209,8 +211,8 @@ def _navigate(
         start, end = (out_of_lanes(c[:, 6:], runs) for c in (before, after))
         turned = between(start.reshape(-1, 3, 3), end.reshape(-1, 3, 3), np.tile(share, runs))
         out.delayed_attitudes[:] = turned.reshape(shape)
-    model.along(track, increments, epochs, dt, out.transition, out.process_cov)
-    model.delayed_rows(track, increments, epochs, delays, dt, out.rows)
+    model.along(track, increments, epochs, dt, added, out.transition, out.process_cov)
+    model.delayed_rows(track, increments, epochs, delays, dt, added, out.rows)
 
 
 def _inertial_readings(

@@ -311,6 +311,12 @@ class TrueField(FieldChange):
     gravity_disturbance: bool | None = None
 
 
+class ModelField(FieldChange):
+    """``[model.field]``: also says whether the INS takes its map's disturbance into account."""
+
+    compensate: bool = False
+
+
 class TruthSpec(Section):
     """``[truth]``: what the simulation does, and no estimator is told."""
 
@@ -325,7 +331,7 @@ class ModelSpec(Section):
 
     imu: ImuChange = ImuChange()
     gradiometer: GradiometerChange = GradiometerChange()
-    field: FieldChange = FieldChange()
+    field: ModelField = ModelField()
     initial_error: InitialErrorChange = InitialErrorChange()
 
 

@@ -204,7 +204,6 @@ def test_situations_are_those_of_the_keys(changes, gained, situation):
         ({"truth": {"imu": {}, "field": {}}}, "plain"),
         ({"model": {"imu": {"gyro_bias_deg_per_h": 0.0}}}, "model"),
         ({"model": {"field": {"land_correction": False}}}, "map"),
-        ({"truth": {"field": {"gravity_disturbance": True}}}, "model"),
     ],
 )
 def test_what_truth_and_model_disagree_on_makes_a_situation(keys, situation):
@@ -215,6 +214,27 @@ def test_what_truth_and_model_disagree_on_makes_a_situation(keys, situation):
             return super().model_dump(**options) | keys
 
     assert situations.situation_of(Changed(**dict(case())), "gains") == situation
+
+
+@pytest.mark.parametrize(
+    ("felt", "compensate", "situation"),
+    [(False, False, "plain"), (True, False, "gravity"), (True, True, "plain")],
+)
+@pytest.mark.parametrize("side", ["both", "truth"])
+def test_gravity_that_is_felt_and_not_compensated_makes_a_situation(
+    side, felt, compensate, situation
+):
+    """Wherever the file says so; one that the mechanization takes from its map makes none."""
+    spec = case()
+    changed = {"gravity_disturbance": felt}
+    if side == "both":
+        spec = spec.model_copy(update={"field": spec.field.model_copy(update=changed)})
+    else:
+        truth = spec.truth.model_copy(update={"field": spec.truth.field.model_copy(update=changed)})
+        spec = spec.model_copy(update={"truth": truth})
+    field = spec.model.field.model_copy(update={"compensate": compensate})
+    spec = spec.model_copy(update={"model": spec.model.model_copy(update={"field": field})})
+    assert situations.situation_of(spec, "gains") == situation
 
 
 @pytest.mark.parametrize(

@@ -7,11 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from small_cases import ROTATING, over_the_normal_field, small_flight
+from small_cases import ROTATING, over_the_normal_field, rough_map, small_flight
 
 from ggbench.block import ProblemBlock
+from ggbench.gravity.field import Field
 from ggbench.ins import error_model
-from ggbench.ins.strapdown import navigate, navigate_lanes
+from ggbench.ins.strapdown import NORMAL_GRAVITY, navigate, navigate_lanes
+from ggbench.maps.recipe import read
 from ggbench.numerics.kernels import LANES
 from ggbench.numerics.lanes import in_lanes, lanes
 from ggbench.simulation.error_free_flight import Flight, prepare
@@ -123,10 +125,18 @@ def test_streams_are_the_children_of_a_campaigns_seed():
         )
 
 
-@pytest.mark.parametrize("what", ["strapdown", "altimeter", "wandering biases", "both"])
-def test_error_model_along_tracks_is_that_of_each_track(what):
-    """Φ, Q and delayed rows of runs in their lanes are those that F, formed ahead, leads to."""
-    changes = FAULTS["altimeter"] | FAULTS["wandering biases"] if what == "both" else FAULTS[what]
+@pytest.mark.parametrize("what", ["strapdown", "altimeter", "wandering biases", "both", "map"])
+def test_error_model_along_tracks_is_that_of_each_track(what, tmp_path):
+    """Φ, Q and delayed rows of runs in their lanes are those that F, formed ahead, leads to.
+
+    With a map's gravity added, too, which each run looks up where it believes to be.
+    """
+    both = FAULTS["altimeter"] | FAULTS["wandering biases"]
+    changes = both if what in ("both", "map") else FAULTS[what]
+    gravity = NORMAL_GRAVITY
+    if what == "map":
+        rough = rough_map(tmp_path / "map.npz", rms=300.0)
+        gravity = Field.from_map(read(rough)).disturbance_map
     flight = small_flight(changes)
     truth, model, dt = flight.trajectory, flight.model, flight.trajectory.dt
     rng = np.random.default_rng(1)
@@ -135,21 +145,22 @@ def test_error_model_along_tracks_is_that_of_each_track(what):
     start = np.concatenate([truth.positions[0], truth.velocities[0], truth.attitudes[0].ravel()])
     track = lanes(len(exact) + 1, 15)
     navigate_lanes(
-        in_lanes(start.reshape(1, 1, 15)), increments, dt, lanes(0, 1), (0.0, 0.0), track
-    )
+        in_lanes(start.reshape(1, 1, 15)), increments, dt, lanes(0, 1), (0.0, 0.0),
+        gravity, track,
+    )  # fmt: skip
     epochs, delays = np.array([7, 8, 30]), np.array([0.2, 0.0, 0.333])
     transition, process_cov = np.empty((2, 3, 3, model.dimension, model.dimension))
     rows = np.empty((3, 3, 6, 15))
-    model.along(track, increments, epochs, dt, transition, process_cov)
-    model.delayed_rows(track, increments, epochs, delays, dt, rows)
+    model.along(track, increments, epochs, dt, gravity, transition, process_cov)
+    model.delayed_rows(track, increments, epochs, delays, dt, gravity, rows)
     for run in range(3):
         one = navigate(
             truth.positions[0], truth.velocities[0], truth.attitudes[0],
-            increments[:, :3, run], increments[:, 3:, run], dt,
+            increments[:, :3, run], increments[:, 3:, run], dt, gravity=gravity,
         )  # fmt: skip
         np.testing.assert_array_equal(one[0], track[:, :3, run])
         matrices, noise = model.complete(
-            error_model.system_matrices(*one, increments[:, 3:, run], dt)
+            error_model.system_matrices(*one, increments[:, 3:, run], dt, gravity)
         )
         expected = model.system(matrices, noise, one[0], epochs, dt)
         np.testing.assert_allclose(transition[run], expected[0], rtol=1e-12, atol=1e-15)

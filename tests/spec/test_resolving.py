@@ -149,6 +149,15 @@ LIMITS = {
         {"truth.field.source": "x.nc", "truth.field.gravity_disturbance": True},
         {"model.field.source": "x.nc", "truth.field.gravity_disturbance": True}, "needs a map",
     ),
+    "a disturbance that is compensated": (
+        {"field.source": "x.nc", "field.gravity_disturbance": True, "model.field.compensate": True},
+        {"field.source": "x.nc", "model.field.compensate": True}, "the accelerometers feel none",
+    ),
+    "a map to compensate from": (
+        {"field.source": "x.nc", "field.gravity_disturbance": True, "model.field.compensate": True},
+        {"truth.field.source": "x.nc", "truth.field.gravity_disturbance": True,
+         "model.field.source": "normal", "model.field.compensate": True}, "has no disturbance to",
+    ),
     "readings of a filter": (
         {"truth.gradiometer.dropout_share": 0.1},
         {"truth.gradiometer.dropout_share": 0.1, "gradiometer.filter": "butterworth"},
