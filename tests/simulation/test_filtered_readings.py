@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from conftest import flight
 from scipy.stats import chi2
-from small_cases import small_flight
+from small_cases import QUIET, small_flight
 
 from ggbench.campaign import registry
 from ggbench.campaign.records import shared_arrays
@@ -50,6 +50,21 @@ def test_it_is_white_noise_on_the_output_and_nothing_else_changes(filtered):
     products = unit[:, 1:] * unit[:, :-1]
     assert abs(products.sum()) / np.sqrt(products.size) < 3.9
     assert abs((unit[..., 0] * unit[..., 1]).sum()) / np.sqrt(unit[..., 0].size) < 3.9
+
+
+@pytest.mark.parametrize("treatment", ["whitened", "delayed"])
+def test_biases_go_through_the_filter_as_the_model_says(treatment):
+    """From its start on: of 100 E the hundredth of an E of noise is all that h leaves."""
+    biased = small_flight(
+        FILTERED | QUIET
+        | {"gradiometer.bias_eotvos": 100.0, "gradiometer.filter_treatment": treatment}
+    )  # fmt: skip
+    for run in range(3):
+        problem, truth = simulate(biased, 23, run)
+        assert np.abs(truth.error_state[:, 15:]).max() > 50.0
+        predicted = [problem.model.predict(k, x) for k, x in enumerate(truth.error_state)]
+        residuals = (problem.measurements - predicted) / np.sqrt(problem.noise_cov[0, 0])
+        assert np.abs(residuals).max() < 6.0
 
 
 @pytest.mark.parametrize("behind", [1e-4, 1e-3, 0.01, 0.1])
