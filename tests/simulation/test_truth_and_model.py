@@ -464,7 +464,7 @@ def test_errors_that_decay_within_the_filters_delay_are_refused():
 
 @pytest.mark.parametrize("instrument", ["strapdown", "local-level", "platform"])
 def test_what_a_rotating_instrument_feels_is_the_mean_of_each_reading(instrument):
-    """In level flight to the east: gravity's reaction, less what the Earth's curve and turn take."""
+    """In level flight to the east: against gravity, less what the Earth's curve and turn take."""
     flight = small_flight(ROTATING | {"gradiometer.instrument": instrument})
     force, rate = flight.motion
     assert force.shape == rate.shape == (len(flight.times), 3)
