@@ -83,6 +83,7 @@ def test_compare_folders_with_nothing_in_common(folder, tmp_path):
     assert "ins" in done.stderr
 
 
+@pytest.mark.long
 def test_a_report_sets_estimators_beside_each_other(folder, tmp_path):
     """Each estimator against the best one, though the other one was asked for first."""
     run = ["run", "small.toml", "-n", "30", "-s", "5", "-c", "base", "-o", str(tmp_path / "o")]

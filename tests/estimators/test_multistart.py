@@ -217,7 +217,9 @@ def test_more_starts_never_end_higher():
         assert several.info["cost"] < one.info["cost"] + 1e-3
 
 
-@pytest.mark.parametrize("label", ["gaussian-sum", "gauss-newton[starts=256]"])
+@pytest.mark.parametrize(
+    "label", [pytest.param("gaussian-sum", marks=pytest.mark.long), "gauss-newton[starts=256]"]
+)
 def test_errors_at_wide_priors_are_those_that_the_covariance_tells(label):
     """The NEES of the final position over the runs lies within χ² limits (false alarms 1e-4)."""
     total = 0.0

@@ -53,6 +53,26 @@ def test_the_value_that_marks_a_gap_is_none(tmp_path):
                 read_grid(path, "disturbance")
 
 
+def test_nodes_must_be_regular(tmp_path):
+    """A node a tenth of a step off its place is no grid."""
+    path = written(tmp_path / "grid.nc", 30.0, 5.0, np.ones((20, 20)))
+    read_grid(path, "geoid")
+    with netCDF4.Dataset(path, "a") as file:
+        file.variables["lon"][7] += 0.01
+    with pytest.raises(MapError, match="longitude must be regular"):
+        read_grid(path, "geoid")
+
+
+@pytest.mark.parametrize(("kind", "unit"), [("geoid", 1.0), ("anomaly", 1e-5)])
+def test_a_raster_is_in_metres_or_milligal(kind, unit, tmp_path):
+    path = tmp_path / "grid.asc"
+    head = ["ncols 20", "nrows 20", "xllcorner 5.0", "yllcorner 40.0", "cellsize 0.1"]
+    path.write_text("\n".join([*head, *[" ".join(["12.0"] * 20)] * 20, ""]))
+    grid = read_grid(path, kind)
+    np.testing.assert_allclose(grid.values, 12.0 * unit)
+    assert (grid.south_deg, grid.west_deg) == pytest.approx((40.05, 5.05))
+
+
 STEP = 0.01
 """Of the terrain [deg]; the grid's is ten times that."""
 

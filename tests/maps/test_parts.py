@@ -57,7 +57,9 @@ def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-@pytest.mark.parametrize("level", [1200.0, -3000.0], ids=["land", "sea"])
+@pytest.mark.parametrize(
+    "level", [1200.0, pytest.param(-3000.0, marks=pytest.mark.long)], ids=["land", "sea"]
+)
 def test_a_smooth_terrain_adds_nothing_to_the_harmonics(level):
     whole, residual = (tensor(level, True, False, degree) for degree in (None, DEGREE))
     print(f"{rms(residual):.3f} of {rms(whole):.3f} E are left")
@@ -71,6 +73,7 @@ def test_gravity_of_a_smooth_terrain_is_not_counted_twice():
     assert rms(residual) < 0.02 * np.std(whole[..., 2])
 
 
+@pytest.mark.long
 def test_a_rough_terrain_adds_its_whole_field():
     whole = tensor(1200.0, False, True) - tensor(1200.0, False, False)
     residual = tensor(1200.0, False, True, DEGREE)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from conftest import flight
 from scipy.stats import chi2
-from small_cases import small_flight
+from small_cases import QUIET, small_flight
 
 from ggbench.campaign import registry
 from ggbench.campaign.records import shared_arrays
@@ -50,6 +50,29 @@ def test_it_is_white_noise_on_the_output_and_nothing_else_changes(filtered):
     products = unit[:, 1:] * unit[:, :-1]
     assert abs(products.sum()) / np.sqrt(products.size) < 3.9
     assert abs((unit[..., 0] * unit[..., 1]).sum()) / np.sqrt(unit[..., 0].size) < 3.9
+
+
+@pytest.mark.parametrize("treatment", ["whitened", "delayed"])
+def test_biases_go_through_the_filter(treatment):
+    """Those that walk come out as the filter makes them; of constant ones h knows all."""
+    filtered = FILTERED | QUIET | {"gradiometer.filter_treatment": treatment}
+    bias, drift = "gradiometer.bias_eotvos", "gradiometer.drift_eotvos_per_sqrt_h"
+    problem, truth = simulate(small_flight(filtered | {bias: 100.0}), 23, 0)
+    assert np.abs(truth.error_state[:, 15:]).max() > 50.0
+    predicted = [problem.model.predict(k, x) for k, x in enumerate(truth.error_state)]
+    assert np.abs((problem.measurements - predicted) / np.sqrt(problem.noise_cov[0, 0])).max() < 6.0
+
+    still, walking = (small_flight(filtered | {bias: 1.0, drift: d}) for d in (0.0, 1000.0))
+    (without, truth), (with_it, walked) = (simulate(each, 23, 0) for each in (still, walking))
+    walk = (walked.error_state - truth.error_state)[:, 15:]
+    assert np.ptp(walk, axis=0).max() > 10.0
+    prefilter, lowpass = still.model.treatment(len(still.times)), still.true.gradiometer.lowpass
+    np.testing.assert_allclose(
+        with_it.measurements - without.measurements,
+        prefilter.apply(lowpass.apply(walk)),
+        rtol=0.0,
+        atol=1e-6,
+    )
 
 
 @pytest.mark.parametrize("behind", [1e-4, 1e-3, 0.01, 0.1])

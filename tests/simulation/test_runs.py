@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from conftest import flight
 from scipy.stats import chi2
+from small_cases import QUIET, small_flight
 
 from ggbench.problem import Problem
 from ggbench.sensors.gradiometer.lowpass import prefilter
@@ -216,6 +217,24 @@ def test_gravity_disturbance_drives_the_ins(wang):
     expected = np.cumsum(velocity, axis=0)[59]
     assert np.abs(expected).max() > 0.1
     np.testing.assert_allclose(drift[59, :3], expected, atol=0.05 * np.abs(expected).max())
+
+
+def test_an_altimeter_tells_the_height_of_now():
+    """In a climb of 20 m/s an INS without other errors stays within millimetres of the truth."""
+    climbing = small_flight(
+        QUIET
+        | {
+            "trajectory.segment": [
+                {"kind": "climb", "by_height_m": 300.0, "climb_angle_deg": 5.0},
+                {"kind": "cruise", "duration_s": 5.0},
+            ],
+            "altimeter.noise_m_per_sqrt_hz": 1e-4,
+            "altimeter.time_constant_s": 2.0,
+        }
+    )
+    assert climbing.trajectory.velocities[:, 2].max() > 15.0
+    _, truth = simulate(climbing, 3, 0)
+    assert np.abs(truth.error_state[:, 2]).max() < 0.01
 
 
 # The wall between estimators and the truth.
