@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from pathlib import Path
 from typing import Any
@@ -14,15 +13,11 @@ from small_cases import ROTATING, rough_map, small_case, small_flight
 
 from ggbench.campaign import result_keys
 from ggbench.errors import GGBenchError
-from ggbench.gravity.field import OutsideMapError
-from ggbench.gravity.gradient_map import MapError
 from ggbench.simulation.error_free_flight import prepare
-from ggbench.simulation.field_source import make_field
 from ggbench.simulation.runs import simulate
 from ggbench.spec import scenario
 from ggbench.spec.case import CaseSpec
 from ggbench.spec.scenario import ScenarioError
-from ggbench.spec.sensors import FieldSpec
 
 
 def test_new_keys_leave_the_identity_of_old_cases():
@@ -443,14 +438,6 @@ def test_every_error_of_a_model_map_is_another_problem():
     assert len(set(hashes)) == len(hashes) - 1  # the two without any error are one
 
 
-def test_the_estimators_map_must_hold_the_flight(tmp_path):
-    """The truth may have no map at all; what the estimators compare with must be there."""
-    there = rough_map(tmp_path / "map.npz")
-    prepare(small_case({"model.field.source": there}))
-    with pytest.raises(OutsideMapError, match=r"33\.\d+° N, 108\.\d+° E, 10000 m is outside"):
-        prepare(small_case({"model.field.source": there, "trajectory.longitude_deg": 108.2}))
-
-
 def test_errors_that_decay_within_the_filters_delay_are_refused():
     """The model takes the state back over the delay, where a decay would be a growth."""
     filtered = {"gradiometer.filter": "butterworth", "gradiometer.filter_treatment": "delayed"}
@@ -473,22 +460,3 @@ def test_what_a_rotating_instrument_feels_is_the_mean_of_each_reading(instrument
     turning = np.linalg.norm(rate, axis=1)
     assert (turning < 1.3e-4).all()
     assert (turning > 2e-5).all() == (instrument == "strapdown")
-
-
-def test_a_map_that_is_written_anew_is_read_anew(tmp_path):
-    """Within one process, a notebook say: by the time of the file."""
-    path = Path(rough_map(tmp_path / "map.npz", seed=1))
-    before = make_field(FieldSpec(source=str(path)))
-    assert make_field(FieldSpec(source=str(path))) is before
-    rough_map(path, seed=2)
-    os.utime(path, ns=(path.stat().st_mtime_ns + 10**9,) * 2)
-    after = make_field(FieldSpec(source=str(path)))
-    assert (after.tensor_coefficients != before.tensor_coefficients).any()
-
-
-@pytest.mark.parametrize("key", ["land_correction", "relief_smoothing_deg", "density_kg_m3"])
-@pytest.mark.parametrize("source", ["normal", "map.nc"])
-def test_how_a_map_is_built_means_nothing_without_building_one(key, source):
-    value = {"land_correction": False, "relief_smoothing_deg": 0.1, "density_kg_m3": 2500.0}[key]
-    with pytest.raises(MapError, match=rf"field.{key} is {value}, which means nothing for source"):
-        make_field(FieldSpec.model_validate({"source": source, key: value}))

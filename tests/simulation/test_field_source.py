@@ -1,0 +1,62 @@
+"""The fields of a case: from which maps, where they must be, how a map is made wrong."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_cases import rough_map, small_case
+
+from ggbench.gravity.field import OutsideMapError
+from ggbench.gravity.gradient_map import MapError
+from ggbench.simulation.error_free_flight import prepare
+from ggbench.simulation.field_source import make_field
+from ggbench.spec.sensors import FieldSpec, MapErrorSpec
+
+
+def test_the_estimators_map_must_hold_the_flight(tmp_path):
+    """The truth may have no map at all; what the estimators compare with must be there."""
+    there = rough_map(tmp_path / "map.npz")
+    prepare(small_case({"model.field.source": there}))
+    with pytest.raises(OutsideMapError, match=r"33\.\d+° N, 108\.\d+° E, 10000 m is outside"):
+        prepare(small_case({"model.field.source": there, "trajectory.longitude_deg": 108.2}))
+
+
+def test_a_map_that_is_written_anew_is_read_anew(tmp_path):
+    """Within one process, a notebook say: by the time of the file."""
+    path = Path(rough_map(tmp_path / "map.npz", seed=1))
+    before = make_field(FieldSpec(source=str(path)))
+    assert make_field(FieldSpec(source=str(path))) is before
+    rough_map(path, seed=2)
+    os.utime(path, ns=(path.stat().st_mtime_ns + 10**9,) * 2)
+    after = make_field(FieldSpec(source=str(path)))
+    assert (after.tensor_coefficients != before.tensor_coefficients).any()
+
+
+@pytest.mark.parametrize("key", ["land_correction", "relief_smoothing_deg", "density_kg_m3"])
+@pytest.mark.parametrize("source", ["normal", "map.nc"])
+def test_how_a_map_is_built_means_nothing_without_building_one(key, source):
+    value = {"land_correction": False, "relief_smoothing_deg": 0.1, "density_kg_m3": 2500.0}[key]
+    with pytest.raises(MapError, match=rf"field.{key} is {value}, which means nothing for source"):
+        make_field(FieldSpec.model_validate({"source": source, key: value}))
+
+
+def test_a_wrong_density_is_a_factor_of_the_whole_disturbing_field(tmp_path):
+    """Of the gradients and of the gravity that comes with them."""
+    path = rough_map(tmp_path / "map.npz")
+    right = make_field(FieldSpec(source=path))
+    wrong = make_field(FieldSpec(source=path, error=MapErrorSpec(density_factor=1.25)))
+    for name in ("tensor_coefficients", "disturbance_coefficients"):
+        np.testing.assert_allclose(getattr(wrong, name), 1.25 * getattr(right, name), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "bounds", [(33.6, 33.5, 108.0, 108.1), (33.5, 33.6, 108.1, 108.0), (33.5, 33.6, 108.0, 108.0)]
+)
+def test_a_region_to_cut_a_map_to_has_ascending_bounds(bounds):
+    names = ("south_deg", "north_deg", "west_deg", "east_deg")
+    spec = FieldSpec(source="map.nc", **dict(zip(names, bounds, strict=True)))
+    with pytest.raises(MapError, match="each ascending, or none of them"):
+        make_field(spec)
