@@ -19,6 +19,27 @@ from ggbench.numerics import rotations
 from ggbench.simulation.error_free_flight import Flight, prepare
 from ggbench.spec import scenario
 
+FIRST = "test_accuracy.py"
+"""The file that compiles most and lasts longest."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Run the tests of the rooms from the ground up, but one file at once.
+
+    Processes beside the one that compiles nearly all there is then have work that needs little of
+    it; in the order of the alphabet they would wait for it.
+    """
+    from test_rooms import FLOORS
+
+    rooms = [room for floor in FLOORS for room in floor]
+
+    def place(item: pytest.Item) -> int:
+        room = item.path.parent.name
+        return -1 if item.path.name == FIRST else rooms.index(room) if room in rooms else len(rooms)
+
+    items.sort(key=place)
+
+
 # Central difference of sixth order: offsets in steps, and weights per step.
 OFFSETS = np.array([-3.0, -2.0, -1.0, 1.0, 2.0, 3.0])
 WEIGHTS = np.array([-1.0, 9.0, -45.0, 45.0, -9.0, 1.0]) / 60.0

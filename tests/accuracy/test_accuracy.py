@@ -16,6 +16,7 @@ docstring says how probable it is that it fails for another seed although nothin
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import math
 
@@ -35,6 +36,7 @@ from problems import (
 )
 from scipy.stats import chi2, norm
 
+from ggbench.judging.run_errors import evaluate_block
 from ggbench.judging.summary import (
     WINDOWS,
     Evaluation,
@@ -92,6 +94,9 @@ def judge(twin: str) -> list[tuple[str, str, int, dict]]:
         made = flight(case)
         block, truths = simulate_block(made, SEED, runs)
         filtered = estimator(COMPILED_EKF).estimate_block(block)
+        of_block, flaws = evaluate_block(truths.error_state, filtered.mean, filtered.cov)
+        assert not any(flaws)
+        of_block = dataclasses.replace(of_block, nis=filtered.nis)
         bound = squared_bounds(made.bound.filtering[-1:])[0][0]
         for run in range(len(runs)):
             problem, few = block.problem(run), run < FEWER_RUNS
@@ -107,11 +112,11 @@ def judge(twin: str) -> list[tuple[str, str, int, dict]]:
                 final = {"error": truth.error_state[-1, :6], "cov": propagated(problem)[1][-1]}
                 out.append((case, "ins", run, final))
             ins_error = float(np.linalg.norm(truth.error_state[-1, :3]))
-            estimates = {COMPILED_EKF: filtered.estimate(run)}
+            evaluations = {COMPILED_EKF: Evaluation(*(a[run] for a in vars(of_block).values()))}
             for label in (*CAUSAL, BATCH, LAGGED) if few else ():
-                estimates[label] = estimator(label).estimate(problem, rng())
-            for label, estimate in estimates.items():
-                evaluation = evaluate(problem, estimate, truth)
+                estimate = estimator(label).estimate(problem, rng())
+                evaluations[label] = evaluate(problem, estimate, truth)
+            for label, evaluation in evaluations.items():
                 figures = window_figures(evaluation, truth.times, made.case.windows)
                 final_error = float(evaluation.position_error[-1])
                 figures["diverged"] = has_diverged(final_error, math.sqrt(bound), ins_error)
