@@ -362,3 +362,14 @@ def test_losses_and_weights_belong_together(loss):
 def test_settings_that_mean_nothing_are_refused_with_a_reason(label, reason):
     """A setting that cannot work is a reason to skip, not a failure or a wrong number."""
     assert reason in (estimator(label).skip(flights()[0][0]) or "")
+
+
+@pytest.mark.parametrize("loss", ["huber", "cauchy"])
+def test_a_set_of_sigma_points_may_claim_a_negative_spread(loss):
+    """Its centre weight is negative. The weights stay numbers, and an outlier has less of one."""
+    noise = np.diag([1e-4, 4e-4])
+    spread = np.diag([-2e-4, 1e-4])
+    found = robust.reweighted_noise(np.array([0.5, 0.01]), spread, noise, loss, 2.0)
+    assert np.isfinite(found).all()
+    assert found[0, 0] > 10.0 * noise[0, 0]
+    assert found[1, 1] < 2.0 * noise[1, 1]
