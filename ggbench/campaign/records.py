@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from pydantic_core import from_json
 
+from ..gravity.ellipsoid import metres_per_radian
 from ..gravity.field import Field
 from ..judging import locking, run_errors
 from ..judging.summary import bound_for, squared_bounds
@@ -26,6 +27,10 @@ from ..spec.case import CaseSpec
 from .registry import Choice
 
 _LONGEST_INFO = 100_000
+OUTSIDE = "believed at some time to be outside its map, where the border's values go on"
+"""What is remarked of a run whose estimate leaves the map."""
+_SLACK = 0.1
+"""How far outside a map is still its border, in distances of its nodes."""
 
 
 @dataclass(frozen=True)
@@ -113,6 +118,9 @@ def judged(
         "peak_memory_mb": peak_memory_mb(),
     }
     kept = kept_epochs(len(times))
+    outside = np.zeros(len(blanks), dtype=bool)
+    if estimated.causality != "none":  # else no map was asked
+        outside = _outside(flight, evaluation.components)
     results = []
     for r, begun in enumerate(blanks):
         record = begun | {"seconds": estimated.seconds}
@@ -129,6 +137,8 @@ def judged(
             "windows": run_errors.named_figures(means[r]),
         }
         record |= locks[r]
+        if outside[r]:
+            record["remark"] = OUTSIDE
         series = detail = None
         if record["run"] < SERIES_RUNS:
             series = _series(evaluation, r, kept)
@@ -136,6 +146,18 @@ def judged(
             detail = _narrowed(np.hstack([evaluation.components[r], evaluation.sigmas[r]]))
         results.append(Result(key, record, series, detail))
     return results
+
+
+def _outside(flight: Flight, errors: np.ndarray) -> np.ndarray:
+    """Return which estimates (R,) leave the estimators' map, from their errors (R, K, 6), ENU."""
+    field, track = flight.model_field, flight.trajectory.positions[flight.epochs]
+    if not field.has_map:
+        return np.zeros(len(errors), dtype=bool)
+    metres = np.array([(*metres_per_radian(place), 1.0) for place in track])
+    believed = track + errors[:, :, [1, 0, 2]] / metres
+    slack = _SLACK * field.step
+    inside = (field.origin - slack <= believed) & (believed <= field.upper + slack)
+    return np.asarray(~inside.all(axis=(1, 2)))
 
 
 def _series(evaluation: run_errors.Evaluation, r: int, kept: np.ndarray) -> np.ndarray:

@@ -244,7 +244,8 @@ def _end_run(results: list[Result], output: int, seam: bytes) -> None:
     if left := leftovers.end_descendants():
         remark = f"left {left} process{'es' * (left > 1)} running, ended with the run"
         for result in results:
-            result.record["remark"] = remark
+            said = result.record.get("remark")
+            result.record["remark"] = f"{said}; {remark}" if said else remark
     for stream in (sys.__stdout__, sys.__stderr__):
         with contextlib.suppress(Exception):  # an estimator may have closed it
             if stream is not None:

@@ -71,9 +71,10 @@ def component_errors(
 ) -> Drawing:
     """Draw ENU errors of one run: with the pure INS on the left, aided with ±3σ on the right.
 
-    ``aided`` and ``ins`` are (K, 12): six errors and their six standard deviations; ``first`` is
-    the first of the three columns shown (0: position, 3: velocity).
+    ``aided`` and ``ins`` are (K, 12): six errors and their six standard deviations, NaN if none are
+    claimed; ``first`` is the first of the three columns shown (0: position, 3: velocity).
     """
+    claims = bool(np.isfinite(aided[:, 6:]).any())
     colour = looks([label])[label].color
     figure, axes = subplots(3, 2, figsize=(8.0, 6.0), sharex=True)
     for axis in range(3):
@@ -83,12 +84,16 @@ def component_errors(
             left.plot(times, ins[:, first + axis], color=INS, lw=1.5, label="pure INS")
         left.plot(times, error, color=colour, lw=1.2, label=label)
         left.set_ylabel(f"{AXES[axis]} [{unit}]")
-        right.fill_between(times, -3 * sigma, 3 * sigma, color=colour, alpha=0.15, label="±3σ")
+        if claims:
+            right.fill_between(times, -3 * sigma, 3 * sigma, color=colour, alpha=0.15, label="±3σ")
         right.plot(times, error, color=colour, lw=1.2, label=label)
-        limit = 1.05 * np.percentile(np.maximum(3 * sigma, np.abs(error)), 98)
-        right.set_ylim(-limit, limit)
+        limit = 1.05 * np.percentile(np.fmax(3 * sigma, np.abs(error)), 98)
+        if limit > 0.0:
+            right.set_ylim(-limit, limit)
     axes[0, 0].set_title("with the pure INS")
-    axes[0, 1].set_title("aided, with its claimed ±3σ")
+    axes[0, 1].set_title(
+        "aided, with its claimed ±3σ" if claims else "aided; it claims no deviation"
+    )
     axes[0, 0].legend()
     axes[0, 1].legend()
     for axis in axes[-1]:

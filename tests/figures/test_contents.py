@@ -71,6 +71,23 @@ def test_components_of_one_run_with_what_it_claims(quantity, first, unit):
             assert (ends.min(), ends.max()) == pytest.approx((-3 * deviation, 3 * deviation))
 
 
+@pytest.mark.parametrize("size", [0.0, 3.0])
+def test_an_estimate_that_claims_nothing_is_drawn_without_a_region(size):
+    """No covariance, and perhaps no error: the axes have limits, and nothing speaks of σ."""
+    errors = np.hstack([np.full((8, 6), size), np.full((8, 6), np.nan)])
+    results = SimpleNamespace(
+        detail=lambda case, label, run: errors if label == "mine" else None,
+        arrays=lambda case: {"times": TIMES},
+        folder="out",
+    )
+    figure = stored.component_errors(results, "c", "mine", "position")
+    for axis in figure.axes[1::2]:
+        assert not axis.collections
+        assert list(lines(axis)) == ["mine"]
+        assert np.isfinite(axis.get_ylim()).all()
+    assert figure.axes[1].get_title() == "aided; it claims no deviation"
+
+
 def test_the_map_has_the_track_where_it_was_flown():
     """Longitude across and latitude up, in degrees, with the start of the track marked."""
     latitude, longitude = np.radians(np.linspace(30, 33, 7)), np.radians(np.linspace(100, 105, 11))

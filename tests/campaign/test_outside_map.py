@@ -1,0 +1,87 @@
+"""An estimate that leaves the map: the run says so, where it was silent."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from campaigns import ran, small
+from command import invoke
+from problems import SMALL
+from small_cases import rough_map, small_flight
+
+from ggbench.campaign import records
+from ggbench.report import scenario_report
+
+FAR = """
+from dataclasses import dataclass
+import numpy as np
+from ggbench.problem import Estimate, Estimator
+
+
+@dataclass(frozen=True)
+class Far(Estimator):
+    east_m: float = 0.0
+    name = "far"
+    causality = "filter"
+
+    def estimate(self, problem, rng):
+        mean = np.zeros((problem.epochs, problem.dimension))
+        mean[-1, 0] = -self.east_m  # the INS is that far to the west, it believes
+        return Estimate(mean, None, "filter")
+"""
+
+
+def outside(flight, east: float = 0.0, north: float = 0.0, up: float = 0.0) -> bool:
+    """Whether a single estimate, off by so much, is found outside."""
+    errors = np.zeros((2, len(flight.times), 6))
+    errors[1, 7, :3] = east, north, up
+    first, second = records._outside(flight, errors)
+    assert not first
+    return bool(second)
+
+
+def test_an_estimate_is_outside_beyond_the_border_by_a_tenth_of_a_nodes_distance(tmp_path):
+    """In each direction, whichever epoch it is; nodes are 772, 926 and 200 m apart."""
+    flight = small_flight({"field.source": rough_map(tmp_path / "map.npz")})
+    field, place = flight.model_field, flight.trajectory.positions[flight.epochs][7]
+    north_m, east_m = 6.354e6 + 1e4, (6.384e6 + 1e4) * np.cos(place[0])
+    step = field.step * [north_m, east_m, 1.0]
+    room = (field.upper - place) * [north_m, east_m, 1.0]
+    behind = (place - field.origin) * [north_m, east_m, 1.0]
+    for axis, name in enumerate(("north", "east", "up")):
+        for sign, distance in ((1.0, room[axis]), (-1.0, behind[axis])):
+            assert distance > step[axis]
+            for share, expected in ((-0.1, False), (0.05, False), (0.15, True), (1000.0, True)):
+                off = sign * (distance + share * step[axis])
+                assert outside(flight, **{name: off}) == expected, (name, sign, share)
+
+
+def test_the_normal_field_has_no_border():
+    assert not outside(small_flight(), east=1e6)
+
+
+def test_a_run_that_leaves_the_map_is_remarked_in_table_report_and_show(tmp_path):
+    """Of the estimator that left it; the INS alone asks no map, wherever it is."""
+    (tmp_path / "far.py").write_text(FAR)
+    text = SMALL.replace('source = "normal"', f'source = "{rough_map(tmp_path / "map.npz")}"')
+    labels = (f"{tmp_path}/far.py", f"{tmp_path}/far.py[east_m=1e6]", "ins")
+    results = ran(tmp_path, labels=labels, runs=2, scenario=small(tmp_path, text), cases=("base",))
+    table = results.runs()
+    assert (table["status"] == "ok").all()
+    assert table["remark"].tolist() == ["", "", records.OUTSIDE, records.OUTSIDE, "", ""]
+    shown = invoke(["show", str(results.folder)], tmp_path).stdout
+    assert "outside its map" in " ".join(shown.split())
+
+
+@pytest.mark.parametrize("runs", [1, 3])
+def test_a_report_counts_the_runs_that_left_the_map(runs, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "far.py").write_text(FAR)
+    text = SMALL.replace('source = "normal"', f'source = "{rough_map(tmp_path / "map.npz")}"')
+    results = ran(
+        tmp_path, labels=("far.py[east_m=1e6]", "ins"), runs=runs, cases=("base",),
+        scenario=small(tmp_path, text),
+    )  # fmt: skip
+    report = scenario_report.write(results.folder, tmp_path / "reports").read_text()
+    count = f"{runs} run{'s' * (runs > 1)}"
+    assert f"`far.py[east_m=1e6]` {records.OUTSIDE} ({count})." in " ".join(report.split())
