@@ -280,6 +280,7 @@ BAD: dict[str, tuple[str | bytes, str]] = {
     "longitude": (with_row("3,33.003,361,3000"), "line 5: longitude_deg is 361"),
     "orbit": (with_row("3,33.003,108.003,400000"), "line 5: height_m is 400000"),
     "jump": (with_row("3,34.003,108.003,3000"), r"line 5: lies .* at most 10000 m/s are allowed"),
+    "small jump": (with_row("3,33.1,108.003,3000"), r"line 5: lies .* at most 10000 m/s are allow"),
     "outlier": (with_row("3,33.004,108.003,3000"), r"line 5: .* acceleration of \d+.* at most 50"),
     "flip": (
         text([f"{r},{200 * (n > 7)}" for n, r in enumerate(ROWS)], NAMES + ",heading"),

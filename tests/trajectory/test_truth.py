@@ -282,6 +282,46 @@ def test_a_start_too_low_is_told_how_high_it_must_be(over_ridges):
         trajectory_of(spec(over_ridges, height_m=needed - 5.0), 0.1)
 
 
+def test_a_gap_in_the_terrain_under_the_flight_is_told(monkeypatch):
+    """A void of a terrain model is no height, and a bilinear mean with one is none."""
+    grid = np.zeros((3, 4))
+    grid[1, 2] = np.nan
+    monkeypatch.setattr(terrain_following, "_terrain", lambda *_: (10.0, -2.0, 0.5, 0.25, grid))
+    monkeypatch.setattr(terrain_following, "_version", lambda _: (0, 0))
+    places = np.radians([[10.2, 10.4], [-1.9, -1.6]])
+    with pytest.raises(
+        TrajectoryError, match=r"no height at 10\.4\d*° N, -1\.6\d*° E, .* gaps first"
+    ):
+        terrain_following.heights("x", *places)
+
+
+def test_a_heading_that_is_reached_but_for_rounding_is_reached():
+    """Three turns of 30° from 90° end at 180° to the last bits; a turn to 180° is then none."""
+    turn = {"kind": "turn", "by_heading_deg": 30.0, "bank_deg": 20.0}
+    again = {"kind": "turn", "to_heading_deg": 180.0, "bank_deg": 20.0}
+    with pytest.raises(TrajectoryError, match=r"segment\[3\]: already flies at heading 180°"):
+        trajectory_of(spec(turn, turn, turn, again), 0.05)
+
+
+@pytest.mark.parametrize("dt", [0.1, 0.07, 0.3])
+def test_rates_integrate_to_what_is_asked_whatever_the_sampling(dt):
+    """A segment that is no whole number of samples still turns and climbs by rate times time."""
+    asked = Segment(10.04, turn_rate=0.02, acceleration=0.5, climb_rate=0.001)
+    flight = fly(
+        position=np.array([0.6, 1.9, 3000.0]), speed=200.0, heading=0.3, pitch=0.0, roll=0.0,
+        segments=[asked, Segment(5.0)], dt=dt,
+    )  # fmt: skip
+    assert headings(flight)[-1] == pytest.approx(math.degrees(0.3 + 0.02 * 10.04), abs=1e-9)
+    assert speed_of(flight)[-1] == pytest.approx(200.0 + 0.5 * 10.04, abs=1e-9)
+
+
+def test_a_flight_may_last_eleven_days():
+    """Longer than any that is; where it becomes longer it is refused."""
+    day = {"kind": "cruise", "duration_s": 3e5}
+    with pytest.raises(TrajectoryError, match=r"segment\[3\]: ends after 1.2e\+06 s; a flight may"):
+        trajectory_of(spec(day, day, day, day), 100.0)
+
+
 def test_terrain_heights_are_those_of_the_grid(monkeypatch):
     """Bilinear between the points, in either notation of longitudes, and nothing beyond them."""
     grid = np.arange(12.0).reshape(3, 4) ** 2
