@@ -9,6 +9,7 @@ import pytest
 
 from ggbench.block import ProblemBlock
 from ggbench.campaign import registry
+from ggbench.judging.run_errors import innovations_squared
 from ggbench.numerics.frozen import read_only
 from ggbench.sensors.model_kernels import OF_A_RUN
 from ggbench.simulation import error_free_flight
@@ -71,6 +72,8 @@ def test_filterpy_gives_the_same_answer(case: tuple[str, str], name: str) -> Non
         expected = reference.estimate(block.problem(run), np.random.default_rng(0))
         assert np.abs((found.mean[run] - expected.mean) / sigma).max() < 1e-6
         assert np.abs((found.cov[run] - expected.cov) / np.outer(sigma, sigma)).max() < 1e-6
+        nis = innovations_squared(block.problem(run), found.mean[run], found.cov[run])
+        np.testing.assert_allclose(found.nis[run], nis, rtol=1e-6)
 
 
 @pytest.mark.parametrize("name", ["ekf[engine=numba]", "ukf[engine=numba]"])

@@ -246,6 +246,9 @@ def test_the_grid_of_gaussians_is_the_prior():
     scale = np.sqrt(np.diag(problem.prior_cov))
     weights, means, covs = _split_prior(problem, 500.0, 10_000)
     assert len(weights) > 100
+    away = means[:, :3] - (problem.prior_mean / scale)[:3]
+    distance = np.linalg.solve(problem.prior_cov[:3, :3], (away * scale[:3]).T)
+    assert ((away * scale[:3]).T * distance).sum(axis=0).max() < 3.5**2 + 1e-9  # an ellipsoid
     share = np.exp(weights) / np.exp(weights).sum()
     mean = share @ means
     off = means - mean
