@@ -109,6 +109,8 @@ def test_a_search_that_gives_up_has_no_answer():
     usual, _, _ = batch_smoother.smoother(block, MOST)
     assert counters["iterations"].tolist()[1] == 0
     assert np.isnan(mean[1]).all()
+    with pytest.raises(RuntimeError, match="gave up at its first step"):
+        REFERENCE.estimate(odd.problem(1), np.random.default_rng(0))
     np.testing.assert_array_equal(mean[[0, 2]], usual[[0, 2]])
 
 

@@ -373,3 +373,15 @@ def test_a_set_of_sigma_points_may_claim_a_negative_spread(loss):
     assert np.isfinite(found).all()
     assert found[0, 0] > 10.0 * noise[0, 0]
     assert found[1, 1] < 2.0 * noise[1, 1]
+
+
+def test_a_filter_that_learns_the_noise_it_was_told_claims_what_it_claimed():
+    """What an update leaves is less than the noise by what the state took of it.
+
+    To 10 % of the deviations over 400 epochs; without that share they would be half as large.
+    """
+    problem = linear_problem(0, epochs=800)
+    learning = estimator("ekf[noise_memory=200]").estimate(problem, rng())
+    told = estimator("ekf").estimate(problem, rng())
+    ratio = np.sqrt(np.einsum("kii->ki", learning.cov) / np.einsum("kii->ki", told.cov))
+    np.testing.assert_allclose(ratio[400:].mean(axis=0), 1.0, atol=0.1)
