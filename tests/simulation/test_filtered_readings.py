@@ -52,6 +52,26 @@ def test_it_is_white_noise_on_the_output_and_nothing_else_changes(filtered):
     assert abs((unit[..., 0] * unit[..., 1]).sum()) / np.sqrt(unit[..., 0].size) < 3.9
 
 
+@pytest.mark.parametrize("period", [0.5, 1.0, 2.0])
+def test_noise_and_filter_are_of_the_rate_of_the_readings(period):
+    """RMS = density √(rate/2) (Nyquist), and half the power passes at the cut-off in hertz."""
+    flight = small_flight(
+        {
+            "gradiometer.period_s": period,
+            "gradiometer.noise_eotvos": None,
+            "gradiometer.noise_density_eotvos_per_sqrt_hz": 0.04,
+            "gradiometer.filter": "butterworth",
+            "gradiometer.filter_cutoff_hz": 0.1,
+        }
+    )
+    instrument = flight.true.gradiometer
+    assert instrument.noise_eotvos == pytest.approx(0.04 * np.sqrt(0.5 / period))
+    times = period * np.arange(round(2000.0 / period))
+    wave = instrument.lowpass.apply(np.sin(2.0 * np.pi * 0.1 * times)[:, np.newaxis])[:, 0]
+    settled = wave[len(wave) // 2 :]
+    assert np.sqrt(2.0 * np.mean(settled**2)) == pytest.approx(np.sqrt(0.5), rel=0.02)
+
+
 @pytest.mark.parametrize("treatment", ["whitened", "delayed"])
 def test_biases_go_through_the_filter(treatment):
     """Those that walk come out as the filter makes them; of constant ones h knows all."""

@@ -13,6 +13,7 @@ from small_cases import ROTATING, rough_map, small_case, small_flight
 
 from ggbench.campaign import result_keys
 from ggbench.errors import GGBenchError
+from ggbench.gravity.ellipsoid import ROTATION_RATE
 from ggbench.simulation.error_free_flight import prepare
 from ggbench.simulation.runs import simulate
 from ggbench.spec import scenario
@@ -456,6 +457,17 @@ def test_what_a_rotating_instrument_feels_is_the_mean_of_each_reading(instrument
     force, rate = flight.motion
     assert force.shape == rate.shape == (len(flight.times), 3)
     np.testing.assert_allclose(np.linalg.norm(force, axis=1), 9.725, atol=0.005)
+    latitude, longitude, _ = flight.trajectory.positions[flight.epochs].T
+    angle = longitude + ROTATION_RATE * flight.times  # of inertial axes that are the Earth's at 0
+    up = {
+        "strapdown": [0.0, 0.0, 1.0],
+        "local-level": [0.0, 0.0, 1.0],
+        "platform": np.stack(
+            [np.cos(latitude) * np.cos(angle), np.cos(latitude) * np.sin(angle), np.sin(latitude)],
+            axis=-1,
+        ),
+    }[instrument]
+    np.testing.assert_allclose(force, 9.725 * np.ones((20, 3)) * up, atol=0.05)
     # The local level turns by the Earth's rate and by 250 m/s over the Earth's radius.
     turning = np.linalg.norm(rate, axis=1)
     assert (turning < 1.3e-4).all()
