@@ -127,7 +127,10 @@ def test_a_new_module_counts_and_a_renamed_one(copy):
     (copy / "room" / "new.py").write_text("")
     added = hash_of()
     (copy / "room" / "new.py").rename(copy / "room" / "other.py")
-    assert len({before, added, hash_of()}) == 3
+    renamed = hash_of()
+    (copy / "hall").mkdir()
+    (copy / "room" / "other.py").rename(copy / "hall" / "other.py")
+    assert len({before, added, renamed, hash_of()}) == 4
 
 
 def test_what_a_module_imports_is_found(copy):
@@ -140,7 +143,9 @@ def test_what_a_module_imports_is_found(copy):
     odd.write_text(
         "def f():\n    from ..gravity import (  # noqa: it (comes) late\n"
         "        ellipsoid as e,\n        field,\n    )\n"
+        "from .. import a_name_of_the_package_itself\n"
     )
+    assert copy / "__init__.py" in source._imported_directly(odd)
     assert set(source._imported_directly(odd)) == as_python_reads(odd) != set()
 
 
