@@ -128,8 +128,8 @@ def test_a_new_module_counts_and_a_renamed_one(copy):
     added = hash_of()
     (copy / "room" / "new.py").rename(copy / "room" / "other.py")
     renamed = hash_of()
-    (copy / "hall").mkdir()
-    (copy / "room" / "other.py").rename(copy / "hall" / "other.py")
+    (copy / "rooms").mkdir()
+    (copy / "room" / "other.py").rename(copy / "rooms" / "other.py")
     assert len({before, added, renamed, hash_of()}) == 4
 
 
