@@ -323,7 +323,8 @@ def _smooth(
                 pull -= gains[k, c, i] * back[i]
             for i in range(n):
                 back[i] += rows[k, c, i] * pull
-        motion[k] = back
+        for i in range(n):
+            motion[k, i] = back[i]
         back = transition[k].T @ motion[k]
     return mean, back, motion, cov
 

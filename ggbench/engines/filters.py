@@ -193,7 +193,10 @@ def _unscented(
             for r in range(count):
                 if not lane_algebra.is_positive(inverse, r):
                     counts[first + r, 0] += 1
-                    p[:, :, r] = _repaired(p, r, lower)
+                    nearest = _repaired(p, r, lower)
+                    for i in range(n):
+                        for j in range(n):
+                            p[i, j, r] = nearest[i, j]
             lanes.scatter(x, p, first, count, k, mean, cov)
 
 

@@ -271,7 +271,8 @@ def _fill_column(
                 old[p] = new[p]
                 new[p] = value
         if pending == 0:
-            column[i] = new
+            for p in range(points):
+                column[i, p] = new[p]
             continue
         for p in range(points):
             while power[p] < 0 and abs(new[p]) > _HUGE:

@@ -111,7 +111,8 @@ def navigation_errors(
                     c_bn[j, i] = state[6 + 3 * i + j]
             product(attitudes[k], c_bn, turn)
             rotation_vector(turn, vector)
-            error[6:9] = vector
+            for i in range(3):
+                error[6 + i] = vector[i]
 
 
 def noise_psd(accelerometer_psd: float, gyro_psd: float) -> np.ndarray:

@@ -20,6 +20,7 @@ from ..gravity.ellipsoid import ROTATION_RATE, normal_gravity_of, radii_of_sine
 from ..gravity.field import DisturbanceMap, Field
 from ..gravity.spline import spline_at
 from ..numerics.kernels import compiled, inlined
+from ..numerics.lane_algebra import copy
 from ..numerics.lanes import in_lanes, lanes, out_of_lanes, unfilled
 from ..numerics.rotations import (
     Matrix,
@@ -297,7 +298,7 @@ def navigate_lanes(
     gains : of the altimeter. gravity : added to the normal one.
     track : (N + 1, TRACK, LANES) output: position, velocity and C_nb.
     """
-    track[0] = initial[0]
+    copy(initial, track)
     disturbance = lanes(1, 3)
     for n in range(increments.shape[0]):
         if gravity.coefficients.size > 0:
@@ -420,5 +421,6 @@ def error_free_increments(
                 store(felt, 0, i, delta_angles[n, i])
                 store(felt, 0, 3 + i, delta_velocities[n, i])
             _step_lanes(pair, felt, disturbance, 0, dt)
-        pair[0] = pair[1]
+        for i in range(TRACK):
+            store(pair, 0, i, load(pair, 1, i))
     return delta_angles, delta_velocities

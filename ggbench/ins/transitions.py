@@ -14,7 +14,7 @@ import numpy as np
 from ..gravity.ellipsoid import metres_per_radian_of
 from ..gravity.field import DisturbanceMap
 from ..numerics.kernels import compiled
-from ..numerics.lane_algebra import add_products
+from ..numerics.lane_algebra import add_products, copy
 from ..numerics.lanes import lanes
 from ..numerics.rotations import sine_cosine
 from ..numerics.vectors import load, store
@@ -130,7 +130,7 @@ def transitions_lanes(
         entries_between(track, increments, first, last, dt, constant, gravity, entries)
         _metres(track, last, end)
         compose(entries[: last - first], dt, noise, start, end, transition[:, k], process_cov[:, k])
-        start[:] = end
+        copy(end, start)
         first = last
 
 

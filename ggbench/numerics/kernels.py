@@ -3,7 +3,8 @@
 Kernels are kept on disk (see :mod:`.compiling`) and let other threads run. They divide as
 NumPy does: by zero gives infinity or NaN, which is judged later; Python's exception would be a
 branch that keeps a loop from becoming vector instructions. A product and a sum may be one
-instruction.
+instruction. Arrays are copied in loops: an assignment of one array to another has numba compile
+three seconds of shapes and messages, in every process anew.
 """
 
 from __future__ import annotations

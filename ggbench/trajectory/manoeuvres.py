@@ -341,7 +341,8 @@ def enu(heading: Array, speed: Array, climb: Array) -> Array:
 def follow(position: Array, velocities: Array, dt: float) -> Array:
     """Return the positions (N, 3) to which velocities (N, 3) lead by the mechanization's rule."""
     positions = np.empty((velocities.shape[0], 3))
-    positions[0] = position
+    for i in range(3):
+        positions[0, i] = position[i]
     for n in range(1, velocities.shape[0]):
         advance_position(positions[n - 1], velocities[n - 1], velocities[n], dt, positions[n])
     return positions

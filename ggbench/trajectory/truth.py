@@ -127,5 +127,8 @@ def _trajectory(
 def _attitudes(angles: np.ndarray) -> np.ndarray:
     attitudes = np.empty((angles.shape[0], 3, 3))
     for n in range(angles.shape[0]):
-        attitudes[n] = attitude_matrix(angles[n, 0], angles[n, 1], angles[n, 2])
+        c_nb = attitude_matrix(angles[n, 0], angles[n, 1], angles[n, 2])
+        for i in range(3):
+            for j in range(3):
+                attitudes[n, i, j] = c_nb[i, j]
     return attitudes
