@@ -19,6 +19,13 @@ from ggbench.numerics import rotations
 from ggbench.simulation.error_free_flight import Flight, prepare
 from ggbench.spec import scenario
 
+
+def pytest_configure() -> None:
+    """Take interrupts, which a shell has ignored in what it starts in the background."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
 FIRST = "test_accuracy.py"
 """The file that compiles most and lasts longest."""
 
