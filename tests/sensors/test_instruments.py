@@ -359,3 +359,17 @@ def test_a_filter_that_knows_of_biases_is_consistent(known):
         assert low < total < high
     else:
         assert total > 3.0 * high
+
+
+def test_an_attitude_error_beyond_half_a_turn_is_the_turn_that_it_amounts_to():
+    """A sigma point or a lost filter may go round: φ and φ + 2π about one axis read the same."""
+    problem, _ = simulate(small_flight({"gradiometer.instrument": "strapdown"}), 1, 0)
+    rng = np.random.default_rng(4)
+    for turns in (1, -1, 3):
+        axis = rng.normal(size=3)
+        axis /= np.linalg.norm(axis)
+        small, large = np.zeros((2, problem.dimension))
+        small[6:9], large[6:9] = 0.4 * axis, (0.4 + 2.0 * np.pi * turns) * axis
+        one, other = (problem.model.predict(3, x) for x in (small, large))
+        np.testing.assert_allclose(other, one, rtol=0.0, atol=1e-6)
+        assert np.abs(one - problem.model.predict(3, np.zeros(problem.dimension))).max() > 1.0
