@@ -315,6 +315,13 @@ def test_rates_integrate_to_what_is_asked_whatever_the_sampling(dt):
     assert speed_of(flight)[-1] == pytest.approx(200.0 + 0.5 * 10.04, abs=1e-9)
 
 
+def test_a_steep_climb_has_the_vertical_speed_that_is_asked():
+    """Half of the speed along the path: 30°, of which the sine is a half."""
+    climb = {"kind": "climb", "by_height_m": 4000.0, "vertical_speed_mps": 100.0}
+    flight = trajectory_of(spec(climb | {"max_vertical_acceleration_mps2": 20.0}), 0.05)
+    assert flight.velocities[:, 2].max() == pytest.approx(100.0, rel=2e-3)
+
+
 def test_a_flight_may_last_eleven_days():
     """Longer than any that is; where it becomes longer it is refused."""
     day = {"kind": "cruise", "duration_s": 3e5}
