@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from pydantic_core import from_json
 
-from ..gravity.ellipsoid import metres_per_radian
 from ..gravity.field import Field
 from ..judging import locking, run_errors
 from ..judging.summary import bound_for, squared_bounds
@@ -150,14 +149,8 @@ def judged(
 
 def _outside(flight: Flight, errors: np.ndarray) -> np.ndarray:
     """Return which estimates (R,) leave the estimators' map, from their errors (R, K, 6), ENU."""
-    field, track = flight.model_field, flight.trajectory.positions[flight.epochs]
-    if not field.has_map:
-        return np.zeros(len(errors), dtype=bool)
-    metres = np.array([(*metres_per_radian(place), 1.0) for place in track])
-    believed = track + errors[:, :, [1, 0, 2]] / metres
-    slack = _SLACK * field.step
-    inside = (field.origin - slack <= believed) & (believed <= field.upper + slack)
-    return np.asarray(~inside.all(axis=(1, 2)))
+    believed = flight.trajectory.positions[flight.epochs] + errors[:, :, [1, 0, 2]] / flight.metres
+    return np.asarray(~flight.model_field.covers(believed, _SLACK).all(axis=1))
 
 
 def _series(evaluation: run_errors.Evaluation, r: int, kept: np.ndarray) -> np.ndarray:

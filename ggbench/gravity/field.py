@@ -262,6 +262,17 @@ class Field:
         cells = np.array(self.tensor_coefficients.shape[:3]) - 3
         return self.origin + cells * self.step
 
+    def covers(self, positions: np.ndarray, slack: float) -> np.ndarray:
+        """Return which positions (..., 3) lie within the map; all without one.
+
+        ``slack`` is how far outside is still its border, in distances of its nodes.
+        """
+        if not self.has_map:
+            return np.ones(positions.shape[:-1], dtype=bool)
+        room = slack * self.step
+        inside = (self.origin - room <= positions) & (positions <= self.upper + room)
+        return np.asarray(inside.all(axis=-1))
+
     def tensor(self, latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike) -> np.ndarray:
         """Return the gradient tensor (..., 6) [E] at positions of any (broadcast) shape.
 

@@ -228,7 +228,8 @@ def _evaluate(
                 nees[r, k] = _consistency(claimed[k], error, lower, white, sigma)
                 if nees[r, k] < 0.0:
                     flaw, epoch = _DEFINITE, k
-                sigmas[r, k] = sigma
+                for i in range(JUDGED):
+                    sigmas[r, k, i] = sigma[i]
         flaws[r, 0], flaws[r, 1] = flaw, epoch
 
 

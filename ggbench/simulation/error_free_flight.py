@@ -10,6 +10,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from ..errors import GGBenchError
+from ..gravity.ellipsoid import metres_per_radian
 from ..gravity.field import DisturbanceMap, Field
 from ..ins import strapdown
 from ..ins.error_model import POSITION, STATES, system_matrices
@@ -66,6 +67,12 @@ class Flight:
     def model(self) -> Equipment:
         """Sensors and prior as the estimators know them."""
         return equip(self.case, "model")
+
+    @cached_property
+    def metres(self) -> np.ndarray:
+        """What latitude, longitude and height are worth at the epochs (K, 3) [m/rad, m/rad, 1]."""
+        places = self.trajectory.positions[self.epochs]
+        return np.array([(*metres_per_radian(place), 1.0) for place in places])
 
     def added_gravity(self, field: Field) -> DisturbanceMap:
         """Return what the mechanization, if it has this field, adds to normal gravity."""

@@ -172,15 +172,17 @@ class CaseSpec(Section):
         felt = self.side("truth").field
         if felt.gravity_disturbance and felt.source == "normal":
             raise ValueError('gravity_disturbance needs a map: source = "normal" has none to feel')
-        if self.model.field.compensate and not felt.gravity_disturbance:
-            raise ValueError(
-                "model.field.compensate has the INS add the map's gravity disturbance, and the "
-                "accelerometers feel none: set field.gravity_disturbance = true"
-            )
-        if self.model.field.compensate and self.side("model").field.source == "normal":
-            raise ValueError(
-                'model.field.compensate needs a map: source = "normal" has no disturbance to add'
-            )
+        if self.model.field.compensate:
+            if not felt.gravity_disturbance:
+                raise ValueError(
+                    "model.field.compensate has the INS add the map's gravity disturbance, and the "
+                    "accelerometers feel none: set field.gravity_disturbance = true"
+                )
+            if self.side("model").field.source == "normal":
+                raise ValueError(
+                    'model.field.compensate needs a map: source = "normal" has no disturbance to '
+                    "add"
+                )
         instrument = self.truth.gradiometer
         if self.gradiometer.filter != "none" and (
             instrument.dropouts_s or instrument.dropout_share > 0.0

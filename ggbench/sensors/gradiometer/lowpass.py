@@ -114,10 +114,11 @@ def _filter(numerator: np.ndarray, denominator: np.ndarray, samples: np.ndarray)
         own = samples[run]
         # The inputs of the last steps, in a ring: outputs take their places in the samples.
         for k in range(min(order, count)):
-            past[k] = own[k]
-        for k in range(order, count):
-            past[k % (order + 1)] = own[k]
             for c in range(columns):
+                past[k, c] = own[k, c]
+        for k in range(order, count):
+            for c in range(columns):
+                past[k % (order + 1), c] = own[k, c]
                 total = numerator[0] * own[k, c]
                 for lag in range(1, order + 1):
                     total += numerator[lag] * past[(k - lag) % (order + 1), c]
