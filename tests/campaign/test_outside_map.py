@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 from campaigns import ran, small
 from command import invoke
+from conftest import metres
 from problems import SMALL
 from small_cases import rough_map, small_flight
 
 from ggbench.campaign import records
 from ggbench.report import scenario_report
+from ggbench.spec.scenario import Scenario
 
 FAR = """
 from dataclasses import dataclass
@@ -44,10 +46,9 @@ def test_an_estimate_is_outside_beyond_the_border_by_a_tenth_of_a_nodes_distance
     """In each direction, whichever epoch it is; nodes are 772, 926 and 200 m apart."""
     flight = small_flight({"field.source": rough_map(tmp_path / "map.npz")})
     field, place = flight.model_field, flight.trajectory.positions[flight.epochs][7]
-    north_m, east_m = 6.354e6 + 1e4, (6.384e6 + 1e4) * np.cos(place[0])
-    step = field.step * [north_m, east_m, 1.0]
-    room = (field.upper - place) * [north_m, east_m, 1.0]
-    behind = (place - field.origin) * [north_m, east_m, 1.0]
+    scale = metres(place)[[1, 0, 2]].diagonal()
+    distances = field.step, field.upper - place, place - field.origin
+    step, room, behind = scale * np.stack(distances)
     for axis, name in enumerate(("north", "east", "up")):
         for sign, distance in ((1.0, room[axis]), (-1.0, behind[axis])):
             assert distance > step[axis]
@@ -60,12 +61,21 @@ def test_the_normal_field_has_no_border():
     assert not outside(small_flight(), east=1e6)
 
 
-def test_a_run_that_leaves_the_map_is_remarked_in_table_report_and_show(tmp_path):
-    """Of the estimator that left it; the INS alone asks no map, wherever it is."""
+@pytest.fixture
+def scenario(tmp_path, monkeypatch) -> Scenario:
+    """The small scenario over a map, in a folder with an estimator that believes to be far away."""
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "far.py").write_text(FAR)
-    text = SMALL.replace('source = "normal"', f'source = "{rough_map(tmp_path / "map.npz")}"')
-    labels = (f"{tmp_path}/far.py", f"{tmp_path}/far.py[east_m=1e6]", "ins")
-    results = ran(tmp_path, labels=labels, runs=2, scenario=small(tmp_path, text), cases=("base",))
+    return small(
+        tmp_path,
+        SMALL.replace('source = "normal"', f'source = "{rough_map(tmp_path / "map.npz")}"'),
+    )
+
+
+def test_a_run_that_leaves_the_map_is_remarked_in_table_report_and_show(scenario, tmp_path):
+    """Of the estimator that left it; the INS alone asks no map, wherever it is."""
+    labels = ("far.py", "far.py[east_m=1e6]", "ins")
+    results = ran(tmp_path, labels=labels, runs=2, scenario=scenario, cases=("base",))
     table = results.runs()
     assert (table["status"] == "ok").all()
     assert table["remark"].tolist() == ["", "", records.OUTSIDE, records.OUTSIDE, "", ""]
@@ -74,14 +84,9 @@ def test_a_run_that_leaves_the_map_is_remarked_in_table_report_and_show(tmp_path
 
 
 @pytest.mark.parametrize("runs", [1, 3])
-def test_a_report_counts_the_runs_that_left_the_map(runs, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "far.py").write_text(FAR)
-    text = SMALL.replace('source = "normal"', f'source = "{rough_map(tmp_path / "map.npz")}"')
-    results = ran(
-        tmp_path, labels=("far.py[east_m=1e6]", "ins"), runs=runs, cases=("base",),
-        scenario=small(tmp_path, text),
-    )  # fmt: skip
+def test_a_report_counts_the_runs_that_left_the_map(runs, scenario, tmp_path):
+    labels = ("far.py[east_m=1e6]", "ins")
+    results = ran(tmp_path, labels=labels, runs=runs, scenario=scenario, cases=("base",))
     report = scenario_report.write(results.folder, tmp_path / "reports").read_text()
     count = f"{runs} run{'s' * (runs > 1)}"
     assert f"`far.py[east_m=1e6]` {records.OUTSIDE} ({count})." in " ".join(report.split())

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import xarray
 from click.testing import CliRunner
+from grids import write_grid
 from matplotlib.image import imread
 from random_harmonics import write_gfc
 
@@ -39,17 +40,6 @@ def run(*words, code=0):
     result = CliRunner().invoke(main, ["map", *map(str, words)])
     assert result.exit_code == code, (result.output, result.exception)
     return " ".join(result.output.split())
-
-
-def write_grid(path, name, units, values, south, west, step):
-    latitude, longitude = (
-        first + step * np.arange(count)
-        for first, count in zip((south, west), values.shape, strict=True)
-    )
-    xarray.Dataset(
-        {name: (("lat", "lon"), values, {"units": units})},
-        {"lat": latitude, "lon": longitude},
-    ).to_netcdf(path)
 
 
 def test_a_geoid_gives_the_map_that_the_package_makes_of_it():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from functools import cache
 
 import numpy as np
@@ -88,7 +89,7 @@ def test_a_search_that_is_cut_short_while_it_is_damped_is_gtsams(most):
     block = block_of_runs("wang2013", "0.01E-0.2Hz", 0, 1)
     measurements = block.measurements.copy()
     measurements[0, 5] += 300.0
-    odd = ProblemBlock(**{**vars(block), "measurements": measurements})
+    odd = dataclasses.replace(block, measurements=measurements)
     mean, cov, counters = batch_smoother.smoother(odd, most)
     assert counters["map_evaluations"][0] > (1 + most) * block.epochs  # steps were refused
     reference = choose(f"factor-graph[mode=batch,max_iterations={most}]").estimator
@@ -104,7 +105,7 @@ def test_a_search_that_gives_up_has_no_answer():
     block = block_of_runs("wang2013", "0.01E-0.2Hz", 0, 3)
     measurements = block.measurements.copy()
     measurements[1, 5] = 1e12
-    odd = ProblemBlock(**{**vars(block), "measurements": measurements})
+    odd = dataclasses.replace(block, measurements=measurements)
     mean, _, counters = batch_smoother.smoother(odd, MOST)
     usual, _, _ = batch_smoother.smoother(block, MOST)
     assert counters["iterations"].tolist()[1] == 0

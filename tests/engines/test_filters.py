@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 
 import numpy as np
@@ -105,13 +106,11 @@ def test_a_neighbour_without_readings_or_with_other_dynamics_changes_no_bit(
     measurements, process_cov = block.measurements.copy(), block.process_cov.copy()
     gain[1, 5:9], offset[1, 5:9], measurements[1, 5:9] = 0.0, 0.0, 0.0
     process_cov[2, 10:] += np.diag(1e-6 * np.diag(block.prior_cov))
-    odd = ProblemBlock(
-        **{
-            **vars(block),
-            "measurements": measurements,
-            "process_cov": process_cov,
-            "model": block.model._replace(gain=read_only(gain), offset=read_only(offset)),
-        }
+    odd = dataclasses.replace(
+        block,
+        measurements=measurements,
+        process_cov=process_cov,
+        model=block.model._replace(gain=read_only(gain), offset=read_only(offset)),
     )
     found, usual = estimator.estimate_block(odd), estimator.estimate_block(block)
     np.testing.assert_array_equal(found.cov[0], usual.cov[0])

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import netCDF4
 import numpy as np
 import pytest
+from grids import write_grid
 
 from ggbench.gravity.gradient_map import MapError
 from ggbench.gravity.remove_restore import GravityGrid
@@ -15,21 +15,14 @@ from ggbench.gravity.terrain import Terrain
 from ggbench.maps.gravity_grid import elevation_at, read_grid
 
 
-def written(path: Path, south: float, west: float, values: np.ndarray) -> Path:
-    with netCDF4.Dataset(path, "w") as file:
-        for name, first, count in zip(("lat", "lon"), (south, west), values.shape, strict=True):
-            file.createDimension(name, count)
-            file.createVariable(name, "f8", (name,))[:] = first + 0.1 * np.arange(count)
-        file.createVariable("geoid", "f8", ("lat", "lon"))[:] = values
-    return path
-
-
 @pytest.mark.parametrize(
     ("west", "expected"), [(179.0, 179.0), (180.0, -180.0), (275.0, -85.0), (-85.0, -85.0)]
 )
 def test_longitudes_from_180_on_are_western(west, expected, tmp_path):
     """Grids say 275° or −85° E; maps and flights say −85°. One across 180° stays in one piece."""
-    grid = read_grid(written(tmp_path / "grid.nc", 30.0, west, np.ones((20, 25))), "geoid")
+    path = tmp_path / "grid.nc"
+    write_grid(path, "geoid", "", np.ones((20, 25)), 30.0, west, 0.1)
+    grid = read_grid(path, "geoid")
     assert grid.west_deg == pytest.approx(expected)
     assert grid.longitude_deg[-1] == pytest.approx(expected + 2.4)
     assert grid.south_deg == 30.0
@@ -55,7 +48,8 @@ def test_the_value_that_marks_a_gap_is_none(tmp_path):
 
 def test_nodes_must_be_regular(tmp_path):
     """A node a tenth of a step off its place is no grid."""
-    path = written(tmp_path / "grid.nc", 30.0, 5.0, np.ones((20, 20)))
+    path = tmp_path / "grid.nc"
+    write_grid(path, "geoid", "", np.ones((20, 20)), 30.0, 5.0, 0.1)
     read_grid(path, "geoid")
     with netCDF4.Dataset(path, "a") as file:
         file.variables["lon"][7] += 0.01

@@ -6,9 +6,9 @@ import json
 import math
 from pathlib import Path
 
-import netCDF4
 import numpy as np
 import pytest
+from grids import write_grid
 from random_harmonics import write_gfc
 
 from ggbench.gravity.ellipsoid import SEMI_MAJOR_AXIS
@@ -30,12 +30,7 @@ def coefficients(tmp_path) -> Path:
 def geoid_of_nothing(folder: Path) -> Path:
     """Write a geoid of zero metres, 36° to 46° N, 2° to 12° E."""
     path = folder / "grid.nc"
-    with netCDF4.Dataset(path, "w") as file:
-        for name, first in (("lat", 36.0), ("lon", 2.0)):
-            file.createDimension(name, 101)
-            file.createVariable(name, "f8", (name,))[:] = first + 0.1 * np.arange(101)
-        values = file.createVariable("geoid", "f8", ("lat", "lon"))
-        values.units, values[:] = "m", 0.0
+    write_grid(path, "geoid", "m", np.zeros((101, 101)), 36.0, 2.0, 0.1)
     return path
 
 
