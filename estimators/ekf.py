@@ -92,7 +92,7 @@ class ExtendedKalmanFilter(BlockEstimator):
         ekf = FilterpyEKF(dim_x=n, dim_z=m)
         ekf.x = problem.prior_mean.copy()  # filterpy's default (n, 1) would broadcast with a 1-D z
         ekf.P = problem.prior_cov.copy()
-        noise = _AdaptiveNoise(problem.noise_cov, self.noise_memory)
+        noise = _AdaptiveNoise(m, self.noise_memory)
         threshold = robust.threshold_of(self.loss, self.threshold)
         mean = np.empty((problem.epochs, n))
         cov = np.empty((problem.epochs, n, n))
@@ -101,7 +101,8 @@ class ExtendedKalmanFilter(BlockEstimator):
             ekf.F, ekf.Q = problem.transition[k], problem.process_cov[k]
             ekf.predict()
             update = _Update(
-                problem.model, k, problem.measurements[k], ekf.x, ekf.P, noise.cov,
+                problem.model, k, problem.measurements[k], ekf.x, ekf.P,
+                noise.of(problem.noise_of(k)),
                 self.loss, threshold,
             )  # fmt: skip
             if self.iterations > 1:
@@ -119,8 +120,10 @@ class ExtendedKalmanFilter(BlockEstimator):
                 ekf.x = update.x  # filterpy takes the whole of one step, from the prediction
             ekf.P = 0.5 * (ekf.P + ekf.P.T)
             mean[k], cov[k] = ekf.x, ekf.P
-            if self.noise_memory and update.rows.any():  # no rows: there was no reading
+            if self.noise_memory:
                 noise.learn(
+                    problem.noise_of(k),
+                    problem.present[k],
                     problem.measurements[k] - problem.model.predict(k, ekf.x),
                     update.rows @ ekf.P @ update.rows.T,
                     update.noise_cov,
@@ -199,20 +202,35 @@ class _Update:
 class _AdaptiveNoise:
     """Variances of the components of the whitened noise, estimated from what updates leave."""
 
-    def __init__(self, noise_cov: np.ndarray, memory: int) -> None:
-        self.cov = noise_cov
-        self._memory, self._readings = memory, 1
-        self._root = np.linalg.cholesky(noise_cov)
-        self._variances = np.ones(len(noise_cov))
+    def __init__(self, channels: int, memory: int) -> None:
+        self._memory = memory
+        self._readings, self._variances = np.ones(channels), np.ones(channels)
 
-    def learn(self, residual: np.ndarray, spread: np.ndarray, weighted_cov: np.ndarray) -> None:
-        """Take in a residual after the update: its expected square is R − H P⁺ Hᵀ."""
-        white = np.linalg.solve(self._root, residual)
-        certain = np.linalg.solve(self._root, np.linalg.solve(self._root, spread).T)
+    def of(self, given: np.ndarray) -> np.ndarray:
+        """Return what is believed by now of a noise covariance that is given."""
+        if not self._memory:
+            return given
+        root = np.linalg.cholesky(given)
+        return np.asarray((root * self._variances) @ root.T)
+
+    def learn(
+        self,
+        given: np.ndarray,
+        there: np.ndarray,
+        residual: np.ndarray,
+        spread: np.ndarray,
+        weighted_cov: np.ndarray,
+    ) -> None:
+        """Take in a residual after the update: its expected square is R − H P⁺ Hᵀ.
+
+        Of the channels that are ``there``; R was ``given`` so, and ``weighted_cov`` used.
+        """
+        root = np.linalg.cholesky(given)
+        white = np.linalg.solve(root, residual)
+        certain = np.linalg.solve(root, np.linalg.solve(root, spread).T)
         # A component that a robust loss holds for an outlier counts as little as it did there.
-        weighted = np.linalg.solve(self._root, np.linalg.solve(self._root, weighted_cov).T)
+        weighted = np.linalg.solve(root, np.linalg.solve(root, weighted_cov).T)
         weight = self._variances / np.diag(weighted)
-        self._readings = min(self._readings + 1, self._memory)
+        self._readings[there] = np.minimum(self._readings + 1.0, self._memory)[there]
         new = weight * white**2 + np.diag(certain)
-        self._variances = self._variances + (new - self._variances) / self._readings
-        self.cov = (self._root * self._variances) @ self._root.T
+        self._variances[there] += ((new - self._variances) / self._readings)[there]

@@ -194,8 +194,6 @@ class _ScaledProblem:
         self.scale = np.sqrt(np.diag(problem.prior_cov))
         self.transition = problem.transition * self.scale / self.scale[:, None]
         self.process_cov = problem.process_cov / np.outer(self.scale, self.scale)
-        self.measurement_noise = gtsam.noiseModel.Gaussian.Covariance(problem.noise_cov)
-        self.noise_root = np.linalg.cholesky(problem.noise_cov)
 
     def empty(self) -> tuple[np.ndarray, np.ndarray]:
         """Return arrays for the mean (K, n) and the covariance (K, n, n)."""
@@ -253,7 +251,8 @@ class _ScaledProblem:
         error = partial(
             _gradient_error, self.problem.model, self.problem.measurements[k], self.scale, k
         )
-        return gtsam.CustomFactor(self.measurement_noise, [k], error)
+        noise = gtsam.noiseModel.Gaussian.Covariance(self.problem.noise_of(k))
+        return gtsam.CustomFactor(noise, [k], error)
 
     def _robust_factors(self, k: int) -> list[gtsam.NonlinearFactor]:
         """Return a custom factor with a robust loss for each component of the whitened residual.
@@ -266,12 +265,11 @@ class _ScaledProblem:
         else:
             robustness = estimators.Cauchy.Create(self.threshold)
         noise = gtsam.noiseModel.Robust.Create(robustness, gtsam.noiseModel.Unit.Create(1))
-        reading = _Reading(
-            self.problem.model, self.problem.measurements[k], self.scale, self.noise_root, k
-        )
+        root = np.linalg.cholesky(self.problem.noise_of(k))
+        reading = _Reading(self.problem.model, self.problem.measurements[k], self.scale, root, k)
         return [
             gtsam.CustomFactor(noise, [k], partial(_component_error, reading, c))
-            for c in range(len(self.noise_root))
+            for c in range(len(root))
         ]
 
 

@@ -129,7 +129,9 @@ class _Smoother:
         self.process_cov = problem.process_cov / np.outer(scale, scale)
         self.prior_mean = problem.prior_mean / scale
         self.prior_cov = problem.prior_cov / np.outer(scale, scale)
-        self.noise_root = np.linalg.cholesky(problem.noise_cov)
+        channels = problem.measurements.shape[1]
+        noise = np.broadcast_to(problem.noise_cov, (problem.epochs, channels, channels))
+        self.noise_root = np.linalg.cholesky(noise)
 
     def from_prior(self, start: np.ndarray) -> _Trajectory:
         """Return the undisturbed motion from prior_mean + P_0 λ."""
@@ -150,8 +152,8 @@ class _Smoother:
             x, p = phi @ x, phi @ p @ phi.T + q
             state = x * self.scale
             innovation = problem.measurements[k] - problem.model.predict(k, state)
-            white = np.linalg.solve(self.noise_root, innovation)
-            h = np.linalg.solve(self.noise_root, problem.model.jacobian(k, state) * self.scale)
+            white = np.linalg.solve(self.noise_root[k], innovation)
+            h = np.linalg.solve(self.noise_root[k], problem.model.jacobian(k, state) * self.scale)
             rows[k], target[k] = h, white + h @ x
             gain = np.linalg.solve(h @ p @ h.T + np.eye(m), h @ p).T
             keep = np.eye(n) - gain @ h
@@ -200,7 +202,7 @@ class _Smoother:
                 residuals = problem.measurements[k] - problem.model.predict(
                     k, states.T * self.scale
                 )
-                white = np.linalg.solve(self.noise_root, residuals.T)
+                white = np.linalg.solve(self.noise_root[k], residuals.T)
                 left = robust.losses(white, self.loss, self.threshold).sum(axis=0)
                 costs += problem.epochs / len(shown) * left
         return costs
@@ -209,7 +211,8 @@ class _Smoother:
         """Return the whitened residuals (K, m) of a trajectory."""
         problem = self.problem
         predicted = [problem.model.predict(k, x) for k, x in enumerate(states * self.scale)]
-        return np.linalg.solve(self.noise_root, (problem.measurements - predicted).T).T
+        residuals = problem.measurements - predicted
+        return np.linalg.solve(self.noise_root, residuals[..., np.newaxis])[..., 0]
 
     def _cost(self, trajectory: _Trajectory, residuals: np.ndarray) -> float:
         start, motion = trajectory.start, trajectory.motion

@@ -106,7 +106,6 @@ class _Bank:
         self.scale = scale = np.sqrt(np.diag(problem.prior_cov))
         self.transition = problem.transition * scale / scale[:, None]
         self.process_cov = problem.process_cov / np.outer(scale, scale)
-        self.noise_root = np.linalg.cholesky(problem.noise_cov)
         self.weights, self.means, self.covs = _split_prior(problem, spacing_m, most)
 
     def predict(self, k: int) -> None:
@@ -177,14 +176,14 @@ class _Bank:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Whitened residuals (J, m) at states and the costs (J,) of prior and reading."""
         residual = self.problem.measurements[k] - self.problem.model.predict(k, x * self.scale)
-        white = np.linalg.solve(self.noise_root, residual.T).T
+        white = np.linalg.solve(np.linalg.cholesky(self.problem.noise_of(k)), residual.T).T
         prior = np.einsum("ja,jab,jb->j", dual, cov, dual)
         return white, 0.5 * prior + robust.losses(white, self.loss, self.threshold).sum(axis=1)
 
     def _white_rows(self, k: int, x: np.ndarray) -> np.ndarray:
         """Jacobians (J, m, n) of the whitened reading."""
-        rows = np.stack([self.problem.model.jacobian(k, state) for state in x * self.scale])
-        return np.linalg.solve(self.noise_root, rows * self.scale)
+        rows = self.problem.model.jacobian(k, x * self.scale)
+        return np.linalg.solve(np.linalg.cholesky(self.problem.noise_of(k)), rows * self.scale)
 
     def moments(self) -> tuple[np.ndarray, np.ndarray]:
         """Return mean (n,) and covariance (n, n) of the mixture."""

@@ -181,12 +181,11 @@ class UnscentedKalmanFilter(BlockEstimator):
             points=points,
         )
         ukf.x, ukf.P = problem.prior_mean.copy(), problem.prior_cov.copy()
-        ukf.R = problem.noise_cov
         ukf.loss, ukf.threshold = self.loss, robust.threshold_of(self.loss, self.threshold)
         mean = np.empty((problem.epochs, n))
         cov = np.empty((problem.epochs, n, n))
         for k in range(problem.epochs):
-            ukf.Q = problem.process_cov[k]
+            ukf.Q, ukf.R = problem.process_cov[k], problem.noise_of(k)
             ukf.predict(epoch=k)
             ukf.update(problem.measurements[k], epoch=k)
             ukf.P = root.repaired(ukf.P)

@@ -13,11 +13,11 @@ gradient tensor        [EE, EN, EU, NN, NU, UU] in E (1 E = 1e-9 s⁻²), (6,); 
 error                  indicated (or estimated) minus true; sensor: measured = true + bias
 attitude error φ       C̃_nb = (I − [φ×]) C_nb
 error state            δr ENU [m], δv ENU [m/s], φ [rad], gyro bias [rad/s], accelerometer bias
-                       [m/s²]: (15,); then a bias of each gradiometer channel [E], if the model
-                       has any
+                       [m/s²]: (15,); then biases of the sensors' channels, if the model has any
 mount                  what holds the gradiometer: a platform, a local level, or the body itself
-channel                what a gradiometer delivers: a component of the tensor in the axes of its
-                       mount, or a linear combination of the six
+channel                a number that is measured: of a gradiometer a component of the tensor in the
+                       axes of its mount, or a linear combination of the six; of a receiver, a
+                       log, a barometer, a gravimeter a component of what it delivers
 truth, model           what is simulated; what the estimators are told: a scenario may tell them
                        something else
 map                    the disturbing field, gradient [E] and gravity [m/s²], on a grid of nodes

@@ -27,6 +27,7 @@ from .campaign.campaign import CampaignError
 from .campaign.runner import flight_of
 from .errors import GGBenchError
 from .judging.judgement import Judgement as Judgement
+from .judging.judgement import epochs_outside
 from .judging.judgement import judge as judge
 from .problem import Estimate, Estimator, Problem
 from .results import folder
@@ -119,6 +120,11 @@ def estimate(problem: Problem, estimator: str | Estimator, seed: int = 0) -> Est
     EstimatorError
         If it is named wrongly, cannot take this problem, or returns no estimate. What it raises
         itself is not caught.
+
+    Warns
+    -----
+    UserWarning
+        If the estimate lies outside the problem's map, where the border's values go on.
     """
     if not isinstance(problem, Problem):
         raise ArgumentError(f"a Problem is estimated, and not {_kind(problem)}")
@@ -131,6 +137,14 @@ def estimate(problem: Problem, estimator: str | Estimator, seed: int = 0) -> Est
     if not isinstance(found, Estimate):
         raise registry.EstimatorError(
             f"{chosen.name}: estimate() returned {_kind(found)} and must return an Estimate"
+        )
+    outside = epochs_outside(problem, found.mean)
+    if found.causality != "none" and outside.any():
+        warnings.warn(
+            f"{chosen.name} believes to be outside the map at {np.count_nonzero(outside)} of "
+            f"{problem.epochs} epochs, first {problem.times[outside.argmax()]:g} s after the "
+            "start: the border's values go on there",
+            stacklevel=2,
         )
     return found
 

@@ -15,8 +15,18 @@ from typing import Protocol, TypeGuard, runtime_checkable
 import numpy as np
 
 from .numerics.frozen import freeze_arrays, read_only
-from .problem import Causality, Estimate, Estimator, MeasurementModel, Problem, StateBlock
-from .sensors.model import GradiometerModel
+from .problem import (
+    Causality,
+    Channel,
+    Estimate,
+    Estimator,
+    GravityMap,
+    MeasurementModel,
+    Problem,
+    StateBlock,
+    Track,
+)
+from .sensors.model import SensorModel
 from .sensors.model_kernels import ModelArrays
 
 
@@ -35,9 +45,12 @@ class ProblemBlock:
 
     Attributes
     ----------
-    times, noise_cov, prior_mean, prior_cov, layout : as in :class:`.problem.Problem`.
-    measurements : (R, K, m). transition, process_cov : (R, K, n, n).
+    times, noise_cov, prior_mean, prior_cov, layout, channels, map : as in
+        :class:`.problem.Problem`.
+    measurements, present : (R, K, m). transition, process_cov : (R, K, n, n).
     model : arrays of h and H, the run as leading axis of those that differ from run to run.
+    tracks : (R, K, 15) what the INS indicates, as :class:`.problem.Track` has it: positions,
+        velocities, attitudes row by row; None if nobody says.
     """
 
     times: np.ndarray
@@ -49,6 +62,10 @@ class ProblemBlock:
     prior_cov: np.ndarray
     model: ModelArrays
     layout: tuple[StateBlock, ...]
+    present: np.ndarray
+    channels: tuple[Channel, ...] = ()
+    tracks: np.ndarray | None = None
+    map: GravityMap | None = None
 
     def __post_init__(self) -> None:
         freeze_arrays(self, read_only)
@@ -70,6 +87,10 @@ class ProblemBlock:
 
     def problem(self, run: int) -> Problem:
         """Return one run as every estimator takes it."""
+        track = None
+        if self.tracks is not None:
+            states = self.tracks[run]
+            track = Track(states[:, :3], states[:, 3:6], states[:, 6:].reshape(-1, 3, 3))
         return Problem(
             times=self.times,
             measurements=self.measurements[run],
@@ -78,8 +99,12 @@ class ProblemBlock:
             process_cov=self.process_cov[run],
             prior_mean=self.prior_mean,
             prior_cov=self.prior_cov,
-            model=GradiometerModel(self.model.of_run(run)),
+            model=SensorModel(self.model.of_run(run)),
             layout=self.layout,
+            present=self.present[run],
+            channels=self.channels,
+            track=track,
+            map=self.map,
         )
 
 
@@ -103,11 +128,13 @@ def block_of(problem: Problem) -> ProblemBlock:
         problem.prior_cov,
         problem.model.arrays.as_block(),
         problem.layout,
+        problem.present[np.newaxis],
+        problem.channels,
     )
 
 
 def _without_arrays(model: MeasurementModel) -> str:
-    return f"a compiled engine needs the gradiometer's model, not {type(model).__name__}"
+    return f"a compiled engine needs the package's own model, not {type(model).__name__}"
 
 
 @dataclass(frozen=True)

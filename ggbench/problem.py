@@ -13,10 +13,13 @@ from types import MappingProxyType
 from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .numerics.frozen import freeze_arrays
 
 Causality = Literal["none", "filter", "fixed-lag", "batch"]
+_NO_NOISE = 1e-13
+"""Eigenvalue of a correlation matrix below which a direction of Q counts as free of noise."""
 
 
 class MeasurementModel(Protocol):
@@ -26,7 +29,7 @@ class MeasurementModel(Protocol):
         """Return h(k, x) of shape (..., m) for states x (..., n), any leading axes."""
 
     def jacobian(self, k: int, x: np.ndarray) -> np.ndarray:
-        """Return ∂h/∂x of shape (m, n) at one state x (n,)."""
+        """Return ∂h/∂x of shape (..., m, n) at states x (..., n), any leading axes."""
 
 
 @runtime_checkable
@@ -48,22 +51,76 @@ class StateBlock:
 
 
 @dataclass(frozen=True)
+class Channel:
+    """One of the m numbers that are measured: its name, its unit, and the sensor it is of."""
+
+    name: str
+    unit: str
+    sensor: str
+
+
+@dataclass(frozen=True)
+class Track:
+    """What the INS indicates at the epochs: what its error is the error of.
+
+    Attributes
+    ----------
+    positions : (K, 3) latitude, longitude [rad], ellipsoidal height [m].
+    velocities : (K, 3) ENU [m/s]. attitudes : (K, 3, 3) C_nb, from body to ENU.
+    """
+
+    positions: np.ndarray
+    velocities: np.ndarray
+    attitudes: np.ndarray
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+
+class GravityMap(Protocol):
+    """The field that the estimators are told, at any position."""
+
+    @property
+    def lower(self) -> np.ndarray:
+        """First latitude, longitude [rad] and height [m] (3,) of the map; −∞ without one."""
+
+    @property
+    def upper(self) -> np.ndarray:
+        """Last latitude, longitude [rad] and height [m] (3,) of the map; ∞ without one."""
+
+    def tensor(self, latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike) -> np.ndarray:
+        """Return the gradient tensor (..., 6) [E] at positions [rad, rad, m] within the map."""
+
+    def gravity_disturbance(
+        self, latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike
+    ) -> np.ndarray:
+        """Return the gravity disturbance (..., 3), ENU [m/s²], at positions within the map."""
+
+
+@dataclass(frozen=True)
 class Problem:
     """One estimation problem. Every array is an immutable copy of what it is made from.
 
     x_0 ~ N(prior_mean, prior_cov) at the start; x_k = transition[k] x_{k−1} + w_k with
     w_k ~ N(0, process_cov[k]) (which may be singular); measurements[k] = h(k, x_k) + v_k with
-    v_k ~ N(0, noise_cov), k = 0..K−1. ``transition[0]`` leads from the start to times[0].
+    v_k ~ N(0, R_k), k = 0..K−1. ``transition[0]`` leads from the start to times[0].
+
+    Where a channel delivers nothing at an epoch, ``present`` is false, and its measurement, h and H
+    are zero there: an update with it changes nothing, so most estimators need not ask.
 
     Attributes
     ----------
     times : (K,) measurement epochs [s].
-    measurements : (K, m).
-    noise_cov : (m, m).
+    measurements : (K, m), without NaN.
+    noise_cov : (m, m) R of all epochs, or (K, m, m) of each; see :meth:`noise_of`.
     transition, process_cov : (K, n, n).
     prior_mean : (n,). prior_cov : (n, n), positive definite.
     model : h and H.
     layout : names, slices and units of the n states.
+    present : (K, m) which measurements there are; all if not given.
+    channels : what the m measurements are; ``()`` if nobody says.
+    track : what the INS indicates, if the states are its errors.
+    map : the field that h looks readings up in, if it is one.
     """
 
     times: np.ndarray
@@ -75,8 +132,14 @@ class Problem:
     prior_cov: np.ndarray
     model: MeasurementModel
     layout: tuple[StateBlock, ...]
+    present: np.ndarray = None  # type: ignore[assignment]  # never None: see __post_init__
+    channels: tuple[Channel, ...] = ()
+    track: Track | None = None
+    map: GravityMap | None = None
 
     def __post_init__(self) -> None:
+        if self.present is None:
+            object.__setattr__(self, "present", np.ones(self.measurements.shape, dtype=bool))
         freeze_arrays(self)
 
     def __repr__(self) -> str:
@@ -95,6 +158,31 @@ class Problem:
     def dimension(self) -> int:
         """Number of states n."""
         return len(self.prior_mean)
+
+    def noise_of(self, k: int) -> np.ndarray:
+        """Return R (m, m) of epoch ``k``."""
+        return self.noise_cov if self.noise_cov.ndim == 2 else self.noise_cov[k]
+
+    def noise_root(self, k: int) -> np.ndarray:
+        """Return G (n, r) with G Gᵀ = Q of epoch ``k``: by it r standard normal numbers make w_k.
+
+        Of the rank r of Q, in units of its deviations, so that no unit outweighs another.
+        """
+        cov = self.process_cov[k]
+        sigma = np.sqrt(np.diag(cov))
+        unit = np.where(sigma > 0.0, sigma, 1.0)
+        values, vectors = np.linalg.eigh(cov / np.outer(unit, unit))
+        kept = values > _NO_NOISE
+        return np.asarray(unit[:, np.newaxis] * vectors[:, kept] * np.sqrt(values[kept]))
+
+    def log_likelihood(self, k: int, x: np.ndarray) -> np.ndarray:
+        """Return ln p(z_k | x) (...) of the measurements that there are, at states x (..., n)."""
+        there = self.present[k]
+        residual = (self.measurements[k] - self.model.predict(k, x))[..., there]
+        root = np.linalg.cholesky(self.noise_of(k)[np.ix_(there, there)])
+        white = np.linalg.solve(root, residual[..., np.newaxis])[..., 0]
+        constant = np.log(np.diag(root)).sum() + 0.5 * len(root) * np.log(2.0 * np.pi)
+        return np.asarray(-0.5 * (white**2).sum(axis=-1) - constant)
 
 
 @dataclass(frozen=True)

@@ -75,7 +75,7 @@ class LinearModel:
         return np.asarray(x) @ self.rows[k].T
 
     def jacobian(self, k: int, x: np.ndarray) -> np.ndarray:
-        return self.rows[k].copy()
+        return np.tile(self.rows[k], (*np.shape(x)[:-1], 1, 1))
 
 
 UNITS = np.array([1e3, 1e-2, 1e-6, 1e-8, 1e2])
@@ -152,11 +152,11 @@ def kalman(problem: Problem) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.nda
         out[2].append(x)
         out[3].append(p)
         h = problem.model.jacobian(k, x)
-        s = h @ p @ h.T + problem.noise_cov
+        s = h @ p @ h.T + problem.noise_of(k)
         gain = np.linalg.solve(s, h @ p).T
         x = x + gain @ (problem.measurements[k] - problem.model.predict(k, x))
         keep = eye - gain @ h
-        p = keep @ p @ keep.T + gain @ problem.noise_cov @ gain.T
+        p = keep @ p @ keep.T + gain @ problem.noise_of(k) @ gain.T
         out[0].append(x)
         out[1].append(p)
     return tuple(np.array(item) for item in out)
@@ -202,7 +202,7 @@ def conditioned(problem: Problem, ahead: int) -> tuple[np.ndarray, np.ndarray]:
         innovation_cov = np.block(
             [
                 [
-                    rows[i] @ joint[i, :, j, :] @ rows[j].T + (i == j) * problem.noise_cov
+                    rows[i] @ joint[i, :, j, :] @ rows[j].T + (i == j) * problem.noise_of(i)
                     for j in range(count)
                 ]
                 for i in range(count)

@@ -31,10 +31,11 @@ class RoughModel:
         return np.cos(phase) @ self.cosine + np.sin(phase) @ self.sine
 
     def jacobian(self, k: int, x: np.ndarray) -> np.ndarray:
-        phase = self.waves @ (self.track[k] + np.asarray(x)[:3])
-        slope = np.cos(phase)[:, None] * self.sine - np.sin(phase)[:, None] * self.cosine
-        rows = np.zeros((slope.shape[1], len(x)))
-        rows[:, :3] = slope.T @ self.waves
+        x = np.asarray(x)
+        phase = (self.track[k] + x[..., :3]) @ self.waves.T
+        slope = np.cos(phase)[..., None] * self.sine - np.sin(phase)[..., None] * self.cosine
+        rows = np.zeros((*x.shape[:-1], slope.shape[-1], x.shape[-1]))
+        rows[..., :3] = np.swapaxes(slope, -1, -2) @ self.waves
         return rows
 
 

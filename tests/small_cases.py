@@ -26,6 +26,27 @@ ROTATING = {
 }
 """Changes that make the gradiometer one of three spinning disks; its noise is 28 E."""
 
+ON_BOARD = {
+    "gnss.period_s": 1.0,
+    "gnss.position_noise_m": 5.0,
+    "gnss.height_noise_m": 8.0,
+    "gnss.velocity_noise_mps": 0.05,
+    "velocity_log.period_s": 2.0,
+    "velocity_log.noise_mps": 0.1,
+    "velocity_log.bias_mps": 0.2,
+    "velocity_log.bias_time_s": 30.0,
+    "barometer.period_s": 0.5,
+    "barometer.noise_m": 3.0,
+    "barometer.bias_m": 5.0,
+}
+"""Changes that take a receiver, a log and a barometer on board; none of them needs a map."""
+
+GRAVIMETER = {
+    "gravimeter.period_s": 1.5,
+    "gravimeter.noise_mgal": 1.0,
+    "gravimeter.bias_mgal": 0.5,
+}
+
 TINY = {
     "initial_error.position_m": 1e-3,
     "initial_error.velocity_mps": 1e-4,

@@ -117,7 +117,7 @@ def test_what_is_shown_takes_one_line(scenario, results):
     problem, truth = gg.simulate(scenario.case("base"))
     estimate = gg.estimate(problem, gg.estimator("ekf"))
     assert repr(problem) == (
-        "Problem(20 epochs of 6 channels from 1.0 to 20.0 s, 15 states, GradiometerModel)"
+        "Problem(20 epochs of 6 channels from 1.0 to 20.0 s, 15 states, SensorModel)"
     )
     assert repr(estimate) == "Estimate(mean (20, 15), cov (20, 15, 15), filter)"
     assert repr(truth) == "Truth(20 epochs of 15 states)"

@@ -19,7 +19,7 @@ from ..judging import locking, run_errors
 from ..judging.summary import bound_for, squared_bounds
 from ..problem import Causality, Problem
 from ..results.store import DETAILED_RUN, SERIES_RUNS, Result, kept_epochs
-from ..sensors.gradiometer.instrument import COMPONENTS
+from ..sensors.gradiometer.instrument import COMPONENTS, Gradiometer
 from ..simulation.error_free_flight import Flight
 from ..simulation.random_streams import random_streams
 from ..spec.case import CaseSpec
@@ -204,7 +204,7 @@ def remarks(info: Any) -> dict[str, Any]:
 
 def lag_epochs(case: CaseSpec, lag: float) -> int:
     """Return how many epochs after each one a fixed lag [s] sees."""
-    return math.floor(lag / case.gradiometer.period_s + 1e-9)
+    return math.floor(lag / case.tick_s + 1e-9)
 
 
 def shared_arrays(flight: Flight, seed: int, lags: Sequence[int]) -> dict[str, np.ndarray]:
@@ -218,19 +218,42 @@ def shared_arrays(flight: Flight, seed: int, lags: Sequence[int]) -> dict[str, n
         "times": flight.times,
         "kept": kept_epochs(len(flight.times)),
         "track": flight.trajectory.positions[flight.epochs],
-        "present": flight.faults.expected_share(flight.times),
-        "channels": np.array(len(flight.true.gradiometer.channels)),
+        "present": _some_expected(flight),
+        "channels": flight.expected.sum(axis=1),
     }
     bounds = {name: bound_for(flight.bound, name, None) for name in ("filter", "batch")}
     for lag in lags:
         bounds[f"fixed-lag-{lag}"] = bound_for(flight.bound, "fixed-lag", lag)
     for name, cov in bounds.items():
         arrays[f"bound-{name}"] = np.stack(squared_bounds(cov), axis=-1)
-    # Γ_UU with the noise that the detailed run has in zz, before and behind the filter.
+    if flight.true.gradiometer is not None:
+        arrays |= _gradient_signals(flight, flight.true.gradiometer, seed)
+    if flight.field.has_map:
+        arrays |= _map_signals(flight.field, float(np.mean(arrays["track"][:, 2])))
+    return arrays
+
+
+def _some_expected(flight: Flight) -> np.ndarray:
+    """Return the share of runs (K,) in which any measurement is there at each epoch.
+
+    The channels of a sensor drop out together, the sensors independently.
+    """
+    true, none = flight.true, np.ones(len(flight.times))
+    first = 0
+    for count in (true.gradients, *(len(sensor.channels) for sensor in true.aiding)):
+        if count:
+            none *= 1.0 - flight.expected[:, first]
+        first += count
+    return np.asarray(1.0 - none)
+
+
+def _gradient_signals(flight: Flight, true: Gradiometer, seed: int) -> dict[str, np.ndarray]:
+    """Return Γ_UU when it is read, and with the noise of the detailed run."""
     streams, vertical = random_streams(seed, DETAILED_RUN), COMPONENTS.index("zz")
-    instrument = replace(flight.true.gradiometer, components=COMPONENTS)
-    enu, count = flight.field.tensor(*arrays["track"].T), len(flight.epochs)
-    arrays["vertical"] = enu[:, vertical]
+    instrument = replace(true, components=COMPONENTS)
+    at = flight.epochs[flight.gradient_epochs]
+    enu, count = flight.field.tensor(*flight.trajectory.positions[at].T), len(at)
+    arrays = {"gradient_times": flight.trajectory.times[at], "vertical": enu[:, vertical]}
     noise = instrument.noise(count, streams.gradiometer)[:, vertical]
     behind = instrument.noise_behind(count, streams.behind_filter)[:, vertical]
     arrays["noisy"] = arrays["vertical"] + noise
@@ -239,8 +262,6 @@ def shared_arrays(flight: Flight, seed: int, lags: Sequence[int]) -> dict[str, n
     else:
         arrays["filtered"] = instrument.lowpass.apply(arrays["noisy"]) + behind
         arrays["filtered_true"] = instrument.lowpass.apply(arrays["vertical"])
-    if flight.field.has_map:
-        arrays |= _map_signals(flight.field, float(np.mean(arrays["track"][:, 2])))
     return arrays
 
 

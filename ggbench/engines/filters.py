@@ -15,7 +15,7 @@ from ..numerics.positive import nearest_root
 from ..numerics.vectors import load, splat, store
 from ..sensors.model_kernels import ModelArrays
 from .sigma_points import SigmaPoints, read_sigma_points, sigma_points_of
-from .whitened_readings import Readings, linearise, noise_inverse, readings_of
+from .whitened_readings import Readings, linearise, noise_covs, noise_inverse, readings_of
 
 
 @compiled
@@ -65,8 +65,8 @@ def _extended(
 def _scatter_squares(reading: Readings, first: int, count: int, k: int, nis: np.ndarray) -> None:
     """Write the squares of the innovations of a group; NaN where there was no reading."""
     for r in range(count):
-        present = reading.here.gain[0, 0, r] != 0.0
-        nis[first + r, k] = reading.squared[0, 0, r] if present else np.nan
+        there = reading.here.there[0, 0, r] != 0.0
+        nis[first + r, k] = reading.squared[0, 0, r] if there else np.nan
 
 
 @compiled
@@ -152,7 +152,7 @@ def _unscented(
     equations = reading.rows.shape[0]
     hp, linear = lanes.lanes(equations, n), lanes.lanes(equations, equations)
     s, white = lanes.lanes(m, m), lanes.lanes(1, max(m, equations))
-    points = sigma_points_of(reading.b.shape[0], n, m)
+    points = sigma_points_of(reading.b.shape[0], n, m, reading.slope.shape[0])
     offset, cross = lanes.lanes(1, m), lanes.lanes(m, n)
     centre_cov, weight = weights[0], weights[1]
     for first in lanes.starts(runs):
@@ -170,12 +170,13 @@ def _unscented(
                     counts[first + r, 0] += 1
                     _repaired(p, r, lower)
             linearise(model, measurements, noise_inverse, group, count, k, x, reading)
-            read_sigma_points(model, group, count, k, lower, spread, reading, points)
+            read_sigma_points(model, group, count, k, x, lower, spread, reading, points)
             for r in range(count):
                 counts[first + r, 1] += 1 + 2 * points.counts[r]
             if model.bias >= 0:
                 _add_biases(lower, spread, model.bias, reading, points)
-            _moments(lower, noise_cov, spread, centre_cov, weight, points, offset, s, cross)
+            r_k = noise_cov[min(k, noise_cov.shape[0] - 1)]
+            _moments(lower, r_k, spread, centre_cov, weight, points, offset, s, cross)
             # The square of the innovation is judged as that of every filter is, linearised.
             lane_algebra.project(reading.rows, p, equations, hp, linear)
             lane_algebra.factorise(linear, equations, linear)
@@ -205,9 +206,8 @@ def _add_biases(
     lower: np.ndarray, spread: float, bias: int, reading: Readings, out: SigmaPoints
 ) -> None:
     """Add to what the points read the instrument's biases in them."""
-    m = out.odd.shape[0]
     scale = splat(spread) * load(reading.here.gain, 0, 0)
-    for c in range(m):
+    for c in range(reading.slope.shape[0]):
         for q in range(bias + c + 1):
             store(out.odd, c, q, load(out.odd, c, q) + scale * load(lower, bias + c, q))
 
@@ -217,7 +217,7 @@ def _innovations(bias: int, x: np.ndarray, reading: Readings, offset: np.ndarray
     """Turn the readings into innovations, against the weighted mean of the points' readings."""
     for c in range(reading.z.shape[1]):
         total = load(reading.z, 0, c) - load(reading.predicted, 0, c) - load(offset, 0, c)
-        if bias >= 0:
+        if bias >= 0 and c < reading.slope.shape[0]:
             total -= load(reading.here.gain, 0, 0) * load(x, 0, bias + c)
         store(reading.z, 0, c, total)
 
@@ -259,7 +259,7 @@ def unscented(
     mean, cov = np.empty((runs, epochs, n)), np.empty((runs, epochs, n, n))
     nis, counts = np.empty((runs, epochs)), np.zeros((runs, 2), dtype=np.int64)
     _unscented(
-        block.measurements, block.noise_cov, noise_inverse(block), block.transition,
+        block.measurements, noise_covs(block), noise_inverse(block), block.transition,
         block.process_cov, block.prior_mean, block.prior_cov, block.model, spread,
         np.array([centre_cov, weight]), mean, cov, nis, counts,
     )  # fmt: skip

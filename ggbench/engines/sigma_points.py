@@ -9,6 +9,7 @@ import numpy as np
 from ..numerics.kernels import compiled
 from ..numerics.lanes import lanes
 from ..numerics.vectors import load, splat, store
+from ..sensors.aiding_kernels import read_aiding_pairs
 from ..sensors.model_kernels import ModelArrays, Points, points_of, read
 from .whitened_readings import Readings
 
@@ -24,7 +25,8 @@ class SigmaPoints(NamedTuple):
     shift : (moving, n, lanes) B_k d_q [m; rad].
     odd, even : (m, n, lanes) half the difference and half the sum of h(x ± d_q) − h(x) [E].
     far : (lanes, n) which points are evaluated, of each run. counts : (lanes,) how many pairs.
-    errors, found : (6, 2n, lanes), (m, 2n, lanes) where they are evaluated, and what they read.
+    errors, found : (6, 2n, lanes), (g, 2n, lanes) where they are evaluated, and what the
+        gradiometer reads there.
     chosen, points : scratch.
     """
 
@@ -40,13 +42,13 @@ class SigmaPoints(NamedTuple):
 
 
 @compiled
-def sigma_points_of(moving: int, n: int, m: int) -> SigmaPoints:
-    """Return the arrays for points of n states and readings of m components."""
+def sigma_points_of(moving: int, n: int, m: int, g: int) -> SigmaPoints:
+    """Return the arrays for points of n states and readings of m channels, g of gradients."""
     chosen = lanes(1, 2)
     size = chosen.shape[2]
     return SigmaPoints(
         lanes(moving, n), lanes(m, n), lanes(m, n), np.zeros((size, n), dtype=np.int64),
-        np.zeros(size, dtype=np.int64), lanes(6, 2 * n), lanes(m, 2 * n), chosen, points_of(2 * n),
+        np.zeros(size, dtype=np.int64), lanes(6, 2 * n), lanes(g, 2 * n), chosen, points_of(2 * n),
     )  # fmt: skip
 
 
@@ -56,23 +58,25 @@ def read_sigma_points(
     group: np.ndarray,
     count: int,
     k: int,
+    x: np.ndarray,
     lower: np.ndarray,
     spread: float,
     reading: Readings,
     out: SigmaPoints,
 ) -> None:
-    """Fill what the sigma points x ± spread · L_q read, biases left out.
+    """Fill what the sigma points x ± spread · L_q read, the gradiometer's biases left out.
 
     Parameters
     ----------
     model, group, count, k : of a block, runs (lanes,) of which ``count`` differ, epoch.
-    lower : (n, n, lanes) root of P. spread : by how much its columns are stretched.
+    x : (1, n, lanes). lower : (n, n, lanes) root of P. spread : by how much its columns are
+        stretched.
     reading : h(x), its slope and B_k.
     out : output; ``counts`` of pairs that were evaluated.
     """
     shift, odd, even, counts = out.shift, out.odd, out.even, out.counts
     b, slope, gain = reading.b, reading.slope, reading.here.gain
-    moving, n, m = shift.shape[0], shift.shape[1], odd.shape[0]
+    moving, n, g = shift.shape[0], shift.shape[1], slope.shape[0]
     columns = b.shape[1]
     factor, zero = splat(spread), splat(0.0)
     for i in range(moving):
@@ -81,7 +85,10 @@ def read_sigma_points(
             for j in range(q, columns):
                 total += load(b, i, j) * load(lower, j, q)
             store(shift, i, q, factor * total)
-    for c in range(m):
+    read_aiding_pairs(
+        model.aiding, group, count, k, x, lower, spread, reading.aiding_slope, odd, even
+    )
+    for c in range(g):
         for q in range(n):
             total = zero
             for i in range(moving):
@@ -91,7 +98,7 @@ def read_sigma_points(
     most = 0
     for r in range(counts.shape[0]):
         counts[r] = 0
-        if r < count and gain[0, 0, r] != 0.0:
+        if r < count and g > 0 and gain[0, 0, r] != 0.0:
             counts[r] = _far(out, r)
             most = max(most, counts[r])
     if most > 0:
@@ -153,7 +160,7 @@ def _evaluate(
             store(errors, i, 2 * s, centre + moved)
             store(errors, i, 2 * s + 1, centre - moved)
     read(model, k, reading.here, errors, 2 * pairs, 2 * pairs * size, out.points, found)
-    for c in range(odd.shape[0]):
+    for c in range(found.shape[0]):
         centre = load(reading.predicted, 0, c)
         for s in range(pairs):
             plus, minus = load(found, c, 2 * s) - centre, load(found, c, 2 * s + 1) - centre

@@ -11,6 +11,7 @@ from ..block import ProblemBlock
 from ..numerics.kernels import compiled
 from ..numerics.lanes import gather_row, gather_rows, lanes
 from ..numerics.vectors import load, splat, store, with_sign
+from ..sensors.aiding_kernels import MOVED, linearise_aiding
 from ..sensors.model_kernels import (
     Here,
     ModelArrays,
@@ -31,20 +32,23 @@ class Readings(NamedTuple):
 
     Attributes
     ----------
-    slope : (m, 6, lanes) A, of h by the errors B_k x [E/m; E/rad]; ``moving`` columns are used.
+    slope : (g, 6, lanes) A, of the gradiometer's h by the errors B_k x [E/m; E/rad]; ``moving``
+        columns are used.
+    aiding_slope : (e, 9, lanes) of the other channels, by the first states.
     b : (moving, 15, lanes) B_k, as many rows as there are errors that h depends on.
     errors : (6, 1, lanes) B_k x.
     here : what the readings depend on; the gain is that of biases, too: zero where none came.
-    z : (1, m, lanes) readings [E].
-    predicted : (1, m, lanes) h(x) without biases [E].
+    z : (1, m, lanes) readings.
+    predicted : (1, m, lanes) h(x), of the gradiometer without biases.
     rows, innovation : (equations, n, lanes), (1, equations, lanes): H δx = innovation + noise of
         unit variance. If there were less than three, others are zero.
     squared : (1, 1, lanes) the sum of the squares of what no state explains.
-    white, residual : (m, moving, lanes), (1, m, lanes) whitened A and z − h, compressed.
+    white, residual : (g, moving, lanes), (1, m, lanes) whitened A and z − h, compressed.
     points : scratch.
     """
 
     slope: np.ndarray
+    aiding_slope: np.ndarray
     b: np.ndarray
     errors: np.ndarray
     here: Here
@@ -60,15 +64,24 @@ class Readings(NamedTuple):
 
 @compiled
 def readings_of(model: ModelArrays, n: int, m: int) -> Readings:
-    """Return the arrays for readings of m components and n states."""
-    moving = moving_errors(model)
-    # What components without biases say about ``moving`` errors is at most so many equations.
-    equations = max(m if model.bias >= 0 else min(m, moving), 3)
+    """Return the arrays for readings of m channels and n states."""
+    moving, g = moving_errors(model), model.channels.shape[0]
+    equations = max(_gradient_equations(model) + m - g, 3)
     return Readings(
-        lanes(m, 6), lanes(moving, model.rows.shape[3]), lanes(6, 1), here_of(m), lanes(1, m),
-        lanes(1, m), lanes(equations, n), lanes(1, equations), lanes(1, 1), lanes(m, moving),
-        lanes(1, m), points_of(1),
+        lanes(g, 6), lanes(m - g, MOVED), lanes(moving, model.rows.shape[3]), lanes(6, 1),
+        here_of(m), lanes(1, m), lanes(1, m), lanes(equations, n), lanes(1, equations), lanes(1, 1),
+        lanes(g, moving), lanes(1, m), points_of(1),
     )  # fmt: skip
+
+
+@compiled
+def _gradient_equations(model: ModelArrays) -> int:
+    """Return how many equations the gradiometer's channels become.
+
+    What channels without biases say about ``moving`` errors is at most so many.
+    """
+    g = model.channels.shape[0]
+    return g if model.bias >= 0 else min(g, moving_errors(model))
 
 
 @compiled
@@ -87,12 +100,13 @@ def linearise(
     Parameters
     ----------
     model, measurements : of a block; (R, K, m).
-    noise_inverse : (m, m) inverse of the lower triangular root of R.
+    noise_inverse : (1 or K, m, m) of :func:`noise_inverse`.
     group : (lanes,) runs, of which ``count`` differ. x : (1, n, lanes). out : output.
     """
     b, errors, gain, z, predicted = out.b, out.errors, out.here.gain, out.z, out.predicted
     rows, residual, white, innovation = out.rows, out.residual, out.white, out.innovation
-    m, moving, columns = measurements.shape[2], b.shape[0], b.shape[1]
+    g, moving, columns = out.slope.shape[0], b.shape[0], b.shape[1]
+    root = noise_inverse[min(k, noise_inverse.shape[0] - 1)]
     gather_rows(model.rows, group, k, moving, b)
     gather_row(measurements, group, k, z)
     for i in range(moving):
@@ -101,18 +115,22 @@ def linearise(
             total += load(b, i, j) * load(x, 0, j)
         store(errors, i, 0, total)
     arrive(model, group, k, out.here)
-    linearise_reading(model, k, out.here, errors, count, out.points, predicted, out.slope)
-    for i in range(m):
+    if g > 0 and gain.any():
+        linearise_reading(model, k, out.here, errors, count, out.points, predicted, out.slope)
+    else:
+        predicted[:] = 0.0
+        out.slope[:] = 0.0
+    for i in range(g):
         total = load(z, 0, i) - load(predicted, 0, i)
         if model.bias >= 0:
             total -= load(gain, 0, 0) * load(x, 0, model.bias + i)
         store(residual, 0, i, total)
-    _whiten(noise_inverse, out)
-    equations = min(m, rows.shape[0])
-    if equations < m:
+    _whiten(root, out)
+    equations = _gradient_equations(model)
+    if equations < g:
         _compress(out)
     total = splat(0.0)
-    for i in range(equations, m):
+    for i in range(equations, g):
         value = load(residual, 0, i)
         total += value * value
     store(out.squared, 0, 0, total)
@@ -125,8 +143,46 @@ def linearise(
             store(rows, i, c, total)
         if model.bias >= 0:
             for c in range(i + 1):
-                value = load(gain, 0, 0) * splat(noise_inverse[i, c])
+                value = load(gain, 0, 0) * splat(root[i, c])
                 store(rows, i, model.bias + c, value)
+    if out.aiding_slope.shape[0] > 0:
+        _linearise_others(model, root, group, count, k, x, equations, out)
+
+
+@compiled
+def _linearise_others(
+    model: ModelArrays,
+    root: np.ndarray,
+    group: np.ndarray,
+    count: int,
+    k: int,
+    x: np.ndarray,
+    equations: int,
+    out: Readings,
+) -> None:
+    """Fill the equations of the aiding sensors, behind those of the gradiometer.
+
+    Their noise is independent of the gradiometer's: ``root``, the inverse root of R, has two
+    blocks.
+    """
+    slope, rows, innovation, aiding = out.aiding_slope, out.rows, out.innovation, model.aiding
+    channels, first = slope.shape[0], out.slope.shape[0]
+    linearise_aiding(aiding, group, count, k, out.here.offset, x, out.predicted, slope)
+    for i in range(channels):
+        place = equations + i
+        for c in range(rows.shape[1]):
+            store(rows, place, c, splat(0.0))
+        total = splat(0.0)
+        for d in range(i + 1):
+            weight = splat(root[first + i, first + d])
+            total += weight * (load(out.z, 0, first + d) - load(out.predicted, 0, first + d))
+            for c in range(MOVED):
+                store(rows, place, c, load(rows, place, c) + weight * load(slope, d, c))
+        store(innovation, 0, place, total)
+        for d in range(i + 1):
+            for r in range(group.shape[0]):
+                if aiding.bias[d] >= 0 and aiding.present[group[r], k, d] != 0.0:
+                    rows[place, aiding.bias[d], r] += root[first + i, first + d]
 
 
 @compiled
@@ -185,5 +241,10 @@ def _compress(out: Readings) -> None:
 
 
 def noise_inverse(block: ProblemBlock) -> np.ndarray:
-    """Return the inverse (m, m) of the lower triangular root of R."""
-    return np.linalg.inv(np.linalg.cholesky(block.noise_cov))
+    """Return the inverse (1 or K, m, m) of the lower triangular root of R."""
+    return np.linalg.inv(np.linalg.cholesky(noise_covs(block)))
+
+
+def noise_covs(block: ProblemBlock) -> np.ndarray:
+    """Return R of all epochs, or of each: (1 or K, m, m)."""
+    return block.noise_cov.reshape(-1, *block.noise_cov.shape[-2:])

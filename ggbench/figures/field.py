@@ -37,7 +37,7 @@ def field_map(arrays: Mapping[str, np.ndarray]) -> Drawing:
 @styled()
 def gradient_along_track(arrays: Mapping[str, np.ndarray], title: str) -> Drawing:
     """Draw the vertical gradient along the track, and what noise and filter do to it."""
-    times, true = arrays["times"], arrays["vertical"]
+    times, true = arrays["gradient_times"], arrays["vertical"]
     filtered = arrays.get("filtered")
     ratios = (3, 2) if filtered is None else (3, 2, 2)
     figure, axes = subplots(

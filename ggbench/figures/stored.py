@@ -72,6 +72,11 @@ def has_map(results: Results, case: str) -> bool:
     return "map_vertical" in results.arrays(case)
 
 
+def has_gradients(results: Results, case: str) -> bool:
+    """Return whether a gradiometer is on board in a case."""
+    return "gradient_times" in results.arrays(case)
+
+
 def field_map(results: Results, case: str) -> Drawing:
     """Draw the map that a case flies over, at flight height, with the track.
 
@@ -86,5 +91,13 @@ def field_map(results: Results, case: str) -> Drawing:
 
 
 def track_gradient(results: Results, case: str) -> Drawing:
-    """Draw the vertical gradient along the track of a case: true, noisy and filtered."""
+    """Draw the vertical gradient along the track of a case: true, noisy and filtered.
+
+    Raises
+    ------
+    ResultsError
+        If there is no gradiometer on board.
+    """
+    if not has_gradients(results, case):
+        raise ResultsError(f"case {case} flies without a gradiometer: it has no readings to draw")
     return field.gradient_along_track(results.arrays(case), results.scenario.case(case).title)

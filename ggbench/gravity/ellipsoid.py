@@ -80,6 +80,15 @@ def metres_per_radian(position: np.ndarray) -> tuple[float, float]:
     return metres_per_radian_of(math.sin(position[0]), math.cos(position[0]), position[2])
 
 
+@compiled
+def metres_along(positions: np.ndarray) -> np.ndarray:
+    """Return what a radian of longitude and of latitude is worth (N, 2) [m] at positions (N, 3)."""
+    out = np.empty((positions.shape[0], 2))
+    for k in range(positions.shape[0]):
+        out[k, 1], out[k, 0] = metres_per_radian(positions[k])
+    return out
+
+
 @inlined
 def radii_derivatives_of(sine: float, cosine: float) -> tuple[float, float]:
     """Return dR_M/dL and dR_N/dL [m/rad] where sin L and cos L are given."""

@@ -257,8 +257,15 @@ class Field:
         return DisturbanceMap(self.origin, self.step, self.disturbance_coefficients)
 
     @property
+    def lower(self) -> np.ndarray:
+        """First node of the map in latitude, longitude [rad] and height [m]; −∞ without one."""
+        return self.origin if self.has_map else np.full(3, -np.inf)
+
+    @property
     def upper(self) -> np.ndarray:
-        """Last node of the map in latitude, longitude [rad] and height [m]."""
+        """Last node of the map in latitude, longitude [rad] and height [m]; ∞ without one."""
+        if not self.has_map:
+            return np.full(3, np.inf)
         cells = np.array(self.tensor_coefficients.shape[:3]) - 3
         return self.origin + cells * self.step
 

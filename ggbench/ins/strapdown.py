@@ -183,6 +183,26 @@ def velocity_rate(
     )
 
 
+def steady_force(positions: np.ndarray, velocities: np.ndarray) -> np.ndarray:
+    """Return the specific force (..., 3), ENU [m/s²], that keeps a velocity in normal gravity.
+
+    (2ω_ie + ω_en) × v + (0, 0, γ), at positions (..., 3) [rad, rad, m] and velocities ENU [m/s].
+    """
+    places, speeds = (np.ascontiguousarray(a, float) for a in (positions, velocities))
+    return _steady_forces(places.reshape(-1, 3), speeds.reshape(-1, 3)).reshape(places.shape)
+
+
+@compiled
+def _steady_forces(positions: np.ndarray, velocities: np.ndarray) -> np.ndarray:
+    out = np.empty(positions.shape)
+    nothing = np.zeros(3)
+    for k in range(positions.shape[0]):
+        velocity_rate(positions[k], velocities[k], nothing, out[k])
+        for i in range(3):
+            out[k, i] = -out[k, i]
+    return out
+
+
 @compiled
 def attitude_rate(
     position: np.ndarray,

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import GGBenchError
+from ..gravity.ellipsoid import metres_along
 from ..numerics.frozen import freeze_arrays
 from ..problem import Estimate, Problem
 from ..simulation.runs import Truth
@@ -154,3 +155,19 @@ def _require(problem: Any, estimate: Any, truth: Any, windows: Any) -> None:
             f"windows.settled_from_s is {windows.settled_from_s:g} s and must not lie beyond the "
             f"last epoch, at {problem.times[-1]:g} s"
         )
+
+
+def epochs_outside(problem: Problem, mean: np.ndarray) -> np.ndarray:
+    """Return at which epochs (K,) an estimate (K, n) believes to be outside the problem's map.
+
+    At none if there is no map, or no track whose errors the states are.
+    """
+    if problem.track is None or problem.map is None:
+        return np.zeros(problem.epochs, dtype=bool)
+    positions = problem.track.positions
+    off = np.asarray(mean)[:, :3] / np.hstack(
+        [metres_along(positions), np.ones((len(positions), 1))]
+    )
+    believed = positions - off[:, [1, 0, 2]]
+    inside = (problem.map.lower <= believed) & (believed <= problem.map.upper)
+    return np.asarray(~inside.all(axis=1))

@@ -270,18 +270,19 @@ def innovations_squared(problem: Problem, mean: np.ndarray, cov: np.ndarray) -> 
     """Return the NIS (K,) of a filter's estimates, from its own mean and covariance.
 
     The innovation is that of the estimate at the previous epoch, predicted with Φ and Q. Only a
-    filter has innovations; the first epoch's is that of the prior. Where a reading is missing (h, H
-    and measurement are zero, see :mod:`ggbench.sensors.model`) there is none.
+    filter has innovations; the first epoch's is that of the prior. Where no channel delivers
+    anything there is none.
     """
     nis = np.full(problem.epochs, np.nan)
     x, p = problem.prior_mean, problem.prior_cov
     for k in range(problem.epochs):
         phi = problem.transition[k]
         x, p = phi @ x, phi @ p @ phi.T + problem.process_cov[k]
-        h = problem.model.jacobian(k, x)
-        innovation = problem.measurements[k] - problem.model.predict(k, x)
-        if h.any() or innovation.any():
-            nis[k] = innovation @ np.linalg.solve(h @ p @ h.T + problem.noise_cov, innovation)
+        if problem.present[k].any():
+            h = problem.model.jacobian(k, x)
+            innovation = problem.measurements[k] - problem.model.predict(k, x)
+            spread = h @ p @ h.T + problem.noise_of(k)
+            nis[k] = innovation @ np.linalg.solve(spread, innovation)
         x, p = mean[k], cov[k]
     return nis
 

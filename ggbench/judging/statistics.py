@@ -195,7 +195,7 @@ def nees_band(runs: int, dimension: int) -> tuple[float, float]:
     return _mean_band(runs, dimension)
 
 
-def nis_band(runs: int, epochs: int, components: int) -> tuple[float, float]:
+def nis_band(runs: int, epochs: int, components: float) -> tuple[float, float]:
     """Return the 95 % band of the mean NIS of a consistent filter over a window and its runs.
 
     Its innovations are white, so the NIS adds up to χ² with runs × epochs × components degrees of
@@ -204,13 +204,13 @@ def nis_band(runs: int, epochs: int, components: int) -> tuple[float, float]:
 
     Parameters
     ----------
-    runs, epochs : number of runs, and of the window's readings in one run.
-    components : number of gradient components of a reading.
+    runs, epochs : number of runs, and of the window's epochs with a reading in one run.
+    components : mean number of channels of a reading.
     """
     return _mean_band(runs * epochs, components)
 
 
-def _mean_band(samples: int, dimension: int) -> tuple[float, float]:
+def _mean_band(samples: int, dimension: float) -> tuple[float, float]:
     """Return the 95 % band of the mean of independent χ² variables; NaN without any."""
     if samples == 0:
         return math.nan, math.nan

@@ -137,7 +137,7 @@ def summarize(
     bounds: Mapping[tuple[str, str], Mapping[str, tuple[float, float]]],
     references: Mapping[str, tuple[float, float] | None],
     scenario: str,
-    readings: Mapping[str, Mapping[str, tuple[int, int]]] | None = None,
+    readings: Mapping[str, Mapping[str, tuple[int, float]]] | None = None,
 ) -> pd.DataFrame:
     """Return one row per case, estimator and window, with :data:`SUMMARY_COLUMNS` and more.
 
@@ -147,8 +147,8 @@ def summarize(
     bounds : (case, estimator) to window to root-mean bounds on position [m] and velocity [m/s].
     references : case to published position and velocity MRSE, or None.
     scenario : name of the scenario.
-    readings : case to window to (epochs, components): its readings in one run, those that drop out
-        left out. Where absent, the mean NIS has no band.
+    readings : case to window to (epochs, channels): its epochs with a reading in one run, and the
+        mean number of channels then. Where absent, the mean NIS has no band.
 
     Returns
     -------
@@ -227,7 +227,7 @@ def _window_row(
     good: pd.DataFrame,
     window: str,
     bound: tuple[float, float] | None,
-    readings: tuple[int, int],
+    readings: tuple[int, float],
 ) -> dict[str, Any]:
     """Return the figures of one window over the runs that finished."""
     if good.empty:

@@ -11,17 +11,23 @@ import numpy as np
 
 def frozen(array: np.ndarray) -> np.ndarray:
     """Return an immutable copy: backed by bytes, it cannot be made writeable again."""
-    contiguous = np.ascontiguousarray(array, dtype=float)
-    return np.frombuffer(contiguous.tobytes()).reshape(contiguous.shape)
+    contiguous = _contiguous(array)
+    return np.frombuffer(contiguous.tobytes(), contiguous.dtype).reshape(contiguous.shape)
 
 
 def read_only(array: np.ndarray) -> np.ndarray:
     """Return an array, contiguous, that its holders cannot change by mistake; no copy if it is."""
-    contiguous = np.ascontiguousarray(array, dtype=float)
+    contiguous = _contiguous(array)
     if contiguous.flags.writeable:
         contiguous = contiguous.view()
         contiguous.flags.writeable = False
     return contiguous
+
+
+def _contiguous(array: np.ndarray) -> np.ndarray:
+    """Return an array of truths as it is, any other one as floats."""
+    kind = bool if array.dtype.kind == "b" else float
+    return np.ascontiguousarray(array, dtype=kind)
 
 
 def freeze_arrays(instance: Any, freeze: Callable[[np.ndarray], np.ndarray] = frozen) -> None:

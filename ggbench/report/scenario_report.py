@@ -290,15 +290,16 @@ class _Report:
                 "field.png",
                 "Vertical gradient of the disturbing field at flight height, with the track",
             )
-        save(stored.track_gradient(self.results, lead.name), self.pictures / "gradient.png")
-        show(
-            "gradient.png",
-            "Vertical gradient Γ_UU along the track: true, with the instrument's noise, and "
-            "filtered; below, what the filter delays, and the noise before and behind it"
-            if "filtered" in arrays
-            else "Vertical gradient Γ_UU along the track: true and with the instrument's noise; "
-            "below, the noise",
-        )
+        if stored.has_gradients(self.results, lead.name):
+            save(stored.track_gradient(self.results, lead.name), self.pictures / "gradient.png")
+            show(
+                "gradient.png",
+                "Vertical gradient Γ_UU along the track: true, with the instrument's noise, and "
+                "filtered; below, what the filter delays, and the noise before and behind it"
+                if "filtered" in arrays
+                else "Vertical gradient Γ_UU along the track: true and with the instrument's "
+                "noise; below, the noise",
+            )
         rows = rows_of(self.summary, lead, "settled")
         causal = [label for label, row in rows.items() if row["causality"] == "filter"]
         if causal:

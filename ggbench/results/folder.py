@@ -233,7 +233,7 @@ class Results:
         runs = self._runs[self._runs["assumption"] == ""]
         finished = runs[runs["status"] == "ok"].drop_duplicates(["case", "estimator"], keep="last")
         named = finished.set_index(["case", "estimator"])["bound"].to_dict()
-        readings: dict[str, dict[str, tuple[int, int]]] = {}
+        readings: dict[str, dict[str, tuple[int, float]]] = {}
         for case in loaded.cases:
             used = [label for label in self.labels if (case.name, label) in named]
             if not used:
@@ -242,8 +242,9 @@ class Results:
             readings[case.name] = {}
             for window in WINDOWS:
                 mask = window_mask(arrays["times"], case.windows, window)
-                count = round(float(arrays["present"][mask].sum()))
-                readings[case.name][window] = count, int(arrays["channels"])
+                some = float(arrays["present"][mask].sum())
+                numbers = float(arrays["channels"][mask].sum())
+                readings[case.name][window] = round(some), numbers / some if some else 0.0
                 for label in used:
                     squared = arrays.get(f"bound-{named[case.name, label]}")
                     if squared is None:

@@ -166,13 +166,19 @@ def stand_in(text: Any, run: int, reason: str, other: Mapping[str, Any]) -> dict
     return found | record
 
 
+_OF_GRADIENTS = ("gradient_times", "vertical", "noisy", "filtered", "filtered_true")
+"""What is there of a case with a gradiometer."""
+
+
 def flaw_of_arrays(arrays: dict[str, np.ndarray]) -> str | None:
     """Return what is wrong with what all runs of a case share, in a few words, or None."""
     bounds = {name: 2 for name in arrays if name.startswith("bound-")}
     columns = {"times": 0, "kept": 0, "track": 3, "bound-filter": 2, "bound-batch": 2,
-               "present": 0, "vertical": 0, "noisy": 0} | bounds  # fmt: skip
-    optional = {"filtered": 0, "filtered_true": 0}
-    columns |= {name: width for name, width in optional.items() if name in arrays}
+               "present": 0, "channels": 0} | bounds  # fmt: skip
+    gradients = {name for name in _OF_GRADIENTS if name in arrays}
+    if gradients:
+        gradients |= {"gradient_times", "vertical", "noisy"}
+    columns |= dict.fromkeys(gradients, 0)
     for name, width in columns.items():
         if name not in arrays:
             return f"it has no {name}"
@@ -180,8 +186,8 @@ def flaw_of_arrays(arrays: dict[str, np.ndarray]) -> str | None:
             r"bound-(filter|batch|fixed-lag-\d+)", name
         ):
             return f"it has an unknown {name}"
-        epochs = len(np.atleast_1d(arrays["times"]))
-        length = len(np.atleast_1d(arrays[name])) if name == "kept" else epochs
+        along = name if name == "kept" else "gradient_times" if name in gradients else "times"
+        length = len(np.atleast_1d(arrays[along]))
         if arrays[name].shape != ((length, width) if width else (length,)):
             return f"its {name} has the shape {arrays[name].shape}"
         if arrays[name].dtype.kind != ("i" if name == "kept" else "f"):
@@ -193,9 +199,8 @@ def flaw_of_arrays(arrays: dict[str, np.ndarray]) -> str | None:
         return "its kept names other epochs than there are"
     if arrays["present"].min() < 0.0 or arrays["present"].max() > 1.0:
         return "its present holds more than shares"
-    channels = arrays.get("channels", np.empty(0))
-    if channels.shape != () or channels.dtype.kind != "i" or channels < 1:
-        return "its channels is no number of channels"
+    if arrays["channels"].min() < 0.0:
+        return "its channels holds less than none"
     if "map_vertical" in arrays:
         sides = [arrays.get(f"map_{name}", np.empty(())) for name in ("latitude", "longitude")]
         if any(side.ndim != 1 or side.dtype.kind != "f" for side in sides):

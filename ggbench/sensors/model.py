@@ -1,21 +1,24 @@
-"""The measurement model of all estimators, h and H: the instrument along an INS track."""
+"""The measurement model of all estimators, h and H: what is on board along an INS track."""
 
 from __future__ import annotations
-
-from typing import Any
 
 import numpy as np
 
 from ..gravity.field import Field
 from ..numerics.frozen import frozen, read_only
+from . import aiding_kernels
+from .aiding_kernels import Aiding
 from .gradiometer.instrument import INSTRUMENTS, STRAPDOWN, Gradiometer, readings_along
 from .gradiometer.lowpass import Prefilter
-from .model_kernels import OF_A_RUN, ModelArrays, jacobian, predict
+from .model_kernels import ModelArrays, jacobian, predict
+
+NO_GRADIOMETER = Gradiometer(1.0, None, (), "local-level")
+"""An instrument without channels."""
 
 
 def model_arrays(
     field: Field,
-    gradiometer: Gradiometer,
+    gradiometer: Gradiometer | None,
     times: np.ndarray,
     positions: np.ndarray,
     attitudes: np.ndarray,
@@ -25,12 +28,15 @@ def model_arrays(
     rows: np.ndarray,
     treatment: Prefilter,
     missing: np.ndarray | None = None,
+    at: np.ndarray | None = None,
+    others: tuple[Aiding, np.ndarray] | None = None,
+    dimension: int | None = None,
 ) -> ModelArrays:
     """Return the measurement model along an INS track, or along the tracks of a block of runs.
 
     Parameters
     ----------
-    field, gradiometer : the map and the instrument, as the estimators know them.
+    field, gradiometer : the map and the instrument, if there is one, as the estimators know them.
     times : (K,) measurement epochs [s].
     positions : (..., K, 3) INS positions at the epochs [rad, rad, m]; (...) is () or (R,).
     attitudes : (..., K, 3, 3) INS attitudes C_nb at the epochs.
@@ -38,9 +44,19 @@ def model_arrays(
     delays : (K,) τ_k [s].
     rows : (..., K, 6, 15) B_k: from x(t_k) to the position error [m] and the attitude error [rad]
         at t_k − τ_k.
-    treatment : the prefilter of the instrument's output.
-    missing : (..., K) which readings dropped out; none if not given.
+    treatment : the prefilter of the G outputs of the instrument.
+    missing : (..., G) which of its readings dropped out; none if not given.
+    at : (G,) at which epochs the gradiometer is read; at all of them if not given.
+    others : the channels of the other sensors, and their offset (..., K, e); none if not given.
+    dimension : number of states; if not given, those of ``rows`` and the gradiometer's biases.
     """
+    if others is None:
+        others = without_aiding(field, positions)
+    aiding, offsets = others
+    if gradiometer is None:
+        gradiometer, at = NO_GRADIOMETER, np.zeros(0, dtype=int)
+    if at is None:
+        at = np.arange(len(times))
     instrument = INSTRUMENTS.index(gradiometer.instrument)
     channels = gradiometer.channels
     if instrument != STRAPDOWN:  # no other reading depends on them
@@ -54,36 +70,68 @@ def model_arrays(
             np.ascontiguousarray(c_nb.reshape(-1, 3, 3)),
             field.origin, field.step, field.tensor_coefficients,
         )  # fmt: skip
-        return np.asarray((tensors @ channels.T).reshape(*places.shape[:-1], -1))
+        return np.asarray((tensors @ channels.T).reshape(*places.shape[:-1], len(channels)))
 
-    gain = np.broadcast_to(treatment.gain, positions.shape[:-1])
-    predicted = readings(positions, times, attitudes)
+    gain = np.broadcast_to(treatment.gain, (*positions.shape[:-2], len(at)))
+    predicted = readings(positions[..., at, :], times[at], attitudes[..., at, :, :])
     if gradiometer.lowpass is not None:
         predicted = treatment.apply(gradiometer.lowpass.apply(predicted))
     if missing is not None:
         gain = np.where(missing, 0.0, gain)
         predicted = np.where(missing[..., np.newaxis], 0.0, predicted)
-    at_reference = readings(delayed_positions, times - delays, delayed_attitudes)
+    at_reference = readings(
+        delayed_positions[..., at, :], (times - delays)[at], delayed_attitudes[..., at, :, :]
+    )
     offset = predicted - gain[..., np.newaxis] * at_reference
+    if len(at) < len(times):
+        read_offset, read_gain = offset, gain
+        offset, gain = (
+            np.zeros((*positions.shape[:-1], len(channels))),
+            np.zeros(positions.shape[:-1]),
+        )
+        offset[..., at, :], gain[..., at] = read_offset, read_gain
+    if dimension is None:
+        dimension = rows.shape[-1] + (len(channels) if gradiometer.biased else 0)
     return ModelArrays(
+        dimension,
         instrument,
         read_only(channels),
         rows.shape[-1] if gradiometer.biased else -1,
         field.origin,
         field.step,
         field.tensor_coefficients,
-        *map(read_only, (times - delays, delayed_positions, delayed_attitudes, rows, offset, gain)),
+        read_only(times - delays),
+        read_only(delayed_positions),
+        read_only(delayed_attitudes),
+        read_only(rows),
+        read_only(np.concatenate([offset, offsets], axis=-1)),
+        read_only(gain),
+        aiding._replace(
+            rows=read_only(aiding.rows),
+            places=read_only(aiding.places),
+            present=read_only(aiding.present),
+        ),
     )
 
 
-class GradiometerModel:
+def without_aiding(field: Field, positions: np.ndarray) -> tuple[Aiding, np.ndarray]:
+    """Return the channels of no sensor at INS positions (..., K, 3), and their offsets."""
+    epochs = positions.shape[:-1]
+    return Aiding(
+        np.zeros((*epochs, 0, aiding_kernels.MOVED)), np.zeros(0, dtype=np.int64), np.zeros((0, 3)),
+        positions, np.zeros((*epochs, 0)), field.disturbance_map,
+    ), np.zeros((*epochs, 0))  # fmt: skip
+
+
+class SensorModel:
     """The measurement model of all estimators: h(k, x) and its Jacobian H(k, x).
 
-    h(k, x) = ẑ_k + g_k [L(p̂_k − B_k x) − L(p̂_k) + b], where ẑ is the reading predicted along the
-    INS track and passed through the same filter and prefilter as the instrument's output, p̂_k the
-    INS position (and attitude) at t_k − τ_k, B_k x the error there, b the biases among the states,
-    if there are any, and g_k the chain's gain. Without a filter this is L(p_INS − δr) + b. Outside
-    the map the field at its border is continued. Where a reading is missing, h and H are zero.
+    The gradiometer's channels come first: h(k, x) = ẑ_k + g_k [L(p̂_k − B_k x) − L(p̂_k) + b], where
+    ẑ is the reading predicted along the INS track and passed through the same filter and prefilter
+    as the instrument's output, p̂_k the INS position (and attitude) at t_k − τ_k, B_k x the error
+    there, b the biases among the states, if there are any, and g_k the chain's gain. Without a
+    filter this is L(p_INS − δr) + b. Outside the map the field at its border is continued. The
+    other channels are those of :class:`.Aiding`. Where a reading is missing, h and H are zero.
 
     ``evaluations`` counts the points at which h was taken, and the Jacobians: what an estimator
     asked of the map. A compiled engine takes the arrays instead and counts for itself.
@@ -94,10 +142,13 @@ class GradiometerModel:
     """
 
     def __init__(self, arrays: ModelArrays) -> None:
-        own: dict[str, Any] = {
-            name: frozen(getattr(arrays, name)) for name in ("channels", "times", *OF_A_RUN)
-        }
-        self.arrays = arrays._replace(**own)
+        aiding = arrays.aiding
+        bias = np.frombuffer(aiding.bias.tobytes(), aiding.bias.dtype)
+        self.arrays = arrays._replace(
+            channels=frozen(arrays.channels),
+            times=frozen(arrays.times),
+            aiding=aiding._replace(gravity=frozen(aiding.gravity), bias=bias),
+        ).mapped(frozen)
         self._block = self.arrays.as_block()
         self._evaluations = 0
 
@@ -107,7 +158,7 @@ class GradiometerModel:
         return self._evaluations
 
     def predict(self, k: int, x: np.ndarray) -> np.ndarray:
-        """Return h (..., m) [E] at epoch ``k`` for states x (..., n); any leading axes."""
+        """Return h (..., m) at epoch ``k`` for states x (..., n); any leading axes."""
         states = self._states(k, x)
         points = states.reshape(-1, states.shape[-1])
         self._evaluations += len(points)
@@ -115,12 +166,13 @@ class GradiometerModel:
         return out.reshape(*states.shape[:-1], out.shape[-1])
 
     def jacobian(self, k: int, x: np.ndarray) -> np.ndarray:
-        """Return H = ∂h/∂x (m, n) [E per unit of the state] at epoch ``k`` and state x (n,)."""
-        state = self._states(k, x)
-        if state.ndim != 1:
-            raise ValueError(f"the Jacobian is taken at one state (n,), not at {state.shape}")
-        self._evaluations += 1
-        return jacobian(self._block, k, state)
+        """Return H = ∂h/∂x (..., m, n) at epoch ``k`` for states x (..., n); any leading axes."""
+        states = self._states(k, x)
+        points = states.reshape(-1, states.shape[-1])
+        self._evaluations += len(points)
+        found = [jacobian(self._block, k, point) for point in points]
+        m, n = self.arrays.offset.shape[-1], self.arrays.dimension
+        return np.reshape(found, (*states.shape[:-1], m, n))
 
     def _states(self, k: int, x: np.ndarray) -> np.ndarray:
         """Return states ready for the kernels, which check nothing."""

@@ -1,4 +1,4 @@
-"""h and H of the gradiometer along INS tracks, compiled: one implementation, eight at a time.
+"""h and H of what is on board along INS tracks, compiled: one implementation, eight at a time.
 
 Every estimator's measurement model is these kernels, whatever its engine. A vector holds eight
 points: of eight runs, where compiled estimators ask, or of one run, where a framework does.
@@ -7,7 +7,8 @@ points: of eight runs, where compiled estimators ask, or of one run, where a fra
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,6 +19,8 @@ from ..numerics import lanes
 from ..numerics.kernels import compiled, inlined
 from ..numerics.rotations import Matrix, left_jacobian, multiply, sine_cosine, small_turn, transpose
 from ..numerics.vectors import load, store
+from . import aiding_kernels
+from .aiding_kernels import Aiding, aiding_jacobian, predict_aiding
 from .gradiometer.instrument import (
     LOCAL_LEVEL,
     PLATFORM,
@@ -32,23 +35,27 @@ from .gradiometer.instrument import (
 class ModelArrays(NamedTuple):
     """The measurement model as arrays: all that the kernels of h and H are given.
 
-    h(k, x) = offset_k + gain_k · (S reading(reference_k − B_k x) + b). For many runs at once (a
-    block) the arrays that differ from run to run have the run as leading axis.
+    The first g channels are the gradiometer's, if there is one: h(k, x) = offset_k + gain_k ·
+    (S reading(reference_k − B_k x) + b). The others are those of :class:`.Aiding`. For many runs at
+    once (a block) the arrays that differ from run to run have the run as leading axis.
 
     Attributes
     ----------
+    dimension : number of states n.
     instrument : index of :data:`.instrument.INSTRUMENTS`.
-    channels : (m, 6) S, from the tensor in the mount to the channels.
-    bias : index of the first of the m biases b among the states; −1 for none.
+    channels : (g, 6) S, from the tensor in the mount to the gradiometer's channels.
+    bias : index of the first of the g biases b among the states; −1 for none.
     origin, step, coefficients : the map, see :class:`.field.Field`.
     times : (K,) t_k − τ_k [s].
     references : (K, 3) INS positions then [rad, rad, m].
     attitudes : (K, 3, 3) INS attitudes C_nb then; only a strapdown instrument has any.
-    rows : (K, 6, 15) B_k, see :class:`GradiometerModel`.
-    offset : (K, m) [E].
-    gain : (K,); zero where a reading is missing.
+    rows : (K, 6, 15) B_k, see :class:`SensorModel`.
+    offset : (K, m) in units of the channels.
+    gain : (K,) of the gradiometer; zero where its reading is missing.
+    aiding : the other channels.
     """
 
+    dimension: int
     instrument: int
     channels: np.ndarray
     bias: int
@@ -61,23 +68,27 @@ class ModelArrays(NamedTuple):
     rows: np.ndarray
     offset: np.ndarray
     gain: np.ndarray
-
-    @property
-    def dimension(self) -> int:
-        """Number of states n."""
-        return int(self.rows.shape[-1] + (len(self.channels) if self.bias >= 0 else 0))
+    aiding: Aiding
 
     def of_run(self, run: int) -> ModelArrays:
         """Return the arrays of one run of a block."""
-        return self._replace(**{name: getattr(self, name)[run] for name in OF_A_RUN})
+        return self.mapped(lambda array: array[run])
 
     def as_block(self) -> ModelArrays:
         """Return the arrays of one run as a block of one."""
-        return self._replace(**{name: getattr(self, name)[np.newaxis] for name in OF_A_RUN})
+        return self.mapped(lambda array: array[np.newaxis])
+
+    def mapped(self, change: Callable[[np.ndarray], np.ndarray]) -> ModelArrays:
+        """Return the same with the arrays that differ from run to run changed."""
+        aiding: dict[str, Any] = {
+            name: change(getattr(self.aiding, name)) for name in aiding_kernels.OF_A_RUN
+        }
+        own: dict[str, Any] = {name: change(getattr(self, name)) for name in OF_A_RUN}
+        return self._replace(**own, aiding=self.aiding._replace(**aiding))
 
 
 OF_A_RUN = ("references", "attitudes", "rows", "offset", "gain")
-"""The arrays that differ from run to run."""
+"""The arrays that differ from run to run, beside those of the aiding sensors."""
 
 
 _TURN = 2.0 * math.pi
@@ -89,13 +100,15 @@ class Here(NamedTuple):
     Attributes
     ----------
     references : (1, 3, lanes) positions [rad, rad, m]. attitudes : (1, 9, lanes) C_nb, row by row.
-    offset : (1, m, lanes) [E]. gain : (1, 1, lanes).
+    offset : (1, m, lanes). gain : (1, 1, lanes) of the gradiometer. there : (1, 1, lanes) one where
+        any channel delivers anything.
     """
 
     references: np.ndarray
     attitudes: np.ndarray
     offset: np.ndarray
     gain: np.ndarray
+    there: np.ndarray
 
 
 class Points(NamedTuple):
@@ -110,7 +123,7 @@ class Points(NamedTuple):
 def here_of(m: int) -> Here:
     """Return the arrays for readings of m channels."""
     new = lanes.lanes
-    return Here(new(1, 3), new(1, 9), new(1, m), new(1, 1))
+    return Here(new(1, 3), new(1, 9), new(1, m), new(1, 1), new(1, 1))
 
 
 @compiled
@@ -127,6 +140,11 @@ def arrive(model: ModelArrays, group: np.ndarray, k: int, out: Here) -> None:
     lanes.gather_row(model.offset, group, k, out.offset)
     for r in range(group.shape[0]):
         out.gain[0, 0, r] = model.gain[group[r], k]
+        there = out.gain[0, 0, r] != 0.0
+        present = model.aiding.present[group[r], k]
+        for c in range(present.shape[0]):
+            there = there or present[c] != 0.0
+        out.there[0, 0, r] = 1.0 if there else 0.0
     if model.instrument == STRAPDOWN:
         for r in range(group.shape[0]):
             attitude = model.attitudes[group[r], k]
@@ -207,7 +225,7 @@ def read(
     points: Points,
     out: np.ndarray,
 ) -> None:
-    """Fill h [E] at points, biases left out.
+    """Fill h [E] of the gradiometer at points, biases left out.
 
     Parameters
     ----------
@@ -216,7 +234,7 @@ def read(
         latter only of a strapdown instrument.
     vectors : how many of the S vectors are points. count : how many of the points there is an
         answer for, in the order of memory.
-    points : scratch for S. out : (m, S, lanes) output.
+    points : scratch for S. out : (g, S, lanes) output.
     """
     places, tensors = points.places, points.tensors
     latitude, longitude, height = (
@@ -270,7 +288,7 @@ def linearise_reading(
     predicted: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Fill h [E], biases left out, and its derivative by the error at a point of each run.
+    """Fill the gradiometer's h [E], biases left out, and its derivative, at a point of each run.
 
     For a platform the derivative is D6(C_in) { ∂Γ/∂r + [∂L_φ/∂φ][∂φ_in/∂r] }, the field's change
     and the local level's turn (eqs. 11, 12 of Wang et al. 2013). An attitude error beyond π is
@@ -280,8 +298,9 @@ def linearise_reading(
     ----------
     model, k, here, points : as in :func:`read`.
     errors : (6, 1, lanes) B_k x. count : how many of the lanes there is an answer for.
-    predicted : (1, m, lanes) output.
-    out : (m, 6, lanes) output [E/m; E/rad]; the last three columns of a strapdown instrument only.
+    predicted : (1, m, lanes) output, of the first g channels.
+    out : (g, 6, lanes) output [E/m; E/rad], by the error; the last three columns of a strapdown
+        instrument only.
     """
     places, found = points.places, points.tensors
     latitude, longitude, height, per_north, per_east = _displaced(
@@ -353,10 +372,17 @@ def moving_errors(model: ModelArrays) -> int:
 @compiled
 def predict(model: ModelArrays, k: int, states: np.ndarray) -> np.ndarray:
     """Return h (N, m) of states (N, n); ``model`` is a block of one run."""
-    count, m, rows = states.shape[0], model.channels.shape[0], model.rows[0, k]
+    count, m, rows = states.shape[0], model.offset.shape[2], model.rows[0, k]
+    out = np.empty((count, m))
+    for c in range(m):
+        out[:, c] = model.offset[0, k, c]
+    predict_aiding(model.aiding, k, states, out)
+    g = model.channels.shape[0]
+    if g == 0 or model.gain[0, k] == 0.0:
+        return out
     here, vectors = here_of(m), lanes.starts(count).shape[0]
     points = points_of(vectors)
-    errors, found = lanes.lanes(6, vectors), lanes.lanes(m, vectors)
+    errors, found = lanes.lanes(6, vectors), lanes.lanes(g, vectors)
     arrive(model, lanes.members(0, 1), k, here)
     for i in range(moving_errors(model)):
         flat = errors[i].reshape(-1)
@@ -364,8 +390,7 @@ def predict(model: ModelArrays, k: int, states: np.ndarray) -> np.ndarray:
             for j in range(rows.shape[1]):
                 flat[p] += rows[i, j] * states[p, j]
     read(model, k, here, errors, vectors, count, points, found)
-    out = np.empty((count, m))
-    for c in range(m):
+    for c in range(g):
         flat = found[c].reshape(-1)
         for p in range(count):
             out[p, c] = flat[p]
@@ -377,16 +402,20 @@ def predict(model: ModelArrays, k: int, states: np.ndarray) -> np.ndarray:
 @compiled
 def jacobian(model: ModelArrays, k: int, state: np.ndarray) -> np.ndarray:
     """Return H (m, n) of one state; ``model`` is a block of one run."""
-    rows, m, moving = model.rows[0, k], model.channels.shape[0], moving_errors(model)
+    rows, m, moving = model.rows[0, k], model.offset.shape[2], moving_errors(model)
+    out = np.zeros((m, state.shape[0]))
+    aiding_jacobian(model.aiding, k, state, out)
+    g = model.channels.shape[0]
+    if g == 0 or model.gain[0, k] == 0.0:
+        return out
     here, errors = here_of(m), lanes.lanes(6, 1)
-    predicted, slope = lanes.lanes(1, m), lanes.lanes(m, 6)
+    predicted, slope = lanes.lanes(1, g), lanes.lanes(g, 6)
     arrive(model, lanes.members(0, 1), k, here)
     for i in range(moving):
         for j in range(rows.shape[1]):
             errors[i, 0, 0] += rows[i, j] * state[j]
     linearise_reading(model, k, here, errors, 1, points_of(1), predicted, slope)
-    out = np.zeros((m, state.shape[0]))
-    for c in range(m):
+    for c in range(g):
         for j in range(moving):
             for i in range(rows.shape[1]):
                 out[c, i] += slope[c, j, 0] * rows[j, i]

@@ -14,34 +14,36 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Bound:
-    """Covariance bounds (K, n, n) of the state at the measurement epochs."""
+    """Covariance bounds (K, n, n) of the state at the measurement epochs.
+
+    ``ticks`` (K,) are the times of the epochs, in whole units.
+    """
 
     filtering: np.ndarray
     predicted: np.ndarray
     smoother_gain: np.ndarray
+    ticks: np.ndarray
 
     @property
     def smoothing(self) -> np.ndarray:
         """Bound given all measurements, (K, n, n)."""
-        return self.fixed_lag(len(self.filtering))
+        return self.fixed_lag(int(self.ticks[-1] - self.ticks[0]))
 
     def fixed_lag(self, lag: int) -> np.ndarray:
-        """Bound given the measurements up to ``lag`` epochs after each epoch, (K, n, n)."""
+        """Bound given the measurements up to ``lag`` ticks after each epoch, (K, n, n)."""
         epochs = len(self.filtering)
         bound = self.filtering.copy()
-        if lag >= epochs - 1:
+        if lag >= self.ticks[-1] - self.ticks[0]:
             for k in range(epochs - 2, -1, -1):
                 bound[k] = self._step_back(np.array([k]), bound[[k + 1]])[0]
             return bound
         # Start every epoch from the filtering bound at the end of its window, then step back.
         targets = np.arange(epochs)
-        last = np.minimum(targets + lag, epochs - 1)
+        last = np.searchsorted(self.ticks, self.ticks + lag, side="right") - 1
         bound = self.filtering[last].copy()
-        for back in range(lag):
+        for back in range(int((last - targets).max(initial=0))):
             now = last - 1 - back
             active = now >= targets
-            if not active.any():
-                break
             bound[active] = self._step_back(now[active], bound[active])
         return bound
 
@@ -58,6 +60,7 @@ def posterior_bound(
     prior_cov: np.ndarray,
     jacobians: np.ndarray,
     noise_cov: np.ndarray,
+    ticks: np.ndarray | None = None,
 ) -> Bound:
     """Return the bounds of x_k = Φ_k x_{k−1} + w_k, z_k = h(x_k) + v_k.
 
@@ -65,6 +68,7 @@ def posterior_bound(
     ----------
     transition, process_cov : (K, n, n). prior_cov : (n, n) before the first transition.
     jacobians : (K, m, n), H at the truth. noise_cov : (m, m).
+    ticks : (K,) times of the epochs, in whole units; one after the other if not given.
     """
     epochs, _, n = jacobians.shape
     filtering = np.empty((epochs, n, n))
@@ -84,4 +88,5 @@ def posterior_bound(
         p = keep @ prior @ keep.T + k_gain @ noise_cov @ k_gain.T
         predicted[k], filtering[k] = prior, p
     units = np.outer(scale, scale)
-    return Bound(filtering * units, predicted * units, gain * (scale[:, None] / scale))
+    ticks = np.arange(epochs) if ticks is None else ticks
+    return Bound(filtering * units, predicted * units, gain * (scale[:, None] / scale), ticks)

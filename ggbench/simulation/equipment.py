@@ -26,6 +26,8 @@ from ..ins.imu import Imu, SensorErrors
 from ..ins.strapdown import altimeter_gains
 from ..ins.system_matrix import STATES, sparse
 from ..ins.transitions import delayed_rows_lanes, transitions_lanes
+from ..problem import Channel, StateBlock
+from ..sensors.aiding import AidingSensor
 from ..sensors.gradiometer.faults import Faults
 from ..sensors.gradiometer.instrument import Gradiometer, noise_rms, parse_components
 from ..sensors.gradiometer.lowpass import LowPass, Prefilter, prefilter
@@ -33,10 +35,18 @@ from ..sensors.gradiometer.rotating import RotatingGradiometer, channel_noise_eo
 from ..sensors.gradiometer.spinning_disks import DISK_CHANNELS, SpinningDisks
 from ..spec.case import CaseSpec
 from ..spec.sensors import GradiometerSpec, ImuSpec, Side, TrueGradiometer, TrueImu
+from .aiding import on_board
 
 STANDARD_GRAVITY = 9.80665
 """The g of accelerometer data sheets [m/s²]."""
 _MICRO_G = 1e-6 * STANDARD_GRAVITY
+_LAYOUT = (
+    StateBlock("position error ENU", POSITION, "m"),
+    StateBlock("velocity error ENU", VELOCITY, "m/s"),
+    StateBlock("attitude error ENU", ATTITUDE, "rad"),
+    StateBlock("gyro bias", GYRO_BIAS, "rad/s"),
+    StateBlock("accelerometer bias", ACCELEROMETER_BIAS, "m/s²"),
+)
 
 
 @dataclass(frozen=True)
@@ -45,32 +55,76 @@ class Equipment:
 
     Attributes
     ----------
-    imu, gradiometer : the sensors.
+    imu : the inertial sensors. gradiometer : None without one. aiding : the other sensors.
     side : the tables of the scenario.
     altimeter : gains k₁ [1/s], k₂ [1/s²] and noise PSD [m²/Hz] of the altimeter, if there is one.
     """
 
     imu: Imu
-    gradiometer: Gradiometer
+    gradiometer: Gradiometer | None
+    aiding: tuple[AidingSensor, ...]
     side: Side
     altimeter: tuple[tuple[float, float], float] | None
 
     @property
+    def gradients(self) -> int:
+        """Number of the gradiometer's channels."""
+        return 0 if self.gradiometer is None else len(self.gradiometer.components)
+
+    @cached_property
+    def channels(self) -> tuple[Channel, ...]:
+        """The channels: the gradiometer's, then those of the other sensors."""
+        names = () if self.gradiometer is None else self.gradiometer.components
+        gradients = (Channel(f"gradient {name}", "E", "gradiometer") for name in names)
+        return (*gradients, *(channel for sensor in self.aiding for channel in sensor.channels))
+
+    @cached_property
+    def layout(self) -> tuple[StateBlock, ...]:
+        """The states: those of the INS, then biases of the sensors that have any."""
+        found = list(_LAYOUT)
+        first = STATES
+        if self.gradiometer is not None and self.gradiometer.biased:
+            found.append(StateBlock("gradiometer bias", slice(first, first + self.gradients), "E"))
+            first += self.gradients
+        for sensor in self.aiding:
+            if sensor.bias > 0.0:
+                last = first + len(sensor.channels)
+                name = f"{sensor.name.replace('_', ' ')} bias"
+                found.append(StateBlock(name, slice(first, last), sensor.channels[0].unit))
+                first = last
+        return tuple(found)
+
+    @property
     def dimension(self) -> int:
-        """Number of states: 15, and the gradiometer's biases if it has any."""
-        return STATES + (len(self.gradiometer.components) if self.gradiometer.biased else 0)
+        """Number of states: 15, and the biases of the sensors that have any."""
+        return int(self.layout[-1].slice.stop)
+
+    @cached_property
+    def aiding_biases(self) -> np.ndarray:
+        """Which state is the bias of each channel behind the gradiometer's (e,); −1 for none."""
+        slices = {sensor.name: states for sensor, states in self._biased}
+        found: list[int] = []
+        for sensor in self.aiding:
+            states = slices.get(sensor.name)
+            unbiased = [-1] * len(sensor.channels)
+            found += unbiased if states is None else range(states.start, states.stop)
+        return np.array(found, dtype=np.int64)
 
     @cached_property
     def noise_cov(self) -> np.ndarray:
-        """Covariance (m, m) of the measurements' noise as the filter's treatment leaves it [E²].
+        """Covariance (m, m) of the measurements' noise as the filter's treatment leaves it.
 
         Whitening takes the noise behind the filter into account by itself, see :meth:`treatment`.
         """
+        variances: list[float] = []
         gradiometer = self.gradiometer
-        variance = gradiometer.noise_eotvos**2
-        if gradiometer.lowpass is None or self.side.gradiometer.filter_treatment == "delayed":
-            variance += gradiometer.noise_behind_filter**2
-        return variance * np.eye(len(gradiometer.components))
+        if gradiometer is not None and self.side.gradiometer is not None:
+            variance = gradiometer.noise_eotvos**2
+            if gradiometer.lowpass is None or self.side.gradiometer.filter_treatment == "delayed":
+                variance += gradiometer.noise_behind_filter**2
+            variances += [variance] * self.gradients
+        variances += [sigma**2 for sensor in self.aiding for sigma in sensor.noise]
+        return np.diag(variances)
 
     def treatment(self, count: int) -> Prefilter:
         """Return what these sensors make of ``count`` outputs of their filter.
@@ -81,6 +135,8 @@ class Equipment:
             If the low-pass cannot be computed.
         """
         spec, gradiometer = self.side.gradiometer, self.gradiometer
+        if spec is None or gradiometer is None:
+            return prefilter(None, count, "whitened", 0.0)
         behind = gradiometer.noise_behind_filter / gradiometer.noise_eotvos
         return prefilter(
             gradiometer.lowpass,
@@ -102,11 +158,21 @@ class Equipment:
         # A sensor without bias leaves no freedom; a covariance must stay positive definite.
         sigma[GYRO_BIAS] = max(self.imu.gyro_bias, 1e-15)
         sigma[ACCELEROMETER_BIAS] = max(self.imu.accelerometer_bias, 1e-12)
-        # A bias that only walks starts from a hundredth of what one reading adds: states are solved
-        # for in units of their prior, which must not be nothing against the walk.
-        walk = self.gradiometer.drift * math.sqrt(self.side.gradiometer.period_s)
-        sigma[STATES:] = max(self.gradiometer.bias_eotvos, 1e-2 * walk, 1e-9)
+        if self.gradiometer is not None and self.side.gradiometer is not None:
+            # A bias that only walks starts from a hundredth of what one reading adds: states are
+            # solved for in units of their prior, which must not be nothing against the walk.
+            walk = self.gradiometer.drift * math.sqrt(self.side.gradiometer.period_s)
+            sigma[STATES:] = max(self.gradiometer.bias_eotvos, 1e-2 * walk, 1e-9)
+        for sensor, states in self._biased:
+            sigma[states] = sensor.bias
         return np.diag(sigma**2)
+
+    @property
+    def _biased(self) -> list[tuple[AidingSensor, slice]]:
+        """The sensors beside the gradiometer that have biases, and where those are."""
+        biased = [sensor for sensor in self.aiding if sensor.bias > 0.0]
+        behind = self.layout[len(self.layout) - len(biased) :]
+        return [(sensor, block.slice) for sensor, block in zip(biased, behind, strict=True)]
 
     def complete(self, matrices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return F (N, 15, 15), changed in place, and G q Gᵀ (15, 15) of these sensors."""
@@ -189,13 +255,19 @@ class Equipment:
     def _add_biases(
         self, epochs: np.ndarray, dt: float, transition: np.ndarray, process_cov: np.ndarray
     ) -> None:
-        """Fill what the gradiometer's biases, which walk, have in Φ and Q (R, K, n, n)."""
+        """Fill what biases of sensors have in Φ and Q (R, K, n, n): a walk, or a decay."""
         transition[:, :, :STATES, STATES:] = transition[:, :, STATES:] = 0.0
         process_cov[:, :, :STATES, STATES:] = process_cov[:, :, STATES:] = 0.0
         bias = np.arange(STATES, self.dimension)
         transition[:, :, bias, bias] = 1.0
-        walk = self.gradiometer.drift**2 * np.diff(epochs, prepend=0) * dt
-        process_cov[:, :, bias, bias] = walk[:, np.newaxis]
+        if self.gradiometer is not None and self.gradiometer.biased:
+            own = bias[: self.gradients]
+            walk = self.gradiometer.drift**2 * np.diff(epochs, prepend=0) * dt
+            process_cov[:, :, own, own] = walk[:, np.newaxis]
+        for sensor, states in self._biased:
+            own, decay = np.arange(states.start, states.stop), sensor.decay(epochs * dt)
+            transition[:, :, own, own] = decay[:, np.newaxis]
+            process_cov[:, :, own, own] = (sensor.bias**2 * (1.0 - decay**2))[:, np.newaxis]
 
 
 def equip(case: CaseSpec, name: Literal["truth", "model"]) -> Equipment:
@@ -206,7 +278,9 @@ def equip(case: CaseSpec, name: Literal["truth", "model"]) -> Equipment:
         gains = altimeter_gains(case.altimeter.time_constant_s)
         altimeter = gains, case.altimeter.noise_m_per_sqrt_hz**2
     errors = case.truth.imu if name == "truth" else TrueImu()
-    return Equipment(_imu(side.imu, errors), _gradiometer(side.gradiometer), side, altimeter)
+    gradiometer = None if side.gradiometer is None else _gradiometer(side.gradiometer)
+    sensors = on_board(side, case.truth if name == "truth" else None)
+    return Equipment(_imu(side.imu, errors), gradiometer, sensors, side, altimeter)
 
 
 def _imu(spec: ImuSpec, errors: TrueImu) -> Imu:
@@ -262,7 +336,7 @@ def _disk(spec: GradiometerSpec) -> RotatingGradiometer:
 def spinning_disks(case: CaseSpec) -> SpinningDisks | None:
     """Return the disks of a rotating instrument whose imperfections a case gives, else None."""
     spec, errors = case.gradiometer, case.truth.gradiometer.rotating
-    if spec.rotating is None or errors is None:
+    if spec is None or spec.rotating is None or errors is None:
         return None
     return SpinningDisks(
         instrument=_disk(spec),
@@ -283,7 +357,7 @@ def faults(spec: TrueGradiometer) -> Faults:
         scale_factor=1e-6 * spec.scale_factor_ppm,
         misalignment=math.radians(spec.misalignment_arcmin / 60.0),
         outlier_share=spec.outlier_share,
-        outlier_eotvos=spec.outlier_eotvos,
+        outlier=spec.outlier_eotvos,
         dropout_share=spec.dropout_share,
         dropouts=tuple((start, end) for start, end in spec.dropouts_s),
         clock=spec.clock_error_s,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -10,20 +11,22 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from ..errors import GGBenchError
-from ..gravity.ellipsoid import metres_per_radian
+from ..gravity.ellipsoid import metres_along
 from ..gravity.field import DisturbanceMap, Field
 from ..ins import strapdown
 from ..ins.error_model import POSITION, STATES, system_matrices
+from ..sensors.aiding import Motion
 from ..sensors.gradiometer.faults import Faults
 from ..sensors.gradiometer.instrument import inertial_from_local, readings
 from ..sensors.gradiometer.lowpass import prefilter
 from ..sensors.gradiometer.spinning_disks import SpinningDisks
-from ..sensors.model import GradiometerModel, model_arrays
+from ..sensors.model import SensorModel, model_arrays
 from ..spec.case import CaseSpec
 from ..spec.limits import FASTEST_MPS, HIGHEST_M, LOWEST_M
 from ..spec.trajectory import TrajectorySpec, file_versions
 from ..trajectory.manoeuvres import TrajectoryError
 from ..trajectory.truth import Trajectory, along, fly
+from .aiding import aiding_about
 from .bound import Bound, posterior_bound
 from .equipment import Equipment, equip, faults, spinning_disks
 from .field_source import make_field
@@ -40,8 +43,8 @@ class Flight:
     delta_angles, delta_velocities : (N, 3) error-free IMU increments.
     field : map and normal field in which the truth flies.
     model_field : the field that the estimators are told.
-    epochs : (K,) indices of the measurement epochs among the INS samples.
-    noise_free : (K, 6) tensors in the gradiometer's mount at the truth [E].
+    epochs : (K,) indices of the measurement epochs, of whatever sensor, among the INS samples.
+    noise_free : (G, 6) tensors in the gradiometer's mount at the truth when it is read [E].
     """
 
     case: CaseSpec
@@ -59,6 +62,35 @@ class Flight:
         return self.trajectory.times[self.epochs]
 
     @cached_property
+    def gradient_epochs(self) -> np.ndarray:
+        """At which of the epochs (G,) the gradiometer is read; at none without one."""
+        return self._read_at("gradiometer")
+
+    @cached_property
+    def aiding_epochs(self) -> list[np.ndarray]:
+        """At which of the epochs each of the other sensors is read."""
+        return [self._read_at(sensor.name) for sensor in self.true.aiding]
+
+    def _read_at(self, sensor: str) -> np.ndarray:
+        stride = self.case.strides.get(sensor)
+        if stride is None:
+            return np.zeros(0, dtype=int)
+        return np.flatnonzero(self.epochs % stride == 0)
+
+    @property
+    def instrument(self) -> str:
+        """How the gradiometer is mounted."""
+        spec = self.case.gradiometer
+        return "local-level" if spec is None else spec.instrument
+
+    @property
+    def motion_at_epochs(self) -> Motion:
+        """Where the truth is at the epochs, and how it moves."""
+        truth = self.trajectory
+        at = self.epochs
+        return Motion(truth.positions[at], truth.velocities[at], truth.attitudes[at])
+
+    @cached_property
     def true(self) -> Equipment:
         """Sensors and prior as they are."""
         return equip(self.case, "truth")
@@ -71,8 +103,8 @@ class Flight:
     @cached_property
     def metres(self) -> np.ndarray:
         """What latitude, longitude and height are worth at the epochs (K, 3) [m/rad, m/rad, 1]."""
-        places = self.trajectory.positions[self.epochs]
-        return np.array([(*metres_per_radian(place), 1.0) for place in places])
+        east_and_north = metres_along(self.trajectory.positions[self.epochs])
+        return np.hstack([east_and_north[:, ::-1], np.ones((len(self.epochs), 1))])
 
     def added_gravity(self, field: Field) -> DisturbanceMap:
         """Return what the mechanization, if it has this field, adds to normal gravity."""
@@ -96,18 +128,18 @@ class Flight:
         A platform does not turn in inertial axes; a local level turns with the Earth and with the
         flight over it, by 1e-4 rad/s, which is neglected here.
         """
-        truth, count = self.trajectory, self.epochs[0]
+        truth, samples = self.trajectory, self.epochs[self.gradient_epochs]
+        count = samples[0]
         force, rate = (
-            increments[: self.epochs[-1]].reshape(len(self.epochs), count, 3).sum(axis=1)
+            increments[: samples[-1]].reshape(len(samples), count, 3).sum(axis=1)
             / (count * truth.dt)
             for increments in (self.delta_velocities, self.delta_angles)
         )
-        instrument = self.case.gradiometer.instrument
-        if instrument == "strapdown":
+        if self.instrument == "strapdown":
             return force, rate
-        force = np.einsum("kij,kj->ki", truth.attitudes[self.epochs], force)
-        if instrument == "platform":
-            for k, n in enumerate(self.epochs):
+        force = np.einsum("kij,kj->ki", truth.attitudes[samples], force)
+        if self.instrument == "platform":
+            for k, n in enumerate(samples):
                 c_in = np.empty((3, 3))
                 latitude, longitude, _ = truth.positions[n]
                 inertial_from_local(latitude, longitude, truth.times[n], c_in)
@@ -120,8 +152,8 @@ class Flight:
 
         Of the true noise, biases and initial errors, with the true field known; outliers and errors
         that no model has a state for are left out, so that it stays a lower bound. Of readings that
-        drop out by chance only the expected share informs. The noise behind a filter is left out,
-        too; without a filter it is noise of the readings like the other.
+        drop out, for a while or by chance, only the expected share informs. The noise behind a
+        filter is left out, too; without a filter it is noise of the readings like the other.
         """
         truth, true = self.trajectory, self.true
         matrices, noise = true.complete(
@@ -140,31 +172,56 @@ class Flight:
         rows = np.zeros((len(self.epochs), 6, STATES))
         rows[:, :3, POSITION] = np.eye(3)
         rows[:, 3:, 6:9] = np.eye(3)
-        at_epochs, attitudes = truth.positions[self.epochs], truth.attitudes[self.epochs]
-        instrument = dataclasses.replace(true.gradiometer, lowpass=None)
-        model = GradiometerModel(
+        motion, at = self.motion_at_epochs, self.gradient_epochs
+        instrument = true.gradiometer
+        noise_cov = true.noise_cov.copy()
+        if instrument is not None and instrument.lowpass is not None:
+            instrument = dataclasses.replace(instrument, lowpass=None)
+            own = np.arange(true.gradients)
+            noise_cov[own, own] = instrument.noise_eotvos**2
+        model = SensorModel(
             model_arrays(
                 self.field,
                 instrument,
                 self.times,
-                at_epochs,
-                attitudes,
-                at_epochs,
-                attitudes,
+                motion.positions,
+                motion.attitudes,
+                motion.positions,
+                motion.attitudes,
                 np.zeros(len(self.epochs)),
                 rows,
-                prefilter(None, len(self.epochs), "whitened", 0.0),
-                self.faults.in_dropouts(self.times),
+                prefilter(None, len(at), "whitened", 0.0),
+                at=at,
+                others=aiding_about(
+                    true.aiding, true.aiding_biases, self.field, self.aiding_epochs, motion
+                ),
+                dimension=true.dimension,
             )
         )
         zero = np.zeros(true.dimension)
         jacobians = np.stack([model.jacobian(k, zero) for k in range(len(self.epochs))])
-        jacobians *= math.sqrt(1.0 - self.faults.dropout_share)
-        variance = instrument.noise_eotvos**2
-        if true.gradiometer.lowpass is None:
-            variance += instrument.noise_behind_filter**2
-        noise_cov = variance * np.eye(jacobians.shape[1])
-        return posterior_bound(transition, process_cov, true.prior_cov, jacobians, noise_cov)
+        jacobians *= np.sqrt(self.expected)[:, :, np.newaxis]
+        return posterior_bound(
+            transition, process_cov, true.prior_cov, jacobians, noise_cov, self.ticks
+        )
+
+    @property
+    def ticks(self) -> np.ndarray:
+        """The epochs (K,) as multiples of the case's tick."""
+        return np.asarray(np.round(self.times / self.case.tick_s).astype(int))
+
+    @cached_property
+    def expected(self) -> np.ndarray:
+        """The share of runs (K, m) in which each of the measurements is there."""
+        true, times = self.true, self.times
+        found = np.zeros((len(times), len(true.channels)))
+        at, first = self.gradient_epochs, true.gradients
+        found[at, :first] = self.faults.expected_share(times[at])[:, np.newaxis]
+        for sensor, at in zip(true.aiding, self.aiding_epochs, strict=True):
+            last = first + len(sensor.channels)
+            found[at, first:last] = sensor.faults.expected_share(times[at])[:, np.newaxis]
+            first = last
+        return found
 
     @cached_property
     def final_bound(self) -> float:
@@ -194,28 +251,34 @@ def prepare(case: CaseSpec) -> Flight:
         file_versions(case.trajectory),
         field if true.field.gravity_disturbance else None,
     )
-    stride = round(case.gradiometer.period_s / trajectory.dt)
-    epochs = np.arange(stride, len(trajectory.times), stride)
-    positions, times = trajectory.positions[epochs], trajectory.times[epochs]
-    noise_free = readings(
-        field, positions, times, trajectory.attitudes[epochs], case.gradiometer.instrument
-    )
-    _require_short_delays(case, len(epochs))
-    if model_field is not field:
-        model_field.tensor(*positions.T)  # raises if the flight leaves the estimators' map
+    read_at = {
+        sensor: np.arange(stride, len(trajectory.times), stride)
+        for sensor, stride in case.strides.items()
+    }
+    epochs = functools.reduce(np.union1d, read_at.values())
+    noise_free = np.zeros((0, 6))
+    if case.gradiometer is not None:
+        at = read_at["gradiometer"]
+        noise_free = readings(
+            field, trajectory.positions[at], trajectory.times[at], trajectory.attitudes[at],
+            case.gradiometer.instrument,
+        )  # fmt: skip
+        _require_short_delays(case, case.gradiometer.period_s, len(at))
+    for told in (field, model_field):
+        told.tensor(*trajectory.positions[epochs].T)  # raises if the flight leaves the map
     return Flight(
         case, trajectory, delta_angles, delta_velocities, field, model_field, epochs, noise_free
     )
 
 
-def _require_short_delays(case: CaseSpec, count: int) -> None:
+def _require_short_delays(case: CaseSpec, period: float, count: int) -> None:
     """Raise GGBenchError if errors decay within the delay of the filtered readings.
 
     The measurement model takes the state back over the delay (:func:`.error_model.delayed_rows`): a
     decay would be e^(delay / time constant) there, and the noise that goes with it is neglected.
     """
     model = equip(case, "model")
-    delay = case.gradiometer.period_s * float(model.treatment(count).delay_samples.max())
+    delay = period * float(model.treatment(count).delay_samples.max())
     altimeter = math.inf if case.altimeter is None else case.altimeter.time_constant_s
     for name, time in (
         ("altimeter.time_constant_s", altimeter),

@@ -22,6 +22,11 @@ class RandomStreams:
         "dropouts",
         "timing",
         "behind_filter",
+        *(
+            f"{sensor}{source}"
+            for sensor in ("gnss", "velocity_log", "barometer", "gravimeter")
+            for source in ("", "_biases", "_outliers", "_dropouts")
+        ),
     )
     """New sources come last: the number of a source is part of its seed."""
 

@@ -18,7 +18,6 @@ import numpy as np
 from ..block import ProblemBlock
 from ..gravity.ellipsoid import metres_per_radian
 from ..ins.error_model import (
-    ACCELEROMETER_BIAS,
     ATTITUDE,
     GYRO_BIAS,
     POSITION,
@@ -29,21 +28,15 @@ from ..ins.error_model import (
 from ..ins.strapdown import TRACK, navigate_lanes
 from ..numerics.lanes import groups, in_lanes, out_of_lanes, unfilled
 from ..numerics.rotations import between, rotation_matrix
-from ..problem import Problem, StateBlock
+from ..problem import Problem
+from ..sensors.aiding import Motion
 from ..sensors.gradiometer.faults import biases as gradiometer_biases
-from ..sensors.gradiometer.instrument import readings
+from ..sensors.gradiometer.instrument import Gradiometer, readings
 from ..sensors.model import model_arrays
 from ..trajectory.truth import Trajectory
+from .aiding import aiding_readings
 from .error_free_flight import Flight
 from .random_streams import RandomStreams, random_streams
-
-LAYOUT = (
-    StateBlock("position error ENU", POSITION, "m"),
-    StateBlock("velocity error ENU", VELOCITY, "m/s"),
-    StateBlock("attitude error ENU", ATTITUDE, "rad"),
-    StateBlock("gyro bias", GYRO_BIAS, "rad/s"),
-    StateBlock("accelerometer bias", ACCELEROMETER_BIAS, "m/s²"),
-)
 
 
 @dataclass(frozen=True)
@@ -101,22 +94,35 @@ def simulate_block(
     flight : the case. seed, runs : the campaign's seed and the numbers of R runs, at least one.
     """
     streams = [random_streams(seed, run) for run in runs]
-    model, times = flight.model, flight.times
-    treatment = model.treatment(len(times))
-    delays = treatment.delay_samples * flight.case.gradiometer.period_s
+    model, times, at = flight.model, flight.times, flight.gradient_epochs
+    treatment = model.treatment(len(at))
+    delays = np.zeros(len(times))
+    delays[at] = treatment.delay_samples * flight.case.periods.get("gradiometer", 0.0)
     ins = Navigation.empty(len(streams), len(times), model.dimension)
     for some in groups(len(streams)):
         _navigate(flight, delays, streams[some], ins.of_runs(some))
-    output, instrument_biases = _gradiometer_output(flight, streams)
-    missing = _missing(flight, streams)
-    measurements = treatment.apply(output)
-    measurements[missing] = 0.0  # as the model predicts it then, whatever the state
-    layout: tuple[StateBlock, ...] = LAYOUT
-    if model.gradiometer.biased:
-        layout = (*LAYOUT, StateBlock("gradiometer bias", slice(STATES, model.dimension), "E"))
+    measurements = np.zeros((len(streams), len(times), model.gradients))
+    there = np.zeros(measurements.shape, dtype=bool)
+    missing = np.zeros((len(streams), len(at)), dtype=bool)
+    instrument_biases = np.zeros(measurements.shape)
+    if flight.true.gradiometer is not None:
+        output, instrument_biases = _gradiometer_output(flight, flight.true.gradiometer, streams)
+        missing = _missing(flight, streams)
+        there[:, at] = ~missing[:, :, np.newaxis]
+        # Zero where a reading is missing, as the model predicts it then, whatever the state.
+        measurements[:, at] = np.where(there[:, at], treatment.apply(output), 0.0)
+    indicated = Motion(
+        ins.states[:, :, POSITION],
+        ins.states[:, :, VELOCITY],
+        ins.states[:, :, 6:].reshape(*ins.states.shape[:2], 3, 3),
+    )
+    others = aiding_readings(
+        flight.true.aiding, model.aiding, model.aiding_biases, (flight.field, flight.model_field),
+        times, flight.aiding_epochs, flight.motion_at_epochs, indicated, streams,
+    )  # fmt: skip
     problems = ProblemBlock(
         times=times,
-        measurements=measurements,
+        measurements=np.concatenate([measurements, others.measurements], axis=2),
         noise_cov=model.noise_cov,
         transition=ins.transition,
         process_cov=ins.process_cov,
@@ -126,16 +132,23 @@ def simulate_block(
             flight.model_field,
             model.gradiometer,
             times,
-            ins.states[:, :, POSITION],
-            ins.states[:, :, 6:].reshape(*ins.states.shape[:2], 3, 3),
+            indicated.positions,
+            indicated.attitudes,
             ins.delayed_positions,
             ins.delayed_attitudes,
             delays,
             ins.rows,
             treatment,
             missing,
+            at,
+            (others.aiding, others.offset),
+            model.dimension,
         ),
-        layout=layout,
+        layout=model.layout,
+        present=np.concatenate([there, others.present], axis=2),
+        channels=model.channels,
+        tracks=ins.states,
+        map=flight.model_field,
     )
     truth, epochs = flight.trajectory, flight.epochs
     error_state = np.empty((len(streams), len(times), model.dimension))
@@ -144,8 +157,10 @@ def simulate_block(
         error_state,
     )  # fmt: skip
     error_state[:, :, GYRO_BIAS.start : STATES] = ins.biases
-    if model.gradiometer.biased:
-        error_state[:, :, STATES:] = instrument_biases
+    first = model.dimension - others.biases.shape[2]
+    if first > STATES:
+        error_state[:, :, STATES:first] = instrument_biases
+    error_state[:, :, first:] = others.biases
     return problems, TruthBlock(times, error_state)
 
 
@@ -207,7 +222,7 @@ def _navigate(
     out.delayed_positions[:] = out_of_lanes(before[:, :3] + moved, runs)
     shape = out.delayed_attitudes.shape
     out.delayed_attitudes[:] = out.states[:, :, 6:].reshape(shape)
-    if model.gradiometer.instrument == "strapdown" and delays.any():
+    if flight.instrument == "strapdown" and delays.any():
         start, end = (out_of_lanes(c[:, 6:], runs) for c in (before, after))
         turned = between(start.reshape(-1, 3, 3), end.reshape(-1, 3, 3), np.tile(share, runs))
         out.delayed_attitudes[:] = turned.reshape(shape)
@@ -262,14 +277,18 @@ def _altimeter_readings(
 
 
 def _gradiometer_output(
-    flight: Flight, streams: Sequence[RandomStreams]
+    flight: Flight, instrument: Gradiometer, streams: Sequence[RandomStreams]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return what the instruments deliver (R, K, m), before readings drop out, and biases [E]."""
-    instrument, faults, times = flight.true.gradiometer, flight.faults, flight.times
+    """Return what the instruments deliver when they are read, and biases at all epochs [E].
+
+    (R, G, g) for G readings, before they drop out, and (R, K, g).
+    """
+    faults, at = flight.faults, flight.gradient_epochs
+    times = flight.times[at]
     channels = instrument.channels
     undistorted = flight.noise_free @ channels.T
     output = np.empty((len(streams), len(times), len(channels)))
-    biases = np.zeros(output.shape)
+    biases = np.zeros((len(streams), len(flight.times), len(channels)))
     for run, of_run in enumerate(streams):
         tensors, exact = flight.noise_free, undistorted
         if faults.clock > 0.0 or faults.jitter > 0.0:
@@ -283,9 +302,9 @@ def _gradiometer_output(
             )
         if instrument.biased:
             biases[run] = gradiometer_biases(
-                instrument, len(channels), times, of_run.gradiometer_biases
+                instrument, len(channels), flight.times, of_run.gradiometer_biases
             )
-        output[run] = exact + biases[run] + instrument.noise(len(times), of_run.gradiometer)
+        output[run] = exact + biases[run, at] + instrument.noise(len(times), of_run.gradiometer)
         if faults.outlier_share > 0.0:
             output[run] += faults.outliers(output[run].shape, of_run.outliers)
     if instrument.lowpass is not None:
@@ -297,18 +316,18 @@ def _gradiometer_output(
 
 
 def _missing(flight: Flight, streams: Sequence[RandomStreams]) -> np.ndarray:
-    """Return which readings (R, K) drop out."""
-    faults, times = flight.faults, flight.times
+    """Return which readings (R, G) of the gradiometer drop out."""
+    faults, times = flight.faults, flight.times[flight.gradient_epochs]
     if faults.dropout_share > 0.0:
         return np.stack([faults.missing(times, of_run.dropouts) for of_run in streams])
     return np.tile(faults.in_dropouts(times), (len(streams), 1))
 
 
 def _mistimed(flight: Flight, rng: np.random.Generator) -> np.ndarray:
-    """Return the tensors (K, 6) of readings that are taken at other times than they claim."""
-    truth, faults = flight.trajectory, flight.faults
+    """Return the tensors (G, 6) of readings that are taken at other times than they claim."""
+    truth, faults, times = flight.trajectory, flight.faults, flight.times[flight.gradient_epochs]
     clock = faults.clock * rng.standard_normal()
-    taken = flight.times + faults.jitter * rng.standard_normal(len(flight.times))
+    taken = times + faults.jitter * rng.standard_normal(len(times))
     taken = np.clip(taken, truth.times[0], truth.times[-1])
     positions = np.stack(
         [np.interp(taken, truth.times, truth.positions[:, axis]) for axis in range(3)], axis=-1
@@ -316,9 +335,7 @@ def _mistimed(flight: Flight, rng: np.random.Generator) -> np.ndarray:
     sample = np.minimum(taken / truth.dt, len(truth.times) - 1)
     first = np.minimum(sample.astype(int), len(truth.times) - 2)
     attitudes = between(truth.attitudes[first], truth.attitudes[first + 1], sample - first)
-    return readings(
-        flight.field, positions, taken + clock, attitudes, flight.case.gradiometer.instrument
-    )
+    return readings(flight.field, positions, taken + clock, attitudes, flight.instrument)
 
 
 def _perturbed(truth: Trajectory, error: np.ndarray) -> np.ndarray:

@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from ..trajectory.manoeuvres import TrajectoryError
+from .aiding import AIDING, BarometerSpec, GnssSpec, GravimeterSpec, LogSpec
 from .limits import MOST_RUNS, MOST_SEED
 from .quantities import Duration, Moment, PositionTarget, TimeLimit, VelocityTarget
 from .sensors import (
@@ -157,9 +158,13 @@ class CaseSpec(Section):
     trajectory: TrajectorySpec
     imu: ImuSpec
     initial_error: InitialErrorSpec
-    gradiometer: GradiometerSpec
     field: FieldSpec
     windows: WindowsSpec
+    gradiometer: GradiometerSpec | None = None
+    gnss: GnssSpec | None = None
+    velocity_log: LogSpec | None = None
+    barometer: BarometerSpec | None = None
+    gravimeter: GravimeterSpec | None = None
     altimeter: AltimeterSpec | None = None
     truth: TruthSpec = TruthSpec()
     model: ModelSpec = ModelSpec()
@@ -169,6 +174,10 @@ class CaseSpec(Section):
     def _check(self) -> CaseSpec:
         for name in ("truth", "model"):
             self.side(name)  # raises if what it changes breaks a rule
+        if not self.periods:
+            raise ValueError(
+                f"no sensor is on board: give at least one of gradiometer, {', '.join(AIDING)}"
+            )
         felt = self.side("truth").field
         if felt.gravity_disturbance and felt.source == "normal":
             raise ValueError('gravity_disturbance needs a map: source = "normal" has none to feel')
@@ -183,30 +192,17 @@ class CaseSpec(Section):
                     'model.field.compensate needs a map: source = "normal" has no disturbance to '
                     "add"
                 )
-        instrument = self.truth.gradiometer
-        if self.gradiometer.filter != "none" and (
-            instrument.dropouts_s or instrument.dropout_share > 0.0
-        ):
-            raise ValueError(
-                "truth.gradiometer: readings can only drop out of an instrument without a filter; "
-                'set gradiometer.filter = "none"'
-            )
-        if instrument.clock_error_s > 0.0 and self.gradiometer.instrument != "platform":
-            raise ValueError(
-                "truth.gradiometer.clock_error_s is an error of the time by which a platform knows "
-                f'inertial axes; instrument = "{self.gradiometer.instrument}" needs none'
-            )
-        if instrument.rotating is not None and self.gradiometer.rotating is None:
-            raise ValueError(
-                "truth.gradiometer.rotating gives errors of an instrument that "
-                "[gradiometer.rotating] does not describe"
-            )
-        steps = self.gradiometer.period_s / self.imu.period_s
-        if abs(steps - round(steps)) > 1e-6 or round(steps) < 1:
-            raise ValueError(
-                f"gradiometer.period_s ({self.gradiometer.period_s:g} s) must be a whole multiple "
-                f"of imu.period_s ({self.imu.period_s:g} s)"
-            )
+        if self.gradiometer is not None:
+            self._check_gradiometer(self.gradiometer)
+        if self.gravimeter is not None and felt.source == "normal":
+            raise ValueError('gravimeter needs a map: source = "normal" has no disturbance to read')
+        for name, period in self.periods.items():
+            steps = period / self.imu.period_s
+            if abs(steps - round(steps)) > 1e-6 or round(steps) < 1:
+                raise ValueError(
+                    f"{name}.period_s ({period:g} s) must be a whole multiple of imu.period_s "
+                    f"({self.imu.period_s:g} s)"
+                )
         shortest = FEWEST_STEPS * self.imu.period_s
         if self.altimeter is not None and self.altimeter.time_constant_s < shortest:
             raise ValueError(
@@ -218,13 +214,47 @@ class CaseSpec(Section):
             self.check_duration()
         return self
 
+    def _check_gradiometer(self, spec: GradiometerSpec) -> None:
+        instrument = self.truth.gradiometer
+        if spec.filter != "none" and (instrument.dropouts_s or instrument.dropout_share > 0.0):
+            raise ValueError(
+                "truth.gradiometer: readings can only drop out of an instrument without a filter; "
+                'set gradiometer.filter = "none"'
+            )
+        if instrument.clock_error_s > 0.0 and spec.instrument != "platform":
+            raise ValueError(
+                "truth.gradiometer.clock_error_s is an error of the time by which a platform knows "
+                f'inertial axes; instrument = "{spec.instrument}" needs none'
+            )
+        if instrument.rotating is not None and spec.rotating is None:
+            raise ValueError(
+                "truth.gradiometer.rotating gives errors of an instrument that "
+                "[gradiometer.rotating] does not describe"
+            )
+
+    @property
+    def periods(self) -> dict[str, float]:
+        """Time between two readings [s] of each sensor on board, by its table's name."""
+        sensors = {name: getattr(self, name) for name in ("gradiometer", *AIDING)}
+        return {name: spec.period_s for name, spec in sensors.items() if spec is not None}
+
+    @property
+    def strides(self) -> dict[str, int]:
+        """IMU samples between two readings of each sensor on board."""
+        return {name: round(time / self.imu.period_s) for name, time in self.periods.items()}
+
+    @property
+    def tick_s(self) -> float:
+        """The longest time [s] of which all times between readings are multiples."""
+        return math.gcd(*self.strides.values()) * self.imu.period_s
+
     def check_duration(self) -> None:
         """Raise TrajectoryError, a ValueError, if the flight is too short or too long."""
         duration = self.trajectory.duration_s
-        if duration < 2.0 * self.gradiometer.period_s:
+        period = min(self.periods.values())
+        if duration < 2.0 * period:
             raise TrajectoryError(
-                f"the flight lasts {duration:g} s, too short for two readings "
-                f"({self.gradiometer.period_s:g} s apart)"
+                f"the flight lasts {duration:g} s, too short for two readings ({period:g} s apart)"
             )
         if self.windows.last_s > duration * (1.0 + 1e-9):
             raise TrajectoryError(
@@ -237,7 +267,7 @@ class CaseSpec(Section):
                 f"the flight of {duration:g} s has {samples:.3g} samples of {self.imu.period_s:g} "
                 f"s; at most {MOST_SAMPLES} are allowed"
             )
-        last = self.gradiometer.period_s * math.floor(duration / self.gradiometer.period_s + 1e-9)
+        last = max(time * math.floor(duration / time + 1e-9) for time in self.periods.values())
         if self.windows.settled_from_s > last:
             raise TrajectoryError(
                 f"windows.settled_from_s is {self.windows.settled_from_s:g} s and must not lie "
@@ -253,10 +283,16 @@ class CaseSpec(Section):
             If what it changes breaks a rule; the message names the table.
         """
         changes = getattr(self, name)
-        tables = {}
+        tables: dict[str, Any] = {}
         for key in Side._fields:
+            table, change = getattr(self, key), getattr(changes, key)
+            if table is None:
+                if change.model_dump(exclude_defaults=True):
+                    raise ValueError(f"{name}.{key} changes a sensor that is not on board")
+                tables[key] = None
+                continue
             try:
-                tables[key] = changed(getattr(self, key), getattr(changes, key))
+                tables[key] = changed(table, change)
             except ValidationError as error:
                 found = error.errors()[0]
                 said = found.get("ctx", {}).get("error", found["msg"])
@@ -269,8 +305,9 @@ class CaseSpec(Section):
         # Without defaults, so that a key that is new in a later version changes nothing.
         content = self.model_dump(exclude={"name", "title", "reference"}, exclude_defaults=True)
         # A default that was another in an earlier version is named where it has an effect.
-        content["gradiometer"].pop("whitening_regularization", None)
-        regularization = self.gradiometer.whitening_regularization
-        if self.gradiometer.filter != "none" and regularization != _FIRST_REGULARIZATION:
-            content["gradiometer"]["whitening_regularization"] = regularization
+        if self.gradiometer is not None:
+            content["gradiometer"].pop("whitening_regularization", None)
+            regularization = self.gradiometer.whitening_regularization
+            if self.gradiometer.filter != "none" and regularization != _FIRST_REGULARIZATION:
+                content["gradiometer"]["whitening_regularization"] = regularization
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

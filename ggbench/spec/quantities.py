@@ -106,6 +106,15 @@ AltimeterNoise = Annotated[float, Within(1e-6, 1e4, usual=(1e-3, 100.0))]
 Ppm = Annotated[float, Within(1e-6, 1e5, or_zero=True)]
 Arcmin = Annotated[float, Within(1e-9, 600.0, or_zero=True)]
 
+# The other sensors.
+PositionNoise = Annotated[float, Within(1e-4, 1e6, usual=(1e-3, 1e4))]
+VelocityNoise = Annotated[float, Within(1e-6, 1e3, usual=(1e-4, 10.0))]
+HeightNoise = Annotated[float, Within(1e-4, 1e5, usual=(1e-3, 1e3))]
+HeightBias = Annotated[float, Within(1e-6, 1e5, or_zero=True, usual=(1e-3, 1e3))]
+LogBias = Annotated[float, Within(1e-6, 1e3, or_zero=True, usual=(1e-4, 10.0))]
+GravimeterNoise = Annotated[float, Within(1e-6, 1e6, usual=(1e-3, 1e3))]
+GravimeterBias = Annotated[float, Within(1e-6, 1e6, or_zero=True, usual=(1e-3, 1e3))]
+
 # The gradiometer and the field: the Earth's own gradient is 3086 E, steep ground has hundreds.
 Noise = Annotated[float, Within(1e-9, 1e6, usual=(1e-6, 1e4))]
 NoiseBehindFilter = Annotated[float, Within(1e-12, 1e6, or_zero=True)]

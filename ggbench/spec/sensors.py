@@ -12,6 +12,21 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeVar, get_args
 from pydantic import Field, model_validator
 
 from ..sensors.gradiometer.rotating import RotatingGradiometer, RotatingGradiometerError
+from .aiding import (
+    BarometerChange,
+    BarometerSpec,
+    GnssChange,
+    GnssSpec,
+    GravimeterChange,
+    GravimeterSpec,
+    Interruptions,
+    LogChange,
+    LogSpec,
+    TrueBarometer,
+    TrueGnss,
+    TrueGravimeter,
+    TrueLog,
+)
 from .quantities import (
     AccelerometerBias,
     AccelerometerNoise,
@@ -36,7 +51,6 @@ from .quantities import (
     Longitude,
     MapNoise,
     MapSpacing,
-    Moment,
     Noise,
     NoiseBehindFilter,
     Outlier,
@@ -46,7 +60,6 @@ from .quantities import (
     Regularization,
     ReliefSmoothing,
     SamplePeriod,
-    Share,
     Spin,
     TimeConstant,
     VelocityError,
@@ -228,7 +241,7 @@ class RotatingErrorsSpec(Section):
     vibration_mps2: Vibration = 0.0
 
 
-class TrueGradiometer(GradiometerChange):
+class TrueGradiometer(GradiometerChange, Interruptions):
     """``[truth.gradiometer]``: the gradiometer as it is.
 
     Scale factor, misalignment and clock error are drawn once per run, N(0, σ²); outliers, dropouts
@@ -237,24 +250,10 @@ class TrueGradiometer(GradiometerChange):
 
     scale_factor_ppm: Ppm = 0.0
     misalignment_arcmin: Arcmin = 0.0
-    outlier_share: Share = 0.0
     outlier_eotvos: Outlier = 0.0
-    dropout_share: Share = 0.0
-    dropouts_s: Listed[Annotated[Listed[Moment], Field(min_length=2, max_length=2)]] = ()
     clock_error_s: ClockError = 0.0
     timing_jitter_s: Jitter = 0.0
     rotating: RotatingErrorsSpec | None = None
-
-    @model_validator(mode="after")
-    def _check(self) -> TrueGradiometer:
-        if (self.outlier_share > 0.0) != (self.outlier_eotvos > 0.0):
-            raise ValueError("outlier_share and outlier_eotvos go together: give both or none")
-        for start, end in self.dropouts_s:
-            if not start < end:
-                raise ValueError(
-                    f"dropouts_s must be [from, to] with from < to, found [{start:g}, {end:g}]"
-                )
-        return self
 
 
 class MapErrorSpec(Section):
@@ -324,6 +323,10 @@ class TruthSpec(Section):
     gradiometer: TrueGradiometer = TrueGradiometer()
     field: TrueField = TrueField()
     initial_error: InitialErrorChange = InitialErrorChange()
+    gnss: TrueGnss = TrueGnss()
+    velocity_log: TrueLog = TrueLog()
+    barometer: TrueBarometer = TrueBarometer()
+    gravimeter: TrueGravimeter = TrueGravimeter()
 
 
 class ModelSpec(Section):
@@ -333,15 +336,23 @@ class ModelSpec(Section):
     gradiometer: GradiometerChange = GradiometerChange()
     field: ModelField = ModelField()
     initial_error: InitialErrorChange = InitialErrorChange()
+    gnss: GnssChange = GnssChange()
+    velocity_log: LogChange = LogChange()
+    barometer: BarometerChange = BarometerChange()
+    gravimeter: GravimeterChange = GravimeterChange()
 
 
 class Side(NamedTuple):
     """Sensors, field and initial errors as one side has them: the truth or the model."""
 
     imu: ImuSpec
-    gradiometer: GradiometerSpec
+    gradiometer: GradiometerSpec | None
     field: FieldSpec
     initial_error: InitialErrorSpec
+    gnss: GnssSpec | None
+    velocity_log: LogSpec | None
+    barometer: BarometerSpec | None
+    gravimeter: GravimeterSpec | None
 
 
 S = TypeVar("S", bound=Section)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 from campaigns import ran, small
@@ -10,6 +12,7 @@ from conftest import metres
 from problems import SMALL
 from small_cases import rough_map, small_flight
 
+import ggbench as gg
 from ggbench.campaign import records
 from ggbench.report import scenario_report
 from ggbench.spec.scenario import Scenario
@@ -81,6 +84,17 @@ def test_a_run_that_leaves_the_map_is_remarked_in_table_report_and_show(scenario
     assert table["remark"].tolist() == ["", "", records.OUTSIDE, records.OUTSIDE, "", ""]
     shown = invoke(["show", str(results.folder)], tmp_path).stdout
     assert "outside its map" in " ".join(shown.split())
+
+
+def test_a_notebook_is_warned_of_an_estimate_outside_the_map(scenario):
+    """Once, with the first time; of an estimate within it, or without aiding, nothing is said."""
+    problem, _ = gg.simulate(scenario.case("base"))
+    with pytest.warns(UserWarning, match=r"outside the map at 1 of 20 epochs, first 20 s after"):
+        gg.estimate(problem, "far.py[east_m=1e6]")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", UserWarning)
+        gg.estimate(problem, "far.py")
+        gg.estimate(problem, "ins")
 
 
 @pytest.mark.parametrize("runs", [1, 3])

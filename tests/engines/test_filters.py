@@ -12,7 +12,6 @@ from ggbench.block import ProblemBlock
 from ggbench.campaign import registry
 from ggbench.judging.run_errors import innovations_squared
 from ggbench.numerics.frozen import read_only
-from ggbench.sensors.model_kernels import OF_A_RUN
 from ggbench.simulation import error_free_flight
 from ggbench.simulation.runs import simulate_block
 from ggbench.spec import scenario
@@ -47,7 +46,7 @@ def prepared(name: str, case: str) -> ProblemBlock:
 def cut(block: ProblemBlock, runs: list[int], epochs: int) -> ProblemBlock:
     """Some runs of a block, in some order, up to an epoch."""
     # Read-only, as all arrays of a block are: what may be written to is compiled once more.
-    own = {key: read_only(getattr(block.model, key)[runs, :epochs]) for key in OF_A_RUN}
+    model = block.model.mapped(lambda array: read_only(array[runs, :epochs]))
     return ProblemBlock(
         times=block.times[:epochs],
         measurements=block.measurements[runs, :epochs],
@@ -56,8 +55,9 @@ def cut(block: ProblemBlock, runs: list[int], epochs: int) -> ProblemBlock:
         process_cov=block.process_cov[runs, :epochs],
         prior_mean=block.prior_mean,
         prior_cov=block.prior_cov,
-        model=block.model._replace(times=read_only(block.model.times[:epochs]), **own),
+        model=model._replace(times=read_only(block.model.times[:epochs])),
         layout=block.layout,
+        present=block.present[runs, :epochs],
     )
 
 

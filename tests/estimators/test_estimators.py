@@ -123,7 +123,7 @@ class Parabola:
         return x[..., :1] ** 2 + 0.1 * x[..., 1:2]
 
     def jacobian(self, k: int, x: np.ndarray) -> np.ndarray:
-        return np.array([[2.0 * x[0], 0.1]])
+        return np.stack([2.0 * x[..., :1], np.full_like(x[..., :1], 0.1)], axis=-1)
 
 
 def parabola(epochs: int = 10) -> Problem:

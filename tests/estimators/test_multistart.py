@@ -287,8 +287,8 @@ class Periodic:
         return np.concatenate([np.sin(phase), np.cos(phase)], axis=-1)
 
     def jacobian(self, k: int, x: np.ndarray) -> np.ndarray:
-        phase = 2.0 * np.pi * x[0] / 1000.0
-        return 2.0 * np.pi / 1000.0 * np.array([[np.cos(phase)], [-np.sin(phase)]])
+        phase = 2.0 * np.pi * x / 1000.0
+        return 2.0 * np.pi / 1000.0 * np.stack([np.cos(phase), -np.sin(phase)], axis=-2)
 
 
 def test_a_mixture_admits_that_it_does_not_know():
@@ -322,8 +322,8 @@ class Hill:
         return np.where(x < 0.0, np.exp(x / 300.0), np.exp(-x / 1200.0))
 
     def jacobian(self, k: int, x: np.ndarray) -> np.ndarray:
-        length = 300.0 if x[0] < 0.0 else -1200.0
-        return (self.predict(k, x) / length)[:, None]
+        length = np.where(x < 0.0, 300.0, -1200.0)
+        return (self.predict(k, x) / length)[..., None]
 
 
 @pytest.mark.parametrize("reading", [0.3, 0.5, 0.7])
@@ -412,7 +412,7 @@ def test_a_field_without_numbers_is_an_exception(label):
             return np.full((*x.shape[:-1], 2), np.nan)
 
         def jacobian(self, k: int, x: np.ndarray) -> np.ndarray:
-            return np.full((2, len(x)), np.nan)
+            return np.full((*x.shape[:-1], 2, x.shape[-1]), np.nan)
 
     problem, _ = rough_flight(0, 1500.0, epochs=3, m=2)
     with pytest.raises(FloatingPointError):

@@ -278,11 +278,17 @@ def test_adaptive_noise_does_not_count_missing_readings():
             return problem.model.jacobian(2 * k + 1, x)
 
     there = (np.arange(problem.epochs) % 2)[:, None]
-    dropped = changed(problem, measurements=problem.measurements * there, model=Dropouts())
+    dropped = changed(
+        problem,
+        measurements=problem.measurements * there,
+        model=Dropouts(),
+        present=np.broadcast_to(there > 0, problem.measurements.shape),
+    )
     kept = changed(
         problem,
         times=problem.times[1::2],
         measurements=problem.measurements[1::2],
+        present=problem.present[1::2],
         transition=phi[1::2] @ phi[::2],
         process_cov=phi[1::2] @ q[::2] @ phi[1::2].transpose(0, 2, 1) + q[1::2],
         model=Kept(),
@@ -299,11 +305,26 @@ def test_adaptive_noise_forgets():
     within a factor of 2 (its deviation is 30 %); remembering all it would be below 2.5.
     """
     generator = np.random.default_rng(8)
-    noise = _AdaptiveNoise(np.eye(4), 25)
-    certain = np.zeros((4, 4))
+    noise, told = _AdaptiveNoise(4, 25), np.eye(4)
+    there, certain = np.ones(4, dtype=bool), np.zeros((4, 4))
     for k in range(600):
-        noise.learn((1.0 if k < 500 else 3.0) * generator.standard_normal(4), certain, noise.cov)
-    assert (np.diag(noise.cov) > 4.5).all() and (np.diag(noise.cov) < 18.0).all()
+        left = (1.0 if k < 500 else 3.0) * generator.standard_normal(4)
+        noise.learn(told, there, left, certain, noise.of(told))
+    assert (np.diag(noise.of(told)) > 4.5).all() and (np.diag(noise.of(told)) < 18.0).all()
+
+
+def test_adaptive_noise_learns_of_each_channel_what_came_of_it():
+    """Where one of two channels is missing, nothing is learned of it, and the other's count is its.
+
+    400 residuals of variance 9 in both; the second is there in 100 of them: 9 to 35 % (3σ).
+    """
+    generator = np.random.default_rng(10)
+    noise, told = _AdaptiveNoise(2, 1000), np.eye(2)
+    for k in range(400):
+        there = np.array([True, k % 4 == 0])
+        left = 3.0 * generator.standard_normal(2) * there
+        noise.learn(told, there, left, np.zeros((2, 2)), noise.of(told))
+    assert np.diag(noise.of(told)) == pytest.approx(9.0, rel=0.35)
 
 
 def test_adaptive_noise_counts_what_the_update_has_explained():
@@ -313,18 +334,19 @@ def test_adaptive_noise_counts_what_the_update_has_explained():
     """
     generator = np.random.default_rng(9)
     root = np.array([[2.0, 0.0], [1.0, 0.5]])
-    noise = _AdaptiveNoise(root @ root.T, 1000)
+    noise, told = _AdaptiveNoise(2, 1000), root @ root.T
     for _ in range(1000):
         left = root @ (np.sqrt(0.4) * generator.standard_normal(2))
-        noise.learn(left, 0.6 * root @ root.T, noise.cov)
-    assert noise.cov == pytest.approx(root @ root.T, rel=0.2)
+        noise.learn(told, np.ones(2, dtype=bool), left, 0.6 * told, noise.of(told))
+    assert noise.of(told) == pytest.approx(told, rel=0.2)
 
 
 def test_adaptive_noise_does_not_learn_from_outliers():
     """A residual of 30 deviations that a loss has weighed down by 900 counts as one of one."""
-    noise = _AdaptiveNoise(np.eye(2), 50)
-    noise.learn(np.array([30.0, 1.0]), np.zeros((2, 2)), np.diag([900.0, 1.0]))
-    assert noise.cov == pytest.approx(np.eye(2))
+    noise, told = _AdaptiveNoise(2, 50), np.eye(2)
+    there, weighted = np.ones(2, dtype=bool), np.diag([900.0, 1.0])
+    noise.learn(told, there, np.array([30.0, 1.0]), np.zeros((2, 2)), weighted)
+    assert noise.of(told) == pytest.approx(told)
 
 
 @pytest.mark.parametrize("loss", ["huber", "cauchy"])

@@ -113,7 +113,7 @@ def test_the_gradient_along_the_track_is_taken_apart():
     """Noise before the filter, noise behind it, and what the filter delays, each by itself."""
     rng = np.random.default_rng(5)
     names = ("vertical", "noisy", "filtered", "filtered_true")
-    arrays = {"times": TIMES} | {name: rng.normal(size=8) for name in names}
+    arrays = {"gradient_times": TIMES} | {name: rng.normal(size=8) for name in names}
     top, middle, bottom = field.gradient_along_track(arrays, "A case").axes
     assert lines(top)["true"] == pytest.approx(arrays["vertical"])
     assert lines(top)["noisy"] == pytest.approx(arrays["noisy"])

@@ -68,7 +68,11 @@ def test_a_change_of_matplotlib_is_found(code, found):
 def gradient() -> Figure:
     times = np.arange(1.0, 50.0)
     vertical = np.sin(0.1 * times)
-    arrays = {"times": times, "vertical": vertical, "noisy": vertical + 0.1 * np.cos(9.0 * times)}
+    arrays = {
+        "gradient_times": times,
+        "vertical": vertical,
+        "noisy": vertical + 0.1 * np.cos(9.0 * times),
+    }
     return gradient_along_track(arrays, "a price in $ and $")
 
 

@@ -164,7 +164,10 @@ def test_a_missing_reading_has_no_innovation():
     there = np.ones(problem.epochs, dtype=bool)
     there[10:30] = False
     gapped = changed(
-        problem, model=LinearModel(rows), measurements=problem.measurements * there[:, None]
+        problem,
+        model=LinearModel(rows),
+        measurements=problem.measurements * there[:, None],
+        present=np.tile(there[:, None], (1, problem.measurements.shape[1])),
     )
     mean, cov, _, _ = kalman(gapped)
     truth = Truth(gapped.times, np.zeros((gapped.epochs, 10)))

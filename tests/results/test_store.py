@@ -191,8 +191,8 @@ SHARED = {
     "one number missing": ("bound-filter", ONE_NAN),
     "readings of other epochs": ("present", np.ones(3)),
     "readings beyond all": ("present", np.full(20, 1.5)),
-    "no channels": ("channels", np.array(0)),
-    "channels one by one": ("channels", np.ones(6)),
+    "fewer channels than none": ("channels", np.full(20, -1.0)),
+    "channels of other epochs": ("channels", np.ones(6)),
 }
 EDITS = {
     "scenario spoilt": ("scenario_text", "[[["),
@@ -283,8 +283,8 @@ DAMAGES = {
     "readings beyond all": "case base share.* is damaged: its present holds more than shares",
     "kept epochs beyond the last": "case base share.* is damaged: its kept names other epochs",
     "one number missing": "case base share.* is damaged: its bound-filter is not finite",
-    "no channels": "case base share.* is damaged: its channels is no number of channels",
-    "channels one by one": "case base share.* is damaged: its channels is no number of channels",
+    "fewer channels than none": "case base share.* is damaged: its channels holds less than none",
+    "channels of other epochs": r"case base share.* is damaged: its channels has the shape \(6,\)",
     "arrays pickled": "case base share.* cannot be read.*allow_pickle=False",
     "arrays a bare pickle": "case base share.* cannot be read",
 }

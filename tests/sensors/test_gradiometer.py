@@ -22,7 +22,7 @@ from ggbench.sensors.gradiometer.instrument import (
     rotate_tensor,
 )
 from ggbench.sensors.gradiometer.lowpass import prefilter
-from ggbench.sensors.model import GradiometerModel, model_arrays
+from ggbench.sensors.model import SensorModel, model_arrays
 from ggbench.simulation.error_free_flight import Flight
 from ggbench.simulation.runs import simulate
 
@@ -43,7 +43,7 @@ def chain(request, wang) -> tuple[Flight, object, object]:
 def plain_model(field: Field, positions: np.ndarray, times: np.ndarray, components=COMPONENTS):
     """The model of an unfiltered gradiometer whose state is the position error alone, (3,) [m]."""
     count = len(times)
-    return GradiometerModel(
+    return SensorModel(
         model_arrays(
             field,
             Gradiometer(0.01, None, components),

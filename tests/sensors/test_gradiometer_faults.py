@@ -23,7 +23,7 @@ def between(value: float, law, alarm: float) -> bool:
 
 def test_outliers_have_the_stated_share_and_size():
     """Of each channel by itself; false-alarm probability 1e-3 for share, size and pairs each."""
-    faults = Faults(outlier_share=0.05, outlier_eotvos=30.0)
+    faults = Faults(outlier_share=0.05, outlier=30.0)
     found = faults.outliers((20000, 6), np.random.default_rng(1))
     struck = found != 0.0
     assert between(struck.sum(), binom(120000, 0.05), 1e-3)

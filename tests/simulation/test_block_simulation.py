@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from small_cases import ROTATING, over_the_normal_field, rough_map, small_flight
+from small_cases import ON_BOARD, ROTATING, over_the_normal_field, rough_map, small_flight
 
 from ggbench.block import ProblemBlock
 from ggbench.gravity.field import Field
@@ -16,6 +16,7 @@ from ggbench.ins.strapdown import NORMAL_GRAVITY, navigate, navigate_lanes
 from ggbench.maps.recipe import read
 from ggbench.numerics.kernels import LANES
 from ggbench.numerics.lanes import in_lanes, lanes
+from ggbench.problem import Problem
 from ggbench.simulation.error_free_flight import Flight, prepare
 from ggbench.simulation.random_streams import RandomStreams, random_streams
 from ggbench.simulation.runs import TruthBlock, simulate, simulate_block
@@ -44,6 +45,13 @@ FAULTS: dict[str, dict[str, Any]] = {
         "truth.gradiometer.dropouts_s": [[2.0, 4.0]],
     },
     "times": {"truth.gradiometer.clock_error_s": 0.1, "truth.gradiometer.timing_jitter_s": 0.02},
+    "other sensors": {
+        **ON_BOARD,
+        "truth.gnss.dropout_share": 0.3,
+        "truth.velocity_log.outlier_share": 0.2,
+        "truth.velocity_log.outlier_mps": 3.0,
+        "truth.barometer.bias_m": 7.0,
+    },
     "disks": ROTATING | {"truth.gradiometer.rotating.scale_factor_ppm": 10.0},
     "worse truth": {"truth.gradiometer.noise_eotvos": 3.0, "truth.initial_error.position_m": 30.0},
 }  # fmt: skip
@@ -52,10 +60,19 @@ FAULTS: dict[str, dict[str, Any]] = {
 def arrays(block: ProblemBlock, truth: TruthBlock, run: int) -> dict[str, np.ndarray]:
     """All numbers of one run of a block."""
     problem = block.problem(run)
+    return numbers_of(problem) | {"error": truth.error_state[run]}
+
+
+def numbers_of(problem: Problem) -> dict[str, np.ndarray]:
+    """All numbers of a problem, those of its model included."""
     found = {k: v for k, v in vars(problem).items() if isinstance(v, np.ndarray)}
-    for name, value in problem.model.arrays._asdict().items():
+    found |= {f"track.{name}": value for name, value in vars(problem.track).items()}
+    model = problem.model.arrays._asdict()
+    aiding = model.pop("aiding")._asdict()
+    aiding |= aiding.pop("map")._asdict()
+    for name, value in (*model.items(), *aiding.items()):
         found[f"model.{name}"] = np.asarray(value)
-    return found | {"error": truth.error_state[run]}
+    return found
 
 
 def assert_same(one: dict[str, np.ndarray], other: dict[str, np.ndarray]) -> None:
@@ -74,10 +91,8 @@ def assert_runs_are_the_same_in_any_block(flight: Flight) -> None:
         one = arrays(together, truths, run)
         assert all(np.isfinite(array).all() for array in one.values())
         assert_same(one, arrays(other, other_truths, at))
-    alone = {k: v for k, v in vars(problem).items() if isinstance(v, np.ndarray)}
-    for name, value in problem.model.arrays._asdict().items():
-        alone[f"model.{name}"] = np.asarray(value)
-    assert_same(alone | {"error": truth.error_state}, arrays(together, truths, 2))
+    alone = numbers_of(problem) | {"error": truth.error_state}
+    assert_same(alone, arrays(together, truths, 2))
     # Runs differ where they should.
     assert (truths.error_state[0] != truths.error_state[1]).any()
     assert (together.measurements[0] != together.measurements[1]).any()

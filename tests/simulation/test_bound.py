@@ -11,13 +11,16 @@ import itertools
 import numpy as np
 import pytest
 from scipy.linalg import block_diag
-from small_cases import small_flight
+from small_cases import ON_BOARD, small_flight
 
+from ggbench.campaign.registry import choose
 from ggbench.simulation.bound import posterior_bound
 from ggbench.simulation.error_free_flight import prepare
+from ggbench.simulation.runs import simulate
 from ggbench.spec import scenario
 
 EPOCHS, N, M = 12, 4, 2
+ALONE = {"gradiometer": None, "barometer.period_s": 1.0, "barometer.noise_m": 3.0}
 
 
 def linear_problem(seed: int, singular: bool) -> tuple[np.ndarray, ...]:
@@ -73,6 +76,21 @@ def test_every_lag_is_the_conditional_covariance(lag, singular):
     )
 
 
+def test_a_lag_is_a_time_where_epochs_are_not_evenly_spaced():
+    """Of each epoch the bound of as many later ones as lie within the lag, however many."""
+    problem = linear_problem(1, singular=True)
+    ticks = np.cumsum(np.random.default_rng(0).integers(1, 5, EPOCHS))
+    bound = posterior_bound(*problem, ticks)
+    seen = set()
+    for k, found in enumerate(bound.fixed_lag(6)):
+        ahead = int(np.count_nonzero((ticks > ticks[k]) & (ticks <= ticks[k] + 6)))
+        np.testing.assert_allclose(found, conditioned(problem, ahead)[k], rtol=0.0, atol=1e-10)
+        seen.add(ahead)
+    assert len(seen) > 2
+    everything = conditioned(problem, EPOCHS)
+    np.testing.assert_allclose(bound.smoothing, everything, rtol=0.0, atol=1e-10)
+
+
 @pytest.mark.parametrize("seed", [2, 3])
 def test_smoothing_is_the_inverse_of_the_batch_information(seed):
     """The blocks of the inverse of the whole trajectory's information matrix (Tichavský 1998)."""
@@ -126,6 +144,29 @@ def test_units_do_not_matter():
         np.testing.assert_allclose(
             rescaled.fixed_lag(lag) / outer, plain.fixed_lag(lag), rtol=0.0, atol=1e-11
         )
+
+
+def test_the_bound_of_any_sensors_is_what_a_filter_claims_where_all_is_linear():
+    """A receiver with an outage, a log, a barometer: deviations to a thousandth, at every epoch.
+
+    H and Φ are taken at the truth there, along the INS's track here.
+    """
+    flight = small_flight(ON_BOARD | {"gradiometer": None, "truth.gnss.dropouts_s": [[5.0, 12.0]]})
+    problem, _ = simulate(flight, 1, 0)
+    claimed = choose("ekf").estimator.estimate(problem, np.random.default_rng(0)).cov
+    sigmas = [np.sqrt(np.diagonal(p, axis1=1, axis2=2)) for p in (claimed, flight.bound.filtering)]
+    np.testing.assert_allclose(sigmas[0], sigmas[1], rtol=1e-3)
+
+
+def test_a_bound_knows_only_the_share_of_readings_that_come():
+    """Half of them by chance: the information of half as many; none in an outage."""
+    half = small_flight(ALONE | {"truth.barometer.dropout_share": 0.5})
+    noisier = small_flight(ALONE | {"barometer.noise_m": 3.0 * 2.0**0.5})
+    np.testing.assert_allclose(half.bound.filtering, noisier.bound.filtering, rtol=1e-9)
+    none = small_flight(ALONE | {"truth.barometer.dropouts_s": [[0.0, 100.0]]})
+    height = none.bound.filtering[:, 2, 2]
+    np.testing.assert_allclose(height, none.bound.predicted[:, 2, 2], rtol=1e-9)
+    assert height[-1] > 2.0 * half.bound.filtering[-1, 2, 2]
 
 
 def test_bound_of_the_papers_flight_in_the_normal_field():

@@ -16,7 +16,15 @@ import numpy as np
 import pytest
 from astropy.constants import g0
 from pydantic import BaseModel
-from small_cases import ROTATING, blank_map, small_case, small_flight
+from small_cases import (
+    GRAVIMETER,
+    ON_BOARD,
+    ROTATING,
+    blank_map,
+    rough_map,
+    small_case,
+    small_flight,
+)
 
 from ggbench.gravity import parker
 from ggbench.judging import locking
@@ -26,6 +34,7 @@ from ggbench.simulation import field_source
 from ggbench.simulation.equipment import Equipment
 from ggbench.simulation.error_free_flight import Flight
 from ggbench.simulation.runs import simulate
+from ggbench.spec.aiding import AIDING
 from ggbench.spec.case import CampaignSpec, CaseSpec, SweepSpec, WindowsSpec
 from ggbench.spec.trajectory import SegmentSpec, TrajectorySpec
 
@@ -41,6 +50,7 @@ SUFFIXES = {
     "eotvos_per_sqrt_h": EOTVOS / u.hour**0.5,
     "m_per_sqrt_hz": u.m / u.Hz**0.5,
     "arcmin": u.arcmin,
+    "mgal": 1e-5 * u.m / u.s**2,
     "eotvos": EOTVOS,
     "ppm": 1e-6 * u.one,
     "mps2": u.m / u.s**2,
@@ -112,8 +122,45 @@ def accelerometer(f: Flight, e: Equipment) -> float:
     return noise(f, e) * 0.5 / math.sqrt(2.0)
 
 
+def channel(name: str) -> Read:
+    """RMS of a reading of a channel, as R has it, the rate of whose sensor need not be known."""
+
+    def read(f: Flight, e: Equipment) -> float:
+        at = [c.name for c in e.channels].index(name)
+        unit = 1e-5 if e.channels[at].unit == "mGal" else 1.0
+        return unit * math.sqrt(e.noise_cov[at, at])
+
+    return read
+
+
+def bias(block: str) -> Read:
+    """σ of the bias of a sensor at the start."""
+
+    def read(f: Flight, e: Equipment) -> float:
+        states = {b.name: b for b in e.layout}[block]
+        unit = 1e-5 if states.unit == "mGal" else 1.0
+        return unit * math.sqrt(e.prior_cov[states.slice, states.slice][0, 0])
+
+    return read
+
+
+def sensor(name: str, read: Callable[[Any], float]) -> Read:
+    return lambda f, e: read({s.name: s for s in e.aiding}[name])
+
+
+def outlier(name: str, place: int, unit: float = 1.0) -> Read:
+    return sensor(name, lambda s: unit * s.faults.outlier[place])
+
+
 FILTERED = {"gradiometer.filter": "butterworth"}
 DENSITY = {"gradiometer.noise_eotvos": None}
+WEIGHING = GRAVIMETER | {"field": {"source": "the map", "gravity_disturbance": True}}
+
+
+def struck(name: str) -> dict[str, Any]:
+    return {f"truth.{name}.outlier_share": 0.1}
+
+
 ALTIMETER = {"altimeter.noise_m_per_sqrt_hz": 5.0}
 
 SHARED: dict[str, Row] = {
@@ -148,6 +195,22 @@ SHARED: dict[str, Row] = {
         1.5, lambda f, e: f.disks.instrument.rotation_rate_hz,
     ),
     "gradiometer.rotating.accelerometer_noise_ng_per_sqrt_hz": (0.2, accelerometer, ROTATING),
+    "gnss.period_s": (2.0, sensor("gnss", lambda s: s.period), ON_BOARD),
+    "gnss.position_noise_m": (6.0, channel("position N"), ON_BOARD),
+    "gnss.height_noise_m": (9.0, channel("position U"), ON_BOARD),
+    "gnss.velocity_noise_mps": (0.07, channel("velocity U"), ON_BOARD),
+    "velocity_log.period_s": (4.0, sensor("velocity_log", lambda s: s.period), ON_BOARD),
+    "velocity_log.noise_mps": (0.3, channel("velocity forward"), ON_BOARD),
+    "velocity_log.bias_mps": (0.4, bias("velocity log bias"), ON_BOARD),
+    "velocity_log.bias_time_s": (50.0, sensor("velocity_log", lambda s: s.bias_time), ON_BOARD),
+    "barometer.period_s": (2.5, sensor("barometer", lambda s: s.period), ON_BOARD),
+    "barometer.noise_m": (4.0, channel("height"), ON_BOARD),
+    "barometer.bias_m": (6.0, bias("barometer bias"), ON_BOARD),
+    "barometer.bias_time_s": (70.0, sensor("barometer", lambda s: s.bias_time), ON_BOARD),
+    "gravimeter.period_s": (3.0, sensor("gravimeter", lambda s: s.period), WEIGHING),
+    "gravimeter.noise_mgal": (0.8, channel("gravity scalar"), WEIGHING),
+    "gravimeter.bias_mgal": (0.6, bias("gravimeter bias"), WEIGHING),
+    "gravimeter.bias_time_s": (80.0, sensor("gravimeter", lambda s: s.bias_time), WEIGHING),
 }  # fmt: skip
 """Value, where it is in use, and what must be said besides."""
 
@@ -164,7 +227,7 @@ OF_THE_TRUTH: dict[str, Row] = {
     "gradiometer.scale_factor_ppm": (50.0, lambda f, e: f.faults.scale_factor),
     "gradiometer.misalignment_arcmin": (0.7, lambda f, e: f.faults.misalignment),
     "gradiometer.outlier_eotvos": (
-        8.0, lambda f, e: E * f.faults.outlier_eotvos, {"truth.gradiometer.outlier_share": 0.1},
+        8.0, lambda f, e: E * f.faults.outlier, {"truth.gradiometer.outlier_share": 0.1},
     ),
     "gradiometer.clock_error_s": (0.2, lambda f, e: f.faults.clock),
     "gradiometer.timing_jitter_s": (0.03, lambda f, e: f.faults.jitter),
@@ -179,6 +242,15 @@ OF_THE_TRUTH: dict[str, Row] = {
     ),
     "gradiometer.rotating.rotation_rate_error_ppm": (16.0, lambda f, e: f.disks.rotation_rate),
     "gradiometer.rotating.vibration_mps2": (0.17, lambda f, e: f.disks.vibration),
+    "gnss.outlier_m": (30.0, outlier("gnss", 2), ON_BOARD | struck("gnss")),
+    "gnss.outlier_mps": (2.0, outlier("gnss", 5), ON_BOARD | struck("gnss")),
+    "velocity_log.outlier_mps": (
+        3.0, outlier("velocity_log", 0), ON_BOARD | struck("velocity_log"),
+    ),
+    "barometer.outlier_m": (40.0, outlier("barometer", 0), ON_BOARD | struck("barometer")),
+    "gravimeter.outlier_mgal": (
+        50.0, outlier("gravimeter", 0, 1e-5), WEIGHING | struck("gravimeter"),
+    ),
 }  # fmt: skip
 
 
@@ -210,8 +282,13 @@ SENSORS = {
 }
 
 
+@pytest.fixture(scope="module")
+def rough(tmp_path_factory) -> str:
+    return rough_map(tmp_path_factory.mktemp("map") / "rough.nc")
+
+
 @pytest.mark.parametrize("key", SENSORS)
-def test_sensors_and_initial_errors(key):
+def test_sensors_and_initial_errors(key, rough):
     """Of the shared tables for both sides, of ``[truth]`` and ``[model]`` for their own."""
     (value, read, *rest), sides = SENSORS[key]
     context = dict(rest[0]) if rest else {}
@@ -219,6 +296,8 @@ def test_sensors_and_initial_errors(key):
         context = {name: x for name, x in context.items() if x is not None}
     if "rotating" in key:
         context |= DISKS
+    if "field" in context:
+        context["field"] = context["field"] | {"source": rough}
     flight = small_flight(context | {key: value})
     for side in sides:
         assert read(flight, getattr(flight, side)) == pytest.approx(si(key, value), rel=1e-9)
@@ -253,11 +332,17 @@ def test_gradients_are_in_eotvos():
     assert E * flight.noise_free[:, 5] == pytest.approx(expected, rel=0.01)
 
 
-def test_dropouts():
-    key, value = "truth.gradiometer.dropouts_s", (3.0, 7.5)
-    flight = small_flight({key: [list(value)]})
+@pytest.mark.parametrize("sensor", ["gradiometer", *AIDING])
+def test_dropouts(sensor, rough):
+    key, value = f"truth.{sensor}.dropouts_s", (3.0, 7.5)
+    every = {f"{name}.period_s": 1.0 for name in ("gradiometer", *AIDING)}
+    flight = small_flight(
+        ON_BOARD | GRAVIMETER | every | {key: [list(value)], "field": {"source": rough}}
+    )
     problem, _ = simulate(flight, 1, 0)
-    missing = problem.times[problem.model.arrays.gain == 0.0]
+    there = np.array([channel.sensor == sensor for channel in problem.channels])
+    assert problem.present[:, ~there].all()
+    missing = problem.times[~problem.present[:, there].any(axis=1)]
     assert missing.min() == pytest.approx(si(key, 3.0))
     assert missing.max() <= si(key, 7.5) < missing.max() + 1.0
 
@@ -436,7 +521,8 @@ IN_SECONDS = {"campaign.time_limit_s"}
 """Given as it is to the clock that a run is held to."""
 WITHOUT_UNIT = {
     "gradiometer.filter_order", "gradiometer.whitening_regularization",
-    "truth.gradiometer.outlier_share", "truth.gradiometer.dropout_share", "trajectory.repeat",
+    *(f"truth.{name}.{what}_share" for name in ("gradiometer", *AIDING)
+      for what in ("outlier", "dropout")), "trajectory.repeat",
     "campaign.runs", "campaign.seed", "campaign.assumption_runs", "sweep.axis.values",
     *(f"{side}field.error.{key}" for side in SIDES for key in ("density_factor", "seed")),
 }  # fmt: skip
@@ -445,7 +531,8 @@ WITHOUT_UNIT = {
 def test_every_number_has_a_row():
     """A key that is new names its unit, and has a row above, or is said to have none."""
     rows = {
-        *SENSORS, *TRAJECTORY, *TRACK, "truth.gradiometer.dropouts_s",
+        *SENSORS, *TRAJECTORY, *TRACK,
+        *(f"truth.{name}.dropouts_s" for name in ("gradiometer", *AIDING)),
         *(f"trajectory.segment.{key}" for key in SEGMENT),
         *(f"{side}field.{key}" for side in SIDES for key in FIELD),
         *(f"{side}field.error.{key}" for side in SIDES for key in ERROR),

@@ -15,23 +15,28 @@ from typing import Any
 import pytest
 from problems import SMALL
 from pydantic import BaseModel, ValidationError
-from small_cases import ROTATING, small_case
+from small_cases import GRAVIMETER, ON_BOARD, ROTATING, small_case
 
 from ggbench.spec import scenario
 from ggbench.spec.case import AxisSpec, CampaignSpec, CaseSpec, SweepSpec
 from ggbench.spec.tables import Section
 
-EVERYTHING = ROTATING | {
-    "imu.gyro_bias_time_s": 100.0,
-    "altimeter.noise_m_per_sqrt_hz": 1.0,
-    "initial_error.height_m": 9.0,
-    "windows.lock_m": 10.0,
-    "field": {"source": "map.nc", "error": {"resolution_km": 2.0}},
-    "truth.gradiometer.rotating.vibration_mps2": 0.1,
-    "truth.gradiometer.dropouts_s": [[1.0, 2.0], [3.0, 4.0]],
-    "truth.field.error": {"seed": 2},
-    "model.field.error": {"seed": 3},
-}
+EVERYTHING = (
+    ROTATING
+    | ON_BOARD
+    | GRAVIMETER
+    | {
+        "imu.gyro_bias_time_s": 100.0,
+        "altimeter.noise_m_per_sqrt_hz": 1.0,
+        "initial_error.height_m": 9.0,
+        "windows.lock_m": 10.0,
+        "field": {"source": "map.nc", "error": {"resolution_km": 2.0}},
+        "truth.gradiometer.rotating.vibration_mps2": 0.1,
+        "truth.gradiometer.dropouts_s": [[1.0, 2.0], [3.0, 4.0]],
+        "truth.field.error": {"seed": 2},
+        "model.field.error": {"seed": 3},
+    }
+)
 """Changes of the small case that give it every table that a case may have."""
 MUTABLE = (list, dict, set, collections.abc.Mapping, collections.abc.Sequence)
 

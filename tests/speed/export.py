@@ -9,7 +9,7 @@ import numpy as np
 
 from ggbench.gravity.ellipsoid import EVEN_ZONALS
 from ggbench.problem import Problem
-from ggbench.sensors.model import GradiometerModel
+from ggbench.sensors.model import SensorModel
 from ggbench.sensors.model_kernels import ModelArrays
 from ggbench.simulation.error_free_flight import Flight, prepare
 from ggbench.simulation.runs import simulate
@@ -39,7 +39,7 @@ def problems(runs: Sequence[int]) -> list[Problem]:
 def model_arrays_of(problem: Problem) -> ModelArrays:
     """Return the arrays of a problem's h and H."""
     model = problem.model
-    if not isinstance(model, GradiometerModel):
+    if not isinstance(model, SensorModel):
         raise TypeError(f"the model is a {type(model).__name__}")
     return model.arrays
 

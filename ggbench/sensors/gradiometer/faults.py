@@ -24,7 +24,7 @@ class Faults:
     scale_factor : σ of each channel's relative error, drawn once per run.
     misalignment : σ of the mount's rotation about each of its axes, drawn once per run [rad].
     outlier_share : probability that a reading of a channel is an outlier.
-    outlier_eotvos : σ of what is added to an outlier [E].
+    outlier : σ of what is added to an outlier, of all channels or of each [unit of the channel].
     dropout_share : probability that a reading, with all its channels, is missing.
     dropouts : (start, end) times between which all readings are missing [s].
     clock : σ of the error of the time by which inertial axes are known, once per run [s] (eq. 12).
@@ -34,7 +34,7 @@ class Faults:
     scale_factor: float = 0.0
     misalignment: float = 0.0
     outlier_share: float = 0.0
-    outlier_eotvos: float = 0.0
+    outlier: float | tuple[float, ...] = 0.0
     dropout_share: float = 0.0
     dropouts: tuple[tuple[float, float], ...] = ()
     clock: float = 0.0
@@ -59,7 +59,7 @@ class Faults:
     def outliers(self, shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
         """Return what outliers add to readings of a shape [E]."""
         struck = rng.random(shape) < self.outlier_share
-        return np.where(struck, self.outlier_eotvos * rng.standard_normal(shape), 0.0)
+        return np.where(struck, np.asarray(self.outlier) * rng.standard_normal(shape), 0.0)
 
     def missing(self, times: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Return which of the readings (K,) drop out in a run."""

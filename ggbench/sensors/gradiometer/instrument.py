@@ -234,7 +234,7 @@ class Gradiometer:
     @property
     def channels(self) -> np.ndarray:
         """Rows (m, 6) that take the tensor in the mount to the channels."""
-        return np.stack([channel(name) for name in self.components])
+        return np.array([channel(name) for name in self.components]).reshape(-1, 6)
 
     def noise(self, count: int, rng: np.random.Generator) -> np.ndarray:
         """Return white noise (count, m) of its channels, before the filter [E]."""

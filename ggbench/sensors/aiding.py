@@ -1,0 +1,307 @@
+"""The sensors beside the gradiometer: what they deliver, and how it depends on the INS's errors.
+
+Each is given the motion and what the INS indicates of it, and says
+
+* what its channels deliver without errors of its own (:meth:`AidingSensor.exact`),
+* the same as a linear function of the INS's errors (:meth:`AidingSensor.about`).
+
+Errors of its own are white noise, a bias of each channel if it has one, outliers and dropouts.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from ..gravity.ellipsoid import metres_along
+from ..gravity.field import Field
+from ..problem import Channel
+from .aiding_kernels import MOVED
+from .gradiometer.faults import Faults
+
+MGAL = 1e5
+"""mGal in a m/s²."""
+AXES = "xyz"
+_NO_FAULTS = Faults()
+_GRAVITY = ("east", "north", "scalar")
+
+
+class Motion(NamedTuple):
+    """Positions [rad, rad, m], velocities ENU [m/s] (..., K, 3) and C_nb (..., K, 3, 3)."""
+
+    positions: np.ndarray
+    velocities: np.ndarray
+    attitudes: np.ndarray
+
+
+class About(NamedTuple):
+    """Channels as functions of the error state about an INS track, see :class:`.Aiding`.
+
+    Attributes
+    ----------
+    offset : (..., K, e). rows : (..., K, e, 9).
+    """
+
+    offset: np.ndarray
+    rows: np.ndarray
+
+
+@dataclass(frozen=True)
+class AidingSensor(ABC):
+    """What all of these sensors have.
+
+    Attributes
+    ----------
+    period : time between two readings [s].
+    noise : (e,) RMS of each channel's white noise [unit of the channel].
+    bias : σ of each channel's bias [unit of the channel]; zero for none.
+    bias_time : correlation time of the bias, a Gauss–Markov process [s]; ∞ for a constant.
+    faults : outliers and dropouts, which no estimator is told of.
+    """
+
+    period: float
+    noise: tuple[float, ...]
+    bias: float = 0.0
+    bias_time: float = np.inf
+    faults: Faults = _NO_FAULTS
+
+    name: ClassVar[str]
+
+    @property
+    @abstractmethod
+    def channels(self) -> tuple[Channel, ...]:
+        """The e channels."""
+
+    @abstractmethod
+    def exact(self, truth: Motion, ins: Motion, gravity: Field) -> np.ndarray:
+        """Return what the channels deliver without errors of their own (..., K, e)."""
+
+    @abstractmethod
+    def about(self, ins: Motion) -> About:
+        """Return the channels, but for the map's gravity, as functions of the INS's errors."""
+
+    @property
+    def weights(self) -> np.ndarray:
+        """What the channels make of the gravity disturbance ENU (e, 3) [unit / (m/s²)]."""
+        return np.zeros((len(self.channels), 3))
+
+    def decay(self, times: np.ndarray) -> np.ndarray:
+        """Return what is left of a bias at each of the epochs (K,) since the one before it."""
+        return np.asarray(np.exp(-np.diff(times, prepend=0.0) / self.bias_time))
+
+    def biases(self, times: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Return the biases of a run (K, e) at the epochs."""
+        decay = self.decay(times)
+        drawn = rng.standard_normal((len(times) + 1, len(self.channels)))
+        out, last = np.empty((len(times), len(self.channels))), drawn[0]
+        for k, kept in enumerate(decay):
+            last = kept * last + np.sqrt(1.0 - kept**2) * drawn[k + 1]
+            out[k] = last
+        return self.bias * out
+
+
+@dataclass(frozen=True)
+class Gnss(AidingSensor):
+    """Satellite navigation: position, as seen from where the INS believes to be, and velocity.
+
+    Both are linear in the INS's errors: p − p̂ = −δr, v = v̂ − δv.
+    """
+
+    position: bool = True
+    velocity: bool = True
+
+    name = "gnss"
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """Position ENU relative to the INS's [m], velocity ENU [m/s]; those that there are."""
+        found = []
+        for there, what, unit in (
+            (self.position, "position", "m"),
+            (self.velocity, "velocity", "m/s"),
+        ):
+            if there:
+                found += [Channel(f"{what} {axis}", unit, self.name) for axis in "ENU"]
+        return tuple(found)
+
+    def exact(self, truth: Motion, ins: Motion, gravity: Field) -> np.ndarray:
+        """Return true positions relative to the INS's, and true velocities."""
+        parts = []
+        if self.position:
+            parts.append(-position_error(ins.positions, truth.positions))
+        if self.velocity:
+            parts.append(np.broadcast_to(truth.velocities, ins.velocities.shape))
+        return np.concatenate(parts, axis=-1)
+
+    def about(self, ins: Motion) -> About:
+        """Return −δr and v̂ − δv."""
+        selected = np.flatnonzero([self.position] * 3 + [self.velocity] * 3)
+        rows = np.zeros((*ins.positions.shape[:-1], len(selected), MOVED))
+        rows[..., np.arange(len(selected)), selected] = -1.0
+        offset = np.concatenate([np.zeros_like(ins.positions), ins.velocities], axis=-1)
+        return About(offset[..., selected], rows)
+
+
+@dataclass(frozen=True)
+class VelocityLog(AidingSensor):
+    """A log: components of the velocity, in axes of the body (right, forward, up) or ENU.
+
+    In axes of the body it depends on the attitude error φ, C_bn v ≈ Ĉ_bn (v̂ − δv + v̂ × φ); what is
+    neglected, φ × δv and φ² v / 2, is 1 mm/s for 3′ and 1 m/s.
+    """
+
+    components: tuple[str, ...] = ("x", "y")
+    body: bool = True
+
+    name = "velocity_log"
+
+    @property
+    def _axes(self) -> list[int]:
+        return [AXES.index(component) for component in self.components]
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """The components [m/s]."""
+        names = ("right", "forward", "up") if self.body else ("E", "N", "U")
+        return tuple(Channel(f"velocity {names[i]}", "m/s", self.name) for i in self._axes)
+
+    def exact(self, truth: Motion, ins: Motion, gravity: Field) -> np.ndarray:
+        """Return components of the true velocity."""
+        found = truth.velocities
+        if self.body:
+            found = np.einsum("...ji,...j->...i", truth.attitudes, found)
+        return np.broadcast_to(found, ins.velocities.shape)[..., self._axes]
+
+    def about(self, ins: Motion) -> About:
+        """Return Ĉ_bn (v̂ − δv + v̂ × φ), or v̂ − δv."""
+        rows = np.zeros((*ins.positions.shape[:-1], 3, MOVED))
+        offset = ins.velocities
+        if self.body:
+            c_bn = np.swapaxes(ins.attitudes, -1, -2)
+            offset = np.einsum("...ij,...j->...i", c_bn, offset)
+            rows[..., 3:6] = -c_bn
+            rows[..., 6:9] = c_bn @ cross_matrix(ins.velocities)
+        else:
+            rows[..., np.arange(3), np.arange(3, 6)] = -1.0
+        return About(offset[..., self._axes], rows[..., self._axes, :])
+
+
+@dataclass(frozen=True)
+class Barometer(AidingSensor):
+    """A height [m], of the air's pressure or of a known sea level: ĥ − δh."""
+
+    name = "barometer"
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """The height."""
+        return (Channel("height", "m", self.name),)
+
+    def exact(self, truth: Motion, ins: Motion, gravity: Field) -> np.ndarray:
+        """Return the true height."""
+        return np.broadcast_to(truth.positions, ins.positions.shape)[..., 2:]
+
+    def about(self, ins: Motion) -> About:
+        """Return ĥ − δh."""
+        rows = np.zeros((*ins.positions.shape[:-1], 1, MOVED))
+        rows[..., 0, 2] = -1.0
+        return About(ins.positions[..., 2:], rows)
+
+
+@dataclass(frozen=True)
+class Gravimeter(AidingSensor):
+    """A gravimeter whose readings are reduced with what the INS indicates [mGal].
+
+    An accelerometer in steady flight feels f = c(v, p) + γ(p) − δg, with the Eötvös accelerations
+    c = (2ω_ie + ω_en) × v and normal gravity γ, upwards. Reduced, turned by the INS's attitude, it
+    says c(v̂, p̂) + γ(p̂) − Ĉ_nb C_bn f: the disturbance δg at the true place, and what the INS's
+    errors make of c, γ and f (Li 2011). ``scalar`` is the excess of gravity, −δg_U. The
+    accelerations of the vehicle are taken as known; what they leave is part of the noise. Squares
+    of errors are neglected: 0.02 mGal for 1 m/s or 10 km, 0.04 mGal for a tilt of 1′.
+    """
+
+    components: tuple[str, ...] = ("scalar",)
+    steady_force: Callable[[np.ndarray, np.ndarray], np.ndarray] = field(kw_only=True)
+    """c + γ (..., 3), ENU [m/s²], at positions and velocities, as the INS reckons with them."""
+
+    name = "gravimeter"
+
+    @property
+    def _axes(self) -> list[int]:
+        return [_GRAVITY.index(component) for component in self.components]
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """The components."""
+        return tuple(Channel(f"gravity {_GRAVITY[i]}", "mGal", self.name) for i in self._axes)
+
+    @property
+    def weights(self) -> np.ndarray:
+        """Of the disturbance: its components; against it upwards."""
+        return np.asarray((MGAL * _SIGNS[:, np.newaxis] * np.eye(3))[self._axes])
+
+    def exact(self, truth: Motion, ins: Motion, gravity: Field) -> np.ndarray:
+        """Return the disturbance at the true place, reduced with the INS's errors."""
+        disturbance = gravity.gravity_disturbance(*np.moveaxis(truth.positions, -1, 0))
+        felt = self.steady_force(truth.positions, truth.velocities) - disturbance
+        turn = ins.attitudes @ np.swapaxes(truth.attitudes, -1, -2)
+        reduced = self.steady_force(ins.positions, ins.velocities)
+        reduced = reduced - np.einsum("...ij,...j->...i", turn, felt)
+        return np.asarray((MGAL * _SIGNS * reduced)[..., self._axes])
+
+    def about(self, ins: Motion) -> About:
+        """Return what the INS's errors make of the reduction, linearised."""
+        rows = np.zeros((*ins.positions.shape[:-1], 3, MOVED))
+        for j, step in ((1, 100.0), (2, 100.0), (3, 1.0), (4, 1.0), (5, 1.0)):
+            # c and γ are smooth: the fourth digit of a central difference is beyond any reading.
+            error = np.zeros(6)
+            error[j] = 0.5 * step
+            moved = (error[:3] / _metres(ins.positions))[..., _ENU]
+            ahead, behind = (
+                self.steady_force(ins.positions + sign * moved, ins.velocities + sign * error[3:])
+                for sign in (1.0, -1.0)
+            )
+            rows[..., j] = (ahead - behind) / step
+        rows[..., 6:9] = -cross_matrix(self.steady_force(ins.positions, ins.velocities))
+        rows *= MGAL * _SIGNS[:, np.newaxis]
+        return About(
+            np.zeros((*ins.positions.shape[:-1], len(self._axes))), rows[..., self._axes, :]
+        )
+
+
+_SIGNS = np.array([1.0, 1.0, -1.0])
+"""Of the disturbance in the channels of a gravimeter."""
+
+
+_ENU = [1, 0, 2]
+"""Which of latitude, longitude and height lies along each axis."""
+
+
+def position_error(indicated: np.ndarray, true: np.ndarray) -> np.ndarray:
+    """Return indicated − true positions (..., 3) as metres ENU at the indicated ones."""
+    return np.asarray((indicated - true)[..., _ENU] * _metres(indicated))
+
+
+def cross_matrix(vectors: np.ndarray) -> np.ndarray:
+    """Return [v×] (..., 3, 3) of vectors (..., 3)."""
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    zero = np.zeros_like(x)
+    return np.stack(
+        [
+            np.stack([zero, -z, y], axis=-1),
+            np.stack([z, zero, -x], axis=-1),
+            np.stack([-y, x, zero], axis=-1),
+        ],
+        axis=-2,
+    )
+
+
+def _metres(positions: np.ndarray) -> np.ndarray:
+    """Return what longitude, latitude and height are worth (..., 3) [m/rad, m/rad, 1]."""
+    flat = np.ascontiguousarray(positions).reshape(-1, 3)
+    metres = np.hstack([metres_along(flat), np.ones((len(flat), 1))])
+    return metres.reshape(positions.shape)

@@ -1,0 +1,209 @@
+"""The sensors beside the gradiometer in a simulation: their readings, and h of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..gravity.field import Field
+from ..ins.strapdown import steady_force
+from ..sensors.aiding import AidingSensor, Barometer, Gnss, Gravimeter, Motion, VelocityLog
+from ..sensors.aiding_kernels import MOVED, Aiding
+from ..sensors.gradiometer.faults import Faults
+from ..spec.aiding import (
+    AIDING,
+    BarometerSpec,
+    GnssChange,
+    GnssSpec,
+    GravimeterSpec,
+    Interruptions,
+    LogSpec,
+)
+from ..spec.sensors import Side, TruthSpec
+from .random_streams import RandomStreams
+
+
+def on_board(side: Side, truth: TruthSpec | None) -> tuple[AidingSensor, ...]:
+    """Return the sensors of one side of a case, in the order of their channels.
+
+    Parameters
+    ----------
+    side : the tables. truth : what happens to readings that no estimator is told of, if they are
+        those of the truth.
+    """
+    found: list[AidingSensor] = []
+    for name in AIDING:
+        spec = getattr(side, name)
+        if spec is not None:
+            changes = None if truth is None else getattr(truth, name)
+            found.append(_sensor(spec, changes))
+    return tuple(found)
+
+
+def _sensor(spec: Any, changes: Interruptions | None) -> AidingSensor:
+    if isinstance(spec, GnssSpec):
+        position, velocity = spec.position_noise_m is not None, spec.velocity_noise_mps is not None
+        outliers = _outliers_of_gnss(spec, changes)
+        return Gnss(
+            spec.period_s, _of_gnss(spec), faults=_faults(changes, *outliers),
+            position=position, velocity=velocity,
+        )  # fmt: skip
+    bias_time = spec.bias_time_s or math.inf
+    if isinstance(spec, LogSpec):
+        return VelocityLog(
+            spec.period_s, (spec.noise_mps,) * len(spec.components), spec.bias_mps, bias_time,
+            _faults(changes, getattr(changes, "outlier_mps", 0.0)),
+            spec.components, spec.frame == "body",
+        )  # fmt: skip
+    if isinstance(spec, BarometerSpec):
+        return Barometer(
+            spec.period_s, (spec.noise_m,), spec.bias_m, bias_time,
+            _faults(changes, getattr(changes, "outlier_m", 0.0)),
+        )  # fmt: skip
+    assert isinstance(spec, GravimeterSpec)
+    return Gravimeter(
+        spec.period_s, (spec.noise_mgal,) * len(spec.components), spec.bias_mgal, bias_time,
+        _faults(changes, getattr(changes, "outlier_mgal", 0.0)),
+        spec.components, steady_force=steady_force,
+    )  # fmt: skip
+
+
+def _of_gnss(spec: GnssChange) -> tuple[float, ...]:
+    """Return the noise of each channel."""
+    found: list[float] = []
+    if spec.position_noise_m is not None:
+        found += [spec.position_noise_m] * 2 + [spec.height_noise_m or spec.position_noise_m]
+    if spec.velocity_noise_mps is not None:
+        found += [spec.velocity_noise_mps] * 3
+    return tuple(found)
+
+
+def _outliers_of_gnss(spec: GnssSpec, changes: Interruptions | None) -> tuple[float, ...]:
+    """Return the size of outliers of each channel."""
+    found: list[float] = []
+    if spec.position_noise_m is not None:
+        found += [getattr(changes, "outlier_m", 0.0)] * 3
+    if spec.velocity_noise_mps is not None:
+        found += [getattr(changes, "outlier_mps", 0.0)] * 3
+    return tuple(found)
+
+
+def _faults(changes: Interruptions | None, *outliers: float) -> Faults:
+    if changes is None:
+        return Faults()
+    return Faults(
+        outlier_share=changes.outlier_share,
+        outlier=outliers,
+        dropout_share=changes.dropout_share,
+        dropouts=tuple((start, end) for start, end in changes.dropouts_s),
+    )
+
+
+class AidingReadings(NamedTuple):
+    """What the other sensors deliver in R runs, and how it depends on the INS's errors.
+
+    Attributes
+    ----------
+    measurements : (R, K, e); zero where there is none. offset : (R, K, e), the same.
+    aiding : the arrays of h. present : (R, K, e) truths. biases : (R, K, b) true ones.
+    """
+
+    measurements: np.ndarray
+    offset: np.ndarray
+    aiding: Aiding
+    present: np.ndarray
+    biases: np.ndarray
+
+
+def aiding_readings(
+    true: Sequence[AidingSensor],
+    model: Sequence[AidingSensor],
+    bias_states: np.ndarray,
+    fields: tuple[Field, Field],
+    times: np.ndarray,
+    read_at: Sequence[np.ndarray],
+    truth: Motion,
+    ins: Motion,
+    streams: Sequence[RandomStreams],
+) -> AidingReadings:
+    """Return the readings of the sensors in R runs.
+
+    Parameters
+    ----------
+    true, model : the sensors as they are and as the estimators know them.
+    bias_states : (e,) index of each channel's bias among the states; −1 for none.
+    fields : the true one and the one that the estimators are told.
+    times : (K,) epochs [s]. read_at : indices of the epochs at which each sensor is read.
+    truth : true motion at the epochs (K, .). ins : what the INS of each run indicates (R, K, .).
+    streams : the generators of the runs.
+    """
+    runs, epochs = ins.positions.shape[:2]
+    aiding, offset = aiding_about(model, bias_states, fields[1], read_at, ins)
+    z, first, biases = np.zeros(offset.shape), 0, []
+    for sensor, known, at in zip(true, model, read_at, strict=True):
+        width = len(sensor.channels)
+        some = slice(first, first + width)
+        first += width
+        z[:, at, some] = sensor.exact(_at(truth, at), _at(ins, at), fields[0])
+        for r, of_run in enumerate(streams):
+            drawn = np.zeros((epochs, width))
+            if sensor.bias > 0.0:
+                drawn = sensor.biases(times, getattr(of_run, f"{sensor.name}_biases"))
+            if known.bias > 0.0:
+                biases.append(drawn)
+            noise = getattr(of_run, sensor.name).standard_normal((len(at), width))
+            z[r, at, some] += drawn[at] + np.array(sensor.noise) * noise
+            if sensor.faults.outlier_share > 0.0:
+                z[r, at, some] += sensor.faults.outliers(
+                    (len(at), width), getattr(of_run, f"{sensor.name}_outliers")
+                )
+            lost = sensor.faults.in_dropouts(times[at])
+            if sensor.faults.dropout_share > 0.0:
+                lost = sensor.faults.missing(times[at], getattr(of_run, f"{sensor.name}_dropouts"))
+            aiding.present[r, at[lost], some] = 0.0
+    # Zero where nothing is delivered, as h is then.
+    present = aiding.present != 0.0
+    z *= present
+    offset *= present
+    aiding.rows[~present] = 0.0
+    return AidingReadings(z, offset, aiding, present, _stacked(biases, runs, epochs))
+
+
+def aiding_about(
+    sensors: Sequence[AidingSensor],
+    bias_states: np.ndarray,
+    field: Field,
+    read_at: Sequence[np.ndarray],
+    motion: Motion,
+) -> tuple[Aiding, np.ndarray]:
+    """Return h of the sensors about a motion (..., K, .), all readings there, and its offset."""
+    epochs = motion.positions.shape[:-1]
+    total, first = len(bias_states), 0
+    offset, present = np.zeros((2, *epochs, total))
+    rows = np.zeros((*epochs, total, MOVED))
+    for sensor, at in zip(sensors, read_at, strict=True):
+        about = sensor.about(_at(motion, at))
+        some = slice(first, first + len(sensor.channels))
+        offset[..., at, some], rows[..., at, some, :] = about
+        present[..., at, some] = 1.0
+        first = some.stop
+    weights = np.concatenate([np.zeros((0, 3)), *(sensor.weights for sensor in sensors)])
+    aiding = Aiding(rows, bias_states, weights, motion.positions, present, field.disturbance_map)
+    return aiding, offset
+
+
+def _at(motion: Motion, epochs: np.ndarray) -> Motion:
+    """Return a motion (..., K, .) at some of the epochs."""
+    return Motion(
+        motion.positions[..., epochs, :], motion.velocities[..., epochs, :],
+        motion.attitudes[..., epochs, :, :],
+    )  # fmt: skip
+
+
+def _stacked(biases: list[np.ndarray], runs: int, epochs: int) -> np.ndarray:
+    """Return the biases (R, K, b) of sensors that were drawn sensor by sensor, run by run."""
+    sensors = [np.stack(biases[i : i + runs]) for i in range(0, len(biases), runs)]
+    return np.concatenate([np.zeros((runs, epochs, 0)), *sensors], axis=-1)

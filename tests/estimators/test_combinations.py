@@ -1,0 +1,147 @@
+"""Whatever is on board: every estimator on several combinations of sensors, without new code."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from problems import LinearModel, changed, deviation, estimator, exact, labels, rng
+from small_cases import GRAVIMETER, ON_BOARD, rough_map, small_flight
+
+from ggbench.problem import Problem
+from ggbench.simulation.runs import Truth, simulate
+
+OUTAGE = {"truth.gnss.dropouts_s": [[5.0, 12.0]], "gnss.period_s": 1.0}
+COMBINATIONS: dict[str, dict[str, Any]] = {
+    "barometer": {"barometer.period_s": 1.0, "barometer.noise_m": 3.0},
+    "receiver with an outage, log, barometer": ON_BOARD | OUTAGE,
+    "gradiometer, gravimeter, receiver with an outage": {
+        "gradiometer.components": ["xx", "xy", "zz"],
+        "gravimeter.period_s": 2.0,
+        "gravimeter.noise_mgal": 1.0,
+        "gnss.position_noise_m": 5.0,
+        **OUTAGE,
+    },
+    "all": ON_BOARD
+    | GRAVIMETER
+    | {"gradiometer.bias_eotvos": 0.5, "gradiometer.instrument": "strapdown"},
+}
+LINEAR = list(COMBINATIONS)[:2]
+
+
+@functools.cache
+def the_map(folder: Path) -> str:
+    return rough_map(folder / "rough.nc")
+
+
+@functools.cache
+def of_combination(name: str, folder: Path) -> tuple[Problem, Truth]:
+    changes = dict(COMBINATIONS[name])
+    if name in LINEAR:
+        changes["gradiometer"] = None
+    else:
+        changes["field"] = {"source": the_map(folder)}
+    return simulate(small_flight(changes), 1, 0)
+
+
+@pytest.fixture(scope="session")
+def folder(tmp_path_factory) -> Path:
+    return tmp_path_factory.mktemp("map")
+
+
+def linearised(problem: Problem, truth: Truth) -> Problem:
+    """The problem with h as a straight line about the truth."""
+    epochs = range(problem.epochs)
+    rows = np.stack([problem.model.jacobian(k, truth.error_state[k]) for k in epochs])
+    at_truth = np.stack([problem.model.predict(k, truth.error_state[k]) for k in epochs])
+    target = problem.measurements - at_truth + np.einsum("kmn,kn->km", rows, truth.error_state)
+    return changed(problem, measurements=target, model=LinearModel(rows))
+
+
+@pytest.mark.parametrize("combination", COMBINATIONS)
+@pytest.mark.parametrize("label", labels())
+def test_every_estimator_takes_any_combination(label, combination, folder):
+    """The answer is that of the linear problem: to 1e-6 of its deviations where h is linear.
+
+    And to a third of them where a map bends it: readings of several sensors at several rates,
+    channels that are not there, biases of several units.
+    """
+    problem, truth = of_combination(combination, folder)
+    solver = estimator(label)
+    if vars(solver).get("loss", "none") != "none":
+        solver = dataclasses.replace(solver, threshold=np.inf)
+    if reason := solver.skip(problem):
+        pytest.skip(reason)
+    estimate = solver.estimate(problem, rng())
+    tolerance = 1e-6 if combination in LINEAR else 0.33
+    apart = deviation(estimate.mean, estimate.cov, *exact(linearised(problem, truth), estimate))
+    assert max(apart) < tolerance
+
+
+@pytest.mark.parametrize("combination", COMBINATIONS)
+def test_what_monte_carlo_estimators_need_is_there(combination, folder):
+    """The noise's root makes Q; the likelihood is that of the channels that are there, of any x."""
+    problem, truth = of_combination(combination, folder)
+    for k in (0, problem.epochs // 2):
+        root = problem.noise_root(k)
+        sigma = np.sqrt(np.diag(problem.process_cov[k]))
+        unit = np.outer(np.where(sigma > 0.0, sigma, 1.0), np.where(sigma > 0.0, sigma, 1.0))
+        assert root.shape[0] == problem.dimension
+        assert root.shape[1] <= np.count_nonzero(sigma)
+        assert np.abs((root @ root.T - problem.process_cov[k]) / unit).max() < 1e-12
+        x = truth.error_state[k] + np.sqrt(np.diag(problem.prior_cov)) * rng().standard_normal(
+            (2, 3, problem.dimension)
+        )
+        found = problem.log_likelihood(k, x)
+        there = problem.present[k]
+        assert found.shape == (2, 3)
+        residual = (problem.measurements[k] - problem.model.predict(k, x[1, 2]))[there]
+        cov = problem.noise_of(k)[np.ix_(there, there)]
+        by_hand = -0.5 * residual @ np.linalg.solve(cov, residual)
+        by_hand -= 0.5 * np.linalg.slogdet(2.0 * np.pi * cov).logabsdet
+        assert found[1, 2] == pytest.approx(by_hand, rel=1e-9)
+
+
+@pytest.mark.parametrize("label", ["ekf", "ukf", "factor-graph[mode=batch]", "gauss-newton"])
+def test_noise_may_differ_from_epoch_to_epoch(label, folder):
+    """A problem whose R is told for each epoch: a reading of great noise is as good as none."""
+    problem, _ = of_combination(LINEAR[1], folder)
+    noise = np.tile(problem.noise_cov, (problem.epochs, 1, 1))
+    noise[20:] *= 1e12
+    told = estimator(label).estimate(changed(problem, noise_cov=noise), rng())
+    there = problem.present & (np.arange(problem.epochs) < 20)[:, None]
+    rows = problem.model
+    gone = changed(
+        problem,
+        measurements=np.where(there, problem.measurements, 0.0),
+        present=there,
+        model=Until(rows, 20),
+    )
+    expected = estimator(label).estimate(gone, rng())
+    assert max(deviation(told.mean, told.cov, expected.mean, expected.cov)) < 1e-4
+    engine = (
+        estimator(f"{label.rstrip(']')}{',' if '[' in label else '['}engine=numba]")
+        if (label != "gauss-newton")
+        else None
+    )
+    if engine is not None:
+        compiled = engine.estimate(changed(problem, noise_cov=noise), rng())
+        assert max(deviation(compiled.mean, compiled.cov, told.mean, told.cov)) < 1e-6
+
+
+@dataclasses.dataclass(frozen=True)
+class Until:
+    """A model that knows no channel from some epoch on."""
+
+    model: Any
+    end: int
+
+    def predict(self, k: int, x: np.ndarray) -> np.ndarray:
+        return self.model.predict(k, x) * (k < self.end)
+
+    def jacobian(self, k: int, x: np.ndarray) -> np.ndarray:
+        return self.model.jacobian(k, x) * (k < self.end)

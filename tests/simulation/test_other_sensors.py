@@ -1,0 +1,154 @@
+"""Several sensors in a simulation: who is read when, what is missing, and what estimators know."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from small_cases import GRAVIMETER, ON_BOARD, rough_map, small_flight
+
+from ggbench.errors import GGBenchError
+from ggbench.simulation.runs import simulate, simulate_block
+
+ALONE = {"gradiometer": None}
+RUNS = 40
+
+
+@pytest.fixture(scope="module")
+def rough(tmp_path_factory) -> dict[str, object]:
+    """A field with a rough map of gradients and gravity."""
+    path = rough_map(tmp_path_factory.mktemp("map") / "rough.nc")
+    return {"field": {"source": path}}
+
+
+def places(problem, sensor: str) -> list[int]:
+    return [i for i, channel in enumerate(problem.channels) if channel.sensor == sensor]
+
+
+def test_every_sensor_is_read_at_its_own_rate(rough):
+    """The epochs are those of all sensors; a channel is there at the multiples of its period."""
+    flight = small_flight(ON_BOARD | GRAVIMETER | rough)
+    problem, _ = simulate(flight, 1, 0)
+    assert np.array_equal(problem.times, np.arange(1, 41) / 2.0)
+    for sensor, period in flight.case.periods.items():
+        there = problem.present[:, places(problem, sensor)]
+        expected = np.abs(np.round(problem.times / period) * period - problem.times) < 1e-9
+        assert np.array_equal(there, np.repeat(expected[:, None], there.shape[1], axis=1)), sensor
+        assert expected.any()
+
+
+def test_where_a_channel_is_not_there_measurement_h_and_jacobian_are_zero(rough):
+    """So that an estimator need not ask which are; and nowhere else."""
+    changes = {"truth.gnss.dropouts_s": [[5.0, 9.0]], "truth.barometer.dropout_share": 0.4}
+    problem, truth = simulate(small_flight(ON_BOARD | GRAVIMETER | rough | changes), 1, 0)
+    outage = (problem.times >= 5.0) & (problem.times <= 9.0)
+    assert not problem.present[np.ix_(outage, places(problem, "gnss"))].any()
+    for k, there in enumerate(problem.present):
+        x = truth.error_state[k]
+        jacobian, predicted = problem.model.jacobian(k, x), problem.model.predict(k, x)
+        assert not problem.measurements[k, ~there].any()
+        assert not predicted[~there].any()
+        assert not jacobian[~there].any()
+        assert jacobian[there].any(axis=1).all()
+
+
+def test_residuals_at_the_truth_are_the_noise_that_is_told(rough):
+    """White, of unit variance in every channel: within 4 deviations of the mean of 40 runs.
+
+    False alarms: 16 channels times 6e-5.
+    """
+    block, truth = simulate_block(small_flight(ON_BOARD | GRAVIMETER | rough), 3, range(RUNS))
+    squares, count = np.zeros(block.measurements.shape[2]), np.zeros(block.measurements.shape[2])
+    for run in range(RUNS):
+        problem = block.problem(run)
+        for k, there in enumerate(problem.present):
+            predicted = problem.model.predict(k, truth.error_state[run, k])
+            squares += (problem.measurements[k] - predicted) ** 2 / np.diag(problem.noise_cov)
+            count += there
+    assert (np.abs(squares / count - 1.0) < 4.0 * np.sqrt(2.0 / count)).all()
+
+
+def test_biases_are_states_that_move_as_the_model_says(rough):
+    """The prior's σ, a decay over the correlation time between any epochs, and its noise."""
+    flight = small_flight(ON_BOARD | GRAVIMETER | rough)
+    problem, _ = simulate(flight, 1, 0)
+    blocks = {block.name: block.slice for block in problem.layout}
+    log, barometer = blocks["velocity log bias"], blocks["barometer bias"]
+    assert [block.stop - block.start for block in (log, barometer)] == [2, 1]
+    kept = np.exp(-0.5 / 30.0)
+    np.testing.assert_allclose(problem.transition[3, log, log], kept * np.eye(2))
+    np.testing.assert_allclose(
+        problem.process_cov[3, log, log], 0.2**2 * (1.0 - kept**2) * np.eye(2)
+    )
+    assert problem.transition[3, barometer, barometer] == 1.0
+    assert problem.process_cov[3, barometer, barometer] == 0.0
+    np.testing.assert_allclose(np.sqrt(np.diag(problem.prior_cov)[15:]), [0.2, 0.2, 5.0, 0.5])
+
+
+def test_a_sensor_changes_no_random_number_of_the_others(rough):
+    """The INS, the gradiometer and the receiver have the same errors with a log beside them."""
+    fewer = {key: x for key, x in ON_BOARD.items() if not key.startswith("velocity_log")}
+    one, _ = simulate(small_flight(fewer | rough), 1, 0)
+    other, _ = simulate(small_flight(ON_BOARD | rough), 1, 0)
+    assert np.array_equal(one.track.positions, other.track.positions)
+    for sensor in ("gradiometer", "gnss"):
+        for k in range(one.epochs):
+            np.testing.assert_array_equal(
+                one.measurements[k, places(one, sensor)],
+                other.measurements[k, places(other, sensor)],
+            )
+
+
+def test_the_model_may_know_a_sensor_wrongly():
+    """Noise and biases of each side are its own; the channels are the same."""
+    changes = {
+        "truth.gnss.position_noise_m": 50.0,
+        "model.velocity_log.bias_mps": 0.0,
+        "truth.barometer.bias_m": 20.0,
+    }
+    flight = small_flight(ON_BOARD | changes)
+    problem, truth = simulate(flight, 1, 0)
+    assert flight.model.dimension == problem.dimension == truth.error_state.shape[1] == 16
+    assert flight.true.dimension == 18
+    at = places(problem, "gnss")[0]
+    assert problem.noise_cov[at, at] == 25.0
+    there = problem.present[:, at]
+    errors = problem.measurements[there, at] + truth.error_state[there, 0]
+    assert 25.0 < errors.std() < 100.0
+
+
+def test_what_the_ins_indicates_and_the_map_are_told(rough):
+    """The track is the truth plus the error state; the map answers, and says its bounds."""
+    flight = small_flight(rough)
+    problem, truth = simulate(flight, 1, 0)
+    off = problem.track.positions - flight.motion_at_epochs.positions
+    np.testing.assert_allclose(off[:, 2], truth.error_state[:, 2], atol=1e-6)
+    place = problem.track.positions[0]
+    assert (problem.map.lower < place).all()
+    assert (place < problem.map.upper).all()
+    assert problem.map.tensor(*place).shape == (6,)
+    assert problem.map.gravity_disturbance(*place).shape == (3,)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        (ALONE, "no sensor is on board"),
+        ({"gnss.period_s": 1.0}, "give position_noise_m, velocity_noise_mps, or both"),
+        ({"gnss.period_s": 1.0, "gnss.velocity_noise_mps": 1.0, "gnss.height_noise_m": 1.0},
+         "height_noise_m needs position_noise_m"),
+        (ON_BOARD | {"barometer.period_s": 0.33}, r"barometer.period_s \(0.33 s\) must be a whole"),
+        (GRAVIMETER, "gravimeter needs a map"),
+        ({"truth.gnss.dropout_share": 0.1}, "truth.gnss changes a sensor that is not on board"),
+        ({"model.gradiometer.noise_eotvos": 2.0} | ALONE | ON_BOARD,
+         "model.gradiometer changes a sensor that is not on board"),
+        (ON_BOARD | {"truth.gnss.outlier_share": 0.1}, "outlier_share and outlier_m or outlier_"),
+        (ON_BOARD | {"truth.gnss.dropouts_s": [[5.0, 4.0]]}, "with from < to"),
+        (ON_BOARD | {"velocity_log.components": ["x", "x"]}, "names an axis twice"),
+        (GRAVIMETER | {"gravimeter.components": ["scalar"] * 2}, "names a component twice"),
+        (ON_BOARD | {"gnss.period_s": 15.0, "barometer.period_s": 15.0} | ALONE
+         | {"velocity_log.period_s": 15.0}, "too short for two readings"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_is_refused_with_a_sentence(changes, said):
+    with pytest.raises(GGBenchError, match=said):
+        small_flight(changes)
