@@ -32,6 +32,11 @@ FAULTS: dict[str, dict[str, Any]] = {
         "truth.imu.accelerometer_misalignment_arcmin": 1.0,
     },
     "strapdown": {"gradiometer.instrument": "strapdown"},
+    "strapdown, delayed": {
+        "gradiometer.instrument": "strapdown",
+        "gradiometer.filter": "butterworth",
+        "gradiometer.filter_treatment": "delayed",
+    },
     "gradiometer biases": {
         "gradiometer.bias_eotvos": 1.0,
         "gradiometer.drift_eotvos_per_sqrt_h": 1.0,

@@ -96,3 +96,14 @@ def test_a_bias_of_the_gradiometer_walks_from_the_start_on():
     for k in (0, -1):
         walked = 0.1 * np.sqrt(truth.times[k])
         assert low < np.sum((truth.error_state[:, k, 15:] / walked) ** 2) < high
+
+
+def test_readings_drop_out_by_chance():
+    """A fifth of 2000, other ones in each run: the normal law, false-alarm probability 1e-4."""
+    block, _ = simulate_block(
+        small_flight({"truth.gradiometer.dropout_share": 0.2}), 33, range(100)
+    )
+    missing = block.model.gain == 0.0
+    assert abs(missing.sum() - 400) < 3.9 * np.sqrt(2000 * 0.2 * 0.8)
+    assert (missing[0] != missing[1]).any()
+    assert (block.measurements[missing] == 0.0).all()

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from conftest import local_axes, metres
-from small_cases import ROTATING, small_flight
+from small_cases import ROTATING, small_case, small_flight
 
 from ggbench.errors import GGBenchError
 from ggbench.gravity.ellipsoid import ROTATION_RATE
+from ggbench.simulation.error_free_flight import prepare
 from ggbench.simulation.runs import simulate
+from ggbench.spec.trajectory import TrajectorySpec
+from ggbench.trajectory.manoeuvres import TrajectoryError
 
 
 @pytest.mark.parametrize("period", [0.3, 0.7, 1.0])
@@ -18,6 +23,45 @@ def test_readings_come_at_their_period(period):
     flight = small_flight({"gradiometer.period_s": period})
     count = int(20.0 / period + 1e-9)
     np.testing.assert_allclose(flight.times, period * np.arange(1, count + 1), rtol=1e-12)
+
+
+@pytest.mark.parametrize(("vehicle", "leans"), [("aircraft", True), ("ship", False)])
+def test_a_ship_turns_without_leaning(vehicle, leans):
+    """Where an aircraft would, by atan(v ω / g), two degrees."""
+    turn = {"kind": "turn", "by_heading_deg": 60.0, "turn_rate_deg_per_s": 3.0}
+    start = {"trajectory.height_m": 0.0, "trajectory.speed_mps": 6.0}
+    flight = small_flight(start | {"trajectory.vehicle": vehicle, "trajectory.segment": [turn]})
+    assert (np.abs(flight.trajectory.attitudes[:, 2, 0]).max() > 0.03) == leans
+    assert leans or np.abs(flight.trajectory.attitudes[:, 2, 0]).max() < 1e-6
+
+
+def test_a_flight_that_leaves_the_air_is_told_when_it_does():
+    """At the first sample beyond the limit: when the same climb, lower, is 50 m up."""
+    climb = {"trajectory.segment": [{"duration_s": 20.0, "climb_rate_deg_per_s": 0.5}]}
+    lower = small_flight(climb).trajectory
+    expected = lower.times[np.argmax(lower.positions[:, 2] > 10050.0)]
+    with pytest.raises(TrajectoryError, match=rf"10000\d m after {expected:g} s and must lie"):
+        small_flight(climb | {"trajectory.height_m": 99950.0})
+
+
+def test_a_track_lasts_as_long_as_its_windows(tmp_path):
+    """How long it is, only its file says."""
+    times = np.arange(9.0)
+    places = [times, 0.0 * times + 33.5, 108.0 + 1e-4 * times, 0.0 * times + 1000.0]
+    names = "time_s,latitude_deg,longitude_deg,height_m"
+    path = tmp_path / "track.csv"
+    np.savetxt(path, np.transpose(places), delimiter=",", header=names, comments="")
+    case = small_case().model_copy(update={"trajectory": TrajectorySpec(file=str(path))})
+    with pytest.raises(TrajectoryError, match=r"windows.settled_from_s is 10 s and must not lie"):
+        prepare(case)
+
+
+def test_the_final_bound_is_that_of_the_position_at_the_end():
+    """All readings are known by then; what else there was is not kept, being large."""
+    flight, other = small_flight(), small_flight()
+    squared = np.trace(other.bound.smoothing[-1, :3, :3])
+    assert flight.final_bound == pytest.approx(np.sqrt(squared), rel=1e-12)
+    assert "bound" not in vars(flight)
 
 
 def test_metres_are_those_of_latitude_longitude_and_height():
@@ -57,11 +101,17 @@ def test_a_bias_that_only_walks_starts_from_a_hundredth_of_what_a_reading_adds(p
     np.testing.assert_allclose(start, 0.01 * walk, rtol=1e-9)
 
 
-def test_errors_that_decay_within_the_filters_delay_are_refused():
+@pytest.mark.parametrize("period", [1.0, 2.0])
+def test_errors_that_decay_within_the_filters_delay_are_refused(period):
     """The model takes the state back over the delay, where a decay would be a growth."""
-    filtered = {"gradiometer.filter": "butterworth", "gradiometer.filter_treatment": "delayed"}
-    delay = small_flight(filtered).model.treatment(20).delay_samples.max()
-    assert delay > 1.5
+    filtered: dict[str, Any] = {
+        "gradiometer.period_s": period,
+        "gradiometer.filter": "butterworth",
+        "gradiometer.filter_treatment": "delayed",
+    }
+    made = small_flight(filtered)
+    delay = period * made.model.treatment(len(made.times)).delay_samples.max()
+    assert delay > 1.5 * period
     filtered["altimeter.noise_m_per_sqrt_hz"] = 1.0
     for table, name in (
         ("imu", "gyro_bias_time_s"),
