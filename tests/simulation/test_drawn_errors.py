@@ -54,6 +54,15 @@ def test_a_mistimed_reading_is_scaled_as_any_other(rough):
     assert np.abs(both - alone).max() < 0.05 * np.abs(alone).max()
 
 
+def test_a_scale_factor_leaves_the_noise_as_it_is(rough):
+    """It adds a share of the exact reading of a channel, the same one all the time."""
+    noisy = {"gradiometer.noise_eotvos": 10.0}
+    added = readings(rough, noisy | SCALED) - readings(rough, noisy)
+    share = (added / readings(rough, {}))[:, [0, 3, 5]]
+    assert np.abs(share).max() > 1e-3
+    assert np.ptp(share, axis=0).max() < 1e-9
+
+
 def test_a_mistimed_reading_is_of_the_true_field(rough):
     """Whatever map the estimators have."""
     other = {"model.field.source": rough_map(rough / "other.npz", seed=2)}
@@ -107,3 +116,14 @@ def test_readings_drop_out_by_chance():
     assert abs(missing.sum() - 400) < 3.9 * np.sqrt(2000 * 0.2 * 0.8)
     assert (missing[0] != missing[1]).any()
     assert (block.measurements[missing] == 0.0).all()
+
+
+def test_a_bias_of_the_gradiometer_goes_on_as_the_problem_says():
+    """What Φ leaves of its steps, of 20 readings and six channels, is of the covariance Q."""
+    changes = {"gradiometer.bias_eotvos": 10.0, "gradiometer.drift_eotvos_per_sqrt_h": 6.0}
+    problem, truth = simulate(small_flight(changes), 34, 0)
+    bias, phi = truth.error_state[:, 15:], problem.transition[1:, 15:, 15:]
+    left = bias[1:] - np.einsum("kij,kj->ki", phi, bias[:-1])
+    low, high = chi2.ppf([5e-5, 1.0 - 5e-5], left.size)
+    variances = np.diagonal(problem.process_cov, axis1=1, axis2=2)[1:, 15:]
+    assert low < np.sum(left**2 / variances) < high

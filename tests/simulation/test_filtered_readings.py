@@ -153,6 +153,26 @@ def test_a_delayed_reading_is_compared_with_where_the_vehicle_was(period):
     assert np.abs(east).max() < 0.01
 
 
+@pytest.mark.parametrize("treatment", ["whitened", "delayed"])
+def test_a_delayed_reading_is_compared_with_how_the_vehicle_lay(treatment):
+    """In a turn of 3°/s with the instrument fixed to it; to half of what one sample turns it by."""
+    turn = {"kind": "turn", "by_heading_deg": 90.0, "turn_rate_deg_per_s": 3.0}
+    made = small_flight(
+        FILTERED
+        | QUIET
+        | {
+            "trajectory.segment": [turn],
+            "gradiometer.instrument": "strapdown",
+            "gradiometer.filter_treatment": treatment,
+        }
+    )
+    problem, _ = simulate(made, 22, 0)
+    truth, delays = made.trajectory, made.model.treatment(len(made.times)).delay_samples
+    assert delays.max() > 1.0
+    lay = truth.attitudes[np.rint((made.times - delays) / truth.dt).astype(int)]
+    assert np.abs(problem.model.arrays.attitudes - lay).max() < 0.003
+
+
 @pytest.mark.parametrize("name", ["0.01E-1Hz", "0.001E-1Hz"])
 def test_the_paper_survives_noise_behind_its_filter_that_nobody_is_told_of(name):
     """By default a hundredth of the noise before the filter costs the EKF of 40 flights 2 %.
