@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from conftest import flight
 
+from ggbench.block import ProblemBlock
 from ggbench.campaign import registry
 from ggbench.problem import Estimate, Estimator, Problem, StateBlock
 from ggbench.simulation.runs import Truth, simulate
@@ -126,6 +127,25 @@ def linear_problem(seed: int, epochs: int = 40, m: int = 2, period: float = 1.0)
 def changed(problem: Problem, **changes: object) -> Problem:
     """The problem with other values of some attributes."""
     return dataclasses.replace(problem, **changes)
+
+
+def entangled(problem: ProblemBlock) -> ProblemBlock:
+    """The problem with a prior that has a mean, and states and noises that correlate."""
+    rng = np.random.default_rng(5)
+
+    def correlated(cov: np.ndarray) -> np.ndarray:
+        n = len(cov)
+        root = np.eye(n) + np.tril(rng.normal(size=(n, n)), -1) / np.sqrt(n)
+        sigma = np.sqrt(np.diag(cov) / np.sum(root**2, axis=1))[:, np.newaxis]
+        return sigma * root @ (sigma * root).T
+
+    mean = np.sqrt(np.diag(problem.prior_cov)) * rng.normal(size=problem.dimension)
+    return dataclasses.replace(
+        problem,
+        prior_mean=mean,
+        prior_cov=correlated(problem.prior_cov),
+        noise_cov=correlated(problem.noise_cov),
+    )
 
 
 def propagated(problem: Problem) -> tuple[np.ndarray, np.ndarray]:

@@ -7,8 +7,6 @@ the linear problem decides, whose promise is exact, and the search ends.
 
 from __future__ import annotations
 
-import math
-
 from ..numerics.kernels import compiled
 
 FIRST_DAMPING, _MOST_DAMPING, _FACTOR = 1e-12, 1e5, 10.0
@@ -48,7 +46,7 @@ def decide(
         return promised > _NOTHING * cost, True, damping
     if promised > 2.2e-16 * cost and gained > _LEAST_FIDELITY * promised:
         enough = gained <= max(ABSOLUTE_DECREASE, RELATIVE_DECREASE * cost)
-        return True, enough or not math.isfinite(new_cost), damping / _FACTOR
+        return True, enough, damping / _FACTOR
     damping *= _FACTOR
     while damping < LEAST_FELT:  # the same step again
         damping *= _FACTOR

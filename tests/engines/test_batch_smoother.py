@@ -7,10 +7,12 @@ from functools import cache
 
 import numpy as np
 import pytest
+from problems import entangled, propagated
 
-from ggbench.block import ProblemBlock
+from ggbench.block import ProblemBlock, block_of
 from ggbench.campaign.registry import choose
 from ggbench.engines import batch_smoother
+from ggbench.numerics.frozen import read_only
 from ggbench.simulation import error_free_flight
 from ggbench.simulation.runs import simulate_block
 from ggbench.spec import scenario
@@ -55,6 +57,64 @@ def test_the_minimum_is_gtsams(name, case, runs):
         assert np.abs((mean[run] - expected.mean) / sigma).max() < 1e-7
         deviations = [np.sqrt(np.diagonal(c, axis1=1, axis2=2)) for c in (cov[run], expected.cov)]
         assert np.abs((deviations[0] - deviations[1]) / sigma).max() < 1e-8
+
+
+@pytest.mark.parametrize("most", [1, 2, MOST])
+def test_of_any_prior_and_any_noise_the_minimum_is_gtsams(most):
+    """A mean that is not zero, and states and channels that correlate.
+
+    From the first step on; after the second, a last one that is too small to be judged is left.
+    """
+    block = entangled(block_of_runs("wang2013", "0.01E-0.2Hz", 0, 1))
+    mean, cov, counters = batch_smoother.smoother(block, most)
+    reference = choose(f"factor-graph[mode=batch,max_iterations={most}]").estimator
+    expected = reference.estimate(block.problem(0), np.random.default_rng(0))
+    assert counters["error"][0] == pytest.approx(expected.info["error"], rel=1e-9)
+    sigma = np.sqrt(np.diag(block.prior_cov))
+    assert np.abs((mean[0] - expected.mean) / sigma).max() < 1e-7
+    assert np.abs((cov[0] - expected.cov) / np.outer(sigma, sigma)).max() < 1e-8
+
+
+def test_without_any_reading_the_search_ends_where_it_begins():
+    """At the undisturbed motion from the prior's mean, after one look at the map."""
+    block = entangled(block_of_runs("wang2013", "0.01E-0.2Hz", 0, 1))
+    gain, offset = (read_only(np.zeros_like(a)) for a in (block.model.gain, block.model.offset))
+    empty = dataclasses.replace(
+        block,
+        measurements=np.zeros_like(block.measurements),
+        model=block.model._replace(gain=gain, offset=offset),
+    )
+    mean, cov, counters = batch_smoother.smoother(empty, MOST)
+    expected, expected_cov = propagated(empty.problem(0))
+    sigma = np.sqrt(np.diagonal(expected_cov, axis1=1, axis2=2))
+    assert np.abs((mean[0] - expected) / sigma).max() < 1e-12
+    both = sigma[:, :, np.newaxis] * sigma[:, np.newaxis]
+    assert np.abs((cov[0] - expected_cov) / both).max() < 1e-9
+    assert {name: float(values[0]) for name, values in counters.items()} == {
+        "iterations": 0, "error": 0.0, "map_evaluations": block.epochs,
+    }  # fmt: skip
+
+
+def test_a_group_begins_without_what_another_left():
+    """Neither its costs nor its damping: after eight runs of which one is cut short, as alone.
+
+    A run whose search begins at its minimum would go on if it began with the cost of another.
+    """
+    block = block_of_runs("wang2013", "0.01E-0.2Hz", 0, 10)
+    measurements = block.measurements.copy()
+    measurements[0, 5] += 300.0
+    still = block.problem(9)
+    nothing = np.zeros(block.dimension)
+    measurements[9] = [still.model.predict(k, nothing) for k in range(block.epochs)]
+    odd = dataclasses.replace(block, measurements=measurements)
+    mean, cov, counters = batch_smoother.smoother(odd, 3)
+    assert counters["map_evaluations"][0] > (1 + 3) * block.epochs  # it was damped
+    for run in (8, 9):
+        alone = batch_smoother.smoother(block_of(odd.problem(run)), 3)
+        np.testing.assert_array_equal(mean[run], alone[0][0])
+        np.testing.assert_array_equal(cov[run], alone[1][0])
+        for name, values in alone[2].items():
+            assert counters[name][run] == values[0]
 
 
 def test_a_run_does_not_depend_on_its_neighbours():

@@ -7,6 +7,7 @@ import functools
 
 import numpy as np
 import pytest
+from problems import entangled
 
 from ggbench.block import ProblemBlock
 from ggbench.campaign import registry
@@ -77,6 +78,32 @@ def test_filterpy_gives_the_same_answer(case: tuple[str, str], name: str) -> Non
         np.testing.assert_allclose(found.nis[run], nis, rtol=1e-6)
 
 
+@pytest.mark.parametrize("name", ["ekf", "ukf"])
+@pytest.mark.parametrize("case", ["wang2013", "jacksboro_helicopter"])  # without biases, and with
+def test_of_any_prior_and_any_noise_filterpy_gives_the_same_answer(case: str, name: str) -> None:
+    """A mean that is not zero, and states and channels that correlate."""
+    block = entangled(prepared(case, CASES[case]))
+    found = registry.choose(f"{name}[engine=numba]").estimator.estimate_block(block)
+    reference = registry.choose(name).estimator
+    sigma = np.sqrt(np.diag(block.prior_cov))
+    for run in range(block.runs):
+        expected = reference.estimate(block.problem(run), np.random.default_rng(0))
+        assert np.abs((found.mean[run] - expected.mean) / sigma).max() < 1e-6
+        assert np.abs((found.cov[run] - expected.cov) / np.outer(sigma, sigma)).max() < 1e-6
+        nis = innovations_squared(block.problem(run), found.mean[run], found.cov[run])
+        np.testing.assert_allclose(found.nis[run], nis, rtol=1e-6)
+
+
+def test_the_map_is_not_asked_at_points_that_are_next_to_the_mean() -> None:
+    """Of a position known to micrometres one evaluation of each epoch is left, that of the mean."""
+    block = prepared("wang2013", CASES["wang2013"])
+    sure = dataclasses.replace(
+        block, prior_cov=1e-14 * block.prior_cov, process_cov=1e-14 * block.process_cov
+    )
+    found = registry.choose("ukf[engine=numba]").estimator.estimate_block(sure)
+    assert found.info["map_evaluations"].tolist() == [block.epochs] * block.runs
+
+
 @pytest.mark.parametrize("name", ["ekf[engine=numba]", "ukf[engine=numba]"])
 @pytest.mark.parametrize("case", [("wang2013", "0.001E-1Hz"), STRAPDOWN], ids="-".join)
 def test_neighbours_change_no_bit_of_a_run(case: tuple[str, str], name: str) -> None:
@@ -92,6 +119,8 @@ def test_neighbours_change_no_bit_of_a_run(case: tuple[str, str], name: str) -> 
             np.testing.assert_array_equal(item.mean[one], alone.mean[0])
             np.testing.assert_array_equal(item.cov[one], alone.cov[0])
             np.testing.assert_array_equal(item.nis[one], alone.nis[0])
+            for key, counted in item.info.items():
+                assert counted[one] == alone.info[key][0]
 
 
 @pytest.mark.parametrize("name", ["ekf", "ukf"])
@@ -115,6 +144,9 @@ def test_a_neighbour_without_readings_or_with_other_dynamics_changes_no_bit(
     found, usual = estimator.estimate_block(odd), estimator.estimate_block(block)
     np.testing.assert_array_equal(found.cov[0], usual.cov[0])
     np.testing.assert_array_equal(found.mean[0], usual.mean[0])
+    turned = estimator.estimate_block(cut(odd, [1, 2, 0], odd.epochs))
+    np.testing.assert_array_equal(turned.cov, found.cov[[1, 2, 0]])
+    np.testing.assert_array_equal(turned.mean, found.mean[[1, 2, 0]])
     assert np.isnan(found.nis[1, 5:9]).all()
     if name == "ukf":  # where there is no reading, no sigma point looks at the map
         fewer = usual.info["map_evaluations"] - found.info["map_evaluations"]
@@ -127,6 +159,22 @@ def test_a_neighbour_without_readings_or_with_other_dynamics_changes_no_bit(
         )
         assert np.abs((found.mean[run] - expected.mean) / sigma).max() < 1e-7
         assert np.abs((found.cov[run] - expected.cov) / np.outer(sigma, sigma)).max() < 1e-7
+
+
+def test_a_neighbour_with_other_points_far_from_its_mean_changes_no_bit() -> None:
+    """A run that comes to know all but its position, beside one that needs more of the map."""
+    block = prepared(*BIASED)
+    transition, process_cov = block.transition.copy(), block.process_cov.copy()
+    transition[1, 25:, 3:15] = 0.0
+    process_cov[1, 25:, 3:15] = process_cov[1, 25:, :, 3:15] = 0.0
+    process_cov[1, 25:, range(3, 15), range(3, 15)] = 1e-10
+    odd = dataclasses.replace(block, transition=transition, process_cov=process_cov)
+    estimator = registry.choose("ukf[engine=numba]").estimator
+    beside, alone = (estimator.estimate_block(cut(odd, runs, 40)) for runs in ([0, 1], [1]))
+    evaluations = beside.info["map_evaluations"]
+    assert evaluations[1] == alone.info["map_evaluations"][0] < evaluations[0]
+    np.testing.assert_array_equal(beside.mean[1], alone.mean[0])
+    np.testing.assert_array_equal(beside.cov[1], alone.cov[0])
 
 
 def test_a_covariance_that_is_no_longer_positive_is_repaired_as_filterpys_is() -> None:

@@ -10,10 +10,12 @@ import itertools
 
 import numpy as np
 import pytest
+from problems import kalman
 from scipy.linalg import block_diag
-from small_cases import ON_BOARD, small_flight
+from small_cases import ON_BOARD, rough_map, small_flight
 
 from ggbench.campaign.registry import choose
+from ggbench.gravity.field import Field
 from ggbench.simulation.bound import posterior_bound
 from ggbench.simulation.error_free_flight import prepare
 from ggbench.simulation.runs import simulate
@@ -64,7 +66,7 @@ def conditioned(problem: tuple[np.ndarray, ...], lag: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("singular", [False, True])
-@pytest.mark.parametrize("lag", [0, 1, 3, EPOCHS - 1, EPOCHS, 100])
+@pytest.mark.parametrize("lag", [0, 1, 3, EPOCHS - 2, EPOCHS - 1, EPOCHS, 100])
 def test_every_lag_is_the_conditional_covariance(lag, singular):
     """Filter, fixed-lag smoother and smoother: the covariance given what each has seen.
 
@@ -204,3 +206,53 @@ def test_noise_behind_the_filter_never_raises_the_bound_of_a_filtered_instrument
         np.testing.assert_array_equal(bound.filtering, plain)
     twice = small_flight({"gradiometer.noise_eotvos": 0.02}).bound.filtering
     np.testing.assert_allclose(small_flight(behind).bound.filtering, twice, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"gradiometer.instrument": "platform"},
+        {
+            "gradiometer.instrument": "strapdown",
+            "gradiometer.noise_eotvos": 1e-4,
+            "initial_error.attitude_arcmin": 0.03,
+        },
+        {"truth.gradiometer.dropouts_s": [[3.0, 7.5]]},
+        {"gradiometer.bias_eotvos": 0.1, "gradiometer.drift_eotvos_per_sqrt_h": 1.0},
+    ],
+    ids=str,
+)
+def test_it_is_what_a_filter_near_the_truth_says_of_itself(changes):
+    """With its correlations, to a hundredth: the textbook's filter, metres off the truth."""
+    flight = small_flight(changes)
+    _, expected, _, _ = kalman(simulate(flight, 1, 0)[0])
+    sigma = np.sqrt(np.diagonal(expected, axis1=1, axis2=2))
+    difference = (flight.bound.filtering - expected) / (sigma[:, :, None] * sigma[:, None, :])
+    assert np.abs(difference).max() < 0.01
+
+
+def test_added_gravity_changes_with_the_error_of_the_position(tmp_path):
+    """An INS that adds the map's gravity falls by its gradient more for each metre it errs."""
+    path = rough_map(tmp_path / "map.npz", rms=300.0)
+    rough = {"field.source": path, "field.gravity_disturbance": True}
+    plain, adding = (
+        small_flight(rough | {"model.field.compensate": compensate}) for compensate in (False, True)
+    )
+    change = (adding.bound.predicted - plain.bound.predicted)[0, 3:6, 0:3] / 5.0**2
+    place = adding.trajectory.positions[5]
+    xx, xy, xz, yy, yz, zz = adding.field.tensor(*place) - Field.normal().tensor(*place)
+    gradient = 1e-9 * np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    np.testing.assert_allclose(change, gradient, atol=0.1 * np.abs(gradient).max())
+
+
+def test_what_is_believed_does_not_change_what_can_be_known():
+    """The bound is of the true sensors, the true prior and the true gaps in the readings."""
+    beliefs = {
+        "model.initial_error.position_m": 50.0,
+        "model.imu.gyro_bias_deg_per_h": 0.1,
+        "model.imu.accelerometer_noise_ug_per_sqrt_hz": 1000.0,
+        "model.gradiometer.noise_eotvos": 0.1,
+    }
+    np.testing.assert_array_equal(
+        small_flight(beliefs).bound.filtering, small_flight().bound.filtering
+    )

@@ -54,10 +54,31 @@ def test_a_wrong_density_is_a_factor_of_the_whole_disturbing_field(tmp_path):
         assert np.abs(difference).max() < 1e-12 * np.abs(values).max()
 
 
+def test_another_seed_is_another_error_of_the_map(tmp_path):
+    path = rough_map(tmp_path / "map.npz")
+    one, two = (
+        make_field(FieldSpec(source=path, error=MapErrorSpec(white_noise_eotvos=1.0, seed=seed)))
+        for seed in (1, 2)
+    )
+    assert np.abs(one.tensor_coefficients - two.tensor_coefficients).max() > 1.0
+
+
+def test_a_map_is_kept_once_whether_its_gravity_is_felt_or_not(tmp_path):
+    spec = FieldSpec(source=rough_map(tmp_path / "map.npz"))
+    assert make_field(spec.model_copy(update={"gravity_disturbance": True})) is make_field(spec)
+
+
 @pytest.mark.parametrize(
-    "bounds", [(33.6, 33.5, 108.0, 108.1), (33.5, 33.6, 108.1, 108.0), (33.5, 33.6, 108.0, 108.0)]
+    "bounds",
+    [
+        (33.6, 33.5, 108.0, 108.1),
+        (33.5, 33.6, 108.1, 108.0),
+        (33.5, 33.6, 108.0, 108.0),
+        (33.5, 33.6, 0.0, 0.0),
+    ],
 )
 def test_a_region_to_cut_a_map_to_has_ascending_bounds(bounds):
+    """All four: of latitudes alone it is no region."""
     names = ("south_deg", "north_deg", "west_deg", "east_deg")
     spec = FieldSpec(source="map.nc", **dict(zip(names, bounds, strict=True)))
     with pytest.raises(MapError, match="each ascending, or none of them"):

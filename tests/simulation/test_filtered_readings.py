@@ -118,6 +118,61 @@ def test_who_is_told_has_white_residuals_of_the_claimed_noise(behind, filtered):
         assert abs(products.sum()) / np.sqrt(products.size) < 3.9
 
 
+@pytest.mark.parametrize(("treatment", "claimed"), [("whitened", 0.03), ("delayed", 0.05)])
+def test_who_is_told_claims_what_the_treatment_leaves(treatment, claimed):
+    """Whitening makes one noise of those before and behind the filter; delayed, both are there."""
+    told = small_flight(
+        FILTERED
+        | {
+            "gradiometer.noise_eotvos": 0.03,
+            BEHIND: 0.04,
+            "gradiometer.filter_treatment": treatment,
+        }
+    )
+    problem, _ = simulate(told, 22, 0)
+    np.testing.assert_allclose(problem.noise_cov, claimed**2 * np.eye(6), rtol=1e-12)
+
+
+@pytest.mark.parametrize("period", [0.5, 2.0])
+def test_a_delayed_reading_is_compared_with_where_the_vehicle_was(period):
+    """As many readings ago as the filter delays them, to a centimetre."""
+    made = small_flight(
+        FILTERED
+        | QUIET
+        | {
+            "gradiometer.period_s": period,
+            "gradiometer.filter_cutoff_hz": 0.2,
+            "gradiometer.filter_treatment": "delayed",
+        }
+    )
+    problem, _ = simulate(made, 22, 0)
+    truth, delays = made.trajectory, made.model.treatment(len(made.times)).delay_samples
+    assert period * delays.max() > 1.0
+    expected = np.interp(made.times - period * delays, truth.times, truth.positions[:, 1])
+    east = (problem.model.arrays.references[:, 1] - expected) * made.metres[:, 1]
+    assert np.abs(east).max() < 0.01
+
+
+@pytest.mark.parametrize("treatment", ["whitened", "delayed"])
+def test_a_delayed_reading_is_compared_with_how_the_vehicle_lay(treatment):
+    """In a turn of 3°/s with the instrument fixed to it; to half of what one sample turns it by."""
+    turn = {"kind": "turn", "by_heading_deg": 90.0, "turn_rate_deg_per_s": 3.0}
+    made = small_flight(
+        FILTERED
+        | QUIET
+        | {
+            "trajectory.segment": [turn],
+            "gradiometer.instrument": "strapdown",
+            "gradiometer.filter_treatment": treatment,
+        }
+    )
+    problem, _ = simulate(made, 22, 0)
+    truth, delays = made.trajectory, made.model.treatment(len(made.times)).delay_samples
+    assert delays.max() > 1.0
+    lay = truth.attitudes[np.rint((made.times - delays) / truth.dt).astype(int)]
+    assert np.abs(problem.model.arrays.attitudes - lay).max() < 0.003
+
+
 @pytest.mark.parametrize("name", ["0.01E-1Hz", "0.001E-1Hz"])
 def test_the_paper_survives_noise_behind_its_filter_that_nobody_is_told_of(name):
     """By default a hundredth of the noise before the filter costs the EKF of 40 flights 2 %.

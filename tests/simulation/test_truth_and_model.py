@@ -13,7 +13,6 @@ from small_cases import ROTATING, rough_map, small_case, small_flight
 
 from ggbench.campaign import result_keys
 from ggbench.errors import GGBenchError
-from ggbench.gravity.ellipsoid import ROTATION_RATE
 from ggbench.simulation.error_free_flight import prepare
 from ggbench.simulation.runs import simulate
 from ggbench.spec import scenario
@@ -437,38 +436,3 @@ def test_every_error_of_a_model_map_is_another_problem():
     ]
     hashes = [case.content_hash for case in cases]
     assert len(set(hashes)) == len(hashes) - 1  # the two without any error are one
-
-
-def test_errors_that_decay_within_the_filters_delay_are_refused():
-    """The model takes the state back over the delay, where a decay would be a growth."""
-    filtered = {"gradiometer.filter": "butterworth", "gradiometer.filter_treatment": "delayed"}
-    delay = small_flight(filtered).model.treatment(20).delay_samples.max()
-    assert delay > 1.5
-    for key in ("imu.gyro_bias_time_s", "imu.accelerometer_bias_time_s"):
-        small_flight(filtered | {key: float(delay) + 0.01})
-        with pytest.raises(GGBenchError, match=rf"{key} is .* at least the delay of the filtered"):
-            small_flight(filtered | {key: float(delay) - 0.01})
-
-
-@pytest.mark.parametrize("instrument", ["strapdown", "local-level", "platform"])
-def test_what_a_rotating_instrument_feels_is_the_mean_of_each_reading(instrument):
-    """In level flight to the east: against gravity, less what the Earth's curve and turn take."""
-    flight = small_flight(ROTATING | {"gradiometer.instrument": instrument})
-    force, rate = flight.motion
-    assert force.shape == rate.shape == (len(flight.times), 3)
-    np.testing.assert_allclose(np.linalg.norm(force, axis=1), 9.725, atol=0.005)
-    latitude, longitude, _ = flight.trajectory.positions[flight.epochs].T
-    angle = longitude + ROTATION_RATE * flight.times  # of inertial axes that are the Earth's at 0
-    up = {
-        "strapdown": [0.0, 0.0, 1.0],
-        "local-level": [0.0, 0.0, 1.0],
-        "platform": np.stack(
-            [np.cos(latitude) * np.cos(angle), np.cos(latitude) * np.sin(angle), np.sin(latitude)],
-            axis=-1,
-        ),
-    }[instrument]
-    np.testing.assert_allclose(force, 9.725 * np.ones((20, 3)) * up, atol=0.05)
-    # The local level turns by the Earth's rate and by 250 m/s over the Earth's radius.
-    turning = np.linalg.norm(rate, axis=1)
-    assert (turning < 1.3e-4).all()
-    assert (turning > 2e-5).all() == (instrument == "strapdown")
