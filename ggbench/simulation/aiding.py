@@ -103,17 +103,15 @@ def _faults(changes: Interruptions | None, *outliers: float) -> Faults:
 
 
 class AidingReadings(NamedTuple):
-    """What the other sensors deliver in R runs, and how it depends on the INS's errors.
+    """What the other sensors deliver in R runs.
 
     Attributes
     ----------
-    measurements : (R, K, e); zero where there is none. offset : (R, K, e), the same.
-    aiding : the arrays of h. present : (R, K, e) truths. biases : (R, K, b) true ones.
+    measurements : (R, K, e); whatever ``present`` denies is no reading. present : (R, K, e).
+    biases : (R, K, b) true ones.
     """
 
     measurements: np.ndarray
-    offset: np.ndarray
-    aiding: Aiding
     present: np.ndarray
     biases: np.ndarray
 
@@ -121,8 +119,7 @@ class AidingReadings(NamedTuple):
 def aiding_readings(
     true: Sequence[AidingSensor],
     model: Sequence[AidingSensor],
-    bias_states: np.ndarray,
-    fields: tuple[Field, Field],
+    field: Field,
     times: np.ndarray,
     read_at: Sequence[np.ndarray],
     truth: Motion,
@@ -134,20 +131,21 @@ def aiding_readings(
     Parameters
     ----------
     true, model : the sensors as they are and as the estimators know them.
-    bias_states : (e,) index of each channel's bias among the states; −1 for none.
-    fields : the true one and the one that the estimators are told.
+    field : the true one.
     times : (K,) epochs [s]. read_at : indices of the epochs at which each sensor is read.
     truth : true motion at the epochs (K, .). ins : what the INS of each run indicates (R, K, .).
     streams : the generators of the runs.
     """
     runs, epochs = ins.positions.shape[:2]
-    aiding, offset = aiding_about(model, bias_states, fields[1], read_at, ins)
-    z, first, biases = np.zeros(offset.shape), 0, []
+    channels = sum(len(sensor.channels) for sensor in true)
+    z, first, biases = np.zeros((runs, epochs, channels)), 0, []
+    present = np.zeros(z.shape, dtype=bool)
     for sensor, known, at in zip(true, model, read_at, strict=True):
         width = len(sensor.channels)
         some = slice(first, first + width)
         first += width
-        z[:, at, some] = sensor.exact(_at(truth, at), _at(ins, at), fields[0])
+        z[:, at, some] = sensor.exact(_at(truth, at), _at(ins, at), field)
+        present[:, at, some] = True
         for r, of_run in enumerate(streams):
             drawn = np.zeros((epochs, width))
             if sensor.bias > 0.0:
@@ -163,13 +161,8 @@ def aiding_readings(
             lost = sensor.faults.in_dropouts(times[at])
             if sensor.faults.dropout_share > 0.0:
                 lost = sensor.faults.missing(times[at], getattr(of_run, f"{sensor.name}_dropouts"))
-            aiding.present[r, at[lost], some] = 0.0
-    # Zero where nothing is delivered, as h is then.
-    present = aiding.present != 0.0
-    z *= present
-    offset *= present
-    aiding.rows[~present] = 0.0
-    return AidingReadings(z, offset, aiding, present, _stacked(biases, runs, epochs))
+            present[r, at[lost], some] = False
+    return AidingReadings(z, present, _stacked(biases, runs, epochs))
 
 
 def aiding_about(

@@ -30,6 +30,7 @@ from .aiding import aiding_about
 from .bound import Bound, posterior_bound
 from .equipment import Equipment, equip, faults, spinning_disks
 from .field_source import make_field
+from .formulation import Schedule
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,14 @@ class Flight:
         if stride is None:
             return np.zeros(0, dtype=int)
         return np.flatnonzero(self.epochs % stride == 0)
+
+    @property
+    def schedule(self) -> Schedule:
+        """When what is read."""
+        return Schedule(
+            self.times, self.epochs, self.trajectory.dt, self.gradient_epochs, self.aiding_epochs,
+            self.case.periods.get("gradiometer", 0.0),
+        )  # fmt: skip
 
     @property
     def instrument(self) -> str:
