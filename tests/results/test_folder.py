@@ -158,6 +158,15 @@ def test_as_many_runs_are_read_as_are_asked_for(tmp_path):
     store.close()
 
 
+def test_runs_beyond_those_asked_for_are_not_shown(results):
+    """Of three runs that a folder holds, two are read where its manifest asks for two."""
+    fewer = Results(results.folder, results.store)
+    fewer.manifest["runs"] = 2
+    assert fewer.run_count == 2
+    assert sorted(set(fewer.runs()["run"])) == [0, 1]
+    assert len(fewer.series("base", "ekf")) == len(fewer.lock_times("base", "ekf")) == 2
+
+
 def test_a_file_that_cannot_be_written_leaves_the_one_before(tmp_path, monkeypatch):
     """A full disk: a sentence, the old content, and nothing half written beside it."""
     store = Store(tmp_path / "out", create=True)

@@ -56,6 +56,19 @@ def test_a_lost_run_is_worth_another_attempt_only_with_more_time(tmp_path):
     store.close()
 
 
+def test_only_damaged_records_are_discarded(tmp_path):
+    """Neither the runs before and after one nor the same run of another estimator are run again."""
+    store = Store(tmp_path / "out", create=True)
+    head = {"name": "a", "parameters": "", "causality": "filter", "seed": 1, "status": "failed",
+            "reason": "none"}  # fmt: skip
+    store.add(Result(key, head | {"run": run}) for key in ("k", "l") for run in range(4))
+    store.add([Result("k", {"run": 1})])
+    assert store.discard_damaged() == 1
+    left = {key: runs.tolist() for key, runs in store.finished().items()}
+    assert left == {"k": [0, 2, 3], "l": [0, 1, 2, 3]}
+    store.close()
+
+
 FOREIGN = {
     "scenario.toml": "mine",
     "summary.csv": "a,b",
@@ -175,6 +188,7 @@ QUERIES = {
     "run below 0": "UPDATE records SET record = replace(record, '\"run\":', '\"run\":-1')",
     "series cut": "UPDATE records SET series = x'0011'",
     "series a number short": "UPDATE records SET series = substr(series, 1, length(series) - 4)",
+    "one series an epoch short": "UPDATE records SET series = substr(series, 17) WHERE run = 1",
     "database of something else": "ALTER TABLE records RENAME COLUMN record TO something",
 }
 TEXTS = {
@@ -268,6 +282,7 @@ DAMAGES = {
     "run below 0": r"records\.sqlite is damaged: .*run",
     "series cut": "records.sqlite",
     "series a number short": "a time series in .*records.sqlite is damaged",
+    "one series an epoch short": "a time series in .*records.sqlite is damaged",
     "manifest cut": "manifest.json.* is damaged",
     "manifest of something else": "manifest.json has format None|is damaged",
     "manifest empty": "manifest.json",
