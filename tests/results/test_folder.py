@@ -88,7 +88,7 @@ def test_a_study_is_set_beside_the_same_runs_without_it(results):
         assert len(runs[of_study & (runs["case"] == "base")]) == (2 if name else 3)
         own = runs[of_study & (runs["case"] == "base") & (runs["run"] < 2)]
         row = studies.loc[(name, "base", "settled")]
-        assert (row["runs"], row["label"]) == (2, "ekf")
+        assert (row["runs"], row["label"], row["paper_position_m"]) == (2, "ekf", 6.0)
         wanted = np.sqrt(own["settled_position_ms"].mean())
         assert row["position_mrse_m"] == pytest.approx(wanted)
     assert set(studies.loc["louder"].index.get_level_values("case")) == {"base"}
@@ -194,6 +194,15 @@ def test_only_damaged_records_are_discarded(tmp_path):
     store.close()
 
 
+def test_a_run_that_is_missing_has_no_series(tmp_path):
+    """Nor that of the next one that is there."""
+    store = Store(tmp_path / "out", create=True)
+    store.add([Result("k", HEAD | {"run": 3}, np.ones((2, 4)), np.ones((2, 12)))])
+    assert store.series_of("k", 3).shape == (2, 4) and store.detail("k", 3).shape == (2, 12)
+    assert store.series_of("k", 2) is None and store.detail("k", 2) is None
+    store.close()
+
+
 def test_what_runs_share_is_not_their_records(tmp_path):
     """What is stored of a case's runs does not tell that its arrays are."""
     store = Store(tmp_path / "out", create=True)
@@ -231,6 +240,7 @@ def test_rows_are_in_the_order_in_which_they_were_asked_for(results):
     rows = results.summary()[["case", "label", "window"]].itertuples(index=False, name=None)
     cases = [case.name for case in results.scenario.cases]
     assert list(rows) == [(c, label, w) for c in cases for label in KINDS for w in WINDOWS]
+    assert set(results.summary()["runs"]) == {3}  # a study's are not among them
 
 
 def test_series_are_of_the_cases_and_not_of_a_study(results):
@@ -277,7 +287,10 @@ def test_only_the_first_run_is_kept_in_detail(results):
     assert results.detail("base", "other", 0) is None
 
 
-@pytest.mark.parametrize("spoilt", [np.ones((19, 4)), np.full((20, 4), np.nan)])
+WITHOUT_VELOCITY = np.ones((20, 4)) * [1.0, np.nan, 1.0, 1.0]
+
+
+@pytest.mark.parametrize("spoilt", [np.ones((19, 4)), WITHOUT_VELOCITY])
 def test_series_that_are_not_of_the_flight_are_refused(tmp_path, spoilt):
     """One epoch too few, or errors that are no numbers: of all runs, of one, and in detail."""
     results = ran(tmp_path, labels=("ekf",), runs=1)
