@@ -73,13 +73,14 @@ def test_terrain_is_followed_within_the_limits(over_ridges, angle, acceleration,
     assert np.abs(position).max() < 1e-3
 
 
-def test_flat_terrain_is_followed_at_its_clearance(over_ridges, monkeypatch):
+@pytest.mark.parametrize("ground", [50.0, -400.0])
+def test_flat_terrain_is_followed_at_its_clearance(over_ridges, monkeypatch, ground):
     """Down to the clearance and not below; half a metre is for the rounding of corners."""
     monkeypatch.setattr(
-        terrain_following, "heights", lambda name, lat, lon: np.full(len(lat), 50.0)
+        terrain_following, "heights", lambda name, lat, lon: np.full(len(lat), ground)
     )
     flight = trajectory_of(spec(over_ridges | {"distance_km": 80.0}), 0.1)
-    assert 200.0 <= flight.positions[:, 2].min() < 201.0
+    assert 150.0 <= flight.positions[:, 2].min() - ground < 151.0
 
 
 @pytest.mark.parametrize("place", [15000.0, 15005.0, 15010.0, 15015.0])
@@ -175,8 +176,11 @@ def test_terrain_heights_are_those_of_the_grid(monkeypatch):
     assert at(10.5, 358.25) == pytest.approx(25.0, abs=1e-4)
     assert at(11.0, -1.25) == pytest.approx(121.0, abs=1e-4)
     assert at(10.25, -1.875) == pytest.approx((0.0 + 1.0 + 16.0 + 25.0) / 4.0, abs=1e-4)
+    covered = "10.000° to 11.000° N, -2.000° to -1.250° E"
     for outside in ((9.9, -2.0), (11.1, -2.0), (10.5, -1.0), (10.5, -2.1), (10.5, 178.0)):
-        with pytest.raises(TrajectoryError, match=r"leaves the terrain x at .* it covers 10.000°"):
+        with pytest.raises(
+            TrajectoryError, match=rf"leaves the terrain x at .*; it covers {covered}"
+        ):
             at(*outside)
 
 

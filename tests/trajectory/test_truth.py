@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from ggbench.ins import strapdown
 from ggbench.simulation.error_free_flight import trajectory_of
 from ggbench.spec.trajectory import TrajectorySpec
-from ggbench.trajectory.manoeuvres import TrajectoryError
+from ggbench.trajectory.manoeuvres import Climb, TrajectoryError
 from ggbench.trajectory.truth import Segment, Trajectory, fly
 
 
@@ -66,6 +66,24 @@ def test_a_climb_begins_below_the_ellipsoid_too():
     climb = {"kind": "climb", "to_height_m": 100.0, "climb_angle_deg": 5.0}
     flight = trajectory_of(spec(climb, height_m=-400.0), 0.1)
     assert flight.positions[-1, 2] == pytest.approx(100.0, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("climb", "speed", "sentence"),
+    [
+        (Climb(by=1000.0, angle=1.55, vertical_acceleration=1e3), 100.0, "cannot climb 1000 m in"),
+        (Climb(by=-1000.0, angle=1.55, vertical_acceleration=1e3), 100.0, "cannot climb -1000 m"),
+        (
+            Climb(by=0.5, angle=0.1),
+            1.0,
+            "climbs within 9.* s, too short for an IMU interval of 7 s",
+        ),
+    ],
+)
+def test_a_climb_that_its_sampling_spoils_has_its_sentence(climb, speed, sentence):
+    """Rounded to intervals of seven seconds there is no time for it."""
+    with pytest.raises(TrajectoryError, match=rf"segment\[0\]: {sentence}"):
+        fly(np.array([0.5, 1.0, 3000.0]), speed, 0.0, 0.0, 0.0, [climb], 7.0)
 
 
 TURNS = [
