@@ -216,6 +216,16 @@ def test_a_degree_of_longitude_is_short_in_the_north(tmp_path):
         assert read(write(tmp_path / "faster.csv", rows)).duration_s
 
 
+@pytest.mark.parametrize("around", [0.0, 360.0])
+def test_a_track_crosses_greenwich(tmp_path, around):
+    """In either notation of longitudes there is no jump."""
+    times = np.arange(0.0, 20.0)
+    rows = np.column_stack([times, 51.5 + 0.0 * times, 1e-3 * (times - 9.0), 500.0 + 0.0 * times])
+    rows[:, 2] += np.where(rows[:, 2] < 0.0, around, 0.0)
+    flight = trajectory_of(read(write(tmp_path / "thames.csv", rows)), 0.1)
+    assert np.degrees(np.ptp(flight.positions[:, 1])) == pytest.approx(0.019, rel=1e-3)
+
+
 def test_a_whirl_is_refused_where_an_interval_hides_it(tmp_path):
     """60° from second to second: told with intervals of half a second, flown with shorter ones."""
     rows = [f"{row},{60 * n % 360}" for n, row in enumerate(ROWS)]

@@ -61,6 +61,14 @@ def test_a_climb_ends_level_at_its_height(climb, dt):
     assert asked.duration_s == pytest.approx(flight.times[-1], abs=0.5 * dt + 1e-9)
 
 
+def test_a_climb_too_small_for_its_angle_is_as_quick_as_its_acceleration_allows():
+    """30 m are climbed at 2 m/s², pull-up and push-over at once, and not at the pace of 10°."""
+    flight = trajectory_of(
+        spec({"kind": "climb", "by_height_m": 30.0, "climb_angle_deg": 10.0}), 0.05
+    )
+    assert np.abs(vertical_acceleration(flight)).max() == pytest.approx(2.0, rel=0.02)
+
+
 def test_a_climb_begins_below_the_ellipsoid_too():
     """A field on the shore of the Dead Sea lies 400 m below: to 100 m it is half a kilometre."""
     climb = {"kind": "climb", "to_height_m": 100.0, "climb_angle_deg": 5.0}
@@ -115,6 +123,21 @@ def test_a_turn_ends_at_its_heading_level_and_coordinated(turn, angle, bank):
     assert np.abs(increments[:, 0] / flight.dt).max() < 0.06
 
 
+def test_a_small_turn_is_rolled_in_and_out():
+    """Two degrees take the ten seconds of both, however steep a turn may be."""
+    turn = {"kind": "turn", "by_heading_deg": 2.0, "bank_deg": 30.0}
+    assert spec(turn).duration_s == pytest.approx(10.0)
+
+
+def test_a_turn_that_accelerates_leans_ever_more():
+    """tan(bank) = speed · turn rate / g with the speed at that moment."""
+    asked = Segment(40.0, turn_rate=0.02, acceleration=5.0)
+    flight = fly(np.array([0.5, 1.0, 0.0]), 100.0, 0.0, 0.0, 0.0, [asked], 0.1)
+    rate = np.gradient(np.radians(headings(flight)), 0.1)
+    lean = np.tan(np.radians(banks(flight)))
+    np.testing.assert_allclose(lean[60:-60], (speed_of(flight) * rate / 9.81)[60:-60], rtol=1e-6)
+
+
 def test_the_radius_of_a_turn():
     """A circle of 6 km passes 12 km from where it began."""
     flight = trajectory_of(
@@ -135,6 +158,9 @@ def test_speed_and_distance():
     cruise = spec({"kind": "cruise", "distance_km": 12.0})
     assert cruise.duration_s == pytest.approx(60.0)
     assert spec({"kind": "cruise", "duration_s": 5.0}).duration_s == pytest.approx(5.0)
+    pull_up = {"duration_s": 10.0, "climb_rate_deg_per_s": 3.0}
+    climbing = spec(pull_up, {"kind": "cruise", "distance_km": 12.0})
+    assert climbing.duration_s == pytest.approx(70.0)  # along the path
     flight = trajectory_of(cruise, 0.05)
     east = (
         (flight.positions[-1, 1] - flight.positions[0, 1]) * 6.3847e6 * math.cos(math.radians(33.5))
@@ -204,13 +230,16 @@ def test_the_attitude_of_level_flight_is_no_climb():
 
 
 def test_a_ship_stays_level():
-    """It turns without leaning."""
+    """It turns without leaning, and is lifted without pitching."""
     turn = {"kind": "turn", "by_heading_deg": 180.0, "radius_m": 900.0}
     flight = trajectory_of(
         spec(turn, vehicle="ship", height_m=0.0, speed_mps=6.0, roll_deg=1.0), 0.1
     )
     np.testing.assert_allclose(banks(flight), 1.0, atol=1e-12)
     assert headings(flight)[-1] == pytest.approx(270.0, abs=0.01)
+    rising = {"duration_s": 10.0, "climb_rate_deg_per_s": 0.5}
+    lifted = trajectory_of(spec(rising, vehicle="ship", height_m=0.0, pitch_deg=2.0), 0.1)
+    np.testing.assert_allclose(lifted.attitudes[:, 2, 1], math.sin(math.radians(2.0)))
 
 
 def test_a_heading_that_is_reached_but_for_rounding_is_reached():
