@@ -216,6 +216,15 @@ def test_a_degree_of_longitude_is_short_in_the_north(tmp_path):
         assert read(write(tmp_path / "faster.csv", rows)).duration_s
 
 
+def test_what_has_not_yet_moved_points_where_it_will_go(tmp_path):
+    """Eastwards, before it starts and after it has stopped."""
+    times = np.arange(0.0, 120.0)
+    east = np.cumsum(np.interp(times, [0, 30, 50, 80, 100, 120], [0, 0, 5, 5, 0, 0]))
+    rows = np.column_stack([times, 0.0 * times, np.degrees(east / 6.378e6), 0.0 * times])
+    flight = trajectory_of(read(write(tmp_path / "bus.csv", rows), vehicle="ship"), 0.1)
+    np.testing.assert_allclose(flight.attitudes[:, 0, 1], 1.0, atol=1e-6)
+
+
 @pytest.mark.parametrize("around", [0.0, 360.0])
 def test_a_track_crosses_greenwich(tmp_path, around):
     """In either notation of longitudes there is no jump."""
