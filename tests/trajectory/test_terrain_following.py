@@ -83,6 +83,17 @@ def test_flat_terrain_is_followed_at_its_clearance(over_ridges, monkeypatch, gro
     assert 150.0 <= flight.positions[:, 2].min() - ground < 151.0
 
 
+def test_behind_a_hill_the_flight_comes_down_again(over_ridges, monkeypatch):
+    """It ends, level, at the clearance over the plain."""
+    monkeypatch.setattr(
+        terrain_following, "heights",
+        lambda name, lat, lon: np.where(np.abs(lon - math.radians(108.2)) < 5e-4, 2000.0, 50.0),
+    )  # fmt: skip
+    flight = trajectory_of(spec(over_ridges), 0.1)
+    assert flight.positions[:, 2].max() > 2150.0
+    assert 200.0 <= flight.positions[-1, 2] < 201.0
+
+
 @pytest.mark.parametrize("place", [15000.0, 15005.0, 15010.0, 15015.0])
 def test_a_wall_between_two_steps_of_the_plan_is_cleared(over_ridges, monkeypatch, place):
     """Steps are 20 m; a wall 6 m thick may stand anywhere between them."""
