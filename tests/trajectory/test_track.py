@@ -340,6 +340,7 @@ BAD: dict[str, tuple[str | bytes, str]] = {
     "infinity": (with_row("3,33.003,108.003,inf"), "line 5: height_m is 'inf'"),
     "word": (with_row("3,33.003,E108,3000"), "line 5: longitude_deg is 'E108'"),
     "truth": (with_row("3,33.003,True,3000"), "line 5: longitude_deg is 'True'"),
+    "truths": (text([f"{t},33.0,True,3000" for t in range(9)]), "line 2: longitude_deg is 'True'"),
     "decimal commas": (text().replace(",", ";").replace(".", ","), "line 2: .* a decimal comma"),
     "both commas": (text([r.replace(".", ",") for r in ROWS]), "line 2 has 7 .* a decimal comma"),
     "dates": (text(["2024-05-01T00:00:0" + r for r in ROWS]), "line 2: time_s is '2024.* seconds"),

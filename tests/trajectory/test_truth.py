@@ -356,6 +356,15 @@ def test_a_flight_that_cannot_be_has_its_sentence(kind):
         assert spec(*segments, **changes).duration_s
 
 
+def test_a_repetition_that_cannot_be_flown_is_told_as_one():
+    """By the place of its segment in the file, also where no scenario was read before."""
+    climb = Climb(to=5000.0, angle=0.1)
+    with pytest.raises(
+        TrajectoryError, match=r"segment\[0\] \(repetition 2\): already flies at 5000"
+    ):
+        fly(np.array([0.5, 1.0, 3000.0]), 200.0, 0.0, 0.0, 0.0, [climb] * 2, 0.1, size=1)
+
+
 def test_a_dump_says_the_same():
     """A flight goes to other processes as JSON, with all keys that it does not use."""
     asked = spec(*LAP, repeat=2)
