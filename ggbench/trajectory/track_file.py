@@ -136,11 +136,8 @@ def _numbers(column: pd.Series, key: str, first: int) -> Array:
     if column.dtype.kind in "iuf":
         values = column.to_numpy(dtype=float)
     else:
-        texts = column.astype(str)
-        numbers = pd.to_numeric(texts, errors="coerce")
-        values = numbers.to_numpy(dtype=float)
-        if column.dtype.kind == "b":
-            values = np.full(len(column), np.nan)
+        # As texts, for which a truth is no number.
+        values = pd.to_numeric(column.astype(str), errors="coerce").to_numpy(dtype=float)
     bad = ~np.isfinite(values)
     if bad.any():
         n = int(np.argmax(bad))

@@ -6,28 +6,31 @@ import errno
 import os
 
 import numpy as np
+import pandas as pd
 import pytest
 from campaigns import ran, small
 from problems import SMALL
 
-from ggbench.judging.summary import WINDOWS, window_mask
-from ggbench.results.folder import Results
+from ggbench.judging import locking
+from ggbench.judging.summary import SUMMARY_COLUMNS, WINDOWS, window_mask
+from ggbench.results.folder import Results, as_argument
 from ggbench.results.store import MOST_KEPT, Result, Store, StoreError, kept_epochs
 
 STUDIED = (
     SMALL.replace("last_s = 5.0", "last_s = 5.0\nlock_m = 6.0").replace(
         "[campaign]", '[campaign]\nassumption_runs = 2\nassumption_estimator = "ekf"'
     )
-    + """
-[[assumption]]
-name = "louder"
-title = "three times the noise"
-gradiometer.noise_eotvos = 0.03
+    + """windows.settled_from_s = 12.0
 
 [[assumption]]
 name = "without-effect"
 title = "another regularisation, of a filter that there is not"
 gradiometer.whitening_regularization = 1e-6
+
+[[assumption]]
+name = "louder"
+title = "three times the noise"
+gradiometer.noise_eotvos = 0.03
 """
 )
 KINDS = {
@@ -85,7 +88,7 @@ def test_a_study_is_set_beside_the_same_runs_without_it(results):
         assert len(runs[of_study & (runs["case"] == "base")]) == (2 if name else 3)
         own = runs[of_study & (runs["case"] == "base") & (runs["run"] < 2)]
         row = studies.loc[(name, "base", "settled")]
-        assert (row["runs"], row["label"]) == (2, "ekf")
+        assert (row["runs"], row["label"], row["paper_position_m"]) == (2, "ekf", 6.0)
         wanted = np.sqrt(own["settled_position_ms"].mean())
         assert row["position_mrse_m"] == pytest.approx(wanted)
     assert set(studies.loc["louder"].index.get_level_values("case")) == {"base"}
@@ -104,6 +107,34 @@ def test_records_are_of_the_cases_or_of_one_study(results):
             ("base", "ekf", 0), ("base", "ekf", 1),
         ]  # fmt: skip
     assert list(results.records("other")) == []
+
+
+def test_the_files_of_a_folder_are_its_tables(results, tmp_path):
+    """Row by row and column by column; what was not studied or judged has no file."""
+    tables = {"paired": results.paired(), "failures": results.failures(),
+              "assumptions": results.studies(), "convergence": locking.table(results.summary()),
+              "summary": results.summary()[list(SUMMARY_COLUMNS)]}  # fmt: skip
+    for name, table in tables.items():
+        file = pd.read_csv(results.folder / f"{name}.csv")
+        assert (list(file.columns), len(file)) == (list(table.columns), len(table))
+    runs = pd.read_parquet(results.folder / "runs.parquet")
+    pd.testing.assert_frame_equal(runs, results.runs())
+    plain = ran(tmp_path, labels=("ins",), runs=1)
+    assert not {"assumptions.csv", "convergence.csv"} & {p.name for p in plain.folder.iterdir()}
+
+
+def test_tables_are_the_callers_own(results):
+    """What is done to one does not come back with the next."""
+    for read in (results.runs, results.summary):
+        table = read()
+        table["case"] = "spoilt"
+        assert set(read()["case"]) == {"base", "noisy"}
+
+
+def test_a_command_takes_any_path_as_its_scenario():
+    """Neither a space divides it, nor a dash makes it an option."""
+    assert as_argument("my flights/a.toml") == "'my flights/a.toml'"
+    assert as_argument("-a.toml") == "./-a.toml"
 
 
 def test_a_command_repeats_its_own_run(results):
@@ -142,19 +173,171 @@ def test_the_epochs_of_a_series_are_spread_over_the_flight(epochs):
     assert np.ptp(np.diff(kept)) <= 1 if epochs > 1 else True
 
 
+HEAD = {"name": "a", "parameters": "", "causality": "filter", "seed": 1, "status": "failed",
+        "reason": "none"}  # fmt: skip
+
+
+def test_only_damaged_records_are_discarded(tmp_path):
+    """Neither the runs before and after one nor the same run of another estimator are run again.
+
+    Until then it is a run of its estimator that has failed.
+    """
+    store = Store(tmp_path / "out", create=True)
+    store.add(Result(key, HEAD | {"run": run}) for key in ("k", "l") for run in range(4))
+    store.add([Result("k", {"run": 1})])
+    spoilt = list(store.records("k", 4))[1]
+    assert (spoilt["name"], spoilt["run"], spoilt["status"]) == ("a", 1, "failed")
+    assert spoilt["reason"].startswith(store.damaged)
+    assert store.discard_damaged() == 1
+    left = {key: runs.tolist() for key, runs in store.finished().items()}
+    assert left == {"k": [0, 2, 3], "l": [0, 1, 2, 3]}
+    store.close()
+
+
+def test_a_run_that_is_missing_has_no_series(tmp_path):
+    """Nor that of the next one that is there."""
+    store = Store(tmp_path / "out", create=True)
+    store.add([Result("k", HEAD | {"run": 3}, np.ones((2, 4)), np.ones((2, 12)))])
+    assert store.series_of("k", 3).shape == (2, 4) and store.detail("k", 3).shape == (2, 12)
+    assert store.series_of("k", 2) is None and store.detail("k", 2) is None
+    store.close()
+
+
+def test_what_runs_share_is_not_their_records(tmp_path):
+    """What is stored of a case's runs does not tell that its arrays are."""
+    store = Store(tmp_path / "out", create=True)
+    store.add([Result("k", HEAD | {"run": 0})])
+    store.write_arrays("other", {"times": np.ones(2)})
+    assert store.has_arrays("other") and not store.has_arrays("k")
+    store.close()
+
+
+def test_results_are_added_together_or_not_at_all(tmp_path):
+    """Where one of them cannot be stored, none is."""
+    store = Store(tmp_path / "out", create=True)
+    with pytest.raises(StoreError, match=r"cannot write to .* the same command goes on from there"):
+        store.add([Result("k", HEAD | {"run": 0}), Result("k", HEAD | {"run": None})])
+    assert store.finished() == {}
+    store.close()
+
+
 def test_as_many_runs_are_read_as_are_asked_for(tmp_path):
     """In order, none left out between two pieces that are read, and none beyond those asked for."""
     store = Store(tmp_path / "out", create=True)
-    head = {"name": "a", "parameters": "", "causality": "filter", "seed": 1, "status": "failed",
-            "reason": "none"}  # fmt: skip
     held = 2600
     store.add(
-        Result("k", head | {"run": run}, np.full((2, 4), float(run))) for run in range(held)[::-1]
+        Result("k", HEAD | {"run": run}, np.full((2, 4), float(run))) for run in range(held)[::-1]
     )
     for runs, first in ((held + 9, 0), (2000, 0), (2300, 7), (1, 0)):
         found = [record["run"] for record in store.records("k", runs, first)]
         assert found == list(range(first, min(runs, held)))
     assert store.series("k", 2000)[:, 0, 0].tolist() == list(range(2000))
+    store.close()
+
+
+def test_rows_are_in_the_order_in_which_they_were_asked_for(results):
+    """Case by case as in the scenario, and in each the estimators as on the command line."""
+    rows = results.summary()[["case", "label", "window"]].itertuples(index=False, name=None)
+    cases = [case.name for case in results.scenario.cases]
+    assert list(rows) == [(c, label, w) for c in cases for label in KINDS for w in WINDOWS]
+    assert set(results.summary()["runs"]) == {3}  # a study's are not among them
+
+
+def test_series_are_of_the_cases_and_not_of_a_study(results):
+    """All at once or alone, they end with the error that the run's own record tells."""
+    for record in results.records():
+        case, label, run = record["case"], record["estimator"], record["run"]
+        alone = results.series_of(case, label, run)
+        assert np.array_equal(results.series(case, label)[run], alone, equal_nan=True)
+        assert alone[-1, 0] == pytest.approx(record["final_position_error_m"], rel=1e-6)
+
+
+def test_cases_that_were_not_run_are_not_shown(tmp_path):
+    """Of two cases one was asked for: the other is in the scenario's copy and nowhere else."""
+    results = ran(tmp_path, labels=("ins",), runs=1, scenario=small(tmp_path).select(["noisy"]))
+    assert [case.name for case in results.scenario.cases] == ["noisy"]
+    assert [case.name for case in results.whole_scenario.cases] == ["base", "noisy"]
+    assert set(results.summary()["case"]) == set(results.runs()["case"]) == {"noisy"}
+
+
+def test_estimators_that_look_for_truth_are_told_with_what_they_use(results):
+    """Those that use nothing are not; nor is anything made of what is no list."""
+    held = {"a": {}, "b": {"seeks": []}, "c": {"seeks": ["gc", "inspect"]}, "d": {"seeks": "gc"}}
+    told = Results(results.folder, results.store)
+    told.manifest["estimators"] = held
+    assert told.seeking == {"c": "gc, inspect"}
+    assert told.labels == list(held)
+
+
+def test_one_damaged_record_is_one_failed_run(tmp_path):
+    """The others are read as they are."""
+    results = ran(tmp_path, labels=("ekf",), runs=2)
+    (key,) = {cell.key for cell in results.cells if cell.case == "base"}
+    results.store.add([Result(key, {"run": 1})])
+    runs = Results(results.folder, results.store).runs()
+    assert runs["status"].tolist() == ["ok", "failed", "ok", "ok"]
+    assert runs.loc[1, "reason"].startswith(results.store.damaged)
+    assert runs.loc[1, "estimator"] == runs.loc[1, "name"] == "ekf"
+
+
+def test_only_the_first_run_is_kept_in_detail(results):
+    """Its errors and deviations at every epoch; of another run there are none, nor another's."""
+    assert results.detail("base", "ekf", 0).shape == (20, 12)
+    assert results.detail("base", "ekf", 1) is None
+    assert results.detail("base", "other", 0) is None
+
+
+WITHOUT_VELOCITY = np.ones((20, 4)) * [1.0, np.nan, 1.0, 1.0]
+
+
+@pytest.mark.parametrize("spoilt", [np.ones((19, 4)), WITHOUT_VELOCITY])
+def test_series_that_are_not_of_the_flight_are_refused(tmp_path, spoilt):
+    """One epoch too few, or errors that are no numbers: of all runs, of one, and in detail."""
+    results = ran(tmp_path, labels=("ekf",), runs=1)
+    (key,) = {cell.key for cell in results.cells if cell.case == "base"}
+    (record,) = results.store.records(key, 1)
+    results.store.add([Result(key, record, spoilt, np.tile(spoilt, 3))])
+    readers = (
+        lambda: results.series("base", "ekf"),
+        lambda: results.series_of("base", "ekf", 0),
+        lambda: results.detail("base", "ekf", 0),
+    )
+    for reader in readers:
+        with pytest.raises(StoreError, match=r"a time series of case base in .* is damaged"):
+            reader()
+
+
+def test_failures_are_listed_with_reason_and_command(tmp_path):
+    """The run that failed and no other, the first in the table."""
+    results = ran(tmp_path, labels=("ins", "ekf"), runs=2)
+    (key,) = {c.key for c in results.cells if (c.case, c.estimator) == ("noisy", "ekf")}
+    record = {"name": "ekf", "parameters": "", "causality": "filter", "seed": 5, "run": 1}
+    results.store.add([Result(key, record | {"status": "failed", "reason": "it was tired"})])
+    failures = Results(results.folder, results.store).failures()
+    assert failures.to_dict("index") == {
+        0: {"assumption": "", "case": "noisy", "estimator": "ekf", "run": 1,
+            "reason": "it was tired",
+            "command": "ggbench run small.toml --case noisy -e ekf --seed 5 --run 1"}
+    }  # fmt: skip
+
+
+def test_runs_beyond_those_asked_for_are_not_shown(results):
+    """Of three runs that a folder holds, two are read where its manifest asks for two."""
+    fewer = Results(results.folder, results.store)
+    fewer.manifest["runs"] = 2
+    assert fewer.run_count == 2
+    assert sorted(set(fewer.runs()["run"])) == [0, 1]
+    assert len(fewer.series("base", "ekf")) == len(fewer.lock_times("base", "ekf")) == 2
+
+
+def test_a_file_is_replaced_and_not_overwritten(tmp_path):
+    """Who has begun to read the one before reads it to its end."""
+    store = Store(tmp_path / "out", create=True)
+    store.write("summary.csv", b"before")
+    with (tmp_path / "out" / "summary.csv").open("rb") as reader:
+        store.write("summary.csv", b"after")
+        assert reader.read() == b"before"
+    assert (tmp_path / "out" / "summary.csv").read_bytes() == b"after"
     store.close()
 
 

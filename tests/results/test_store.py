@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import pickle
 import shutil
 import sqlite3
@@ -19,7 +20,7 @@ from ggbench.judging import statistics
 from ggbench.judging.summary import SUMMARY_COLUMNS
 from ggbench.report import scenario_report
 from ggbench.results.folder import Results
-from ggbench.results.store import Result, Store, StoreError
+from ggbench.results.store import RESULT_FILES, Result, Store, StoreError, require_ours
 
 
 def test_a_folder_of_other_things_is_left_alone(tmp_path):
@@ -42,13 +43,14 @@ def test_a_lost_run_is_worth_another_attempt_only_with_more_time(tmp_path):
     """What was lost at a limit stays lost at that limit; a higher one leaves it to be run again."""
     store = Store(tmp_path / "out", create=True)
     store.add([Result("k", {"run": 0}), Result("k", {"run": 1}, retry_above=60.0),
+               Result("k", {"run": 2}, retry_above=60.0),
                Result("lost", {"run": 0}, retry_above=0.0)])  # fmt: skip
     kept = {
         limit: {key: runs.tolist() for key, runs in store.finished(limit).items()}
         for limit in (1.0, 60.0, 60.5, np.inf)
     }
     assert kept == {
-        1.0: {"k": [0, 1]}, 60.0: {"k": [0, 1]}, 60.5: {"k": [0]}, np.inf: {"k": [0]}
+        1.0: {"k": [0, 1, 2]}, 60.0: {"k": [0, 1, 2]}, 60.5: {"k": [0]}, np.inf: {"k": [0]}
     }  # fmt: skip
     store.add([Result("k", {"run": 1}, series=np.ones((3, 4)))])  # it takes the lost one's place
     assert store.finished()["k"].tolist() == [0, 1]
@@ -56,10 +58,32 @@ def test_a_lost_run_is_worth_another_attempt_only_with_more_time(tmp_path):
     store.close()
 
 
+def test_a_fresh_start_removes_all_that_a_campaign_leaves(tmp_path):
+    """The manifest, too, and what was half written; a file of one's own stays."""
+    folder = tmp_path / "out"
+    folder.mkdir()
+    for name in (*RESULT_FILES, ".summary.csv.123.part", "notes.txt"):
+        (folder / name).touch()
+    Store(folder, create=True, fresh=True).close()
+    assert {path.name for path in folder.iterdir()} == {".lock", "records.sqlite", "notes.txt"}
+
+
+def test_what_a_campaign_leaves_at_once_is_its_own(tmp_path):
+    """A lock, an empty database and a file half written: one that was stopped may be run again."""
+    folder = tmp_path / "out"
+    folder.mkdir()
+    for name in (".lock", ".manifest.json.123.part", "records.sqlite", "records.sqlite-wal"):
+        (folder / name).touch()
+    require_ours(folder)
+    (folder / ".thesis.tex.123.part").touch()
+    with pytest.raises(StoreError, match="is not empty and holds no results"):
+        require_ours(folder)
+
+
 FOREIGN = {
     "scenario.toml": "mine",
     "summary.csv": "a,b",
-    "manifest.json": '{"name": "my web app"}',
+    "manifest.json": '{"name": "my web app", "format": 2}',
     "records.sqlite": "SQLite format 3",
 }
 
@@ -92,7 +116,7 @@ def test_a_folder_that_may_only_be_read(results, tmp_path, monkeypatch):
     """Someone else's folder is read as it is, or, with an unmerged log, refused with a sentence."""
     folder = tmp_path / "out"
     shutil.copytree(results, folder)
-    monkeypatch.setattr("os.access", lambda path, mode: False)
+    monkeypatch.setattr("os.access", lambda path, mode: mode != os.W_OK)
     whole = len(Results(folder).runs())
     assert whole == len(Results(results).runs()) > 0
     (folder / "records.sqlite-wal").write_bytes(b"not merged")
@@ -175,6 +199,7 @@ QUERIES = {
     "run below 0": "UPDATE records SET record = replace(record, '\"run\":', '\"run\":-1')",
     "series cut": "UPDATE records SET series = x'0011'",
     "series a number short": "UPDATE records SET series = substr(series, 1, length(series) - 4)",
+    "one series an epoch short": "UPDATE records SET series = substr(series, 17) WHERE run = 1",
     "database of something else": "ALTER TABLE records RENAME COLUMN record TO something",
 }
 TEXTS = {
@@ -198,6 +223,10 @@ EDITS = {
     "scenario spoilt": ("scenario_text", "[[["),
     "scenario of something else": ("scenario_text", SMALL.replace("250.0", "251.0")),
     "cells spoilt": ("cells", [{"key": 1}]),
+    "format of old": ("format", 2),
+    "format to come": ("format", 4),
+    "no runs": ("runs", 0),
+    "seed below 0": ("seed", -1),
 }
 
 
@@ -250,6 +279,8 @@ def damage(folder: Path, kind: str) -> None:
         (folder / "manifest.json").write_text(json.dumps(manifest | {name: value}))
     elif kind == "manifest gone":
         (folder / "manifest.json").unlink()
+    elif kind == "database gone":
+        database.unlink()
     elif kind == "database spoilt inside":
         content = database.read_bytes()
         database.write_bytes(content[:4096] + b"\xa5" * (len(content) - 4096))
@@ -263,18 +294,24 @@ DAMAGES = {
     "database cut": "records.sqlite",
     "database empty": "records.sqlite|no finished run",
     "database of something else": "records.sqlite",
+    "database gone": "holds no results: it has no records.sqlite",
     "record that is no JSON": "records.sqlite",
     "record without its content": "records.sqlite",
     "run below 0": r"records\.sqlite is damaged: .*run",
     "series cut": "records.sqlite",
     "series a number short": "a time series in .*records.sqlite is damaged",
+    "one series an epoch short": "a time series in .*records.sqlite is damaged",
     "manifest cut": "manifest.json.* is damaged",
-    "manifest of something else": "manifest.json has format None|is damaged",
-    "manifest empty": "manifest.json",
+    "manifest of something else": "manifest.json is damaged",
+    "manifest empty": "manifest.json has format None",
     "manifest gone": "manifest.json.*No such file",
     "scenario spoilt": "scenario.* is not valid TOML",
     "scenario of something else": "is not the one that was run: its hash differs",
     "cells spoilt": "manifest.json is damaged: it has no cells.0.assumption",
+    "format of old": "manifest.json has format 2, and this version of ggbench reads format 3",
+    "format to come": "manifest.json has format 4, and this version of ggbench reads format 3",
+    "no runs": "manifest.json is damaged: its runs is not what it should be",
+    "seed below 0": "manifest.json is damaged: its seed is not what it should be",
     "arrays gone": "does not hold what the runs of case base share.*goes on from there",
     "arrays cut": "case base share.* cannot be read",
     "arrays of something else": "case base share.* is damaged: it has no times",
@@ -297,6 +334,13 @@ def results(tmp_path_factory) -> Path:
     made = ran(tmp_path, runs=2)
     made.store.close()
     return made.folder
+
+
+def test_a_folder_is_known_by_its_database_alone(results, tmp_path):
+    """One that has lost its manifest and has other files in it is still a campaign's."""
+    (tmp_path / "notes.txt").touch()
+    shutil.copy(results / "records.sqlite", tmp_path)
+    require_ours(tmp_path)
 
 
 @pytest.mark.parametrize("kind", DAMAGES)

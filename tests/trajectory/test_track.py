@@ -187,6 +187,73 @@ def test_a_ship_waits_without_losing_its_heading(tmp_path):
         trajectory_of(read(write(tmp_path / "still.csv", standing)), 0.1)
 
 
+def test_level_flight_has_the_attitude_that_is_given(tmp_path):
+    """Where the track gives none: nose up and leaning as an aircraft is in straight flight."""
+    times = np.arange(0.0, 30.0)
+    rows = np.column_stack([times, 30.0 + 1e-3 * times, 100.0 + 0.0 * times, 500.0 + 0.0 * times])
+    file = write(tmp_path / "level.csv", rows)
+    flight = trajectory_of(read(file, pitch_deg=3.0, roll_deg=2.0), 0.1)
+    rolled = np.arctan2(-flight.attitudes[:, 2, 0], flight.attitudes[:, 2, 2])
+    np.testing.assert_allclose(np.degrees(np.arcsin(flight.attitudes[:, 2, 1])), 3.0, atol=1e-3)
+    np.testing.assert_allclose(np.degrees(rolled), 2.0, atol=1e-3)
+
+
+def test_a_track_is_flown_to_its_last_row(tmp_path):
+    """0.7 s are seven intervals of 0.1 s, though in binary a little less."""
+    times = np.linspace(0.0, 0.7, 8)
+    rows = np.column_stack([times, 30.0 + 1e-3 * times, 100.0 + 0.0 * times, 500.0 + 0.0 * times])
+    flight = trajectory_of(read(write(tmp_path / "short.csv", rows)), 0.1)
+    assert len(flight.times) == 8
+
+
+def test_a_degree_of_longitude_is_short_in_the_north(tmp_path):
+    """At 80° a tenth of a degree is 1.9 km, and not as on the equator 11 km, in a second."""
+    times = np.arange(0.0, 20.0)
+    rows = np.column_stack([times, 80.0 + 0.0 * times, 100.0 + 0.1 * times, 500.0 + 0.0 * times])
+    assert read(write(tmp_path / "fast.csv", rows)).duration_s == 19.0
+    rows[:, 1] = 0.0
+    with pytest.raises(TrajectoryError, match=r"1.11\de\+04 m/s; at most 10000 m/s are allowed"):
+        assert read(write(tmp_path / "faster.csv", rows)).duration_s
+
+
+def test_what_has_not_yet_moved_points_where_it_will_go(tmp_path):
+    """Eastwards, before it starts and after it has stopped."""
+    times = np.arange(0.0, 120.0)
+    east = np.cumsum(np.interp(times, [0, 30, 50, 80, 100, 120], [0, 0, 5, 5, 0, 0]))
+    rows = np.column_stack([times, 0.0 * times, np.degrees(east / 6.378e6), 0.0 * times])
+    flight = trajectory_of(read(write(tmp_path / "bus.csv", rows), vehicle="ship"), 0.1)
+    np.testing.assert_allclose(flight.attitudes[:, 0, 1], 1.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("around", [0.0, 360.0])
+def test_a_track_crosses_greenwich(tmp_path, around):
+    """In either notation of longitudes there is no jump."""
+    times = np.arange(0.0, 20.0)
+    rows = np.column_stack([times, 51.5 + 0.0 * times, 1e-3 * (times - 9.0), 500.0 + 0.0 * times])
+    rows[:, 2] += np.where(rows[:, 2] < 0.0, around, 0.0)
+    flight = trajectory_of(read(write(tmp_path / "thames.csv", rows)), 0.1)
+    assert np.degrees(np.ptp(flight.positions[:, 1])) == pytest.approx(0.019, rel=1e-3)
+
+
+def test_a_whirl_is_refused_where_an_interval_hides_it(tmp_path):
+    """60° from second to second: told with intervals of half a second, flown with shorter ones."""
+    rows = [f"{row},{60 * n % 360}" for n, row in enumerate(ROWS)]
+    path = tmp_path / "whirl.csv"
+    path.write_text(text(rows, NAMES + ",heading"))
+    with pytest.raises(TrajectoryError, match=r"turns by 30° within one IMU interval at .* 28°"):
+        trajectory_of(read(str(path)), 0.5)
+    assert trajectory_of(read(str(path)), 0.4).times[-1] == pytest.approx(18.8)
+
+
+def test_smoothing_is_narrower_than_a_thousand_steps(tmp_path):
+    """Beyond that rounding would show."""
+    path = tmp_path / "track.csv"
+    path.write_text(text())
+    assert read(str(path), smoothing_s=1000.0).duration_s == 19.0
+    with pytest.raises(TrajectoryError, match=r"smoothing_s is 1001 and must not exceed 1000 "):
+        assert read(str(path), smoothing_s=1001.0).duration_s
+
+
 # What may be in a file.
 
 ROWS = [f"{t},{33.0 + 1e-3 * t:.6f},{108.0 + 1e-3 * t:.6f},{3000.0 + 0.1 * t}" for t in range(20)]
@@ -241,6 +308,9 @@ def test_degrees_near_zero_are_degrees(tmp_path):
     path.write_text(text([row.replace(",1.6", ",1.5") for row in rows], "time_s,lat,lon,height_m"))
     with pytest.raises(TrajectoryError, match="could be radians"):
         trajectory_of(read(str(path)), 0.1)
+    path.write_text(text([row.replace(",1.6", ",1.5").replace(",3.0", ",3.2") for row in rows],
+                         "time_s,lat,lon,height_m"))  # fmt: skip
+    assert np.degrees(trajectory_of(read(str(path)), 0.1).positions[0, 0]) == pytest.approx(1.5)
 
 
 BAD: dict[str, tuple[str | bytes, str]] = {
@@ -250,7 +320,7 @@ BAD: dict[str, tuple[str | bytes, str]] = {
     "UTF-16": (text().encode("utf-16"), "is not UTF-8 text"),
     "no names": (text()[len(NAMES) + 1 :], r"line 1 names no column time_s \(found: 0, 33"),
     "names only": (NAMES, "has 0 rows; a track needs at least 5"),
-    "two rows": (text(ROWS[:2]), "has 2 rows"),
+    "four rows": (text(ROWS[:4]), "has 4 rows; a track needs at least 5"),
     "radians by name": (text(names="t,lat_rad,lon_rad,h"), "names no column latitude_deg"),
     "radians by value": (
         text([f"{t},{0.5 + 1e-6 * t:.8f},1.8,100" for t in range(9)], "t,lat,lon,h"),
@@ -265,10 +335,12 @@ BAD: dict[str, tuple[str | bytes, str]] = {
     "field too many": (with_row("3,33.003,108.003,3000,1"), "line 5 has 5 fields and line 1"),
     "line empty": (with_row(""), "line 5 has 0 fields"),
     "cell empty": (with_row("3,,108.003,3000"), "line 5: latitude_deg is empty and must be"),
+    "cell of a space": (with_row("3, ,108.003,3000"), "line 5: latitude_deg is empty and must be"),
     "NaN": (with_row("3,33.003,108.003,nan"), "line 5: height_m is 'nan' and must be a number"),
     "infinity": (with_row("3,33.003,108.003,inf"), "line 5: height_m is 'inf'"),
     "word": (with_row("3,33.003,E108,3000"), "line 5: longitude_deg is 'E108'"),
     "truth": (with_row("3,33.003,True,3000"), "line 5: longitude_deg is 'True'"),
+    "truths": (text([f"{t},33.0,True,3000" for t in range(9)]), "line 2: longitude_deg is 'True'"),
     "decimal commas": (text().replace(",", ";").replace(".", ","), "line 2: .* a decimal comma"),
     "both commas": (text([r.replace(".", ",") for r in ROWS]), "line 2 has 7 .* a decimal comma"),
     "dates": (text(["2024-05-01T00:00:0" + r for r in ROWS]), "line 2: time_s is '2024.* seconds"),

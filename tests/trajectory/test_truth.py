@@ -3,33 +3,19 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from error_free import closure
+from manoeuvres import spec, vertical_acceleration
 from pydantic import ValidationError
 
-from ggbench.gravity.ellipsoid import metres_per_radian
 from ggbench.ins import strapdown
 from ggbench.simulation.error_free_flight import trajectory_of
 from ggbench.spec.trajectory import TrajectorySpec
-from ggbench.trajectory import terrain_following
-from ggbench.trajectory.manoeuvres import TrajectoryError
+from ggbench.trajectory.manoeuvres import Climb, TrajectoryError
 from ggbench.trajectory.truth import Segment, Trajectory, fly
-
-START = {
-    "latitude_deg": 33.5,
-    "longitude_deg": 108.0,
-    "height_m": 3000.0,
-    "speed_mps": 200.0,
-    "heading_deg": 90.0,
-}
-
-
-def spec(*segments: dict[str, Any], **changes: Any) -> TrajectorySpec:
-    return TrajectorySpec.model_validate(START | {"segment": list(segments)} | changes)
 
 
 def speed_of(flight: Trajectory) -> np.ndarray:
@@ -42,10 +28,6 @@ def headings(flight: Trajectory) -> np.ndarray:
 
 def banks(flight: Trajectory) -> np.ndarray:
     return np.degrees(np.arctan2(-flight.attitudes[:, 2, 0], flight.attitudes[:, 2, 2]))
-
-
-def vertical_acceleration(flight: Trajectory) -> np.ndarray:
-    return np.diff(flight.velocities[:, 2]) / flight.dt
 
 
 CLIMBS = [
@@ -79,6 +61,39 @@ def test_a_climb_ends_level_at_its_height(climb, dt):
     assert asked.duration_s == pytest.approx(flight.times[-1], abs=0.5 * dt + 1e-9)
 
 
+def test_a_climb_too_small_for_its_angle_is_as_quick_as_its_acceleration_allows():
+    """30 m are climbed at 2 m/s², pull-up and push-over at once, and not at the pace of 10°."""
+    flight = trajectory_of(
+        spec({"kind": "climb", "by_height_m": 30.0, "climb_angle_deg": 10.0}), 0.05
+    )
+    assert np.abs(vertical_acceleration(flight)).max() == pytest.approx(2.0, rel=0.02)
+
+
+def test_a_climb_begins_below_the_ellipsoid_too():
+    """A field on the shore of the Dead Sea lies 400 m below: to 100 m it is half a kilometre."""
+    climb = {"kind": "climb", "to_height_m": 100.0, "climb_angle_deg": 5.0}
+    flight = trajectory_of(spec(climb, height_m=-400.0), 0.1)
+    assert flight.positions[-1, 2] == pytest.approx(100.0, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("climb", "speed", "sentence"),
+    [
+        (Climb(by=1000.0, angle=1.55, vertical_acceleration=1e3), 100.0, "cannot climb 1000 m in"),
+        (Climb(by=-1000.0, angle=1.55, vertical_acceleration=1e3), 100.0, "cannot climb -1000 m"),
+        (
+            Climb(by=0.5, angle=0.1),
+            1.0,
+            "climbs within 9.* s, too short for an IMU interval of 7 s",
+        ),
+    ],
+)
+def test_a_climb_that_its_sampling_spoils_has_its_sentence(climb, speed, sentence):
+    """Rounded to intervals of seven seconds there is no time for it."""
+    with pytest.raises(TrajectoryError, match=rf"segment\[0\]: {sentence}"):
+        fly(np.array([0.5, 1.0, 3000.0]), speed, 0.0, 0.0, 0.0, [climb], 7.0)
+
+
 TURNS = [
     ({"to_heading_deg": 0.0, "bank_deg": 30.0}, -90.0, 30.0),
     ({"to_heading_deg": 0.0, "direction": "right", "bank_deg": 30.0}, 270.0, 30.0),
@@ -108,6 +123,21 @@ def test_a_turn_ends_at_its_heading_level_and_coordinated(turn, angle, bank):
     assert np.abs(increments[:, 0] / flight.dt).max() < 0.06
 
 
+def test_a_small_turn_is_rolled_in_and_out():
+    """Two degrees take the ten seconds of both, however steep a turn may be."""
+    turn = {"kind": "turn", "by_heading_deg": 2.0, "bank_deg": 30.0}
+    assert spec(turn).duration_s == pytest.approx(10.0)
+
+
+def test_a_turn_that_accelerates_leans_ever_more():
+    """tan(bank) = speed · turn rate / g with the speed at that moment."""
+    asked = Segment(40.0, turn_rate=0.02, acceleration=5.0)
+    flight = fly(np.array([0.5, 1.0, 0.0]), 100.0, 0.0, 0.0, 0.0, [asked], 0.1)
+    rate = np.gradient(np.radians(headings(flight)), 0.1)
+    lean = np.tan(np.radians(banks(flight)))
+    np.testing.assert_allclose(lean[60:-60], (speed_of(flight) * rate / 9.81)[60:-60], rtol=1e-6)
+
+
 def test_the_radius_of_a_turn():
     """A circle of 6 km passes 12 km from where it began."""
     flight = trajectory_of(
@@ -128,6 +158,9 @@ def test_speed_and_distance():
     cruise = spec({"kind": "cruise", "distance_km": 12.0})
     assert cruise.duration_s == pytest.approx(60.0)
     assert spec({"kind": "cruise", "duration_s": 5.0}).duration_s == pytest.approx(5.0)
+    pull_up = {"duration_s": 10.0, "climb_rate_deg_per_s": 3.0}
+    climbing = spec(pull_up, {"kind": "cruise", "distance_km": 12.0})
+    assert climbing.duration_s == pytest.approx(70.0)  # along the path
     flight = trajectory_of(cruise, 0.05)
     east = (
         (flight.positions[-1, 1] - flight.positions[0, 1]) * 6.3847e6 * math.cos(math.radians(33.5))
@@ -180,119 +213,33 @@ def test_rounding_of_short_segments_does_not_add_up():
     assert flight.times[-1] == pytest.approx(37.0)
 
 
+def test_a_segment_too_short_to_be_rolled_into_is_one_smooth_swing():
+    """Within four seconds the rate rises and falls as a single cosine: to twice its mean."""
+    rates = Segment(4.0, turn_rate=0.1).rates(None, 400, 0.01)[:, 0]
+    assert rates.mean() == pytest.approx(0.1)
+    assert rates.max() == pytest.approx(0.2, rel=1e-3)
+    assert rates[[0, -1]].max() < 1e-4
+
+
+def test_the_attitude_of_level_flight_is_no_climb():
+    """Nose up by 0.1 rad and leaning by 0.2 rad, an aircraft flies on at its height."""
+    flight = fly(np.array([0.5, 1.0, 3000.0]), 100.0, 0.0, 0.1, 0.2, [Segment(20.0)], 0.1)
+    assert np.abs(flight.positions[:, 2] - 3000.0).max() < 1e-9
+    np.testing.assert_allclose(flight.attitudes[:, 2, 1], math.sin(0.1))
+    np.testing.assert_allclose(banks(flight), math.degrees(0.2))
+
+
 def test_a_ship_stays_level():
-    """It turns without leaning."""
+    """It turns without leaning, and is lifted without pitching."""
     turn = {"kind": "turn", "by_heading_deg": 180.0, "radius_m": 900.0}
     flight = trajectory_of(
         spec(turn, vehicle="ship", height_m=0.0, speed_mps=6.0, roll_deg=1.0), 0.1
     )
     np.testing.assert_allclose(banks(flight), 1.0, atol=1e-12)
     assert headings(flight)[-1] == pytest.approx(270.0, abs=0.01)
-
-
-# Over terrain.
-
-
-def ridges(name: str, latitude: np.ndarray, longitude: np.ndarray) -> np.ndarray:
-    """Mountains of 5 to 20 km from crest to crest, in metres."""
-    east = (np.degrees(longitude) - 108.0) * 92.8e3
-    return 900.0 + 500.0 * np.sin(east / 3000.0) + 150.0 * np.cos(east / 800.0)
-
-
-@pytest.fixture
-def over_ridges(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[str, Any]:
-    """A segment that follows them."""
-    monkeypatch.setattr(terrain_following, "heights", ridges)
-    file = tmp_path / "ridges.npz"
-    file.touch()
-    return {
-        "kind": "terrain-following",
-        "terrain": str(file),
-        "clearance_m": 150.0,
-        "distance_km": 60.0,
-    }
-
-
-@pytest.mark.parametrize(
-    ("angle", "acceleration", "lowest"), [(10.0, 2.0, None), (25.0, 6.0, None), (25.0, 6.0, 1400.0)]
-)
-def test_terrain_is_followed_within_the_limits(over_ridges, angle, acceleration, lowest):
-    """Clear of the ground, near it on the crests, within angle and acceleration, smooth, level."""
-    segment = over_ridges | {
-        "max_climb_angle_deg": angle,
-        "max_vertical_acceleration_mps2": acceleration,
-    }
-    if lowest:
-        segment["lowest_m"] = lowest
-    asked = spec(segment, {"kind": "cruise", "duration_s": 10.0})
-    assert asked.duration_s == pytest.approx(310.0)
-    flight = trajectory_of(asked, 0.05)
-    height = flight.positions[:, 2]
-    clearance = (height - ridges("", *flight.positions[:, :2].T))[: 300 * 20]
-    assert clearance.min() > 149.5
-    over_ground = np.hypot(flight.velocities[:, 0], flight.velocities[:, 1])
-    climb = np.degrees(np.arctan(flight.velocities[:, 2] / over_ground))
-    assert np.abs(climb).max() < angle + 0.01
-    assert np.abs(climb).max() > min(angle, 20.0) - 10.0
-    felt = vertical_acceleration(flight)
-    assert np.abs(felt).max() < 1.01 * acceleration
-    assert np.abs(np.diff(felt)).max() / 0.05 < 2.0 * acceleration
-    np.testing.assert_allclose(over_ground, 200.0, rtol=1e-9)
-    assert abs(flight.velocities[-1, 2]) < 1e-9
-    np.testing.assert_allclose(height[-200:], height[-1], atol=1e-6)
-    if lowest:
-        assert lowest - 0.01 < height.min() < lowest + 30.0
-    else:
-        assert clearance.min() < 180.0
-    position, _, _ = closure(flight)
-    assert np.abs(position).max() < 1e-3
-
-
-def test_flat_terrain_is_followed_at_its_clearance(over_ridges, monkeypatch):
-    """Down to the clearance and not below; a metre or two is for the rounding of corners."""
-    monkeypatch.setattr(
-        terrain_following, "heights", lambda name, lat, lon: np.full(len(lat), 50.0)
-    )
-    flight = trajectory_of(spec(over_ridges | {"distance_km": 80.0}), 0.1)
-    assert 200.0 <= flight.positions[:, 2].min() < 202.0
-
-
-@pytest.mark.parametrize("place", [15000.0, 15005.0, 15010.0, 15015.0])
-def test_a_wall_between_two_steps_of_the_plan_is_cleared(over_ridges, monkeypatch, place):
-    """Steps are 20 m; a wall 6 m thick may stand anywhere between them."""
-
-    def wall(name: str, latitude: np.ndarray, longitude: np.ndarray) -> np.ndarray:
-        _, east = metres_per_radian(np.array([math.radians(33.5), 0.0, 3000.0]))
-        along = (longitude - math.radians(108.0)) * east
-        return np.where(np.abs(along - place) < 3.0, 1500.0, 50.0)
-
-    monkeypatch.setattr(terrain_following, "heights", wall)
-    flight = trajectory_of(spec(over_ridges | {"distance_km": 24.0}), 0.05)
-    at = np.abs(200.0 * flight.times - place).argmin()
-    assert 1650.0 <= flight.positions[at, 2] < 1680.0
-
-
-def test_a_start_too_low_is_told_how_high_it_must_be(over_ridges):
-    """... and the height that the message gives is enough."""
-    with pytest.raises(TrajectoryError, match=r"segment\[0\]: begins at 700.0 m") as caught:
-        trajectory_of(spec(over_ridges, height_m=700.0), 0.1)
-    needed = float(str(caught.value).split("asks for ")[1].split(" m")[0])
-    trajectory_of(spec(over_ridges, height_m=needed), 0.1)
-    with pytest.raises(TrajectoryError, match="too low"):
-        trajectory_of(spec(over_ridges, height_m=needed - 5.0), 0.1)
-
-
-def test_a_gap_in_the_terrain_under_the_flight_is_told(monkeypatch):
-    """A void of a terrain model is no height, and a bilinear mean with one is none."""
-    grid = np.zeros((3, 4))
-    grid[1, 2] = np.nan
-    monkeypatch.setattr(terrain_following, "_terrain", lambda *_: (10.0, -2.0, 0.5, 0.25, grid))
-    monkeypatch.setattr(terrain_following, "_version", lambda _: (0, 0))
-    places = np.radians([[10.2, 10.4], [-1.9, -1.6]])
-    with pytest.raises(
-        TrajectoryError, match=r"no height at 10\.4\d*° N, -1\.6\d*° E, .* gaps first"
-    ):
-        terrain_following.heights("x", *places)
+    rising = {"duration_s": 10.0, "climb_rate_deg_per_s": 0.5}
+    lifted = trajectory_of(spec(rising, vehicle="ship", height_m=0.0, pitch_deg=2.0), 0.1)
+    np.testing.assert_allclose(lifted.attitudes[:, 2, 1], math.sin(math.radians(2.0)))
 
 
 def test_a_heading_that_is_reached_but_for_rounding_is_reached():
@@ -327,25 +274,6 @@ def test_a_flight_may_last_eleven_days():
     day = {"kind": "cruise", "duration_s": 3e5}
     with pytest.raises(TrajectoryError, match=r"segment\[3\]: ends after 1.2e\+06 s; a flight may"):
         trajectory_of(spec(day, day, day, day), 100.0)
-
-
-def test_terrain_heights_are_those_of_the_grid(monkeypatch):
-    """Bilinear between the points, in either notation of longitudes, and nothing beyond them."""
-    grid = np.arange(12.0).reshape(3, 4) ** 2
-    monkeypatch.setattr(terrain_following, "_terrain", lambda *_: (10.0, -2.0, 0.5, 0.25, grid))
-    monkeypatch.setattr(terrain_following, "_version", lambda _: (0, 0))
-
-    def at(latitude: float, longitude: float) -> float:
-        place = np.radians([latitude]), np.radians([longitude])
-        return float(terrain_following.heights("x", *place)[0])
-
-    assert at(10.0, -2.0) == pytest.approx(0.0, abs=1e-5)
-    assert at(10.5, 358.25) == pytest.approx(25.0, abs=1e-4)
-    assert at(11.0, -1.25) == pytest.approx(121.0, abs=1e-4)
-    assert at(10.25, -1.875) == pytest.approx((0.0 + 1.0 + 16.0 + 25.0) / 4.0, abs=1e-4)
-    for outside in ((9.9, -2.0), (11.1, -2.0), (10.5, -1.0), (10.5, -2.1), (10.5, 178.0)):
-        with pytest.raises(TrajectoryError, match=r"leaves the terrain x at .* it covers 10.000°"):
-            at(*outside)
 
 
 # What cannot be flown, and what cannot be said.
@@ -395,6 +323,12 @@ BAD: dict[str, tuple[list[dict[str, Any]], dict[str, Any], str]] = {
             {"kind": "climb", "to_height_m": 5000.0, "climb_angle_deg": 5.0},
         ], {}, r"segment\[1\]: must begin in level flight, .* 5°",
     ),
+    "not level, but descending": (
+        [
+            {"duration_s": 10.0, "climb_rate_deg_per_s": -0.5},
+            {"kind": "climb", "to_height_m": 5000.0, "climb_angle_deg": 5.0},
+        ], {}, r"segment\[1\]: must begin in level flight, .* -5°",
+    ),
     "standing": ([{"kind": "cruise", "distance_km": 5.0}], {"speed_mps": 0.0}, "needs a speed"),
     "endless": (
         [{"kind": "cruise", "distance_km": 4e4}], {"speed_mps": 1.0}, "may last 1e.06 s at most",
@@ -422,20 +356,18 @@ def test_a_flight_that_cannot_be_has_its_sentence(kind):
         assert spec(*segments, **changes).duration_s
 
 
+def test_a_repetition_that_cannot_be_flown_is_told_as_one():
+    """By the place of its segment in the file, also where no scenario was read before."""
+    climb = Climb(to=5000.0, angle=0.1)
+    with pytest.raises(
+        TrajectoryError, match=r"segment\[0\] \(repetition 2\): already flies at 5000"
+    ):
+        fly(np.array([0.5, 1.0, 3000.0]), 200.0, 0.0, 0.0, 0.0, [climb] * 2, 0.1, size=1)
+
+
 def test_a_dump_says_the_same():
     """A flight goes to other processes as JSON, with all keys that it does not use."""
     asked = spec(*LAP, repeat=2)
     again = TrajectorySpec.model_validate_json(asked.model_dump_json())
     assert again == asked
     assert again.duration_s == asked.duration_s
-
-
-def test_files_are_known_by_content(over_ridges, tmp_path):
-    """Two places of one terrain are one flight; another content is another."""
-    other = tmp_path / "other.npz"
-    other.touch()
-    one, two = spec(over_ridges), spec(over_ridges | {"terrain": str(other)})
-    assert one.placeless() == two.placeless()
-    assert one.file_hashes() == two.file_hashes()
-    other.write_bytes(b"1")
-    assert one.file_hashes() != two.file_hashes()

@@ -1,0 +1,206 @@
+"""Flights over terrain: clear of it, near it, within their limits, or told why not."""
+
+from __future__ import annotations
+
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from error_free import closure
+from manoeuvres import spec, vertical_acceleration
+
+from ggbench.gravity.ellipsoid import metres_per_radian
+from ggbench.simulation.error_free_flight import trajectory_of
+from ggbench.trajectory import terrain_following
+from ggbench.trajectory.manoeuvres import TrajectoryError
+
+
+def ridges(name: str, latitude: np.ndarray, longitude: np.ndarray) -> np.ndarray:
+    """Mountains of 5 to 20 km from crest to crest, in metres."""
+    east = (np.degrees(longitude) - 108.0) * 92.8e3
+    return 900.0 + 500.0 * np.sin(east / 3000.0) + 150.0 * np.cos(east / 800.0)
+
+
+@pytest.fixture
+def over_ridges(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[str, Any]:
+    """A segment that follows them."""
+    monkeypatch.setattr(terrain_following, "heights", ridges)
+    file = tmp_path / "ridges.npz"
+    file.touch()
+    return {
+        "kind": "terrain-following",
+        "terrain": str(file),
+        "clearance_m": 150.0,
+        "distance_km": 60.0,
+    }
+
+
+@pytest.mark.parametrize(
+    ("angle", "acceleration", "lowest"), [(10.0, 2.0, None), (25.0, 6.0, None), (25.0, 6.0, 1400.0)]
+)
+def test_terrain_is_followed_within_the_limits(over_ridges, angle, acceleration, lowest):
+    """Clear of the ground, near it on the crests, within angle and acceleration, smooth, level."""
+    segment = over_ridges | {
+        "max_climb_angle_deg": angle,
+        "max_vertical_acceleration_mps2": acceleration,
+    }
+    if lowest:
+        segment["lowest_m"] = lowest
+    asked = spec(segment, {"kind": "cruise", "duration_s": 10.0})
+    assert asked.duration_s == pytest.approx(310.0)
+    flight = trajectory_of(asked, 0.05)
+    height = flight.positions[:, 2]
+    clearance = (height - ridges("", *flight.positions[:, :2].T))[: 300 * 20]
+    assert clearance.min() > 149.5
+    over_ground = np.hypot(flight.velocities[:, 0], flight.velocities[:, 1])
+    climb = np.degrees(np.arctan(flight.velocities[:, 2] / over_ground))
+    assert np.abs(climb).max() < angle + 0.01
+    assert np.abs(climb).max() > min(angle, 20.0) - 10.0
+    felt = vertical_acceleration(flight)
+    assert np.abs(felt).max() < 1.01 * acceleration
+    assert np.abs(np.diff(felt)).max() / 0.05 < 2.0 * acceleration
+    np.testing.assert_allclose(over_ground, 200.0, rtol=1e-9)
+    assert abs(flight.velocities[-1, 2]) < 1e-9
+    np.testing.assert_allclose(height[-200:], height[-1], atol=1e-6)
+    if lowest:
+        assert lowest - 0.01 < height.min() < lowest + 30.0
+    else:
+        assert clearance.min() < 180.0
+    position, _, _ = closure(flight)
+    assert np.abs(position).max() < 1e-3
+
+
+@pytest.mark.parametrize("ground", [50.0, -400.0])
+def test_flat_terrain_is_followed_at_its_clearance(over_ridges, monkeypatch, ground):
+    """Down to the clearance and not below; half a metre is for the rounding of corners."""
+    monkeypatch.setattr(
+        terrain_following, "heights", lambda name, lat, lon: np.full(len(lat), ground)
+    )
+    flight = trajectory_of(spec(over_ridges | {"distance_km": 80.0}), 0.1)
+    assert 150.0 <= flight.positions[:, 2].min() - ground < 151.0
+
+
+def test_behind_a_hill_the_flight_comes_down_again(over_ridges, monkeypatch):
+    """It ends, level, at the clearance over the plain."""
+    monkeypatch.setattr(
+        terrain_following, "heights",
+        lambda name, lat, lon: np.where(np.abs(lon - math.radians(108.2)) < 5e-4, 2000.0, 50.0),
+    )  # fmt: skip
+    flight = trajectory_of(spec(over_ridges), 0.1)
+    assert flight.positions[:, 2].max() > 2150.0
+    assert 200.0 <= flight.positions[-1, 2] < 201.0
+
+
+@pytest.mark.parametrize("place", [15000.0, 15005.0, 15010.0, 15015.0])
+def test_a_wall_between_two_steps_of_the_plan_is_cleared(over_ridges, monkeypatch, place):
+    """Steps are 20 m; a wall 6 m thick may stand anywhere between them."""
+
+    def wall(name: str, latitude: np.ndarray, longitude: np.ndarray) -> np.ndarray:
+        _, east = metres_per_radian(np.array([math.radians(33.5), 0.0, 3000.0]))
+        along = (longitude - math.radians(108.0)) * east
+        return np.where(np.abs(along - place) < 3.0, 1500.0, 50.0)
+
+    monkeypatch.setattr(terrain_following, "heights", wall)
+    flight = trajectory_of(spec(over_ridges | {"distance_km": 24.0}), 0.05)
+    at = np.abs(200.0 * flight.times - place).argmin()
+    assert 1650.0 <= flight.positions[at, 2] < 1680.0
+
+
+def test_a_start_too_low_is_told_how_high_it_must_be(over_ridges):
+    """... and the height that the message gives is enough."""
+    with pytest.raises(TrajectoryError, match=r"segment\[0\]: begins at 700.0 m") as caught:
+        trajectory_of(spec(over_ridges, height_m=700.0), 0.1)
+    needed = float(str(caught.value).split("asks for ")[1].split(" m")[0])
+    trajectory_of(spec(over_ridges, height_m=needed), 0.1)
+    with pytest.raises(TrajectoryError, match="too low"):
+        trajectory_of(spec(over_ridges, height_m=needed - 5.0), 0.1)
+
+
+def test_a_gap_in_the_terrain_under_the_flight_is_told(monkeypatch):
+    """A void of a terrain model is no height, and a bilinear mean with one is none."""
+    grid = np.zeros((3, 4))
+    grid[1, 2] = np.nan
+    monkeypatch.setattr(terrain_following, "_terrain", lambda *_: (10.0, -2.0, 0.5, 0.25, grid))
+    monkeypatch.setattr(terrain_following, "_version", lambda _: (0, 0))
+    places = np.radians([[10.2, 10.4], [-1.9, -1.6]])
+    with pytest.raises(
+        TrajectoryError, match=r"no height at 10\.4\d*° N, -1\.6\d*° E, .* gaps first"
+    ):
+        terrain_following.heights("x", *places)
+
+
+@pytest.mark.parametrize(("angle", "acceleration"), [(10.0, 2.0), (25.0, 6.0)])
+def test_a_plateau_is_climbed_as_steeply_as_is_allowed(
+    over_ridges, monkeypatch, angle, acceleration
+):
+    """The angle is that of the path, its sine over its cosine, not its sine alone."""
+    monkeypatch.setattr(
+        terrain_following, "heights",
+        lambda name, lat, lon: np.where(lon > math.radians(108.3), 4500.0, 50.0),
+    )  # fmt: skip
+    limits = {"max_climb_angle_deg": angle, "max_vertical_acceleration_mps2": acceleration}
+    flight = trajectory_of(spec(over_ridges | limits), 0.05)
+    over_ground = np.hypot(flight.velocities[:, 0], flight.velocities[:, 1])
+    climb = np.degrees(np.arctan(flight.velocities[:, 2] / over_ground))
+    assert climb.max() == pytest.approx(angle, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("before", "changes", "sentence"),
+    [
+        ([], {"distance_km": 3.8}, r"segment\[0\]: lasts 19 s; .* for 20 to 36000 s"),
+        ([{"duration_s": 5.0, "climb_rate_deg_per_s": 1.0}], {}, "must begin in level flight"),
+        ([{"duration_s": 5.0, "climb_rate_deg_per_s": -1.0}], {}, "must begin in level flight"),
+    ],
+)
+def test_terrain_that_cannot_be_followed_has_its_sentence(over_ridges, before, changes, sentence):
+    """For too short a time, and not from a climb or a descent."""
+    with pytest.raises(TrajectoryError, match=sentence):
+        trajectory_of(spec(*before, over_ridges | changes), 0.1)
+
+
+def test_a_terrain_written_anew_is_read_anew(tmp_path):
+    """Though its name and its grid are the same."""
+    place = np.radians([10.05]), np.radians([20.05])
+    sides = {"lat": 10.0 + np.arange(20) / 100.0, "lon": 20.0 + np.arange(20) / 100.0}
+    for height in (100.0, 250.0):
+        file = tmp_path / "hills.npz"
+        np.savez(file, z=np.full((20, 20), height), **sides)
+        os.utime(file, (height, height))
+        assert terrain_following.heights(str(file), *place) == pytest.approx(height)
+
+
+def test_terrain_heights_are_those_of_the_grid(monkeypatch):
+    """Bilinear between the points, in either notation of longitudes, and nothing beyond them."""
+    grid = np.arange(12.0).reshape(3, 4) ** 2
+    monkeypatch.setattr(terrain_following, "_terrain", lambda *_: (10.0, -2.0, 0.5, 0.25, grid))
+    monkeypatch.setattr(terrain_following, "_version", lambda _: (0, 0))
+
+    def at(latitude: float, longitude: float) -> float:
+        place = np.radians([latitude]), np.radians([longitude])
+        return float(terrain_following.heights("x", *place)[0])
+
+    assert at(10.0, -2.0) == pytest.approx(0.0, abs=1e-5)
+    assert at(10.5, 358.25) == pytest.approx(25.0, abs=1e-4)
+    assert at(11.0, -1.25) == pytest.approx(121.0, abs=1e-4)
+    assert at(10.25, -1.875) == pytest.approx((0.0 + 1.0 + 16.0 + 25.0) / 4.0, abs=1e-4)
+    covered = "10.000° to 11.000° N, -2.000° to -1.250° E"
+    for outside in ((9.9, -2.0), (11.1, -2.0), (10.5, -1.0), (10.5, -2.1), (10.5, 178.0)):
+        with pytest.raises(
+            TrajectoryError, match=rf"leaves the terrain x at .*; it covers {covered}"
+        ):
+            at(*outside)
+
+
+def test_files_are_known_by_content(over_ridges, tmp_path):
+    """Two places of one terrain are one flight; another content is another."""
+    other = tmp_path / "other.npz"
+    other.touch()
+    one, two = spec(over_ridges), spec(over_ridges | {"terrain": str(other)})
+    assert one.placeless() == two.placeless()
+    assert one.file_hashes() == two.file_hashes()
+    other.write_bytes(b"1")
+    assert one.file_hashes() != two.file_hashes()
