@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from ..gravity.field import Field
+from ..gravity.field import DisturbanceMap, Field
 from ..ins.strapdown import steady_force
 from ..sensors.aiding import AidingSensor, Barometer, Gnss, Gravimeter, Motion, VelocityLog
 from ..sensors.aiding_kernels import MOVED, Aiding
@@ -120,9 +120,9 @@ class AidingReadings(NamedTuple):
 
 def aiding_readings(
     true: Sequence[AidingSensor],
-    model: Sequence[AidingSensor],
-    bias_states: np.ndarray,
-    fields: tuple[Field, Field],
+    model: Receives,
+    field: Field,
+    weighed: DisturbanceMap,
     times: np.ndarray,
     read_at: Sequence[np.ndarray],
     truth: Motion,
@@ -133,21 +133,21 @@ def aiding_readings(
 
     Parameters
     ----------
-    true, model : the sensors as they are and as the estimators know them.
-    bias_states : (e,) index of each channel's bias among the states; −1 for none.
-    fields : the true one and the one that the estimators are told.
+    true : the sensors as they are. model : those that the estimators know, with their states.
+    field : the true one. weighed : the gravity of the estimators' map, as :func:`aiding_about`
+        takes it.
     times : (K,) epochs [s]. read_at : indices of the epochs at which each sensor is read.
     truth : true motion at the epochs (K, .). ins : what the INS of each run indicates (R, K, .).
     streams : the generators of the runs.
     """
     runs, epochs = ins.positions.shape[:2]
-    aiding, offset = aiding_about(model, bias_states, fields[1], read_at, ins)
+    aiding, offset = aiding_about(model, weighed, read_at, ins)
     z, first, biases = np.zeros(offset.shape), 0, []
-    for sensor, known, at in zip(true, model, read_at, strict=True):
+    for sensor, known, at in zip(true, model.aiding, read_at, strict=True):
         width = len(sensor.channels)
         some = slice(first, first + width)
         first += width
-        z[:, at, some] = sensor.exact(_at(truth, at), _at(ins, at), fields[0])
+        z[:, at, some] = sensor.exact(_at(truth, at), _at(ins, at), field)
         for r, of_run in enumerate(streams):
             drawn = np.zeros((epochs, width))
             if sensor.bias > 0.0:
@@ -172,16 +172,32 @@ def aiding_readings(
     return AidingReadings(z, offset, aiding, present, _stacked(biases, runs, epochs))
 
 
+class Receives(Protocol):
+    """What of an equipment matters here."""
+
+    @property
+    def aiding(self) -> tuple[AidingSensor, ...]:
+        """The sensors."""
+
+    @property
+    def aiding_biases(self) -> np.ndarray:
+        """Which state is the bias of each channel (e,); −1 for none."""
+
+    @property
+    def gravity_state(self) -> int:
+        """The first state of the gravity disturbance; −1 for none."""
+
+
 def aiding_about(
-    sensors: Sequence[AidingSensor],
-    bias_states: np.ndarray,
-    field: Field,
-    read_at: Sequence[np.ndarray],
-    motion: Motion,
+    model: Receives, weighed: DisturbanceMap, read_at: Sequence[np.ndarray], motion: Motion
 ) -> tuple[Aiding, np.ndarray]:
-    """Return h of the sensors about a motion (..., K, .), all readings there, and its offset."""
+    """Return h of the sensors about a motion (..., K, .), all readings there, and its offset.
+
+    ``weighed`` is the gravity of a map that they read.
+    """
+    sensors = model.aiding
     epochs = motion.positions.shape[:-1]
-    total, first = len(bias_states), 0
+    total, first = len(model.aiding_biases), 0
     offset, present = np.zeros((2, *epochs, total))
     rows = np.zeros((*epochs, total, MOVED))
     for sensor, at in zip(sensors, read_at, strict=True):
@@ -191,7 +207,9 @@ def aiding_about(
         present[..., at, some] = 1.0
         first = some.stop
     weights = np.concatenate([np.zeros((0, 3)), *(sensor.weights for sensor in sensors)])
-    aiding = Aiding(rows, bias_states, weights, motion.positions, present, field.disturbance_map)
+    aiding = Aiding(
+        rows, model.aiding_biases, weights, model.gravity_state, motion.positions, present, weighed
+    )
     return aiding, offset
 
 

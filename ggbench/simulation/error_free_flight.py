@@ -14,7 +14,7 @@ from ..errors import GGBenchError
 from ..gravity.ellipsoid import metres_along
 from ..gravity.field import DisturbanceMap, Field
 from ..ins import strapdown
-from ..ins.error_model import POSITION, STATES, system_matrices
+from ..ins.error_model import POSITION, STATES
 from ..sensors.aiding import Motion
 from ..sensors.gradiometer.faults import Faults
 from ..sensors.gradiometer.instrument import inertial_from_local, readings
@@ -111,6 +111,26 @@ class Flight:
         compensates = self.case.model.field.compensate
         return field.disturbance_map if compensates else strapdown.NORMAL_GRAVITY
 
+    def weighed(self, field: Field) -> DisturbanceMap:
+        """Return of which map of gravity a gravimeter's readings are functions of the position.
+
+        Where the gravity that the INS does not know is a state, only of what the INS adds.
+        """
+        if self.model.disturbance is not None:
+            return self.added_gravity(field)
+        return field.disturbance_map
+
+    @cached_property
+    def unknown_gravity(self) -> np.ndarray:
+        """The gravity disturbance (K, 3), ENU [m/s²], that the INS does not know at the truth."""
+        places = self.motion_at_epochs.positions.T
+        found = np.zeros((len(self.epochs), 3))
+        if self.case.side("truth").field.gravity_disturbance:
+            found += self.field.gravity_disturbance(*places)
+        if self.case.model.field.compensate:
+            found -= self.model_field.gravity_disturbance(*places)
+        return found
+
     @cached_property
     def faults(self) -> Faults:
         """What is wrong with the gradiometer beyond noise and biases."""
@@ -156,19 +176,10 @@ class Flight:
         filter is left out, too; without a filter it is noise of the readings like the other.
         """
         truth, true = self.trajectory, self.true
-        matrices, noise = true.complete(
-            system_matrices(
-                truth.positions,
-                truth.velocities,
-                truth.attitudes,
-                self.delta_velocities,
-                truth.dt,
-                self.added_gravity(self.field),
-            )
-        )
         transition, process_cov = true.system(
-            matrices, noise, truth.positions, self.epochs, truth.dt
-        )
+            Motion(truth.positions, truth.velocities, truth.attitudes), self.delta_velocities,
+            self.epochs, truth.dt, self.added_gravity(self.field),
+        )  # fmt: skip
         rows = np.zeros((len(self.epochs), 6, STATES))
         rows[:, :3, POSITION] = np.eye(3)
         rows[:, 3:, 6:9] = np.eye(3)
@@ -192,10 +203,9 @@ class Flight:
                 rows,
                 prefilter(None, len(at), "whitened", 0.0),
                 at=at,
-                others=aiding_about(
-                    true.aiding, true.aiding_biases, self.field, self.aiding_epochs, motion
-                ),
+                others=aiding_about(true, self.weighed(self.field), self.aiding_epochs, motion),
                 dimension=true.dimension,
+                bias=true.gradient_bias,
             )
         )
         zero = np.zeros(true.dimension)
@@ -244,7 +254,8 @@ def prepare(case: CaseSpec) -> Flight:
     if case.trajectory.files():
         case.check_duration()
     true, model = case.side("truth"), case.side("model")
-    field, model_field = make_field(true.field), make_field(model.field)
+    field = make_field(true.field, case.truth.field.constant_disturbance_mgal)
+    model_field = make_field(model.field)
     trajectory, delta_angles, delta_velocities = _error_free(
         case.trajectory,
         case.imu.period_s,

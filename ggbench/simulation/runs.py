@@ -117,7 +117,7 @@ def simulate_block(
         ins.states[:, :, 6:].reshape(*ins.states.shape[:2], 3, 3),
     )
     others = aiding_readings(
-        flight.true.aiding, model.aiding, model.aiding_biases, (flight.field, flight.model_field),
+        flight.true.aiding, model, flight.field, flight.weighed(flight.model_field),
         times, flight.aiding_epochs, flight.motion_at_epochs, indicated, streams,
     )  # fmt: skip
     problems = ProblemBlock(
@@ -143,6 +143,7 @@ def simulate_block(
             at,
             (others.aiding, others.offset),
             model.dimension,
+            model.gradient_bias,
         ),
         layout=model.layout,
         present=np.concatenate([there, others.present], axis=2),
@@ -157,9 +158,11 @@ def simulate_block(
         error_state,
     )  # fmt: skip
     error_state[:, :, GYRO_BIAS.start : STATES] = ins.biases
+    if model.disturbance is not None:
+        error_state[:, :, STATES : model.disturbed] = flight.unknown_gravity
     first = model.dimension - others.biases.shape[2]
-    if first > STATES:
-        error_state[:, :, STATES:first] = instrument_biases
+    if first > model.disturbed:
+        error_state[:, :, model.disturbed : first] = instrument_biases
     error_state[:, :, first:] = others.biases
     return problems, TruthBlock(times, error_state)
 

@@ -30,6 +30,7 @@ from ggbench.gravity import parker
 from ggbench.judging import locking
 from ggbench.judging.run_errors import window_mask
 from ggbench.maps import recipe
+from ggbench.sensors.aiding import Motion
 from ggbench.simulation import field_source
 from ggbench.simulation.equipment import Equipment
 from ggbench.simulation.error_free_flight import Flight
@@ -105,8 +106,9 @@ def noise(f: Flight, e: Equipment) -> float:
 
 def walk(f: Flight, e: Equipment) -> float:
     """The root of what Q adds to a bias of the gradiometer in a second."""
-    nothing = np.zeros((10, 15, 15)), np.zeros((15, 15)), f.trajectory.positions[:11]
-    _, q = e.system(*nothing, np.array([10]), 0.1)
+    still = Motion(*(a[:11] for a in (f.trajectory.positions, f.trajectory.velocities)),
+                   f.trajectory.attitudes[:11])  # fmt: skip
+    _, q = e.system(still, np.zeros((10, 3)), np.array([10]), 0.1)
     return E * math.sqrt(q[0, 15, 15])
 
 
