@@ -176,6 +176,8 @@ class Equipment:
             sigma[2] = initial.height_m
         sigma[VELOCITY] = initial.velocity_mps
         sigma[ATTITUDE] = math.radians(initial.attitude_arcmin / 60.0)
+        if initial.heading_arcmin is not None:
+            sigma[ATTITUDE.stop - 1] = math.radians(initial.heading_arcmin / 60.0)
         # A sensor without bias leaves no freedom; a covariance must stay positive definite.
         sigma[GYRO_BIAS] = max(self.imu.gyro_bias, 1e-15)
         sigma[ACCELEROMETER_BIAS] = max(self.imu.accelerometer_bias, 1e-12)

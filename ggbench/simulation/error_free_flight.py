@@ -14,7 +14,7 @@ from ..errors import GGBenchError
 from ..gravity.ellipsoid import metres_along
 from ..gravity.field import DisturbanceMap, Field
 from ..ins import strapdown
-from ..ins.error_model import POSITION, STATES
+from ..ins.error_model import POSITION, STATES, navigation_errors
 from ..sensors.aiding import Motion
 from ..sensors.gradiometer.faults import Faults
 from ..sensors.gradiometer.instrument import inertial_from_local, readings
@@ -130,6 +130,29 @@ class Flight:
         if self.case.model.field.compensate:
             found -= self.model_field.gravity_disturbance(*places)
         return found
+
+    @cached_property
+    def gravity_response(self) -> np.ndarray:
+        """Errors (K, 9) of an INS without any other error than that it does not know the gravity.
+
+        Position ENU [m], velocity ENU [m/s], attitude about the body's axes [rad]: pitch, roll, and
+        heading to the left.
+        """
+        truth = self.trajectory
+        heights, gains = None, (0.0, 0.0)
+        if self.true.altimeter is not None:
+            heights, gains = truth.positions[1:, 2], self.true.altimeter[0]
+        found = strapdown.navigate(
+            truth.positions[0], truth.velocities[0], truth.attitudes[0], self.delta_angles,
+            self.delta_velocities, truth.dt, heights, gains, self.added_gravity(self.model_field),
+        )  # fmt: skip
+        position, velocity, attitude = (array[self.epochs] for array in found)
+        at = self.motion_at_epochs
+        states = np.hstack([position, velocity, attitude.reshape(-1, 9)])
+        errors = np.empty((1, len(states), 9))
+        navigation_errors(states[np.newaxis], at.positions, at.velocities, at.attitudes, errors)
+        errors[0, :, 6:] = np.einsum("kji,kj->ki", at.attitudes, errors[0, :, 6:])
+        return errors[0]
 
     @cached_property
     def faults(self) -> Faults:

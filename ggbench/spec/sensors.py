@@ -142,6 +142,7 @@ class InitialErrorSpec(Section):
     velocity_mps: VelocityError
     attitude_arcmin: AttitudeError
     height_m: HeightError | None = None
+    heading_arcmin: AttitudeError | None = None
 
 
 class InitialErrorChange(Section):
@@ -151,6 +152,7 @@ class InitialErrorChange(Section):
     velocity_mps: VelocityError | None = None
     attitude_arcmin: AttitudeError | None = None
     height_m: HeightError | None = None
+    heading_arcmin: AttitudeError | None = None
 
 
 class RotatingSpec(Section):
