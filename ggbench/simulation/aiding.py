@@ -103,26 +103,23 @@ def _faults(changes: Interruptions | None, *outliers: float) -> Faults:
 
 
 class AidingReadings(NamedTuple):
-    """What the other sensors deliver in R runs, and how it depends on the INS's errors.
+    """What the other sensors deliver in R runs.
 
     Attributes
     ----------
-    measurements : (R, K, e); zero where there is none. offset : (R, K, e), the same.
-    aiding : the arrays of h. present : (R, K, e) truths. biases : (R, K, b) true ones.
+    measurements : (R, K, e); whatever ``present`` denies is no reading. present : (R, K, e).
+    biases : (R, K, b) true ones.
     """
 
     measurements: np.ndarray
-    offset: np.ndarray
-    aiding: Aiding
     present: np.ndarray
     biases: np.ndarray
 
 
 def aiding_readings(
     true: Sequence[AidingSensor],
-    model: Receives,
+    model: Sequence[AidingSensor],
     field: Field,
-    weighed: DisturbanceMap,
     times: np.ndarray,
     read_at: Sequence[np.ndarray],
     truth: Motion,
@@ -133,21 +130,22 @@ def aiding_readings(
 
     Parameters
     ----------
-    true : the sensors as they are. model : those that the estimators know, with their states.
-    field : the true one. weighed : the gravity of the estimators' map, as :func:`aiding_about`
-        takes it.
+    true, model : the sensors as they are and as the estimators know them.
+    field : the true one.
     times : (K,) epochs [s]. read_at : indices of the epochs at which each sensor is read.
     truth : true motion at the epochs (K, .). ins : what the INS of each run indicates (R, K, .).
     streams : the generators of the runs.
     """
     runs, epochs = ins.positions.shape[:2]
-    aiding, offset = aiding_about(model, weighed, read_at, ins)
-    z, first, biases = np.zeros(offset.shape), 0, []
-    for sensor, known, at in zip(true, model.aiding, read_at, strict=True):
+    channels = sum(len(sensor.channels) for sensor in true)
+    z, first, biases = np.zeros((runs, epochs, channels)), 0, []
+    present = np.zeros(z.shape, dtype=bool)
+    for sensor, known, at in zip(true, model, read_at, strict=True):
         width = len(sensor.channels)
         some = slice(first, first + width)
         first += width
         z[:, at, some] = sensor.exact(_at(truth, at), _at(ins, at), field)
+        present[:, at, some] = True
         for r, of_run in enumerate(streams):
             drawn = np.zeros((epochs, width))
             if sensor.bias > 0.0:
@@ -163,13 +161,8 @@ def aiding_readings(
             lost = sensor.faults.in_dropouts(times[at])
             if sensor.faults.dropout_share > 0.0:
                 lost = sensor.faults.missing(times[at], getattr(of_run, f"{sensor.name}_dropouts"))
-            aiding.present[r, at[lost], some] = 0.0
-    # Zero where nothing is delivered, as h is then.
-    present = aiding.present != 0.0
-    z *= present
-    offset *= present
-    aiding.rows[~present] = 0.0
-    return AidingReadings(z, offset, aiding, present, _stacked(biases, runs, epochs))
+            present[r, at[lost], some] = False
+    return AidingReadings(z, present, _stacked(biases, runs, epochs))
 
 
 class Receives(Protocol):

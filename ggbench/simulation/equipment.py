@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from ..gravity.field import DisturbanceMap
+from ..gravity.field import DisturbanceMap, Field
 from ..ins.adjoint import Noise, noise_roots
 from ..ins.error_model import (
     ACCELEROMETER_BIAS,
@@ -60,6 +60,7 @@ class Equipment:
     altimeter : gains k₁ [1/s], k₂ [1/s²] and noise PSD [m²/Hz] of the altimeter, if there is one.
     disturbance : σ ENU [m/s²] of the gravity that the INS does not know and the distance D [m] of
         its correlation, if it is a state.
+    compensates : whether the mechanization adds the gravity disturbance of its map.
     """
 
     imu: Imu
@@ -68,6 +69,15 @@ class Equipment:
     side: Side
     altimeter: tuple[tuple[float, float], float] | None
     disturbance: tuple[tuple[float, float, float], float] | None = None
+    compensates: bool = False
+
+    def weighed(self, field: Field) -> DisturbanceMap:
+        """Return of which map of gravity a gravimeter's readings are functions of the position.
+
+        Where the gravity that the INS does not know is a state, only of what the INS adds.
+        """
+        known = self.disturbance is None or self.compensates
+        return field.disturbance_map if known else NORMAL_GRAVITY
 
     @property
     def gradients(self) -> int:
@@ -319,8 +329,9 @@ def equip(case: CaseSpec, name: Literal["truth", "model"]) -> Equipment:
     gradiometer = None if side.gradiometer is None else _gradiometer(side.gradiometer)
     sensors = on_board(side, case.truth if name == "truth" else None)
     return Equipment(
-        _imu(side.imu, errors), gradiometer, sensors, side, altimeter, _disturbance(case)
-    )
+        _imu(side.imu, errors), gradiometer, sensors, side, altimeter, _disturbance(case),
+        case.model.field.compensate,
+    )  # fmt: skip
 
 
 def _disturbance(case: CaseSpec) -> tuple[tuple[float, float, float], float] | None:

@@ -30,6 +30,7 @@ from .aiding import aiding_about
 from .bound import Bound, posterior_bound
 from .equipment import Equipment, equip, faults, spinning_disks
 from .field_source import make_field
+from .formulation import Schedule
 
 
 @dataclass(frozen=True)
@@ -78,6 +79,14 @@ class Flight:
         return np.flatnonzero(self.epochs % stride == 0)
 
     @property
+    def schedule(self) -> Schedule:
+        """When what is read."""
+        return Schedule(
+            self.times, self.epochs, self.trajectory.dt, self.gradient_epochs, self.aiding_epochs,
+            self.case.periods.get("gradiometer", 0.0),
+        )  # fmt: skip
+
+    @property
     def instrument(self) -> str:
         """How the gradiometer is mounted."""
         spec = self.case.gradiometer
@@ -108,17 +117,7 @@ class Flight:
 
     def added_gravity(self, field: Field) -> DisturbanceMap:
         """Return what the mechanization, if it has this field, adds to normal gravity."""
-        compensates = self.case.model.field.compensate
-        return field.disturbance_map if compensates else strapdown.NORMAL_GRAVITY
-
-    def weighed(self, field: Field) -> DisturbanceMap:
-        """Return of which map of gravity a gravimeter's readings are functions of the position.
-
-        Where the gravity that the INS does not know is a state, only of what the INS adds.
-        """
-        if self.model.disturbance is not None:
-            return self.added_gravity(field)
-        return field.disturbance_map
+        return field.disturbance_map if self.model.compensates else strapdown.NORMAL_GRAVITY
 
     @cached_property
     def unknown_gravity(self) -> np.ndarray:
@@ -127,7 +126,7 @@ class Flight:
         found = np.zeros((len(self.epochs), 3))
         if self.case.side("truth").field.gravity_disturbance:
             found += self.field.gravity_disturbance(*places)
-        if self.case.model.field.compensate:
+        if self.model.compensates:
             found -= self.model_field.gravity_disturbance(*places)
         return found
 
@@ -226,7 +225,7 @@ class Flight:
                 rows,
                 prefilter(None, len(at), "whitened", 0.0),
                 at=at,
-                others=aiding_about(true, self.weighed(self.field), self.aiding_epochs, motion),
+                others=aiding_about(true, true.weighed(self.field), self.aiding_epochs, motion),
                 dimension=true.dimension,
                 bias=true.gradient_bias,
             )

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -20,22 +19,20 @@ from ..gravity.ellipsoid import metres_per_radian
 from ..ins.error_model import (
     ATTITUDE,
     GYRO_BIAS,
-    POSITION,
     STATES,
     VELOCITY,
     navigation_errors,
 )
 from ..ins.strapdown import TRACK, navigate_lanes
-from ..numerics.lanes import groups, in_lanes, out_of_lanes, unfilled
+from ..numerics.lanes import groups, in_lanes, unfilled
 from ..numerics.rotations import between, rotation_matrix
 from ..problem import Problem
-from ..sensors.aiding import Motion
 from ..sensors.gradiometer.faults import biases as gradiometer_biases
 from ..sensors.gradiometer.instrument import Gradiometer, readings
-from ..sensors.model import model_arrays
 from ..trajectory.truth import Trajectory
 from .aiding import aiding_readings
 from .error_free_flight import Flight
+from .formulation import Indicated, Readings, follow, formulate
 from .random_streams import RandomStreams, random_streams
 
 
@@ -94,70 +91,36 @@ def simulate_block(
     flight : the case. seed, runs : the campaign's seed and the numbers of R runs, at least one.
     """
     streams = [random_streams(seed, run) for run in runs]
-    model, times, at = flight.model, flight.times, flight.gradient_epochs
-    treatment = model.treatment(len(at))
-    delays = np.zeros(len(times))
-    delays[at] = treatment.delay_samples * flight.case.periods.get("gradiometer", 0.0)
-    ins = Navigation.empty(len(streams), len(times), model.dimension)
+    model, times, when = flight.model, flight.times, flight.schedule
+    ins = Indicated.empty(len(streams), len(times), model.dimension)
+    imu_biases = np.empty((len(streams), len(times), 6))
     for some in groups(len(streams)):
-        _navigate(flight, delays, streams[some], ins.of_runs(some))
-    measurements = np.zeros((len(streams), len(times), model.gradients))
-    there = np.zeros(measurements.shape, dtype=bool)
-    missing = np.zeros((len(streams), len(at)), dtype=bool)
-    instrument_biases = np.zeros(measurements.shape)
+        track, increments, imu_biases[some] = _navigate(flight, streams[some])
+        follow(
+            model, when, flight.added_gravity(flight.model_field), track, increments,
+            ins.of_runs(some),
+        )  # fmt: skip
+    output = np.zeros((len(streams), len(when.gradients), model.gradients))
+    missing = np.zeros(output.shape[:2], dtype=bool)
+    instrument_biases = np.zeros((len(streams), len(times), model.gradients))
     if flight.true.gradiometer is not None:
         output, instrument_biases = _gradiometer_output(flight, flight.true.gradiometer, streams)
         missing = _missing(flight, streams)
-        there[:, at] = ~missing[:, :, np.newaxis]
-        # Zero where a reading is missing, as the model predicts it then, whatever the state.
-        measurements[:, at] = np.where(there[:, at], treatment.apply(output), 0.0)
-    indicated = Motion(
-        ins.states[:, :, POSITION],
-        ins.states[:, :, VELOCITY],
-        ins.states[:, :, 6:].reshape(*ins.states.shape[:2], 3, 3),
-    )
     others = aiding_readings(
-        flight.true.aiding, model, flight.field, flight.weighed(flight.model_field),
-        times, flight.aiding_epochs, flight.motion_at_epochs, indicated, streams,
+        flight.true.aiding, model.aiding, flight.field, times, when.aiding,
+        flight.motion_at_epochs, ins.motion, streams,
     )  # fmt: skip
-    problems = ProblemBlock(
-        times=times,
-        measurements=np.concatenate([measurements, others.measurements], axis=2),
-        noise_cov=model.noise_cov,
-        transition=ins.transition,
-        process_cov=ins.process_cov,
-        prior_mean=np.zeros(model.dimension),
-        prior_cov=model.prior_cov,
-        model=model_arrays(
-            flight.model_field,
-            model.gradiometer,
-            times,
-            indicated.positions,
-            indicated.attitudes,
-            ins.delayed_positions,
-            ins.delayed_attitudes,
-            delays,
-            ins.rows,
-            treatment,
-            missing,
-            at,
-            (others.aiding, others.offset),
-            model.dimension,
-            model.gradient_bias,
-        ),
-        layout=model.layout,
-        present=np.concatenate([there, others.present], axis=2),
-        channels=model.channels,
-        tracks=ins.states,
-        map=flight.model_field,
-    )
+    problems = formulate(
+        model, flight.model_field, when, ins,
+        Readings(output, missing, others.measurements, others.present),
+    )  # fmt: skip
     truth, epochs = flight.trajectory, flight.epochs
     error_state = np.empty((len(streams), len(times), model.dimension))
     navigation_errors(
         ins.states, truth.positions[epochs], truth.velocities[epochs], truth.attitudes[epochs],
         error_state,
     )  # fmt: skip
-    error_state[:, :, GYRO_BIAS.start : STATES] = ins.biases
+    error_state[:, :, GYRO_BIAS.start : STATES] = imu_biases
     if model.disturbance is not None:
         error_state[:, :, STATES : model.disturbed] = flight.unknown_gravity
     first = model.dimension - others.biases.shape[2]
@@ -167,70 +130,27 @@ def simulate_block(
     return problems, TruthBlock(times, error_state)
 
 
-class Navigation(NamedTuple):
-    """What the INS of R runs indicates, at the epochs, and how its error moves between them.
-
-    Attributes
-    ----------
-    states : (R, K, 15) position, velocity and C_nb, row by row.
-    biases : (R, K, 6) true ones of gyros and accelerometers.
-    delayed_positions, delayed_attitudes : (R, K, 3), (R, K, 3, 3) a reading's delay earlier.
-    transition, process_cov : (R, K, n, n) Φ and Q as the estimators know them.
-    rows : (R, K, 6, 15) from an error at an epoch to that a delay earlier.
-    """
-
-    states: np.ndarray
-    biases: np.ndarray
-    delayed_positions: np.ndarray
-    delayed_attitudes: np.ndarray
-    transition: np.ndarray
-    process_cov: np.ndarray
-    rows: np.ndarray
-
-    @classmethod
-    def empty(cls, runs: int, epochs: int, n: int) -> Navigation:
-        """Return arrays to be filled."""
-        shapes = ((TRACK,), (6,), (3,), (3, 3), (n, n), (n, n), (6, STATES))
-        return cls(*(np.empty((runs, epochs, *shape)) for shape in shapes))
-
-    def of_runs(self, some: slice) -> Navigation:
-        """Return the arrays of some of the runs."""
-        return Navigation(*(array[some] for array in self))
-
-
 def _navigate(
-    flight: Flight, delays: np.ndarray, streams: Sequence[RandomStreams], out: Navigation
-) -> None:
-    """Navigate a group of runs at once; ``delays`` (K,) are those of the readings [s]."""
-    truth, true, model, epochs = flight.trajectory, flight.true, flight.model, flight.epochs
-    runs, count, dt = len(streams), len(flight.delta_angles), truth.dt
+    flight: Flight, streams: Sequence[RandomStreams]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Navigate a group of runs at once.
+
+    Returns
+    -------
+    What the INSs indicate (N + 1, TRACK, LANES), the increments (N, 6, LANES) that they were given,
+    and the true biases (R, K or 1, 6) of gyros and accelerometers in those.
+    """
+    truth, true = flight.trajectory, flight.true
     increments, biases = _inertial_readings(flight, streams)
-    track = unfilled(count + 1, TRACK)
+    track = unfilled(len(flight.delta_angles) + 1, TRACK)
     sigma = np.sqrt(np.diag(true.prior_cov)[:STATES])
     initial = [_perturbed(truth, sigma * s.initial.standard_normal(STATES)) for s in streams]
     heights, gains = _altimeter_readings(flight, streams)
-    added = flight.added_gravity(flight.model_field)
     navigate_lanes(
-        in_lanes(np.stack(initial)[:, np.newaxis]), increments, dt, heights, gains,
-        added, track,
+        in_lanes(np.stack(initial)[:, np.newaxis]), increments, truth.dt, heights, gains,
+        flight.added_gravity(flight.model_field), track,
     )  # fmt: skip
-
-    out.states[:] = out_of_lanes(track[epochs], runs)
-    out.biases[:] = biases
-    earlier = np.maximum(epochs - delays / dt, 0.0)
-    first = earlier.astype(int)
-    share = earlier - first
-    before, after = track[first], track[np.minimum(first + 1, count)]
-    moved = share[:, np.newaxis, np.newaxis] * (after - before)[:, :3]
-    out.delayed_positions[:] = out_of_lanes(before[:, :3] + moved, runs)
-    shape = out.delayed_attitudes.shape
-    out.delayed_attitudes[:] = out.states[:, :, 6:].reshape(shape)
-    if flight.instrument == "strapdown" and delays.any():
-        start, end = (out_of_lanes(c[:, 6:], runs) for c in (before, after))
-        turned = between(start.reshape(-1, 3, 3), end.reshape(-1, 3, 3), np.tile(share, runs))
-        out.delayed_attitudes[:] = turned.reshape(shape)
-    model.along(track, increments, epochs, dt, added, out.transition, out.process_cov)
-    model.delayed_rows(track, increments, epochs, delays, dt, added, out.rows)
+    return track, increments, biases
 
 
 def _inertial_readings(

@@ -1,0 +1,199 @@
+"""From what an INS indicates and what sensors read to the problems that estimators are given.
+
+Whoever made the readings, a simulation or a recording: here nothing is known of the truth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ..block import ProblemBlock
+from ..gravity.field import DisturbanceMap, Field
+from ..ins.error_model import POSITION, STATES, VELOCITY
+from ..ins.strapdown import TRACK
+from ..numerics.lanes import out_of_lanes
+from ..numerics.rotations import between
+from ..sensors.aiding import Motion
+from ..sensors.gradiometer.lowpass import Prefilter
+from ..sensors.model import model_arrays
+from .aiding import aiding_about
+from .equipment import Equipment
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """When what is read.
+
+    Attributes
+    ----------
+    times : (K,) measurement epochs, of whatever sensor, since the start [s].
+    samples : (K,) which of the INS samples they are. dt : between two of those [s].
+    gradients : (G,) at which of the epochs the gradiometer is read; at none without one.
+    aiding : at which of the epochs each of the other sensors is read.
+    period : between two readings of the gradiometer [s]; 0 without one.
+    """
+
+    times: np.ndarray
+    samples: np.ndarray
+    dt: float
+    gradients: np.ndarray
+    aiding: Sequence[np.ndarray]
+    period: float
+
+    def delays(self, treatment: Prefilter) -> np.ndarray:
+        """Return by how much (K,) [s] the gradiometer's readings lag behind their epochs."""
+        delays = np.zeros(len(self.times))
+        delays[self.gradients] = treatment.delay_samples * self.period
+        return delays
+
+
+class Indicated(NamedTuple):
+    """What the INS of R runs indicates, at the epochs, and how its error moves between them.
+
+    Attributes
+    ----------
+    states : (R, K, 15) position, velocity and C_nb, row by row.
+    delayed_positions, delayed_attitudes : (R, K, 3), (R, K, 3, 3) a reading's delay earlier.
+    transition, process_cov : (R, K, n, n) Φ and Q as the estimators know them.
+    rows : (R, K, 6, 15) from an error at an epoch to that a delay earlier.
+    """
+
+    states: np.ndarray
+    delayed_positions: np.ndarray
+    delayed_attitudes: np.ndarray
+    transition: np.ndarray
+    process_cov: np.ndarray
+    rows: np.ndarray
+
+    @classmethod
+    def empty(cls, runs: int, epochs: int, n: int) -> Indicated:
+        """Return arrays to be filled."""
+        shapes = ((TRACK,), (3,), (3, 3), (n, n), (n, n), (6, STATES))
+        return cls(*(np.empty((runs, epochs, *shape)) for shape in shapes))
+
+    def of_runs(self, some: slice) -> Indicated:
+        """Return the arrays of some of the runs."""
+        return Indicated(*(array[some] for array in self))
+
+    @property
+    def motion(self) -> Motion:
+        """What the INS indicates at the epochs (R, K, .)."""
+        return Motion(
+            self.states[:, :, POSITION],
+            self.states[:, :, VELOCITY],
+            self.states[:, :, 6:].reshape(*self.states.shape[:2], 3, 3),
+        )
+
+
+class Readings(NamedTuple):
+    """What the sensors of R runs have read.
+
+    Attributes
+    ----------
+    gradients : (R, G, g) output of the gradiometer, behind its filter [E].
+    missing : (R, G) which of its readings are none.
+    others : (R, K, e) of the other sensors, in the order of their channels.
+    present : (R, K, e) which of those there are; the others may be any finite number.
+    """
+
+    gradients: np.ndarray
+    missing: np.ndarray
+    others: np.ndarray
+    present: np.ndarray
+
+
+def follow(
+    model: Equipment,
+    when: Schedule,
+    gravity: DisturbanceMap,
+    track: np.ndarray,
+    increments: np.ndarray,
+    out: Indicated,
+) -> None:
+    """Fill what is indicated along the tracks of a group of R runs.
+
+    Parameters
+    ----------
+    model : sensors and prior as the estimators know them.
+    when : the epochs. gravity : what the mechanization adds to normal gravity.
+    track : (N + 1, TRACK, LANES) what the INSs indicate at their samples.
+    increments : (N, 6, LANES) the IMU's, with which they came there.
+    out : output, of R runs.
+    """
+    runs, samples, dt = len(out.states), when.samples, when.dt
+    delays = when.delays(model.treatment(len(when.gradients)))
+    out.states[:] = out_of_lanes(track[samples], runs)
+    earlier = np.maximum(samples - delays / dt, 0.0)
+    first = earlier.astype(int)
+    share = earlier - first
+    before, after = track[first], track[np.minimum(first + 1, len(track) - 1)]
+    moved = share[:, np.newaxis, np.newaxis] * (after - before)[:, :3]
+    out.delayed_positions[:] = out_of_lanes(before[:, :3] + moved, runs)
+    shape = out.delayed_attitudes.shape
+    out.delayed_attitudes[:] = out.states[:, :, 6:].reshape(shape)
+    turns = model.gradiometer is not None and model.gradiometer.instrument == "strapdown"
+    if turns and delays.any():
+        start, end = (out_of_lanes(c[:, 6:], runs) for c in (before, after))
+        turned = between(start.reshape(-1, 3, 3), end.reshape(-1, 3, 3), np.tile(share, runs))
+        out.delayed_attitudes[:] = turned.reshape(shape)
+    model.along(track, increments, samples, dt, gravity, out.transition, out.process_cov)
+    model.delayed_rows(track, increments, samples, delays, dt, gravity, out.rows)
+
+
+def formulate(
+    model: Equipment, field: Field, when: Schedule, ins: Indicated, read: Readings
+) -> ProblemBlock:
+    """Return the estimation problems of R runs.
+
+    Parameters
+    ----------
+    model : sensors and prior as the estimators know them. field : the map that they are told.
+    when : the epochs. ins : what the INSs indicate there. read : what the sensors say.
+    """
+    treatment, at, times = model.treatment(len(when.gradients)), when.gradients, when.times
+    motion = ins.motion
+    gradients = np.zeros((*ins.states.shape[:2], model.gradients))
+    there = np.zeros(gradients.shape, dtype=bool)
+    there[:, at] = ~read.missing[:, :, np.newaxis]
+    # Zero where a reading is missing, as the model predicts it then, whatever the state.
+    gradients[:, at] = np.where(there[:, at], treatment.apply(read.gradients), 0.0)
+    aiding, offset = aiding_about(model, model.weighed(field), when.aiding, motion)
+    # Zero where nothing is delivered, as h is then.
+    offset *= read.present
+    aiding.present[~read.present] = 0.0
+    aiding.rows[~read.present] = 0.0
+    return ProblemBlock(
+        times=times,
+        measurements=np.concatenate([gradients, read.others * read.present], axis=2),
+        noise_cov=model.noise_cov,
+        transition=ins.transition,
+        process_cov=ins.process_cov,
+        prior_mean=np.zeros(model.dimension),
+        prior_cov=model.prior_cov,
+        model=model_arrays(
+            field,
+            model.gradiometer,
+            times,
+            motion.positions,
+            motion.attitudes,
+            ins.delayed_positions,
+            ins.delayed_attitudes,
+            when.delays(treatment),
+            ins.rows,
+            treatment,
+            read.missing,
+            at,
+            (aiding, offset),
+            model.dimension,
+            model.gradient_bias,
+        ),
+        layout=model.layout,
+        present=np.concatenate([there, read.present], axis=2),
+        channels=model.channels,
+        tracks=ins.states,
+        map=field,
+    )
