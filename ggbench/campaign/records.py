@@ -15,11 +15,13 @@ import numpy as np
 from pydantic_core import from_json
 
 from ..gravity.field import Field
+from ..ins.system_matrix import STATES
 from ..judging import locking, run_errors
 from ..judging.summary import bound_for, squared_bounds
 from ..problem import Causality, Problem
 from ..results.store import DETAILED_RUN, SERIES_RUNS, Result, kept_epochs
 from ..sensors.gradiometer.instrument import COMPONENTS, Gradiometer
+from ..simulation.bound import Bound
 from ..simulation.error_free_flight import Flight
 from ..simulation.random_streams import random_streams
 from ..spec.case import CaseSpec
@@ -142,9 +144,27 @@ def judged(
         if record["run"] < SERIES_RUNS:
             series = _series(evaluation, r, kept)
         if record["run"] == DETAILED_RUN:
-            detail = _narrowed(np.hstack([evaluation.components[r], evaluation.sigmas[r]]))
+            detail = _narrowed(_detail(flight, error_state[r], estimated, evaluation, r))
         results.append(Result(key, record, series, detail))
     return results
+
+
+def _detail(
+    flight: Flight,
+    error_state: np.ndarray,
+    estimated: Estimated,
+    evaluation: run_errors.Evaluation,
+    r: int,
+) -> np.ndarray:
+    """Return (K, 18) of a run: errors of position and velocity, their σ, those of gravity."""
+    gravity = np.full((len(error_state), 6), np.nan)
+    if flight.model.disturbance is not None:
+        states = slice(STATES, STATES + 3)
+        gravity[:, :3] = error_state[:, states] - estimated.mean[r, :, states]
+        if estimated.cov is not None:
+            variances = np.diagonal(estimated.cov[r], axis1=1, axis2=2)[:, states]
+            gravity[:, 3:] = np.sqrt(np.maximum(variances, 0.0))
+    return np.hstack([evaluation.components[r], evaluation.sigmas[r], gravity])
 
 
 def _outside(flight: Flight, errors: np.ndarray) -> np.ndarray:
@@ -226,6 +246,10 @@ def shared_arrays(flight: Flight, seed: int, lags: Sequence[int]) -> dict[str, n
         bounds[f"fixed-lag-{lag}"] = bound_for(flight.bound, "fixed-lag", lag)
     for name, cov in bounds.items():
         arrays[f"bound-{name}"] = np.stack(squared_bounds(cov), axis=-1)
+    if flight.unknown_gravity.any():
+        arrays["response"] = flight.gravity_response
+    if flight.model.disturbance is not None:
+        arrays["gravity"] = np.hstack([flight.unknown_gravity, _known_gravity(flight.bound)])
     if flight.true.gradiometer is not None:
         arrays |= _gradient_signals(flight, flight.true.gradiometer, seed)
     if flight.field.has_map:
@@ -245,6 +269,20 @@ def _some_expected(flight: Flight) -> np.ndarray:
             none *= 1.0 - flight.expected[:, first]
         first += count
     return np.asarray(1.0 - none)
+
+
+def _known_gravity(bound: Bound) -> np.ndarray:
+    """Return the bound's σ of the gravity disturbance ENU [m/s²] and correlations (K, 5).
+
+    Those of its east part with the tilt about north, and of its north part with that about east.
+    """
+    tilts, states = (7, 6), (STATES, STATES + 1)
+    sigma = np.sqrt(np.diagonal(bound.filtering, axis1=1, axis2=2))
+    correlations = [
+        bound.filtering[:, state, tilt] / (sigma[:, state] * sigma[:, tilt])
+        for state, tilt in zip(states, tilts, strict=True)
+    ]
+    return np.column_stack([sigma[:, STATES : STATES + 3], *correlations])
 
 
 def _gradient_signals(flight: Flight, true: Gradiometer, seed: int) -> dict[str, np.ndarray]:

@@ -11,7 +11,7 @@ from ..block import ProblemBlock
 from ..numerics.kernels import compiled
 from ..numerics.lanes import gather_row, gather_rows, lanes
 from ..numerics.vectors import load, splat, store, with_sign
-from ..sensors.aiding_kernels import MOVED, linearise_aiding
+from ..sensors.aiding_kernels import MOVED, column_of, linearise_aiding
 from ..sensors.model_kernels import (
     Here,
     ModelArrays,
@@ -166,7 +166,7 @@ def _linearise_others(
     blocks.
     """
     slope, rows, innovation, aiding = out.aiding_slope, out.rows, out.innovation, model.aiding
-    channels, first = slope.shape[0], out.slope.shape[0]
+    channels, first, columns = slope.shape[0], out.slope.shape[0], out.b.shape[1]
     linearise_aiding(aiding, group, count, k, out.here.offset, x, out.predicted, slope)
     for i in range(channels):
         place = equations + i
@@ -181,8 +181,9 @@ def _linearise_others(
         store(innovation, 0, place, total)
         for d in range(i + 1):
             for r in range(group.shape[0]):
-                if aiding.bias[d] >= 0 and aiding.present[group[r], k, d] != 0.0:
-                    rows[place, aiding.bias[d], r] += root[first + i, first + d]
+                if aiding.present[group[r], k, d] != 0.0:
+                    for j in range(columns, rows.shape[1]):
+                        rows[place, j, r] += root[first + i, first + d] * column_of(aiding, d, j)
 
 
 @compiled

@@ -71,10 +71,11 @@ def component_errors(
 ) -> Drawing:
     """Draw ENU errors of one run: with the pure INS on the left, aided with ±3σ on the right.
 
-    ``aided`` and ``ins`` are (K, 12): six errors and their six standard deviations, NaN if none are
-    claimed; ``first`` is the first of the three columns shown (0: position, 3: velocity).
+    ``aided`` and ``ins`` are (K, 18): six errors and their six standard deviations, NaN if none are
+    claimed, and others; ``first`` is the first of the three columns shown (0: position, 3:
+    velocity).
     """
-    claims = bool(np.isfinite(aided[:, 6:]).any())
+    claims = bool(np.isfinite(aided[:, 6:12]).any())
     colour = looks([label])[label].color
     figure, axes = subplots(3, 2, figsize=(8.0, 6.0), sharex=True)
     for axis in range(3):

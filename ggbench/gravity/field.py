@@ -10,7 +10,7 @@ derivatives are for a displacement of one metre east, north and up, with axes th
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -214,12 +214,14 @@ class Field:
     origin, step : (3,) first node and spacing of the map in latitude, longitude [rad], height [m].
     tensor_coefficients : (n0, n1, n2, 6) B-spline coefficients [E]; size 0 for no map.
     disturbance_coefficients : (n0, n1, n2, 3) of the gravity disturbance vector, ENU [m/s²].
+    constant_disturbance : (3,) ENU [m/s²], what is added to it everywhere and is in no map.
     """
 
     origin: np.ndarray
     step: np.ndarray
     tensor_coefficients: np.ndarray
     disturbance_coefficients: np.ndarray
+    constant_disturbance: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -253,7 +255,7 @@ class Field:
 
     @property
     def disturbance_map(self) -> DisturbanceMap:
-        """The gravity disturbance as arrays; of size zero without a map."""
+        """The map's gravity disturbance as arrays; of size zero without a map."""
         return DisturbanceMap(self.origin, self.step, self.disturbance_coefficients)
 
     @property
@@ -312,7 +314,7 @@ class Field:
     def gravity_disturbance(
         self, latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike
     ) -> np.ndarray:
-        """Return the gravity disturbance vector (..., 3), ENU [m/s²]; zero without a map.
+        """Return the gravity disturbance vector (..., 3), ENU [m/s²]: the map's and the constant.
 
         Raises
         ------
@@ -326,7 +328,7 @@ class Field:
                 positions, self.origin, self.step, self.disturbance_coefficients, values
             )
             self._require_inside(positions, outside)
-        return values.reshape(*shape, 3)
+        return (values + self.constant_disturbance).reshape(*shape, 3)
 
     @staticmethod
     def _positions(

@@ -21,6 +21,7 @@ from .system_matrix import (
     BODY,
     DAMPING,
     DECAY,
+    DISTANCE,
     FORCE,
     LONGITUDE,
     NAVIGATION_STATES,
@@ -30,7 +31,7 @@ from .system_matrix import (
     entries_dot,
 )
 
-MOST_FACTORS = 39
+MOST_FACTORS = 48
 """How many factors of Q an interval has at most, see :func:`back`."""
 
 _LAST = 5
@@ -39,8 +40,10 @@ products, and what comes back is 1e-4 of it in an interval. The fifth is for bia
 over a tenth of their time constant, the longest interval allowed, it is 8e-8 of what remains of
 them and 3e-8 of their Q, and the sixth is 1e-9. (Of Q without them the fifth is below 1e-12 even in
 intervals of a second.)"""
-_HEIGHT = STATES
-"""Where a term has what an altimeter's noise enters by, after its 15 numbers."""
+DISTURBANCE = STATES
+"""The first of three states that come after the others where the gravity disturbance is one."""
+_HEIGHT = STATES + 3
+"""Where a term has what an altimeter's noise enters by, after its numbers."""
 
 
 class Noise(NamedTuple):
@@ -51,18 +54,21 @@ class Noise(NamedTuple):
     roots : (15,) of the diagonal, without the altimeter's part.
     altimeter : (2,) in δh and δv_U, of what couples them.
     damped : whether there is an altimeter. wandering : whether biases decay or are driven.
+    disturbance : (3,) √2 σ of the gravity disturbance ENU [m/s²], whose PSD is 2 σ² |v|/D; of no
+        elements where it is no state.
     """
 
     roots: np.ndarray
     altimeter: np.ndarray
     damped: bool
     wandering: bool
+    disturbance: np.ndarray
 
 
-def noise_roots(noise: np.ndarray, decaying: bool) -> Noise:
+def noise_roots(noise: np.ndarray, decaying: bool, disturbance: tuple[float, ...] = ()) -> Noise:
     """Return the square roots of G q Gᵀ (15, 15): diagonal but for what an altimeter couples.
 
-    ``decaying`` says that F makes biases decay.
+    ``decaying`` says that F makes biases decay; ``disturbance`` is σ ENU [m/s²] if it is a state.
     """
     altimeter, diagonal = np.zeros(2), np.diag(noise).copy()
     if noise[2, 2] > 0.0:
@@ -70,7 +76,8 @@ def noise_roots(noise: np.ndarray, decaying: bool) -> Noise:
         diagonal[[2, 5]] -= altimeter**2
     roots = np.sqrt(np.maximum(diagonal, 0.0))
     wandering = decaying or bool(roots[NAVIGATION_STATES:].any())
-    return Noise(roots, altimeter, bool(altimeter.any()), wandering)
+    sizes = math.sqrt(2.0) * np.array(disturbance, dtype=float)
+    return Noise(roots, altimeter, bool(altimeter.any()), wandering, sizes)
 
 
 @inlined
@@ -109,20 +116,34 @@ def _transpose(f: np.ndarray, n: int, scale: float, terms: np.ndarray, k: int) -
 
 
 @inlined
+def _transpose_disturbance(f: np.ndarray, n: int, scale: float, terms: np.ndarray, k: int) -> None:
+    """Fill the numbers of term k + 1 that belong to the gravity disturbance.
+
+    δv' = … − δg, as the accelerometers do not feel gravity; δg' = −(|v|/D) δg + w.
+    """
+    decay = load(f, n, DISTANCE)
+    for axis in range(3):
+        known = decay * load(terms, k, DISTURBANCE + axis) - load(terms, k, 3 + axis)
+        store(terms, k + 1, DISTURBANCE + axis, scale * known)
+
+
+@inlined
 def _series(
     f: np.ndarray, n: int, dt: float, columns: np.ndarray, i: int, terms: np.ndarray
 ) -> None:
     """Fill the terms of the Taylor series of exp(Fᵀ dt) y of column ``i``, y itself the first."""
-    for j in range(STATES):
+    for j in range(columns.shape[1]):
         store(terms, 0, j, load(columns, i, j))
     for k in range(_LAST):
         _transpose(f, n, dt / (k + 1), terms, k)
+        if columns.shape[1] > STATES:
+            _transpose_disturbance(f, n, dt / (k + 1), terms, k)
 
 
 @compiled
 def series_terms() -> np.ndarray:
-    """Return an array for the terms of a series: (6, 16, LANES), order by order."""
-    return lanes(_LAST + 1, STATES + 1)
+    """Return an array for the terms of a series: (6, 19, LANES), order by order."""
+    return lanes(_LAST + 1, STATES + 4)
 
 
 def _legendre_weights(degree: int) -> tuple[float, ...]:
@@ -156,7 +177,7 @@ def _weighted(weights: tuple[float, ...], first: int, terms: np.ndarray, j: int)
 @inlined
 def _add_up(terms: np.ndarray, columns: np.ndarray, i: int) -> None:
     """Put the sum of a series into column ``i``."""
-    for j in range(STATES):
+    for j in range(columns.shape[1]):
         store(columns, i, j, _weighted(_ONES, 0, terms, j))
 
 
@@ -188,7 +209,7 @@ def back(
     terms: np.ndarray,
     factors: np.ndarray,
 ) -> int:
-    """Take columns (C, 15, LANES) back over an interval, y ← exp(Fᵀ dt) y.
+    """Take columns (C, 15 or 18, LANES) back over an interval, y ← exp(Fᵀ dt) y.
 
     Parameters
     ----------
@@ -197,7 +218,8 @@ def back(
     columns : changed in place. terms : of :func:`series_terms`, overwritten.
     factors : (MOST_FACTORS, C, LANES) output: with W the first of them, the interval's noise adds
         WᵀW to Q. b_0 and b_1 of the velocity's elements, b_0 to b_2 of the attitude's; with an
-        altimeter b_0 to b_2 of its own and b_2 of the velocity's; of biases that wander b_0 to b_2.
+        altimeter b_0 to b_2 of its own and b_2 of the velocity's; of biases that wander, and of the
+        gravity disturbance, b_0 to b_2.
 
     Returns
     -------
@@ -229,6 +251,14 @@ def back(
                 store(factors, count, i, noise.roots[j] * _mean(terms, j))
                 store(factors, count + 1, i, noise.roots[j] * _slope(terms, j))
                 store(factors, count + 2, i, noise.roots[j] * _curve(terms, j))
+                count += 3
+        if columns.shape[1] > STATES:
+            driven = math.sqrt(-load(f, n, DISTANCE))
+            for axis in range(3):
+                root, j = noise.disturbance[axis] * driven, DISTURBANCE + axis
+                store(factors, count, i, root * _mean(terms, j))
+                store(factors, count + 1, i, root * _slope(terms, j))
+                store(factors, count + 2, i, root * _curve(terms, j))
                 count += 3
         _add_up(terms, columns, i)
     return count

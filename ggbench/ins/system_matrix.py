@@ -5,6 +5,8 @@ Arrays have the runs last, see :mod:`ggbench.numerics.lanes`.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ..gravity.ellipsoid import normal_gravity_of, radii_derivatives_of
@@ -26,7 +28,8 @@ TURN = 34  # ω_in, of −[ω_in ×]
 BODY = 37  # C_nb
 DECAY = 46  # 1/T of the gyro and of the accelerometer biases, negative
 LONGITUDE = 48  # (v_i; λ) of each i, zero unless a map's gravity is added
-ENTRIES = 51
+DISTANCE = 51  # −|v|/D of the gravity disturbance, of which only models that have it know
+ENTRIES = 52
 
 
 def _places() -> list[tuple[int, int, int, float]]:
@@ -53,7 +56,7 @@ _ROWS, _COLUMNS, _WHICH, _SIGNS = (np.array(column) for column in zip(*_places()
 
 
 def dense(entries: np.ndarray) -> np.ndarray:
-    """Return F (N, 15, 15) of its entries (N, 51)."""
+    """Return F (N, 15, 15) of its entries (N, 52); that of the gravity disturbance is left out."""
     matrices = np.zeros((len(entries), STATES, STATES))
     matrices[:, _ROWS, _COLUMNS] = _SIGNS * entries[:, _WHICH]
     matrices[:, 2, 5] = 1.0
@@ -61,8 +64,8 @@ def dense(entries: np.ndarray) -> np.ndarray:
 
 
 def sparse(matrices: np.ndarray) -> np.ndarray:
-    """Return the entries (N, 51) of F (N, 15, 15)."""
-    entries = np.empty((len(matrices), ENTRIES))
+    """Return the entries (N, 52) of F (N, 15, 15)."""
+    entries = np.zeros((len(matrices), ENTRIES))
     entries[:, _WHICH] = _SIGNS * matrices[:, _ROWS, _COLUMNS]
     return entries
 
@@ -171,7 +174,8 @@ def entries_between(
     track : (N + 1, TRACK, LANES) navigation states.
     increments : (N, 6, LANES) of angle, and of velocity [m/s]. dt : IMU interval [s].
     first, last : the samples.
-    constant : (ENTRIES,) what is added to F, of which only damping and decay may differ from zero.
+    constant : (ENTRIES,) what is added to F, of which only damping and decay may differ from zero;
+        at ``DISTANCE`` −1/D [1/m], which the speed multiplies.
     gravity : what the mechanization adds to normal gravity.
     out : (., ENTRIES, LANES) output, ``last - first`` intervals.
     """
@@ -192,6 +196,10 @@ def entries_between(
         store(out, m, VELOCITY + 11, load(out, m, VELOCITY + 11) + constant[VELOCITY + 11])
         store(out, m, DECAY, constant[DECAY])
         store(out, m, DECAY + 1, constant[DECAY + 1])
+        speed = math.sqrt(
+            velocity[0] * velocity[0] + velocity[1] * velocity[1] + velocity[2] * velocity[2]
+        )
+        store(out, m, DISTANCE, constant[DISTANCE] * speed)
         if gravity.coefficients.size > 0:
             _add_gradient(track, n, gravity, out, m)
         else:

@@ -33,7 +33,7 @@ def _metres(track: np.ndarray, n: int, out: np.ndarray) -> None:
 
 @compiled
 def _unit_columns(metres: np.ndarray, which: np.ndarray, out: np.ndarray) -> None:
-    """Fill ``out`` (len(which), 15, LANES) with rows of the identity, positions in metres."""
+    """Fill ``out`` (len(which), n, LANES) with rows of the identity, positions in metres."""
     out[:] = 0.0
     for i, j in enumerate(which):
         if j < 2:
@@ -44,12 +44,18 @@ def _unit_columns(metres: np.ndarray, which: np.ndarray, out: np.ndarray) -> Non
 
 @compiled
 def _as_rows(columns: np.ndarray, metres: np.ndarray, r: int, out: np.ndarray) -> None:
-    """Fill ``out`` (len(columns), 15) with the columns of run ``r``, of a state in metres."""
+    """Fill ``out`` (len(columns), .) with the columns of run ``r``, of a state in metres."""
     for i in range(columns.shape[0]):
-        out[i, 0] = columns[i, 1, r] / metres[0, 1, r]
-        out[i, 1] = columns[i, 0, r] / metres[0, 0, r]
-        for j in range(2, STATES):
-            out[i, j] = columns[i, j, r]
+        _as_row(columns, i, metres, r, out[i])
+
+
+@compiled
+def _as_row(columns: np.ndarray, i: int, metres: np.ndarray, r: int, out: np.ndarray) -> None:
+    """Fill ``out`` with column ``i`` of run ``r``, of a state in metres."""
+    out[0] = columns[i, 1, r] / metres[0, 1, r]
+    out[1] = columns[i, 0, r] / metres[0, 0, r]
+    for j in range(2, columns.shape[1]):
+        out[j] = columns[i, j, r]
 
 
 @compiled
@@ -69,31 +75,35 @@ def compose(
     entries : (count, ENTRIES, LANES) of F in the intervals. dt : one of them [s].
     noise : that drives the state.
     start, end : (1, 2, LANES) metres per radian of latitude and longitude at the ends.
-    transition, process_cov : (R, n, n) of the group's R runs, output; states from 15 on are not
-        touched.
+    transition, process_cov : (R, n, n) of the group's R runs, output; states from 15 on, or behind
+        those of the gravity disturbance, are not touched.
     """
     # A bias that does not wander does not change: its rows are those of the identity.
-    count = STATES if noise.wandering else NAVIGATION_STATES
-    columns, terms = lanes(count, STATES), series_terms()
+    moving = STATES if noise.wandering else NAVIGATION_STATES
+    states = STATES + noise.disturbance.shape[0]
+    which = np.concatenate((np.arange(moving), np.arange(STATES, states)))
+    count = which.shape[0]
+    columns, terms = lanes(count, states), series_terms()
     factors = lanes(MOST_FACTORS, count)
     covariance, previous = lanes(count, count), lanes(count, count)
     over_interval = Noise(
-        noise.roots * math.sqrt(dt), noise.altimeter * math.sqrt(dt), noise.damped, noise.wandering
-    )
-    _unit_columns(end, np.arange(count), columns)
+        noise.roots * math.sqrt(dt), noise.altimeter * math.sqrt(dt), noise.damped,
+        noise.wandering, noise.disturbance * math.sqrt(dt),
+    )  # fmt: skip
+    _unit_columns(end, which, columns)
     for n in range(entries.shape[0] - 1, -1, -1):
         used = factors[: back(entries, n, dt, over_interval, columns, terms, factors)]
         covariance, previous = previous, covariance
         add_products(used, used, 1.0, previous, covariance)
     for run in range(transition.shape[0]):
-        _as_rows(columns, start, run, transition[run])
-        for i in range(count, STATES):
-            transition[run, i, :STATES] = 0.0
+        for i in range(moving, STATES):
+            transition[run, i, :states] = 0.0
             transition[run, i, i] = 1.0
-        process_cov[run, :STATES, :STATES] = 0.0
+        process_cov[run, :states, :states] = 0.0
         for i in range(count):
+            _as_row(columns, i, start, run, transition[run, which[i]])
             for j in range(count):
-                process_cov[run, i, j] = covariance[i, j, run]
+                process_cov[run, which[i], which[j]] = covariance[i, j, run]
 
 
 @compiled
@@ -117,7 +127,7 @@ def transitions_lanes(
     epochs : (K,) increasing indices of IMU samples. dt : IMU interval [s].
     constant : (ENTRIES,) what is added to F. gravity : what is added to normal gravity.
     noise : that drives the state.
-    transition, process_cov : (R, K, n, n) of R runs, output; states from 15 on are not touched.
+    transition, process_cov : (R, K, n, n) of R runs, output, as :func:`compose` fills them.
     """
     longest = epochs[0]
     for k in range(1, epochs.shape[0]):

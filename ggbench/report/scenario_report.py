@@ -21,6 +21,7 @@ from ..results.store import DETAILED_RUN, SERIES_RUNS
 from ..spec import scenario
 from ..spec.case import CaseSpec
 from . import tables
+from .gravity_section import GravitySection
 from .locking_section import ConvergenceReport
 from .opening import answer
 from .sweep_section import SweepReport
@@ -112,6 +113,7 @@ class _Report:
             self._unaided(),
             *(self._case_table(case) for case in self.scenario.cases),
             *self._paired(),
+            *GravitySection(self.results, self.arrays, self.pictures).sections(),
             "## Efficiency: MRSE over the Cramér–Rao bound, in every window",
             tables.efficiency(self.scenario, self.summary),
             "The bounds themselves, position [m] and velocity [m/s], filtering:",

@@ -39,7 +39,10 @@ def situation_of(case: CaseSpec, gained: str) -> str:
     if any(word in key for key in wrong for word in _READINGS):
         return "readings"
     # What the accelerometers feel and the mechanization adds is no part of the map.
-    wrong -= {"truth.field.gravity_disturbance", "model.field.compensate"}
+    wrong -= {
+        "truth.field.gravity_disturbance", "truth.field.constant_disturbance_mgal",
+        "model.field.compensate",
+    }  # fmt: skip
     if any(key.split(".")[1] == "field" for key in wrong):
         return "map"
     if case.side("truth").field.gravity_disturbance and not case.model.field.compensate:

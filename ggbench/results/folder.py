@@ -153,7 +153,7 @@ class Results:
         return None if found is None else self._of_length(found, case, "kept")
 
     def detail(self, case: str, estimator: str, run: int) -> np.ndarray | None:
-        """Return (K, 12) of a run kept in detail: errors of position and velocity, their σ."""
+        """Return (K, 18) of a run kept in detail, see :meth:`.store.Store.detail`."""
         key = self._keys.get(("", case, estimator))
         found = None if key is None else self.store.detail(key, run)
         return None if found is None else self._of_length(found, case, "times")

@@ -166,6 +166,8 @@ def stand_in(text: Any, run: int, reason: str, other: Mapping[str, Any]) -> dict
     return found | record
 
 
+_OF_GRAVITY = {"response": 9, "gravity": 8}
+"""What is there where the INS does not know the gravity: columns of each."""
 _OF_GRADIENTS = ("gradient_times", "vertical", "noisy", "filtered", "filtered_true")
 """What is there of a case with a gradiometer."""
 
@@ -179,6 +181,7 @@ def flaw_of_arrays(arrays: dict[str, np.ndarray]) -> str | None:
     if gradients:
         gradients |= {"gradient_times", "vertical", "noisy"}
     columns |= dict.fromkeys(gradients, 0)
+    columns |= {name: width for name, width in _OF_GRAVITY.items() if name in arrays}
     for name, width in columns.items():
         if name not in arrays:
             return f"it has no {name}"

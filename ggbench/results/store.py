@@ -83,7 +83,7 @@ class Result(NamedTuple):
     record : the judgement, as JSON can hold it.
     series : (K', 4) float32, position and velocity error [m, m/s], NEES, NIS at the kept epochs; or
         None.
-    detail : (K, 12) float32, errors of position and velocity and their σ, of a run kept in detail;
+    detail : (K, 18) float32, errors and their σ of a run kept in detail, see :meth:`Store.detail`;
         or None.
     retry_above : None if the result is final; else the time limit [s] above which a run that was
         lost to its surroundings (it died, it was too slow) is worth another attempt.
@@ -268,8 +268,12 @@ class Store:
         return self._blob("series", key, run, 4)
 
     def detail(self, key: str, run: int) -> np.ndarray | None:
-        """Return (K, 12) of a run kept in detail: errors of position and velocity, their σ."""
-        return self._blob("detail", key, run, 12)
+        """Return (K, 18) of a run kept in detail.
+
+        Errors of position and velocity, their σ, and those of the gravity disturbance [m/s²], NaN
+        where it is no state.
+        """
+        return self._blob("detail", key, run, 18)
 
     def _blob(self, column: str, key: str, run: int, width: int) -> np.ndarray | None:
         found = self._select(f"SELECT {column} FROM records WHERE key = ? AND run = ?", (key, run))

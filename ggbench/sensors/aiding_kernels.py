@@ -15,26 +15,27 @@ from ..gravity.ellipsoid import metres_per_radian_of
 from ..gravity.field import DisturbanceMap
 from ..gravity.spline import spline_at
 from ..numerics import lanes
-from ..numerics.kernels import compiled
+from ..numerics.kernels import compiled, inlined
 from ..numerics.rotations import sine_cosine
 from ..numerics.vectors import load, splat, store
 
-MOVED = 9
-"""Position, velocity and attitude error: the states on which these readings depend, beside biases.
-"""
+MOVED, INS_STATES = 9, 15
+"""Position, velocity and attitude error: the states on which these readings depend, beside those
+that come after the INS's own: gravity, and biases."""
 
 
 class Aiding(NamedTuple):
     """The channels of the aiding sensors as arrays.
 
-    h(k, x) = offset_k + present_k · (A_k x[:9] + W δg(p̂_k − x[:3]) + b). For many runs at once (a
-    block) the arrays that differ from run to run have the run as leading axis.
+    h(k, x) = offset_k + present_k · (A_k x[:9] + W (δg(p̂_k − x[:3]) + d) + b). For many runs at
+    once (a block) the arrays that differ from run to run have the run as leading axis.
 
     Attributes
     ----------
     rows : (K, e, 9) A_k [unit of the channel per unit of the state].
     bias : (e,) index of the state that is a channel's bias; −1 for none.
     gravity : (e, 3) W [unit of the channel per m/s²], of the disturbance ENU.
+    state : the first of three states d that are what the map lacks of it; −1 for none.
     places : (K, 3) INS positions at the epochs [rad, rad, m].
     present : (K, e) one, or zero where a channel delivers nothing.
     map : the gravity disturbance of the field that the estimators are told.
@@ -43,6 +44,7 @@ class Aiding(NamedTuple):
     rows: np.ndarray
     bias: np.ndarray
     gravity: np.ndarray
+    state: int
     places: np.ndarray
     present: np.ndarray
     map: DisturbanceMap
@@ -93,6 +95,15 @@ def weighs_gravity(aiding: Aiding, run: int, k: int) -> bool:
     return False
 
 
+@inlined
+def column_of(aiding: Aiding, c: int, j: int) -> float:
+    """Return what a channel that is there makes of a state behind the INS's own."""
+    value = 1.0 if aiding.bias[c] == j else 0.0
+    if aiding.state >= 0 and aiding.state <= j < aiding.state + 3:
+        value += aiding.gravity[c, j - aiding.state]
+    return value
+
+
 @compiled
 def linearise_aiding(
     aiding: Aiding,
@@ -104,7 +115,7 @@ def linearise_aiding(
     predicted: np.ndarray,
     slope: np.ndarray,
 ) -> None:
-    """Fill h, biases included, and its derivative by the first nine states, of each run.
+    """Fill h, with biases and gravity states, and its derivative by the first nine, of each run.
 
     Parameters
     ----------
@@ -122,9 +133,10 @@ def linearise_aiding(
         for j in range(MOVED):
             total += load(slope, c, j) * load(x, 0, j)
         store(predicted, 0, first + c, total)
-        for r in range(group.shape[0]):
-            if aiding.bias[c] >= 0 and aiding.present[group[r], k, c] != 0.0:
-                predicted[0, first + c, r] += x[0, aiding.bias[c], r]
+        for r in range(count):
+            if aiding.present[group[r], k, c] != 0.0:
+                for j in range(INS_STATES, x.shape[1]):
+                    predicted[0, first + c, r] += column_of(aiding, c, j) * x[0, j, r]
     error, value, along = np.empty(3), np.empty(3), np.empty((3, 3))
     for r in range(count):
         run = group[r]
@@ -174,11 +186,11 @@ def read_aiding_pairs(
                 total += load(slope, c, j) * load(lower, j, q)
             store(odd, first + c, q, factor * total)
             store(even, first + c, q, splat(0.0))
-            bias = aiding.bias[c]
-            if bias >= q:
-                for r in range(count):
-                    if aiding.present[group[r], k, c] != 0.0:
-                        odd[first + c, q, r] += spread * lower[bias, q, r]
+            for r in range(count):
+                if aiding.present[group[r], k, c] != 0.0:
+                    for j in range(max(q, INS_STATES), n):
+                        value = column_of(aiding, c, j) * lower[j, q, r]
+                        odd[first + c, q, r] += spread * value
     error, centre, plus, minus = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     along, unused = np.empty((3, 3)), np.empty((3, 3))
     for r in range(count):
@@ -226,8 +238,8 @@ def predict_aiding(aiding: Aiding, k: int, states: np.ndarray, out: np.ndarray) 
                 continue
             for j in range(MOVED):
                 out[p, first + c] += aiding.rows[0, k, c, j] * states[p, j]
-            if aiding.bias[c] >= 0:
-                out[p, first + c] += states[p, aiding.bias[c]]
+            for j in range(INS_STATES, states.shape[1]):
+                out[p, first + c] += column_of(aiding, c, j) * states[p, j]
             if weighs:
                 for i in range(3):
                     out[p, first + c] += aiding.gravity[c, i] * value[i]
@@ -247,8 +259,8 @@ def aiding_jacobian(aiding: Aiding, k: int, state: np.ndarray, out: np.ndarray) 
             continue
         for j in range(MOVED):
             out[first + c, j] = aiding.rows[0, k, c, j]
-        if aiding.bias[c] >= 0:
-            out[first + c, aiding.bias[c]] = 1.0
+        for j in range(INS_STATES, state.shape[0]):
+            out[first + c, j] = column_of(aiding, c, j)
         if weighs:
             for i in range(3):
                 for j in range(3):

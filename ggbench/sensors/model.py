@@ -31,6 +31,7 @@ def model_arrays(
     at: np.ndarray | None = None,
     others: tuple[Aiding, np.ndarray] | None = None,
     dimension: int | None = None,
+    bias: int | None = None,
 ) -> ModelArrays:
     """Return the measurement model along an INS track, or along the tracks of a block of runs.
 
@@ -49,6 +50,7 @@ def model_arrays(
     at : (G,) at which epochs the gradiometer is read; at all of them if not given.
     others : the channels of the other sensors, and their offset (..., K, e); none if not given.
     dimension : number of states; if not given, those of ``rows`` and the gradiometer's biases.
+    bias : the first state that is one of them, −1 for none; if not given, that behind ``rows``.
     """
     if others is None:
         others = without_aiding(field, positions)
@@ -90,13 +92,15 @@ def model_arrays(
             np.zeros(positions.shape[:-1]),
         )
         offset[..., at, :], gain[..., at] = read_offset, read_gain
+    if bias is None:
+        bias = rows.shape[-1] if gradiometer.biased else -1
     if dimension is None:
         dimension = rows.shape[-1] + (len(channels) if gradiometer.biased else 0)
     return ModelArrays(
         dimension,
         instrument,
         read_only(channels),
-        rows.shape[-1] if gradiometer.biased else -1,
+        bias,
         field.origin,
         field.step,
         field.tensor_coefficients,
@@ -119,7 +123,7 @@ def without_aiding(field: Field, positions: np.ndarray) -> tuple[Aiding, np.ndar
     epochs = positions.shape[:-1]
     return Aiding(
         np.zeros((*epochs, 0, aiding_kernels.MOVED)), np.zeros(0, dtype=np.int64), np.zeros((0, 3)),
-        positions, np.zeros((*epochs, 0)), field.disturbance_map,
+        -1, positions, np.zeros((*epochs, 0)), field.disturbance_map,
     ), np.zeros((*epochs, 0))  # fmt: skip
 
 

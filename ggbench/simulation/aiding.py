@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from ..gravity.field import Field
+from ..gravity.field import DisturbanceMap, Field
 from ..ins.strapdown import steady_force
 from ..sensors.aiding import AidingSensor, Barometer, Gnss, Gravimeter, Motion, VelocityLog
 from ..sensors.aiding_kernels import MOVED, Aiding
@@ -165,16 +165,32 @@ def aiding_readings(
     return AidingReadings(z, present, _stacked(biases, runs, epochs))
 
 
+class Receives(Protocol):
+    """What of an equipment matters here."""
+
+    @property
+    def aiding(self) -> tuple[AidingSensor, ...]:
+        """The sensors."""
+
+    @property
+    def aiding_biases(self) -> np.ndarray:
+        """Which state is the bias of each channel (e,); −1 for none."""
+
+    @property
+    def gravity_state(self) -> int:
+        """The first state of the gravity disturbance; −1 for none."""
+
+
 def aiding_about(
-    sensors: Sequence[AidingSensor],
-    bias_states: np.ndarray,
-    field: Field,
-    read_at: Sequence[np.ndarray],
-    motion: Motion,
+    model: Receives, weighed: DisturbanceMap, read_at: Sequence[np.ndarray], motion: Motion
 ) -> tuple[Aiding, np.ndarray]:
-    """Return h of the sensors about a motion (..., K, .), all readings there, and its offset."""
+    """Return h of the sensors about a motion (..., K, .), all readings there, and its offset.
+
+    ``weighed`` is the gravity of a map that they read.
+    """
+    sensors = model.aiding
     epochs = motion.positions.shape[:-1]
-    total, first = len(bias_states), 0
+    total, first = len(model.aiding_biases), 0
     offset, present = np.zeros((2, *epochs, total))
     rows = np.zeros((*epochs, total, MOVED))
     for sensor, at in zip(sensors, read_at, strict=True):
@@ -184,7 +200,9 @@ def aiding_about(
         present[..., at, some] = 1.0
         first = some.stop
     weights = np.concatenate([np.zeros((0, 3)), *(sensor.weights for sensor in sensors)])
-    aiding = Aiding(rows, bias_states, weights, motion.positions, present, field.disturbance_map)
+    aiding = Aiding(
+        rows, model.aiding_biases, weights, model.gravity_state, motion.positions, present, weighed
+    )
     return aiding, offset
 
 

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from ..gravity.field import DisturbanceMap
+from ..gravity.field import DisturbanceMap, Field
 from ..ins.adjoint import Noise, noise_roots
 from ..ins.error_model import (
     ACCELEROMETER_BIAS,
@@ -20,14 +20,14 @@ from ..ins.error_model import (
     add_altimeter,
     add_bias_decay,
     noise_psd,
-    transitions,
 )
 from ..ins.imu import Imu, SensorErrors
-from ..ins.strapdown import altimeter_gains
-from ..ins.system_matrix import STATES, sparse
+from ..ins.strapdown import NORMAL_GRAVITY, altimeter_gains
+from ..ins.system_matrix import DISTANCE, STATES, sparse
 from ..ins.transitions import delayed_rows_lanes, transitions_lanes
+from ..numerics.lanes import in_lanes
 from ..problem import Channel, StateBlock
-from ..sensors.aiding import AidingSensor
+from ..sensors.aiding import MGAL, AidingSensor, Motion
 from ..sensors.gradiometer.faults import Faults
 from ..sensors.gradiometer.instrument import Gradiometer, noise_rms, parse_components
 from ..sensors.gradiometer.lowpass import LowPass, Prefilter, prefilter
@@ -58,6 +58,9 @@ class Equipment:
     imu : the inertial sensors. gradiometer : None without one. aiding : the other sensors.
     side : the tables of the scenario.
     altimeter : gains k₁ [1/s], k₂ [1/s²] and noise PSD [m²/Hz] of the altimeter, if there is one.
+    disturbance : σ ENU [m/s²] of the gravity that the INS does not know and the distance D [m] of
+        its correlation, if it is a state.
+    compensates : whether the mechanization adds the gravity disturbance of its map.
     """
 
     imu: Imu
@@ -65,6 +68,16 @@ class Equipment:
     aiding: tuple[AidingSensor, ...]
     side: Side
     altimeter: tuple[tuple[float, float], float] | None
+    disturbance: tuple[tuple[float, float, float], float] | None = None
+    compensates: bool = False
+
+    def weighed(self, field: Field) -> DisturbanceMap:
+        """Return of which map of gravity a gravimeter's readings are functions of the position.
+
+        Where the gravity that the INS does not know is a state, only of what the INS adds.
+        """
+        known = self.disturbance is None or self.compensates
+        return field.disturbance_map if known else NORMAL_GRAVITY
 
     @property
     def gradients(self) -> int:
@@ -80,9 +93,11 @@ class Equipment:
 
     @cached_property
     def layout(self) -> tuple[StateBlock, ...]:
-        """The states: those of the INS, then biases of the sensors that have any."""
+        """The states: those of the INS, gravity if it is one, biases of sensors that have any."""
         found = list(_LAYOUT)
-        first = STATES
+        first = self.disturbed
+        if self.disturbance is not None:
+            found.append(StateBlock("gravity disturbance ENU", slice(STATES, first), "m/s²"))
         if self.gradiometer is not None and self.gradiometer.biased:
             found.append(StateBlock("gradiometer bias", slice(first, first + self.gradients), "E"))
             first += self.gradients
@@ -95,8 +110,24 @@ class Equipment:
         return tuple(found)
 
     @property
+    def disturbed(self) -> int:
+        """Number of states of the INS, the gravity disturbance included if it is one."""
+        return STATES if self.disturbance is None else STATES + 3
+
+    @property
+    def gravity_state(self) -> int:
+        """The first state of the gravity disturbance; −1 if it is none."""
+        return -1 if self.disturbance is None else STATES
+
+    @property
+    def gradient_bias(self) -> int:
+        """The first state that is a bias of the gradiometer; −1 without any."""
+        biased = self.gradiometer is not None and self.gradiometer.biased
+        return self.disturbed if biased else -1
+
+    @property
     def dimension(self) -> int:
-        """Number of states: 15, and the biases of the sensors that have any."""
+        """Number of states: 15, three of gravity, and the biases of the sensors that have any."""
         return int(self.layout[-1].slice.stop)
 
     @cached_property
@@ -155,14 +186,18 @@ class Equipment:
             sigma[2] = initial.height_m
         sigma[VELOCITY] = initial.velocity_mps
         sigma[ATTITUDE] = math.radians(initial.attitude_arcmin / 60.0)
+        if initial.heading_arcmin is not None:
+            sigma[ATTITUDE.stop - 1] = math.radians(initial.heading_arcmin / 60.0)
         # A sensor without bias leaves no freedom; a covariance must stay positive definite.
         sigma[GYRO_BIAS] = max(self.imu.gyro_bias, 1e-15)
         sigma[ACCELEROMETER_BIAS] = max(self.imu.accelerometer_bias, 1e-12)
+        if self.disturbance is not None:
+            sigma[STATES : self.disturbed] = self.disturbance[0]
         if self.gradiometer is not None and self.side.gradiometer is not None:
             # A bias that only walks starts from a hundredth of what one reading adds: states are
             # solved for in units of their prior, which must not be nothing against the walk.
             walk = self.gradiometer.drift * math.sqrt(self.side.gradiometer.period_s)
-            sigma[STATES:] = max(self.gradiometer.bias_eotvos, 1e-2 * walk, 1e-9)
+            sigma[self.disturbed :] = max(self.gradiometer.bias_eotvos, 1e-2 * walk, 1e-9)
         for sensor, states in self._biased:
             sigma[states] = sensor.bias
         return np.diag(sigma**2)
@@ -190,20 +225,27 @@ class Equipment:
 
     def system(
         self,
-        matrices: np.ndarray,
-        noise: np.ndarray,
-        positions: np.ndarray,
+        motion: Motion,
+        delta_velocities: np.ndarray,
         epochs: np.ndarray,
         dt: float,
+        gravity: DisturbanceMap = NORMAL_GRAVITY,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return Φ and Q (K, n, n) between the measurement epochs along an INS track.
+        """Return Φ and Q (K, n, n) between measurement epochs along one track: :meth:`along` it.
 
-        ``matrices`` and ``noise`` are those of :meth:`complete`. The gradiometer's biases walk.
+        Parameters
+        ----------
+        motion : at the N + 1 IMU samples. delta_velocities : (N, 3) increments [m/s].
+        epochs : (K,) indices of samples. dt : [s]. gravity : as in :meth:`along`.
         """
+        attitudes = motion.attitudes.reshape(-1, 9)
+        states = np.hstack([motion.positions, motion.velocities, attitudes])
+        increments = np.hstack([np.zeros_like(delta_velocities), delta_velocities])
         transition, process_cov = np.empty((2, 1, len(epochs), self.dimension, self.dimension))
-        navigation = transitions(matrices, positions, epochs, dt, noise)
-        transition[0, :, :STATES, :STATES], process_cov[0, :, :STATES, :STATES] = navigation
-        self._add_biases(epochs, dt, transition, process_cov)
+        self.along(
+            in_lanes(states[np.newaxis]), in_lanes(increments[np.newaxis]), epochs, dt, gravity,
+            transition, process_cov,
+        )  # fmt: skip
         return transition[0], process_cov[0]
 
     @cached_property
@@ -211,7 +253,12 @@ class Equipment:
         """What these sensors add to F, by its entries, and what drives the error model."""
         added, noise = self.complete(np.zeros((1, STATES, STATES)))
         decaying = bool(added[:, GYRO_BIAS.start :, GYRO_BIAS.start :].any())
-        return sparse(added)[0], noise_roots(noise, decaying)
+        entries = sparse(added)[0]
+        if self.disturbance is None:
+            return entries, noise_roots(noise, decaying)
+        sizes, distance = self.disturbance
+        entries[DISTANCE] = -1.0 / distance
+        return entries, noise_roots(noise, decaying, sizes)
 
     def along(
         self,
@@ -256,9 +303,10 @@ class Equipment:
         self, epochs: np.ndarray, dt: float, transition: np.ndarray, process_cov: np.ndarray
     ) -> None:
         """Fill what biases of sensors have in Φ and Q (R, K, n, n): a walk, or a decay."""
-        transition[:, :, :STATES, STATES:] = transition[:, :, STATES:] = 0.0
-        process_cov[:, :, :STATES, STATES:] = process_cov[:, :, STATES:] = 0.0
-        bias = np.arange(STATES, self.dimension)
+        first = self.disturbed
+        transition[:, :, :first, first:] = transition[:, :, first:] = 0.0
+        process_cov[:, :, :first, first:] = process_cov[:, :, first:] = 0.0
+        bias = np.arange(first, self.dimension)
         transition[:, :, bias, bias] = 1.0
         if self.gradiometer is not None and self.gradiometer.biased:
             own = bias[: self.gradients]
@@ -280,7 +328,23 @@ def equip(case: CaseSpec, name: Literal["truth", "model"]) -> Equipment:
     errors = case.truth.imu if name == "truth" else TrueImu()
     gradiometer = None if side.gradiometer is None else _gradiometer(side.gradiometer)
     sensors = on_board(side, case.truth if name == "truth" else None)
-    return Equipment(_imu(side.imu, errors), gradiometer, sensors, side, altimeter)
+    return Equipment(
+        _imu(side.imu, errors), gradiometer, sensors, side, altimeter, _disturbance(case),
+        case.model.field.compensate,
+    )  # fmt: skip
+
+
+def _disturbance(case: CaseSpec) -> tuple[tuple[float, float, float], float] | None:
+    """Return σ ENU [m/s²] and the distance [m] of the gravity disturbance, if it is a state.
+
+    Of both sides, so that the bound is that of an estimator which knows as much of it.
+    """
+    spec = case.model.disturbance
+    if spec is None:
+        return None
+    horizontal = spec.horizontal_mgal / MGAL
+    vertical = horizontal if spec.vertical_mgal is None else spec.vertical_mgal / MGAL
+    return (horizontal, horizontal, vertical), 1e3 * (spec.distance_km or math.inf)
 
 
 def _imu(spec: ImuSpec, errors: TrueImu) -> Imu:

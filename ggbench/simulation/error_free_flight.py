@@ -14,7 +14,7 @@ from ..errors import GGBenchError
 from ..gravity.ellipsoid import metres_along
 from ..gravity.field import DisturbanceMap, Field
 from ..ins import strapdown
-from ..ins.error_model import POSITION, STATES, system_matrices
+from ..ins.error_model import POSITION, STATES, navigation_errors
 from ..sensors.aiding import Motion
 from ..sensors.gradiometer.faults import Faults
 from ..sensors.gradiometer.instrument import inertial_from_local, readings
@@ -117,8 +117,41 @@ class Flight:
 
     def added_gravity(self, field: Field) -> DisturbanceMap:
         """Return what the mechanization, if it has this field, adds to normal gravity."""
-        compensates = self.case.model.field.compensate
-        return field.disturbance_map if compensates else strapdown.NORMAL_GRAVITY
+        return field.disturbance_map if self.model.compensates else strapdown.NORMAL_GRAVITY
+
+    @cached_property
+    def unknown_gravity(self) -> np.ndarray:
+        """The gravity disturbance (K, 3), ENU [m/s²], that the INS does not know at the truth."""
+        places = self.motion_at_epochs.positions.T
+        found = np.zeros((len(self.epochs), 3))
+        if self.case.side("truth").field.gravity_disturbance:
+            found += self.field.gravity_disturbance(*places)
+        if self.model.compensates:
+            found -= self.model_field.gravity_disturbance(*places)
+        return found
+
+    @cached_property
+    def gravity_response(self) -> np.ndarray:
+        """Errors (K, 9) of an INS without any other error than that it does not know the gravity.
+
+        Position ENU [m], velocity ENU [m/s], attitude about the body's axes [rad]: pitch, roll, and
+        heading to the left.
+        """
+        truth = self.trajectory
+        heights, gains = None, (0.0, 0.0)
+        if self.true.altimeter is not None:
+            heights, gains = truth.positions[1:, 2], self.true.altimeter[0]
+        found = strapdown.navigate(
+            truth.positions[0], truth.velocities[0], truth.attitudes[0], self.delta_angles,
+            self.delta_velocities, truth.dt, heights, gains, self.added_gravity(self.model_field),
+        )  # fmt: skip
+        position, velocity, attitude = (array[self.epochs] for array in found)
+        at = self.motion_at_epochs
+        states = np.hstack([position, velocity, attitude.reshape(-1, 9)])
+        errors = np.empty((1, len(states), 9))
+        navigation_errors(states[np.newaxis], at.positions, at.velocities, at.attitudes, errors)
+        errors[0, :, 6:] = np.einsum("kji,kj->ki", at.attitudes, errors[0, :, 6:])
+        return errors[0]
 
     @cached_property
     def faults(self) -> Faults:
@@ -165,19 +198,10 @@ class Flight:
         filter is left out, too; without a filter it is noise of the readings like the other.
         """
         truth, true = self.trajectory, self.true
-        matrices, noise = true.complete(
-            system_matrices(
-                truth.positions,
-                truth.velocities,
-                truth.attitudes,
-                self.delta_velocities,
-                truth.dt,
-                self.added_gravity(self.field),
-            )
-        )
         transition, process_cov = true.system(
-            matrices, noise, truth.positions, self.epochs, truth.dt
-        )
+            Motion(truth.positions, truth.velocities, truth.attitudes), self.delta_velocities,
+            self.epochs, truth.dt, self.added_gravity(self.field),
+        )  # fmt: skip
         rows = np.zeros((len(self.epochs), 6, STATES))
         rows[:, :3, POSITION] = np.eye(3)
         rows[:, 3:, 6:9] = np.eye(3)
@@ -201,10 +225,9 @@ class Flight:
                 rows,
                 prefilter(None, len(at), "whitened", 0.0),
                 at=at,
-                others=aiding_about(
-                    true.aiding, true.aiding_biases, self.field, self.aiding_epochs, motion
-                ),
+                others=aiding_about(true, true.weighed(self.field), self.aiding_epochs, motion),
                 dimension=true.dimension,
+                bias=true.gradient_bias,
             )
         )
         zero = np.zeros(true.dimension)
@@ -253,7 +276,8 @@ def prepare(case: CaseSpec) -> Flight:
     if case.trajectory.files():
         case.check_duration()
     true, model = case.side("truth"), case.side("model")
-    field, model_field = make_field(true.field), make_field(model.field)
+    field = make_field(true.field, case.truth.field.constant_disturbance_mgal)
+    model_field = make_field(model.field)
     trajectory, delta_angles, delta_velocities = _error_free(
         case.trajectory,
         case.imu.period_s,

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
 from functools import lru_cache
 from pathlib import Path
+
+import numpy as np
 
 from ..gravity.degraded_map import MapDegradation, degrade
 from ..gravity.field import Field
 from ..gravity.gradient_map import MapError
 from ..maps.netcdf import file_key
 from ..maps.recipe import MapRecipe, content_key, load_or_build, read
+from ..sensors.aiding import MGAL
 from ..spec.sensors import FieldSpec, MapErrorSpec
 
 FILE_SUFFIXES = (".nc", ".npz")
@@ -21,8 +25,10 @@ def is_file(source: str) -> bool:
     return source.endswith(FILE_SUFFIXES)
 
 
-def make_field(spec: FieldSpec) -> Field:
+def make_field(spec: FieldSpec, constant: tuple[float, ...] = ()) -> Field:
     """Return the field of a ``[field]`` table; the last few are kept.
+
+    ``constant`` is a gravity disturbance ENU [mGal] that is in no map.
 
     ``source`` is ``normal`` (no map), the path of a map's file, or the name of a source from which
     the map is built, or taken from the cache.
@@ -36,7 +42,13 @@ def make_field(spec: FieldSpec) -> Field:
     own = Path(spec.source)
     version = own.stat().st_mtime_ns if is_file(spec.source) and own.exists() else 0
     # What the accelerometers feel is no part of the map.
-    return _make(spec.model_copy(update={"gravity_disturbance": False}), version)
+    found = _make(spec.model_copy(update={"gravity_disturbance": False}), version)
+    return found if not any(constant) else _with_constant(found, constant)
+
+
+@lru_cache(maxsize=8)
+def _with_constant(found: Field, constant: tuple[float, ...]) -> Field:
+    return dataclasses.replace(found, constant_disturbance=np.array(constant) / MGAL)
 
 
 @lru_cache(maxsize=8)

@@ -161,7 +161,7 @@ def formulate(
     there[:, at] = ~read.missing[:, :, np.newaxis]
     # Zero where a reading is missing, as the model predicts it then, whatever the state.
     gradients[:, at] = np.where(there[:, at], treatment.apply(read.gradients), 0.0)
-    aiding, offset = aiding_about(model.aiding, model.aiding_biases, field, when.aiding, motion)
+    aiding, offset = aiding_about(model, model.weighed(field), when.aiding, motion)
     # Zero where nothing is delivered, as h is then.
     offset *= read.present
     aiding.present[~read.present] = 0.0
@@ -189,6 +189,7 @@ def formulate(
             at,
             (aiding, offset),
             model.dimension,
+            model.gradient_bias,
         ),
         layout=model.layout,
         present=np.concatenate([there, read.present], axis=2),

@@ -121,9 +121,11 @@ def simulate_block(
         error_state,
     )  # fmt: skip
     error_state[:, :, GYRO_BIAS.start : STATES] = imu_biases
+    if model.disturbance is not None:
+        error_state[:, :, STATES : model.disturbed] = flight.unknown_gravity
     first = model.dimension - others.biases.shape[2]
-    if first > STATES:
-        error_state[:, :, STATES:first] = instrument_biases
+    if first > model.disturbed:
+        error_state[:, :, model.disturbed : first] = instrument_biases
     error_state[:, :, first:] = others.biases
     return problems, TruthBlock(times, error_state)
 

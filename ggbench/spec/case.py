@@ -179,8 +179,14 @@ class CaseSpec(Section):
                 f"no sensor is on board: give at least one of gradiometer, {', '.join(AIDING)}"
             )
         felt = self.side("truth").field
-        if felt.gravity_disturbance and felt.source == "normal":
+        constant = any(self.truth.field.constant_disturbance_mgal)
+        if felt.gravity_disturbance and felt.source == "normal" and not constant:
             raise ValueError('gravity_disturbance needs a map: source = "normal" has none to feel')
+        if constant and not felt.gravity_disturbance:
+            raise ValueError(
+                "truth.field.constant_disturbance_mgal is felt only with "
+                "field.gravity_disturbance = true"
+            )
         if self.model.field.compensate:
             if not felt.gravity_disturbance:
                 raise ValueError(

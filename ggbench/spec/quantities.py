@@ -114,6 +114,9 @@ HeightBias = Annotated[float, Within(1e-6, 1e5, or_zero=True, usual=(1e-3, 1e3))
 LogBias = Annotated[float, Within(1e-6, 1e3, or_zero=True, usual=(1e-4, 10.0))]
 GravimeterNoise = Annotated[float, Within(1e-6, 1e6, usual=(1e-3, 1e3))]
 GravimeterBias = Annotated[float, Within(1e-6, 1e6, or_zero=True, usual=(1e-3, 1e3))]
+Disturbance = Annotated[float, Within(-1e4, 1e4, usual=(-500.0, 500.0))]
+DisturbanceSize = Annotated[float, Within(1e-6, 1e4, usual=(1e-2, 500.0))]
+DisturbanceDistance = Annotated[float, Within(0.1, 1e5, usual=(1.0, 1000.0))]
 
 # The gradiometer and the field: the Earth's own gradient is 3086 E, steep ground has hundreds.
 Noise = Annotated[float, Within(1e-9, 1e6, usual=(1e-6, 1e4))]

@@ -29,6 +29,7 @@ from pydantic import BaseModel, ValidationError
 from ..errors import GGBenchError
 from . import sweep as sweep
 from .case import MOST_POINTS, CampaignSpec, CaseSpec, SweepSpec
+from .claims import ClaimSpec
 from .limits import SCENARIO_NAME
 from .sweep import Sweep
 
@@ -65,6 +66,7 @@ class Scenario:
     source : the text of the file.
     notes : markdown that a report appends, from the file that ``notes`` names; may be empty.
     sweep : the grid on which the cases lie, if they do.
+    claims : of the source, beyond errors of position and velocity.
     argument : the text by which it was loaded, a name or a path; "" if it was not.
     """
 
@@ -79,6 +81,7 @@ class Scenario:
     source: str
     notes: str
     sweep: Sweep | None = None
+    claims: tuple[ClaimSpec, ...] = ()
     argument: str = field(default="", compare=False)
 
     def __repr__(self) -> str:
@@ -272,6 +275,7 @@ def parse(
     title = _take_text(document, "title", origin)
     description = _take_text(document, "description", origin)
     campaign = _validate(CampaignSpec, document.pop("campaign", {}), f"{origin}: campaign")
+    claimed = document.pop("claim", [])
     grid = document.pop("sweep", None)
     changes = _take_changes(document, "case", origin)
     studies = _take_changes(document, "assumption", origin)
@@ -292,8 +296,25 @@ def parse(
     _check_unique("assumption", [study.name for study in assumptions], origin)
     return Scenario(
         name, title, description, cases, assumptions, campaign, provenance,
-        content_hash.hexdigest(), source, notes, laid_out,
+        content_hash.hexdigest(), source, notes, laid_out, _claims(claimed, cases, origin),
     )  # fmt: skip
+
+
+def _claims(found: Any, cases: Sequence[CaseSpec], origin: str) -> tuple[ClaimSpec, ...]:
+    """Return the claims of a file, each of a case that it has."""
+    if not isinstance(found, list):
+        raise ScenarioError(f"{origin}: claim must be written as [[claim]] tables")
+    claims = []
+    names = [case.name for case in cases]
+    for number, table in enumerate(found):
+        claim = _validate(ClaimSpec, table, f"{origin}: claim[{number}]")
+        if claim.case not in names:
+            raise ScenarioError(
+                f"{origin}: claim[{number}]: there is no case '{claim.case}'"
+                f"{_suggest(claim.case, names)}"
+            )
+        claims.append(claim)
+    return tuple(claims)
 
 
 def _check_unique(kind: str, names: list[str], origin: str) -> None:

@@ -39,6 +39,9 @@ from .quantities import (
     Density,
     DensityFactor,
     DiskNoise,
+    Disturbance,
+    DisturbanceDistance,
+    DisturbanceSize,
     Frequency,
     GradiometerBias,
     GyroBias,
@@ -139,6 +142,7 @@ class InitialErrorSpec(Section):
     velocity_mps: VelocityError
     attitude_arcmin: AttitudeError
     height_m: HeightError | None = None
+    heading_arcmin: AttitudeError | None = None
 
 
 class InitialErrorChange(Section):
@@ -148,6 +152,7 @@ class InitialErrorChange(Section):
     velocity_mps: VelocityError | None = None
     attitude_arcmin: AttitudeError | None = None
     height_m: HeightError | None = None
+    heading_arcmin: AttitudeError | None = None
 
 
 class RotatingSpec(Section):
@@ -305,15 +310,33 @@ class FieldChange(Section):
 
 
 class TrueField(FieldChange):
-    """``[truth.field]``: also says whether the accelerometers feel the disturbing field."""
+    """``[truth.field]``: also says what disturbing gravity the accelerometers feel."""
 
     gravity_disturbance: bool | None = None
+    constant_disturbance_mgal: Annotated[Listed[Disturbance], Field(min_length=3, max_length=3)] = (
+        0.0,
+        0.0,
+        0.0,
+    )
+    """East, north, up: felt beside the map's."""
 
 
 class ModelField(FieldChange):
     """``[model.field]``: also says whether the INS takes its map's disturbance into account."""
 
     compensate: bool = False
+
+
+class DisturbanceSpec(Section):
+    """``[model.disturbance]``: the gravity that the INS does not know, as three states.
+
+    A Gauss–Markov process along the track, ENU, of a standard deviation and a distance over which
+    its correlation falls to 1/e; a constant without a distance.
+    """
+
+    horizontal_mgal: DisturbanceSize
+    vertical_mgal: DisturbanceSize | None = None
+    distance_km: DisturbanceDistance | None = None
 
 
 class TruthSpec(Section):
@@ -336,6 +359,7 @@ class ModelSpec(Section):
     gradiometer: GradiometerChange = GradiometerChange()
     field: ModelField = ModelField()
     initial_error: InitialErrorChange = InitialErrorChange()
+    disturbance: DisturbanceSpec | None = None
     gnss: GnssChange = GnssChange()
     velocity_log: LogChange = LogChange()
     barometer: BarometerChange = BarometerChange()

@@ -178,7 +178,8 @@ def test_series_and_details_are_what_their_columns_say():
         assert (record["info"], record["map_evaluations"]) == ({"of": run}, 10 + run)
         assert (result.detail is not None) == (run == DETAILED_RUN)
         if result.detail is not None:
-            errors, sigmas = np.split(result.detail.astype(float), 2, axis=1)
+            errors, sigmas, gravity = np.split(result.detail.astype(float), 3, axis=1)
+            assert np.isnan(gravity).all()  # which is no state here
             assert np.linalg.norm(errors[:, :3], axis=1) == pytest.approx(series[:, 0], rel=1e-6)
             assert np.linalg.norm(errors[:, 3:], axis=1) == pytest.approx(series[:, 1], rel=1e-6)
             assert np.sum((errors / sigmas) ** 2, axis=1) == pytest.approx(series[:, 2], rel=1e-5)

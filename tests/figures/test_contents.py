@@ -50,7 +50,7 @@ def test_errors_over_time_are_roots_of_means_over_runs():
 def test_components_of_one_run_with_what_it_claims(quantity, first, unit):
     """East, north and up from above; beside the INS on the left, within ±3σ on the right."""
     rng = np.random.default_rng(3)
-    details = {"ekf": rng.uniform(1.0, 2.0, (8, 12)), "ins": rng.uniform(5.0, 9.0, (8, 12))}
+    details = {"ekf": rng.uniform(1.0, 2.0, (8, 18)), "ins": rng.uniform(5.0, 9.0, (8, 18))}
     results = SimpleNamespace(
         detail=lambda case, label, run: details[label] if run == 0 else None,
         arrays=lambda case: {"times": TIMES},

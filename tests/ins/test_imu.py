@@ -16,6 +16,7 @@ from small_cases import QUIET, TINY, small_flight
 from ggbench.ins import error_model
 from ggbench.ins.imu import Imu, SensorErrors
 from ggbench.numerics.lanes import out_of_lanes, unfilled
+from ggbench.sensors.aiding import Motion
 from ggbench.simulation.equipment import equip
 from ggbench.simulation.random_streams import random_streams
 from ggbench.simulation.runs import simulate
@@ -99,9 +100,8 @@ def test_transitions_of_wandering_biases_are_van_loans(times):
     imu = Imu(GYRO, ACCELEROMETER, 1e-5, 1e-3, False, *times)
     equipment = dataclasses.replace(equip(flight.case, "model"), imu=imu)
     epochs = np.array([10, 11, 40])
-    transition, process_cov = equipment.system(
-        *equipment.complete(plain.copy()), truth.positions, epochs, dt
-    )
+    motion = Motion(truth.positions, truth.velocities, truth.attitudes)
+    transition, process_cov = equipment.system(motion, flight.delta_velocities, epochs, dt)
     decay = np.repeat([1.0 / times[0], 1.0 / times[1]], 3)
     power = np.repeat([GYRO**2 / times[0], ACCELEROMETER**2 / times[1]], 3) * 2.0
     noise = np.diag(np.r_[np.zeros(3), np.full(3, 1e-6), np.full(3, 1e-10), power])

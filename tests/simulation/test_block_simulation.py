@@ -193,7 +193,7 @@ def test_error_model_along_tracks_is_that_of_each_track(what, tmp_path):
         matrices, noise = model.complete(
             error_model.system_matrices(*one, increments[:, 3:, run], dt, gravity)
         )
-        expected = model.system(matrices, noise, one[0], epochs, dt)
+        expected = error_model.transitions(matrices, one[0], epochs, dt, noise)
         np.testing.assert_allclose(transition[run], expected[0], rtol=1e-12, atol=1e-15)
         scale = np.sqrt(np.maximum(np.diagonal(expected[1], axis1=1, axis2=2), 1e-60))
         scale = scale[:, :, np.newaxis] * scale[:, np.newaxis]

@@ -30,6 +30,7 @@ from ggbench.gravity import parker
 from ggbench.judging import locking
 from ggbench.judging.run_errors import window_mask
 from ggbench.maps import recipe
+from ggbench.sensors.aiding import Motion
 from ggbench.simulation import field_source
 from ggbench.simulation.equipment import Equipment
 from ggbench.simulation.error_free_flight import Flight
@@ -105,8 +106,9 @@ def noise(f: Flight, e: Equipment) -> float:
 
 def walk(f: Flight, e: Equipment) -> float:
     """The root of what Q adds to a bias of the gradiometer in a second."""
-    nothing = np.zeros((10, 15, 15)), np.zeros((15, 15)), f.trajectory.positions[:11]
-    _, q = e.system(*nothing, np.array([10]), 0.1)
+    still = Motion(*(a[:11] for a in (f.trajectory.positions, f.trajectory.velocities)),
+                   f.trajectory.attitudes[:11])  # fmt: skip
+    _, q = e.system(still, np.zeros((10, 3)), np.array([10]), 0.1)
     return E * math.sqrt(q[0, 15, 15])
 
 
@@ -178,6 +180,7 @@ SHARED: dict[str, Row] = {
     "initial_error.height_m": (7.0, prior(2)),
     "initial_error.velocity_mps": (0.3, prior(3)),
     "initial_error.attitude_arcmin": (2.0, prior(6)),
+    "initial_error.heading_arcmin": (9.0, prior(8)),
     "gradiometer.period_s": (2.0, lambda f, e: float(f.times[1] - f.times[0])),
     "gradiometer.noise_eotvos": (0.7, noise),
     # N² = D² f / 2, f = 1 Hz.
@@ -215,6 +218,12 @@ SHARED: dict[str, Row] = {
 """Value, where it is in use, and what must be said besides."""
 
 DISKS = ROTATING | {"truth.gradiometer.rotating.scale_factor_mismatch_ppm": 1.0}
+GRAVITY = {"model.disturbance.horizontal_mgal": 20.0}
+OF_THE_MODEL: dict[str, Row] = {
+    "disturbance.horizontal_mgal": (30.0, prior(16)),
+    "disturbance.vertical_mgal": (40.0, prior(17), GRAVITY),
+    "disturbance.distance_km": (50.0, lambda f, e: e.disturbance[1], GRAVITY),
+}
 OF_THE_TRUTH: dict[str, Row] = {
     "imu.gyro_scale_factor_ppm": (30.0, lambda f, e: e.imu.gyro_errors.scale_factor),
     "imu.accelerometer_scale_factor_ppm": (
@@ -279,6 +288,7 @@ SENSORS = {
     **{f"truth.{key}": (row, ("true",)) for key, row in SHARED.items() if f"truth.{key}" in KEYS},
     **{f"model.{key}": (row, ("model",)) for key, row in SHARED.items() if f"model.{key}" in KEYS},
     **{f"truth.{key}": (row, ("true",)) for key, row in OF_THE_TRUTH.items()},
+    **{f"model.{key}": (row, ("model",)) for key, row in OF_THE_MODEL.items()},
 }
 
 
@@ -345,6 +355,14 @@ def test_dropouts(sensor, rough):
     missing = problem.times[~problem.present[:, there].any(axis=1)]
     assert missing.min() == pytest.approx(si(key, 3.0))
     assert missing.max() <= si(key, 7.5) < missing.max() + 1.0
+
+
+def test_constant_disturbance():
+    key = "truth.field.constant_disturbance_mgal"
+    felt = {"field": {"source": "normal", "gravity_disturbance": True}}
+    flight = small_flight(felt | {key: [10.0, -20.0, 30.0]})
+    found = flight.field.gravity_disturbance(*flight.motion_at_epochs.positions[0])
+    assert found == pytest.approx([si(key, value) for value in (10.0, -20.0, 30.0)])
 
 
 # The flight.
@@ -533,6 +551,7 @@ def test_every_number_has_a_row():
     rows = {
         *SENSORS, *TRAJECTORY, *TRACK,
         *(f"truth.{name}.dropouts_s" for name in ("gradiometer", *AIDING)),
+        "truth.field.constant_disturbance_mgal",
         *(f"trajectory.segment.{key}" for key in SEGMENT),
         *(f"{side}field.{key}" for side in SIDES for key in FIELD),
         *(f"{side}field.error.{key}" for side in SIDES for key in ERROR),

@@ -1,0 +1,96 @@
+"""What gravity that the INS does not know does to it, and what of it can be known."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from .looks import looks
+from .style import BOUND, Drawing, styled, subplots
+
+_ARCSECONDS = np.degrees(1.0) * 3600.0
+_MGAL = 1e5
+_PANELS = (
+    ("position [m]", ("east", "north", "up"), 1.0),
+    ("velocity [m/s]", ("east", "north", "up"), 1.0),
+    ("attitude [″]", ("pitch", "roll", "heading"), _ARCSECONDS),
+)
+_COLOURS = ("tab:blue", "tab:orange", "tab:green")
+
+
+@styled()
+def response(times: np.ndarray, errors: np.ndarray) -> Drawing:
+    """Draw the errors (K, 9) of an INS that errs in nothing but the gravity, at times (K,) [s]."""
+    figure, axes = subplots(3, 1, figsize=(7.0, 6.5), sharex=True)
+    for part, (axis, (label, names, factor)) in enumerate(zip(axes, _PANELS, strict=True)):
+        for i, name in enumerate(names):
+            values = factor * errors[:, 3 * part + i]
+            axis.plot(times / 3600.0, values, color=_COLOURS[i], lw=1.2, label=name)
+        axis.set_ylabel(label)
+        axis.legend(ncols=3)
+    _in_hours(axes[-1])
+    return figure
+
+
+@styled()
+def estimates(times: np.ndarray, true: np.ndarray, details: Mapping[str, np.ndarray]) -> Drawing:
+    """Draw the gravity disturbance, true and as estimators find it in one run, with ±3σ.
+
+    Parameters
+    ----------
+    times : (K,) [s]. true : (K, 3) ENU [m/s²].
+    details : (K, 18) of each estimator, see :meth:`.store.Store.detail`.
+    """
+    figure, axes = subplots(3, 1, figsize=(7.0, 6.5), sharex=True)
+    shown = looks(list(details))
+    for i, (axis, name) in enumerate(zip(axes, ("east", "north", "up"), strict=True)):
+        axis.plot(times / 3600.0, _MGAL * true[:, i], color=BOUND, ls="--", lw=0.9, label="true")
+        for label, detail in details.items():
+            found = _MGAL * (true[:, i] - detail[:, 12 + i])
+            sigma = 3.0 * _MGAL * detail[:, 15 + i]
+            colour = shown[label].color
+            axis.plot(times / 3600.0, found, color=colour, lw=1.2, label=label)
+            axis.fill_between(
+                times / 3600.0, found - sigma, found + sigma, color=colour, alpha=0.15, lw=0.0
+            )
+        # What the prior alone says, in the first minutes, is off the scale.
+        settled = [_MGAL * detail[len(detail) // 10, 15 + i] for detail in details.values()]
+        middle, room = _MGAL * true[:, i].mean(), 6.0 * max(settled)
+        axis.set_ylim(middle - room, middle + room)
+        axis.set_ylabel(f"{name} [mGal]")
+    axes[0].legend(ncols=2)
+    _in_hours(axes[-1])
+    return figure
+
+
+@styled()
+def knowledge(times: np.ndarray, cases: Mapping[str, np.ndarray]) -> Drawing:
+    """Draw how well the horizontal disturbance can be told, and how far from tilt, over time.
+
+    Parameters
+    ----------
+    times : (K,) [s].
+    cases : title of each case to (K, 8): the disturbance, the bound's σ of it [m/s²], correlations
+        of its east part with the tilt about north and of its north part with that about east.
+    """
+    figure, axes = subplots(2, 2, figsize=(8.5, 5.5), sharex=True, sharey="row")
+    for case, (title, values) in enumerate(cases.items()):
+        colour = f"C{case}"
+        for column, name in enumerate(("east", "north")):
+            top, bottom = axes[0, column], axes[1, column]
+            sigma, correlation = _MGAL * values[:, 3 + column], np.abs(values[:, 6 + column])
+            top.semilogy(times / 3600.0, sigma, color=colour, lw=1.2, label=title)
+            bottom.plot(times / 3600.0, correlation, color=colour, lw=1.2)
+            top.set_title(name)
+    axes[0, 0].set_ylabel("bound of σ [mGal]")
+    axes[1, 0].set_ylabel("|correlation| with tilt")
+    axes[0, 1].legend(fontsize=7)
+    for axis in axes[1]:
+        _in_hours(axis)
+    return figure
+
+
+def _in_hours(axis: Axes) -> None:
+    axis.set_xlabel("time [h]")

@@ -1,0 +1,108 @@
+"""Gravity that the INS does not know: what the truth has of it, and what estimators are told."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from small_cases import GRAVIMETER, ON_BOARD, QUIET, rough_map, small_flight
+
+from ggbench.errors import GGBenchError
+from ggbench.simulation.runs import simulate, simulate_block
+
+CONSTANT = {
+    "field": {"source": "normal", "gravity_disturbance": True},
+    "truth.field.constant_disturbance_mgal": [10.0, 20.0, 30.0],
+}
+STATES = {"model.disturbance.horizontal_mgal": 40.0, "model.disturbance.vertical_mgal": 20.0}
+
+
+@pytest.fixture(scope="module")
+def rough(tmp_path_factory) -> dict[str, object]:
+    """A field with tens of mGal that are felt."""
+    path = rough_map(tmp_path_factory.mktemp("map") / "rough.nc", rms=300.0)
+    return {"field": {"source": path, "gravity_disturbance": True}}
+
+
+def test_what_the_ins_does_not_know_is_its_error():
+    """A constant disturbance pulls the INS the other way, by half its square of the time.
+
+    Over 20 s, to a percent; and that is the response that a report shows.
+    """
+    flight = small_flight(QUIET | CONSTANT)
+    started = ("position_m", "velocity_mps", "attitude_arcmin")
+    quiet = {f"initial_error.{key}": 1e-6 for key in started}
+    _, truth = simulate(small_flight(QUIET | CONSTANT | quiet), 1, 0)
+    expected = -0.5 * np.array([1e-4, 2e-4, 3e-4]) * flight.times[-1] ** 2
+    np.testing.assert_allclose(flight.gravity_response[-1, :3], expected, rtol=0.01)
+    np.testing.assert_allclose(
+        truth.error_state[-1, :3], flight.gravity_response[-1, :3], rtol=0.01
+    )
+
+
+def test_the_truth_of_the_states_is_what_is_felt_and_not_added(rough):
+    """Of the map and a constant; less the estimators' map at the same place if that is added."""
+    extra = {"truth.field.constant_disturbance_mgal": [10.0, 0.0, 0.0]}
+    for compensate in (False, True):
+        changes = rough | STATES | extra | {"model.field.compensate": compensate}
+        flight = small_flight(changes)
+        problem, truth = simulate(flight, 1, 0)
+        block = next(b for b in problem.layout if b.name == "gravity disturbance ENU")
+        assert (block.slice, block.unit) == (slice(15, 18), "m/s²")
+        places = flight.motion_at_epochs.positions.T
+        expected = flight.field.gravity_disturbance(*places)
+        if compensate:
+            expected = np.tile([1e-4, 0.0, 0.0], (len(flight.times), 1))
+        np.testing.assert_allclose(truth.error_state[:, 15:18], expected, atol=1e-12)
+        assert np.ptp(flight.field.gravity_disturbance(*places), axis=0).max() > 1e-5
+    sigma = np.sqrt(np.diag(problem.prior_cov))
+    np.testing.assert_allclose(sigma[15:18], [4e-4, 4e-4, 2e-4])
+
+
+@pytest.mark.parametrize("compensate", [False, True])
+def test_a_gravimeter_reads_the_states(rough, compensate):
+    """Its residual at the truth is its noise, within 4 deviations of the mean of 30 runs.
+
+    What the INS adds is read from the map at the place, what it does not know is the state.
+    """
+    vector = {"gravimeter.components": ["east", "north", "scalar"], "gravimeter.bias_mgal": 0.0}
+    changes = rough | STATES | GRAVIMETER | vector | {"model.field.compensate": compensate}
+    flight = small_flight(changes | {"gradiometer": None, "initial_error.attitude_arcmin": 0.1})
+    block, truth = simulate_block(flight, 3, range(30))
+    squares = []
+    for run in range(30):
+        problem = block.problem(run)
+        for k in range(problem.epochs):
+            predicted = problem.model.predict(k, truth.error_state[run, k])
+            squares.append((problem.measurements[k] - predicted) ** 2)
+    mean = np.mean(squares, axis=0)
+    assert (np.abs(mean - 1.0) < 4.0 * np.sqrt(2.0 / len(squares))).all()
+    jacobian = block.problem(0).model.jacobian(0, truth.error_state[0, 0])
+    np.testing.assert_allclose(jacobian[:, 15:18], 1e5 * np.diag([1.0, 1.0, -1.0]))
+    moves = np.abs(jacobian[:, :3] * 100.0).max()  # mGal for a hundred metres
+    assert (moves > 0.01) == compensate or moves > 0.02
+
+
+def test_the_bound_knows_the_states():
+    """With them it is wider, as the disturbance is not known, whose σ falls from the prior's."""
+    alone = {"gradiometer": None} | ON_BOARD
+    plain, states = (small_flight(alone | CONSTANT | more).bound for more in ({}, STATES))
+    assert states.filtering.shape[1] == plain.filtering.shape[1] + 3
+    sigma = np.sqrt(np.diagonal(states.filtering, axis1=1, axis2=2))
+    assert (sigma[-1, 15:18] < [4e-4, 4e-4, 2e-4]).all()
+    wider = sigma[-1, 3:6] / np.sqrt(np.diag(plain.filtering[-1]))[3:6]
+    assert (wider > 1.0).all()
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"truth.field.constant_disturbance_mgal": [1.0, 2.0, 3.0]},
+         "constant_disturbance_mgal is felt only with field.gravity_disturbance = true"),
+        (CONSTANT | {"truth.field.constant_disturbance_mgal": [1.0, 2.0]}, "at least 3 items"),
+        (CONSTANT | {"model.disturbance.distance_km": 5.0}, "horizontal_mgal' is missing"),
+        (CONSTANT | STATES | {"model.disturbance.distance_km": 0.0}, "must lie between"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_is_refused_with_a_sentence(changes, said):
+    with pytest.raises(GGBenchError, match=said):
+        small_flight(changes)
