@@ -7,7 +7,7 @@ so that what a run needs stays in the processor's cache; a campaign is a stream 
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Protocol, TypeGuard, runtime_checkable
@@ -23,6 +23,7 @@ from .problem import (
     GravityMap,
     MeasurementModel,
     Problem,
+    Replay,
     StateBlock,
     Track,
 )
@@ -51,6 +52,7 @@ class ProblemBlock:
     model : arrays of h and H, the run as leading axis of those that differ from run to run.
     tracks : (R, K, 15) what the INS indicates, as :class:`.problem.Track` has it: positions,
         velocities, attitudes row by row; None if nobody says.
+    replays : of each run, as :class:`.problem.Problem` has it.
     """
 
     times: np.ndarray
@@ -66,6 +68,7 @@ class ProblemBlock:
     channels: tuple[Channel, ...] = ()
     tracks: np.ndarray | None = None
     map: GravityMap | None = None
+    replays: Sequence[Replay] | None = None
 
     def __post_init__(self) -> None:
         freeze_arrays(self, read_only)
@@ -105,6 +108,7 @@ class ProblemBlock:
             channels=self.channels,
             track=track,
             map=self.map,
+            replay=None if self.replays is None else self.replays[run],
         )
 
 

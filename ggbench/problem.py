@@ -77,6 +77,32 @@ class Track:
         freeze_arrays(self)
 
 
+class ClosedLoop(Protocol):
+    """A flight that is navigated part by part, each from what an estimator made of the last."""
+
+    def ahead(self, last: int) -> Problem:
+        """Return the problem of the epochs up to ``last`` that have not been corrected yet.
+
+        Its prior is what was known at the last correction.
+        """
+
+    def correct(self, mean: np.ndarray, cov: np.ndarray) -> np.ndarray:
+        """Set the INS right by the estimates (K', n), (K', n, n) of the part asked for last.
+
+        Returns
+        -------
+        The same estimates (K', n) as errors of the INS that nobody corrects: of the problem whose
+        flight it is.
+        """
+
+
+class Replay(Protocol):
+    """The inertial readings of a flight, to be mechanised anew with feedback."""
+
+    def start(self, problem: Problem) -> ClosedLoop:
+        """Return a closed loop that stands at the start of the problem whose flight it is."""
+
+
 class GravityMap(Protocol):
     """The field that the estimators are told, at any position."""
 
@@ -121,6 +147,8 @@ class Problem:
     channels : what the m measurements are; ``()`` if nobody says.
     track : what the INS indicates, if the states are its errors.
     map : the field that h looks readings up in, if it is one.
+    replay : the flight to be navigated anew, with an estimator's corrections fed back; None where
+        the inertial readings are not at hand.
     """
 
     times: np.ndarray
@@ -136,6 +164,7 @@ class Problem:
     channels: tuple[Channel, ...] = ()
     track: Track | None = None
     map: GravityMap | None = None
+    replay: Replay | None = None
 
     def __post_init__(self) -> None:
         if self.present is None:
@@ -197,6 +226,8 @@ class Estimate:
         it), ``batch`` (all of them) or ``none`` (no measurement at all).
     lag : the lag of a fixed-lag estimate [s], else None.
     info : counters and remarks of this run (iterations, repairs, ...).
+    nis : (K,) normalised innovation squared, of a filter that has other innovations than those that
+        follow from mean, cov and the problem: NaN where there was no reading.
     """
 
     mean: np.ndarray
@@ -204,6 +235,7 @@ class Estimate:
     causality: Causality
     lag: float | None = None
     info: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    nis: np.ndarray | None = None
 
     def __repr__(self) -> str:
         # Of whatever an estimator has put into it: a wrong estimate is to be looked at, too.

@@ -287,16 +287,22 @@ def _estimate(problem: Problem, choice: Choice, rng: np.random.Generator) -> Est
         start = time.perf_counter()
         estimate = estimator.estimate(given, rng)
         seconds = time.perf_counter() - start
-    evaluations = _evaluations(given.model) - before
+    counted = _evaluations(given.model) - before
     _require_declared(choice.estimator, estimate, Estimate, "estimate")
     epochs, n = problem.epochs, problem.dimension
     mean = run_errors.real_array("mean", estimate.mean, (epochs, n))
     cov = estimate.cov
     if cov is not None:
         cov = run_errors.real_array("cov", cov, (epochs, n, n))[None]
+    nis = estimate.nis
+    if nis is not None:
+        nis = run_errors.real_array("nis", nis, (epochs,))[None]
+    info = remarks(estimate.info)
+    # Of one that asks other models than the problem's, what it says itself.
+    evaluations = info.get("map_evaluations", counted)
     return Estimated(
-        mean[None], cov, None, estimate.causality, estimate.lag,
-        [remarks(estimate.info)], [evaluations], seconds,
+        mean[None], cov, nis, estimate.causality, estimate.lag, [info],
+        [evaluations if isinstance(evaluations, int) else counted], seconds,
     )  # fmt: skip
 
 

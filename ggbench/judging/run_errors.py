@@ -254,7 +254,9 @@ def evaluate(problem: Problem, estimate: Estimate, truth: Truth) -> Evaluation:
     if flaws[0]:
         raise ValueError(flaws[0])
     nis = np.full(problem.epochs, np.nan)
-    if estimate.causality == "filter" and cov is not None:
+    if estimate.causality == "filter" and estimate.nis is not None:
+        nis = real_array("nis", estimate.nis, (problem.epochs,))
+    elif estimate.causality == "filter" and cov is not None:
         nis = innovations_squared(problem, mean, cov)
     return Evaluation(
         position_error=found.position_error[0],

@@ -84,6 +84,13 @@ class AidingSensor(ABC):
     def about(self, ins: Motion) -> About:
         """Return the channels, but for the map's gravity, as functions of the INS's errors."""
 
+    def seen_from(self, readings: np.ndarray, old: Motion, new: Motion) -> np.ndarray:
+        """Return readings (..., K, e) as they are if the INS indicates another motion.
+
+        Most do not depend on what it indicates.
+        """
+        return readings
+
     @property
     def weights(self) -> np.ndarray:
         """What the channels make of the gravity disturbance ENU (e, 3) [unit / (m/s²)]."""
@@ -139,11 +146,24 @@ class Gnss(AidingSensor):
 
     def about(self, ins: Motion) -> About:
         """Return −δr and v̂ − δv."""
-        selected = np.flatnonzero([self.position] * 3 + [self.velocity] * 3)
+        selected = self._selected
         rows = np.zeros((*ins.positions.shape[:-1], len(selected), MOVED))
         rows[..., np.arange(len(selected)), selected] = -1.0
         offset = np.concatenate([np.zeros_like(ins.positions), ins.velocities], axis=-1)
         return About(offset[..., selected], rows)
+
+    @property
+    def _selected(self) -> np.ndarray:
+        return np.flatnonzero([self.position] * 3 + [self.velocity] * 3)
+
+    def seen_from(self, readings: np.ndarray, old: Motion, new: Motion) -> np.ndarray:
+        """Return positions relative to the new track."""
+        if not self.position:
+            return readings
+        # Metres of the new track: a radian of longitude is worth another length there.
+        scaled = readings[..., :3] * (_metres(new.positions) / _metres(old.positions))
+        off = -position_error(new.positions, old.positions)
+        return np.concatenate([scaled + off, readings[..., 3:]], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -252,6 +272,21 @@ class Gravimeter(AidingSensor):
         reduced = self.steady_force(ins.positions, ins.velocities)
         reduced = reduced - np.einsum("...ij,...j->...i", turn, felt)
         return np.asarray((MGAL * _SIGNS * reduced)[..., self._axes])
+
+    def seen_from(self, readings: np.ndarray, old: Motion, new: Motion) -> np.ndarray:
+        """Return the readings reduced with the new track.
+
+        What was felt is turned from the old attitude to the new one; of components that are not
+        measured it is what a steady flight in the new attitude has.
+        """
+        turn = new.attitudes @ np.swapaxes(old.attitudes, -1, -2)
+        reduced = self.steady_force(new.positions, new.velocities)
+        felt = np.einsum("...ji,...j->...i", turn, reduced)
+        measured = readings / (MGAL * _SIGNS[self._axes])
+        before = self.steady_force(old.positions, old.velocities)
+        felt[..., self._axes] = before[..., self._axes] - measured
+        again = reduced - np.einsum("...ij,...j->...i", turn, felt)
+        return np.asarray((MGAL * _SIGNS * again)[..., self._axes])
 
     def about(self, ins: Motion) -> About:
         """Return what the INS's errors make of the reduction, linearised."""

@@ -44,6 +44,19 @@ class Schedule:
     aiding: Sequence[np.ndarray]
     period: float
 
+    def between(self, first: int, last: int) -> Schedule:
+        """Return that of the epochs from ``first`` to ``last``, as if the flight began before."""
+        begun = 0 if first == 0 else int(self.samples[first - 1])
+        epochs = slice(first, last + 1)
+
+        def among(read: np.ndarray) -> np.ndarray:
+            return read[(read >= first) & (read <= last)] - first
+
+        return Schedule(
+            self.times[epochs], self.samples[epochs] - begun, self.dt, among(self.gradients),
+            [among(read) for read in self.aiding], self.period,
+        )  # fmt: skip
+
     def delays(self, treatment: Prefilter) -> np.ndarray:
         """Return by how much (K,) [s] the gradiometer's readings lag behind their epochs."""
         delays = np.zeros(len(self.times))

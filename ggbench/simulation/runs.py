@@ -8,6 +8,7 @@ map each exist twice, see :mod:`ggbench.spec.sensors`.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -34,6 +35,7 @@ from .aiding import aiding_readings
 from .error_free_flight import Flight
 from .formulation import Indicated, Readings, follow, formulate
 from .random_streams import RandomStreams, random_streams
+from .replay import Recording, Replays
 
 
 @dataclass(frozen=True)
@@ -94,12 +96,12 @@ def simulate_block(
     model, times, when = flight.model, flight.times, flight.schedule
     ins = Indicated.empty(len(streams), len(times), model.dimension)
     imu_biases = np.empty((len(streams), len(times), 6))
+    gravity = flight.added_gravity(flight.model_field)
+    recordings: list[Recording] = []
     for some in groups(len(streams)):
-        track, increments, imu_biases[some] = _navigate(flight, streams[some])
-        follow(
-            model, when, flight.added_gravity(flight.model_field), track, increments,
-            ins.of_runs(some),
-        )  # fmt: skip
+        track, increments, imu_biases[some], recorded = _navigate(flight, streams[some])
+        follow(model, when, gravity, track, increments, ins.of_runs(some))
+        recordings.append(recorded)
     output = np.zeros((len(streams), len(when.gradients), model.gradients))
     missing = np.zeros(output.shape[:2], dtype=bool)
     instrument_biases = np.zeros((len(streams), len(times), model.gradients))
@@ -110,10 +112,12 @@ def simulate_block(
         flight.true.aiding, model.aiding, flight.field, times, when.aiding,
         flight.motion_at_epochs, ins.motion, streams,
     )  # fmt: skip
-    problems = formulate(
-        model, flight.model_field, when, ins,
-        Readings(output, missing, others.measurements, others.present),
-    )  # fmt: skip
+    readings = Readings(output, missing, others.measurements, others.present)
+    problems = formulate(model, flight.model_field, when, ins, readings)
+    if model.gradiometer is None or model.gradiometer.lowpass is None:
+        # The readings of a filter depend on the track before, which feedback would change.
+        replays = Replays(model, flight.model_field, when, gravity, recordings, len(streams))
+        problems = dataclasses.replace(problems, replays=replays)
     truth, epochs = flight.trajectory, flight.epochs
     error_state = np.empty((len(streams), len(times), model.dimension))
     navigation_errors(
@@ -132,13 +136,14 @@ def simulate_block(
 
 def _navigate(
     flight: Flight, streams: Sequence[RandomStreams]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, Recording]:
     """Navigate a group of runs at once.
 
     Returns
     -------
     What the INSs indicate (N + 1, TRACK, LANES), the increments (N, 6, LANES) that they were given,
-    and the true biases (R, K or 1, 6) of gyros and accelerometers in those.
+    the true biases (R, K or 1, 6) of gyros and accelerometers in those, and all that they were
+    given as a recording.
     """
     truth, true = flight.trajectory, flight.true
     increments, biases = _inertial_readings(flight, streams)
@@ -150,7 +155,7 @@ def _navigate(
         in_lanes(np.stack(initial)[:, np.newaxis]), increments, truth.dt, heights, gains,
         flight.added_gravity(flight.model_field), track,
     )  # fmt: skip
-    return track, increments, biases
+    return track, increments, biases, Recording(np.stack(initial), increments, heights, gains)
 
 
 def _inertial_readings(

@@ -86,7 +86,8 @@ def test_every_estimator_takes_any_combination(label, combination, folder):
     if reason := solver.skip(problem):
         pytest.skip(reason)
     estimate = solver.estimate(problem, rng())
-    tolerance = 1e-6 if combination in LINEAR else 0.33
+    linear = combination in LINEAR and solver.name != "closed-loop"  # it bends the track
+    tolerance = 1e-6 if linear else 0.33
     apart = deviation(estimate.mean, estimate.cov, *exact(linearised(problem, truth), estimate))
     assert max(apart) < tolerance
 

@@ -81,6 +81,33 @@ def test_a_reading_is_what_the_model_says_to_the_squares_of_the_errors(name):
     assert np.abs(exact - about.offset).max() > 30.0 * left[1]  # it does depend on the errors
 
 
+@pytest.mark.parametrize("name", SENSORS)
+def test_a_reading_may_be_seen_from_another_track(name):
+    """As if the INS had indicated that one: to rounding, and what its noise is turned by.
+
+    Tracks that are hundreds of metres, half a metre a second and minutes of arc apart. A gravimeter
+    of one component does not know what is felt in the others: to a fifth, of tilts of 10′ and 3′.
+    """
+    sensor, own = SENSORS[name], np.random.default_rng(5)
+    truth, old, _ = motions(5, 1.0)
+    _, new, _ = motions(5, 0.3)
+    noise = own.standard_normal((5, len(sensor.channels)))
+    readings = sensor.exact(truth, old, NORMAL) + noise
+    expected = sensor.exact(truth, new, NORMAL) + noise
+    found = sensor.seen_from(readings, old, new)
+    limits = {
+        "gnss": 1e-4,
+        "gnss position": 1e-4,
+        "vector gravimeter": 0.01,
+    }  # the noise turns, too
+    limit = limits.get(name, 1e-9)
+    if name == "gravimeter":
+        limit = 0.2 * np.abs(expected - readings).max()
+    assert np.abs(found - expected).max() < limit
+    if "log" not in name and name not in ("barometer", "gnss velocity"):
+        assert np.abs(found - readings).max() > 1.0
+
+
 def test_the_reading_of_a_gravimeter_without_errors_of_the_ins_is_the_disturbance(tmp_path):
     """Of its size, positive where gravity is too large; of its components as they are."""
     truth, _, _ = motions(3, 0.0)

@@ -1,0 +1,80 @@
+"""A Kalman filter whose corrections are fed back: the INS is set right as the flight goes on.
+
+The other filters estimate the error of an INS that nobody corrects, which is linear only as long as
+that error is small. Here the mechanization starts anew from what the filter believes, every so
+often, so that the error that is estimated stays small, whatever the open loop would have drifted to
+(Groves 2013, sec. 14.1.1: closed-loop integration).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from ..block import block_of
+from ..engines import filters
+from ..problem import Causality, Estimate, Estimator, Problem
+from .ukf import UnscentedKalmanFilter
+
+
+@dataclass(frozen=True)
+class ClosedLoop(Estimator):
+    """A Kalman filter with feedback to the mechanization, compiled.
+
+    Parameters
+    ----------
+    filter : ``ekf``, or ``ukf`` with cubature points.
+    interval_s : time between two corrections of the mechanization [s]; at every epoch at most.
+    """
+
+    filter: Literal["ekf", "ukf"] = "ekf"
+    interval_s: float = 60.0
+
+    name = "closed-loop"
+
+    @property
+    def causality(self) -> Causality:
+        """Measurements up to each epoch."""
+        return "filter"
+
+    def skip(self, problem: Problem) -> str | None:
+        """Refuse problems whose inertial readings are not at hand, and intervals without length."""
+        if not 0.0 < self.interval_s < np.inf:
+            return f"interval_s must be positive and finite, and is {self.interval_s:g}"
+        if problem.replay is None:
+            return (
+                "there is nothing to feed back to: the problem has no inertial readings, or those "
+                "of a filtered gradiometer, which depend on the track before"
+            )
+        return None
+
+    def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
+        """Filter part after part, each about the INS that the one before it has set right."""
+        assert problem.replay is not None  # skip() says so
+        loop = problem.replay.start(problem)
+        means, covs, nis = [], [], []
+        evaluations = 0
+        for last in self._ends(problem.times):
+            block = block_of(loop.ahead(last))
+            if self.filter == "ekf":
+                mean, cov, squares = filters.extended(block)
+                evaluations += block.epochs
+            else:
+                found = UnscentedKalmanFilter(points="cubature").estimate_block(block)
+                mean, cov, squares = found.mean, found.cov, np.asarray(found.nis)
+                evaluations += int(found.info["map_evaluations"][0])
+            means.append(loop.correct(mean[0], cov[0]))
+            covs.append(cov[0])
+            nis.append(squares[0])
+        return Estimate(
+            np.concatenate(means), np.concatenate(covs), self.causality,
+            info={"corrections": len(means), "map_evaluations": evaluations},
+            nis=np.concatenate(nis),
+        )  # fmt: skip
+
+    def _ends(self, times: np.ndarray) -> list[int]:
+        """Return the last epoch of each part."""
+        part = np.floor((times - 1e-9) / self.interval_s)
+        return [*np.flatnonzero(np.diff(part)).tolist(), len(times) - 1]

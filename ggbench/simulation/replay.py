@@ -1,0 +1,207 @@
+"""The mechanization with feedback: an estimator's corrections re-base the INS as it goes.
+
+The error model is linear about what the INS indicates. Where an INS that nobody corrects has
+drifted far, the squares of its errors are beyond what sensors see; one that is set right every
+minute errs by little. Nothing here knows the truth: what is replayed are the IMU's own readings.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..gravity.ellipsoid import metres_along
+from ..gravity.field import DisturbanceMap, Field
+from ..ins.error_model import navigation_errors
+from ..ins.strapdown import TRACK, navigate_lanes
+from ..numerics.kernels import LANES
+from ..numerics.lanes import in_lanes, out_of_lanes, unfilled
+from ..numerics.rotations import rotation_matrix
+from ..problem import Problem
+from ..sensors.aiding import Motion
+from .equipment import Equipment
+from .formulation import Indicated, Readings, Schedule, follow, formulate
+
+FED_BACK = 9
+"""States that the mechanization is set right by: position, velocity, attitude. Biases and gravity
+stay states: they enter linearly, and their own error model goes on."""
+
+
+class Recording(NamedTuple):
+    """What IMUs and altimeters have delivered to the INSs of a group of runs.
+
+    Attributes
+    ----------
+    initial : (R, 15) what the INSs were set to. increments : (N, 6, LANES) [rad], [m/s].
+    heights : (N, 1, LANES) of the altimeters [m]; (0, 1, LANES) without.
+    gains : of the altimeter.
+    """
+
+    initial: np.ndarray
+    increments: np.ndarray
+    heights: np.ndarray
+    gains: tuple[float, float]
+
+    def of_run(self, run: int) -> Recording:
+        """Return that of one of the runs, as a group of its own."""
+        return Recording(
+            self.initial[run : run + 1],
+            in_lanes(out_of_lanes(self.increments, run + 1)[run:]),
+            in_lanes(out_of_lanes(self.heights, run + 1)[run:]),
+            self.gains,
+        )
+
+
+class Replays(Sequence["Replay"]):
+    """The replays of a block of runs, each made when it is asked for.
+
+    Parameters
+    ----------
+    model, field, when, gravity : as :func:`.formulation.follow` and
+        :func:`.formulation.formulate` take them.
+    recordings : of each group of runs. runs : how many there are.
+    """
+
+    def __init__(
+        self,
+        model: Equipment,
+        field: Field,
+        when: Schedule,
+        gravity: DisturbanceMap,
+        recordings: Sequence[Recording],
+        runs: int,
+    ) -> None:
+        self._given = model, field, when, gravity
+        self._recordings, self._runs = recordings, runs
+
+    def __len__(self) -> int:
+        return self._runs
+
+    def __getitem__(self, run: Any) -> Any:
+        if not 0 <= run < len(self):
+            raise IndexError(f"there is no run {run} in a block of {len(self)}")
+        return Replay(*self._given, self._recordings[run // LANES].of_run(run % LANES))
+
+
+class Replay:
+    """What is needed to navigate a run anew, from any epoch on.
+
+    Parameters
+    ----------
+    model, field, when, gravity, recording : of :class:`Replays`, of one run.
+    """
+
+    def __init__(
+        self,
+        model: Equipment,
+        field: Field,
+        when: Schedule,
+        gravity: DisturbanceMap,
+        recording: Recording,
+    ) -> None:
+        self.model, self.field, self.when, self.gravity = model, field, when, gravity
+        self.recording = recording
+
+    def start(self, problem: Problem) -> Loop:
+        """Return a closed loop that stands at the start of the flight of a problem."""
+        return Loop(self, problem)
+
+
+class Loop:
+    """A flight that is navigated part by part, each from what an estimator made of the last."""
+
+    def __init__(self, replay: Replay, problem: Problem) -> None:
+        assert problem.track is not None
+        track = problem.track
+        self._replay, self._problem = replay, problem
+        self._open = Motion(track.positions, track.velocities, track.attitudes)
+        self._first, self._state = 0, replay.recording.initial[0]
+        self._mean, self._cov = problem.prior_mean, problem.prior_cov
+        self._part = problem
+
+    def ahead(self, last: int) -> Problem:
+        """Return the problem of the epochs up to ``last`` that have not been corrected yet.
+
+        Its prior is what is known at the last correction.
+        """
+        replay, first = self._replay, self._first
+        when, recording = replay.when, replay.recording
+        begun = 0 if first == 0 else int(when.samples[first - 1])
+        ended = int(when.samples[last])
+        increments = recording.increments[begun:ended]
+        track = unfilled(ended - begun + 1, TRACK)
+        navigate_lanes(
+            in_lanes(self._state.reshape(1, 1, TRACK)), increments, when.dt,
+            recording.heights[begun:ended], recording.gains, replay.gravity, track,
+        )  # fmt: skip
+        some = when.between(first, last)
+        ins = Indicated.empty(1, last - first + 1, replay.model.dimension)
+        follow(replay.model, some, replay.gravity, track, increments, ins)
+        read = self._seen_from(ins.motion, some, slice(first, last + 1))
+        block = formulate(replay.model, replay.field, some, ins, read)
+        noise = self._problem.noise_cov
+        self._part = dataclasses.replace(
+            block,
+            prior_mean=self._mean,
+            prior_cov=self._cov,
+            noise_cov=noise if noise.ndim == 2 else noise[first : last + 1],
+        ).problem(0)
+        return self._part
+
+    def _seen_from(self, ins: Motion, when: Schedule, epochs: slice) -> Readings:
+        """Return the readings of some epochs as they are from another track."""
+        model, problem = self._replay.model, self._problem
+        z, there = problem.measurements[np.newaxis, epochs], problem.present[np.newaxis, epochs]
+        old = Motion(*(array[np.newaxis, epochs] for array in self._open))
+        others, column = z[..., model.gradients :].copy(), 0
+        for sensor in model.aiding:
+            columns = slice(column, column + len(sensor.channels))
+            others[..., columns] = sensor.seen_from(others[..., columns], old, ins)
+            column = columns.stop
+        gradients = z[:, when.gradients, : model.gradients]
+        missing = np.logical_not(there[:, when.gradients, : model.gradients].all(axis=2))
+        return Readings(gradients, missing, others, there[..., model.gradients :])
+
+    def correct(self, mean: np.ndarray, cov: np.ndarray) -> np.ndarray:
+        """Set the INS right by the estimate of the part that was asked for last.
+
+        Parameters
+        ----------
+        mean, cov : (K', n), (K', n, n) estimates at the epochs of the part.
+
+        Returns
+        -------
+        The same estimates (K', n) as errors of the INS that nobody corrects.
+        """
+        track = self._part.track
+        assert track is not None
+        corrected = corrected_motion(
+            Motion(track.positions, track.velocities, track.attitudes), mean
+        )
+        epochs = slice(self._first, self._first + len(mean))
+        states = [np.reshape(array[epochs], (len(mean), -1)) for array in self._open]
+        errors = np.empty((1, len(mean), FED_BACK))
+        navigation_errors(
+            np.hstack(states)[np.newaxis], *map(np.ascontiguousarray, corrected), errors
+        )
+        self._state = np.concatenate([np.ravel(array[-1]) for array in corrected])
+        self._mean = mean[-1].copy()
+        self._mean[:FED_BACK] = 0.0
+        self._cov = cov[-1]
+        self._first = epochs.stop
+        return np.hstack([errors[0], mean[:, FED_BACK:]])
+
+
+def corrected_motion(indicated: Motion, mean: np.ndarray) -> Motion:
+    """Return what an INS indicates at K epochs, corrected by estimates (K, n) of its error."""
+    positions = np.ascontiguousarray(indicated.positions)
+    east, north = metres_along(positions).T
+    off = np.column_stack([mean[:, 1] / north, mean[:, 0] / east, mean[:, 2]])
+    attitudes, turn = np.empty((len(mean), 3, 3)), np.empty((3, 3))
+    for k, c_nb in enumerate(indicated.attitudes):
+        rotation_matrix(np.ascontiguousarray(mean[k, 6:9]), turn)
+        attitudes[k] = turn @ c_nb
+    return Motion(positions - off, indicated.velocities - mean[:, 3:6], attitudes)

@@ -1,0 +1,154 @@
+"""Feedback to the mechanization: the same filter while errors are small, a right one when not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from problems import changed, deviation, estimator, linear_problem, rng
+from small_cases import GRAVIMETER, ON_BOARD, rough_map, small_flight
+
+from ggbench.problem import Problem
+from ggbench.simulation.error_free_flight import prepare
+from ggbench.simulation.runs import Truth, simulate
+from ggbench.spec import scenario
+
+WHOLE = "closed-loop[interval_s=1e6]"
+
+
+@pytest.fixture(scope="module")
+def rough(tmp_path_factory) -> dict[str, object]:
+    path = rough_map(tmp_path_factory.mktemp("map") / "rough.nc")
+    return {"field": {"source": path, "gravity_disturbance": True}}
+
+
+def everything(rough, **changes: object) -> tuple[Problem, Truth]:
+    """A flight with all sensors, an altimeter, compensation, gravity states and gaps."""
+    return simulate(
+        small_flight(
+            ON_BOARD
+            | GRAVIMETER
+            | rough
+            | {
+                "altimeter.noise_m_per_sqrt_hz": 1.0,
+                "gradiometer.instrument": "strapdown",
+                "gradiometer.bias_eotvos": 0.5,
+                "gravimeter.components": ["east", "north", "scalar"],
+                "model.field.compensate": True,
+                "model.disturbance.horizontal_mgal": 20.0,
+                "truth.gnss.dropouts_s": [[5.0, 12.0]],
+                "truth.gradiometer.dropout_share": 0.3,
+            }
+            | changes
+        ),
+        1,
+        0,
+    )
+
+
+@pytest.mark.parametrize("name", ["ekf", "ukf"])
+def test_without_a_correction_on_the_way_it_is_the_open_loops_filter(name, rough):
+    """One part, as long as the flight: mean and covariance to 1e-6 of the deviations."""
+    problem, _ = everything(rough)
+    found = estimator(f"closed-loop[interval_s=1e6,filter={name}]").estimate(problem, rng())
+    plain = "ekf" if name == "ekf" else "ukf[points=cubature]"
+    expected = estimator(plain).estimate(problem, rng())
+    assert found.info["corrections"] == 1
+    assert max(deviation(found.mean, found.cov, expected.mean, expected.cov)) < 1e-6
+
+
+@pytest.mark.parametrize("interval", [0.5, 3.0, 7.0])
+def test_while_errors_are_small_feedback_changes_nothing(interval, rough):
+    """However often the INS is set right, the answer is that of the open loop: to 0.02 σ.
+
+    So every reading is used once, each sensor's as it is from the corrected track, the noise of
+    every interval is counted once, and biases and gravity go on.
+    """
+    tiny = {
+        "initial_error.position_m": 1.0,
+        "initial_error.velocity_mps": 0.01,
+        "initial_error.attitude_arcmin": 0.1,
+    }
+    problem, _ = everything(rough, **tiny)
+    found = estimator(f"closed-loop[interval_s={interval}]").estimate(problem, rng())
+    expected = estimator("ekf").estimate(problem, rng())
+    assert found.info["corrections"] == int(np.ceil(problem.times[-1] / interval))
+    assert max(deviation(found.mean, found.cov, expected.mean, expected.cov)) < 0.02
+
+
+def test_the_readings_and_the_prior_are_those_of_the_problem(rough):
+    """What somebody changes in a problem, its replay sees: readings, gaps, noise, prior."""
+    problem, _ = everything(rough)
+    solve = estimator("closed-loop[interval_s=5]").estimate
+    there = problem.present.copy()
+    there[20:] = False
+    changes = [
+        {"measurements": problem.measurements + 10.0 * there},
+        {"present": there, "measurements": problem.measurements * there},
+        {"noise_cov": 4.0 * problem.noise_cov},
+        {"noise_cov": np.tile(4.0 * problem.noise_cov, (problem.epochs, 1, 1))},
+        {"prior_cov": 0.25 * problem.prior_cov},
+    ]
+    first = solve(problem, rng())
+    found = [solve(changed(problem, **change), rng()) for change in changes]
+    for estimate in found:
+        assert max(deviation(estimate.mean, estimate.cov, first.mean, first.cov)) > 0.1
+    apart = deviation(found[2].mean, found[2].cov, found[3].mean, found[3].cov)
+    assert max(apart) < 1e-9
+
+
+def test_a_heading_that_is_half_a_degree_wrong_does_no_harm_with_feedback():
+    """An hour of Zhou's flight: NEES of six states 5 times too large or more, and right with it.
+
+    The mean over 5 runs of an hour's last quarter; with feedback within 2 to 12 (a band of 1 %
+    for one epoch a run is 2.8 to 10.6).
+    """
+    case = scenario.load("zhou2015").case("estimated")
+    model = case.model.model_copy(
+        update={"imu": case.model.imu.model_copy(update={"accelerometer_bias_ug": None})}
+    )
+    leg = case.trajectory.segment[0].model_copy(update={"duration_s": 3600.0})
+    short = case.model_copy(
+        update={
+            "model": model,
+            "trajectory": case.trajectory.model_copy(update={"segment": (leg,)}),
+            "windows": case.windows.model_copy(update={"settled_from_s": 1.0, "last_s": 1.0}),
+        }
+    )
+    flight = prepare(short)
+    nees = {"ekf[engine=numba]": 0.0, "closed-loop": 0.0}
+    for run in range(5):
+        problem, truth = simulate(flight, 4, run)
+        for label in nees:
+            estimate = estimator(label).estimate(problem, rng())
+            error = (truth.error_state - estimate.mean)[270:, :6]
+            squares = np.linalg.solve(estimate.cov[270:, :6, :6], error[..., None])[..., 0]
+            nees[label] += float((error * squares).sum(axis=1).mean()) / 5.0
+    assert nees["ekf[engine=numba]"] > 30.0
+    assert 2.0 < nees["closed-loop"] < 12.0
+
+
+def test_its_innovations_are_its_own(rough):
+    """NIS where something was read, about the number of channels that were; NaN where nothing."""
+    problem, _ = everything(rough, **{"truth.barometer.dropouts_s": [[0.0, 100.0]]})
+    estimate = estimator("closed-loop[interval_s=2]").estimate(problem, rng())
+    there = problem.present.any(axis=1)
+    assert not there.all()
+    assert np.array_equal(np.isfinite(estimate.nis), there)
+    assert np.nanmean(estimate.nis) == pytest.approx(problem.present[there].sum(1).mean(), rel=0.3)
+
+
+@pytest.mark.parametrize(
+    ("label", "changes", "reason"),
+    [
+        ("closed-loop[interval_s=0]", {}, "interval_s must be positive"),
+        ("closed-loop[interval_s=inf]", {}, "interval_s must be positive and finite"),
+        ("closed-loop", {"gradiometer.filter": "butterworth"}, "nothing to feed back to"),
+    ],
+)
+def test_what_it_cannot_take_it_says(label, changes, reason):
+    problem, _ = simulate(small_flight(changes), 1, 0)
+    assert reason in estimator(label).skip(problem)
+
+
+def test_a_problem_without_inertial_readings_is_refused():
+    assert "nothing to feed back to" in estimator("closed-loop").skip(linear_problem(0))
