@@ -165,7 +165,7 @@ def aiding_readings(
     return AidingReadings(z, present, _stacked(biases, runs, epochs))
 
 
-class Receives(Protocol):
+class OnBoard(Protocol):
     """What of an equipment matters here."""
 
     @property
@@ -182,7 +182,7 @@ class Receives(Protocol):
 
 
 def aiding_about(
-    model: Receives, weighed: DisturbanceMap, read_at: Sequence[np.ndarray], motion: Motion
+    model: OnBoard, weighed: DisturbanceMap, read_at: Sequence[np.ndarray], motion: Motion
 ) -> tuple[Aiding, np.ndarray]:
     """Return h of the sensors about a motion (..., K, .), all readings there, and its offset.
 
