@@ -34,7 +34,15 @@ from ..sensors.gradiometer.lowpass import LowPass, Prefilter, prefilter
 from ..sensors.gradiometer.rotating import RotatingGradiometer, channel_noise_eotvos
 from ..sensors.gradiometer.spinning_disks import DISK_CHANNELS, SpinningDisks
 from ..spec.case import CaseSpec
-from ..spec.sensors import GradiometerSpec, ImuSpec, Side, TrueGradiometer, TrueImu
+from ..spec.sensors import (
+    AltimeterSpec,
+    GradiometerSpec,
+    ImuSpec,
+    Side,
+    TrueGradiometer,
+    TrueImu,
+    TruthSpec,
+)
 from .aiding import on_board
 
 STANDARD_GRAVITY = 9.80665
@@ -272,15 +280,26 @@ class Equipment:
 
 def equip(case: CaseSpec, name: Literal["truth", "model"]) -> Equipment:
     """Return the equipment of one side of a case."""
-    side = case.side(name)
-    altimeter = None
-    if case.altimeter is not None:
-        gains = altimeter_gains(case.altimeter.time_constant_s)
-        altimeter = gains, case.altimeter.noise_m_per_sqrt_hz**2
-    errors = case.truth.imu if name == "truth" else TrueImu()
+    return equipment_of(case.side(name), case.altimeter, case.truth if name == "truth" else None)
+
+
+def equipment_of(
+    side: Side, altimeter: AltimeterSpec | None = None, truth: TruthSpec | None = None
+) -> Equipment:
+    """Return the equipment that tables describe.
+
+    Parameters
+    ----------
+    side : of sensors and prior. altimeter : that damps the mechanization, if there is one.
+    truth : errors that no estimator is told of, if they are those of the truth.
+    """
+    damping = None
+    if altimeter is not None:
+        gains = altimeter_gains(altimeter.time_constant_s)
+        damping = gains, altimeter.noise_m_per_sqrt_hz**2
+    errors = TrueImu() if truth is None else truth.imu
     gradiometer = None if side.gradiometer is None else _gradiometer(side.gradiometer)
-    sensors = on_board(side, case.truth if name == "truth" else None)
-    return Equipment(_imu(side.imu, errors), gradiometer, sensors, side, altimeter)
+    return Equipment(_imu(side.imu, errors), gradiometer, on_board(side, truth), side, damping)
 
 
 def _imu(spec: ImuSpec, errors: TrueImu) -> Imu:
