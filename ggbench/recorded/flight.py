@@ -89,6 +89,11 @@ def read_flight(path: Path | str) -> RecordedFlight:
         problem = _problem(spec, model, field, ins, series, path)
     except OutsideMapError as error:
         raise FlightError(f"{path}: field: the flight begins outside the map: {error}") from None
+    if spec.windows is not None and spec.windows.settled_from_s > problem.times[-1]:
+        raise FlightError(
+            f"{path}: windows.settled_from_s is {spec.windows.settled_from_s:g} s and must not lie "
+            f"beyond the last reading, {problem.times[-1]:g} s after the start"
+        )
     reference = None
     if spec.reference is not None:
         reference = _reference(spec.reference, folder, problem, ins.base)
@@ -147,8 +152,9 @@ def _index(model: Equipment, name: str) -> int:
 
 def _reference(table: ReferenceTrack, folder: Path, problem: Problem, base: TimeBase) -> Truth:
     """Return the errors of the INS against a reference track, NaN where that says nothing."""
-    optional = (*ATTITUDE, *velocity_columns("ENU"), *velocity_columns("NED"))
-    columns = files.read(folder / table.file, POSITION, tuple(dict.fromkeys(optional)))
+    speeds = (*velocity_columns("ENU"), *velocity_columns("NED"))
+    optional = tuple(dict.fromkeys((*ATTITUDE, *speeds)))
+    columns = files.read(folder / table.file, POSITION, optional, speeds)
     times = clocked(columns, table.clock_offset_s)
     velocities = attitudes = None
     if any(name.startswith("velocity_") for name in columns.values):
