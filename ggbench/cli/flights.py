@@ -52,7 +52,7 @@ def estimate(flight: Path, estimators: tuple[str, ...], output: Path, seed: int)
             with warnings.catch_warnings(record=True) as said:
                 warnings.simplefilter("always")
                 estimated = api.estimate(recorded.problem, choice.estimator, seed)
-            flight_report.require_usable(recorded.problem, estimated)
+                flight_report.require_usable(recorded.problem, estimated)
         except GGBenchError as error:
             click.echo(f"ggbench: {choice.label}: {error}", err=True)
             continue

@@ -174,7 +174,8 @@ class AgainstReference:
     nees : (C,) normalised error squared of position and velocity, or of the position alone if the
         reference has no velocities; NaN without covariances.
     states : how many states the NEES is of, 6 or 3.
-    windows : name of each window to its figures, as :class:`.judgement.Judgement` has them.
+    windows : name of each window to ``position_mrse_m``, ``horizontal_mrse_m``,
+        ``velocity_mrse_mps`` and ``nees_mean``, as :class:`.judgement.Judgement` has them.
     """
 
     times: np.ndarray
@@ -216,6 +217,7 @@ def against(
         if some.any():
             figures[name] = {
                 "position_mrse_m": _mrse(errors[some, :3]),
+                "horizontal_mrse_m": _mrse(errors[some, :2]),
                 "velocity_mrse_mps": _mrse(errors[some, 3:]),
                 "nees_mean": float(np.mean(nees[some])),
             }

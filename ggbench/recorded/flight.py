@@ -13,7 +13,7 @@ from ..gravity.field import Field, OutsideMapError
 from ..ins.error_model import navigation_errors
 from ..ins.strapdown import NORMAL_GRAVITY
 from ..problem import Problem
-from ..sensors.aiding import Motion, position_error
+from ..sensors.aiding import Motion, corrected_positions, position_error
 from ..simulation.equipment import Equipment, equipment_of
 from ..simulation.field_source import is_file, make_field
 from ..simulation.formulation import (
@@ -41,6 +41,8 @@ from .motion import (
 from .readings import Series, gradients, others, read_series, require_near
 from .time_base import TimeBase, clocked
 
+_SIGMAS = 5.0
+"""By how many of its deviations the INS may be outside the map at first: it may be wrong."""
 _LONGEST_GAP = 3.0
 """Longest interval of a reference across which it is interpolated, in its usual ones."""
 
@@ -131,7 +133,7 @@ def _problem(
     gravity = field.disturbance_map if spec.field.compensate else NORMAL_GRAVITY
     follow(model, when, gravity, ins.track, ins.increments, indicated)
     motion = indicated.motion
-    field.tensor(*motion.positions[0, 0])  # raises outside the map
+    _require_over_map(field, motion.positions[0, 0], np.sqrt(np.diag(model.prior_cov)[:3]))
     output, missing = np.zeros((1, 0, model.gradients)), np.zeros((1, 0), dtype=bool)
     if "gradiometer" in series:
         output, missing = gradients(spec, ins.base, series["gradiometer"])
@@ -144,6 +146,14 @@ def _problem(
         require_near(found.columns, found.rows, away, prior, "the receiver")
     block = formulate(model, field, when, indicated, Readings(output, missing, read, present))
     return block.problem(0)
+
+
+def _require_over_map(field: Field, position: np.ndarray, sigma: np.ndarray) -> None:
+    """Raise OutsideMapError if a position (3,) is outside the map, whatever its error σ ENU [m]."""
+    off = corrected_positions(position, -_SIGMAS * sigma) - position
+    inside = (field.lower - off <= position) & (position <= field.upper + off)
+    if not inside.all():
+        field.tensor(*position)
 
 
 def _index(model: Equipment, name: str) -> int:

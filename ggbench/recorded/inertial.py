@@ -168,13 +168,16 @@ def _mechanised(
 
 def _start(start: StartSpec) -> np.ndarray:
     """Return the state (15,) at which the mechanization starts."""
-    angles = np.radians([[start.heading_deg, start.pitch_deg, start.roll_deg]])
+    if start.c_nb is not None:
+        attitude = np.array(start.c_nb)
+    else:
+        angles = (start.heading_deg or 0.0, start.pitch_deg or 0.0, start.roll_deg or 0.0)
+        attitude = attitudes_of(np.radians([angles])).ravel()
     return np.concatenate(
         [
-            np.radians([start.latitude_deg, start.longitude_deg]),
-            [start.height_m, start.velocity_east_mps, start.velocity_north_mps],
-            [start.velocity_up_mps],
-            attitudes_of(angles).ravel(),
+            start.position,
+            [start.velocity_east_mps, start.velocity_north_mps, start.velocity_up_mps],
+            attitude,
         ]
     )
 

@@ -144,21 +144,14 @@ def require_consistent(
         if _rms((moved - led)[:, axes]) <= 0.3 * size + slack:
             continue
         hint = ""
-        swapped = np.degrees(positions[there][:, [1, 0, 2]]) * [1, 1, 0]
         if what == "vertically" and _rms(moved[:, 2] + led[:, 2]) <= 0.15 * size + slack:
             other = "down" if frame == "ENU" else "up"
             hint = f"; it fits if the vertical velocity counts {other}wards"
         elif what == "horizontally":
-            for said, alternative, of in _alternatives(moved, led):
+            for said, alternative, of in _alternatives(positions[there], starts, moved, led):
                 if _rms(alternative - of) <= 0.15 * _rms(of) + slack:
                     hint = f"; it fits if {said}"
                     break
-            else:
-                if np.abs(swapped[:, :2]).max() < 90.0:
-                    turned = _displacements(np.radians(swapped))
-                    turned = np.add.reduceat(turned, starts)[:, :2]
-                    if _rms(turned - led[:, :2]) <= 0.15 * _rms(led[:, :2]) + slack:
-                        hint = "; it fits if latitude and longitude change places"
         seconds = float(np.sqrt(np.mean(long**2)))
         raise columns.error(
             f"positions and velocities contradict each other {what}: in {seconds:.3g} s the "
@@ -169,21 +162,26 @@ def require_consistent(
 
 
 def _alternatives(
-    moved: np.ndarray, led: np.ndarray
+    positions: np.ndarray, starts: np.ndarray, moved: np.ndarray, led: np.ndarray
 ) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
-    """Yield what may be meant: in words, and displacements of positions and of velocities."""
+    """Yield what may be meant: in words, and displacements of positions and of velocities.
+
+    Parameters
+    ----------
+    positions : (N, 3). starts : first of the steps between them of each span.
+    moved, led : (S, 3) displacements of positions and of velocities in the spans [m].
+    """
     moved, led = moved[:, :2], led[:, :2]
     yield "the east and north velocities change places (NED taken for ENU)", moved, led[:, ::-1]
     yield "both horizontal velocities change their sign", moved, -led
-    for scale, said in (
-        (180.0 / math.pi, "latitude and longitude are radians"),
-        (1.0 / 3.6, "the velocities are in km/h"),
-        (0.5144, "the velocities are in knots"),
+    for said, others in (
+        ("latitude and longitude are radians", np.degrees(positions)),
+        ("latitude and longitude change places", positions[:, [1, 0, 2]]),
     ):
-        if scale > 1.0:
-            yield said, moved * scale, led
-        else:
-            yield said, moved, led * scale
+        if np.abs(others[:, 0]).max() < 0.5 * math.pi:
+            yield said, np.add.reduceat(_displacements(others), starts)[:, :2], led
+    yield "the velocities are in km/h", moved, led / 3.6
+    yield "the velocities are in knots", moved, led * 0.5144
 
 
 def _require_smooth(

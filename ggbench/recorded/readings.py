@@ -90,7 +90,7 @@ def _read(spec: FlightSpec, folder: Path, model: Equipment, base: TimeBase, sens
     _require_period(columns, times, getattr(spec, sensor).period_s, sensor)
     samples, rows = base.samples_of(columns, times, table.outside)
     values = columns.stacked(names)
-    if not np.isfinite(values).any():
+    if not np.isfinite(values[rows]).any():
         raise columns.error(f"holds no reading: {', '.join(names)} are all empty")
     if isinstance(table, RecordedGnss):
         values = _of_receiver(columns, times, table)

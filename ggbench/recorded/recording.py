@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -47,7 +46,7 @@ def write_record(flight: Flight, seed: int, run: int, folder: Path, title: str =
     tables = _tables(flight, found.initial, title)
     # The file comes first: the columns of the records follow from it.
     path = folder / FLIGHT
-    files.write_text(path, "".join(_toml(tables)))
+    files.write_text(path, "".join(toml(tables)))
     spec = load(path)
     times, dt = flight.trajectory.times, flight.trajectory.dt
     increments = {"time_s": times[1:]} | dict(zip(DELTAS, found.increments.T, strict=True))
@@ -71,15 +70,12 @@ def _tables(flight: Flight, initial: np.ndarray, title: str) -> dict[str, Any]:
     """Return the content of the flight's file."""
     case = flight.case
     side = case.side("model")
-    heading, pitch, roll = angles_of(initial[6:].reshape(1, 3, 3))[0]
     start = {
-        "latitude_deg": _degrees(initial[0]),
-        "longitude_deg": _degrees(initial[1]),
+        "latitude_rad": float(initial[0]),
+        "longitude_rad": float(initial[1]),
         "height_m": float(initial[2]),
         **{f"velocity_{axis}_mps": float(v) for axis, v in zip(_ENU, initial[3:6], strict=True)},
-        "roll_deg": _degrees(roll),
-        "pitch_deg": _degrees(pitch),
-        "heading_deg": _degrees(heading),
+        "c_nb": initial[6:].tolist(),
     }
     field = _content(side.field) | {"compensate": case.model.field.compensate}
     field.pop("gravity_disturbance", None)
@@ -110,13 +106,6 @@ _ENU = ("east", "north", "up")
 
 def _content(table: BaseModel) -> dict[str, Any]:
     return table.model_dump(exclude_defaults=True, exclude_none=True)
-
-
-def _degrees(angle: float) -> float:
-    """Return the degrees that become most nearly the same radians again."""
-    found = float(np.degrees(angle))
-    near = (found, math.nextafter(found, math.inf), math.nextafter(found, -math.inf))
-    return min(near, key=lambda degrees: abs(float(np.radians(degrees)) - angle))
 
 
 def _write_readings(
@@ -160,12 +149,12 @@ def _write_reference(flight: Flight, folder: Path) -> None:
     files.write(folder / "reference.csv", columns)
 
 
-def _toml(tables: Mapping[str, Any], prefix: str = "") -> list[str]:
+def toml(tables: Mapping[str, Any], prefix: str = "") -> list[str]:
     """Return the text of nested tables, line by line: first the values, then the tables."""
     lines, nested = [], []
     for key, value in tables.items():
         if isinstance(value, Mapping):
-            nested += [f"\n[{prefix}{key}]\n", *_toml(value, f"{prefix}{key}.")]
+            nested += [f"\n[{prefix}{key}]\n", *toml(value, f"{prefix}{key}.")]
         else:
             lines.append(f"{key} = {_value(value)}\n")
     return lines + nested
@@ -177,6 +166,8 @@ def _value(value: Any) -> str:
     if isinstance(value, str):
         escaped = value.replace("\\", "\\\\").replace('"', '\\"')
         return '"' + "".join(c if c >= " " else f"\\u{ord(c):04x}" for c in escaped) + '"'
+    if isinstance(value, Mapping):
+        return f"{{ {', '.join(f'{key} = {_value(item)}' for key, item in value.items())} }}"
     if isinstance(value, tuple | list):
         return f"[{', '.join(map(_value, value))}]"
     return repr(value)

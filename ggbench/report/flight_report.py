@@ -170,7 +170,7 @@ def _errors(flight: RecordedFlight, judged: Mapping[str, AgainstReference]) -> l
             figures = found.windows[name]
             velocity = figures["velocity_mrse_mps"]
             cells += [
-                short(figures["position_mrse_m"]),
+                f"{short(figures['position_mrse_m'])} ({short(figures['horizontal_mrse_m'])})",
                 "" if np.isnan(velocity) else short(velocity),
                 "" if np.isnan(figures["nees_mean"]) else short(figures["nees_mean"]),
             ]
@@ -183,8 +183,9 @@ def _errors(flight: RecordedFlight, judged: Mapping[str, AgainstReference]) -> l
     return [
         "## Against the reference",
         markdown(head, rows),
-        f"Mean spherical errors against `{flight.spec.reference.file}`, at {len(some.times)} of "
-        f"{flight.problem.epochs} epochs. The NEES is of {what}: {some.states} if the estimate is "
+        "Root-mean-square spherical errors, of the position in brackets its horizontal part, "
+        f"against `{flight.spec.reference.file}`, at {len(some.times)} of {flight.problem.epochs} "
+        f"epochs. The NEES is of {what}: {some.states} if the estimate is "
         "consistent and the reference is exact; what the reference itself is in error is in both.",
     ]
 
@@ -261,7 +262,11 @@ def _local(positions: np.ndarray, origin: np.ndarray) -> np.ndarray:
 def _by_sensor(problem: Problem, found: Residuals) -> list[tuple[str, list[str], np.ndarray]]:
     out = []
     for sensor in dict.fromkeys(channel.sensor for channel in problem.channels):
-        own = [j for j, channel in enumerate(problem.channels) if channel.sensor == sensor]
+        own = [
+            j
+            for j, channel in enumerate(problem.channels)
+            if channel.sensor == sensor and problem.present[:, j].any()
+        ]
         names = [problem.channels[j].name.removeprefix("gradient ") for j in own]
         out.append((sensor.replace("_", " "), names, found.whitened[:, own]))
     return out

@@ -10,6 +10,7 @@ import math
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from ..errors import GGBenchError
@@ -17,10 +18,12 @@ from .aiding import AIDING, BarometerSpec, GnssSpec, GravimeterSpec, LogSpec
 from .case import WindowsSpec
 from .quantities import (
     Angle,
+    Cosine,
     Height,
     Latitude,
     Longitude,
     Pitch,
+    Radians,
     RecordGap,
     RecordTolerance,
     Roll,
@@ -36,7 +39,7 @@ from .sensors import (
     InitialErrorSpec,
     Side,
 )
-from .tables import Section
+from .tables import Listed, Section
 
 FileName = Annotated[str, Field(min_length=1)]
 Frame = Literal["ENU", "NED"]
@@ -71,17 +74,55 @@ class InsRecord(Recording):
 
 
 class StartSpec(Section):
-    """``[imu_record.start]``: where the mechanization of recorded increments starts."""
+    """``[imu_record.start]``: where the mechanization of recorded increments starts.
 
-    latitude_deg: Latitude
-    longitude_deg: Longitude
+    Radians, and C_nb row by row in place of the angles, are for those who keep a state to its last
+    bit, which degrees do not.
+    """
+
+    latitude_deg: Latitude | None = None
+    longitude_deg: Longitude | None = None
+    latitude_rad: Radians | None = None
+    longitude_rad: Radians | None = None
     height_m: Height
     velocity_east_mps: VelocityComponent
     velocity_north_mps: VelocityComponent
     velocity_up_mps: VelocityComponent
-    roll_deg: Roll
-    pitch_deg: Pitch
-    heading_deg: Angle
+    roll_deg: Roll | None = None
+    pitch_deg: Pitch | None = None
+    heading_deg: Angle | None = None
+    c_nb: Annotated[Listed[Cosine], Field(min_length=9, max_length=9)] | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> StartSpec:
+        for name in ("latitude", "longitude"):
+            given = [getattr(self, f"{name}_{unit}") for unit in ("deg", "rad")]
+            if (given[0] is None) == (given[1] is None):
+                raise ValueError(f"give exactly one of {name}_deg and {name}_rad")
+        angles = (self.heading_deg, self.pitch_deg, self.roll_deg)
+        if (self.c_nb is None) == (None in angles) or (self.c_nb and any(angles)):
+            raise ValueError("give heading_deg, pitch_deg and roll_deg, or c_nb in place of them")
+        if self.c_nb is not None and not _is_rotation(self.c_nb):
+            raise ValueError("c_nb is no rotation: its rows must be orthonormal, right-handed")
+        return self
+
+    @property
+    def position(self) -> tuple[float, float, float]:
+        """Latitude, longitude [rad] and height [m]."""
+        latitude, longitude = (
+            math.radians(degrees) if radians is None else radians
+            for degrees, radians in (
+                (self.latitude_deg or 0.0, self.latitude_rad),
+                (self.longitude_deg or 0.0, self.longitude_rad),
+            )
+        )
+        return latitude, longitude, self.height_m
+
+
+def _is_rotation(numbers: tuple[float, ...]) -> bool:
+    """Return whether nine numbers are those of a rotation, row by row."""
+    matrix = np.reshape(numbers, (3, 3))
+    return bool(np.abs(matrix @ matrix.T - np.eye(3)).max() < 1e-9 and np.linalg.det(matrix) > 0.0)
 
 
 class ImuRecord(Recording):

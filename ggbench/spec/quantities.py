@@ -58,6 +58,8 @@ def _short(number: float) -> str:
 # Where and how fast.
 Latitude = Annotated[float, Within(-89.0, 89.0)]
 Longitude = Annotated[float, Within(-180.0, 360.0)]
+Radians = Annotated[float, Within(-7.0, 7.0)]
+Cosine = Annotated[float, Within(-1.001, 1.001)]
 Height = Annotated[float, Within(LOWEST_M, HIGHEST_M, usual=(-500.0, 30e3))]
 HeightDifference = Annotated[float, Within(LOWEST_M - HIGHEST_M, HIGHEST_M - LOWEST_M)]
 Clearance = Annotated[float, Within(0.1, HIGHEST_M, or_zero=True)]
