@@ -43,10 +43,12 @@ if TYPE_CHECKING:
     from . import maps as maps
     from .api import Judgement as Judgement
     from .api import Results as Results
+    from .api import corrected as corrected
     from .api import estimate as estimate
     from .api import estimator as estimator
     from .api import judge as judge
     from .api import load as load
+    from .api import read_flight as read_flight
     from .api import run as run
     from .api import simulate as simulate
     from .errors import GGBenchError as GGBenchError
@@ -68,10 +70,12 @@ _MODULES = {
     "Results": "api",
     "Scenario": "spec.scenario",
     "Truth": "simulation.runs",
+    "corrected": "api",
     "estimate": "api",
     "estimator": "api",
     "judge": "api",
     "load": "api",
+    "read_flight": "api",
     "run": "api",
     "simulate": "api",
 }

@@ -5,6 +5,8 @@
     estimate = gg.estimate(problem, "ukf[points=merwe]")
     gg.judge(problem, estimate, truth)
     gg.run(scenario, ["ins", "ekf"], runs=20).summary()
+    problem, reference = gg.read_flight("flight.toml")
+    gg.corrected(problem, gg.estimate(problem, "ekf"))
 
 Whatever is wrong ends in a :class:`~ggbench.errors.GGBenchError` whose message is a sentence.
 """
@@ -41,6 +43,7 @@ from .spec.limits import MOST_RUNS, MOST_SEED
 from .spec.scenario import Scenario
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.figure import Figure
 
     from .figures.stored import Quantity
@@ -147,6 +150,61 @@ def estimate(problem: Problem, estimator: str | Estimator, seed: int = 0) -> Est
             stacklevel=2,
         )
     return found
+
+
+def read_flight(path: str | Path) -> tuple[Problem, Truth | None]:
+    """Read a recorded flight: the problem that its records are, and its reference if it has one.
+
+    Parameters
+    ----------
+    path : of its TOML file. Times of the problem are since the first sample of the INS [s].
+
+    Returns
+    -------
+    What :func:`simulate` gives of a simulated run. The reference's errors are NaN where it says
+    nothing, as of the biases; with positions and velocities :func:`judge` takes it.
+
+    Raises
+    ------
+    FlightError
+        With a sentence that names the file, the place in it, what was found and what is allowed.
+    """
+    if not isinstance(path, str | Path):
+        raise ArgumentError(f"a flight is read by the path of its file, not by {_kind(path)}")
+    from .recorded.flight import read_flight as read  # not at the top: it loads slowly
+
+    found = read(path)
+    return found.problem, found.reference
+
+
+def corrected(problem: Problem, estimate: Estimate, start: float = 0.0) -> pd.DataFrame:
+    """Return the corrected track: what the INS indicates, less its estimated errors.
+
+    Parameters
+    ----------
+    problem : as :func:`read_flight` or :func:`simulate` gives it. estimate : of it.
+    start : what is added to the times [s].
+
+    Returns
+    -------
+    A row for each epoch: ``time_s``, ``latitude_deg``, ``longitude_deg``, ``height_m``, velocities
+    ENU [m/s], ``heading_deg``, ``pitch_deg``, ``roll_deg``, and standard deviations of position
+    [m], velocity [m/s] and tilt [rad] about ENU, NaN if the estimate claims none.
+
+    Raises
+    ------
+    EstimateError
+        If the problem has no track, or the estimate is another one's.
+    """
+    if not isinstance(problem, Problem):
+        raise ArgumentError(f"the track of a Problem is corrected, and not {_kind(problem)}")
+    if not isinstance(estimate, Estimate):
+        raise ArgumentError(f"a track is corrected by an Estimate, and not by {_kind(estimate)}")
+    import pandas as pd
+
+    from .recorded.corrected import corrected as columns
+
+    return pd.DataFrame(columns(problem, estimate, _number("start", start)))
 
 
 def run(

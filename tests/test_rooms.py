@@ -21,7 +21,7 @@ FLOORS = (
     ("spec", "engines"),
     ("simulation",),
     ("judging",),
-    ("results",),
+    ("recorded", "results"),
     ("figures",),
     ("campaign", "report"),
     ("api",),

@@ -1,4 +1,4 @@
-"""The ``ggbench`` command: list, validate, run, report, show, compare, map."""
+"""The ``ggbench`` command: list, validate, run, report, show, compare, map, ...."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from rich.table import Table
 
 from ..errors import GGBenchError
 from ..spec.limits import MOST_RUNS, MOST_SEED
+from .flights import estimate, record
 from .interrupts import requests_to_end
 from .maps import map_group
 from .screen import console
@@ -59,6 +60,8 @@ def main() -> None:
 
 
 main.add_command(map_group)
+main.add_command(estimate)
+main.add_command(record)
 
 
 @main.command("list")

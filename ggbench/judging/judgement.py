@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from ..errors import GGBenchError
-from ..gravity.ellipsoid import metres_along
 from ..numerics.frozen import freeze_arrays
 from ..problem import Estimate, Problem
+from ..sensors.aiding import corrected_positions
 from ..simulation.runs import Truth
 from ..spec.case import WindowsSpec
 from . import run_errors
@@ -164,10 +164,6 @@ def epochs_outside(problem: Problem, mean: np.ndarray) -> np.ndarray:
     """
     if problem.track is None or problem.map is None:
         return np.zeros(problem.epochs, dtype=bool)
-    positions = problem.track.positions
-    off = np.asarray(mean)[:, :3] / np.hstack(
-        [metres_along(positions), np.ones((len(positions), 1))]
-    )
-    believed = positions - off[:, [1, 0, 2]]
+    believed = corrected_positions(problem.track.positions, np.asarray(mean)[:, :3])
     inside = (problem.map.lower <= believed) & (believed <= problem.map.upper)
     return np.asarray(~inside.all(axis=1))

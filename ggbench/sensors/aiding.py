@@ -321,6 +321,14 @@ def position_error(indicated: np.ndarray, true: np.ndarray) -> np.ndarray:
     return np.asarray((indicated - true)[..., _ENU] * _metres(indicated))
 
 
+def corrected_positions(indicated: np.ndarray, error: np.ndarray) -> np.ndarray:
+    """Return positions (..., 3) of which indicated ones have such errors ENU (..., 3) [m].
+
+    The inverse of :func:`position_error`.
+    """
+    return np.asarray(indicated - (error / _metres(indicated))[..., _ENU])
+
+
 def cross_matrix(vectors: np.ndarray) -> np.ndarray:
     """Return [v×] (..., 3, 3) of vectors (..., 3)."""
     x, y, z = np.moveaxis(vectors, -1, 0)

@@ -34,7 +34,16 @@ from ..sensors.gradiometer.lowpass import LowPass, Prefilter, prefilter
 from ..sensors.gradiometer.rotating import RotatingGradiometer, channel_noise_eotvos
 from ..sensors.gradiometer.spinning_disks import DISK_CHANNELS, SpinningDisks
 from ..spec.case import CaseSpec
-from ..spec.sensors import GradiometerSpec, ImuSpec, Side, TrueGradiometer, TrueImu
+from ..spec.sensors import (
+    AltimeterSpec,
+    DisturbanceSpec,
+    GradiometerSpec,
+    ImuSpec,
+    Side,
+    TrueGradiometer,
+    TrueImu,
+    TruthSpec,
+)
 from .aiding import on_board
 
 STANDARD_GRAVITY = 9.80665
@@ -320,26 +329,44 @@ class Equipment:
 
 def equip(case: CaseSpec, name: Literal["truth", "model"]) -> Equipment:
     """Return the equipment of one side of a case."""
-    side = case.side(name)
-    altimeter = None
-    if case.altimeter is not None:
-        gains = altimeter_gains(case.altimeter.time_constant_s)
-        altimeter = gains, case.altimeter.noise_m_per_sqrt_hz**2
-    errors = case.truth.imu if name == "truth" else TrueImu()
-    gradiometer = None if side.gradiometer is None else _gradiometer(side.gradiometer)
-    sensors = on_board(side, case.truth if name == "truth" else None)
-    return Equipment(
-        _imu(side.imu, errors), gradiometer, sensors, side, altimeter, _disturbance(case),
-        case.model.field.compensate,
+    return equipment_of(
+        case.side(name), case.altimeter, case.truth if name == "truth" else None,
+        # Of both sides, so that the bound is that of an estimator which knows as much of it.
+        disturbance_of(case.model.disturbance), case.model.field.compensate,
     )  # fmt: skip
 
 
-def _disturbance(case: CaseSpec) -> tuple[tuple[float, float, float], float] | None:
-    """Return σ ENU [m/s²] and the distance [m] of the gravity disturbance, if it is a state.
+def equipment_of(
+    side: Side,
+    altimeter: AltimeterSpec | None = None,
+    truth: TruthSpec | None = None,
+    disturbance: tuple[tuple[float, float, float], float] | None = None,
+    compensates: bool = False,
+) -> Equipment:
+    """Return the equipment that tables describe.
 
-    Of both sides, so that the bound is that of an estimator which knows as much of it.
+    Parameters
+    ----------
+    side : of sensors and prior. altimeter : that damps the mechanization, if there is one.
+    truth : errors that no estimator is told of, if they are those of the truth.
+    disturbance, compensates : as :class:`Equipment` has them.
     """
-    spec = case.model.disturbance
+    damping = None
+    if altimeter is not None:
+        gains = altimeter_gains(altimeter.time_constant_s)
+        damping = gains, altimeter.noise_m_per_sqrt_hz**2
+    errors = TrueImu() if truth is None else truth.imu
+    gradiometer = None if side.gradiometer is None else _gradiometer(side.gradiometer)
+    return Equipment(
+        _imu(side.imu, errors), gradiometer, on_board(side, truth), side, damping, disturbance,
+        compensates,
+    )  # fmt: skip
+
+
+def disturbance_of(
+    spec: DisturbanceSpec | None,
+) -> tuple[tuple[float, float, float], float] | None:
+    """Return σ ENU [m/s²] and the distance [m] of the gravity disturbance, if it is a state."""
     if spec is None:
         return None
     horizontal = spec.horizontal_mgal / MGAL

@@ -10,7 +10,6 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from ..errors import GGBenchError
 from ..gravity.ellipsoid import metres_along
 from ..gravity.field import DisturbanceMap, Field
 from ..ins import strapdown
@@ -30,7 +29,7 @@ from .aiding import aiding_about
 from .bound import Bound, posterior_bound
 from .equipment import Equipment, equip, faults, spinning_disks
 from .field_source import make_field
-from .formulation import Schedule
+from .formulation import Schedule, require_short_delays
 
 
 @dataclass(frozen=True)
@@ -296,33 +295,13 @@ def prepare(case: CaseSpec) -> Flight:
             field, trajectory.positions[at], trajectory.times[at], trajectory.attitudes[at],
             case.gradiometer.instrument,
         )  # fmt: skip
-        _require_short_delays(case, case.gradiometer.period_s, len(at))
+        altimeter = math.inf if case.altimeter is None else case.altimeter.time_constant_s
+        require_short_delays(equip(case, "model"), altimeter, len(at))
     for told in (field, model_field):
         told.tensor(*trajectory.positions[epochs].T)  # raises if the flight leaves the map
     return Flight(
         case, trajectory, delta_angles, delta_velocities, field, model_field, epochs, noise_free
     )
-
-
-def _require_short_delays(case: CaseSpec, period: float, count: int) -> None:
-    """Raise GGBenchError if errors decay within the delay of the filtered readings.
-
-    The measurement model takes the state back over the delay (:func:`.error_model.delayed_rows`): a
-    decay would be e^(delay / time constant) there, and the noise that goes with it is neglected.
-    """
-    model = equip(case, "model")
-    delay = period * float(model.treatment(count).delay_samples.max())
-    altimeter = math.inf if case.altimeter is None else case.altimeter.time_constant_s
-    for name, time in (
-        ("altimeter.time_constant_s", altimeter),
-        ("imu.gyro_bias_time_s", model.imu.gyro_bias_time),
-        ("imu.accelerometer_bias_time_s", model.imu.accelerometer_bias_time),
-    ):
-        if time < delay:
-            raise GGBenchError(
-                f"{name} is {time:g} s and must be at least the delay of the filtered readings, "
-                f"{delay:.3g} s; use a higher filter_cutoff_hz or read faster"
-            )
 
 
 @lru_cache(maxsize=8)

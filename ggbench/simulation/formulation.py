@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..block import ProblemBlock
+from ..errors import GGBenchError
 from ..gravity.field import DisturbanceMap, Field
 from ..ins.error_model import POSITION, STATES, VELOCITY
 from ..ins.strapdown import TRACK
@@ -95,11 +96,16 @@ class Indicated(NamedTuple):
     @property
     def motion(self) -> Motion:
         """What the INS indicates at the epochs (R, K, .)."""
-        return Motion(
-            self.states[:, :, POSITION],
-            self.states[:, :, VELOCITY],
-            self.states[:, :, 6:].reshape(*self.states.shape[:2], 3, 3),
-        )
+        return motion_of(self.states)
+
+
+def motion_of(states: np.ndarray) -> Motion:
+    """Return the motion (..., .) of navigation states (..., 15)."""
+    return Motion(
+        states[..., POSITION],
+        states[..., VELOCITY],
+        states[..., 6:].reshape(*states.shape[:-1], 3, 3),
+    )
 
 
 class Readings(NamedTuple):
@@ -210,3 +216,29 @@ def formulate(
         tracks=ins.states,
         map=field,
     )
+
+
+def require_short_delays(model: Equipment, altimeter: float, count: int) -> None:
+    """Raise GGBenchError if errors decay within the delay of the filtered readings.
+
+    The measurement model takes the state back over the delay (:func:`.error_model.delayed_rows`): a
+    decay would be e^(delay / time constant) there, and the noise that goes with it is neglected.
+
+    Parameters
+    ----------
+    model : sensors as the estimators know them. altimeter : its time constant [s]; ∞ without one.
+    count : number of readings of the gradiometer.
+    """
+    if model.side.gradiometer is None:
+        return
+    delay = model.side.gradiometer.period_s * float(model.treatment(count).delay_samples.max())
+    for name, time in (
+        ("altimeter.time_constant_s", altimeter),
+        ("imu.gyro_bias_time_s", model.imu.gyro_bias_time),
+        ("imu.accelerometer_bias_time_s", model.imu.accelerometer_bias_time),
+    ):
+        if time < delay:
+            raise GGBenchError(
+                f"{name} is {time:g} s and must be at least the delay of the filtered readings, "
+                f"{delay:.3g} s; use a higher filter_cutoff_hz or read faster"
+            )

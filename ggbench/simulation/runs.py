@@ -12,6 +12,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,15 +26,16 @@ from ..ins.error_model import (
     navigation_errors,
 )
 from ..ins.strapdown import TRACK, navigate_lanes
-from ..numerics.lanes import groups, in_lanes, unfilled
+from ..numerics.lanes import groups, in_lanes, out_of_lanes, unfilled
 from ..numerics.rotations import between, rotation_matrix
 from ..problem import Problem
+from ..sensors.aiding import Motion
 from ..sensors.gradiometer.faults import biases as gradiometer_biases
 from ..sensors.gradiometer.instrument import Gradiometer, readings
 from ..trajectory.truth import Trajectory
 from .aiding import aiding_readings
 from .error_free_flight import Flight
-from .formulation import Indicated, Readings, follow, formulate
+from .formulation import Indicated, Readings, follow, formulate, motion_of
 from .random_streams import RandomStreams, random_streams
 from .replay import Recording, Replays
 
@@ -102,18 +104,8 @@ def simulate_block(
         track, increments, imu_biases[some], recorded = _navigate(flight, streams[some])
         follow(model, when, gravity, track, increments, ins.of_runs(some))
         recordings.append(recorded)
-    output = np.zeros((len(streams), len(when.gradients), model.gradients))
-    missing = np.zeros(output.shape[:2], dtype=bool)
-    instrument_biases = np.zeros((len(streams), len(times), model.gradients))
-    if flight.true.gradiometer is not None:
-        output, instrument_biases = _gradiometer_output(flight, flight.true.gradiometer, streams)
-        missing = _missing(flight, streams)
-    others = aiding_readings(
-        flight.true.aiding, model.aiding, flight.field, times, when.aiding,
-        flight.motion_at_epochs, ins.motion, streams,
-    )  # fmt: skip
-    readings = Readings(output, missing, others.measurements, others.present)
-    problems = formulate(model, flight.model_field, when, ins, readings)
+    read, instrument_biases, biases = _readings(flight, streams, ins.motion)
+    problems = formulate(model, flight.model_field, when, ins, read)
     if model.gradiometer is None or model.gradiometer.lowpass is None:
         # The readings of a filter depend on the track before, which feedback would change.
         replays = Replays(model, flight.model_field, when, gravity, recordings, len(streams))
@@ -127,11 +119,66 @@ def simulate_block(
     error_state[:, :, GYRO_BIAS.start : STATES] = imu_biases
     if model.disturbance is not None:
         error_state[:, :, STATES : model.disturbed] = flight.unknown_gravity
-    first = model.dimension - others.biases.shape[2]
+    first = model.dimension - biases.shape[2]
     if first > model.disturbed:
         error_state[:, :, model.disturbed : first] = instrument_biases
-    error_state[:, :, first:] = others.biases
+    error_state[:, :, first:] = biases
     return problems, TruthBlock(times, error_state)
+
+
+class Record(NamedTuple):
+    """What the sensors of one run deliver, and where its INS starts.
+
+    Attributes
+    ----------
+    initial : (15,) position, velocity and C_nb, row by row, at which the INS starts.
+    increments : (N, 6) angles [rad] and velocities [m/s] of the IMU.
+    heights : (N,) of the altimeter at the ends of the intervals [m]; (0,) without one.
+    indicated : what the INS makes of it at the epochs (1, K, .).
+    read : what the other sensors deliver, of one run.
+    """
+
+    initial: np.ndarray
+    increments: np.ndarray
+    heights: np.ndarray
+    indicated: Motion
+    read: Readings
+
+
+def record(flight: Flight, seed: int, run: int) -> Record:
+    """Return what is recorded in a run: the same numbers of which :func:`simulate` makes its own.
+
+    Parameters
+    ----------
+    flight : the case. seed, run : the campaign's seed and the run's number.
+    """
+    streams = [random_streams(seed, run)]
+    track, increments, _, recorded = _navigate(flight, streams)
+    states = out_of_lanes(track[flight.epochs], 1)
+    motion = motion_of(states)
+    read, _, _ = _readings(flight, streams, motion)
+    return Record(track[0, :, 0], increments[:, :, 0], recorded.heights[:, 0, 0], motion, read)
+
+
+def _readings(
+    flight: Flight, streams: Sequence[RandomStreams], ins: Motion
+) -> tuple[Readings, np.ndarray, np.ndarray]:
+    """Return what the sensors of R runs deliver, and biases at all epochs.
+
+    Those of the gradiometer (R, K, g), and those of the other sensors that the model knows.
+    """
+    at, width = flight.gradient_epochs, flight.model.gradients
+    output = np.zeros((len(streams), len(at), width))
+    missing = np.zeros(output.shape[:2], dtype=bool)
+    biases = np.zeros((len(streams), len(flight.times), width))
+    if flight.true.gradiometer is not None:
+        output, biases = _gradiometer_output(flight, flight.true.gradiometer, streams)
+        missing = _missing(flight, streams)
+    others = aiding_readings(
+        flight.true.aiding, flight.model.aiding, flight.field, flight.times, flight.aiding_epochs,
+        flight.motion_at_epochs, ins, streams,
+    )  # fmt: skip
+    return Readings(output, missing, others.measurements, others.present), biases, others.biases
 
 
 def _navigate(

@@ -18,7 +18,6 @@ from .aiding import AIDING, BarometerSpec, GnssSpec, GravimeterSpec, LogSpec
 from .limits import MOST_RUNS, MOST_SEED
 from .quantities import Duration, Moment, PositionTarget, TimeLimit, VelocityTarget
 from .sensors import (
-    FEWEST_STEPS,
     AltimeterSpec,
     FieldSpec,
     GradiometerSpec,
@@ -209,12 +208,8 @@ class CaseSpec(Section):
                     f"{name}.period_s ({period:g} s) must be a whole multiple of imu.period_s "
                     f"({self.imu.period_s:g} s)"
                 )
-        shortest = FEWEST_STEPS * self.imu.period_s
-        if self.altimeter is not None and self.altimeter.time_constant_s < shortest:
-            raise ValueError(
-                f"altimeter.time_constant_s is {self.altimeter.time_constant_s:g} s and must be at "
-                f"least {FEWEST_STEPS:g} times imu.period_s, {shortest:g} s"
-            )
+        if self.altimeter is not None:
+            self.altimeter.require_slower_than(self.imu.period_s)
         # A track may be gone when a results folder is read; simulation.prepare checks its duration.
         if not self.trajectory.files():
             self.check_duration()

@@ -58,6 +58,8 @@ def _short(number: float) -> str:
 # Where and how fast.
 Latitude = Annotated[float, Within(-89.0, 89.0)]
 Longitude = Annotated[float, Within(-180.0, 360.0)]
+Radians = Annotated[float, Within(-7.0, 7.0)]
+Cosine = Annotated[float, Within(-1.001, 1.001)]
 Height = Annotated[float, Within(LOWEST_M, HIGHEST_M, usual=(-500.0, 30e3))]
 HeightDifference = Annotated[float, Within(LOWEST_M - HIGHEST_M, HIGHEST_M - LOWEST_M)]
 Clearance = Annotated[float, Within(0.1, HIGHEST_M, or_zero=True)]
@@ -90,6 +92,10 @@ Jitter = Annotated[float, Within(1e-12, 60.0, or_zero=True)]
 Frequency = Annotated[float, Within(1e-6, 1e4)]
 Spin = Annotated[float, Within(1e-4, 1000.0, usual=(0.01, 100.0))]
 TimeLimit = Annotated[float, Within(1e-6, 1e9)]
+TimeShift = Annotated[float, Within(-1e10, 1e10)]
+RecordGap = Annotated[float, Within(1e-4, 3600.0)]
+RecordTolerance = Annotated[float, Within(1e-9, 10.0, or_zero=True)]
+VelocityComponent = Annotated[float, Within(-FASTEST_MPS, FASTEST_MPS)]
 
 # Standard deviations of the start: at least what rounding leaves of a position on the Earth.
 PositionError = Annotated[float, Within(1e-6, 1e6, usual=(1e-3, 1e5))]

@@ -176,7 +176,7 @@ def load(name_or_path: str | Path) -> Scenario:
 def from_text(source: str, name: str, notes: str) -> Scenario:
     """Return the scenario of a text that was read before, as a results folder keeps it."""
     origin = f"scenario.toml of {name}"
-    document = _toml(source, origin)
+    document = read_toml(source, origin)
     document.pop("notes", None)
     return parse(document, name, origin, source, notes)
 
@@ -211,7 +211,7 @@ def checked(case: CaseSpec) -> CaseSpec:
     ScenarioError
         As :func:`load`.
     """
-    return _validate(CaseSpec, case.model_dump(warnings=False), f"case '{case.name}'")
+    return validate(CaseSpec, case.model_dump(warnings=False), f"case '{case.name}'")
 
 
 def values(source: str) -> dict[str, Any]:
@@ -228,14 +228,14 @@ def values(source: str) -> dict[str, Any]:
         else:
             flat[path] = node
 
-    walk(_strip_provenance(tomllib.loads(source), "", {}, ""), "")
+    walk(strip_provenance(tomllib.loads(source), "", {}, ""), "")
     return flat
 
 
 def _read(file: Traversable, name: str, origin: str) -> Scenario:
     """Read and validate a scenario file; ``origin`` names it in messages."""
     source = _text(file, origin)
-    document = _toml(source, origin)
+    document = read_toml(source, origin)
     notes_name = document.pop("notes", None)
     notes = ""
     if notes_name is not None:
@@ -257,7 +257,7 @@ def _text(file: Traversable, origin: str) -> str:
         raise ScenarioError(f"{origin}: cannot be read: {error.strerror}") from None
 
 
-def _toml(source: str, origin: str) -> dict[str, Any]:
+def read_toml(source: str, origin: str) -> dict[str, Any]:
     """Return the content of a TOML text, or raise ScenarioError with a sentence."""
     try:
         return tomllib.loads(source)
@@ -270,11 +270,11 @@ def parse(
 ) -> Scenario:
     """Validate the content of a scenario file; ``origin`` names it in messages."""
     provenance: dict[str, str] = {}
-    document = _strip_provenance(document, "", provenance, origin)
+    document = strip_provenance(document, "", provenance, origin)
     content_hash = hashlib.sha256(json.dumps(document, sort_keys=True, default=str).encode())
     title = _take_text(document, "title", origin)
     description = _take_text(document, "description", origin)
-    campaign = _validate(CampaignSpec, document.pop("campaign", {}), f"{origin}: campaign")
+    campaign = validate(CampaignSpec, document.pop("campaign", {}), f"{origin}: campaign")
     claimed = document.pop("claim", [])
     grid = document.pop("sweep", None)
     changes = _take_changes(document, "case", origin)
@@ -307,7 +307,7 @@ def _claims(found: Any, cases: Sequence[CaseSpec], origin: str) -> tuple[ClaimSp
     claims = []
     names = [case.name for case in cases]
     for number, table in enumerate(found):
-        claim = _validate(ClaimSpec, table, f"{origin}: claim[{number}]")
+        claim = validate(ClaimSpec, table, f"{origin}: claim[{number}]")
         if claim.case not in names:
             raise ScenarioError(
                 f"{origin}: claim[{number}]: there is no case '{claim.case}'"
@@ -327,7 +327,7 @@ def _spread(
     base: dict[str, Any], changes: list[dict[str, Any]], grid: Any, origin: str
 ) -> tuple[tuple[CaseSpec, ...], Sweep]:
     """Return the points of a grid, laid over every case of the file or over the base alone."""
-    spec = _validate(SweepSpec, grid, f"{origin}: sweep")
+    spec = validate(SweepSpec, grid, f"{origin}: sweep")
     titles, bases = {}, {}
     for number, change in enumerate(changes):
         label = f"{origin}: case[{number}]"
@@ -347,7 +347,7 @@ def _spread(
     for cell in cells:
         merged = reduce(_merge, cell.changes, _merge(base, bases.get(cell.base, {})))
         named = merged | {"name": cell.name, "title": cell.title}
-        cases.append(_validate(CaseSpec, named, f"{origin}: sweep at {cell.title}"))
+        cases.append(validate(CaseSpec, named, f"{origin}: sweep at {cell.title}"))
     return tuple(cases), laid_out
 
 
@@ -384,7 +384,7 @@ def _resolve(
     base: dict[str, Any], change: dict[str, Any], label: str, study: dict[str, Any]
 ) -> CaseSpec:
     merged = _merge(_merge(base, change), study)
-    return _validate(CaseSpec, merged, f"{label} '{change.get('name', '?')}'")
+    return validate(CaseSpec, merged, f"{label} '{change.get('name', '?')}'")
 
 
 def _merge(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
@@ -412,11 +412,11 @@ def _merge(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]
     return merged
 
 
-def _strip_provenance(node: Any, path: str, provenance: dict[str, str], origin: str) -> Any:
+def strip_provenance(node: Any, path: str, provenance: dict[str, str], origin: str) -> Any:
     """Replace every ``{ value, provenance }`` by its value and collect the provenance by key."""
     if isinstance(node, list):
         return [
-            _strip_provenance(item, f"{path}[{i}]", provenance, origin)
+            strip_provenance(item, f"{path}[{i}]", provenance, origin)
             for i, item in enumerate(node)
         ]
     if not isinstance(node, dict):
@@ -430,12 +430,19 @@ def _strip_provenance(node: Any, path: str, provenance: dict[str, str], origin: 
         provenance[path] = node["provenance"]
         return node["value"]
     return {
-        key: _strip_provenance(item, f"{path}.{key}" if path else key, provenance, origin)
+        key: strip_provenance(item, f"{path}.{key}" if path else key, provenance, origin)
         for key, item in node.items()
     }
 
 
-def _validate(model: type[T], content: Any, label: str) -> T:
+def validate(model: type[T], content: Any, label: str) -> T:
+    """Return a table of a file.
+
+    Raises
+    ------
+    ScenarioError
+        With a sentence that begins with the label, names the key, and says what is allowed.
+    """
     try:
         return model.model_validate(content)
     except ValidationError as error:

@@ -134,6 +134,15 @@ class AltimeterSpec(Section):
     noise_m_per_sqrt_hz: AltimeterNoise
     time_constant_s: Damping = 100.0
 
+    def require_slower_than(self, period: float) -> None:
+        """Raise ValueError if the damping is too quick for samples of a period [s]."""
+        shortest = FEWEST_STEPS * period
+        if self.time_constant_s < shortest:
+            raise ValueError(
+                f"altimeter.time_constant_s is {self.time_constant_s:g} s and must be at "
+                f"least {FEWEST_STEPS:g} times imu.period_s, {shortest:g} s"
+            )
+
 
 class InitialErrorSpec(Section):
     """``[initial_error]``: standard deviation of the INS error per axis at the start."""

@@ -119,12 +119,13 @@ def _trajectory(
         dt,
         follow(position, velocities, dt),
         velocities,
-        _attitudes(angles),
+        attitudes_of(angles),
     )
 
 
 @compiled
-def _attitudes(angles: np.ndarray) -> np.ndarray:
+def attitudes_of(angles: np.ndarray) -> np.ndarray:
+    """Return C_nb (N, 3, 3) of heading, pitch and roll (N, 3) [rad]."""
     attitudes = np.empty((angles.shape[0], 3, 3))
     for n in range(angles.shape[0]):
         c_nb = attitude_matrix(angles[n, 0], angles[n, 1], angles[n, 2])

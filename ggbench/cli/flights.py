@@ -1,0 +1,100 @@
+"""``ggbench estimate``: recorded flights; ``ggbench record``: simulated runs written as such."""
+
+from __future__ import annotations
+
+import sys
+import time
+import warnings
+from pathlib import Path
+
+import click
+
+from ..errors import GGBenchError
+from ..spec.limits import MOST_RUNS, MOST_SEED
+
+_EXIT_FAILED = 1
+
+
+@click.command()
+@click.argument("flight", type=click.Path(path_type=Path))
+@click.option(
+    "-e", "--estimator", "estimators", multiple=True, metavar="NAME[param=value,...]",
+    help="Estimator: a name or a .py file; repeat for more [ekf].",
+)  # fmt: skip
+@click.option(
+    "-o", "--output", required=True, type=click.Path(path_type=Path),
+    help="Folder for tracks, residuals and the report; new or empty.",
+)  # fmt: skip
+@click.option(
+    "-s", "--seed", type=click.IntRange(0, MOST_SEED), default=0, show_default=True,
+    help="Seed of the estimators' random numbers; most have no use for it.",
+)  # fmt: skip
+def estimate(flight: Path, estimators: tuple[str, ...], output: Path, seed: int) -> None:
+    """Estimate a recorded FLIGHT, a TOML file that names its records.
+
+    Writes corrected tracks with standard deviations, residuals, and a report with figures.
+    """
+    from .. import api
+    from ..campaign import registry
+    from ..problem import Estimate
+    from ..recorded.flight import read_flight
+    from ..recorded.recording import require_empty
+    from ..report import flight_report
+
+    choices = registry.choose_all(estimators or ("ekf",))
+    require_empty(output)
+    recorded = read_flight(flight)
+    click.echo(f"{flight}: {recorded.problem}")
+    found: dict[str, Estimate] = {}
+    for choice in choices:
+        start = time.perf_counter()
+        try:
+            with warnings.catch_warnings(record=True) as said:
+                warnings.simplefilter("always")
+                estimated = api.estimate(recorded.problem, choice.estimator, seed)
+                flight_report.require_usable(recorded.problem, estimated)
+        except GGBenchError as error:
+            click.echo(f"ggbench: {choice.label}: {error}", err=True)
+            continue
+        except Exception as error:  # an estimator of somebody's own may raise anything
+            click.echo(f"ggbench: {choice.label} failed: {type(error).__name__}: {error}", err=True)
+            continue
+        for warning in said:
+            if issubclass(warning.category, UserWarning):
+                click.echo(f"Note: {warning.message}.")
+        found[choice.label] = estimated
+        click.echo(f"{choice.label}: {time.perf_counter() - start:.2f} s")
+    if not found:
+        raise GGBenchError("no estimator gave an estimate: nothing is written")
+    path = flight_report.write(recorded, found, output)
+    click.echo(f"Wrote {path}, and tracks and residuals in the folders beside it.")
+    sys.exit(0 if len(found) == len(choices) else _EXIT_FAILED)
+
+
+@click.command()
+@click.argument("scenario_name", metavar="SCENARIO")
+@click.option("-c", "--case", metavar="NAME", help="Case to record [the first].")
+@click.option(
+    "--run", "number", type=click.IntRange(0, MOST_RUNS), default=0, show_default=True,
+    metavar="K", help="Run to record.",
+)  # fmt: skip
+@click.option("-s", "--seed", type=click.IntRange(0, MOST_SEED), help="Seed [the scenario's].")
+@click.option(
+    "-o", "--output", required=True, type=click.Path(path_type=Path),
+    help="Folder for the log; new or empty.",
+)  # fmt: skip
+def record(
+    scenario_name: str, case: str | None, number: int, seed: int | None, output: Path
+) -> None:
+    """Write a simulated run of a SCENARIO as a recorded flight, for 'ggbench estimate'."""
+    from ..recorded.recording import write_record
+    from ..results.folder import as_argument
+    from ..simulation.error_free_flight import prepare
+    from ..spec import scenario
+
+    loaded = scenario.load(scenario_name)
+    flown = loaded.cases[0] if case is None else loaded.find(case)[1]
+    seed = loaded.campaign.seed if seed is None else seed
+    title = f"{loaded.name}, {flown.name}, run {number} of seed {seed}"
+    path = write_record(prepare(flown), seed, number, output, title)
+    click.echo(f"Wrote {path}; 'ggbench estimate {as_argument(str(path))} -o OUT' estimates it.")

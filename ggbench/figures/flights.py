@@ -1,0 +1,102 @@
+"""Figures of a recorded flight: where it went, what the readings say, how sure an estimate is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from .looks import looks
+from .style import BOUND, INS, Drawing, styled, subplots
+
+_MOST_POINTS = 2000
+"""Points of a curve beyond which every so many are drawn: a flight may have a million."""
+
+
+@styled()
+def ground_track(
+    times: np.ndarray,
+    ins: np.ndarray,
+    tracks: Mapping[str, np.ndarray],
+    reference: np.ndarray | None,
+) -> Drawing:
+    """Draw tracks from above and their heights, about where the INS begins.
+
+    Parameters
+    ----------
+    times : (K,) [s].
+    ins : (K, 3) what it indicates, ENU [km, km, m]. tracks : of each estimator, the same.
+    reference : the same, NaN where there is none.
+    """
+    figure, (plan, height) = subplots(1, 2, figsize=(9.0, 4.4), width_ratios=(3, 2))
+    drawn = looks(tracks)
+    shown = [("INS", ins, {"color": INS, "lw": 1.5})]
+    shown += [
+        (label, track, {"color": drawn[label].color, "ls": drawn[label].ls, "lw": 1.2})
+        for label, track in tracks.items()
+    ]
+    if reference is not None:
+        shown.append(("reference", reference, {"color": BOUND, "lw": 0.9, "ls": ":"}))
+    for label, track, look in shown:
+        step = 1 + len(track) // _MOST_POINTS
+        some = track[::step]
+        plan.plot(some[:, 0], some[:, 1], label=label, **look)
+        height.plot(times[::step], some[:, 2], **look)
+    plan.plot(ins[0, 0], ins[0, 1], "o", color="k", mfc="w", ms=6)
+    plan.set_aspect("equal", adjustable="datalim")
+    plan.set_xlabel("east [km]")
+    plan.set_ylabel("north [km]")
+    height.set_xlabel("time since the start [s]")
+    height.set_ylabel("height [m]")
+    handles, names = plan.get_legend_handles_labels()
+    figure.legend(handles, names, loc="outside lower center", ncols=4)
+    return figure
+
+
+@styled()
+def deviations(times: np.ndarray, claimed: Mapping[str, np.ndarray]) -> Drawing:
+    """Draw the spherical standard deviations that estimates claim, of position and velocity.
+
+    ``claimed`` : of each estimator (K, 6) σ of position [m] and velocity [m/s], ENU.
+    """
+    figure, axes = subplots(2, 1, figsize=(7.0, 5.0), sharex=True)
+    drawn = looks(claimed)
+    step = 1 + len(times) // _MOST_POINTS
+    for row, (first, unit) in enumerate(((0, "position [m]"), (3, "velocity [m/s]"))):
+        for label, sigmas in claimed.items():
+            size = np.sqrt(np.sum(sigmas[:, first : first + 3] ** 2, axis=1))
+            look = drawn[label]
+            axes[row].semilogy(
+                times[::step], size[::step], color=look.color, ls=look.ls, lw=1.4, label=label
+            )
+        axes[row].yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+        axes[row].set_ylabel(f"1σ of {unit}")
+    axes[-1].set_xlabel("time since the start [s]")
+    axes[0].legend()
+    return figure
+
+
+@styled()
+def whitened(
+    times: np.ndarray, sensors: Sequence[tuple[str, Sequence[str], np.ndarray]], label: str
+) -> Drawing:
+    """Draw what the readings say to an estimate, a panel for each sensor, in units of its σ.
+
+    Parameters
+    ----------
+    times : (K,) [s]. label : of the estimator.
+    sensors : name, names of channels and whitened residuals (K, m), NaN for none, of each.
+    """
+    count = len(sensors)
+    figure, axes = subplots(count, 1, figsize=(7.0, 1.2 + 1.8 * count), sharex=True, squeeze=False)
+    for axis, (name, channels, values) in zip(axes[:, 0], sensors, strict=True):
+        for j, channel in enumerate(channels):
+            axis.plot(times, values[:, j], ".", ms=3, color=f"C{j % 10}", label=channel)
+        axis.axhspan(-2.0, 2.0, color="k", alpha=0.06, lw=0.0)
+        limit = max(4.0, 1.1 * float(np.nanpercentile(np.abs(values), 99.5)))
+        axis.set_ylim(-limit, limit)
+        axis.set_ylabel(f"{name} [σ]")
+        axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), markerscale=2.0)
+    axes[0, 0].set_title(label)
+    axes[-1, 0].set_xlabel("time since the start [s]")
+    return figure

@@ -1,0 +1,1 @@
+"""Recorded flights: read into problems, simulated runs written as such, corrected tracks."""

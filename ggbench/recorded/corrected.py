@@ -1,0 +1,230 @@
+"""What an estimate makes of a flight: the corrected track, what the readings say to it, errors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import GGBenchError
+from ..judging import run_errors
+from ..numerics.rotations import rotation_matrix
+from ..problem import Estimate, Problem
+from ..sensors.aiding import corrected_positions
+from ..simulation.runs import Truth
+from ..spec.case import WindowsSpec
+from .motion import ATTITUDE, POSITION, angles_of, velocity_columns
+
+_AXES = ("east", "north", "up")
+SIGMAS = (
+    *(f"sigma_{axis}_m" for axis in _AXES),
+    *(f"sigma_velocity_{axis}_mps" for axis in _AXES),
+    *(f"sigma_tilt_{axis}_rad" for axis in _AXES),
+)
+"""Columns of the standard deviations of position, velocity and attitude, about ENU."""
+
+
+class EstimateError(GGBenchError):
+    """An estimate cannot be turned into a track."""
+
+
+def corrected(problem: Problem, estimate: Estimate, start: float = 0.0) -> dict[str, np.ndarray]:
+    """Return the corrected track: what the INS indicates, less its estimated errors.
+
+    Parameters
+    ----------
+    problem : that was estimated. estimate : of it. start : what is added to the times [s].
+
+    Returns
+    -------
+    Columns (K,) by name: ``time_s``, ``latitude_deg``, ``longitude_deg``, ``height_m``,
+    ``velocity_east_mps``, ..., ``heading_deg``, ``pitch_deg``, ``roll_deg``, and
+    :data:`SIGMAS`, NaN if the estimate has no covariance.
+
+    Raises
+    ------
+    EstimateError
+        If the problem has no track, or the estimate is not of its shape or not finite.
+    """
+    if problem.track is None:
+        raise EstimateError("the problem has no track of an INS that could be corrected")
+    mean, cov = _arrays(problem, estimate)
+    track = problem.track
+    positions = corrected_positions(track.positions, mean[:, :3])
+    turns = np.empty((len(mean), 3, 3))
+    for turn, tilt in zip(turns, mean[:, 6:9], strict=True):
+        rotation_matrix(np.ascontiguousarray(tilt), turn)
+    angles = np.degrees(angles_of(turns @ track.attitudes))
+    places = np.hstack([np.degrees(positions[:, :2]), positions[:, 2:]])
+    values = np.hstack([places, track.velocities - mean[:, 3:6], angles, _sigmas(mean, cov)])
+    names = (*POSITION, *velocity_columns("ENU"), *ATTITUDE, *SIGMAS)
+    return {"time_s": start + problem.times} | dict(zip(names, values.T, strict=True))
+
+
+def _arrays(problem: Problem, estimate: Estimate) -> tuple[np.ndarray, np.ndarray | None]:
+    """Return mean and cov as they must be, or raise EstimateError."""
+    shape = (problem.epochs, problem.dimension)
+    try:
+        mean = run_errors.real_array("mean", estimate.mean, shape)
+        cov = estimate.cov
+        if cov is not None:
+            cov = run_errors.real_array("cov", cov, (*shape, problem.dimension))
+    except (ValueError, TypeError) as error:
+        raise EstimateError(str(error)) from None
+    for name, array in (("mean", mean), ("cov", cov)):
+        if array is not None and not np.isfinite(array).all():
+            epoch = int(np.argwhere(~np.isfinite(array))[0, 0])
+            raise EstimateError(f"the estimate's {name} is not finite from epoch {epoch} on")
+    return mean, cov
+
+
+def _sigmas(mean: np.ndarray, cov: np.ndarray | None) -> np.ndarray:
+    """Return the standard deviations (K, 9) of the first states."""
+    if cov is None:
+        return np.full((len(mean), 9), np.nan)
+    return np.sqrt(np.maximum(np.diagonal(cov, axis1=1, axis2=2)[:, :9], 0.0))
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """What the readings say to an estimate.
+
+    Attributes
+    ----------
+    predicted : (K, m) readings as predicted: by a filter from the epochs before, else by the
+        estimate itself.
+    whitened : (K, m) readings minus these: of a filter its innovations, in units of their
+        covariances (by the Cholesky factor: independent, of variance 1 if the filter is
+        consistent); else residuals, in units of the readings' noise. NaN where there is no reading.
+    nis : (K,) normalised innovation squared of a filter, else NaN.
+    innovations : whether they are those of a filter.
+    """
+
+    predicted: np.ndarray
+    whitened: np.ndarray
+    nis: np.ndarray
+    innovations: bool
+
+
+def residuals(problem: Problem, estimate: Estimate) -> Residuals:
+    """Return what the readings say to an estimate.
+
+    Raises
+    ------
+    EstimateError
+        If the estimate is not of the problem's shape, not finite, or its covariance is none.
+    """
+    mean, cov = _arrays(problem, estimate)
+    there, z = problem.present, problem.measurements
+    filters = estimate.causality == "filter" and cov is not None
+    if filters:
+        assert cov is not None
+        found, spreads = run_errors.innovations(problem, mean, cov)
+        predicted = z - found
+    else:
+        predicted = np.stack([problem.model.predict(k, x) for k, x in enumerate(mean)])
+        found = z - predicted
+        spreads = np.stack([problem.noise_of(k) for k in range(problem.epochs)])
+    try:
+        roots = np.linalg.cholesky(spreads)
+    except np.linalg.LinAlgError:
+        raise EstimateError("the estimate's cov is not positive definite") from None
+    whitened = np.linalg.solve(roots, found[..., np.newaxis])[..., 0]
+    nis = np.full(problem.epochs, np.nan)
+    if filters:
+        any_there = there.any(axis=1)
+        nis[any_there] = np.sum(whitened[any_there] ** 2, axis=1)
+    return Residuals(
+        np.where(there, predicted, np.nan), np.where(there, whitened, np.nan), nis, filters
+    )
+
+
+def residual_columns(
+    problem: Problem, found: Residuals, start: float = 0.0
+) -> dict[str, np.ndarray]:
+    """Return residuals as columns (K,): of each channel the reading, its prediction, the residual.
+
+    Names are those of sensor and channel, with the channel's unit; ``..._present`` is 1 or 0.
+    """
+    columns = {"time_s": start + problem.times}
+    for j, channel in enumerate(problem.channels):
+        own = channel.name.removeprefix("gradient ").removeprefix("gravity ")
+        name = f"{channel.sensor}_{own}".replace(" ", "_")
+        there = problem.present[:, j]
+        unit = {"m/s": "mps", "E": "eotvos", "mGal": "mgal"}.get(channel.unit, channel.unit)
+        columns |= {
+            f"{name}_{unit}": np.where(there, problem.measurements[:, j], np.nan),
+            f"{name}_predicted_{unit}": found.predicted[:, j],
+            f"{name}_whitened": found.whitened[:, j],
+            f"{name}_present": there.astype(int),
+        }
+    return columns | {"nis": found.nis}
+
+
+@dataclass(frozen=True)
+class AgainstReference:
+    """The errors of an estimate against a reference track, at the epochs that it covers.
+
+    Attributes
+    ----------
+    times : (C,) of these epochs [s].
+    components, sigmas : (C, 6) errors of position [m] and velocity [m/s] and their claimed σ.
+    nees : (C,) normalised error squared of position and velocity, or of the position alone if the
+        reference has no velocities; NaN without covariances.
+    states : how many states the NEES is of, 6 or 3.
+    windows : name of each window to ``position_mrse_m``, ``horizontal_mrse_m``,
+        ``velocity_mrse_mps`` and ``nees_mean``, as :class:`.judgement.Judgement` has them.
+    """
+
+    times: np.ndarray
+    components: np.ndarray
+    sigmas: np.ndarray
+    nees: np.ndarray
+    states: int
+    windows: Mapping[str, Mapping[str, float]]
+
+
+def against(
+    problem: Problem, estimate: Estimate, reference: Truth, windows: WindowsSpec | None
+) -> AgainstReference:
+    """Return the errors of an estimate against a reference track.
+
+    Raises
+    ------
+    EstimateError
+        If the estimate is not of the problem's shape, not finite, or its covariance is none.
+    """
+    mean, cov = _arrays(problem, estimate)
+    covered = np.isfinite(reference.error_state[:, :3]).all(axis=1)
+    times, errors = problem.times[covered], (reference.error_state - mean)[covered, :6]
+    states = 6 if np.isfinite(errors).all() else 3
+    nees = np.full(len(times), np.nan)
+    if cov is not None:
+        claimed = cov[covered][:, :states, :states]
+        try:
+            roots = np.linalg.cholesky(claimed)
+        except np.linalg.LinAlgError:
+            raise EstimateError("the estimate's cov is not positive definite") from None
+        white = np.linalg.solve(roots, errors[:, :states, np.newaxis])[..., 0]
+        nees = np.sum(white**2, axis=1)
+    spec = windows or WindowsSpec(settled_from_s=0.0, last_s=1.0)
+    names = run_errors.WINDOWS if windows else ("whole",)
+    figures = {}
+    for name in names:
+        some = run_errors.window_mask(times, spec, name)
+        if some.any():
+            figures[name] = {
+                "position_mrse_m": _mrse(errors[some, :3]),
+                "horizontal_mrse_m": _mrse(errors[some, :2]),
+                "velocity_mrse_mps": _mrse(errors[some, 3:]),
+                "nees_mean": float(np.mean(nees[some])),
+            }
+    sigmas = _sigmas(mean, cov)[covered, :6]
+    return AgainstReference(times, errors, sigmas, nees, states, figures)
+
+
+def _mrse(errors: np.ndarray) -> float:
+    """Return the root of the mean squared length of errors (C, 3)."""
+    return math.sqrt(float(np.mean(np.sum(errors**2, axis=1))))

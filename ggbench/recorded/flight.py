@@ -1,0 +1,246 @@
+"""A recorded flight: the estimation problem that its files are, and its reference."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import GGBenchError
+from ..gravity.field import Field, OutsideMapError
+from ..ins.error_model import navigation_errors
+from ..ins.strapdown import NORMAL_GRAVITY
+from ..problem import Problem
+from ..sensors.aiding import Motion, corrected_positions, position_error
+from ..simulation.equipment import Equipment, equipment_of
+from ..simulation.field_source import is_file, make_field
+from ..simulation.formulation import (
+    Indicated,
+    Readings,
+    Schedule,
+    follow,
+    formulate,
+    require_short_delays,
+)
+from ..simulation.runs import Truth
+from ..spec.flight import FlightError, FlightSpec, ReferenceTrack, load
+from . import columns as files
+from .inertial import Inertial, inertial
+from .motion import (
+    ATTITUDE,
+    POSITION,
+    Recorded,
+    attitudes_in,
+    positions_of,
+    require_consistent,
+    velocities_of,
+    velocity_columns,
+)
+from .readings import Series, gradients, others, read_series, require_near
+from .time_base import TimeBase, clocked
+
+_SIGMAS = 5.0
+"""By how many of its deviations the INS may be outside the map at first: it may be wrong."""
+_LONGEST_GAP = 3.0
+"""Longest interval of a reference across which it is interpolated, in its usual ones."""
+
+
+@dataclass(frozen=True)
+class RecordedFlight:
+    """What the files of a recorded flight are to estimators, and to those who judge them.
+
+    Attributes
+    ----------
+    path : of the flight's file. spec : what it says.
+    problem : what estimators are given; its times are since the first sample of the INS [s].
+    reference : errors of the INS against the reference track, if there is one: NaN where it says
+        nothing, as of the biases. No estimator is given it.
+    start : time of the first sample of the INS, on its own clock [s].
+    """
+
+    path: Path
+    spec: FlightSpec
+    problem: Problem
+    reference: Truth | None
+    start: float
+
+
+def read_flight(path: Path | str) -> RecordedFlight:
+    """Read a recorded flight: its file, and the records that the file names.
+
+    Parameters
+    ----------
+    path : of the flight's file. The paths in it are relative to its folder.
+
+    Raises
+    ------
+    FlightError
+        If the file, or one that it names, cannot be used; with a sentence that says which, where in
+        it, what was found and what is allowed.
+    GGBenchError
+        If the map cannot be made or read, or the low-pass cannot be computed.
+    """
+    path = Path(path)
+    spec, folder = load(path), path.parent
+    model, field = equipment_of(spec.side, spec.altimeter), _field(spec, folder)
+    ins = inertial(spec, folder, model, field)
+    series = read_series(spec, folder, model, ins.base)
+    try:
+        problem = _problem(spec, model, field, ins, series, path)
+    except OutsideMapError as error:
+        raise FlightError(f"{path}: field: the flight begins outside the map: {error}") from None
+    if spec.windows is not None and spec.windows.settled_from_s > problem.times[-1]:
+        raise FlightError(
+            f"{path}: windows.settled_from_s is {spec.windows.settled_from_s:g} s and must not lie "
+            f"beyond the last reading, {problem.times[-1]:g} s after the start"
+        )
+    reference = None
+    if spec.reference is not None:
+        reference = _reference(spec.reference, folder, problem, ins.base)
+    return RecordedFlight(path, spec, problem, reference, ins.base.start)
+
+
+def _field(spec: FlightSpec, folder: Path) -> Field:
+    """Return the map that the estimators are told; a file's path is relative to the flight's."""
+    told = spec.field
+    if is_file(told.source):
+        told = told.model_copy(update={"source": str(folder / told.source)})
+    return make_field(told)
+
+
+def _problem(
+    spec: FlightSpec,
+    model: Equipment,
+    field: Field,
+    ins: Inertial,
+    series: dict[str, Series],
+    path: Path,
+) -> Problem:
+    epochs = functools.reduce(np.union1d, [found.samples for found in series.values()])
+    at = {name: np.searchsorted(epochs, found.samples) for name, found in series.items()}
+    read_at = [at[sensor.name] for sensor in model.aiding]
+    gradient_at = at.get("gradiometer", np.zeros(0, dtype=np.int64))
+    period = 0.0 if spec.gradiometer is None else spec.gradiometer.period_s
+    times = ins.base.times[epochs]
+    when = Schedule(times, epochs, ins.base.dt, gradient_at, read_at, period)
+    try:
+        require_short_delays(model, spec.damping_s, len(gradient_at))
+    except GGBenchError as error:
+        raise FlightError(f"{path}: {error}") from None
+    indicated = Indicated.empty(1, len(epochs), model.dimension)
+    gravity = field.disturbance_map if spec.field.compensate else NORMAL_GRAVITY
+    follow(model, when, gravity, ins.track, ins.increments, indicated)
+    motion = indicated.motion
+    _require_over_map(field, motion.positions[0, 0], np.sqrt(np.diag(model.prior_cov)[:3]))
+    output, missing = np.zeros((1, 0, model.gradients)), np.zeros((1, 0), dtype=bool)
+    if "gradiometer" in series:
+        output, missing = gradients(spec, ins.base, series["gradiometer"])
+    read, present = others(model, series, read_at, motion)
+    if spec.gnss is not None and spec.gnss.position_noise_m is not None:
+        found, here = series["gnss"], at["gnss"]
+        first = sum(len(s.channels) for s in model.aiding[: _index(model, "gnss")])
+        away = np.where(present, read, np.nan)[0, here, first : first + 3]
+        prior = 10.0 * float(np.sqrt(np.diag(model.prior_cov)[:3].sum()))
+        require_near(found.columns, found.rows, away, prior, "the receiver")
+    block = formulate(model, field, when, indicated, Readings(output, missing, read, present))
+    return block.problem(0)
+
+
+def _require_over_map(field: Field, position: np.ndarray, sigma: np.ndarray) -> None:
+    """Raise OutsideMapError if a position (3,) is outside the map, whatever its error σ ENU [m]."""
+    off = corrected_positions(position, -_SIGMAS * sigma) - position
+    inside = (field.lower - off <= position) & (position <= field.upper + off)
+    if not inside.all():
+        field.tensor(*position)
+
+
+def _index(model: Equipment, name: str) -> int:
+    return [sensor.name for sensor in model.aiding].index(name)
+
+
+def _reference(table: ReferenceTrack, folder: Path, problem: Problem, base: TimeBase) -> Truth:
+    """Return the errors of the INS against a reference track, NaN where that says nothing."""
+    speeds = (*velocity_columns("ENU"), *velocity_columns("NED"))
+    optional = tuple(dict.fromkeys((*ATTITUDE, *speeds)))
+    columns = files.read(folder / table.file, POSITION, optional, speeds)
+    times = clocked(columns, table.clock_offset_s)
+    velocities = attitudes = None
+    if any(name.startswith("velocity_") for name in columns.values):
+        if table.frame is None:
+            raise FlightError(
+                f'{columns.path}: has velocities: say reference.frame = "ENU" or "NED", their frame'
+            )
+        lacking = [name for name in velocity_columns(table.frame) if name not in columns]
+        if lacking:
+            raise columns.error(
+                f'has no column {lacking[0]}, and reference.frame is "{table.frame}"'
+            )
+        velocities = velocities_of(columns, table.frame)
+    if all(name in columns for name in ATTITUDE):
+        attitudes = attitudes_in(columns)
+    motion = Recorded(positions_of(columns), velocities, attitudes)
+    if velocities is not None and table.frame is not None:
+        require_consistent(columns, times, motion, table.frame)
+    assert problem.track is not None
+    at, since = problem.times, times - base.start
+    row, share, there = _places(at, since, base.tolerance)
+    if not there.any():
+        raise columns.error(
+            f"lies nowhere within the flight, from {base.start:.17g} s to "
+            f"{base.start + base.dt * base.count:.17g} s; clock_offset_s is added to its times"
+        )
+    nothing = np.full((len(at), 3), np.nan)
+    positions = _between(motion.positions, row, share, there)
+    true = Motion(
+        positions,
+        nothing if velocities is None else _between(velocities, row, share, there),
+        np.full((len(at), 3, 3), np.nan),
+    )
+    if attitudes is not None:
+        # Angles are not interpolated: those of a row that is an epoch's own.
+        own = there & (share == 0.0)
+        true.attitudes[own] = attitudes[row[own]]
+    error_state = np.full((1, len(at), problem.dimension), np.nan)
+    states = np.concatenate(
+        [problem.track.positions, problem.track.velocities, problem.track.attitudes.reshape(-1, 9)],
+        axis=1,
+    )
+    navigation_errors(states[np.newaxis], *true, error_state)
+    prior = 10.0 * float(np.sqrt(np.diag(problem.prior_cov)[:3].sum()))
+    away = position_error(problem.track.positions, positions)
+    nearest = np.where(there)[0]
+    require_near(columns, np.minimum(row, columns.rows - 1)[nearest], away[nearest], prior, "it")
+    return Truth(problem.times, error_state[0])
+
+
+def _places(
+    at: np.ndarray, since: np.ndarray, tolerance: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return between which rows epochs lie: the row before, the share of the way, and whether.
+
+    A row within the tolerance of an epoch is its own: the share is zero.
+    """
+    nearest = np.clip(np.searchsorted(since, at), 0, len(since) - 1)
+    before = np.clip(nearest - 1, 0, len(since) - 1)
+    closer = np.abs(since[before] - at) < np.abs(since[nearest] - at)
+    nearest = np.where(closer, before, nearest)
+    own = np.abs(since[nearest] - at) <= 1e-3 * tolerance
+    row = np.where(own, nearest, np.searchsorted(since, at, side="right") - 1)
+    row = np.clip(row, 0, len(since) - 1)
+    after = np.minimum(row + 1, len(since) - 1)
+    step = np.where(after > row, since[after] - since[row], 1.0)
+    share = np.where(own, 0.0, (at - since[row]) / step)
+    usual = float(np.median(np.diff(since))) if len(since) > 1 else 0.0
+    within = (share >= 0.0) & (share <= 1.0) & (after > row) & (step <= _LONGEST_GAP * usual)
+    return row, share, own | within
+
+
+def _between(
+    values: np.ndarray, row: np.ndarray, share: np.ndarray, there: np.ndarray
+) -> np.ndarray:
+    """Return values (K, 3), linear between rows; NaN where there is nothing."""
+    after = np.minimum(row + 1, len(values) - 1)
+    found = values[row] + share[:, np.newaxis] * (values[after] - values[row])
+    return np.where(there[:, np.newaxis], found, np.nan)

@@ -1,0 +1,239 @@
+"""What the INS of a recorded flight indicates: its own solution, or one that is mechanised here."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ..gravity.field import DisturbanceMap, Field
+from ..ins.strapdown import NORMAL_GRAVITY, TRACK, error_free_increments, navigate_lanes
+from ..numerics.lanes import in_lanes, unfilled
+from ..numerics.rotations import between
+from ..simulation.equipment import Equipment
+from ..spec.case import MOST_SAMPLES
+from ..spec.flight import FlightSpec, ImuRecord, InsRecord, StartSpec
+from ..trajectory.truth import attitudes_of
+from . import columns as files
+from .columns import Columns
+from .motion import (
+    ATTITUDE,
+    POSITION,
+    Recorded,
+    attitudes_in,
+    positions_of,
+    require_consistent,
+    velocities_of,
+    velocity_columns,
+)
+from .time_base import TimeBase, clocked, time_base
+
+DELTAS = (
+    *(f"delta_angle_{axis}_rad" for axis in "xyz"),
+    *(f"delta_velocity_{axis}_mps" for axis in "xyz"),
+)
+"""Columns of increments; a row's are those of the interval that ends with it."""
+RATES = (
+    *(f"angular_rate_{axis}_radps" for axis in "xyz"),
+    *(f"specific_force_{axis}_mps2" for axis in "xyz"),
+)
+_TO_RIGHT_FORWARD_UP = {
+    "right-forward-up": np.eye(3),
+    "forward-right-down": np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]),
+    "forward-left-up": np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
+}
+_GRAVITY = 9.80665
+_SPINS = 10.0
+"""Angular rate [rad/s] that no vehicle has for half of its way."""
+
+
+class Inertial(NamedTuple):
+    """What the INS indicates at its samples, of one run in lanes.
+
+    Attributes
+    ----------
+    base : the samples. track : (N + 1, TRACK, LANES). increments : (N, 6, LANES).
+    """
+
+    base: TimeBase
+    track: np.ndarray
+    increments: np.ndarray
+
+
+def inertial(spec: FlightSpec, folder: Path, model: Equipment, field: Field) -> Inertial:
+    """Return what the INS of a recorded flight indicates.
+
+    Parameters
+    ----------
+    spec : the flight. folder : of its files. model : sensors as the estimators know them.
+    field : the map that they are told.
+
+    Raises
+    ------
+    FlightError
+        If a record cannot be used.
+    """
+    if spec.ins is not None:
+        return _of_solution(spec, spec.ins, folder, field)
+    assert spec.imu_record is not None  # the specification checks it
+    return _mechanised(spec, spec.imu_record, folder, model, field.disturbance_map)
+
+
+def _of_solution(spec: FlightSpec, record: InsRecord, folder: Path, field: Field) -> Inertial:
+    """Return an INS's own solution, and the increments that lead along it.
+
+    The inverse of the mechanization follows the velocities and attitudes; positions are kept as
+    they are recorded, wherever the rule lies by which they were made of the velocities.
+    """
+    columns = files.read(
+        folder / record.file, (*POSITION, *velocity_columns(record.frame), *ATTITUDE)
+    )
+    times = clocked(columns, record.clock_offset_s)
+    motion = Recorded(
+        positions_of(columns), velocities_of(columns, record.frame), attitudes_in(columns)
+    )
+    base, exact = time_base(
+        columns, times, spec.imu.period_s, record.max_gap_s, record.time_tolerance_s
+    )
+    _require_few(base, columns)
+    require_consistent(columns, times, motion, record.frame)
+    positions, velocities, attitudes = motion
+    assert velocities is not None and attitudes is not None
+    if not exact:
+        at, since = base.times, times - base.start
+        before = np.clip(np.searchsorted(since, at, side="right") - 1, 0, len(since) - 2)
+        share = np.clip((at - since[before]) / (since[before + 1] - since[before]), 0.0, 1.0)
+        positions, velocities = (_interpolated(at, since, v) for v in (positions, velocities))
+        attitudes = between(attitudes[before], attitudes[before + 1], share)
+    felt = np.zeros((base.count, 3))
+    if spec.field.compensate:
+        felt = field.gravity_disturbance(*(0.5 * (positions[1:] + positions[:-1])).T)
+    deltas = error_free_increments(
+        np.ascontiguousarray(positions), np.ascontiguousarray(velocities), attitudes, felt, base.dt
+    )
+    states = np.concatenate([positions, velocities, attitudes.reshape(-1, 9)], axis=1)
+    return Inertial(base, in_lanes(states[np.newaxis]), in_lanes(np.hstack(deltas)[np.newaxis]))
+
+
+def _mechanised(
+    spec: FlightSpec, record: ImuRecord, folder: Path, model: Equipment, gravity: DisturbanceMap
+) -> Inertial:
+    """Return what the mechanization makes of recorded increments or rates."""
+    columns = files.read(folder / record.file, (), (*DELTAS, *RATES))
+    kinds = [names for names in (DELTAS, RATES) if all(name in columns for name in names)]
+    if len(kinds) != 1:
+        raise columns.error(
+            f"must have either the columns {', '.join(DELTAS)} or {', '.join(RATES)}, and has "
+            + ("both" if kinds else "neither, or not all of them")
+        )
+    times, values = clocked(columns, record.clock_offset_s), columns.stacked(kinds[0])
+    before = 1 if kinds[0] is DELTAS else 0
+    base, exact = time_base(
+        columns, times, spec.imu.period_s, record.max_gap_s, record.time_tolerance_s, before
+    )
+    _require_few(base, columns)
+    if kinds[0] is DELTAS:
+        if not exact and np.abs(
+            times - base.start - base.dt * np.arange(1, len(times) + 1)
+        ).max() > (base.tolerance):
+            raise columns.error(
+                "its increments are not those of regular intervals of imu.period_s: give "
+                "rates, which may come at any times, or what lies between"
+            )
+        deltas, base = values, TimeBase(base.start, base.dt, len(values), base.tolerance)
+    else:
+        # Summed up to each row, then taken at the samples: nothing that was felt is lost.
+        since = times - base.start
+        means = 0.5 * (values[1:] + values[:-1]) * np.diff(since)[:, np.newaxis]
+        summed = np.concatenate([np.zeros((1, 6)), np.cumsum(means, axis=0)])
+        deltas = np.diff(_interpolated(base.times, since, summed), axis=0)
+    turn = _TO_RIGHT_FORWARD_UP[record.axes]
+    deltas = np.hstack([deltas[:, :3] @ turn.T, deltas[:, 3:] @ turn.T])
+    initial = _start(record.start)
+    _require_felt(columns, deltas / base.dt, initial[6:].reshape(3, 3), record.axes)
+    heights, gains = unfilled(0, 1), (0.0, 0.0)
+    if model.altimeter is not None:
+        gains = model.altimeter[0]
+        heights = in_lanes(_heights(spec, folder, base)[np.newaxis, :, np.newaxis])
+    increments, track = in_lanes(deltas[np.newaxis]), unfilled(base.count + 1, TRACK)
+    added = gravity if spec.field.compensate else NORMAL_GRAVITY
+    navigate_lanes(
+        in_lanes(initial[np.newaxis, np.newaxis]), increments, base.dt, heights, gains, added, track
+    )
+    if not np.isfinite(track).all():
+        raise columns.error("the mechanization ends beyond all numbers: are the increments right?")
+    return Inertial(base, track, increments)
+
+
+def _start(start: StartSpec) -> np.ndarray:
+    """Return the state (15,) at which the mechanization starts."""
+    if start.c_nb is not None:
+        attitude = np.array(start.c_nb)
+    else:
+        angles = (start.heading_deg or 0.0, start.pitch_deg or 0.0, start.roll_deg or 0.0)
+        attitude = attitudes_of(np.radians([angles])).ravel()
+    return np.concatenate(
+        [
+            start.position,
+            [start.velocity_east_mps, start.velocity_north_mps, start.velocity_up_mps],
+            attitude,
+        ]
+    )
+
+
+def _heights(spec: FlightSpec, folder: Path, base: TimeBase) -> np.ndarray:
+    """Return the altimeter's heights (N,) at the ends of the intervals [m]."""
+    altimeter = spec.altimeter
+    assert altimeter is not None and altimeter.file is not None  # the specification checks it
+    columns = files.read(folder / altimeter.file, ("height_m",))
+    since = clocked(columns, altimeter.clock_offset_s) - base.start
+    at = base.times[1:]
+    first, last = since[0] - at[0], at[-1] - since[-1]
+    if max(first, last) > base.tolerance:
+        raise columns.error(
+            f"its heights, from {since[0] + base.start:.17g} s to {since[-1] + base.start:.17g} s, "
+            "do not cover the INS's record, which they are to damp"
+        )
+    return np.interp(at, since, columns["height_m"])
+
+
+def _interpolated(at: np.ndarray, times: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return values (N, m) at other times, linear between the rows."""
+    return np.stack([np.interp(at, times, column) for column in values.T], axis=-1)
+
+
+def _require_few(base: TimeBase, columns: Columns) -> None:
+    if base.count > MOST_SAMPLES:
+        raise columns.error(
+            f"has {base.count} samples of imu.period_s; at most {MOST_SAMPLES} are allowed"
+        )
+    if base.count < 2:
+        raise columns.error("is shorter than two samples of imu.period_s")
+
+
+def _require_felt(columns: Columns, rates: np.ndarray, c_nb: np.ndarray, axes: str) -> None:
+    """Raise FlightError if angular rates and specific forces (N, 6), SI, cannot be a vehicle's."""
+    force = float(np.median(np.linalg.norm(rates[:, 3:], axis=1)))
+    if not 0.4 * _GRAVITY < force < 2.5 * _GRAVITY:
+        hint = ""
+        for scale, said in ((1.0, "g"), (1e3, "thousandths of g"), (1e2 * _GRAVITY, "cm/s²")):
+            if 0.8 < force / scale < 1.25:
+                hint = f"; as if it were in {said}"
+        raise columns.error(
+            f"the specific force is {force:.3g} m/s² (median), and gravity alone is "
+            f"{_GRAVITY:.3g}{hint}"
+        )
+    spin = float(np.median(np.linalg.norm(rates[:, :3], axis=1)))
+    if spin > _SPINS:
+        raise columns.error(
+            f"the angular rate is {spin:.3g} rad/s (median), more than a turn per second: are "
+            "these degrees?"
+        )
+    felt = c_nb @ rates[: max(len(rates) // 20, 2), 3:].mean(axis=0)
+    if felt[2] < 0.5 * np.linalg.norm(felt):
+        raise columns.error(
+            f"at the start the accelerometers feel ({felt[0]:.3g}, {felt[1]:.3g}, {felt[2]:.3g}) "
+            f'm/s² east, north and up, and what holds a vehicle is upwards: are axes = "{axes}", '
+            "the signs and the attitude of [imu_record.start] right?"
+        )

@@ -1,0 +1,214 @@
+"""Recorded positions, velocities and attitudes: read from columns, and whether they can be true."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from ..gravity.ellipsoid import metres_along
+from ..spec.flight import Frame
+from ..spec.limits import FASTEST_MPS, HIGHEST_M, LOWEST_M
+from ..trajectory.truth import attitudes_of
+from .columns import Columns
+
+POSITION = ("latitude_deg", "longitude_deg", "height_m")
+ATTITUDE = ("heading_deg", "pitch_deg", "roll_deg")
+_DIRECTIONS = {"ENU": ("east", "north", "up"), "NED": ("north", "east", "down")}
+_LIMITS = {
+    "latitude_deg": (-89.0, 89.0),
+    "longitude_deg": (-180.0, 360.0),
+    "height_m": (LOWEST_M, HIGHEST_M),
+    "heading_deg": (-360.0, 360.0),
+    "pitch_deg": (-90.0, 90.0),
+    "roll_deg": (-180.0, 180.0),
+}
+_SPAN = 10.0
+"""Over how long a displacement is held to the velocities [s]: longer than noise of positions."""
+_SLOW = 0.3
+"""Speed below which a displacement says nothing of a frame [m/s]."""
+_JUMP = 100.0
+"""How far a position may be from where the velocity leads, from row to row [m]."""
+
+
+class Recorded(NamedTuple):
+    """Motion at the rows of a file (N, .), ENU and SI; None for what the file does not have.
+
+    Attributes
+    ----------
+    positions : latitude, longitude [rad] without jumps at 180°, height [m].
+    velocities : ENU [m/s]. attitudes : C_nb (N, 3, 3).
+    """
+
+    positions: np.ndarray
+    velocities: np.ndarray | None
+    attitudes: np.ndarray | None
+
+
+def velocity_columns(frame: Frame) -> tuple[str, ...]:
+    """Return the names of the columns of a velocity, in a frame's order."""
+    return tuple(f"velocity_{direction}_mps" for direction in _DIRECTIONS[frame])
+
+
+def velocities_of(columns: Columns, frame: Frame) -> np.ndarray:
+    """Return velocities (N, 3) ENU [m/s]."""
+    found = columns.stacked(velocity_columns(frame))
+    speeds = np.linalg.norm(found, axis=1)
+    if (speeds > FASTEST_MPS).any():
+        row = int(np.nanargmax(speeds))
+        raise columns.error(f"the speed is {speeds[row]:g} m/s; at most {FASTEST_MPS:g} is", row)
+    if frame == "NED":
+        found = found[:, [1, 0, 2]]
+        found[:, 2] = 0.0 - found[:, 2]
+    return found
+
+
+def positions_of(columns: Columns) -> np.ndarray:
+    """Return positions (N, 3) [rad, rad, m], the longitude without jumps.
+
+    Raises
+    ------
+    FlightError
+        If they are beyond what positions can be.
+    """
+    _require_within(columns, POSITION)
+    found = columns.stacked(POSITION)
+    found[:, :2] = np.radians(found[:, :2])
+    there = np.isfinite(found[:, 1])
+    found[there, 1] = np.unwrap(found[there, 1])
+    return found
+
+
+def attitudes_in(columns: Columns) -> np.ndarray:
+    """Return C_nb (N, 3, 3) of heading, pitch and roll.
+
+    Raises
+    ------
+    FlightError
+        If they are beyond what angles can be.
+    """
+    _require_within(columns, ATTITUDE)
+    return np.asarray(attitudes_of(np.radians(columns.stacked(ATTITUDE))))
+
+
+def _require_within(columns: Columns, names: tuple[str, ...]) -> None:
+    for name in names:
+        lowest, highest = _LIMITS[name]
+        values = columns[name]
+        off = (values < lowest) | (values > highest)
+        if off.any():
+            row = int(off.argmax())
+            raise columns.error(
+                f"{name} is {values[row]:g} and must lie between {lowest:g} and {highest:g}", row
+            )
+
+
+def angles_of(attitudes: np.ndarray) -> np.ndarray:
+    """Return heading, pitch and roll (N, 3) [rad] of C_nb (N, 3, 3); the heading from 0 to 2π."""
+    up = attitudes[:, 2]
+    pitch = np.arctan2(up[:, 1], np.hypot(up[:, 0], up[:, 2]))
+    heading = np.arctan2(attitudes[:, 0, 1], attitudes[:, 1, 1]) % (2.0 * math.pi)
+    return np.stack([heading, pitch, np.arctan2(-up[:, 0], up[:, 2])], axis=-1)
+
+
+def require_consistent(
+    columns: Columns, times: np.ndarray, motion: Recorded, frame: Frame, noise: float = 0.0
+) -> None:
+    """Raise FlightError unless the positions move as the velocities say.
+
+    A sign, a frame, a unit or an order taken for another is found so, and named.
+
+    Parameters
+    ----------
+    columns : the file. times : (N,) of its rows [s]. motion : of them.
+    frame : in which the user says the velocities are. noise : RMS of a position [m].
+    """
+    positions, velocities = motion.positions, motion.velocities
+    assert velocities is not None
+    there = np.isfinite(positions).all(axis=1) & np.isfinite(velocities).all(axis=1)
+    if np.count_nonzero(there) < 3:
+        return
+    at, velocities = times[there], velocities[there]
+    moved = _displacements(positions[there])
+    led = 0.5 * (velocities[1:] + velocities[:-1]) * np.diff(at)[:, np.newaxis]
+    _require_smooth(columns, np.flatnonzero(there), moved, led, noise)
+    spans = np.floor((at[1:] - at[0]) / _SPAN).astype(int)
+    starts = np.flatnonzero(np.diff(spans, prepend=-1))
+    moved, led = (np.add.reduceat(steps, starts) for steps in (moved, led))
+    long = np.add.reduceat(np.diff(at), starts)
+    slack = 5.0 * noise + _SLOW * float(np.sqrt(np.mean(long**2)))
+    for axes, what in (([0, 1], "horizontally"), ([2], "vertically")):
+        size = max(_rms(moved[:, axes]), _rms(led[:, axes]))
+        if _rms((moved - led)[:, axes]) <= 0.3 * size + slack:
+            continue
+        hint = ""
+        if what == "vertically" and _rms(moved[:, 2] + led[:, 2]) <= 0.15 * size + slack:
+            other = "down" if frame == "ENU" else "up"
+            hint = f"; it fits if the vertical velocity counts {other}wards"
+        elif what == "horizontally":
+            for said, alternative, of in _alternatives(positions[there], starts, moved, led):
+                if _rms(alternative - of) <= 0.15 * _rms(of) + slack:
+                    hint = f"; it fits if {said}"
+                    break
+        seconds = float(np.sqrt(np.mean(long**2)))
+        raise columns.error(
+            f"positions and velocities contradict each other {what}: in {seconds:.3g} s the "
+            f"positions move by {_rms(moved[:, axes]):.3g} m (RMS), the velocities (frame = "
+            f'"{frame}") lead {_rms(led[:, axes]):.3g} m, and the difference is '
+            f"{_rms((moved - led)[:, axes]):.3g} m{hint}"
+        )
+
+
+def _alternatives(
+    positions: np.ndarray, starts: np.ndarray, moved: np.ndarray, led: np.ndarray
+) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
+    """Yield what may be meant: in words, and displacements of positions and of velocities.
+
+    Parameters
+    ----------
+    positions : (N, 3). starts : first of the steps between them of each span.
+    moved, led : (S, 3) displacements of positions and of velocities in the spans [m].
+    """
+    moved, led = moved[:, :2], led[:, :2]
+    yield "the east and north velocities change places (NED taken for ENU)", moved, led[:, ::-1]
+    yield "both horizontal velocities change their sign", moved, -led
+    for said, others in (
+        ("latitude and longitude are radians", np.degrees(positions)),
+        ("latitude and longitude change places", positions[:, [1, 0, 2]]),
+    ):
+        if np.abs(others[:, 0]).max() < 0.5 * math.pi:
+            yield said, np.add.reduceat(_displacements(others), starts)[:, :2], led
+    yield "the velocities are in km/h", moved, led / 3.6
+    yield "the velocities are in knots", moved, led * 0.5144
+
+
+def _require_smooth(
+    columns: Columns, rows: np.ndarray, moved: np.ndarray, led: np.ndarray, noise: float
+) -> None:
+    """Raise FlightError if a position is far from where the one before and the velocity lead."""
+    free = _JUMP + 10.0 * noise + 3.0 * np.linalg.norm(led, axis=1)
+    for axes, what in (([2], "height"), ([0, 1], "position")):
+        jump = np.linalg.norm((moved - led)[:, axes], axis=1)
+        if (jump > free).any():
+            n = int(jump.argmax())
+            raise columns.error(
+                f"the {what} jumps by {np.linalg.norm(moved[n, axes]):.4g} m from the row before, "
+                f"where the velocity leads {np.linalg.norm(led[n, axes]):.3g} m",
+                int(rows[n + 1]),
+            )
+
+
+def _displacements(positions: np.ndarray) -> np.ndarray:
+    """Return the steps (N − 1, 3) between positions (N, 3), ENU [m]."""
+    middle = 0.5 * (positions[1:] + positions[:-1])
+    steps = np.diff(positions, axis=0)[:, [1, 0, 2]]
+    steps[:, :2] *= metres_along(np.ascontiguousarray(middle))
+    return np.asarray(steps)
+
+
+def _rms(steps: np.ndarray) -> float:
+    """Return the root of the mean squared length of displacements (N, .) or (N,)."""
+    squares = steps**2 if steps.ndim == 1 else np.sum(steps**2, axis=1)
+    return float(np.sqrt(np.mean(squares)))

@@ -1,0 +1,218 @@
+"""Recorded readings of the sensors: which columns they are, and to which samples they belong."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ..sensors.aiding import Motion, position_error
+from ..simulation.equipment import Equipment
+from ..spec.aiding import AIDING
+from ..spec.flight import FlightSpec, ReadingsRecording, RecordedGnss, RecordedLog
+from . import columns as files
+from .columns import Columns
+from .motion import (
+    POSITION,
+    Recorded,
+    positions_of,
+    require_consistent,
+    velocities_of,
+    velocity_columns,
+)
+from .time_base import TimeBase, clocked
+
+_LOG = {"E": "east", "N": "north", "U": "up"}
+_PERIOD_SLIP = 0.2
+"""Relative difference of the found period from the named one beyond which one of them is wrong."""
+_FARTHEST = 20_000.0
+"""How far from the INS a receiver may be at first, beyond what the prior allows [m]."""
+
+
+class Series(NamedTuple):
+    """The readings of one sensor.
+
+    Attributes
+    ----------
+    samples : (G,) of the INS, to which they belong. values : (G, w) of its columns, NaN for none.
+    columns : the file. rows : (G,) of it.
+    """
+
+    samples: np.ndarray
+    values: np.ndarray
+    columns: Columns
+    rows: np.ndarray
+
+
+def column_names(spec: FlightSpec, model: Equipment, sensor: str) -> tuple[str, ...]:
+    """Return the columns that a sensor's file has, in the order of its channels."""
+    table = getattr(spec, sensor)
+    if sensor == "gradiometer":
+        assert model.gradiometer is not None
+        return tuple(f"gradient_{name}_eotvos" for name in model.gradiometer.components)
+    if isinstance(table, RecordedGnss):
+        names: tuple[str, ...] = POSITION if table.position_noise_m is not None else ()
+        if table.frame is not None and table.velocity_noise_mps is not None:
+            names += velocity_columns(table.frame)
+        return names
+    channels = [c.name.split() for c in model.channels if c.sensor == sensor]
+    if isinstance(table, RecordedLog):
+        return tuple(f"velocity_{_LOG.get(name, name)}_mps" for _, name in channels)
+    if sensor == "barometer":
+        return ("height_m",)
+    return tuple(f"gravity_{name}_mgal" for _, name in channels)
+
+
+def read_series(
+    spec: FlightSpec, folder: Path, model: Equipment, base: TimeBase
+) -> dict[str, Series]:
+    """Return the readings of every sensor on board, the gradiometer's first.
+
+    Raises
+    ------
+    FlightError
+        If a file cannot be used.
+    """
+    return {
+        sensor: _read(spec, folder, model, base, sensor)
+        for sensor in ("gradiometer", *AIDING)
+        if getattr(spec, sensor) is not None
+    }
+
+
+def _read(spec: FlightSpec, folder: Path, model: Equipment, base: TimeBase, sensor: str) -> Series:
+    table: ReadingsRecording = getattr(spec, sensor)
+    names = column_names(spec, model, sensor)
+    columns = files.read(folder / table.file, names, may_be_empty=names)
+    times = clocked(columns, table.clock_offset_s)
+    _require_period(columns, times, getattr(spec, sensor).period_s, sensor)
+    samples, rows = base.samples_of(columns, times, table.outside)
+    values = columns.stacked(names)
+    if not np.isfinite(values[rows]).any():
+        raise columns.error(f"holds no reading: {', '.join(names)} are all empty")
+    if isinstance(table, RecordedGnss):
+        values = _of_receiver(columns, times, table)
+    elif sensor == "barometer":
+        positions = columns["height_m"]
+        if np.nanmax(np.abs(positions)) > 1e5:
+            raise columns.error("a height lies beyond 100 km: height_m is read in metres")
+    return Series(samples, values[rows], columns, rows)
+
+
+def _of_receiver(columns: Columns, times: np.ndarray, table: RecordedGnss) -> np.ndarray:
+    """Return positions [rad, rad, m] and velocities ENU [m/s] (N, 3 or 6)."""
+    parts = []
+    if table.position_noise_m is not None:
+        parts.append(positions_of(columns))
+    if table.velocity_noise_mps is not None and table.frame is not None:
+        parts.append(velocities_of(columns, table.frame))
+        if len(parts) == 2:
+            noise = max(table.position_noise_m or 0.0, table.height_noise_m or 0.0)
+            motion = Recorded(parts[0], parts[1], None)
+            require_consistent(columns, times, motion, table.frame, noise)
+    return np.concatenate(parts, axis=1)
+
+
+def _require_period(columns: Columns, times: np.ndarray, period: float, sensor: str) -> None:
+    """Raise FlightError if readings do not come as often as their table says."""
+    if len(times) < 3:
+        return
+    usual = float(np.median(np.diff(times)))
+    if abs(usual - period) > _PERIOD_SLIP * period:
+        raise columns.error(
+            f"its readings are {usual:.6g} s apart (median), and {sensor}.period_s is {period:g} "
+            "s; time_s is read in seconds"
+        )
+
+
+def gradients(spec: FlightSpec, base: TimeBase, series: Series) -> tuple[np.ndarray, np.ndarray]:
+    """Return a gradiometer's readings (1, G, g) [E], and which (1, G) are missing.
+
+    Raises
+    ------
+    FlightError
+        If a reading is there in part, or one of a filtered instrument is missing.
+    """
+    values, table = series.values, spec.gradiometer
+    assert table is not None
+    there = np.isfinite(values)
+    partly = there.any(axis=1) & ~there.all(axis=1)
+    if partly.any():
+        raise series.columns.error(
+            "some channels of the gradiometer are empty, and a reading is there with all of them "
+            "or not at all; name the channels that it has in gradiometer.components",
+            int(series.rows[partly.argmax()]),
+        )
+    missing = ~there.all(axis=1)
+    if table.filter != "none":
+        stride = round(table.period_s / base.dt)
+        late = np.flatnonzero(np.diff(series.samples) != stride)
+        if missing.any() or len(late):
+            n = int(missing.argmax()) if missing.any() else int(late[0]) + 1
+            raise series.columns.error(
+                "a reading is missing or comes at another time than after gradiometer.period_s, "
+                "and the filter of the instrument remembers every one: only an instrument without "
+                'a filter (filter = "none") may have gaps',
+                int(series.rows[n]),
+            )
+    return np.where(there, values, 0.0)[np.newaxis], missing[np.newaxis]
+
+
+def others(
+    model: Equipment, series: dict[str, Series], at: list[np.ndarray], ins: Motion
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the readings of the other sensors (1, K, e), and which of them there are.
+
+    Parameters
+    ----------
+    model : sensors as the estimators know them. series : their readings.
+    at : at which of the epochs each is read. ins : what the INS indicates at the epochs (1, K, .).
+    """
+    width = sum(len(sensor.channels) for sensor in model.aiding)
+    read = np.full((*ins.positions.shape[:2], width), np.nan)
+    first = 0
+    for sensor, epochs in zip(model.aiding, at, strict=True):
+        last = first + len(sensor.channels)
+        values = series[sensor.name].values.copy()
+        if sensor.name == "gnss" and sensor.channels[0].unit == "m":
+            # As the model has it: relative to where the INS believes to be.
+            values[:, :3] = -position_error(ins.positions[0, epochs], _near(values, ins, epochs))
+        read[0, epochs, first:last] = values
+        first = last
+    present = np.isfinite(read)
+    return np.where(present, read, 0.0), present
+
+
+def _near(values: np.ndarray, ins: Motion, epochs: np.ndarray) -> np.ndarray:
+    """Return positions (G, 3) with longitudes within half a turn of the INS's."""
+    found = values[:, :3].copy()
+    turns = np.rint((found[:, 1] - ins.positions[0, epochs, 1]) / (2.0 * math.pi))
+    found[:, 1] -= 2.0 * math.pi * np.where(np.isfinite(turns), turns, 0.0)
+    return found
+
+
+def require_near(
+    columns: Columns, rows: np.ndarray, away: np.ndarray, allowed: float, what: str
+) -> None:
+    """Raise FlightError if a receiver's first position is nowhere near the INS's.
+
+    Parameters
+    ----------
+    columns : the file. rows : (G,) of it. away : (G, 3) distances from the INS [m], NaN for none.
+    allowed : what the prior allows [m]. what : whose the positions are.
+    """
+    there = np.flatnonzero(np.isfinite(away[:, :2]).all(axis=1))
+    if not len(there):
+        return
+    n = int(there[0])
+    distance = float(np.linalg.norm(away[n, :2]))
+    if distance > allowed + _FARTHEST:
+        small = (np.abs(columns.stacked(POSITION[:2])[rows[n]]) < [0.5 * math.pi, math.pi]).all()
+        hint = " are latitude and longitude radians?" if small else ""
+        raise columns.error(
+            f"{what} is {distance / 1e3:.4g} km away from the INS at its first reading:{hint} are "
+            "the clocks (clock_offset_s), the order and the signs of latitude and longitude right?",
+            int(rows[n]),
+        )

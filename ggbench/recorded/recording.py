@@ -1,0 +1,173 @@
+"""Simulated runs written as recorded flights: what estimators are told, and no more."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel
+
+from ..sensors.aiding import corrected_positions
+from ..simulation.error_free_flight import Flight
+from ..simulation.field_source import is_file
+from ..simulation.runs import record as recorded
+from ..spec.aiding import AIDING
+from ..spec.flight import FlightError, FlightSpec, load
+from . import columns as files
+from .inertial import DELTAS
+from .motion import ATTITUDE, POSITION, angles_of, velocity_columns
+from .readings import column_names
+
+FLIGHT = "flight.toml"
+"""The file of a recorded flight, among its records."""
+
+
+def write_record(flight: Flight, seed: int, run: int, folder: Path, title: str = "") -> Path:
+    """Write a simulated run as a recorded flight; return the path of its file.
+
+    The tables are those of the model, the records those of which the run's problem is made; the
+    truth is in ``reference.csv`` alone. The readings are given as their sensors would deliver
+    them: a receiver's positions are geodetic.
+
+    Parameters
+    ----------
+    flight : the case. seed, run : the campaign's seed and the run's number.
+    folder : to write into; it must hold no files yet. title : of the flight.
+
+    Raises
+    ------
+    FlightError
+        If the folder is not empty, or cannot be written.
+    """
+    require_empty(folder)
+    found = recorded(flight, seed, run)
+    tables = _tables(flight, found.initial, title)
+    # The file comes first: the columns of the records follow from it.
+    path = folder / FLIGHT
+    files.write_text(path, "".join(toml(tables)))
+    spec = load(path)
+    times, dt = flight.trajectory.times, flight.trajectory.dt
+    increments = {"time_s": times[1:]} | dict(zip(DELTAS, found.increments.T, strict=True))
+    files.write(folder / "imu.csv", increments, f"increments of the {dt:g} s that end at each time")
+    if len(found.heights):
+        files.write(folder / "altimeter.csv", {"time_s": times[1:], "height_m": found.heights})
+    _write_readings(flight, spec, found.read, found.indicated.positions[0], folder)
+    _write_reference(flight, folder)
+    return path
+
+
+def require_empty(folder: Path) -> None:
+    """Raise FlightError if a folder is none, or holds anything."""
+    if folder.exists() and not folder.is_dir():
+        raise FlightError(f"{folder} is no folder")
+    if folder.exists() and any(folder.iterdir()):
+        raise FlightError(f"{folder} holds files already; name a folder that is new or empty")
+
+
+def _tables(flight: Flight, initial: np.ndarray, title: str) -> dict[str, Any]:
+    """Return the content of the flight's file."""
+    case = flight.case
+    side = case.side("model")
+    start = {
+        "latitude_rad": float(initial[0]),
+        "longitude_rad": float(initial[1]),
+        "height_m": float(initial[2]),
+        **{f"velocity_{axis}_mps": float(v) for axis, v in zip(_ENU, initial[3:6], strict=True)},
+        "c_nb": initial[6:].tolist(),
+    }
+    field = _content(side.field) | {"compensate": case.model.field.compensate}
+    field.pop("gravity_disturbance", None)
+    if is_file(side.field.source):
+        field["source"] = str(Path(side.field.source).resolve())
+    tables: dict[str, Any] = {
+        "title": title or case.title,
+        "imu_record": {"file": "imu.csv", "axes": "right-forward-up", "start": start},
+        "imu": _content(side.imu),
+        "initial_error": _content(side.initial_error),
+        "field": field,
+    }
+    if case.altimeter is not None:
+        tables["altimeter"] = _content(case.altimeter) | {"file": "altimeter.csv"}
+    for name in ("gradiometer", *AIDING):
+        spec = getattr(side, name)
+        if spec is not None:
+            tables[name] = {"file": f"{name}.csv"} | _content(spec)
+    if side.gnss is not None:
+        tables["gnss"]["frame"] = "ENU"
+    tables["reference"] = {"file": "reference.csv", "frame": "ENU"}
+    tables["windows"] = _content(case.windows)
+    return tables
+
+
+_ENU = ("east", "north", "up")
+
+
+def _content(table: BaseModel) -> dict[str, Any]:
+    return table.model_dump(exclude_defaults=True, exclude_none=True)
+
+
+def _write_readings(
+    flight: Flight, spec: FlightSpec, read: Any, indicated: np.ndarray, folder: Path
+) -> None:
+    times, model = flight.times, flight.model
+    if model.gradiometer is not None:
+        values = np.where(read.missing[0][:, np.newaxis], np.nan, read.gradients[0])
+        _write(folder, spec, flight, "gradiometer", times[flight.gradient_epochs], values)
+    first = 0
+    for sensor, at in zip(model.aiding, flight.aiding_epochs, strict=True):
+        last = first + len(sensor.channels)
+        values = np.where(read.present, read.others, np.nan)[0, at, first:last]
+        if sensor.name == "gnss" and sensor.channels[0].unit == "m":
+            places = corrected_positions(indicated[at], -values[:, :3])
+            places[:, :2] = np.degrees(places[:, :2])
+            values[:, :3] = places
+        _write(folder, spec, flight, sensor.name, times[at], values)
+        first = last
+
+
+def _write(
+    folder: Path,
+    spec: FlightSpec,
+    flight: Flight,
+    sensor: str,
+    times: np.ndarray,
+    values: np.ndarray,
+) -> None:
+    names = column_names(spec, flight.model, sensor)
+    columns = {"time_s": times} | dict(zip(names, values.T, strict=True))
+    files.write(folder / f"{sensor}.csv", columns)
+
+
+def _write_reference(flight: Flight, folder: Path) -> None:
+    motion = flight.motion_at_epochs
+    positions = np.hstack([np.degrees(motion.positions[:, :2]), motion.positions[:, 2:]])
+    values = np.hstack([positions, motion.velocities, np.degrees(angles_of(motion.attitudes))])
+    names = (*POSITION, *velocity_columns("ENU"), *ATTITUDE)
+    columns = {"time_s": flight.times} | dict(zip(names, values.T, strict=True))
+    files.write(folder / "reference.csv", columns)
+
+
+def toml(tables: Mapping[str, Any], prefix: str = "") -> list[str]:
+    """Return the text of nested tables, line by line: first the values, then the tables."""
+    lines, nested = [], []
+    for key, value in tables.items():
+        if isinstance(value, Mapping):
+            nested += [f"\n[{prefix}{key}]\n", *toml(value, f"{prefix}{key}.")]
+        else:
+            lines.append(f"{key} = {_value(value)}\n")
+    return lines + nested
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        escaped = value.replace("\\", "\\\\").replace('"', '\\"')
+        return '"' + "".join(c if c >= " " else f"\\u{ord(c):04x}" for c in escaped) + '"'
+    if isinstance(value, Mapping):
+        return f"{{ {', '.join(f'{key} = {_value(item)}' for key, item in value.items())} }}"
+    if isinstance(value, tuple | list):
+        return f"[{', '.join(map(_value, value))}]"
+    return repr(value)

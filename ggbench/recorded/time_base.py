@@ -1,0 +1,173 @@
+"""The clock of a recorded flight: the samples of its INS, and which of them readings belong to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from .columns import Columns
+
+_USUAL_GAP = 1.5
+"""Longest interval between two samples, in periods, unless the file says otherwise."""
+_USUAL_TOLERANCE = 0.1
+"""How far from a sample a reading may lie, in periods, unless the file says otherwise."""
+_EXACT = 1e-6
+"""Share of a period within which times are those of the samples."""
+_UNIT_SLIP = 0.2
+"""Relative difference of the found period from the named one that is no difference of clocks."""
+
+
+@dataclass(frozen=True)
+class TimeBase:
+    """The samples of the INS: ``start`` + n ``dt``, n = 0..``count`` [s], on its own clock.
+
+    ``tolerance`` is how far from a sample a reading may lie [s].
+    """
+
+    start: float
+    dt: float
+    count: int
+    tolerance: float
+
+    @property
+    def times(self) -> np.ndarray:
+        """Times of the samples since the start (count + 1,) [s]."""
+        return self.dt * np.arange(self.count + 1)
+
+    def samples_of(
+        self, columns: Columns, times: np.ndarray, outside: Literal["refuse", "drop"]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return which samples readings belong to, and which rows of the file they are.
+
+        The first sample is the prior's and takes no reading.
+
+        Parameters
+        ----------
+        columns : the file. times : (N,) of its rows, on the clock of the INS [s].
+        outside : what becomes of readings outside the samples.
+
+        Raises
+        ------
+        FlightError
+            If readings lie outside, too far from a sample, or two of them at the same one.
+        """
+        since = times - self.start
+        nearest = np.rint(since / self.dt).astype(np.int64)
+        rows = np.arange(len(times))
+        off = (nearest < 1) | (nearest > self.count)
+        if off.any():
+            if outside == "refuse":
+                row = int(off.argmax())
+                raise columns.error(
+                    f"time {times[row]:.17g} s lies outside the INS's record, from behind "
+                    f"{self.start:.17g} s to {self.start + self.dt * self.count:.17g} s (with "
+                    f"{np.count_nonzero(off)} of {len(times)} readings); set clock_offset_s if the "
+                    'clocks differ, or outside = "drop" to leave such readings out',
+                    row,
+                )
+            nearest, rows, since = nearest[~off], rows[~off], since[~off]
+            if not len(rows):
+                raise columns.error(
+                    "no reading lies within the INS's record: do the clocks differ? clock_offset_s "
+                    "is added to the times of this file"
+                )
+        apart = np.abs(since - nearest * self.dt)
+        if (apart > self.tolerance * (1.0 + _EXACT)).any():
+            worst = int(apart.argmax())
+            raise columns.error(
+                f"time {times[rows[worst]]:.17g} s is {apart[worst]:.3g} s away from the nearest "
+                f"sample of the INS, and {self.tolerance:.3g} s is allowed; set time_tolerance_s "
+                f"of the INS's table (up to half a sample, {0.5 * self.dt:.3g} s) to take the "
+                "nearest sample, or clock_offset_s if the clocks differ",
+                int(rows[worst]),
+            )
+        same = np.flatnonzero(np.diff(nearest) == 0)
+        if len(same):
+            raise columns.error(
+                f"two readings, at {times[rows[same[0]]]:.17g} s and "
+                f"{times[rows[same[0] + 1]]:.17g} s, fall to the same sample of the INS",
+                int(rows[same[0] + 1]),
+            )
+        return nearest, rows
+
+
+def clocked(columns: Columns, offset: float) -> np.ndarray:
+    """Return the times of a file's rows on the clock of the INS [s].
+
+    Raises
+    ------
+    FlightError
+        If they do not increase.
+    """
+    times = columns["time_s"]
+    steps = np.diff(times)
+    if (steps <= 0.0).any():
+        row = int((steps <= 0.0).argmax()) + 1
+        kind = "is there twice" if steps[row - 1] == 0.0 else "is behind that of the row before"
+        raise columns.error(
+            f"time {times[row]:.17g} s {kind}"
+            + ("" if steps[row - 1] == 0.0 else f", {times[row - 1]:.17g} s")
+            + "; times must increase",
+            row,
+        )
+    return np.asarray(times + offset)
+
+
+def time_base(
+    columns: Columns,
+    times: np.ndarray,
+    dt: float,
+    max_gap: float | None,
+    tolerance: float | None,
+    before: int = 0,
+) -> tuple[TimeBase, bool]:
+    """Return the samples of an INS's record, and whether its rows are just those.
+
+    Rows that are not have to be interpolated.
+
+    Parameters
+    ----------
+    columns : the file. times : (N,) of its rows [s]. dt : interval of the samples [s].
+    max_gap : longest interval between two rows [s]. tolerance : of readings' times [s].
+    before : how many samples there are before the first row.
+
+    Raises
+    ------
+    FlightError
+        If there are gaps, the period is another one, or there are too few rows.
+    """
+    if len(times) < 3:
+        raise columns.error(f"has {len(times)} rows, and an INS's record needs at least 3")
+    steps = np.diff(times)
+    usual = float(np.median(steps))
+    if abs(usual - dt) > _UNIT_SLIP * dt:
+        raise columns.error(
+            f"its rows are {usual:.6g} s apart (median), and imu.period_s is {dt:g} s; time_s is "
+            "read in seconds"
+        )
+    longest = _USUAL_GAP * max(dt, usual) if max_gap is None else max_gap
+    if steps.max() > longest:
+        row = int(steps.argmax()) + 1
+        raise columns.error(
+            f"there is a gap of {steps.max():.6g} s before time {times[row]:.17g} s, and "
+            f"{longest:.6g} s is the longest allowed (max_gap_s); across a gap the INS would be "
+            "interpolated",
+            row,
+        )
+    start = float(times[0]) - before * dt
+    count = round((float(times[-1]) - start) / dt)
+    base = TimeBase(start, dt, count, min(_tolerance(dt, tolerance), 0.5 * dt))
+    exact = len(times) == count + 1 - before and bool(
+        np.abs(times - start - dt * np.arange(before, count + 1)).max() <= _EXACT * dt
+    )
+    if not exact:
+        # Nothing is extrapolated: the last sample lies within the record.
+        count = int(np.floor((float(times[-1]) - start) / dt + _EXACT))
+        base = TimeBase(start, dt, count, base.tolerance)
+    return base, exact
+
+
+def _tolerance(dt: float, tolerance: float | None) -> float:
+    return _USUAL_TOLERANCE * dt if tolerance is None else tolerance

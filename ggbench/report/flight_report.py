@@ -1,0 +1,272 @@
+"""The report of a recorded flight: tracks and residuals as CSV, markdown, figures."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from ..figures import errors, flights
+from ..figures.numbers import short
+from ..figures.style import Drawing, save
+from ..judging.judgement import epochs_outside
+from ..problem import Estimate, Problem
+from ..recorded import columns as files
+from ..recorded.corrected import (
+    AgainstReference,
+    Residuals,
+    against,
+    corrected,
+    residual_columns,
+    residuals,
+)
+from ..recorded.flight import RecordedFlight
+from ..sensors.aiding import corrected_positions, position_error
+from .tables import WINDOW_TITLES, markdown
+
+
+def folder_of(label: str) -> str:
+    """Return the name of the folder of an estimator's files."""
+    return re.sub(r"[^\w.,=\[\]-]+", "_", label).strip("_.") or "estimator"
+
+
+def require_usable(problem: Problem, estimate: Estimate) -> None:
+    """Raise EstimateError unless an estimate can be reported, before others are at stake."""
+    residuals(problem, estimate)
+
+
+def write(flight: RecordedFlight, estimates: Mapping[str, Estimate], output: Path) -> Path:
+    """Write what estimators make of a recorded flight.
+
+    ``LABEL/corrected.csv``, ``LABEL/residuals.csv``, ``report.md`` and its figures.
+
+    Parameters
+    ----------
+    flight : as it was read. estimates : of each estimator, by its label, at least one.
+    output : folder to write into.
+
+    Returns
+    -------
+    Path of the report.
+
+    Raises
+    ------
+    EstimateError, FlightError, FigureError
+        If an estimate is none of this problem, or a file cannot be written.
+    """
+    problem, start = flight.problem, flight.start
+    told = {label: residuals(problem, estimate) for label, estimate in estimates.items()}
+    tracks = {label: corrected(problem, found, start) for label, found in estimates.items()}
+    judged = {}
+    if flight.reference is not None:
+        judged = {
+            label: against(problem, found, flight.reference, flight.spec.windows)
+            for label, found in estimates.items()
+        }
+    for label, found in told.items():
+        folder = output / folder_of(label)
+        files.write(folder / "corrected.csv", tracks[label])
+        files.write(folder / "residuals.csv", residual_columns(problem, found, start))
+    text = "\n\n".join(
+        [
+            f"# {flight.spec.title or flight.path.stem}",
+            *([flight.spec.description.strip()] if flight.spec.description.strip() else []),
+            _what_there_is(flight),
+            _estimators(problem, estimates, told),
+            *_errors(flight, judged),
+            _figures(flight, estimates, told, judged, output),
+            "Times in the files are on the clock of the INS; in the figures they are since its "
+            "first sample. `residuals.csv` has, of each channel, the reading as the estimators "
+            "take it (a receiver's position is relative to what the INS indicates, filtered "
+            "gradients are whitened), its prediction, the whitened difference, and whether there "
+            "was a reading.",
+        ]
+    )
+    path = output / "report.md"
+    files.write_text(path, text + "\n")
+    return path
+
+
+def _what_there_is(flight: RecordedFlight) -> str:
+    """Return the flight in a few words, and its readings in a table."""
+    problem, spec = flight.problem, flight.spec
+    kind = "the solution of its INS" if spec.ins else "inertial increments, mechanised here"
+    has_map = "a map" if np.isfinite(problem.map.lower).all() else "no map"  # type: ignore[union-attr]
+    rows = []
+    for sensor in dict.fromkeys(channel.sensor for channel in problem.channels):
+        own = [j for j, channel in enumerate(problem.channels) if channel.sensor == sensor]
+        there = problem.present[:, own]
+        epochs = np.flatnonzero(there.any(axis=1))
+        table = getattr(spec, sensor)
+        rows.append(
+            [
+                sensor.replace("_", " "),
+                ", ".join(problem.channels[j].name for j in own),
+                str(len(epochs)),
+                f"{problem.times[epochs[0]]:g} to {problem.times[epochs[-1]]:g}",
+                table.file,
+            ]
+        )
+    head = ["sensor", "channels", "readings", "from, to [s]", "file"]
+    return (
+        f"`{flight.path.name}`: {kind}, from {flight.start:.10g} s on its clock, {has_map}; "
+        f"{problem.epochs} epochs until {problem.times[-1]:g} s after the start.\n\n"
+        + markdown(head, rows)
+    )
+
+
+def _estimators(
+    problem: Problem, estimates: Mapping[str, Estimate], told: Mapping[str, Residuals]
+) -> str:
+    """Return a table of what each estimator claims, and what the readings say to it."""
+    rows = []
+    for label, estimate in estimates.items():
+        found = told[label]
+        sigma = ["", ""]
+        if estimate.cov is not None:
+            last = np.diag(estimate.cov[-1])
+            sigma = [short(float(np.sqrt(last[part].sum()))) for part in _PARTS]
+        counts = problem.present.sum(axis=1)
+        nis = ""
+        if found.innovations:
+            mean, expected = np.nanmean(found.nis), counts[counts > 0].mean()
+            nis = f"{short(float(mean))} of {short(float(expected))}"
+        outside = int(np.count_nonzero(epochs_outside(problem, estimate.mean)))
+        rows.append(
+            [
+                f"`{label}`", estimate.causality, *sigma, nis,
+                short(float(np.sqrt(np.nanmean(found.whitened**2)))),
+                str(outside) if estimate.causality != "none" else "",
+            ]
+        )  # fmt: skip
+    head = [
+        "estimator", "causality", "last 1σ of position [m]", "of velocity [m/s]",
+        "mean NIS, of expected", "RMS of whitened residuals", "epochs outside the map",
+    ]  # fmt: skip
+    return (
+        markdown(head, rows)
+        + "\n\nThe mean NIS of a consistent filter is about the mean number of channels read; its "
+        "whitened innovations then have an RMS of 1. Residuals of the others are those of the "
+        "estimate itself, in units of the readings' noise: below 1 for a smoother, which has seen "
+        "them."
+    )
+
+
+_PARTS = (slice(0, 3), slice(3, 6))
+
+
+def _errors(flight: RecordedFlight, judged: Mapping[str, AgainstReference]) -> list[str]:
+    """Return the errors against the reference in windows, if there is one."""
+    if not judged:
+        return []
+    names = list(next(iter(judged.values())).windows)
+    some = next(iter(judged.values()))
+    rows = []
+    for label, found in judged.items():
+        cells = []
+        for name in names:
+            figures = found.windows[name]
+            velocity = figures["velocity_mrse_mps"]
+            cells += [
+                f"{short(figures['position_mrse_m'])} ({short(figures['horizontal_mrse_m'])})",
+                "" if np.isnan(velocity) else short(velocity),
+                "" if np.isnan(figures["nees_mean"]) else short(figures["nees_mean"]),
+            ]
+        rows.append([f"`{label}`", *cells])
+    head = ["against the reference"]
+    for name in names:
+        head += [f"{WINDOW_TITLES[name]}: position [m]", "velocity [m/s]", "NEES"]
+    what = "position and velocity" if some.states == 6 else "the position"
+    assert flight.spec.reference is not None
+    return [
+        "## Against the reference",
+        markdown(head, rows),
+        "Root-mean-square spherical errors, of the position in brackets its horizontal part, "
+        f"against `{flight.spec.reference.file}`, at {len(some.times)} of {flight.problem.epochs} "
+        f"epochs. The NEES is of {what}: {some.states} if the estimate is "
+        "consistent and the reference is exact; what the reference itself is in error is in both.",
+    ]
+
+
+def _figures(
+    flight: RecordedFlight,
+    estimates: Mapping[str, Estimate],
+    told: Mapping[str, Residuals],
+    judged: Mapping[str, AgainstReference],
+    output: Path,
+) -> str:
+    """Draw the figures; return the section that shows them."""
+    problem = flight.problem
+    shown: list[str] = ["## Figures"]
+
+    def show(name: str, caption: str) -> None:
+        shown.append(f"![{caption}](figures/{name})\n\n*{caption}*")
+
+    save(_tracks(flight, estimates), output / "figures" / "track.png")
+    show("track.png", "Tracks from above, relative to where the INS begins, and their heights.")
+    claimed = {
+        label: np.sqrt(np.diagonal(found.cov, axis1=1, axis2=2)[:, :6])
+        for label, found in estimates.items()
+        if found.cov is not None
+    }
+    if claimed:
+        figure = flights.deviations(problem.times, claimed)
+        save(figure, output / "figures" / "deviations.png")
+        show("deviations.png", "Spherical standard deviations that the estimates claim.")
+    aided = [label for label, found in estimates.items() if found.causality != "none"]
+    label = next((name for name in aided if told[name].innovations), next(iter(estimates)))
+    figure = flights.whitened(problem.times, _by_sensor(problem, told[label]), label)
+    save(figure, output / "figures" / "residuals.png")
+    kind = "Whitened innovations" if told[label].innovations else "Residuals in units of the noise"
+    show("residuals.png", f"{kind} of `{label}`; the band is ±2σ.")
+    if judged:
+        label = aided[0] if aided else next(iter(judged))
+        found = judged[label]
+        pure = None
+        if flight.reference is not None:
+            covered = np.isin(problem.times, found.times)
+            pure = flight.reference.error_state[covered, :6]
+        figure = errors.component_errors(
+            found.times, np.hstack([found.components, found.sigmas]), pure, 0, "m", label
+        )
+        save(figure, output / "figures" / "errors.png")
+        show("errors.png", f"Position errors of `{label}` against the reference.")
+    return "\n\n".join(shown)
+
+
+def _tracks(flight: RecordedFlight, estimates: Mapping[str, Estimate]) -> Drawing:
+    problem = flight.problem
+    assert problem.track is not None  # a recorded flight has one
+    indicated = problem.track.positions
+    tracks = {
+        label: _local(corrected_positions(indicated, found.mean[:, :3]), indicated[0])
+        for label, found in estimates.items()
+        if found.causality != "none"
+    }
+    reference = None
+    if flight.reference is not None:
+        true = corrected_positions(indicated, flight.reference.error_state[:, :3])
+        reference = _local(true, indicated[0])
+    return flights.ground_track(problem.times, _local(indicated, indicated[0]), tracks, reference)
+
+
+def _local(positions: np.ndarray, origin: np.ndarray) -> np.ndarray:
+    """Return positions (K, 3) relative to an origin, ENU [km, km, m], heights as they are."""
+    found = position_error(positions, np.broadcast_to(origin, positions.shape)) * [1e-3, 1e-3, 1.0]
+    found[:, 2] = positions[:, 2]
+    return np.asarray(found)
+
+
+def _by_sensor(problem: Problem, found: Residuals) -> list[tuple[str, list[str], np.ndarray]]:
+    out = []
+    for sensor in dict.fromkeys(channel.sensor for channel in problem.channels):
+        own = [
+            j
+            for j, channel in enumerate(problem.channels)
+            if channel.sensor == sensor and problem.present[:, j].any()
+        ]
+        names = [problem.channels[j].name.removeprefix("gradient ") for j in own]
+        out.append((sensor.replace("_", " "), names, found.whitened[:, own]))
+    return out

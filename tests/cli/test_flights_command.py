@@ -1,0 +1,103 @@
+"""``ggbench record`` and ``ggbench estimate`` as commands: what they refuse, and what they keep."""
+
+from __future__ import annotations
+
+import pytest
+from command import invoke
+from problems import SMALL
+from recorded_flights import GNSS_ONLY, recorded
+
+BROKEN = '''
+from dataclasses import dataclass
+import numpy as np
+from ggbench.problem import Estimate, Estimator
+
+@dataclass(frozen=True)
+class Broken(Estimator):
+    """Fails, or returns what is no estimate of this problem."""
+
+    how: str = "raises"
+    name = "broken"
+    causality = "none"
+
+    def estimate(self, problem, rng):
+        if self.how == "raises":
+            raise RuntimeError("nobody knows")
+        return Estimate(np.zeros((problem.epochs, problem.dimension)), np.eye(3), "none")
+'''
+
+
+@pytest.fixture
+def log(tmp_path):
+    (tmp_path / "broken.py").write_text(BROKEN)
+    return recorded(tmp_path / "log", GNSS_ONLY)
+
+
+def test_what_is_there_is_not_written_over(tmp_path, log):
+    """A folder that holds anything is refused, and stays as it is."""
+    (tmp_path / "small.toml").write_text(SMALL)
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "mine.txt").write_text("mine")
+    for arguments in (
+        ["record", "small.toml", "-o", "full"],
+        ["estimate", "log/flight.toml", "-o", "full"],
+        ["estimate", "log/flight.toml", "-o", "small.toml"],
+    ):
+        done = invoke(arguments, tmp_path)
+        assert done.returncode == 2
+        assert "holds files already" in done.stderr or "is no folder" in done.stderr
+    assert [path.name for path in (tmp_path / "full").iterdir()] == ["mine.txt"]
+
+
+def test_a_wrong_record_is_exit_code_2_and_writes_nothing(tmp_path, log):
+    (log.parent / "gnss.csv").write_text("time_s\n1\n2\n")
+    done = invoke(["estimate", "log/flight.toml", "-o", "out"], tmp_path)
+    assert done.returncode == 2
+    assert "gnss.csv: line 1 names no column latitude_deg" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_estimator_that_fails_does_not_take_the_others_along(tmp_path, log):
+    """It is named, the others are written, and the exit code is 1."""
+    done = invoke(
+        ["estimate", "log/flight.toml", "-e", "./broken.py", "-e", "./broken.py[how=wrong]",
+         "-e", "ekf", "-o", "out"], tmp_path,
+    )  # fmt: skip
+    assert done.returncode == 1
+    assert "broken.py failed: RuntimeError: nobody knows" in done.stderr
+    assert "the estimate's cov has shape (3, 3)" in done.stderr
+    assert (tmp_path / "out" / "ekf" / "corrected.csv").exists()
+    alone = invoke(["estimate", "log/flight.toml", "-e", "./broken.py", "-o", "two"], tmp_path)
+    assert alone.returncode == 2
+    assert "nothing is written" in alone.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["estimate", "gone.toml", "-o", "out"], "gone.toml: cannot be read"),
+        (["estimate", "log/flight.toml", "-e", "ekff", "-o", "out"], "did you mean 'ekf'"),
+        (["estimate", "log/flight.toml"], "Missing option '-o'"),
+        (["record", "wang2012", "-o", "out"], "did you mean 'wang2013'"),
+        (["record", "wang2013", "-c", "x", "-o", "out"], "no case 'x'"),
+        (["record", "wang2013", "--run", "-1", "-o", "out"], "not in the range"),
+    ],
+)
+def test_wrong_arguments_end_with_a_sentence(tmp_path, log, arguments, said):
+    done = invoke(arguments, tmp_path)
+    assert done.returncode == 2
+    assert said in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_the_report_says_what_there_is(tmp_path, log):
+    """Sensors, estimators and, without a reference, no errors."""
+    text = log.read_text()
+    log.write_text(text[: text.index("[reference]")] + text[text.index("[windows]") :])
+    done = invoke(["estimate", "log/flight.toml", "-e", "ins", "-e", "ekf", "-o", "out"], tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    report = (tmp_path / "out" / "report.md").read_text(encoding="utf-8")
+    assert "| gnss |" in report and "| `ekf` | filter |" in report
+    assert "reference" not in report
+    assert not (tmp_path / "out" / "figures" / "errors.png").exists()
