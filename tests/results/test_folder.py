@@ -197,8 +197,8 @@ def test_only_damaged_records_are_discarded(tmp_path):
 def test_a_run_that_is_missing_has_no_series(tmp_path):
     """Nor that of the next one that is there."""
     store = Store(tmp_path / "out", create=True)
-    store.add([Result("k", HEAD | {"run": 3}, np.ones((2, 4)), np.ones((2, 12)))])
-    assert store.series_of("k", 3).shape == (2, 4) and store.detail("k", 3).shape == (2, 12)
+    store.add([Result("k", HEAD | {"run": 3}, np.ones((2, 4)), np.ones((2, 18)))])
+    assert store.series_of("k", 3).shape == (2, 4) and store.detail("k", 3).shape == (2, 18)
     assert store.series_of("k", 2) is None and store.detail("k", 2) is None
     store.close()
 
@@ -282,7 +282,7 @@ def test_one_damaged_record_is_one_failed_run(tmp_path):
 
 def test_only_the_first_run_is_kept_in_detail(results):
     """Its errors and deviations at every epoch; of another run there are none, nor another's."""
-    assert results.detail("base", "ekf", 0).shape == (20, 12)
+    assert results.detail("base", "ekf", 0).shape == (20, 18)
     assert results.detail("base", "ekf", 1) is None
     assert results.detail("base", "other", 0) is None
 
@@ -296,7 +296,8 @@ def test_series_that_are_not_of_the_flight_are_refused(tmp_path, spoilt):
     results = ran(tmp_path, labels=("ekf",), runs=1)
     (key,) = {cell.key for cell in results.cells if cell.case == "base"}
     (record,) = results.store.records(key, 1)
-    results.store.add([Result(key, record, spoilt, np.tile(spoilt, 3))])
+    detail = np.tile(spoilt, 5)[:, :18]
+    results.store.add([Result(key, record, spoilt, detail)])
     readers = (
         lambda: results.series("base", "ekf"),
         lambda: results.series_of("base", "ekf", 0),

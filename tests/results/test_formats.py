@@ -78,7 +78,9 @@ ARRAYS = {
     "bound-filter": np.ones((EPOCHS, 2)), "bound-batch": np.ones((EPOCHS, 2)),
     "bound-fixed-lag-3": np.ones((EPOCHS, 2)), "present": np.linspace(0.0, 1.0, EPOCHS),
     "vertical": np.ones(EPOCHS), "noisy": np.ones(EPOCHS), "filtered": np.ones(EPOCHS),
-    "filtered_true": np.ones(EPOCHS), "channels": np.array(5), "map_latitude": np.ones(4),
+    "filtered_true": np.ones(EPOCHS), "gradient_times": np.arange(1.0, 7.0),
+    "channels": np.full(EPOCHS, 5.0), "response": np.ones((EPOCHS, 9)),
+    "gravity": np.ones((EPOCHS, 8)), "map_latitude": np.ones(4),
     "map_longitude": np.ones(7), "map_vertical": np.ones((4, 7)),
 }  # fmt: skip
 
@@ -89,6 +91,10 @@ ARRAYS = {
         ("track", np.ones((EPOCHS, 2)), r"its track has the shape \(6, 2\)"),
         ("vertical", np.ones((EPOCHS, 1)), r"its vertical has the shape \(6, 1\)"),
         ("filtered", np.ones(EPOCHS - 1), r"its filtered has the shape \(5,\)"),
+        ("gradient_times", np.ones(EPOCHS - 1), "has the shape"),
+        ("response", np.ones((EPOCHS, 8)), r"its response has the shape \(6, 8\)"),
+        ("gravity", np.ones(EPOCHS), r"its gravity has the shape \(6,\)"),
+        ("channels", np.full(EPOCHS, -1.0), "its channels holds less than none"),
         ("bound-fixed-lag-3", np.ones(EPOCHS), r"its bound-fixed-lag-3 has the shape \(6,\)"),
         ("bound-fixed-lag-x", np.ones((EPOCHS, 2)), "an unknown bound-fixed-lag-x"),
         ("times", np.arange(1, 7), "its times holds int64"),
