@@ -44,6 +44,8 @@ _TO_RIGHT_FORWARD_UP = {
     "forward-left-up": np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
 }
 _GRAVITY = 9.80665
+_FASTEST_SPIN, _LARGEST_FORCE = 100.0, 1000.0
+"""Of any sample [rad/s], [m/s²]."""
 _SPINS = 10.0
 """Angular rate [rad/s] that no vehicle has for half of its way."""
 
@@ -129,6 +131,9 @@ def _mechanised(
         )
     times, values = clocked(columns, record.clock_offset_s), columns.stacked(kinds[0])
     before = 1 if kinds[0] is DELTAS else 0
+    share = spec.imu.period_s if before else 1.0
+    most = (_FASTEST_SPIN * share,) * 3 + (_LARGEST_FORCE * share,) * 3
+    columns.require_within({n: (-m, m) for n, m in zip(kinds[0], most, strict=True)})
     base, exact = time_base(
         columns, times, spec.imu.period_s, record.max_gap_s, record.time_tolerance_s, before
     )
