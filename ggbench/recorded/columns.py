@@ -60,6 +60,18 @@ class Columns:
         """Return columns (N, len(names))."""
         return np.stack([self.values[name] for name in names], axis=-1)
 
+    def require_within(self, limits: Mapping[str, tuple[float, float]]) -> None:
+        """Raise FlightError if a number of a column is beyond its lowest or highest."""
+        for name, (lowest, highest) in limits.items():
+            values = self.values[name]
+            off = (values < lowest) | (values > highest)
+            if off.any():
+                row = int(off.argmax())
+                raise self.error(
+                    f"{name} is {values[row]:g} and must lie between {lowest:g} and {highest:g}",
+                    row,
+                )
+
     def error(self, said: str, row: int | None = None) -> FlightError:
         """Return an error of this file, of one of its rows."""
         where = ""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +15,7 @@ from ..ins.error_model import navigation_errors
 from ..ins.strapdown import NORMAL_GRAVITY
 from ..problem import Problem
 from ..sensors.aiding import Motion, corrected_positions, position_error
-from ..simulation.equipment import Equipment, equipment_of
+from ..simulation.equipment import Equipment, disturbance_of, equipment_of
 from ..simulation.field_source import is_file, make_field
 from ..simulation.formulation import (
     Indicated,
@@ -24,6 +25,7 @@ from ..simulation.formulation import (
     formulate,
     require_short_delays,
 )
+from ..simulation.replay import Replays
 from ..simulation.runs import Truth
 from ..spec.flight import FlightError, FlightSpec, ReferenceTrack, load
 from . import columns as files
@@ -84,7 +86,11 @@ def read_flight(path: Path | str) -> RecordedFlight:
     """
     path = Path(path)
     spec, folder = load(path), path.parent
-    model, field = equipment_of(spec.side, spec.altimeter), _field(spec, folder)
+    field = _field(spec, folder)
+    model = equipment_of(
+        spec.side, spec.altimeter, disturbance=disturbance_of(spec.disturbance),
+        compensates=spec.field.compensate,
+    )  # fmt: skip
     ins = inertial(spec, folder, model, field)
     series = read_series(spec, folder, model, ins.base)
     try:
@@ -145,6 +151,10 @@ def _problem(
         prior = 10.0 * float(np.sqrt(np.diag(model.prior_cov)[:3].sum()))
         require_near(found.columns, found.rows, away, prior, "the receiver")
     block = formulate(model, field, when, indicated, Readings(output, missing, read, present))
+    filtered = model.gradiometer is not None and model.gradiometer.lowpass is not None
+    if ins.recording is not None and not filtered:
+        replays = Replays(model, field, when, gravity, [ins.recording], 1)
+        block = dataclasses.replace(block, replays=replays)
     return block.problem(0)
 
 

@@ -12,6 +12,7 @@ from ..ins.strapdown import NORMAL_GRAVITY, TRACK, error_free_increments, naviga
 from ..numerics.lanes import in_lanes, unfilled
 from ..numerics.rotations import between
 from ..simulation.equipment import Equipment
+from ..simulation.replay import Recording
 from ..spec.case import MOST_SAMPLES
 from ..spec.flight import FlightSpec, ImuRecord, InsRecord, StartSpec
 from ..trajectory.truth import attitudes_of
@@ -44,6 +45,8 @@ _TO_RIGHT_FORWARD_UP = {
     "forward-left-up": np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
 }
 _GRAVITY = 9.80665
+_FASTEST_SPIN, _LARGEST_FORCE = 100.0, 1000.0
+"""Of any sample [rad/s], [m/s²]."""
 _SPINS = 10.0
 """Angular rate [rad/s] that no vehicle has for half of its way."""
 
@@ -54,11 +57,13 @@ class Inertial(NamedTuple):
     Attributes
     ----------
     base : the samples. track : (N + 1, TRACK, LANES). increments : (N, 6, LANES).
+    recording : of which it was mechanised here, None of an INS's own solution.
     """
 
     base: TimeBase
     track: np.ndarray
     increments: np.ndarray
+    recording: Recording | None = None
 
 
 def inertial(spec: FlightSpec, folder: Path, model: Equipment, field: Field) -> Inertial:
@@ -129,6 +134,9 @@ def _mechanised(
         )
     times, values = clocked(columns, record.clock_offset_s), columns.stacked(kinds[0])
     before = 1 if kinds[0] is DELTAS else 0
+    share = spec.imu.period_s if before else 1.0
+    most = (_FASTEST_SPIN * share,) * 3 + (_LARGEST_FORCE * share,) * 3
+    columns.require_within({n: (-m, m) for n, m in zip(kinds[0], most, strict=True)})
     base, exact = time_base(
         columns, times, spec.imu.period_s, record.max_gap_s, record.time_tolerance_s, before
     )
@@ -163,7 +171,8 @@ def _mechanised(
     )
     if not np.isfinite(track).all():
         raise columns.error("the mechanization ends beyond all numbers: are the increments right?")
-    return Inertial(base, track, increments)
+    recording = Recording(initial[np.newaxis], increments, heights, gains)
+    return Inertial(base, track, increments, recording)
 
 
 def _start(start: StartSpec) -> np.ndarray:

@@ -53,12 +53,16 @@ def velocity_columns(frame: Frame) -> tuple[str, ...]:
 
 
 def velocities_of(columns: Columns, frame: Frame) -> np.ndarray:
-    """Return velocities (N, 3) ENU [m/s]."""
-    found = columns.stacked(velocity_columns(frame))
-    speeds = np.linalg.norm(found, axis=1)
-    if (speeds > FASTEST_MPS).any():
-        row = int(np.nanargmax(speeds))
-        raise columns.error(f"the speed is {speeds[row]:g} m/s; at most {FASTEST_MPS:g} is", row)
+    """Return velocities (N, 3) ENU [m/s].
+
+    Raises
+    ------
+    FlightError
+        If they are beyond what velocities can be.
+    """
+    names = velocity_columns(frame)
+    columns.require_within(dict.fromkeys(names, (-FASTEST_MPS, FASTEST_MPS)))
+    found = columns.stacked(names)
     if frame == "NED":
         found = found[:, [1, 0, 2]]
         found[:, 2] = 0.0 - found[:, 2]
@@ -73,7 +77,7 @@ def positions_of(columns: Columns) -> np.ndarray:
     FlightError
         If they are beyond what positions can be.
     """
-    _require_within(columns, POSITION)
+    columns.require_within({name: _LIMITS[name] for name in POSITION})
     found = columns.stacked(POSITION)
     found[:, :2] = np.radians(found[:, :2])
     there = np.isfinite(found[:, 1])
@@ -89,20 +93,8 @@ def attitudes_in(columns: Columns) -> np.ndarray:
     FlightError
         If they are beyond what angles can be.
     """
-    _require_within(columns, ATTITUDE)
+    columns.require_within({name: _LIMITS[name] for name in ATTITUDE})
     return np.asarray(attitudes_of(np.radians(columns.stacked(ATTITUDE))))
-
-
-def _require_within(columns: Columns, names: tuple[str, ...]) -> None:
-    for name in names:
-        lowest, highest = _LIMITS[name]
-        values = columns[name]
-        off = (values < lowest) | (values > highest)
-        if off.any():
-            row = int(off.argmax())
-            raise columns.error(
-                f"{name} is {values[row]:g} and must lie between {lowest:g} and {highest:g}", row
-            )
 
 
 def angles_of(attitudes: np.ndarray) -> np.ndarray:

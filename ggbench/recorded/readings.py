@@ -12,6 +12,7 @@ from ..sensors.aiding import Motion, position_error
 from ..simulation.equipment import Equipment
 from ..spec.aiding import AIDING
 from ..spec.flight import FlightSpec, ReadingsRecording, RecordedGnss, RecordedLog
+from ..spec.limits import FASTEST_MPS, HIGHEST_M, LOWEST_M
 from . import columns as files
 from .columns import Columns
 from .motion import (
@@ -27,6 +28,13 @@ from .time_base import TimeBase, clocked
 _LOG = {"E": "east", "N": "north", "U": "up"}
 _PERIOD_SLIP = 0.2
 """Relative difference of the found period from the named one beyond which one of them is wrong."""
+_LIMITS = {
+    "eotvos": (-1e7, 1e7),
+    "mgal": (-1e7, 1e7),
+    "mps": (-FASTEST_MPS, FASTEST_MPS),
+    "m": (LOWEST_M, HIGHEST_M),
+}
+"""Of readings, by their units: beyond any field, speed or height."""
 _FARTHEST = 20_000.0
 """How far from the INS a receiver may be at first, beyond what the prior allows [m]."""
 
@@ -94,10 +102,10 @@ def _read(spec: FlightSpec, folder: Path, model: Equipment, base: TimeBase, sens
         raise columns.error(f"holds no reading: {', '.join(names)} are all empty")
     if isinstance(table, RecordedGnss):
         values = _of_receiver(columns, times, table)
-    elif sensor == "barometer":
-        positions = columns["height_m"]
-        if np.nanmax(np.abs(positions)) > 1e5:
-            raise columns.error("a height lies beyond 100 km: height_m is read in metres")
+    else:
+        columns.require_within(
+            {name: _LIMITS[name.rpartition("_")[2]] for name in names}  # by their units
+        )
     return Series(samples, values[rows], columns, rows)
 
 

@@ -88,6 +88,8 @@ def _tables(flight: Flight, initial: np.ndarray, title: str) -> dict[str, Any]:
         "initial_error": _content(side.initial_error),
         "field": field,
     }
+    if case.model.disturbance is not None:
+        tables["disturbance"] = _content(case.model.disturbance)
     if case.altimeter is not None:
         tables["altimeter"] = _content(case.altimeter) | {"file": "altimeter.csv"}
     for name in ("gradiometer", *AIDING):

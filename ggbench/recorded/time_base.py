@@ -15,6 +15,8 @@ _USUAL_TOLERANCE = 0.1
 """How far from a sample a reading may lie, in periods, unless the file says otherwise."""
 _EXACT = 1e-6
 """Share of a period within which times are those of the samples."""
+_LONGEST = 1e10
+"""Beyond any clock that counts seconds [s]: it would be milliseconds."""
 _UNIT_SLIP = 0.2
 """Relative difference of the found period from the named one that is no difference of clocks."""
 
@@ -101,6 +103,7 @@ def clocked(columns: Columns, offset: float) -> np.ndarray:
     FlightError
         If they do not increase.
     """
+    columns.require_within({"time_s": (-_LONGEST, _LONGEST)})
     times = columns["time_s"]
     steps = np.diff(times)
     if (steps <= 0.0).any():

@@ -33,6 +33,7 @@ from .quantities import (
 from .scenario import ScenarioError, read_toml, strip_provenance, validate
 from .sensors import (
     AltimeterSpec,
+    DisturbanceSpec,
     FieldSpec,
     GradiometerSpec,
     ImuSpec,
@@ -193,6 +194,8 @@ class FlightSpec(Section):
     initial_error: InitialErrorSpec
     field: RecordedField
     altimeter: RecordedAltimeter | None = None
+    disturbance: DisturbanceSpec | None = None
+    """The gravity that the INS does not know, as states: ``[model.disturbance]`` of a scenario."""
     gradiometer: RecordedGradiometer | None = None
     gnss: RecordedGnss | None = None
     velocity_log: RecordedLog | None = None
