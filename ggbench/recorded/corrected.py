@@ -10,9 +10,8 @@ import numpy as np
 
 from ..errors import GGBenchError
 from ..judging import run_errors
-from ..numerics.rotations import rotation_matrix
 from ..problem import Estimate, Problem
-from ..sensors.aiding import corrected_positions
+from ..sensors.aiding import Motion, corrected_motion
 from ..simulation.runs import Truth
 from ..spec.case import WindowsSpec
 from .motion import ATTITUDE, POSITION, angles_of, velocity_columns
@@ -52,13 +51,12 @@ def corrected(problem: Problem, estimate: Estimate, start: float = 0.0) -> dict[
         raise EstimateError("the problem has no track of an INS that could be corrected")
     mean, cov = _arrays(problem, estimate)
     track = problem.track
-    positions = corrected_positions(track.positions, mean[:, :3])
-    turns = np.empty((len(mean), 3, 3))
-    for turn, tilt in zip(turns, mean[:, 6:9], strict=True):
-        rotation_matrix(np.ascontiguousarray(tilt), turn)
-    angles = np.degrees(angles_of(turns @ track.attitudes))
+    positions, velocities, attitudes = corrected_motion(
+        Motion(track.positions, track.velocities, track.attitudes), mean
+    )
+    angles = np.degrees(angles_of(attitudes))
     places = np.hstack([np.degrees(positions[:, :2]), positions[:, 2:]])
-    values = np.hstack([places, track.velocities - mean[:, 3:6], angles, _sigmas(mean, cov)])
+    values = np.hstack([places, velocities, angles, _sigmas(mean, cov)])
     names = (*POSITION, *velocity_columns("ENU"), *ATTITUDE, *SIGMAS)
     return {"time_s": start + problem.times} | dict(zip(names, values.T, strict=True))
 

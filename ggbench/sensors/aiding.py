@@ -19,6 +19,7 @@ import numpy as np
 
 from ..gravity.ellipsoid import metres_along
 from ..gravity.field import Field
+from ..numerics.rotations import rotation_matrix
 from ..problem import Channel
 from .aiding_kernels import MOVED
 from .gradiometer.faults import Faults
@@ -327,6 +328,19 @@ def corrected_positions(indicated: np.ndarray, error: np.ndarray) -> np.ndarray:
     The inverse of :func:`position_error`.
     """
     return np.asarray(indicated - (error / _metres(indicated))[..., _ENU])
+
+
+def corrected_motion(indicated: Motion, errors: np.ndarray) -> Motion:
+    """Return what an INS indicates at K epochs, less errors (K, 9 or more) of the error state."""
+    attitudes, turn = np.empty((len(errors), 3, 3)), np.empty((3, 3))
+    for k, c_nb in enumerate(indicated.attitudes):
+        rotation_matrix(np.ascontiguousarray(errors[k, 6:9]), turn)
+        attitudes[k] = turn @ c_nb
+    return Motion(
+        corrected_positions(indicated.positions, errors[:, :3]),
+        indicated.velocities - errors[:, 3:6],
+        attitudes,
+    )
 
 
 def cross_matrix(vectors: np.ndarray) -> np.ndarray:

@@ -13,15 +13,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..gravity.ellipsoid import metres_along
 from ..gravity.field import DisturbanceMap, Field
 from ..ins.error_model import navigation_errors
 from ..ins.strapdown import TRACK, navigate_lanes
 from ..numerics.kernels import LANES
 from ..numerics.lanes import in_lanes, out_of_lanes, unfilled
-from ..numerics.rotations import rotation_matrix
 from ..problem import Problem
-from ..sensors.aiding import Motion
+from ..sensors.aiding import Motion, corrected_motion
 from .equipment import Equipment
 from .formulation import Indicated, Readings, Schedule, follow, formulate
 
@@ -193,15 +191,3 @@ class Loop:
         self._cov = cov[-1]
         self._first = epochs.stop
         return np.hstack([errors[0], mean[:, FED_BACK:]])
-
-
-def corrected_motion(indicated: Motion, mean: np.ndarray) -> Motion:
-    """Return what an INS indicates at K epochs, corrected by estimates (K, n) of its error."""
-    positions = np.ascontiguousarray(indicated.positions)
-    east, north = metres_along(positions).T
-    off = np.column_stack([mean[:, 1] / north, mean[:, 0] / east, mean[:, 2]])
-    attitudes, turn = np.empty((len(mean), 3, 3)), np.empty((3, 3))
-    for k, c_nb in enumerate(indicated.attitudes):
-        rotation_matrix(np.ascontiguousarray(mean[k, 6:9]), turn)
-        attitudes[k] = turn @ c_nb
-    return Motion(positions - off, indicated.velocities - mean[:, 3:6], attitudes)
