@@ -18,7 +18,7 @@ from ggbench.numerics.source import COMPILED_ROOMS, MAP_ROOMS, module_hash, sour
 
 PACKAGE = Path(ggbench.__file__).parent
 NUMBERS = int | float | complex | tuple | list | dict | np.ndarray
-SHOWN = ("figures", "report", "api.py", "cli")
+SHOWN = ("recorded", "figures", "report", "api.py", "cli")
 """Parts that show results and make none."""
 
 
