@@ -56,9 +56,12 @@ def estimates(times: np.ndarray, true: np.ndarray, details: Mapping[str, np.ndar
                 times / 3600.0, found - sigma, found + sigma, color=colour, alpha=0.15, lw=0.0
             )
         # What the prior alone says, in the first minutes, is off the scale.
-        settled = [_MGAL * detail[len(detail) // 10, 15 + i] for detail in details.values()]
-        middle, room = _MGAL * true[:, i].mean(), 6.0 * max(settled)
-        axis.set_ylim(middle - room, middle + room)
+        settled = [_MGAL * detail[len(detail) // 10 :] for detail in details.values()]
+        room = max(
+            float(np.abs(some[:, 12 + i]).max() + 3.0 * some[:, 15 + i].max()) for some in settled
+        )
+        middle = _MGAL * true[:, i].mean()
+        axis.set_ylim(middle - 1.05 * room, middle + 1.05 * room)
         axis.set_ylabel(f"{name} [mGal]")
     axes[0].legend(ncols=2)
     _in_hours(axes[-1])
@@ -84,9 +87,11 @@ def knowledge(times: np.ndarray, cases: Mapping[str, np.ndarray]) -> Drawing:
             top.semilogy(times / 3600.0, sigma, color=colour, lw=1.2, label=title)
             bottom.plot(times / 3600.0, correlation, color=colour, lw=1.2)
             top.set_title(name)
+            top.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
     axes[0, 0].set_ylabel("bound of σ [mGal]")
     axes[1, 0].set_ylabel("|correlation| with tilt")
-    axes[0, 1].legend(fontsize=7)
+    lines = axes[0, 0].get_lines()
+    figure.legend(lines, list(cases), loc="upper center", bbox_to_anchor=(0.5, 0.02), ncols=1)
     for axis in axes[1]:
         _in_hours(axis)
     return figure

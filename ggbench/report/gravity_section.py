@@ -133,12 +133,14 @@ class GravitySection:
         return parts
 
     def _details(self, case: str) -> dict[str, np.ndarray]:
-        """Return the detailed run of the first filter that estimates gravity, by its label."""
+        """Return the detailed runs of estimators of gravity: the first, and one with feedback."""
+        found: dict[str, np.ndarray] = {}
         for label in self.results.labels:
             detail = self.results.detail(case, label, DETAILED_RUN)
-            if label != "ins" and detail is not None and np.isfinite(detail[:, 12:]).all():
-                return {label: detail}
-        return {}
+            wanted = label != "ins" and (not found or label.startswith("closed-loop"))
+            if wanted and detail is not None and np.isfinite(detail[:, 12:]).all():
+                found[label] = detail
+        return found
 
     def _table(self) -> str:
         lines = [
