@@ -217,6 +217,18 @@ def test_more_starts_never_end_higher():
         assert several.info["cost"] < one.info["cost"] + 1e-3
 
 
+def test_the_answer_is_the_lowest_that_a_search_has_found():
+    """From the prior's mean and from a filter's track, whichever of them ends lower."""
+    lower = set()
+    for (problem, _), found in zip(wide(3.0), answers("gauss-newton[starts=1]", 3.0), strict=True):
+        smoother = _Smoother(problem, "none", np.inf)
+        starts = smoother.from_prior(np.zeros(problem.dimension)), smoother.from_filter()
+        costs = [smoother.search(start, 30).cost for start in starts]
+        lower.add(int(np.argmin(costs)))
+        assert found.info["cost"] == pytest.approx(min(costs))
+    assert lower == {0, 1}
+
+
 @pytest.mark.parametrize(
     "label", [pytest.param("gaussian-sum", marks=pytest.mark.long), "gauss-newton[starts=256]"]
 )
