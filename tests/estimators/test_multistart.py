@@ -14,6 +14,7 @@ from problems import (
     estimated,
     estimator,
     exact,
+    graded,
     kalman,
     linear_problem,
     rng,
@@ -170,7 +171,7 @@ def test_starts_are_spread_as_the_prior_wants_them():
 
 def test_the_filters_track_is_the_smoothed_one():
     """The start that a filter gives is, of a linear problem, the answer already (1e-6 σ)."""
-    problem = linear_problem(3)
+    problem = graded(linear_problem(3))
     mean, cov = smoothed(problem, problem.epochs)
     smoother = _Smoother(problem, "none", np.inf)
     found = smoother.from_filter().states * smoother.scale
@@ -189,7 +190,7 @@ def test_screening_weighs_readings_as_the_cost_does():
 
 def test_screening_by_all_readings_is_the_cost():
     """Of few epochs none is left out: prior and readings count as they do in the search."""
-    problem = linear_problem(5, epochs=10)
+    problem = graded(linear_problem(5, epochs=10))
     smoother = _Smoother(problem, "none", np.inf)
     starts = np.random.default_rng(6).normal(size=(4, problem.dimension))
     costs = []

@@ -189,27 +189,42 @@ def test_an_outlier_near_the_prediction_does_not_win(label):
     assert found.mean[0, 0] == pytest.approx(3000.0, abs=1.0)
 
 
+def first_cost(problem: Problem, x: np.ndarray) -> float:
+    """Huber's cost of a state after the first reading: of prior, motion and reading."""
+    units = np.sqrt(np.diag(problem.prior_cov))
+    phi = problem.transition[0]
+    off = (x - phi @ problem.prior_mean) / units
+    cov = phi @ problem.prior_cov @ phi.T + problem.process_cov[0]
+    left = problem.measurements[0] - problem.model.predict(0, x)
+    r = np.abs(np.linalg.solve(np.linalg.cholesky(problem.noise_of(0)), left))
+    huber = np.where(r < 1.345, 0.5 * r**2, 1.345 * r - 0.5 * 1.345**2)
+    return float(0.5 * off @ np.linalg.solve(cov / np.outer(units, units), off) + huber.sum())
+
+
 @pytest.mark.parametrize("label", ["ekf", "ekf[iterations=20]", "gaussian-sum[iterations=40]"])
 def test_update_minimises_the_huber_cost(label):
     """The updated state is the minimum that a general optimizer finds of the same convex cost."""
     problem = linear_problem(seed=4, epochs=1, m=2)
     problem = changed(problem, measurements=problem.measurements + np.array([0.0, 8.0]))
     units = np.sqrt(np.diag(problem.prior_cov))
-    phi = problem.transition[0]
-    mean = phi @ problem.prior_mean
-    cov = phi @ problem.prior_cov @ phi.T + problem.process_cov[0]
-    information = np.linalg.inv(cov / np.outer(units, units))
-    root = np.linalg.cholesky(problem.noise_cov)
-
-    def cost(u: np.ndarray) -> float:
-        left = problem.measurements[0] - problem.model.predict(0, mean + units * u)
-        r = np.abs(np.linalg.solve(root, left))
-        huber = np.where(r < 1.345, 0.5 * r**2, 1.345 * r - 0.5 * 1.345**2)
-        return float(0.5 * u @ information @ u + huber.sum())
-
-    best = minimize(cost, np.zeros(5), method="BFGS", options={"gtol": 1e-9})
+    start = problem.transition[0] @ problem.prior_mean / units
+    best = minimize(
+        lambda u: first_cost(problem, units * u), start, method="BFGS", options={"gtol": 1e-9}
+    )
     found = with_(label, loss="huber").estimate(problem, rng())
-    assert cost((found.mean[0] - mean) / units) < best.fun + 1e-5
+    assert first_cost(problem, found.mean[0]) < best.fun + 1e-5
+
+
+@pytest.mark.parametrize("label", ["ekf[iterations=50]", "gaussian-sum[iterations=50]"])
+def test_an_iterated_update_ends_in_a_minimum_of_the_huber_cost(label):
+    """No step to any side lowers the cost, with outliers in a field that bends."""
+    for seed in range(RUNS):
+        problem, _ = rough_flight(seed, 200.0, epochs=1, outliers=0.3)
+        found = with_(label, loss="huber").estimate(problem, rng())
+        lowest = first_cost(problem, found.mean[0])
+        for step in 0.1 * np.diag(np.sqrt(np.diag(found.cov[0]))):
+            for side in (-step, step):
+                assert first_cost(problem, found.mean[0] + side) > lowest - 1e-6
 
 
 @pytest.mark.parametrize("label", ["ekf", "ekf[iterations=20]", "gaussian-sum[iterations=40]"])

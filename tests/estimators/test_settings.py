@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
-from problems import estimator, linear_problem, rng, simulated
+from problems import LinearModel, changed, estimator, linear_problem, rng, simulated
 from rough_field import rough_flight
+
+from ggbench.problem import Problem, StateBlock
 
 
 @pytest.mark.parametrize(
@@ -18,6 +21,9 @@ from rough_field import rough_flight
         ("ukf[loss=huber,threshold=-1]", "threshold must be positive"),
         ("ukf[points=cubature,kappa=1]", "no kappa"),
         ("factor-graph[loss=cauchy,threshold=nan]", "threshold must be positive"),
+        ("ukf[kappa=inf]", "n + kappa must be positive and finite"),
+        ("ukf[points=merwe,alpha=0]", "alpha must be positive and finite"),
+        ("ukf[points=merwe,alpha=inf]", "alpha must be positive and finite"),
         ("gauss-newton[starts=0]", "starts"),
         ("gauss-newton[starts=1000000000]", "starts"),
         ("gauss-newton[refine=0]", "refine"),
@@ -54,6 +60,7 @@ def test_settings_that_mean_nothing_are_refused_with_a_reason(label, reason):
         ("lag=4.9", "at least the time between two readings, 5 s"),
         ("relinearize_threshold=0", "relinearize_threshold"),
         ("relinearize_threshold=nan", "relinearize_threshold"),
+        ("relinearize_threshold=inf", "relinearize_threshold"),
         ("max_iterations=0", "max_iterations"),
     ],
 )
@@ -63,14 +70,30 @@ def test_graph_settings_that_mean_nothing_are_refused_with_a_reason(setting, rea
     assert reason in (estimator(label).skip(simulated("0.01E-0.2Hz")[0]) or "")
 
 
+def test_a_lag_has_to_reach_over_the_longest_gap():
+    """Readings a second apart but for once, when it is four: a window of three loses its past."""
+    times = np.array([1.0, 2.0, 6.0, 7.0, 8.0])
+    problem = changed(linear_problem(0, epochs=5), times=times)
+    for lag, reason in ((3.0, "two readings, 4 s"), (4.0, None)):
+        told = estimator(f"factor-graph[mode=fixed-lag,lag={lag}]").skip(problem)
+        assert reason in told if reason else told is None
+
+
 @pytest.mark.parametrize(
     ("label", "searches"),
-    [("factor-graph[mode=batch,max_iterations=2]", 1), ("gauss-newton[max_iterations=2]", 6)],
+    [
+        ("factor-graph[mode=batch,max_iterations=2]", 1),
+        ("gauss-newton[max_iterations=2]", 6),
+        ("gauss-newton[max_iterations=2,refine=2]", 3),
+        ("gauss-newton[max_iterations=2,starts=1]", 2),
+    ],
 )
 def test_a_search_ends_at_its_limit(label, searches):
     """Two steps of each search, and no more, where it would take many."""
     problem, _ = rough_flight(1, 1000.0, epochs=60)
-    assert estimator(label).estimate(problem, rng()).info["iterations"] == 2 * searches
+    info = estimator(label).estimate(problem, rng()).info
+    assert info["iterations"] == 2 * searches
+    assert info.get("refined", 1) == searches
 
 
 def test_a_gauss_newton_tells_whether_it_has_converged():
@@ -99,3 +122,22 @@ def test_an_incremental_graph_is_linearised_anew_as_its_threshold_says():
         for threshold in (0.1, 1.0, 10.0)
     )
     assert often > usual > seldom
+
+
+def test_a_mixture_tells_how_many_hypotheses_it_started_with_and_had_on_average():
+    """All of them while readings say nothing, and one after a reading that says where it is."""
+    rows = np.array([0.0, 0.0, 0.0, 1.0])[:, None, None]
+    problem = Problem(
+        times=np.arange(1.0, 5.0),
+        measurements=np.zeros((4, 1)),
+        noise_cov=np.eye(1),
+        transition=np.ones((4, 1, 1)),
+        process_cov=np.zeros((4, 1, 1)),
+        prior_mean=np.zeros(1),
+        prior_cov=np.array([[1e6]]),
+        model=LinearModel(rows),
+        layout=(StateBlock("position", slice(0, 1), "m"),),
+    )
+    info = estimator("gaussian-sum[spacing_m=300]").estimate(problem, rng()).info
+    assert info["hypotheses"] == 23  # at 0, ±300, ... ±3300 m, within 3.5 deviations
+    assert info["mean_hypotheses"] == pytest.approx((3 * 23 + 1) / 4)
