@@ -355,7 +355,7 @@ def test_adaptive_noise_counts_what_the_update_has_explained():
     1000 residuals of variance 0.4 after updates that leave 0.6 are noise of variance 1 (20 %).
     """
     generator = np.random.default_rng(9)
-    root = np.array([[2.0, 0.0], [1.0, 0.5]])
+    root = np.array([[1.0, 0.0], [2.0, 1.0]])
     noise, told = _AdaptiveNoise(2, 1000), root @ root.T
     for _ in range(1000):
         left = root @ (np.sqrt(0.4) * generator.standard_normal(2))

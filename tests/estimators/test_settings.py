@@ -122,6 +122,7 @@ def test_an_incremental_graph_is_linearised_anew_as_its_threshold_says():
         for threshold in (0.1, 1.0, 10.0)
     )
     assert often > usual > seldom
+    assert often > 10 * problem.epochs  # over the flight, nodes many times
 
 
 def test_a_mixture_tells_how_many_hypotheses_it_started_with_and_had_on_average():
