@@ -89,11 +89,13 @@ class FactorGraph(BlockEstimator):
             return f"relinearize_threshold must be positive, and is {self.relinearize_threshold:g}"
         if self.max_iterations < 1:
             return f"max_iterations must be at least 1, and is {self.max_iterations}"
+        if reason := robust.refusal(self.loss, self.threshold):
+            return reason
         if self.takes_blocks:
             if self.mode != "batch" or self.loss != "none":
                 return "engine=numba solves mode=batch without a loss; the others need gtsam"
             return super().skip(problem)
-        return robust.refusal(self.loss, self.threshold)
+        return None
 
     def estimate_block(self, block: ProblemBlock) -> EstimateBlock:
         """Solve the batch problems of all runs of a block."""

@@ -133,9 +133,11 @@ class UnscentedKalmanFilter(BlockEstimator):
             return f"n + kappa must be positive and finite, and is {n} + {kappa:g}"
         if self.points == "merwe" and not 0.0 < self.alpha < np.inf:
             return f"alpha must be positive and finite, and is {self.alpha:g}"
+        if reason := robust.refusal(self.loss, self.threshold):
+            return reason
         if self.takes_blocks:
             return "engine=numba has no loss" if self.loss != "none" else super().skip(problem)
-        return robust.refusal(self.loss, self.threshold)
+        return None
 
     def _kappa(self, n: int) -> float:
         """Return κ, or the default of the chosen set for n states."""

@@ -93,14 +93,18 @@ def test_every_estimator_takes_any_combination(label, combination, folder):
 
 
 @pytest.mark.parametrize("combination", COMBINATIONS)
-@pytest.mark.parametrize("label", ["ekf", "ukf", "factor-graph[mode=batch]"])
+@pytest.mark.parametrize(
+    "label",
+    ["ekf", "ukf", "ukf[points=merwe]", "ukf[points=cubature]", "factor-graph[mode=batch]"],
+)
 def test_both_engines_agree_on_any_combination(label, combination, folder):
-    """Mean and covariance of the compiled engine are those of the framework, to 1e-5 of σ."""
+    """The compiled engine has the framework's mean and covariance, to 1e-5 of σ, and repairs."""
     problem, _ = of_combination(combination, folder)
     reference = estimator(label).estimate(problem, rng())
     compiled = estimator(engine_of(label)).estimate(problem, rng())
     apart = deviation(compiled.mean, compiled.cov, reference.mean, reference.cov)
     assert max(apart) < 1e-5
+    assert compiled.info.get("covariance_repairs") == reference.info.get("covariance_repairs")
 
 
 def engine_of(label: str) -> str:

@@ -25,6 +25,7 @@ from problems import (
     estimated,
     estimator,
     exact,
+    graded,
     labels,
     linear_problem,
     rng,
@@ -113,6 +114,16 @@ def test_exact_with_noise_that_is_singular_among_noisy_states(label):
     roots[:, :3] = 0.2 * generator.normal(size=(problem.epochs, 3, 2))
     roots *= np.sqrt(np.diag(problem.prior_cov))[:, None]
     problem = changed(problem, process_cov=roots @ roots.transpose(0, 2, 1))
+    estimate = solve(label, problem, gaussian=True)
+    if draws_random_numbers(label, problem):
+        pytest.skip(f"{label} is a Monte Carlo method: not exact")
+    assert max(deviation(estimate.mean, estimate.cov, *exact(problem, estimate))) < 1e-9
+
+
+@each_estimator
+def test_exact_with_noise_that_differs_from_epoch_to_epoch(label):
+    """A reading counts for as much as the noise that is told for its own epoch (1e-9)."""
+    problem = graded(linear_problem(seed=6))
     estimate = solve(label, problem, gaussian=True)
     if draws_random_numbers(label, problem):
         pytest.skip(f"{label} is a Monte Carlo method: not exact")

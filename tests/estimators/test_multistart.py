@@ -14,6 +14,7 @@ from problems import (
     estimated,
     estimator,
     exact,
+    graded,
     kalman,
     linear_problem,
     rng,
@@ -84,11 +85,16 @@ def test_one_hypothesis_is_the_extended_kalman_filter():
 
 
 def test_cubature_points_are_the_scaled_set_without_scaling():
-    """Arasaratnam & Haykin's 2n points are van der Merwe's with α = 1, β = 0, κ = 0 (1e-9 σ)."""
+    """Arasaratnam & Haykin's 2n points are van der Merwe's with α = 1, β = 0, κ = 0 (1e-9 σ).
+
+    And the paper's with κ = 0, which is told and not left out.
+    """
     problem, _ = rough_flight(3, 500.0)
     cubature = estimator("ukf[points=cubature]").estimate(problem, rng())
     scaled = estimator("ukf[points=merwe,alpha=1,beta=0,kappa=0]").estimate(problem, rng())
     assert max(deviation(cubature.mean, cubature.cov, scaled.mean, scaled.cov)) < 1e-9
+    papers = estimator("ukf[kappa=0]").estimate(problem, rng())
+    assert max(deviation(cubature.mean, cubature.cov, papers.mean, papers.cov)) < 1e-9
 
 
 def update_cost(problem: Problem, x: np.ndarray) -> float:
@@ -170,7 +176,7 @@ def test_starts_are_spread_as_the_prior_wants_them():
 
 def test_the_filters_track_is_the_smoothed_one():
     """The start that a filter gives is, of a linear problem, the answer already (1e-6 σ)."""
-    problem = linear_problem(3)
+    problem = graded(linear_problem(3))
     mean, cov = smoothed(problem, problem.epochs)
     smoother = _Smoother(problem, "none", np.inf)
     found = smoother.from_filter().states * smoother.scale
@@ -187,10 +193,11 @@ def test_screening_weighs_readings_as_the_cost_does():
     assert screened == pytest.approx(whole, rel=0.3)
 
 
-def test_screening_by_all_readings_is_the_cost():
+@pytest.mark.parametrize("loss", ["none", "huber"])
+def test_screening_by_all_readings_is_the_cost(loss):
     """Of few epochs none is left out: prior and readings count as they do in the search."""
-    problem = linear_problem(5, epochs=10)
-    smoother = _Smoother(problem, "none", np.inf)
+    problem = graded(linear_problem(5, epochs=10))
+    smoother = _Smoother(problem, loss, 1.345)
     starts = np.random.default_rng(6).normal(size=(4, problem.dimension))
     costs = []
     for start in starts:
@@ -215,6 +222,18 @@ def test_more_starts_never_end_higher():
     many, single = answers("gauss-newton[starts=256]", 3.0), answers("gauss-newton[starts=1]", 3.0)
     for several, one in zip(many, single, strict=True):
         assert several.info["cost"] < one.info["cost"] + 1e-3
+
+
+def test_the_answer_is_the_lowest_that_a_search_has_found():
+    """From the prior's mean and from a filter's track, whichever of them ends lower."""
+    lower = set()
+    for (problem, _), found in zip(wide(3.0), answers("gauss-newton[starts=1]", 3.0), strict=True):
+        smoother = _Smoother(problem, "none", np.inf)
+        starts = smoother.from_prior(np.zeros(problem.dimension)), smoother.from_filter()
+        costs = [smoother.search(start, 30).cost for start in starts]
+        lower.add(int(np.argmin(costs)))
+        assert found.info["cost"] == pytest.approx(min(costs))
+    assert lower == {0, 1}
 
 
 @pytest.mark.parametrize(
@@ -403,7 +422,18 @@ def test_merging_keeps_the_moments():
         assert after == pytest.approx(before, rel=1e-12, abs=1e-12)
 
 
-@pytest.mark.parametrize("label", ["gaussian-sum", "gauss-newton", "gauss-newton[starts=1]"])
+@pytest.mark.parametrize(("light_sigma", "left"), [(10.0, 2), (1.0, 1), (0.1, 1)])
+def test_the_heavier_of_two_hypotheses_says_whether_they_are_one(light_sigma, left):
+    """It takes in what lies within its own deviations; a light wide one takes in no heavy one."""
+    distance = 2.0 if light_sigma > 1.0 else 0.9
+    means, covs = np.array([[0.0], [distance]]), np.array([1.0, light_sigma**2])[:, None, None]
+    assert len(_merged(np.log([0.9, 0.1]), means, covs)[0]) == left
+
+
+@pytest.mark.parametrize(
+    "label",
+    ["gaussian-sum", "gauss-newton", "gauss-newton[starts=1]", "factor-graph[mode=batch]"],
+)
 def test_a_field_without_numbers_is_an_exception(label):
     """Where h is nowhere a number there is no answer, and the estimator says so."""
 

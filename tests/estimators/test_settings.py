@@ -1,0 +1,144 @@
+"""Settings: what means nothing is refused, what is given is kept to, what it took is told."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from problems import LinearModel, changed, estimator, linear_problem, rng, simulated
+from rough_field import rough_flight
+
+from ggbench.problem import Problem, StateBlock
+
+
+@pytest.mark.parametrize(
+    ("label", "reason"),
+    [
+        ("ekf[iterations=0]", "iterations"),
+        ("ekf[noise_memory=-1]", "noise_memory"),
+        ("ekf[noise_memory=1]", "noise_memory"),
+        ("ekf[threshold=2]", "needs a loss"),
+        ("ekf[loss=huber,threshold=0]", "threshold must be positive"),
+        ("ukf[loss=huber,threshold=-1]", "threshold must be positive"),
+        ("ukf[points=cubature,kappa=1]", "no kappa"),
+        ("factor-graph[loss=cauchy,threshold=nan]", "threshold must be positive"),
+        ("ukf[kappa=inf]", "n + kappa must be positive and finite"),
+        ("ukf[points=merwe,alpha=0]", "alpha must be positive and finite"),
+        ("ukf[points=merwe,alpha=inf]", "alpha must be positive and finite"),
+        ("gauss-newton[starts=0]", "starts"),
+        ("gauss-newton[starts=1000000000]", "starts"),
+        ("gauss-newton[refine=0]", "refine"),
+        ("gauss-newton[max_iterations=0]", "max_iterations"),
+        ("gauss-newton[threshold=1]", "needs a loss"),
+        ("gaussian-sum[spacing_m=0]", "spacing_m"),
+        ("gaussian-sum[spacing_m=nan]", "spacing_m"),
+        ("gaussian-sum[most=0]", "most"),
+        ("gaussian-sum[most=1000000000]", "most"),
+        ("gaussian-sum[iterations=0]", "iterations"),
+        ("gaussian-sum[iterations=1,loss=huber]", "at least 2 iterations"),
+        ("ekf[engine=numba,iterations=2]", "plain filter"),
+        ("ekf[engine=numba,noise_memory=9]", "plain filter"),
+        ("ekf[engine=numba,loss=huber]", "plain filter"),
+        ("ukf[engine=numba,loss=huber]", "no loss"),
+        ("ukf[engine=numba,threshold=2]", "needs a loss"),
+        ("factor-graph[engine=numba]", "mode=batch"),
+        ("factor-graph[mode=batch,engine=numba,loss=huber]", "without a loss"),
+        ("factor-graph[mode=batch,engine=numba,threshold=2]", "needs a loss"),
+    ],
+)
+def test_settings_that_mean_nothing_are_refused_with_a_reason(label, reason):
+    """A setting that cannot work is a reason to skip, not a failure or a wrong number."""
+    assert reason in (estimator(label).skip(simulated("0.01E-0.2Hz")[0]) or "")
+
+
+@pytest.mark.parametrize(
+    ("setting", "reason"),
+    [
+        ("lag=0", "lag"),
+        ("lag=-1", "lag"),
+        ("lag=nan", "lag"),
+        ("lag=inf", "lag"),
+        ("lag=4.9", "at least the time between two readings, 5 s"),
+        ("relinearize_threshold=0", "relinearize_threshold"),
+        ("relinearize_threshold=nan", "relinearize_threshold"),
+        ("relinearize_threshold=inf", "relinearize_threshold"),
+        ("max_iterations=0", "max_iterations"),
+    ],
+)
+def test_graph_settings_that_mean_nothing_are_refused_with_a_reason(setting, reason):
+    """A setting that leaves nothing to do is a reason to skip, not a failure in every run."""
+    label = f"factor-graph[mode=fixed-lag,{setting}]"
+    assert reason in (estimator(label).skip(simulated("0.01E-0.2Hz")[0]) or "")
+
+
+def test_a_lag_has_to_reach_over_the_longest_gap():
+    """Readings a second apart but for once, when it is four: a window of three loses its past."""
+    times = np.array([1.0, 2.0, 6.0, 7.0, 8.0])
+    problem = changed(linear_problem(0, epochs=5), times=times)
+    for lag, reason in ((3.0, "two readings, 4 s"), (4.0, None)):
+        told = estimator(f"factor-graph[mode=fixed-lag,lag={lag}]").skip(problem)
+        assert reason in told if reason else told is None
+
+
+@pytest.mark.parametrize(
+    ("label", "searches"),
+    [
+        ("factor-graph[mode=batch,max_iterations=2]", 1),
+        ("gauss-newton[max_iterations=2]", 6),
+        ("gauss-newton[max_iterations=2,refine=2]", 3),
+        ("gauss-newton[max_iterations=2,starts=1]", 2),
+    ],
+)
+def test_a_search_ends_at_its_limit(label, searches):
+    """Two steps of each search, and no more, where it would take many."""
+    problem, _ = rough_flight(1, 1000.0, epochs=60)
+    info = estimator(label).estimate(problem, rng()).info
+    assert info["iterations"] == 2 * searches
+    assert info.get("refined", 1) == searches
+
+
+def test_a_gauss_newton_tells_whether_it_has_converged():
+    """Not where it was stopped at its first step, but where it has gone to the end."""
+    problem, _ = rough_flight(1, 50.0, epochs=30)
+    for most, converged in ((1, False), (30, True)):
+        found = estimator(f"gauss-newton[starts=1,max_iterations={most}]").estimate(problem, rng())
+        assert found.info["converged"] == converged
+
+
+def test_an_iterated_filter_stops_where_nothing_is_left_to_gain():
+    """Of a linear h, a second linearisation shows that the first was enough: two per reading."""
+    problem = linear_problem(0)
+    for iterations, each in ((1, 1), (2, 2), (9, 2)):
+        found = estimator(f"ekf[iterations={iterations}]").estimate(problem, rng())
+        assert found.info["linearisations"] == each * problem.epochs
+
+
+def test_an_incremental_graph_is_linearised_anew_as_its_threshold_says():
+    """The further a node may move before, the fewer are."""
+    problem, _ = rough_flight(1, 50.0, epochs=30)
+    often, usual, seldom = (
+        estimator(f"factor-graph[relinearize_threshold={threshold}]")
+        .estimate(problem, rng())
+        .info["relinearized"]
+        for threshold in (0.1, 1.0, 10.0)
+    )
+    assert often > usual > seldom
+    assert often > 10 * problem.epochs  # over the flight, nodes many times
+
+
+def test_a_mixture_tells_how_many_hypotheses_it_started_with_and_had_on_average():
+    """All of them while readings say nothing, and one after a reading that says where it is."""
+    rows = np.array([0.0, 0.0, 0.0, 1.0])[:, None, None]
+    problem = Problem(
+        times=np.arange(1.0, 5.0),
+        measurements=np.zeros((4, 1)),
+        noise_cov=np.eye(1),
+        transition=np.ones((4, 1, 1)),
+        process_cov=np.zeros((4, 1, 1)),
+        prior_mean=np.zeros(1),
+        prior_cov=np.array([[1e6]]),
+        model=LinearModel(rows),
+        layout=(StateBlock("position", slice(0, 1), "m"),),
+    )
+    info = estimator("gaussian-sum[spacing_m=300]").estimate(problem, rng()).info
+    assert info["hypotheses"] == 23  # at 0, ±300, ... ±3300 m, within 3.5 deviations
+    assert info["mean_hypotheses"] == pytest.approx((3 * 23 + 1) / 4)
