@@ -11,17 +11,25 @@ from .style import INS
 _COLOURS = {
     "ekf": ("tab:blue", "navy", "deepskyblue", "slateblue", "cadetblue"),
     "ukf": ("tab:orange", "saddlebrown", "goldenrod", "lightsalmon"),
-    "factor-graph": ("tab:green", "darkolivegreen", "limegreen", "teal"),
+    "factor-graph": ("tab:green", "darkolivegreen", "limegreen", "teal", "yellowgreen"),
     "gaussian-sum": ("tab:red", "maroon"),
     "gauss-newton": ("tab:purple", "orchid"),
+    "closed-loop": ("tab:cyan",),
 }
 """Shades of each estimator; its variants take them in the order of the next table."""
 _VARIANTS = {
     "ekf": ("", "iterations=5", "loss=cauchy", "loss=huber", "noise_memory=20"),
     "ukf": ("points=cubature", "points=julier", "points=merwe", "points=cubature,loss=cauchy"),
-    "factor-graph": ("mode=batch", "mode=isam2", "mode=fixed-lag", "mode=batch,loss=cauchy"),
+    "factor-graph": (
+        "mode=batch",
+        "mode=isam2",
+        "mode=fixed-lag",
+        "mode=batch,loss=cauchy",
+        "mode=batch,engine=numba",
+    ),
     "gaussian-sum": ("", "loss=cauchy"),
     "gauss-newton": ("", "loss=cauchy"),
+    "closed-loop": ("",),
 }
 _OTHERS = ("deeppink", "darkkhaki", "olive", "tan", "mediumaquamarine", "rosybrown")
 """Colours of estimators that the package does not know: neither the INS's nor the bound's."""
@@ -29,9 +37,10 @@ _LINES = ("-", "--", "-.", ":")
 _MARKERS = {
     "ekf": "osphH",
     "ukf": "D^v<",
-    "factor-graph": "PX*d",
+    "factor-graph": "PX*dh",
     "gaussian-sum": "><",
     "gauss-newton": "8p",
+    "closed-loop": "*",
 }
 _OTHER_MARKERS = "os^vD"
 
