@@ -209,7 +209,8 @@ class LeagueReport:
             "equally); in all of it, if any of those did.",
             "Situations": "the first that fits a case: *aiding gains nothing*, if the best causal "
             "estimator is not significantly better than the INS and within 5 % of it, or "
-            "significantly worse; readings, or a map, that `[truth]` or `[model]` set apart from "
+            "significantly worse; a receiver that fails; readings, or a map, that `[truth]` or "
+            "`[model]` set apart from "
             f"what the estimators are told; a prior of {wide} or more; a flight of {long} or "
             "more; anything else that is set apart; a narrow prior and a right model.",
             "Cost": f"the median time of a run over that of `{COST_OF}` on the same case.",

@@ -17,6 +17,7 @@ SITUATIONS = {
     "wide": f"Wide prior (σ of {WIDE_M / 1000.0:g} km per axis or more)",
     "long": f"Long flight ({LONG_S / 60.0:g} min or more)",
     "readings": "Outliers or gaps in the readings",
+    "outage": "Satellite navigation that fails",
     "map": "A map that is not the field",
     "gravity": "Gravity that the mechanization does not know",
     "model": "Sensors, times or initial errors other than the estimators believe",
@@ -36,6 +37,8 @@ def situation_of(case: CaseSpec, gained: str) -> str:
         return NOTHING
     changed = set(_set_keys(case.model_dump(exclude_defaults=True)))
     wrong = {key for key in changed if key.split(".")[0] in ("truth", "model")}
+    if any(key.startswith("truth.gnss.dropout") for key in wrong):
+        return "outage"
     if any(word in key for key in wrong for word in _READINGS):
         return "readings"
     # What the accelerometers feel and the mechanization adds is no part of the map.

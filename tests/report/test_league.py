@@ -197,6 +197,8 @@ def test_situations_are_those_of_the_keys(changes, gained, situation):
     ("keys", "situation"),
     [
         ({"truth": {"gradiometer": {"outlier_share": 0.1}, "field": {"source": "x"}}}, "readings"),
+        ({"truth": {"gnss": {"dropouts_s": [[1.0, 2.0]]}, "imu": {}}}, "outage"),
+        ({"truth": {"barometer": {"dropout_share": 0.1}}}, "readings"),
         ({"truth": {"field": {"error": {"resolution_km": 5.0}}}}, "map"),
         ({"model": {"field": {"density_kg_m3": 2600.0}}}, "map"),
         ({"model": {"gradiometer": {"noise_eotvos": 1.0}}}, "model"),
