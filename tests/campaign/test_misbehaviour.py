@@ -151,6 +151,7 @@ def test_a_flood_reaches_neither_screen_nor_disk(wild, capfd):
     assert sum(file.stat().st_size for file in (wild / "out").iterdir()) < 1_000_000
 
 
+@pytest.mark.long
 def test_what_a_run_prints_belongs_to_it(wild, capfd):
     """By whomever it is printed; terminals are told nothing by it, and only failures keep it."""
     ways = ("way=native", "way=escapes,fails=yes", "way=native,fails=yes", "fails=yes")

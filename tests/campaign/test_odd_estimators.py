@@ -91,6 +91,7 @@ def test_a_run_over_its_time_limit_is_a_record(deadly):
     assert (Results(deadly / "out").runs()["status"] == "ok").all()
 
 
+@pytest.mark.long
 def test_no_process_is_left_behind(deadly, started):
     """When a campaign is killed in the middle of an endless run, its workers end too."""
     label = "deadly.py[way=sleep,seconds=100000]"
@@ -176,6 +177,7 @@ def test_an_estimator_leaves_the_others_alone(odd):
     assert not [p for p in psutil.process_iter(["cmdline"]) if "97531" in (p.info["cmdline"] or [])]
 
 
+@pytest.mark.long
 def test_what_an_exception_says_can_be_stored_and_shown(odd):
     """Exceptions without a text, with one that is no Unicode, or without end: records, tables."""
     reasons = {
@@ -211,6 +213,7 @@ def test_time_that_a_campaign_was_stopped_is_not_a_runs(deadly, started):
     assert (Results(deadly / "out").runs()["status"] == "ok").all()
 
 
+@pytest.mark.long
 def test_a_request_to_end_is_an_interrupt(deadly, started):
     """SIGTERM, as a batch system sends it: what is finished is summed up, exit code 130."""
     label = "deadly.py[way=sleep,seconds=100000]"

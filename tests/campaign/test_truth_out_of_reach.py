@@ -109,6 +109,7 @@ def test_estimators_of_the_benchmark_do_not_look_around():
         assert "seeks" not in choose(name).content
 
 
+@pytest.mark.long
 def test_readers_are_told_of_an_estimator_that_looks_around(tmp_path, monkeypatch):
     """In the report, above all figures, and whichever estimators are asked for later."""
     monkeypatch.chdir(tmp_path)

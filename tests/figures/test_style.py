@@ -47,6 +47,7 @@ def changed_by(code: str) -> set[str]:
     return set(ast.literal_eval(done.stdout.splitlines()[-1]))
 
 
+@pytest.mark.long
 def test_no_module_changes_matplotlib():
     """To import any module of the package changes no setting and no backend of the user's."""
     assert changed_by(EVERY_MODULE) == set()

@@ -184,6 +184,7 @@ def test_records_and_tables_hold_the_locks(results):
     assert (summary.groupby(["case", "label"])["lock_share"].nunique() == 1).all()
 
 
+@pytest.mark.long
 def test_the_report_tells_of_convergence(results, tmp_path):
     """The section has its table, its figures and a sentence for every case."""
     text = scenario_report.write(results.folder, tmp_path).read_text()

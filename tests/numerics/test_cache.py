@@ -8,6 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import ggbench
 from ggbench.numerics import cache
 
@@ -37,6 +39,7 @@ def run(folder: Path, kept: Path) -> list[float]:
     return [float(line) for line in done.stdout.splitlines()]
 
 
+@pytest.mark.long
 def test_a_changed_formula_is_compiled_anew(tmp_path):
     """A formula of one module that is compiled into another one's code changes both."""
     copy = tmp_path / "source" / "ggbench"

@@ -87,6 +87,7 @@ def printed(process: subprocess.Popen) -> list[str]:
     return output.splitlines()
 
 
+@pytest.mark.long
 def test_a_function_is_compiled_by_one_process(tmp_path):
     """Three processes at a time: each function is compiled once for each type, none is mistaken."""
     place = Place(tmp_path / "here", 1.0)
@@ -111,6 +112,7 @@ def test_a_function_may_need_itself_for_other_arguments(tmp_path):
     assert place.run("turning(8, 2)") == ["2.0", "turning turning"]
 
 
+@pytest.mark.long
 def test_code_is_not_exchanged_for_another_processes(tmp_path):
     """A function keeps the code of those that it calls, whatever else is loaded before.
 

@@ -115,6 +115,7 @@ def test_estimates_from_the_log_are_those_of_the_campaign(name, tmp_path, source
         )
 
 
+@pytest.mark.long
 def test_the_command_gives_them_too(tmp_path, source):
     """By way of files alone: record, estimate, and what is written is the corrected track."""
     (tmp_path / "everything.toml").write_text(_scenario(source | EVERYTHING), encoding="utf-8")

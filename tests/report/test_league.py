@@ -271,6 +271,7 @@ def library(tmp_path_factory) -> Path:
     return path
 
 
+@pytest.mark.long
 def test_the_reports_of_a_library(library):
     """Every folder has its report, the front page tells of what is finished and what is not."""
     done = invoke(["report", "--all", "results", "-o", "text"], library)

@@ -286,6 +286,7 @@ def test_an_unfinished_grid_is_reported_as_far_as_it_is(left, tmp_path):
     assert f"{10 * left} of {10 * left} runs failed" in text
 
 
+@pytest.mark.long
 def test_each_bound_is_shown_once(tmp_path):
     """Estimators of one causality share their bound, also where one of them has failed."""
     loaded = load(tmp_path, BASE + SWEEP)
@@ -300,6 +301,7 @@ def test_each_bound_is_shown_once(tmp_path):
     assert "with which `ekf` reaches" in "".join(report.sections())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("axes", [pytest.param(1, marks=pytest.mark.long), 3])
 def test_a_report_for_any_number_of_axes(axes, tmp_path):
     """One axis has a table and curves; a third has a plane, and figures, for each value."""
