@@ -57,8 +57,12 @@ def block_of_runs(name: str, case: str) -> ProblemBlock:
 
 
 def difference(one: Estimate, other: Estimate, problem: Problem) -> float:
-    """Of means and deviations, in deviations of the prior."""
+    """Of means and deviations, in deviations of the prior, or in the largest error if that is more.
+
+    An INS that starts to a metre and ends tens of kilometres off has no more digits than that.
+    """
     sigma = np.sqrt(np.diag(problem.prior_cov))
+    sigma = np.maximum(sigma, np.abs(other.mean).max(axis=0))
     means = np.abs(one.mean - other.mean) / sigma
     deviations = [np.sqrt(np.diagonal(e.cov, axis1=1, axis2=2)) / sigma for e in (one, other)]
     return float(max(means.max(), np.abs(deviations[0] - deviations[1]).max()))
