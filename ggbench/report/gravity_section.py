@@ -118,19 +118,18 @@ class GravitySection:
         for name in self.known:
             details = self._details(name)
             if details:
-                stored = self.arrays[name]
-                picture = f"gravity-{name}.png"
-                parts.append(
-                    self._picture(
-                        picture,
-                        lambda s=stored, d=details: gravity.estimates(  # type: ignore[misc]
-                            s["times"], s["gravity"][:, :3], d
-                        ),
-                        f"The disturbance as it is estimated in run {DETAILED_RUN}, with ±3σ: "
-                        f"{self.titles[name]}",
-                    )
-                )
+                parts.append(self._estimates(name, details))
         return parts
+
+    def _estimates(self, name: str, details: dict[str, np.ndarray]) -> str:
+        """Return the figure of the disturbance of a case in its detailed runs."""
+        stored = self.arrays[name]
+        return self._picture(
+            f"gravity-{name}.png",
+            lambda: gravity.estimates(stored["times"], stored["gravity"][:, :3], details),
+            f"The disturbance as it is estimated in run {DETAILED_RUN}, with ±3σ: "
+            f"{self.titles[name]}",
+        )
 
     def _details(self, case: str) -> dict[str, np.ndarray]:
         """Return the detailed runs of estimators of gravity: the first, and one with feedback."""
