@@ -45,8 +45,8 @@ class ClosedLoop(Estimator):
             return f"interval_s must be positive and finite, and is {self.interval_s:g}"
         if problem.replay is None:
             return (
-                "there is nothing to feed back to: the problem has no inertial readings, or those "
-                "of a filtered gradiometer, which depend on the track before"
+                "there is nothing to feed back to: the problem has no inertial readings, or its "
+                "gradients depend on the track before, filtered or integrated by the INS"
             )
         return None
 

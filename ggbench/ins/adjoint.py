@@ -16,16 +16,20 @@ import numpy as np
 from ..numerics.kernels import compiled, inlined
 from ..numerics.lanes import lanes
 from ..numerics.vectors import load, store
+from .known_gravity import COMPONENT
 from .system_matrix import (
     ATTITUDE,
     BODY,
     DAMPING,
     DECAY,
     DISTANCE,
+    DRIVEN,
     FORCE,
     LONGITUDE,
     NAVIGATION_STATES,
+    SENSED,
     STATES,
+    TRANSPORT,
     TURN,
     VELOCITY,
     entries_dot,
@@ -54,8 +58,9 @@ class Noise(NamedTuple):
     roots : (15,) of the diagonal, without the altimeter's part.
     altimeter : (2,) in δh and δv_U, of what couples them.
     damped : whether there is an altimeter. wandering : whether biases decay or are driven.
-    disturbance : (3,) √2 σ of the gravity disturbance ENU [m/s²], whose PSD is 2 σ² |v|/D; of no
-        elements where it is no state.
+    disturbance : (3,) what drives the gravity disturbance ENU, of no elements where it is no state:
+        √2 σ [m/s²], whose PSD is 2 σ² |v|/D; or what the speed multiplies [s⁻¹˙⁵] where gradients
+        are integrated, whose noise has the PSD of a walk.
     """
 
     roots: np.ndarray
@@ -68,7 +73,7 @@ class Noise(NamedTuple):
 def noise_roots(noise: np.ndarray, decaying: bool, disturbance: tuple[float, ...] = ()) -> Noise:
     """Return the square roots of G q Gᵀ (15, 15): diagonal but for what an altimeter couples.
 
-    ``decaying`` says that F makes biases decay; ``disturbance`` is σ ENU [m/s²] if it is a state.
+    ``decaying`` says that F makes biases decay; ``disturbance`` is :attr:`Noise.disturbance`.
     """
     altimeter, diagonal = np.zeros(2), np.diag(noise).copy()
     if noise[2, 2] > 0.0:
@@ -76,8 +81,8 @@ def noise_roots(noise: np.ndarray, decaying: bool, disturbance: tuple[float, ...
         diagonal[[2, 5]] -= altimeter**2
     roots = np.sqrt(np.maximum(diagonal, 0.0))
     wandering = decaying or bool(roots[NAVIGATION_STATES:].any())
-    sizes = math.sqrt(2.0) * np.array(disturbance, dtype=float)
-    return Noise(roots, altimeter, bool(altimeter.any()), wandering, sizes)
+    driven = np.array(disturbance, dtype=float)
+    return Noise(roots, altimeter, bool(altimeter.any()), wandering, driven)
 
 
 @inlined
@@ -119,12 +124,24 @@ def _transpose(f: np.ndarray, n: int, scale: float, terms: np.ndarray, k: int) -
 def _transpose_disturbance(f: np.ndarray, n: int, scale: float, terms: np.ndarray, k: int) -> None:
     """Fill the numbers of term k + 1 that belong to the gravity disturbance.
 
-    δv' = … − δg, as the accelerometers do not feel gravity; δg' = −(|v|/D) δg + w.
+    δv' = … − δg, as the accelerometers do not feel gravity; δg' = −(|v|/D) δg + w, or, where
+    gradients are integrated along the indicated velocity, δg' = −T δv − ω_en × δg + w.
     """
     decay = load(f, n, DISTANCE)
+    g_0, g_1 = scale * load(terms, k, DISTURBANCE), scale * load(terms, k, DISTURBANCE + 1)
+    g_2 = scale * load(terms, k, DISTURBANCE + 2)
+    w_0, w_1 = load(f, n, TRANSPORT), load(f, n, TRANSPORT + 1)
+    w_2 = load(f, n, TRANSPORT + 2)
+    v_0, v_1 = scale * load(terms, k, 3), scale * load(terms, k, 4)
+    v_2 = scale * load(terms, k, 5)
+    store(terms, k + 1, DISTURBANCE, decay * g_0 - v_0 + (w_1 * g_2 - w_2 * g_1))
+    store(terms, k + 1, DISTURBANCE + 1, decay * g_1 - v_1 + (w_2 * g_0 - w_0 * g_2))
+    store(terms, k + 1, DISTURBANCE + 2, decay * g_2 - v_2 + (w_0 * g_1 - w_1 * g_0))
     for axis in range(3):
-        known = decay * load(terms, k, DISTURBANCE + axis) - load(terms, k, 3 + axis)
-        store(terms, k + 1, DISTURBANCE + axis, scale * known)
+        a, b, c = COMPONENT[axis, 0], COMPONENT[axis, 1], COMPONENT[axis, 2]
+        pulled = load(f, n, SENSED + a) * g_0 + load(f, n, SENSED + b) * g_1
+        pulled = pulled + load(f, n, SENSED + c) * g_2
+        store(terms, k + 1, 3 + axis, load(terms, k + 1, 3 + axis) - pulled)
 
 
 @inlined
@@ -253,7 +270,7 @@ def back(
                 store(factors, count + 2, i, noise.roots[j] * _curve(terms, j))
                 count += 3
         if columns.shape[1] > STATES:
-            driven = math.sqrt(-load(f, n, DISTANCE))
+            driven = load(f, n, DRIVEN)
             for axis in range(3):
                 root, j = noise.disturbance[axis] * driven, DISTURBANCE + axis
                 store(factors, count, i, root * _mean(terms, j))

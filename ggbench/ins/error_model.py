@@ -16,12 +16,11 @@ from __future__ import annotations
 import numpy as np
 
 from ..gravity.ellipsoid import metres_per_radian
-from ..gravity.field import DisturbanceMap
 from ..numerics.kernels import compiled
 from ..numerics.lanes import in_lanes, out_of_lanes, unfilled
 from ..numerics.rotations import product, rotation_vector
 from .adjoint import noise_roots
-from .strapdown import NORMAL_GRAVITY
+from .known_gravity import NORMAL_GRAVITY, KnownGravity
 from .system_matrix import ENTRIES, dense, entries_between, sparse
 from .system_matrix import STATES as STATES
 from .transitions import compose, delayed, intervals_of
@@ -36,7 +35,7 @@ def system_matrix(
     c_nb: np.ndarray,
     specific_force: np.ndarray,
     out: np.ndarray,
-    gravity: DisturbanceMap = NORMAL_GRAVITY,
+    gravity: KnownGravity = NORMAL_GRAVITY,
 ) -> None:
     """Fill F (15, 15) in the variables (δL, δλ, δh), δv, φ, ε_b, ∇_b.
 
@@ -58,7 +57,7 @@ def system_matrices(
     attitudes: np.ndarray,
     delta_velocities: np.ndarray,
     dt: float,
-    gravity: DisturbanceMap = NORMAL_GRAVITY,
+    gravity: KnownGravity = NORMAL_GRAVITY,
 ) -> np.ndarray:
     """Return F (N, 15, 15) at the middle of each of N IMU intervals of an INS track."""
     states = np.hstack([positions, velocities, attitudes.reshape(-1, 9)])
@@ -66,7 +65,7 @@ def system_matrices(
 
 
 def _matrices(
-    states: np.ndarray, delta_velocities: np.ndarray, dt: float, gravity: DisturbanceMap
+    states: np.ndarray, delta_velocities: np.ndarray, dt: float, gravity: KnownGravity
 ) -> np.ndarray:
     """Return F (N, 15, 15) between states (N + 1, 15)."""
     count = len(delta_velocities)

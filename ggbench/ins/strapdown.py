@@ -16,8 +16,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..gravity.ellipsoid import ROTATION_RATE, normal_gravity_of, radii_of_sine
-from ..gravity.field import DisturbanceMap, Field
+from ..gravity.ellipsoid import normal_gravity_of
+from ..gravity.field import DisturbanceMap
 from ..gravity.spline import spline_at
 from ..numerics.kernels import compiled, inlined
 from ..numerics.lane_algebra import copy
@@ -27,42 +27,14 @@ from ..numerics.rotations import (
     multiply,
     product,
     rotation_vector,
-    sine_cosine,
     small_turn,
 )
 from ..numerics.vectors import load, store
+from .known_gravity import NORMAL_GRAVITY, KnownGravity, extrapolate, integrate
+from .local_level import frame_rates_of, place_of, position_rate_of
 
-NORMAL_GRAVITY = Field.normal().disturbance_map
-"""Of a mechanization that has no map."""
 TRACK = 15
 """Numbers of a navigation state: position, velocity and C_nb, row by row."""
-
-
-@inlined
-def place_of(latitude: float, height: float) -> tuple[float, float, float, float]:
-    """Return sin L, cos L, R_M + h and R_N + h [m] of a position."""
-    sine, cosine = sine_cosine(latitude)
-    meridian, prime_vertical = radii_of_sine(sine)
-    return sine, cosine, meridian + height, prime_vertical + height
-
-
-@inlined
-def frame_rates_of(
-    place: tuple[float, float, float, float], v_e: float, v_n: float
-) -> tuple[float, float, float, float, float]:
-    """Return the earth rate ω_ie (N, U; E is zero), the transport rate ω_en (E, N, U) [rad/s]."""
-    sine, cosine, r_m, r_n = place
-    en_n = v_e / r_n
-    return ROTATION_RATE * cosine, ROTATION_RATE * sine, -v_n / r_m, en_n, en_n * sine / cosine
-
-
-@inlined
-def position_rate_of(
-    place: tuple[float, float, float, float], v_e: float, v_n: float
-) -> tuple[float, float]:
-    """Return L' and λ' [rad/s]."""
-    _, cosine, r_m, r_n = place
-    return v_n / r_m, v_e / (r_n * cosine)
 
 
 @inlined
@@ -260,9 +232,9 @@ def navigate(
     dt: float,
     heights: np.ndarray | None = None,
     gains: tuple[float, float] = (0.0, 0.0),
-    gravity: DisturbanceMap = NORMAL_GRAVITY,
+    gravity: KnownGravity = NORMAL_GRAVITY,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Run the mechanization open loop over N increments, in normal gravity or in a map's.
+    """Run the mechanization open loop over N increments, in normal gravity or with what is known.
 
     With an altimeter each step ends with a correction of the vertical channel by the difference
     from its height, h −= k₁ dt (h − h_a), v_U −= k₂ dt (h − h_a), which keeps it stable (Titterton
@@ -275,7 +247,7 @@ def navigate(
     dt : IMU interval [s].
     heights : (N,) of the altimeter at the end of each interval [m]; none without one.
     gains : k₁ [1/s], k₂ [1/s²], from :func:`altimeter_gains`.
-    gravity : what is added to normal gravity, of a map at the indicated position.
+    gravity : what is added to normal gravity.
 
     Returns
     -------
@@ -304,7 +276,7 @@ def navigate_lanes(
     dt: float,
     heights: np.ndarray,
     gains: tuple[float, float],
-    gravity: DisturbanceMap,
+    gravity: KnownGravity,
     track: np.ndarray,
 ) -> None:
     """Run :func:`navigate` for a group of runs at once.
@@ -315,19 +287,25 @@ def navigate_lanes(
     increments : (N, 6, LANES) angles and velocities.
     dt : IMU interval [s].
     heights : (N, 1, LANES) of the altimeters; (0, 1, LANES) without.
-    gains : of the altimeter. gravity : added to the normal one.
+    gains : of the altimeter. gravity : added to the normal one; what is held and integrated of its
+        readings is output.
     track : (N + 1, TRACK, LANES) output: position, velocity and C_nb.
     """
     copy(initial, track)
-    disturbance = lanes(1, 3)
+    disturbance, moved = lanes(1, 3), lanes(3, 3)
+    reads = gravity.readings.latest.shape[0] > 0
     for n in range(increments.shape[0]):
-        if gravity.coefficients.size > 0:
-            _look_up(track, n, dt, gravity, disturbance)
+        if gravity.map.coefficients.size > 0:
+            _look_up(track, n, dt, gravity.map, disturbance)
+        elif reads:
+            extrapolate(gravity.readings, track, n, dt, moved, disturbance)
         _step_lanes(track, increments, disturbance, n, dt)
         if heights.shape[0] > 0:
             difference = load(track, n + 1, 2) - load(heights, n, 0)
             store(track, n + 1, 2, load(track, n + 1, 2) - gains[0] * dt * difference)
             store(track, n + 1, 5, load(track, n + 1, 5) - gains[1] * dt * difference)
+        if reads:
+            integrate(gravity.readings, track, n, dt, moved)
 
 
 @compiled

@@ -14,7 +14,8 @@ from ..gravity.field import DisturbanceMap
 from ..gravity.spline import spline_at
 from ..numerics.kernels import compiled, inlined
 from ..numerics.vectors import load, store
-from .strapdown import frame_rates_of, place_of
+from .known_gravity import KnownGravity
+from .local_level import frame_rates_of, place_of
 
 STATES = 15
 NAVIGATION_STATES = 9
@@ -28,8 +29,12 @@ TURN = 34  # ω_in, of −[ω_in ×]
 BODY = 37  # C_nb
 DECAY = 46  # 1/T of the gyro and of the accelerometer biases, negative
 LONGITUDE = 48  # (v_i; λ) of each i, zero unless a map's gravity is added
-DISTANCE = 51  # −|v|/D of the gravity disturbance, of which only models that have it know
-ENTRIES = 52
+# Of the gravity disturbance, of which only models that have it know:
+DISTANCE = 51  # −|v|/D
+DRIVEN = 52  # root of what drives it, √(|v|/D); |v| of what is left when gradients are integrated
+SENSED = 53  # T, by which an error of the velocity enters what is integrated
+TRANSPORT = 59  # ω_en, of −[ω_en ×], by which what is left turns against the local level
+ENTRIES = 62
 
 
 def _places() -> list[tuple[int, int, int, float]]:
@@ -56,7 +61,7 @@ _ROWS, _COLUMNS, _WHICH, _SIGNS = (np.array(column) for column in zip(*_places()
 
 
 def dense(entries: np.ndarray) -> np.ndarray:
-    """Return F (N, 15, 15) of its entries (N, 52); that of the gravity disturbance is left out."""
+    """Return F (N, 15, 15) of its entries (N, 62), without those of the gravity disturbance."""
     matrices = np.zeros((len(entries), STATES, STATES))
     matrices[:, _ROWS, _COLUMNS] = _SIGNS * entries[:, _WHICH]
     matrices[:, 2, 5] = 1.0
@@ -64,7 +69,7 @@ def dense(entries: np.ndarray) -> np.ndarray:
 
 
 def sparse(matrices: np.ndarray) -> np.ndarray:
-    """Return the entries (N, 52) of F (N, 15, 15)."""
+    """Return the entries (N, 62) of F (N, 15, 15)."""
     entries = np.zeros((len(matrices), ENTRIES))
     entries[:, _WHICH] = _SIGNS * matrices[:, _ROWS, _COLUMNS]
     return entries
@@ -164,7 +169,7 @@ def entries_between(
     last: int,
     dt: float,
     constant: np.ndarray,
-    gravity: DisturbanceMap,
+    gravity: KnownGravity,
     out: np.ndarray,
 ) -> None:
     """Fill the entries of F at the middles of the IMU intervals between two samples.
@@ -176,7 +181,7 @@ def entries_between(
     first, last : the samples.
     constant : (ENTRIES,) what is added to F, of which only damping and decay may differ from zero;
         at ``DISTANCE`` −1/D [1/m], which the speed multiplies.
-    gravity : what the mechanization adds to normal gravity.
+    gravity : what the mechanization adds to normal gravity, its readings received.
     out : (., ENTRIES, LANES) output, ``last - first`` intervals.
     """
     for n in range(first, last):
@@ -200,11 +205,25 @@ def entries_between(
             velocity[0] * velocity[0] + velocity[1] * velocity[1] + velocity[2] * velocity[2]
         )
         store(out, m, DISTANCE, constant[DISTANCE] * speed)
-        if gravity.coefficients.size > 0:
-            _add_gradient(track, n, gravity, out, m)
+        if gravity.map.coefficients.size > 0:
+            _add_gradient(track, n, gravity.map, out, m)
         else:
             for i in range(3):
                 store(out, m, LONGITUDE + i, 0.0)
+        if gravity.readings.latest.shape[0] > 0:
+            store(out, m, DRIVEN, speed)
+            known = gravity.readings.latest[n]
+            for i in range(6):
+                store(out, m, SENSED + i, load(gravity.readings.held, known, i))
+            place = place_of(_middle(track, n, 0), _middle(track, n, 2))
+            _, _, en_e, en_n, en_u = frame_rates_of(place, velocity[0], velocity[1])
+            store(out, m, TRANSPORT, en_e)
+            store(out, m, TRANSPORT + 1, en_n)
+            store(out, m, TRANSPORT + 2, en_u)
+        else:
+            store(out, m, DRIVEN, math.sqrt(-constant[DISTANCE] * speed))
+            for i in range(SENSED, ENTRIES):
+                store(out, m, i, 0.0)
 
 
 @compiled

@@ -12,13 +12,13 @@ import math
 import numpy as np
 
 from ..gravity.ellipsoid import metres_per_radian_of
-from ..gravity.field import DisturbanceMap
 from ..numerics.kernels import compiled
 from ..numerics.lane_algebra import add_products, copy
 from ..numerics.lanes import lanes
 from ..numerics.rotations import sine_cosine
 from ..numerics.vectors import load, store
 from .adjoint import MOST_FACTORS, Noise, back, forward, series_terms
+from .known_gravity import KnownGravity
 from .system_matrix import ENTRIES, NAVIGATION_STATES, STATES, entries_between
 
 
@@ -113,7 +113,7 @@ def transitions_lanes(
     epochs: np.ndarray,
     dt: float,
     constant: np.ndarray,
-    gravity: DisturbanceMap,
+    gravity: KnownGravity,
     noise: Noise,
     transition: np.ndarray,
     process_cov: np.ndarray,
@@ -178,7 +178,7 @@ def delayed_rows_lanes(
     delays: np.ndarray,
     dt: float,
     constant: np.ndarray,
-    gravity: DisturbanceMap,
+    gravity: KnownGravity,
     rows: np.ndarray,
 ) -> None:
     """Fill B (R, K, 6, 15) of :func:`.error_model.delayed_rows` along the tracks of R runs.

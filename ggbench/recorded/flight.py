@@ -12,10 +12,10 @@ import numpy as np
 from ..errors import GGBenchError
 from ..gravity.field import Field, OutsideMapError
 from ..ins.error_model import navigation_errors
-from ..ins.strapdown import NORMAL_GRAVITY
+from ..ins.known_gravity import NORMAL_GRAVITY, of_map
 from ..problem import Problem
 from ..sensors.aiding import Motion, corrected_positions, position_error
-from ..simulation.equipment import Equipment, disturbance_of, equipment_of
+from ..simulation.equipment import Equipment, equipment_of
 from ..simulation.field_source import is_file, make_field
 from ..simulation.formulation import (
     Indicated,
@@ -23,6 +23,7 @@ from ..simulation.formulation import (
     Schedule,
     follow,
     formulate,
+    integrated_gravity,
     require_short_delays,
 )
 from ..simulation.replay import Replays
@@ -87,10 +88,7 @@ def read_flight(path: Path | str) -> RecordedFlight:
     path = Path(path)
     spec, folder = load(path), path.parent
     field = _field(spec, folder)
-    model = equipment_of(
-        spec.side, spec.altimeter, disturbance=disturbance_of(spec.disturbance),
-        compensates=spec.field.compensate,
-    )  # fmt: skip
+    model = _equipment(spec, path)
     ins = inertial(spec, folder, model, field)
     series = read_series(spec, folder, model, ins.base)
     try:
@@ -106,6 +104,17 @@ def read_flight(path: Path | str) -> RecordedFlight:
     if spec.reference is not None:
         reference = _reference(spec.reference, folder, problem, ins.base)
     return RecordedFlight(path, spec, problem, reference, ins.base.start)
+
+
+def _equipment(spec: FlightSpec, path: Path) -> Equipment:
+    """Return the sensors and the prior, as the estimators are told."""
+    try:
+        return equipment_of(
+            spec.side, spec.altimeter, disturbance=spec.disturbance,
+            compensates=spec.field.compensate,
+        )  # fmt: skip
+    except GGBenchError as error:
+        raise FlightError(f"{path}: {error}") from None
 
 
 def _field(spec: FlightSpec, folder: Path) -> Field:
@@ -136,13 +145,16 @@ def _problem(
     except GGBenchError as error:
         raise FlightError(f"{path}: {error}") from None
     indicated = Indicated.empty(1, len(epochs), model.dimension)
-    gravity = field.disturbance_map if spec.field.compensate else NORMAL_GRAVITY
-    follow(model, when, gravity, ins.track, ins.increments, indicated)
-    motion = indicated.motion
-    _require_over_map(field, motion.positions[0, 0], np.sqrt(np.diag(model.prior_cov)[:3]))
     output, missing = np.zeros((1, 0, model.gradients)), np.zeros((1, 0), dtype=bool)
     if "gradiometer" in series:
         output, missing = gradients(spec, ins.base, series["gradiometer"])
+    gravity = of_map(field.disturbance_map) if spec.field.compensate else NORMAL_GRAVITY
+    if model.integrates:
+        samples = epochs[gradient_at]
+        gravity = integrated_gravity(model, samples, ins.base.count + 1, output, missing)
+    follow(model, when, gravity, ins.navigated(gravity), ins.increments, indicated)
+    motion = indicated.motion
+    _require_over_map(field, motion.positions[0, 0], np.sqrt(np.diag(model.prior_cov)[:3]))
     read, present = others(model, series, read_at, motion)
     if spec.gnss is not None and spec.gnss.position_noise_m is not None:
         found, here = series["gnss"], at["gnss"]
@@ -152,7 +164,7 @@ def _problem(
         require_near(found.columns, found.rows, away, prior, "the receiver")
     block = formulate(model, field, when, indicated, Readings(output, missing, read, present))
     filtered = model.gradiometer is not None and model.gradiometer.lowpass is not None
-    if ins.recording is not None and not filtered:
+    if ins.recording is not None and not (filtered or model.integrates):
         replays = Replays(model, field, when, gravity, [ins.recording], 1)
         block = dataclasses.replace(block, replays=replays)
     return block.problem(0)

@@ -7,14 +7,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..gravity.field import DisturbanceMap, Field
-from ..ins.strapdown import NORMAL_GRAVITY, TRACK, error_free_increments, navigate_lanes
+from ..gravity.field import Field
+from ..ins.known_gravity import KnownGravity
+from ..ins.strapdown import TRACK, error_free_increments, navigate_lanes
 from ..numerics.lanes import in_lanes, unfilled
 from ..numerics.rotations import between
 from ..simulation.equipment import Equipment
 from ..simulation.replay import Recording
 from ..spec.case import MOST_SAMPLES
-from ..spec.flight import FlightSpec, ImuRecord, InsRecord, StartSpec
+from ..spec.flight import FlightError, FlightSpec, ImuRecord, InsRecord, StartSpec
 from ..trajectory.truth import attitudes_of
 from . import columns as files
 from .columns import Columns
@@ -52,22 +53,48 @@ _SPINS = 10.0
 
 
 class Inertial(NamedTuple):
-    """What the INS indicates at its samples, of one run in lanes.
+    """What the INS of a flight has recorded, of one run in lanes.
 
     Attributes
     ----------
-    base : the samples. track : (N + 1, TRACK, LANES). increments : (N, 6, LANES).
-    recording : of which it was mechanised here, None of an INS's own solution.
+    path : of the record. base : its samples. increments : (N, 6, LANES).
+    solution : (N + 1, TRACK, LANES) its own; None if it is to be mechanised here.
+    recording : of which it is mechanised; None of an INS's own solution.
     """
 
+    path: Path
     base: TimeBase
-    track: np.ndarray
     increments: np.ndarray
+    solution: np.ndarray | None = None
     recording: Recording | None = None
+
+    def navigated(self, gravity: KnownGravity) -> np.ndarray:
+        """Return what the INS indicates at its samples (N + 1, TRACK, LANES).
+
+        ``gravity`` is what the mechanization adds to normal gravity.
+
+        Raises
+        ------
+        FlightError
+            If the mechanization ends beyond all numbers.
+        """
+        if self.solution is not None:
+            return self.solution
+        assert self.recording is not None  # one or the other
+        track = unfilled(self.base.count + 1, TRACK)
+        navigate_lanes(
+            in_lanes(self.recording.initial[np.newaxis]), self.increments, self.base.dt,
+            self.recording.heights, self.recording.gains, gravity, track,
+        )  # fmt: skip
+        if not np.isfinite(track).all():
+            raise FlightError(
+                f"{self.path}: the mechanization ends beyond all numbers: are the increments right?"
+            )
+        return track
 
 
 def inertial(spec: FlightSpec, folder: Path, model: Equipment, field: Field) -> Inertial:
-    """Return what the INS of a recorded flight indicates.
+    """Return what the INS of a recorded flight has recorded.
 
     Parameters
     ----------
@@ -82,7 +109,7 @@ def inertial(spec: FlightSpec, folder: Path, model: Equipment, field: Field) -> 
     if spec.ins is not None:
         return _of_solution(spec, spec.ins, folder, field)
     assert spec.imu_record is not None  # the specification checks it
-    return _mechanised(spec, spec.imu_record, folder, model, field.disturbance_map)
+    return _increments(spec, spec.imu_record, folder, model)
 
 
 def _of_solution(spec: FlightSpec, record: InsRecord, folder: Path, field: Field) -> Inertial:
@@ -118,13 +145,12 @@ def _of_solution(spec: FlightSpec, record: InsRecord, folder: Path, field: Field
         np.ascontiguousarray(positions), np.ascontiguousarray(velocities), attitudes, felt, base.dt
     )
     states = np.concatenate([positions, velocities, attitudes.reshape(-1, 9)], axis=1)
-    return Inertial(base, in_lanes(states[np.newaxis]), in_lanes(np.hstack(deltas)[np.newaxis]))
+    increments = in_lanes(np.hstack(deltas)[np.newaxis])
+    return Inertial(columns.path, base, increments, in_lanes(states[np.newaxis]))
 
 
-def _mechanised(
-    spec: FlightSpec, record: ImuRecord, folder: Path, model: Equipment, gravity: DisturbanceMap
-) -> Inertial:
-    """Return what the mechanization makes of recorded increments or rates."""
+def _increments(spec: FlightSpec, record: ImuRecord, folder: Path, model: Equipment) -> Inertial:
+    """Return recorded increments, or what rates add up to, and where the mechanization starts."""
     columns = files.read(folder / record.file, (), (*DELTAS, *RATES))
     kinds = [names for names in (DELTAS, RATES) if all(name in columns for name in names)]
     if len(kinds) != 1:
@@ -164,15 +190,9 @@ def _mechanised(
     if model.altimeter is not None:
         gains = model.altimeter[0]
         heights = in_lanes(_heights(spec, folder, base)[np.newaxis, :, np.newaxis])
-    increments, track = in_lanes(deltas[np.newaxis]), unfilled(base.count + 1, TRACK)
-    added = gravity if spec.field.compensate else NORMAL_GRAVITY
-    navigate_lanes(
-        in_lanes(initial[np.newaxis, np.newaxis]), increments, base.dt, heights, gains, added, track
-    )
-    if not np.isfinite(track).all():
-        raise columns.error("the mechanization ends beyond all numbers: are the increments right?")
+    increments = in_lanes(deltas[np.newaxis])
     recording = Recording(initial[np.newaxis], increments, heights, gains)
-    return Inertial(base, track, increments, recording)
+    return Inertial(columns.path, base, increments, recording=recording)
 
 
 def _start(start: StartSpec) -> np.ndarray:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
+from ..errors import GGBenchError
+from ..gravity.ellipsoid import EOTVOS
 from ..gravity.field import DisturbanceMap, Field
 from ..ins.adjoint import Noise, noise_roots
 from ..ins.error_model import (
@@ -22,7 +24,8 @@ from ..ins.error_model import (
     noise_psd,
 )
 from ..ins.imu import Imu, SensorErrors
-from ..ins.strapdown import NORMAL_GRAVITY, altimeter_gains
+from ..ins.known_gravity import NO_MAP, NORMAL_GRAVITY, KnownGravity, receive_all
+from ..ins.strapdown import altimeter_gains
 from ..ins.system_matrix import DISTANCE, STATES, sparse
 from ..ins.transitions import delayed_rows_lanes, transitions_lanes
 from ..numerics.lanes import in_lanes
@@ -58,6 +61,28 @@ _LAYOUT = (
 )
 
 
+class GravityState(NamedTuple):
+    """The gravity that the INS does not know, as a state.
+
+    Attributes
+    ----------
+    sizes : σ ENU [m/s²]. distance : D of its correlation [m].
+    walk : root PSD of what is left, where gradients are integrated, for each m/s [s⁻¹˙⁵]: the
+        readings' noise [s⁻²] times the root of the time between them; None where they are not.
+    """
+
+    sizes: tuple[float, float, float]
+    distance: float
+    walk: float | None = None
+
+    @property
+    def driven(self) -> tuple[float, ...]:
+        """What drives it, see :class:`ggbench.ins.adjoint.Noise`."""
+        if self.walk is not None:
+            return (self.walk,) * 3
+        return tuple(math.sqrt(2.0) * size for size in self.sizes)
+
+
 @dataclass(frozen=True)
 class Equipment:
     """Sensors and prior of one side of a case.
@@ -67,8 +92,7 @@ class Equipment:
     imu : the inertial sensors. gradiometer : None without one. aiding : the other sensors.
     side : the tables of the scenario.
     altimeter : gains k₁ [1/s], k₂ [1/s²] and noise PSD [m²/Hz] of the altimeter, if there is one.
-    disturbance : σ ENU [m/s²] of the gravity that the INS does not know and the distance D [m] of
-        its correlation, if it is a state.
+    disturbance : of the gravity that the INS does not know, if it is a state.
     compensates : whether the mechanization adds the gravity disturbance of its map.
     """
 
@@ -77,7 +101,7 @@ class Equipment:
     aiding: tuple[AidingSensor, ...]
     side: Side
     altimeter: tuple[tuple[float, float], float] | None
-    disturbance: tuple[tuple[float, float, float], float] | None = None
+    disturbance: GravityState | None = None
     compensates: bool = False
 
     def weighed(self, field: Field) -> DisturbanceMap:
@@ -86,7 +110,12 @@ class Equipment:
         Where the gravity that the INS does not know is a state, only of what the INS adds.
         """
         known = self.disturbance is None or self.compensates
-        return field.disturbance_map if known else NORMAL_GRAVITY
+        return field.disturbance_map if known else NO_MAP
+
+    @property
+    def integrates(self) -> bool:
+        """Whether the mechanization integrates the gradiometer's own readings."""
+        return self.disturbance is not None and self.disturbance.walk is not None
 
     @property
     def gradients(self) -> int:
@@ -201,7 +230,7 @@ class Equipment:
         sigma[GYRO_BIAS] = max(self.imu.gyro_bias, 1e-15)
         sigma[ACCELEROMETER_BIAS] = max(self.imu.accelerometer_bias, 1e-12)
         if self.disturbance is not None:
-            sigma[STATES : self.disturbed] = self.disturbance[0]
+            sigma[STATES : self.disturbed] = self.disturbance.sizes
         if self.gradiometer is not None and self.side.gradiometer is not None:
             # A bias that only walks starts from a hundredth of what one reading adds: states are
             # solved for in units of their prior, which must not be nothing against the walk.
@@ -238,7 +267,7 @@ class Equipment:
         delta_velocities: np.ndarray,
         epochs: np.ndarray,
         dt: float,
-        gravity: DisturbanceMap = NORMAL_GRAVITY,
+        gravity: KnownGravity = NORMAL_GRAVITY,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return Φ and Q (K, n, n) between measurement epochs along one track: :meth:`along` it.
 
@@ -249,11 +278,13 @@ class Equipment:
         """
         attitudes = motion.attitudes.reshape(-1, 9)
         states = np.hstack([motion.positions, motion.velocities, attitudes])
+        track = in_lanes(states[np.newaxis])
+        if self.integrates:
+            receive_all(gravity.readings, track)
         increments = np.hstack([np.zeros_like(delta_velocities), delta_velocities])
         transition, process_cov = np.empty((2, 1, len(epochs), self.dimension, self.dimension))
         self.along(
-            in_lanes(states[np.newaxis]), in_lanes(increments[np.newaxis]), epochs, dt, gravity,
-            transition, process_cov,
+            track, in_lanes(increments[np.newaxis]), epochs, dt, gravity, transition, process_cov,
         )  # fmt: skip
         return transition[0], process_cov[0]
 
@@ -265,9 +296,8 @@ class Equipment:
         entries = sparse(added)[0]
         if self.disturbance is None:
             return entries, noise_roots(noise, decaying)
-        sizes, distance = self.disturbance
-        entries[DISTANCE] = -1.0 / distance
-        return entries, noise_roots(noise, decaying, sizes)
+        entries[DISTANCE] = -1.0 / self.disturbance.distance
+        return entries, noise_roots(noise, decaying, self.disturbance.driven)
 
     def along(
         self,
@@ -275,7 +305,7 @@ class Equipment:
         increments: np.ndarray,
         epochs: np.ndarray,
         dt: float,
-        gravity: DisturbanceMap,
+        gravity: KnownGravity,
         transition: np.ndarray,
         process_cov: np.ndarray,
     ) -> None:
@@ -301,7 +331,7 @@ class Equipment:
         epochs: np.ndarray,
         delays: np.ndarray,
         dt: float,
-        gravity: DisturbanceMap,
+        gravity: KnownGravity,
         rows: np.ndarray,
     ) -> None:
         """Fill rows (R, K, 6, 15) of :func:`.error_model.delayed_rows`, as :meth:`along` does."""
@@ -332,7 +362,7 @@ def equip(case: CaseSpec, name: Literal["truth", "model"]) -> Equipment:
     return equipment_of(
         case.side(name), case.altimeter, case.truth if name == "truth" else None,
         # Of both sides, so that the bound is that of an estimator which knows as much of it.
-        disturbance_of(case.model.disturbance), case.model.field.compensate,
+        case.model.disturbance, case.model.field.compensate,
     )  # fmt: skip
 
 
@@ -340,7 +370,7 @@ def equipment_of(
     side: Side,
     altimeter: AltimeterSpec | None = None,
     truth: TruthSpec | None = None,
-    disturbance: tuple[tuple[float, float, float], float] | None = None,
+    disturbance: DisturbanceSpec | None = None,
     compensates: bool = False,
 ) -> Equipment:
     """Return the equipment that tables describe.
@@ -349,7 +379,13 @@ def equipment_of(
     ----------
     side : of sensors and prior. altimeter : that damps the mechanization, if there is one.
     truth : errors that no estimator is told of, if they are those of the truth.
-    disturbance, compensates : as :class:`Equipment` has them.
+    disturbance : of the gravity that the INS does not know, if it is a state.
+    compensates : whether the mechanization adds the gravity disturbance of its map.
+
+    Raises
+    ------
+    GGBenchError
+        If gradients are to be integrated of which the gradiometer does not tell enough.
     """
     damping = None
     if altimeter is not None:
@@ -358,20 +394,30 @@ def equipment_of(
     errors = TrueImu() if truth is None else truth.imu
     gradiometer = None if side.gradiometer is None else _gradiometer(side.gradiometer)
     return Equipment(
-        _imu(side.imu, errors), gradiometer, on_board(side, truth), side, damping, disturbance,
-        compensates,
+        _imu(side.imu, errors), gradiometer, on_board(side, truth), side, damping,
+        _disturbance(disturbance, gradiometer, side), compensates,
     )  # fmt: skip
 
 
-def disturbance_of(
-    spec: DisturbanceSpec | None,
-) -> tuple[tuple[float, float, float], float] | None:
-    """Return σ ENU [m/s²] and the distance [m] of the gravity disturbance, if it is a state."""
+def _disturbance(
+    spec: DisturbanceSpec | None, gradiometer: Gradiometer | None, side: Side
+) -> GravityState | None:
+    """Return the gravity that the INS does not know, if it is a state."""
     if spec is None:
         return None
     horizontal = spec.horizontal_mgal / MGAL
     vertical = horizontal if spec.vertical_mgal is None else spec.vertical_mgal / MGAL
-    return (horizontal, horizontal, vertical), 1e3 * (spec.distance_km or math.inf)
+    walk = None
+    if spec.integrate_gradients:
+        assert gradiometer is not None and side.gradiometer is not None  # the specification checks
+        if not gradiometer.whole:
+            raise GGBenchError(
+                "disturbance.integrate_gradients needs a gradiometer that tells the whole tensor, "
+                f"and {', '.join(gradiometer.components)} leave some of it open"
+            )
+        walk = EOTVOS * gradiometer.noise_eotvos * math.sqrt(side.gradiometer.period_s)
+    sizes = horizontal, horizontal, vertical
+    return GravityState(sizes, 1e3 * (spec.distance_km or math.inf), walk)
 
 
 def _imu(spec: ImuSpec, errors: TrueImu) -> Imu:

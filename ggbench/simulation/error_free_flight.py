@@ -11,9 +11,10 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from ..gravity.ellipsoid import metres_along
-from ..gravity.field import DisturbanceMap, Field
+from ..gravity.field import Field
 from ..ins import strapdown
 from ..ins.error_model import POSITION, STATES, navigation_errors
+from ..ins.known_gravity import NORMAL_GRAVITY, KnownGravity, of_map
 from ..sensors.aiding import Motion
 from ..sensors.gradiometer.faults import Faults
 from ..sensors.gradiometer.instrument import inertial_from_local, readings
@@ -29,7 +30,7 @@ from .aiding import aiding_about
 from .bound import Bound, posterior_bound
 from .equipment import Equipment, equip, faults, spinning_disks
 from .field_source import make_field
-from .formulation import Schedule, require_short_delays
+from .formulation import Schedule, integrated_gravity, require_short_delays
 
 
 @dataclass(frozen=True)
@@ -114,13 +115,40 @@ class Flight:
         east_and_north = metres_along(self.trajectory.positions[self.epochs])
         return np.hstack([east_and_north[:, ::-1], np.ones((len(self.epochs), 1))])
 
-    def added_gravity(self, field: Field) -> DisturbanceMap:
-        """Return what the mechanization, if it has this field, adds to normal gravity."""
-        return field.disturbance_map if self.model.compensates else strapdown.NORMAL_GRAVITY
+    def added_gravity(self, field: Field) -> KnownGravity:
+        """Return what the mechanization, if it has this field, adds to normal gravity.
+
+        Where it integrates gradients: those without any error.
+        """
+        if self.model.integrates:
+            assert self.model.gradiometer is not None  # the specification checks it
+            exact = self.noise_free[np.newaxis] @ self.model.gradiometer.channels.T
+            return self.integrated(exact, np.zeros(exact.shape[:2], dtype=bool))
+        return of_map(field.disturbance_map) if self.model.compensates else NORMAL_GRAVITY
+
+    def integrated(self, gradients: np.ndarray, missing: np.ndarray) -> KnownGravity:
+        """Return what the mechanizations of R runs add that integrate gradients (R, G, g) [E].
+
+        ``missing`` (R, G) says which are none.
+        """
+        samples = self.epochs[self.gradient_epochs]
+        return integrated_gravity(
+            self.model, samples, len(self.trajectory.times), gradients, missing
+        )
 
     @cached_property
     def unknown_gravity(self) -> np.ndarray:
-        """The gravity disturbance (K, 3), ENU [m/s²], that the INS does not know at the truth."""
+        """The gravity disturbance (K, 3), ENU [m/s²], that the INS does not know at the truth.
+
+        Where it integrates gradients: of readings without noise, in a flight without errors.
+        """
+        if not self.model.integrates:
+            return self.unknown_to_a_map
+        return self.unknown_to_a_map - self._without_errors[1]
+
+    @cached_property
+    def unknown_to_a_map(self) -> np.ndarray:
+        """The gravity disturbance (K, 3), ENU [m/s²], less what a map of the INS says of it."""
         places = self.motion_at_epochs.positions.T
         found = np.zeros((len(self.epochs), 3))
         if self.case.side("truth").field.gravity_disturbance:
@@ -129,20 +157,25 @@ class Flight:
             found -= self.model_field.gravity_disturbance(*places)
         return found
 
-    @cached_property
+    @property
     def gravity_response(self) -> np.ndarray:
         """Errors (K, 9) of an INS without any other error than that it does not know the gravity.
 
         Position ENU [m], velocity ENU [m/s], attitude about the body's axes [rad]: pitch, roll, and
         heading to the left.
         """
-        truth = self.trajectory
+        return self._without_errors[0]
+
+    @cached_property
+    def _without_errors(self) -> tuple[np.ndarray, np.ndarray]:
+        """The same, and what it integrates of the disturbance (K, 3), ENU [m/s²]."""
+        truth, gravity = self.trajectory, self.added_gravity(self.model_field)
         heights, gains = None, (0.0, 0.0)
         if self.true.altimeter is not None:
             heights, gains = truth.positions[1:, 2], self.true.altimeter[0]
         found = strapdown.navigate(
             truth.positions[0], truth.velocities[0], truth.attitudes[0], self.delta_angles,
-            self.delta_velocities, truth.dt, heights, gains, self.added_gravity(self.model_field),
+            self.delta_velocities, truth.dt, heights, gains, gravity,
         )  # fmt: skip
         position, velocity, attitude = (array[self.epochs] for array in found)
         at = self.motion_at_epochs
@@ -150,7 +183,10 @@ class Flight:
         errors = np.empty((1, len(states), 9))
         navigation_errors(states[np.newaxis], at.positions, at.velocities, at.attitudes, errors)
         errors[0, :, 6:] = np.einsum("kji,kj->ki", at.attitudes, errors[0, :, 6:])
-        return errors[0]
+        added = np.zeros((len(states), 3))
+        if self.model.integrates:
+            added = gravity.readings.total[self.epochs, :, 0]
+        return errors[0], added
 
     @cached_property
     def faults(self) -> Faults:

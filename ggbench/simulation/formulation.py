@@ -13,10 +13,11 @@ import numpy as np
 
 from ..block import ProblemBlock
 from ..errors import GGBenchError
-from ..gravity.field import DisturbanceMap, Field
+from ..gravity.field import Field
 from ..ins.error_model import POSITION, STATES, VELOCITY
+from ..ins.known_gravity import KnownGravity, of_readings
 from ..ins.strapdown import TRACK
-from ..numerics.lanes import out_of_lanes
+from ..numerics.lanes import in_lanes, out_of_lanes
 from ..numerics.rotations import between
 from ..sensors.aiding import Motion
 from ..sensors.gradiometer.lowpass import Prefilter
@@ -74,6 +75,7 @@ class Indicated(NamedTuple):
     delayed_positions, delayed_attitudes : (R, K, 3), (R, K, 3, 3) a reading's delay earlier.
     transition, process_cov : (R, K, n, n) Φ and Q as the estimators know them.
     rows : (R, K, 6, 15) from an error at an epoch to that a delay earlier.
+    integrated : (R, K, 3) gravity disturbance ENU [m/s²] that it adds by its readings of gradients.
     """
 
     states: np.ndarray
@@ -82,11 +84,12 @@ class Indicated(NamedTuple):
     transition: np.ndarray
     process_cov: np.ndarray
     rows: np.ndarray
+    integrated: np.ndarray
 
     @classmethod
     def empty(cls, runs: int, epochs: int, n: int) -> Indicated:
         """Return arrays to be filled."""
-        shapes = ((TRACK,), (3,), (3, 3), (n, n), (n, n), (6, STATES))
+        shapes = ((TRACK,), (3,), (3, 3), (n, n), (n, n), (6, STATES), (3,))
         return cls(*(np.empty((runs, epochs, *shape)) for shape in shapes))
 
     def of_runs(self, some: slice) -> Indicated:
@@ -128,7 +131,7 @@ class Readings(NamedTuple):
 def follow(
     model: Equipment,
     when: Schedule,
-    gravity: DisturbanceMap,
+    gravity: KnownGravity,
     track: np.ndarray,
     increments: np.ndarray,
     out: Indicated,
@@ -161,6 +164,26 @@ def follow(
         out.delayed_attitudes[:] = turned.reshape(shape)
     model.along(track, increments, samples, dt, gravity, out.transition, out.process_cov)
     model.delayed_rows(track, increments, samples, delays, dt, gravity, out.rows)
+    out.integrated[:] = 0.0
+    if model.integrates:
+        out.integrated[:] = out_of_lanes(gravity.readings.total[samples], runs)
+
+
+def integrated_gravity(
+    model: Equipment, samples: np.ndarray, count: int, gradients: np.ndarray, missing: np.ndarray
+) -> KnownGravity:
+    """Return what the INSs of a group of R runs add, who integrate their readings of gradients.
+
+    Parameters
+    ----------
+    model : sensors as the estimators know them.
+    samples : (G,) of the INS at which the gradiometer is read. count : of its samples.
+    gradients, missing : (R, G, g), (R, G) as :class:`Readings` has them.
+    """
+    assert model.gradiometer is not None  # the specification checks it
+    tensors = model.gradiometer.tensors(gradients)
+    tensors[missing] = np.nan
+    return of_readings(in_lanes(tensors), samples, count)
 
 
 def formulate(
@@ -181,6 +204,7 @@ def formulate(
     # Zero where a reading is missing, as the model predicts it then, whatever the state.
     gradients[:, at] = np.where(there[:, at], treatment.apply(read.gradients), 0.0)
     aiding, offset = aiding_about(model, model.weighed(field), when.aiding, motion)
+    offset += ins.integrated @ aiding.gravity.T
     # Zero where nothing is delivered, as h is then.
     offset *= read.present
     aiding.present[~read.present] = 0.0

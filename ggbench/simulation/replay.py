@@ -13,8 +13,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..gravity.field import DisturbanceMap, Field
+from ..gravity.field import Field
 from ..ins.error_model import navigation_errors
+from ..ins.known_gravity import KnownGravity
 from ..ins.strapdown import TRACK, navigate_lanes
 from ..numerics.kernels import LANES
 from ..numerics.lanes import in_lanes, out_of_lanes, unfilled
@@ -68,7 +69,7 @@ class Replays(Sequence["Replay"]):
         model: Equipment,
         field: Field,
         when: Schedule,
-        gravity: DisturbanceMap,
+        gravity: KnownGravity,
         recordings: Sequence[Recording],
         runs: int,
     ) -> None:
@@ -97,7 +98,7 @@ class Replay:
         model: Equipment,
         field: Field,
         when: Schedule,
-        gravity: DisturbanceMap,
+        gravity: KnownGravity,
         recording: Recording,
     ) -> None:
         self.model, self.field, self.when, self.gravity = model, field, when, gravity

@@ -25,6 +25,7 @@ from ..ins.error_model import (
     VELOCITY,
     navigation_errors,
 )
+from ..ins.known_gravity import KnownGravity
 from ..ins.strapdown import TRACK, navigate_lanes
 from ..numerics.lanes import groups, in_lanes, out_of_lanes, unfilled
 from ..numerics.rotations import between, rotation_matrix
@@ -98,16 +99,20 @@ def simulate_block(
     model, times, when = flight.model, flight.times, flight.schedule
     ins = Indicated.empty(len(streams), len(times), model.dimension)
     imu_biases = np.empty((len(streams), len(times), 6))
-    gravity = flight.added_gravity(flight.model_field)
+    seen = _gradients(flight, streams)
     recordings: list[Recording] = []
     for some in groups(len(streams)):
-        track, increments, imu_biases[some], recorded = _navigate(flight, streams[some])
+        gravity = _known_gravity(flight, seen, some)
+        track, increments, imu_biases[some], recorded = _navigate(flight, streams[some], gravity)
         follow(model, when, gravity, track, increments, ins.of_runs(some))
         recordings.append(recorded)
-    read, instrument_biases, biases = _readings(flight, streams, ins.motion)
+    read, biases = _readings(flight, streams, seen, ins.motion)
     problems = formulate(model, flight.model_field, when, ins, read)
-    if model.gradiometer is None or model.gradiometer.lowpass is None:
-        # The readings of a filter depend on the track before, which feedback would change.
+    filtered = model.gradiometer is not None and model.gradiometer.lowpass is not None
+    if not (filtered or model.integrates):
+        # What a filter delivers, and what is integrated, depend on the track before, which feedback
+        # would change.
+        gravity = flight.added_gravity(flight.model_field)
         replays = Replays(model, flight.model_field, when, gravity, recordings, len(streams))
         problems = dataclasses.replace(problems, replays=replays)
     truth, epochs = flight.trajectory, flight.epochs
@@ -118,10 +123,10 @@ def simulate_block(
     )  # fmt: skip
     error_state[:, :, GYRO_BIAS.start : STATES] = imu_biases
     if model.disturbance is not None:
-        error_state[:, :, STATES : model.disturbed] = flight.unknown_gravity
+        error_state[:, :, STATES : model.disturbed] = flight.unknown_to_a_map - ins.integrated
     first = model.dimension - biases.shape[2]
     if first > model.disturbed:
-        error_state[:, :, model.disturbed : first] = instrument_biases
+        error_state[:, :, model.disturbed : first] = seen.biases
     error_state[:, :, first:] = biases
     return problems, TruthBlock(times, error_state)
 
@@ -153,36 +158,61 @@ def record(flight: Flight, seed: int, run: int) -> Record:
     flight : the case. seed, run : the campaign's seed and the run's number.
     """
     streams = [random_streams(seed, run)]
-    track, increments, _, recorded = _navigate(flight, streams)
+    seen = _gradients(flight, streams)
+    gravity = _known_gravity(flight, seen, slice(0, 1))
+    track, increments, _, recorded = _navigate(flight, streams, gravity)
     states = out_of_lanes(track[flight.epochs], 1)
     motion = motion_of(states)
-    read, _, _ = _readings(flight, streams, motion)
+    read, _ = _readings(flight, streams, seen, motion)
     return Record(track[0, :, 0], increments[:, :, 0], recorded.heights[:, 0, 0], motion, read)
 
 
-def _readings(
-    flight: Flight, streams: Sequence[RandomStreams], ins: Motion
-) -> tuple[Readings, np.ndarray, np.ndarray]:
-    """Return what the sensors of R runs deliver, and biases at all epochs.
+class _Gradients(NamedTuple):
+    """What the gradiometers of R runs deliver, whatever the INS indicates.
 
-    Those of the gradiometer (R, K, g), and those of the other sensors that the model knows.
+    Attributes
+    ----------
+    output : (R, G, g) [E]. missing : (R, G). biases : (R, K, g) at all epochs [E].
     """
-    at, width = flight.gradient_epochs, flight.model.gradients
-    output = np.zeros((len(streams), len(at), width))
-    missing = np.zeros(output.shape[:2], dtype=bool)
-    biases = np.zeros((len(streams), len(flight.times), width))
+
+    output: np.ndarray
+    missing: np.ndarray
+    biases: np.ndarray
+
+
+def _gradients(flight: Flight, streams: Sequence[RandomStreams]) -> _Gradients:
+    """Return what the gradiometers of R runs deliver; of no readings without one."""
+    runs, width = len(streams), flight.model.gradients
     if flight.true.gradiometer is not None:
         output, biases = _gradiometer_output(flight, flight.true.gradiometer, streams)
-        missing = _missing(flight, streams)
+        return _Gradients(output, _missing(flight, streams), biases)
+    none = np.zeros((runs, 0), dtype=bool)
+    return _Gradients(np.zeros((runs, 0, width)), none, np.zeros((runs, len(flight.times), width)))
+
+
+def _known_gravity(flight: Flight, seen: _Gradients, some: slice) -> KnownGravity:
+    """Return what the mechanizations of a group of the runs add to normal gravity."""
+    if not flight.model.integrates:
+        return flight.added_gravity(flight.model_field)
+    return flight.integrated(seen.output[some], seen.missing[some])
+
+
+def _readings(
+    flight: Flight, streams: Sequence[RandomStreams], seen: _Gradients, ins: Motion
+) -> tuple[Readings, np.ndarray]:
+    """Return what the sensors of R runs deliver, and biases at all epochs.
+
+    Of the sensors beside the gradiometer those that the model knows.
+    """
     others = aiding_readings(
         flight.true.aiding, flight.model.aiding, flight.field, flight.times, flight.aiding_epochs,
         flight.motion_at_epochs, ins, streams,
     )  # fmt: skip
-    return Readings(output, missing, others.measurements, others.present), biases, others.biases
+    return Readings(seen.output, seen.missing, others.measurements, others.present), others.biases
 
 
 def _navigate(
-    flight: Flight, streams: Sequence[RandomStreams]
+    flight: Flight, streams: Sequence[RandomStreams], gravity: KnownGravity
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Recording]:
     """Navigate a group of runs at once.
 
@@ -199,8 +229,8 @@ def _navigate(
     initial = [_perturbed(truth, sigma * s.initial.standard_normal(STATES)) for s in streams]
     heights, gains = _altimeter_readings(flight, streams)
     navigate_lanes(
-        in_lanes(np.stack(initial)[:, np.newaxis]), increments, truth.dt, heights, gains,
-        flight.added_gravity(flight.model_field), track,
+        in_lanes(np.stack(initial)[:, np.newaxis]), increments, truth.dt, heights, gains, gravity,
+        track,
     )  # fmt: skip
     return track, increments, biases, Recording(np.stack(initial), increments, heights, gains)
 

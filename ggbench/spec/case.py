@@ -197,6 +197,15 @@ class CaseSpec(Section):
                     'model.field.compensate needs a map: source = "normal" has no disturbance to '
                     "add"
                 )
+        if self.model.disturbance is not None:
+            if self.model.disturbance.integrate_gradients and not felt.gravity_disturbance:
+                raise ValueError(
+                    "model.disturbance.integrate_gradients has the INS add a gravity disturbance, "
+                    "and the accelerometers feel none: set field.gravity_disturbance = true"
+                )
+            self.model.disturbance.require_integrable(
+                self.side("model").gradiometer, self.model.field.compensate
+            )
         if self.gradiometer is not None:
             self._check_gradiometer(self.gradiometer)
         if self.gravimeter is not None and felt.source == "normal":

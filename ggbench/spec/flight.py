@@ -220,6 +220,13 @@ class FlightSpec(Section):
                 "field.gravity_disturbance is of a simulated truth: recorded accelerometers felt "
                 "what there was; field.compensate says whether the mechanization knows the map"
             )
+        if self.disturbance is not None:
+            self.disturbance.require_integrable(self.gradiometer, self.field.compensate)
+            if self.disturbance.integrate_gradients and self.ins is not None:
+                raise ValueError(
+                    "disturbance.integrate_gradients needs [imu_record]: the solution of [ins] was "
+                    "made without the gradients"
+                )
         mapless = self.field.source == "normal"
         if self.field.compensate and mapless:
             raise ValueError(

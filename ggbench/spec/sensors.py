@@ -340,12 +340,44 @@ class DisturbanceSpec(Section):
     """``[model.disturbance]``: the gravity that the INS does not know, as three states.
 
     A Gauss–Markov process along the track, ENU, of a standard deviation and a distance over which
-    its correlation falls to 1/e; a constant without a distance.
+    its correlation falls to 1/e; a constant without a distance. With ``integrate_gradients`` the
+    INS adds what the gradiometer's readings say it has changed by, and the states are what is left:
+    what it was at the start, and a random walk of the readings' noise.
     """
 
     horizontal_mgal: DisturbanceSize
     vertical_mgal: DisturbanceSize | None = None
     distance_km: DisturbanceDistance | None = None
+    integrate_gradients: bool = False
+
+    def require_integrable(self, gradiometer: GradiometerSpec | None, compensate: bool) -> None:
+        """Raise ValueError if gradients are to be integrated that are not there to be."""
+        if not self.integrate_gradients:
+            return
+        said = "disturbance.integrate_gradients"
+        if self.distance_km is not None:
+            raise ValueError(
+                f"{said} leaves a walk of the readings' noise: distance_km must not be given"
+            )
+        if compensate:
+            raise ValueError(
+                f"{said} and field.compensate exclude each other: the INS would add the gravity "
+                "disturbance twice"
+            )
+        if gradiometer is None:
+            raise ValueError(f"{said} needs a gradiometer, and none is on board")
+        if gradiometer.instrument != "local-level":
+            raise ValueError(
+                f'{said} needs gradients east, north and up: gradiometer.instrument = "local-level"'
+                f', found "{gradiometer.instrument}"'
+            )
+        if gradiometer.filter != "none":
+            raise ValueError(f'{said} needs readings without delay: gradiometer.filter = "none"')
+        if gradiometer.bias_eotvos > 0.0 or gradiometer.drift_eotvos_per_sqrt_h > 0.0:
+            raise ValueError(
+                f"{said} has no states for what a bias of the gradiometer adds up to: "
+                "bias_eotvos and drift_eotvos_per_sqrt_h must be 0 in what the estimators are told"
+            )
 
 
 class TruthSpec(Section):

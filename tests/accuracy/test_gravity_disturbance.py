@@ -11,11 +11,14 @@ import math
 import numpy as np
 import pytest
 from scipy.stats import norm
+from scipy.stats import t as student
 
 from ggbench.campaign import registry
 from ggbench.gravity.ellipsoid import metres_per_radian
 from ggbench.ins import strapdown
+from ggbench.ins.known_gravity import integrate
 from ggbench.judging.run_errors import evaluate_block
+from ggbench.numerics.lanes import in_lanes, lanes
 from ggbench.simulation.error_free_flight import Flight, prepare
 from ggbench.simulation.runs import simulate_block
 from ggbench.spec import scenario
@@ -33,8 +36,12 @@ def flight(name: str) -> Flight:
 @functools.cache
 def judged(name: str) -> tuple[np.ndarray, np.ndarray]:
     """Mean squared position error [m²] and NEES of position and velocity, (RUNS,) each."""
-    made = flight(name)
-    block, truth = simulate_block(made, SEED, range(RUNS))
+    return judge(flight(name), RUNS)
+
+
+def judge(made: Flight, runs: int) -> tuple[np.ndarray, np.ndarray]:
+    """The same of any flight, (runs,)."""
+    block, truth = simulate_block(made, SEED, range(runs))
     estimate = registry.choose("ekf[engine=numba]").estimator.estimate_block(block)
     settled = made.times >= SETTLED_S
     found, flaws = evaluate_block(truth.error_state, estimate.mean, estimate.cov)
@@ -78,6 +85,83 @@ def test_a_compensated_filter_is_consistent_and_efficient(noise):
     for values, expected, wrong in zip(judged(name), (squared, 6.0), judged(unknown), strict=True):
         assert abs(off(values, expected)) < limit
         assert off(wrong, expected) > limit
+
+
+@each_noise
+def test_integrated_gradients_are_worth_a_map(noise):
+    """No map of gravity, and the error is that over normal gravity: to 5 %, to 5 % of the bound.
+
+    NEES is 4 to 8: the disturbance at the start is one draw of what the states assume, the same in
+    all runs. Where it is taken for a constant, as without the readings, it is beyond 30.
+    """
+    name = f"integrated{noise}"
+    made = flight(name)
+    bound = made.bound.filtering[made.times >= SETTLED_S][:, :3, :3]
+    print(mrse(name), math.sqrt(np.einsum("kii->k", bound).mean()), judged(name)[1].mean())
+    assert mrse(name) == pytest.approx(mrse(f"not-felt{noise}"), rel=0.05)
+    assert mrse(name) < 1.05 * math.sqrt(np.einsum("kii->k", bound).mean())
+    assert 4.0 < judged(name)[1].mean() < 8.0
+    assert judged(f"constant{noise}")[1].mean() > 30.0
+    assert mrse(f"constant{noise}") > 2.0 * mrse(name)
+
+
+def test_what_is_integrated_and_what_was_at_the_start_are_the_disturbance():
+    """Along the true track, of exact readings: to 0.02 mGal in six hours, of 30 and more.
+
+    What was at the start turns with the axes, which is half a mGal of it.
+    """
+    made = flight("integrated")
+    gravity, truth, mgal = made.added_gravity(made.field), made.trajectory, 1e-5
+    attitudes = truth.attitudes.reshape(-1, 9)
+    track = in_lanes(np.hstack([truth.positions, truth.velocities, attitudes])[np.newaxis])
+    moved, earth, transport = lanes(3, 3), np.empty(3), np.empty(3)
+    felt = made.field.gravity_disturbance(*truth.positions.T)
+    start = np.repeat(felt[:1], len(felt), axis=0)
+    for n in range(len(felt) - 1):
+        integrate(gravity.readings, track, n, truth.dt, moved)
+        latitude, _, height = truth.positions[n]
+        strapdown.frame_rates(latitude, height, truth.velocities[n], earth, transport)
+        start[n + 1] = start[n] - truth.dt * np.cross(transport, start[n])
+    total = gravity.readings.total[:, :, 0]
+    assert (np.ptp(felt, axis=0) > 30.0 * mgal).all()
+    # At the readings; between them the last one is held.
+    left = np.abs(total + start - felt) / mgal
+    assert left[made.epochs].max() < 0.02 < 0.1 < np.abs(start - felt[0]).max() / mgal
+    assert left[made.epochs[0] :].max() < 0.1
+
+
+STARTS = (
+    (15.2, 114.2, 60.0), (14.9, 114.0, 30.0), (15.0, 115.0, 0.0), (15.6, 113.8, 90.0),
+    (16.2, 114.0, 80.0), (15.8, 116.2, 270.0), (16.2, 116.0, 240.0), (15.0, 116.0, 300.0),
+    (15.5, 115.5, 180.0), (16.4, 115.0, 150.0),
+)  # fmt: skip
+"""Latitude, longitude and heading [°] of flights that stay within the region."""
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["states", "states-0.1E"])
+def test_states_are_consistent_over_flights_and_not_over_runs(name):
+    """NEES of six in the mean of ten flights, each over another part of the field.
+
+    Within their scatter, at a false alarm rate of 1e-3. Runs of one flight share the field, one
+    draw of the process, so that their number says nothing: flight by flight it is 3 to 10. And the
+    error is at most 5 % beyond the bound of an estimator with these states, in the mean square.
+    """
+    base = next(case for case in scenario.load("ship_strategic").cases if case.name == name)
+    nees, ratios = [], []
+    for latitude, longitude, heading in STARTS:
+        places = {"latitude_deg": latitude, "longitude_deg": longitude, "heading_deg": heading}
+        moved = base.trajectory.model_copy(update=places)
+        made = prepare(base.model_copy(update={"trajectory": moved}))
+        squared, found = judge(made, 16)
+        bound = made.bound.filtering[made.times >= SETTLED_S][:, :3, :3]
+        nees.append(float(found.mean()))
+        ratios.append(float(squared.mean() / np.einsum("kii->k", bound).mean()))
+    print(np.round(nees, 1), np.mean(nees), np.sqrt(ratios), math.sqrt(np.mean(ratios)))
+    scatter = np.std(nees, ddof=1) / math.sqrt(len(nees))
+    assert abs(np.mean(nees) - 6.0) < student.isf(5e-4, len(nees) - 1) * scatter
+    assert max(nees) < 12.0
+    assert math.sqrt(np.mean(ratios)) < 1.05
 
 
 @pytest.mark.long

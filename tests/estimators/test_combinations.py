@@ -34,6 +34,12 @@ COMBINATIONS: dict[str, dict[str, Any]] = {
         "model.disturbance.distance_km": 3.0,
         "model.field.compensate": True,
     },
+    "gradients that the INS integrates, with a gravimeter": GRAVIMETER
+    | {
+        "gradiometer.instrument": "local-level",
+        "model.disturbance.horizontal_mgal": 30.0,
+        "model.disturbance.integrate_gradients": True,
+    },
     "all": ON_BOARD
     | GRAVIMETER
     | {"gradiometer.bias_eotvos": 0.5, "gradiometer.instrument": "strapdown"},
@@ -52,7 +58,7 @@ def of_combination(name: str, folder: Path) -> tuple[Problem, Truth]:
     if name in LINEAR:
         changes["gradiometer"] = None
     else:
-        felt = "model.field.compensate" in changes
+        felt = "model.disturbance.horizontal_mgal" in changes
         changes["field"] = {"source": the_map(folder), "gravity_disturbance": felt}
     return simulate(small_flight(changes), 1, 0)
 

@@ -10,6 +10,7 @@ from small_cases import rough_map
 
 from ggbench.gravity.field import Field
 from ggbench.ins import error_model, strapdown
+from ggbench.ins.known_gravity import NORMAL_GRAVITY, of_map
 from ggbench.maps.recipe import read
 from ggbench.trajectory.truth import Segment, fly
 
@@ -47,7 +48,7 @@ def test_f_knows_how_the_maps_gravity_changes_with_the_position(field, flown):
         state = truth.positions[n], truth.velocities[n], truth.attitudes[n], force
         plain, added = np.empty((2, 15, 15))
         error_model.system_matrix(*state, plain)
-        error_model.system_matrix(*state, added, field.disturbance_map)
+        error_model.system_matrix(*state, added, of_map(field.disturbance_map))
         place = truth.positions[n]
         columns = [
             difference(lambda d, e=axis, p=place: field.gravity_disturbance(*(p + d * e)), step)
@@ -68,7 +69,7 @@ def test_an_ins_that_adds_what_is_felt_follows_the_truth(field, flown):
     truth, increments = flown
     start = truth.positions[0], truth.velocities[0], truth.attitudes[0]
     off = {}
-    for name, gravity in (("map", field.disturbance_map), ("none", strapdown.NORMAL_GRAVITY)):
+    for name, gravity in (("map", of_map(field.disturbance_map)), ("none", NORMAL_GRAVITY)):
         positions, _, _ = strapdown.navigate(*start, *increments, truth.dt, gravity=gravity)
         scale = np.array([6.4e6, 6.4e6 * np.cos(START[0]), 1.0])
         off[name] = np.abs((positions - truth.positions) * scale).max()
@@ -85,12 +86,12 @@ def test_errors_move_as_the_model_with_the_maps_gradient_says(field, flown):
     truth, increments = flown
     away = np.array([300.0 / 6.37e6, -200.0 / 5.3e6, 100.0])
     start = truth.positions[0] + away, truth.velocities[0], truth.attitudes[0]
-    track = strapdown.navigate(*start, *increments, truth.dt, gravity=field.disturbance_map)
+    track = strapdown.navigate(*start, *increments, truth.dt, gravity=of_map(field.disturbance_map))
     error = np.zeros(15)
     error[:3] = metres(truth.positions[0]) @ away
     true = track[1][-1] - truth.velocities[-1]
     left = []
-    for gravity in (field.disturbance_map, strapdown.NORMAL_GRAVITY):
+    for gravity in (of_map(field.disturbance_map), NORMAL_GRAVITY):
         matrices = error_model.system_matrices(*track, increments[1], truth.dt, gravity)
         transition, _ = error_model.transitions(
             matrices, track[0], np.array([len(matrices)]), truth.dt, error_model.noise_psd(0.0, 0.0)

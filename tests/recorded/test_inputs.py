@@ -16,6 +16,11 @@ from ggbench.maps.recipe import write
 from ggbench.recorded.flight import read_flight
 from ggbench.spec.flight import FlightError
 
+LEVEL = {
+    "file": "gnss.csv", "period_s": 1.0, "noise_eotvos": 1.0, "instrument": "local-level",
+}  # fmt: skip
+INTEGRATED = {"horizontal_mgal": 20.0, "integrate_gradients": True}
+
 
 @pytest.fixture(scope="module")
 def logs(tmp_path_factory) -> Path:
@@ -199,6 +204,13 @@ KEYS = {
                     "c_nb is no rotation"),
     "felt": ("solution", {"field.gravity_disturbance": True}, "is of a simulated truth"),
     "compensate without a map": ("solution", {"field.compensate": True}, "needs a map"),
+    "gradients of a solution": (
+        "solution", {"gradiometer": LEVEL, "disturbance": INTEGRATED}, "needs [imu_record]"),
+    "gradients of a part": (
+        "increments", {"gradiometer": LEVEL | {"components": ["zz"]}, "disturbance": INTEGRATED},
+        "needs a gradiometer that tells the whole tensor, and zz leave some of it open"),
+    "no gradients": (
+        "increments", {"disturbance": INTEGRATED}, "needs a gradiometer, and none is on board"),
     "map that is not there": ("solution", {"field.source": "gone.nc"}, "gone.nc"),
     "heights of a solution": (
         "solution", {"altimeter": {"noise_m_per_sqrt_hz": 1.0, "file": "x.csv"}}, "is not read"),

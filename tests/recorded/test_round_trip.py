@@ -54,6 +54,13 @@ DISTURBED = {
     "initial_error.heading_arcmin": 3.0,
     "altimeter.noise_m_per_sqrt_hz": 1.0,
 }
+INTEGRATED = {
+    "field.gravity_disturbance": True,
+    "model.disturbance.horizontal_mgal": 20.0,
+    "model.disturbance.integrate_gradients": True,
+    "gradiometer.instrument": "local-level",
+    "truth.gradiometer.dropout_share": 0.2,
+}
 DELAYED = {
     "gradiometer.instrument": "strapdown",
     "gradiometer.filter": "butterworth",
@@ -77,7 +84,7 @@ def source(tmp_path_factory) -> dict[str, str]:
 
 
 @pytest.mark.parametrize(
-    "name", ["wang2013", "everything", "damped", "disturbed", "delayed", "GNSS"]
+    "name", ["wang2013", "everything", "damped", "disturbed", "integrated", "delayed", "GNSS"]
 )
 def test_estimates_from_the_log_are_those_of_the_campaign(name, tmp_path, source):
     """A filtered platform, a strapdown one with six sensors, outages and biases, ..."""
@@ -86,6 +93,7 @@ def test_estimates_from_the_log_are_those_of_the_campaign(name, tmp_path, source
         "everything": lambda: small_flight(source | EVERYTHING),
         "damped": lambda: small_flight(source | DAMPED),
         "disturbed": lambda: small_flight(source | DISTURBED),
+        "integrated": lambda: small_flight(source | INTEGRATED),
         "delayed": lambda: small_flight(source | DELAYED),
         "GNSS": lambda: small_flight(GNSS_ONLY),
     }[name]()
@@ -103,7 +111,7 @@ def test_estimates_from_the_log_are_those_of_the_campaign(name, tmp_path, source
         refused = gg.estimator(label).skip(problem)
         assert gg.estimator(label).skip(found) == refused
         if refused:
-            assert label.startswith("closed-loop") and name in ("wang2013", "delayed")
+            assert label.startswith("closed-loop") and name in ("wang2013", "integrated", "delayed")
             continue
         from_log, simulated = gg.estimate(found, label), gg.estimate(problem, label)
         assert difference(problem, from_log, simulated) < SAME

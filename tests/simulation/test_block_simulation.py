@@ -12,7 +12,8 @@ from small_cases import ON_BOARD, ROTATING, over_the_normal_field, rough_map, sm
 from ggbench.block import ProblemBlock
 from ggbench.gravity.field import Field
 from ggbench.ins import error_model
-from ggbench.ins.strapdown import NORMAL_GRAVITY, navigate, navigate_lanes
+from ggbench.ins.known_gravity import NORMAL_GRAVITY, of_map
+from ggbench.ins.strapdown import navigate, navigate_lanes
 from ggbench.maps.recipe import read
 from ggbench.numerics.kernels import LANES
 from ggbench.numerics.lanes import in_lanes, lanes
@@ -167,7 +168,7 @@ def test_error_model_along_tracks_is_that_of_each_track(what, tmp_path):
     gravity = NORMAL_GRAVITY
     if what == "map":
         rough = rough_map(tmp_path / "map.npz", rms=300.0)
-        gravity = Field.from_map(read(rough)).disturbance_map
+        gravity = of_map(Field.from_map(read(rough)).disturbance_map)
     flight = small_flight(changes)
     truth, model, dt = flight.trajectory, flight.model, flight.trajectory.dt
     rng = np.random.default_rng(1)

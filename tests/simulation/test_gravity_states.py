@@ -13,6 +13,10 @@ CONSTANT = {
     "field": {"source": "normal", "gravity_disturbance": True},
     "truth.field.constant_disturbance_mgal": [10.0, 20.0, 30.0],
 }
+INTEGRATED = {
+    "model.disturbance.integrate_gradients": True,
+    "gradiometer.instrument": "local-level",
+}
 STATES = {"model.disturbance.horizontal_mgal": 40.0, "model.disturbance.vertical_mgal": 20.0}
 
 
@@ -58,28 +62,34 @@ def test_the_truth_of_the_states_is_what_is_felt_and_not_added(rough):
     np.testing.assert_allclose(sigma[15:18], [4e-4, 4e-4, 2e-4])
 
 
-@pytest.mark.parametrize("compensate", [False, True])
-def test_a_gravimeter_reads_the_states(rough, compensate):
+@pytest.mark.parametrize(
+    "known",
+    [{"gradiometer": None}, {"gradiometer": None, "model.field.compensate": True}, INTEGRATED],
+    ids=["nothing", "map", "gradients"],
+)
+def test_a_gravimeter_reads_the_states(rough, known):
     """Its residual at the truth is its noise, within 4 deviations of the mean of 30 runs.
 
-    What the INS adds is read from the map at the place, what it does not know is the state.
+    What the INS adds of a map is read from it at the place, what it has integrated is known, and
+    what it does not know is the state.
     """
     vector = {"gravimeter.components": ["east", "north", "scalar"], "gravimeter.bias_mgal": 0.0}
-    changes = rough | STATES | GRAVIMETER | vector | {"model.field.compensate": compensate}
-    flight = small_flight(changes | {"gradiometer": None, "initial_error.attitude_arcmin": 0.1})
+    changes = rough | STATES | GRAVIMETER | vector | {"initial_error.attitude_arcmin": 0.1}
+    flight = small_flight(changes | known)
     block, truth = simulate_block(flight, 3, range(30))
     squares = []
     for run in range(30):
         problem = block.problem(run)
-        for k in range(problem.epochs):
+        for k in np.flatnonzero(problem.present[:, -1]):
             predicted = problem.model.predict(k, truth.error_state[run, k])
-            squares.append((problem.measurements[k] - predicted) ** 2)
+            squares.append((problem.measurements[k] - predicted)[-3:] ** 2)
     mean = np.mean(squares, axis=0)
     assert (np.abs(mean - 1.0) < 4.0 * np.sqrt(2.0 / len(squares))).all()
-    jacobian = block.problem(0).model.jacobian(0, truth.error_state[0, 0])
+    first = int(problem.present[:, -1].argmax())
+    jacobian = problem.model.jacobian(first, truth.error_state[run, first])[-3:]
     np.testing.assert_allclose(jacobian[:, 15:18], 1e5 * np.diag([1.0, 1.0, -1.0]))
     moves = np.abs(jacobian[:, :3] * 100.0).max()  # mGal for a hundred metres
-    assert (moves > 0.01) == compensate or moves > 0.02
+    assert (moves > 0.01) == ("model.field.compensate" in known) or moves > 0.02
 
 
 def test_the_bound_knows_the_states():
@@ -101,6 +111,15 @@ def test_the_bound_knows_the_states():
         (CONSTANT | {"truth.field.constant_disturbance_mgal": [1.0, 2.0]}, "at least 3 items"),
         (CONSTANT | {"model.disturbance.distance_km": 5.0}, "horizontal_mgal' is missing"),
         (CONSTANT | STATES | {"model.disturbance.distance_km": 0.0}, "must lie between"),
+        (CONSTANT | STATES | INTEGRATED | {"model.disturbance.distance_km": 5.0},
+         "distance_km must not be given"),
+        (CONSTANT | STATES | INTEGRATED | {"gradiometer": None} | ON_BOARD, "none is on board"),
+        (CONSTANT | STATES | INTEGRATED | {"gradiometer.instrument": "platform"}, "local-level"),
+        (CONSTANT | STATES | INTEGRATED | {"gradiometer.filter": "butterworth"}, "without delay"),
+        (CONSTANT | STATES | INTEGRATED | {"gradiometer.bias_eotvos": 1.0}, "no states for what"),
+        (CONSTANT | STATES | INTEGRATED | {"gradiometer.components": ["xx", "zz"]},
+         "whole tensor, and xx, zz leave some of it open"),
+        (STATES | INTEGRATED, "accelerometers feel none"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_refused_with_a_sentence(changes, said):

@@ -222,7 +222,7 @@ GRAVITY = {"model.disturbance.horizontal_mgal": 20.0}
 OF_THE_MODEL: dict[str, Row] = {
     "disturbance.horizontal_mgal": (30.0, prior(16)),
     "disturbance.vertical_mgal": (40.0, prior(17), GRAVITY),
-    "disturbance.distance_km": (50.0, lambda f, e: e.disturbance[1], GRAVITY),
+    "disturbance.distance_km": (50.0, lambda f, e: e.disturbance.distance, GRAVITY),
 }
 OF_THE_TRUTH: dict[str, Row] = {
     "imu.gyro_scale_factor_ppm": (30.0, lambda f, e: e.imu.gyro_errors.scale_factor),

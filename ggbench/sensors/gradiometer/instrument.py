@@ -34,6 +34,8 @@ from .lowpass import LowPass
 COMPONENTS = ("xx", "xy", "xz", "yy", "yz", "zz")
 DIFFERENCES = ("xx-yy", "yy-zz", "zz-xx")
 INSTRUMENTS = ("platform", "local-level", "strapdown")
+_TRACELESS = np.vstack([np.eye(5), [-1.0, 0.0, 0.0, -1.0, 0.0]])
+"""The six numbers of a tensor without trace, of its first five."""
 PLATFORM, LOCAL_LEVEL, STRAPDOWN = range(3)
 """Kinds of instruments, as the compiled code knows them: indices of :data:`INSTRUMENTS`."""
 
@@ -235,6 +237,18 @@ class Gradiometer:
     def channels(self) -> np.ndarray:
         """Rows (m, 6) that take the tensor in the mount to the channels."""
         return np.array([channel(name) for name in self.components]).reshape(-1, 6)
+
+    @property
+    def whole(self) -> bool:
+        """Whether the channels tell all of a tensor: five numbers, as its trace is zero."""
+        return int(np.linalg.matrix_rank(self.channels @ _TRACELESS)) == 5
+
+    def tensors(self, readings: np.ndarray) -> np.ndarray:
+        """Return the tensors (..., 6) in the mount, without trace, nearest to readings (..., m).
+
+        Of an instrument whose channels tell all of it.
+        """
+        return np.asarray(readings @ (_TRACELESS @ np.linalg.pinv(self.channels @ _TRACELESS)).T)
 
     def noise(self, count: int, rng: np.random.Generator) -> np.ndarray:
         """Return white noise (count, m) of its channels, before the filter [E]."""

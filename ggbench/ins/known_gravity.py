@@ -1,0 +1,183 @@
+"""The gravity disturbance that a mechanization adds to normal gravity: a map's, or integrated.
+
+A gradiometer needs no map for it: while it moves by v dt, the disturbance changes by T v dt, T the
+disturbing part of the gradient that it reads, and the local level turns under it. What it was at
+the start nobody says, so that this remains unknown, and the readings' noise adds a random walk to
+it (Jekeli 2006, Precision free-inertial navigation with gravity compensation by an onboard
+gradiometer)::
+
+    δĝ' = T̂ v̂ − ω_en × δĝ,   T̂ = Γ̂ − Γ_normal(p̂),   δĝ(0) = 0
+
+Between two readings T̂ is the last one; as the next one comes the trapezoidal rule replaces it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ..gravity.ellipsoid import EOTVOS, normal_gradient_of
+from ..gravity.field import DisturbanceMap, Field
+from ..numerics.kernels import compiled
+from ..numerics.lanes import lanes
+from .local_level import frame_rates_of, place_of
+
+COMPONENT = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
+"""Which of the six numbers of a tensor stands in each of its rows and columns."""
+
+
+class GradientReadings(NamedTuple):
+    """Gradients that a group of runs reads, in axes ENU, and what a mechanization makes of them.
+
+    Attributes
+    ----------
+    tensors : (G, 6, LANES) [EE, EN, EU, NN, NU, UU], E; NaN where a reading is missing.
+    latest : (N + 1,) how many of them have come up to each sample of the INS.
+    held : (G + 1, 6, LANES) output, the disturbing part [s⁻²] that is known after so many readings.
+    total : (N + 1, 3, LANES) output, δĝ at each sample, ENU [m/s²].
+    """
+
+    tensors: np.ndarray
+    latest: np.ndarray
+    held: np.ndarray
+    total: np.ndarray
+
+    @classmethod
+    def of(cls, tensors: np.ndarray, samples: np.ndarray, count: int) -> GradientReadings:
+        """Return those of tensors (G, 6, LANES) that come at ``samples`` (G,) of ``count``."""
+        latest = np.searchsorted(samples, np.arange(count), side="right")
+        return cls(tensors, latest, lanes(len(tensors) + 1, 6), lanes(count, 3))
+
+
+class KnownGravity(NamedTuple):
+    """What a mechanization adds to normal gravity: of a map, of readings, or nothing.
+
+    Attributes
+    ----------
+    map : looked up at the indicated position. readings : integrated along the indicated track.
+    """
+
+    map: DisturbanceMap
+    readings: GradientReadings
+
+
+_NO_READINGS = GradientReadings.of(lanes(0, 6), np.zeros(0, dtype=np.int64), 0)
+NO_MAP = Field.normal().disturbance_map
+NORMAL_GRAVITY = KnownGravity(NO_MAP, _NO_READINGS)
+"""Of a mechanization that knows nothing of the disturbance."""
+
+
+def of_map(disturbance: DisturbanceMap) -> KnownGravity:
+    """Return the gravity of a mechanization that has a map."""
+    return KnownGravity(disturbance, _NO_READINGS)
+
+
+def of_readings(tensors: np.ndarray, samples: np.ndarray, count: int) -> KnownGravity:
+    """Return the gravity of a mechanization that integrates gradients.
+
+    Parameters
+    ----------
+    tensors : (G, 6, LANES) [E], as :class:`GradientReadings` has them.
+    samples : (G,) of the INS at which they are read. count : of its samples, N + 1.
+    """
+    return KnownGravity(NO_MAP, GradientReadings.of(tensors, samples, count))
+
+
+@compiled
+def receive(readings: GradientReadings, track: np.ndarray, n: int) -> None:
+    """Hold the reading that has come at sample ``n`` of a track (., TRACK, LANES), if one has."""
+    now = readings.latest[n]
+    if now == 0 or (n > 0 and now == readings.latest[n - 1]):
+        return
+    for r in range(track.shape[2]):
+        if math.isnan(readings.tensors[now - 1, 0, r]):
+            for j in range(6):
+                readings.held[now, j, r] = readings.held[now - 1, j, r]
+            continue
+        latitude, height = track[n, 0, r], track[n, 2, r]
+        ee, nn, nu, uu = normal_gradient_of(math.sin(latitude), math.cos(latitude), height)
+        normal = (ee, 0.0, 0.0, nn, nu, uu)
+        for j in range(6):
+            readings.held[now, j, r] = EOTVOS * (readings.tensors[now - 1, j, r] - normal[j])
+
+
+@compiled
+def receive_all(readings: GradientReadings, track: np.ndarray) -> None:
+    """Hold the readings that come along a track (N + 1, TRACK, LANES)."""
+    for n in range(track.shape[0]):
+        receive(readings, track, n)
+
+
+@compiled
+def extrapolate(
+    readings: GradientReadings,
+    track: np.ndarray,
+    n: int,
+    dt: float,
+    moved: np.ndarray,
+    disturbance: np.ndarray,
+) -> None:
+    """Fill δĝ (1, 3, LANES) half a step beyond sample ``n``.
+
+    ``moved`` (3, 3, LANES): see :func:`integrate`.
+    """
+    known = readings.latest[n]
+    for r in range(track.shape[2]):
+        for i in range(3):
+            value = moved[1, i, r]
+            for j in range(3):
+                beyond = moved[0, j, r] + 0.5 * dt * track[n, 3 + j, r]
+                value += readings.held[known, COMPONENT[i, j], r] * beyond
+            disturbance[0, i, r] = value
+
+
+@compiled
+def _turn(
+    readings: GradientReadings, track: np.ndarray, n: int, dt: float, r: int, moved: np.ndarray
+) -> None:
+    """Take δĝ of a run into the axes of the local level that has turned for a step."""
+    place = place_of(track[n, 0, r], track[n, 2, r])
+    _, _, w_0, w_1, w_2 = frame_rates_of(place, track[n, 3, r], track[n, 4, r])
+    g_0, g_1 = readings.total[n, 0, r], readings.total[n, 1, r]
+    g_2 = readings.total[n, 2, r]
+    moved[1, 0, r] -= dt * (w_1 * g_2 - w_2 * g_1)
+    moved[1, 1, r] -= dt * (w_2 * g_0 - w_0 * g_2)
+    moved[1, 2, r] -= dt * (w_0 * g_1 - w_1 * g_0)
+
+
+@compiled
+def integrate(
+    readings: GradientReadings, track: np.ndarray, n: int, dt: float, moved: np.ndarray
+) -> None:
+    """Take δĝ from sample ``n`` of a track to the next one.
+
+    Parameters
+    ----------
+    readings, track : as above. dt : between two samples [s].
+    moved : (3, 3, LANES), kept from sample to sample: the way since the last reading, ENU [m]; δĝ
+        there, turned since [m/s²]; and whether there was a reading before.
+    """
+    before, now = readings.latest[n], readings.latest[n + 1]
+    receive(readings, track, n + 1)
+    for r in range(track.shape[2]):
+        _turn(readings, track, n, dt, r, moved)
+        for j in range(3):
+            moved[0, j, r] += 0.5 * dt * (track[n, 3 + j, r] + track[n + 1, 3 + j, r])
+        fresh = now > before and not math.isnan(readings.tensors[now - 1, 0, r])
+        first = fresh and moved[2, 0, r] == 0.0
+        for i in range(3):
+            change = 0.0
+            for j in range(3):
+                c = COMPONENT[i, j]
+                rate = readings.held[now, c, r]
+                if fresh and not first:
+                    rate = 0.5 * (rate + readings.held[before, c, r])
+                change += rate * moved[0, j, r]
+            readings.total[n + 1, i, r] = moved[1, i, r] + change
+        if fresh:
+            for i in range(3):
+                moved[0, i, r] = 0.0
+                moved[1, i, r] = readings.total[n + 1, i, r]
+                moved[2, i, r] = 1.0

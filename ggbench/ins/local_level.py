@@ -1,0 +1,34 @@
+"""How the local level turns, and a position changes, as a vehicle moves over the ellipsoid."""
+
+from __future__ import annotations
+
+from ..gravity.ellipsoid import ROTATION_RATE, radii_of_sine
+from ..numerics.kernels import inlined
+from ..numerics.rotations import sine_cosine
+
+
+@inlined
+def place_of(latitude: float, height: float) -> tuple[float, float, float, float]:
+    """Return sin L, cos L, R_M + h and R_N + h [m] of a position."""
+    sine, cosine = sine_cosine(latitude)
+    meridian, prime_vertical = radii_of_sine(sine)
+    return sine, cosine, meridian + height, prime_vertical + height
+
+
+@inlined
+def frame_rates_of(
+    place: tuple[float, float, float, float], v_e: float, v_n: float
+) -> tuple[float, float, float, float, float]:
+    """Return the earth rate ω_ie (N, U; E is zero), the transport rate ω_en (E, N, U) [rad/s]."""
+    sine, cosine, r_m, r_n = place
+    en_n = v_e / r_n
+    return ROTATION_RATE * cosine, ROTATION_RATE * sine, -v_n / r_m, en_n, en_n * sine / cosine
+
+
+@inlined
+def position_rate_of(
+    place: tuple[float, float, float, float], v_e: float, v_n: float
+) -> tuple[float, float]:
+    """Return L' and λ' [rad/s]."""
+    _, cosine, r_m, r_n = place
+    return v_n / r_m, v_e / (r_n * cosine)

@@ -1,0 +1,107 @@
+"""An INS that integrates its gradiometer's readings: what it adds, and how that errs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from small_cases import QUIET, rough_map, small_flight
+
+from ggbench.ins.strapdown import navigate
+from ggbench.simulation.error_free_flight import Flight
+from ggbench.simulation.runs import simulate, simulate_block
+
+INTEGRATED = QUIET | {
+    "gradiometer.instrument": "local-level",
+    "gradiometer.period_s": 0.5,
+    "gradiometer.noise_eotvos": 1e-6,
+    "model.disturbance.horizontal_mgal": 20.0,
+    "model.disturbance.integrate_gradients": True,
+}
+MGAL = 1e-5
+
+
+@pytest.fixture(scope="module")
+def rough(tmp_path_factory) -> dict[str, object]:
+    """A field that changes by tens of mGal along the flight."""
+    path = rough_map(tmp_path_factory.mktemp("map") / "rough.nc", rms=300.0)
+    return {"field": {"source": path, "gravity_disturbance": True}}
+
+
+def flight(rough: dict[str, object], **changes: object) -> Flight:
+    return small_flight(INTEGRATED | rough | changes)
+
+
+def change(made: Flight) -> np.ndarray:
+    """What the disturbance changes by from the start to each epoch (K, 3)."""
+    felt = made.field.gravity_disturbance(*made.trajectory.positions.T)
+    return felt[made.epochs] - felt[0]
+
+
+def test_without_errors_the_integral_is_the_change_of_the_disturbance(rough):
+    """To a hundredth of it, trapezia and the flatness of a random map taken together."""
+    made = flight(rough)
+    left = made.unknown_gravity - made.unknown_to_a_map + change(made)
+    print(np.abs(left).max(), np.abs(change(made)).max())
+    assert np.abs(change(made)).max() > 10.0 * MGAL
+    assert np.abs(left).max() < 0.01 * np.abs(change(made)).max()
+
+
+def test_readings_that_are_missing_are_bridged(rough):
+    """A trapezium over the gap; what stands in the place of a missing reading does not matter."""
+    made = flight(rough)
+    exact = made.noise_free[np.newaxis] @ made.model.gradiometer.channels.T
+    missing = np.zeros((1, exact.shape[1]), dtype=bool)
+    missing[0, [5, 11, 12]] = True
+    wrong = exact.copy()
+    wrong[missing] = 1e6
+    truth = made.trajectory
+    totals = []
+    for gradients, gaps in ((exact, missing), (wrong, missing), (exact, np.zeros_like(missing))):
+        gravity = made.integrated(gradients, gaps)
+        navigate(
+            truth.positions[0], truth.velocities[0], truth.attitudes[0], made.delta_angles,
+            made.delta_velocities, truth.dt, gravity=gravity,
+        )  # fmt: skip
+        totals.append(gravity.readings.total[made.epochs, :, 0].copy())
+    np.testing.assert_array_equal(totals[0], totals[1])
+    bridged, whole = totals[0][-1], totals[2][-1]
+    assert 0.0 < np.abs(bridged - whole).max() < 0.1 * np.abs(change(made)).max()
+
+
+def test_errors_of_the_velocity_are_integrated_as_f_says(rough):
+    """Five metres per second off: what is left changes by −T δv dt, in Φ to a tenth of it."""
+    made = flight(rough, **{"initial_error.velocity_mps": 5.0})
+    problem, truth = simulate(made, 1, 0)
+    moved = truth.error_state[-1, 15:18] - truth.error_state[0, 15:18]
+    predicted = truth.error_state[0]
+    without = truth.error_state[0].copy()
+    for phi in problem.transition[1:]:
+        predicted = phi @ predicted
+        cut = phi.copy()
+        cut[15:18, :15] = 0.0
+        without = cut @ without
+    # Less what the rule itself leaves, of the same flight without the error.
+    rule = made.unknown_gravity[-1] - made.unknown_gravity[0]
+    left = np.abs(moved - rule - (predicted - truth.error_state[0])[15:18]).max()
+    print(moved, rule, predicted[15:18] - truth.error_state[0, 15:18])
+    assert np.abs(moved - rule).max() > 1.0 * MGAL
+    assert left < 0.1 * np.abs(moved - rule).max()
+    turned = np.abs(without[15:18] - truth.error_state[0, 15:18]).max()
+    assert turned < 0.1 * np.abs(moved - rule).max()
+
+
+def test_noise_of_the_readings_adds_up_to_the_walk_that_q_has(rough):
+    """Over 400 runs the variance of each component is Q's, which is the most of any direction.
+
+    A component's own noise: of the five numbers that a tensor has, six channels tell each with two
+    thirds to all of a channel's variance. False alarms of the upper side: 1e-4.
+    """
+    made = flight(rough, **{"gradiometer.noise_eotvos": 50.0})
+    block, truth = simulate_block(made, 2, range(400))
+    grown = truth.error_state[:, -1, 15:18] - truth.error_state[:, 0, 15:18]
+    variance = grown.var(axis=0)
+    expected = block.process_cov[0, 1:, 15:18, 15:18].sum(axis=0).diagonal()
+    ratio = variance / expected
+    print(ratio)
+    assert (ratio < 1.0 + 4.0 * np.sqrt(2.0 / 400)).all()
+    assert ratio.max() > 0.6
