@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from small_cases import QUIET, rough_map, small_flight
 
+from ggbench.ins.known_gravity import extrapolate, of_readings
 from ggbench.ins.strapdown import navigate
+from ggbench.numerics.lanes import lanes
 from ggbench.simulation.error_free_flight import Flight
 from ggbench.simulation.runs import simulate, simulate_block
 
@@ -47,25 +49,50 @@ def test_without_errors_the_integral_is_the_change_of_the_disturbance(rough):
 
 
 def test_readings_that_are_missing_are_bridged(rough):
-    """A trapezium over the gap; what stands in the place of a missing reading does not matter."""
+    """By a trapezium over the gap, as if they lay on the line between their neighbours.
+
+    What stands in the place of a missing reading does not matter. The vehicle hardly accelerates.
+    """
     made = flight(rough)
     exact = made.noise_free[np.newaxis] @ made.model.gradiometer.channels.T
     missing = np.zeros((1, exact.shape[1]), dtype=bool)
     missing[0, [5, 11, 12]] = True
-    wrong = exact.copy()
+    wrong, between = exact.copy(), exact.copy()
     wrong[missing] = 1e6
-    truth = made.trajectory
-    totals = []
-    for gradients, gaps in ((exact, missing), (wrong, missing), (exact, np.zeros_like(missing))):
-        gravity = made.integrated(gradients, gaps)
-        navigate(
-            truth.positions[0], truth.velocities[0], truth.attitudes[0], made.delta_angles,
-            made.delta_velocities, truth.dt, gravity=gravity,
-        )  # fmt: skip
-        totals.append(gravity.readings.total[made.epochs, :, 0].copy())
-    np.testing.assert_array_equal(totals[0], totals[1])
-    bridged, whole = totals[0][-1], totals[2][-1]
-    assert 0.0 < np.abs(bridged - whole).max() < 0.1 * np.abs(change(made)).max()
+    at, there = np.arange(exact.shape[1]), ~missing[0]
+    for channel in between[0].T:
+        channel[:] = np.interp(at, at[there], channel[there])
+    whole = np.zeros_like(missing)
+    bridged, same, line = (
+        integral(made, *given) for given in ((exact, missing), (wrong, missing), (between, whole))
+    )
+    np.testing.assert_array_equal(bridged, same)
+    np.testing.assert_allclose(bridged[-1], line[-1], rtol=1e-4, atol=1e-3 * MGAL)
+    # Not so while nothing comes: the last reading is held.
+    assert np.abs(bridged[12] - line[12]).max() > 0.02 * MGAL
+
+
+def integral(made: Flight, gradients: np.ndarray, missing: np.ndarray) -> np.ndarray:
+    """What an INS without other errors integrates, at the epochs (K, 3)."""
+    gravity, truth = made.integrated(gradients, missing), made.trajectory
+    navigate(
+        truth.positions[0], truth.velocities[0], truth.attitudes[0], made.delta_angles,
+        made.delta_velocities, truth.dt, gravity=gravity,
+    )  # fmt: skip
+    return np.asarray(gravity.readings.total[made.epochs, :, 0])
+
+
+def test_between_two_readings_the_last_one_is_held_to_the_middle_of_the_step():
+    """δĝ there is what it was at the reading, and T times the way since: of the half step, too."""
+    gravity = of_readings(lanes(1, 6), np.array([1]), 4)
+    gravity.readings.held[1, :, 0] = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
+    track, moved, disturbance = lanes(4, 15), lanes(3, 3), lanes(1, 3)
+    track[2, 3:6, 0] = [1.0, 2.0, 4.0]
+    moved[0, :, 0], moved[1, :, 0] = [10.0, 20.0, 30.0], [100.0, 200.0, 300.0]
+    extrapolate(gravity.readings, track, 2, 0.5, moved, disturbance)
+    tensor = np.array([[1.0, 2.0, 3.0], [2.0, 4.0, 5.0], [3.0, 5.0, 6.0]])
+    expected = [100.0, 200.0, 300.0] + tensor @ [10.25, 20.5, 31.0]
+    np.testing.assert_allclose(disturbance[0, :, 0], expected, rtol=1e-14)
 
 
 def test_errors_of_the_velocity_are_integrated_as_f_says(rough):
