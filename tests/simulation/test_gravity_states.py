@@ -119,6 +119,8 @@ def test_the_bound_knows_the_states():
         (CONSTANT | STATES | INTEGRATED | {"gradiometer.bias_eotvos": 1.0}, "no states for what"),
         (CONSTANT | STATES | INTEGRATED | {"gradiometer.components": ["xx", "zz"]},
          "whole tensor, and xx, zz leave some of it open"),
+        (CONSTANT | STATES | INTEGRATED | {"gradiometer.components": ["xx", "xy", "xz", "yz"]},
+         "leave some of it open"),
         (STATES | INTEGRATED, "accelerometers feel none"),
     ],
 )  # fmt: skip
