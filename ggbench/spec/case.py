@@ -166,7 +166,7 @@ def _changed(key: str, table: Any, change: Any) -> Any:
     Raises
     ------
     ValueError
-        If the changes break a rule, or are of a table that is not there or of another kind.
+        If the changes break a rule, or are of a table that is not there.
     """
     if table is None:
         if change.model_dump(exclude_defaults=True):
@@ -174,9 +174,10 @@ def _changed(key: str, table: Any, change: Any) -> Any:
         return None
     if change is None:
         return table
-    kind = getattr(table, "kind", None)
-    if getattr(change, "kind", None) != kind:
-        raise ValueError(f'{key}.kind is "{change.kind}", and the sensor is a "{kind}"')
+    if isinstance(table, GnssSpec):
+        for noise in ("position_noise_m", "velocity_noise_mps"):
+            if getattr(table, noise) is None and getattr(change, noise) is not None:
+                raise ValueError(f"{key}.{noise} is of channels that the receiver does not have")
     try:
         return changed(table, change)
     except ValidationError as error:

@@ -99,7 +99,7 @@ def with_kinds(content: Any) -> Any:
     Raises
     ------
     ValueError
-        If a side changes a sensor that is not on board.
+        If a side changes a sensor that is not on board, or makes another kind of one.
     """
     if not isinstance(content, dict):
         return content
@@ -113,9 +113,15 @@ def with_kinds(content: Any) -> Any:
         for name, change in changes["further"].items():
             if name not in kinds:
                 raise not_on_board(f"{side}.further.{name}")
+            kind = kinds[name]
+            if isinstance(change, dict) and kind is not None:
+                if change.get("kind", kind) != kind:
+                    raise ValueError(
+                        f"{side}.further.{name}.kind is {change['kind']!r}, and "
+                        f"further.{name}.kind {kind!r}"
+                    )
+                change = change | {"kind": kind}
             further[name] = change
-            if isinstance(change, dict) and kinds[name] is not None:
-                further[name] = {"kind": kinds[name]} | change
         found[side] = changes | {"further": further}
     return found
 
