@@ -10,6 +10,7 @@ from problems import SMALL
 from small_cases import GRAVIMETER, ON_BOARD, SEVERAL, small_case, small_flight
 from test_other_sensors import places
 
+from ggbench.campaign import records
 from ggbench.errors import GGBenchError
 from ggbench.problem import Problem
 from ggbench.report import situations
@@ -203,6 +204,26 @@ def test_faults_strike_the_sensor_whose_they_are():
     at = places(struck, "sea_level")[0]
     assert set(flight.expected[:, at]) == {0.0, 0.5}
     assert set(flight.expected[:, places(struck, "barometer")[0]]) == {1.0}
+
+
+def test_the_share_of_runs_with_any_reading_is_that_of_independent_sensors():
+    """Two of a kind that drop out with 0.3 and 0.5 both do so with 0.15; a third is read between.
+
+    The mean of 200 runs is within 4 deviations of it.
+    """
+    changes: dict[str, object] = {"gradiometer": None}
+    for name, period, share in (("a", 2.0, 0.3), ("b", 2.0, 0.5), ("c", 1.5, 0.0)):
+        of = f"further.{name}"
+        changes |= {f"{of}.kind": "barometer", f"{of}.period_s": period, f"{of}.noise_m": 1.0}
+        changes |= {f"truth.{of}.dropout_share": share}
+    flight = small_flight(changes)
+    found = records.shared_arrays(flight, 1, [])["present"]
+    alone = np.abs(np.round(flight.times / 1.5) * 1.5 - flight.times) > 1e-9
+    assert set(found[~alone]) == {1.0}
+    np.testing.assert_allclose(found[alone], 0.85, rtol=1e-12)
+    block, _ = simulate_block(flight, 3, range(200))
+    there = np.mean([block.problem(r).present[alone].any(axis=1) for r in range(200)])
+    assert abs(there - 0.85) < 4.0 * np.sqrt(0.15 * 0.85 / (200 * np.count_nonzero(alone)))
 
 
 def test_two_receivers_alike_are_worth_one_of_less_noise():
