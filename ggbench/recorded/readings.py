@@ -12,7 +12,6 @@ from ..sensors.aiding import Gnss, Motion, position_error
 from ..simulation.equipment import Equipment
 from ..spec.flight import (
     FlightSpec,
-    ReadingsRecording,
     RecordedBarometer,
     RecordedGnss,
     RecordedLog,
@@ -93,11 +92,11 @@ def read_series(
 
 
 def _read(spec: FlightSpec, folder: Path, model: Equipment, base: TimeBase, sensor: str) -> Series:
-    table: ReadingsRecording = sensors_of(spec)[sensor]
+    table = sensors_of(spec)[sensor]
     names = column_names(spec, model, sensor)
     columns = files.read(folder / table.file, names, may_be_empty=names)
     times = clocked(columns, table.clock_offset_s)
-    _require_period(columns, times, sensors_of(spec)[sensor].period_s, table_of(sensor))
+    _require_period(columns, times, table.period_s, table_of(sensor))
     samples, rows = base.samples_of(columns, times, table.outside)
     values = columns.stacked(names)
     if not np.isfinite(values[rows]).any():

@@ -70,7 +70,6 @@ class AidingSensor(ABC):
     bias: float = 0.0
     bias_time: float = np.inf
     faults: Faults = _NO_FAULTS
-
     label: str = field(default="", kw_only=True)
 
     kind: ClassVar[str]

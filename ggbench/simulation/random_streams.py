@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 _FIRST_SENSORS = ("gnss", "velocity_log", "barometer", "gravimeter")
-"""Sensors beside the gradiometer whose sources have places of their own."""
+"""Sensors beside the gradiometer whose sources have places in the list, and keep them."""
 _KEY_WORDS = 4
 """Length of the spawn key of a further sensor's source; longer than one, which a place has."""
 
