@@ -7,7 +7,7 @@ from typing import Any
 
 from ..spec.aiding import GnssSpec
 from ..spec.case import CaseSpec
-from ..spec.further import aiding_of, table_of
+from ..spec.further import table_of
 
 WIDE_M = 1000.0
 """σ of the initial position per axis from which a prior is called wide [m]."""
@@ -39,7 +39,7 @@ def situation_of(case: CaseSpec, gained: str) -> str:
         return NOTHING
     changed = set(_set_keys(case.model_dump(exclude_defaults=True)))
     wrong = {key for key in changed if key.split(".")[0] in ("truth", "model")}
-    receivers = [name for name, spec in aiding_of(case).items() if isinstance(spec, GnssSpec)]
+    receivers = ["gnss", *(name for name, spec in case.further if isinstance(spec, GnssSpec))]
     if any(
         key.startswith(f"truth.{table_of(name)}.dropout") for key in wrong for name in receivers
     ):
