@@ -52,7 +52,10 @@ class StateBlock:
 
 @dataclass(frozen=True)
 class Channel:
-    """One of the m numbers that are measured: its name, its unit, and the sensor it is of."""
+    """One of the m numbers that are measured: its name, its unit, and the sensor it is of.
+
+    ``sensor`` is the sensor's own name: ``gnss``, or that of one of several of a kind.
+    """
 
     name: str
     unit: str

@@ -14,7 +14,7 @@ from ..gravity.field import Field, OutsideMapError
 from ..ins.error_model import navigation_errors
 from ..ins.known_gravity import NORMAL_GRAVITY, of_map
 from ..problem import Problem
-from ..sensors.aiding import Motion, corrected_positions, position_error
+from ..sensors.aiding import Gnss, Motion, corrected_positions, position_error
 from ..simulation.equipment import Equipment, equipment_of
 from ..simulation.field_source import is_file, make_field
 from ..simulation.formulation import (
@@ -156,12 +156,7 @@ def _problem(
     motion = indicated.motion
     _require_over_map(field, motion.positions[0, 0], np.sqrt(np.diag(model.prior_cov)[:3]))
     read, present = others(model, series, read_at, motion)
-    if spec.gnss is not None and spec.gnss.position_noise_m is not None:
-        found, here = series["gnss"], at["gnss"]
-        first = sum(len(s.channels) for s in model.aiding[: _index(model, "gnss")])
-        away = np.where(present, read, np.nan)[0, here, first : first + 3]
-        prior = 10.0 * float(np.sqrt(np.diag(model.prior_cov)[:3].sum()))
-        require_near(found.columns, found.rows, away, prior, "the receiver")
+    _require_receivers_near(model, series, at, np.where(present, read, np.nan)[0])
     block = formulate(model, field, when, indicated, Readings(output, missing, read, present))
     filtered = model.gradiometer is not None and model.gradiometer.lowpass is not None
     if ins.recording is not None and not (filtered or model.integrates):
@@ -178,8 +173,22 @@ def _require_over_map(field: Field, position: np.ndarray, sigma: np.ndarray) -> 
         field.tensor(*position)
 
 
-def _index(model: Equipment, name: str) -> int:
-    return [sensor.name for sensor in model.aiding].index(name)
+def _require_receivers_near(
+    model: Equipment, series: dict[str, Series], at: dict[str, np.ndarray], read: np.ndarray
+) -> None:
+    """Raise FlightError if the positions of a receiver are nowhere near the INS's.
+
+    Parameters
+    ----------
+    model : sensors as the estimators know them. series, at : their readings, and at which epochs.
+    read : (K, e) the readings of all of them, NaN for none.
+    """
+    prior, first = 10.0 * float(np.sqrt(np.diag(model.prior_cov)[:3].sum())), 0
+    for sensor in model.aiding:
+        if isinstance(sensor, Gnss) and sensor.position:
+            found, away = series[sensor.name], read[at[sensor.name], first : first + 3]
+            require_near(found.columns, found.rows, away, prior, "the receiver")
+        first += len(sensor.channels)
 
 
 def _reference(table: ReferenceTrack, folder: Path, problem: Problem, base: TimeBase) -> Truth:

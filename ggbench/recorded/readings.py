@@ -8,10 +8,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..sensors.aiding import Motion, position_error
+from ..sensors.aiding import Gnss, Motion, position_error
 from ..simulation.equipment import Equipment
-from ..spec.aiding import AIDING
-from ..spec.flight import FlightSpec, ReadingsRecording, RecordedGnss, RecordedLog
+from ..spec.flight import (
+    FlightSpec,
+    RecordedBarometer,
+    RecordedGnss,
+    RecordedLog,
+)
+from ..spec.further import sensors_of, table_of
 from ..spec.limits import FASTEST_MPS, HIGHEST_M, LOWEST_M
 from . import columns as files
 from .columns import Columns
@@ -56,7 +61,7 @@ class Series(NamedTuple):
 
 def column_names(spec: FlightSpec, model: Equipment, sensor: str) -> tuple[str, ...]:
     """Return the columns that a sensor's file has, in the order of its channels."""
-    table = getattr(spec, sensor)
+    table = sensors_of(spec)[sensor]
     if sensor == "gradiometer":
         assert model.gradiometer is not None
         return tuple(f"gradient_{name}_eotvos" for name in model.gradiometer.components)
@@ -68,7 +73,7 @@ def column_names(spec: FlightSpec, model: Equipment, sensor: str) -> tuple[str, 
     channels = [c.name.split() for c in model.channels if c.sensor == sensor]
     if isinstance(table, RecordedLog):
         return tuple(f"velocity_{_LOG.get(name, name)}_mps" for _, name in channels)
-    if sensor == "barometer":
+    if isinstance(table, RecordedBarometer):
         return ("height_m",)
     return tuple(f"gravity_{name}_mgal" for _, name in channels)
 
@@ -83,19 +88,15 @@ def read_series(
     FlightError
         If a file cannot be used.
     """
-    return {
-        sensor: _read(spec, folder, model, base, sensor)
-        for sensor in ("gradiometer", *AIDING)
-        if getattr(spec, sensor) is not None
-    }
+    return {sensor: _read(spec, folder, model, base, sensor) for sensor in sensors_of(spec)}
 
 
 def _read(spec: FlightSpec, folder: Path, model: Equipment, base: TimeBase, sensor: str) -> Series:
-    table: ReadingsRecording = getattr(spec, sensor)
+    table = sensors_of(spec)[sensor]
     names = column_names(spec, model, sensor)
     columns = files.read(folder / table.file, names, may_be_empty=names)
     times = clocked(columns, table.clock_offset_s)
-    _require_period(columns, times, getattr(spec, sensor).period_s, sensor)
+    _require_period(columns, times, table.period_s, table_of(sensor))
     samples, rows = base.samples_of(columns, times, table.outside)
     values = columns.stacked(names)
     if not np.isfinite(values[rows]).any():
@@ -123,14 +124,14 @@ def _of_receiver(columns: Columns, times: np.ndarray, table: RecordedGnss) -> np
     return np.concatenate(parts, axis=1)
 
 
-def _require_period(columns: Columns, times: np.ndarray, period: float, sensor: str) -> None:
+def _require_period(columns: Columns, times: np.ndarray, period: float, table: str) -> None:
     """Raise FlightError if readings do not come as often as their table says."""
     if len(times) < 3:
         return
     usual = float(np.median(np.diff(times)))
     if abs(usual - period) > _PERIOD_SLIP * period:
         raise columns.error(
-            f"its readings are {usual:.6g} s apart (median), and {sensor}.period_s is {period:g} "
+            f"its readings are {usual:.6g} s apart (median), and {table}.period_s is {period:g} "
             "s; time_s is read in seconds"
         )
 
@@ -184,7 +185,7 @@ def others(
     for sensor, epochs in zip(model.aiding, at, strict=True):
         last = first + len(sensor.channels)
         values = series[sensor.name].values.copy()
-        if sensor.name == "gnss" and sensor.channels[0].unit == "m":
+        if isinstance(sensor, Gnss) and sensor.position:
             # As the model has it: relative to where the INS believes to be.
             values[:, :3] = -position_error(ins.positions[0, epochs], _near(values, ins, epochs))
         read[0, epochs, first:last] = values

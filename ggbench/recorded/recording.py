@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
-from ..sensors.aiding import corrected_positions
+from ..sensors.aiding import Gnss, corrected_positions
 from ..simulation.error_free_flight import Flight
 from ..simulation.field_source import is_file
 from ..simulation.runs import record as recorded
-from ..spec.aiding import AIDING
+from ..spec.aiding import GnssSpec
 from ..spec.flight import FlightError, FlightSpec, load
+from ..spec.further import sensors_of, table_of
 from . import columns as files
 from .inertial import DELTAS
 from .motion import ATTITUDE, POSITION, angles_of, velocity_columns
@@ -92,12 +93,14 @@ def _tables(flight: Flight, initial: np.ndarray, title: str) -> dict[str, Any]:
         tables["disturbance"] = _content(case.model.disturbance)
     if case.altimeter is not None:
         tables["altimeter"] = _content(case.altimeter) | {"file": "altimeter.csv"}
-    for name in ("gradiometer", *AIDING):
-        spec = getattr(side, name)
-        if spec is not None:
-            tables[name] = {"file": f"{name}.csv"} | _content(spec)
-    if side.gnss is not None:
-        tables["gnss"]["frame"] = "ENU"
+    for name, spec in sensors_of(side).items():
+        table = {"file": f"{name}.csv"} | _content(spec)
+        if isinstance(spec, GnssSpec):
+            table["frame"] = "ENU"
+        if table_of(name) == name:
+            tables[name] = table
+        else:
+            tables.setdefault("further", {})[name] = {"kind": spec.kind} | table
     tables["reference"] = {"file": "reference.csv", "frame": "ENU"}
     tables["windows"] = _content(case.windows)
     return tables
@@ -121,7 +124,7 @@ def _write_readings(
     for sensor, at in zip(model.aiding, flight.aiding_epochs, strict=True):
         last = first + len(sensor.channels)
         values = np.where(read.present, read.others, np.nan)[0, at, first:last]
-        if sensor.name == "gnss" and sensor.channels[0].unit == "m":
+        if isinstance(sensor, Gnss) and sensor.position:
             places = corrected_positions(indicated[at], -values[:, :3])
             places[:, :2] = np.degrees(places[:, :2])
             values[:, :3] = places

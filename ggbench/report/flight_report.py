@@ -24,6 +24,7 @@ from ..recorded.corrected import (
 )
 from ..recorded.flight import RecordedFlight
 from ..sensors.aiding import corrected_positions, position_error
+from ..spec.further import sensors_of
 from .tables import WINDOW_TITLES, markdown
 
 
@@ -99,7 +100,7 @@ def _what_there_is(flight: RecordedFlight) -> str:
         own = [j for j, channel in enumerate(problem.channels) if channel.sensor == sensor]
         there = problem.present[:, own]
         epochs = np.flatnonzero(there.any(axis=1))
-        table = getattr(spec, sensor)
+        table = sensors_of(spec)[sensor]
         rows.append(
             [
                 sensor.replace("_", " "),

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from ..spec.aiding import GnssSpec
 from ..spec.case import CaseSpec
+from ..spec.further import table_of
 
 WIDE_M = 1000.0
 """σ of the initial position per axis from which a prior is called wide [m]."""
@@ -37,7 +39,10 @@ def situation_of(case: CaseSpec, gained: str) -> str:
         return NOTHING
     changed = set(_set_keys(case.model_dump(exclude_defaults=True)))
     wrong = {key for key in changed if key.split(".")[0] in ("truth", "model")}
-    if any(key.startswith("truth.gnss.dropout") for key in wrong):
+    receivers = ["gnss", *(name for name, spec in case.further if isinstance(spec, GnssSpec))]
+    if any(
+        key.startswith(f"truth.{table_of(name)}.dropout") for key in wrong for name in receivers
+    ):
         return "outage"
     if any(word in key for key in wrong for word in _READINGS):
         return "readings"

@@ -62,6 +62,7 @@ class AidingSensor(ABC):
     bias : σ of each channel's bias [unit of the channel]; zero for none.
     bias_time : correlation time of the bias, a Gauss–Markov process [s]; ∞ for a constant.
     faults : outliers and dropouts, which no estimator is told of.
+    label : a name of its own, of one of several of a kind; "" for none.
     """
 
     period: float
@@ -69,8 +70,14 @@ class AidingSensor(ABC):
     bias: float = 0.0
     bias_time: float = np.inf
     faults: Faults = _NO_FAULTS
+    label: str = field(default="", kw_only=True)
 
-    name: ClassVar[str]
+    kind: ClassVar[str]
+
+    @property
+    def name(self) -> str:
+        """What it is called: its label, or its kind if it is the one without a label."""
+        return self.label or self.kind
 
     @property
     @abstractmethod
@@ -122,7 +129,7 @@ class Gnss(AidingSensor):
     position: bool = True
     velocity: bool = True
 
-    name = "gnss"
+    kind = "gnss"
 
     @property
     def channels(self) -> tuple[Channel, ...]:
@@ -178,7 +185,7 @@ class VelocityLog(AidingSensor):
     components: tuple[str, ...] = ("x", "y")
     body: bool = True
 
-    name = "velocity_log"
+    kind = "velocity_log"
 
     @property
     def _axes(self) -> list[int]:
@@ -215,7 +222,7 @@ class VelocityLog(AidingSensor):
 class Barometer(AidingSensor):
     """A height [m], of the air's pressure or of a known sea level: ĥ − δh."""
 
-    name = "barometer"
+    kind = "barometer"
 
     @property
     def channels(self) -> tuple[Channel, ...]:
@@ -249,7 +256,7 @@ class Gravimeter(AidingSensor):
     steady_force: Callable[[np.ndarray, np.ndarray], np.ndarray] = field(kw_only=True)
     """c + γ (..., 3), ENU [m/s²], at positions and velocities, as the INS reckons with them."""
 
-    name = "gravimeter"
+    kind = "gravimeter"
 
     @property
     def _axes(self) -> list[int]:

@@ -14,7 +14,6 @@ from ..sensors.aiding import AidingSensor, Barometer, Gnss, Gravimeter, Motion, 
 from ..sensors.aiding_kernels import MOVED, Aiding
 from ..sensors.gradiometer.faults import Faults
 from ..spec.aiding import (
-    AIDING,
     BarometerSpec,
     GnssChange,
     GnssSpec,
@@ -22,6 +21,7 @@ from ..spec.aiding import (
     Interruptions,
     LogSpec,
 )
+from ..spec.further import aiding_of
 from ..spec.sensors import Side, TruthSpec
 from .random_streams import RandomStreams
 
@@ -34,40 +34,38 @@ def on_board(side: Side, truth: TruthSpec | None) -> tuple[AidingSensor, ...]:
     side : the tables. truth : what happens to readings that no estimator is told of, if they are
         those of the truth.
     """
-    found: list[AidingSensor] = []
-    for name in AIDING:
-        spec = getattr(side, name)
-        if spec is not None:
-            changes = None if truth is None else getattr(truth, name)
-            found.append(_sensor(spec, changes))
-    return tuple(found)
+    changes = {} if truth is None else aiding_of(truth)
+    return tuple(
+        _sensor(spec, changes.get(name), "" if name == spec.kind else name)
+        for name, spec in aiding_of(side).items()
+    )
 
 
-def _sensor(spec: Any, changes: Interruptions | None) -> AidingSensor:
+def _sensor(spec: Any, changes: Interruptions | None, label: str) -> AidingSensor:
     if isinstance(spec, GnssSpec):
         position, velocity = spec.position_noise_m is not None, spec.velocity_noise_mps is not None
         outliers = _outliers_of_gnss(spec, changes)
         return Gnss(
             spec.period_s, _of_gnss(spec), faults=_faults(changes, *outliers),
-            position=position, velocity=velocity,
+            position=position, velocity=velocity, label=label,
         )  # fmt: skip
     bias_time = spec.bias_time_s or math.inf
     if isinstance(spec, LogSpec):
         return VelocityLog(
             spec.period_s, (spec.noise_mps,) * len(spec.components), spec.bias_mps, bias_time,
             _faults(changes, getattr(changes, "outlier_mps", 0.0)),
-            spec.components, spec.frame == "body",
+            spec.components, spec.frame == "body", label=label,
         )  # fmt: skip
     if isinstance(spec, BarometerSpec):
         return Barometer(
             spec.period_s, (spec.noise_m,), spec.bias_m, bias_time,
-            _faults(changes, getattr(changes, "outlier_m", 0.0)),
+            _faults(changes, getattr(changes, "outlier_m", 0.0)), label=label,
         )  # fmt: skip
     assert isinstance(spec, GravimeterSpec)
     return Gravimeter(
         spec.period_s, (spec.noise_mgal,) * len(spec.components), spec.bias_mgal, bias_time,
         _faults(changes, getattr(changes, "outlier_mgal", 0.0)),
-        spec.components, steady_force=steady_force,
+        spec.components, steady_force=steady_force, label=label,
     )  # fmt: skip
 
 
@@ -149,18 +147,18 @@ def aiding_readings(
         for r, of_run in enumerate(streams):
             drawn = np.zeros((epochs, width))
             if sensor.bias > 0.0:
-                drawn = sensor.biases(times, getattr(of_run, f"{sensor.name}_biases"))
+                drawn = sensor.biases(times, of_run.of_sensor(sensor.name, "biases"))
             if known.bias > 0.0:
                 biases.append(drawn)
-            noise = getattr(of_run, sensor.name).standard_normal((len(at), width))
+            noise = of_run.of_sensor(sensor.name).standard_normal((len(at), width))
             z[r, at, some] += drawn[at] + np.array(sensor.noise) * noise
             if sensor.faults.outlier_share > 0.0:
                 z[r, at, some] += sensor.faults.outliers(
-                    (len(at), width), getattr(of_run, f"{sensor.name}_outliers")
+                    (len(at), width), of_run.of_sensor(sensor.name, "outliers")
                 )
             lost = sensor.faults.in_dropouts(times[at])
             if sensor.faults.dropout_share > 0.0:
-                lost = sensor.faults.missing(times[at], getattr(of_run, f"{sensor.name}_dropouts"))
+                lost = sensor.faults.missing(times[at], of_run.of_sensor(sensor.name, "dropouts"))
             present[r, at[lost], some] = False
     return AidingReadings(z, present, _stacked(biases, runs, epochs))
 

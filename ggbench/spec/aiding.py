@@ -3,12 +3,13 @@
 ``[gnss]``, ``[velocity_log]``, ``[barometer]`` and ``[gravimeter]`` hold for the simulated truth
 and for what the estimators are told; ``[truth.gnss]`` and the like change them for the truth alone,
 and say what happens to readings that no estimator is told of; ``[model.gnss]`` and the like change
-them for the estimators alone.
+them for the estimators alone. ``[further.<name>]`` has the keys of the table of its kind, which
+each class knows (:mod:`.further`).
 """
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
@@ -55,6 +56,7 @@ class Interruptions(Section):
 class GnssChange(Section):
     """``[model.gnss]``: what the estimators believe of the GNSS receiver."""
 
+    kind: ClassVar[str] = "gnss"
     position_noise_m: PositionNoise | None = None
     height_noise_m: PositionNoise | None = None
     velocity_noise_mps: VelocityNoise | None = None
@@ -84,6 +86,7 @@ class GnssSpec(GnssChange):
 class LogChange(Section):
     """``[model.velocity_log]``: what the estimators believe of the log."""
 
+    kind: ClassVar[str] = "velocity_log"
     noise_mps: VelocityNoise | None = None
     bias_mps: LogBias | None = None
     bias_time_s: TimeConstant | None = None
@@ -118,6 +121,7 @@ class LogSpec(LogChange):
 class BarometerChange(Section):
     """``[model.barometer]``: what the estimators believe of the height."""
 
+    kind: ClassVar[str] = "barometer"
     noise_m: HeightNoise | None = None
     bias_m: HeightBias | None = None
     bias_time_s: TimeConstant | None = None
@@ -140,6 +144,7 @@ class BarometerSpec(BarometerChange):
 class GravimeterChange(Section):
     """``[model.gravimeter]``: what the estimators believe of the gravimeter."""
 
+    kind: ClassVar[str] = "gravimeter"
     noise_mgal: GravimeterNoise | None = None
     bias_mgal: GravimeterBias | None = None
     bias_time_s: TimeConstant | None = None
@@ -172,4 +177,4 @@ class GravimeterSpec(GravimeterChange):
 
 
 AIDING = ("gnss", "velocity_log", "barometer", "gravimeter")
-"""The tables of these sensors, in the order of their channels and biases."""
+"""The kinds of these sensors, and their tables, in the order of their channels and biases."""

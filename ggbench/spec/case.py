@@ -15,11 +15,13 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from ..trajectory.manoeuvres import TrajectoryError
 from .aiding import AIDING, BarometerSpec, GnssSpec, GravimeterSpec, LogSpec
+from .further import Named, aiding_of, not_on_board, sensors_of, table_of, with_kinds
 from .limits import MOST_RUNS, MOST_SEED
 from .quantities import Duration, Moment, PositionTarget, TimeLimit, VelocityTarget
 from .sensors import (
     AltimeterSpec,
     FieldSpec,
+    FurtherSpecs,
     GradiometerSpec,
     ImuSpec,
     InitialErrorSpec,
@@ -149,6 +151,41 @@ def _dotted(table: dict[str, Any]) -> list[str]:
     ]
 
 
+def require_no_gravimeter(tables: Any) -> None:
+    """Raise ValueError if a gravimeter is among sensors that have no map to read."""
+    for name, spec in aiding_of(tables).items():
+        if isinstance(spec, GravimeterSpec):
+            raise ValueError(
+                f'{table_of(name)} needs a map: source = "normal" has no disturbance to read'
+            )
+
+
+def _changed(key: str, table: Any, change: Any) -> Any:
+    """Return a table of a case as a side has it, whose changes are the table of a key.
+
+    Raises
+    ------
+    ValueError
+        If the changes break a rule, or are of a table that is not there.
+    """
+    if table is None:
+        if change.model_dump(exclude_defaults=True):
+            raise not_on_board(key)
+        return None
+    if change is None:
+        return table
+    if isinstance(table, GnssSpec):
+        for noise in ("position_noise_m", "velocity_noise_mps"):
+            if getattr(table, noise) is None and getattr(change, noise) is not None:
+                raise ValueError(f"{key}.{noise} is of channels that the receiver does not have")
+    try:
+        return changed(table, change)
+    except ValidationError as error:
+        found = error.errors()[0]
+        said = found.get("ctx", {}).get("error", found["msg"])
+        raise ValueError(f"{key}: {said}") from None
+
+
 class CaseSpec(Section):
     """One case, fully resolved: the base of the file with the case's changes."""
 
@@ -164,10 +201,13 @@ class CaseSpec(Section):
     velocity_log: LogSpec | None = None
     barometer: BarometerSpec | None = None
     gravimeter: GravimeterSpec | None = None
+    further: FurtherSpecs = Named()
     altimeter: AltimeterSpec | None = None
     truth: TruthSpec = TruthSpec()
     model: ModelSpec = ModelSpec()
     reference: ReferenceSpec | None = None
+
+    _with_kinds = model_validator(mode="before")(with_kinds)
 
     @model_validator(mode="after")
     def _check(self) -> CaseSpec:
@@ -175,7 +215,8 @@ class CaseSpec(Section):
             self.side(name)  # raises if what it changes breaks a rule
         if not self.periods:
             raise ValueError(
-                f"no sensor is on board: give at least one of gradiometer, {', '.join(AIDING)}"
+                "no sensor is on board: give at least one of gradiometer, "
+                f"{', '.join(AIDING)}, further"
             )
         felt = self.side("truth").field
         constant = any(self.truth.field.constant_disturbance_mgal)
@@ -208,14 +249,14 @@ class CaseSpec(Section):
             )
         if self.gradiometer is not None:
             self._check_gradiometer(self.gradiometer)
-        if self.gravimeter is not None and felt.source == "normal":
-            raise ValueError('gravimeter needs a map: source = "normal" has no disturbance to read')
+        if felt.source == "normal":
+            require_no_gravimeter(self)
         for name, period in self.periods.items():
             steps = period / self.imu.period_s
             if abs(steps - round(steps)) > 1e-6 or round(steps) < 1:
                 raise ValueError(
-                    f"{name}.period_s ({period:g} s) must be a whole multiple of imu.period_s "
-                    f"({self.imu.period_s:g} s)"
+                    f"{table_of(name)}.period_s ({period:g} s) must be a whole multiple of "
+                    f"imu.period_s ({self.imu.period_s:g} s)"
                 )
         if self.altimeter is not None:
             self.altimeter.require_slower_than(self.imu.period_s)
@@ -244,9 +285,8 @@ class CaseSpec(Section):
 
     @property
     def periods(self) -> dict[str, float]:
-        """Time between two readings [s] of each sensor on board, by its table's name."""
-        sensors = {name: getattr(self, name) for name in ("gradiometer", *AIDING)}
-        return {name: spec.period_s for name, spec in sensors.items() if spec is not None}
+        """Time between two readings [s] of each sensor on board, by its name."""
+        return {name: spec.period_s for name, spec in sensors_of(self).items()}
 
     @property
     def strides(self) -> dict[str, int]:
@@ -293,20 +333,19 @@ class CaseSpec(Section):
             If what it changes breaks a rule; the message names the table.
         """
         changes = getattr(self, name)
-        tables: dict[str, Any] = {}
-        for key in Side._fields:
-            table, change = getattr(self, key), getattr(changes, key)
-            if table is None:
-                if change.model_dump(exclude_defaults=True):
-                    raise ValueError(f"{name}.{key} changes a sensor that is not on board")
-                tables[key] = None
-                continue
-            try:
-                tables[key] = changed(table, change)
-            except ValidationError as error:
-                found = error.errors()[0]
-                said = found.get("ctx", {}).get("error", found["msg"])
-                raise ValueError(f"{name}.{key}: {said}") from None
+        tables: dict[str, Any] = {
+            key: _changed(f"{name}.{key}", getattr(self, key), getattr(changes, key))
+            for key in Side._fields
+            if key != "further"
+        }
+        further, of_further = dict(self.further), dict(changes.further)
+        for key in of_further:
+            if key not in further:
+                raise not_on_board(f"{name}.further.{key}")
+        tables["further"] = Named(
+            (key, _changed(f"{name}.further.{key}", table, of_further.get(key)))
+            for key, table in further.items()
+        )
         return Side(**tables)
 
     @property

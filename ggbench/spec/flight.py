@@ -15,7 +15,8 @@ from pydantic import Field, model_validator
 
 from ..errors import GGBenchError
 from .aiding import AIDING, BarometerSpec, GnssSpec, GravimeterSpec, LogSpec
-from .case import WindowsSpec
+from .case import WindowsSpec, require_no_gravimeter
+from .further import Named, sensors_of
 from .quantities import (
     Angle,
     Cosine,
@@ -201,6 +202,7 @@ class FlightSpec(Section):
     velocity_log: RecordedLog | None = None
     barometer: RecordedBarometer | None = None
     gravimeter: RecordedGravimeter | None = None
+    further: Named[RecordedGnss | RecordedLog | RecordedBarometer | RecordedGravimeter] = Named()
     reference: ReferenceTrack | None = None
     windows: WindowsSpec | None = None
 
@@ -211,9 +213,10 @@ class FlightSpec(Section):
                 "give exactly one of [ins], the solution of an INS, and [imu_record], increments "
                 "or rates to be mechanised here"
             )
-        if not any(getattr(self, name) for name in ("gradiometer", *AIDING)):
+        if not sensors_of(self):
             raise ValueError(
-                f"no sensor is on board: give at least one of gradiometer, {', '.join(AIDING)}"
+                "no sensor is on board: give at least one of gradiometer, "
+                f"{', '.join(AIDING)}, further"
             )
         if self.field.gravity_disturbance:
             raise ValueError(
@@ -232,8 +235,8 @@ class FlightSpec(Section):
             raise ValueError(
                 'field.compensate needs a map: source = "normal" has no disturbance to add'
             )
-        if self.gravimeter is not None and mapless:
-            raise ValueError('gravimeter needs a map: source = "normal" has no disturbance to read')
+        if mapless:
+            require_no_gravimeter(self)
         if self.altimeter is not None:
             if self.imu_record is not None and self.altimeter.file is None:
                 raise ValueError("altimeter.file is missing: the mechanization runs here")

@@ -10,6 +10,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from .case import CaseSpec
+from .further import Named
 from .quantities import Within
 from .scenario import Scenario
 
@@ -45,6 +46,9 @@ def _odd(table: BaseModel, prefix: str) -> Iterator[tuple[str, float, str]]:
         value, key = getattr(table, name), prefix + name
         if isinstance(value, BaseModel):
             yield from _odd(value, f"{key}.")
+        elif isinstance(value, Named):
+            for sensor, item in value:
+                yield from _odd(item, f"{key}.{sensor}.")
         elif isinstance(value, tuple):
             for i, item in enumerate(value):
                 if isinstance(item, BaseModel):

@@ -9,7 +9,6 @@ changes, laid over every case). A value is written plainly or as
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import importlib.resources
 import json
@@ -31,6 +30,7 @@ from . import sweep as sweep
 from .case import MOST_POINTS, CampaignSpec, CaseSpec, SweepSpec
 from .claims import ClaimSpec
 from .limits import SCENARIO_NAME
+from .sentences import sentence, suggest
 from .sweep import Sweep
 
 T = TypeVar("T", bound=BaseModel)
@@ -124,7 +124,7 @@ class Scenario:
     def _no_case(self, name: str, known: list[str]) -> ScenarioError:
         more = f" and {len(known) - _MOST_NAMED} more" if len(known) > _MOST_NAMED else ""
         return ScenarioError(
-            f"{self.name} has no case '{name}'{_suggest(str(name), known)}; its cases: "
+            f"{self.name} has no case '{name}'{suggest(str(name), known)}; its cases: "
             f"{', '.join(known[:_MOST_NAMED])}{more}"
         )
 
@@ -166,7 +166,7 @@ def load(name_or_path: str | Path) -> Scenario:
                 )
             return replace(_read(path, path.stem, str(path)), argument=named)
         raise ScenarioError(
-            f"there is no scenario '{named}'{_suggest(named, shipped())}; "
+            f"there is no scenario '{named}'{suggest(named, shipped())}; "
             f"shipped scenarios: {', '.join(shipped())}; or give the path of a .toml file"
         )
     file = importlib.resources.files("ggbench.scenarios") / f"{named}.toml"
@@ -311,7 +311,7 @@ def _claims(found: Any, cases: Sequence[CaseSpec], origin: str) -> tuple[ClaimSp
         if claim.case not in names:
             raise ScenarioError(
                 f"{origin}: claim[{number}]: there is no case '{claim.case}'"
-                f"{_suggest(claim.case, names)}"
+                f"{suggest(claim.case, names)}"
             )
         claims.append(claim)
     return tuple(claims)
@@ -448,50 +448,4 @@ def validate(model: type[T], content: Any, label: str) -> T:
     except ValidationError as error:
         problems = error.errors()
         more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-        raise ScenarioError(f"{label}: {_sentence(model, problems[0])}{more}") from None
-
-
-def _sentence(model: type[BaseModel], problem: Any) -> str:
-    """Return one of pydantic's findings as a sentence: key, what was found, what is allowed."""
-    path = [part for part in problem["loc"] if part not in ("float", "int")]
-    key = re.sub(r"\.(\d+)", r"[\1]", ".".join(str(part) for part in path)) or "it"
-    found = problem["input"]
-    kind = problem["type"]
-    if kind == "extra_forbidden":
-        allowed = _known_keys(model, path[:-1])
-        return f"unknown key '{key}'{_suggest(str(path[-1]), allowed)}; known: {', '.join(allowed)}"
-    if kind == "missing":
-        return f"'{key}' is missing"
-    if kind == "value_error":
-        return f"{key}: {problem['ctx']['error']}" if path else str(problem["ctx"]["error"])
-    if isinstance(found, float) and math.isnan(found):
-        return f"{key} is not a number (NaN)"
-    wanted = problem["msg"].replace("Input should be ", "must be ").replace("input", "value")
-    wanted = wanted.replace("String should have", "must have")
-    least = problem.get("ctx", {}).get("min_length", 1)
-    wanted = {
-        "float_type": "must be a plain number in the unit that the key names",
-        "int_type": "must be a whole number",
-        "model_type": "must be a table of keys",
-        "tuple_type": "must be a list",
-        "too_short": f"must have at least {least} items" if least > 1 else "must not be empty",
-        "string_too_short": "must not be empty",
-        "string_pattern_mismatch": "must consist of letters, digits, '.', '_' and '-'",
-    }.get(kind, wanted)
-    return f"{key} is {found!r} and {wanted}"
-
-
-def _known_keys(model: type[BaseModel], path: list[Any]) -> list[str]:
-    """Return the keys allowed in the table at ``path`` below a model."""
-    for part in path:
-        if isinstance(part, int):
-            continue
-        annotation = model.model_fields[part].annotation
-        candidates = [annotation, *getattr(annotation, "__args__", ())]
-        model = next(c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel))
-    return list(model.model_fields)
-
-
-def _suggest(word: str, allowed: list[str]) -> str:
-    close = difflib.get_close_matches(word, allowed, n=1)
-    return f" (did you mean '{close[0]}'?)" if close else ""
+        raise ScenarioError(f"{label}: {sentence(model, problems[0])}{more}") from None

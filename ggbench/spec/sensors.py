@@ -27,6 +27,7 @@ from .aiding import (
     TrueGravimeter,
     TrueLog,
 )
+from .further import Named
 from .quantities import (
     AccelerometerBias,
     AccelerometerNoise,
@@ -380,6 +381,10 @@ class DisturbanceSpec(Section):
             )
 
 
+FurtherSpecs = Named[GnssSpec | LogSpec | BarometerSpec | GravimeterSpec]
+"""``[further.<name>]``: sensors beside those of the kinds' own tables."""
+
+
 class TruthSpec(Section):
     """``[truth]``: what the simulation does, and no estimator is told."""
 
@@ -391,6 +396,7 @@ class TruthSpec(Section):
     velocity_log: TrueLog = TrueLog()
     barometer: TrueBarometer = TrueBarometer()
     gravimeter: TrueGravimeter = TrueGravimeter()
+    further: Named[TrueGnss | TrueLog | TrueBarometer | TrueGravimeter] = Named()
 
 
 class ModelSpec(Section):
@@ -405,6 +411,7 @@ class ModelSpec(Section):
     velocity_log: LogChange = LogChange()
     barometer: BarometerChange = BarometerChange()
     gravimeter: GravimeterChange = GravimeterChange()
+    further: Named[GnssChange | LogChange | BarometerChange | GravimeterChange] = Named()
 
 
 class Side(NamedTuple):
@@ -418,6 +425,7 @@ class Side(NamedTuple):
     velocity_log: LogSpec | None
     barometer: BarometerSpec | None
     gravimeter: GravimeterSpec | None
+    further: FurtherSpecs
 
 
 S = TypeVar("S", bound=Section)

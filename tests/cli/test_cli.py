@@ -45,6 +45,10 @@ BAD = {
         ["run", "negative.toml"],
         "is -0.01 and must lie between 1e-9 and 1e6",
     ),
+    "unknown kind of sensor": (
+        ["run", "kind.toml"],
+        "kind.toml: case 'base': further.stern: kind is 'gps'; allowed: \"gnss\"",
+    ),
     "cut-off": (["run", "nyquist.toml"], "must lie below the Nyquist frequency"),
     "invalid TOML": (["validate", "invalid.toml"], "invalid.toml: is not valid TOML"),
     "unknown map": (["validate", "map.toml"], "egm2088"),
@@ -94,6 +98,7 @@ def folder(tmp_path_factory) -> Path:
         ("unit", noise, 'noise_eotvos = "0.01 E"'),
         ("negative", noise, "noise_eotvos = -0.01"),
         ("nyquist", noise, noise + '\nfilter = "butterworth"\nfilter_cutoff_hz = 0.5'),
+        ("kind", "[windows]", '[further.stern]\nkind = "gps"\nperiod_s = 1.0\n[windows]'),
         ("invalid", "[windows]", "[windows"),
         ("map", 'source = "normal"', 'source = "egm2088"'),
         ("estimator", '"ekf"]', '"ekff"]'),

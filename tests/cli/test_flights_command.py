@@ -58,6 +58,32 @@ def test_a_wrong_record_is_exit_code_2_and_writes_nothing(tmp_path, log):
     assert not (tmp_path / "out").exists()
 
 
+def test_further_sensors_are_recorded_and_reported_by_their_names(tmp_path):
+    """A file, a table, columns of residuals and a row of the report for each of them."""
+    (tmp_path / "small.toml").write_text(
+        SMALL + '[further.water_track]\nkind = "velocity_log"\nperiod_s = 1.0\nnoise_mps = 0.1\n'
+        '[further.stern]\nkind = "gnss"\nperiod_s = 2.0\nposition_noise_m = 2.0\n'
+    )
+    done = invoke(["record", "small.toml", "--case", "base", "-o", "log"], tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    written = {path.name for path in (tmp_path / "log").iterdir()}
+    assert written == {
+        "flight.toml", "imu.csv", "gradiometer.csv", "stern.csv", "water_track.csv",
+        "reference.csv",
+    }  # fmt: skip
+    names = (tmp_path / "log" / "stern.csv").read_text().splitlines()[0]
+    assert names == "time_s,latitude_deg,longitude_deg,height_m"
+    done = invoke(["estimate", "log/flight.toml", "-e", "ekf", "-o", "out"], tmp_path)
+    assert done.returncode == 0, done.stderr
+    columns = (tmp_path / "out" / "ekf" / "residuals.csv").read_text().splitlines()[0].split(",")
+    assert len(set(columns)) == len(columns)
+    assert {"stern_position_E_m", "water_track_velocity_right_mps"} < set(columns)
+    report = (tmp_path / "out" / "report.md").read_text(encoding="utf-8")
+    assert "| stern | position E, position N, position U | 10 |" in report
+    assert "| water track |" in report
+    assert "water_track.csv" in report
+
+
 def test_an_estimator_that_fails_does_not_take_the_others_along(tmp_path, log):
     """It is named, the others are written, and the exit code is 1."""
     done = invoke(

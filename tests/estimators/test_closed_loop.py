@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from problems import changed, deviation, estimator, linear_problem, rng
-from small_cases import GRAVIMETER, ON_BOARD, rough_map, small_flight
+from small_cases import GRAVIMETER, ON_BOARD, SEVERAL, rough_map, small_flight
 
 from ggbench.problem import Problem
 from ggbench.simulation.error_free_flight import prepare
@@ -22,13 +22,15 @@ def rough(tmp_path_factory) -> dict[str, object]:
 
 
 def everything(rough, **changes: object) -> tuple[Problem, Truth]:
-    """A flight with all sensors, an altimeter, compensation, gravity states and gaps."""
+    """A flight with all sensors and more, an altimeter, compensation, gravity states and gaps."""
     return simulate(
         small_flight(
             ON_BOARD
             | GRAVIMETER
+            | SEVERAL
             | rough
             | {
+                "further.bow_2.period_s": 1.0,
                 "altimeter.noise_m_per_sqrt_hz": 1.0,
                 "gradiometer.instrument": "strapdown",
                 "gradiometer.bias_eotvos": 0.5,

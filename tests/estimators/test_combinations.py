@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from problems import LinearModel, changed, deviation, estimator, exact, labels, rng
-from small_cases import GRAVIMETER, ON_BOARD, rough_map, small_flight
+from small_cases import GRAVIMETER, ON_BOARD, SEVERAL, rough_map, small_flight
 
 from ggbench.problem import Problem
 from ggbench.simulation.runs import Truth, simulate
@@ -19,6 +19,21 @@ OUTAGE = {"truth.gnss.dropouts_s": [[5.0, 12.0]], "gnss.period_s": 1.0}
 COMBINATIONS: dict[str, dict[str, Any]] = {
     "barometer": {"barometer.period_s": 1.0, "barometer.noise_m": 3.0},
     "receiver with an outage, log, barometer": ON_BOARD | OUTAGE,
+    "several receivers, logs and barometers": ON_BOARD
+    | SEVERAL
+    | {"truth.further.stern.dropouts_s": [[5.0, 12.0]]},
+    "a scalar and a vector gravimeter, two logs": GRAVIMETER
+    | {
+        "further.vector.kind": "gravimeter",
+        "further.vector.period_s": 1.0,
+        "further.vector.noise_mgal": 2.0,
+        "further.vector.bias_mgal": 0.3,
+        "further.vector.components": ["east", "north"],
+        "further.bottom_track.kind": "velocity_log",
+        "further.bottom_track.period_s": 2.0,
+        "further.bottom_track.noise_mps": 0.1,
+        **{key: value for key, value in SEVERAL.items() if "water_track" in key},
+    },
     "gradiometer, gravimeter, receiver with an outage": {
         "gradiometer.components": ["xx", "xy", "zz"],
         "gravimeter.period_s": 2.0,
@@ -44,7 +59,7 @@ COMBINATIONS: dict[str, dict[str, Any]] = {
     | GRAVIMETER
     | {"gradiometer.bias_eotvos": 0.5, "gradiometer.instrument": "strapdown"},
 }
-LINEAR = list(COMBINATIONS)[:2]
+LINEAR = list(COMBINATIONS)[:3]
 
 
 @functools.cache

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 from conftest import flight
 from recorded_flights import GNSS_ONLY, RUN, SEED, as_solution, edit, edit_rows, recorded, table_of
-from small_cases import GRAVIMETER, ON_BOARD, rough_map, small_flight
+from small_cases import GRAVIMETER, ON_BOARD, SEVERAL, rough_map, small_flight
 
 import ggbench as gg
 from ggbench.recorded.flight import read_flight
@@ -39,6 +39,20 @@ EVERYTHING = (
         "truth.velocity_log.outlier_share": 0.1,
         "truth.velocity_log.outlier_mps": 3.0,
         "model.gnss.position_noise_m": 6.0,
+    }
+)
+FURTHER = (
+    ON_BOARD
+    | GRAVIMETER
+    | SEVERAL
+    | {
+        "further.vector.kind": "gravimeter",
+        "further.vector.period_s": 1.0,
+        "further.vector.noise_mgal": 2.0,
+        "further.vector.components": ["east", "north"],
+        "truth.gnss.dropouts_s": [[5.0, 9.0]],
+        "truth.further.stern.dropout_share": 0.3,
+        "model.further.stern.position_noise_m": 2.5,
     }
 )
 DAMPED = {
@@ -84,13 +98,15 @@ def source(tmp_path_factory) -> dict[str, str]:
 
 
 @pytest.mark.parametrize(
-    "name", ["wang2013", "everything", "damped", "disturbed", "integrated", "delayed", "GNSS"]
+    "name",
+    ["wang2013", "everything", "further", "damped", "disturbed", "integrated", "delayed", "GNSS"],
 )
 def test_estimates_from_the_log_are_those_of_the_campaign(name, tmp_path, source):
     """A filtered platform, a strapdown one with six sensors, outages and biases, ..."""
     flown = {
         "wang2013": lambda: flight("0.01E-1Hz"),
         "everything": lambda: small_flight(source | EVERYTHING),
+        "further": lambda: small_flight(source | FURTHER),
         "damped": lambda: small_flight(source | DAMPED),
         "disturbed": lambda: small_flight(source | DISTURBED),
         "integrated": lambda: small_flight(source | INTEGRATED),

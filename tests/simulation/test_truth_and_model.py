@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from problems import SMALL
-from small_cases import ROTATING, rough_map, small_case, small_flight
+from small_cases import ROTATING, SEVERAL, rough_map, small_case, small_flight
 
 from ggbench.campaign import result_keys
 from ggbench.errors import GGBenchError
@@ -55,6 +55,10 @@ def test_a_case_survives_the_store():
         ),
         small_case({"truth.gradiometer.noise_density_eotvos_per_sqrt_hz": 0.1}),
         small_case({"field.source": "a.npz", "model.field.error": {"density_factor": 1.1}}),
+        small_case(
+            SEVERAL | {"truth.further.stern.dropouts_s": [[1.0, 2.0]],
+                       "model.further.sea_level.bias_m": 0.0}
+        ),
     ]  # fmt: skip
     for case in cases:
         again = CaseSpec.model_validate_json(case.model_dump_json())

@@ -6,10 +6,11 @@ key that is new fails the last test until it has a row here, or is said to have 
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Iterator
 from types import SimpleNamespace
-from typing import Any, get_args
+from typing import Any, get_args, get_origin
 
 import astropy.units as u
 import numpy as np
@@ -37,6 +38,7 @@ from ggbench.simulation.error_free_flight import Flight
 from ggbench.simulation.runs import simulate
 from ggbench.spec.aiding import AIDING
 from ggbench.spec.case import CampaignSpec, CaseSpec, SweepSpec, WindowsSpec
+from ggbench.spec.further import Named
 from ggbench.spec.trajectory import SegmentSpec, TrajectorySpec
 
 EOTVOS = 1e-9 / u.s**2
@@ -263,8 +265,12 @@ OF_THE_TRUTH: dict[str, Row] = {
 }  # fmt: skip
 
 
+OWN = "a_"
+"""What the name of the further sensor of each kind begins with."""
+
+
 def keys_of(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
-    """Dotted keys of all numbers of a table."""
+    """Dotted keys of all numbers of a table, and of one further sensor of each kind."""
 
     def parts(annotation: Any) -> Iterator[Any]:
         yield annotation
@@ -272,6 +278,10 @@ def keys_of(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
             yield from parts(part)
 
     for name, field in model.model_fields.items():
+        if get_origin(field.annotation) is Named:
+            for table in get_args(get_args(field.annotation)[0]):
+                yield from keys_of(table, f"{prefix}{name}.{OWN}{table.kind}.")
+            continue
         found = list(parts(field.annotation))
         tables = [t for t in found if isinstance(t, type) and issubclass(t, BaseModel)]
         for table in tables:
@@ -283,6 +293,17 @@ def keys_of(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
 KEYS = {
     *keys_of(CaseSpec), *keys_of(CampaignSpec, "campaign."), *keys_of(SweepSpec, "sweep."),
 }  # fmt: skip
+FURTHER = {
+    f"{side}further.{OWN}{key}": (f"{side}{key}", row, sides)
+    for rows, ways in (
+        (SHARED, (("", ("true", "model")), ("truth.", ("true",)), ("model.", ("model",)))),
+        (OF_THE_TRUTH, (("truth.", ("true",)),)),
+    )
+    for key, row in rows.items()
+    for side, sides in ways
+    if key.partition(".")[0] in AIDING and f"{side}{key}" in KEYS
+}
+"""Keys of further sensors: that of the kind's own table, its row, and which sides have it."""
 SENSORS = {
     **{key: (row, ("true", "model")) for key, row in SHARED.items()},
     **{f"truth.{key}": (row, ("true",)) for key, row in SHARED.items() if f"truth.{key}" in KEYS},
@@ -311,6 +332,25 @@ def test_sensors_and_initial_errors(key, rough):
     flight = small_flight(context | {key: value})
     for side in sides:
         assert read(flight, getattr(flight, side)) == pytest.approx(si(key, value), rel=1e-9)
+
+
+@pytest.mark.parametrize("key", FURTHER)
+def test_further_sensors(key, rough):
+    """Each key is, of a further sensor, what it is in the own table of the sensor's kind."""
+    of_kind, (value, read, *rest), sides = FURTHER[key]
+    kind = of_kind.split(".")[-2]
+    context = dict(rest[0]) | ({"field": {"source": rough}} if "field" in rest[0] else {})
+    own = {name.replace(f"{kind}.", f"further.{OWN}{kind}."): x for name, x in context.items()}
+    flight = small_flight(own | {f"further.{OWN}{kind}.kind": kind, key: value})
+    for side in sides:
+        equipment = dataclasses.replace(
+            getattr(flight, side),
+            aiding=tuple(
+                dataclasses.replace(s, label="") if s.label == f"{OWN}{kind}" else s
+                for s in getattr(flight, side).aiding
+            ),
+        )
+        assert read(flight, equipment) == pytest.approx(si(key, value), rel=1e-9)
 
 
 def test_the_truth_draws_what_the_rows_read():
@@ -541,6 +581,8 @@ WITHOUT_UNIT = {
     "gradiometer.filter_order", "gradiometer.whitening_regularization",
     *(f"truth.{name}.{what}_share" for name in ("gradiometer", *AIDING)
       for what in ("outlier", "dropout")), "trajectory.repeat",
+    *(f"truth.further.{OWN}{name}.{what}_share" for name in AIDING
+      for what in ("outlier", "dropout")),
     "campaign.runs", "campaign.seed", "campaign.assumption_runs", "sweep.axis.values",
     *(f"{side}field.error.{key}" for side in SIDES for key in ("density_factor", "seed")),
 }  # fmt: skip
@@ -556,7 +598,8 @@ def test_every_number_has_a_row():
         *(f"{side}field.{key}" for side in SIDES for key in FIELD),
         *(f"{side}field.error.{key}" for side in SIDES for key in ERROR),
         *(f"windows.{key}" for key in ("settled_from_s", "last_s", "lock_m")),
-        *ONLY_SHOWN, *IN_SECONDS,
+        *ONLY_SHOWN, *IN_SECONDS, *FURTHER,
+        *(f"truth.further.{OWN}{name}.dropouts_s" for name in AIDING),
     }  # fmt: skip
     assert rows | WITHOUT_UNIT == KEYS
     assert [key for key in rows if unit_of(key) is None] == []

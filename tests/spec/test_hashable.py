@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 from problems import SMALL
 from pydantic import BaseModel, ValidationError
-from small_cases import GRAVIMETER, ON_BOARD, ROTATING, small_case
+from small_cases import GRAVIMETER, ON_BOARD, ROTATING, SEVERAL, small_case
 
 from ggbench.spec import scenario
 from ggbench.spec.case import AxisSpec, CampaignSpec, CaseSpec, SweepSpec
@@ -25,6 +25,7 @@ EVERYTHING = (
     ROTATING
     | ON_BOARD
     | GRAVIMETER
+    | SEVERAL
     | {
         "imu.gyro_bias_time_s": 100.0,
         "altimeter.noise_m_per_sqrt_hz": 1.0,
@@ -36,6 +37,9 @@ EVERYTHING = (
         "truth.gradiometer.dropouts_s": [[1.0, 2.0], [3.0, 4.0]],
         "truth.field.error": {"seed": 2},
         "model.field.error": {"seed": 3},
+        "truth.further.water_track.outlier_share": 0.1,
+        "truth.further.water_track.outlier_mps": 1.0,
+        "model.further.stern.position_noise_m": 9.0,
     }
 )
 """Changes of the small case that give it every table that a case may have."""
@@ -111,6 +115,7 @@ def test_cases_that_differ_in_any_key_are_two():
     others = list(variants(case))
     assert len(others) > 150
     assert case not in others
+    assert {"stern", "water_track"} < dict(case.further).keys()
     assert len({case, *others}) == len({hash(item) for item in (case, *others)}) == 1 + len(others)
     again = small_case(EVERYTHING)
     assert again is not case

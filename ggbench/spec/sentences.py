@@ -1,0 +1,72 @@
+"""What is wrong with a table of a file, in a sentence."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+import typing
+from collections.abc import Sequence
+from typing import Any
+
+from pydantic import BaseModel
+
+from .further import Named
+
+
+def sentence(model: type[BaseModel], problem: Any) -> str:
+    """Return one of pydantic's findings as a sentence: key, what was found, what is allowed."""
+    path = _without_kind([part for part in problem["loc"] if part not in ("float", "int", "[key]")])
+    key = re.sub(r"\.(\d+)(?=\.|$)", r"[\1]", ".".join(str(part) for part in path)) or "it"
+    found = problem["input"]
+    kind = problem["type"]
+    if kind == "extra_forbidden":
+        allowed = _known_keys(model, problem["loc"][:-1])
+        return f"unknown key '{key}'{suggest(str(path[-1]), allowed)}; known: {', '.join(allowed)}"
+    if kind == "missing":
+        return f"'{key}' is missing"
+    if kind == "value_error":
+        return f"{key}: {problem['ctx']['error']}" if path else str(problem["ctx"]["error"])
+    if isinstance(found, float) and math.isnan(found):
+        return f"{key} is not a number (NaN)"
+    wanted = problem["msg"].replace("Input should be ", "must be ").replace("input", "value")
+    wanted = wanted.replace("String should have", "must have")
+    least = problem.get("ctx", {}).get("min_length", 1)
+    wanted = {
+        "float_type": "must be a plain number in the unit that the key names",
+        "int_type": "must be a whole number",
+        "model_type": "must be a table of keys",
+        "dict_type": "must be a table of keys",
+        "tuple_type": "must be a list",
+        "too_short": f"must have at least {least} items" if least > 1 else "must not be empty",
+        "string_too_short": "must not be empty",
+        "string_pattern_mismatch": "must consist of letters, digits, '.', '_' and '-'",
+    }.get(kind, wanted)
+    return f"{key} is {found!r} and {wanted}"
+
+
+def _without_kind(path: list[Any]) -> list[Any]:
+    """Return a path without what pydantic says of the kind of a further sensor, behind its name."""
+    if "further" not in path:
+        return path
+    behind = path.index("further") + 2
+    return path[:behind] + path[behind + 1 :]
+
+
+def _known_keys(model: type[BaseModel], path: Sequence[Any]) -> list[str]:
+    """Return the keys allowed in the table at ``path``, with any kinds, below a model."""
+    parts = [part for part in path if not isinstance(part, int)]
+    while parts:
+        annotation = model.model_fields[parts.pop(0)].annotation
+        candidates = [annotation, *typing.get_args(annotation)]
+        if typing.get_origin(annotation) is Named:
+            _, kind = parts.pop(0), parts.pop(0)
+            candidates = [t for t in typing.get_args(candidates[1]) if t.kind == kind]
+        model = next(c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel))
+    return list(model.model_fields)
+
+
+def suggest(word: str, allowed: list[str]) -> str:
+    """Return which of the allowed words may be meant, in brackets; nothing if none is like it."""
+    close = difflib.get_close_matches(word, allowed, n=1)
+    return f" (did you mean '{close[0]}'?)" if close else ""

@@ -1,0 +1,401 @@
+"""Several sensors of a kind: each has its own rate, noise, faults, biases and random numbers."""
+
+from __future__ import annotations
+
+import tomllib
+
+import numpy as np
+import pytest
+from problems import SMALL
+from small_cases import GRAVIMETER, ON_BOARD, SEVERAL, small_case, small_flight
+from test_other_sensors import places
+
+from ggbench.campaign import records
+from ggbench.errors import GGBenchError
+from ggbench.problem import Problem
+from ggbench.report import situations
+from ggbench.simulation.random_streams import random_streams
+from ggbench.simulation.runs import simulate, simulate_block
+from ggbench.spec import oddities, scenario
+from ggbench.spec.aiding import AIDING
+from ggbench.spec.case import CaseSpec
+from ggbench.spec.flight import FlightSpec
+from ggbench.spec.further import RESERVED
+from ggbench.spec.scenario import checked
+
+NAMES = ["bow_2", "sea_level", "stern", "water_track"]
+STERN = {key: value for key, value in SEVERAL.items() if ".stern." in key}
+RUNS = 40
+STERN_DRAWN, STERN_BIAS_DRAWN = 0.6790752617505998, 0.8023681955586441
+"""What seed 1 draws first in run 0; results could not be made again if it were another."""
+
+
+def readings(problem: Problem, sensor: str) -> np.ndarray:
+    """The readings of a sensor (G, c) at the epochs at which it is read."""
+    own = places(problem, sensor)
+    return problem.measurements[problem.present[:, own[0]]][:, own]
+
+
+def test_channels_and_biases_are_in_the_order_of_the_kinds_then_of_the_names():
+    """Whatever the order in the file; each is read at its own rate and has its own bias states."""
+    flight = small_flight(ON_BOARD | SEVERAL)
+    problem, _ = simulate(flight, 1, 0)
+    sensors = list(dict.fromkeys(channel.sensor for channel in problem.channels))
+    assert sensors == ["gradiometer", *AIDING[:3], *NAMES]
+    assert [block.name for block in problem.layout][5:] == [
+        "velocity log bias", "barometer bias", "sea level bias", "water track bias",
+    ]  # fmt: skip
+    assert list(flight.case.periods) == sensors
+    for sensor, period in flight.case.periods.items():
+        there = problem.present[:, places(problem, sensor)].all(axis=1)
+        read = np.abs(np.round(problem.times / period) * period - problem.times) < 1e-9
+        assert np.array_equal(there, read), sensor
+
+
+def test_residuals_at_the_truth_are_the_noise_that_is_told():
+    """Biases land in their own states: white, within 4 deviations of the mean of 40 runs.
+
+    The bias of the water track is 8 times its noise. False alarms: 22 channels times 6e-5.
+    """
+    block, truth = simulate_block(small_flight(ON_BOARD | SEVERAL), 3, range(RUNS))
+    squares, count = np.zeros(block.measurements.shape[2]), np.zeros(block.measurements.shape[2])
+    for run in range(RUNS):
+        problem = block.problem(run)
+        for k, there in enumerate(problem.present):
+            predicted = problem.model.predict(k, truth.error_state[run, k])
+            squares += (problem.measurements[k] - predicted) ** 2 / np.diag(problem.noise_cov)
+            count += there
+    assert (np.abs(squares / count - 1.0) < 4.0 * np.sqrt(2.0 / count)).all()
+
+
+def test_a_bias_is_felt_by_its_own_sensor_alone():
+    """A channel's row has one for its own bias and nothing for those of others of its kind."""
+    problem, _ = simulate(small_flight(ON_BOARD | SEVERAL), 1, 0)
+    blocks = {block.name: block.slice for block in problem.layout}
+    biases = slice(blocks["velocity log bias"].start, problem.dimension)
+    k = int(problem.present.all(axis=1).argmax())
+    jacobian = problem.model.jacobian(k, np.zeros(problem.dimension))[:, biases]
+    felt = {
+        name: jacobian[places(problem, sensor)]
+        for name, sensor in (
+            ("velocity log bias", "velocity_log"), ("barometer bias", "barometer"),
+            ("sea level bias", "sea_level"), ("water track bias", "water_track"),
+        )
+    }  # fmt: skip
+    assert not jacobian[places(problem, "stern") + places(problem, "bow_2")].any()
+    for name, rows in felt.items():
+        own = slice(blocks[name].start - biases.start, blocks[name].stop - biases.start)
+        np.testing.assert_array_equal(rows[:, own], np.eye(len(rows)))
+        assert rows.sum() == len(rows)
+    prior = np.sqrt(np.diag(problem.prior_cov))[biases]
+    np.testing.assert_allclose(prior, [0.2, 0.2, 5.0, 2.0, 0.4, 0.4])
+    kept = np.diag(problem.transition[1])[biases]
+    np.testing.assert_allclose(
+        kept, np.repeat(np.exp([-0.5 / 30.0, 0.0, -0.5 / 20.0]), [2, 2, 2]), rtol=1e-12
+    )
+
+
+# Random numbers.
+
+
+def test_sensors_change_no_random_number_of_others():
+    """Neither the first four of their kinds nor further ones: all readings are those to the bit."""
+    alone, _ = simulate(small_flight(ON_BOARD), 1, 0)
+    every, _ = simulate(small_flight(ON_BOARD | SEVERAL), 1, 0)
+    assert np.array_equal(alone.track.positions, every.track.positions)
+    for sensor in ("gradiometer", *AIDING[:3]):
+        np.testing.assert_array_equal(readings(alone, sensor), readings(every, sensor))
+    log = {key: x for key, x in SEVERAL.items() if ".water_track." in key}
+    struck = {"dropout_share": 0.3, "outlier_share": 0.3, "outlier_mps": 10.0}
+    faults = {
+        f"truth.{table}.{key}": x
+        for table in ("velocity_log", "further.water_track")
+        for key, x in struck.items()
+    }
+    own = {key: x for key, x in faults.items() if ".further." in key}
+    # A bias is drawn from epoch to epoch: the barometer has those of all.
+    log |= {key: x for key, x in ON_BOARD.items() if key.startswith("barometer")}
+    alone, _ = simulate(small_flight({"gradiometer": None} | log | own), 1, 0)
+    every, _ = simulate(small_flight(ON_BOARD | SEVERAL | faults), 1, 0)
+    np.testing.assert_array_equal(readings(alone, "water_track"), readings(every, "water_track"))
+
+
+def test_a_further_sensors_streams_follow_from_its_name():
+    """The same in every process and version, and each source, sensor and run has its own."""
+    drawn = {
+        (seed, run, sensor, source): float(
+            random_streams(seed, run).of_sensor(sensor, source).random()
+        )
+        for seed in (1, 2)
+        for run in (0, 1)
+        for sensor in ("stern", "bow", "gnss_biases", *AIDING)
+        for source in ("", "biases", "outliers", "dropouts")
+    }
+    assert len(set(drawn.values())) == len(drawn)
+    assert drawn[1, 0, "stern", ""] == STERN_DRAWN
+    assert drawn[1, 0, "stern", "biases"] == STERN_BIAS_DRAWN
+    for sensor in AIDING:
+        for source in ("", "biases", "outliers", "dropouts"):
+            name = f"{sensor}_{source}" if source else sensor
+            own = getattr(random_streams(1, 0), name).random()
+            assert drawn[1, 0, sensor, source] == own
+    streams = random_streams(1, 0)
+    assert streams.of_sensor("stern") is streams.of_sensor("stern")
+
+
+def test_two_receivers_alike_have_noise_of_their_own():
+    """Of equal tables: uncorrelated within 4 deviations, 2400 readings."""
+    twin = {
+        key.replace("gnss.", "further.twin."): x for key, x in ON_BOARD.items() if "gnss" in key
+    }
+    flight = small_flight(ON_BOARD | twin | {"further.twin.kind": "gnss"})
+    block, truth = simulate_block(flight, 3, range(20))
+    pairs = []
+    for run in range(20):
+        problem = block.problem(run)
+        own, other = (places(problem, sensor) for sensor in ("gnss", "twin"))
+        sigma = np.sqrt(np.diag(problem.noise_cov))
+        np.testing.assert_array_equal(sigma[own], sigma[other])
+        for k in np.flatnonzero(problem.present[:, own[0]]):
+            residual = problem.measurements[k] - problem.model.predict(k, truth.error_state[run, k])
+            pairs.append(np.stack([residual[own], residual[other]]) / sigma[own])
+    one, two = np.concatenate(pairs, axis=1)
+    assert abs(np.mean(one * two)) < 4.0 / np.sqrt(len(one))
+    assert np.mean((one - two) ** 2) == pytest.approx(2.0, rel=0.15)
+
+
+def test_two_logs_alike_have_biases_outliers_and_dropouts_of_their_own():
+    """Which readings are struck or lost is drawn for each, and so is each bias."""
+    log = {key: x for key, x in ON_BOARD.items() if key.startswith("velocity_log")}
+    log |= {"velocity_log.period_s": 0.5}
+    struck = {"dropout_share": 0.5, "outlier_share": 0.5, "outlier_mps": 1e6}
+    faults = {f"truth.velocity_log.{key}": x for key, x in struck.items()}
+    twin = {
+        key.replace("velocity_log", "further.twin"): x for key, x in (log | faults).items()
+    } | {"further.twin.kind": "velocity_log"}  # fmt: skip
+    problem, truth = simulate(small_flight(log | faults | twin), 1, 0)
+    blocks = {block.name: truth.error_state[:, block.slice] for block in problem.layout}
+    apart = np.abs(blocks["velocity log bias"] - blocks["twin bias"])
+    assert (apart > 1e-6).all()
+    own, other = (places(problem, sensor) for sensor in ("velocity_log", "twin"))
+    there = problem.present[:, [own[0], other[0]]]
+    assert 5 <= np.count_nonzero(there[:, 0] != there[:, 1]) <= 35
+    both = there.all(axis=1)
+    far = np.abs(problem.measurements[both]) > 1e3
+    assert (far[:, own] != far[:, other]).any()
+
+
+# What each side knows, and what strikes readings.
+
+
+def test_each_side_may_know_a_further_sensor_otherwise():
+    """Noise and biases of each side are its own; the other sensors of the kind stay as they are."""
+    changes = {
+        "truth.further.stern.position_noise_m": 50.0,
+        "model.further.water_track.bias_mps": 0.0,
+        "truth.further.sea_level.bias_m": 20.0,
+    }
+    flight = small_flight(ON_BOARD | SEVERAL | changes)
+    problem, truth = simulate(flight, 1, 0)
+    assert flight.true.dimension == problem.dimension + 2 == truth.error_state.shape[1] + 2
+    sensors = {
+        side: {s.name: s for s in getattr(flight, side).aiding} for side in ("true", "model")
+    }
+    assert sensors["true"]["stern"].noise == (50.0,) * 3
+    assert sensors["model"]["stern"].noise == (2.0,) * 3
+    assert sensors["true"]["gnss"].noise == sensors["model"]["gnss"].noise
+    assert [sensors[side]["sea_level"].bias for side in sensors] == [20.0, 2.0]
+    assert [sensors[side]["barometer"].bias for side in sensors] == [5.0, 5.0]
+    at = places(problem, "stern")[0]
+    there = problem.present[:, at]
+    errors = problem.measurements[there, at] + truth.error_state[there, 0]
+    assert 20.0 < errors.std() < 100.0
+    assert problem.noise_cov[at, at] == 4.0
+
+
+def test_faults_strike_the_sensor_whose_they_are():
+    """Outages, dropouts and outliers of a further sensor leave the other of its kind alone."""
+    faults = {
+        "truth.further.stern.dropouts_s": [[5.0, 9.0]],
+        "truth.further.sea_level.dropout_share": 0.5,
+        "truth.further.water_track.outlier_share": 0.5,
+        "truth.further.water_track.outlier_mps": 100.0,
+    }
+    plain, _ = simulate(small_flight(ON_BOARD | SEVERAL), 1, 0)
+    flight = small_flight(ON_BOARD | SEVERAL | faults)
+    struck, _ = simulate(flight, 1, 0)
+    for sensor in ("gradiometer", *AIDING[:3], "bow_2"):
+        np.testing.assert_array_equal(readings(plain, sensor), readings(struck, sensor))
+    outage = (plain.times >= 5.0) & (plain.times <= 9.0)
+    there = struck.present[:, places(struck, "stern")[0]]
+    assert not there[outage].any()
+    assert np.array_equal(there[~outage], plain.present[~outage, places(plain, "stern")[0]])
+    assert 2 <= len(readings(struck, "sea_level")) < len(readings(plain, "sea_level"))
+    off = readings(struck, "water_track") - readings(plain, "water_track")
+    assert 0.2 < np.mean(np.abs(off) > 5.0) < 0.8
+    at = places(struck, "sea_level")[0]
+    assert set(flight.expected[:, at]) == {0.0, 0.5}
+    assert set(flight.expected[:, places(struck, "barometer")[0]]) == {1.0}
+
+
+def test_the_share_of_runs_with_any_reading_is_that_of_independent_sensors():
+    """Two of a kind that drop out with 0.3 and 0.5 both do so with 0.15; a third is read between.
+
+    The mean of 200 runs is within 4 deviations of it.
+    """
+    changes: dict[str, object] = {"gradiometer": None}
+    for name, period, share in (("a", 2.0, 0.3), ("b", 2.0, 0.5), ("c", 1.5, 0.0)):
+        of = f"further.{name}"
+        changes |= {f"{of}.kind": "barometer", f"{of}.period_s": period, f"{of}.noise_m": 1.0}
+        changes |= {f"truth.{of}.dropout_share": share}
+    flight = small_flight(changes)
+    found = records.shared_arrays(flight, 1, [])["present"]
+    alone = np.abs(np.round(flight.times / 1.5) * 1.5 - flight.times) > 1e-9
+    assert set(found[~alone]) == {1.0}
+    np.testing.assert_allclose(found[alone], 0.85, rtol=1e-12)
+    block, _ = simulate_block(flight, 3, range(200))
+    there = np.mean([block.problem(r).present[alone].any(axis=1) for r in range(200)])
+    assert abs(there - 0.85) < 4.0 * np.sqrt(0.15 * 0.85 / (200 * np.count_nonzero(alone)))
+
+
+def test_two_receivers_alike_are_worth_one_of_less_noise():
+    """The bound of two of σ is that of one of σ/√2, to rounding; both are better than one."""
+    own = {key: x for key, x in ON_BOARD.items() if key.startswith("gnss")}
+    twin = {key.replace("gnss", "further.twin"): x for key, x in own.items()}
+    better = {key: x / np.sqrt(2.0) for key, x in own.items() if "noise" in key}
+    two = small_flight(own | twin | {"further.twin.kind": "gnss"}).bound
+    one = small_flight(own | better).bound
+    for found, expected in ((two.filtering, one.filtering), (two.smoothing, one.smoothing)):
+        sigma = np.sqrt(np.diagonal(expected, axis1=1, axis2=2))
+        apart = (found - expected) / (sigma[:, :, None] * sigma[:, None, :])
+        assert np.abs(apart).max() < 1e-9
+    alone = small_flight(own).bound
+    assert (np.trace(alone.filtering[:, :3, :3], axis1=1, axis2=2)
+            > 1.1 * np.trace(two.filtering[:, :3, :3], axis1=1, axis2=2)).all()  # fmt: skip
+
+
+# The file.
+
+
+def test_a_case_and_a_sweep_change_further_sensors_by_dotted_keys():
+    """As they change any table; a case may also be the one that takes a sensor on board."""
+    text = SMALL + ('[further.stern]\nkind = "gnss"\nperiod_s = 2.0\nposition_noise_m = 2.0\n')
+    document = tomllib.loads(text)
+    document["case"][1]["further"] = {
+        "stern": {"position_noise_m": 3.0},
+        "bow": {"kind": "barometer", "period_s": 1.0, "noise_m": 1.0},
+    }
+    first, second = scenario.parse(document, "small", "small").cases[:2]
+    assert dict(first.further)["stern"].position_noise_m == 2.0
+    assert dict(second.further)["stern"].position_noise_m == 3.0
+    assert list(dict(second.further)) == ["bow", "stern"]
+    document = tomllib.loads(text)
+    axis = {"name": "noise", "label": "noise", "values": [1.0, 4.0]}
+    for key in ("further.stern.position_noise_m", "model.further.stern.position_noise_m"):
+        document["sweep"] = {"axis": [axis | {"key": key}]}
+        swept = scenario.parse(dict(document), "small", "small").cases[:2]
+        found = [dict(case.side("model").further)["stern"].position_noise_m for case in swept]
+        assert found == [1.0, 4.0]
+
+
+def test_a_case_with_further_sensors_is_the_same_whatever_way_it_is_written():
+    """Order, defaults written out, and what a side changes in nothing make no other case."""
+    case = small_case(SEVERAL)
+    other = small_case(
+        dict(reversed(SEVERAL.items()))
+        | {"further.bow_2.position_noise_m": 1.0, "truth.further.stern.dropout_share": 0.0}
+    )
+    assert other != case  # a position besides
+    same = small_case(
+        dict(reversed(SEVERAL.items()))
+        | {
+            "further.sea_level.bias_m": 2,
+            "further.water_track.components": ["x", "y"],
+            "truth.further.stern.dropout_share": 0.0,
+        }
+    )
+    assert (same, hash(same), same.content_hash) == (case, hash(case), case.content_hash)
+    assert checked(case) == case
+    assert case.content_hash != small_case().content_hash
+    hashes = {
+        small_case(SEVERAL | {key: value}).content_hash
+        for key, value in (
+            ("further.stern.position_noise_m", 2.5),
+            ("truth.further.stern.position_noise_m", 2.5),
+            ("model.further.stern.position_noise_m", 2.5),
+        )
+    }
+    assert len({case.content_hash, *hashes}) == 4
+
+
+def test_names_of_tables_and_states_are_taken():
+    """Every table of a case and of a recorded flight: a sensor's file is called by its name."""
+    tables = {*CaseSpec.model_fields, *FlightSpec.model_fields}
+    assert tables <= RESERVED
+    states = {block.name.removesuffix(" bias") for block in small_flight().model.layout}
+    assert {name for name in states if " " not in name} <= RESERVED
+
+
+def test_odd_values_and_situations_are_those_of_further_sensors_too():
+    odd = small_case(SEVERAL | {"further.water_track.noise_mps": 50.0})
+    assert [key for key, *_ in oddities.odd_values(odd)] == ["further.water_track.noise_mps"]
+    for sensor, situation in (("stern", "outage"), ("sea_level", "readings")):
+        case = small_case(SEVERAL | {f"truth.further.{sensor}.dropout_share": 0.5})
+        assert situations.situation_of(case, "gains") == situation
+
+
+BAR = {"further.x.kind": "barometer", "further.x.period_s": 1.0, "further.x.noise_m": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"further.x.period_s": 1.0}, 'further.x: kind is missing; allowed: "gnss", '),
+        (STERN | {"further.stern.kind": "gps"}, "further.stern: kind is 'gps'; allowed: \"gnss\""),
+        (STERN | {"further.stern.kind": 3}, "further.stern: kind is 3; allowed"),
+        (STERN | {"further.stern.kind": ["gnss"]}, r"further.stern: kind is \['gnss'\]; allowed"),
+        ({"further.x.kind": "gradiometer"}, "further.x: kind .*; a flight has one gradiometer"),
+        ({"further.x": 3}, "further.x: is 3 and must be a table of keys"),
+        ({"further": 3}, "further is 3 and must be a table of keys"),
+        ({"further.x.kind": "gnss"}, "'further.x.period_s' is missing"),
+        ({"further.x": {"kind": "gnss", "period_s": 1.0}}, "further.x: give position_noise_m"),
+        (BAR | {"further.x.position_noise_m": 1.0},
+         "unknown key 'further.x.position_noise_m'.*; known: noise_m, bias_m, bias_time_s, period"),
+        (BAR | {"further.x.noise_m": -1.0}, "further.x.noise_m is -1.0 and must lie between"),
+        (BAR | {"further.x.noise_m": "1 m"}, "further.x.noise_m is '1 m' and must be a plain num"),
+        (BAR | {"further.x.period_s": 0.33}, r"further.x.period_s \(0.33 s\) must be a whole mult"),
+        (BAR | {"further.X": {"kind": "barometer", "period_s": 1.0, "noise_m": 1.0}},
+         "further: X and x differ in capitals alone"),
+        *(({f"further.{name}": {"kind": "barometer", "period_s": 1.0, "noise_m": 1.0}}, said)
+          for name, said in (("9x", "further.9x: the name .* begin with a letter"),
+                             ("a-b", "further.a-b: the name .* underscores"),
+                             ("é", "without accents"),
+                             ("x\n", "the name of a further sensor must"),
+                             ("", "the name of a further sensor must"),
+                             ("x" * 31, "at most 30 characters"),
+                             ("gnss", "further.gnss: .* this one is taken"),
+                             ("IMU", "further.IMU: .* this one is taken"),
+                             ("gyro", "further.gyro: .* this one is taken"))),
+        ({"truth.further.x.dropout_share": 0.1},
+         "truth.further.x changes a sensor that is not on board"),
+        (BAR | {"model.further.y.noise_m": 0.1},
+         "model.further.y changes a sensor that is not on board"),
+        (BAR | {"truth.further.x.noise_mps": 1.0}, "unknown key 'truth.further.x.noise_mps'"),
+        (BAR | {"model.further.x.dropout_share": 0.1}, "unknown key 'model.further.x.dropout_"),
+        (BAR | {"model.further.x.kind": "gnss"},
+         "model.further.x.kind is 'gnss', and further.x.kind 'barometer'"),
+        (BAR | {"truth.further.x": 3}, "truth.further.x: is 3 and must be a table of keys"),
+        (BAR | {"truth.further": 3}, "truth.further is 3 and must be a table of keys"),
+        (BAR | {"truth.further.x.outlier_share": 0.1},
+         "truth.further.x: outlier_share and outlier_m go together"),
+        (STERN | {"further.stern.velocity_noise_mps": 1.0, "truth.further.stern.outlier_m": 1.0},
+         "truth.further.stern: outlier_share and outlier_m or outlier_mps go together"),
+        ({key.replace("gravimeter", "further.x"): x for key, x in GRAVIMETER.items()}
+         | {"further.x.kind": "gravimeter"}, "further.x needs a map"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_is_refused_with_a_sentence(changes, said):
+    """It names the table and the key."""
+    with pytest.raises(GGBenchError, match=said) as caught:
+        small_case(changes)
+    assert "pydantic" not in str(caught.value)
