@@ -14,7 +14,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 FLOORS = (
     ("errors",),
-    ("numerics",),
+    ("files", "numerics"),
     ("gravity", "problem"),
     ("ins", "maps", "sensors"),
     ("trajectory", "block"),

@@ -7,11 +7,9 @@ by layer, never held in memory as a whole, and the same map always gives the sam
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
 import math
-import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -21,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..files import written_whole
 from ..gravity.ellipsoid import FLATTENING, SEMI_MAJOR_AXIS
 from ..gravity.gradient_map import GradientMap, MapError
 from ..numerics.source import VERSION
@@ -107,33 +106,8 @@ def write_layers(
     MapError
         If the file cannot be written.
     """
-    with written_whole(path) as temporary:
+    with written_whole(path, MapError, "the map ") as temporary:
         _write(temporary, nodes, layers, attributes, dtype, compression)
-        temporary.chmod(0o644)
-
-
-@contextlib.contextmanager
-def written_whole(path: Path) -> Iterator[Path]:
-    """Yield where to write the file of a map, which takes its place in one stroke or not at all.
-
-    Raises
-    ------
-    MapError
-        If it cannot be written.
-    """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".tmp", delete=False) as file:
-            temporary = Path(file.name)
-        try:
-            yield temporary
-            temporary.replace(path)
-        except BaseException:
-            temporary.unlink()
-            raise
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise MapError(f"cannot write the map {path}: {reason}") from None
 
 
 def write(path: Path, gradient_map: GradientMap, dtype: str = "float64") -> None:

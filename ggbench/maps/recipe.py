@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ..files import written_whole
 from ..gravity.ellipsoid import SEMI_MAJOR_AXIS
 from ..gravity.gradient_map import GradientMap, MapError
 from ..numerics.cache import alone, cache_folder
@@ -352,5 +353,5 @@ def write(path: Path | str, gradient_map: GradientMap) -> None:
 
 
 def _write_archive(path: Path, gradient_map: GradientMap) -> None:
-    with netcdf.written_whole(path) as temporary, temporary.open("wb") as file:
+    with written_whole(path, MapError, "the map ") as temporary, temporary.open("wb") as file:
         np.savez(file, allow_pickle=False, **vars(gradient_map))

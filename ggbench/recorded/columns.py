@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import GGBenchError
+from ..files import written_whole
 from ..spec.flight import FlightError
 from ..trajectory.csv_text import CsvText
 
@@ -202,16 +201,5 @@ def write_text(path: Path, text: str) -> None:
     FlightError
         If it cannot be written.
     """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        try:
-            with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
-                file.write(text)
-            Path(name).chmod(0o644)
-            Path(name).replace(path)
-        except BaseException:
-            Path(name).unlink(missing_ok=True)
-            raise
-    except OSError as error:
-        raise FlightError(f"cannot write {path}: {error.strerror or error}") from None
+    with written_whole(path, FlightError) as temporary:
+        temporary.write_text(text, encoding="utf-8", newline="\n")

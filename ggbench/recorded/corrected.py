@@ -51,9 +51,7 @@ def corrected(problem: Problem, estimate: Estimate, start: float = 0.0) -> dict[
         raise EstimateError("the problem has no track of an INS that could be corrected")
     mean, cov = _arrays(problem, estimate)
     track = problem.track
-    positions, velocities, attitudes = corrected_motion(
-        Motion(track.positions, track.velocities, track.attitudes), mean
-    )
+    positions, velocities, attitudes = corrected_motion(Motion.of(track), mean)
     angles = np.degrees(angles_of(attitudes))
     places = np.hstack([np.degrees(positions[:, :2]), positions[:, 2:]])
     values = np.hstack([places, velocities, angles, _sigmas(mean, cov)])

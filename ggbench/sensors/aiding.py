@@ -13,7 +13,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
@@ -31,12 +31,26 @@ _NO_FAULTS = Faults()
 _GRAVITY = ("east", "north", "scalar")
 
 
+class _Track(Protocol):
+    @property
+    def positions(self) -> np.ndarray: ...
+    @property
+    def velocities(self) -> np.ndarray: ...
+    @property
+    def attitudes(self) -> np.ndarray: ...
+
+
 class Motion(NamedTuple):
     """Positions [rad, rad, m], velocities ENU [m/s] (..., K, 3) and C_nb (..., K, 3, 3)."""
 
     positions: np.ndarray
     velocities: np.ndarray
     attitudes: np.ndarray
+
+    @classmethod
+    def of(cls, track: _Track) -> Motion:
+        """Return that of a track, indicated or true."""
+        return cls(track.positions, track.velocities, track.attitudes)
 
 
 class About(NamedTuple):

@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 
-from ..errors import GGBenchError
-from ..gravity.ellipsoid import EOTVOS
 from ..gravity.field import DisturbanceMap, Field
 from ..ins.adjoint import Noise, noise_roots
 from ..ins.error_model import (
@@ -23,35 +21,27 @@ from ..ins.error_model import (
     add_bias_decay,
     noise_psd,
 )
-from ..ins.imu import Imu, SensorErrors
+from ..ins.imu import Imu
 from ..ins.known_gravity import NO_MAP, NORMAL_GRAVITY, KnownGravity, receive_all
 from ..ins.strapdown import altimeter_gains
 from ..ins.system_matrix import DISTANCE, STATES, sparse
 from ..ins.transitions import delayed_rows_lanes, transitions_lanes
 from ..numerics.lanes import in_lanes
 from ..problem import Channel, StateBlock
-from ..sensors.aiding import MGAL, AidingSensor, Motion
-from ..sensors.gradiometer.faults import Faults
-from ..sensors.gradiometer.instrument import Gradiometer, noise_rms, parse_components
-from ..sensors.gradiometer.lowpass import LowPass, Prefilter, prefilter
-from ..sensors.gradiometer.rotating import RotatingGradiometer, channel_noise_eotvos
-from ..sensors.gradiometer.spinning_disks import DISK_CHANNELS, SpinningDisks
+from ..sensors.aiding import AidingSensor, Motion
+from ..sensors.gradiometer.instrument import Gradiometer
+from ..sensors.gradiometer.lowpass import Prefilter, prefilter
 from ..spec.case import CaseSpec
 from ..spec.sensors import (
     AltimeterSpec,
     DisturbanceSpec,
-    GradiometerSpec,
-    ImuSpec,
     Side,
-    TrueGradiometer,
     TrueImu,
     TruthSpec,
 )
 from .aiding import on_board
+from .instruments import GravityState, gradiometer_of, gravity_state, imu_of
 
-STANDARD_GRAVITY = 9.80665
-"""The g of accelerometer data sheets [m/s²]."""
-_MICRO_G = 1e-6 * STANDARD_GRAVITY
 _LAYOUT = (
     StateBlock("position error ENU", POSITION, "m"),
     StateBlock("velocity error ENU", VELOCITY, "m/s"),
@@ -59,28 +49,6 @@ _LAYOUT = (
     StateBlock("gyro bias", GYRO_BIAS, "rad/s"),
     StateBlock("accelerometer bias", ACCELEROMETER_BIAS, "m/s²"),
 )
-
-
-class GravityState(NamedTuple):
-    """The gravity that the INS does not know, as a state.
-
-    Attributes
-    ----------
-    sizes : σ ENU [m/s²]. distance : D of its correlation [m].
-    walk : root PSD of what is left, where gradients are integrated, for each m/s [s⁻¹˙⁵]: the
-        readings' noise [s⁻²] times the root of the time between them; None where they are not.
-    """
-
-    sizes: tuple[float, float, float]
-    distance: float
-    walk: float | None = None
-
-    @property
-    def driven(self) -> tuple[float, ...]:
-        """What drives it, see :class:`ggbench.ins.adjoint.Noise`."""
-        if self.walk is not None:
-            return (self.walk,) * 3
-        return tuple(math.sqrt(2.0) * size for size in self.sizes)
 
 
 @dataclass(frozen=True)
@@ -392,111 +360,8 @@ def equipment_of(
         gains = altimeter_gains(altimeter.time_constant_s)
         damping = gains, altimeter.noise_m_per_sqrt_hz**2
     errors = TrueImu() if truth is None else truth.imu
-    gradiometer = None if side.gradiometer is None else _gradiometer(side.gradiometer)
+    gradiometer = None if side.gradiometer is None else gradiometer_of(side.gradiometer)
     return Equipment(
-        _imu(side.imu, errors), gradiometer, on_board(side, truth), side, damping,
-        _disturbance(disturbance, gradiometer, side), compensates,
+        imu_of(side.imu, errors), gradiometer, on_board(side, truth), side, damping,
+        gravity_state(disturbance, gradiometer, side), compensates,
     )  # fmt: skip
-
-
-def _disturbance(
-    spec: DisturbanceSpec | None, gradiometer: Gradiometer | None, side: Side
-) -> GravityState | None:
-    """Return the gravity that the INS does not know, if it is a state."""
-    if spec is None:
-        return None
-    horizontal = spec.horizontal_mgal / MGAL
-    vertical = horizontal if spec.vertical_mgal is None else spec.vertical_mgal / MGAL
-    walk = None
-    if spec.integrate_gradients:
-        assert gradiometer is not None and side.gradiometer is not None  # the specification checks
-        if not gradiometer.whole:
-            raise GGBenchError(
-                "disturbance.integrate_gradients needs a gradiometer that tells the whole tensor, "
-                f"and {', '.join(gradiometer.components)} leave some of it open"
-            )
-        walk = EOTVOS * gradiometer.noise_eotvos * math.sqrt(side.gradiometer.period_s)
-    sizes = horizontal, horizontal, vertical
-    return GravityState(sizes, 1e3 * (spec.distance_km or math.inf), walk)
-
-
-def _imu(spec: ImuSpec, errors: TrueImu) -> Imu:
-    def triad(scale_factor_ppm: float, misalignment_arcmin: float) -> SensorErrors:
-        return SensorErrors(1e-6 * scale_factor_ppm, math.radians(misalignment_arcmin / 60.0))
-
-    return Imu(
-        gyro_bias=math.radians(spec.gyro_bias_deg_per_h) / 3600.0,
-        accelerometer_bias=spec.accelerometer_bias_ug * _MICRO_G,
-        gyro_root_psd=math.radians(spec.gyro_noise_deg_per_sqrt_h) / 60.0,
-        accelerometer_root_psd=spec.accelerometer_noise_ug_per_sqrt_hz * _MICRO_G,
-        fixed_biases=spec.biases == "fixed",
-        gyro_bias_time=spec.gyro_bias_time_s or math.inf,
-        accelerometer_bias_time=spec.accelerometer_bias_time_s or math.inf,
-        gyro_errors=triad(errors.gyro_scale_factor_ppm, errors.gyro_misalignment_arcmin),
-        accelerometer_errors=triad(
-            errors.accelerometer_scale_factor_ppm, errors.accelerometer_misalignment_arcmin
-        ),
-    )
-
-
-def _gradiometer(spec: GradiometerSpec) -> Gradiometer:
-    rate = 1.0 / spec.period_s
-    noise = spec.noise_eotvos
-    if spec.noise_density_eotvos_per_sqrt_hz is not None:
-        noise = noise_rms(spec.noise_density_eotvos_per_sqrt_hz, rate)
-    elif noise is None:
-        assert spec.rotating is not None  # the scenario checks it
-        assert spec.rotating.accelerometer_noise_ng_per_sqrt_hz is not None
-        root_psd = 1e-3 * _MICRO_G * spec.rotating.accelerometer_noise_ng_per_sqrt_hz
-        noise = channel_noise_eotvos(_disk(spec), root_psd)
-    lowpass = None
-    if spec.filter == "butterworth":
-        lowpass = LowPass(spec.filter_order, spec.filter_cutoff_hz, rate)
-    return Gradiometer(
-        noise, lowpass, channel_names(spec), spec.instrument, spec.bias_eotvos,
-        spec.drift_eotvos_per_sqrt_h / 60.0, spec.noise_behind_filter_eotvos,
-    )  # fmt: skip
-
-
-def channel_names(spec: GradiometerSpec) -> tuple[str, ...]:
-    """Return the names of an instrument's channels, in the standard order."""
-    if spec.rotating is None:
-        return parse_components(spec.components)
-    return parse_components([name for a in spec.rotating.spin_axes for name in DISK_CHANNELS[a]])
-
-
-def _disk(spec: GradiometerSpec) -> RotatingGradiometer:
-    assert spec.rotating is not None
-    return RotatingGradiometer(spec.rotating.baseline_m, spec.rotating.rotation_hz, spec.period_s)
-
-
-def spinning_disks(case: CaseSpec) -> SpinningDisks | None:
-    """Return the disks of a rotating instrument whose imperfections a case gives, else None."""
-    spec, errors = case.gradiometer, case.truth.gradiometer.rotating
-    if spec is None or spec.rotating is None or errors is None:
-        return None
-    return SpinningDisks(
-        instrument=_disk(spec),
-        spin_axes=spec.rotating.spin_axes,
-        scale_factor=1e-6 * errors.scale_factor_ppm,
-        scale_factor_mismatch=1e-6 * errors.scale_factor_mismatch_ppm,
-        baseline=1e-6 * errors.baseline_error_ppm,
-        misalignment=math.radians(errors.misalignment_arcmin / 60.0),
-        demodulation_phase=math.radians(errors.demodulation_phase_arcmin / 60.0),
-        rotation_rate=1e-6 * errors.rotation_rate_error_ppm,
-        vibration=errors.vibration_mps2,
-    )
-
-
-def faults(spec: TrueGradiometer) -> Faults:
-    """Return the errors of the true gradiometer beyond noise and biases."""
-    return Faults(
-        scale_factor=1e-6 * spec.scale_factor_ppm,
-        misalignment=math.radians(spec.misalignment_arcmin / 60.0),
-        outlier_share=spec.outlier_share,
-        outlier=spec.outlier_eotvos,
-        dropout_share=spec.dropout_share,
-        dropouts=tuple((start, end) for start, end in spec.dropouts_s),
-        clock=spec.clock_error_s,
-        jitter=spec.timing_jitter_s,
-    )

@@ -28,9 +28,10 @@ from ..trajectory.manoeuvres import TrajectoryError
 from ..trajectory.truth import Trajectory, along, fly
 from .aiding import aiding_about
 from .bound import Bound, posterior_bound
-from .equipment import Equipment, equip, faults, spinning_disks
+from .equipment import Equipment, equip
 from .field_source import make_field
 from .formulation import Schedule, integrated_gravity, require_short_delays
+from .instruments import faults, spinning_disks
 
 
 @dataclass(frozen=True)
@@ -234,7 +235,7 @@ class Flight:
         """
         truth, true = self.trajectory, self.true
         transition, process_cov = true.system(
-            Motion(truth.positions, truth.velocities, truth.attitudes), self.delta_velocities,
+            Motion.of(truth), self.delta_velocities,
             self.epochs, truth.dt, self.added_gravity(self.field),
         )  # fmt: skip
         rows = np.zeros((len(self.epochs), 6, STATES))

@@ -116,7 +116,7 @@ class Loop:
         assert problem.track is not None
         track = problem.track
         self._replay, self._problem = replay, problem
-        self._open = Motion(track.positions, track.velocities, track.attitudes)
+        self._open = Motion.of(track)
         self._first, self._state = 0, replay.recording.initial[0]
         self._mean, self._cov = problem.prior_mean, problem.prior_cov
         self._part = problem
@@ -177,9 +177,7 @@ class Loop:
         """
         track = self._part.track
         assert track is not None
-        corrected = corrected_motion(
-            Motion(track.positions, track.velocities, track.attitudes), mean
-        )
+        corrected = corrected_motion(Motion.of(track), mean)
         epochs = slice(self._first, self._first + len(mean))
         states = [np.reshape(array[epochs], (len(mean), -1)) for array in self._open]
         errors = np.empty((1, len(mean), FED_BACK))

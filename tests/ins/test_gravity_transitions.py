@@ -16,7 +16,8 @@ from ggbench.ins import error_model, strapdown
 from ggbench.ins.known_gravity import NORMAL_GRAVITY, KnownGravity, of_readings
 from ggbench.numerics.lanes import in_lanes
 from ggbench.sensors.aiding import Motion
-from ggbench.simulation.equipment import GravityState, equip
+from ggbench.simulation.equipment import equip
+from ggbench.simulation.instruments import GravityState
 from ggbench.trajectory.truth import Trajectory
 
 SIZES = (2e-4, 3e-4, 1e-4)
