@@ -9,7 +9,7 @@ from small_cases import GRAVIMETER, ON_BOARD, SEVERAL, rough_map, small_flight
 
 from ggbench.problem import Problem
 from ggbench.simulation.error_free_flight import prepare
-from ggbench.simulation.runs import Truth, simulate
+from ggbench.simulation.runs import Truth, simulate, simulate_block
 from ggbench.spec import scenario
 
 WHOLE = "closed-loop[interval_s=1e6]"
@@ -96,6 +96,29 @@ def test_the_readings_and_the_prior_are_those_of_the_problem(rough):
         assert max(deviation(estimate.mean, estimate.cov, first.mean, first.cov)) > 0.1
     apart = deviation(found[2].mean, found[2].cov, found[3].mean, found[3].cov)
     assert max(apart) < 1e-9
+
+
+def test_noise_of_each_epoch_is_that_of_the_epoch(rough):
+    """Behind a correction, too: a problem's R of the epochs that lie ahead."""
+    problem, _ = everything(rough)
+    growing = 1.0 + np.arange(problem.epochs)[:, np.newaxis, np.newaxis]
+    problem = changed(problem, noise_cov=growing * problem.noise_cov)
+    loop = problem.replay.start(problem)
+    first = loop.ahead(7)
+    states = np.zeros((8, problem.dimension))
+    loop.correct(states, np.tile(problem.prior_cov, (8, 1, 1)))
+    np.testing.assert_array_equal(first.noise_cov, problem.noise_cov[:8])
+    np.testing.assert_array_equal(loop.ahead(11).noise_cov, problem.noise_cov[8:12])
+
+
+def test_a_run_of_a_block_is_navigated_anew_from_its_own_readings(rough):
+    """The tenth of a block of ten, which is in another group than the first eight."""
+    flight = small_flight(ON_BOARD | {"gradiometer": None})
+    block, _ = simulate_block(flight, 1, range(10))
+    alone, _ = simulate(flight, 1, 9)
+    solve = estimator("closed-loop[interval_s=5]").estimate
+    found, expected = solve(block.problem(9), rng()), solve(alone, rng())
+    np.testing.assert_array_equal(found.mean, expected.mean)
 
 
 def test_a_heading_that_is_half_a_degree_wrong_does_no_harm_with_feedback():

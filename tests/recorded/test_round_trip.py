@@ -285,6 +285,29 @@ def test_rates_at_odd_times_lead_where_increments_do(tmp_path):
     assert np.abs(off * [6.4e6, 5.3e6, 1.0]).max() < 0.05
 
 
+def test_rates_that_change_are_straight_lines_between_their_rows(tmp_path):
+    """A force that grows by 0.02 m/s³: the velocities of exact increments, to 1e-9 m/s.
+
+    Rates held to the next row, or from the one before, would be 0.01 m/s off.
+    """
+    found = {}
+    for kind in ("increments", "rates"):
+        path = recorded(tmp_path / kind, GNSS_ONLY)
+        table = table_of(path.parent / "imu.csv")
+        dt = table.time_s[0]
+        first, slope = table.to_numpy()[0, 1:] / dt, np.array([0.0, 0.0, 0.0, 0.02, -0.02, 0.0])
+        times = np.concatenate([[0.0], table.time_s])
+        summed = np.outer(times, first) + 0.5 * np.outer(times**2, slope)
+        values, names = np.column_stack([times[1:], np.diff(summed, axis=0)]), list(table)
+        if kind == "rates":
+            rates = first + np.outer(times, slope)
+            values, names = np.column_stack([times, rates]), ["time_s", *RATES]
+        edit_rows(path.parent / "imu.csv", lambda _, v=values, n=names: pd.DataFrame(v, columns=n))
+        found[kind] = gg.read_flight(path)[0].track.velocities
+    assert np.ptp(found["rates"], axis=0).max() > 1.0
+    np.testing.assert_allclose(found["rates"], found["increments"], rtol=0.0, atol=1e-9)
+
+
 def test_netcdf_is_taken_as_csv_is(tmp_path):
     """Variables of the same names; what is masked is missing."""
     netCDF4 = pytest.importorskip("netCDF4")
