@@ -51,6 +51,10 @@ agreement: $(INSTALLED)
 
 # One thread of linear algebra per process: more only get into each other's way.
 test test-long coverage agreement: export OPENBLAS_NUM_THREADS := 1
+# Bytecode of the tests is kept, wherever Python is told to leave none, and out of the folders:
+# to rewrite and compile them again costs each process five seconds.
+test test-long coverage agreement: export PYTHONDONTWRITEBYTECODE :=
+test test-long coverage agreement: export PYTHONPYCACHEPREFIX := $(CURDIR)/build/bytecode
 
 # A file's tests stay in one process, in their order: what they share is made once. One process more
 # than there are processors, for one or the other waits for what another one compiles.
