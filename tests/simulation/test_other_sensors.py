@@ -84,6 +84,21 @@ def test_biases_are_states_that_move_as_the_model_says(rough):
     np.testing.assert_allclose(np.sqrt(np.diag(problem.prior_cov)[15:]), [0.2, 0.2, 5.0, 0.5])
 
 
+def test_states_lie_one_behind_the_other(rough):
+    """Those of the INS, of gravity, and the biases of every sensor that has any."""
+    more = {
+        "gradiometer.bias_eotvos": 0.5,
+        "model.disturbance.horizontal_mgal": 20.0,
+        "field.gravity_disturbance": True,
+        "field.source": rough["field"]["source"],
+    }
+    problem, _ = simulate(small_flight(ON_BOARD | GRAVIMETER | more), 1, 0)
+    assert len(problem.layout) == 5 + 1 + 1 + 3
+    ends = [0, *(block.slice.stop for block in problem.layout)]
+    assert [block.slice.start for block in problem.layout] == ends[:-1]
+    assert ends[-1] == problem.dimension == 15 + 3 + 6 + 2 + 1 + 1
+
+
 def test_a_sensor_changes_no_random_number_of_the_others(rough):
     """The INS, the gradiometer and the receiver have the same errors with a log beside them."""
     fewer = {key: x for key, x in ON_BOARD.items() if not key.startswith("velocity_log")}
@@ -114,6 +129,14 @@ def test_the_model_may_know_a_sensor_wrongly():
     there = problem.present[:, at]
     errors = problem.measurements[there, at] + truth.error_state[there, 0]
     assert 25.0 < errors.std() < 100.0
+    # A bias that only the truth has is no state: those that there are stay what they are.
+    assert np.ptp(truth.error_state[:, 9:15], axis=0).max() == 0.0
+    height = places(problem, "barometer")[0]
+    left = [
+        problem.measurements[k, height] - problem.model.predict(k, truth.error_state[k])[height]
+        for k in np.flatnonzero(problem.present[:, height])
+    ]
+    assert abs(np.mean(left)) < 4.0 * 3.0 / np.sqrt(len(left))  # 3 m of noise, no bias
 
 
 def test_what_the_ins_indicates_and_the_map_are_told(rough):
