@@ -9,7 +9,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from problems import LinearModel, changed, deviation, estimator, exact, labels, rng
+from problems import (
+    LinearModel,
+    changed,
+    deviation,
+    estimator,
+    exact,
+    labels,
+    linear_problem,
+    rng,
+)
 from small_cases import GRAVIMETER, ON_BOARD, SEVERAL, rough_map, small_flight
 
 from ggbench.problem import Problem
@@ -155,6 +164,17 @@ def test_what_monte_carlo_estimators_need_is_there(combination, folder):
         by_hand = -0.5 * residual @ np.linalg.solve(cov, residual)
         by_hand -= 0.5 * np.linalg.slogdet(2.0 * np.pi * cov).logabsdet
         assert found[1, 2] == pytest.approx(by_hand, rel=1e-9)
+
+
+@pytest.mark.parametrize(("apart", "rank"), [(1e-6, 2), (0.0, 1)])
+def test_the_root_has_the_rank_of_the_noise(apart, rank):
+    """Two states whose noise differs by a millionth have two numbers; the same noise has one."""
+    problem = linear_problem(1)
+    noise = np.zeros_like(problem.process_cov)
+    noise[:, :2, :2] = np.array([[1.0, 2.0], [2.0, 4.0]]) + np.diag([0.0, 4.0 * apart])
+    root = changed(problem, process_cov=noise).noise_root(0)
+    assert root.shape == (problem.dimension, rank)
+    np.testing.assert_allclose(root @ root.T, noise[0], atol=1e-12)
 
 
 @pytest.mark.parametrize("label", ["ekf", "ukf", "factor-graph[mode=batch]", "gauss-newton"])
