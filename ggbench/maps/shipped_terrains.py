@@ -41,7 +41,13 @@ TERRAINS = {
         highest_height_m=3000.0,
         provenance="SRTM terrain (NASA) of 3 arc seconds around Jacksboro, Tennessee, its masses "
         "by Parker's series",
-    )
+    ),
+    "parallel_valleys": TerrainSource(
+        file="parallel_valleys_6arcsec.npz",
+        highest_height_m=3000.0,
+        provenance="a terrain that is made up, of nine parallel valleys and a hill, its masses by "
+        "Parker's series",
+    ),
 }
 """Terrains by the name that a recipe uses."""
 
