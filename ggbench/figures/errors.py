@@ -6,10 +6,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import NullFormatter
 
 from .looks import looks
-from .style import BOUND, INS, Drawing, styled, subplots
+from .style import BOUND, INS, Drawing, plain_numbers, styled, subplots
 
 AXES = ("east", "north", "up")
 
@@ -38,7 +37,7 @@ def error_over_time(
                     times, bound[:, row], color=BOUND, lw=0.9, ls=("-", ":", "--")[number % 3],
                     label=name,
                 )  # fmt: skip
-            _plain_numbers(axis)
+            plain_numbers(axis)
             if row == 0:
                 axis.set_title(title)
             else:
@@ -48,16 +47,6 @@ def error_over_time(
     handles, names = grid[0, 0].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside lower center", ncols=4)
     return figure
-
-
-def _plain_numbers(axis: Axes) -> None:
-    """Label a logarithmic y axis with plain numbers, between the decades too if there are few."""
-    low, high = axis.get_ylim()
-    axis.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    if np.floor(np.log10(high)) - np.ceil(np.log10(low)) < 1.0:  # fewer than two powers of ten
-        axis.yaxis.set_minor_formatter(lambda value, _: f"{value:g}")
-    else:
-        axis.yaxis.set_minor_formatter(NullFormatter())
 
 
 @styled()

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from .looks import looks
-from .style import BOUND, INS, Drawing, styled, subplots
+from .style import BOUND, INS, Drawing, plain_numbers, styled, subplots
 
 _MOST_POINTS = 2000
 """Points of a curve beyond which every so many are drawn: a flight may have a million."""
@@ -69,7 +69,7 @@ def deviations(times: np.ndarray, claimed: Mapping[str, np.ndarray]) -> Drawing:
             axes[row].semilogy(
                 times[::step], size[::step], color=look.color, ls=look.ls, lw=1.4, label=label
             )
-        axes[row].yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+        plain_numbers(axes[row])
         axes[row].set_ylabel(f"1σ of {unit}")
     axes[-1].set_xlabel("time since the start [s]")
     axes[0].legend()

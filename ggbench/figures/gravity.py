@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from .looks import looks
-from .style import BOUND, Drawing, styled, subplots
+from .style import BOUND, Drawing, plain_numbers, styled, subplots
 
 _ARCSECONDS = np.degrees(1.0) * 3600.0
 _MGAL = 1e5
@@ -17,6 +17,7 @@ _PANELS = (
     ("velocity [m/s]", ("east", "north", "up"), 1.0),
     ("attitude [″]", ("pitch", "roll", "heading"), _ARCSECONDS),
 )
+_DASHES = ("-", (0, (5, 2)), (0, (1, 1.5)), (0, (5, 1.5, 1, 1.5)))
 _COLOURS = ("tab:blue", "tab:orange", "tab:green")
 
 
@@ -80,14 +81,15 @@ def knowledge(times: np.ndarray, cases: Mapping[str, np.ndarray]) -> Drawing:
     """
     figure, axes = subplots(2, 2, figsize=(8.5, 5.5), sharex=True, sharey="row")
     for case, (title, values) in enumerate(cases.items()):
-        colour = f"C{case}"
+        # What hardly differs lies one on the other: dashes let both be seen.
+        look = {"color": f"C{case}", "ls": _DASHES[case % len(_DASHES)], "lw": 1.4}
         for column, name in enumerate(("east", "north")):
             top, bottom = axes[0, column], axes[1, column]
             sigma, correlation = _MGAL * values[:, 3 + column], np.abs(values[:, 6 + column])
-            top.semilogy(times / 3600.0, sigma, color=colour, lw=1.2, label=title)
-            bottom.plot(times / 3600.0, correlation, color=colour, lw=1.2)
+            top.semilogy(times / 3600.0, sigma, label=title, **look)
+            bottom.plot(times / 3600.0, correlation, **look)
             top.set_title(name)
-            top.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+            plain_numbers(top)
     axes[0, 0].set_ylabel("bound of σ [mGal]")
     axes[1, 0].set_ylabel("|correlation| with tilt")
     lines = axes[0, 0].get_lines()

@@ -13,7 +13,10 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib.style
+import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 from ..errors import GGBenchError
 
@@ -79,6 +82,16 @@ def subplots(
     """
     figure = Drawing(figsize=figsize, layout="constrained")
     return figure, figure.subplots(rows, columns, **options)
+
+
+def plain_numbers(axis: Axes) -> None:
+    """Label a logarithmic y axis with plain numbers, between the decades too if there are few."""
+    low, high = axis.get_ylim()
+    axis.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    if np.floor(np.log10(high)) - np.ceil(np.log10(low)) < 1.0:  # fewer than two powers of ten
+        axis.yaxis.set_minor_formatter(lambda value, _: f"{value:g}")
+    else:
+        axis.yaxis.set_minor_formatter(NullFormatter())
 
 
 def save(figure: Figure, path: Path) -> None:

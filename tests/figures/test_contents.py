@@ -7,9 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ggbench.figures import field, locking, map_components, stored, sweeps
+from ggbench.figures import field, flights, gravity, locking, map_components, stored, sweeps
 from ggbench.figures.locking import Panels, Series
 from ggbench.figures.numbers import short
+from ggbench.figures.style import styled
 from ggbench.maps.netcdf import TENSOR, Nodes
 from ggbench.spec.sweep import Axis
 
@@ -264,3 +265,25 @@ def test_curves_of_a_sweep_have_their_bounds_and_the_ins():
 def test_numbers_have_three_digits(value, text):
     """Three significant digits, all digits before the point; powers of ten at both ends."""
     assert short(value) == text
+
+
+@pytest.mark.parametrize("span", [(12.0, 40.0), (0.5, 4000.0)])
+def test_numbers_of_a_logarithmic_axis_are_plain(span):
+    """Within a decade, too, where Matplotlib labels in between: no mathematics is printed."""
+    values = np.geomspace(*span, 8)
+    sigmas = np.tile(1e-5 * values[:, np.newaxis], (1, 8))
+    with styled():
+        figures = [
+            gravity.knowledge(TIMES, {"a case": sigmas, "another": 1.1 * sigmas}),
+            flights.deviations(TIMES, {"ekf": np.tile(values[:, np.newaxis], (1, 6))}),
+        ]
+    for figure in figures:
+        figure.canvas.draw()
+        shown = [
+            label.get_text()
+            for axis in figure.axes
+            for which in ("major", "minor")
+            for label in axis.yaxis.get_ticklabels(which=which)
+        ]
+        assert any(shown)
+        assert not [text for text in shown if "$" in text]
