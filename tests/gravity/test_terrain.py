@@ -212,6 +212,25 @@ def test_jacksboro_lies_where_it_should(tmp_path):
     assert terrain.height_m.max() == pytest.approx(1077.0, abs=2.0)
 
 
+def test_parallel_valleys_are_alike_but_for_a_hill(tmp_path):
+    """The formula of the data's README; each valley is its neighbour, 3.15 km away."""
+    (tmp_path / "a.npz").write_bytes(data_bytes("parallel_valleys_6arcsec.npz"))
+    terrain = read_terrain(tmp_path / "a.npz")
+    latitude = terrain.latitudes_deg[:, np.newaxis]
+    north = (latitude - 45.135) * 111.1e3
+    metres = 111.3e3 * np.cos(np.radians(45.135))
+    depth = 250.0 + 60.0 * np.cos(2.0 * np.pi * north / 4300.0)
+    depth = depth + 40.0 * np.cos(2.0 * np.pi * north / 2700.0 + 1.0)
+    expected = np.full(terrain.height_m.shape, 800.0)
+    for centre in 7.02 + 0.04 * np.arange(9):
+        expected -= depth * np.exp(-(((terrain.longitudes_deg - centre) * metres / 600.0) ** 2))
+    east = (terrain.longitudes_deg - 7.18) * metres - 900.0
+    hill = 220.0 * np.exp(-(((north - 9000.0) / 800.0) ** 2) - (east / 800.0) ** 2)
+    np.testing.assert_allclose(terrain.height_m, expected + hill, atol=0.51)
+    away = np.abs(terrain.height_m[:, 24:] - terrain.height_m[:, :-24])
+    assert away[: len(latitude) // 2].max() <= 1.0 < 100.0 < away.max()
+
+
 def test_jacksboro_is_matplotlibs_sample(tmp_path):
     from matplotlib.cbook import get_sample_data
 
