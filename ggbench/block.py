@@ -165,7 +165,8 @@ class EstimateBlock:
     def estimate(self, run: int) -> Estimate:
         """Return the estimate of one run."""
         info = {name: values[run].item() for name, values in self.info.items()}
-        return Estimate(self.mean[run], self.cov[run], self.causality, self.lag, info)
+        nis = None if self.nis is None else self.nis[run]
+        return Estimate(self.mean[run], self.cov[run], self.causality, self.lag, info, nis)
 
 
 @dataclass(frozen=True)
@@ -200,6 +201,46 @@ class BlockEstimator(Estimator):
         if not isinstance(problem.model, CompiledModel):
             return _without_arrays(problem.model)
         return None
+
+
+@dataclass(frozen=True)
+class DrawingEstimator(BlockEstimator):
+    """Base of the estimators that take many runs at once and draw random numbers for each of them.
+
+    A run has a generator of its own, so that its estimate does not depend on which runs stand
+    beside it, nor on whether it came alone. Monte Carlo is not exact, unless a subclass says so.
+    """
+
+    @property
+    def exact(self) -> bool:
+        """Not exact: the answer scatters with the random numbers."""
+        return False
+
+    @abstractmethod
+    def estimate_block(
+        self, block: ProblemBlock, rngs: Sequence[np.random.Generator] = ()
+    ) -> EstimateBlock:
+        """Estimate the states of all runs of a block.
+
+        Parameters
+        ----------
+        block : R runs. rngs : a generator of each run, from which all its randomness comes.
+
+        Raises
+        ------
+        ValueError
+            If there are not as many generators as runs.
+        """
+
+    def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
+        """Estimate the states of a block of one run.
+
+        Raises
+        ------
+        TypeError
+            If the problem's model is no :class:`CompiledModel`.
+        """
+        return self.estimate_block(block_of(problem), (rng,)).estimate(0)
 
 
 def takes_blocks(estimator: Estimator) -> TypeGuard[BlockEstimator]:

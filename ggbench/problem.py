@@ -264,6 +264,15 @@ class Estimator(ABC):
     def causality(self) -> Causality:
         """Which measurements an estimate at time t may depend on."""
 
+    @property
+    def exact(self) -> bool:
+        """Whether a linear problem with Gaussian noises gets its exact answer.
+
+        That of the Kalman filter, or of the smoother of its causality, to rounding. Particles and
+        grids have theirs only in the limit.
+        """
+        return True
+
     @abstractmethod
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
         """Estimate the state at every epoch; all randomness comes from ``rng``."""

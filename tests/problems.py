@@ -35,6 +35,7 @@ def labels() -> list[str]:
         modes = [
             f"{name}[{key}={choice}]"
             for key, (annotation, _) in registry.parameters_of(cls).items()
+            if key != "resampling"  # a part with tests of its own, not a way to estimate
             if typing.get_origin(annotation) is typing.Literal
             for choice in typing.get_args(annotation)
         ]
@@ -121,6 +122,37 @@ def linear_problem(seed: int, epochs: int = 40, m: int = 2, period: float = 1.0)
         prior_cov=root @ root.T * sizes,
         model=LinearModel(rows / UNITS),
         layout=(StateBlock("moving", slice(0, 3), "mixed"), StateBlock("constant", CONSTANT, "1")),
+    )
+
+
+def noisy_problem(seed: int, epochs: int = 40, n: int = 3, m: int = 2) -> Problem:
+    """A random linear-Gaussian problem whose process noise has full rank, as Monte Carlo likes it.
+
+    States forget their past within a few epochs, and a reading is worth about as much as the
+    prediction.
+    """
+    rng = np.random.default_rng(seed)
+    transition, process_cov = np.empty((epochs, n, n)), np.empty((epochs, n, n))
+    rows = rng.normal(size=(epochs, m, n))
+    for k in range(epochs):
+        turn, _ = np.linalg.qr(rng.normal(size=(n, n)))
+        transition[k] = 0.9 * turn
+        spread = 0.5 * np.eye(n) + 0.1 * rng.normal(size=(n, n))
+        process_cov[k] = spread @ spread.T
+    x, measurements = rng.normal(size=n), np.empty((epochs, m))
+    for k in range(epochs):
+        x = transition[k] @ x + np.linalg.cholesky(process_cov[k]) @ rng.normal(size=n)
+        measurements[k] = rows[k] @ x + rng.normal(size=m)
+    return Problem(
+        times=np.arange(1.0, epochs + 1.0),
+        measurements=measurements,
+        noise_cov=np.eye(m),
+        transition=transition,
+        process_cov=process_cov,
+        prior_mean=np.zeros(n),
+        prior_cov=np.eye(n),
+        model=LinearModel(rows),
+        layout=(StateBlock("position", slice(0, n), "m"),),
     )
 
 

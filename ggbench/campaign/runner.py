@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from ..block import EstimateBlock, ProblemBlock, takes_blocks
+from ..block import DrawingEstimator, EstimateBlock, ProblemBlock, takes_blocks
 from ..errors import GGBenchError
 from ..judging import run_errors
 from ..problem import CountingModel, Estimate, Estimator, MeasurementModel, Problem
@@ -199,7 +199,8 @@ def _run_block(task: Task, pairs: Pairs, runs: Sequence[int]) -> Iterator[Starte
         cold = {"cold": _is_cold(label)}
         blanks = [blank(choice, run, task.seed) | cold for run in runs]
         try:
-            estimated = _estimate_block(block, choice)
+            rngs = [_estimator_rng(task.seed, run, choice) for run in runs]
+            estimated = _estimate_block(block, choice, rngs)
             results = _judged(blanks, key, task.case, truth, estimated, block.problem)
         except (Exception, SystemExit) as error:
             if len(runs) > 1:
@@ -311,8 +312,10 @@ def _evaluations(model: MeasurementModel) -> int:
     return model.evaluations if isinstance(model, CountingModel) else 0
 
 
-def _estimate_block(block: ProblemBlock, choice: Choice) -> Estimated:
-    """Let an estimator estimate several runs at once.
+def _estimate_block(
+    block: ProblemBlock, choice: Choice, rngs: Sequence[np.random.Generator]
+) -> Estimated:
+    """Let an estimator estimate several runs at once, with a generator for each if it draws.
 
     Raises
     ------
@@ -323,7 +326,10 @@ def _estimate_block(block: ProblemBlock, choice: Choice) -> Estimated:
     assert takes_blocks(estimator)  # run_task has asked
     with _own_surroundings():
         start = time.perf_counter()
-        estimate = estimator.estimate_block(block)
+        if isinstance(estimator, DrawingEstimator):
+            estimate = estimator.estimate_block(block, rngs)
+        else:
+            estimate = estimator.estimate_block(block)
         seconds = time.perf_counter() - start
     _require_declared(choice.estimator, estimate, EstimateBlock, "estimate_block")
     runs, epochs, n = block.runs, block.epochs, block.dimension

@@ -271,3 +271,65 @@ def test_time_series_are_kept_of_the_first_runs(many, tmp_path, monkeypatch):
     monkeypatch.setattr(scenario_report, "SERIES_RUNS", 3)
     text = scenario_report.write(results.folder, tmp_path / "reports").read_text()
     assert "the first 3 of 5 runs (tables are of all of them) against time" in text
+
+
+DICE = """
+from dataclasses import dataclass
+import numpy as np
+from ggbench.block import DrawingEstimator, EstimateBlock
+
+
+@dataclass(frozen=True)
+class Dice(DrawingEstimator):
+    sides: int = 6
+    name = "dice"
+    causality = "filter"
+
+    def estimate_block(self, block, rngs=()):
+        mean = np.zeros((block.runs, block.epochs, block.dimension))
+        cov = np.broadcast_to(block.prior_cov, (*mean.shape, block.dimension))
+        thrown = [rng.random() for _, rng in zip(range(block.runs), rngs, strict=True)]
+        info = {"map_evaluations": np.zeros(block.runs, dtype=int), "thrown": np.array(thrown)}
+        return EstimateBlock(mean, cov, "filter", info=info)
+"""
+
+
+@pytest.fixture
+def dice(tmp_path, monkeypatch) -> str:
+    """The file of an estimator that takes many runs at once and draws a number for each."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "dice.py").write_text(DICE)
+    return "dice.py"
+
+
+def thrown(results: Results, label: str) -> dict[tuple[str, int], float]:
+    """What each (case, run) has drawn."""
+    found = records(results).items()
+    return {(case, run): r["info"]["thrown"] for (case, name, run), r in found if name == label}
+
+
+def test_what_a_run_of_a_block_draws_depends_on_nothing_but_the_run(dice, tmp_path, monkeypatch):
+    """Seed, run and estimator alone choose a run's numbers: not its block, nor coming alone."""
+    whole = thrown(ran(tmp_path, "whole", labels=(dice,), runs=5), dice)
+    assert len(set(whole.values())) == 5  # of each run others; both cases fly with the same
+    monkeypatch.setattr(runner, "BLOCK_RUNS", 2)
+    assert thrown(ran(tmp_path, "pairs", labels=(dice,), runs=5), dice) == whole
+    choice = choose(dice)
+    problem, _ = simulate(runner.flight_of(small(tmp_path).cases[0]), 5, 3)
+    alone = choice.estimator.estimate(problem, runner._estimator_rng(5, 3, choice))
+    assert alone.info["thrown"] == whole["base", 3]
+    other = f"{dice}[sides=20]"
+    assert not set(thrown(ran(tmp_path, "other", labels=(other,), runs=5), other).values()) & set(
+        whole.values()
+    )
+
+
+def test_a_block_that_draws_asks_for_as_many_generators_as_runs(dice, tmp_path):
+    """A generator too few would be a run without randomness of its own."""
+    block, _ = runner._simulated_block(
+        runner.Task(small(tmp_path).cases[0], "", (0, 1), 5, ()), (0, 1)
+    )
+    estimator = choose(dice).estimator
+    assert not estimator.exact
+    with pytest.raises(ValueError, match="zip"):
+        estimator.estimate_block(block, [np.random.default_rng(0)])

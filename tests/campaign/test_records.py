@@ -324,7 +324,7 @@ def test_runs_of_a_block_share_its_time_and_keep_their_own_counts(monkeypatch):
     block, _ = simulate_block(small_flight(), 1, range(4))
     clock = SimpleNamespace(perf_counter=iter([0.0, 8.0]).__next__)
     monkeypatch.setattr(runner, "time", clock)
-    found = runner._estimate_block(block, registry.Choice("zeros", Zeros()))
+    found = runner._estimate_block(block, registry.Choice("zeros", Zeros()), [])
     assert found.seconds == 2.0
     assert list(found.evaluations) == [0, 1, 2, 3]
     assert list(found.info) == [{"steps": 7}, {"steps": 8}, {"steps": 9}, {"steps": 10}]

@@ -28,6 +28,7 @@ from problems import (
     graded,
     labels,
     linear_problem,
+    noisy_problem,
     rng,
     simulated,
     smoothed,
@@ -67,12 +68,10 @@ def skip_if_refused(label: str, problem: Problem) -> None:
         pytest.skip(reason)
 
 
-def draws_random_numbers(label: str, problem: Problem) -> bool:
-    """Whether the estimator takes anything from the generator it is given."""
-    generator = rng()
-    before = generator.bit_generator.state
-    estimator(label).estimate(problem, generator)
-    return generator.bit_generator.state != before
+def skip_unless_exact(label: str) -> None:
+    """Skip a test of exactness for estimators that are exact in a limit only."""
+    if not estimator(label).exact:
+        pytest.skip(f"{label} is not exact: statistics are asked of it instead")
 
 
 def test_the_two_ways_to_the_exact_answer_agree():
@@ -96,18 +95,18 @@ def test_exact_on_a_linear_gaussian_problem(label, epochs, m, seed):
     the same on each window, no aiding the propagated prior: mean and covariance to 1e-9 of the
     posterior's deviations, with constant states, singular process noise, states from 1e-8 to 1e3,
     a scalar measurement and a single epoch. A robust loss is tested in the limit in which it is
-    least squares; an estimator that draws random numbers is exempt.
+    least squares; an estimator that says it is not exact is asked for statistics, below.
     """
+    skip_unless_exact(label)
     problem = linear_problem(seed, epochs, m)
     estimate = solve(label, problem, gaussian=True)
-    if draws_random_numbers(label, problem):
-        pytest.skip(f"{label} is a Monte Carlo method: not exact")
     assert max(deviation(estimate.mean, estimate.cov, *exact(problem, estimate))) < 1e-9
 
 
 @each_estimator
 def test_exact_with_noise_that_is_singular_among_noisy_states(label):
     """Process noise may be singular along a mixture of states, not just in single ones (1e-9)."""
+    skip_unless_exact(label)
     generator = np.random.default_rng(5)
     problem = linear_problem(seed=5)
     roots = np.zeros((problem.epochs, 5, 2))
@@ -115,19 +114,35 @@ def test_exact_with_noise_that_is_singular_among_noisy_states(label):
     roots *= np.sqrt(np.diag(problem.prior_cov))[:, None]
     problem = changed(problem, process_cov=roots @ roots.transpose(0, 2, 1))
     estimate = solve(label, problem, gaussian=True)
-    if draws_random_numbers(label, problem):
-        pytest.skip(f"{label} is a Monte Carlo method: not exact")
     assert max(deviation(estimate.mean, estimate.cov, *exact(problem, estimate))) < 1e-9
 
 
 @each_estimator
 def test_exact_with_noise_that_differs_from_epoch_to_epoch(label):
     """A reading counts for as much as the noise that is told for its own epoch (1e-9)."""
+    skip_unless_exact(label)
     problem = graded(linear_problem(seed=6))
     estimate = solve(label, problem, gaussian=True)
-    if draws_random_numbers(label, problem):
-        pytest.skip(f"{label} is a Monte Carlo method: not exact")
     assert max(deviation(estimate.mean, estimate.cov, *exact(problem, estimate))) < 1e-9
+
+
+@each_estimator
+def test_near_the_exact_answer_where_noise_keeps_the_states_apart(label):
+    """What is not exact is near the exact answer on a linear problem whose noise has full rank.
+
+    The mean over 40 epochs within 0.3 posterior deviations rms of the Kalman filter's, deviations
+    within 30 %: a thousand particles that are resampled at half of their number have ESS of some
+    hundreds, so an error of 0.06, and fail less than once in a million seeds. Seeds are fixed.
+    """
+    if estimator(label).exact:
+        pytest.skip(f"{label} is exact, and held to that above")
+    problem = noisy_problem(seed=0)
+    estimate = solve(label, problem)
+    mean, cov = exact(problem, estimate)
+    variance = np.diagonal(cov, axis1=1, axis2=2)
+    assert np.sqrt(np.mean((estimate.mean - mean) ** 2 / variance)) < 0.3
+    ratio = np.diagonal(estimate.cov, axis1=1, axis2=2) / variance
+    assert np.abs(np.sqrt(np.mean(ratio, axis=0)) - 1.0).max() < 0.3
 
 
 @pytest.mark.parametrize(

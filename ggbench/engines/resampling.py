@@ -1,0 +1,158 @@
+"""Weights of particles, resampling and weighted moments: what all particle filters share.
+
+Weights are kept as logarithms: one reading of six channels may tell particles apart by factors of
+e^10000, of which no number between zero and one knows. Resampling replaces weighted particles by
+equally weighted ones, the heavy ones several times, and is unbiased: the expected number of copies
+of particle i is N W_i, whatever the method (Douc, Cappé & Moulines 2005). The methods differ in how
+far the number of copies scatters about that.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import numpy as np
+
+from ..numerics.kernels import compiled
+
+Resampling = Literal["systematic", "stratified", "residual"]
+FLOOR = 1e-14
+"""Least eigenvalue of a covariance in units of the prior's variances: what few particles leave."""
+
+
+@compiled
+def normalise(log_weights: np.ndarray, weights: np.ndarray) -> float:
+    """Fill weights (N,) that add up to one from log weights (N,); return ln Σ exp of those.
+
+    What is no number weighs nothing. Where nothing weighs anything, or something infinitely much,
+    all weights are equal and −∞ is returned: the reading tells nothing apart.
+    """
+    count = log_weights.shape[0]
+    largest = -math.inf
+    for i in range(count):
+        if log_weights[i] > largest:  # false for NaN
+            largest = log_weights[i]
+    if math.isinf(largest):
+        for i in range(count):
+            weights[i] = 1.0 / count
+        return -math.inf
+    total = 0.0
+    for i in range(count):
+        value = math.exp(log_weights[i] - largest)
+        weights[i] = 0.0 if math.isnan(value) else value
+        total += weights[i]
+    for i in range(count):
+        weights[i] /= total
+    return largest + math.log(total)
+
+
+@compiled
+def effective_size(weights: np.ndarray) -> float:
+    """Return the effective sample size 1 / ΣW² of weights (N,) that add up to one: 1 to N."""
+    total = 0.0
+    for i in range(weights.shape[0]):
+        total += weights[i] * weights[i]
+    return 1.0 / total
+
+
+@compiled
+def strata(weights: np.ndarray, places: np.ndarray, ancestors: np.ndarray) -> None:
+    """Fill which particle (M,) has each of the quantiles (j + places[j or 0]) / M, j = 0..M−1.
+
+    Parameters
+    ----------
+    weights : (N,) that add up to one.
+    places : within 0 to 1; (1,) for systematic resampling (Carpenter, Clifford & Fearnhead 1999),
+        where all quantiles move together, (M,) for stratified resampling (Kitagawa 1996).
+    ancestors : (M,) output, in ascending order; int64.
+    """
+    count, i, reached = ancestors.shape[0], 0, weights[0]
+    last = weights.shape[0] - 1
+    while last > 0 and weights[last] == 0.0:
+        last -= 1  # where rounding ends the sum below the last quantile, that one is not chosen
+    for j in range(count):
+        quantile = (j + places[min(j, places.shape[0] - 1)]) / count
+        while reached <= quantile and i < last:
+            i += 1
+            reached += weights[i]
+        ancestors[j] = i
+
+
+@compiled
+def residues(weights: np.ndarray, places: np.ndarray, ancestors: np.ndarray) -> None:
+    """Fill ancestors (M,) by residual resampling (Liu & Chen 1998), in ascending order.
+
+    Of each particle the whole part of M W_i copies; the others are drawn one by one with the
+    probabilities of what is left.
+
+    Parameters
+    ----------
+    weights, ancestors : as in :func:`strata`. places : (M,) uniform numbers between 0 and 1.
+    """
+    size, count = weights.shape[0], ancestors.shape[0]
+    copies, left = np.empty(size, dtype=np.int64), np.empty(size)
+    whole, total = 0, 0.0
+    for i in range(size):
+        copies[i] = int(count * weights[i])
+        whole += copies[i]
+        total += count * weights[i] - copies[i]
+        left[i] = total
+    for j in range(count - whole):
+        chosen = np.searchsorted(left, places[j] * total, side="right")
+        copies[min(chosen, size - 1)] += 1
+    j = 0
+    for i in range(size):
+        for _ in range(copies[i]):
+            if j < count:
+                ancestors[j] = i
+                j += 1
+
+
+@compiled
+def unique(ancestors: np.ndarray) -> int:
+    """Return how many different particles there are among ancestors (N,) in ascending order."""
+    count = 1
+    for j in range(1, ancestors.shape[0]):
+        if ancestors[j] != ancestors[j - 1]:
+            count += 1
+    return count
+
+
+def resample(
+    kind: Resampling, weights: np.ndarray, rng: np.random.Generator, count: int | None = None
+) -> np.ndarray:
+    """Return which particles (M,), in ascending order, go on instead of those of weights (N,).
+
+    The weights add up to one; those of the particles that go on are equal. M is ``count``, or N.
+    """
+    ancestors = np.empty(len(weights) if count is None else count, dtype=np.int64)
+    if kind == "residual":
+        residues(weights, rng.random(len(ancestors)), ancestors)
+    else:
+        strata(weights, rng.random(1 if kind == "systematic" else len(ancestors)), ancestors)
+    return ancestors
+
+
+def moments(weights: np.ndarray, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return mean (n,) and covariance (n, n) of states (N, n) with weights (N,) that sum to one."""
+    mean = weights @ states
+    away = states - mean
+    away *= np.sqrt(weights)[:, np.newaxis]
+    return mean, away.T @ away  # of a matrix with itself: half the work
+
+
+def repaired(cov: np.ndarray, prior_cov: np.ndarray) -> tuple[np.ndarray, bool]:
+    """Return a covariance (n, n) that is positive definite, and whether it had to be made so.
+
+    Fewer particles than states, or copies of one, have none: eigenvalues below :data:`FLOOR`, in
+    units of the prior's variances (n, n), are set to that.
+    """
+    scale = np.sqrt(np.diag(prior_cov))
+    values, vectors = np.linalg.eigh(cov / np.outer(scale, scale))
+    # Rounding in a product of three matrices must not undo it.
+    floor = max(FLOOR, 8.0 * len(values) * np.finfo(float).eps * values[-1])
+    if values[0] >= floor:
+        return 0.5 * (cov + cov.T), False
+    root = scale[:, np.newaxis] * vectors * np.sqrt(np.maximum(values, floor))
+    return root @ root.T, True
