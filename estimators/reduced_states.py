@@ -11,10 +11,10 @@ The other states keep their prior, so that the estimate can be judged beside tho
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -27,21 +27,18 @@ from .point_mass import PointMass
 from .ukf import UnscentedKalmanFilter
 from .unscented_particle import UnscentedParticle
 
-FILTERS: Mapping[str, tuple[int, Callable[[int], Estimator]]] = MappingProxyType(
+FILTERS: Mapping[str, Estimator] = MappingProxyType(
     {
-        "ekf": (0, lambda count: ExtendedKalmanFilter()),
-        "ukf": (0, lambda count: UnscentedKalmanFilter(points="cubature")),
-        "gaussian-sum": (0, lambda count: GaussianSum()),
-        "point-mass": (0, lambda count: PointMass()),
-        "gaussian-particle": (3000, lambda count: GaussianParticle(particles=count)),
-        "unscented-particle": (100, lambda count: UnscentedParticle(particles=count)),
-        "strong-tracking": (
-            100,
-            lambda count: UnscentedParticle(particles=count, strong_tracking=True),
-        ),
+        "ekf": ExtendedKalmanFilter(),
+        "ukf": UnscentedKalmanFilter(points="cubature"),
+        "gaussian-sum": GaussianSum(),
+        "point-mass": PointMass(),
+        "gaussian-particle": GaussianParticle(particles=3000),
+        "unscented-particle": UnscentedParticle(particles=100),
+        "strong-tracking": UnscentedParticle(particles=100, strong_tracking=True),
     }
 )
-"""The filters: their usual number of particles, 0 for none, and how one is made of it."""
+"""The filters, with their usual numbers of particles."""
 
 
 @dataclass(frozen=True)
@@ -58,12 +55,14 @@ class ReducedStates(Estimator):
         [m²/s³] of ``motion``, of the velocity [m²/s] of ``position``; 0 for none.
     particles : of a filter that has any; if not given, 3000 of ``gaussian-particle`` and 100 of the
         unscented ones.
+    beta : β of ``strong-tracking``; if not given, 1.
     """
 
     filter: str = "ekf"
     states: Literal["motion", "position"] = "motion"
     noise: float = 1e-3
     particles: int | None = None
+    beta: float | None = None
 
     name = "reduced"
 
@@ -83,8 +82,10 @@ class ReducedStates(Estimator):
             return f"filter must be one of {', '.join(FILTERS)}, and is {self.filter}"
         if not 0.0 <= self.noise < np.inf:
             return f"noise must be 0 or more and finite, and is {self.noise:g}"
-        if self.particles is not None and not FILTERS[self.filter][0]:
+        if self.particles is not None and "particles" not in vars(FILTERS[self.filter]):
             return f"{self.filter} has no particles"
+        if self.beta is not None and self.filter != "strong-tracking":
+            return f"{self.filter} has no beta: filter=strong-tracking has one"
         blocks = {block.name for block in problem.layout}
         if not horizontal(problem, self.states == "motion") or len(blocks) < 2:
             return "the problem has no position and velocity errors among other states"
@@ -101,5 +102,6 @@ class ReducedStates(Estimator):
         return reduced(problem, horizontal(problem, motion), noise)
 
     def _filter(self) -> Estimator:
-        usual, make = FILTERS[self.filter]
-        return make(usual if self.particles is None else self.particles)
+        given = {"particles": self.particles, "beta": self.beta}
+        changes: dict[str, Any] = {k: v for k, v in given.items() if v is not None}
+        return replace(FILTERS[self.filter], **changes)

@@ -141,6 +141,8 @@ def test_every_filter_of_few_states_follows_a_flight(name):
         ("noise=inf", "noise must be"),
         ("particles=5", "ekf has no particles"),
         ("filter=unscented-particle,particles=0", "particles must be 1"),
+        ("filter=unscented-particle,beta=3", "has no beta"),
+        ("filter=strong-tracking,beta=0.5", "beta must be at least 1"),
         ("filter=point-mass", "a grid over 4 states"),
     ],
 )
