@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from problems import changed, deviation, estimator, kalman, linear_problem, noisy_problem, rng
 from rough_field import LENGTH, rough_flight
+from scipy.stats import multivariate_normal
 
 from ggbench.estimators import strong_tracking
 from ggbench.estimators.unscented_particle import UnscentedParticle, _Cloud
@@ -63,6 +64,46 @@ def test_a_mixture_finds_a_place_that_one_filter_loses():
     """In ten flights of ten; a single particle, the UKF, loses its way in some of them."""
     assert (final_errors("unscented-particle[width_m=300]") < 100.0).sum() == 10
     assert (final_errors("unscented-particle[particles=1,width_m=100000]") < 100.0).sum() < 10
+
+
+def test_particles_are_weighed_by_the_density_of_what_they_predicted():
+    """Two Gaussians of unequal place and width: their weights are N(z; Hx, HPHᵀ + R), to 1e-9."""
+    problem = linear_problem(2)
+    cloud = _Cloud(UnscentedParticle(particles=2), problem, rng())
+    cov = cloud.covs[0]
+    cloud.states = np.array([cloud.states[0], cloud.states[0] + 0.3])
+    cloud.covs = np.array([cov, 4.0 * cov])
+    cloud.copies, cloud.log_weights = np.ones(2, dtype=int), np.zeros(2)
+    cloud.power = np.zeros((2, 2))
+    h, r = problem.model.rows[0] * cloud.scale, problem.noise_of(0)
+    told = [
+        multivariate_normal.logpdf(problem.measurements[0], h @ x, h @ p @ h.T + r)
+        for x, p in zip(cloud.states, cloud.covs, strict=True)
+    ]
+    cloud.update(0, problem.present[0])
+    assert np.diff(cloud.log_weights)[0] == pytest.approx(np.diff(told)[0], rel=1e-9)
+
+
+def test_what_a_particle_has_seen_goes_on_with_it():
+    """State, covariance and power of innovations are those of the particle that is resampled."""
+    problem, _ = rough_flight(0, 1000.0, epochs=2)
+    cloud = _Cloud(UnscentedParticle(particles=20, strong_tracking=True), problem, rng())
+    cloud.power = np.arange(20.0)[:, np.newaxis] * np.ones(6)
+    cloud.covs = cloud.covs * np.arange(1.0, 21.0)[:, np.newaxis, np.newaxis]
+    states, covs = cloud.states.copy(), cloud.covs.copy()
+    cloud.log_weights[:] = -100.0
+    cloud.log_weights[[3, 11]] = 0.0
+    mean, _ = cloud.moments()
+    cloud.resample()
+    np.testing.assert_array_equal(cloud.copies, [10, 10])
+    np.testing.assert_array_equal(cloud.power[:, 0], [3.0, 11.0])
+    np.testing.assert_array_equal(cloud.states, states[[3, 11]])
+    np.testing.assert_array_equal(cloud.covs, covs[[3, 11]])
+    np.testing.assert_allclose(cloud.moments()[0], mean, atol=1e-12)
+    # Few copies carried once are as many particles: nothing is left to resample.
+    cloud.resample()
+    assert cloud.resamplings == 1
+    assert cloud.sizes[-1] == pytest.approx(20.0)
 
 
 def relative(estimate: Estimate, problem: Problem) -> float:
