@@ -23,6 +23,7 @@ from ..reduced import Reduction, drifting, horizontal, reduced, walking
 from .ekf import ExtendedKalmanFilter
 from .gaussian_particle import GaussianParticle
 from .gaussian_sum import GaussianSum
+from .particle import ParticleFilter
 from .point_mass import PointMass
 from .ukf import UnscentedKalmanFilter
 from .unscented_particle import UnscentedParticle
@@ -33,6 +34,7 @@ FILTERS: Mapping[str, Estimator] = MappingProxyType(
         "ukf": UnscentedKalmanFilter(points="cubature"),
         "gaussian-sum": GaussianSum(),
         "point-mass": PointMass(),
+        "particle": ParticleFilter(particles=10_000),
         "gaussian-particle": GaussianParticle(particles=3000),
         "unscented-particle": UnscentedParticle(particles=100),
         "strong-tracking": UnscentedParticle(particles=100, strong_tracking=True),
@@ -48,13 +50,13 @@ class ReducedStates(Estimator):
     Parameters
     ----------
     filter : ``ekf``, ``ukf`` (with cubature points), ``gaussian-sum``, ``point-mass``,
-        ``gaussian-particle``, ``unscented-particle``, or ``strong-tracking``, the unscented
-        particle filter with it.
+        ``particle``, ``gaussian-particle``, ``unscented-particle``, or ``strong-tracking``, the
+        unscented particle filter with it.
     states : ``motion``, position and velocity east and north, or ``position`` alone.
     noise : density of the white noise that stands for what is left out: of the acceleration
         [m²/s³] of ``motion``, of the velocity [m²/s] of ``position``; 0 for none.
-    particles : of a filter that has any; if not given, 3000 of ``gaussian-particle`` and 100 of the
-        unscented ones.
+    particles : of a filter that has any; if not given, 10,000 of ``particle``, 3000 of
+        ``gaussian-particle`` and 100 of the unscented ones.
     beta : β of ``strong-tracking``; if not given, 1.
     """
 

@@ -35,6 +35,7 @@ def labels() -> list[str]:
         modes = [
             f"{name}[{key}={choice}]"
             for key, (annotation, _) in registry.parameters_of(cls).items()
+            if key != "resampling"  # a part with tests of its own, not a way to estimate
             if typing.get_origin(annotation) is typing.Literal
             for choice in typing.get_args(annotation)
         ]

@@ -58,17 +58,17 @@ def effective_size(weights: np.ndarray) -> float:
 
 @compiled
 def strata(weights: np.ndarray, places: np.ndarray, ancestors: np.ndarray) -> None:
-    """Fill which particle (N,) has each of the quantiles (j + places[j or 0]) / N, j = 0..N−1.
+    """Fill which particle (M,) has each of the quantiles (j + places[j or 0]) / M, j = 0..M−1.
 
     Parameters
     ----------
     weights : (N,) that add up to one.
     places : within 0 to 1; (1,) for systematic resampling (Carpenter, Clifford & Fearnhead 1999),
-        where all quantiles move together, (N,) for stratified resampling (Kitagawa 1996).
-    ancestors : (N,) output, in ascending order; int64.
+        where all quantiles move together, (M,) for stratified resampling (Kitagawa 1996).
+    ancestors : (M,) output, in ascending order; int64.
     """
-    count, i, reached = weights.shape[0], 0, weights[0]
-    last = count - 1
+    count, i, reached = ancestors.shape[0], 0, weights[0]
+    last = weights.shape[0] - 1
     while last > 0 and weights[last] == 0.0:
         last -= 1  # where rounding ends the sum below the last quantile, that one is not chosen
     for j in range(count):
@@ -81,28 +81,28 @@ def strata(weights: np.ndarray, places: np.ndarray, ancestors: np.ndarray) -> No
 
 @compiled
 def residues(weights: np.ndarray, places: np.ndarray, ancestors: np.ndarray) -> None:
-    """Fill ancestors (N,) by residual resampling (Liu & Chen 1998), in ascending order.
+    """Fill ancestors (M,) by residual resampling (Liu & Chen 1998), in ascending order.
 
-    Of each particle the whole part of N W_i copies; the others are drawn one by one with the
+    Of each particle the whole part of M W_i copies; the others are drawn one by one with the
     probabilities of what is left.
 
     Parameters
     ----------
-    weights, ancestors : as in :func:`strata`. places : (N,) uniform numbers between 0 and 1.
+    weights, ancestors : as in :func:`strata`. places : (M,) uniform numbers between 0 and 1.
     """
-    count = weights.shape[0]
-    copies, left = np.empty(count, dtype=np.int64), np.empty(count)
+    size, count = weights.shape[0], ancestors.shape[0]
+    copies, left = np.empty(size, dtype=np.int64), np.empty(size)
     whole, total = 0, 0.0
-    for i in range(count):
+    for i in range(size):
         copies[i] = int(count * weights[i])
         whole += copies[i]
         total += count * weights[i] - copies[i]
         left[i] = total
     for j in range(count - whole):
         chosen = np.searchsorted(left, places[j] * total, side="right")
-        copies[min(chosen, count - 1)] += 1
+        copies[min(chosen, size - 1)] += 1
     j = 0
-    for i in range(count):
+    for i in range(size):
         for _ in range(copies[i]):
             if j < count:
                 ancestors[j] = i
@@ -119,16 +119,18 @@ def unique(ancestors: np.ndarray) -> int:
     return count
 
 
-def resample(kind: Resampling, weights: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Return which particles (N,), in ascending order, go on instead of those of weights (N,).
+def resample(
+    kind: Resampling, weights: np.ndarray, rng: np.random.Generator, count: int | None = None
+) -> np.ndarray:
+    """Return which particles (M,), in ascending order, go on instead of those of weights (N,).
 
-    The weights add up to one; those of the particles that go on are equal.
+    The weights add up to one; those of the particles that go on are equal. M is ``count``, or N.
     """
-    ancestors = np.empty(len(weights), dtype=np.int64)
+    ancestors = np.empty(len(weights) if count is None else count, dtype=np.int64)
     if kind == "residual":
-        residues(weights, rng.random(len(weights)), ancestors)
+        residues(weights, rng.random(len(ancestors)), ancestors)
     else:
-        strata(weights, rng.random(1 if kind == "systematic" else len(weights)), ancestors)
+        strata(weights, rng.random(1 if kind == "systematic" else len(ancestors)), ancestors)
     return ancestors
 
 
@@ -136,7 +138,8 @@ def moments(weights: np.ndarray, states: np.ndarray) -> tuple[np.ndarray, np.nda
     """Return mean (n,) and covariance (n, n) of states (N, n) with weights (N,) that sum to one."""
     mean = weights @ states
     away = states - mean
-    return mean, (weights[:, np.newaxis] * away).T @ away
+    away *= np.sqrt(weights)[:, np.newaxis]
+    return mean, away.T @ away  # of a matrix with itself: half the work
 
 
 def repaired(cov: np.ndarray, prior_cov: np.ndarray) -> tuple[np.ndarray, bool]:
