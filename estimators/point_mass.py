@@ -30,7 +30,7 @@ _NEGLIGIBLE = 1e-10
 _MOST_STATES = 3
 _MOST_POINTS = 4_000_000
 """Points that fit in memory with their transform."""
-_WIDER = 3.0
+_WIDER = 2.0
 """How much wider than it has to be a peak is, in cells, where these are doubled."""
 _ROUNDS = 12
 """Halvings after one reading: a factor of 4000, beyond which the first grid was no grid."""

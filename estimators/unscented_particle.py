@@ -11,7 +11,7 @@ three ways, and only two of them are sound:
     reading, p(z | its past); resampling drops what failed and doubles what did well. For a linear h
     every particle is a Kalman filter and the answer exact, whatever their number. This is the
     Gaussian-sum particle filter of Kotecha & Djurić (2003b). It works here, because the posterior
-    *is* a few narrow Gaussians: 100 of them, spread over a prior of kilometres, find the hill.
+    *is* a few narrow Gaussians: some hundreds, spread over a prior of a kilometre, find the hill.
 ``exact``
     Van der Merwe's own: a state is drawn from the filter's N(μ, S) and weighted by
     p(z | x) p(x | x') / N(x; μ, S). Of an INS the density p(x | x') does not exist, for its process
@@ -23,7 +23,9 @@ three ways, and only two of them are sound:
     linear and the noise of full rank, the mean is a third of a deviation off the Kalman filter's.
 
 ``strong_tracking`` (see :mod:`.strong_tracking`) fades the past of each particle until its
-innovations look white. It makes a filter whose model is too sure of itself honest, and none better.
+innovations look white. It makes a filter honest whose model is too sure of itself. Where the
+model is right it takes chance for error, and forgets what readings have told: it then costs far more than it
+can gain.
 """
 
 from __future__ import annotations
