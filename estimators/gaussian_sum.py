@@ -205,15 +205,9 @@ def _split_prior(
     scale = np.sqrt(np.diag(problem.prior_cov))
     mean = problem.prior_mean / scale
     cov = problem.prior_cov / np.outer(scale, scale)
-    axes = [
-        i
-        for block in problem.layout
-        if block.unit == "m"
-        for i in range(*block.slice.indices(problem.dimension))
-    ]
-    if not axes:
+    values, gain = position_axes(problem)
+    if not len(values):
         return np.zeros(1), mean[None], cov[None]
-    values, vectors = np.linalg.eigh(problem.prior_cov[np.ix_(axes, axes)])
     sigma = np.sqrt(values)
     # The box around the ellipsoid has to fit in memory, too.
     while np.sum(np.log1p(2.0 * _REACH * sigma / spacing_m)) > np.log(4.0 * most):
@@ -225,11 +219,27 @@ def _split_prior(
     split = sigma > spacing_m
     grid = grid[:, split]
     narrowing = values[split] - (_WIDTH * spacing_m) ** 2
-    # Regression of the whole state on the coordinates along the split axes.
-    gain = (problem.prior_cov[:, axes] @ vectors[:, split]) / values[split] / scale[:, None]
+    gain = gain[:, split]
     weights = -0.5 * np.sum(grid**2 / narrowing, axis=1)
     narrow = cov - (gain * narrowing) @ gain.T
     return weights, mean + grid @ gain.T, np.tile(narrow, (len(grid), 1, 1))
+
+
+def position_axes(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
+    """Return the principal variances (d,) [m²] of the prior's states in metres.
+
+    And the regression (n, d) [1/m] of all states, in units of the prior's standard deviations, on
+    the coordinates along these axes.
+    """
+    scale = np.sqrt(np.diag(problem.prior_cov))
+    axes = [
+        i
+        for block in problem.layout
+        if block.unit == "m"
+        for i in range(*block.slice.indices(problem.dimension))
+    ]
+    values, vectors = np.linalg.eigh(problem.prior_cov[np.ix_(axes, axes)])
+    return values, (problem.prior_cov[:, axes] @ vectors) / values / scale[:, None]
 
 
 def _grid(sigma: np.ndarray, spacing: float) -> np.ndarray:

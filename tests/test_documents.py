@@ -17,7 +17,7 @@ from ggbench.campaign import registry
 from ggbench.simulation.error_free_flight import prepare
 from ggbench.simulation.runs import simulate
 from ggbench.spec import case, flight, scenario
-from ggbench.spec.claims import ClaimSpec
+from ggbench.spec.claims import ClaimSpec, ComparisonSpec
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -138,7 +138,7 @@ def test_every_key_of_a_scenario_is_documented():
         return found
 
     every = keys(case.CaseSpec) | keys(case.CampaignSpec) | keys(case.SweepSpec)
-    every |= keys(ClaimSpec) | keys(flight.FlightSpec)
+    every |= keys(ClaimSpec) | keys(ComparisonSpec) | keys(flight.FlightSpec)
     assert [key for key in sorted(every) if key not in text] == []
 
 

@@ -17,7 +17,7 @@ FLOORS = (
     ("files", "numerics"),
     ("gravity", "problem"),
     ("ins", "maps", "sensors"),
-    ("trajectory", "block"),
+    ("trajectory", "block", "reduced"),
     ("spec", "engines"),
     ("simulation",),
     ("judging",),
@@ -30,7 +30,7 @@ FLOORS = (
 """A room imports what stands above it in this list, and nothing beside it or below."""
 APART = {("api", "report")}
 """Nor these: a notebook draws the figures that a report draws, and writes no report."""
-ESTIMATORS_MAY = {"problem", "block", "engines", "numerics", "estimators"}
+ESTIMATORS_MAY = {"problem", "block", "engines", "numerics", "reduced", "estimators"}
 
 
 def room_of(name: str) -> str:

@@ -21,6 +21,7 @@ from ..results.store import DETAILED_RUN, SERIES_RUNS
 from ..spec import scenario
 from ..spec.case import CaseSpec
 from . import tables
+from .claims_section import claims_section
 from .gravity_section import GravitySection
 from .locking_section import ConvergenceReport
 from .opening import answer
@@ -113,6 +114,7 @@ class _Report:
             self._unaided(),
             *(self._case_table(case) for case in self.scenario.cases),
             *self._paired(),
+            *claims_section(self.scenario, self.summary, self.paired),
             *GravitySection(self.results, self.arrays, self.pictures).sections(),
             "## Efficiency: MRSE over the Cramér–Rao bound, in every window",
             tables.efficiency(self.scenario, self.summary),

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from .case import CaseName, Title
 from .quantities import Duration
-from .tables import Section
+from .tables import Listed, Section
 
 GravityQuantity = Literal[
     "east position", "north position", "up position",
@@ -37,3 +37,28 @@ class ClaimSpec(Section):
     def unit(self) -> str:
         """The unit of the published number."""
         return UNITS[self.quantity.rpartition(" ")[2]]
+
+
+class ComparisonSpec(Section):
+    """``[[comparison]]``: what a source says of two estimators without a number.
+
+    At each value of something that the source leaves open: ``{}`` in the labels stands for it.
+    """
+
+    title: Title
+    case: CaseName
+    first: Title
+    relation: Literal["larger", "smaller", "equal"]
+    quantity: Literal["error", "time"]
+    second: Title
+    values: Annotated[Listed[Title], Field(min_length=1)] = ("",)
+
+    @model_validator(mode="after")
+    def _uses_its_values(self) -> Self:
+        if self.values != ("",) and "{}" not in self.first + self.second:
+            raise ValueError("values need a {} in first or second, which stands for them")
+        return self
+
+    def labels(self, value: str) -> tuple[str, str]:
+        """Return the labels of the two estimators at a value."""
+        return self.first.replace("{}", value), self.second.replace("{}", value)

@@ -28,12 +28,13 @@ from pydantic import BaseModel, ValidationError
 from ..errors import GGBenchError
 from . import sweep as sweep
 from .case import MOST_POINTS, CampaignSpec, CaseSpec, SweepSpec
-from .claims import ClaimSpec
+from .claims import ClaimSpec, ComparisonSpec
 from .limits import SCENARIO_NAME
 from .sentences import sentence, suggest
 from .sweep import Sweep
 
 T = TypeVar("T", bound=BaseModel)
+C = TypeVar("C", ClaimSpec, ComparisonSpec)
 _MOST_NAMED = 20
 """Most cases that a message lists."""
 
@@ -67,6 +68,7 @@ class Scenario:
     notes : markdown that a report appends, from the file that ``notes`` names; may be empty.
     sweep : the grid on which the cases lie, if they do.
     claims : of the source, beyond errors of position and velocity.
+    comparisons : what the source says of two estimators, without a number.
     argument : the text by which it was loaded, a name or a path; "" if it was not.
     """
 
@@ -82,6 +84,7 @@ class Scenario:
     notes: str
     sweep: Sweep | None = None
     claims: tuple[ClaimSpec, ...] = ()
+    comparisons: tuple[ComparisonSpec, ...] = ()
     argument: str = field(default="", compare=False)
 
     def __repr__(self) -> str:
@@ -276,6 +279,7 @@ def parse(
     description = _take_text(document, "description", origin)
     campaign = validate(CampaignSpec, document.pop("campaign", {}), f"{origin}: campaign")
     claimed = document.pop("claim", [])
+    compared = document.pop("comparison", [])
     grid = document.pop("sweep", None)
     changes = _take_changes(document, "case", origin)
     studies = _take_changes(document, "assumption", origin)
@@ -296,25 +300,46 @@ def parse(
     _check_unique("assumption", [study.name for study in assumptions], origin)
     return Scenario(
         name, title, description, cases, assumptions, campaign, provenance,
-        content_hash.hexdigest(), source, notes, laid_out, _claims(claimed, cases, origin),
+        content_hash.hexdigest(), source, notes, laid_out,
+        _claims(ClaimSpec, "claim", claimed, cases, origin),
+        _comparisons(compared, cases, campaign, origin),
     )  # fmt: skip
 
 
-def _claims(found: Any, cases: Sequence[CaseSpec], origin: str) -> tuple[ClaimSpec, ...]:
+def _claims(
+    kind: type[C], key: str, found: Any, cases: Sequence[CaseSpec], origin: str
+) -> tuple[C, ...]:
     """Return the claims of a file, each of a case that it has."""
     if not isinstance(found, list):
-        raise ScenarioError(f"{origin}: claim must be written as [[claim]] tables")
+        raise ScenarioError(f"{origin}: {key} must be written as [[{key}]] tables")
     claims = []
     names = [case.name for case in cases]
     for number, table in enumerate(found):
-        claim = validate(ClaimSpec, table, f"{origin}: claim[{number}]")
+        claim = validate(kind, table, f"{origin}: {key}[{number}]")
         if claim.case not in names:
             raise ScenarioError(
-                f"{origin}: claim[{number}]: there is no case '{claim.case}'"
+                f"{origin}: {key}[{number}]: there is no case '{claim.case}'"
                 f"{suggest(claim.case, names)}"
             )
         claims.append(claim)
     return tuple(claims)
+
+
+def _comparisons(
+    found: Any, cases: Sequence[CaseSpec], campaign: CampaignSpec, origin: str
+) -> tuple[ComparisonSpec, ...]:
+    """Return the comparisons of a file, each of estimators that its campaign runs."""
+    comparisons = _claims(ComparisonSpec, "comparison", found, cases, origin)
+    run = list(campaign.estimators)
+    for number, comparison in enumerate(comparisons):
+        for value in comparison.values:
+            for label in comparison.labels(value):
+                if label not in run:
+                    raise ScenarioError(
+                        f"{origin}: comparison[{number}]: the campaign has no estimator '{label}'"
+                        f"{_suggest(label, run)}"
+                    )
+    return comparisons
 
 
 def _check_unique(kind: str, names: list[str], origin: str) -> None:

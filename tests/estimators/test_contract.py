@@ -43,6 +43,8 @@ from ggbench.spec import scenario
 from ggbench.spec.case import CaseSpec
 
 LABELS = labels()
+BIASED = ("unscented-particle[weights=likelihood]",)
+"""Wrong by their definition, which ``test_unscented_particle.py`` shows: not asked to be near."""
 ARRAYS = [field.name for field in dataclasses.fields(Problem)]
 ARRAYS = [name for name in ARRAYS if isinstance(getattr(linear_problem(0), name), np.ndarray)]
 each_estimator = pytest.mark.parametrize("label", LABELS)
@@ -136,6 +138,8 @@ def test_near_the_exact_answer_where_noise_keeps_the_states_apart(label):
     """
     if estimator(label).exact:
         pytest.skip(f"{label} is exact, and held to that above")
+    if label in BIASED:
+        pytest.skip(f"{label} is wrong by its definition")
     problem = noisy_problem(seed=0)
     estimate = solve(label, problem)
     mean, cov = exact(problem, estimate)

@@ -1,0 +1,166 @@
+"""Gaussian particle filter: the posterior is a Gaussian, and particles only find its moments.
+
+Each epoch draws particles anew from a Gaussian, weighs them by the reading, and keeps nothing but
+their mean and covariance (Kotecha & Djurić 2003a). Nothing is resampled, and no particle outlives
+its epoch: what impoverishes a bootstrap filter, copies that nearly noiseless dynamics never part,
+cannot happen. The dynamics are linear, so that the Gaussian is predicted exactly.
+
+Two things go wrong instead. A wide prior over hills is no Gaussian, and one mean has to stand for
+all hills that look alike. And where a reading is sharper than the prediction by a factor of ten in
+each of three directions, a few of 3000 particles carry all the weight: their covariance has fewer
+directions than the state, and the filter claims to know what it does not. Such a covariance is
+repaired and counted, but what it has forgotten is lost. A proposal that has seen the reading
+(``ekf``, ``ukf``) helps as far as the reading is linear over the prediction; where it is not, it is
+a narrow Gaussian beside the truth, and its weights are worse than those of the prediction.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from ..engines.resampling import effective_size, moments, normalise, repaired
+from ..problem import Causality, Estimate, Estimator, Problem
+from .ukf import MatrixSquareRoot
+
+_MOST = 10_000_000
+"""Particles that fit in memory."""
+
+
+@dataclass(frozen=True)
+class GaussianParticle(Estimator):
+    """Gaussian particle filter.
+
+    Parameters
+    ----------
+    particles : drawn at every epoch.
+    proposal : from what: ``prior``, the prediction; ``ekf`` or ``ukf``, the prediction updated by
+        an extended Kalman filter or by one with cubature points.
+    """
+
+    particles: int = 3000
+    proposal: Literal["prior", "ekf", "ukf"] = "prior"
+
+    name = "gaussian-particle"
+
+    @property
+    def causality(self) -> Causality:
+        """Measurements up to each epoch."""
+        return "filter"
+
+    @property
+    def exact(self) -> bool:
+        """Not exact: moments of particles scatter."""
+        return False
+
+    def skip(self, problem: Problem) -> str | None:
+        """Refuse fewer particles than a covariance needs, and more than fit in memory."""
+        least = problem.dimension + 1
+        if not least <= self.particles <= _MOST:
+            return (
+                f"particles must be {least} to {_MOST}, one more than there are states at least, "
+                f"and is {self.particles}"
+            )
+        return None
+
+    def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
+        """Predict exactly, draw, weigh, and keep mean and covariance, epoch by epoch."""
+        n = problem.dimension
+        scale = np.sqrt(np.diag(problem.prior_cov))
+        mean, cov = problem.prior_mean / scale, problem.prior_cov / np.outer(scale, scale)
+        means, covs = np.empty((problem.epochs, n)), np.empty((problem.epochs, n, n))
+        root = MatrixSquareRoot()
+        sizes = []
+        repairs = 0
+        for k in range(problem.epochs):
+            phi = problem.transition[k] * scale / scale[:, np.newaxis]
+            mean = phi @ mean
+            cov = phi @ cov @ phi.T + problem.process_cov[k] / np.outer(scale, scale)
+            if problem.present[k].any():
+                step = _Step(problem, k, scale, mean, cov, root)
+                mean, cov, size = step.updated(self.proposal, self.particles, rng)
+                cov, poor = repaired(cov, np.eye(n))
+                sizes.append(size)
+                repairs += poor
+            means[k], covs[k] = mean, cov
+        info = {
+            "ess_min": min(sizes, default=float(self.particles)),
+            "ess_median": float(np.median(sizes or [self.particles])),
+            "covariance_repairs": repairs + root.repairs,
+        }
+        return Estimate(means * scale, covs * np.outer(scale, scale), self.causality, info=info)
+
+
+class _Step:
+    """One reading, and the Gaussian that was predicted, in units of the prior's deviations."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        k: int,
+        scale: np.ndarray,
+        mean: np.ndarray,
+        cov: np.ndarray,
+        root: MatrixSquareRoot,
+    ) -> None:
+        self.problem, self.k, self.scale = problem, k, scale
+        self.mean, self.cov, self._root = mean, cov, root
+        self.lower = root(cov).T
+        self.noise_root = np.linalg.cholesky(problem.noise_of(k))
+
+    def residuals(self, states: np.ndarray) -> np.ndarray:
+        """Return the whitened reading less h (N, m) at states (N, n)."""
+        predicted = self.problem.model.predict(self.k, states * self.scale)
+        away = self.problem.measurements[self.k] - predicted
+        return np.asarray(solve_triangular(self.noise_root, away.T, lower=True).T)
+
+    def updated(
+        self, proposal: str, count: int, rng: np.random.Generator
+    ) -> tuple[np.ndarray, np.ndarray, float]:
+        """Return mean and covariance of weighted particles, and their effective number.
+
+        The covariance of few weights is too small by the factor 1 − ΣW², as that of n numbers is by
+        1 − 1/n; and their mean is off the posterior's by as many parts of it, ΣW². Both are small
+        at each epoch and not after hundreds of them.
+        """
+        mean, lower = self.mean, self.lower
+        if proposal != "prior":
+            mean, cov = self._filtered(proposal)
+            lower = self._root(cov).T
+        normal = rng.standard_normal((count, len(mean)))
+        states = mean + normal @ lower.T
+        log_weights = -0.5 * (self.residuals(states) ** 2).sum(axis=1)
+        if proposal != "prior":
+            back = solve_triangular(self.lower, (states - self.mean).T, lower=True)
+            log_weights += 0.5 * ((normal**2).sum(axis=1) - (back**2).sum(axis=0))
+        weights = np.empty(count)
+        normalise(log_weights, weights)
+        mean, cov = moments(weights, states)
+        size = effective_size(weights)
+        if size > len(mean) + 1:
+            cov *= (1.0 + 1.0 / size) / (1.0 - 1.0 / size)
+        return mean, cov, size
+
+    def _filtered(self, proposal: str) -> tuple[np.ndarray, np.ndarray]:
+        """Return mean and covariance after a Kalman update with a linearised reading."""
+        n = len(self.mean)
+        if proposal == "ekf":
+            rows = self.problem.model.jacobian(self.k, self.mean * self.scale) * self.scale
+            slope = self.lower.T @ solve_triangular(self.noise_root, rows, lower=True).T
+            innovation = self.residuals(self.mean[np.newaxis])[0]
+            noise = np.eye(len(innovation))
+        else:
+            steps = np.sqrt(n) * self.lower.T
+            points = self.residuals(np.concatenate([self.mean + steps, self.mean - steps]))
+            innovation = points.mean(axis=0)
+            slope = (points[n:] - points[:n]) / (2.0 * np.sqrt(n))
+            away = points - innovation
+            noise = np.eye(len(innovation)) + away.T @ away / (2 * n) - slope.T @ slope
+        gain = np.linalg.solve(slope.T @ slope + noise, slope.T).T
+        keep = np.eye(n) - gain @ slope.T
+        root = self.lower
+        left = keep @ keep.T + gain @ noise @ gain.T
+        return self.mean + root @ gain @ innovation, root @ left @ root.T

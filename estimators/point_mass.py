@@ -1,0 +1,227 @@
+"""Point-mass filter: the posterior itself, on a grid that moves and breathes with it.
+
+With two states, or three, the density can be kept as it is: masses at the points of a grid, moved
+by the dynamics, smeared by the process noise and multiplied by the likelihood of each reading
+(Bucy & Senne 1971; Bergman 1999). Nothing is linearised and nothing is drawn, whatever shape the
+posterior has: it is the truth that other filters of the same problem are held to. It fails where
+states are many, for the number of points grows with the power of theirs: an INS with its biases has
+fifteen.
+
+The grid is moved with the states, point by point, so that the dynamics smear nothing. The noise is
+a convolution, done where it is a product: the characteristic function of the masses times that of
+the noise, which is exact for any covariance, singular ones too. Points of negligible mass are cut
+off; where the density at its peak is narrower than a few cells, the cells are halved, and doubled
+where it is much wider.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft, ndimage
+
+from ..problem import Causality, Estimate, Estimator, Problem
+
+_REACH = 5.0
+"""The first grid ends at this many standard deviations of the prior."""
+_NEGLIGIBLE = 1e-10
+"""Mass against the largest one below which a point is cut off."""
+_MOST_STATES = 3
+_MOST_POINTS = 4_000_000
+"""Points that fit in memory with their transform."""
+_WIDER = 2.0
+"""How much wider than it has to be a peak is, in cells, where these are doubled."""
+_ROUNDS = 12
+"""Halvings after one reading: a factor of 4000, beyond which the first grid was no grid."""
+
+
+@dataclass(frozen=True)
+class PointMass(Estimator):
+    """Point-mass (grid) filter of one to three states.
+
+    Parameters
+    ----------
+    step : distance of the points of the first grid, in the unit of the states [m]; not wider than
+        what the first reading can tell apart. Less where the prior is narrow.
+    resolution : cells to a standard deviation, of the prior and of the peak, at least.
+    """
+
+    step: float = 20.0
+    resolution: float = 2.0
+
+    name = "point-mass"
+
+    @property
+    def causality(self) -> Causality:
+        """Measurements up to each epoch."""
+        return "filter"
+
+    @property
+    def exact(self) -> bool:
+        """Not exact: in the limit of small cells only."""
+        return False
+
+    def skip(self, problem: Problem) -> str | None:
+        """Refuse more states than a grid can have, and grids that do not exist."""
+        if not 0.0 < self.step < np.inf:
+            return f"step must be positive and finite, and is {self.step:g}"
+        if not 1.0 <= self.resolution <= 20.0:
+            return f"resolution must be 1 to 20, and is {self.resolution:g}"
+        n = problem.dimension
+        if n > _MOST_STATES:
+            return (
+                f"a grid over {n} states has too many points; at most {_MOST_STATES}: take "
+                "reduced[filter=point-mass,states=position]"
+            )
+        sides = 2.0 * _REACH * np.sqrt(np.diag(problem.prior_cov)) / self._first_steps(problem) + 1
+        if np.prod(sides) > _MOST_POINTS:
+            return f"a step of {self.step:g} makes more than {_MOST_POINTS} points of this prior"
+        return None
+
+    def _first_steps(self, problem: Problem) -> np.ndarray:
+        """Return the step of the first grid along each axis (n,)."""
+        return np.minimum(self.step, np.sqrt(np.diag(problem.prior_cov)) / self.resolution)
+
+    def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
+        """Move, smear and multiply, epoch by epoch."""
+        grid = _Grid(problem, self._first_steps(problem), self.resolution)
+        n = problem.dimension
+        mean, cov = np.empty((problem.epochs, n)), np.empty((problem.epochs, n, n))
+        points = []
+        for k in range(problem.epochs):
+            grid.predict(k)
+            if problem.present[k].any():
+                points.append(grid.update(k))
+            mean[k], cov[k] = grid.moments()
+        info = {
+            "mean_points": float(np.mean(points or [0])),
+            "log_evidence": grid.evidence,
+            "halvings": grid.halvings,
+        }
+        return Estimate(mean, cov, self.causality, info=info)
+
+
+class _Grid:
+    """Masses (cells of each axis) at the points base + A i; they add up to one."""
+
+    def __init__(self, problem: Problem, steps: np.ndarray, resolution: float) -> None:
+        self.problem, self.resolution = problem, resolution
+        sigma = np.sqrt(np.diag(problem.prior_cov))
+        half = np.ceil(_REACH * sigma / steps).astype(int)
+        self.axes = np.diag(steps)
+        self.base = problem.prior_mean - steps * half
+        self.masses = np.empty(tuple(2 * half + 1))
+        away = self._places(np.indices(self.masses.shape).reshape(len(sigma), -1).T)
+        away = away - problem.prior_mean
+        squares = (away * np.linalg.solve(problem.prior_cov, away.T).T).sum(axis=1)
+        self.masses[...] = np.exp(-0.5 * squares).reshape(self.masses.shape)
+        self.masses /= self.masses.sum()
+        self.evidence, self.halvings = 0.0, 0
+
+    def _places(self, index: np.ndarray) -> np.ndarray:
+        """Return the states (N, n) of points by their indices (N, n)."""
+        return np.asarray(self.base + index @ self.axes.T)
+
+    def predict(self, k: int) -> None:
+        """Move the points with the states and smear the masses by the noise of epoch k."""
+        phi, noise = self.problem.transition[k], self.problem.process_cov[k]
+        self.base, self.axes = phi @ self.base, phi @ self.axes
+        if not noise.any():
+            return
+        back = np.linalg.inv(self.axes)
+        cells = back @ noise @ back.T
+        margin = np.ceil(6.0 * np.sqrt(np.diag(cells))).astype(int) + 1
+        self._widen(margin)
+        frequencies = [2.0 * np.pi * fft.fftfreq(size) for size in self.masses.shape[:-1]]
+        frequencies.append(2.0 * np.pi * fft.rfftfreq(self.masses.shape[-1]))
+        omega = np.stack(np.meshgrid(*frequencies, indexing="ij"), axis=-1)
+        damping = np.exp(-0.5 * np.einsum("...a,ab,...b", omega, cells, omega))
+        smeared = fft.irfftn(fft.rfftn(self.masses) * damping, self.masses.shape)
+        self.masses = np.maximum(smeared, 0.0)
+        self._cut(self.masses)
+        self.masses /= self.masses.sum()
+
+    def _widen(self, margin: np.ndarray) -> None:
+        """Put empty points around the grid, to sizes that transforms like."""
+        sizes = np.array(self.masses.shape) + 2 * margin
+        extra = [fft.next_fast_len(int(size), real=True) - int(size) for size in sizes]
+        wide = [(int(m), int(m) + e) for m, e in zip(margin, extra, strict=True)]
+        self.masses = np.pad(self.masses, wide)
+        self.base = self.base - self.axes @ margin
+
+    def update(self, k: int) -> int:
+        """Multiply by the likelihood of reading k; return at how many points h was taken."""
+        taken = 0
+        for left in reversed(range(_ROUNDS)):
+            index = np.argwhere(self.masses > _NEGLIGIBLE * self.masses.max())
+            taken += len(index)
+            told = self.problem.log_likelihood(k, self._places(index))
+            logs = told + np.log(self.masses[tuple(index.T)])
+            largest = logs.max()
+            posterior = np.zeros_like(self.masses)
+            posterior[tuple(index.T)] = np.exp(logs - largest)
+            posterior = self._cut(posterior)
+            narrow = _peak_cells(posterior) < self.resolution
+            fits = 2 ** int(narrow.sum()) * posterior.size <= _MOST_POINTS
+            if not (narrow.any() and fits and left):
+                break
+            # The likelihood has to be seen by more points: those of the prediction, halved.
+            self._halve(narrow)
+        total = posterior.sum()
+        self.evidence += float(largest + np.log(total))
+        self.masses = posterior / total
+        wide = _peak_cells(self.masses) > _WIDER * self.resolution
+        if wide.any() and self.masses.size > 1:
+            self.masses = self.masses[tuple(slice(None, None, 2 if w else 1) for w in wide)]
+            self.axes = self.axes * np.where(wide, 2.0, 1.0)
+            self.masses = self.masses / self.masses.sum()
+        return taken
+
+    def _cut(self, weights: np.ndarray) -> np.ndarray:
+        """Cut off the margins of the grid in which weights are negligible; return what is left."""
+        kept = np.argwhere(weights > _NEGLIGIBLE * weights.max())
+        # A cell more on each side, for what lies between two points.
+        first = np.maximum(kept.min(axis=0) - 1, 0)
+        last = np.minimum(kept.max(axis=0) + 1, np.array(weights.shape) - 1)
+        box = tuple(slice(a, b + 1) for a, b in zip(first, last, strict=True))
+        self.masses, self.base = self.masses[box], self.base + self.axes @ first
+        return weights[box]
+
+    def _halve(self, which: np.ndarray) -> None:
+        """Halve the cells along some axes; the mass between two points is a cubic spline's."""
+        sizes = np.array(self.masses.shape)
+        factors = np.where(which, (2 * sizes - 1) / sizes, 1.0)
+        finer = ndimage.zoom(self.masses, factors, order=3, mode="nearest")
+        self.masses = np.maximum(finer, 0.0)
+        self.masses /= self.masses.sum()
+        self.axes = self.axes * np.where(which, 0.5, 1.0)
+        self.halvings += 1
+
+    def moments(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return mean (n,) and covariance (n, n) of the masses."""
+        index = np.argwhere(self.masses > 0.0)
+        share = self.masses[tuple(index.T)]
+        places = self._places(index)
+        mean = share @ places
+        away = places - mean
+        return mean, (away.T * share) @ away
+
+
+def _peak_cells(masses: np.ndarray) -> np.ndarray:
+    """Return the standard deviation (n,) of the peak along each axis, in cells.
+
+    By the curvature of its logarithm at the largest mass; ∞ where that lies at the margin.
+    """
+    peak = np.array(np.unravel_index(masses.argmax(), masses.shape))
+    out = np.full(masses.ndim, np.inf)
+    for axis, size in enumerate(masses.shape):
+        if not 0 < peak[axis] < size - 1:
+            continue
+        step = np.zeros(masses.ndim, dtype=int)
+        step[axis] = 1
+        with np.errstate(divide="ignore"):
+            before, here, after = np.log([masses[tuple(peak + s * step)] for s in (-1, 0, 1)])
+        curvature = 2.0 * here - before - after
+        out[axis] = 1.0 / np.sqrt(curvature) if curvature > 0.0 else np.inf
+    return out

@@ -1,0 +1,109 @@
+"""Filters of two or four states: what the literature runs, beside filters of the whole INS.
+
+Much of the literature on matching gravity gradients estimates position and velocity alone, or the
+position alone, and takes all else as known. Then tilt and biases of the accelerometers, which turn
+into velocity within minutes and swing back within an hour and a half, are not in the model: a
+declared noise has to stand for them, and the answer depends on it. Too small a noise, and the
+filter is sure of a place that it has left; too large, and it forgets what readings have told.
+
+The other states keep their prior, so that the estimate can be judged beside those of the whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any, Literal
+
+import numpy as np
+
+from ..problem import Causality, Estimate, Estimator, Problem
+from ..reduced import Reduction, drifting, horizontal, reduced, walking
+from .ekf import ExtendedKalmanFilter
+from .gaussian_particle import GaussianParticle
+from .gaussian_sum import GaussianSum
+from .particle import ParticleFilter
+from .point_mass import PointMass
+from .ukf import UnscentedKalmanFilter
+from .unscented_particle import UnscentedParticle
+
+FILTERS: Mapping[str, Estimator] = MappingProxyType(
+    {
+        "ekf": ExtendedKalmanFilter(),
+        "ukf": UnscentedKalmanFilter(points="cubature"),
+        "gaussian-sum": GaussianSum(),
+        "point-mass": PointMass(),
+        "particle": ParticleFilter(particles=10_000),
+        "gaussian-particle": GaussianParticle(particles=3000),
+        "unscented-particle": UnscentedParticle(particles=100),
+        "strong-tracking": UnscentedParticle(particles=100, strong_tracking=True),
+    }
+)
+"""The filters, with their usual numbers of particles."""
+
+
+@dataclass(frozen=True)
+class ReducedStates(Estimator):
+    """A filter of some of the states, all others taken as known.
+
+    Parameters
+    ----------
+    filter : ``ekf``, ``ukf`` (with cubature points), ``gaussian-sum``, ``point-mass``,
+        ``particle``, ``gaussian-particle``, ``unscented-particle``, or ``strong-tracking``, the
+        unscented particle filter with it.
+    states : ``motion``, position and velocity east and north, or ``position`` alone.
+    noise : density of the white noise that stands for what is left out: of the acceleration
+        [m²/s³] of ``motion``, of the velocity [m²/s] of ``position``; 0 for none.
+    particles : of a filter that has any; if not given, 10,000 of ``particle``, 3000 of
+        ``gaussian-particle`` and 100 of the unscented ones.
+    beta : β of ``strong-tracking``; if not given, 1.
+    """
+
+    filter: str = "ekf"
+    states: Literal["motion", "position"] = "motion"
+    noise: float = 1e-3
+    particles: int | None = None
+    beta: float | None = None
+
+    name = "reduced"
+
+    @property
+    def causality(self) -> Causality:
+        """Measurements up to each epoch."""
+        return "filter"
+
+    @property
+    def exact(self) -> bool:
+        """Not exact: of another problem."""
+        return False
+
+    def skip(self, problem: Problem) -> str | None:
+        """Refuse what is no filter, no noise, or has no such states, and what the filter does."""
+        if self.filter not in FILTERS:
+            return f"filter must be one of {', '.join(FILTERS)}, and is {self.filter}"
+        if not 0.0 <= self.noise < np.inf:
+            return f"noise must be 0 or more and finite, and is {self.noise:g}"
+        if self.particles is not None and "particles" not in vars(FILTERS[self.filter]):
+            return f"{self.filter} has no particles"
+        if self.beta is not None and self.filter != "strong-tracking":
+            return f"{self.filter} has no beta: filter=strong-tracking has one"
+        blocks = {block.name for block in problem.layout}
+        if not horizontal(problem, self.states == "motion") or len(blocks) < 2:
+            return "the problem has no position and velocity errors among other states"
+        return self._filter().skip(self._reduction(problem).problem)
+
+    def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
+        """Filter the reduced problem, and put the answer among the other states."""
+        reduction = self._reduction(problem)
+        return reduction.embedded(self._filter().estimate(reduction.problem, rng))
+
+    def _reduction(self, problem: Problem) -> Reduction:
+        motion = self.states == "motion"
+        noise = (drifting if motion else walking)(problem.times, self.noise)
+        return reduced(problem, horizontal(problem, motion), noise)
+
+    def _filter(self) -> Estimator:
+        given = {"particles": self.particles, "beta": self.beta}
+        changes: dict[str, Any] = {k: v for k, v in given.items() if v is not None}
+        return replace(FILTERS[self.filter], **changes)

@@ -1,0 +1,346 @@
+"""Unscented particle filter, and with strong tracking: particles that look before they leap.
+
+A bootstrap filter draws particles where the dynamics lead and lets the reading sort them: where one
+reading is far sharper than the prediction nearly all of them are wasted. Here each particle has a
+covariance and an unscented Kalman filter of its own, which takes the reading in before anything is
+drawn (van der Merwe, Doucet, de Freitas & Wan 2000). What the particles then weigh can be read in
+three ways, and only two of them are sound:
+
+``mixture``
+    Nothing is drawn at all. A particle is a Gaussian, weighted by how well it predicted the
+    reading, p(z | its past); resampling drops what failed and doubles what did well. For a linear h
+    every particle is a Kalman filter and the answer exact, whatever their number. This is the
+    Gaussian-sum particle filter of Kotecha & Djurić (2003b). It works here, because the posterior
+    *is* a few narrow Gaussians: some hundreds, spread over a prior of a kilometre, find the hill.
+``exact``
+    Van der Merwe's own: a state is drawn from the filter's N(μ, S) and weighted by
+    p(z | x) p(x | x') / N(x; μ, S). Of an INS the density p(x | x') does not exist, for its process
+    noise is singular. Where it exists it is narrow: S has all that is unknown, Q what one step
+    adds, and the ratio scatters as tr(Q⁻¹S), until one particle has all the weight.
+``likelihood``
+    The ratio left out, weighted by p(z | x) alone, as published codes often do. Alive, but each
+    reading counts twice: once for where particles are drawn, and once for their weights. Where h is
+    linear and the noise of full rank, the mean is a third of a deviation off the Kalman filter's.
+
+``strong_tracking`` (see :mod:`.strong_tracking`) fades the past of each particle until its
+innovations look white. It makes a filter honest whose model is too sure of itself. Where the
+model is right it takes chance for error, and forgets what readings have told: it then costs far more than it
+can gain.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from ..engines.resampling import effective_size, moments, normalise, resample
+from ..numerics.positive import nearest_root
+from ..problem import Causality, Estimate, Estimator, Problem
+from .gaussian_sum import position_axes
+from .strong_tracking import faded, fading_factors, innovation_power
+
+_RESAMPLE = 0.5
+"""Effective size, as a share of the particles, below which they are resampled."""
+_MOST = 100_000
+"""Particles with covariances that fit in memory."""
+
+
+@dataclass(frozen=True)
+class UnscentedParticle(Estimator):
+    """Unscented particle filter; with ``strong_tracking`` the STUPF.
+
+    Parameters
+    ----------
+    particles : their number.
+    weights : ``mixture``, ``likelihood`` or ``exact``; see :mod:`.unscented_particle`. ``exact``
+        needs process noise in every direction of the state.
+    width_m : with ``mixture``, standard deviation of a particle in directions of the position in
+        which the prior is wider than that [m]; a fraction of the field's correlation length.
+        Particles are then drawn so that they make up the prior together. Otherwise all have the
+        covariance of the prior.
+    kappa : κ of the sigma points (Julier & Uhlmann 2004); if not given, 3 − n.
+    strong_tracking : whether a fading factor keeps the innovations of each particle white.
+    rho, beta : ρ and β of :mod:`.strong_tracking`.
+    """
+
+    particles: int = 400
+    weights: Literal["mixture", "likelihood", "exact"] = "mixture"
+    width_m: float = 150.0
+    kappa: float | None = None
+    strong_tracking: bool = False
+    rho: float = 0.95
+    beta: float = 1.0
+
+    name = "unscented-particle"
+
+    @property
+    def causality(self) -> Causality:
+        """Measurements up to each epoch."""
+        return "filter"
+
+    @property
+    def exact(self) -> bool:
+        """A mixture is, of any number, where nothing is faded."""
+        return self.weights == "mixture" and not self.strong_tracking
+
+    def skip(self, problem: Problem) -> str | None:
+        """Refuse parameters that mean nothing, and a density that does not exist."""
+        if not 1 <= self.particles <= _MOST:
+            return f"particles must be 1 to {_MOST}, and is {self.particles}"
+        if not 0.0 < self.width_m < np.inf:
+            return f"width_m must be positive and finite, and is {self.width_m:g}"
+        n = problem.dimension
+        if self.kappa is not None and not 0.0 < n + self.kappa < np.inf:
+            return f"n + kappa must be positive and finite, and is {n} + {self.kappa:g}"
+        if not 0.0 <= self.rho <= 1.0:
+            return f"rho must be 0 to 1, and is {self.rho:g}"
+        if not self.beta >= 1.0:
+            return f"beta must be at least 1, and is {self.beta:g}"
+        if self.weights == "exact":
+            ranks = [problem.noise_root(k).shape[1] for k in range(problem.epochs)]
+            if min(ranks) < n:
+                return (
+                    "weights=exact needs process noise in every direction: its covariance has rank "
+                    f"{min(ranks)} of {n}, and the density of the next state does not exist"
+                )
+        return None
+
+    def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
+        """Carry the particles from epoch to epoch; return their mean and covariance."""
+        cloud = _Cloud(self, problem, rng)
+        n = problem.dimension
+        mean, cov = np.empty((problem.epochs, n)), np.empty((problem.epochs, n, n))
+        for k in range(problem.epochs):
+            cloud.predict(k)
+            there = problem.present[k]
+            if there.any():
+                cloud.update(k, there)
+            mean[k], cov[k] = cloud.moments()
+            if there.any():
+                cloud.resample()
+        scale = cloud.scale
+        return Estimate(
+            mean * scale, cov * np.outer(scale, scale), self.causality, info=cloud.told()
+        )
+
+
+class _Cloud:
+    """The particles: states (J, n), covariances (J, n, n), log weights (J,), in prior deviations.
+
+    Copies of one Gaussian that nothing drives apart are carried once, with their number (J,).
+    Readings are whitened: their noise has unit variance.
+    """
+
+    def __init__(
+        self, settings: UnscentedParticle, problem: Problem, rng: np.random.Generator
+    ) -> None:
+        self.settings, self.problem, self.rng = settings, problem, rng
+        n, m = problem.dimension, problem.measurements.shape[1]
+        self.scale = scale = np.sqrt(np.diag(problem.prior_cov))
+        self.transition = problem.transition * scale / scale[:, np.newaxis]
+        self.process_cov = problem.process_cov / np.outer(scale, scale)
+        self.kappa = 3.0 - n if settings.kappa is None else settings.kappa
+        self.draws = settings.weights != "mixture"
+        self.states, self.covs = self._drawn() if self.draws else self._split()
+        count = len(self.states)
+        self.copies = np.full(count, settings.particles // count)
+        self.log_weights = np.zeros(count)
+        self.power, self.seen = np.zeros((count, m)), np.zeros(m, dtype=bool)
+        self.repairs = self.resamplings = 0
+        self.sizes: list[float] = []
+        self.factors: list[float] = []
+
+    def _drawn(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return states from the prior, all with its covariance."""
+        count, n = self.settings.particles, self.problem.dimension
+        cov = self.problem.prior_cov / np.outer(self.scale, self.scale)
+        drawn = self.rng.standard_normal((count, n)) @ np.linalg.cholesky(cov).T
+        return self.problem.prior_mean / self.scale + drawn, np.tile(cov, (count, 1, 1))
+
+    def _split(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return Gaussians that make up the prior; a single one where it is narrow."""
+        variances, gain = position_axes(self.problem)
+        wide = variances > self.settings.width_m**2
+        narrowing, gain = variances[wide] - self.settings.width_m**2, gain[:, wide]
+        count = self.settings.particles if wide.any() else 1
+        places = np.sqrt(narrowing) * self.rng.standard_normal((count, len(narrowing)))
+        cov = self.problem.prior_cov / np.outer(self.scale, self.scale)
+        narrow = cov - (gain * narrowing) @ gain.T
+        states = self.problem.prior_mean / self.scale + places @ gain.T
+        return states, np.tile(narrow, (count, 1, 1))
+
+    def predict(self, k: int) -> None:
+        """Carry all particles to epoch k: the dynamics are linear, and need no sigma points."""
+        phi = self.transition[k]
+        self.states = self.states @ phi.T
+        self.covs = phi @ self.covs @ phi.T + self.process_cov[k]
+
+    def update(self, k: int, there: np.ndarray) -> None:
+        """Take in reading k, of which the channels ``there`` (m,) exist."""
+        predicted = self.states
+        roots = self._roots(self.covs)
+        innovation, slope, spread = self._regression(k, roots)
+        if self.settings.strong_tracking:
+            factors = self._fading(k, there, roots, innovation, slope, spread)
+            if (factors > 1.0).any():
+                # Of other sigma points: gain and covariance are to be of the same filter.
+                self.covs = faded(self.covs, self.process_cov[k], factors)
+                roots = self._roots(self.covs)
+                innovation, slope, spread = self._regression(k, roots)
+        m = innovation.shape[1]
+        expected = spread + np.eye(m)
+        try:
+            root = np.linalg.cholesky(expected)
+        except np.linalg.LinAlgError:  # a negative weight: what h is linear in stays positive
+            self.repairs += 1
+            spread = _transposed(slope) @ slope
+            expected = spread + np.eye(m)
+            root = np.linalg.cholesky(expected)
+        white = np.linalg.solve(root, innovation[..., np.newaxis])
+        gain = _transposed(np.linalg.solve(expected, _transposed(slope)))
+        states = predicted + (roots @ (gain @ innovation[..., np.newaxis]))[..., 0]
+        keep = np.eye(slope.shape[1]) - gain @ _transposed(slope)
+        noise = expected - _transposed(slope) @ slope
+        left = keep @ _transposed(keep) + gain @ noise @ _transposed(gain)
+        self.covs = roots @ left @ _transposed(roots)
+        self.covs = 0.5 * (self.covs + _transposed(self.covs))
+        if self.draws:
+            self._draw(k, predicted, states)
+        else:
+            self.states = states
+            self.log_weights = self.log_weights - 0.5 * (white[..., 0] ** 2).sum(axis=1)
+            self.log_weights -= np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
+
+    def _draw(self, k: int, predicted: np.ndarray, means: np.ndarray) -> None:
+        """Draw the states from their filters and weigh them."""
+        roots = self._roots(self.covs)
+        normal = self.rng.standard_normal(means.shape)
+        self.states = means + (roots @ normal[..., np.newaxis])[..., 0]
+        residuals = self._residuals(k, self.states)
+        self.log_weights = self.log_weights - 0.5 * (residuals**2).sum(axis=1)
+        if self.settings.weights == "exact":
+            root = np.linalg.cholesky(self.process_cov[k])
+            away = np.linalg.solve(root, (self.states - predicted).T)
+            drawn = 0.5 * (normal**2).sum(axis=1)
+            drawn += np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
+            self.log_weights += drawn - 0.5 * (away**2).sum(axis=0)
+
+    def _residuals(self, k: int, states: np.ndarray) -> np.ndarray:
+        """Return the whitened readings less h (..., m) at states (..., n)."""
+        problem = self.problem
+        residual = problem.measurements[k] - problem.model.predict(k, states * self.scale)
+        flat = residual.reshape(-1, residual.shape[-1])
+        white = np.linalg.solve(np.linalg.cholesky(problem.noise_of(k)), flat.T).T
+        return np.asarray(white.reshape(residual.shape))
+
+    def _regression(self, k: int, roots: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return what sigma points of N(x, L Lᵀ) say of h, whitened.
+
+        Returns
+        -------
+        Innovations γ (J, m); L⁻¹ P_xz (J, n, m), which is Lᵀ Hᵀ where h is linear; P_zz without
+        R (J, m, m).
+        """
+        n = roots.shape[1]
+        scale, weight = np.sqrt(n + self.kappa), 0.5 / (n + self.kappa)
+        steps = scale * _transposed(roots)
+        centre = self.states[:, np.newaxis]
+        residuals = self._residuals(k, np.concatenate([centre, centre + steps, centre - steps], 1))
+        middle, ahead, behind = residuals[:, 0], residuals[:, 1 : n + 1], residuals[:, n + 1 :]
+        outer = weight * (ahead.sum(axis=1) + behind.sum(axis=1))
+        innovation = (1.0 - 2.0 * n * weight) * middle + outer
+        away = residuals - innovation[:, np.newaxis]
+        spread = weight * _transposed(away[:, 1:]) @ away[:, 1:]
+        spread += (1.0 - 2.0 * n * weight) * away[:, 0, :, np.newaxis] * away[:, 0, np.newaxis]
+        return innovation, (weight * scale) * (behind - ahead), spread
+
+    def _fading(
+        self,
+        k: int,
+        there: np.ndarray,
+        roots: np.ndarray,
+        innovation: np.ndarray,
+        slope: np.ndarray,
+        spread: np.ndarray,
+    ) -> np.ndarray:
+        """Return the fading factor of each particle (J,) and remember its innovation."""
+        self.power[:, there] = innovation_power(
+            self.power[:, there], innovation[:, there], self.seen[there], self.settings.rho
+        )
+        self.seen |= there
+        rows = np.linalg.solve(_transposed(roots), slope)  # Hᵀ = (P^l)⁻¹ P_xz
+        of_noise = np.einsum("jac,ab,jbc->jc", rows, self.process_cov[k], rows)
+        factors = fading_factors(
+            self.power[:, there],
+            np.diagonal(spread, axis1=1, axis2=2)[:, there],
+            of_noise[:, there],
+            self.settings.beta,
+        )
+        self.factors += np.repeat(factors, self.copies).tolist()
+        return factors
+
+    def _roots(self, covs: np.ndarray) -> np.ndarray:
+        """Return L (J, n, n) with L Lᵀ = P; of what rounding has spoilt, of the nearest one."""
+        try:
+            return np.linalg.cholesky(covs)
+        except np.linalg.LinAlgError:
+            roots = np.empty_like(covs)
+            for j, cov in enumerate(covs):
+                try:
+                    roots[j] = np.linalg.cholesky(cov)
+                except np.linalg.LinAlgError:
+                    self.repairs += 1
+                    roots[j] = nearest_root(cov).T
+            return roots
+
+    def _shares(self) -> np.ndarray:
+        """Return the weights (J,) of all copies together, which add up to one."""
+        shares = np.empty(len(self.log_weights))
+        normalise(self.log_weights + np.log(self.copies), shares)
+        return shares
+
+    def moments(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return mean (n,) and covariance (n, n) of the particles, before they are resampled."""
+        shares = self._shares()
+        mean, cov = moments(shares, self.states)
+        if not self.draws:
+            cov += np.einsum("j,jab->ab", shares, self.covs)
+        return mean, 0.5 * (cov + cov.T)
+
+    def resample(self) -> None:
+        """Let heavy particles go on several times, and light ones not, if few carry the weight."""
+        weights = np.repeat(self._shares() / self.copies, self.copies)
+        self.sizes.append(effective_size(weights))
+        if self.sizes[-1] >= _RESAMPLE * len(weights):
+            return
+        self.resamplings += 1
+        which = np.repeat(np.arange(len(self.copies)), self.copies)
+        chosen = which[resample("systematic", weights, self.rng)]
+        if self.draws:
+            self.copies = np.ones_like(self.copies)
+        else:
+            chosen, self.copies = np.unique(chosen, return_counts=True)
+        self.states, self.covs, self.power = (
+            array[chosen] for array in (self.states, self.covs, self.power)
+        )
+        self.log_weights = np.zeros(len(chosen))
+
+    def told(self) -> dict[str, float]:
+        """Return the counters of a run."""
+        info = {
+            "ess_min": min(self.sizes, default=float(self.settings.particles)),
+            "ess_median": float(np.median(self.sizes or [self.settings.particles])),
+            "resamplings": self.resamplings,
+            "unique": len(self.states),
+            "covariance_repairs": self.repairs,
+        }
+        if self.settings.strong_tracking:
+            info["fading_median"] = float(np.median(self.factors or [1.0]))
+        return info
+
+
+def _transposed(matrices: np.ndarray) -> np.ndarray:
+    """Return the transposes of matrices (..., n, m)."""
+    return np.swapaxes(matrices, -1, -2)
