@@ -337,7 +337,7 @@ def _comparisons(
                 if label not in run:
                     raise ScenarioError(
                         f"{origin}: comparison[{number}]: the campaign has no estimator '{label}'"
-                        f"{_suggest(label, run)}"
+                        f"{suggest(label, run)}"
                     )
     return comparisons
 
