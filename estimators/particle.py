@@ -102,7 +102,7 @@ class ParticleFilter(CloudFilter):
 
     Parameters
     ----------
-    particles : their number N. A run costs about 0.3 µs per particle and epoch.
+    particles : their number N. A run costs about 0.4 µs per particle and epoch.
     resampling : ``systematic``, ``stratified`` or ``residual``.
     threshold : effective sample size over N below which the cloud is resampled.
     tempering : a reading that would leave less than this share of N effective is taken in by
