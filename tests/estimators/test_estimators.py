@@ -359,6 +359,9 @@ def test_a_prior_beyond_the_map_crashes_nothing(label):
     far = np.zeros((4, 15))
     far[:, :3] = [[1e7, 0, 0], [0, 1e8, 0], [0, 0, 1e9], [1e12, 1e12, 1e12]]
     assert np.isfinite(problem.model.predict(0, far)).all()
+    refused = estimator(label).skip(problem)
+    if refused:  # a grid of 15 states, a density that does not exist
+        pytest.skip(refused)
     estimate = estimator(label).estimate(problem, rng())
     assert np.isfinite(estimate.mean).all()
     assert np.isfinite(estimate.cov).all()
