@@ -7,8 +7,10 @@ import functools
 import os
 import typing
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import pytest
 from conftest import flight
 
 from ggbench.block import ProblemBlock
@@ -28,20 +30,37 @@ PLUGIN_VARIABLE = "GGBENCH_TEST_ESTIMATOR"
 """Environment variable with estimators of one's own, ``my.py;my.py[size=3]``, to be tested too."""
 
 
+SLOW = (
+    "gaussian-particle[proposal=ekf]",
+    "gaussian-particle[proposal=ukf]",
+    "reduced[states=position]",
+    "unscented-particle[weights=exact]",
+    "unscented-particle[weights=likelihood]",
+)
+"""Modes for whose family another mode stands in the tests that run every time."""
+
+
+def each_label() -> list[Any]:
+    """The same as parameters of a test, the slow ones marked as long."""
+    long = pytest.mark.long
+    return [pytest.param(text, marks=long) if text in SLOW else text for text in labels()]
+
+
 def labels() -> list[str]:
     """Every registered estimator in every mode, and those that the environment names."""
     found = []
     for name, cls in registry.registered().items():
         modes = [
             f"{name}[{key}={choice}]"
-            for key, (annotation, _) in registry.parameters_of(cls).items()
+            for key, (annotation, default) in registry.parameters_of(cls).items()
             if key != "resampling"  # a part with tests of its own, not a way to estimate
             if typing.get_origin(annotation) is typing.Literal
             for choice in typing.get_args(annotation)
+            if choice != default
         ]
         # The compiled engine of the graph knows one of its modes.
         modes = [m.replace("factor-graph[engine", "factor-graph[mode=batch,engine") for m in modes]
-        found += modes or [name]
+        found += [name, *modes]
     return found + [text for text in os.environ.get(PLUGIN_VARIABLE, "").split(";") if text]
 
 

@@ -15,6 +15,10 @@ _COLOURS = {
     "gaussian-sum": ("tab:red", "maroon"),
     "gauss-newton": ("tab:purple", "orchid"),
     "closed-loop": ("tab:cyan",),
+    "particle": ("tab:brown",),
+    "rao-blackwellised": ("tab:pink",),
+    "unscented-particle": ("darkviolet",),
+    "gaussian-particle": ("peru",),
 }
 """Shades of each estimator; its variants take them in the order of the next table."""
 _VARIANTS = {
@@ -30,8 +34,22 @@ _VARIANTS = {
     "gaussian-sum": ("", "loss=cauchy"),
     "gauss-newton": ("", "loss=cauchy"),
     "closed-loop": ("",),
+    "particle": ("",),
+    "rao-blackwellised": ("",),
+    "unscented-particle": ("",),
+    "gaussian-particle": ("",),
 }
-_OTHERS = ("deeppink", "darkkhaki", "olive", "tan", "mediumaquamarine", "rosybrown")
+_REDUCED = {
+    "filter=ekf": "steelblue",
+    "filter=particle": "crimson",
+    "filter=gaussian-particle": "darkorange",
+    "filter=unscented-particle": "mediumorchid",
+    "filter=strong-tracking": "seagreen",
+    "filter=strong-tracking,beta=3": "darkkhaki",
+}
+"""Colours of filters of some of the states; which noise they are told, line and marker say."""
+_NOISES = ("1e-07", "1e-06", "1e-05", "0.0001", "0.001", "0.01")
+_OTHERS = ("deeppink", "chocolate", "olive", "tan", "mediumaquamarine", "rosybrown")
 """Colours of estimators that the package does not know: neither the INS's nor the bound's."""
 _LINES = ("-", "--", "-.", ":")
 _MARKERS = {
@@ -41,6 +59,10 @@ _MARKERS = {
     "gaussian-sum": "><",
     "gauss-newton": "8p",
     "closed-loop": "*",
+    "particle": "o",
+    "rao-blackwellised": "P",
+    "unscented-particle": "X",
+    "gaussian-particle": "s",
 }
 _OTHER_MARKERS = "os^vD"
 
@@ -74,10 +96,22 @@ def _known(label: str) -> Look | None:
     if label == "ins":
         return Look(INS, "-", "x")
     name, _, variant = label.removesuffix("]").partition("[")
+    if name == "reduced":
+        return _known_reduced(variant)
     if variant not in _VARIANTS.get(name, ()):
         return None
     number = _VARIANTS[name].index(variant)
     return Look(_COLOURS[name][number], _LINES[number % 4], _MARKERS[name][number])
+
+
+def _known_reduced(variant: str) -> Look | None:
+    noise = next((part for part in variant.split(",") if part.startswith("noise=")), "")
+    rest = ",".join(part for part in variant.split(",") if part != noise)
+    value = noise.removeprefix("noise=")
+    if rest not in _REDUCED or value not in _NOISES:
+        return None
+    number = _NOISES.index(value)
+    return Look(_REDUCED[rest], _LINES[number % 4], "os^vD*"[number])
 
 
 def _choices(label: str) -> list[Look]:

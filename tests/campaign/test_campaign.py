@@ -317,7 +317,9 @@ def test_stored_runs_are_known_by_their_content(change, tmp_path):
     }
 
 
-@pytest.mark.parametrize("change", ["noise_eotvos = 0.2", "name"])
+@pytest.mark.parametrize(
+    "change", ["noise_eotvos = 0.2", pytest.param("name", marks=pytest.mark.long)]
+)
 def test_a_folder_is_joined_by_content(change, tmp_path):
     """After an edit of one case, a command for the other one reports what is still true.
 

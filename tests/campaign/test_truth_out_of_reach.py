@@ -58,7 +58,7 @@ class Spy(BlockEstimator):
 """
 
 
-@pytest.mark.parametrize("blocks", ["no", "yes"])
+@pytest.mark.parametrize("blocks", [pytest.param("no", marks=pytest.mark.long), "yes"])
 def test_truth_is_no_object_of_the_process_while_an_estimator_runs(blocks, tmp_path):
     """Neither frames nor the list of all objects lead to truth, flight or trajectory.
 

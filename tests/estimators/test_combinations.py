@@ -13,9 +13,9 @@ from problems import (
     LinearModel,
     changed,
     deviation,
+    each_label,
     estimator,
     exact,
-    labels,
     linear_problem,
     rng,
 )
@@ -102,7 +102,7 @@ def linearised(problem: Problem, truth: Truth) -> Problem:
 
 
 @pytest.mark.parametrize("combination", COMBINATIONS)
-@pytest.mark.parametrize("label", labels())
+@pytest.mark.parametrize("label", each_label())
 def test_every_estimator_takes_any_combination(label, combination, folder):
     """The answer is that of the linear problem: to 1e-6 of its deviations where h is linear.
 

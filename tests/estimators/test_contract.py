@@ -22,11 +22,11 @@ from problems import (
     changed,
     conditioned,
     deviation,
+    each_label,
     estimated,
     estimator,
     exact,
     graded,
-    labels,
     linear_problem,
     noisy_problem,
     rng,
@@ -42,12 +42,11 @@ from ggbench.simulation.runs import simulate
 from ggbench.spec import scenario
 from ggbench.spec.case import CaseSpec
 
-LABELS = labels()
 BIASED = ("unscented-particle[weights=likelihood]",)
 """Wrong by their definition, which ``test_unscented_particle.py`` shows: not asked to be near."""
 ARRAYS = [field.name for field in dataclasses.fields(Problem)]
 ARRAYS = [name for name in ARRAYS if isinstance(getattr(linear_problem(0), name), np.ndarray)]
-each_estimator = pytest.mark.parametrize("label", LABELS)
+each_estimator = pytest.mark.parametrize("label", each_label())
 
 
 def solve(label: str, problem: Problem, gaussian: bool = False) -> Estimate:

@@ -18,6 +18,7 @@ from filterpy.kalman import UnscentedKalmanFilter as PlainUKF
 from problems import (
     CONSTANT,
     SEED,
+    SLOW,
     changed,
     deviation,
     estimated,
@@ -347,7 +348,14 @@ def test_graphs_are_released(label):
     assert sum(reference() is not None for reference in alive) == 0
 
 
-@pytest.mark.parametrize("label", labels())
+@pytest.mark.parametrize(
+    "label",
+    [
+        pytest.param(text, marks=pytest.mark.long) if text == "rao-blackwellised" else text
+        for text in labels()
+        if text not in SLOW
+    ],
+)
 def test_a_prior_beyond_the_map_crashes_nothing(label):
     """With a prior of 300 km, trial points lie far outside the map: every run still ends.
 

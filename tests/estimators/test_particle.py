@@ -248,7 +248,7 @@ def test_a_channel_that_is_missing_is_as_good_as_none():
         np.testing.assert_allclose(one.mean, other.mean, atol=1e-9)
 
 
-@pytest.mark.parametrize("label", ["particle[particles=500]", "rao-blackwellised[particles=500]"])
+@pytest.mark.parametrize("label", ["particle[particles=200]", "rao-blackwellised[particles=200]"])
 def test_a_run_does_not_depend_on_its_neighbours_nor_on_coming_alone(label):
     """Mean, covariance, NIS and counters of a run in a block of three, in turn, and alone."""
     block, _ = lost("0.3km", 3)
@@ -328,7 +328,7 @@ def flown(case: str, runs: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.sqrt(square[:, -1]), square[:, settled].mean(axis=1), nees
 
 
-@pytest.mark.parametrize("case", ["0.1km", "1km"])
+@pytest.mark.parametrize("case", [pytest.param("0.1km", marks=pytest.mark.long), "1km"])
 def test_the_default_finds_where_it_is(case):
     """Three runs lock on, at most twice the bound off; a run that does not is one in a hundred."""
     last, squares, _ = flown(case, 3)

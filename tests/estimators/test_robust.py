@@ -90,7 +90,7 @@ def test_a_loss_that_never_acts_changes_nothing(label, loss):
     assert max(deviation(far.mean, far.cov, plain.mean, plain.cov)) < 1e-5
 
 
-@pytest.mark.parametrize("loss", ["huber", "cauchy"])
+@pytest.mark.parametrize("loss", [pytest.param("huber", marks=pytest.mark.long), "cauchy"])
 @pytest.mark.parametrize(
     "label",
     [

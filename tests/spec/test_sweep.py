@@ -269,7 +269,9 @@ def test_the_report_answers_what_is_known(tmp_path):
         assert (tmp_path / f"{name}.png").stat().st_size > 10_000
 
 
-@pytest.mark.parametrize("left", [1, 2, 5])
+@pytest.mark.parametrize(
+    "left", [1, *(pytest.param(left, marks=pytest.mark.long) for left in (2, 5))]
+)
 def test_an_unfinished_grid_is_reported_as_far_as_it_is(left, tmp_path):
     """Grid points without runs are counted and left white; nothing is claimed beyond them."""
     loaded = load(tmp_path, BASE + SWEEP.replace("0.01]", "0.01, 1.0]"))
