@@ -58,6 +58,7 @@ def test_a_wrong_record_is_exit_code_2_and_writes_nothing(tmp_path, log):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.long
 def test_further_sensors_are_recorded_and_reported_by_their_names(tmp_path):
     """A file, a table, columns of residuals and a row of the report for each of them."""
     (tmp_path / "small.toml").write_text(

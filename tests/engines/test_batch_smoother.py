@@ -175,6 +175,7 @@ def test_a_search_that_gives_up_has_no_answer():
     np.testing.assert_array_equal(mean[[0, 2]], usual[[0, 2]])
 
 
+@pytest.mark.long
 def test_damping_of_a_neighbour_changes_nothing():
     """A run that needs no damping is solved in company of one that does as alone: the same bits."""
     whole = batch_smoother.smoother(block_of_runs("jacksboro_drone", "1E", 0, 3), MOST)

@@ -19,6 +19,7 @@ from conftest import flight
 from problems import (
     CASES,
     SEED,
+    SLOW,
     changed,
     conditioned,
     deviation,
@@ -27,6 +28,7 @@ from problems import (
     estimator,
     exact,
     graded,
+    labels,
     linear_problem,
     noisy_problem,
     rng,
@@ -127,7 +129,13 @@ def test_exact_with_noise_that_differs_from_epoch_to_epoch(label):
     assert max(deviation(estimate.mean, estimate.cov, *exact(problem, estimate))) < 1e-9
 
 
-@each_estimator
+@pytest.mark.parametrize(
+    "label",
+    [
+        pytest.param(text, marks=pytest.mark.long) if text in (*SLOW, "point-mass") else text
+        for text in labels()
+    ],
+)
 def test_near_the_exact_answer_where_noise_keeps_the_states_apart(label):
     """What is not exact is near the exact answer on a linear problem whose noise has full rank.
 

@@ -217,6 +217,7 @@ def test_where_readings_say_nothing_the_prior_ranks_the_starts():
     assert (np.diff(distances) > -1e-9).all() and distances[-1] > 5.0
 
 
+@pytest.mark.long
 def test_more_starts_never_end_higher():
     """The lowest minimum from 256 starts is never above the one from the prior's mean."""
     many, single = answers("gauss-newton[starts=256]", 3.0), answers("gauss-newton[starts=1]", 3.0)

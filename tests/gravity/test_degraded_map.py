@@ -82,6 +82,7 @@ def test_correlated_noise_fades_with_height_as_its_wavelengths_do(noisy):
     assert ratio < 0.6
 
 
+@pytest.mark.long
 def test_correlated_noise_is_the_gradient_of_a_potential(noisy):
     """No trace, and the tensor is the gradient of the gravity vector, symmetric as it stands.
 

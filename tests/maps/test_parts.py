@@ -81,6 +81,7 @@ def test_a_rough_terrain_adds_its_whole_field():
     assert rms(residual - whole) < 1e-3 * rms(whole)
 
 
+@pytest.mark.long
 def test_harmonics_with_the_long_waves_and_the_rest_of_the_terrain_are_the_whole():
     """The harmonics of this Earth hold what its long waves attract; the terrain adds the rest."""
     held_by_harmonics, whole = (tensor(1200.0, True, short) for short in (False, True))
