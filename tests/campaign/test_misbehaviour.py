@@ -104,6 +104,7 @@ def tried(folder: Path, *ways: str) -> Results:
     return results
 
 
+@pytest.mark.long
 def test_processes_left_running_end_and_are_told(wild):
     """They hold no campaign, whatever group or session they have fled to; their runs say so."""
     ways = ("child", "own session", "orphan", "fork")

@@ -77,6 +77,7 @@ def damaged(tmp_path) -> Path:
     return tmp_path / "out"
 
 
+@pytest.mark.long
 def test_a_damaged_record_does_not_hide_the_others(damaged, tmp_path):
     """It is a run that failed, with the reason; tables and report are of all the others."""
     results = Results(damaged)

@@ -60,6 +60,7 @@ def rms(values: np.ndarray) -> float:
 @pytest.mark.parametrize(
     "level", [1200.0, pytest.param(-3000.0, marks=pytest.mark.long)], ids=["land", "sea"]
 )
+@pytest.mark.long
 def test_a_smooth_terrain_adds_nothing_to_the_harmonics(level):
     whole, residual = (tensor(level, True, False, degree) for degree in (None, DEGREE))
     print(f"{rms(residual):.3f} of {rms(whole):.3f} E are left")
@@ -155,6 +156,7 @@ def test_ground_must_be_heavier_than_water_to_be_smoothed(density):
         smoothed(terrain(LONG), DEGREE, TerrainOptions(density=density))
 
 
+@pytest.mark.long
 def test_terrain_explains_what_egm2008_has_beyond_degree_120():
     """Real data, two ways: the residual terrain against EGM2008's geoid, over the Qinling.
 
