@@ -26,8 +26,11 @@ BATCH_RUNS = RUNS if EVERYTHING else 2
 MOST_CASES = 12 if EVERYTHING else 1
 LIMIT = 1e-6
 """Difference of the means and of the standard deviations, in deviations of the prior."""
-DRIFTING = {"zhou2015": 1e-3}
-"""The same, where an INS drifts by 40,000 deviations of its prior: QR of GTSAM keeps no more."""
+COARSER = {"zhou2015": 1e-3, "parallel_valleys": 1e-5}
+"""The same of the batch solution: where an INS drifts by 40,000 deviations of its prior QR of GTSAM
+keeps no more; where a run may end in another valley the search ends a little before the minimum."""
+LOST = ("wide_prior", "parallel_valleys")
+"""Scenarios in whose first cases a filter may lose its way, and be chaotic then."""
 NUDGE = 1e-9
 """By how many deviations of their noise readings are moved to see what rounding can do."""
 BATCH = "factor-graph[mode=batch]"
@@ -99,7 +102,7 @@ def test_filters_are_those_of_filterpy(label, name, case):
         own = difference(again, expected, problem)
         assert own > 0.1 * LIMIT, f"run {run}: {found:.1e}, and {own:.1e} of the reference itself"
         chaotic += 1
-    assert chaotic == 0 or name == "wide_prior" or EVERYTHING
+    assert chaotic == 0 or name in LOST or EVERYTHING
 
 
 @pytest.mark.parametrize(("name", "case"), CASES)
@@ -118,7 +121,7 @@ def test_the_batch_solution_is_gtsams(name, case):
         error = expected.info["error"]
         assert abs(found.info["error"] - error) < 1e-4 + 1e-6 * error
         apart = difference(found, expected, problem)
-        limit = DRIFTING.get(name, LIMIT)
+        limit = COARSER.get(name, LIMIT)
         if apart < limit or expected.info["iterations"] == reference.max_iterations:
             continue
         again = reference.estimate(nudged(problem), np.random.default_rng(0))
@@ -126,4 +129,4 @@ def test_the_batch_solution_is_gtsams(name, case):
         # Where the map is wrong, Gauss-Newton steps shrink slowly, and the search ends when the
         # cost falls by less than 1e-5, wherever it then is.
         assert own > 0.1 * LIMIT or (EVERYTHING and apart < 1e-3), f"run {run}: {apart:.1e}"
-        assert name == "wide_prior" or EVERYTHING
+        assert name in LOST or EVERYTHING
