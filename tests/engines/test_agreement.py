@@ -1,7 +1,7 @@
 """The compiled engines beside the frameworks, which are the reference, on every shipped scenario.
 
-The first case of each scenario (``make test`` has the paper's alone), and two runs of the batch
-solution but for the paper's. ``make agreement`` sets GGBENCH_TEST_AGREEMENT=all: then all cases
+The first case of each scenario, and two runs of the batch solution but for the paper's, in ``make
+test-all``; in ``make test`` test_filters.py and test_batch_smoother.py do it. ``make agreement`` sets GGBENCH_TEST_AGREEMENT=all: then all cases
 (twelve of a sweep), and 20 runs of the batch solution on each, which takes GTSAM its time.
 """
 
@@ -43,7 +43,7 @@ def cases_of(name: str) -> list[tuple[str, str]]:
 
 
 CASES = [
-    pytest.param(*case, marks=() if name == "wang2013" else pytest.mark.long)
+    pytest.param(*case, marks=pytest.mark.long)
     for name in scenario.shipped()
     for case in cases_of(name)
 ]
