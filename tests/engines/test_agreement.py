@@ -1,8 +1,9 @@
 """The compiled engines beside the frameworks, which are the reference, on every shipped scenario.
 
 The first case of each scenario, and two runs of the batch solution but for the paper's, in ``make
-test-all``; in ``make test`` test_filters.py and test_batch_smoother.py do it. ``make agreement`` sets GGBENCH_TEST_AGREEMENT=all: then all cases
-(twelve of a sweep), and 20 runs of the batch solution on each, which takes GTSAM its time.
+test-all``; in ``make test`` test_filters.py and test_batch_smoother.py do it. ``make agreement``
+sets GGBENCH_TEST_AGREEMENT=all: then all cases (twelve of a sweep), and 20 runs of the batch
+solution on each, which takes GTSAM its time.
 """
 
 from __future__ import annotations
