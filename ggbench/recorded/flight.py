@@ -12,7 +12,6 @@ import numpy as np
 from ..errors import GGBenchError
 from ..gravity.field import Field, OutsideMapError
 from ..ins.error_model import navigation_errors
-from ..ins.known_gravity import NORMAL_GRAVITY, of_map
 from ..problem import Problem
 from ..sensors.aiding import Gnss, Motion, corrected_positions, position_error
 from ..simulation.equipment import Equipment, equipment_of
@@ -21,9 +20,9 @@ from ..simulation.formulation import (
     Indicated,
     Readings,
     Schedule,
+    added_gravity,
     follow,
     formulate,
-    integrated_gravity,
     require_short_delays,
 )
 from ..simulation.replay import Replays
@@ -148,18 +147,14 @@ def _problem(
     output, missing = np.zeros((1, 0, model.gradients)), np.zeros((1, 0), dtype=bool)
     if "gradiometer" in series:
         output, missing = gradients(spec, ins.base, series["gradiometer"])
-    gravity = of_map(field.disturbance_map) if spec.field.compensate else NORMAL_GRAVITY
-    if model.integrates:
-        samples = epochs[gradient_at]
-        gravity = integrated_gravity(model, samples, ins.base.count + 1, output, missing)
+    gravity = added_gravity(model, field, epochs[gradient_at], ins.base.count + 1, output, missing)
     follow(model, when, gravity, ins.navigated(gravity), ins.increments, indicated)
     motion = indicated.motion
     _require_over_map(field, motion.positions[0, 0], np.sqrt(np.diag(model.prior_cov)[:3]))
     read, present = others(model, series, read_at, motion)
     _require_receivers_near(model, series, at, np.where(present, read, np.nan)[0])
     block = formulate(model, field, when, indicated, Readings(output, missing, read, present))
-    filtered = model.gradiometer is not None and model.gradiometer.lowpass is not None
-    if ins.recording is not None and not (filtered or model.integrates):
+    if ins.recording is not None and not model.remembers:
         replays = Replays(model, field, when, gravity, [ins.recording], 1)
         block = dataclasses.replace(block, replays=replays)
     return block.problem(0)

@@ -86,6 +86,15 @@ class Equipment:
         return self.disturbance is not None and self.disturbance.walk is not None
 
     @property
+    def remembers(self) -> bool:
+        """Whether a filter's readings, or what is integrated, depend on the INS's track before.
+
+        Feedback would change that track.
+        """
+        filtered = self.gradiometer is not None and self.gradiometer.lowpass is not None
+        return filtered or self.integrates
+
+    @property
     def gradients(self) -> int:
         """Number of the gradiometer's channels."""
         return 0 if self.gradiometer is None else len(self.gradiometer.components)

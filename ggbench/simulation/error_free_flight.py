@@ -14,7 +14,7 @@ from ..gravity.ellipsoid import metres_along
 from ..gravity.field import Field
 from ..ins import strapdown
 from ..ins.error_model import POSITION, STATES, navigation_errors
-from ..ins.known_gravity import NORMAL_GRAVITY, KnownGravity, of_map
+from ..ins.known_gravity import KnownGravity
 from ..sensors.aiding import Motion
 from ..sensors.gradiometer.faults import Faults
 from ..sensors.gradiometer.instrument import inertial_from_local, readings
@@ -30,7 +30,7 @@ from .aiding import aiding_about
 from .bound import Bound, posterior_bound
 from .equipment import Equipment, equip
 from .field_source import make_field
-from .formulation import Schedule, integrated_gravity, require_short_delays
+from .formulation import Schedule, added_gravity, require_short_delays
 from .instruments import faults, spinning_disks
 
 
@@ -116,26 +116,24 @@ class Flight:
         east_and_north = metres_along(self.trajectory.positions[self.epochs])
         return np.hstack([east_and_north[:, ::-1], np.ones((len(self.epochs), 1))])
 
-    def added_gravity(self, field: Field) -> KnownGravity:
-        """Return what the mechanization, if it has this field, adds to normal gravity.
+    def added_gravity(
+        self, field: Field, seen: tuple[np.ndarray, np.ndarray] | None = None
+    ) -> KnownGravity:
+        """Return what the mechanizations of R runs, if they have this field, add to normal gravity.
 
-        Where it integrates gradients: those without any error.
+        ``seen`` are the gradients (R, G, g) [E] that they integrate, if they do, and which (R, G)
+        are missing; those of a single run without any error if not given.
         """
-        if self.model.integrates:
-            assert self.model.gradiometer is not None  # the specification checks it
-            exact = self.noise_free[np.newaxis] @ self.model.gradiometer.channels.T
-            return self.integrated(exact, np.zeros(exact.shape[:2], dtype=bool))
-        return of_map(field.disturbance_map) if self.model.compensates else NORMAL_GRAVITY
+        samples, count = self.epochs[self.gradient_epochs], len(self.trajectory.times)
+        return added_gravity(self.model, field, samples, count, *(seen or self._exact_gradients))
 
-    def integrated(self, gradients: np.ndarray, missing: np.ndarray) -> KnownGravity:
-        """Return what the mechanizations of R runs add that integrate gradients (R, G, g) [E].
-
-        ``missing`` (R, G) says which are none.
-        """
-        samples = self.epochs[self.gradient_epochs]
-        return integrated_gravity(
-            self.model, samples, len(self.trajectory.times), gradients, missing
-        )
+    @cached_property
+    def _exact_gradients(self) -> tuple[np.ndarray, np.ndarray]:
+        """What a gradiometer without any error reads (1, G, g) [E], and that none is missing."""
+        exact = self.noise_free[np.newaxis]
+        if self.model.gradiometer is not None:
+            exact = exact @ self.model.gradiometer.channels.T
+        return exact, np.zeros(exact.shape[:2], dtype=bool)
 
     @cached_property
     def unknown_gravity(self) -> np.ndarray:

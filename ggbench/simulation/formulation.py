@@ -15,7 +15,7 @@ from ..block import ProblemBlock
 from ..errors import GGBenchError
 from ..gravity.field import Field
 from ..ins.error_model import POSITION, STATES, VELOCITY
-from ..ins.known_gravity import KnownGravity, of_readings
+from ..ins.known_gravity import NORMAL_GRAVITY, KnownGravity, of_map, of_readings
 from ..ins.strapdown import TRACK
 from ..numerics.lanes import in_lanes, out_of_lanes
 from ..numerics.rotations import between
@@ -169,17 +169,25 @@ def follow(
         out.integrated[:] = out_of_lanes(gravity.readings.total[samples], runs)
 
 
-def integrated_gravity(
-    model: Equipment, samples: np.ndarray, count: int, gradients: np.ndarray, missing: np.ndarray
+def added_gravity(
+    model: Equipment,
+    field: Field,
+    samples: np.ndarray,
+    count: int,
+    gradients: np.ndarray,
+    missing: np.ndarray,
 ) -> KnownGravity:
-    """Return what the INSs of a group of R runs add, who integrate their readings of gradients.
+    """Return what the mechanizations of a group of R runs add to normal gravity.
 
     Parameters
     ----------
-    model : sensors as the estimators know them.
+    model : sensors as the estimators know them. field : of which the disturbance is added, if it
+        is compensated.
     samples : (G,) of the INS at which the gradiometer is read. count : of its samples.
-    gradients, missing : (R, G, g), (R, G) as :class:`Readings` has them.
+    gradients, missing : (R, G, g), (R, G) as :class:`Readings` has them, if they are integrated.
     """
+    if not model.integrates:
+        return of_map(field.disturbance_map) if model.compensates else NORMAL_GRAVITY
     assert model.gradiometer is not None  # the specification checks it
     tensors = model.gradiometer.tensors(gradients)
     tensors[missing] = np.nan

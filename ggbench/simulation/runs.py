@@ -102,16 +102,13 @@ def simulate_block(
     seen = _gradients(flight, streams)
     recordings: list[Recording] = []
     for some in groups(len(streams)):
-        gravity = _known_gravity(flight, seen, some)
+        gravity = flight.added_gravity(flight.model_field, seen.of_runs(some))
         track, increments, imu_biases[some], recorded = _navigate(flight, streams[some], gravity)
         follow(model, when, gravity, track, increments, ins.of_runs(some))
         recordings.append(recorded)
     read, biases = _readings(flight, streams, seen, ins.motion)
     problems = formulate(model, flight.model_field, when, ins, read)
-    filtered = model.gradiometer is not None and model.gradiometer.lowpass is not None
-    if not (filtered or model.integrates):
-        # What a filter delivers, and what is integrated, depend on the track before, which feedback
-        # would change.
+    if not model.remembers:
         gravity = flight.added_gravity(flight.model_field)
         replays = Replays(model, flight.model_field, when, gravity, recordings, len(streams))
         problems = dataclasses.replace(problems, replays=replays)
@@ -159,7 +156,7 @@ def record(flight: Flight, seed: int, run: int) -> Record:
     """
     streams = [random_streams(seed, run)]
     seen = _gradients(flight, streams)
-    gravity = _known_gravity(flight, seen, slice(0, 1))
+    gravity = flight.added_gravity(flight.model_field, seen.of_runs(slice(1)))
     track, increments, _, recorded = _navigate(flight, streams, gravity)
     states = out_of_lanes(track[flight.epochs], 1)
     motion = motion_of(states)
@@ -179,6 +176,10 @@ class _Gradients(NamedTuple):
     missing: np.ndarray
     biases: np.ndarray
 
+    def of_runs(self, some: slice) -> tuple[np.ndarray, np.ndarray]:
+        """Return output and what is missing of some of the runs."""
+        return self.output[some], self.missing[some]
+
 
 def _gradients(flight: Flight, streams: Sequence[RandomStreams]) -> _Gradients:
     """Return what the gradiometers of R runs deliver; of no readings without one."""
@@ -188,13 +189,6 @@ def _gradients(flight: Flight, streams: Sequence[RandomStreams]) -> _Gradients:
         return _Gradients(output, _missing(flight, streams), biases)
     none = np.zeros((runs, 0), dtype=bool)
     return _Gradients(np.zeros((runs, 0, width)), none, np.zeros((runs, len(flight.times), width)))
-
-
-def _known_gravity(flight: Flight, seen: _Gradients, some: slice) -> KnownGravity:
-    """Return what the mechanizations of a group of the runs add to normal gravity."""
-    if not flight.model.integrates:
-        return flight.added_gravity(flight.model_field)
-    return flight.integrated(seen.output[some], seen.missing[some])
 
 
 def _readings(

@@ -74,7 +74,8 @@ def test_readings_that_are_missing_are_bridged(rough):
 
 def integral(made: Flight, gradients: np.ndarray, missing: np.ndarray) -> np.ndarray:
     """What an INS without other errors integrates, at the epochs (K, 3)."""
-    gravity, truth = made.integrated(gradients, missing), made.trajectory
+    gravity = made.added_gravity(made.model_field, (gradients, missing))
+    truth = made.trajectory
     navigate(
         truth.positions[0], truth.velocities[0], truth.attitudes[0], made.delta_angles,
         made.delta_velocities, truth.dt, gravity=gravity,
