@@ -16,10 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .numerics.frozen import freeze_arrays
+from .numerics.positive import ranked_root
 
 Causality = Literal["none", "filter", "fixed-lag", "batch"]
-_NO_NOISE = 1e-13
-"""Eigenvalue of a correlation matrix below which a direction of Q counts as free of noise."""
 
 
 class MeasurementModel(Protocol):
@@ -198,14 +197,9 @@ class Problem:
     def noise_root(self, k: int) -> np.ndarray:
         """Return G (n, r) with G Gᵀ = Q of epoch ``k``: by it r standard normal numbers make w_k.
 
-        Of the rank r of Q, in units of its deviations, so that no unit outweighs another.
+        Of the rank r of Q.
         """
-        cov = self.process_cov[k]
-        sigma = np.sqrt(np.diag(cov))
-        unit = np.where(sigma > 0.0, sigma, 1.0)
-        values, vectors = np.linalg.eigh(cov / np.outer(unit, unit))
-        kept = values > _NO_NOISE
-        return np.asarray(unit[:, np.newaxis] * vectors[:, kept] * np.sqrt(values[kept]))
+        return ranked_root(self.process_cov[k])[0]
 
     def log_likelihood(self, k: int, x: np.ndarray) -> np.ndarray:
         """Return ln p(z_k | x) (...) of the measurements that there are, at states x (..., n)."""

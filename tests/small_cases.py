@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 from problems import SMALL
 
+from ggbench.block import ProblemBlock
 from ggbench.gravity.degraded_map import MapDegradation, degrade
 from ggbench.gravity.gradient_map import GradientMap
 from ggbench.maps.recipe import write
 from ggbench.simulation.error_free_flight import Flight, prepare
+from ggbench.simulation.runs import TruthBlock
 from ggbench.spec import scenario
 from ggbench.spec.case import CaseSpec
 from ggbench.spec.sensors import FieldSpec, ModelField, TrueField
@@ -137,3 +139,15 @@ def over_the_normal_field(case: CaseSpec) -> CaseSpec:
             "model": case.model.model_copy(update={"field": ModelField()}),
         }
     )
+
+
+def residuals_at_the_truth(block: ProblemBlock, truth: TruthBlock) -> tuple[np.ndarray, np.ndarray]:
+    """Sum of the squares (m,) that the truth leaves of each channel, over R; how many there are."""
+    squares, count = np.zeros(block.measurements.shape[2]), np.zeros(block.measurements.shape[2])
+    for run in range(block.runs):
+        problem = block.problem(run)
+        for k, there in enumerate(problem.present):
+            predicted = problem.model.predict(k, truth.error_state[run, k])
+            squares += (problem.measurements[k] - predicted) ** 2 / np.diag(problem.noise_cov)
+            count += there
+    return squares, count

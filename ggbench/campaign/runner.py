@@ -199,7 +199,9 @@ def _run_block(task: Task, pairs: Pairs, runs: Sequence[int]) -> Iterator[Starte
         cold = {"cold": _is_cold(label)}
         blanks = [blank(choice, run, task.seed) | cold for run in runs]
         try:
-            rngs = [_estimator_rng(task.seed, run, choice) for run in runs]
+            rngs = []
+            if isinstance(choice.estimator, DrawingEstimator):
+                rngs = [_estimator_rng(task.seed, run, choice) for run in runs]
             estimated = _estimate_block(block, choice, rngs)
             results = _judged(blanks, key, task.case, truth, estimated, block.problem)
         except (Exception, SystemExit) as error:

@@ -20,13 +20,11 @@ import numpy as np
 
 from ..block import CompiledModel
 from ..numerics.kernels import compiled
+from ..numerics.positive import ranked_root
 from ..problem import Problem
 from ..sensors.gradiometer.instrument import STRAPDOWN
 from .resampling import Resampling, effective_size, moments, normalise, repaired, resample, unique
 
-_NO_NOISE = 1e-13
-"""Eigenvalue of a correlation matrix below which a direction counts as free of noise; as in
-:meth:`.problem.Problem.noise_root`."""
 _LEAST_STEP, _BISECTIONS, _MOST_STAGES = 1e-16, 40, 60
 """Share of a reading that a stage takes at least; halvings (of its logarithm) by which a stage is
 found; stages in which a reading is taken in at most."""
@@ -294,7 +292,7 @@ class _Cloud:
         # Of what the drawn states alone make of h.
         bent = (residuals + self.x[:, d:] @ slope.T) @ _inverse_root(noise).T
         _, joint = moments(self.weights, np.hstack([self.x[:, :d], bent]))
-        _, inverse = _roots(joint[:d, :d])
+        _, inverse = ranked_root(joint[:d, :d])
         explained = inverse.T @ joint[:d, d:]
         left = np.diag(joint)[d:] - (explained**2).sum(axis=0)
         self.straight = bool(left.max() < self.moves.straight)
@@ -343,7 +341,7 @@ class _Cloud:
     def _regularise(self) -> None:
         """Blur the position by the kernel of Musso, Oudjane and Le Gland."""
         _, cov = moments(np.full(self.count, 1.0 / self.count), self.x[:, :POSITION])
-        root, _ = _roots(cov)
+        root, _ = ranked_root(cov)
         width = (4.0 / (POSITION + 2.0)) ** (1.0 / (POSITION + 4.0))
         width *= self.moves.regularisation * self.count ** (-1.0 / (POSITION + 4.0))
         noise = self.rng.standard_normal((self.count, root.shape[1]))
@@ -352,7 +350,7 @@ class _Cloud:
     def _steps(self, joint: np.ndarray) -> np.ndarray:
         """Return (r, n) what r normal numbers make of a particle, and keep the rest as P_l."""
         d = self.drawn
-        root, inverse = _roots(joint[:d, :d])
+        root, inverse = ranked_root(joint[:d, :d])
         told = inverse.T @ joint[:d, d:]
         rest = joint[d:, d:] - told.T @ told
         self.rest = 0.5 * (rest + rest.T)
@@ -366,16 +364,6 @@ class _Cloud:
         noise -= noise.mean(axis=0)
         root = np.linalg.cholesky(noise.T @ noise / count)
         return np.asarray(np.linalg.solve(root, noise.T).T)
-
-
-def _roots(cov: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return G (d, r), G Gᵀ = a covariance (d, d) of rank r, and its pseudo-inverse, transposed."""
-    sigma = np.sqrt(np.maximum(np.diag(cov), 0.0))
-    unit = np.where(sigma > 0.0, sigma, 1.0)
-    values, vectors = np.linalg.eigh(cov / np.outer(unit, unit))
-    kept = values > _NO_NOISE
-    values, vectors = np.sqrt(values[kept]), vectors[:, kept]
-    return unit[:, np.newaxis] * vectors * values, vectors / values / unit[:, np.newaxis]
 
 
 def _inverse_root(cov: np.ndarray) -> np.ndarray:

@@ -1,8 +1,24 @@
-"""The nearest positive part of a covariance that rounding or a negative weight has spoilt."""
+"""Roots of covariances: of singular ones, and of those that rounding or a weight has spoilt."""
 
 from __future__ import annotations
 
 import numpy as np
+
+_NO_NOISE = 1e-13
+"""Eigenvalue of a correlation matrix below which a direction counts as free of noise."""
+
+
+def ranked_root(cov: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return G (n, r), G Gᵀ = a covariance (n, n) of rank r, and its pseudo-inverse, transposed.
+
+    In units of its deviations, so that no unit outweighs another.
+    """
+    sigma = np.sqrt(np.maximum(np.diag(cov), 0.0))
+    unit = np.where(sigma > 0.0, sigma, 1.0)
+    values, vectors = np.linalg.eigh(cov / np.outer(unit, unit))
+    kept = values > _NO_NOISE
+    values, vectors = np.sqrt(values[kept]), vectors[:, kept]
+    return unit[:, np.newaxis] * vectors * values, vectors / values / unit[:, np.newaxis]
 
 
 def nearest_root(matrix: np.ndarray) -> np.ndarray:

@@ -94,7 +94,8 @@ def _what_there_is(flight: RecordedFlight) -> str:
     """Return the flight in a few words, and its readings in a table."""
     problem, spec = flight.problem, flight.spec
     kind = "the solution of its INS" if spec.ins else "inertial increments, mechanised here"
-    has_map = "a map" if np.isfinite(problem.map.lower).all() else "no map"  # type: ignore[union-attr]
+    assert problem.map is not None  # a recorded flight has one, be it the normal field's
+    has_map = "a map" if np.isfinite(problem.map.lower).all() else "no map"
     rows = []
     for sensor in dict.fromkeys(channel.sensor for channel in problem.channels):
         own = [j for j, channel in enumerate(problem.channels) if channel.sensor == sensor]

@@ -7,6 +7,7 @@ over seeds that was measured.
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -253,7 +254,10 @@ def test_a_run_does_not_depend_on_its_neighbours_nor_on_coming_alone(label):
     """Mean, covariance, NIS and counters of a run in a block of three, in turn, and alone."""
     block, _ = lost("0.3km", 3)
     solve = estimator(label)
-    rngs = lambda runs: [np.random.default_rng([9, run]) for run in runs]  # noqa: E731
+
+    def rngs(runs: Sequence[int]) -> list[np.random.Generator]:
+        return [np.random.default_rng([9, run]) for run in runs]
+
     whole = solve.estimate_block(block, rngs(range(3)))
     alone = solve.estimate(block.problem(2), *rngs([2]))
     same = whole.estimate(2)

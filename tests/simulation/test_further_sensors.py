@@ -7,7 +7,14 @@ import tomllib
 import numpy as np
 import pytest
 from problems import SMALL
-from small_cases import GRAVIMETER, ON_BOARD, SEVERAL, small_case, small_flight
+from small_cases import (
+    GRAVIMETER,
+    ON_BOARD,
+    SEVERAL,
+    residuals_at_the_truth,
+    small_case,
+    small_flight,
+)
 from test_other_sensors import places
 
 from ggbench.campaign import records
@@ -58,13 +65,7 @@ def test_residuals_at_the_truth_are_the_noise_that_is_told():
     The bias of the water track is 8 times its noise. False alarms: 22 channels times 6e-5.
     """
     block, truth = simulate_block(small_flight(ON_BOARD | SEVERAL), 3, range(RUNS))
-    squares, count = np.zeros(block.measurements.shape[2]), np.zeros(block.measurements.shape[2])
-    for run in range(RUNS):
-        problem = block.problem(run)
-        for k, there in enumerate(problem.present):
-            predicted = problem.model.predict(k, truth.error_state[run, k])
-            squares += (problem.measurements[k] - predicted) ** 2 / np.diag(problem.noise_cov)
-            count += there
+    squares, count = residuals_at_the_truth(block, truth)
     assert (np.abs(squares / count - 1.0) < 4.0 * np.sqrt(2.0 / count)).all()
 
 

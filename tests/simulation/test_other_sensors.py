@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from small_cases import GRAVIMETER, ON_BOARD, rough_map, small_flight
+from small_cases import GRAVIMETER, ON_BOARD, residuals_at_the_truth, rough_map, small_flight
 
 from ggbench.errors import GGBenchError
 from ggbench.simulation.runs import simulate, simulate_block
@@ -57,13 +57,7 @@ def test_residuals_at_the_truth_are_the_noise_that_is_told(rough):
     False alarms: 16 channels times 6e-5.
     """
     block, truth = simulate_block(small_flight(ON_BOARD | GRAVIMETER | rough), 3, range(RUNS))
-    squares, count = np.zeros(block.measurements.shape[2]), np.zeros(block.measurements.shape[2])
-    for run in range(RUNS):
-        problem = block.problem(run)
-        for k, there in enumerate(problem.present):
-            predicted = problem.model.predict(k, truth.error_state[run, k])
-            squares += (problem.measurements[k] - predicted) ** 2 / np.diag(problem.noise_cov)
-            count += there
+    squares, count = residuals_at_the_truth(block, truth)
     assert (np.abs(squares / count - 1.0) < 4.0 * np.sqrt(2.0 / count)).all()
 
 
