@@ -10,6 +10,12 @@ A field of gravity gradients looks alike in many places, and Gauss–Newton find
 cost is looked at from many starts across the prior of the position, and the best are refined.
 Those follow the drift of the INS, however far it leads; one more search starts from the smoothed
 track of an extended Kalman filter, which has corrected it on the way.
+
+Starts for whole flights are few, and where the prior is wide they lie far apart: of 1024 across a
+standard deviation of 10 km the nearest to a place beyond two of them is some 1.3 km away, and the
+cost there tells no more than anywhere. So the first window of readings is searched as matchers do
+(:mod:`ggbench.engines.windows`), on a grid fine enough for the field, and what fits it is one more
+start each. Where the first readings say nothing, those for the whole flight remain.
 """
 
 from __future__ import annotations
@@ -19,19 +25,22 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri
 
-from ..numerics.kernels import compiled
+from ..engines.iterated_smoother import IteratedSmoother, Minimum, Trajectory
+from ..engines.position_grid import states_in_metres
+from ..engines.windows import Search, refined, section
 from ..problem import Causality, Estimate, Estimator, Problem
 from . import robust
 from .robust import Loss
 from .ukf import MatrixSquareRoot
 
-_HALVINGS = 15
-_CONVERGED = 1e-6
-"""Decrease of the cost below which a search has ended: a thousandth of a standard deviation."""
 _MOST_STARTS = 1_000_000
 """Starts that fit in memory."""
 _SCREENED = 50
 """Number of epochs at which the cost of a start is looked at."""
+_MOST_POINTS = 50_000
+"""Points of the grid on which the first window is searched."""
+_NO_RIVAL = 50.0
+"""Log odds against a place by which it needs no search of the whole flight."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +52,9 @@ class GaussNewton(Estimator):
     starts : number of initial positions (states in metres) spread over the prior; 1 starts from
         the prior's mean alone. A filter's track is one more start.
     refine : how many of them, those of the lowest costs, are refined.
+    window : number of epochs with readings that are searched on a grid; 0 for none. With one start
+        nothing is searched.
+    spacing_m : step of that grid [m], a quarter of the field's correlation length.
     max_iterations : limit of Gauss–Newton steps from each start.
     loss : ``huber`` or ``cauchy`` on each component of a reading, by iteratively reweighted least
         squares; see :mod:`ggbench.estimators.robust`.
@@ -52,6 +64,8 @@ class GaussNewton(Estimator):
 
     starts: int = 1024
     refine: int = 5
+    window: int = 20
+    spacing_m: float = 250.0
     max_iterations: int = 30
     loss: Loss = "none"
     threshold: float | None = None
@@ -70,6 +84,10 @@ class GaussNewton(Estimator):
         for name in ("refine", "max_iterations"):
             if getattr(self, name) < 1:
                 return f"{name} must be at least 1, and is {getattr(self, name)}"
+        if self.window < 0:
+            return f"window must not be negative, and is {self.window}"
+        if not 0.0 < self.spacing_m < np.inf:
+            return f"spacing_m must be positive and finite, and is {self.spacing_m:g}"
         return robust.refusal(self.loss, self.threshold)
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
@@ -77,6 +95,8 @@ class GaussNewton(Estimator):
         threshold = robust.threshold_of(self.loss, self.threshold)
         smoother = _Smoother(problem, self.loss, threshold)
         starts = [*smoother.best_starts(self.starts, self.refine), smoother.from_filter()]
+        if self.starts > 1 and self.window:
+            starts += smoother.from_window(self.window, self.spacing_m, self.refine)
         found = [smoother.search(start, self.max_iterations) for start in starts]
         finite = [item for item in found if np.isfinite(item.cost)]
         if not finite:
@@ -92,78 +112,14 @@ class GaussNewton(Estimator):
         return Estimate(mean, cov, self.causality, info=info)
 
 
-@dataclass(frozen=True)
-class _Trajectory:
-    """States (K, n), multipliers λ (n,) and r (K, n), in units of the prior's deviations."""
-
-    states: np.ndarray
-    start: np.ndarray
-    motion: np.ndarray
-
-    def towards(self, other: _Trajectory, share: float) -> _Trajectory:
-        """Return the trajectory a share of the way to another one."""
-        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
-        return _Trajectory(*(a + share * (b - a) for a, b in pairs))
-
-
-@dataclass(frozen=True)
-class _Minimum:
-    """The end of a search, and the filter that was linearised there."""
-
-    trajectory: _Trajectory
-    cost: float
-    iterations: int
-    converged: bool
-    rows: np.ndarray
-    filtered_cov: np.ndarray
-
-
-class _Smoother:
-    """A problem in units of the prior's deviations, its cost and its linearised solution."""
+class _Smoother(IteratedSmoother):
+    """The search of a problem's minimum with a loss, and where it is begun."""
 
     def __init__(self, problem: Problem, loss: Loss, threshold: float) -> None:
-        self.problem = problem
-        self.loss, self.threshold = loss, threshold
-        self.scale = scale = np.sqrt(np.diag(problem.prior_cov))
-        self.transition = problem.transition * scale / scale[:, None]
-        self.process_cov = problem.process_cov / np.outer(scale, scale)
-        self.prior_mean = problem.prior_mean / scale
-        self.prior_cov = problem.prior_cov / np.outer(scale, scale)
-        channels = problem.measurements.shape[1]
-        noise = np.broadcast_to(problem.noise_cov, (problem.epochs, channels, channels))
-        self.noise_root = np.linalg.cholesky(noise)
+        super().__init__(problem, *robust.of_residuals(loss, threshold))
+        self.loss = loss
 
-    def from_prior(self, start: np.ndarray) -> _Trajectory:
-        """Return the undisturbed motion from prior_mean + P_0 λ."""
-        states = np.empty((self.problem.epochs, self.problem.dimension))
-        x = self.prior_mean + self.prior_cov @ start
-        for k, phi in enumerate(self.transition):
-            x = phi @ x
-            states[k] = x
-        return _Trajectory(states, start, np.zeros_like(states))
-
-    def from_filter(self) -> _Trajectory:
-        """Return the smoothed track of an extended Kalman filter."""
-        problem = self.problem
-        n, m = problem.dimension, problem.measurements.shape[1]
-        rows, target = np.empty((problem.epochs, m, n)), np.empty((problem.epochs, m))
-        x, p = self.prior_mean, self.prior_cov
-        for k, (phi, q) in enumerate(zip(self.transition, self.process_cov, strict=True)):
-            x, p = phi @ x, phi @ p @ phi.T + q
-            state = x * self.scale
-            innovation = problem.measurements[k] - problem.model.predict(k, state)
-            white = np.linalg.solve(self.noise_root[k], innovation)
-            h = np.linalg.solve(self.noise_root[k], problem.model.jacobian(k, state) * self.scale)
-            rows[k], target[k] = h, white + h @ x
-            gain = np.linalg.solve(h @ p @ h.T + np.eye(m), h @ p).T
-            keep = np.eye(n) - gain @ h
-            x, p = x + gain @ white, keep @ p @ keep.T + gain @ gain.T
-        *solution, _ = _smooth(
-            self.transition, self.process_cov, self.prior_mean, self.prior_cov, rows, target
-        )
-        return _Trajectory(*solution)
-
-    def best_starts(self, count: int, keep: int) -> list[_Trajectory]:
+    def best_starts(self, count: int, keep: int) -> list[Trajectory]:
         """Return the undisturbed motions of lowest costs from positions across the prior.
 
         They are a Halton sequence in the normal distribution whose density is that of the prior to
@@ -171,12 +127,7 @@ class _Smoother:
         to the nearest one (Zador 1982).
         """
         centre = np.zeros(self.problem.dimension)
-        axes = [
-            i
-            for block in self.problem.layout
-            if block.unit == "m"
-            for i in range(*block.slice.indices(self.problem.dimension))
-        ]
+        axes = states_in_metres(self.problem)
         if count == 1 or not axes:
             return [self.from_prior(centre)]
         from scipy.stats import qmc  # not at the top: it loads slowly
@@ -188,6 +139,32 @@ class _Smoother:
         starts[1:, axes] = np.linalg.solve(root.T, normal.T).T
         order = np.argsort(self._screen(starts), kind="stable")
         return [self.from_prior(starts[i]) for i in order[:keep]]
+
+    def from_window(self, count: int, spacing_m: float, keep: int) -> list[Trajectory]:
+        """Return the motions that fit the first readings, the most probable first.
+
+        Parameters
+        ----------
+        count : of epochs with readings. spacing_m : step of the grid [m].
+        keep : largest number of motions. None is returned if the grid has one point: there the
+            prior's mean is start enough.
+        """
+        problem = self.problem
+        read = np.flatnonzero(problem.present.any(axis=1))[:count]
+        if not len(read) or not states_in_metres(problem):
+            return []
+        window = section(problem, 0, read[-1] + 1, problem.prior_mean, problem.prior_cov)
+        search = Search(window, spacing_m, _MOST_POINTS, "msd" if self.loss == "none" else "mad")
+        if len(search.points) < 2:
+            return []
+        search.take(window.epochs)
+        smoother = IteratedSmoother(window, self.losses, self.weights)
+        places = refined(smoother, search.starts(keep), search.spacing)[:keep]
+        return [
+            self.from_prior(place.start)
+            for place in places
+            if place.cost < places[0].cost + _NO_RIVAL
+        ]
 
     def _screen(self, starts: np.ndarray) -> np.ndarray:
         """Return the cost of each start (S, n), from a part of the epochs."""
@@ -203,133 +180,14 @@ class _Smoother:
                     k, states.T * self.scale
                 )
                 white = np.linalg.solve(self.noise_root[k], residuals.T)
-                left = robust.losses(white, self.loss, self.threshold).sum(axis=0)
+                left = self.losses(white).sum(axis=0)
                 costs += problem.epochs / len(shown) * left
         return costs
 
-    def _residuals(self, states: np.ndarray) -> np.ndarray:
-        """Return the whitened residuals (K, m) of a trajectory."""
-        problem = self.problem
-        predicted = [problem.model.predict(k, x) for k, x in enumerate(states * self.scale)]
-        residuals = problem.measurements - predicted
-        return np.linalg.solve(self.noise_root, residuals[..., np.newaxis])[..., 0]
-
-    def _cost(self, trajectory: _Trajectory, residuals: np.ndarray) -> float:
-        start, motion = trajectory.start, trajectory.motion
-        moving = np.einsum("ki,kij,kj->", motion, self.process_cov, motion)
-        left = robust.losses(residuals, self.loss, self.threshold).sum()
-        return float(0.5 * (start @ self.prior_cov @ start + moving) + left)
-
-    def search(self, trajectory: _Trajectory, max_iterations: int) -> _Minimum:
-        """Follow Gauss–Newton steps, each halved until the cost falls, to a minimum."""
-        problem = self.problem
-        residuals = self._residuals(trajectory.states)
-        cost = self._cost(trajectory, residuals)
-        converged = False
-        iterations = 0
-        rows: np.ndarray = np.empty(0)
-        filtered_cov: np.ndarray = np.empty(0)
-        while np.isfinite(cost) and not converged and iterations < max_iterations:
-            iterations += 1
-            states = trajectory.states * self.scale
-            rows = np.stack([problem.model.jacobian(k, x) for k, x in enumerate(states)])
-            rows = np.linalg.solve(self.noise_root, rows * self.scale)
-            target = residuals + np.einsum("kmi,ki->km", rows, trajectory.states)
-            weight = np.sqrt(robust.weights(residuals, self.loss, self.threshold))
-            rows *= weight[:, :, None]
-            *solution, filtered_cov = _smooth(
-                self.transition, self.process_cov, self.prior_mean, self.prior_cov,
-                rows, weight * target,
-            )  # fmt: skip
-            full = _Trajectory(*solution)
-            before = cost
-            for halving in range(_HALVINGS):
-                moved = trajectory.towards(full, 0.5**halving)
-                new_residuals = self._residuals(moved.states)
-                new = self._cost(moved, new_residuals)
-                if new < cost:
-                    trajectory, residuals, cost = moved, new_residuals, new
-                    break
-            converged = before - cost < _CONVERGED
-        return _Minimum(trajectory, cost, iterations, converged, rows, filtered_cov)
-
-    def answer(self, minimum: _Minimum) -> tuple[np.ndarray, np.ndarray]:
+    def answer(self, minimum: Minimum) -> tuple[np.ndarray, np.ndarray]:
         """Return the mean (K, n) and the smoothed covariance (K, n, n) at a minimum."""
         cov = _smoothed_cov(self.transition, self.process_cov, minimum.filtered_cov, minimum.rows)
         return minimum.trajectory.states * self.scale, cov * np.outer(self.scale, self.scale)
-
-
-@compiled
-def _smooth(
-    transition: np.ndarray,
-    process_cov: np.ndarray,
-    prior_mean: np.ndarray,
-    prior_cov: np.ndarray,
-    rows: np.ndarray,
-    target: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Solve the linear problem target[k] = rows[k] x_k + v_k with white v_k of unit variance.
-
-    A Kalman filter that takes one component of a reading after the other, in Joseph's form; then
-    the multipliers backwards (Bryson & Frazier; Bierman 1973): r ← h y / s + (I − K h)ᵀ r over the
-    components, r ← Φᵀ r between epochs, and x = x_filtered + P r with the r of what comes later.
-
-    Returns
-    -------
-    Smoothed states (K, n), multipliers λ (n,) and r (K, n), filtered covariance (K, n, n).
-    """
-    epochs, m, n = rows.shape
-    mean = np.empty((epochs, n))
-    cov = np.empty((epochs, n, n))
-    gains = np.empty((epochs, m, n))
-    news = np.empty((epochs, m))
-    x, p = prior_mean.copy(), prior_cov.copy()
-    ph = np.empty(n)
-    for k in range(epochs):
-        phi = transition[k]
-        x = phi @ x
-        p = phi @ p @ phi.T + process_cov[k]
-        for c in range(m):
-            h, gain = rows[k, c], gains[k, c]
-            s, y = 1.0, target[k, c]
-            for i in range(n):
-                ph[i] = 0.0
-                for j in range(n):
-                    ph[i] += p[i, j] * h[j]
-                s += ph[i] * h[i]
-                y -= h[i] * x[i]
-            news[k, c] = y / s
-            for i in range(n):
-                gain[i] = ph[i] / s
-                x[i] += gain[i] * y
-                for j in range(n):
-                    p[i, j] -= gain[i] * ph[j]
-            for i in range(n):
-                left = 0.0
-                for j in range(n):
-                    left += p[i, j] * h[j]
-                for j in range(n):
-                    p[i, j] += (gain[i] - left) * gain[j]
-            for i in range(n):
-                for j in range(i):
-                    p[i, j] = p[j, i] = 0.5 * (p[i, j] + p[j, i])
-        mean[k], cov[k] = x, p
-    motion = np.empty((epochs, n))
-    back = np.zeros(n)
-    for k in range(epochs - 1, -1, -1):
-        for i in range(n):
-            for j in range(n):
-                mean[k, i] += cov[k, i, j] * back[j]
-        for c in range(m - 1, -1, -1):
-            pull = news[k, c]
-            for i in range(n):
-                pull -= gains[k, c, i] * back[i]
-            for i in range(n):
-                back[i] += rows[k, c, i] * pull
-        for i in range(n):
-            motion[k, i] = back[i]
-        back = transition[k].T @ motion[k]
-    return mean, back, motion, cov
 
 
 def _smoothed_cov(

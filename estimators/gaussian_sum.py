@@ -13,13 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..engines.banks import Bank, updated_covs
 from ..numerics.kernels import compiled
 from ..problem import Causality, Estimate, Estimator, Problem
 from . import robust
 from .robust import Loss
 
-_REACH = 3.5
-"""The grid ends at this many standard deviations of the prior."""
 _WIDTH = 0.6
 """Standard deviation of a Gaussian over the grid's spacing: their sum ripples by less than 1 %."""
 _NEGLIGIBLE = 1e-6
@@ -77,7 +76,7 @@ class GaussianSum(Estimator):
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
         """Carry the mixture from epoch to epoch; return its mean and covariance."""
         threshold = robust.threshold_of(self.loss, self.threshold)
-        bank = _Bank(problem, self.spacing_m, self.most, self.loss, threshold)
+        bank = _Hypotheses(problem, self.spacing_m, self.most, self.loss, threshold)
         mean = np.empty((problem.epochs, problem.dimension))
         cov = np.empty((problem.epochs, problem.dimension, problem.dimension))
         started = len(bank.weights)
@@ -92,27 +91,14 @@ class GaussianSum(Estimator):
         return Estimate(mean * scale, cov * np.outer(scale, scale), self.causality, info=info)
 
 
-class _Bank:
-    """The hypotheses: log weights (J,), means (J, n), covariances (J, n, n).
-
-    In units of the prior's standard deviations.
-    """
+class _Hypotheses(Bank):
+    """A bank of iterated filters, of which those are kept that weigh something."""
 
     def __init__(
         self, problem: Problem, spacing_m: float, most: int, loss: Loss, threshold: float
     ) -> None:
-        self.problem = problem
+        super().__init__(problem, spacing_m, most, _WIDTH)
         self.loss, self.threshold = loss, threshold
-        self.scale = scale = np.sqrt(np.diag(problem.prior_cov))
-        self.transition = problem.transition * scale / scale[:, None]
-        self.process_cov = problem.process_cov / np.outer(scale, scale)
-        self.weights, self.means, self.covs = _split_prior(problem, spacing_m, most)
-
-    def predict(self, k: int) -> None:
-        """Carry all hypotheses to epoch k."""
-        phi = self.transition[k]
-        self.means = self.means @ phi.T
-        self.covs = phi @ self.covs @ phi.T + self.process_cov[k]
 
     def update(self, k: int, iterations: int) -> None:
         """Update all hypotheses with reading k; drop and merge.
@@ -158,10 +144,7 @@ class _Bank:
             if not len(active):
                 break
         self.means = x
-        gain = np.linalg.solve(s, projected).transpose(0, 2, 1)
-        keep = np.eye(cov.shape[1]) - gain @ weighted
-        self.covs = keep @ cov @ keep.transpose(0, 2, 1) + gain @ gain.transpose(0, 2, 1)
-        self.covs = 0.5 * (self.covs + self.covs.transpose(0, 2, 1))
+        self.covs = updated_covs(cov, weighted, projected, s)
         if not np.isfinite(cost).any():
             raise FloatingPointError(f"no hypothesis has a finite likelihood at epoch {k}")
         self.weights = self.weights - cost - 0.5 * np.linalg.slogdet(s).logabsdet
@@ -184,74 +167,6 @@ class _Bank:
         """Jacobians (J, m, n) of the whitened reading."""
         rows = self.problem.model.jacobian(k, x * self.scale)
         return np.linalg.solve(np.linalg.cholesky(self.problem.noise_of(k)), rows * self.scale)
-
-    def moments(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return mean (n,) and covariance (n, n) of the mixture."""
-        share = np.exp(self.weights)
-        share /= share.sum()
-        mean = share @ self.means
-        off = self.means - mean
-        return mean, np.einsum("j,jab->ab", share, self.covs) + (off.T * share) @ off
-
-
-def _split_prior(
-    problem: Problem, spacing_m: float, most: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return log weights, means and covariances of the prior's grid of Gaussians.
-
-    The grid lies along the principal axes of the states in metres. A Gaussian at a point of it is
-    the prior with the standard deviation along these axes made narrow: all correlations are kept.
-    """
-    scale = np.sqrt(np.diag(problem.prior_cov))
-    mean = problem.prior_mean / scale
-    cov = problem.prior_cov / np.outer(scale, scale)
-    values, gain = position_axes(problem)
-    if not len(values):
-        return np.zeros(1), mean[None], cov[None]
-    sigma = np.sqrt(values)
-    # The box around the ellipsoid has to fit in memory, too.
-    while np.sum(np.log1p(2.0 * _REACH * sigma / spacing_m)) > np.log(4.0 * most):
-        spacing_m *= 1.1
-    grid = _grid(sigma, spacing_m)
-    while len(grid) > most:
-        spacing_m *= 1.1
-        grid = _grid(sigma, spacing_m)
-    split = sigma > spacing_m
-    grid = grid[:, split]
-    narrowing = values[split] - (_WIDTH * spacing_m) ** 2
-    gain = gain[:, split]
-    weights = -0.5 * np.sum(grid**2 / narrowing, axis=1)
-    narrow = cov - (gain * narrowing) @ gain.T
-    return weights, mean + grid @ gain.T, np.tile(narrow, (len(grid), 1, 1))
-
-
-def position_axes(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
-    """Return the principal variances (d,) [m²] of the prior's states in metres.
-
-    And the regression (n, d) [1/m] of all states, in units of the prior's standard deviations, on
-    the coordinates along these axes.
-    """
-    scale = np.sqrt(np.diag(problem.prior_cov))
-    axes = [
-        i
-        for block in problem.layout
-        if block.unit == "m"
-        for i in range(*block.slice.indices(problem.dimension))
-    ]
-    values, vectors = np.linalg.eigh(problem.prior_cov[np.ix_(axes, axes)])
-    return values, (problem.prior_cov[:, axes] @ vectors) / values / scale[:, None]
-
-
-def _grid(sigma: np.ndarray, spacing: float) -> np.ndarray:
-    """Return the points (J, d) of a grid within an ellipsoid; an axis below the spacing has one."""
-    sides = [
-        spacing * np.arange(-int(_REACH * s / spacing), int(_REACH * s / spacing) + 1)
-        if s > spacing
-        else np.zeros(1)
-        for s in sigma
-    ]
-    grid = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, len(sigma))
-    return grid[np.sum((grid / sigma) ** 2, axis=1) <= _REACH**2]
 
 
 def _merged(

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft, ndimage
 
+from ..engines.lattices import Lattice
 from ..problem import Causality, Estimate, Estimator, Problem
 
 _REACH = 5.0
@@ -102,35 +103,21 @@ class PointMass(Estimator):
         return Estimate(mean, cov, self.causality, info=info)
 
 
-class _Grid:
-    """Masses (cells of each axis) at the points base + A i; they add up to one."""
+class _Grid(Lattice):
+    """Masses on a lattice that is cut, halved and doubled."""
 
     def __init__(self, problem: Problem, steps: np.ndarray, resolution: float) -> None:
+        super().__init__(problem.prior_mean, problem.prior_cov, steps, _REACH)
         self.problem, self.resolution = problem, resolution
-        sigma = np.sqrt(np.diag(problem.prior_cov))
-        half = np.ceil(_REACH * sigma / steps).astype(int)
-        self.axes = np.diag(steps)
-        self.base = problem.prior_mean - steps * half
-        self.masses = np.empty(tuple(2 * half + 1))
-        away = self._places(np.indices(self.masses.shape).reshape(len(sigma), -1).T)
-        away = away - problem.prior_mean
-        squares = (away * np.linalg.solve(problem.prior_cov, away.T).T).sum(axis=1)
-        self.masses[...] = np.exp(-0.5 * squares).reshape(self.masses.shape)
-        self.masses /= self.masses.sum()
         self.evidence, self.halvings = 0.0, 0
-
-    def _places(self, index: np.ndarray) -> np.ndarray:
-        """Return the states (N, n) of points by their indices (N, n)."""
-        return np.asarray(self.base + index @ self.axes.T)
 
     def predict(self, k: int) -> None:
         """Move the points with the states and smear the masses by the noise of epoch k."""
         phi, noise = self.problem.transition[k], self.problem.process_cov[k]
-        self.base, self.axes = phi @ self.base, phi @ self.axes
+        self.move(phi)
         if not noise.any():
             return
-        back = np.linalg.inv(self.axes)
-        cells = back @ noise @ back.T
+        cells = self.in_cells(noise)
         margin = np.ceil(6.0 * np.sqrt(np.diag(cells))).astype(int) + 1
         self._widen(margin)
         frequencies = [2.0 * np.pi * fft.fftfreq(size) for size in self.masses.shape[:-1]]
@@ -156,7 +143,7 @@ class _Grid:
         for left in reversed(range(_ROUNDS)):
             index = np.argwhere(self.masses > _NEGLIGIBLE * self.masses.max())
             taken += len(index)
-            told = self.problem.log_likelihood(k, self._places(index))
+            told = self.problem.log_likelihood(k, self.places(index))
             logs = told + np.log(self.masses[tuple(index.T)])
             largest = logs.max()
             posterior = np.zeros_like(self.masses)
@@ -202,7 +189,7 @@ class _Grid:
         """Return mean (n,) and covariance (n, n) of the masses."""
         index = np.argwhere(self.masses > 0.0)
         share = self.masses[tuple(index.T)]
-        places = self._places(index)
+        places = self.places(index)
         mean = share @ places
         away = places - mean
         return mean, (away.T * share) @ away

@@ -58,6 +58,8 @@ class ReducedStates(Estimator):
     particles : of a filter that has any; if not given, 10,000 of ``particle``, 3000 of
         ``gaussian-particle`` and 100 of the unscented ones.
     beta : β of ``strong-tracking``; if not given, 1.
+    weights : how the particles of the unscented filters are weighed, as in
+        :mod:`.unscented_particle`; if not given, ``mixture``.
     """
 
     filter: str = "ekf"
@@ -65,6 +67,7 @@ class ReducedStates(Estimator):
     noise: float = 1e-3
     particles: int | None = None
     beta: float | None = None
+    weights: Literal["mixture", "likelihood", "exact"] | None = None
 
     name = "reduced"
 
@@ -88,6 +91,8 @@ class ReducedStates(Estimator):
             return f"{self.filter} has no particles"
         if self.beta is not None and self.filter != "strong-tracking":
             return f"{self.filter} has no beta: filter=strong-tracking has one"
+        if self.weights is not None and "weights" not in vars(FILTERS[self.filter]):
+            return f"{self.filter} has one way to weigh, and no weights"
         blocks = {block.name for block in problem.layout}
         if not horizontal(problem, self.states == "motion") or len(blocks) < 2:
             return "the problem has no position and velocity errors among other states"
@@ -104,6 +109,6 @@ class ReducedStates(Estimator):
         return reduced(problem, horizontal(problem, motion), noise)
 
     def _filter(self) -> Estimator:
-        given = {"particles": self.particles, "beta": self.beta}
+        given = {"particles": self.particles, "beta": self.beta, "weights": self.weights}
         changes: dict[str, Any] = {k: v for k, v in given.items() if v is not None}
         return replace(FILTERS[self.filter], **changes)

@@ -12,6 +12,8 @@ from typing import Literal
 
 import numpy as np
 
+from ..engines.iterated_smoother import OfResiduals
+
 Loss = Literal["none", "huber", "cauchy"]
 
 THRESHOLDS = {"none": np.inf, "huber": 1.345, "cauchy": 2.385}
@@ -52,6 +54,14 @@ def weights(residuals: np.ndarray, loss: Loss, threshold: float) -> np.ndarray:
     if loss == "huber":
         return threshold / np.maximum(np.abs(residuals), threshold)
     return 1.0 / (1.0 + (residuals / threshold) ** 2)
+
+
+def of_residuals(loss: Loss, threshold: float) -> tuple[OfResiduals, OfResiduals]:
+    """Return :func:`losses` and :func:`weights` as functions of the residuals alone."""
+    return (
+        lambda residuals: losses(residuals, loss, threshold),
+        lambda residuals: weights(residuals, loss, threshold),
+    )
 
 
 def reweighted_noise(

@@ -35,10 +35,10 @@ from typing import Literal
 
 import numpy as np
 
-from ..engines.resampling import effective_size, moments, normalise, resample
+from ..engines.position_grid import position_axes
+from ..engines.resampling import effective_size, moments, normalise, repaired, resample
 from ..numerics.positive import nearest_root
 from ..problem import Causality, Estimate, Estimator, Problem
-from .gaussian_sum import position_axes
 from .strong_tracking import faded, fading_factors, innovation_power
 
 _RESAMPLE = 0.5
@@ -305,8 +305,12 @@ class _Cloud:
         """Return mean (n,) and covariance (n, n) of the particles, before they are resampled."""
         shares = self._shares()
         mean, cov = moments(shares, self.states)
-        if not self.draws:
-            cov += np.einsum("j,jab->ab", shares, self.covs)
+        if self.draws:
+            # Of points: where one has all the weight, they have no covariance left.
+            cov, poor = repaired(cov, np.eye(len(cov)))
+            self.repairs += poor
+            return mean, cov
+        cov += np.einsum("j,jab->ab", shares, self.covs)
         return mean, 0.5 * (cov + cov.T)
 
     def resample(self) -> None:

@@ -212,8 +212,40 @@ class Problem:
 
 
 @dataclass(frozen=True)
+class Fixes:
+    """The positions that a matcher found, each from a window of readings, taken or refused.
+
+    Every attempt has a row, in the order of its epoch, one an epoch at most: a fix that was refused
+    is what the estimator would have said. F may be zero.
+
+    Attributes
+    ----------
+    epoch : (F,) integers, increasing: the epoch that a fix holds at, and the last whose readings
+        it knows.
+    mean : (F, 2) or (F, 3) position error east, north[, up] [m] at that epoch: the first states.
+    cov : (F, 2, 2) or (F, 3, 3) its error covariance [m²], with all that the window does not know.
+    accepted : (F,) whether the estimator believes it.
+    statistic : (F,) what its test of acceptance compares with a threshold, larger is surer: the log
+        odds of its place against the next best, if nothing else is said. −∞ where no threshold
+        would have the fix accepted, ∞ where there was no other place.
+    """
+
+    epoch: np.ndarray
+    mean: np.ndarray
+    cov: np.ndarray
+    accepted: np.ndarray
+    statistic: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.epoch)
+
+
+@dataclass(frozen=True)
 class Estimate:
     """What an estimator returns.
+
+    An estimator that has found nothing yet returns its prior, carried along: there is no other
+    mark of that.
 
     Attributes
     ----------
@@ -225,6 +257,7 @@ class Estimate:
     info : counters and remarks of this run (iterations, repairs, ...).
     nis : (K,) normalised innovation squared, of a filter that has other innovations than those that
         follow from mean, cov and the problem: NaN where there was no reading.
+    fixes : of a matcher, which places it tried; None of an estimator that makes no fixes.
     """
 
     mean: np.ndarray
@@ -233,6 +266,7 @@ class Estimate:
     lag: float | None = None
     info: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
     nis: np.ndarray | None = None
+    fixes: Fixes | None = None
 
     def __repr__(self) -> str:
         # Of whatever an estimator has put into it: a wrong estimate is to be looked at, too.

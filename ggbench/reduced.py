@@ -10,7 +10,7 @@ judged beside estimators of the whole.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -39,7 +39,8 @@ class Reduction:
 
         The others keep the mean and the covariance that they have without any reading, and no
         correlation with the chosen ones: of those the estimator knew nothing. It says nothing of
-        innovations, which the whole problem would predict in another way.
+        innovations, which the whole problem would predict in another way. Fixes are of the first
+        chosen states.
         """
         chosen = list(self.states)
         mean, cov = self.mean.copy(), None
@@ -53,7 +54,11 @@ class Reduction:
         if isinstance(self.problem.model, CountingModel):
             info["map_evaluations"] = self.problem.model.evaluations
         nis = np.full(len(mean), np.nan) if estimate.causality == "filter" else None
-        return Estimate(mean, cov, estimate.causality, estimate.lag, info, nis)
+        fixes = estimate.fixes
+        if fixes is not None:
+            known = self.mean[fixes.epoch][:, chosen[: fixes.mean.shape[1]]]
+            fixes = replace(fixes, mean=fixes.mean + known)
+        return Estimate(mean, cov, estimate.causality, estimate.lag, info, nis, fixes)
 
 
 @dataclass
@@ -169,6 +174,21 @@ def horizontal(problem: Problem, velocity: bool) -> tuple[int, ...]:
             return ()
         found += inside[:2]
     return tuple(found)
+
+
+def displacing(problem: Problem, states: Sequence[int]) -> np.ndarray:
+    """Return the covariance (K, r, r) of what the states left out do to the chosen ones in a step.
+
+    Φ P Φᵀ with the block of Φ_k that leads from them to the chosen ones, and their prior carried
+    along without a reading: what an INS's velocity errors may move its position by. As noise it is
+    white, where the error itself lasts.
+    """
+    chosen = list(states)
+    others = [i for i in range(problem.dimension) if i not in chosen]
+    _, covs = _unaided(problem)
+    before = np.concatenate([problem.prior_cov[np.newaxis], covs[:-1]])
+    across = problem.transition[:, chosen][:, :, others]
+    return np.asarray(across @ before[:, others][:, :, others] @ across.transpose(0, 2, 1))
 
 
 def walking(times: np.ndarray, density: float) -> np.ndarray:

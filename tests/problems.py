@@ -31,13 +31,28 @@ PLUGIN_VARIABLE = "GGBENCH_TEST_ESTIMATOR"
 
 
 SLOW = (
+    "correlation[association=reciprocal]",
+    "correlation[fusion=none]",
     "gaussian-particle[proposal=ekf]",
     "gaussian-particle[proposal=ukf]",
+    "iccp[fusion=none]",
+    "iccp[transform=similarity]",
     "reduced[states=position]",
+    "tercom[criterion=cor]",
+    "tercom[criterion=mad]",
+    "tercom[criterion=ml]",
+    "tercom[criterion=ncc]",
+    "tercom[criterion=nccdm]",
+    "tercom[fusion=none]",
+    "tercom[loss=huber]",
     "unscented-particle[weights=exact]",
     "unscented-particle[weights=likelihood]",
+    "viterbi",
+    "viterbi[decode=forward]",
+    "viterbi[decode=marginal]",
 )
-"""Modes for whose family another mode stands in the tests that run every time."""
+"""Modes for whose family another stands in the tests that run every time; for ``viterbi``, whose
+grids are large, tests of its own."""
 
 
 def each_label() -> list[Any]:

@@ -17,7 +17,7 @@ FLOORS = (
     ("files", "numerics"),
     ("gravity", "problem"),
     ("ins", "maps", "sensors"),
-    ("trajectory", "block", "reduced"),
+    ("areas", "trajectory", "block", "reduced"),
     ("spec", "engines"),
     ("simulation",),
     ("judging",),

@@ -308,11 +308,8 @@ def _map_signals(field: Field, height: float) -> dict[str, np.ndarray]:
     """Return the disturbing vertical gradient over the whole map, at a height [m]."""
     latitude = np.linspace(field.origin[0], field.upper[0], 101)
     longitude = np.linspace(field.origin[1], field.upper[1], 161)
-    full = field.tensor(latitude[:, None], longitude[None, :], height)
-    normal = Field.normal().tensor(latitude[:, None], longitude[None, :], height)
-    vertical = COMPONENTS.index("zz")
     return {
         "map_latitude": latitude,
         "map_longitude": longitude,
-        "map_vertical": full[..., vertical] - normal[..., vertical],
+        "map_vertical": field.vertical_disturbance(latitude[:, None], longitude[None, :], height),
     }

@@ -1,4 +1,4 @@
-"""The ``ggbench`` command: list, validate, run, report, show, compare, map, ...."""
+"""The ``ggbench`` command: list, validate, run, report, show, compare, map, bound, ...."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from rich.table import Table
 
 from ..errors import GGBenchError
 from ..spec.limits import MOST_RUNS, MOST_SEED
+from .bound import bound
 from .flights import estimate, record
 from .interrupts import requests_to_end
 from .maps import map_group
@@ -60,6 +61,7 @@ def main() -> None:
 
 
 main.add_command(map_group)
+main.add_command(bound)
 main.add_command(estimate)
 main.add_command(record)
 

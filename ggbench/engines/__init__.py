@@ -1,1 +1,1 @@
-"""Compiled estimators on blocks of runs."""
+"""Compiled estimators on blocks of runs, and what several estimators are made of."""

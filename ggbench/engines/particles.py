@@ -242,11 +242,11 @@ class _Cloud:
 
     def _residuals(self, k: int, there: np.ndarray) -> np.ndarray:
         self.evaluations += len(self.x)
-        predicted = np.empty((len(self.x), len(there)))
+        residuals, read = np.empty((len(self.x), len(there))), self.problem.measurements[k]
         for first in range(0, len(self.x), _CHUNK):
             some = slice(first, first + _CHUNK)
-            predicted[some] = self.problem.model.predict(k, self.x[some])
-        return np.ascontiguousarray((self.problem.measurements[k] - predicted)[:, there])
+            np.subtract(read, self.problem.model.predict(k, self.x[some]), out=residuals[some])
+        return residuals if there.all() else np.ascontiguousarray(residuals[:, there])
 
     def _weigh(self, residuals: np.ndarray, innovation: np.ndarray) -> float:
         """Put log weights after a share of a reading on trial; return the ESS that they leave."""

@@ -137,9 +137,20 @@ def resample(
 def moments(weights: np.ndarray, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return mean (n,) and covariance (n, n) of states (N, n) with weights (N,) that sum to one."""
     mean = weights @ states
-    away = states - mean
-    away *= np.sqrt(weights)[:, np.newaxis]
+    away = np.empty_like(states)
+    _weighted_deviations(weights, states, mean, away)
     return mean, away.T @ away  # of a matrix with itself: half the work
+
+
+@compiled
+def _weighted_deviations(
+    weights: np.ndarray, states: np.ndarray, mean: np.ndarray, away: np.ndarray
+) -> None:
+    """Fill (N, n) with √W_i (x_i − mean), in one passage through memory."""
+    for i in range(states.shape[0]):
+        root = math.sqrt(weights[i])
+        for j in range(states.shape[1]):
+            away[i, j] = root * (states[i, j] - mean[j])
 
 
 def repaired(cov: np.ndarray, prior_cov: np.ndarray) -> tuple[np.ndarray, bool]:

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from .looks import looks
-from .style import BOUND, INS, Drawing, plain_numbers, styled, subplots
+from .style import BOUND, INS, Drawing, legend_below, plain_numbers, styled, subplots
 
 AXES = ("east", "north", "up")
 
@@ -22,7 +22,9 @@ def error_over_time(
     Each panel is (title, times (K,), curves, bounds), both name to (K, 2): position, velocity.
     """
     count = len(panels)
-    figure, grid = subplots(2, count, figsize=(4.0 * count + 0.6, 6.4), sharex=True, squeeze=False)
+    figure, grid = subplots(
+        2, count, figsize=(max(4.0 * count + 0.6, 6.0), 5.8), sharex=True, squeeze=False
+    )
     drawn = looks(name for _, _, curves, _ in panels for name in curves)
     for column, (title, times, curves, bounds) in enumerate(panels):
         for row, quantity in enumerate(("position [m]", "velocity [m/s]")):
@@ -45,7 +47,7 @@ def error_over_time(
             if column == 0:
                 axis.set_ylabel(f"RMS spherical {quantity}")
     handles, names = grid[0, 0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside lower center", ncols=4)
+    legend_below(figure, dict(zip(names, handles, strict=True)))
     return figure
 
 

@@ -1,8 +1,7 @@
-"""The figures of locking on: over the cases, and against time."""
+"""The figures of locking on: over the cases, against time, and against what it costs."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -13,7 +12,7 @@ from matplotlib.ticker import FixedLocator, NullLocator
 
 from .looks import Look, looks
 from .numbers import short
-from .style import Drawing, styled, subplots
+from .style import INS, Drawing, legend_below, styled, subplots
 
 
 @dataclass(frozen=True)
@@ -54,7 +53,7 @@ def over_cases(rows: Sequence[Panels], labels: Sequence[str]) -> Drawing:
     widest = max(len(row.names) for row in rows)
     columns = 3
     figure, grid = subplots(
-        len(rows), columns, figsize=(10.8, 3.3 * len(rows) + 0.45 * math.ceil(len(labels) / 4)),
+        len(rows), columns, figsize=(10.8, 3.3 * len(rows) + 0.1),
         squeeze=False,
     )  # fmt: skip
     drawn = looks(labels)
@@ -86,8 +85,7 @@ def over_cases(rows: Sequence[Panels], labels: Sequence[str]) -> Drawing:
         for axis in grid.flat
         for handle, name in zip(*axis.get_legend_handles_labels(), strict=True)
     }
-    shown = [label for label in labels if label in handles]
-    figure.legend([handles[label] for label in shown], shown, loc="outside lower center", ncols=4)
+    legend_below(figure, {label: handles[label] for label in labels if label in handles})
     return figure
 
 
@@ -144,7 +142,7 @@ def against_time(
     rows = -(-len(panels) // columns)
     figure, grid = subplots(
         rows, columns, squeeze=False, sharey=True,
-        figsize=(3.6 * columns + 0.3, 2.6 * rows + 0.45 * math.ceil(len(labels) / 4)),
+        figsize=(max(3.6 * columns + 0.3, 5.5), 2.6 * rows + 0.2),
     )  # fmt: skip
     drawn = looks(labels)
     for axis in grid.flat[len(panels) :]:
@@ -166,6 +164,74 @@ def against_time(
         lowest.set_xlabel("time [s]")
     for axis in grid[:, 0]:
         axis.set_ylabel("share of runs locked")
-    shown = [label for label in labels if label in handles]
-    figure.legend([handles[label] for label in shown], shown, loc="outside lower center", ncols=4)
+    legend_below(figure, {label: handles[label] for label in labels if label in handles})
+    return figure
+
+
+@dataclass(frozen=True)
+class Success:
+    """One panel of :func:`against_cost`: a case.
+
+    Attributes
+    ----------
+    title : of the case.
+    seconds : estimator to its median time of a run [s].
+    shares : estimator to the share of its runs that locked, and the ends of its 95 % interval.
+    """
+
+    title: str
+    seconds: Mapping[str, float]
+    shares: Mapping[str, tuple[float, float, float]]
+
+
+@styled()
+def against_cost(
+    panels: Sequence[Success], labels: Sequence[str], joined: Mapping[str, Mapping[str, str]]
+) -> Drawing:
+    """Draw the share of runs locked over the time of a run, a panel for each case.
+
+    Bars are 95 % intervals. Lines join estimators that differ in one number alone, which stands
+    beside each mark: ``joined`` has for each line's name such estimators with these texts.
+    """
+    named = {label: title for title, line in joined.items() for label in line}
+    shown = list(dict.fromkeys(named.get(label, label) for label in labels))
+    columns = min(len(panels), 3)
+    rows = -(-len(panels) // columns)
+    figure, grid = subplots(
+        rows, columns, squeeze=False, sharey=True,
+        figsize=(max(3.6 * columns + 0.3, 7.4), 3.4 * rows + 0.2),
+    )  # fmt: skip
+    drawn = looks(labels)
+    for axis in grid.flat[len(panels) :]:
+        axis.set_visible(False)
+    handles = {}
+    for axis, panel in zip(grid.flat, panels, strict=False):
+        held = [label for label in labels if label in panel.seconds]
+        for line in joined.values():
+            members = [label for label in line if label in held]
+            axis.plot(
+                [panel.seconds[k] for k in members], [panel.shares[k][0] for k in members],
+                color=drawn[members[0]].color if members else INS, lw=1.0, zorder=1,
+            )  # fmt: skip
+            for label in members:
+                axis.annotate(
+                    line[label], (panel.seconds[label], panel.shares[label][0]), (4, -10),
+                    textcoords="offset points", fontsize=7, color=drawn[label].color,
+                )  # fmt: skip
+        for label in held:
+            value, low, high = panel.shares[label]
+            handles[named.get(label, label)] = axis.errorbar(
+                panel.seconds[label], value, [[value - low], [high - value]], ls="",
+                color=drawn[label].color, marker=drawn[label].marker, ms=5.5, elinewidth=0.8,
+                capsize=1.5,
+            )  # fmt: skip
+        axis.set(title=panel.title, xscale="log", ylim=(-0.06, 1.06))
+        axis.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+        axis.yaxis.set_major_formatter(lambda value, _: f"{100.0 * value:.0f} %")
+    for column in range(columns):
+        lowest = grid[(len(panels) - 1 - column) // columns, column]
+        lowest.set_xlabel("time of a run [s]")
+    for axis in grid[:, 0]:
+        axis.set_ylabel("share of runs locked")
+    legend_below(figure, {name: handles[name] for name in shown if name in handles})
     return figure

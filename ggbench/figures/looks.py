@@ -15,10 +15,27 @@ _COLOURS = {
     "gaussian-sum": ("tab:red", "maroon"),
     "gauss-newton": ("tab:purple", "orchid"),
     "closed-loop": ("tab:cyan",),
-    "particle": ("tab:brown",),
-    "rao-blackwellised": ("tab:pink",),
-    "unscented-particle": ("darkviolet",),
-    "gaussian-particle": ("peru",),
+    "particle": ("tab:brown", "sandybrown", "sienna"),
+    "rao-blackwellised": (
+        "tab:pink",
+        "hotpink",
+        "palevioletred",
+        "mediumvioletred",
+        "lightpink",
+        "plum",
+        "magenta",
+    ),
+    "unscented-particle": ("darkviolet", "mediumpurple"),
+    "gaussian-particle": ("peru", "burlywood"),
+    "correlation": (
+        "royalblue",
+        "cornflowerblue",
+        "lightskyblue",
+        "firebrick",
+        "coral",
+        "darkgoldenrod",
+        "khaki",
+    ),
 }
 """Shades of each estimator; its variants take them in the order of the next table."""
 _VARIANTS = {
@@ -34,21 +51,44 @@ _VARIANTS = {
     "gaussian-sum": ("", "loss=cauchy"),
     "gauss-newton": ("", "loss=cauchy"),
     "closed-loop": ("",),
-    "particle": ("",),
-    "rao-blackwellised": ("",),
-    "unscented-particle": ("",),
-    "gaussian-particle": ("",),
+    "particle": ("", "regularisation=1", "tempering=0.25,kernel=0.1"),
+    "rao-blackwellised": (
+        "",
+        "tempering=0,kernel=0,jitter=0,straight=0,start=1",
+        "jitter=0,straight=0",
+        "straight=0",
+        "jitter=1,straight=0",
+        "kernel=0.5",
+        "tempering=0,kernel=0",
+    ),
+    "unscented-particle": ("", "weights=likelihood"),
+    "gaussian-particle": ("", "proposal=ekf"),
+    "correlation": (
+        "",
+        "association=nearest",
+        "association=reciprocal",
+        "candidates=nodes,association=nearest",
+        "candidates=nodes,association=reciprocal",
+        "candidates=nodes,association=nearest,descending=false",
+        "candidates=nodes,association=nearest,differenced=false",
+    ),
 }
 _REDUCED = {
     "filter=ekf": "steelblue",
     "filter=particle": "crimson",
     "filter=gaussian-particle": "darkorange",
     "filter=unscented-particle": "mediumorchid",
+    "filter=unscented-particle,weights=likelihood": "lightsteelblue",
+    "filter=unscented-particle,weights=exact": "indianred",
     "filter=strong-tracking": "seagreen",
     "filter=strong-tracking,beta=3": "darkkhaki",
 }
 """Colours of filters of some of the states; which noise they are told, line and marker say."""
 _NOISES = ("1e-07", "1e-06", "1e-05", "0.0001", "0.001", "0.01")
+_PARTICLES = "particles", ("25", "100", "250", "300", "1000", "10000", "30000")
+_SIZES = {"correlation": ("window", ("12", "30", "60"))}
+"""What an estimator may have more or fewer of, if not particles: its colour stays."""
+_SIZE_MARKERS = "v^<>dDh"
 _OTHERS = ("deeppink", "chocolate", "olive", "tan", "mediumaquamarine", "rosybrown")
 """Colours of estimators that the package does not know: neither the INS's nor the bound's."""
 _LINES = ("-", "--", "-.", ":")
@@ -59,10 +99,11 @@ _MARKERS = {
     "gaussian-sum": "><",
     "gauss-newton": "8p",
     "closed-loop": "*",
-    "particle": "o",
-    "rao-blackwellised": "P",
-    "unscented-particle": "X",
-    "gaussian-particle": "s",
+    "particle": "oHd",
+    "rao-blackwellised": "PpD*<>d",
+    "unscented-particle": "X8",
+    "gaussian-particle": "s+",
+    "correlation": "PXoshDd",
 }
 _OTHER_MARKERS = "os^vD"
 
@@ -98,16 +139,27 @@ def _known(label: str) -> Look | None:
     name, _, variant = label.removesuffix("]").partition("[")
     if name == "reduced":
         return _known_reduced(variant)
-    if variant not in _VARIANTS.get(name, ()):
+    parameter, sizes = _SIZES.get(name, _PARTICLES)
+    rest, size = _split(variant, parameter)
+    if rest not in _VARIANTS.get(name, ()) or (size and size not in sizes):
         return None
-    number = _VARIANTS[name].index(variant)
+    number = _VARIANTS[name].index(rest)
+    if size:
+        step = sizes.index(size)
+        return Look(_COLOURS[name][number], _LINES[step % 4], _SIZE_MARKERS[step])
     return Look(_COLOURS[name][number], _LINES[number % 4], _MARKERS[name][number])
 
 
+def _split(variant: str, parameter: str) -> tuple[str, str]:
+    """Return what a label says beside a parameter, and the parameter's value, "" for none."""
+    parts = variant.split(",")
+    named = next((part for part in parts if part.startswith(f"{parameter}=")), "")
+    rest = ",".join(part for part in parts if part != named)
+    return rest, named.removeprefix(f"{parameter}=")
+
+
 def _known_reduced(variant: str) -> Look | None:
-    noise = next((part for part in variant.split(",") if part.startswith("noise=")), "")
-    rest = ",".join(part for part in variant.split(",") if part != noise)
-    value = noise.removeprefix("noise=")
+    rest, value = _split(variant, "noise")
     if rest not in _REDUCED or value not in _NOISES:
         return None
     number = _NOISES.index(value)

@@ -7,7 +7,7 @@ lives as long as somebody holds it.
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -34,6 +34,9 @@ _SETTINGS = {
     "svg.hashsalt": "ggbench",
     "text.parse_math": False,  # a $ in somebody's title is a $
 }
+
+_CHARACTER, _HANDLE, _LINE = 0.068, 0.55, 0.19
+"""Widths [in] of a character of a legend and of what stands before a name; height of a line."""
 
 
 class FigureError(GGBenchError):
@@ -92,6 +95,18 @@ def plain_numbers(axis: Axes) -> None:
         axis.yaxis.set_minor_formatter(lambda value, _: f"{value:g}")
     else:
         axis.yaxis.set_minor_formatter(NullFormatter())
+
+
+def legend_below(figure: Figure, handles: Mapping[str, Any]) -> None:
+    """Put a legend of some names under the panels, which keep their size: the figure grows.
+
+    It has as many columns as there is room for, four at most.
+    """
+    width, height = figure.get_size_inches()
+    longest = max(map(len, handles), default=1)
+    columns = max(1, min(4, int(width / (_CHARACTER * longest + _HANDLE))))
+    figure.set_size_inches(width, height + _LINE * -(-len(handles) // columns))
+    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=columns)
 
 
 def save(figure: Figure, path: Path) -> None:

@@ -237,6 +237,15 @@ def normal_gravity(latitude: float, height: float) -> tuple[float, float, float]
     return normal_gravity_of(math.sin(latitude), math.cos(latitude), height)
 
 
+@compiled
+def normal_gravity_along(positions: np.ndarray) -> np.ndarray:
+    """Return normal gravity (N,) [m/s²] at positions (N, 3)."""
+    out = np.empty(positions.shape[0])
+    for k in range(positions.shape[0]):
+        out[k] = normal_gravity(positions[k, 0], positions[k, 2])[0]
+    return out
+
+
 @inlined
 def normal_gradient_of(
     sine: float, cosine: float, height: float

@@ -311,6 +311,19 @@ class Field:
         self._require_inside(positions, outside)
         return values.reshape(*shape, 6), derivatives.reshape(*shape, 6, 3)
 
+    def vertical_disturbance(
+        self, latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike
+    ) -> np.ndarray:
+        """Return Γ_UU [E] of the map alone at positions of any (broadcast) shape.
+
+        Raises
+        ------
+        OutsideMapError
+            If a position lies outside the map.
+        """
+        normal = Field.normal().tensor(latitude, longitude, height)
+        return np.asarray((self.tensor(latitude, longitude, height) - normal)[..., 5])
+
     def gravity_disturbance(
         self, latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike
     ) -> np.ndarray:

@@ -18,7 +18,9 @@ COMPILED_ROOMS = ("numerics", "gravity", "ins", "sensors", "trajectory", "engine
 """Rooms that hold compiled code, or constants that are compiled into it."""
 MAP_ROOMS = ("numerics", "gravity", "maps")
 """Rooms that make a map from data."""
-_NOT_OF_RESULTS = {"estimators", "scenarios", "recorded", "figures", "report", "api.py", "cli"}
+_NOT_OF_RESULTS = {
+    "estimators", "scenarios", "areas", "recorded", "figures", "report", "api.py", "cli",
+}  # fmt: skip
 """What no result depends on: parts that results know by their own content, and what shows them."""
 
 

@@ -202,13 +202,29 @@ class League:
 
     @cached_property
     def standings(self) -> list[Standing]:
-        """Every estimator, causal ones first, then those without aiding, then smoothers.
+        """Estimators of two scenarios or more (or of the only one): causal ones, INS, smoothers.
 
         Within each the best score first; those that ran less than half of the library come last.
         """
         order = {"filter": 0, "none": 1, "smoother": 2}
-        found = standings(self.cases)
+        found = [s for s in self._all if not self._is_local(s)]
         return sorted(found, key=lambda s: (order[_kind(s.causality)], *self._merit(s)))
+
+    @cached_property
+    def local(self) -> dict[str, list[str]]:
+        """The other estimators, by the one scenario that ran them: they compare with nobody's."""
+        found: dict[str, list[str]] = {}
+        for standing in filter(self._is_local, self._all):
+            (name,) = standing.by_scenario
+            found.setdefault(name, []).append(standing.label)
+        return found
+
+    @cached_property
+    def _all(self) -> list[Standing]:
+        return standings(self.cases)
+
+    def _is_local(self, standing: Standing) -> bool:
+        return len(standing.by_scenario) < min(2, len(self.entries))
 
     def _merit(self, standing: Standing) -> tuple[Any, ...]:
         score = math.inf if math.isnan(standing.score) else standing.score

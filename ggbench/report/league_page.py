@@ -89,6 +89,7 @@ class LeagueReport:
             "## The league",
             self._league(lambda s, name: number(s.by_scenario.get(name, math.nan)), whole=True),
             self._reading(),
+            self._local(),
             f"![{picture}](README/league.png)\n\n*{picture}*",
             "## Efficiency: position MRSE over the Cramér–Rao bound",
             self._league(lambda s, name: number(s.efficiency.get(name, math.nan)), whole=False),
@@ -268,6 +269,22 @@ class LeagueReport:
                 "and not ranked."
             )
         return text
+
+    def _local(self) -> str:
+        """Return which estimators the tables leave out, variants of one counted together."""
+        parts = []
+        for name, labels in sorted(self.league.local.items()):
+            kinds: dict[str, list[str]] = {}
+            for label in labels:
+                kinds.setdefault(label.partition("[")[0], []).append(label)
+            told = [
+                f"`{held[0]}`" if len(held) == 1 else f"`{kind}` in {len(held)} variants"
+                for kind, held in kinds.items()
+            ]
+            parts.append(f"[{name}]({self._link(name)}): {', '.join(told)}")
+        if not parts:
+            return ""
+        return f"Run in one scenario alone, and told of in its report only: {'; '.join(parts)}."
 
     def _scenarios(self) -> str:
         head = ["scenario", "what it is for", "cases", "best causal estimator", "INS [m]",

@@ -12,7 +12,15 @@ from urllib.parse import quote
 import numpy as np
 import pandas as pd
 
-from ..figures.locking import Panels, Series, against_time, over_cases, short_km
+from ..figures.locking import (
+    Panels,
+    Series,
+    Success,
+    against_cost,
+    against_time,
+    over_cases,
+    short_km,
+)
 from ..figures.numbers import short
 from ..figures.style import save
 from ..judging import locking
@@ -20,6 +28,7 @@ from ..judging.ranking import rows_of
 from ..judging.statistics import ALPHA
 from ..results.folder import Results
 from ..spec.case import CaseSpec
+from .families import PARTICLES, families, leaders, of_the_best
 from .tables import markdown
 
 READING = (
@@ -33,6 +42,9 @@ READING = (
     "runs). A smoother's estimate of the start knows the readings that follow: its time to lock "
     "tells little."
 )
+
+_FEW = 2
+"""Aided estimators that need no figure to be compared."""
 
 
 class ConvergenceReport:
@@ -151,18 +163,52 @@ class ConvergenceReport:
             times = np.concatenate([[0.0], self.results.arrays(case.name)["times"]])
             shares = {
                 label: locking.share_by_time(
-                    self.results.lock_times(case.name, label), row["runs"], times
+                    self.results.lock_times(case.name, label),
+                    self.rows[case.name][label]["runs"],
+                    times,
                 )
-                for label, row in self.rows[case.name].items()
+                for label in leaders(self.results.manifest["estimators"], self.rows[case.name])
             }
             curves.append((case.title, times, shares))
         save(against_time(curves, self.labels), self.pictures / "locks_over_time.png")
         captions = {
             "convergence.png": "Share of runs that locked, share of false locks, and median time "
             "to lock, with 95 % intervals",
-            "locks_over_time.png": "Share of runs that have locked on by each time",
+            "locks_over_time.png": "Share of runs that have locked on by each time"
+            + of_the_best(self.results.manifest["estimators"]),
         }
+        panels = [
+            panel for case in self.cases if len((panel := self._success(case)).seconds) > _FEW
+        ]
+        if panels:
+            joined = {
+                family.title: {
+                    label: f"{value:g}"
+                    for label, value in zip(family.labels, family.values, strict=True)
+                }
+                for family in families(self.results.manifest["estimators"], PARTICLES)
+            }
+            save(against_cost(panels, self.labels, joined), self.pictures / "cost.png")
+            captions["cost.png"] = (
+                "Share of runs that locked, with its 95 % interval, over the time of a run: up and "
+                "to the left is better"
+            )
+            if joined:
+                captions["cost.png"] += "; numbers beside marks that a line joins are particles"
         return "\n\n".join(f"![{c}]({name}/{file})\n\n*{c}*" for file, c in captions.items())
+
+    def _success(self, case: CaseSpec) -> Success:
+        """Return what aided estimators cost and bring in a case."""
+        rows = {
+            label: row
+            for label, row in self.rows[case.name].items()
+            if row["causality"] != "none" and row["seconds_per_run"] > 0.0
+        }
+        return Success(
+            case.title,
+            {label: row["seconds_per_run"] for label, row in rows.items()},
+            {k: (r["lock_share"], r["lock_lo"], r["lock_hi"]) for k, r in rows.items()},
+        )
 
     def _groups(self) -> list[list[CaseSpec]]:
         """Return cases that differ in their initial errors alone together, the others in one group.

@@ -24,6 +24,8 @@ MOST_CASES = 8
 NOTHING_GAINED = 1.05
 """Ratio of the INS's MRSE to an estimator's up to which a gain is called none, if not certain."""
 _SIGNIFICANT = 0.05
+_MOST_NAMED = 6
+"""Estimators of which one thing is said by name; the others are in the table below."""
 
 
 def answer(scenario: Scenario, summary: pd.DataFrame, pairs: pd.DataFrame) -> str:
@@ -154,20 +156,26 @@ def _others(
     parts = []
     if lost:
         share = 100.0 * best["lock_share"]
-        parts.append(f"surely locking on less often than in {share:.0f} %: {', '.join(lost)}")
+        parts.append(f"surely locking on less often than in {share:.0f} %: {_some(lost)}")
     if same:
-        parts.append(f"not distinguishable from it: {', '.join(same)}")
+        parts.append(f"not distinguishable from it: {_some(same)}")
     if often:
         # A mean that a few runs make has a wide interval; what most runs do is sure all the same.
         parts.append(
             "with larger errors in significantly more than half of the runs (sign test), though a "
-            f"few runs make the mean: {', '.join(often)}"
+            f"few runs make the mean: {_some(often)}"
         )
     if worse:
-        parts.append(f"significantly worse, by their ratio of MRSE: {', '.join(worse)}")
+        parts.append(f"significantly worse, by their ratio of MRSE: {_some(worse)}")
     if better:
-        parts.append(f"smaller errors where they finish, but runs lost: {', '.join(better)}")
+        parts.append(f"smaller errors where they finish, but runs lost: {_some(better)}")
     return "".join(f"; {part}" for part in parts)
+
+
+def _some(said: Sequence[str], separator: str = ", ") -> str:
+    """Return what is said of the first few, the best, and of how many more it could be said."""
+    more = len(said) - _MOST_NAMED
+    return separator.join(said[:_MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
 def _mostly(pair: Mapping[str, Any]) -> bool:
@@ -198,7 +206,7 @@ def _lost(rows: Iterable[Mapping[str, Any]]) -> str:
     if not parts:
         return "no run failed or diverged"
     runs = max(int(row["runs"]) for row in rows)
-    return f"of {runs} run{'s' * (runs != 1)} {'; '.join(parts)}"
+    return f"of {runs} run{'s' * (runs != 1)} {_some(parts, '; ')}"
 
 
 def _without_filter(rows: Mapping[str, Mapping[str, Any]]) -> str:

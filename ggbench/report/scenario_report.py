@@ -22,9 +22,12 @@ from ..spec import scenario
 from ..spec.case import CaseSpec
 from . import tables
 from .claims_section import claims_section
+from .families import leaders, of_the_best
 from .gravity_section import GravitySection
 from .locking_section import ConvergenceReport
 from .opening import answer
+from .parameter_section import parameter_section
+from .particles_section import particles_section
 from .sweep_section import SweepReport
 
 
@@ -113,7 +116,9 @@ class _Report:
             self._reading(),
             self._unaided(),
             *(self._case_table(case) for case in self.scenario.cases),
+            *particles_section(self.results),
             *self._paired(),
+            *parameter_section(self.results, self.summary, self.pictures),
             *claims_section(self.scenario, self.summary, self.paired),
             *GravitySection(self.results, self.arrays, self.pictures).sections(),
             "## Efficiency: MRSE over the Cramér–Rao bound, in every window",
@@ -277,7 +282,7 @@ class _Report:
             shown.append(f"![{caption}]({quote(name)}/{file})\n\n*{caption}*")
 
         shown_cases = {
-            case.name: list(rows_of(self.summary, case, "settled"))
+            case.name: leaders(self.manifest["estimators"], rows_of(self.summary, case, "settled"))
             for case in self.references or _spread(self.scenario.cases)
         }
         save(
@@ -286,7 +291,8 @@ class _Report:
         show(
             "error_over_time.png",
             f"RMS spherical error over {_drawn(self.results.run_count)} against time, with the "
-            "Cramér–Rao bounds of filter, fixed-lag smoother and smoother",
+            "Cramér–Rao bounds of filter, fixed-lag smoother and smoother"
+            + of_the_best(self.manifest["estimators"]),
         )
         if stored.has_map(self.results, lead.name):
             save(stored.field_map(self.results, lead.name), self.pictures / "field.png")

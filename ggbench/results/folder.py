@@ -172,6 +172,21 @@ class Results:
         own &= (table["estimator"] == estimator) & (table["status"] == "ok")
         return table.loc[own, "lock_time_s"].to_numpy(dtype=float)
 
+    def counters(self) -> pd.DataFrame:
+        """Return what estimators counted of themselves: medians over the runs that finished.
+
+        A row for each case and estimator that left numbers in the ``info`` of its estimates: case,
+        estimator, then a column for each counter, NaN where an estimator does not have it.
+        """
+        rows = []
+        for cell in self.cells:
+            if cell.assumption == "":
+                told = [r["info"] for r in self._records_of(cell) if r["status"] == "ok"]
+                counts = pd.DataFrame(told).select_dtypes("number").median()
+                if len(counts):
+                    rows.append({"case": cell.case, "estimator": cell.estimator, **counts})
+        return pd.DataFrame(rows)
+
     def arrays(self, case: str) -> dict[str, np.ndarray]:
         """Return what all runs of a case share: epochs, track, bounds, signals."""
         if case not in self._arrays:

@@ -8,19 +8,22 @@ from importlib.resources import files
 
 import netCDF4
 import numpy as np
+import pandas as pd
 import pytest
 import xarray
 from click.testing import CliRunner
 from grids import write_grid
 from matplotlib.image import imread
 from random_harmonics import write_gfc
+from small_cases import blank_map
 
 from ggbench.cli.main import main
 from ggbench.gravity import ellipsoid
+from ggbench.gravity.degraded_map import MapDegradation, degrade
 from ggbench.gravity.field import Field
 from ggbench.gravity.harmonics import gravity_and_gradient, without_normal_field
 from ggbench.maps.gravity_model import read_model
-from ggbench.maps.recipe import Path, read
+from ggbench.maps.recipe import Path, read, write
 from ggbench.maps.shipped_regions import SOURCES, disturbing_coefficients, disturbing_field
 
 DATA = files("ggbench.scenarios") / "data"
@@ -282,3 +285,41 @@ def test_what_a_map_says_of_itself_cannot_harm_a_terminal():
     assert "source: �]0;owned��[31m!" in shown
     assert "(5000004 characters)" in shown
     assert len(shown) < 12_000
+
+
+def test_cells_of_a_map_are_scored():
+    """Every cell a row of the table and a square of the figure, best and worst on the screen."""
+    write(Path("own.nc"), degrade(blank_map(), MapDegradation(correlated_noise_eotvos=10.0)))
+    output = run("score", "own.nc", "--height", 10000, "--cell-deg", 0.07, "--sigma-km", 1.5,
+                 "--noise", 0.5, "--spacing", 200, "--readings", 11, "-o", "out/score.csv",
+                 "--figure", "out/score.png")  # fmt: skip
+    assert "9 cells of 0.07° at 10000 m: tensor, 0.5 E; nodes 200 m apart" in output
+    assert "principal components explain" in output
+    assert "Wrote out/score.csv" in output
+    table = pd.read_csv("out/score.csv")
+    assert len(table) == 9
+    assert sorted(table["grade"]) == ["fair"] * 3 + ["good"] * 3 + ["unsuitable"] * 3
+    assert np.isfinite(table.drop(columns="grade").to_numpy()).all()
+    assert imread("out/score.png").shape[1] > 800
+    few = run("score", "own.nc", "--cell-deg", 0.1, "--sigma-km", 1.5, "--readings", 11)
+    assert "Too few cells for principal components" in few
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["nosuch"], "nosuch is no map: give a file *.nc or *.npz"),
+        (["nosuch.nc"], "cannot read the map nosuch.nc: No such file"),
+        (["jacksboro"], "holds no cell of 0.5° in the bounds with 15 km around it"),
+        (["egm2008_qinling", "--height", "1"], "3000 to 30000 m is"),
+        (["jacksboro", "--noise", "0"], "a noise must be positive and finite, and is 0"),
+        (["jacksboro", "--cell-deg", "-1"], "the side of a cell is -1°"),
+        (["jacksboro", "-o", "score.txt"], "score.txt must be named *.csv"),
+        (["jacksboro", "--figure", "score.pdf"], "score.pdf must be named *.png"),
+    ],
+)
+def test_what_cannot_be_scored_is_said_in_a_sentence(words, sentence):
+    output = run("score", *words, code=2)
+    assert sentence in output
+    assert output.startswith("ggbench: ")
+    assert "Traceback" not in output

@@ -24,8 +24,9 @@ from problems import (
 from rough_field import LENGTH, rough_flight
 from scipy.stats import chi2
 
+from ggbench.engines.banks import split_prior
 from ggbench.estimators.gauss_newton import _Smoother
-from ggbench.estimators.gaussian_sum import _merged, _split_prior
+from ggbench.estimators.gaussian_sum import _WIDTH, _merged
 from ggbench.problem import Estimate, Problem, StateBlock
 
 RUNS = 10
@@ -189,7 +190,7 @@ def test_screening_weighs_readings_as_the_cost_does():
     smoother = _Smoother(problem, "none", np.inf)
     screened = smoother._screen(np.zeros((1, problem.dimension)))[0]
     undisturbed = smoother.from_prior(np.zeros(problem.dimension))
-    whole = smoother._cost(undisturbed, smoother._residuals(undisturbed.states))
+    whole = smoother.cost(undisturbed, smoother.residuals(undisturbed.states))
     assert screened == pytest.approx(whole, rel=0.3)
 
 
@@ -202,7 +203,7 @@ def test_screening_by_all_readings_is_the_cost(loss):
     costs = []
     for start in starts:
         undisturbed = smoother.from_prior(start)
-        costs.append(smoother._cost(undisturbed, smoother._residuals(undisturbed.states)))
+        costs.append(smoother.cost(undisturbed, smoother.residuals(undisturbed.states)))
     np.testing.assert_allclose(smoother._screen(starts), costs, rtol=1e-9)
 
 
@@ -264,7 +265,7 @@ def test_the_grid_of_gaussians_is_the_prior():
     """
     problem = correlated_prior()
     scale = np.sqrt(np.diag(problem.prior_cov))
-    weights, means, covs = _split_prior(problem, 500.0, 10_000)
+    weights, means, covs = split_prior(problem, 500.0, 10_000, _WIDTH)
     assert len(weights) > 100
     away = means[:, :3] - (problem.prior_mean / scale)[:3]
     distance = np.linalg.solve(problem.prior_cov[:3, :3], (away * scale[:3]).T)
@@ -294,7 +295,7 @@ def test_the_grid_of_gaussians_is_the_prior():
 def test_grid_is_made_coarser_to_fit(spacing, most):
     """Never more hypotheses than asked for, and not far fewer where the spacing asks for more."""
     problem = correlated_prior()
-    count = len(_split_prior(problem, spacing, most)[0])
+    count = len(split_prior(problem, spacing, most, _WIDTH)[0])
     assert most / 4 <= count <= most
 
 

@@ -82,6 +82,7 @@ def test_a_finer_grid_changes_nothing(noise):
         ("gaussian-sum", 0.1),
         ("unscented-particle[particles=5000]", 0.1),
         ("gaussian-particle", 0.15),
+        pytest.param("particle[particles=100000]", 0.1, marks=pytest.mark.long),
     ],
 )
 def test_other_filters_are_held_to_it(label, limit):

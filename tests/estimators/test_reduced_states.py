@@ -17,7 +17,7 @@ from problems import (
 from rough_field import rough_flight
 
 from ggbench.estimators.reduced_states import FILTERS
-from ggbench.problem import Problem
+from ggbench.problem import Estimate, Fixes, Problem
 from ggbench.reduced import drifting, horizontal, reduced, walking
 from ggbench.sensors.model import SensorModel
 
@@ -132,6 +132,19 @@ def test_every_filter_of_few_states_follows_a_flight(name):
     assert np.linalg.norm((found.mean - truth)[-1, :2]) < min(300.0, 0.5 * lost)
 
 
+def test_weights_are_those_of_the_filter():
+    """Each way to weigh gives another answer, and ``mixture`` is what none named gives."""
+    problem, _ = rough_flight(6, 500.0, epochs=10)
+    plain, *others = (
+        estimator(f"reduced[filter=unscented-particle,particles=50,noise=0.01{weights}]")
+        .estimate(problem, rng())
+        .mean.tobytes()
+        for weights in ("", ",weights=mixture", ",weights=likelihood", ",weights=exact")
+    )
+    assert others[0] == plain
+    assert len({plain, *others}) == 3
+
+
 @pytest.mark.parametrize(
     ("setting", "reason"),
     [
@@ -143,6 +156,7 @@ def test_every_filter_of_few_states_follows_a_flight(name):
         ("filter=unscented-particle,particles=0", "particles must be 1"),
         ("filter=unscented-particle,beta=3", "has no beta"),
         ("filter=strong-tracking,beta=0.5", "beta must be at least 1"),
+        ("filter=particle,weights=exact", "has one way to weigh"),
         ("filter=point-mass", "a grid over 4 states"),
     ],
 )
@@ -164,3 +178,18 @@ def test_states_that_are_none_of_the_problem_are_an_exception(states):
         reduced(problem, states, np.zeros((problem.epochs, count, count)))
     with pytest.raises(ValueError, match="noise must be"):
         reduced(problem, (0, 1), np.zeros((problem.epochs, 3, 3)))
+
+
+def test_fixes_of_a_reduced_problem_are_of_the_whole_one():
+    """What is found as an addition to the prior's mean is a position error of the whole problem."""
+    problem = linear_problem(2)
+    reduction = reduced(problem, KEPT[:2], np.zeros((problem.epochs, 2, 2)))
+    epochs, accepted = np.array([5, 9]), np.array([True, False])
+    found = np.array([[1.0, 2.0], [-3.0, 0.5]])
+    fixes = Fixes(epochs, found, np.tile(np.eye(2), (2, 1, 1)), accepted, np.array([12.0, 3.0]))
+    mean = np.zeros((problem.epochs, 2))
+    whole = reduction.embedded(Estimate(mean, None, "filter", fixes=fixes)).fixes
+    carried, _ = propagated(problem)
+    np.testing.assert_allclose(whole.mean, carried[epochs, :2] + found, rtol=1e-12)
+    assert len(whole) == 2
+    assert whole.accepted is accepted

@@ -83,8 +83,8 @@ def test_a_lag_has_to_reach_over_the_longest_gap():
     ("label", "searches"),
     [
         ("factor-graph[mode=batch,max_iterations=2]", 1),
-        ("gauss-newton[max_iterations=2]", 6),
-        ("gauss-newton[max_iterations=2,refine=2]", 3),
+        ("gauss-newton[max_iterations=2,window=0]", 6),
+        ("gauss-newton[max_iterations=2,refine=2]", 4),
         ("gauss-newton[max_iterations=2,starts=1]", 2),
     ],
 )

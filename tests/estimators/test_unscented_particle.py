@@ -127,6 +127,22 @@ def test_readings_that_count_twice_bias_the_answer(seed):
     assert wrong > 0.2
 
 
+def test_where_one_particle_has_all_the_weight_a_covariance_is_left():
+    """Process noise a millionth of what is unknown: weights of densities leave one particle alive.
+
+    Its covariance is none; it is repaired to the smallest that can be judged, and counted.
+    """
+    problem = noisy_problem(0)
+    problem = changed(problem, process_cov=1e-6 * problem.process_cov)
+    found = UnscentedParticle(particles=50, weights="exact").estimate(problem, rng())
+    assert found.info["ess_median"] < 1.5
+    assert found.info["covariance_repairs"] > problem.epochs // 2
+    sigma = np.sqrt(np.diagonal(found.cov, axis1=1, axis2=2))
+    assert np.linalg.eigvalsh(found.cov / (sigma[:, :, None] * sigma[:, None, :])).min() > 0.0
+    fine = UnscentedParticle(particles=50, weights="likelihood").estimate(problem, rng())
+    assert fine.info["covariance_repairs"] == 0
+
+
 def test_weights_of_a_density_that_does_not_exist_are_refused():
     """Process noise of rank 2 of 5, in a sentence; of full rank it is taken."""
     exact = UnscentedParticle(weights="exact")

@@ -7,10 +7,19 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ggbench.figures import field, flights, gravity, locking, map_components, stored, sweeps
+from ggbench.figures import (
+    field,
+    flights,
+    gravity,
+    locking,
+    map_components,
+    parameters,
+    stored,
+    sweeps,
+)
 from ggbench.figures.locking import Panels, Series
 from ggbench.figures.numbers import short
-from ggbench.figures.style import styled
+from ggbench.figures.style import legend_below, styled, subplots
 from ggbench.maps.netcdf import TENSOR, Nodes
 from ggbench.spec.sweep import Axis
 
@@ -184,6 +193,60 @@ def test_locks_over_time_are_steps():
         assert line.get_ydata() == pytest.approx(shares[label])
         assert line.get_xdata() == pytest.approx(times)
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["ukf", "ekf"]
+
+
+def test_locks_over_cost_have_their_intervals_and_are_joined():
+    """Each mark at its time and share, its bar from low to high; numbers beside joined marks."""
+    shares = {"ekf": (0.5, 0.4, 0.7), "ukf": (1.0, 0.9, 1.0), "mine": (0.0, 0.0, 0.1)}
+    seconds = {"ekf": 0.02, "ukf": 0.3, "mine": 4.0}
+    panel = locking.Success("A case", seconds, shares)
+    figure = locking.against_cost([panel], list(shares), {"kf": {"ekf": "100", "ukf": "1000"}})
+    (axis,) = figure.axes
+    assert (axis.get_xscale(), axis.get_title()) == ("log", "A case")
+    for container, label in zip(axis.containers, shares, strict=True):
+        mark, _, (bar,) = container
+        assert (*mark.get_xdata(), *mark.get_ydata()) == (seconds[label], shares[label][0])
+        assert bar.get_segments()[0][:, 1] == pytest.approx(shares[label][1:])
+    joint = axis.get_lines()[0]
+    assert joint.get_xdata() == pytest.approx([0.02, 0.3])
+    assert joint.get_ydata() == pytest.approx([0.5, 1.0])
+    assert {text.get_text(): text.xy for text in axis.texts} == {
+        "100": (0.02, 0.5), "1000": (0.3, 1.0),
+    }  # fmt: skip
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["kf", "mine"]
+
+
+def test_errors_over_a_parameter_have_intervals_levels_and_a_bound():
+    """Both scales logarithmic; a line for each family, a level for whom it does not concern."""
+    errors = np.array([400.0, 20.0, 10.0])
+    interval = np.array([[300.0, 15.0, 9.0], [600.0, 30.0, 12.0]])
+    line = parameters.Line("mine", ("a", "b", "c"), (1e-7, 1e-4, 1e-2), errors, interval)
+    panel = parameters.Panel("A case", [line], {"ins": 900.0, "ekf": 8.0}, 7.0)
+    figure = parameters.over_parameter("noise", [panel])
+    (axis,) = figure.axes
+    assert (axis.get_xscale(), axis.get_yscale(), axis.get_xlabel()) == ("log", "log", "noise")
+    ((points, _, (bars,)),) = axis.containers
+    assert points.get_xdata() == pytest.approx(line.values)
+    assert points.get_ydata() == pytest.approx(errors)
+    ends = np.array(bars.get_segments())[:, :, 1].T
+    assert ends == pytest.approx(interval)
+    levels = [other.get_ydata()[0] for other in axis.get_lines() if len(other.get_xdata()) == 2]
+    assert levels == [900.0, 8.0, 7.0]
+    names = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert names == ["mine", "ins", "ekf", "Cramér–Rao bound"]
+    figure.canvas.draw()
+    shown = [label.get_text() for label in axis.get_xticklabels(which="both")]
+    assert [text for text in shown if text] == ["1e-07", "0.0001", "0.01"]
+
+
+@pytest.mark.parametrize(("longest", "columns"), [(5, 4), (40, 2), (200, 1)])
+def test_a_legend_has_as_many_columns_as_there_is_room_for(longest, columns):
+    """Seven inches hold four short names in a row, two long ones, and one of any length."""
+    figure, axis = subplots(figsize=(7.0, 3.0))
+    handles = {f"{i}{'x' * (longest - 1)}": axis.plot([0, 1], [i, i])[0] for i in range(8)}
+    legend_below(figure, handles)
+    assert figure.legends[0]._ncols == columns
+    assert figure.get_size_inches()[1] - 3.0 == pytest.approx(0.19 * 8 / columns)
 
 
 ACROSS = Axis("noise", "noise", "E", "log", (0.01, 0.1, 1.0))

@@ -25,14 +25,15 @@ SHIPPED = {
 }
 EVERY = sorted({label for labels in SHIPPED.values() for label in labels})
 TIMES = np.arange(1.0, 6.0)
+SWEPT = ("noise", "particles", "window")
 
 
-REDUCED = [label for label in EVERY if label.startswith("reduced[")]
-
-
-def noise_of(label: str) -> str:
-    """What a label says of the noise."""
-    return next(part for part in label.rstrip("]").split(",") if part.startswith("noise="))
+def family_of(label: str) -> str:
+    """What a label says beside numbers of particles or readings, and which noise is told."""
+    name, _, variant = label.rstrip("]").partition("[")
+    parts = variant.split(",")
+    own = [p for p in parts if p and p.partition("=")[0] not in SWEPT]
+    return f"{name} {own}"
 
 
 def over_time(labels: list[str]) -> Figure:
@@ -93,14 +94,15 @@ def test_an_estimator_of_the_library_looks_the_same_beside_any_others():
 def test_no_two_of_the_library_look_alike():
     """No two have one colour, or the bound's; all but the INS are not grey.
 
-    But for a filter of some of the states that is told several noises: line and marker differ.
+    But for those that differ in their number of particles, in the length of their window, or in the
+    noise that a filter of some of the states is told: line and marker differ, the colour does not.
     """
     drawn = looks(EVERY)
     assert len(set(drawn.values())) == len(EVERY)
     names = [to_rgba(look.color) for look in drawn.values()]
-    filters = {label.replace(noise_of(label), "") for label in REDUCED}
-    assert len(filters) == 6
-    assert len(set(names)) == len(EVERY) - len(REDUCED) + len(filters)
+    families = {family_of(label): to_rgba(look.color) for label, look in drawn.items()}
+    assert len({family_of(label) for label in EVERY}) < len(EVERY)
+    assert len(set(names)) == len(set(families.values())) == len(families)
     assert to_rgba(BOUND) not in names
     for label, look in drawn.items():
         red, green, blue, _ = to_rgba(look.color)

@@ -18,8 +18,8 @@ from ggbench.numerics.source import COMPILED_ROOMS, MAP_ROOMS, module_hash, sour
 
 PACKAGE = Path(ggbench.__file__).parent
 NUMBERS = int | float | complex | tuple | list | dict | np.ndarray
-SHOWN = ("recorded", "figures", "report", "api.py", "cli")
-"""Parts that show results and make none."""
+SHOWN = ("areas", "recorded", "figures", "report", "api.py", "cli")
+"""Parts on which no result depends: they show them, or look at maps alone."""
 
 
 @pytest.fixture

@@ -16,6 +16,7 @@ from summaries import case
 
 from ggbench.judging.locking import COLUMNS
 from ggbench.report import locking_section, sweep_section
+from ggbench.report.families import Family
 from ggbench.spec import scenario
 from ggbench.spec.case import CaseSpec
 
@@ -40,8 +41,8 @@ LOCKS = {
 LOCK_TIMES = np.array([2.0, math.nan, 7.0, 20.0])
 
 
-def convergence(monkeypatch, tmp_path: Path) -> tuple[list[str], list[Any], list[Any]]:
-    """The parts of the section, and what its two figures were given."""
+def convergence(monkeypatch, tmp_path: Path) -> tuple[list[str], list[Any], list[Any], list[Any]]:
+    """The parts of the section, and what its figures were given."""
     rows = [
         {"case": name, "label": label, "window": "settled", "runs": 100, "position_mrse_m": 1.0,
          "causality": "none" if label == "ins" else "filter", "seconds_per_run": 1.0}
@@ -51,20 +52,22 @@ def convergence(monkeypatch, tmp_path: Path) -> tuple[list[str], list[Any], list
     results = SimpleNamespace(
         scenario=SimpleNamespace(cases=CASES, name="s"),
         labels=["ins", "ekf", "ukf"],
+        manifest={"estimators": {label: {"parameters": {}} for label in ("ins", "ekf", "ukf")}},
         arrays=lambda name: {"times": np.arange(1.0, 21.0)},
         lock_times=lambda name, label: LOCK_TIMES,
     )
-    given: tuple[list[Any], list[Any]] = ([], [])
+    given: tuple[list[Any], list[Any], list[Any]] = ([], [], [])
     monkeypatch.setattr(locking_section, "save", lambda figure, path: None)
     monkeypatch.setattr(locking_section, "over_cases", lambda *items: given[0].extend(items))
     monkeypatch.setattr(locking_section, "against_time", lambda *items: given[1].extend(items))
+    monkeypatch.setattr(locking_section, "against_cost", lambda *items: given[2].extend(items))
     report = locking_section.ConvergenceReport(results, pd.DataFrame(rows), tmp_path)
     return report.sections(), *given
 
 
 def test_locks_are_told_where_intervals_lie_apart(monkeypatch, tmp_path):
     """Surely means intervals that do not overlap, and false locks surely above 5 %."""
-    sections, _, _ = convergence(monkeypatch, tmp_path)
+    sections, *_ = convergence(monkeypatch, tmp_path)
     wide, near = sections[1].splitlines()
     assert wide == (
         "- **wide prior** (σ 2 km per axis): `ukf` 75 % [66 %, 82 %] locked, and surely more often "
@@ -79,7 +82,7 @@ def test_locks_are_told_where_intervals_lie_apart(monkeypatch, tmp_path):
 
 def test_the_table_of_locks_has_each_figure_in_its_column(monkeypatch, tmp_path):
     """Locked, falsely locked, and when, each with its interval."""
-    sections, _, _ = convergence(monkeypatch, tmp_path)
+    sections, *_ = convergence(monkeypatch, tmp_path)
     rows = [[c.strip() for c in line.strip("|").split(" | ")] for line in sections[-1].split("\n")]
     assert [row for row in rows if row[0] == "near" and row[2] == "`ukf`"] == [
         ["near", "500 m", "`ukf`", "100", "80 % [71 %, 87 %]", "8 % [4 %, 15 %]",
@@ -90,7 +93,7 @@ def test_the_table_of_locks_has_each_figure_in_its_column(monkeypatch, tmp_path)
 
 def test_the_figures_of_locks_get_what_they_show(monkeypatch, tmp_path):
     """Cases that differ in their prior alone, from the narrowest on, in kilometres."""
-    _, over, against = convergence(monkeypatch, tmp_path)
+    _, over, against, cost = convergence(monkeypatch, tmp_path)
     (panels,), labels = over
     assert (panels.names, panels.priors, labels) == (
         ["near", "wide"], [0.5, 2.0], ["ins", "ekf", "ukf"],
@@ -103,6 +106,23 @@ def test_the_figures_of_locks_get_what_they_show(monkeypatch, tmp_path):
     title, times, shares = curves[0]
     assert (title, times.tolist()) == ("wide prior", list(range(21)))
     assert shares["ekf"][[1, 2, 7, 20]].tolist() == [0.0, 0.01, 0.02, 0.03]
+    assert not cost  # of two aided estimators
+
+
+def test_what_a_lock_costs_is_shown_of_three_and_more(monkeypatch, tmp_path):
+    """Time and share of each aided estimator; those that differ in their particles are joined."""
+    monkeypatch.setattr(locking_section, "_FEW", 1)
+    monkeypatch.setattr(
+        locking_section, "families",
+        lambda found, name: [Family("kf", ("ukf", "ekf"), (5.0, 300.0))],
+    )  # fmt: skip
+    sections, _, _, (panels, labels, joined) = convergence(monkeypatch, tmp_path)
+    assert labels == ["ins", "ekf", "ukf"]
+    assert [panel.title for panel in panels] == ["wide prior", "near prior"]
+    assert panels[1].seconds == {"ekf": 1.0, "ukf": 1.0}
+    assert panels[1].shares["ukf"] == LOCKS["near", "ukf"][:3]
+    assert joined == {"kf": {"ukf": "5", "ekf": "300"}}
+    assert "](s/cost.png)" in sections[2]
 
 
 GRID = (

@@ -82,11 +82,27 @@ def test_scenarios_count_equally():
     assert (found["some"].ran, found["some"].coverage) == (3, 0.5)
     held = League([entry("large", *cases[:3]), entry("b", cases[3])])
     assert not any(held.is_partial(s) for s in held.standings)
-    many = [flown(name, ekf) for name in "bcd"] + [flown("e", ekf, records("rare", 0.2 * SAME))]
+    rare = records("rare", 0.2 * SAME)
+    many = [flown(name, ekf) for name in "abc"] + [flown(name, ekf, rare) for name in "de"]
     held = League([entry(f.scenario, f) for f in many])
     assert [(s.label, held.is_partial(s)) for s in held.standings] == [
         ("ekf", False), ("rare", True),
     ]  # fmt: skip
+
+
+def test_what_one_scenario_alone_has_run_is_named_and_not_listed(tmp_path):
+    """A sentence per scenario, variants counted; of a single scenario everything is listed."""
+    ekf = records("ekf", SAME)
+    own = [records(f"mine[size={size}]", SAME) for size in (1, 2, 3)]
+    held = League([entry("a", flown("a", ekf, *own, records("other", SAME))),
+                   entry("b", flown("b", ekf))])  # fmt: skip
+    assert [s.label for s in held.standings] == ["ekf"]
+    assert held.local == {"a": ["mine[size=1]", "mine[size=2]", "mine[size=3]", "other"]}
+    page = league_page.LeagueReport(held, tmp_path)
+    assert page._local().endswith("only: [a](a.md): `mine` in 3 variants, `other`.")
+    alone = League([entry("a", flown("a", ekf, *own))])
+    assert len(alone.standings) == 4
+    assert (alone.local, league_page.LeagueReport(alone, tmp_path)._local()) == ({}, "")
 
 
 def test_who_is_as_good_as_the_best():
@@ -141,6 +157,16 @@ def test_a_small_gain_is_said_in_percent_of_the_ins():
     text = opening.case_answer(case(), summary, pairs)
     assert "20 % less than the INS's" in text
     assert f"(efficiency {math.sqrt(SQUARE):.2f})" in text
+
+
+@pytest.mark.parametrize(("worse", "end"), [(6, " (× 7.00)"), (8, " and 2 more")])
+def test_of_many_estimators_the_best_six_are_named(worse, end):
+    """A sentence of forty names is none; the others are counted, and stand in the table."""
+    others = [records(f"e{i}", (i + 2.0) ** 2 * SAME) for i in range(worse)]
+    said = told(records("ins", 400.0 * SAME, "none"), records("ekf", SAME), *others)
+    (part,) = (part for part in said.split("; ") if part.startswith("significantly worse"))
+    assert part.count("`e") == 6
+    assert part.endswith(end)
 
 
 def test_without_a_verdict_a_gain_is_none_only_near_one():

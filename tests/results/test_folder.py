@@ -148,6 +148,24 @@ def test_a_command_repeats_its_own_run(results):
     assert runs.loc[("", "base", label, 0), "command"] == quoted
 
 
+def test_counters_are_medians_over_an_estimators_own_runs(results, monkeypatch):
+    """Of numbers alone, of runs that finished and that count; who counts nothing has no row."""
+    told = iter([3, 9, 4, None, 7])
+
+    def records(cell):
+        if (cell.assumption, cell.estimator) != ("", "ekf") or cell.case != cases[0]:
+            return iter([{"status": "ok", "info": {"remark": "none"}}])
+        infos = [{"rounds": value, "remark": "text"} if value else {} for value in told]
+        failed = {"status": "failed", "info": {"rounds": 1000}}
+        return iter([failed, *({"status": "ok", "info": info} for info in infos)])
+
+    cases = [case.name for case in results.scenario.cases]
+    monkeypatch.setattr(results, "_records_of", records)
+    assert results.counters().to_dict("records") == [
+        {"case": cases[0], "estimator": "ekf", "rounds": 5.5}
+    ]
+
+
 def test_times_to_lock_are_the_estimators_own(results):
     """Those of the records of one case and estimator, run by run; NaN of what never locked."""
     different = set()

@@ -17,6 +17,8 @@ from ggbench.simulation.runs import simulate_block
 
 from . import (
     check,
+    clouds,
+    clouds_report,
     curve,
     export,
     kernels,
@@ -105,8 +107,9 @@ def bench(options: argparse.Namespace) -> None:
     problem = folder / "problem.npz"
     problem_file.save(problem, arrays)
     found: list[Measured] = rounds.measure(
-        entries(), arrays, problem, folder, TOLERANCES, options.rounds, options.seconds
-    )
+        entries(), problem, folder, rounds.within(arrays.scale, TOLERANCES),
+        options.rounds, options.seconds,
+    )  # fmt: skip
     raw: dict[str, Any] = {
         "machine": machine.describe(),
         "rounds": options.rounds,
@@ -114,6 +117,7 @@ def bench(options: argparse.Namespace) -> None:
         "iterations": iterations(),
         "tolerances": TOLERANCES,
         "entries": [asdict(item) for item in found],
+        "clouds": clouds.measure(folder, options.rounds, options.seconds),
         "startup": startup.measure(options.rounds),
     }
     try:
@@ -132,15 +136,30 @@ def bench(options: argparse.Namespace) -> None:
 def tell(options: argparse.Namespace) -> None:
     """Write the report from the raw numbers."""
     raw = json.loads((options.build / RAW).read_text())
-    found = [Measured(**item | {"entry": Entry(**item["entry"])}) for item in raw["entries"]]
-    for path in report.write(found, raw, options.output):
+    found, of_clouds = measured(raw["entries"]), measured(raw["clouds"]["entries"])
+    for path in report.write(found, of_clouds, raw, options.output):
         print(path)
+
+
+def particles(options: argparse.Namespace) -> None:
+    """Measure the particle filters alone, and print their section of the report."""
+    options.build.mkdir(parents=True, exist_ok=True)
+    raw = clouds.measure(options.build, options.rounds, options.seconds)
+    print(clouds_report.section(measured(raw["entries"]), raw))
+
+
+def measured(entries: list[dict[str, Any]]) -> list[Measured]:
+    """Return what the raw numbers of entries say."""
+    return [Measured(**item | {"entry": Entry(**item["entry"])}) for item in entries]
 
 
 def main() -> int:
     """Read the command line."""
     parser = argparse.ArgumentParser(prog="speed", description=__doc__)
     parser.add_argument("--check", action="store_true", help="only the guard of the ratios")
+    parser.add_argument(
+        "--particles", action="store_true", help="only the particle filters; prints their section"
+    )
     parser.add_argument(
         "--rewrite", action="store_true", help="only write the report, from the last raw numbers"
     )
@@ -153,6 +172,9 @@ def main() -> int:
     try:
         if options.check:
             return 1 if check.run() else 0
+        if options.particles:
+            particles(options)
+            return 0
         if not options.rewrite:
             bench(options)
         tell(options)

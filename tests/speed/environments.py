@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 TESTS = Path(__file__).resolve().parent.parent
-OPTIONAL = ("stonesoup", "dynamax")
+OPTIONAL = ("stonesoup", "dynamax", "particles")
 
 ONE_THREAD = {
     "OMP_NUM_THREADS": "1",
@@ -35,6 +35,23 @@ def variables() -> dict[str, str]:
     return {**os.environ, **ONE_THREAD, "PYTHONPATH": path}
 
 
+def existing(name: str, folder: Path) -> str | None:
+    """Return the interpreter of an optional environment, or None if it is not made or outdated."""
+    home = folder / name
+    made = home / ".made"
+    if made.exists() and made.read_text() == _stamp(name):
+        return str(home / "bin" / "python")
+    return None
+
+
+def _stamp(name: str) -> str:
+    return hashlib.sha256(_requirements(name).read_bytes() + sys.version.encode()).hexdigest()
+
+
+def _requirements(name: str) -> Path:
+    return TESTS / "speed" / f"{name}.txt"
+
+
 def python_of(name: str, folder: Path) -> str:
     """Return the interpreter of an environment, made if it is not there yet.
 
@@ -50,19 +67,18 @@ def python_of(name: str, folder: Path) -> str:
     """
     if not name:
         return sys.executable
-    requirements = TESTS / "speed" / f"{name}.txt"
-    stamp = hashlib.sha256(requirements.read_bytes() + sys.version.encode()).hexdigest()
+    found = existing(name, folder)
+    if found:
+        return found
     home = folder / name
-    python, made = home / "bin" / "python", home / ".made"
-    if made.exists() and made.read_text() == stamp:
-        return str(python)
+    python = home / "bin" / "python"
     print(f"making the environment {home}", file=sys.stderr)
     shutil.rmtree(home, ignore_errors=True)
     bare = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
     for command in (
         [sys.executable, "-m", "venv", str(home)],
         [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check",
-         "-r", str(requirements)],
+         "-r", str(_requirements(name))],
     ):  # fmt: skip
         try:
             done = subprocess.run(command, env=bare, capture_output=True, text=True, check=False)
@@ -72,5 +88,5 @@ def python_of(name: str, folder: Path) -> str:
             errors = [line for line in done.stderr.splitlines() if line.startswith("ERROR")]
             reason = (errors or done.stderr.strip().splitlines() or ["no message"])[-1]
             raise EnvironmentFailed(f"its environment cannot be made: {reason}")
-    made.write_text(stamp)
+    (home / ".made").write_text(_stamp(name))
     return str(python)

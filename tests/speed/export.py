@@ -44,6 +44,11 @@ def model_arrays_of(problem: Problem) -> ModelArrays:
     return model.arrays
 
 
+def noise_roots(problem: Problem) -> np.ndarray:
+    """Return G (K, n, r) of all epochs, whose Q have one rank r."""
+    return np.stack([problem.noise_root(k) for k in range(problem.epochs)])
+
+
 def arrays(runs: Sequence[int]) -> Arrays:
     """Return some runs as arrays."""
     found = problems(runs)
@@ -59,6 +64,7 @@ def arrays(runs: Sequence[int]) -> Arrays:
         noise_cov=first.noise_cov,
         transition=stack(found, "transition"),
         process_cov=stack(found, "process_cov"),
+        noise_roots=np.stack([noise_roots(problem) for problem in found]),
         prior_mean=first.prior_mean,
         prior_cov=first.prior_cov,
         reading_times=model.times,

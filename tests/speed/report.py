@@ -8,7 +8,7 @@ from typing import Any
 
 from ggbench.report.tables import markdown, short
 
-from . import figure, flops
+from . import clouds_report, figure, flops
 from .rounds import Measured
 
 TITLES = {
@@ -28,8 +28,15 @@ LEAST_SHARE = 0.01
 """Share of the time from which a kernel has a row of its own."""
 
 
-def write(found: list[Measured], raw: dict[str, Any], folder: Path) -> list[Path]:
-    """Write ``speed.md`` and its figure; return the files."""
+def write(
+    found: list[Measured], clouds: list[Measured], raw: dict[str, Any], folder: Path
+) -> list[Path]:
+    """Write ``speed.md`` and its figure; return the files.
+
+    Parameters
+    ----------
+    found, clouds : the engines, and the particle filters. raw : all that was measured.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     measured = {item.entry.key: item for item in found}
     lines = [
@@ -43,12 +50,13 @@ def write(found: list[Measured], raw: dict[str, Any], folder: Path) -> list[Path
         "and the best processor time (of all threads) beside it, in milliseconds a run. Every "
         "implementation returns the means and covariances of all epochs.",
         "## Machine",
-        _machine(found, raw),
+        _machine([*found, *clouds], raw),
     ]
     for family, title in TITLES.items():
         lines += [f"## {title[0].upper()}{title[1:]}", _family(family, measured, raw)]
     lines += ["## Reach", _reach(measured), "## What is compared", _compared(measured, raw)]
     lines += ["## Floating-point operations", _flops(measured, raw)]
+    lines += ["## Bootstrap particle filter", clouds_report.section(clouds, raw["clouds"])]
     files = [folder / "speed.md"]
     if "curve" in raw:
         files.append(folder / "speed_runs.png")

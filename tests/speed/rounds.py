@@ -8,6 +8,7 @@ import re
 import statistics
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from . import environments
-from .problem_file import Arrays
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,8 @@ class Entry:
     ----------
     key : how :mod:`.worker` names it.
     title : how the report names it.
-    family : ``ekf``, ``ukf``, ``batch``: with whose results it must agree; empty: no results.
+    family : ``ekf``, ``ukf``, ``batch``, or how many particles: with whose results it must agree;
+        empty: no results.
     environment : the optional environment it runs in; empty for the benchmark's own.
     """
 
@@ -73,6 +74,32 @@ class Measured:
     def cores(self) -> float:
         """Processor seconds per second."""
         return sum(t["cpu_seconds"] for t in self.turns) / sum(t["seconds"] for t in self.turns)
+
+
+Judge = Callable[[Entry, np.ndarray, np.ndarray], tuple[float, str]]
+"""Of an entry, its means and its family's: how far they are apart, and what is wrong, if it is."""
+
+
+def within(scale: np.ndarray, tolerances: dict[str, float]) -> Judge:
+    """Return the judge of implementations that give the same numbers.
+
+    Parameters
+    ----------
+    scale : standard deviations (n,) of the prior.
+    tolerances : the largest difference of means, in these deviations, for each family.
+    """
+
+    def judge(entry: Entry, means: np.ndarray, expected: np.ndarray) -> tuple[float, str]:
+        difference = float(np.abs((means - expected) / scale).max())
+        allowed = tolerances[entry.family]
+        if difference <= allowed:
+            return difference, ""
+        return difference, (
+            f"its means differ by {difference:.1e} deviations of the prior, "
+            f"{allowed:.0e} are allowed"
+        )
+
+    return judge
 
 
 class Died(Exception):
@@ -126,10 +153,9 @@ def plain(error: Exception) -> str:
 
 def measure(
     entries: list[Entry],
-    arrays: Arrays,
     problem: Path,
     folder: Path,
-    tolerances: dict[str, float],
+    judge: Judge,
     rounds: int,
     seconds: float,
 ) -> list[Measured]:
@@ -138,9 +164,9 @@ def measure(
     Parameters
     ----------
     entries : the first of each family is the reference of its means.
-    arrays, problem : the problem, and the file it is in.
+    problem : the file that the problem is in.
     folder : where optional environments, means and what processes say are kept.
-    tolerances : the largest difference of means, in deviations of the prior, for each family.
+    judge : whether an implementation's means are those of its family.
     rounds, seconds : how often each is asked, and for how long.
     """
     found, running = [Measured(entry) for entry in entries], []
@@ -161,13 +187,7 @@ def measure(
             if entry.family:
                 means = np.load(process.means)
                 expected = references.setdefault(entry.family, means)
-                item.difference = float(np.abs((means - expected) / arrays.scale).max())
-                allowed = tolerances[entry.family]
-                if not item.difference <= allowed:
-                    item.refusal = (
-                        f"its means differ by {item.difference:.1e} deviations of the prior, "
-                        f"{allowed:.0e} are allowed"
-                    )
+                item.difference, item.refusal = judge(entry, means, expected)
         for turn in range(rounds):
             print(f"round {turn + 1} of {rounds}", file=sys.stderr)
             for item, process in running:

@@ -23,12 +23,18 @@ import numpy as np
 from . import problem_file
 
 CHECKED_RUNS = 4
-"""Runs whose means are compared."""
-PACKAGES = ("ggbench", "filterpy", "gtsam", "stonesoup", "dynamax", "jax", "numba", "numpy")
+"""Runs whose means are compared, of an implementation that does not say ``checked_runs`` itself."""
+PACKAGES = (
+    "ggbench", "filterpy", "gtsam", "stonesoup", "dynamax", "particles", "jax", "numba", "numpy",
+)  # fmt: skip
 
 
 def implementation(name: str, problem: Path) -> Any:
-    """Return what solves the problem: ``runs_per_call`` and ``solve(run)``."""
+    """Return what solves the problem: ``runs_per_call`` and ``solve(run)``.
+
+    ``rival:Class`` is a class of the module ``rival_rival`` that is made of the problem, with
+    ``rival:Class:N`` of the problem and the number N of its particles.
+    """
     kind, _, which = name.partition(":")
     if kind == "ggbench":
         from . import rival_ggbench
@@ -48,7 +54,9 @@ def implementation(name: str, problem: Path) -> Any:
 
         return calls.Calls(which)
     module = importlib.import_module(f"{__package__}.rival_{kind}")
-    return getattr(module, which)(problem_file.load(problem))
+    solver, _, particles = which.partition(":")
+    numbers = [int(particles)] if particles else []
+    return getattr(module, solver)(problem_file.load(problem), *numbers)
 
 
 def peak_memory() -> int:
@@ -79,12 +87,13 @@ def main(name: str, problem: str, means: str) -> None:
     os.dup2(2, 1)  # whatever a library prints is no answer
     solver = implementation(name, Path(problem))
     loaded = peak_memory()
-    runs = max(CHECKED_RUNS, solver.runs_per_call)
+    checked = getattr(solver, "checked_runs", CHECKED_RUNS)
+    runs = max(checked, solver.runs_per_call)
     start = time.perf_counter()
     solver.solve(0)
     first = time.perf_counter() - start
     found = [solver.solve(run) for run in range(0, runs, solver.runs_per_call)]
-    np.save(means, np.concatenate(found)[:CHECKED_RUNS])
+    np.save(means, np.concatenate(found)[:checked])
     ready = {"first_call": first, "loaded": loaded, "peak": peak_memory(), "versions": versions()}
     print(json.dumps(ready), file=answers)
     turn = 0

@@ -1,0 +1,326 @@
+"""Correlation matching by differences: Li, Wu & Ma 2011.
+
+A gravimeter's readings are reduced with what the INS indicates, so its velocity error (Eötvös) and
+its latitude error (normal gravity) are in them, as a bias that changes slowly. Li matches the
+differences of consecutive readings, which have no constant bias, and weighs earlier ones more,
+since the INS is better then: J = Σ p_i [(z_{i+1} − z_i) − (h_{i+1} − h_i)]², where p falls
+linearly to the half and Σ p = 1. Five of the places where J is least are kept. The nearest
+neighbour takes the best; probabilistic data association (PDAF) the mean x̂ = Σ β_j x_j with
+β_j ∝ 1/J_j.
+
+What is to be said against it:
+
+* Differences of white readings are correlated, −½ from one to the next, so a sum of their squares
+  is no likelihood. Least squares that knows of the correlation is the mean squared difference with
+  an unknown constant removed; the plain sum gives away what readings far apart tell together.
+* Falling weights are right if the place at the window's start is asked for, from which the INS
+  drifts away. A fix is the place at its end.
+* 1/J is no probability: with twenty readings a wrong hill has ten or a thousand times the mismatch
+  of the right one, and still a weight of some per cent, at a distance of kilometres. The
+  probability of a place is exp(−½ χ²) times its width (``association=likelihood``).
+* Five neighbours in one hollow of J are one candidate. Their mean smooths what the grid has made
+  coarse, and tells nothing of other places.
+
+Here the covariance of an answer is Σ β_j (Σ_j + (x_j − x̂)(x_j − x̂)ᵀ), where Σ_j knows that all
+other states of the window are unknown, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.special import softmax
+
+from ..engines.fixes import Attempts, Carried, Fusion
+from ..engines.iterated_smoother import IteratedSmoother
+from ..engines.position_grid import position_axes
+from ..engines.windows import Search, distinct, refined, section
+from ..problem import Causality, Estimate, Estimator, Problem
+from ..reduced import horizontal
+from .ekf import ExtendedKalmanFilter
+
+_ITERATIONS = 5
+"""Linearisations in each update of the filter that follows a fix."""
+_MOST = 1_000_000
+"""Points of a grid that fit in memory."""
+_LEAST = 3
+"""Readings that have two differences."""
+_FALL = 0.5
+"""Last weight over the first, where they fall."""
+
+
+@dataclass(frozen=True)
+class Correlation(Estimator):
+    """Matching by differences, and what is made of several candidates.
+
+    Parameters
+    ----------
+    association : ``nearest``: the candidate of least J. ``reciprocal``: all, with weights 1/J
+        (Li's PDAF). ``likelihood``: all, with their posterior probabilities; of nodes with
+        exp(−½ χ²), as if the terms of J were independent.
+    candidates : ``basins``: local minima of J, each refined to the most probable states of the
+        window. ``nodes``, as in the paper: the points of the grid where J is least, as they are.
+    window : number of epochs with readings that are matched at once.
+    differenced : whether differences are matched, or the readings themselves.
+    descending : whether the weights fall along the window, or are equal.
+    fusion : what becomes of fixes, see :mod:`ggbench.engines.fixes`.
+    keep : how many candidates there are.
+    spacing_m : step of the grid [m]; in the paper it is the map's.
+    most : largest number of its points; where there would be more, the step is made longer.
+    misfit : largest χ² per reading with which a fix is accepted; 1 is expected. Of nodes, of the
+        terms of J.
+    odds : least log odds of the likeliest candidate against the next best place with which it is
+        accepted.
+    """
+
+    association: Literal["nearest", "reciprocal", "likelihood"] = "likelihood"
+    candidates: Literal["basins", "nodes"] = "basins"
+    window: int = 20
+    differenced: bool = True
+    descending: bool = True
+    fusion: Fusion = "kalman"
+    keep: int = 5
+    spacing_m: float = 370.0
+    most: int = 50_000
+    misfit: float = 3.0
+    odds: float = 3.0
+
+    name = "correlation"
+
+    @property
+    def causality(self) -> Causality:
+        """Measurements up to each epoch."""
+        return "filter"
+
+    @property
+    def exact(self) -> bool:
+        """Not exact: between its fixes it takes no reading."""
+        return False
+
+    def skip(self, problem: Problem) -> str | None:
+        """Refuse settings without a meaning, and problems without a horizontal position."""
+        if not 0.0 < self.spacing_m < np.inf:
+            return f"spacing_m must be positive and finite, and is {self.spacing_m:g}"
+        if not 1 <= self.most <= _MOST:
+            return f"most must be 1 to {_MOST}, and is {self.most}"
+        if self.window < _LEAST:
+            return f"window must be at least {_LEAST}, and is {self.window}"
+        if self.keep < 1:
+            return f"keep must be at least 1, and is {self.keep}"
+        if not self.misfit > 0.0:
+            return f"misfit must be positive, and is {self.misfit:g}"
+        if not self.odds >= 0.0:
+            return f"odds must not be negative, and is {self.odds:g}"
+        if not horizontal(problem, velocity=False):
+            return "the problem has no two states in metres, a position to be found"
+        return None
+
+    def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
+        """Match one window after the other; carry along what has been found."""
+        estimate, attempts, unaided = Carried(problem), Attempts(), Carried(problem)
+        at = list(horizontal(problem, velocity=False))
+        read = np.flatnonzero(problem.present.any(axis=1))
+        last = -1  # the last epoch whose readings are spent
+        for end in read[self.window - 1 :: self.window]:
+            before = (unaided if self.fusion == "none" else estimate).at(last)
+            part = section(problem, last + 1, int(end) + 1, *before)
+            last = int(end)
+            fix = self._match(part)
+            if fix is None:
+                continue
+            attempts.add(last, fix.mean[at], fix.cov[np.ix_(at, at)], fix.accepted, fix.statistic)
+            if fix.accepted:
+                estimate.put(last, fix.mean, fix.cov)
+                if self.fusion == "restart":
+                    break
+        fixes = attempts.listed()
+        if self.fusion == "restart" and fixes.accepted.any() and last + 1 < problem.epochs:
+            rest = section(problem, last + 1, problem.epochs, *estimate.at(last))
+            behind = ExtendedKalmanFilter(_ITERATIONS).estimate(rest, rng)
+            assert behind.cov is not None  # a Kalman filter has one
+            estimate.put(last + 1, behind.mean, behind.cov)
+        mean, cov = estimate.whole()
+        info = {"fixes_tried": len(fixes), "fixes_accepted": int(fixes.accepted.sum())}
+        return Estimate(mean, cov, self.causality, info=info, fixes=fixes)
+
+    def _match(self, part: Problem) -> _Fix | None:
+        """Return the fix of a window; None where there is nothing to compare."""
+        search = Sequences(part, self.spacing_m, self.most, self.differenced, self.descending)
+        search.take(part.epochs)
+        if search.terms == 0 or not len(search.points):
+            return None
+        return self._of_nodes(search) if self.candidates == "nodes" else self._of_basins(search)
+
+    def _of_basins(self, search: Sequences) -> _Fix | None:
+        part, mismatch = search.problem, search.values()
+        smoother = IteratedSmoother(part)
+        found = [
+            (mismatch[index], place)
+            for index in search.best(self.keep)
+            for place in refined(smoother, [search.start(index)], search.spacing)
+        ]
+        if not found:
+            return None
+        different = distinct(part, [place for _, place in found], search.spacing)
+        if self.association == "likelihood":
+            places = different
+            share = softmax([place.log_share for place in places])
+        else:
+            places = [place for _, place in found]
+            share = self._shares(np.array([j for j, _ in found]))
+        chosen = places[int(np.argmax(share))]
+        # Another candidate within a step of it is the same place, and no rival.
+        others = [
+            place.log_share
+            for place in different
+            if len(distinct(part, [place, chosen], search.spacing)) == 2
+        ]
+        surer = chosen.log_share - max(others, default=-np.inf)
+        fits = 2.0 * chosen.cost <= self.misfit * part.present.sum()
+        mean, cov = mixed(share, [p.mean for p in places], [p.cov for p in places])
+        return self._judged(mean, cov, bool(fits), surer)
+
+    def _of_nodes(self, search: Sequences) -> _Fix:
+        mismatch = search.values()
+        nodes = np.argsort(mismatch, kind="stable")[: self.keep]
+        if self.association == "likelihood":
+            share = softmax(-0.5 * search.chi_squared * mismatch[nodes])
+        else:
+            share = self._shares(mismatch[nodes])
+        means, covs = zip(*(at_node(search, node) for node in nodes), strict=True)
+        mean, cov = mixed(share, means, covs)
+        best, *others = mismatch[search.best(2)]
+        surer = 0.5 * search.chi_squared * (others[0] - best) if others else np.inf
+        fits = search.chi_squared * best <= self.misfit * search.terms
+        return self._judged(mean, cov, bool(fits), float(surer))
+
+    def _shares(self, mismatch: np.ndarray) -> np.ndarray:
+        """Return the weights (J,) of candidates by their J."""
+        if self.association == "nearest":
+            return np.eye(len(mismatch))[int(np.argmin(mismatch))]
+        inverse = 1.0 / np.maximum(mismatch, np.finfo(float).tiny)
+        return np.asarray(inverse / inverse.sum())
+
+    def _judged(self, mean: np.ndarray, cov: np.ndarray, fits: bool, surer: float) -> _Fix:
+        if not fits:
+            return _Fix(mean, cov, False, -np.inf)
+        return _Fix(mean, cov, surer > self.odds, surer)
+
+
+@dataclass(frozen=True)
+class _Fix:
+    """A state (n,) at a window's end, its covariance (n, n), and whether it is believed."""
+
+    mean: np.ndarray
+    cov: np.ndarray
+    accepted: bool
+    statistic: float
+
+
+class Sequences(Search):
+    """A search by Li's J = Σ_c r_cᵀ W r_c, with the residuals r_c of each channel c.
+
+    The weights of all terms add up to one. A channel's differences are those of its consecutive
+    readings, whatever others do in between.
+
+    Attributes
+    ----------
+    form : (m, W, W) the W of each channel. terms : number of terms of J.
+    chi_squared : what J is to be multiplied with to be a χ² of so many terms: each has the variance
+        of one reading, or two.
+    """
+
+    _kept = (*Search._kept, "_total", "_last")
+
+    def __init__(
+        self, problem: Problem, spacing_m: float, most: int, differenced: bool, descending: bool
+    ) -> None:
+        super().__init__(problem, spacing_m, most)
+        there = problem.present
+        epochs, channels = there.shape
+        self._differenced = differenced
+        # The weight of the term that ends with each reading; a channel's first one ends none.
+        self._weights = np.zeros((epochs, channels))
+        self.form = np.zeros((channels, epochs, epochs))
+        self.terms = 0
+        for c in range(channels):
+            read = np.flatnonzero(there[:, c])
+            ends = read[1:] if differenced else read
+            p = np.linspace(1.0, _FALL if descending else 1.0, len(ends))
+            self._weights[ends, c] = p
+            rows = np.eye(epochs)[read]
+            if differenced:
+                rows = np.diff(rows, axis=0)
+            self.form[c] = (rows.T * p) @ rows
+            self.terms += len(ends)
+        total = max(self._weights.sum(), np.finfo(float).tiny)
+        self._weights /= total
+        self.form /= total
+        self.chi_squared = self.terms / (2.0 if differenced else 1.0)
+        self._total = np.zeros(len(self.points))
+        self._last = np.zeros((len(self.points), channels))
+
+    def _compare(self, k: int, z: np.ndarray, h: np.ndarray) -> None:
+        off = z - h
+        term = off - self._last if self._differenced else off
+        self._total += term**2 @ self._weights[k]
+        self._last = np.where(self.problem.present[k], off, self._last)
+
+    def values(self) -> np.ndarray:
+        """Return J (J,) of each point."""
+        return self._total
+
+
+def mixed(
+    share: np.ndarray, means: Sequence[np.ndarray], covs: Sequence[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return mean (n,) and covariance (n, n) of candidates that are right with probabilities."""
+    mean = share @ np.asarray(means)
+    off = np.asarray(means) - mean
+    cov = np.einsum("j,jab->ab", share, np.asarray(covs)) + (off.T * share) @ off
+    return mean, 0.5 * (cov + cov.T)
+
+
+def at_node(search: Sequences, index: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return mean (n,) and covariance (n, n) at the window's end, given that J is least at a node.
+
+    About the node's trajectory the displacement that minimises χ² of J and of the prior is linear
+    in the residuals, δd = Σ M_k r_k. So it is taken for what it is: a reading of the states, with
+    errors of noise, INS and grid. How they go with the state at the end follows from carrying both
+    through the window. That J gives away what the readings tell of other states is thus known.
+    """
+    problem, smoother = search.problem, IteratedSmoother(search.problem)
+    variances, gain = position_axes(problem)
+    scale, point = smoother.scale, search.points[index]
+    n, d = gain.shape
+    rows, white = [], []
+    x, moved = smoother.prior_mean + gain @ point, gain
+    for k, phi in enumerate(smoother.transition):
+        x, moved = phi @ x, phi @ moved
+        h = problem.model.jacobian(k, x * scale) * scale
+        white.append(np.linalg.solve(smoother.noise_root[k], h))
+        rows.append(white[-1] @ moved)
+    pull = np.einsum("vcd,cvk->kdc", np.array(rows), search.chi_squared * search.form)
+    prior = np.diag(1.0 / variances)
+    normal = np.einsum("kdc,kce->de", pull, np.array(rows)) + prior
+    pull = np.linalg.solve(normal, pull)
+    mean = np.concatenate([-gain @ point, np.zeros(d)])
+    cov = np.zeros((n + d, n + d))
+    cov[:n, :n] = smoother.prior_cov
+    step, add = np.eye(n + d), np.eye(n + d)
+    for k, m in enumerate(pull):
+        step[:n, :n], add[n:, :n] = smoother.transition[k], m @ white[k]
+        cov = step @ cov @ step.T
+        cov[:n, :n] += smoother.process_cov[k]
+        mean, cov = add @ step @ mean, add @ cov @ add.T
+        cov[n:, n:] += m @ m.T
+    coarse = np.where(variances > search.spacing**2, search.spacing**2 / 12.0, 0.0)
+    # Along an axis that no reading feels δd does not vary, and tells nothing.
+    weight = cov[:n, n:] @ np.linalg.pinv(cov[n:, n:] + np.diag(coarse), hermitian=True)
+    least = np.linalg.solve(normal, prior @ point)
+    end = x + mean[:n] + weight @ (least - mean[n:])
+    left = cov[:n, :n] - weight @ cov[n:, :n]
+    return end * scale, left * np.outer(scale, scale)

@@ -1,0 +1,274 @@
+"""ICCP: the INS's track, moved as one piece onto the contours of what was read.
+
+Iterated closest contour point (Kamgar-Parsi & Kamgar-Parsi 1999): every reading of a window says
+that the vehicle was somewhere on a contour of the map. Each point of the indicated track goes to
+the nearest point of its contour, the track is moved and turned as a whole so that its points come
+nearest to those, and so on until it rests (the iterated closest point of Besl & McKay 1992). With a
+scale it is a similarity (Zhang, Yang & Li 2019).
+
+The nearest contour is the right one only where the INS is off by less than the field's hills are
+wide: it is a tracker, not a search, and was found several times worse than Kalman filters of the
+same single channel, where these are not lost. A contour is of one number, so of several channels
+one is used, and the estimate says which. The literature gives no covariance; that of least squares
+at the solution is declared here, times the misfit, with what a wrong height and velocity do to it.
+It knows nothing of the wrong contours that a track may come to rest on. The method is here for the
+record.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from ..engines.contours import Contour, contour, feet, fitted_transform, track_metres
+from ..engines.fixes import Attempts, Carried
+from ..problem import Causality, Estimate, Estimator, Problem
+from ..reduced import horizontal
+
+_REST = 0.05
+"""Movement [m] of an iteration below which a track rests: it comes to rest slowly."""
+_ITERATIONS = 200
+_REACH = 3.0
+"""Contours are sought within so many standard deviations of the position, and turns and scales."""
+_SIDES = 40
+"""Cells from the middle to the margin at most: beyond, they are made larger."""
+_FEWEST = 0.5
+"""Share of the readings of a window that must have a contour within reach."""
+
+
+@dataclass(frozen=True)
+class Iccp(Estimator):
+    """Iterated closest contour point on windows of one channel's readings.
+
+    Parameters
+    ----------
+    window : readings of a track that is moved as one piece.
+    transform : ``rigid``, the track is moved and turned; ``similarity``, and stretched. Turn and
+        scale are held to what the INS's velocity error, three deviations of it, can have done.
+    fusion : ``kalman``, windows follow each other and their fixes update what is known; ``none``,
+        the window slides and each answer is that of the last window alone.
+    channel : name of the channel; if not given, the vertical gradient, ``gradient zz``, or a
+        gravimeter's ``gravity scalar``.
+    cell_m : grid on which contours are sought [m], larger where the prior is wide.
+    misfit : largest χ² per reading, of the residuals at rest, with which a fix is accepted.
+    """
+
+    window: int = 20
+    transform: Literal["rigid", "similarity"] = "rigid"
+    fusion: Literal["none", "kalman"] = "kalman"
+    channel: str = ""
+    cell_m: float = 25.0
+    misfit: float = 25.0
+
+    name = "iccp"
+
+    @property
+    def causality(self) -> Causality:
+        """Measurements up to each epoch."""
+        return "filter"
+
+    @property
+    def exact(self) -> bool:
+        """Not exact: of one channel, and of points that are taken as nearest."""
+        return False
+
+    def skip(self, problem: Problem) -> str | None:
+        """Refuse settings without a meaning, and problems without a track or such a channel."""
+        if self.window < 3:
+            return f"window must be at least 3, and is {self.window}"
+        if not 0.0 < self.cell_m < np.inf:
+            return f"cell_m must be positive and finite, and is {self.cell_m:g}"
+        if not self.misfit > 0.0:
+            return f"misfit must be positive, and is {self.misfit:g}"
+        if problem.track is None:
+            return "the problem has no track that the INS indicates"
+        if len(horizontal(problem, velocity=True)) < 4:
+            return "the problem has no errors of position and velocity"
+        if _channel(problem, self.channel) is None:
+            names = ", ".join(channel.name for channel in problem.channels) or "none with a name"
+            wanted = self.channel or "gradient zz or gravity scalar"
+            return f"there is no channel {wanted}: the problem has {names}"
+        return None
+
+    def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
+        """Match window after window; carry along what has been found."""
+        channel = _channel(problem, self.channel)
+        assert channel is not None  # else it would have been skipped
+        matcher = _Matcher(self, problem, channel)
+        estimate, unaided, attempts = Carried(problem), Carried(problem), Attempts()
+        window: list[int] = []
+        contours: list[Contour] = []
+        iterations = []
+        for k in np.flatnonzero(problem.present[:, channel]).tolist():
+            mean, cov = estimate.at(k)
+            window.append(k)
+            contours.append(matcher.contour(k, mean, cov))
+            if len(window) < self.window:
+                continue
+            window, contours = window[-self.window :], contours[-self.window :]
+            fix = matcher.match(window, contours, mean, cov)
+            iterations.append(fix.iterations)
+            attempts.add(k, fix.mean, fix.cov, fix.accepted, -fix.misfit)
+            if self.fusion == "none":
+                mean, cov = unaided.at(k)
+            else:
+                window, contours = [], []
+            if fix.accepted:
+                estimate.put(k, *_updated(mean, cov, matcher.position, fix.mean, fix.cov))
+        mean, cov = estimate.whole()
+        fixes = attempts.listed()
+        info = {
+            "channel": problem.channels[channel].name,
+            "fixes_tried": len(fixes),
+            "fixes_accepted": int(fixes.accepted.sum()),
+            "mean_iterations": float(np.mean(iterations or [0])),
+        }
+        nis = np.full(problem.epochs, np.nan)  # its innovations are those of fixes
+        return Estimate(mean, cov, self.causality, info=info, nis=nis, fixes=fixes)
+
+
+@dataclass(frozen=True)
+class _Fix:
+    """What a window came to: position error (2,) at its end, and what is to be thought of it."""
+
+    mean: np.ndarray
+    cov: np.ndarray
+    misfit: float
+    accepted: bool
+    iterations: int
+
+
+class _Matcher:
+    """One flight's contours and the track that is moved onto them."""
+
+    def __init__(self, settings: Iccp, problem: Problem, channel: int) -> None:
+        self.settings, self.problem, self.channel = settings, problem, channel
+        states = horizontal(problem, velocity=True)
+        self.position, self.velocity = list(states[:2]), list(states[2:])
+
+    def contour(self, k: int, mean: np.ndarray, cov: np.ndarray) -> Contour:
+        """Return position errors that explain reading k, within reach of what is known."""
+        at = self.position
+        radius = max(_REACH * float(np.sqrt(np.diag(cov)[at].max())), 4.0 * self.settings.cell_m)
+        cell = max(self.settings.cell_m, radius / _SIDES)
+        side = np.arange(-np.ceil(radius / cell), np.ceil(radius / cell) + 1.0)
+        states = np.broadcast_to(mean, (len(side), len(side), len(mean))).copy()
+        states[:, :, at[0]] += cell * side[:, np.newaxis]
+        states[:, :, at[1]] += cell * side
+        values = self.problem.model.predict(k, states)[..., self.channel]
+        reading = float(self.problem.measurements[k, self.channel])
+        return contour(values, reading, states[0, 0, at], cell)
+
+    def match(
+        self, window: list[int], contours: list[Contour], mean: np.ndarray, cov: np.ndarray
+    ) -> _Fix:
+        """Move the track of a window onto its contours, from the estimate at its end."""
+        problem, track = self.problem, self.problem.track
+        assert track is not None
+        indicated = track_metres(track, window[-1])[window]
+        since = problem.times[window] - problem.times[window[-1]]
+        errors = mean[self.position] + since[:, np.newaxis] * mean[self.velocity]
+        start = indicated - errors
+        # Contours of errors are contours of places, seen from where the INS says it is.
+        placed = [
+            Contour(here - each.points, -each.slopes)
+            for here, each in zip(indicated, contours, strict=True)
+        ]
+        speed = max(float(np.linalg.norm(track.velocities[window[-1], :2])), 1e-9)
+        axes = self._along_and_across(window[-1])[self.velocity]
+        sigma = np.sqrt(np.diag(axes @ cov @ axes.T))
+        stretch, turn = np.minimum(_REACH * sigma / speed, 0.5).tolist()
+        similar = self.settings.transform == "similarity"
+        moved, rests, iterations = start, False, 0
+        while not rests and iterations < _ITERATIONS:
+            iterations += 1
+            found = feet(placed, moved, self.settings.cell_m)
+            if found.found.mean() < _FEWEST:
+                break
+            x, y = start[found.found], found.points[found.found]
+            matrix, shift = fitted_transform(x, y, similar, turn, stretch)
+            before, moved = moved, start @ matrix.T + shift
+            rests = bool(np.linalg.norm(moved - before, axis=1).max() < _REST)
+        return self._judged(window, indicated - moved, mean, cov, rests, iterations)
+
+    def _judged(
+        self,
+        window: list[int],
+        errors: np.ndarray,
+        mean: np.ndarray,
+        cov: np.ndarray,
+        rests: bool,
+        iterations: int,
+    ) -> _Fix:
+        """Return the fix, with the covariance of least squares at rest.
+
+        A turn of the track is a velocity error across it, a stretch one along it, each no larger
+        than what is known of it. The covariance is times the misfit, and with what the states that
+        are not fitted may do: their effect on the readings of the window, seen through the fit (a
+        consider covariance, Schmidt 1966).
+        """
+        problem, at, c = self.problem, self.position, self.channel
+        along, across = self.velocity
+        fitted = [*at, across, along] if self.settings.transform == "similarity" else [*at, across]
+        others = [i for i in range(len(mean)) if i not in fitted]
+        rows, total = np.empty((len(window), len(mean))), 0.0
+        back, last = np.eye(len(mean)), window[-1]
+        for i in reversed(range(len(window))):
+            for k in range(window[i] + 1, last + 1):
+                back = np.linalg.solve(problem.transition[k], back)
+            k = last = window[i]
+            state = mean.copy()
+            state[at] = errors[i]
+            root = np.sqrt(problem.noise_of(k)[c, c])
+            residual = problem.measurements[k, c] - problem.model.predict(k, state)[c]
+            rows[i] = problem.model.jacobian(k, state)[c] @ back / root
+            total += float(residual / root) ** 2
+        misfit = total / (len(window) - 2)
+        axes = self._along_and_across(window[-1])
+        rows, known = rows @ axes.T, axes @ cov @ axes.T
+        # A direction in which the readings say nothing is known no better than before.
+        prior = np.linalg.inv(known[np.ix_(fitted, fitted)])
+        prior[:2] *= 1e-6
+        prior[:, :2] *= 1e-6
+        inverse = np.linalg.inv(rows[:, fitted].T @ rows[:, fitted] / max(1.0, misfit) + prior)
+        seen = inverse @ rows[:, fitted].T @ rows[:, others] / max(1.0, misfit)
+        after = (inverse + seen @ known[np.ix_(others, others)] @ seen.T)[:2, :2]
+        rests = rests and bool(np.isfinite(misfit))
+        return _Fix(
+            errors[-1], 0.5 * (after + after.T), misfit if rests else np.inf,
+            rests and misfit < self.settings.misfit, iterations,
+        )  # fmt: skip
+
+    def _along_and_across(self, k: int) -> np.ndarray:
+        """Return the turn (n, n) of the states after which velocity errors are along and across."""
+        assert self.problem.track is not None
+        east, north = self.problem.track.velocities[k, :2]
+        heading = np.arctan2(north, east)
+        axes = np.eye(self.problem.dimension)
+        axes[np.ix_(self.velocity, self.velocity)] = [
+            [np.cos(heading), np.sin(heading)],
+            [-np.sin(heading), np.cos(heading)],
+        ]
+        return axes
+
+
+def _channel(problem: Problem, name: str) -> int | None:
+    """Return the channel of a name, or the one that is meant without; None if there is none."""
+    names = [channel.name for channel in problem.channels]
+    for wanted in (name,) if name else ("gradient zz", "gravity scalar"):
+        if wanted in names:
+            return names.index(wanted)
+    return None
+
+
+def _updated(
+    mean: np.ndarray, cov: np.ndarray, at: list[int], fix: np.ndarray, noise: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return mean and covariance after a fix of some states, in Joseph's form."""
+    rows = np.eye(len(mean))[at]
+    gain = np.linalg.solve(cov[np.ix_(at, at)] + noise, cov[at]).T
+    keep = np.eye(len(mean)) - gain @ rows
+    after = keep @ cov @ keep.T + gain @ noise @ gain.T
+    return mean + gain @ (fix - mean[at]), 0.5 * (after + after.T)

@@ -1,0 +1,128 @@
+"""Map matching as a hidden Markov model: cells of the position, and the best path through them.
+
+The cells of a grid are hidden states; from one reading to the next the position error moves to a
+neighbour as the INS may have drifted, and each reading has a likelihood in each cell. Viterbi's
+algorithm finds the most probable path (Li, Gilliam, Wang, Kealy, Greentree & Moran 2025), and the
+forward-backward algorithm on the same trellis how probable every cell was: a path alone has no
+covariance.
+
+Nothing is linearised, so a wide prior does no harm, but the state is the position alone. The drift
+of an INS is a velocity error that lasts; here it is a random walk whose steps are as large as that
+error is believed to be, which the readings must hold at every step anew. A batch of all readings
+looks at a drift from both sides; the forward pass alone lags behind it. Attitude, biases of the
+gradiometer and whatever else a reading depends on count as noise.
+
+A position is known to its cell. Where cells are much larger than what the readings could tell
+apart, as the posterior of a sharp gradiometer is, the answer is as coarse as they are, and a filter
+of all states is better in every respect; for then what changes within a cell is noise, too. It was
+found to know its place from kilometres away, which a single Kalman filter does not, and to be
+several times less accurate there than a filter of all states that does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from ..engines.trellis import Trellis, cell_sides
+from ..problem import Causality, Estimate, Estimator, Problem
+from ..reduced import Reduction, displacing, horizontal, reduced
+
+_LARGEST_STEP = 60.0
+"""Cells, a standard deviation: of a step so long, transitions take more than anything else."""
+_MOST = 5_000_000
+"""Cells that fit in memory."""
+
+
+@dataclass(frozen=True)
+class Viterbi(Estimator):
+    """Hidden Markov model over cells of the position east, north and up.
+
+    Parameters
+    ----------
+    decode : ``path``, the most probable one, each epoch given all readings; ``marginal``, the mean
+        of the cells' probabilities given all readings; ``forward``, given those up to t.
+    cell_m : side of a cell [m]; along an axis that the prior knows better, its deviation.
+    most : largest number of cells; where the prior would need more, they are made larger east and
+        north.
+    drift : factor on the steps that the INS's error may take, by its prior. A drift that lasts
+        is followed at every step anew: with a walk of no more than its own size, the forward pass
+        lags by a reading's deviation.
+    """
+
+    decode: Literal["path", "marginal", "forward"] = "path"
+    cell_m: float = 20.0
+    most: int = 1_000_000
+    drift: float = 4.0
+
+    name = "viterbi"
+
+    @property
+    def causality(self) -> Causality:
+        """All readings; the forward pass knows those up to each epoch."""
+        return "filter" if self.decode == "forward" else "batch"
+
+    @property
+    def exact(self) -> bool:
+        """Not exact: of another problem."""
+        return False
+
+    def skip(self, problem: Problem) -> str | None:
+        """Refuse cells that do not exist, and problems without a position that drifts."""
+        if not 0.0 < self.cell_m < np.inf:
+            return f"cell_m must be positive and finite, and is {self.cell_m:g}"
+        if not 1000 <= self.most <= _MOST:
+            return f"most must be 1000 to {_MOST}, and is {self.most}"
+        if not 0.0 < self.drift < np.inf:
+            return f"drift must be positive and finite, and is {self.drift:g}"
+        if not horizontal(problem, velocity=True):
+            return "the problem has no errors of position and velocity"
+        reduction = self._reduction(problem)
+        step = np.sqrt(reduction.problem.process_cov.max(axis=0).diagonal().max())
+        if step > _LARGEST_STEP * self.cell_m:
+            return (
+                f"cells of {self.cell_m:g} m are too small for steps of the INS's error of "
+                f"{step:.0f} m"
+            )
+        return None
+
+    def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
+        """Sum forward over the cells, then decode."""
+        reduction = self._reduction(problem)
+        small = reduction.problem
+        steps = cell_sides(small.prior_cov, self.cell_m, self.most)
+        trellis = Trellis(small, steps, self.most, _unknown(problem, reduction))
+        layers = trellis.layers
+        if self.decode == "forward":
+            shares = [layer.forward for layer in layers]
+        else:
+            shares = trellis.smoothed()
+        found = [layer.moments(each) for layer, each in zip(layers, shares, strict=True)]
+        mean, cov = (np.array(values[1:]) for values in zip(*found, strict=True))
+        if self.decode == "path":
+            path = trellis.best_path()
+            best = [layer.places(np.array([c]))[0] for layer, c in zip(layers, path, strict=True)]
+            off = mean - np.array(best[1:])
+            # About the path, not about the mean.
+            mean, cov = mean - off, cov + off[:, :, np.newaxis] * off[:, np.newaxis, :]
+        info = {
+            "cell_m": float(steps[0]),
+            "mean_cells": float(np.mean([len(layer.cells) for layer in layers[1:]])),
+        }
+        return reduction.embedded(Estimate(mean, cov, self.causality, info=info))
+
+    def _reduction(self, problem: Problem) -> Reduction:
+        """Return the problem of the position, moved by what the INS's other errors may do."""
+        block = next(block for block in problem.layout if block.unit == "m")
+        states = range(*block.slice.indices(problem.dimension))[:3]
+        return reduced(problem, states, self.drift**2 * displacing(problem, states))
+
+
+def _unknown(problem: Problem, reduction: Reduction) -> np.ndarray:
+    """Return the covariance (K, m, m) of what the states left out add to the readings."""
+    others = [i for i in range(problem.dimension) if i not in reduction.states]
+    rows = np.array([problem.model.jacobian(k, x)[:, others] for k, x in enumerate(reduction.mean)])
+    cov = reduction.cov[:, others][:, :, others]
+    return np.asarray(rows @ cov @ rows.transpose(0, 2, 1))

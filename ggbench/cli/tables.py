@@ -1,0 +1,37 @@
+"""Tables that a command writes as CSV."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from ..errors import GGBenchError
+from ..files import written_whole
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+class OutputError(GGBenchError):
+    """A file that a command is to write cannot be written, or is named for another kind."""
+
+
+def require_suffix(path: Path | None, suffix: str) -> None:
+    """Raise OutputError if a file that is to be written is not named ``*suffix``."""
+    if path is not None and path.suffix.lower() != suffix:
+        raise OutputError(f"{path} must be named *{suffix}")
+
+
+def write_csv(table: pd.DataFrame, path: Path) -> None:
+    """Write a table, whole or not at all, and say so.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    """
+    with written_whole(path, OutputError, "the table ") as temporary:
+        table.to_csv(temporary, index=False, float_format="%.8g")
+    click.echo(f"Wrote {path}")

@@ -1,0 +1,102 @@
+"""Banks of filters across a wide prior: many means and covariances, as arrays, one step at a time.
+
+The prior is written as a sum of narrow Gaussians on a grid of positions, each the start of a filter
+of its own. What a filter does with a reading, and which filters are believed, is the estimator's.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..problem import Problem
+from . import position_grid
+
+
+class Bank:
+    """The filters: log weights (J,), means (J, n), covariances (J, n, n).
+
+    In units of the prior's standard deviations, ``scale`` (n,). See :func:`split_prior`.
+    """
+
+    def __init__(self, problem: Problem, spacing_m: float, most: int, width: float) -> None:
+        self.problem = problem
+        self.scale = scale = np.sqrt(np.diag(problem.prior_cov))
+        self.transition = problem.transition * scale / scale[:, None]
+        self.process_cov = problem.process_cov / np.outer(scale, scale)
+        self.weights, self.means, self.covs = split_prior(problem, spacing_m, most, width)
+
+    def predict(self, k: int) -> None:
+        """Carry all filters to epoch k."""
+        phi = self.transition[k]
+        self.means = self.means @ phi.T
+        self.covs = phi @ self.covs @ phi.T + self.process_cov[k]
+
+    def moments(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return mean (n,) and covariance (n, n) of the mixture."""
+        share = np.exp(self.weights)
+        share /= share.sum()
+        mean = share @ self.means
+        off = self.means - mean
+        return mean, np.einsum("j,jab->ab", share, self.covs) + (off.T * share) @ off
+
+
+def updated_covs(
+    covs: np.ndarray, rows: np.ndarray, projected: np.ndarray, s: np.ndarray
+) -> np.ndarray:
+    """Return the covariances (J, n, n) after a reading, in Joseph's form.
+
+    Parameters
+    ----------
+    covs : (J, n, n) before. rows : (J, m, n) H of a reading whose noise is white, R = I.
+    projected : (J, m, n) H P. s : (J, m, m) H P Hᵀ + I.
+    """
+    gain = np.linalg.solve(s, projected).transpose(0, 2, 1)
+    keep = np.eye(covs.shape[1]) - gain @ rows
+    out = keep @ covs @ keep.transpose(0, 2, 1) + gain @ gain.transpose(0, 2, 1)
+    return np.asarray(0.5 * (out + out.transpose(0, 2, 1)))
+
+
+def split_prior(
+    problem: Problem, spacing_m: float, most: int, width: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return log weights, means and covariances of the prior's grid of Gaussians.
+
+    The grid lies along the principal axes of the states in metres. A Gaussian at a point of it is
+    the prior with the standard deviation along these axes made narrow: all correlations are kept.
+
+    Parameters
+    ----------
+    spacing_m : distance of the Gaussians [m]; an axis along which the prior is narrower is not
+        split.
+    most : largest number of Gaussians; where the grid would need more, it is made coarser.
+    width : standard deviation of a Gaussian over the spacing.
+    """
+    scale = np.sqrt(np.diag(problem.prior_cov))
+    mean = problem.prior_mean / scale
+    cov = problem.prior_cov / np.outer(scale, scale)
+    values, gain = position_grid.position_axes(problem)
+    sigma = np.sqrt(values)
+    spacing_m = fitting_spacing(sigma, spacing_m, most)
+    grid = position_grid.grid(sigma, spacing_m)
+    split = sigma > spacing_m
+    grid = grid[:, split]
+    narrowing = values[split] - (width * spacing_m) ** 2
+    gain = gain[:, split]
+    weights = -0.5 * np.sum(grid**2 / narrowing, axis=1)
+    narrow = cov - (gain * narrowing) @ gain.T
+    return weights, mean + grid @ gain.T, np.tile(narrow, (len(grid), 1, 1))
+
+
+def fitting_spacing(sigma: np.ndarray, spacing_m: float, most: int) -> float:
+    """Return a spacing [m], not below the one asked for, of a grid with at most so many points.
+
+    Parameters
+    ----------
+    sigma : (d,) standard deviations of the prior along the axes of the grid [m].
+    """
+    # The box around the ellipsoid has to fit in memory, too.
+    while not position_grid.fits(sigma, spacing_m, 4.0 * most):
+        spacing_m *= 1.1
+    while len(position_grid.grid(sigma, spacing_m)) > most:
+        spacing_m *= 1.1
+    return spacing_m

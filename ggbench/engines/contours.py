@@ -1,0 +1,119 @@
+"""Contours of a reading in the plane, which of their points are nearest to a track, its motion."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..numerics.kernels import compiled
+from ..problem import Track
+from ..sensors.aiding import position_error
+
+
+class Contour(NamedTuple):
+    """Where a field has a value: points (P, 2) [m] on it and the field's slope (P, 2) there."""
+
+    points: np.ndarray
+    slopes: np.ndarray
+
+
+class Feet(NamedTuple):
+    """Nearest points (N, 2) of contours to those of a track, and whether there are any (N,)."""
+
+    points: np.ndarray
+    found: np.ndarray
+
+
+def contour(values: np.ndarray, level: float, first: np.ndarray, cell: float) -> Contour:
+    """Return the contour of a level where it crosses the edges of a grid.
+
+    Parameters
+    ----------
+    values : (a, b) of the field at first + cell · (i, j). first : (2,). cell : [m].
+    """
+    slopes = np.stack(np.gradient(values, cell), axis=-1)
+    off = values - level
+    points, found = [], []
+    for axis in (0, 1):
+        before = [slice(None)] * 2
+        behind = [slice(None)] * 2
+        before[axis], behind[axis] = slice(None, -1), slice(1, None)
+        low, high = off[tuple(before)], off[tuple(behind)]
+        where = np.argwhere((low < 0.0) != (high < 0.0))
+        here = tuple(where.T)
+        share = low[here] / (low[here] - high[here])
+        places = where.astype(float)
+        places[:, axis] += share
+        points.append(first + cell * places)
+        ends = slopes[tuple(before)][here], slopes[tuple(behind)][here]
+        found.append(ends[0] + share[:, np.newaxis] * (ends[1] - ends[0]))
+    return Contour(np.concatenate(points), np.concatenate(found))
+
+
+def feet(contours: Sequence[Contour], track: np.ndarray, cell: float) -> Feet:
+    """Return the point of each contour that is nearest to a point of the track (N, 2).
+
+    To the tangent at the nearest crossing of an edge, as far as that is straight: within a cell.
+    """
+    ends = np.cumsum([0, *(len(each.points) for each in contours)])
+    points = np.concatenate([each.points for each in contours])
+    slopes = np.concatenate([each.slopes for each in contours])
+    return Feet(*_feet(points, slopes, ends, track, cell))
+
+
+@compiled
+def _feet(
+    points: np.ndarray, slopes: np.ndarray, ends: np.ndarray, track: np.ndarray, cell: float
+) -> tuple[np.ndarray, np.ndarray]:
+    count = track.shape[0]
+    out, found = np.zeros((count, 2)), np.zeros(count, dtype=np.bool_)
+    for k in range(count):
+        best, nearest = -1, np.inf
+        for p in range(ends[k], ends[k + 1]):
+            east, north = track[k, 0] - points[p, 0], track[k, 1] - points[p, 1]
+            square = east * east + north * north
+            if square < nearest:
+                best, nearest = p, square
+        if best < 0:
+            continue
+        found[k] = True
+        along_e, along_n = -slopes[best, 1], slopes[best, 0]
+        length = math.sqrt(along_e * along_e + along_n * along_n)
+        slide = 0.0
+        if length > 0.0:
+            along_e, along_n = along_e / length, along_n / length
+            east, north = track[k, 0] - points[best, 0], track[k, 1] - points[best, 1]
+            slide = min(max(east * along_e + north * along_n, -cell), cell)
+        out[k, 0] = points[best, 0] + slide * along_e
+        out[k, 1] = points[best, 1] + slide * along_n
+    return out, found
+
+
+def fitted_transform(
+    x: np.ndarray, y: np.ndarray, similar: bool, most_turn: float, most_stretch: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return A (2, 2) and t (2,) of the motion of points x (N, 2) that comes nearest to y (N, 2).
+
+    A rotation, and for a similarity a scale, by least squares (Umeyama 1991): with centred points
+    θ = atan2(Σ x × y, Σ x · y) and s = Σ y · R x / Σ ‖x‖². The turn is held to ± ``most_turn``
+    [rad] and the scale to 1 ± ``most_stretch``, within which the best one is at the border.
+    """
+    middle, target = x.mean(axis=0), y.mean(axis=0)
+    a, b = x - middle, y - target
+    cross = float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum())
+    turn = float(np.clip(math.atan2(cross, float((a * b).sum())), -most_turn, most_turn))
+    matrix = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
+    extent = float((a**2).sum())
+    if similar and extent > 0.0:
+        scale = float((b * (a @ matrix.T)).sum()) / extent
+        matrix = matrix * np.clip(scale, 1.0 - most_stretch, 1.0 + most_stretch)
+    return matrix, target - matrix @ middle
+
+
+def track_metres(track: Track, last: int) -> np.ndarray:
+    """Return the indicated positions (K, 2) east and north of that at an epoch [m]."""
+    here = np.broadcast_to(track.positions[last], track.positions.shape)
+    return np.asarray(position_error(track.positions, here)[:, :2])

@@ -1,0 +1,89 @@
+"""From fixes to an estimate at every epoch, and the list of them.
+
+What a matcher makes of its fixes is one of three things, by the name of ``fusion``. Whichever it
+is, a reading is used once.
+
+``none``     each fix knows the prior of the flight and the readings of its own window, and nothing
+             of the fixes before it: they are independent looks.
+``kalman``   a fix is an update of what is known: its prior is the estimate, carried along.
+``restart``  the first fix ends the search; a filter takes the readings behind it one by one.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from ..problem import Fixes, Problem
+
+Fusion = Literal["none", "kalman", "restart"]
+
+
+class Carried:
+    """An estimate that the INS carries along between fixes.
+
+    Attributes
+    ----------
+    mean, cov : (K, n), (K, n, n), as far as it has been carried.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        epochs, n = problem.epochs, problem.dimension
+        self.mean, self.cov = np.empty((epochs, n)), np.empty((epochs, n, n))
+        self._filled = 0
+
+    def at(self, k: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return mean (n,) and covariance (n, n) at epoch ``k``; those of the start at −1."""
+        if k < 0:
+            return self.problem.prior_mean, self.problem.prior_cov
+        while self._filled <= k:
+            filled = self._filled
+            mean, cov = self.at(filled - 1)
+            phi = self.problem.transition[filled]
+            cov = phi @ cov @ phi.T + self.problem.process_cov[filled]
+            self.mean[filled], self.cov[filled] = phi @ mean, 0.5 * (cov + cov.T)
+            self._filled += 1
+        return self.mean[k], self.cov[k]
+
+    def put(self, k: int, mean: np.ndarray, cov: np.ndarray) -> None:
+        """Set the estimate at epoch ``k``, from which it is carried on.
+
+        Or at that and the following ones, given (K', n) and (K', n, n).
+        """
+        self.at(k)
+        stop = k + (1 if mean.ndim == 1 else len(mean))
+        self.mean[k:stop], self.cov[k:stop] = mean, cov
+        self._filled = stop
+
+    def whole(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return mean (K, n) and covariance (K, n, n), carried to the end of the flight."""
+        self.at(self.problem.epochs - 1)
+        return self.mean, self.cov
+
+
+class Attempts:
+    """The fixes of a flight as they are tried."""
+
+    def __init__(self) -> None:
+        self._rows: list[tuple[int, np.ndarray, np.ndarray, bool, float]] = []
+
+    def add(
+        self, epoch: int, mean: np.ndarray, cov: np.ndarray, accepted: bool, statistic: float
+    ) -> None:
+        """Note a fix: of position errors (d,) with covariance (d, d); see :class:`.Fixes`."""
+        self._rows.append((epoch, mean, cov, accepted, statistic))
+
+    def listed(self) -> Fixes:
+        """Return all of them; of two dimensions where there is none."""
+        if not self._rows:
+            empty = np.zeros(0)
+            return Fixes(
+                empty.astype(int), np.zeros((0, 2)), np.zeros((0, 2, 2)), empty.astype(bool), empty
+            )
+        epochs, means, covs, accepted, statistics = zip(*self._rows, strict=True)
+        return Fixes(
+            np.array(epochs), np.array(means), np.array(covs), np.array(accepted),
+            np.array(statistics),
+        )  # fmt: skip

@@ -1,0 +1,237 @@
+"""Gauss–Newton as an iterated Kalman smoother: the most probable trajectory from one start.
+
+Each step linearises h about the whole trajectory and solves the linear problem with a Kalman
+filter and smoother (Bell 1994), and goes only as far towards its solution as the cost falls: the
+line-search iterated extended Kalman smoother of Särkkä & Svensson 2020. The process noise may be
+singular: a trajectory is carried with its Lagrange multipliers, x_0 = prior_mean + P_0 λ and
+x_k = Φ_k x_{k−1} + Q_k r_k, in which the cost of the motion is ½ λᵀ P_0 λ + ½ Σ r_kᵀ Q_k r_k.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..numerics.kernels import compiled
+from ..problem import Problem
+
+_HALVINGS = 15
+_CONVERGED = 1e-6
+"""Decrease of the cost below which a search has ended: a thousandth of a standard deviation."""
+OfResiduals = Callable[[np.ndarray], np.ndarray]
+"""What is said of each residual in standard deviations."""
+
+
+def _half_square(residuals: np.ndarray) -> np.ndarray:
+    return 0.5 * residuals**2
+
+
+def _one(residuals: np.ndarray) -> np.ndarray:
+    return np.ones_like(residuals)
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """States (K, n), multipliers λ (n,) and r (K, n), in units of the prior's deviations."""
+
+    states: np.ndarray
+    start: np.ndarray
+    motion: np.ndarray
+
+    def towards(self, other: Trajectory, share: float) -> Trajectory:
+        """Return the trajectory a share of the way to another one."""
+        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
+        return Trajectory(*(a + share * (b - a) for a, b in pairs))
+
+
+@dataclass(frozen=True)
+class Minimum:
+    """The end of a search, and the filter that was linearised there."""
+
+    trajectory: Trajectory
+    cost: float
+    iterations: int
+    converged: bool
+    rows: np.ndarray
+    filtered_cov: np.ndarray
+
+
+class IteratedSmoother:
+    """A problem in units of the prior's deviations, its cost and its linearised solution.
+
+    Parameters
+    ----------
+    problem : to be solved.
+    losses, weights : of residuals in standard deviations of the noise, element by element: the loss
+        ρ(r) and ρ'(r) / r; those of least squares if not given.
+
+    Attributes
+    ----------
+    scale : (n,) the units of all states below.
+    """
+
+    def __init__(
+        self, problem: Problem, losses: OfResiduals = _half_square, weights: OfResiduals = _one
+    ) -> None:
+        self.problem = problem
+        self.losses, self.weights = losses, weights
+        self.scale = scale = np.sqrt(np.diag(problem.prior_cov))
+        self.transition = problem.transition * scale / scale[:, None]
+        self.process_cov = problem.process_cov / np.outer(scale, scale)
+        self.prior_mean = problem.prior_mean / scale
+        self.prior_cov = problem.prior_cov / np.outer(scale, scale)
+        channels = problem.measurements.shape[1]
+        noise = np.broadcast_to(problem.noise_cov, (problem.epochs, channels, channels))
+        self.noise_root = np.linalg.cholesky(noise)
+
+    def from_prior(self, start: np.ndarray) -> Trajectory:
+        """Return the undisturbed motion from prior_mean + P_0 λ."""
+        states = np.empty((self.problem.epochs, self.problem.dimension))
+        x = self.prior_mean + self.prior_cov @ start
+        for k, phi in enumerate(self.transition):
+            x = phi @ x
+            states[k] = x
+        return Trajectory(states, start, np.zeros_like(states))
+
+    def from_filter(self) -> Trajectory:
+        """Return the smoothed track of an extended Kalman filter."""
+        problem = self.problem
+        n, m = problem.dimension, problem.measurements.shape[1]
+        rows, target = np.empty((problem.epochs, m, n)), np.empty((problem.epochs, m))
+        x, p = self.prior_mean, self.prior_cov
+        for k, (phi, q) in enumerate(zip(self.transition, self.process_cov, strict=True)):
+            x, p = phi @ x, phi @ p @ phi.T + q
+            state = x * self.scale
+            innovation = problem.measurements[k] - problem.model.predict(k, state)
+            white = np.linalg.solve(self.noise_root[k], innovation)
+            h = np.linalg.solve(self.noise_root[k], problem.model.jacobian(k, state) * self.scale)
+            rows[k], target[k] = h, white + h @ x
+            gain = np.linalg.solve(h @ p @ h.T + np.eye(m), h @ p).T
+            keep = np.eye(n) - gain @ h
+            x, p = x + gain @ white, keep @ p @ keep.T + gain @ gain.T
+        *solution, _ = _smooth(
+            self.transition, self.process_cov, self.prior_mean, self.prior_cov, rows, target
+        )
+        return Trajectory(*solution)
+
+    def residuals(self, states: np.ndarray) -> np.ndarray:
+        """Return the whitened residuals (K, m) of a trajectory's states (K, n)."""
+        problem = self.problem
+        predicted = [problem.model.predict(k, x) for k, x in enumerate(states * self.scale)]
+        residuals = problem.measurements - predicted
+        return np.linalg.solve(self.noise_root, residuals[..., np.newaxis])[..., 0]
+
+    def cost(self, trajectory: Trajectory, residuals: np.ndarray) -> float:
+        """Return the cost of a trajectory with its whitened residuals (K, m): −log density."""
+        start, motion = trajectory.start, trajectory.motion
+        moving = np.einsum("ki,kij,kj->", motion, self.process_cov, motion)
+        left = self.losses(residuals).sum()
+        return float(0.5 * (start @ self.prior_cov @ start + moving) + left)
+
+    def search(self, trajectory: Trajectory, max_iterations: int) -> Minimum:
+        """Follow Gauss–Newton steps, each halved until the cost falls, to a minimum."""
+        problem = self.problem
+        residuals = self.residuals(trajectory.states)
+        cost = self.cost(trajectory, residuals)
+        converged = False
+        iterations = 0
+        rows: np.ndarray = np.empty(0)
+        filtered_cov: np.ndarray = np.empty(0)
+        while np.isfinite(cost) and not converged and iterations < max_iterations:
+            iterations += 1
+            states = trajectory.states * self.scale
+            rows = np.stack([problem.model.jacobian(k, x) for k, x in enumerate(states)])
+            rows = np.linalg.solve(self.noise_root, rows * self.scale)
+            target = residuals + np.einsum("kmi,ki->km", rows, trajectory.states)
+            weight = np.sqrt(self.weights(residuals))
+            rows *= weight[:, :, None]
+            *solution, filtered_cov = _smooth(
+                self.transition, self.process_cov, self.prior_mean, self.prior_cov,
+                rows, weight * target,
+            )  # fmt: skip
+            full = Trajectory(*solution)
+            before = cost
+            for halving in range(_HALVINGS):
+                moved = trajectory.towards(full, 0.5**halving)
+                new_residuals = self.residuals(moved.states)
+                new = self.cost(moved, new_residuals)
+                if new < cost:
+                    trajectory, residuals, cost = moved, new_residuals, new
+                    break
+            converged = before - cost < _CONVERGED
+        return Minimum(trajectory, cost, iterations, converged, rows, filtered_cov)
+
+
+@compiled
+def _smooth(
+    transition: np.ndarray,
+    process_cov: np.ndarray,
+    prior_mean: np.ndarray,
+    prior_cov: np.ndarray,
+    rows: np.ndarray,
+    target: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Solve the linear problem target[k] = rows[k] x_k + v_k with white v_k of unit variance.
+
+    A Kalman filter that takes one component of a reading after the other, in Joseph's form; then
+    the multipliers backwards (Bryson & Frazier; Bierman 1973): r ← h y / s + (I − K h)ᵀ r over the
+    components, r ← Φᵀ r between epochs, and x = x_filtered + P r with the r of what comes later.
+
+    Returns
+    -------
+    Smoothed states (K, n), multipliers λ (n,) and r (K, n), filtered covariance (K, n, n).
+    """
+    epochs, m, n = rows.shape
+    mean = np.empty((epochs, n))
+    cov = np.empty((epochs, n, n))
+    gains = np.empty((epochs, m, n))
+    news = np.empty((epochs, m))
+    x, p = prior_mean.copy(), prior_cov.copy()
+    ph = np.empty(n)
+    for k in range(epochs):
+        phi = transition[k]
+        x = phi @ x
+        p = phi @ p @ phi.T + process_cov[k]
+        for c in range(m):
+            h, gain = rows[k, c], gains[k, c]
+            s, y = 1.0, target[k, c]
+            for i in range(n):
+                ph[i] = 0.0
+                for j in range(n):
+                    ph[i] += p[i, j] * h[j]
+                s += ph[i] * h[i]
+                y -= h[i] * x[i]
+            news[k, c] = y / s
+            for i in range(n):
+                gain[i] = ph[i] / s
+                x[i] += gain[i] * y
+                for j in range(n):
+                    p[i, j] -= gain[i] * ph[j]
+            for i in range(n):
+                left = 0.0
+                for j in range(n):
+                    left += p[i, j] * h[j]
+                for j in range(n):
+                    p[i, j] += (gain[i] - left) * gain[j]
+            for i in range(n):
+                for j in range(i):
+                    p[i, j] = p[j, i] = 0.5 * (p[i, j] + p[j, i])
+        mean[k], cov[k] = x, p
+    motion = np.empty((epochs, n))
+    back = np.zeros(n)
+    for k in range(epochs - 1, -1, -1):
+        for i in range(n):
+            for j in range(n):
+                mean[k, i] += cov[k, i, j] * back[j]
+        for c in range(m - 1, -1, -1):
+            pull = news[k, c]
+            for i in range(n):
+                pull -= gains[k, c, i] * back[i]
+            for i in range(n):
+                back[i] += rows[k, c, i] * pull
+        for i in range(n):
+            motion[k, i] = back[i]
+        back = transition[k].T @ motion[k]
+    return mean, back, motion, cov

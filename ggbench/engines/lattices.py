@@ -1,0 +1,45 @@
+"""Lattices that move with the states: what filters on grids, and trellises of cells, stand on."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+class Lattice:
+    """The points base + A i of integers i (d,), and a Gaussian's masses on a box of them.
+
+    Attributes
+    ----------
+    base : (d,) where the box of masses begins. axes : (d, d) A, a column each.
+    masses : (cells of each axis); they add up to one.
+
+    Parameters
+    ----------
+    mean, cov : (d,), (d, d) of the Gaussian. steps : (d,) distance of the points along each state.
+    reach : at how many standard deviations the box ends.
+    """
+
+    def __init__(self, mean: np.ndarray, cov: np.ndarray, steps: np.ndarray, reach: float) -> None:
+        sigma = np.sqrt(np.diag(cov))
+        half = np.ceil(reach * sigma / steps).astype(int)
+        self.axes = np.diag(steps)
+        self.base = mean - steps * half
+        self.masses = np.empty(tuple(2 * half + 1))
+        away = self.places(np.indices(self.masses.shape).reshape(len(sigma), -1).T)
+        away = away - mean
+        squares = (away * np.linalg.solve(cov, away.T).T).sum(axis=1)
+        self.masses[...] = np.exp(-0.5 * squares).reshape(self.masses.shape)
+        self.masses /= self.masses.sum()
+
+    def places(self, index: np.ndarray) -> np.ndarray:
+        """Return the states (N, d) of points by their indices (N, d)."""
+        return np.asarray(self.base + index @ self.axes.T)
+
+    def move(self, transition: np.ndarray) -> None:
+        """Move the points as the states are moved, which smears nothing."""
+        self.base, self.axes = transition @ self.base, transition @ self.axes
+
+    def in_cells(self, cov: np.ndarray) -> np.ndarray:
+        """Return a covariance (d, d) of the states as one of indices."""
+        back = np.linalg.inv(self.axes)
+        return np.asarray(back @ cov @ back.T)

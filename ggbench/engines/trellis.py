@@ -1,0 +1,286 @@
+"""Cells as hidden states: forward sums, best paths and backward sums over a moving lattice.
+
+A cell is left for its neighbours with the probabilities of Lindeberg's discrete Gaussian (1990),
+e^−t I_j(t) for j cells along an axis with t the noise's variance in cells²: a walk from cell to
+cell whose variance is right, and whose steps compose, however small they are against a cell. Axes
+are independent: correlations of the noise between them are left out.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import ive
+
+from ..numerics.kernels import compiled
+from ..problem import Problem
+from .lattices import Lattice
+
+_NEGLIGIBLE = 1e-10
+"""Probability against the largest one below which a cell is left out."""
+_REACH = 3.5
+"""The first cells end at this many standard deviations of the prior."""
+_DRAWN = 64
+"""Cells at which it is asked how much a reading changes within one."""
+
+
+class Layer(NamedTuple):
+    """The cells of an epoch.
+
+    Attributes
+    ----------
+    low : (d,) index of the first cell of their box. shape : (d,) of the box.
+    cells : (A,) flat indices in the box, increasing. forward : (A,) probability given the readings
+        up to the epoch. likelihood : (A,) of its reading, against the largest one.
+    kernels : of each axis, probabilities of the steps that lead here.
+    base, axes : of the lattice.
+    """
+
+    low: np.ndarray
+    shape: tuple[int, ...]
+    cells: np.ndarray
+    forward: np.ndarray
+    likelihood: np.ndarray
+    kernels: list[np.ndarray]
+    base: np.ndarray
+    axes: np.ndarray
+
+    def indices(self, which: np.ndarray) -> np.ndarray:
+        """Return the lattice indices (N, d) of cells, by their places in the list (N,)."""
+        return np.stack(np.unravel_index(self.cells[which], self.shape), axis=-1) + self.low
+
+    def places(self, which: np.ndarray) -> np.ndarray:
+        """Return the states (N, d) at the centres of cells."""
+        return np.asarray(self.base + self.indices(which) @ self.axes.T)
+
+    def boxed(self, values: np.ndarray, empty: float) -> np.ndarray:
+        """Return values (A,) of the cells in their box."""
+        box = np.full(self.shape, empty)
+        box.reshape(-1)[self.cells] = values
+        return box
+
+    def moments(self, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return mean (d,) and covariance (d, d) of cells with probabilities (A,).
+
+        A position is anywhere in its cell.
+        """
+        places = self.places(np.arange(len(self.cells)))
+        mean = shares @ places
+        away = places - mean
+        return mean, (away.T * shares) @ away + self.axes @ self.axes.T / 12.0
+
+
+class Trellis:
+    """Layers of cells of a problem of few states; the first is of the prior.
+
+    Parameters
+    ----------
+    problem : of d states. steps : (d,) sizes of a cell. most : cells that are kept at an epoch,
+        those of the largest probabilities.
+    extra_noise : (K, m, m) what readings depend on beside the states, as noise.
+    """
+
+    def __init__(
+        self, problem: Problem, steps: np.ndarray, most: int, extra_noise: np.ndarray
+    ) -> None:
+        self.problem, self.most, self.extra_noise = problem, most, extra_noise
+        lattice = Lattice(problem.prior_mean, problem.prior_cov, steps, _REACH)
+        masses, low = lattice.masses, np.zeros(len(steps), dtype=int)
+        ones = [np.ones(1)] * len(steps)
+        self.layers = [self._layer(masses, low, np.ones(masses.size), ones, lattice)]
+        for k in range(problem.epochs):
+            lattice.move(problem.transition[k])
+            variances = np.diag(lattice.in_cells(problem.process_cov[k]))
+            kernels = [step_probabilities(float(t)) for t in variances]
+            last = self.layers[-1]
+            masses = last.boxed(last.forward, 0.0)
+            for axis, kernel in enumerate(kernels):
+                masses = _sums_along(masses, kernel, axis)
+            low = last.low - [len(kernel) // 2 for kernel in kernels]
+            self.layers.append(self._updated(k, masses, low, kernels, lattice))
+
+    def _updated(
+        self,
+        k: int,
+        masses: np.ndarray,
+        low: np.ndarray,
+        kernels: list[np.ndarray],
+        lattice: Lattice,
+    ) -> Layer:
+        """Return the layer of epoch k from what is predicted of it."""
+        flat = masses.reshape(-1)
+        cells = np.flatnonzero(flat > _NEGLIGIBLE * flat.max())
+        index = np.stack(np.unravel_index(cells, masses.shape), axis=-1) + low
+        logs = self._log_likelihoods(k, lattice, lattice.places(index), flat[cells])
+        if not np.isfinite(logs).any():
+            raise FloatingPointError(f"no cell has a finite likelihood at epoch {k}")
+        logs = np.where(np.isfinite(logs), logs, -np.inf)
+        likelihood = np.zeros_like(flat)
+        likelihood[cells] = np.exp(logs - (logs + np.log(flat[cells])).max())
+        masses = masses * likelihood.reshape(masses.shape)
+        return self._layer(masses, low, likelihood, kernels, lattice)
+
+    def _layer(
+        self,
+        masses: np.ndarray,
+        low: np.ndarray,
+        likelihood: np.ndarray,
+        kernels: list[np.ndarray],
+        lattice: Lattice,
+    ) -> Layer:
+        """Return the cells that weigh something, in a box that is no larger than they need."""
+        flat = masses.reshape(-1)
+        limit = _NEGLIGIBLE * flat.max()
+        if np.count_nonzero(flat > limit) > self.most:
+            limit = np.partition(flat, -self.most - 1)[-self.most - 1]
+        cells = np.flatnonzero(flat > limit)
+        index = np.stack(np.unravel_index(cells, masses.shape), axis=-1)
+        first, last = index.min(axis=0), index.max(axis=0)
+        shape = tuple(int(size) for size in last - first + 1)
+        forward = flat[cells] / flat[cells].sum()
+        return Layer(
+            low + first, shape, np.ravel_multi_index(tuple((index - first).T), shape), forward,
+            likelihood[cells], kernels, lattice.base, lattice.axes,
+        )  # fmt: skip
+
+    def _log_likelihoods(
+        self, k: int, lattice: Lattice, places: np.ndarray, masses: np.ndarray
+    ) -> np.ndarray:
+        """Return the logarithms (N,) of the likelihood of reading k, averaged over each cell.
+
+        As if it were linear there: with the covariance of a uniform position, as noise. The slopes
+        are those at some of the cells, drawn evenly from the prediction.
+        """
+        problem = self.problem
+        there = problem.present[k]
+        if not there.any():
+            return np.zeros(len(places))
+        shares = np.cumsum(masses)
+        drawn = np.searchsorted(shares, shares[-1] * (np.arange(_DRAWN) + 0.5) / _DRAWN)
+        drawn = np.unique(np.minimum(drawn, len(places) - 1))
+        rows = problem.model.jacobian(k, places[drawn])[:, there] @ lattice.axes
+        within = np.einsum("jma,jna->mn", rows, rows) / (12.0 * len(drawn))
+        noise = (problem.noise_of(k) + self.extra_noise[k])[np.ix_(there, there)] + within
+        residual = (problem.measurements[k] - problem.model.predict(k, places))[:, there]
+        white = np.linalg.solve(np.linalg.cholesky(noise), residual.T)
+        return np.asarray(-0.5 * (white**2).sum(axis=0))
+
+    def best_path(self) -> list[int]:
+        """Return the cells of the most probable path, one of each layer (Viterbi 1967)."""
+        with np.errstate(divide="ignore"):
+            scores = np.log(self.layers[0].forward)
+            before: list[np.ndarray] = []
+            for last, layer in zip(self.layers[:-1], self.layers[1:], strict=True):
+                box, chosen = last.boxed(scores, -np.inf), []
+                for axis, kernel in enumerate(layer.kernels):
+                    box, steps = _best_along(box, np.log(kernel), axis)
+                    chosen.append(steps)
+                halves = np.array([len(kernel) // 2 for kernel in layer.kernels])
+                index = layer.indices(np.arange(len(layer.cells))) - (last.low - halves)
+                scores = box[tuple(index.T)] + np.log(layer.likelihood)
+                # Where each cell was come to from: back along the axes, the last one first.
+                for axis in reversed(range(len(halves))):
+                    index[:, axis] -= chosen[axis][tuple(index.T)]
+                came = np.ravel_multi_index(tuple(index.T), last.shape)
+                before.append(np.searchsorted(last.cells, came))
+        path = [int(np.argmax(scores))]
+        for came in reversed(before):
+            path.append(int(came[path[-1]]))
+        return path[::-1]
+
+    def smoothed(self) -> list[np.ndarray]:
+        """Return the probabilities (A,) of the cells of each layer, given all readings.
+
+        The forward-backward algorithm (Baum et al. 1970).
+        """
+        backward = np.ones(len(self.layers[-1].cells))
+        out = [self.layers[-1].forward]
+        for layer, later in zip(self.layers[-2::-1], self.layers[:0:-1], strict=True):
+            box = later.boxed(later.likelihood * backward, 0.0)
+            for axis, kernel in enumerate(later.kernels):
+                box = _sums_along(box, kernel, axis)
+            halves = np.array([len(kernel) // 2 for kernel in later.kernels])
+            index = layer.indices(np.arange(len(layer.cells))) - (later.low - halves)
+            inside = ((index >= 0) & (index < box.shape)).all(axis=1)
+            backward = np.zeros(len(layer.cells))
+            backward[inside] = box[tuple(index[inside].T)]
+            backward /= backward.max()
+            shares = layer.forward * backward
+            out.append(shares / shares.sum())
+        return out[::-1]
+
+
+def step_probabilities(variance: float) -> np.ndarray:
+    """Return the probabilities (2r + 1,) of steps of −r to r cells; see the module."""
+    reach = int(8.0 * np.sqrt(variance)) + 4
+    steps = ive(np.arange(reach + 1), variance)
+    steps = steps[steps > _NEGLIGIBLE * steps[0]]
+    both = np.concatenate([steps[:0:-1], steps])
+    return np.asarray(both / both.sum())
+
+
+def cell_sides(cov: np.ndarray, side: float, most: int) -> np.ndarray:
+    """Return the sides (d,) of cells of which at most so many hold a prior.
+
+    Larger than the one asked for where that is needed; along an axis that the prior knows better,
+    its standard deviation, which makes nine cells at least.
+    """
+    sigma = np.sqrt(np.diag(cov))
+    sides = np.minimum(side, sigma)
+    while np.prod(2.0 * np.ceil(_REACH * sigma / sides) + 1.0) > most and side < sigma.max():
+        side *= 1.1
+        sides = np.minimum(side, sigma)
+    return np.asarray(sides)
+
+
+def _sums_along(box: np.ndarray, kernel: np.ndarray, axis: int) -> np.ndarray:
+    """Return a box convolved along an axis, which gains the reach of the kernel."""
+    shape = (*box.shape[:axis], box.shape[axis] + len(kernel) - 1, *box.shape[axis + 1 :])
+    return np.asarray(_sums(_parts(box, axis), kernel).reshape(shape))
+
+
+def _parts(box: np.ndarray, axis: int) -> np.ndarray:
+    """Return a box as three axes: those before one, it, and those behind."""
+    before = int(np.prod(box.shape[:axis]))
+    return np.ascontiguousarray(box).reshape(before, box.shape[axis], -1)
+
+
+def _best_along(box: np.ndarray, logs: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the best sums over steps along an axis, and at each which step was taken."""
+    shape = (*box.shape[:axis], box.shape[axis] + len(logs) - 1, *box.shape[axis + 1 :])
+    best, steps = _maxima(_parts(box, axis), logs)
+    return best.reshape(shape), steps.reshape(shape)
+
+
+@compiled
+def _sums(masses: np.ndarray, kernel: np.ndarray) -> np.ndarray:
+    """Convolve masses (a, n, b) along the middle axis; (a, n + 2r, b)."""
+    outer, size, inner = masses.shape
+    out = np.zeros((outer, size + len(kernel) - 1, inner))
+    for a in range(outer):
+        for s in range(size):
+            for j in range(len(kernel)):
+                for b in range(inner):
+                    out[a, s + j, b] += masses[a, s, b] * kernel[j]
+    return out
+
+
+@compiled
+def _maxima(scores: np.ndarray, logs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Largest sums of a score (a, n, b) and of the logarithm of the step that leads on from it.
+
+    And the index of that step (a, n + 2r, b): how far ahead of the start the cell is.
+    """
+    outer, size, inner = scores.shape
+    shape = (outer, size + len(logs) - 1, inner)
+    best, steps = np.full(shape, -np.inf), np.zeros(shape, dtype=np.int16)
+    for a in range(outer):
+        for s in range(size):
+            for j in range(len(logs)):
+                for b in range(inner):
+                    value = scores[a, s, b] + logs[j]
+                    if value > best[a, s + j, b]:
+                        best[a, s + j, b] = value
+                        steps[a, s + j, b] = j
+    return best, steps

@@ -1,0 +1,372 @@
+"""Windows of readings: a search over where they were taken, and the refinement of what it finds.
+
+A window is a problem of its own: some epochs of another one, with what is known before them as its
+prior (:func:`section`). A matcher asks of many displacements of its start how well the map there
+fits the readings (:class:`Search`), all other states following the displacement as the prior's
+correlations and the dynamics have it. From the best places Gauss–Newton finds the most probable
+states of the whole window (:func:`refined`), none of them held: what is left at the window's end
+has the covariance of a position whose velocity, height, attitude and biases are not known either.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from ..problem import MeasurementModel, Problem, Track
+from ..sensors.aiding import corrected_positions
+from . import position_grid
+from .iterated_smoother import IteratedSmoother, Minimum
+
+Criterion = Literal["cor", "mad", "msd", "ncc", "nccdm", "ml"]
+_CHUNK = 8192
+"""States whose readings are looked up at once: what is made of them stays in the cache."""
+_BOX = 4e6
+"""Points of a grid that fit in memory before those beyond the map are left out."""
+_APART = 3.0
+"""Distance of two places on the grid, in its steps: nearer ones are in one hollow."""
+_FINER = 5
+_AROUND = 2
+_DEEPEST = 2
+"""A hollow is looked at in steps of a fifth, to two steps to all sides, and begun with from its two
+deepest points: hollows of a field are curved and long, and Gauss–Newton from a point at their edge
+ends beside the lowest one."""
+_ITERATIONS = 30
+
+
+@dataclass(frozen=True)
+class _Later:
+    """A measurement model whose epochs are counted from a later one."""
+
+    model: MeasurementModel
+    first: int
+
+    def predict(self, k: int, x: np.ndarray) -> np.ndarray:
+        """Return h (..., m) at states x (..., n)."""
+        return self.model.predict(self.first + k, x)
+
+    def jacobian(self, k: int, x: np.ndarray) -> np.ndarray:
+        """Return ∂h/∂x (..., m, n) at states x (..., n)."""
+        return self.model.jacobian(self.first + k, x)
+
+
+def section(problem: Problem, first: int, stop: int, mean: np.ndarray, cov: np.ndarray) -> Problem:
+    """Return the problem of the epochs from ``first`` to before ``stop``.
+
+    Parameters
+    ----------
+    mean, cov : (n,), (n, n) of the state one epoch before ``first``, or at the start of the flight:
+        what is known without the section's readings.
+    """
+    part = slice(first, stop)
+    track = problem.track
+    if track is not None:
+        track = Track(track.positions[part], track.velocities[part], track.attitudes[part])
+    return Problem(
+        times=problem.times[part],
+        measurements=problem.measurements[part],
+        noise_cov=problem.noise_cov if problem.noise_cov.ndim == 2 else problem.noise_cov[part],
+        transition=problem.transition[part],
+        process_cov=problem.process_cov[part],
+        prior_mean=mean,
+        prior_cov=cov,
+        model=_Later(problem.model, first),
+        layout=problem.layout,
+        present=problem.present[part],
+        channels=problem.channels,
+        track=track,
+        map=problem.map,
+    )
+
+
+class Search:
+    """How well the readings of a window fit displacements of its start, on a grid.
+
+    The grid lies along the principal axes of the prior's states in metres, to 3.5 of its standard
+    deviations; an axis narrower than a step has one point. Displacements by which the track would
+    leave the map (by more than a step) are left out when they do: there is nothing to compare.
+
+    Readings are taken one epoch after the other. All are in standard deviations of their noise, so
+    that channels of different units may stand beside each other; what is missing counts for
+    nothing. With r = z − h(d) of N readings, and z', h' less the mean of h over the grid at that
+    epoch (the normal field and whatever all places have in common):
+
+    ``msd`` Σ r² / N. ``mad`` Σ |r| / N. ``ml`` ½ Σ r² + ½ dᵀ P⁻¹ d.
+    ``cor`` − Σ z' h' / N. ``ncc`` − Σ z' h' / √(Σ z'² Σ h'²). ``nccdm``, of which the literature
+    has the name alone, is taken as ``ncc`` of sequences less their own means, channel by channel:
+    it does not feel a constant bias. The least value is the best.
+
+    Parameters
+    ----------
+    problem : the window, or one that may grow to it.
+    spacing_m : step of the grid [m]. most : largest number of its points; where there would be
+        more, the step is made longer.
+    criterion : by which places are compared.
+    points : (J, d) displacements along the axes [m] that are to be compared instead of a grid's.
+
+    Attributes
+    ----------
+    points : (J, d) displacements along the axes [m], those on the map. spacing : the step used [m].
+    """
+
+    _kept: tuple[str, ...] = (
+        "points", "_sums", "_crossed", "_squares", "_totals", "_own_squares", "_own_totals"
+    )  # fmt: skip
+    """What has a row for each point, and loses those of points that leave the map."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        spacing_m: float,
+        most: int,
+        criterion: Criterion = "msd",
+        points: np.ndarray | None = None,
+    ) -> None:
+        self.problem, self.criterion = problem, criterion
+        self.scale = np.sqrt(np.diag(problem.prior_cov))
+        self._axes = position_grid.states_in_metres(problem)
+        cov = problem.prior_cov[np.ix_(self._axes, self._axes)]
+        self._variances, self._vectors = np.linalg.eigh(cov)
+        _, gain = position_grid.position_axes(problem)
+        # By transposes, so that a displacement of the start stays one product however long it goes.
+        self._moved, self._gain = problem.prior_mean, gain * self.scale[:, np.newaxis]
+        self._epoch = 0
+        self.spacing, self._most = spacing_m, most
+        if points is None:
+            self._lay()
+        else:
+            self.points = points
+        self._count = 0.0
+        self._sums = np.zeros(len(self.points))
+        channels = problem.measurements.shape[1]
+        self._crossed, self._squares, self._totals = np.zeros((3, len(self.points), channels))
+        self._own_squares, self._own_totals = np.zeros((2, len(self.points), channels))
+        self._counts = np.zeros(channels)
+
+    def _lay(self) -> None:
+        """Lay the grid, as far as the map goes at the first epoch."""
+        sigma, phi = np.sqrt(self._variances), self.problem.transition[0]
+        while not position_grid.fits(sigma, self.spacing, _BOX):
+            self.spacing *= 1.1
+        while True:
+            self.points = position_grid.grid(sigma, self.spacing)
+            self.points = self.points[self._inside(0, phi @ self._moved, phi @ self._gain)]
+            if len(self.points) <= self._most:
+                return
+            self.spacing *= 1.1
+
+    def _inside(self, k: int, moved: np.ndarray, gain: np.ndarray) -> np.ndarray:
+        """Return of which points (J,) the track is on the map at epoch ``k``."""
+        track, field = self.problem.track, self.problem.map
+        if track is None or field is None:
+            return np.ones(len(self.points), dtype=bool)
+        errors = np.zeros((len(self.points), 3))
+        errors[:, :2] = moved[:2] + self.points @ gain[:2].T
+        there = corrected_positions(track.positions[k], errors)
+        # A step's slack, from the metres of the track's own latitude: the best point of the grid
+        # for a place at the border may lie beyond it.
+        slack = np.abs(
+            corrected_positions(track.positions[k], np.array([self.spacing, self.spacing, 0.0]))
+            - track.positions[k]
+        )
+        inside = (field.lower - slack <= there) & (there <= field.upper + slack)
+        return np.asarray(inside[:, :2].all(axis=1))
+
+    def take(self, stop: int) -> None:
+        """Take the readings of the epochs to before ``stop`` that have not been taken yet."""
+        for k in range(self._epoch, stop):
+            phi = self.problem.transition[k]
+            self._moved, self._gain = phi @ self._moved, phi @ self._gain
+            if self.problem.present[k].any():
+                self._take(k)
+        self._epoch = stop
+
+    def _take(self, k: int) -> None:
+        problem = self.problem
+        inside = self._inside(k, self._moved, self._gain)
+        if not inside.all():
+            for name in self._kept:
+                setattr(self, name, getattr(self, name)[inside])
+        if not len(self.points):
+            return
+        root = np.linalg.inv(np.linalg.cholesky(problem.noise_of(k)))
+        h = np.concatenate(
+            [
+                problem.model.predict(k, self._moved + part @ self._gain.T) @ root.T
+                for part in np.array_split(self.points, -(-len(self.points) // _CHUNK))
+            ]
+        )
+        self._compare(k, root @ problem.measurements[k], h)
+
+    def _compare(self, k: int, z: np.ndarray, h: np.ndarray) -> None:
+        """Take readings z (m,) of epoch ``k`` and those of the points h (J, m) into the sums."""
+        problem = self.problem
+        self._count += float(problem.present[k].sum())
+        if self.criterion in ("msd", "ml"):
+            self._sums += ((z - h) ** 2).sum(axis=1)
+        elif self.criterion == "mad":
+            self._sums += np.abs(z - h).sum(axis=1)
+        else:
+            common = h.mean(axis=0)
+            z, h = z - common, h - common
+            self._crossed += z * h
+            self._squares += h**2
+            self._totals += h
+            self._own_squares += z**2
+            self._own_totals += z
+            self._counts += problem.present[k]
+
+    def values(self) -> np.ndarray:
+        """Return the criterion (J,) of each point; the least is the best."""
+        if self.criterion == "ml":
+            return 0.5 * self._sums + 0.5 * (self.points**2 / self._variances).sum(axis=1)
+        if self.criterion in ("msd", "mad"):
+            return self._sums / max(self._count, 1.0)
+        crossed, squares, own = self._crossed, self._squares, self._own_squares
+        if self.criterion == "nccdm":
+            counts = np.maximum(self._counts, 1.0)
+            crossed = crossed - self._own_totals * self._totals / counts
+            squares = squares - self._totals**2 / counts
+            own = own - self._own_totals**2 / counts
+        total = crossed.sum(axis=1)
+        if self.criterion == "cor":
+            return np.asarray(-total / max(self._count, 1.0))
+        size = np.sqrt(np.maximum(squares.sum(axis=1) * own.sum(axis=1), 0.0))
+        return np.asarray(-np.divide(total, size, out=np.zeros_like(total), where=size > 0.0))
+
+    def best(self, count: int) -> list[int]:
+        """Return the indices of the best points: minima at least three steps apart, best first."""
+        values = self.values()
+        if not np.isfinite(values).any():
+            return []
+        steps = np.round(self.points / self.spacing).astype(int)
+        minima = np.flatnonzero(_lowest(steps, values))
+        found: list[int] = []
+        for index in minima[np.argsort(values[minima], kind="stable")]:
+            away = self.points[found] - self.points[index]
+            if (np.sum(away**2, axis=1) >= (_APART * self.spacing) ** 2).all():
+                found.append(int(index))
+            if len(found) == count:
+                break
+        return found
+
+    def starts(self, count: int) -> list[np.ndarray]:
+        """Return the best places as multipliers λ (n,), as :class:`.IteratedSmoother` has them.
+
+        The lowest points of so many hollows, each looked at in finer steps.
+        """
+        hollows = self.points[self.best(count)]
+        if not len(hollows):
+            return []
+        split = np.ptp(self.points, axis=0) > 0.0
+        if not split.any():
+            return [self._multipliers(point) for point in hollows]
+        fine = self.spacing / _FINER
+        side = fine * np.arange(-_AROUND * _FINER, _AROUND * _FINER + 1)
+        sides = [side if axis else np.zeros(1) for axis in split]
+        patch = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, len(split))
+        points = (hollows[:, np.newaxis] + patch).reshape(-1, len(split))
+        within = Search(self.problem, self.spacing, self._most, self.criterion, points)
+        within.take(self._epoch)
+        # Points beyond the map are gone: whose hollow a point is of is found anew.
+        away = within.points[:, np.newaxis] - hollows
+        own = np.argmin(np.sum(away**2, axis=-1), axis=1)
+        steps = np.round((within.points - hollows[own]) / fine).astype(int)
+        apart = 2 * own[:, np.newaxis]  # so that the neighbour of a point is of its own hollow
+        values = within.values()
+        minima = np.flatnonzero(_lowest(np.hstack([apart, steps]), values))
+        minima = minima[np.lexsort((values[minima], own[minima]))]
+        rank = np.arange(len(minima)) - np.searchsorted(own[minima], own[minima])
+        return [self._multipliers(point) for point in within.points[minima[rank < _DEEPEST]]]
+
+    def start(self, index: int) -> np.ndarray:
+        """Return the multipliers λ (n,) of a point, as :class:`.IteratedSmoother` has them."""
+        return self._multipliers(self.points[index])
+
+    def _multipliers(self, point: np.ndarray) -> np.ndarray:
+        start = np.zeros(self.problem.dimension)
+        start[self._axes] = self._vectors @ (point / self._variances)
+        return start * self.scale
+
+
+def _lowest(steps: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return which points (J,) of a grid have no lower neighbour.
+
+    Parameters
+    ----------
+    steps : (J, d) where on the grid they are. values : (J,).
+    """
+    steps = steps - steps.min(axis=0)
+    box = np.full(steps.max(axis=0) + 3, np.inf)  # a border, so that all have neighbours
+    box[tuple(steps.T + 1)] = values
+    lowest = np.ones(len(values), dtype=bool)
+    for shift in np.ndindex(*(3,) * steps.shape[1]):
+        lowest &= values <= box[tuple((steps + shift).T)]
+    return lowest
+
+
+@dataclass(frozen=True)
+class Place:
+    """One place that fits a window: the state at its last epoch.
+
+    Attributes
+    ----------
+    mean, cov : (n,), (n, n) of the state. cost : minus the log of its probability density, without
+        the constant: ½ χ² of prior, motion and readings where no loss is used.
+    log_share : the log of the probability of all trajectories about this one, without the constant
+        (Laplace): −cost and ½ ln of the determinant of their covariance over the prior's.
+    start : (n,) multipliers λ of the state before the window, as :class:`.IteratedSmoother` has it.
+    """
+
+    mean: np.ndarray
+    cov: np.ndarray
+    cost: float
+    log_share: float
+    start: np.ndarray
+
+
+def refined(smoother: IteratedSmoother, starts: Sequence[np.ndarray], apart: float) -> list[Place]:
+    """Return the places that Gauss–Newton finds from several starts, the most probable first.
+
+    Parameters
+    ----------
+    smoother : of the window. starts : (n,) multipliers of each.
+    apart : distance [m] at the window's end below which two places are one.
+    """
+    scale = smoother.scale
+    found: list[Place] = []
+    for start in starts:
+        minimum = smoother.search(smoother.from_prior(start), _ITERATIONS)
+        if np.isfinite(minimum.cost):
+            mean = minimum.trajectory.states[-1] * scale
+            cov = minimum.filtered_cov[-1] * np.outer(scale, scale)
+            start = minimum.trajectory.start
+            share = _log_width(smoother, minimum) - minimum.cost
+            found.append(Place(mean, 0.5 * (cov + cov.T), minimum.cost, share, start))
+    return distinct(smoother.problem, found, apart)
+
+
+def distinct(problem: Problem, places: Sequence[Place], apart: float) -> list[Place]:
+    """Return places less those within ``apart`` [m] of a more probable one, the best first."""
+    axes = position_grid.states_in_metres(problem)
+    found: list[Place] = []
+    for place in sorted(places, key=lambda place: place.cost):
+        away = (np.linalg.norm((place.mean - other.mean)[axes]) for other in found)
+        if all(distance > apart for distance in away):
+            found.append(place)
+    return found
+
+
+def _log_width(smoother: IteratedSmoother, minimum: Minimum) -> float:
+    """Return ½ ln of the determinant of a trajectory's covariance over that of the prior.
+
+    That is −½ Σ ln det of the covariances of the innovations, in units of the noise.
+    """
+    before = np.concatenate([smoother.prior_cov[np.newaxis], minimum.filtered_cov[:-1]])
+    phi, rows = smoother.transition, minimum.rows
+    before = phi @ before @ phi.transpose(0, 2, 1) + smoother.process_cov
+    s = rows @ before @ rows.transpose(0, 2, 1) + np.eye(rows.shape[1])
+    return -0.5 * float(np.linalg.slogdet(s)[1].sum())

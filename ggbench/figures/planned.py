@@ -1,0 +1,111 @@
+"""The figure of a planned flight: the bound on its position along the track, and over time."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.collections import LineCollection
+from matplotlib.colors import LogNorm
+from matplotlib.figure import SubFigure
+from matplotlib.ticker import LogLocator, NullFormatter
+
+from ..gravity.ellipsoid import SEMI_MAJOR_AXIS
+from ..gravity.field import Field
+from .style import BOUND, Drawing, styled
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_AROUND = 0.15
+"""Of the longer side of the track, shown around it."""
+_SQUARE = 0.7
+"""Of the longer side of the plan: the shorter one at least."""
+_NODES = 150
+_MOST_POINTS = 2000
+_COLOURS = {"east": "tab:blue", "north": "tab:orange", "up": "tab:green"}
+
+
+@styled()
+def planned_bound(bounds: pd.DataFrame, field: Field, title: str) -> Drawing:
+    """Draw the bound along a track and over time.
+
+    Parameters
+    ----------
+    bounds : of :func:`ggbench.judging.planned.planned`. field : over which the flight goes; its
+        disturbing Γ_UU is drawn at the mean height of the track.
+    """
+    figure = Drawing(figsize=(11.0, 5.2), layout="constrained")
+    parts: Any = figure.subfigures(1, 2, width_ratios=(4, 5))
+    left, right = parts
+    _plan(left, bounds, field)
+    axes = right.subplots(2, 1, sharex=True)
+    times = bounds["time_s"]
+    panels = (("position", "m", "m"), ("velocity", "mps", "m/s"))
+    for axis, (name, unit, shown) in zip(axes, panels, strict=True):
+        for along, colour in _COLOURS.items():
+            axis.semilogy(times, bounds[f"{along}_{unit}"], color=colour, lw=1.0, label=along)
+        axis.semilogy(times, bounds[f"{name}_{unit}"], color=BOUND, lw=1.6, label="spherical")
+        axis.semilogy(
+            times, bounds[f"{name}_smoothed_{unit}"], color=BOUND, lw=1.0, ls="--",
+            label="spherical, all readings",
+        )  # fmt: skip
+        axis.set_ylabel(f"{name} [{shown}]")
+        axis.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+        axis.yaxis.set_minor_formatter(NullFormatter())
+    axes[1].set_xlabel("time since the start [s]")
+    handles, names = axes[0].get_legend_handles_labels()
+    right.legend(handles, names, loc="outside lower center", ncols=3)
+    figure.suptitle(f"Cramér–Rao bound: {title}", fontsize=9, wrap=True)
+    return figure
+
+
+def _plan(figure: SubFigure, bounds: pd.DataFrame, field: Field) -> None:
+    """Draw the track from above, coloured by the bound, over the field."""
+    axis = figure.subplots()
+    track = bounds[["longitude_deg", "latitude_deg"]].to_numpy()
+    values = bounds["position_m"].to_numpy()
+    low, high = track.min(axis=0), track.max(axis=0)
+    stretch = 1.0 / math.cos(math.radians(0.5 * (low[1] + high[1])))
+    across = (high - low) / (stretch, 1.0)
+    around = max(_AROUND * float(across.max()), math.degrees(100.0 / SEMI_MAJOR_AXIS))
+    half = np.maximum(0.5 * across + around, _SQUARE * (0.5 * float(across.max()) + around))
+    middle = 0.5 * (low + high)
+    low, high = middle - half * (stretch, 1.0), middle + half * (stretch, 1.0)
+    if field.has_map:
+        edges = np.degrees(field.lower[[1, 0]]), np.degrees(field.upper[[1, 0]])
+        low, high = np.maximum(low, edges[0]), np.minimum(high, edges[1])
+        longitude, latitude = np.linspace(low, high, _NODES).T
+        height = float(bounds["height_m"].mean())
+        vertical = field.vertical_disturbance(
+            np.radians(latitude)[:, None], np.radians(longitude), height
+        )
+        limit = float(np.abs(vertical).max()) or 1.0
+        mesh = axis.pcolormesh(
+            longitude, latitude, vertical, cmap="RdBu_r", vmin=-limit, vmax=limit, alpha=0.6,
+            rasterized=True,
+        )  # fmt: skip
+        figure.colorbar(mesh, ax=axis, location="bottom", shrink=0.8, label="disturbing Γ_UU [E]")
+    step = 1 + len(track) // _MOST_POINTS
+    track, values = track[::step], values[::step]
+    smallest, largest = values.min(), values.max()
+    line = LineCollection(
+        [*np.stack([track[:-1], track[1:]], axis=1)], cmap="plasma", lw=4.0, capstyle="round",
+        norm=LogNorm(smallest, max(largest, 1.001 * smallest)),
+    )  # fmt: skip
+    line.set_array(values[1:])
+    axis.add_collection(line)
+    axis.plot(*track[0], "o", color="k", mfc="w", ms=6)
+    subs = (1.0, 2.0, 5.0) if largest < 20.0 * smallest else (1.0,)
+    figure.colorbar(
+        line, ax=axis, location="bottom", shrink=0.8, label="bound of the position [m]",
+        ticks=LogLocator(subs=subs), format=lambda value, _: f"{value:g}",
+    ).minorticks_off()  # fmt: skip
+    axis.set_xlim(low[0], high[0])
+    axis.set_ylim(low[1], high[1])
+    axis.set_aspect(stretch)
+    axis.set_xlabel("longitude [°]")
+    axis.set_ylabel("latitude [°]")
+    axis.grid(visible=False)
