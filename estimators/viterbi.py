@@ -46,7 +46,7 @@ class Viterbi(Estimator):
         of the cells' probabilities given all readings; ``forward``, given those up to t.
     cell_m : side of a cell [m]; along an axis that the prior knows better, its deviation.
     most : largest number of cells; where the prior would need more, they are made larger east and
-        north.
+        north. Each takes 40 bytes at every epoch at which it may be the true one.
     drift : factor on the steps that the INS's error may take, by its prior. A drift that lasts
         is followed at every step anew: with a walk of no more than its own size, the forward pass
         lags by a reading's deviation.
@@ -54,7 +54,7 @@ class Viterbi(Estimator):
 
     decode: Literal["path", "marginal", "forward"] = "path"
     cell_m: float = 20.0
-    most: int = 1_000_000
+    most: int = 200_000
     drift: float = 4.0
 
     name = "viterbi"

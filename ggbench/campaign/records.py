@@ -16,9 +16,9 @@ from pydantic_core import from_json
 
 from ..gravity.field import Field
 from ..ins.system_matrix import STATES
-from ..judging import locking, run_errors
+from ..judging import fixes, locking, run_errors
 from ..judging.summary import bound_for, squared_bounds
-from ..problem import Causality, Problem
+from ..problem import Causality, Fixes, Problem
 from ..results.store import DETAILED_RUN, SERIES_RUNS, Result, kept_epochs
 from ..sensors.gradiometer.instrument import COMPONENTS, Gradiometer
 from ..simulation.bound import Bound
@@ -45,6 +45,7 @@ class Estimated:
     causality, lag : as :class:`ggbench.problem.Estimate` has them.
     info : each run's remarks. evaluations : each run's points at which it evaluated the map.
     seconds : time of a run, of several at once their mean.
+    fixes : of a single run by a matcher, as :func:`.judging.fixes.checked` returns them.
     """
 
     mean: np.ndarray
@@ -55,6 +56,7 @@ class Estimated:
     info: Sequence[dict[str, Any]]
     evaluations: Sequence[int]
     seconds: float
+    fixes: Fixes | None = None
 
 
 def peak_memory_mb() -> float:
@@ -138,6 +140,8 @@ def judged(
             "windows": run_errors.named_figures(means[r]),
         }
         record |= locks[r]
+        if estimated.fixes is not None:
+            record["fixes"] = fixes.judge(estimated.fixes, error_state[r], times)
         if outside[r]:
             record["remark"] = OUTSIDE
         series = detail = None

@@ -25,7 +25,7 @@ import numpy as np
 
 from ..block import DrawingEstimator, EstimateBlock, ProblemBlock, takes_blocks
 from ..errors import GGBenchError
-from ..judging import run_errors
+from ..judging import fixes, run_errors
 from ..problem import CountingModel, Estimate, Estimator, MeasurementModel, Problem
 from ..results.store import Result
 from ..simulation.error_free_flight import Flight, prepare
@@ -280,7 +280,7 @@ def _estimate(problem: Problem, choice: Choice, rng: np.random.Generator) -> Est
     ------
     TypeError, ValueError
         If it is no Estimate, is of another causality than its estimator declares, has a wrong
-        shape, numbers that are complex, or remarks that cannot be stored.
+        shape, numbers that are complex, fixes that are none, or remarks that cannot be stored.
     """
     # New instances each time: what one estimator or run leaves in them cannot reach the next.
     given = dataclasses.replace(problem, model=copy.copy(problem.model))
@@ -306,6 +306,7 @@ def _estimate(problem: Problem, choice: Choice, rng: np.random.Generator) -> Est
     return Estimated(
         mean[None], cov, nis, estimate.causality, estimate.lag, [info],
         [evaluations if isinstance(evaluations, int) else counted], seconds,
+        None if estimate.fixes is None else fixes.checked(estimate.fixes, epochs),
     )  # fmt: skip
 
 

@@ -36,6 +36,10 @@ _COLOURS = {
         "darkgoldenrod",
         "khaki",
     ),
+    "tercom": ("darkcyan", "mediumturquoise", "darkseagreen", "darkgreen", "lightseagreen"),
+    "sitan": ("rebeccapurple", "thistle"),
+    "iccp": ("dimgray",),
+    "viterbi": ("tomato",),
 }
 """Shades of each estimator; its variants take them in the order of the next table."""
 _VARIANTS = {
@@ -72,6 +76,10 @@ _VARIANTS = {
         "candidates=nodes,association=nearest,descending=false",
         "candidates=nodes,association=nearest,differenced=false",
     ),
+    "tercom": ("", "criterion=mad,loss=cauchy", "fusion=kalman", "misfit=30", "window=60"),
+    "sitan": ("", "bank=auto"),
+    "iccp": ("",),
+    "viterbi": ("",),
 }
 _REDUCED = {
     "filter=ekf": "steelblue",
@@ -104,6 +112,10 @@ _MARKERS = {
     "unscented-particle": "X8",
     "gaussian-particle": "s+",
     "correlation": "PXoshDd",
+    "tercom": "*XhPd",
+    "sitan": "s8",
+    "iccp": "+",
+    "viterbi": "p",
 }
 _OTHER_MARKERS = "os^vD"
 

@@ -21,7 +21,6 @@ from ..figures.locking import (
     over_cases,
     short_km,
 )
-from ..figures.numbers import short
 from ..figures.style import save
 from ..judging import locking
 from ..judging.ranking import rows_of
@@ -29,6 +28,7 @@ from ..judging.statistics import ALPHA
 from ..results.folder import Results
 from ..spec.case import CaseSpec
 from .families import PARTICLES, families, leaders, of_the_best
+from .shares import median_time, percent, share
 from .tables import markdown
 
 READING = (
@@ -98,8 +98,8 @@ class ConvergenceReport:
             where = f"- **{case.title}** (σ {self._prior(case)} per axis): "
             if not apart:
                 shares = [row["lock_share"] for row in rows.values()]
-                between = f"{_percent(min(shares))} to " if min(shares) < max(shares) else ""
-                what = f"{between}{_percent(max(shares))} of the runs locked"
+                between = f"{percent(min(shares))} to " if min(shares) < max(shares) else ""
+                what = f"{between}{percent(max(shares))} of the runs locked"
                 lines.append(f"{where}{what}; the intervals of all aided estimators overlap")
             else:
                 lines.append(
@@ -108,9 +108,7 @@ class ConvergenceReport:
                 )
             false = [k for k in rows if rows[k]["false_lock_lo"] > ALPHA]
             if false:
-                named = _listed(
-                    [f"`{k}` in {_percent(rows[k]['false_lock_share'])}" for k in false]
-                )
+                named = _listed([f"`{k}` in {percent(rows[k]['false_lock_share'])}" for k in false])
                 lines[-1] += f"; false locks in surely more than 5 % of the runs: {named}"
             lines[-1] += "."
         return lines
@@ -126,11 +124,11 @@ class ConvergenceReport:
             sorted(labels, key=lambda k: -rows[k]["lock_share"]), lambda k: rows[k]["lock_share"]
         )
         parts = []
-        for share, held in groups:
+        for common, held in groups:
             named = list(held)
             row = rows[named[0]]
-            interval = f"[{_percent(row['lock_lo'])}, {_percent(row['lock_hi'])}]"
-            parts.append(f"{_listed([f'`{k}`' for k in named])} {_percent(share)} {interval}")
+            interval = f"[{percent(row['lock_lo'])}, {percent(row['lock_hi'])}]"
+            parts.append(f"{_listed([f'`{k}`' for k in named])} {percent(common)} {interval}")
         return _listed(parts)
 
     def _table(self, limits: bool) -> str:
@@ -147,9 +145,9 @@ class ConvergenceReport:
                 cells += [
                     f"`{label}`",
                     str(row["runs"]),
-                    _share(row, "lock_share", "lock_lo", "lock_hi"),
-                    _share(row, "false_lock_share", "false_lock_lo", "false_lock_hi"),
-                    _time(row),
+                    share(row, "lock_share", "lock_lo", "lock_hi"),
+                    share(row, "false_lock_share", "false_lock_lo", "false_lock_hi"),
+                    median_time(row, "lock_time_median_s", "lock_time_lo", "lock_time_hi"),
                 ]
                 lines.append(cells)
         return markdown(head, lines)
@@ -250,27 +248,5 @@ class ConvergenceReport:
         )  # fmt: skip
 
 
-def _percent(share: float) -> str:
-    """Return a share in percent, its digits such that none and all are not claimed wrongly."""
-    percent = 100.0 * share
-    if 0.0 < percent < 1.0 or 99.0 < percent < 100.0:
-        return f"{percent:.1f} %"
-    return f"{percent:.0f} %"
-
-
 def _listed(parts: Sequence[str]) -> str:
     return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
-
-
-def _share(row: dict[str, Any], *columns: str) -> str:
-    value, low, high = (_percent(row[column]) for column in columns)
-    return f"{value} [{low}, {high}]"
-
-
-def _time(row: dict[str, Any]) -> str:
-    if math.isnan(row["lock_time_median_s"]):
-        return "–"
-    text = short(row["lock_time_median_s"])
-    if math.isnan(row["lock_time_lo"]):
-        return text
-    return f"{text} [{short(row['lock_time_lo'])}, {short(row['lock_time_hi'])}]"

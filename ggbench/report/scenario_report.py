@@ -25,6 +25,7 @@ from .claims_section import claims_section
 from .families import leaders, of_the_best
 from .gravity_section import GravitySection
 from .locking_section import ConvergenceReport
+from .matching_section import matching_section
 from .opening import answer
 from .parameter_section import parameter_section
 from .particles_section import particles_section
@@ -116,6 +117,7 @@ class _Report:
             self._reading(),
             self._unaided(),
             *(self._case_table(case) for case in self.scenario.cases),
+            *matching_section(self.results, self.pictures),
             *particles_section(self.results),
             *self._paired(),
             *parameter_section(self.results, self.summary, self.pictures),

@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 
 from ..errors import GGBenchError
-from ..judging import locking
+from ..judging import fixes, locking
 from ..judging.summary import (
     SUMMARY_COLUMNS,
     WINDOWS,
@@ -167,10 +167,14 @@ class Results:
 
     def lock_times(self, case: str, estimator: str) -> np.ndarray:
         """Return the times to lock [s] (runs,) of finished runs, NaN of those that never did."""
+        own = self._runs_of(case, estimator) & (self._runs["status"] == "ok")
+        return self._runs.loc[own, "lock_time_s"].to_numpy(dtype=float)
+
+    def _runs_of(self, case: str, estimator: str) -> pd.Series:
+        """Return which rows of the table of runs are an estimator's on a case."""
         table = self._runs
         own = (table["assumption"] == "") & (table["case"] == case)
-        own &= (table["estimator"] == estimator) & (table["status"] == "ok")
-        return table.loc[own, "lock_time_s"].to_numpy(dtype=float)
+        return own & (table["estimator"] == estimator)
 
     def counters(self) -> pd.DataFrame:
         """Return what estimators counted of themselves: medians over the runs that finished.
@@ -185,6 +189,35 @@ class Results:
                 counts = pd.DataFrame(told).select_dtypes("number").median()
                 if len(counts):
                     rows.append({"case": cell.case, "estimator": cell.estimator, **counts})
+        return pd.DataFrame(rows)
+
+    @cached_property
+    def fixes(self) -> dict[tuple[str, str], pd.DataFrame]:
+        """The fixes of matchers, by case and estimator: ``run`` and :data:`.judging.fixes.ROWS`.
+
+        A row for each that was tried, accepted or not, in a run that finished.
+        """
+        found = {}
+        for cell in self.cells:
+            told = [r for r in self._records_of(cell) if cell.assumption == "" and "fixes" in r]
+            if told:
+                rows = [{"run": r["run"]} | fix for r in told for fix in r["fixes"]]
+                table = pd.DataFrame(rows, columns=["run", *fixes.ROWS])
+                found[cell.case, cell.estimator] = table.astype({"accepted": bool})
+        return found
+
+    def fix_figures(self) -> pd.DataFrame:
+        """Return the figures of fixes: case, estimator, runs, :data:`.judging.fixes.COLUMNS`.
+
+        A row for each estimator that makes fixes, on each case with a limit ``lock_m``.
+        """
+        rows = []
+        for (case, estimator), tried in self.fixes.items():
+            limit = self.scenario.case(case).windows.lock_m
+            if limit is not None:
+                runs = int(self._runs_of(case, estimator).sum())
+                named = {"case": case, "estimator": estimator, "runs": runs}
+                rows.append(named | fixes.figures(tried, runs, limit))
         return pd.DataFrame(rows)
 
     def arrays(self, case: str) -> dict[str, np.ndarray]:
@@ -319,8 +352,8 @@ def write_tables(results: Results) -> pd.DataFrame:
     """Write the tables of a results folder into it; return the summary.
 
     ``summary.csv`` (:data:`.summary.SUMMARY_COLUMNS`), ``paired.csv``, ``failures.csv``,
-    ``runs.parquet`` (the table of runs), if assumptions were studied ``assumptions.csv``, and if
-    locks were judged ``convergence.csv``.
+    ``runs.parquet`` (the table of runs), if assumptions were studied ``assumptions.csv``, if locks
+    were judged ``convergence.csv``, and if matchers made fixes ``fixes.csv``.
 
     Raises
     ------
@@ -340,6 +373,9 @@ def write_tables(results: Results) -> pd.DataFrame:
     locks = locking.table(summary)
     if len(locks):
         write_csv("convergence.csv", locks)
+    if results.fixes:
+        named = pd.concat(results.fixes, names=["case", "estimator"]).reset_index([0, 1])
+        write_csv("fixes.csv", named)
     content = io.BytesIO()
     results.runs().to_parquet(content, index=False)
     results.store.write("runs.parquet", content.getvalue())

@@ -100,6 +100,15 @@ class _Failed(_Run):
 
 
 @with_config(_STRICT)
+class _Fix(TypedDict):
+    time_s: _Positive
+    error_m: _Positive
+    nees: _Positive
+    statistic: float
+    accepted: bool
+
+
+@with_config(_STRICT)
 class _Finished(_Run):
     status: Literal["ok"]
     seconds: _Positive
@@ -112,6 +121,7 @@ class _Finished(_Run):
     windows: _Windows
     lock_time_s: NotRequired[_Positive | None]
     false_lock: NotRequired[bool | None]
+    fixes: NotRequired[list[_Fix]]
 
 
 _MANIFEST = TypeAdapter(_Manifest)

@@ -58,7 +58,7 @@ DATABASE_FILES = (
 RESULT_FILES = (
     *DATABASE_FILES, "scenario.toml",
     "summary.csv", "assumptions.csv", "paired.csv", "failures.csv",
-    "convergence.csv", "runs.parquet", "manifest.json",
+    "convergence.csv", "fixes.csv", "runs.parquet", "manifest.json",
 )  # fmt: skip
 """In the order of removal: as long as there is something of ours, the manifest says whose it is."""
 LOCK = ".lock"

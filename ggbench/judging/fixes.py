@@ -1,0 +1,139 @@
+"""Fixes of matchers: right, false or refused, how far off, and how truly they say so.
+
+A fix is *right* if its horizontal error at its own epoch is below a limit (``windows.lock_m``), and
+*false* if it is accepted and is not. Fixes of one flight may share readings and errors, so shares
+are of runs, by the first fix that each of them accepts.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..problem import Fixes
+from .locking import median_interval, wilson
+from .run_errors import real_array
+from .statistics import nees_band
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+HORIZONTAL = 2
+"""Dimensions in which fixes are judged: east and north."""
+ROWS = ("time_s", "error_m", "nees", "statistic", "accepted")
+"""What a record holds of each fix."""
+COLUMNS = (
+    "fixes", "accepted", "false", "right_share", "right_lo", "right_hi", "false_share", "false_lo",
+    "false_hi", "none_share", "none_lo", "none_hi", "right_time_median_s", "right_time_lo",
+    "right_time_hi", "cep50_m", "cep95_m", "nees", "nees_lo", "nees_hi",
+)  # fmt: skip
+"""Of the fixes of an estimator on a case: see :func:`figures`."""
+
+
+def checked(fixes: Fixes, epochs: int) -> Fixes:
+    """Return fixes of a flight of so many epochs as plain arrays.
+
+    Raises
+    ------
+    ValueError
+        If they are not what :class:`.Fixes` says, are not finite, or a covariance is not positive
+        definite.
+    """
+    if not isinstance(fixes, Fixes):
+        raise ValueError(f"the estimate's fixes are a {type(fixes).__name__}, not Fixes")
+    count = np.size(fixes.epoch)
+    epoch = real_array("fixes.epoch", fixes.epoch, (count,))
+    if (np.diff(epoch) <= 0).any() or ((epoch < 0) | (epoch >= epochs) | (epoch % 1 != 0)).any():
+        raise ValueError(f"the estimate's fixes.epoch must increase from 0 to {epochs - 1} at most")
+    size = np.shape(fixes.mean)[-1] if np.ndim(fixes.mean) == 2 else 0
+    if size not in (HORIZONTAL, 3):
+        raise ValueError("the estimate's fixes.mean must be of two or three dimensions a fix")
+    mean = real_array("fixes.mean", fixes.mean, (count, size))
+    cov = real_array("fixes.cov", fixes.cov, (count, size, size))
+    statistic = real_array("fixes.statistic", fixes.statistic, (count,))
+    accepted = real_array("fixes.accepted", fixes.accepted, (count,)).astype(bool)
+    for name, values in (("mean", mean), ("cov", cov)):
+        if not np.isfinite(values).all():
+            raise ValueError(f"the estimate's fixes.{name} is not finite")
+    if np.isnan(statistic).any():
+        raise ValueError("the estimate's fixes.statistic is not a number")
+    if count and np.linalg.eigvalsh(cov).min() <= 0.0:
+        raise ValueError("the estimate's fixes.cov is not positive definite")
+    return Fixes(epoch.astype(int), mean, cov, accepted, statistic)
+
+
+def judge(fixes: Fixes, error_state: np.ndarray, times: np.ndarray) -> list[dict[str, Any]]:
+    """Return what a record holds of a run's fixes: of each :data:`ROWS`.
+
+    Their times [s], horizontal errors [m], NEES of these two errors, statistics (of an infinite one
+    the largest number that can be stored) and whether they were accepted.
+
+    Parameters
+    ----------
+    fixes : as :func:`checked` returns them. error_state : (K, n) the true INS error.
+    times : (K,) [s].
+    """
+    off = error_state[fixes.epoch, :HORIZONTAL] - fixes.mean[:, :HORIZONTAL]
+    cov = fixes.cov[:, :HORIZONTAL, :HORIZONTAL]
+    nees = np.einsum("fi,fi->f", off, np.linalg.solve(cov, off[..., np.newaxis])[..., 0])
+    found = (
+        times[fixes.epoch], np.linalg.norm(off, axis=1), nees, np.nan_to_num(fixes.statistic),
+        fixes.accepted,
+    )  # fmt: skip
+    columns = (values.tolist() for values in found)
+    return [dict(zip(ROWS, values, strict=True)) for values in zip(*columns, strict=True)]
+
+
+def figures(fixes: pd.DataFrame, runs: int, right_m: float) -> dict[str, float]:
+    """Return the figures of :data:`COLUMNS` over the fixes of an estimator on a case.
+
+    How many fixes were tried, accepted, and false; the shares of *runs* whose first accepted fix is
+    right, is false, and that accept none, with Wilson's 95 % intervals; the median time [s] of the
+    first right fix of the runs that have one, with its interval; radii [m] that hold 50 and 95 % of
+    the accepted fixes; their mean NEES, 2 if consistent, with a 95 % band as if each run with an
+    accepted fix were a single draw.
+
+    Parameters
+    ----------
+    fixes : rows of ``run`` and :data:`ROWS`. runs : all runs, also those that tried none or failed.
+    right_m : horizontal error [m] below which a fix is right.
+    """
+    accepted = fixes[fixes["accepted"]]
+    right = accepted["error_m"] < right_m
+    first = accepted.drop_duplicates("run")
+    hits = int((first["error_m"] < right_m).sum())
+    misses = len(first) - hits
+    when = accepted[right].drop_duplicates("run")["time_s"]
+    radii = (math.nan, math.nan)
+    if len(accepted):
+        radii = tuple(np.quantile(accepted["error_m"], [0.5, 0.95]).tolist())
+    found = (
+        len(fixes), len(accepted), int((~right).sum()),
+        *wilson(hits, runs), *wilson(misses, runs), *wilson(runs - len(first), runs),
+        *median_interval(when.to_numpy()), *radii,
+        float(accepted["nees"].mean()), *nees_band(len(first), HORIZONTAL),
+    )  # fmt: skip
+    return dict(zip(COLUMNS, found, strict=True))
+
+
+def operating_curve(fixes: pd.DataFrame, right_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return which shares of the fixes tried would be accepted, false (J,) and right (J,).
+
+    One point for each threshold of their statistic, from none that is accepted on; those whose
+    statistic is −∞ never are. A matcher that waits for a fix would have tried others under another
+    threshold: the curve is of the fixes that it did try.
+
+    Parameters
+    ----------
+    fixes : rows of :data:`ROWS`, one at least. right_m : as in :func:`figures`.
+    """
+    possible = fixes[fixes["statistic"] > -np.finfo(float).max]
+    ordered = possible.sort_values("statistic", ascending=False)
+    right = (ordered["error_m"] < right_m).to_numpy()
+    # Of equal statistics all are accepted or none.
+    last = np.append(np.diff(ordered["statistic"].to_numpy()) != 0.0, True)[: len(right)]
+    ends = [np.concatenate([[0], np.cumsum(hits)[last]]) for hits in (~right, right)]
+    false, true = (end / len(fixes) for end in ends)
+    return false, true

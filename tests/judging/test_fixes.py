@@ -1,0 +1,211 @@
+"""Fixes of matchers judged: right, false or none, how far off, and over all thresholds."""
+
+from __future__ import annotations
+
+import json
+import math
+import sqlite3
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from campaigns import ran, small
+from problems import SMALL
+
+from ggbench.judging import fixes
+from ggbench.judging.locking import wilson
+from ggbench.problem import Fixes
+from ggbench.report import scenario_report
+from ggbench.results import formats
+
+TIMES = np.arange(10.0, 60.0, 10.0)
+FOUND = Fixes(
+    np.array([1, 3]),
+    np.array([[30.0, 40.0, 5.0], [1.0, 2.0, 0.0]]),
+    np.array([np.diag([100.0, 400.0, 9.0]), np.diag([4.0, 4.0, 9.0])]),
+    np.array([False, True]),
+    np.array([-np.inf, 12.5]),
+)
+
+
+def test_a_fix_is_judged_at_its_own_epoch_east_and_north():
+    """Error and NEES of two dimensions by hand; an infinite statistic can be stored."""
+    truth = np.zeros((5, 9))
+    truth[1, :3], truth[3, :3] = (30.0, 20.0, 500.0), (4.0, 6.0, 500.0)
+    first, second = fixes.judge(FOUND, truth, TIMES)
+    assert first == {
+        "time_s": 20.0, "error_m": 20.0, "nees": 1.0,
+        "statistic": -np.finfo(float).max, "accepted": False,
+    }  # fmt: skip
+    assert second == {
+        "time_s": 40.0, "error_m": 5.0, "nees": pytest.approx(25.0 / 4.0), "statistic": 12.5,
+        "accepted": True,
+    }  # fmt: skip
+
+
+def test_the_nees_knows_of_correlations():
+    """An error along the long axis of its ellipse is no surprise, one across it is."""
+    cov = np.array([[100.0, 99.0], [99.0, 100.0]])
+    truth = np.zeros((1, 2))
+    for mean, wanted in (((7.0, 7.0), 98.0 / 199.0), ((7.0, -7.0), 98.0 / 1.0)):
+        one = Fixes(np.array([0]), np.array([mean]), cov[None], np.array([True]), np.ones(1))
+        assert fixes.judge(one, truth, TIMES)[0]["nees"] == pytest.approx(wanted)
+
+
+@pytest.mark.parametrize(
+    ("flaw", "said"),
+    [
+        ({"epoch": np.array([3, 3])}, "must increase from 0 to 4"),
+        ({"epoch": np.array([3, 1])}, "must increase from 0 to 4"),
+        ({"epoch": np.array([1, 5])}, "must increase from 0 to 4"),
+        ({"epoch": np.array([1.5, 3.0])}, "must increase from 0 to 4"),
+        ({"mean": np.zeros((2, 1))}, "two or three dimensions"),
+        ({"mean": np.zeros((3, 3))}, "fixes.mean has shape (3, 3), not (2, 3)"),
+        ({"mean": np.full((2, 3), np.nan)}, "fixes.mean is not finite"),
+        ({"cov": np.zeros((2, 3, 3))}, "fixes.cov is not positive definite"),
+        ({"cov": np.zeros((2, 2, 2))}, "fixes.cov has shape"),
+        ({"statistic": np.array([np.nan, 1.0])}, "fixes.statistic is not a number"),
+        ({"accepted": np.array([True])}, "fixes.accepted has shape"),
+    ],
+)
+def test_what_is_no_fix_is_told(flaw, said):
+    """In a sentence that names the part."""
+    fixes.checked(FOUND, 5)
+    with pytest.raises(ValueError, match="fixes") as told:
+        fixes.checked(replace(FOUND, **flaw), 5)
+    assert said in str(told.value)
+
+
+def table(*rows: tuple[int, float, float, float, bool]) -> pd.DataFrame:
+    """Rows of run, time, error, statistic, accepted; the NEES is a hundredth of the error."""
+    names = ["run", "time_s", "error_m", "statistic", "accepted"]
+    found = pd.DataFrame(rows, columns=names)
+    return found.assign(nees=found["error_m"] / 100.0)
+
+
+TRIED = table(
+    (0, 20.0, 900.0, 1.0, False), (0, 40.0, 10.0, 15.0, True), (0, 60.0, 800.0, 11.0, True),
+    (1, 20.0, 700.0, 13.0, True), (1, 40.0, 30.0, 30.0, True),
+    (2, 20.0, 600.0, -np.finfo(float).max, False),
+)  # fmt: skip
+
+
+def test_runs_are_counted_by_the_first_fix_that_they_accept():
+    """One right, one false, one refuses all, and a fourth tried none; other fixes do not count."""
+    found = fixes.figures(TRIED, 4, 50.0)
+    assert tuple(found) == fixes.COLUMNS
+    assert (found["fixes"], found["accepted"], found["false"]) == (6, 4, 2)
+    for name, hits in (("right", 1), ("false", 1), ("none", 2)):
+        wanted = wilson(hits, 4)
+        assert tuple(found[f"{name}_{k}"] for k in ("share", "lo", "hi")) == wanted
+    assert found["right_time_median_s"] == 40.0 and math.isnan(found["right_time_lo"])
+    assert found["cep50_m"] == pytest.approx(365.0)  # of 10, 30, 700, 800
+    assert found["nees"] == pytest.approx((10 + 800 + 700 + 30) / 400.0)
+    assert found["nees_lo"] < 2.0 < found["nees_hi"]
+
+
+def test_without_an_accepted_fix_there_are_no_errors_of_fixes():
+    """Not zero."""
+    for none in (table(), table((0, 1.0, 2.0, 3.0, False))):
+        found = fixes.figures(none.astype({"accepted": bool}), 3, 50.0)
+        assert (found["none_share"], found["accepted"]) == (1.0, 0)
+        assert all(math.isnan(found[k]) for k in ("cep50_m", "nees", "right_time_median_s"))
+
+
+def test_the_operating_curve_goes_over_all_thresholds():
+    """By falling statistics; equal ones come together, −∞ never; shares of all that is tried."""
+    false, right = fixes.operating_curve(TRIED, 50.0)
+    assert right == pytest.approx(np.array([0, 1, 2, 2, 2, 2]) / 6.0)  # 30, 15, 13, 11, 1
+    assert false == pytest.approx(np.array([0, 0, 0, 1, 2, 3]) / 6.0)
+    tied = table((0, 1.0, 10.0, 5.0, True), (1, 1.0, 90.0, 5.0, True))
+    assert [v.tolist() for v in fixes.operating_curve(tied, 50.0)] == [[0.0, 0.5], [0.0, 0.5]]
+    never = table((0, 1.0, 10.0, -np.finfo(float).max, False))
+    assert [v.tolist() for v in fixes.operating_curve(never, 50.0)] == [[0.0], [0.0]]
+
+
+FIXER = '''
+"""Fixes: one right, one far off, one refused; or such as are none."""
+from dataclasses import dataclass
+
+import numpy as np
+
+import ggbench as gg
+from ggbench.problem import Fixes
+
+
+@dataclass(frozen=True)
+class Fixer(gg.Estimator):
+    good: bool = True
+    name = "fixer"
+
+    @property
+    def causality(self):
+        return "filter"
+
+    def estimate(self, problem, rng):
+        k, n = problem.epochs, problem.dimension
+        cov = np.tile(problem.prior_cov, (k, 1, 1))
+        found = Fixes(
+            np.array([0, 1, 2]), np.array([[0.0, 0.0], [1e6, 0.0], [0.0, 0.0]]),
+            np.tile(1e4 * np.eye(2), (3, 1, 1)), np.array([True, True, False]),
+            np.array([20.0, 15.0, 1.0]) if self.good else np.zeros(2),
+        )
+        return gg.Estimate(np.zeros((k, n)), cov, "filter", fixes=found)
+'''
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    """A campaign with a matcher whose fixes are known, and one whose fixes are broken."""
+    path = tmp_path_factory.mktemp("fixes")
+    (path / "fixer.py").write_text(FIXER)
+    text = SMALL.replace("last_s = 5.0", "last_s = 5.0\nlock_m = 1000.0")
+    labels = ("ins", "ekf", f"{path}/fixer.py", f"{path}/fixer.py[good=false]")
+    return ran(path, labels=labels, runs=4, cases=("base",), scenario=small(path, text))
+
+
+def test_a_campaign_keeps_and_counts_fixes(results):
+    """Records, the table, the file and the report; who makes no fixes has none."""
+    ((case, label), tried), *_ = results.fixes.items()
+    assert (case, len(results.fixes), len(tried)) == ("base", 1, 12)
+    (row,) = results.fix_figures().to_dict("records")
+    assert row["estimator"] == label and row["runs"] == 4
+    assert (row["right_share"], row["false"], row["accepted"]) == (1.0, 4, 8)
+    stored = pd.read_csv(results.folder / "fixes.csv")
+    assert stored.columns.tolist() == ["case", "estimator", "run", *fixes.ROWS]
+    assert stored["error_m"].tolist() == pytest.approx(tried["error_m"].tolist())
+    times = results.arrays("base")["times"]
+    assert sorted(set(stored["time_s"])) == pytest.approx(times[:3])
+
+
+def test_broken_fixes_fail_their_run_alone(results):
+    """With a sentence; the others' are not touched."""
+    failed = results.failures()
+    assert len(failed) == 4 and failed["estimator"].str.endswith("[good=false]").all()
+    assert failed["reason"].str.contains("fixes.statistic has shape").all()
+
+
+def test_the_report_tells_of_fixes(results, tmp_path):
+    """A row for the matcher, its figure, and the limit."""
+    text = scenario_report.write(results.folder, tmp_path).read_text()
+    section = text[text.index("## Fixes of the matchers") :].split("\n## ")[0]
+    assert "limit of a lock (1000 m)" in section
+    (row,) = [line for line in section.splitlines() if line.startswith("| base |")]
+    cells = [cell.strip() for cell in row.strip("|").split("|")]
+    assert cells[2] == "4" and cells[3].startswith("100 %") and cells[4].startswith("0 %")
+    assert cells[7:10] == ["12", "8", "4"]
+    assert (tmp_path / "small" / "fixes.png").stat().st_size > 5000
+
+
+def test_damaged_fixes_of_a_record_are_found(results):
+    """A record may come from anyone."""
+    stored = sqlite3.connect(results.folder / "records.sqlite").execute(
+        "SELECT record FROM records WHERE record LIKE '%fixes%' AND record LIKE '%\"ok\"%'"
+    )
+    plain = json.loads(stored.fetchone()[0])
+    assert formats.flaw_of_record(plain) is None
+    for bad in ({"error_m": -1.0}, {"accepted": 1}, {"statistic": None}):
+        broken = [plain["fixes"][0] | bad]
+        assert "fixes" in formats.flaw_of_record(plain | {"fixes": broken})
+    assert "fixes" in formats.flaw_of_record(plain | {"fixes": [{"time_s": 1.0}]})
