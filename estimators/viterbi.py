@@ -32,6 +32,8 @@ from ..reduced import Reduction, displacing, horizontal, reduced
 
 _LARGEST_STEP = 60.0
 """Cells, a standard deviation: of a step so long, transitions take more than anything else."""
+_TOLD = 0.3
+"""Deviations of a reading's noise by which height may move it and be none of the states."""
 _MOST = 5_000_000
 """Cells that fit in memory."""
 
@@ -39,6 +41,8 @@ _MOST = 5_000_000
 @dataclass(frozen=True)
 class Viterbi(Estimator):
     """Hidden Markov model over cells of the position east, north and up.
+
+    Up only where the INS does not know its height better than readings could tell.
 
     Parameters
     ----------
@@ -116,8 +120,23 @@ class Viterbi(Estimator):
     def _reduction(self, problem: Problem) -> Reduction:
         """Return the problem of the position, moved by what the INS's other errors may do."""
         block = next(block for block in problem.layout if block.unit == "m")
-        states = range(*block.slice.indices(problem.dimension))[:3]
-        return reduced(problem, states, self.drift**2 * displacing(problem, states))
+        position = range(*block.slice.indices(problem.dimension))[:3]
+        flat, whole = (
+            reduced(problem, states, self.drift**2 * displacing(problem, states))
+            for states in (position[:2], position)
+        )
+        return flat if _height_is_known(problem, flat, position) else whole
+
+
+def _height_is_known(problem: Problem, flat: Reduction, position: range) -> bool:
+    """Return whether the INS knows its height so well that no reading can tell more of it."""
+    for up in position[2:]:
+        sigma = np.sqrt(flat.cov[:, up, up])
+        for k, x in enumerate(flat.mean):
+            told = problem.model.jacobian(k, x)[:, up] * sigma[k]
+            if (np.abs(told) > _TOLD * np.sqrt(np.diag(problem.noise_of(k)))).any():
+                return False
+    return True
 
 
 def _unknown(problem: Problem, reduction: Reduction) -> np.ndarray:
