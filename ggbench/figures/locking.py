@@ -12,7 +12,7 @@ from matplotlib.ticker import FixedLocator, NullLocator
 
 from .looks import Look, looks
 from .numbers import short
-from .style import INS, Drawing, legend_below, styled, subplots
+from .style import INS, Drawing, legend_below, plain_numbers, styled, subplots
 
 
 @dataclass(frozen=True)
@@ -226,7 +226,7 @@ def against_cost(
                 capsize=1.5,
             )  # fmt: skip
         axis.set(title=panel.title, xscale="log", ylim=(-0.06, 1.06))
-        axis.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+        plain_numbers(axis, "x")
         axis.yaxis.set_major_formatter(lambda value, _: f"{100.0 * value:.0f} %")
     for column in range(columns):
         lowest = grid[(len(panels) - 1 - column) // columns, column]

@@ -38,7 +38,7 @@ _COLOURS = {
     ),
     "tercom": ("darkcyan", "mediumturquoise", "darkseagreen", "darkgreen", "lightseagreen"),
     "sitan": ("rebeccapurple", "thistle"),
-    "iccp": ("dimgray",),
+    "iccp": ("slategray",),
     "viterbi": ("tomato",),
 }
 """Shades of each estimator; its variants take them in the order of the next table."""
@@ -76,8 +76,14 @@ _VARIANTS = {
         "candidates=nodes,association=nearest,descending=false",
         "candidates=nodes,association=nearest,differenced=false",
     ),
-    "tercom": ("", "criterion=mad,loss=cauchy", "fusion=kalman", "misfit=30", "window=60"),
-    "sitan": ("", "bank=auto"),
+    "tercom": (
+        "",
+        "criterion=mad,loss=cauchy",
+        "fusion=kalman",
+        "misfit=30",
+        "window=60,longest=60",
+    ),
+    "sitan": ("", "bank=auto,most=1000"),
     "iccp": ("",),
     "viterbi": ("",),
 }

@@ -10,7 +10,7 @@ import io
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import matplotlib.style
 import numpy as np
@@ -87,14 +87,15 @@ def subplots(
     return figure, figure.subplots(rows, columns, **options)
 
 
-def plain_numbers(axis: Axes) -> None:
-    """Label a logarithmic y axis with plain numbers, between the decades too if there are few."""
-    low, high = axis.get_ylim()
-    axis.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+def plain_numbers(axes: Axes, which: Literal["x", "y"] = "y") -> None:
+    """Label a logarithmic axis with plain numbers, between the decades too if there are few."""
+    low, high = axes.get_xlim() if which == "x" else axes.get_ylim()
+    axis = axes.xaxis if which == "x" else axes.yaxis
+    axis.set_major_formatter(lambda value, _: f"{value:g}")
     if np.floor(np.log10(high)) - np.ceil(np.log10(low)) < 1.0:  # fewer than two powers of ten
-        axis.yaxis.set_minor_formatter(lambda value, _: f"{value:g}")
+        axis.set_minor_formatter(lambda value, _: f"{value:g}")
     else:
-        axis.yaxis.set_minor_formatter(NullFormatter())
+        axis.set_minor_formatter(NullFormatter())
 
 
 def legend_below(figure: Figure, handles: Mapping[str, Any]) -> None:

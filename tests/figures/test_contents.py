@@ -216,6 +216,18 @@ def test_locks_over_cost_have_their_intervals_and_are_joined():
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["kf", "mine"]
 
 
+def test_times_of_a_run_are_labelled_with_plain_numbers():
+    """Also between the decades, where Matplotlib would write powers of ten as formulas."""
+    panel = locking.Success(
+        "A case", {"a": 0.2, "b": 0.4, "c": 0.5}, dict.fromkeys("abc", (1, 1, 1))
+    )
+    figure = locking.against_cost([panel], list("abc"), {})
+    figure.canvas.draw()
+    (axis,) = figure.axes
+    texts = [t.get_text() for m in (False, True) for t in axis.get_xticklabels(minor=m)]
+    assert "0.3" in texts and not [text for text in texts if "$" in text]
+
+
 def test_errors_over_a_parameter_have_intervals_levels_and_a_bound():
     """Both scales logarithmic; a line for each family, a level for whom it does not concern."""
     errors = np.array([400.0, 20.0, 10.0])
