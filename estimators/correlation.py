@@ -34,18 +34,16 @@ from typing import Literal
 import numpy as np
 from scipy.special import softmax
 
-from ..engines.fixes import Attempts, Carried, Fusion
+from ..engines.fixes import Fused, Fusion
 from ..engines.iterated_smoother import IteratedSmoother
 from ..engines.position_grid import position_axes
-from ..engines.windows import Search, distinct, refined, section
+from ..engines.windows import Search, distinct, refined, refusal, section
 from ..problem import Causality, Estimate, Estimator, Problem
 from ..reduced import horizontal
 from .ekf import ExtendedKalmanFilter
 
 _ITERATIONS = 5
 """Linearisations in each update of the filter that follows a fix."""
-_MOST = 1_000_000
-"""Points of a grid that fit in memory."""
 _LEAST = 3
 """Readings that have two differences."""
 _FALL = 0.5
@@ -102,49 +100,26 @@ class Correlation(Estimator):
 
     def skip(self, problem: Problem) -> str | None:
         """Refuse settings without a meaning, and problems without a horizontal position."""
-        if not 0.0 < self.spacing_m < np.inf:
-            return f"spacing_m must be positive and finite, and is {self.spacing_m:g}"
-        if not 1 <= self.most <= _MOST:
-            return f"most must be 1 to {_MOST}, and is {self.most}"
         if self.window < _LEAST:
             return f"window must be at least {_LEAST}, and is {self.window}"
         if self.keep < 1:
             return f"keep must be at least 1, and is {self.keep}"
-        if not self.misfit > 0.0:
-            return f"misfit must be positive, and is {self.misfit:g}"
-        if not self.odds >= 0.0:
-            return f"odds must not be negative, and is {self.odds:g}"
-        if not horizontal(problem, velocity=False):
-            return "the problem has no two states in metres, a position to be found"
-        return None
+        return refusal(problem, self.spacing_m, self.most, self.misfit, self.odds)
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
         """Match one window after the other; carry along what has been found."""
-        estimate, attempts, unaided = Carried(problem), Attempts(), Carried(problem)
-        at = list(horizontal(problem, velocity=False))
+        flight = Fused(problem, self.fusion, horizontal(problem, velocity=False))
         read = np.flatnonzero(problem.present.any(axis=1))
         last = -1  # the last epoch whose readings are spent
         for end in read[self.window - 1 :: self.window]:
-            before = (unaided if self.fusion == "none" else estimate).at(last)
-            part = section(problem, last + 1, int(end) + 1, *before)
+            part = section(problem, last + 1, int(end) + 1, *flight.before(last))
             last = int(end)
             fix = self._match(part)
-            if fix is None:
-                continue
-            attempts.add(last, fix.mean[at], fix.cov[np.ix_(at, at)], fix.accepted, fix.statistic)
-            if fix.accepted:
-                estimate.put(last, fix.mean, fix.cov)
-                if self.fusion == "restart":
-                    break
-        fixes = attempts.listed()
-        if self.fusion == "restart" and fixes.accepted.any() and last + 1 < problem.epochs:
-            rest = section(problem, last + 1, problem.epochs, *estimate.at(last))
-            behind = ExtendedKalmanFilter(_ITERATIONS).estimate(rest, rng)
-            assert behind.cov is not None  # a Kalman filter has one
-            estimate.put(last + 1, behind.mean, behind.cov)
-        mean, cov = estimate.whole()
-        info = {"fixes_tried": len(fixes), "fixes_accepted": int(fixes.accepted.sum())}
-        return Estimate(mean, cov, self.causality, info=info, fixes=fixes)
+            if fix is not None:
+                flight.add(last, fix.mean, fix.cov, fix.accepted, fix.statistic)
+            if flight.found:
+                break
+        return flight.followed(ExtendedKalmanFilter(_ITERATIONS), rng)
 
     def _match(self, part: Problem) -> _Fix | None:
         """Return the fix of a window; None where there is nothing to compare."""

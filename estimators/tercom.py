@@ -19,9 +19,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..engines.fixes import Attempts, Carried, Fusion
+from ..engines.fixes import Fused, Fusion
 from ..engines.iterated_smoother import IteratedSmoother
-from ..engines.windows import Criterion, Place, Search, refined, section
+from ..engines.windows import Criterion, Place, Search, refined, refusal, section
 from ..problem import Causality, Estimate, Estimator, Problem
 from ..reduced import horizontal
 from . import robust
@@ -30,8 +30,6 @@ from .robust import Loss
 
 _ITERATIONS = 5
 """Linearisations in each update of the filter that follows a fix."""
-_MOST = 1_000_000
-"""Points of a grid that fit in memory."""
 
 
 @dataclass(frozen=True)
@@ -82,10 +80,6 @@ class Tercom(Estimator):
 
     def skip(self, problem: Problem) -> str | None:
         """Refuse settings without a meaning, and problems without a horizontal position."""
-        if not 0.0 < self.spacing_m < np.inf:
-            return f"spacing_m must be positive and finite, and is {self.spacing_m:g}"
-        if not 1 <= self.most <= _MOST:
-            return f"most must be 1 to {_MOST}, and is {self.most}"
         for name in ("window", "refine"):
             if getattr(self, name) < 1:
                 return f"{name} must be at least 1, and is {getattr(self, name)}"
@@ -93,78 +87,49 @@ class Tercom(Estimator):
             return f"criterion={self.criterion} needs a window of at least 3, not {self.window}"
         if self.longest < self.window:
             return f"longest must be at least the window, {self.window}, and is {self.longest}"
-        if not self.misfit > 0.0:
-            return f"misfit must be positive, and is {self.misfit:g}"
-        if not self.odds >= 0.0:
-            return f"odds must not be negative, and is {self.odds:g}"
-        if not horizontal(problem, velocity=False):
-            return "the problem has no two states in metres, a position to be found"
-        return robust.refusal(self.loss, self.threshold)
+        flaw = refusal(problem, self.spacing_m, self.most, self.misfit, self.odds)
+        return flaw or robust.refusal(self.loss, self.threshold)
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
         """Try windows one after the other; carry along what has been found."""
-        flight = _Flight(self, problem)
+        flight = Fused(problem, self.fusion, horizontal(problem, velocity=False))
         read = np.flatnonzero(problem.present.any(axis=1))
         last = -1  # the last epoch whose readings are spent
-        found = False
-        while len(left := read[read > last]) >= self.window and not found:
-            last, accepted = flight.window(left[: self.longest], last)
-            found = accepted and self.fusion == "restart"
-        if found and last + 1 < problem.epochs:
-            rest = section(problem, last + 1, problem.epochs, *flight.estimate.at(last))
-            ekf = ExtendedKalmanFilter(_ITERATIONS, self.loss, self.threshold)
-            behind = ekf.estimate(rest, rng)
-            assert behind.cov is not None  # a Kalman filter has one
-            flight.estimate.put(last + 1, behind.mean, behind.cov)
-        mean, cov = flight.estimate.whole()
-        fixes = flight.attempts.listed()
-        info = {"fixes_tried": len(fixes), "fixes_accepted": int(fixes.accepted.sum())}
-        return Estimate(mean, cov, self.causality, info=info, fixes=fixes)
+        while len(left := read[read > last]) >= self.window and not flight.found:
+            last = self._window(flight, left[: self.longest], last)
+        return flight.followed(ExtendedKalmanFilter(_ITERATIONS, self.loss, self.threshold), rng)
 
-
-class _Flight:
-    """One flight's estimate and fixes in the making."""
-
-    def __init__(self, settings: Tercom, problem: Problem) -> None:
-        self.settings, self.problem = settings, problem
-        self.estimate, self.attempts = Carried(problem), Attempts()
-        self._unaided = Carried(problem)
-        self._position = list(horizontal(problem, velocity=False))
-        threshold = robust.threshold_of(settings.loss, settings.threshold)
-        self._losses = robust.of_residuals(settings.loss, threshold)
-
-    def window(self, read: np.ndarray, last: int) -> tuple[int, bool]:
+    def _window(self, flight: Fused, read: np.ndarray, last: int) -> int:
         """Try a fix from readings after epoch ``last``, from more of them while it is refused.
 
         Returns
         -------
-        The last epoch whose readings are spent, and whether a fix was accepted there.
+        The last epoch whose readings are spent.
         """
-        settings, problem = self.settings, self.problem
-        before = (self._unaided if settings.fusion == "none" else self.estimate).at(last)
+        problem, before = flight.problem, flight.before(last)
         longest = section(problem, last + 1, read[-1] + 1, *before)
-        search = Search(longest, settings.spacing_m, settings.most, settings.criterion)
-        end, accepted = last, False
-        for size in range(settings.window, len(read) + 1, settings.window):
+        search = Search(longest, self.spacing_m, self.most, self.criterion)
+        threshold = robust.threshold_of(self.loss, self.threshold)
+        losses = robust.of_residuals(self.loss, threshold)
+        end = last
+        for size in range(self.window, len(read) + 1, self.window):
             end = int(read[size - 1])
             search.take(end - last)
             window = section(problem, last + 1, end + 1, *before)
-            smoother = IteratedSmoother(window, *self._losses)
-            places = refined(smoother, search.starts(settings.refine), search.spacing)
+            smoother = IteratedSmoother(window, *losses)
+            places = refined(smoother, search.starts(self.refine), search.spacing)
             if not places:
                 continue
             accepted, statistic = self._judged(places, int(window.present.sum()))
-            place, at = places[0], self._position
-            self.attempts.add(end, place.mean[at], place.cov[np.ix_(at, at)], accepted, statistic)
+            flight.add(end, places[0].mean, places[0].cov, accepted, statistic)
             if accepted:
-                self.estimate.put(end, place.mean, place.cov)
                 break
-        return end, accepted
+        return end
 
     def _judged(self, places: list[Place], readings: int) -> tuple[bool, float]:
         """Return whether the best of several places is accepted, and its log odds."""
         best = places[0].cost
-        if 2.0 * best > self.settings.misfit * readings:
+        if 2.0 * best > self.misfit * readings:
             return False, -np.inf
         odds = places[1].cost - best if len(places) > 1 else np.inf
-        return bool(odds > self.settings.odds), float(odds)
+        return bool(odds > self.odds), float(odds)

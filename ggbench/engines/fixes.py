@@ -11,11 +11,13 @@ is, a reading is used once.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
 
-from ..problem import Fixes, Problem
+from ..problem import Estimate, Estimator, Fixes, Problem
+from .windows import section
 
 Fusion = Literal["none", "kalman", "restart"]
 
@@ -87,3 +89,52 @@ class Attempts:
             np.array(epochs), np.array(means), np.array(covs), np.array(accepted),
             np.array(statistics),
         )  # fmt: skip
+
+
+class Fused:
+    """The estimate of a flight that is matched window by window, with what becomes of its fixes.
+
+    Parameters
+    ----------
+    problem : the flight. fusion : what becomes of fixes. position : the states that a fix tells of.
+
+    Attributes
+    ----------
+    found : whether no other fix is wanted: one was accepted that is followed by a filter.
+    """
+
+    def __init__(self, problem: Problem, fusion: Fusion, position: Sequence[int]) -> None:
+        self.problem, self.fusion, self.found = problem, fusion, False
+        self._estimate, self._unaided, self._attempts = (
+            Carried(problem),
+            Carried(problem),
+            Attempts(),
+        )
+        self._position, self._last = list(position), -1
+
+    def before(self, last: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return what a window that begins behind epoch ``last`` may know: mean and covariance."""
+        return (self._unaided if self.fusion == "none" else self._estimate).at(last)
+
+    def add(
+        self, epoch: int, mean: np.ndarray, cov: np.ndarray, accepted: bool, statistic: float
+    ) -> None:
+        """Note a fix of all states at an epoch; one that is accepted is the estimate from there."""
+        at = self._position
+        self._attempts.add(epoch, mean[at], cov[np.ix_(at, at)], accepted, statistic)
+        if accepted:
+            self._estimate.put(epoch, mean, cov)
+            self.found, self._last = self.fusion == "restart", epoch
+
+    def followed(self, behind: Estimator, rng: np.random.Generator) -> Estimate:
+        """Return the estimate; after the fix of ``fusion=restart`` a filter takes the readings."""
+        if self.found and self._last + 1 < self.problem.epochs:
+            start = self._estimate.at(self._last)
+            rest = section(self.problem, self._last + 1, self.problem.epochs, *start)
+            found = behind.estimate(rest, rng)
+            assert found.cov is not None  # a Kalman filter has one
+            self._estimate.put(self._last + 1, found.mean, found.cov)
+        mean, cov = self._estimate.whole()
+        fixes = self._attempts.listed()
+        info = {"fixes_tried": len(fixes), "fixes_accepted": int(fixes.accepted.sum())}
+        return Estimate(mean, cov, "filter", info=info, fixes=fixes)

@@ -17,6 +17,7 @@ from typing import Literal
 import numpy as np
 
 from ..problem import MeasurementModel, Problem, Track
+from ..reduced import horizontal
 from ..sensors.aiding import corrected_positions
 from . import position_grid
 from .iterated_smoother import IteratedSmoother, Minimum
@@ -35,6 +36,8 @@ _DEEPEST = 2
 deepest points: hollows of a field are curved and long, and Gauss–Newton from a point at their edge
 ends beside the lowest one."""
 _ITERATIONS = 30
+_MOST = 1_000_000
+"""Points of a grid that fit in memory."""
 
 
 @dataclass(frozen=True)
@@ -80,6 +83,29 @@ def section(problem: Problem, first: int, stop: int, mean: np.ndarray, cov: np.n
         track=track,
         map=problem.map,
     )
+
+
+def refusal(
+    problem: Problem, spacing_m: float, most: int, misfit: float, odds: float
+) -> str | None:
+    """Return why no windows of a problem can be searched with these settings, or None.
+
+    Parameters
+    ----------
+    spacing_m, most : as :class:`Search` has them. misfit : χ² per reading, odds : log odds, up to
+        which and from which on a fix is accepted.
+    """
+    if not 0.0 < spacing_m < np.inf:
+        return f"spacing_m must be positive and finite, and is {spacing_m:g}"
+    if not 1 <= most <= _MOST:
+        return f"most must be 1 to {_MOST}, and is {most}"
+    if not misfit > 0.0:
+        return f"misfit must be positive, and is {misfit:g}"
+    if not odds >= 0.0:
+        return f"odds must not be negative, and is {odds:g}"
+    if not horizontal(problem, velocity=False):
+        return "the problem has no two states in metres, a position to be found"
+    return None
 
 
 class Search:
