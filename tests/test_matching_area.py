@@ -51,6 +51,9 @@ def synthetic(seed=SEED, skill=1.0):
                         "error_even_m": error * np.exp(0.03 * rng.normal()),
                         "error_odd_m": error * np.exp(0.03 * rng.normal()),
                         "wide_ambiguity": np.exp(rng.normal()),
+                        "wide_union": 0.0,
+                        "wide_spill": 0.0,
+                        "wide_wrong": 0,
                         "wide_runs": 4, "wide_locked": 4, "wide_false": 0,
                         "weak_ambiguity": np.exp(known), "weak_bound_m": np.exp(7.0 - known),
                         "weak_union": 0.3 * wrong, "weak_spill": 0.7 * wrong, "weak_runs": FIXES,
@@ -239,6 +242,28 @@ def test_cells_lie_apart_and_within_their_map():
                 and abs(other.west - one.west) < 0.999 * design.CELL_DEG
             ]  # fmt: skip
             assert beside == [one]
+
+
+def test_the_committed_report_is_of_the_committed_table():
+    """Its answer and its table of accuracies follow from tracks.csv beside it."""
+    table = pd.read_csv(ROOT / "reports" / report.FOLDER / report.TABLE)
+    assert table.groupby(["region", "cell"]).ngroups >= 100
+    committed = (ROOT / "reports" / f"{report.FOLDER}.md").read_text(encoding="utf-8")
+    found = report.Found.of(table, 2)
+    for row in found.compared:
+        assert f"| {row.title} | {row.tracks} | {row.fixes} |" in committed
+    for i, index in enumerate(found.near.indices):
+        assert f"| {index.title} | {found.near.order.value[i]:.2f} (" in committed
+
+
+def test_choosing_a_heading_gains_what_the_headings_differ_by():
+    """By the bound, which made the errors, it is the choice of hindsight."""
+    gain = findings.heading_gain(indices.completed(synthetic()))
+    best, by_bound = gain["the best in hindsight"], gain["bound of the flight"]
+    assert by_bound == pytest.approx(best)
+    # Of four normal numbers the largest is 1.03 deviations above their mean.
+    assert best[1] < np.exp(-0.3 * 0.5 * 1.03) < best[2]
+    assert best[0] < gain["CRLB along the track"][0] < gain["least ambiguity"][0]
 
 
 @pytest.mark.long

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from ggbench.figures.style import Drawing, legend_below, plain_numbers, styled, subplots
 
@@ -36,7 +37,9 @@ def scatter(table: pd.DataFrame, near: Ranking) -> Drawing:
         axis.set_yscale("log")
         axis.set_xlabel(label)
         axis.set_title(f"Spearman {near.order.value[near.at(column)]:.2f}")
+        axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axis.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+        axis.xaxis.set_minor_formatter(NullFormatter())
         if column != "roughness":
             ends = np.array([table["error_m"].min(), table["error_m"].max()])
             handles["error = index"] = axis.plot(ends, ends, "k-", lw=0.8)[0]

@@ -150,7 +150,9 @@ def _centred(values: Array, regions: NDArray[np.str_]) -> Array:
     return out
 
 
-def thirds(table: pd.DataFrame, index: Index) -> tuple[Array, Array, Array]:
+def thirds(
+    table: pd.DataFrame, index: Index, samples: int = assoc.SAMPLES
+) -> tuple[Array, Array, Array]:
     """Return the median error (3,) [m] of the thirds by an index, worst first, and intervals.
 
     Thirds of each region, put together; the interval is over cells.
@@ -167,8 +169,31 @@ def thirds(table: pd.DataFrame, index: Index) -> tuple[Array, Array, Array]:
         return np.array([np.median(part) if len(part) else np.nan for part in parts])
 
     # Of one stratum: the regions are put together.
-    found = assoc.over_cells(medians, assoc.Groups(np.full(len(table), "all"), _numbered(of)))
+    found = assoc.over_cells(
+        medians, assoc.Groups(np.full(len(table), "all"), _numbered(of)), samples
+    )
     return found.value, found.low, found.high
+
+
+def heading_gain(
+    table: pd.DataFrame, samples: int = assoc.SAMPLES
+) -> dict[str, tuple[float, float, float]]:
+    """Return what choosing the heading by each index makes of the error, with its interval.
+
+    The error on the heading chosen over the geometric mean of the headings of its cell, geometric
+    mean over the cells; also of the heading that is best in hindsight.
+    """
+    knowing = tuple(i for i in NEAR if i.column in ("track_m", "wide_ambiguity", "bound_m"))
+    hindsight = Index("error_m", "the best in hindsight")
+    named, of = (*knowing, hindsight), groups(table)
+    x, error = columns(table, named), np.log(table["error_m"].to_numpy())
+    gain = np.empty_like(x)
+    for region in of.names:
+        for rows in of.of_cells(region):
+            gain[rows] = error[rows][np.argmax(x[rows], axis=0)] - error[rows].mean()
+    found = assoc.over_cells(lambda rows: gain[rows].mean(axis=0), of, samples)
+    ends = np.exp([found.value, found.low, found.high]).T
+    return {i.title: tuple(own) for i, own in zip(named, ends.tolist(), strict=True)}
 
 
 def _numbered(of: assoc.Groups) -> NDArray[np.intp]:

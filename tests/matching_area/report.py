@@ -60,6 +60,7 @@ def text(found: Found) -> str:
     lines = [
         "# Where to match: which index to trust",
         f"**{verdict(found)}**",
+        beside(found.near),
         locking_verdict(found),
         f"Made by `make areas` and never edited by hand. [{TABLE}]({FOLDER}/{TABLE}) has all "
         f"{len(table)} tracks; `PYTHONPATH=tests .venv/bin/python -m matching_area --report` "
@@ -71,7 +72,7 @@ def text(found: Found) -> str:
         f"![Correlations of ranks with their intervals]({FOLDER}/forest.png)",
         f"![Errors over roughness and over two bounds]({FOLDER}/scatter.png)",
         "### What choosing by an index buys",
-        sections.thirds(table),
+        sections.choices(table, len(found.near.order.samples)),
         "### Ceilings",
         sections.ceilings(table, found.ceilings),
         "## Locking on",
@@ -96,23 +97,7 @@ def verdict(found: Found) -> str:
             f"exceed {findings.TRUSTED:g} with its interval and hold in each region; the best is "
             f"the {near.indices[best].title}, {words.value(near.order, best)}."
         )
-    said = [_best(found)]
-    of_maps = {index.column for index in OF_MAPS}
-    alone = [i for i in trusted if near.indices[i].column in of_maps]
-    beside = [i for i in trusted[1:] if i not in alone]
-    if beside:
-        said.append(f"Next: {_valued(near, beside)}")
-    if alone:
-        said.append(f"Of what a map alone says: {_valued(near, alone)}")
-    others = [index.title for i, index in enumerate(near.indices) if i not in trusted]
-    if others:
-        said.append(f"Do not choose by {words.listed(others, 'or')}")
-    said.append(_beyond(near))
-    return ". ".join(said) + "."
-
-
-def _best(found: Found) -> str:
-    near, best = found.near, found.near.trusted[0]
+    best = trusted[0]
     perfect = float(np.mean([*found.ceilings.values()]))
     said = (
         f"Trust the {near.indices[best].title}: its correlation of ranks with the error that a "
@@ -123,7 +108,36 @@ def _best(found: Found) -> str:
         ratio = found.table["error_m"] / found.table["bound_m"]
         low, high = np.percentile(ratio, [5.0, 95.0])
         said += f", and the error is {low:.2f} to {high:.2f} times the bound on 90 % of the tracks"
-    return said
+    of_maps = {index.column for index in OF_MAPS}
+    alone = [i for i in trusted if near.indices[i].column in of_maps]
+    if alone and alone[0] != best:
+        said += f". Of what a map alone says, the best is {_valued(near, alone[:1])}"
+        said += "; it knows no heading"
+    return f"{said}."
+
+
+def beside(near: Ranking) -> str:
+    """Say which others are to be trusted, which not, and what differs from roughness."""
+    said = []
+    if len(near.trusted) > 1:
+        said.append(f"Trusted, too: {_valued(near, near.trusted[1:])}")
+    others = [index.title for i, index in enumerate(near.indices) if i not in near.trusted]
+    if others and near.trusted:
+        said.append(f"Do not choose by {words.listed(others, 'or')}")
+    differing = {
+        what: [x.title for i, x in enumerate(near.indices) if near.beyond(i) == what]
+        for what in ("better", "worse", "no")
+    }
+    for what in ("better", "worse"):
+        if differing[what]:
+            verb = "is" if len(differing[what]) == 1 else "are"
+            said.append(
+                f"Distinguishably {what} than roughness {verb} {words.listed(differing[what])}"
+            )
+    same = [name for name in differing["no"] if name != "roughness"]
+    if same:
+        said.append(f"Not distinguishable from roughness: {words.listed(same)}")
+    return ". ".join(said) + "."
 
 
 def _valued(ranking: Ranking, which: list[int]) -> str:
@@ -132,28 +146,18 @@ def _valued(ranking: Ranking, which: list[int]) -> str:
     )
 
 
-def _beyond(ranking: Ranking) -> str:
-    """Say what is distinguishable from roughness."""
-    parts = []
-    for what in ("better", "worse"):
-        names = [x.title for i, x in enumerate(ranking.indices) if ranking.beyond(i) == what]
-        if names:
-            parts.append(f"{what} {'is' if len(names) == 1 else 'are'} {words.listed(names)}")
-    if not parts:
-        return "None is distinguishable from roughness"
-    return f"Distinguishable from roughness: {'; '.join(parts)}"
-
-
 def locking_verdict(found: Found) -> str:
     """Answer which index is to be trusted for locking on."""
     weak, trusted, table = found.weak, found.weak.trusted, found.table
     runs = int(table["wide_runs"].sum())
+    predicted = float((table["wide_union"] + table["wide_spill"]).clip(upper=1.0).mean())
     said = (
         f"For locking on from {design.WIDE.sigma_m / 1e3:g} km with "
         f"{words.instrument(design.WIDE.instrument)}: "
         f"{words.share(wilson(int(table['wide_locked'].sum()), runs))} of {runs} fixes were "
         f"accepted and right, {words.percent(table['wide_false'].sum() / runs)} accepted and "
-        "wrong. Where less is read and known, "
+        f"wrong; {words.percent(table['wide_wrong'].sum() / runs)} of the best places were wrong, "
+        f"{words.percent(predicted)} had been predicted. Where less is read and known, "
     )
     if not trusted:
         return said + "no index is to be trusted for the share of right fixes."

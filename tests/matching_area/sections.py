@@ -80,19 +80,24 @@ def accuracy(near: Ranking, headings: assoc.Spread) -> str:
     )
 
 
-def thirds(table: pd.DataFrame) -> str:
-    """Return the error on the thirds of some indices."""
+def choices(table: pd.DataFrame, samples: int) -> str:
+    """Return the error on the thirds of some indices, and on the headings that they choose."""
     rows = []
     for column in ("roughness", "index", "track_m", "bound_m"):
         (index,) = (index for index in NEAR if index.column == column)
         if np.isfinite(table[column]).all():
-            found = findings.thirds(table, index)
+            found = findings.thirds(table, index, samples)
             cells = [words.with_interval(*third, ".0f") for third in zip(*found, strict=True)]
             rows.append([index.title, *cells, f"{found[0][0] / found[0][2]:.2f}"])
+    chosen = findings.heading_gain(table, samples)
+    gains = [[name, words.with_interval(*gain)] for name, gain in chosen.items()]
     return (
         "Median error [m] on the tracks of each third of an index (thirds of each region, put "
         "together), with intervals over cells.\n\n"
         + markdown(["index", "unsuitable", "fair", "good", "unsuitable / good"], rows)
+        + "\n\nWhere the cell is given, a heading can be chosen: the error on the heading that an "
+        "index has for the best, over the mean of the four (geometric means, and intervals over "
+        "cells).\n\n" + markdown(["heading by", "error / mean of the headings"], gains)
     )
 
 
@@ -132,6 +137,7 @@ def locking(table: pd.DataFrame, weak: Ranking, areas: assoc.Spread) -> str:
                 "yes" if i in weak.trusted else "no",
             ]
         )
+    basins = int((table["weak_union"] > table["weak_spill"]).sum())
     accepted, false = (words.percent(table[f"weak_{x}"].sum() / runs) for x in ("locked", "false"))
     return (
         f"Of {runs} fixes of weak flights {accepted} were accepted and right, {false} accepted and "
@@ -139,7 +145,9 @@ def locking(table: pd.DataFrame, weak: Ranking, areas: assoc.Spread) -> str:
         f"{words.listed(counts)} lock on. *Spearman*: with the share of best places that are "
         "right, whether accepted or not. *AUC*: the area under the ROC curve for locking on in at "
         "least 95 % of the runs, the mean of the regions. Fisher's information and ambiguity are "
-        "those of the instrument and the prior that were flown.\n\n"
+        "those of the instrument and the prior that were flown. Of the tracks, other basins have "
+        f"the larger part in what is predicted on {basins}, on the others it is the spill: there "
+        "the least ambiguity says how sharp the right place is, as the CRLB does.\n\n"
         + markdown(
             ["index", "Spearman", "less roughness's", "distinguishable", "AUC", "trusted"], rows
         )
