@@ -8,7 +8,7 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: help paper sweep library bench bench-check agreement test test-long test-all coverage lint format typecheck wheel-check lock clean
+.PHONY: help paper sweep library bench bench-check areas agreement test test-long test-all coverage lint format typecheck wheel-check lock clean
 
 help:
 	@echo "make paper        run the scenario wang2013 and write its report to reports/"
@@ -16,6 +16,7 @@ help:
 	@echo "make library      run every scenario and write all reports and the league to reports/"
 	@echo "make bench        measure the engines beside other packages; writes reports/speed.md"
 	@echo "make bench-check  check in a minute that the engines' ratios have not fallen"
+	@echo "make areas        fly over 128 cells of two maps; writes reports/matching_area.md (20 minutes)"
 	@echo "make agreement    hold the compiled engines to the frameworks on every case (half an hour)"
 	@echo "make test         run the tests, on all processors"
 	@echo "make test-all     run these and the long ones: agreement on every scenario, loops of faults"
@@ -45,6 +46,10 @@ bench: $(INSTALLED)
 
 bench-check: $(INSTALLED)
 	PYTHONPATH=tests $(BIN)/python -m speed --check
+
+areas: export OPENBLAS_NUM_THREADS := 1
+areas: $(INSTALLED)
+	PYTHONPATH=tests $(BIN)/python -m matching_area
 
 agreement: $(INSTALLED)
 	GGBENCH_TEST_AGREEMENT=all $(BIN)/python -m pytest -m "" tests/engines/test_agreement.py

@@ -1,0 +1,70 @@
+"""``python -m matching_area``: fly the study and write its report, or the report alone."""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from ggbench.errors import GGBenchError
+from ggbench.files import written_whole
+
+from . import report
+from .design import REGIONS, Region
+from .flying import Runs, jobs, rows_of_cell
+
+DIGITS = 5
+
+
+def fly(regions: Sequence[Region], runs: Runs, processes: int) -> pd.DataFrame:
+    """Return the table of the study, a row for each track, in the order of the cells."""
+    work = jobs(regions, runs)
+    rows: list[dict[str, Any]] = []
+    if processes == 1:
+        for job in work:
+            rows += rows_of_cell(job)
+            _say(len(rows), work)
+        return pd.DataFrame(rows)
+    # Not forked: the threads of compiled code would not come along.
+    with multiprocessing.get_context("spawn").Pool(processes) as pool:
+        for found in pool.imap(rows_of_cell, work):
+            rows += found
+            _say(len(rows), work)
+    return pd.DataFrame(rows)
+
+
+def _say(tracks: int, work: Sequence[object]) -> None:
+    print(f"{tracks} tracks flown, of {len(work)} cells", file=sys.stderr, flush=True)
+
+
+def write(table: pd.DataFrame, path: Path) -> None:
+    """Write the table as CSV, its numbers to five digits."""
+    with written_whole(path, GGBenchError) as file:
+        table.to_csv(file, index=False, float_format=f"%.{DIGITS}g")
+
+
+def main() -> int:
+    """Read the command line."""
+    parser = argparse.ArgumentParser(prog="matching_area", description=__doc__)
+    parser.add_argument("--report", action="store_true", help="only the report, from the table")
+    parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--output", type=Path, default=Path("reports"))
+    options = parser.parse_args()
+    path = options.output / report.FOLDER / report.TABLE
+    try:
+        if not options.report:
+            write(fly(REGIONS, Runs(), options.processes), path)
+        print(report.write(pd.read_csv(path), options.output))
+    except GGBenchError as error:
+        print(f"Error: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
