@@ -31,6 +31,7 @@ PLUGIN_VARIABLE = "GGBENCH_TEST_ESTIMATOR"
 
 
 SLOW = (
+    "closed-loop[filter=ukf]",
     "correlation[association=nearest]",
     "correlation[association=reciprocal]",
     "correlation[candidates=nodes]",

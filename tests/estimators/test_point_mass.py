@@ -20,8 +20,14 @@ def distance(estimate: Estimate, mean: np.ndarray, cov: np.ndarray) -> float:
     return float(np.sqrt(np.mean((estimate.mean - mean) ** 2 / variance)))
 
 
-@pytest.mark.parametrize("n", [1, 2, 3])
-@pytest.mark.parametrize("noise", ["full", "singular", "none"])
+@pytest.mark.parametrize(
+    ("n", "noise"),
+    [
+        pytest.param(n, noise, marks=pytest.mark.long if (n, noise) == (3, "full") else ())
+        for n in (1, 2, 3)
+        for noise in ("full", "singular", "none")
+    ],
+)
 def test_the_kalman_filter_of_a_linear_problem(n, noise):
     """Mean to 2e-3 deviations, covariance to 5e-3, evidence to 0.01, whatever the process noise.
 
@@ -55,7 +61,7 @@ def truth(noise: float, resolution: float = 4.0) -> Estimate:
     return PointMass(step=20.0, resolution=resolution).estimate(two_states(noise), rng())
 
 
-@pytest.mark.parametrize("noise", [1.0, 10.0])
+@pytest.mark.parametrize("noise", [pytest.param(1.0, marks=pytest.mark.long), 10.0])
 def test_a_finer_grid_changes_nothing(noise):
     """Two cells to a deviation, and four: means within 0.05 deviations rms of each other."""
     coarse, fine = truth(noise, 2.0), truth(noise, 4.0)
