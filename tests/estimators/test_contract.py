@@ -171,7 +171,7 @@ def every_case() -> Iterator[Any]:
         yield pytest.param(label, case, marks=pytest.mark.long if slow else ())
 
 
-@pytest.mark.parametrize(("label", "case"), every_case())
+@pytest.mark.parametrize(("label", "case"), list(every_case()))
 def test_answer_has_the_declared_form_and_a_real_covariance(label, case):
     """Shapes and causality are those declared; every P is symmetric and positive definite.
 
