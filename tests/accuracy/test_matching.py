@@ -92,8 +92,7 @@ def false_fixes(window: int, noise: float, draws: int = 12) -> tuple[float, floa
 def test_false_fixes_are_as_frequent_as_the_union_bound_says(window, noise):
     """Within a factor of three, where it lies between 2 and 50 %; over 120 fixes.
 
-    Measured: 24, 22 and 5 % are told, and 23, 19 and 2.5 % seen. What is three false fixes on the
-    average is none, or more than nine, once in twenty seeds; with the longer shares never.
+    Measured: 24 and 22 % are told in the first two, 23 and 19 % seen; the third is rarer.
     """
     bound, share = false_fixes(window, noise)
     assert 0.02 < share < 0.5
