@@ -102,3 +102,35 @@ def rough_flight(
         ),
     )
     return problem, truth
+
+
+def constant_offset(
+    seed: int,
+    offset: tuple[float, float, float],
+    sigma: float,
+    epochs: int = 20,
+    m: int = 6,
+    noise: float = 0.1,
+    vertical: float = 20.0,
+    draws: np.random.Generator | None = None,
+) -> Problem:
+    """Return the same track under an INS that is off by a constant ENU offset [m].
+
+    Three states, the offset, which nothing moves; readings without any error, unless ``draws``
+    gives them the noise of which the problem tells.
+    """
+    model = rough_flight(seed, sigma, epochs=epochs, m=m)[0].model
+    read = np.array([model.predict(k, np.array(offset)) for k in range(epochs)])
+    if draws is not None:
+        read += noise * draws.standard_normal(read.shape)
+    return Problem(
+        times=np.arange(1.0, epochs + 1.0),
+        measurements=read,
+        noise_cov=noise**2 * np.eye(m),
+        transition=np.tile(np.eye(3), (epochs, 1, 1)),
+        process_cov=np.zeros((epochs, 3, 3)),
+        prior_mean=np.zeros(3),
+        prior_cov=np.diag([sigma**2, sigma**2, vertical**2]),
+        model=model,
+        layout=(StateBlock("position error ENU", slice(0, 3), "m"),),
+    )

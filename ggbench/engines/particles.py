@@ -73,10 +73,12 @@ class Moves(NamedTuple):
 
 
 class Filtered(NamedTuple):
-    """The filter's results: mean (K, n), cov (K, n, n), nis (K,) and counters of the run.
+    """The filter's results: mean (K, n), cov (K, n, n), nis (K,), counters and evidence of the run.
 
     NIS is that of the cloud: innovation against the mean of h, covariance of h over the cloud plus
-    R. It is χ² where the cloud is a Gaussian, and NaN where h is not straight over it.
+    R. It is χ² where the cloud is a Gaussian, and NaN where h is not straight over it. The evidence
+    is ln p(z) of all readings, by which models of one flight may be compared; what blurs a cloud
+    (``Moves``) biases it.
     """
 
     mean: np.ndarray
@@ -111,6 +113,7 @@ def filtered(problem: Problem, drawn: int, moves: Moves, rng: np.random.Generato
         "unique_min": cloud.fewest,
         "covariance_repairs": repairs,
         "map_evaluations": cloud.evaluations,
+        "log_evidence": cloud.evidence,
     }
     return Filtered(mean, cov, nis, info)
 
@@ -155,7 +158,10 @@ def _log_likelihoods(
 
 
 class _Cloud:
-    """N weighted particles (N, n), log weights (N,), and P_l (n − d, n − d) of them all."""
+    """N weighted particles (N, n), log weights (N,), and P_l (n − d, n − d) of them all.
+
+    Their ``evidence`` is ln p(z) of all readings so far, ``total`` the ln Σ of their weights.
+    """
 
     def __init__(
         self, problem: Problem, drawn: int, moves: Moves, rng: np.random.Generator
@@ -168,9 +174,11 @@ class _Cloud:
         self.log, self.trial = np.zeros(size), np.empty(size)
         self.weights = np.full(size, 1.0 / size)
         self.straight = self.poor = False
+        self.on_trial = 0.0
         self.sizes: list[float] = []
         self.resamplings = self.stages = self.evaluations = 0
         self.fewest = self.count
+        self.evidence, self.total = 0.0, math.log(size)
 
     def predict(self, k: int) -> None:
         """Carry the cloud to epoch k; to the first one, draw it there, where its prior leads."""
@@ -211,6 +219,7 @@ class _Cloud:
                 step = self._step(residuals, spread, noise, left)
                 self._weigh(residuals, spread + noise / step)
             self.log, self.trial = self.trial, self.log
+            self._count_evidence(spread + noise / step, noise, step)
             if not self.straight:
                 self._straighten(residuals, slope, noise)
             if slope.any():
@@ -251,8 +260,20 @@ class _Cloud:
     def _weigh(self, residuals: np.ndarray, innovation: np.ndarray) -> float:
         """Put log weights after a share of a reading on trial; return the ESS that they leave."""
         _log_likelihoods(residuals, _inverse_root(innovation), self.log, self.trial)
-        normalise(self.trial, self.weights)
+        self.on_trial = normalise(self.trial, self.weights)
         return float(effective_size(self.weights))
+
+    def _count_evidence(self, innovation: np.ndarray, noise: np.ndarray, step: float) -> None:
+        """Add what a share of a reading has added to ln p(z).
+
+        The share of a density N(r; 0, R) is its power, which is N(r; 0, R / share) but for a factor
+        that depends on R alone.
+        """
+        m = len(noise)
+        of_power = (1.0 - step) * np.linalg.slogdet(2.0 * np.pi * noise)[1] - m * math.log(step)
+        density = -np.linalg.slogdet(2.0 * np.pi * innovation)[1]
+        self.evidence += float(self.on_trial - self.total + 0.5 * (density + of_power))
+        self.total = self.on_trial
 
     def _step(
         self, residuals: np.ndarray, spread: np.ndarray, noise: np.ndarray, most: float
@@ -317,6 +338,7 @@ class _Cloud:
                 self._blur()
         self.log, self.trial = np.zeros(self.count), np.empty(self.count)
         self.weights = np.full(self.count, 1.0 / self.count)
+        self.total = math.log(self.count)
 
     def _redraw(self) -> None:
         """Draw the cloud from the Gaussian of its mean and covariance, which it then has exactly.

@@ -47,7 +47,7 @@ def everything(rough, **changes: object) -> tuple[Problem, Truth]:
     )
 
 
-@pytest.mark.parametrize("name", ["ekf", "ukf"])
+@pytest.mark.parametrize("name", ["ekf", pytest.param("ukf", marks=pytest.mark.long)])
 def test_without_a_correction_on_the_way_it_is_the_open_loops_filter(name, rough):
     """One part, as long as the flight: mean and covariance to 1e-6 of the deviations."""
     problem, _ = everything(rough)

@@ -22,7 +22,13 @@ def distance(problem: Problem, solver: GaussianParticle, seed: int) -> tuple[flo
     )
 
 
-@pytest.mark.parametrize("proposal", ["prior", "ekf", "ukf"])
+each_proposal = pytest.mark.parametrize(
+    "proposal", ["prior", "ekf", pytest.param("ukf", marks=pytest.mark.long)]
+)
+"""On a linear problem the last two propose the same."""
+
+
+@each_proposal
 def test_error_falls_as_the_root_of_the_particles(proposal):
     """Against Kalman, rms over five seeds: at 500 below 0.25 σ, and a quarter of it at 16 times.
 
@@ -44,7 +50,7 @@ def test_error_falls_as_the_root_of_the_particles(proposal):
     assert 2.5 < few / many < 6.4
 
 
-@pytest.mark.parametrize("proposal", ["prior", "ekf", "ukf"])
+@each_proposal
 def test_deviations_neither_shrink_nor_grow_over_hundreds_of_epochs(proposal):
     """Over 300 epochs of a problem without process noise the ratio to Kalman's stays at 1 (20 %).
 

@@ -238,13 +238,12 @@ def test_the_answer_is_the_lowest_that_a_search_has_found():
     assert lower == {0, 1}
 
 
-@pytest.mark.parametrize(
-    "label", [pytest.param("gaussian-sum", marks=pytest.mark.long), "gauss-newton[starts=256]"]
-)
-def test_errors_at_wide_priors_are_those_that_the_covariance_tells(label):
+@pytest.mark.parametrize("lengths", [1.0, pytest.param(3.0, marks=pytest.mark.long)])
+@pytest.mark.parametrize("label", ["gaussian-sum", "gauss-newton[starts=256]"])
+def test_errors_at_wide_priors_are_those_that_the_covariance_tells(label, lengths):
     """The NEES of the final position over the runs lies within χ² limits (false alarms 1e-4)."""
     total = 0.0
-    for answer, (_, truth) in zip(answers(label, 3.0), wide(3.0), strict=True):
+    for answer, (_, truth) in zip(answers(label, lengths), wide(lengths), strict=True):
         error = (answer.mean - truth)[-1, :3]
         total += error @ np.linalg.solve(answer.cov[-1, :3, :3], error)
     low, high = chi2.ppf([5e-5, 1.0 - 5e-5], 3 * RUNS)

@@ -16,6 +16,7 @@ from problems import (
     changed,
     deviation,
     estimator,
+    evidence,
     kalman,
     linear_problem,
     noisy_problem,
@@ -26,20 +27,14 @@ from problems import (
 from small_cases import GRAVIMETER, ON_BOARD, rough_map, small_flight
 
 from ggbench.block import ProblemBlock
-from ggbench.engines import particles
-from ggbench.engines.particles import Filtered, Moves, _Cloud, filtered
+from ggbench.engines.particles import Filtered, Moves, filtered
 from ggbench.engines.resampling import FLOOR
-from ggbench.judging.statistics import nees_band
 from ggbench.problem import Problem, StateBlock
 from ggbench.simulation.error_free_flight import Flight, prepare
 from ggbench.simulation.runs import TruthBlock, simulate, simulate_block
 from ggbench.spec import scenario
 
 PLAIN = Moves(4000)
-ALIVE = estimator("rao-blackwellised").moves
-"""What ships."""
-LOCK, SETTLED = 50.0, 150.0
-"""Of the scenario: error [m] that is a lock, and from when [s] the settled window lasts."""
 
 
 def apart(found: Filtered, problem: Problem) -> float:
@@ -73,6 +68,19 @@ def static(measurements: np.ndarray, noise: float, sigma: float = 1.0) -> Proble
         model=LinearModel(np.tile(np.eye(3), (epochs, 1, 1))),
         layout=(StateBlock("position", slice(0, 3), "m"),),
     )
+
+
+@pytest.mark.long
+def test_a_hundred_thousand_particles_are_as_near_as_ten_thousand_have_to_be():
+    """0.1 σ from Kalman over the same five seeds, with 10,000 particles and with 100,000.
+
+    Measured: 0.022 to 0.041, and 0.007 to 0.018.
+    """
+    for count in (10_000, 100_000):
+        for seed in range(5):
+            problem = noisy_problem(seed)
+            found = filtered(problem, 3, Moves(count), np.random.default_rng(seed))
+            assert apart(found, problem) < 0.1
 
 
 def test_a_bootstrap_filter_has_kalmans_answer_in_the_limit_of_many_particles():
@@ -123,6 +131,29 @@ def test_every_way_to_resample_leads_there():
     ]
     assert max(apart(found, problem) for found in answers) < 0.15
     assert len({found.mean.tobytes() for found in answers}) == 3
+
+
+def test_evidence_is_kalmans_where_it_is_known():
+    """Log p(z) of linear problems: without drawn states to rounding, else as N^−1/2.
+
+    Over five seeds with 10,000 particles all drawn, and 4000 of one state: 0.25 and 0.43 off at
+    most (measured). A reading taken in by stages, which one blow misses by hundreds, has its
+    evidence to 0.7.
+    """
+    for problem in (linear_problem(0), linear_problem(1, m=1), noisy_problem(2)):
+        found = filtered(problem, 0, Moves(50), rng())
+        assert found.info["log_evidence"] == pytest.approx(evidence(problem), abs=1e-9)
+    for seed in range(5):
+        problem = noisy_problem(seed)
+        for drawn, count in ((3, 10_000), (1, 4000)):
+            found = filtered(problem, drawn, Moves(count), np.random.default_rng(seed))
+            assert found.info["log_evidence"] == pytest.approx(evidence(problem), abs=0.6)
+    sharp = static(np.full((1, 3), 0.7), 0.01)
+    staged = filtered(sharp, 3, Moves(4000, tempering=0.25, kernel=0.3), rng())
+    assert staged.info["tempering_stages"] > 0
+    assert staged.info["log_evidence"] == pytest.approx(evidence(sharp), abs=1.5)
+    at_once = filtered(sharp, 3, Moves(1000), rng()).info["log_evidence"]
+    assert abs(at_once - evidence(sharp)) > 100.0
 
 
 @pytest.mark.parametrize("count", [2, 50])
@@ -312,112 +343,6 @@ def test_innovations_are_judged_once_the_cloud_is_straight():
     assert np.nanmean(nis) == pytest.approx(6.0, rel=0.1)
     plain = estimator("particle[particles=300]").estimate(problem, rng())
     assert np.isnan(plain.nis).all()
-
-
-def bound_of(case: str) -> np.ndarray:
-    """The Cramér–Rao bound of the position at each epoch [m]: root of the trace."""
-    covs = wide(case).bound.filtering[:, :3, :3]
-    return np.sqrt(np.trace(covs, axis1=1, axis2=2))
-
-
-def claimed(moves: Moves, problem: Problem) -> np.ndarray:
-    covs = filtered(problem, 3, moves, rng()).cov[:, :3, :3]
-    return np.sqrt(np.trace(covs, axis1=1, axis2=2))
-
-
-def test_no_epoch_claims_a_tenth_of_the_bound_and_without_cures_many_do():
-    """Depletion is a claim to know what nobody can: guard, and the guard's own test.
-
-    100 m off over hills. What ships claims no less than a third of the bound (measured: 0.55); a
-    cloud of the same size that is only resampled claims less than a tenth for a third of the
-    flight.
-    """
-    problem, bound = lost("0.1km", 1)[0].problem(0), bound_of("0.1km")
-    assert (claimed(ALIVE, problem) > 0.33 * bound).all()
-    depleted = claimed(Moves(ALIVE.particles), problem) < 0.1 * bound
-    assert depleted.mean() > 0.1
-
-
-class _Untold(_Cloud):
-    """Jitter that the Kalman part is not told of: it takes each jump for what velocity has done."""
-
-    density = 0.25
-
-    def predict(self, k: int) -> None:
-        joint = None
-        if k > 0:
-            phi = self.problem.transition[k][:, 3:]
-            joint = phi @ self.rest @ phi.T + self.problem.process_cov[k]
-        super().predict(k)
-        if joint is not None:
-            spread = np.sqrt(self.density * (self.problem.times[k] - self.problem.times[k - 1]))
-            jumps = spread * self.rng.standard_normal((len(self.x), 3))
-            self.x[:, :3] += jumps
-            self.x[:, 3:] += jumps @ np.linalg.lstsq(joint[:3, :3], joint[:3, 3:])[0]
-
-
-@pytest.mark.long
-def test_jitter_that_the_kalman_part_is_not_told_of_is_taken_for_velocity(monkeypatch):
-    """Told, it costs a wider answer; untold, velocity jumps with every step of the position.
-
-    Settled errors of position and velocity of three runs of ``wide_prior``. Told 7.7 m and 0.1 m/s,
-    untold 45 m and 7 m/s; not even the NEES shows it, for the jumps widen the cloud as much.
-    """
-    told = settled_errors("0.1km", ALIVE._replace(straight=0.0))
-    monkeypatch.setattr(particles, "_Cloud", _Untold)
-    untold = settled_errors("0.1km", ALIVE._replace(straight=0.0, jitter=0.0))
-    assert untold[0] > 3.0 * told[0]
-    assert untold[1] > 10.0 * told[1]
-
-
-def settled_errors(case: str, moves: Moves) -> tuple[float, float]:
-    """Rms errors of position [m] and velocity [m/s] over the settled window of three runs."""
-    block, truth = lost(case, 3)
-    settled = block.times >= SETTLED
-    squares = []
-    for run in range(3):
-        found = filtered(block.problem(run), 3, moves, np.random.default_rng([4, run]))
-        error = (truth.error_state[run] - found.mean)[settled, :6]
-        squares.append((error**2).reshape(-1, 2, 3).sum(axis=2).mean(axis=0))
-    position, velocity = np.sqrt(np.mean(squares, axis=0))
-    return float(position), float(velocity)
-
-
-@functools.cache
-def flown(case: str, runs: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of the default: final position errors [m], settled mean squares [m²] and NEES of runs."""
-    block, truth = lost(case, runs)
-    rngs = [np.random.default_rng([4, run]) for run in range(runs)]
-    found = estimator("rao-blackwellised").estimate_block(block, rngs)
-    error = truth.error_state - found.mean
-    settled = block.times >= SETTLED
-    square = (error[:, :, :3] ** 2).sum(axis=2)
-    white = np.linalg.solve(found.cov[:, settled, :6, :6], error[:, settled, :6, None])[..., 0]
-    nees = (white * error[:, settled, :6]).sum(axis=2).mean(axis=1)
-    return np.sqrt(square[:, -1]), square[:, settled].mean(axis=1), nees
-
-
-@pytest.mark.parametrize("case", [pytest.param("0.1km", marks=pytest.mark.long), "1km"])
-def test_the_default_finds_where_it_is(case):
-    """Three runs lock on, at most twice the bound off; a run that does not is one in a hundred."""
-    last, squares, _ = flown(case, 3)
-    assert (last < LOCK).all()
-    assert np.sqrt(squares.mean()) < 2.0 * settled_bound(case)
-
-
-def settled_bound(case: str) -> float:
-    return float(np.sqrt(np.mean(bound_of(case)[wide(case).times >= SETTLED] ** 2)))
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("case", ["0.1km", "0.3km", "1km"])
-def test_the_default_locks_is_near_the_bound_and_consistent(case):
-    """Forty runs: 95 % lock, 1.5 times the bound, NEES in its 95 % band widened by a quarter."""
-    last, squares, nees = flown(case, 40)
-    assert np.mean(last < LOCK) >= 0.95
-    assert np.sqrt(squares.mean()) < 1.5 * settled_bound(case)
-    low, high = nees_band(40, 6)
-    assert 0.75 * low < nees.mean() < 1.25 * high
 
 
 @pytest.mark.parametrize("sensors", ["others", "gradients and others", "gravity states"])

@@ -26,7 +26,7 @@ WITH_LOSS = (
     "factor-graph[mode=batch]",
     "factor-graph[mode=isam2]",
 )
-SLOW = ("factor-graph[mode=isam2]", "factor-graph[mode=fixed-lag]")
+SLOW = ("factor-graph[mode=isam2]", "factor-graph[mode=fixed-lag]", "factor-graph[mode=batch]")
 RUNS = 6
 TAIL = 40
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from problems import changed, deviation, estimator, kalman, noisy_problem, propagated, rng
-from rough_field import RoughModel, rough_flight
+from rough_field import RoughModel, constant_offset, rough_flight
 from scipy.stats import chi2
 
-from ggbench.problem import Estimate, Problem, StateBlock
+from ggbench.problem import Estimate, Problem
 
 CRITERIA = ("msd", "mad", "ml", "cor", "ncc", "nccdm")
 
@@ -19,21 +19,7 @@ def settled(problem: Problem, label: str) -> Estimate:
 
 def at_rest(seed: int, offset: tuple[float, float, float], sigma: float = 2000.0) -> Problem:
     """A track whose INS is off by a constant, and readings without any error."""
-    problem, _ = rough_flight(seed, sigma, epochs=20)
-    place = np.array([*offset])
-    model = problem.model
-    read = np.array([model.predict(k, place) for k in range(20)])
-    return Problem(
-        times=problem.times,
-        measurements=read,
-        noise_cov=1e-2 * np.eye(read.shape[1]),
-        transition=np.tile(np.eye(3), (20, 1, 1)),
-        process_cov=np.zeros((20, 3, 3)),
-        prior_mean=np.zeros(3),
-        prior_cov=np.diag([sigma**2, sigma**2, 400.0]),
-        model=model,
-        layout=(StateBlock("position error ENU", slice(0, 3), "m"),),
-    )
+    return constant_offset(seed, offset, sigma)
 
 
 @pytest.mark.parametrize("criterion", CRITERIA)
