@@ -99,8 +99,7 @@ class UnscentedKalmanFilter(BlockEstimator):
         prediction nor each other; see :mod:`ggbench.estimators.robust`.
     threshold : residual [standard deviations of the noise] from which the loss acts; if not
         given, 1.345 for ``huber`` and 2.385 for ``cauchy``.
-    engine : ``filterpy``, the reference, or ``numba``: the filter without a loss, compiled, on many
-        runs at once.
+    engine : ``filterpy``, the reference, or ``numba``: the same, compiled, on many runs at once.
     """
 
     points: Literal["julier", "merwe", "cubature"] = "julier"
@@ -135,9 +134,7 @@ class UnscentedKalmanFilter(BlockEstimator):
             return f"alpha must be positive and finite, and is {self.alpha:g}"
         if reason := robust.refusal(self.loss, self.threshold):
             return reason
-        if self.takes_blocks:
-            return "engine=numba has no loss" if self.loss != "none" else super().skip(problem)
-        return None
+        return super().skip(problem) if self.takes_blocks else None
 
     def _kappa(self, n: int) -> float:
         """Return κ, or the default of the chosen set for n states."""
@@ -156,8 +153,9 @@ class UnscentedKalmanFilter(BlockEstimator):
             scale, more = n + kappa, 0.0
         centre = 1.0 - n / scale
         mean, cov, nis, counts = filters.unscented(
-            block, math.sqrt(scale), centre + more, 0.5 / scale
-        )
+            block, math.sqrt(scale), centre + more, 0.5 / scale,
+            self.loss, robust.threshold_of(self.loss, self.threshold),
+        )  # fmt: skip
         info = {"covariance_repairs": counts[:, 0], "map_evaluations": counts[:, 1]}
         return EstimateBlock(mean, cov, self.causality, nis=nis, info=info)
 

@@ -14,8 +14,16 @@ from ..numerics.kernels import compiled, interpreted
 from ..numerics.positive import nearest_root
 from ..numerics.vectors import load, splat, store
 from ..sensors.model_kernels import ModelArrays
+from .robust_weights import NONE, number_of, reweigh_unwhitened
 from .sigma_points import SigmaPoints, read_sigma_points, sigma_points_of
-from .whitened_readings import Readings, linearise, noise_covs, noise_inverse, readings_of
+from .whitened_readings import (
+    Readings,
+    linearise,
+    noise_covs,
+    noise_inverse,
+    readings_of,
+    scatter_squares,
+)
 
 
 @compiled
@@ -57,16 +65,8 @@ def _extended(
             lane_algebra.correct(change, white, m, x)
             lane_algebra.solve_upper(s, m, change, gain)
             lane_algebra.joseph(gain, hp, reading.rows, m, p, scratch, change)
-            _scatter_squares(reading, first, count, k, nis)
+            scatter_squares(reading, first, count, k, nis)
             lanes.scatter(x, p, first, count, k, mean, cov)
-
-
-@compiled
-def _scatter_squares(reading: Readings, first: int, count: int, k: int, nis: np.ndarray) -> None:
-    """Write the squares of the innovations of a group; NaN where there was no reading."""
-    for r in range(count):
-        there = reading.here.there[0, 0, r] != 0.0
-        nis[first + r, k] = reading.squared[0, 0, r] if there else np.nan
 
 
 @compiled
@@ -136,6 +136,8 @@ def _unscented(
     model: ModelArrays,
     spread: float,
     weights: np.ndarray,
+    loss: int,
+    threshold: float,
     mean: np.ndarray,
     cov: np.ndarray,
     nis: np.ndarray,
@@ -153,7 +155,7 @@ def _unscented(
     hp, linear = lanes.lanes(equations, n), lanes.lanes(equations, equations)
     s, white = lanes.lanes(m, m), lanes.lanes(1, max(m, equations))
     points = sigma_points_of(reading.b.shape[0], n, m, reading.slope.shape[0])
-    offset, cross = lanes.lanes(1, m), lanes.lanes(m, n)
+    offset, cross, reweighed = lanes.lanes(1, m), lanes.lanes(m, n), lanes.lanes(m + 1, m)
     centre_cov, weight = weights[0], weights[1]
     for first in lanes.starts(runs):
         count, group = lanes.count_from(first, runs), lanes.members(first, runs)
@@ -182,9 +184,12 @@ def _unscented(
             lane_algebra.factorise(linear, equations, linear)
             lane_algebra.whiten(linear, equations, reading.innovation, white)
             lane_algebra.add_squares(white, equations, reading.squared)
-            _scatter_squares(reading, first, count, k, nis)
-            lane_algebra.factorise(s, m, s)
+            scatter_squares(reading, first, count, k, nis)
             _innovations(model.bias, x, reading, offset)
+            if loss != NONE:
+                root = noise_inverse[min(k, noise_inverse.shape[0] - 1)]
+                reweigh_unwhitened(s, reading.z, r_k, root, count, loss, threshold, reweighed)
+            lane_algebra.factorise(s, m, s)
             lane_algebra.whiten(s, m, reading.z, white)
             lane_algebra.solve_lower(s, m, cross, cross)
             lane_algebra.correct(cross, white, m, x)
@@ -235,7 +240,12 @@ def extended(block: ProblemBlock) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def unscented(
-    block: ProblemBlock, spread: float, centre_cov: float, weight: float
+    block: ProblemBlock,
+    spread: float,
+    centre_cov: float,
+    weight: float,
+    loss: str = "none",
+    threshold: float = np.inf,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Run the unscented Kalman filter.
 
@@ -249,6 +259,7 @@ def unscented(
     block : the runs.
     spread : by how much the rows of the root of P are stretched.
     centre_cov, weight : of the centre in covariances, of all others. Weights in means add up to 1.
+    loss, threshold : on each whitened component of a reading, see :mod:`.robust_weights`.
 
     Returns
     -------
@@ -258,9 +269,10 @@ def unscented(
     runs, epochs, n = block.runs, block.epochs, block.dimension
     mean, cov = np.empty((runs, epochs, n)), np.empty((runs, epochs, n, n))
     nis, counts = np.empty((runs, epochs)), np.zeros((runs, 2), dtype=np.int64)
+    number = number_of(loss, threshold)
     _unscented(
         block.measurements, noise_covs(block), noise_inverse(block), block.transition,
         block.process_cov, block.prior_mean, block.prior_cov, block.model, spread,
-        np.array([centre_cov, weight]), mean, cov, nis, counts,
+        np.array([centre_cov, weight]), number, threshold, mean, cov, nis, counts,
     )  # fmt: skip
     return mean, cov, nis, counts

@@ -45,6 +45,7 @@ class Readings(NamedTuple):
     squared : (1, 1, lanes) the sum of the squares of what no state explains.
     white, residual : (g, moving, lanes), (1, m, lanes) whitened A and z − h, compressed.
     points : scratch.
+    whole : whether each channel keeps an equation of its own.
     """
 
     slope: np.ndarray
@@ -60,28 +61,32 @@ class Readings(NamedTuple):
     white: np.ndarray
     residual: np.ndarray
     points: Points
+    whole: bool
 
 
 @compiled
-def readings_of(model: ModelArrays, n: int, m: int) -> Readings:
-    """Return the arrays for readings of m channels and n states."""
+def readings_of(model: ModelArrays, n: int, m: int, whole: bool = False) -> Readings:
+    """Return the arrays for readings of m channels and n states.
+
+    Of a ``whole`` reading each channel is an equation; else they are as few as say the same.
+    """
     moving, g = moving_errors(model), model.channels.shape[0]
-    equations = max(_gradient_equations(model) + m - g, 3)
+    equations = max(_gradient_equations(model, whole) + m - g, 3)
     return Readings(
         lanes(g, 6), lanes(m - g, MOVED), lanes(moving, model.rows.shape[3]), lanes(6, 1),
         here_of(m), lanes(1, m), lanes(1, m), lanes(equations, n), lanes(1, equations), lanes(1, 1),
-        lanes(g, moving), lanes(1, m), points_of(1),
+        lanes(g, moving), lanes(1, m), points_of(1), whole,
     )  # fmt: skip
 
 
 @compiled
-def _gradient_equations(model: ModelArrays) -> int:
+def _gradient_equations(model: ModelArrays, whole: bool) -> int:
     """Return how many equations the gradiometer's channels become.
 
     What channels without biases say about ``moving`` errors is at most so many.
     """
     g = model.channels.shape[0]
-    return g if model.bias >= 0 else min(g, moving_errors(model))
+    return g if whole or model.bias >= 0 else min(g, moving_errors(model))
 
 
 @compiled
@@ -126,7 +131,7 @@ def linearise(
             total -= load(gain, 0, 0) * load(x, 0, model.bias + i)
         store(residual, 0, i, total)
     _whiten(root, out)
-    equations = _gradient_equations(model)
+    equations = _gradient_equations(model, out.whole)
     if equations < g:
         _compress(out)
     total = splat(0.0)
@@ -239,6 +244,14 @@ def _compress(out: Readings) -> None:
         store(slope, j, j, signed)
         for i in range(j + 1, m):
             store(slope, i, j, splat(0.0))
+
+
+@compiled
+def scatter_squares(reading: Readings, first: int, count: int, k: int, nis: np.ndarray) -> None:
+    """Write the squares of the innovations of a group; NaN where there was no reading."""
+    for r in range(count):
+        there = reading.here.there[0, 0, r] != 0.0
+        nis[first + r, k] = reading.squared[0, 0, r] if there else np.nan
 
 
 def noise_inverse(block: ProblemBlock) -> np.ndarray:

@@ -1,0 +1,106 @@
+"""Extended Kalman filter with iterated and robust updates on many runs at once, compiled.
+
+The equations are those of :class:`ggbench.estimators.ekf.ExtendedKalmanFilter` with filterpy, which
+remains the reference: a test holds both together.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..block import ProblemBlock
+from ..numerics import lane_algebra, lanes
+from ..numerics.kernels import LANES, compiled
+from ..sensors.model_kernels import ModelArrays
+from .iterated_update import minimise, search_of
+from .robust_weights import NONE, number_of
+from .whitened_readings import linearise, noise_inverse, readings_of, scatter_squares
+
+
+@compiled
+def _iterated(
+    measurements: np.ndarray,
+    noise_inverse: np.ndarray,
+    transition: np.ndarray,
+    process_cov: np.ndarray,
+    prior_mean: np.ndarray,
+    prior_cov: np.ndarray,
+    model: ModelArrays,
+    iterations: int,
+    loss: int,
+    threshold: float,
+    mean: np.ndarray,
+    cov: np.ndarray,
+    nis: np.ndarray,
+    counts: np.ndarray,
+) -> None:
+    """Fill mean (R, K, n), cov (R, K, n, n), NIS (R, K); counts (R, 2) of linearisations and h."""
+    runs, epochs, m = measurements.shape
+    n = prior_mean.shape[0]
+    expected = lanes.moving_states(transition, process_cov)
+    phi, q = lanes.lanes(n, n), lanes.lanes(n, n)
+    x, p, scratch = lanes.lanes(1, n), lanes.lanes(n, n), lanes.lanes(n, n)
+    reading = readings_of(model, n, m, loss != NONE)
+    m = reading.rows.shape[0]
+    search = search_of(n, m)
+    gain, change, unexplained = lanes.lanes(m, n), lanes.lanes(m, n), lanes.lanes(1, 1)
+    hp, s, white = search.hp, search.s, search.white
+    for first in lanes.starts(runs):
+        count, group = lanes.count_from(first, runs), lanes.members(first, runs)
+        lanes.spread(prior_mean.reshape((1, n)), x)
+        lanes.spread(prior_cov, p)
+        told = np.zeros((LANES, 2), dtype=np.int64)
+        for k in range(epochs):
+            moving = lanes.gather(transition, process_cov, group, k, expected, phi, q)
+            lane_algebra.predict(phi, q, moving, x, p, scratch)
+            linearise(model, measurements, noise_inverse, group, count, k, x, reading)
+            # The square of the innovation is that of every filter: linearised at the prediction.
+            lane_algebra.copy(reading.squared, unexplained)
+            lane_algebra.project(reading.rows, p, m, hp, s)
+            lane_algebra.factorise(s, m, s)
+            lane_algebra.whiten(s, m, reading.innovation, white)
+            lane_algebra.add_squares(white, m, reading.squared)
+            scatter_squares(reading, first, count, k, nis)
+            lane_algebra.copy(unexplained, reading.squared)
+            minimise(
+                model, measurements, noise_inverse, group, count, k, iterations, loss, threshold,
+                x, p, reading, search, told,
+            )  # fmt: skip
+            lane_algebra.project(search.rows, p, m, hp, s)
+            lane_algebra.factorise(s, m, s)
+            lane_algebra.solve_lower(s, m, hp, change)
+            if iterations == 1:
+                lane_algebra.whiten(s, m, search.innovation, white)
+                lane_algebra.correct(change, white, m, x)
+            lane_algebra.solve_upper(s, m, change, gain)
+            lane_algebra.joseph(gain, hp, search.rows, m, p, scratch, change)
+            lanes.scatter(x, p, first, count, k, mean, cov)
+        for r in range(count):
+            counts[first + r, 0], counts[first + r, 1] = told[r, 0], told[r, 1]
+
+
+def iterated(
+    block: ProblemBlock, iterations: int, loss: str, threshold: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Run the filter.
+
+    Parameters
+    ----------
+    block : the runs. iterations : most linearisations of h per epoch.
+    loss, threshold : on each whitened component of a reading, see :mod:`.robust_weights`.
+
+    Returns
+    -------
+    mean (R, K, n), cov (R, K, n, n), NIS (R, K), and counts (R, 2) of linearisations and of
+    evaluations of h.
+    """
+    runs, epochs, n = block.runs, block.epochs, block.dimension
+    mean, cov = np.empty((runs, epochs, n)), np.empty((runs, epochs, n, n))
+    nis, counts = np.empty((runs, epochs)), np.zeros((runs, 2), dtype=np.int64)
+    number = number_of(loss, threshold)
+    _iterated(
+        block.measurements, noise_inverse(block), block.transition, block.process_cov,
+        block.prior_mean, block.prior_cov, block.model, iterations, number, threshold,
+        mean, cov, nis, counts,
+    )  # fmt: skip
+    return mean, cov, nis, counts

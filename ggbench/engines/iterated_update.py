@@ -1,0 +1,220 @@
+"""The iterated, robust update of an extended Kalman filter on eight runs at once, compiled.
+
+It seeks the x at which J(x) = ½ (x − x⁻)ᵀ P⁻¹ (x − x⁻) + Σ ρ(r(x)) is least, r being the whitened
+residuals of a reading, by Gauss–Newton steps (Bell & Cathey 1993) that are halved until J falls.
+Every x is x⁻ + P λ, so that P needs no inverse. A run of the group that has arrived stays where it
+is, so that its neighbours do not matter to it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..numerics import lane_algebra
+from ..numerics.kernels import LANES, compiled
+from ..numerics.lanes import lanes
+from ..numerics.vectors import load, splat, store
+from ..sensors.model_kernels import ModelArrays
+from .robust_weights import NONE, loss_of, reweigh
+from .whitened_readings import Readings, linearise
+
+_HALVINGS = 12
+_CONVERGED = 1e-6
+"""Decrease of the cost below which an update has converged: a thousandth of a deviation."""
+
+
+class Search(NamedTuple):
+    """The search of eight runs at an epoch; the update is of ``rows`` and ``innovation``.
+
+    Attributes
+    ----------
+    start : (1, n, lanes) x⁻. dual : λ with x = x⁻ + P λ. step : of λ. tried : λ of a trial.
+    rows, innovation : (equations, n, lanes), (1, equations, lanes) of the last linearisation,
+        divided by the deviations that a loss makes of the noise; as seen from x⁻.
+    hp, s, white, half : scratch (equations, n), (equations, equations), (1, equations).
+    cost : (lanes,). seeking, trying : (lanes,) whether a run has not arrived; still halves.
+    weight : (equations,) scratch.
+    """
+
+    start: np.ndarray
+    dual: np.ndarray
+    step: np.ndarray
+    tried: np.ndarray
+    rows: np.ndarray
+    innovation: np.ndarray
+    hp: np.ndarray
+    s: np.ndarray
+    white: np.ndarray
+    half: np.ndarray
+    cost: np.ndarray
+    seeking: np.ndarray
+    trying: np.ndarray
+    weight: np.ndarray
+
+
+@compiled
+def search_of(n: int, equations: int) -> Search:
+    """Return the arrays of a search among n states by so many equations."""
+    return Search(
+        lanes(1, n), lanes(1, n), lanes(1, n), lanes(1, n), lanes(equations, n),
+        lanes(1, equations), lanes(equations, n), lanes(equations, equations), lanes(1, equations),
+        lanes(equations, n), np.zeros(LANES), np.zeros(LANES, dtype=np.bool_),
+        np.zeros(LANES, dtype=np.bool_), np.zeros(equations),
+    )  # fmt: skip
+
+
+@compiled
+def minimise(
+    model: ModelArrays,
+    measurements: np.ndarray,
+    noise_inverse: np.ndarray,
+    group: np.ndarray,
+    count: int,
+    k: int,
+    iterations: int,
+    loss: int,
+    threshold: float,
+    x: np.ndarray,
+    p: np.ndarray,
+    reading: Readings,
+    out: Search,
+    counts: np.ndarray,
+) -> None:
+    """Move x from the prediction to the most probable state; fill the equations of the update.
+
+    Parameters
+    ----------
+    model, measurements, noise_inverse, group, count, k : as :func:`.linearise` has them.
+    iterations : most linearisations. With one, x is left to the linear update.
+    loss, threshold : see :mod:`.robust_weights`; ``reading`` is whole if there is one.
+    x, p : (1, n, lanes), (n, n, lanes) of the prediction.
+    reading : linearised at x; overwritten. out : the search.
+    counts : (lanes, 2) to which linearisations and evaluations of h are added.
+    """
+    m = out.rows.shape[0]
+    lane_algebra.copy(x, out.start)
+    for j in range(x.shape[1]):
+        store(out.dual, 0, j, splat(0.0))
+    for r in range(LANES):
+        out.seeking[r] = r < count
+        out.trying[r] = False
+        out.cost[r] = _left(reading, r, loss, threshold)
+        counts[r, 1] += 1
+    for _ in range(iterations):
+        _take(reading, x, p, loss, threshold, out)
+        for r in range(LANES):
+            counts[r, 0] += out.seeking[r]
+        if iterations == 1:
+            return
+        lane_algebra.project(out.rows, p, m, out.hp, out.s)
+        lane_algebra.factorise(out.s, m, out.s)
+        lane_algebra.whiten(out.s, m, out.innovation, out.white)
+        lane_algebra.solve_lower(out.s, m, out.rows, out.half)
+        for j in range(x.shape[1]):
+            store(out.step, 0, j, splat(0.0) - load(out.dual, 0, j))
+        lane_algebra.correct(out.half, out.white, m, out.step)
+        _descend(
+            model, measurements, noise_inverse, group, count, k, loss, threshold, x, p, reading,
+            out, counts,
+        )  # fmt: skip
+        if not out.seeking.any():
+            return
+
+
+@compiled
+def _left(reading: Readings, r: int, loss: int, threshold: float) -> float:
+    """Return Σ ρ of a run's residuals at the state of its reading."""
+    total = 0.5 * reading.squared[0, 0, r]
+    for c in range(reading.innovation.shape[1]):
+        total += loss_of(reading.innovation[0, c, r], loss, threshold)
+    return total
+
+
+@compiled
+def _take(
+    reading: Readings, x: np.ndarray, p: np.ndarray, loss: int, threshold: float, out: Search
+) -> None:
+    """Take the equations of a reading at x, seen from x⁻, for the runs that still seek."""
+    m, n = out.rows.shape[0], out.rows.shape[1]
+    for r in range(LANES):
+        if out.seeking[r]:
+            for c in range(m):
+                total = reading.innovation[0, c, r]
+                for j in range(n):
+                    out.rows[c, j, r] = reading.rows[c, j, r]
+                    total += reading.rows[c, j, r] * (x[0, j, r] - out.start[0, j, r])
+                out.innovation[0, c, r] = total
+    if loss == NONE:
+        return
+    lane_algebra.project(out.rows, p, m, out.hp, out.s)
+    for r in range(LANES):
+        if out.seeking[r]:
+            reweigh(out.s, out.innovation, m, r, loss, threshold, out.weight)
+            for c in range(m):
+                root = np.sqrt(out.weight[c])
+                out.innovation[0, c, r] *= root
+                for j in range(n):
+                    out.rows[c, j, r] *= root
+
+
+@compiled
+def _descend(
+    model: ModelArrays,
+    measurements: np.ndarray,
+    noise_inverse: np.ndarray,
+    group: np.ndarray,
+    count: int,
+    k: int,
+    loss: int,
+    threshold: float,
+    x: np.ndarray,
+    p: np.ndarray,
+    reading: Readings,
+    out: Search,
+    counts: np.ndarray,
+) -> None:
+    """Take as much of the step as lets the cost fall; who gains too little by it has arrived.
+
+    At the end ``reading`` is linearised at x for all runs that still seek.
+    """
+    n = x.shape[1]
+    before = out.cost.copy()
+    out.trying[:] = out.seeking
+    part = 1.0
+    for _ in range(_HALVINGS):
+        for j in range(n):
+            for r in range(LANES):
+                # One that has found its x is evaluated there again.
+                moved = part * out.step[0, j, r] if out.trying[r] else 0.0
+                out.tried[0, j, r] = out.dual[0, j, r] + moved
+        for i in range(n):
+            total = splat(0.0)
+            for j in range(n):
+                total += load(p, i, j) * load(out.tried, 0, j)
+            store(x, 0, i, load(out.start, 0, i) + total)
+        linearise(model, measurements, noise_inverse, group, count, k, x, reading)
+        for r in range(LANES):
+            if out.trying[r]:
+                counts[r, 1] += 1
+                total = 0.0
+                for j in range(n):
+                    total += out.tried[0, j, r] * (x[0, j, r] - out.start[0, j, r])
+                cost = 0.5 * total + _left(reading, r, loss, threshold)
+                if cost < out.cost[r]:
+                    out.cost[r] = cost
+                    out.trying[r] = False
+                    for j in range(n):
+                        out.dual[0, j, r] = out.tried[0, j, r]
+        if not out.trying.any():
+            break
+        part *= 0.5
+    for i in range(n):
+        total = splat(0.0)
+        for j in range(n):
+            total += load(p, i, j) * load(out.dual, 0, j)
+        store(x, 0, i, load(out.start, 0, i) + total)
+    for r in range(LANES):
+        if before[r] - out.cost[r] < _CONVERGED:
+            out.seeking[r] = False
