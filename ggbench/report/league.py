@@ -376,6 +376,8 @@ def read_entry(folder: Path) -> Entry | str:
     results = Results(folder)
     try:
         loaded = results.scenario
+        if not loaded.campaign.league:
+            return f"{folder} is left out, as its scenario asks: it has a report of its own"
         summary = results.summary()
         if summary.empty:
             return f"{folder} is left out: it holds no finished run"

@@ -70,6 +70,8 @@ class CampaignSpec(Section):
     estimators: Annotated[Listed[str], Field(min_length=1)] = ("ins", "ekf")
     time_limit_s: TimeLimit = 600.0
     """Longest time of one run of one estimator [s]."""
+    league: bool = True
+    """Whether the league counts it: not a study whose flights are those of other scenarios."""
 
     def runs_of(self, study: str, runs: int) -> int:
         """Return how many of so many runs an assumption's study takes; the cases ("") take all."""

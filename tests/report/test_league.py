@@ -265,6 +265,9 @@ def library(tmp_path_factory) -> Path:
     store, _ = plan(path, "results/stopped", ("ekf",), runs=9, scenario=loaded).open()
     store.close()
     shutil.copytree(path / "results" / "small", path / "results" / "again")
+    (path / "study.toml").write_text(SMALL.replace("[campaign]", "[campaign]\nleague = false"))
+    study = scenario.load(str(path / "study.toml"))
+    ran(path, "results/study", labels=("ekf",), runs=2, scenario=study).store.close()
     (path / "results" / "damaged").mkdir()
     (path / "results" / "damaged" / "manifest.json").write_text("{")
     (path / "results" / "notes.txt").write_text("no results")
@@ -279,10 +282,11 @@ def test_the_reports_of_a_library(library):
     assert "results/damaged/manifest.json is damaged" in done.stdout
     assert "results/again is left out: results/small is of the same scenario" in done.stdout
     assert "results/stopped is left out: it is not finished, of 9 runs 2 are done" in done.stdout
+    assert "results/study is left out, as its scenario asks" in done.stdout
     text = (library / "text" / "README.md").read_text()
     assert text.startswith("# Which estimator should I use when, and what does it cost?\n")
-    assert "](small.md)" in text and "](stopped.md)" not in text
-    for name in ("small.md", "stopped.md", "README/league.png"):
+    assert "](small.md)" in text and "](stopped.md)" not in text and "](study.md)" not in text
+    for name in ("small.md", "stopped.md", "study.md", "README/league.png"):
         assert (library / "text" / name).stat().st_size > 2000
     links = re.findall(r"\]\(([^)#]+)\)", text)
     assert [link for link in links if not (library / "text" / link).exists()] == []
