@@ -92,14 +92,15 @@ class FactorGraph(BlockEstimator):
         if reason := robust.refusal(self.loss, self.threshold):
             return reason
         if self.takes_blocks:
-            if self.mode != "batch" or self.loss != "none":
-                return "engine=numba solves mode=batch without a loss; the others need gtsam"
+            if self.mode != "batch":
+                return "engine=numba solves mode=batch; the others need gtsam"
             return super().skip(problem)
         return None
 
     def estimate_block(self, block: ProblemBlock) -> EstimateBlock:
         """Solve the batch problems of all runs of a block."""
-        mean, cov, info = batch_smoother.smoother(block, self.max_iterations)
+        threshold = robust.threshold_of(self.loss, self.threshold)
+        mean, cov, info = batch_smoother.smoother(block, self.max_iterations, self.loss, threshold)
         return EstimateBlock(mean, cov, self.causality, info=info)
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:

@@ -17,6 +17,7 @@ from ..block import ProblemBlock
 from ..numerics import lane_algebra, lanes
 from ..numerics.kernels import compiled
 from ..sensors.model_kernels import ModelArrays
+from .robust_weights import NONE, number_of
 from .smoother_passes import (
     Costs,
     Path,
@@ -47,6 +48,8 @@ def _smooth(
     prior_cov: np.ndarray,
     model: ModelArrays,
     most: int,
+    loss: int,
+    threshold: float,
     mean: np.ndarray,
     cov: np.ndarray,
     iterations: np.ndarray,
@@ -57,11 +60,12 @@ def _smooth(
     runs, epochs = measurements.shape[0], measurements.shape[1]
     n = prior_mean.shape[0]
     expected = lanes.moving_states(transition, process_cov)
-    reading = readings_of(model, n, measurements.shape[2])
+    reading = readings_of(model, n, measurements.shape[2], loss != NONE)
     m = reading.rows.shape[0]
     path, work, damping_work = path_of(epochs, n, m), work_of(n, m), work_of(n, n)
     costs = costs_of()
     cost, unexplained, linear = lanes.numbers(0.0), lanes.numbers(0.0), lanes.numbers(0.0)
+    base = lanes.numbers(0.0)  # the cost by the linear problem: with a loss another one
     damping, felt = lanes.numbers(0.0), lanes.numbers(0.0)
     active = felt != felt
     for first in lanes.starts(runs):
@@ -82,11 +86,12 @@ def _smooth(
         while active.any():
             costs.unexplained[:] = 0.0
             costs.explained[:] = 0.0
+            costs.weighted[:] = 0.0
             for k in range(epochs):
                 linearise(
                     model, measurements, noise_inverse, group, count, k, path.trial[k], reading
                 )
-                judge(path, reading, k, costs)
+                judge(path, reading, k, loss, threshold, costs)
                 for r in range(count):
                     if not active[r]:
                         put_back(path, k, r)
@@ -100,10 +105,13 @@ def _smooth(
                 new_cost = 0.5 * (costs.motion[0, 0, r] + left + costs.explained[0, 0, r])
                 good, final = True, False
                 if begun:
-                    good, final, damping[r] = decide(cost[r], linear[r], new_cost, damping[r])
+                    good, final, damping[r] = decide(
+                        cost[r], base[r], linear[r], new_cost, damping[r]
+                    )
                 if good:
                     take_trial(path, r)
                     cost[r], unexplained[r] = new_cost, left
+                    base[r] = 0.5 * (costs.motion[0, 0, r] + left + costs.weighted[0, 0, r])
                     if begun:
                         iterations[run] += 1
                         final |= iterations[run] >= most
@@ -122,7 +130,7 @@ def _smooth(
                 go_back(path, prior_cov, damped, work, damping_work, costs)
                 for r in range(count):
                     linear[r] = _linear_cost(costs, unexplained[r], r)
-                    active[r] &= not arrived(cost[r], linear[r])
+                    active[r] &= not arrived(base[r], linear[r])
         if damped:  # what is kept of the filter is undamped
             felt[:] = 0.0
             _filter(path, prior_mean, prior_cov, felt, work, damping_work)
@@ -130,7 +138,7 @@ def _smooth(
         go_back(path, prior_cov, False, work, damping_work, costs)
         for r in range(count):
             errors[first + r] = cost[r]
-            if is_last_step(cost[r], _linear_cost(costs, unexplained[r], r)):
+            if is_last_step(base[r], _linear_cost(costs, unexplained[r], r)):
                 take_trial(path, r)
         covariances(path, first, count, work, mean, cov)
 
@@ -161,13 +169,14 @@ def _filter(
 
 
 def smoother(
-    block: ProblemBlock, most: int
+    block: ProblemBlock, most: int, loss: str = "none", threshold: float = np.inf
 ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
     """Solve the batch problem of every run.
 
     Parameters
     ----------
     block : the runs. most : limit of the steps.
+    loss, threshold : on each whitened component of a reading, see :mod:`.robust_weights`.
 
     Returns
     -------
@@ -179,7 +188,7 @@ def smoother(
     error = np.zeros(runs)
     _smooth(
         block.measurements, noise_inverse(block), block.transition, block.process_cov,
-        block.prior_mean, block.prior_cov, block.model, most,
+        block.prior_mean, block.prior_cov, block.model, most, number_of(loss, threshold), threshold,
         mean, cov, iterations, error, evaluations,
     )  # fmt: skip
     mean[(iterations == 0) & (error > 0.0)] = np.nan  # it gave up

@@ -17,8 +17,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..numerics import lane_algebra, lanes
-from ..numerics.kernels import compiled
+from ..numerics.kernels import LANES, compiled
 from ..numerics.vectors import load, splat, store
+from .robust_weights import NONE, loss_of, weight_of
 from .whitened_readings import Readings
 
 
@@ -89,12 +90,15 @@ class Costs(NamedTuple):
     Attributes
     ----------
     unexplained : squares of what no state explains.
-    explained : squares of the other residuals; promised : what the linear problem said of them.
+    explained : squares of the other residuals, or twice the loss of each.
+    weighted : their squares with the weights that a loss gives them; without one ``explained``.
+    promised : what the linear problem said of these.
     motion : the cost of the motion, twice.
     """
 
     unexplained: np.ndarray
     explained: np.ndarray
+    weighted: np.ndarray
     promised: np.ndarray
     motion: np.ndarray
 
@@ -146,7 +150,8 @@ def work_of(n: int, m: int) -> Work:
 @compiled
 def costs_of() -> Costs:
     """Return costs of nothing."""
-    return Costs(lanes.lanes(1, 1), lanes.lanes(1, 1), lanes.lanes(1, 1), lanes.lanes(1, 1))
+    new = lanes.lanes
+    return Costs(new(1, 1), new(1, 1), new(1, 1), new(1, 1), new(1, 1))
 
 
 @compiled
@@ -167,23 +172,44 @@ def take_trial(path: Path, r: int) -> None:
 
 
 @compiled
-def judge(path: Path, reading: Readings, k: int, costs: Costs) -> None:
-    """Replace the linear problem of an epoch by the one about the trial; add up the costs."""
+def judge(path: Path, reading: Readings, k: int, loss: int, threshold: float, costs: Costs) -> None:
+    """Replace the linear problem of an epoch by the one about the trial; add up the costs.
+
+    Equations of a reading are multiplied with the roots of the weights that a loss gives them.
+    """
     rows, target, trial = path.rows[k], path.target[k], path.trial[k]
     m, n = rows.shape[0], rows.shape[1]
-    explained = load(costs.explained, 0, 0)
+    if loss != NONE:
+        _weigh(reading, loss, threshold, costs)
+    weighted = load(costs.weighted, 0, 0)
     for c in range(m):
         new = load(reading.innovation, 0, c)
-        explained += new * new
+        weighted += new * new
         for j in range(n):
             new += load(reading.rows, c, j) * load(trial, 0, j)
         store(path.old_target[k], 0, c, load(target, 0, c))
         store(target, 0, c, new)
-    store(costs.explained, 0, 0, explained)
+    store(costs.weighted, 0, 0, weighted)
+    if loss == NONE:
+        store(costs.explained, 0, 0, weighted)
     total = load(costs.unexplained, 0, 0) + load(reading.squared, 0, 0)
     store(costs.unexplained, 0, 0, total)
     lane_algebra.copy(rows, path.old_rows[k])
     lane_algebra.copy(reading.rows, rows)
+
+
+@compiled
+def _weigh(reading: Readings, loss: int, threshold: float, costs: Costs) -> None:
+    """Multiply equations with the roots of their weights; add up twice their losses."""
+    m, n = reading.rows.shape[0], reading.rows.shape[1]
+    for r in range(LANES):
+        for c in range(m):
+            residual = reading.innovation[0, c, r]
+            costs.explained[0, 0, r] += 2.0 * loss_of(residual, loss, threshold)
+            root = math.sqrt(weight_of(residual, loss, threshold))
+            reading.innovation[0, c, r] *= root
+            for j in range(n):
+                reading.rows[c, j, r] *= root
 
 
 @compiled

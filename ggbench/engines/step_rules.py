@@ -31,20 +31,20 @@ def arrived(cost: float, linear_cost: float) -> bool:
 
 @compiled
 def decide(
-    cost: float, linear_cost: float, new_cost: float, damping: float
+    cost: float, base: float, linear_cost: float, new_cost: float, damping: float
 ) -> tuple[bool, bool, float]:
     """Return whether a step is taken, whether the search ends, and the next damping.
 
     Parameters
     ----------
     cost, new_cost : before and after the step.
-    linear_cost : after it, by the linear problem.
+    base, linear_cost : the same by the linear problem; with a loss its cost is another one.
     damping : of the step.
     """
-    promised, gained = cost - linear_cost, cost - new_cost
+    promised, gained = base - linear_cost, cost - new_cost
     if abs(promised) <= _ROUNDING and abs(gained) <= _ROUNDING:
-        return promised > _NOTHING * cost, True, damping
-    if promised > 2.2e-16 * cost and gained > _LEAST_FIDELITY * promised:
+        return promised > _NOTHING * base, True, damping
+    if promised > 2.2e-16 * base and gained > _LEAST_FIDELITY * promised:
         enough = gained <= max(ABSOLUTE_DECREASE, RELATIVE_DECREASE * cost)
         return True, enough, damping / _FACTOR
     damping *= _FACTOR

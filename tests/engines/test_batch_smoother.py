@@ -59,6 +59,24 @@ def test_the_minimum_is_gtsams(name, case, runs):
         assert np.abs((deviations[0] - deviations[1]) / sigma).max() < 1e-8
 
 
+@pytest.mark.parametrize("loss", ["huber", "cauchy"])
+def test_the_minimum_with_a_loss_is_gtsams(loss):
+    """Among outliers, where the estimate without a loss is another one; in as many steps."""
+    block = block_of_runs("outliers", "outliers-5pc", 0, 2)
+    robust = choose(f"factor-graph[mode=batch,loss={loss},engine=numba]").estimator
+    found, plain = robust.estimate_block(block), batch_smoother.smoother(block, MOST)
+    reference = choose(f"factor-graph[mode=batch,loss={loss}]").estimator
+    sigma = np.sqrt(np.diag(block.prior_cov))
+    for run in range(block.runs):
+        expected = reference.estimate(block.problem(run), np.random.default_rng(0))
+        assert found.info["error"][run] == pytest.approx(expected.info["error"], rel=1e-9)
+        assert found.info["iterations"][run] == expected.info["iterations"]
+        apart = np.abs((found.mean[run] - expected.mean) / sigma).max()
+        assert apart < 1e-6 and np.abs((plain[0][run] - expected.mean) / sigma).max() > 1e-3
+        covs = np.abs((found.cov[run] - expected.cov) / np.outer(sigma, sigma)).max()
+        assert covs < 1e-6
+
+
 @pytest.mark.parametrize("most", [1, 2, MOST])
 def test_of_any_prior_and_any_noise_the_minimum_is_gtsams(most):
     """A mean that is not zero, and states and channels that correlate.

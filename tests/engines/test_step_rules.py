@@ -30,9 +30,16 @@ CASES = {
 @pytest.mark.parametrize("what", CASES)
 def test_a_step_is_decided_upon_by_what_it_promised_and_gained(what):
     given, (taken, last, damping) = CASES[what]
-    found = decide(*given)
+    cost, *others = given
+    found = decide(cost, cost, *others)
     assert found[:2] == (taken, last)
     assert found[2] == pytest.approx(damping)
+
+
+def test_a_promise_is_of_the_linear_problem_which_with_a_loss_has_another_cost():
+    """80 that weigh 100: to 95 is a promise of 5, of which 4 are gained, or nothing."""
+    assert decide(80.0, 100.0, 95.0, 76.0, 1e-3)[0]
+    assert not decide(80.0, 100.0, 95.0, 80.0, 1e-3)[0]
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])

@@ -39,7 +39,6 @@ from ggbench.problem import Problem, StateBlock
         ("ekf[engine=numba,threshold=2]", "needs a loss"),
         ("ukf[engine=numba,threshold=2]", "needs a loss"),
         ("factor-graph[engine=numba]", "mode=batch"),
-        ("factor-graph[mode=batch,engine=numba,loss=huber]", "without a loss"),
         ("factor-graph[mode=batch,engine=numba,threshold=2]", "needs a loss"),
     ],
 )
