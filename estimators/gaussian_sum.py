@@ -10,12 +10,15 @@ sec. 11.6). What weighs nothing is dropped, what has become the same is merged.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
+from ..block import BlockEstimator, EstimateBlock, ProblemBlock
 from ..engines.banks import Bank, updated_covs
+from ..engines.gaussian_sum import gaussian_sum
 from ..numerics.kernels import compiled
-from ..problem import Causality, Estimate, Estimator, Problem
+from ..problem import Causality, Estimate, Problem
 from . import robust
 from .robust import Loss
 
@@ -33,7 +36,7 @@ _CONVERGED = 1e-6
 
 
 @dataclass(frozen=True)
-class GaussianSum(Estimator):
+class GaussianSum(BlockEstimator):
     """Gaussian-sum filter over the position.
 
     Parameters
@@ -46,6 +49,8 @@ class GaussianSum(Estimator):
         linearisation; see :mod:`ggbench.estimators.robust`.
     threshold : residual [standard deviations of the noise] from which the loss acts; if not
         given, 1.345 for ``huber`` and 2.385 for ``cauchy``.
+    engine : ``numpy``, the reference, or ``numba``: the same without a loss, compiled, on many runs
+        at once.
     """
 
     spacing_m: float = 250.0
@@ -53,6 +58,7 @@ class GaussianSum(Estimator):
     iterations: int = 3
     loss: Loss = "none"
     threshold: float | None = None
+    engine: Literal["numpy", "numba"] = "numpy"
 
     name = "gaussian-sum"
 
@@ -60,6 +66,11 @@ class GaussianSum(Estimator):
     def causality(self) -> Causality:
         """Measurements up to each epoch."""
         return "filter"
+
+    @property
+    def takes_blocks(self) -> bool:
+        """Only the engine ``numba``."""
+        return self.engine == "numba"
 
     def skip(self, problem: Problem) -> str | None:
         """Refuse grids that do not exist."""
@@ -71,10 +82,23 @@ class GaussianSum(Estimator):
             return f"iterations must be at least 1, and is {self.iterations}"
         if self.loss != "none" and self.iterations == 1:
             return "a loss needs at least 2 iterations"
-        return robust.refusal(self.loss, self.threshold)
+        if reason := robust.refusal(self.loss, self.threshold):
+            return reason
+        if self.takes_blocks:
+            return "engine=numba has no loss" if self.loss != "none" else super().skip(problem)
+        return None
+
+    def estimate_block(self, block: ProblemBlock) -> EstimateBlock:
+        """Filter all runs of a block."""
+        mean, cov, info = gaussian_sum(
+            block, self.spacing_m, self.most, _WIDTH, self.iterations, _HALVINGS, _NEGLIGIBLE, _SAME
+        )
+        return EstimateBlock(mean, cov, self.causality, info=info)
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
         """Carry the mixture from epoch to epoch; return its mean and covariance."""
+        if self.takes_blocks:
+            return super().estimate(problem, rng)
         threshold = robust.threshold_of(self.loss, self.threshold)
         bank = _Hypotheses(problem, self.spacing_m, self.most, self.loss, threshold)
         mean = np.empty((problem.epochs, problem.dimension))

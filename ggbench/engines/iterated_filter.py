@@ -16,6 +16,8 @@ from .iterated_update import minimise, search_of
 from .robust_weights import NONE, number_of
 from .whitened_readings import linearise, noise_inverse, readings_of, scatter_squares
 
+_HALVINGS = 12
+
 
 @compiled
 def _iterated(
@@ -63,8 +65,8 @@ def _iterated(
             scatter_squares(reading, first, count, k, nis)
             lane_algebra.copy(unexplained, reading.squared)
             minimise(
-                model, measurements, noise_inverse, group, count, k, iterations, loss, threshold,
-                x, p, reading, search, told,
+                model, measurements, noise_inverse, group, count, k, iterations, _HALVINGS, loss,
+                threshold, x, p, reading, search, told,
             )  # fmt: skip
             lane_algebra.project(search.rows, p, m, hp, s)
             lane_algebra.factorise(s, m, s)

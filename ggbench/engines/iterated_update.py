@@ -20,7 +20,6 @@ from ..sensors.model_kernels import ModelArrays
 from .robust_weights import NONE, loss_of, reweigh
 from .whitened_readings import Readings, linearise
 
-_HALVINGS = 12
 _CONVERGED = 1e-6
 """Decrease of the cost below which an update has converged: a thousandth of a deviation."""
 
@@ -74,6 +73,7 @@ def minimise(
     count: int,
     k: int,
     iterations: int,
+    halvings: int,
     loss: int,
     threshold: float,
     x: np.ndarray,
@@ -88,6 +88,7 @@ def minimise(
     ----------
     model, measurements, noise_inverse, group, count, k : as :func:`.linearise` has them.
     iterations : most linearisations. With one, x is left to the linear update.
+    halvings : how many parts of a step are tried.
     loss, threshold : see :mod:`.robust_weights`; ``reading`` is whole if there is one.
     x, p : (1, n, lanes), (n, n, lanes) of the prediction.
     reading : linearised at x; overwritten. out : the search.
@@ -116,8 +117,8 @@ def minimise(
             store(out.step, 0, j, splat(0.0) - load(out.dual, 0, j))
         lane_algebra.correct(out.half, out.white, m, out.step)
         _descend(
-            model, measurements, noise_inverse, group, count, k, loss, threshold, x, p, reading,
-            out, counts,
+            model, measurements, noise_inverse, group, count, k, halvings, loss, threshold, x, p,
+            reading, out, counts,
         )  # fmt: skip
         if not out.seeking.any():
             return
@@ -167,6 +168,7 @@ def _descend(
     group: np.ndarray,
     count: int,
     k: int,
+    halvings: int,
     loss: int,
     threshold: float,
     x: np.ndarray,
@@ -183,7 +185,7 @@ def _descend(
     before = out.cost.copy()
     out.trying[:] = out.seeking
     part = 1.0
-    for _ in range(_HALVINGS):
+    for _ in range(halvings):
         for j in range(n):
             for r in range(LANES):
                 # One that has found its x is evaluated there again.
