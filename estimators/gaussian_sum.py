@@ -17,6 +17,8 @@ import numpy as np
 from ..block import BlockEstimator, EstimateBlock, ProblemBlock
 from ..engines.banks import Bank, updated_covs
 from ..engines.gaussian_sum import gaussian_sum
+from ..engines.iterated_update import Rules
+from ..engines.robust_weights import number_of
 from ..numerics.kernels import compiled
 from ..problem import Causality, Estimate, Problem
 from . import robust
@@ -49,8 +51,7 @@ class GaussianSum(BlockEstimator):
         linearisation; see :mod:`ggbench.estimators.robust`.
     threshold : residual [standard deviations of the noise] from which the loss acts; if not
         given, 1.345 for ``huber`` and 2.385 for ``cauchy``.
-    engine : ``numpy``, the reference, or ``numba``: the same without a loss, compiled, on many runs
-        at once.
+    engine : ``numpy``, the reference, or ``numba``: the same, compiled, on many runs at once.
     """
 
     spacing_m: float = 250.0
@@ -84,14 +85,14 @@ class GaussianSum(BlockEstimator):
             return "a loss needs at least 2 iterations"
         if reason := robust.refusal(self.loss, self.threshold):
             return reason
-        if self.takes_blocks:
-            return "engine=numba has no loss" if self.loss != "none" else super().skip(problem)
-        return None
+        return super().skip(problem) if self.takes_blocks else None
 
     def estimate_block(self, block: ProblemBlock) -> EstimateBlock:
         """Filter all runs of a block."""
+        threshold = robust.threshold_of(self.loss, self.threshold)
+        rules = Rules(self.iterations, _HALVINGS, number_of(self.loss, threshold), threshold, False)
         mean, cov, info = gaussian_sum(
-            block, self.spacing_m, self.most, _WIDTH, self.iterations, _HALVINGS, _NEGLIGIBLE, _SAME
+            block, self.spacing_m, self.most, _WIDTH, rules, _NEGLIGIBLE, _SAME
         )
         return EstimateBlock(mean, cov, self.causality, info=info)
 

@@ -15,7 +15,7 @@ from ..numerics import lane_algebra, lanes
 from ..numerics.kernels import LANES, compiled
 from ..sensors.model_kernels import ModelArrays
 from .banks import split_prior
-from .iterated_update import minimise, search_of
+from .iterated_update import Rules, minimise, search_of
 from .robust_weights import NONE
 from .whitened_readings import linearise, noise_inverse, readings_of
 
@@ -30,8 +30,7 @@ def _filter(
     first_weights: np.ndarray,
     first_means: np.ndarray,
     first_cov: np.ndarray,
-    iterations: int,
-    halvings: int,
+    rules: Rules,
     negligible: float,
     same: float,
     mean: np.ndarray,
@@ -48,7 +47,7 @@ def _filter(
     expected = lanes.moving_states(transition, process_cov)
     phi, q = lanes.lanes(n, n), lanes.lanes(n, n)
     x, p, scratch = lanes.lanes(1, n), lanes.lanes(n, n), lanes.lanes(n, n)
-    reading = readings_of(model, n, m)
+    reading = readings_of(model, n, m, rules.loss != NONE)
     m = reading.rows.shape[0]
     search = search_of(n, m)
     gain, change = lanes.lanes(m, n), lanes.lanes(m, n)
@@ -74,13 +73,13 @@ def _filter(
                 lane_algebra.predict(phi, q, moving, x, p, scratch)
                 linearise(model, measurements, noise_inverse, group, used, k, x, reading)
                 minimise(
-                    model, measurements, noise_inverse, group, used, k, iterations, halvings,
-                    NONE, math.inf, x, p, reading, search, told,
+                    model, measurements, noise_inverse, group, used, k, rules, x, p, reading,
+                    search, told,
                 )  # fmt: skip
                 lane_algebra.project(search.rows, p, m, hp, s)
                 lane_algebra.factorise(s, m, s)
                 lane_algebra.solve_lower(s, m, hp, change)
-                if iterations == 1:
+                if rules.iterations == 1:
                     lane_algebra.whiten(s, m, search.innovation, white)
                     lane_algebra.correct(change, white, m, x)
                     lane_algebra.add_squares(white, m, reading.squared)
@@ -286,8 +285,7 @@ def gaussian_sum(
     spacing_m: float,
     most: int,
     width: float,
-    iterations: int,
-    halvings: int,
+    rules: Rules,
     negligible: float,
     same: float,
 ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
@@ -296,7 +294,7 @@ def gaussian_sum(
     Parameters
     ----------
     block : the runs. spacing_m, most, width : of the prior's Gaussians, see :func:`.split_prior`.
-    iterations, halvings : of each update, see :func:`.minimise`.
+    rules : of each update.
     negligible : weight against the largest one below which a hypothesis is dropped.
     same : squared Mahalanobis distance below which two are one.
 
@@ -311,8 +309,8 @@ def gaussian_sum(
     counts, sizes = np.zeros(runs, dtype=np.int64), np.zeros(runs)
     _filter(
         block.measurements, noise_inverse(block), block.transition, block.process_cov, block.model,
-        weights, means * scale, covs[0] * np.outer(scale, scale), iterations, halvings, negligible,
-        same, mean, cov, counts, sizes,
+        weights, means * scale, covs[0] * np.outer(scale, scale), rules, negligible, same,
+        mean, cov, counts, sizes,
     )  # fmt: skip
     started = np.full(runs, len(weights))
     info = {"hypotheses": started, "mean_hypotheses": sizes, "map_evaluations": counts}

@@ -12,7 +12,7 @@ from ..block import ProblemBlock
 from ..numerics import lane_algebra, lanes
 from ..numerics.kernels import LANES, compiled
 from ..sensors.model_kernels import ModelArrays
-from .iterated_update import minimise, search_of
+from .iterated_update import Rules, minimise, search_of
 from .robust_weights import NONE, number_of
 from .whitened_readings import linearise, noise_inverse, readings_of, scatter_squares
 
@@ -28,9 +28,7 @@ def _iterated(
     prior_mean: np.ndarray,
     prior_cov: np.ndarray,
     model: ModelArrays,
-    iterations: int,
-    loss: int,
-    threshold: float,
+    rules: Rules,
     mean: np.ndarray,
     cov: np.ndarray,
     nis: np.ndarray,
@@ -42,7 +40,7 @@ def _iterated(
     expected = lanes.moving_states(transition, process_cov)
     phi, q = lanes.lanes(n, n), lanes.lanes(n, n)
     x, p, scratch = lanes.lanes(1, n), lanes.lanes(n, n), lanes.lanes(n, n)
-    reading = readings_of(model, n, m, loss != NONE)
+    reading = readings_of(model, n, m, rules.loss != NONE)
     m = reading.rows.shape[0]
     search = search_of(n, m)
     gain, change, unexplained = lanes.lanes(m, n), lanes.lanes(m, n), lanes.lanes(1, 1)
@@ -65,13 +63,13 @@ def _iterated(
             scatter_squares(reading, first, count, k, nis)
             lane_algebra.copy(unexplained, reading.squared)
             minimise(
-                model, measurements, noise_inverse, group, count, k, iterations, _HALVINGS, loss,
-                threshold, x, p, reading, search, told,
+                model, measurements, noise_inverse, group, count, k, rules, x, p, reading, search,
+                told,
             )  # fmt: skip
             lane_algebra.project(search.rows, p, m, hp, s)
             lane_algebra.factorise(s, m, s)
             lane_algebra.solve_lower(s, m, hp, change)
-            if iterations == 1:
+            if rules.iterations == 1:
                 lane_algebra.whiten(s, m, search.innovation, white)
                 lane_algebra.correct(change, white, m, x)
             lane_algebra.solve_upper(s, m, change, gain)
@@ -99,10 +97,10 @@ def iterated(
     runs, epochs, n = block.runs, block.epochs, block.dimension
     mean, cov = np.empty((runs, epochs, n)), np.empty((runs, epochs, n, n))
     nis, counts = np.empty((runs, epochs)), np.zeros((runs, 2), dtype=np.int64)
-    number = number_of(loss, threshold)
+    rules = Rules(iterations, _HALVINGS, number_of(loss, threshold), threshold, True)
     _iterated(
         block.measurements, noise_inverse(block), block.transition, block.process_cov,
-        block.prior_mean, block.prior_cov, block.model, iterations, number, threshold,
+        block.prior_mean, block.prior_cov, block.model, rules,
         mean, cov, nis, counts,
     )  # fmt: skip
     return mean, cov, nis, counts

@@ -17,11 +17,30 @@ from ..numerics.kernels import LANES, compiled
 from ..numerics.lanes import lanes
 from ..numerics.vectors import load, splat, store
 from ..sensors.model_kernels import ModelArrays
-from .robust_weights import NONE, loss_of, reweigh
+from .robust_weights import NONE, ROUNDS, loss_of, reweigh, weight_of
 from .whitened_readings import Readings, linearise
 
 _CONVERGED = 1e-6
 """Decrease of the cost below which an update has converged: a thousandth of a deviation."""
+
+
+class Rules(NamedTuple):
+    """How an update searches.
+
+    Attributes
+    ----------
+    iterations : most linearisations. With one, x is left to the linear update.
+    halvings : how many parts of a step are tried.
+    loss, threshold : see :mod:`.robust_weights`; with a loss readings are whole.
+    settled : whether the weights of a loss are those that a linear update leaves as they are, or
+        those of the residuals at each linearisation.
+    """
+
+    iterations: int
+    halvings: int
+    loss: int
+    threshold: float
+    settled: bool
 
 
 class Search(NamedTuple):
@@ -72,10 +91,7 @@ def minimise(
     group: np.ndarray,
     count: int,
     k: int,
-    iterations: int,
-    halvings: int,
-    loss: int,
-    threshold: float,
+    rules: Rules,
     x: np.ndarray,
     p: np.ndarray,
     reading: Readings,
@@ -87,9 +103,7 @@ def minimise(
     Parameters
     ----------
     model, measurements, noise_inverse, group, count, k : as :func:`.linearise` has them.
-    iterations : most linearisations. With one, x is left to the linear update.
-    halvings : how many parts of a step are tried.
-    loss, threshold : see :mod:`.robust_weights`; ``reading`` is whole if there is one.
+    rules : of the search.
     x, p : (1, n, lanes), (n, n, lanes) of the prediction.
     reading : linearised at x; overwritten. out : the search.
     counts : (lanes, 2) to which linearisations and evaluations of h are added.
@@ -101,13 +115,13 @@ def minimise(
     for r in range(LANES):
         out.seeking[r] = r < count
         out.trying[r] = False
-        out.cost[r] = _left(reading, r, loss, threshold)
+        out.cost[r] = _left(reading, r, rules)
         counts[r, 1] += 1
-    for _ in range(iterations):
-        _take(reading, x, p, loss, threshold, out)
+    for iteration in range(rules.iterations):
+        _take(reading, x, p, rules, iteration == 0, out)
         for r in range(LANES):
             counts[r, 0] += out.seeking[r]
-        if iterations == 1:
+        if rules.iterations == 1:
             return
         lane_algebra.project(out.rows, p, m, out.hp, out.s)
         lane_algebra.factorise(out.s, m, out.s)
@@ -117,25 +131,24 @@ def minimise(
             store(out.step, 0, j, splat(0.0) - load(out.dual, 0, j))
         lane_algebra.correct(out.half, out.white, m, out.step)
         _descend(
-            model, measurements, noise_inverse, group, count, k, halvings, loss, threshold, x, p,
-            reading, out, counts,
+            model, measurements, noise_inverse, group, count, k, rules, x, p, reading, out, counts,
         )  # fmt: skip
         if not out.seeking.any():
             return
 
 
 @compiled
-def _left(reading: Readings, r: int, loss: int, threshold: float) -> float:
+def _left(reading: Readings, r: int, rules: Rules) -> float:
     """Return Σ ρ of a run's residuals at the state of its reading."""
     total = 0.5 * reading.squared[0, 0, r]
     for c in range(reading.innovation.shape[1]):
-        total += loss_of(reading.innovation[0, c, r], loss, threshold)
+        total += loss_of(reading.innovation[0, c, r], rules.loss, rules.threshold)
     return total
 
 
 @compiled
 def _take(
-    reading: Readings, x: np.ndarray, p: np.ndarray, loss: int, threshold: float, out: Search
+    reading: Readings, x: np.ndarray, p: np.ndarray, rules: Rules, first: bool, out: Search
 ) -> None:
     """Take the equations of a reading at x, seen from x⁻, for the runs that still seek."""
     m, n = out.rows.shape[0], out.rows.shape[1]
@@ -147,13 +160,20 @@ def _take(
                     out.rows[c, j, r] = reading.rows[c, j, r]
                     total += reading.rows[c, j, r] * (x[0, j, r] - out.start[0, j, r])
                 out.innovation[0, c, r] = total
-    if loss == NONE:
+    if rules.loss == NONE:
         return
     lane_algebra.project(out.rows, p, m, out.hp, out.s)
+    rounds = ROUNDS if rules.settled else 0
     for r in range(LANES):
         if out.seeking[r]:
-            reweigh(out.s, out.innovation, m, r, loss, threshold, out.weight)
+            if rules.settled or first:
+                reweigh(
+                    out.s, out.innovation, m, r, rules.loss, rules.threshold, rounds, out.weight
+                )
             for c in range(m):
+                if not (rules.settled or first):
+                    left = reading.innovation[0, c, r]
+                    out.weight[c] = weight_of(left, rules.loss, rules.threshold)
                 root = np.sqrt(out.weight[c])
                 out.innovation[0, c, r] *= root
                 for j in range(n):
@@ -168,9 +188,7 @@ def _descend(
     group: np.ndarray,
     count: int,
     k: int,
-    halvings: int,
-    loss: int,
-    threshold: float,
+    rules: Rules,
     x: np.ndarray,
     p: np.ndarray,
     reading: Readings,
@@ -185,7 +203,7 @@ def _descend(
     before = out.cost.copy()
     out.trying[:] = out.seeking
     part = 1.0
-    for _ in range(halvings):
+    for _ in range(rules.halvings):
         for j in range(n):
             for r in range(LANES):
                 # One that has found its x is evaluated there again.
@@ -203,7 +221,7 @@ def _descend(
                 total = 0.0
                 for j in range(n):
                     total += out.tried[0, j, r] * (x[0, j, r] - out.start[0, j, r])
-                cost = 0.5 * total + _left(reading, r, loss, threshold)
+                cost = 0.5 * total + _left(reading, r, rules)
                 if cost < out.cost[r]:
                     out.cost[r] = cost
                     out.trying[r] = False

@@ -14,7 +14,8 @@ from ..numerics.kernels import compiled
 NONE, HUBER, CAUCHY = 0, 1, 2
 LOSSES = {"none": NONE, "huber": HUBER, "cauchy": CAUCHY}
 """Numbers by which kernels know the losses."""
-_ROUNDS = 50
+ROUNDS = 50
+"""In which the weights of an update are found at most."""
 _SETTLED = 1e-8
 _LEAST = 1e-12
 
@@ -55,20 +56,24 @@ def reweigh(
     r: int,
     loss: int,
     threshold: float,
+    rounds: int,
     weight: np.ndarray,
 ) -> None:
     """Fill the weights (m,) with which a linear update of a run minimises the robust cost.
 
+    Begun with the innovation in standard deviations of its own covariance; in no round, as they
+    begin.
+
     Parameters
     ----------
     spread : (m, m, lanes) of which the lower half is H P Hᵀ + 1. innovation : (1, m, lanes).
-    r : the run's lane. weight : (m,) output.
+    r : the run's lane. rounds : how many, at most. weight : (m,) output.
     """
     for c in range(m):
         deviation = math.sqrt(max(spread[c, c, r], 1.0))
         weight[c] = weight_of(innovation[0, c, r] / deviation, loss, threshold)
     lower, left = np.empty((m, m)), np.empty(m)
-    for _ in range(_ROUNDS):
+    for _ in range(rounds):
         # What the update leaves: y − H K y = W⁻¹ (H P Hᵀ + W⁻¹)⁻¹ y.
         for i in range(m):
             for j in range(i + 1):
@@ -136,7 +141,7 @@ def reweigh_unwhitened(
                 for c in range(j + 1):
                     total += half[i, c] * noise_inverse[j, c]
                 scratch[i, j, r] = total
-        reweigh(scratch[:m], white, m, r, loss, threshold, weight)
+        reweigh(scratch[:m], white, m, r, loss, threshold, ROUNDS, weight)
         for i in range(m):
             for j in range(i + 1):
                 total = s[i, j, r]

@@ -52,6 +52,21 @@ def test_numpy_gives_the_same_answer(name, case, iterations, limit):
         assert np.abs((found.cov[run] - expected.cov) / np.outer(sigma, sigma)).max() < limit
 
 
+@pytest.mark.parametrize("loss", ["huber", "cauchy"])
+def test_with_a_loss_numpy_gives_the_same_answer(loss):
+    """Among outliers, where the answer without one is another."""
+    block = block_of_runs("outliers", "outliers-5pc", 2)
+    found = dataclasses.replace(COMPILED, loss=loss).estimate_block(block)
+    plain = COMPILED.estimate_block(block)
+    sigma = np.sqrt(np.diag(block.prior_cov))
+    for run in range(block.runs):
+        reference = choose(f"gaussian-sum[loss={loss}]").estimator
+        expected = reference.estimate(block.problem(run), np.random.default_rng(0))
+        assert np.abs((found.mean[run] - expected.mean) / sigma).max() < 1e-4
+        assert np.abs((found.cov[run] - expected.cov) / np.outer(sigma, sigma)).max() < 1e-4
+        assert np.abs((plain.mean[run] - expected.mean) / sigma).max() > 1e-2
+
+
 def test_a_run_does_not_depend_on_its_neighbours():
     """Alone and among others: the same bits."""
     block = block_of_runs("wide_prior", "3km", 2)

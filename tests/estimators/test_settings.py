@@ -37,7 +37,7 @@ from ggbench.problem import Problem, StateBlock
         ("gaussian-sum[iterations=1,loss=huber]", "at least 2 iterations"),
         ("ekf[engine=numba,noise_memory=9]", "noise_memory needs filterpy"),
         ("ekf[engine=numba,threshold=2]", "needs a loss"),
-        ("gaussian-sum[engine=numba,loss=huber]", "no loss"),
+        ("gaussian-sum[engine=numba,threshold=2]", "needs a loss"),
         ("ukf[engine=numba,threshold=2]", "needs a loss"),
         ("factor-graph[engine=numba]", "mode=batch"),
         ("factor-graph[mode=batch,engine=numba,threshold=2]", "needs a loss"),
