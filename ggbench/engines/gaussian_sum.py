@@ -15,7 +15,7 @@ from ..numerics import lane_algebra, lanes
 from ..numerics.kernels import LANES, compiled
 from ..sensors.model_kernels import ModelArrays
 from .banks import split_prior
-from .iterated_update import Rules, minimise, search_of
+from .iterated_update import Rules, minimise, search_of, update
 from .robust_weights import NONE
 from .whitened_readings import linearise, noise_inverse, readings_of
 
@@ -50,8 +50,6 @@ def _filter(
     reading = readings_of(model, n, m, rules.loss != NONE)
     m = reading.rows.shape[0]
     search = search_of(n, m)
-    gain, change = lanes.lanes(m, n), lanes.lanes(m, n)
-    hp, s, white = search.hp, search.s, search.white
     weights, means, covs = np.empty(most), np.empty((most, n)), np.empty((most, n, n))
     group, told = np.empty(LANES, dtype=np.int64), np.zeros((LANES, 2), dtype=np.int64)
     for run in range(runs):
@@ -76,22 +74,16 @@ def _filter(
                     model, measurements, noise_inverse, group, used, k, rules, x, p, reading,
                     search, told,
                 )  # fmt: skip
-                lane_algebra.project(search.rows, p, m, hp, s)
-                lane_algebra.factorise(s, m, s)
-                lane_algebra.solve_lower(s, m, hp, change)
+                update(rules, x, p, search, scratch)
                 if rules.iterations == 1:
-                    lane_algebra.whiten(s, m, search.innovation, white)
-                    lane_algebra.correct(change, white, m, x)
-                    lane_algebra.add_squares(white, m, reading.squared)
+                    lane_algebra.add_squares(search.white, m, reading.squared)
                     for r in range(used):
                         search.cost[r] = 0.5 * reading.squared[0, 0, r]
                 for r in range(used):
                     # The diagonal of a factor is inverted.
                     weights[first + r] -= search.cost[r]
                     for c in range(m):
-                        weights[first + r] += math.log(s[c, c, r])
-                lane_algebra.solve_upper(s, m, change, gain)
-                lane_algebra.joseph(gain, hp, search.rows, m, p, scratch, change)
+                        weights[first + r] += math.log(search.s[c, c, r])
                 _unpack(x, p, first, used, means, covs)
             count = _dropped(weights, means, covs, count, negligible)
             if count == 0:

@@ -12,7 +12,7 @@ from ..block import ProblemBlock
 from ..numerics import lane_algebra, lanes
 from ..numerics.kernels import LANES, compiled
 from ..sensors.model_kernels import ModelArrays
-from .iterated_update import Rules, minimise, search_of
+from .iterated_update import Rules, minimise, search_of, update
 from .robust_weights import NONE, number_of
 from .whitened_readings import linearise, noise_inverse, readings_of, scatter_squares
 
@@ -43,7 +43,7 @@ def _iterated(
     reading = readings_of(model, n, m, rules.loss != NONE)
     m = reading.rows.shape[0]
     search = search_of(n, m)
-    gain, change, unexplained = lanes.lanes(m, n), lanes.lanes(m, n), lanes.lanes(1, 1)
+    unexplained = lanes.lanes(1, 1)
     hp, s, white = search.hp, search.s, search.white
     for first in lanes.starts(runs):
         count, group = lanes.count_from(first, runs), lanes.members(first, runs)
@@ -66,14 +66,7 @@ def _iterated(
                 model, measurements, noise_inverse, group, count, k, rules, x, p, reading, search,
                 told,
             )  # fmt: skip
-            lane_algebra.project(search.rows, p, m, hp, s)
-            lane_algebra.factorise(s, m, s)
-            lane_algebra.solve_lower(s, m, hp, change)
-            if rules.iterations == 1:
-                lane_algebra.whiten(s, m, search.innovation, white)
-                lane_algebra.correct(change, white, m, x)
-            lane_algebra.solve_upper(s, m, change, gain)
-            lane_algebra.joseph(gain, hp, search.rows, m, p, scratch, change)
+            update(rules, x, p, search, scratch)
             lanes.scatter(x, p, first, count, k, mean, cov)
         for r in range(count):
             counts[first + r, 0], counts[first + r, 1] = told[r, 0], told[r, 1]

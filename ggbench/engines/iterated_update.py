@@ -51,7 +51,8 @@ class Search(NamedTuple):
     start : (1, n, lanes) x⁻. dual : λ with x = x⁻ + P λ. step : of λ. tried : λ of a trial.
     rows, innovation : (equations, n, lanes), (1, equations, lanes) of the last linearisation,
         divided by the deviations that a loss makes of the noise; as seen from x⁻.
-    hp, s, white, half : scratch (equations, n), (equations, equations), (1, equations).
+    hp, s, white, half, gain : scratch (equations, n), (equations, equations), (1, equations); after
+        :func:`update` s is the root of H P Hᵀ + 1, as :func:`.lane_algebra.factorise` leaves it.
     cost : (lanes,). seeking, trying : (lanes,) whether a run has not arrived; still halves.
     weight : (equations,) scratch.
     """
@@ -66,6 +67,7 @@ class Search(NamedTuple):
     s: np.ndarray
     white: np.ndarray
     half: np.ndarray
+    gain: np.ndarray
     cost: np.ndarray
     seeking: np.ndarray
     trying: np.ndarray
@@ -78,7 +80,7 @@ def search_of(n: int, equations: int) -> Search:
     return Search(
         lanes(1, n), lanes(1, n), lanes(1, n), lanes(1, n), lanes(equations, n),
         lanes(1, equations), lanes(equations, n), lanes(equations, equations), lanes(1, equations),
-        lanes(equations, n), np.zeros(LANES), np.zeros(LANES, dtype=np.bool_),
+        lanes(equations, n), lanes(equations, n), np.zeros(LANES), np.zeros(LANES, dtype=np.bool_),
         np.zeros(LANES, dtype=np.bool_), np.zeros(equations),
     )  # fmt: skip
 
@@ -135,6 +137,23 @@ def minimise(
         )  # fmt: skip
         if not out.seeking.any():
             return
+
+
+@compiled
+def update(rules: Rules, x: np.ndarray, p: np.ndarray, out: Search, scratch: np.ndarray) -> None:
+    """Update P with the equations of a search, and x if that was left to the linear update.
+
+    ``scratch`` (n, n, lanes) is overwritten.
+    """
+    m = out.rows.shape[0]
+    lane_algebra.project(out.rows, p, m, out.hp, out.s)
+    lane_algebra.factorise(out.s, m, out.s)
+    lane_algebra.solve_lower(out.s, m, out.hp, out.half)
+    if rules.iterations == 1:
+        lane_algebra.whiten(out.s, m, out.innovation, out.white)
+        lane_algebra.correct(out.half, out.white, m, x)
+    lane_algebra.solve_upper(out.s, m, out.half, out.gain)
+    lane_algebra.joseph(out.gain, out.hp, out.rows, m, p, scratch, out.half)
 
 
 @compiled
