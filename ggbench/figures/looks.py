@@ -25,7 +25,7 @@ _COLOURS = {
         "plum",
         "magenta",
     ),
-    "unscented-particle": ("darkviolet", "mediumpurple", "indigo"),
+    "unscented-particle": ("darkviolet", "mediumpurple"),
     "gaussian-particle": ("peru", "burlywood"),
     "correlation": (
         "royalblue",
@@ -65,7 +65,7 @@ _VARIANTS = {
         "kernel=0.5",
         "tempering=0,kernel=0",
     ),
-    "unscented-particle": ("", "weights=likelihood", "strong_tracking=true"),
+    "unscented-particle": ("", "weights=likelihood"),
     "gaussian-particle": ("", "proposal=ekf"),
     "correlation": (
         "",
@@ -115,7 +115,7 @@ _MARKERS = {
     "closed-loop": "*",
     "particle": "oHd",
     "rao-blackwellised": "PpD*<>d",
-    "unscented-particle": "X8<",
+    "unscented-particle": "X8",
     "gaussian-particle": "s+",
     "correlation": "PXoshDd",
     "tercom": "*XhPd",
