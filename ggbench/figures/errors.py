@@ -23,7 +23,7 @@ def error_over_time(
     """
     count = len(panels)
     figure, grid = subplots(
-        2, count, figsize=(max(4.0 * count + 0.6, 6.0), 5.8), sharex=True, squeeze=False
+        2, count, figsize=(max(4.0 * count + 0.6, 6.0), 5.8), sharex="col", squeeze=False
     )
     drawn = looks(name for _, _, curves, _ in panels for name in curves)
     for column, (title, times, curves, bounds) in enumerate(panels):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ggbench.figures import (
+    errors,
     field,
     flights,
     gravity,
@@ -52,6 +53,17 @@ def test_errors_over_time_are_roots_of_means_over_runs():
         assert axis.get_ylabel().endswith(unit) and axis.get_yscale() == "log"
         assert axis.get_lines()[0].get_xdata() == pytest.approx(TIMES[kept])
     assert figure.axes[0].get_title() == "A case"
+
+
+def test_a_short_flight_is_not_drawn_at_the_scale_of_a_long_one():
+    """Each column has its own time; position and velocity of one flight share it."""
+    panels = [
+        (name, times, {"ekf": np.ones((8, 2))}, {})
+        for name, times in (("short", TIMES), ("long", 100.0 * TIMES))
+    ]
+    short, long, below, _ = errors.error_over_time(panels).axes
+    assert short.get_xlim()[1] < 0.02 * long.get_xlim()[1]
+    assert below.get_xlim() == short.get_xlim()
 
 
 @pytest.mark.parametrize(
