@@ -33,10 +33,15 @@ and rounding decides where."""
 SEARCHING = ("ekf[iterations=5]", "gaussian-sum")
 MORE = ("ekf[loss=cauchy]", "ukf[loss=huber]", *SEARCHING)
 MORE_RUNS = RUNS if EVERYTHING else 4
-COARSER = {"zhou2015": 1e-3, "parallel_valleys": 1e-5, "particle_filters": 1e-5}
+COARSER = {
+    "zhou2015": 1e-3,
+    "matching": 1e-3,
+    "parallel_valleys": 1e-5,
+    "particle_filters": 1e-5,
+}
 """The same of the batch solution: where an INS drifts by 40,000 deviations of its prior QR of GTSAM
 keeps no more; where a run may end in another valley the search ends a little before the minimum."""
-LOST = ("wide_prior", "parallel_valleys", "particle_filters")
+LOST = ("wide_prior", "parallel_valleys", "particle_filters", "matching")
 """Scenarios in whose first cases a filter may lose its way, and be chaotic then."""
 NUDGE = 1e-9
 """By how many deviations of their noise readings are moved to see what rounding can do."""
