@@ -27,7 +27,7 @@ def block_of_runs(name: str, case: str, runs: int) -> ProblemBlock:
     ("name", "case"),
     [
         ("wide_prior", "3km"),
-        ("ship", "1E-lost"),
+        pytest.param("ship", "1E-lost", marks=pytest.mark.long),
         pytest.param("parallel_valleys", "1E", marks=pytest.mark.long),
         pytest.param("wide_prior", "10km", marks=pytest.mark.long),
         pytest.param("gnss_outage", None, marks=pytest.mark.long),
@@ -52,7 +52,7 @@ def test_numpy_gives_the_same_answer(name, case, iterations, limit):
         assert np.abs((found.cov[run] - expected.cov) / np.outer(sigma, sigma)).max() < limit
 
 
-@pytest.mark.parametrize("loss", ["huber", "cauchy"])
+@pytest.mark.parametrize("loss", [pytest.param("huber", marks=pytest.mark.long), "cauchy"])
 def test_with_a_loss_numpy_gives_the_same_answer(loss):
     """Among outliers, where the answer without one is another."""
     block = block_of_runs("outliers", "outliers-5pc", 2)

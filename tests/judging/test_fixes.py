@@ -186,6 +186,7 @@ def test_broken_fixes_fail_their_run_alone(results):
     assert failed["reason"].str.contains("fixes.statistic has shape").all()
 
 
+@pytest.mark.long
 def test_the_report_tells_of_fixes(results, tmp_path):
     """A row for the matcher, its figure, and the limit."""
     text = scenario_report.write(results.folder, tmp_path).read_text()
