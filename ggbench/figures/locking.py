@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, NullLocator
 
+from . import style
 from .looks import Look, looks
 from .numbers import short
 from .style import INS, Drawing, legend_below, plain_numbers, styled, subplots
@@ -138,17 +139,11 @@ def against_time(
 
     Each panel is (title, times (K,), estimator to shares (K,)).
     """
-    columns = min(len(panels), 3)
-    rows = -(-len(panels) // columns)
-    figure, grid = subplots(
-        rows, columns, squeeze=False, sharey=True,
-        figsize=(max(3.6 * columns + 0.3, 5.5), 2.6 * rows + 0.2),
-    )  # fmt: skip
+    names = "time [s]", "share of runs locked"
+    figure, grid = style.panels(len(panels), (3.6, 2.6), 5.5, names)
     drawn = looks(labels)
-    for axis in grid.flat[len(panels) :]:
-        axis.set_visible(False)
     handles = {}
-    for axis, (title, times, curves) in zip(grid.flat, panels, strict=False):
+    for axis, (title, times, curves) in zip(grid, panels, strict=True):
         for number, label in enumerate(label for label in labels if label in curves):
             # Thinner from line to line: what is below another one is seen at its sides.
             look = drawn[label]
@@ -159,11 +154,6 @@ def against_time(
             )  # fmt: skip
         axis.set(title=title, ylim=(-0.04, 1.04))
         axis.yaxis.set_major_formatter(lambda value, _: f"{100.0 * value:.0f} %")
-    for column in range(columns):
-        lowest = grid[(len(panels) - 1 - column) // columns, column]
-        lowest.set_xlabel("time [s]")
-    for axis in grid[:, 0]:
-        axis.set_ylabel("share of runs locked")
     legend_below(figure, {label: handles[label] for label in labels if label in handles})
     return figure
 
@@ -195,17 +185,11 @@ def against_cost(
     """
     named = {label: title for title, line in joined.items() for label in line}
     shown = list(dict.fromkeys(named.get(label, label) for label in labels))
-    columns = min(len(panels), 3)
-    rows = -(-len(panels) // columns)
-    figure, grid = subplots(
-        rows, columns, squeeze=False, sharey=True,
-        figsize=(max(3.6 * columns + 0.3, 7.4), 3.4 * rows + 0.2),
-    )  # fmt: skip
+    names = "time of a run [s]", "share of runs locked"
+    figure, grid = style.panels(len(panels), (3.6, 3.4), 7.4, names)
     drawn = looks(labels)
-    for axis in grid.flat[len(panels) :]:
-        axis.set_visible(False)
     handles = {}
-    for axis, panel in zip(grid.flat, panels, strict=False):
+    for axis, panel in zip(grid, panels, strict=True):
         held = [label for label in labels if label in panel.seconds]
         for line in joined.values():
             members = [label for label in line if label in held]
@@ -228,10 +212,5 @@ def against_cost(
         axis.set(title=panel.title, xscale="log", ylim=(-0.06, 1.06))
         plain_numbers(axis, "x")
         axis.yaxis.set_major_formatter(lambda value, _: f"{100.0 * value:.0f} %")
-    for column in range(columns):
-        lowest = grid[(len(panels) - 1 - column) // columns, column]
-        lowest.set_xlabel("time of a run [s]")
-    for axis in grid[:, 0]:
-        axis.set_ylabel("share of runs locked")
     legend_below(figure, {name: handles[name] for name in shown if name in handles})
     return figure

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from . import style
 from .looks import looks
-from .style import Drawing, legend_below, styled, subplots
+from .style import Drawing, legend_below, styled
 
 
 @dataclass(frozen=True)
@@ -34,17 +35,11 @@ def operating_curves(
 
     A curve goes over all thresholds; its mark is where the matcher's own lies.
     """
-    columns = min(len(panels), 3)
-    rows = -(-len(panels) // columns)
-    figure, grid = subplots(
-        rows, columns, squeeze=False, sharex=True, sharey=True,
-        figsize=(max(3.4 * columns + 0.3, 5.5), 3.0 * rows + 0.2),
-    )  # fmt: skip
+    names = "accepted and false", "accepted and right"
+    figure, grid = style.panels(len(panels), (3.4, 3.0), 5.5, names, sharex=True)
     drawn = looks(labels)
-    for axis in grid.flat[len(panels) :]:
-        axis.set_visible(False)
     handles = {}
-    for axis, (title, held) in zip(grid.flat, panels, strict=False):
+    for axis, (title, held) in zip(grid, panels, strict=True):
         for number, label in enumerate(label for label in labels if label in held):
             curve, look = held[label], drawn[label]
             # Thinner from line to line: what is below another one is seen at its sides.
@@ -57,9 +52,5 @@ def operating_curves(
         axis.set(title=title, xlim=(-0.02, 1.02), ylim=(-0.02, 1.02))
         for side in (axis.xaxis, axis.yaxis):
             side.set_major_formatter(lambda value, _: f"{100.0 * value:.0f} %")
-    for column in range(columns):
-        grid[(len(panels) - 1 - column) // columns, column].set_xlabel("accepted and false")
-    for axis in grid[:, 0]:
-        axis.set_ylabel("accepted and right")
     legend_below(figure, {label: handles[label] for label in labels if label in handles})
     return figure
