@@ -27,13 +27,13 @@ other states of the window are unknown, too.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from scipy.special import softmax
 
+from ..engines.banks import mixture
 from ..engines.fixes import Fused, Fusion
 from ..engines.iterated_smoother import IteratedSmoother
 from ..engines.position_grid import position_axes
@@ -155,7 +155,9 @@ class Correlation(Estimator):
         ]
         surer = chosen.log_share - max(others, default=-np.inf)
         fits = 2.0 * chosen.cost <= self.misfit * part.present.sum()
-        mean, cov = mixed(share, [p.mean for p in places], [p.cov for p in places])
+        mean, cov = mixture(
+            share, np.array([p.mean for p in places]), np.array([p.cov for p in places])
+        )
         return self._judged(mean, cov, bool(fits), surer)
 
     def _of_nodes(self, search: Sequences) -> _Fix:
@@ -166,7 +168,7 @@ class Correlation(Estimator):
         else:
             share = self._shares(mismatch[nodes])
         means, covs = zip(*(at_node(search, node) for node in nodes), strict=True)
-        mean, cov = mixed(share, means, covs)
+        mean, cov = mixture(share, np.array(means), np.array(covs))
         best, *others = mismatch[search.best(2)]
         surer = 0.5 * search.chi_squared * (others[0] - best) if others else np.inf
         fits = search.chi_squared * best <= self.misfit * search.terms
@@ -180,6 +182,7 @@ class Correlation(Estimator):
         return np.asarray(inverse / inverse.sum())
 
     def _judged(self, mean: np.ndarray, cov: np.ndarray, fits: bool, surer: float) -> _Fix:
+        cov = 0.5 * (cov + cov.T)
         if not fits:
             return _Fix(mean, cov, False, -np.inf)
         return _Fix(mean, cov, surer > self.odds, surer)
@@ -249,16 +252,6 @@ class Sequences(Search):
         return self._total
 
 
-def mixed(
-    share: np.ndarray, means: Sequence[np.ndarray], covs: Sequence[np.ndarray]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean (n,) and covariance (n, n) of candidates that are right with probabilities."""
-    mean = share @ np.asarray(means)
-    off = np.asarray(means) - mean
-    cov = np.einsum("j,jab->ab", share, np.asarray(covs)) + (off.T * share) @ off
-    return mean, 0.5 * (cov + cov.T)
-
-
 def at_node(search: Sequences, index: int) -> tuple[np.ndarray, np.ndarray]:
     """Return mean (n,) and covariance (n, n) at the window's end, given that J is least at a node.
 
@@ -268,7 +261,7 @@ def at_node(search: Sequences, index: int) -> tuple[np.ndarray, np.ndarray]:
     through the window. That J gives away what the readings tell of other states is thus known.
     """
     problem, smoother = search.problem, IteratedSmoother(search.problem)
-    variances, gain = position_axes(problem)
+    variances, gain, *_ = position_axes(problem)
     scale, point = smoother.scale, search.points[index]
     n, d = gain.shape
     rows, white = [], []

@@ -136,7 +136,7 @@ class _Filters(Bank):
 
     def __init__(self, problem: Problem, spacing_m: float, most: int) -> None:
         super().__init__(problem, spacing_m, most, 1.0 / _SPACINGS)
-        self.near_m = fitting_spacing(np.sqrt(position_axes(problem)[0]), spacing_m, most)
+        self.near_m = fitting_spacing(np.sqrt(position_axes(problem).variances), spacing_m, most)
         self.places = _places(problem)
         self.offsets, self.shares, self.spread = _region(len(self.places))
         self.squares, self.seen = np.zeros(len(self.means)), 0

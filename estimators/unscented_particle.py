@@ -161,7 +161,7 @@ class _Cloud:
 
     def _split(self) -> tuple[np.ndarray, np.ndarray]:
         """Return Gaussians that make up the prior; a single one where it is narrow."""
-        variances, gain = position_axes(self.problem)
+        variances, gain, *_ = position_axes(self.problem)
         wide = variances > self.settings.width_m**2
         narrowing, gain = variances[wide] - self.settings.width_m**2, gain[:, wide]
         count = self.settings.particles if wide.any() else 1

@@ -121,11 +121,12 @@ class Viterbi(Estimator):
         """Return the problem of the position, moved by what the INS's other errors may do."""
         block = next(block for block in problem.layout if block.unit == "m")
         position = range(*block.slice.indices(problem.dimension))[:3]
-        flat, whole = (
-            reduced(problem, states, self.drift**2 * displacing(problem, states))
-            for states in (position[:2], position)
-        )
-        return flat if _height_is_known(problem, flat, position) else whole
+        flat = self._reduced(problem, position[:2])
+        known = _height_is_known(problem, flat, position)
+        return flat if known else self._reduced(problem, position)
+
+    def _reduced(self, problem: Problem, states: range) -> Reduction:
+        return reduced(problem, states, self.drift**2 * displacing(problem, states))
 
 
 def _height_is_known(problem: Problem, flat: Reduction, position: range) -> bool:

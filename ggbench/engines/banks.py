@@ -34,10 +34,16 @@ class Bank:
     def moments(self) -> tuple[np.ndarray, np.ndarray]:
         """Return mean (n,) and covariance (n, n) of the mixture."""
         share = np.exp(self.weights)
-        share /= share.sum()
-        mean = share @ self.means
-        off = self.means - mean
-        return mean, np.einsum("j,jab->ab", share, self.covs) + (off.T * share) @ off
+        return mixture(share / share.sum(), self.means, self.covs)
+
+
+def mixture(
+    share: np.ndarray, means: np.ndarray, covs: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return mean (n,) and covariance (n, n) of Gaussians (J, n), (J, n, n) with shares (J,)."""
+    mean = share @ means
+    off = means - mean
+    return mean, np.einsum("j,jab->ab", share, covs) + (off.T * share) @ off
 
 
 def updated_covs(
@@ -74,7 +80,7 @@ def split_prior(
     scale = np.sqrt(np.diag(problem.prior_cov))
     mean = problem.prior_mean / scale
     cov = problem.prior_cov / np.outer(scale, scale)
-    values, gain = position_grid.position_axes(problem)
+    values, gain, *_ = position_grid.position_axes(problem)
     sigma = np.sqrt(values)
     spacing_m = fitting_spacing(sigma, spacing_m, most)
     grid = position_grid.grid(sigma, spacing_m)

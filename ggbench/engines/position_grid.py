@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ..problem import Problem
@@ -10,16 +12,29 @@ REACH = 3.5
 """A grid ends at this many standard deviations of the prior."""
 
 
-def position_axes(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
-    """Return the principal variances (d,) [m²] of the prior's states in metres.
+class Axes(NamedTuple):
+    """The principal axes of the prior's states in metres.
 
-    And the regression (n, d) [1/m] of all states, in units of the prior's standard deviations, on
-    the coordinates along these axes.
+    Attributes
+    ----------
+    variances : (d,) along them [m²]. gain : (n, d) [1/m] the regression of all states, in units of
+        the prior's standard deviations, on the coordinates along them.
+    states : which states are in metres. vectors : (d, d) the axes among these, in columns.
     """
+
+    variances: np.ndarray
+    gain: np.ndarray
+    states: list[int]
+    vectors: np.ndarray
+
+
+def position_axes(problem: Problem) -> Axes:
+    """Return the principal axes of the prior's states in metres."""
     scale = np.sqrt(np.diag(problem.prior_cov))
-    axes = states_in_metres(problem)
-    values, vectors = np.linalg.eigh(problem.prior_cov[np.ix_(axes, axes)])
-    return values, (problem.prior_cov[:, axes] @ vectors) / values / scale[:, None]
+    states = states_in_metres(problem)
+    variances, vectors = np.linalg.eigh(problem.prior_cov[np.ix_(states, states)])
+    gain = (problem.prior_cov[:, states] @ vectors) / variances / scale[:, None]
+    return Axes(variances, gain, states, vectors)
 
 
 def states_in_metres(problem: Problem) -> list[int]:

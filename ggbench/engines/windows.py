@@ -153,12 +153,9 @@ class Search:
     ) -> None:
         self.problem, self.criterion = problem, criterion
         self.scale = np.sqrt(np.diag(problem.prior_cov))
-        self._axes = position_grid.states_in_metres(problem)
-        cov = problem.prior_cov[np.ix_(self._axes, self._axes)]
-        self._variances, self._vectors = np.linalg.eigh(cov)
-        _, gain = position_grid.position_axes(problem)
+        self._axes = axes = position_grid.position_axes(problem)
         # By transposes, so that a displacement of the start stays one product however long it goes.
-        self._moved, self._gain = problem.prior_mean, gain * self.scale[:, np.newaxis]
+        self._moved, self._gain = problem.prior_mean, axes.gain * self.scale[:, np.newaxis]
         self._epoch = 0
         self.spacing, self._most = spacing_m, most
         if points is None:
@@ -174,7 +171,7 @@ class Search:
 
     def _lay(self) -> None:
         """Lay the grid, as far as the map goes at the first epoch."""
-        sigma, phi = np.sqrt(self._variances), self.problem.transition[0]
+        sigma, phi = np.sqrt(self._axes.variances), self.problem.transition[0]
         while not position_grid.fits(sigma, self.spacing, _BOX):
             self.spacing *= 1.1
         while True:
@@ -248,7 +245,7 @@ class Search:
     def values(self) -> np.ndarray:
         """Return the criterion (J,) of each point; the least is the best."""
         if self.criterion == "ml":
-            return 0.5 * self._sums + 0.5 * (self.points**2 / self._variances).sum(axis=1)
+            return 0.5 * self._sums + 0.5 * (self.points**2 / self._axes.variances).sum(axis=1)
         if self.criterion in ("msd", "mad"):
             return self._sums / max(self._count, 1.0)
         crossed, squares, own = self._crossed, self._squares, self._own_squares
@@ -314,7 +311,8 @@ class Search:
 
     def _multipliers(self, point: np.ndarray) -> np.ndarray:
         start = np.zeros(self.problem.dimension)
-        start[self._axes] = self._vectors @ (point / self._variances)
+        axes = self._axes
+        start[axes.states] = axes.vectors @ (point / axes.variances)
         return start * self.scale
 
 

@@ -9,6 +9,7 @@ import functools
 
 import numpy as np
 import pytest
+from lost_runs import lost, wide
 from problems import estimator, rng
 from rough_field import LENGTH, constant_offset
 from scipy.stats import chi2, norm
@@ -102,9 +103,8 @@ def test_false_fixes_are_as_frequent_as_the_union_bound_says(window, noise):
 @functools.cache
 def flown(case: str, label: str, runs: int = 40) -> dict[str, np.ndarray]:
     """Of runs of ``wide_prior``: times of locks [s], settled mean squares [m²], false fixes."""
-    flight = prepare(scenario.load("wide_prior").case(case))
-    windows = flight.case.windows
-    block, truth = simulate_block(flight, 4, range(runs))
+    windows = wide(case).case.windows
+    block, truth = lost(case, runs)
     settled = window_mask(block.times, windows, "settled")
     found = [estimator(label).estimate(block.problem(run), rng()) for run in range(runs)]
     off = truth.error_state[:, :, :3] - np.array([one.mean[:, :3] for one in found])

@@ -10,33 +10,19 @@ import functools
 
 import numpy as np
 import pytest
+from lost_runs import lost, wide
 from problems import estimator, rng
 
-from ggbench.block import ProblemBlock
 from ggbench.engines import particles
 from ggbench.engines.particles import Moves, _Cloud, filtered
 from ggbench.engines.windows import section
 from ggbench.judging.statistics import nees_band
 from ggbench.problem import Problem
-from ggbench.simulation.error_free_flight import Flight, prepare
-from ggbench.simulation.runs import TruthBlock, simulate_block
-from ggbench.spec import scenario
 
 ALIVE = estimator("rao-blackwellised").moves
 """What ships."""
 LOCK, SETTLED = 50.0, 150.0
 """Of the scenario: error [m] that is a lock, and from when [s] the settled window lasts."""
-
-
-@functools.cache
-def wide(case: str) -> Flight:
-    """A case of the scenario whose prior is wide."""
-    return prepare(scenario.load("wide_prior").case(case))
-
-
-@functools.cache
-def lost(case: str, runs: int) -> tuple[ProblemBlock, TruthBlock]:
-    return simulate_block(wide(case), 4, range(runs))
 
 
 def bound_of(case: str) -> np.ndarray:

@@ -6,11 +6,11 @@ over seeds that was measured.
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 
 import numpy as np
 import pytest
+from lost_runs import lost
 from problems import (
     LinearModel,
     changed,
@@ -26,13 +26,10 @@ from problems import (
 )
 from small_cases import GRAVIMETER, ON_BOARD, rough_map, small_flight
 
-from ggbench.block import ProblemBlock
 from ggbench.engines.particles import Filtered, Moves, filtered
 from ggbench.engines.resampling import FLOOR
 from ggbench.problem import Problem, StateBlock
-from ggbench.simulation.error_free_flight import Flight, prepare
-from ggbench.simulation.runs import TruthBlock, simulate, simulate_block
-from ggbench.spec import scenario
+from ggbench.simulation.runs import simulate
 
 PLAIN = Moves(4000)
 
@@ -41,17 +38,6 @@ def apart(found: Filtered, problem: Problem) -> float:
     """Rms difference of the mean from Kalman's, in its deviations."""
     mean, cov, _, _ = kalman(problem)
     return float(np.sqrt(np.mean((found.mean - mean) ** 2 / np.diagonal(cov, axis1=1, axis2=2))))
-
-
-@functools.cache
-def wide(case: str) -> Flight:
-    """A case of the scenario whose prior is wide."""
-    return prepare(scenario.load("wide_prior").case(case))
-
-
-@functools.cache
-def lost(case: str, runs: int) -> tuple[ProblemBlock, TruthBlock]:
-    return simulate_block(wide(case), 4, range(runs))
 
 
 def static(measurements: np.ndarray, noise: float, sigma: float = 1.0) -> Problem:
