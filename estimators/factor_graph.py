@@ -19,7 +19,7 @@ import gtsam
 import numpy as np
 
 from ..block import BlockEstimator, EstimateBlock, ProblemBlock
-from ..engines import batch_smoother
+from ..engines import batch_smoother, incremental_smoother
 from ..engines.step_rules import ABSOLUTE_DECREASE, RELATIVE_DECREASE, is_last_step
 from ..problem import Causality, Estimate, MeasurementModel, Problem
 from . import robust
@@ -29,6 +29,8 @@ _NO_NOISE = 1e-13
 """Eigenvalue of a correlation matrix below which a direction of Q counts as free of noise."""
 _SAME_TIME = 1e-6
 """Times that differ by less are equal [s]."""
+_SHOWN = 50
+"""Epochs at which it is looked what readings depend on."""
 
 
 @dataclass(frozen=True)
@@ -41,14 +43,15 @@ class FactorGraph(BlockEstimator):
         it leaves a sliding window (measurements up to ``lag`` later), ``batch`` all nodes from all
         measurements.
     lag : length of the sliding window [s].
-    relinearize_threshold : change of a node, in standard deviations of the prior, from which iSAM2
-        linearises it anew.
+    relinearize_threshold : iSAM2 and the sliding window linearise a node anew from a change on, of
+        any one state, that would alone change its reading by so many standard deviations of the
+        noise, see :func:`_noticeable_changes`. States that h does not depend on move freely.
     max_iterations : limit of the batch optimizer (Levenberg–Marquardt).
     loss : ``huber`` or ``cauchy`` (GTSAM's m-estimators) on each component of a reading.
     threshold : residual [standard deviations of the noise] from which the loss acts; if not
         given, 1.345 for ``huber`` and 2.385 for ``cauchy``.
-    engine : ``gtsam``, the reference, or ``numba``: the same steps to the same batch solution by
-        Kalman smoothers, compiled, on many runs at once.
+    engine : ``gtsam``, the reference, or ``numba``: the same steps to the same solutions by Kalman
+        smoothers, compiled, on many runs at once.
     """
 
     mode: Literal["batch", "isam2", "fixed-lag"] = "isam2"
@@ -91,17 +94,31 @@ class FactorGraph(BlockEstimator):
             return f"max_iterations must be at least 1, and is {self.max_iterations}"
         if reason := robust.refusal(self.loss, self.threshold):
             return reason
-        if self.takes_blocks:
-            if self.mode != "batch":
-                return "engine=numba solves mode=batch; the others need gtsam"
-            return super().skip(problem)
-        return None
+        return super().skip(problem) if self.takes_blocks else None
 
     def estimate_block(self, block: ProblemBlock) -> EstimateBlock:
-        """Solve the batch problems of all runs of a block."""
-        threshold = robust.threshold_of(self.loss, self.threshold)
-        mean, cov, info = batch_smoother.smoother(block, self.max_iterations, self.loss, threshold)
-        return EstimateBlock(mean, cov, self.causality, info=info)
+        """Solve the problems of all runs of a block."""
+        robustness = self.loss, robust.threshold_of(self.loss, self.threshold)
+        if self.mode == "batch":
+            solution = batch_smoother.smoother(block, self.max_iterations, *robustness)
+        else:
+            leaving = None if self.mode == "isam2" else self._oldest_nodes(block.times)
+            changes = [_noticeable_changes(block.problem(run)) for run in range(block.runs)]
+            limits = self.relinearize_threshold * np.stack(changes)
+            solution = incremental_smoother.smoother(block, limits, leaving, *robustness)
+        mean, cov, info = solution
+        return EstimateBlock(mean, cov, self.causality, self._lag, info=info)
+
+    @property
+    def _lag(self) -> float | None:
+        return self.lag if self.mode == "fixed-lag" else None
+
+    def _oldest_nodes(self, times: np.ndarray) -> np.ndarray:
+        """Return the oldest node (K,) of the window once each epoch has come.
+
+        GTSAM drops nodes older than the lag; times that differ by rounding must not count.
+        """
+        return np.searchsorted(times, times - (self.lag + _SAME_TIME))
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
         """Build the graph of the problem and solve it in the chosen mode."""
@@ -111,8 +128,7 @@ class FactorGraph(BlockEstimator):
         scaled = _ScaledProblem(problem, self.loss, robust.threshold_of(self.loss, self.threshold))
         mean, cov, info = solve[self.mode](scaled)
         scale = scaled.scale
-        lag = self.lag if self.mode == "fixed-lag" else None
-        return Estimate(mean * scale, cov * np.outer(scale, scale), self.causality, lag, info)
+        return Estimate(mean * scale, cov * np.outer(scale, scale), self.causality, self._lag, info)
 
     def _batch(self, scaled: _ScaledProblem) -> tuple[np.ndarray, np.ndarray, dict[str, Any]]:
         graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
@@ -146,7 +162,7 @@ class FactorGraph(BlockEstimator):
         return mean, cov, {"iterations": optimizer.iterations(), "error": optimizer.error()}
 
     def _isam2(self, scaled: _ScaledProblem) -> tuple[np.ndarray, np.ndarray, dict[str, Any]]:
-        isam = gtsam.ISAM2(self._isam2_parameters())
+        isam = gtsam.ISAM2(self._isam2_parameters(scaled))
         mean, cov = scaled.empty()
         relinearized = 0
         for k, factors in enumerate(scaled.factors()):
@@ -157,15 +173,15 @@ class FactorGraph(BlockEstimator):
         return mean, cov, {"relinearized": relinearized}
 
     def _fixed_lag(self, scaled: _ScaledProblem) -> tuple[np.ndarray, np.ndarray, dict[str, Any]]:
-        # GTSAM drops nodes older than the lag; times that differ by rounding must not count.
-        lag = self.lag + _SAME_TIME
-        smoother = gtsam.IncrementalFixedLagSmoother(lag, self._isam2_parameters())
+        parameters = self._isam2_parameters(scaled)
+        smoother = gtsam.IncrementalFixedLagSmoother(self.lag + _SAME_TIME, parameters)
         times = scaled.problem.times
+        oldest = self._oldest_nodes(times)
         mean, cov = scaled.empty()
         newest, _ = scaled.empty()
         kept = 0  # nodes before this one have left the window and are final
         for k, factors in enumerate(scaled.factors()):
-            while times[kept] < times[k] - lag:
+            while kept < oldest[k]:
                 mean[kept] = smoother.calculateEstimateVector(kept)
                 cov[kept] = smoother.marginalCovariance(kept)
                 kept += 1
@@ -177,11 +193,14 @@ class FactorGraph(BlockEstimator):
             cov[k] = smoother.marginalCovariance(k)
         return mean, cov, {}
 
-    def _isam2_parameters(self) -> gtsam.ISAM2Params:
+    def _isam2_parameters(self, scaled: _ScaledProblem) -> gtsam.ISAM2Params:
         parameters = gtsam.ISAM2Params()
         parameters.setFactorization("QR")
         parameters.relinearizeSkip = 1
-        parameters.setRelinearizeThreshold(self.relinearize_threshold)
+        limits = self.relinearize_threshold * _noticeable_changes(scaled.problem) / scaled.scale
+        of_nodes = gtsam.ISAM2ThresholdMap()
+        of_nodes.insert((chr(0), limits))  # the keys of nodes are numbers: symbols without a letter
+        parameters.setRelinearizeThreshold(of_nodes)
         parameters.findUnusedFactorSlots = True
         # No wildfire threshold: every change reaches every node, so that the result is exact.
         parameters.setOptimizationParams(gtsam.ISAM2GaussNewtonParams(0.0))
@@ -292,9 +311,7 @@ def _gradient_error(
     """
     x = values.atVector(k) * scale
     if jacobians is not None:
-        jacobian = np.asarray(model.jacobian(k, x), dtype=float)
-        _require_shape("Jacobian", jacobian, (len(measurement), len(scale)))
-        jacobians[0] = np.asfortranarray(jacobian * scale)
+        jacobians[0] = np.asfortranarray(_jacobian(model, k, x, len(measurement)) * scale)
     predicted = np.asarray(model.predict(k, x), dtype=float)
     _require_shape("prediction", predicted, measurement.shape)
     return predicted - measurement
@@ -345,9 +362,34 @@ def _component_error(
     return reading.residual[component : component + 1]
 
 
+def _jacobian(model: MeasurementModel, k: int, x: np.ndarray, channels: int) -> np.ndarray:
+    jacobian = np.asarray(model.jacobian(k, x), dtype=float)
+    _require_shape("Jacobian", jacobian, (channels, len(x)))
+    return jacobian
+
+
 def _require_shape(name: str, array: np.ndarray, shape: tuple[int, ...]) -> None:
     if array.shape != shape:
         raise ValueError(f"the model's {name} has shape {array.shape}, not {shape}")
+
+
+def _noticeable_changes(problem: Problem) -> np.ndarray:
+    """Return by how much each state (n,) must change to be noticed: to change a reading by one σ.
+
+    That of the noise, in the root of the mean square over epochs that are spread over the flight,
+    by H along the undisturbed motion from the prior's mean. Infinite where h does not depend on it.
+    """
+    shown = np.unique(np.linspace(0, problem.epochs - 1, _SHOWN).astype(int))
+    channels = problem.measurements.shape[1]
+    x, total = problem.prior_mean, np.zeros(problem.dimension)
+    for k, phi in enumerate(problem.transition):
+        x = phi @ x
+        if k in shown:
+            jacobian = _jacobian(problem.model, k, x, channels)
+            white = np.linalg.solve(np.linalg.cholesky(problem.noise_of(k)), jacobian)
+            total += (white**2).sum(axis=0)
+    with np.errstate(divide="ignore"):
+        return np.sqrt(len(shown) / total)
 
 
 def _noise_directions(cov: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -16,7 +16,9 @@ from conftest import flight
 from ggbench.block import ProblemBlock
 from ggbench.campaign import registry
 from ggbench.problem import Estimate, Estimator, Problem, StateBlock
-from ggbench.simulation.runs import Truth, simulate
+from ggbench.simulation import error_free_flight
+from ggbench.simulation.runs import Truth, simulate, simulate_block
+from ggbench.spec import scenario
 
 CASES = (
     "0.01E-1Hz",
@@ -100,6 +102,15 @@ def rng() -> np.random.Generator:
 def simulated(case: str, run: int = 0) -> tuple[Problem, Truth]:
     """A run of a case of the paper."""
     return simulate(flight(case), SEED, run)
+
+
+@functools.cache
+def block_of_runs(name: str, case: str, first: int, last: int) -> ProblemBlock:
+    """Runs of a case of a shipped scenario, as a block."""
+    loaded = scenario.load(name)
+    found = next(c for c in loaded.cases if c.name == case)
+    prepared = error_free_flight.prepare(found)
+    return simulate_block(prepared, loaded.campaign.seed, range(first, last))[0]
 
 
 @functools.cache

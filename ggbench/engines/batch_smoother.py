@@ -140,7 +140,8 @@ def _smooth(
             errors[first + r] = cost[r]
             if is_last_step(base[r], _linear_cost(costs, unexplained[r], r)):
                 take_trial(path, r)
-        covariances(path, first, count, work, mean, cov)
+        last = epochs - 1
+        covariances(path, path.states, last, 0, last, first, count, work, mean, cov)
 
 
 @compiled

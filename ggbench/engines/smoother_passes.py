@@ -285,6 +285,69 @@ def _back_through(rows: np.ndarray, updates: Updates, k: int, work: Work, back: 
 
 
 @compiled
+def _smoothed(path: Path, k: int, back: np.ndarray, out: np.ndarray) -> None:
+    """Fill x_f + P_f r (1, n) of an epoch with the multipliers r of what comes later."""
+    filtered, half = path.filtered[k], path.half_cov[k]
+    n = filtered.shape[1]
+    for j in range(n):
+        total = load(filtered, 0, j)
+        place = j * (j + 1) // 2
+        for i in range(j + 1):
+            total += load(half, 0, place + i) * load(back, 0, i)
+        place += j
+        for i in range(j + 1, n):
+            place += i
+            total += load(half, 0, place) * load(back, 0, i)
+        store(out, 0, j, total)
+
+
+@compiled
+def _back_in_time(phi: np.ndarray, moving: int, back: np.ndarray, scratch: np.ndarray) -> None:
+    """Take the multipliers r (1, n) back to the epoch before: Φᵀ r."""
+    n = back.shape[1]
+    for j in range(n):
+        total = splat(0.0)
+        if j >= moving:
+            total = load(back, 0, j)
+        for i in range(moving):
+            total += load(phi, i, j) * load(back, 0, i)
+        store(scratch, 0, j, total)
+    lane_algebra.copy(scratch, back)
+
+
+@compiled
+def resume(path: Path, k: int, work: Work) -> None:
+    """Stand where the filter stood after an epoch."""
+    lane_algebra.copy(path.filtered[k], work.x)
+    _whole(path.half_cov[k], work.p)
+
+
+@compiled
+def smooth_back(path: Path, newest: int, oldest: int, work: Work) -> None:
+    """Fill the trial trajectories from an epoch, the filter's newest, back to another."""
+    back = work.back
+    for j in range(back.shape[1]):
+        store(back, 0, j, splat(0.0))
+    for e in range(newest - oldest + 1):
+        k = newest - e
+        _smoothed(path, k, back, path.trial[k])
+        _back_through(path.rows[k], path.updates, k, work, back)
+        _back_in_time(path.phi[k], path.moving[k], back, work.x)
+
+
+@compiled
+def _whole(half: np.ndarray, matrix: np.ndarray) -> None:
+    """Fill a symmetric matrix (n, n) of which half is kept."""
+    place = 0
+    for i in range(matrix.shape[0]):
+        for j in range(i + 1):
+            value = load(half, 0, place)
+            store(matrix, i, j, value)
+            store(matrix, j, i, value)
+            place += 1
+
+
+@compiled
 def go_back(
     path: Path, prior_cov: np.ndarray, damped: bool, work: Work, damping_work: Work, costs: Costs
 ) -> None:
@@ -297,24 +360,9 @@ def go_back(
     motion, promised = splat(0.0), splat(0.0)
     for e in range(epochs):
         k = epochs - 1 - e
-        rows, half, phi, q, moving = (
-            path.rows[k],
-            path.half_cov[k],
-            path.phi[k],
-            path.q[k],
-            path.moving[k],
-        )
-        filtered, trial, target = path.filtered[k], path.trial[k], path.target[k]
-        for j in range(n):
-            total = load(filtered, 0, j)
-            place = j * (j + 1) // 2
-            for i in range(j + 1):
-                total += load(half, 0, place + i) * load(back, 0, i)
-            place += j
-            for i in range(j + 1, n):
-                place += i
-                total += load(half, 0, place) * load(back, 0, i)
-            store(trial, 0, j, total)
+        rows, phi, q, moving = path.rows[k], path.phi[k], path.q[k], path.moving[k]
+        trial, target = path.trial[k], path.target[k]
+        _smoothed(path, k, back, trial)
         for c in range(m):
             left = load(target, 0, c)
             for j in range(n):
@@ -329,14 +377,7 @@ def go_back(
                 total += load(q, i, j) * load(back, 0, j)
             value = load(back, 0, i)
             motion += value * (two * total + load(q, i, i) * value)
-        for j in range(n):
-            total = splat(0.0)
-            if j >= moving:
-                total = load(back, 0, j)
-            for i in range(moving):
-                total += load(phi, i, j) * load(back, 0, i)
-            store(x, 0, j, total)
-        lane_algebra.copy(x, back)
+        _back_in_time(phi, moving, back, x)
     for i in range(n):
         value = load(back, 0, i)
         for j in range(n):
@@ -347,75 +388,91 @@ def go_back(
 
 @compiled
 def covariances(
-    path: Path, first: int, count: int, work: Work, mean: np.ndarray, cov: np.ndarray
+    path: Path,
+    states: np.ndarray,
+    newest: int,
+    oldest: int,
+    final: int,
+    first: int,
+    count: int,
+    work: Work,
+    mean: np.ndarray,
+    cov: np.ndarray,
 ) -> None:
-    """Write the trajectories and their covariances P_f − P_f Λ P_f, given all readings.
+    """Write trajectories and their covariances P_f − P_f Λ P_f, given the readings of a window.
 
     The filter has gone along them, undamped.
+
+    Parameters
+    ----------
+    states : (K, 1, n, lanes) the trajectories.
+    newest, oldest : epochs of the window.
+    final : those from the oldest to this one are written.
+    first, count : the runs. mean, cov : (R, K, n), (R, K, n, n) output.
     """
-    epochs, m, n = path.rows.shape[0], path.rows.shape[1], path.rows.shape[2]
+    n = path.rows.shape[2]
     f, phi_t = lanes.lanes(n, n), lanes.lanes(n, n)
     later, t, p = work.other, work.scratch, work.p
-    pulled, e, s = work.hp, work.change, work.s
     later[:] = 0.0
-    half_of = splat(0.5)
-    for step in range(epochs):
-        k = epochs - 1 - step
-        rows, gain, lower, phi = (
-            path.rows[k],
-            path.updates.gains[k],
-            path.updates.lower[k],
-            path.phi[k],
-        )
-        half, moving = path.half_cov[k], path.moving[k]
-        place = 0
-        for i in range(n):
-            for j in range(i + 1):
-                value = load(half, 0, place)
-                store(f, i, j, value)
-                store(f, j, i, value)
-                place += 1
-        lane_algebra.products_of_rows(f, n, later, t)
-        lane_algebra.products_of_rows(t, n, f, p)
-        for i in range(n):
-            for j in range(i + 1):
-                value = load(f, i, j) - load(p, i, j)
-                store(p, i, j, value)
-                store(p, j, i, value)
-        lanes.scatter(path.states[k], p, first, count, k, mean, cov)
-        # Hᵀ S⁻¹ H + (I − K H)ᵀ Λ (I − K H) = Λ + Hᵀ E + Eᵀ H, E = ½ (Kᵀ Λ K + S⁻¹) H − Kᵀ Λ
-        lane_algebra.products_of_rows(gain, m, later, pulled)
-        lane_algebra.solve_lower(lower, m, rows, e)
-        lane_algebra.solve_upper(lower, m, e, e)
-        for c in range(m):
-            for d in range(m):
-                total = splat(0.0)
+    for step in range(newest - oldest + 1):
+        k = newest - step
+        if k <= final:
+            _whole(path.half_cov[k], f)
+            lane_algebra.products_of_rows(f, n, later, t)
+            lane_algebra.products_of_rows(t, n, f, p)
+            for i in range(n):
+                for j in range(i + 1):
+                    value = load(f, i, j) - load(p, i, j)
+                    store(p, i, j, value)
+                    store(p, j, i, value)
+            lanes.scatter(states[k], p, first, count, k, mean, cov)
+        if k > oldest:
+            _informed(path, k, work)
+            phi, moving = path.phi[k], path.moving[k]
+            for i in range(n):
                 for j in range(n):
-                    total += load(pulled, c, j) * load(gain, d, j)
-                store(s, c, d, total)
+                    value = splat(1.0 if i == j else 0.0)
+                    if i < moving:
+                        value = load(phi, i, j)
+                    store(phi_t, j, i, value)
+            lane_algebra.products_of_rows(phi_t, n, later, t)
+            lane_algebra.products_of_rows(t, n, phi_t, p)
+            for i in range(n):
+                for j in range(i + 1):
+                    value = load(p, i, j)
+                    store(later, i, j, value)
+                    store(later, j, i, value)
+
+
+@compiled
+def _informed(path: Path, k: int, work: Work) -> None:
+    """Add what the readings of an epoch tell to the information Λ of what comes later.
+
+    Hᵀ S⁻¹ H + (I − K H)ᵀ Λ (I − K H) = Λ + Hᵀ E + Eᵀ H, E = ½ (Kᵀ Λ K + S⁻¹) H − Kᵀ Λ.
+    """
+    rows, gain, lower = path.rows[k], path.updates.gains[k], path.updates.lower[k]
+    m, n = rows.shape[0], rows.shape[1]
+    later, pulled, e, s = work.other, work.hp, work.change, work.s
+    half = splat(0.5)
+    lane_algebra.products_of_rows(gain, m, later, pulled)
+    lane_algebra.solve_lower(lower, m, rows, e)
+    lane_algebra.solve_upper(lower, m, e, e)
+    for c in range(m):
+        for d in range(m):
+            total = splat(0.0)
             for j in range(n):
-                total = load(e, c, j)
-                for d in range(m):
-                    total += load(s, c, d) * load(rows, d, j)
-                store(e, c, j, half_of * total - load(pulled, c, j))
-        for i in range(n):
-            for j in range(i + 1):
-                total = load(later, i, j)
-                for c in range(m):
-                    total += load(rows, c, i) * load(e, c, j)
-                    total += load(e, c, i) * load(rows, c, j)
-                store(later, i, j, total)
-                store(later, j, i, total)
-        for i in range(n):
-            for j in range(n):
-                value = splat(1.0 if i == j else 0.0)
-                if i < moving:
-                    value = load(phi, i, j)
-                store(phi_t, j, i, value)
-        lane_algebra.products_of_rows(phi_t, n, later, t)
-        lane_algebra.products_of_rows(t, n, phi_t, p)
-        for i in range(n):
-            for j in range(i + 1):
-                value = load(p, i, j)
-                store(later, i, j, value)
-                store(later, j, i, value)
+                total += load(pulled, c, j) * load(gain, d, j)
+            store(s, c, d, total)
+        for j in range(n):
+            total = load(e, c, j)
+            for d in range(m):
+                total += load(s, c, d) * load(rows, d, j)
+            store(e, c, j, half * total - load(pulled, c, j))
+    for i in range(n):
+        for j in range(i + 1):
+            total = load(later, i, j)
+            for c in range(m):
+                total += load(rows, c, i) * load(e, c, j)
+                total += load(e, c, i) * load(rows, c, j)
+            store(later, i, j, total)
+            store(later, j, i, total)

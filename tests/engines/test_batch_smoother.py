@@ -3,30 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import cache
 
 import numpy as np
 import pytest
-from problems import entangled, propagated
+from problems import block_of_runs, entangled, propagated
 
-from ggbench.block import ProblemBlock, block_of
+from ggbench.block import block_of
 from ggbench.campaign.registry import choose
 from ggbench.engines import batch_smoother
 from ggbench.numerics.frozen import read_only
-from ggbench.simulation import error_free_flight
-from ggbench.simulation.runs import simulate_block
-from ggbench.spec import scenario
 
 REFERENCE = choose("factor-graph[mode=batch]").estimator
 MOST = REFERENCE.max_iterations
-
-
-@cache
-def block_of_runs(name: str, case: str, first: int, last: int) -> ProblemBlock:
-    loaded = scenario.load(name)
-    found = next(c for c in loaded.cases if c.name == case)
-    prepared = error_free_flight.prepare(found)
-    return simulate_block(prepared, loaded.campaign.seed, range(first, last))[0]
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,174 @@
+"""Incremental smoothing of many runs at once, compiled: what iSAM2 solves, by Kalman smoothers.
+
+Each node has a point about which its reading is linearised. With every epoch a node is added,
+linearised where the newest estimate predicts it; nodes whose estimate has moved from their point by
+a threshold or more are linearised anew where the estimate is; and the linear problem is solved
+exactly. These are the rules of GTSAM's ISAM2 (Kaess et al. 2012) without a wildfire threshold,
+which remains the reference. Where ISAM2 eliminates the part of its Bayes tree that a change
+reaches, a filter goes on from the oldest node that was linearised anew, and multipliers go back
+through all nodes.
+
+In a sliding window (GTSAM's IncrementalFixedLagSmoother) a node leaves when a reading comes that is
+later by more than the lag. What had been linearised stays as it is, and so does the point of the
+oldest node of the window, with which what has left is entangled.
+
+Eight runs go together: a filter goes on where the first of them has to.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..block import ProblemBlock
+from ..numerics import lane_algebra, lanes
+from ..numerics.kernels import LANES, compiled
+from ..sensors.model_kernels import ModelArrays
+from .robust_weights import NONE, number_of
+from .smoother_passes import (
+    Path,
+    costs_of,
+    covariances,
+    filter_epoch,
+    judge,
+    path_of,
+    resume,
+    smooth_back,
+    work_of,
+)
+from .whitened_readings import linearise, noise_inverse, readings_of
+
+
+@compiled
+def _smooth(
+    measurements: np.ndarray,
+    noise_inverse: np.ndarray,
+    transition: np.ndarray,
+    process_cov: np.ndarray,
+    prior_mean: np.ndarray,
+    prior_cov: np.ndarray,
+    model: ModelArrays,
+    limits: np.ndarray,
+    leaving: np.ndarray,
+    loss: int,
+    threshold: float,
+    mean: np.ndarray,
+    cov: np.ndarray,
+    relinearized: np.ndarray,
+) -> None:
+    """Solve the problems of a block.
+
+    Parameters
+    ----------
+    limits, leaving : see :func:`smoother`; empty without a window.
+    mean, cov, relinearized : (R, K, n), (R, K, n, n), (R,) output.
+    """
+    runs, epochs, m = measurements.shape
+    n = prior_mean.shape[0]
+    expected = lanes.moving_states(transition, process_cov)
+    reading = readings_of(model, n, m, loss != NONE)
+    m = reading.rows.shape[0]
+    path, work, undamped, costs = path_of(epochs, n, m), work_of(n, m), work_of(n, 0), costs_of()
+    windowed = leaving.shape[0] > 0
+    for first in lanes.starts(runs):
+        count, group = lanes.count_from(first, runs), lanes.members(first, runs)
+        oldest = 0
+        for k in range(epochs):
+            if windowed and leaving[k] > oldest:
+                covariances(
+                    path, path.trial, k - 1, oldest, leaving[k] - 1, first, count, work, mean, cov
+                )
+            path.moving[k] = lanes.gather(
+                transition, process_cov, group, k, expected, path.phi[k], path.q[k]
+            )
+            if k == 0:
+                lanes.spread(prior_mean.reshape((1, n)), work.x)
+            else:
+                lane_algebra.copy(path.trial[k - 1], work.x)
+            lane_algebra.move(path.phi[k], path.moving[k], work.x, work.scratch)
+            lane_algebra.copy(work.x, path.trial[k])
+            lane_algebra.copy(work.x, path.states[k])
+            begin = k
+            for j in range(k, oldest - 1, -1):
+                fixed = j == oldest and oldest > 0
+                if j == k or (not fixed and _moved(path, j, limits, group, count, relinearized)):
+                    linearise(
+                        model, measurements, noise_inverse, group, count, j, path.trial[j], reading
+                    )
+                    judge(path, reading, j, loss, threshold, costs)
+                    begin = j
+            if begin == 0:
+                lanes.spread(prior_mean.reshape((1, n)), work.x)
+                lanes.spread(prior_cov, work.p)
+            else:
+                resume(path, begin - 1, work)
+            for j in range(begin, k + 1):
+                filter_epoch(path, j, False, work, undamped)
+            if windowed:
+                oldest = leaving[k]
+            else:
+                lanes.scatter(work.x, work.p, first, count, k, mean, cov)
+            smooth_back(path, k, oldest, work)
+        if windowed:
+            last = epochs - 1
+            covariances(path, path.trial, last, oldest, last, first, count, work, mean, cov)
+
+
+@compiled
+def _moved(
+    path: Path, j: int, limits: np.ndarray, group: np.ndarray, count: int, relinearized: np.ndarray
+) -> bool:
+    """Take the estimates of a node that have moved as its points, and return if there are any.
+
+    The trial of the others becomes their point, about which they are linearised as before.
+    """
+    states, trial = path.states[j], path.trial[j]
+    n = limits.shape[1]
+    some = False
+    for r in range(LANES):
+        moved = False
+        for i in range(n):
+            moved |= abs(trial[0, i, r] - states[0, i, r]) >= limits[group[r], i]
+        for i in range(n):
+            if moved:
+                states[0, i, r] = trial[0, i, r]
+            else:
+                trial[0, i, r] = states[0, i, r]
+        if moved and r < count:
+            relinearized[group[r]] += 1
+        some |= moved
+    return some
+
+
+def smoother(
+    block: ProblemBlock,
+    limits: np.ndarray,
+    leaving: np.ndarray | None = None,
+    loss: str = "none",
+    threshold: float = np.inf,
+) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    """Solve the problems of every run as their readings come.
+
+    Parameters
+    ----------
+    block : the runs.
+    limits : (R, n) changes of a state from which its node is linearised anew.
+    leaving : (K,) the oldest node of the window when an epoch has come; those before it are final.
+        None: no window, and every node is final as the newest.
+    loss, threshold : on each whitened component of a reading, see :mod:`.robust_weights`.
+
+    Returns
+    -------
+    mean (R, K, n), cov (R, K, n, n) of each node when it is final; counters.
+    """
+    runs, epochs, n = block.runs, block.epochs, block.dimension
+    mean, cov = np.empty((runs, epochs, n)), np.empty((runs, epochs, n, n))
+    relinearized = np.zeros(runs, dtype=np.int64)
+    if leaving is None:
+        leaving = np.empty(0, dtype=np.int64)
+    _smooth(
+        block.measurements, noise_inverse(block), block.transition, block.process_cov,
+        block.prior_mean, block.prior_cov, block.model, limits, leaving,
+        number_of(loss, threshold), threshold, mean, cov, relinearized,
+    )  # fmt: skip
+    evaluations = relinearized + epochs
+    return mean, cov, {"relinearized": relinearized, "map_evaluations": evaluations}
