@@ -46,6 +46,9 @@ LOST = ("wide_prior", "parallel_valleys", "particle_filters", "matching")
 NUDGE = 1e-9
 """By how many deviations of their noise readings are moved to see what rounding can do."""
 BATCH = "factor-graph[mode=batch]"
+WINDOW = 3.0
+"""Length of a sliding window, in the longest time between two readings; at least 20 s."""
+INCREMENTAL_RUNS = RUNS if EVERYTHING else 1
 
 
 def cases_of(name: str) -> list[tuple[str, str]]:
@@ -116,6 +119,26 @@ def test_filters_are_those_of_the_frameworks(label, name, case):
         assert own > 0.1 * limit, f"run {run}: {found:.1e}, and {own:.1e} of the reference itself"
         chaotic += 1
     assert chaotic == 0 or name in LOST or EVERYTHING
+
+
+@pytest.mark.parametrize(("name", "case"), CASES)
+@pytest.mark.parametrize("mode", ["isam2", "fixed-lag"])
+def test_incremental_solutions_are_gtsams(mode, name, case):
+    """To a hundred-thousandth of the prior, wherever GTSAM keeps so many digits."""
+    block = block_of_runs(name, case)
+    lag = max(20.0, WINDOW * np.diff(block.times).max())
+    label = f"factor-graph[mode={mode},lag={lag}]"
+    reference, estimates = choose(label).estimator, compiled(label).estimate_block(block)
+    limit = max(COARSER.get(name, 0.0), 1e-5)
+    for run in range(INCREMENTAL_RUNS):
+        problem = block.problem(run)
+        expected = reference.estimate(problem, np.random.default_rng(0))
+        apart = difference(estimates.estimate(run), expected, problem)
+        if apart >= limit:
+            again = reference.estimate(nudged(problem), np.random.default_rng(0))
+            own = difference(again, expected, problem)
+            assert own > 0.1 * limit, f"run {run}: {apart:.1e}, and {own:.1e} of GTSAM itself"
+            assert name in LOST or EVERYTHING
 
 
 @pytest.mark.parametrize("loss", ["none", "cauchy"])
