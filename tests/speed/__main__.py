@@ -26,6 +26,7 @@ from . import (
     model_cost,
     problem_file,
     report,
+    roster,
     rounds,
     startup,
 )
@@ -35,6 +36,8 @@ from .rounds import Entry, Measured
 RAW = "speed.json"
 RUNS = 32
 """Runs in the problem's file: what dynamax takes at once."""
+ROSTER_ROUNDS = 3
+"""In which every estimator is timed."""
 TOLERANCES = {"ekf": 1e-6, "ukf": 1e-6, "batch": 1e-4}
 """Allowed differences of means, in deviations of the prior. Levenberg–Marquardt stops where the
 error falls by less than 1e-10 of itself, up to 1e-4 deviations from the minimum."""
@@ -117,6 +120,7 @@ def bench(options: argparse.Namespace) -> None:
         "iterations": iterations(),
         "tolerances": TOLERANCES,
         "entries": [asdict(item) for item in found],
+        "roster": [asdict(cost) for cost in roster.measure(ROSTER_ROUNDS)],
         "clouds": clouds.measure(folder, options.rounds, options.seconds),
         "startup": startup.measure(options.rounds),
     }
