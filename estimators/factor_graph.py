@@ -378,16 +378,19 @@ def _noticeable_changes(problem: Problem) -> np.ndarray:
 
     That of the noise, in the root of the mean square over epochs that are spread over the flight,
     by H along the undisturbed motion from the prior's mean. Infinite where h does not depend on it.
+    Where the problem says what its channels are, gradients count alone: the other sensors read what
+    is as good as linear in the states.
     """
     shown = np.unique(np.linspace(0, problem.epochs - 1, _SHOWN).astype(int))
     channels = problem.measurements.shape[1]
+    counted = [c.unit == "E" for c in problem.channels] or [True] * channels
     x, total = problem.prior_mean, np.zeros(problem.dimension)
     for k, phi in enumerate(problem.transition):
         x = phi @ x
         if k in shown:
             jacobian = _jacobian(problem.model, k, x, channels)
             white = np.linalg.solve(np.linalg.cholesky(problem.noise_of(k)), jacobian)
-            total += (white**2).sum(axis=0)
+            total += (white[counted] ** 2).sum(axis=0)
     with np.errstate(divide="ignore"):
         return np.sqrt(len(shown) / total)
 

@@ -7,7 +7,7 @@ import pytest
 from problems import LinearModel, changed, estimator, linear_problem, rng, simulated
 from rough_field import rough_flight
 
-from ggbench.problem import Problem, StateBlock
+from ggbench.problem import Channel, Problem, StateBlock
 
 
 @pytest.mark.parametrize(
@@ -120,6 +120,11 @@ def test_an_incremental_graph_is_linearised_anew_as_its_threshold_says():
     )
     assert often > usual > seldom
     assert often > 10 * problem.epochs  # over the flight, nodes many times
+    # What only other sensors notice asks for nothing: they are as good as linear.
+    heights = tuple(Channel(f"{i}", "m", "any") for i in range(problem.measurements.shape[1]))
+    free = estimator("factor-graph[relinearize_threshold=0.01]")
+    told = free.estimate(changed(problem, channels=heights), rng()).info["relinearized"]
+    assert told <= seldom
 
 
 def test_a_mixture_tells_how_many_hypotheses_it_started_with_and_had_on_average():
