@@ -15,10 +15,11 @@ a path tells its velocity and its biases, and a copied path stays a copy. Three 
 - While the cloud still has several modes or bends with the field, the position has a noise that the
   Kalman part is told of (``jitter``), so that copies part.
 - As soon as h is a straight line over the whole cloud, to within the noise of a reading, prior,
-  reading and so the posterior are Gaussians. The jitter is then off, and instead of being
-  resampled the cloud is drawn anew from the Gaussian of its mean and covariance, linear states
-  included. Velocity and biases that were tied to paths are a covariance again, the particles are
-  as different as on the first day, and nothing is claimed that the readings have not told.
+  reading and so the posterior are Gaussians. Instead of being resampled the cloud then becomes the
+  Gaussian of its mean and covariance, linear states included: velocity and biases that were tied
+  to paths are a covariance again, and nothing is claimed that the readings have not told. A Kalman
+  filter, linearised statistically over a hundred points, carries it; should h bend over it again,
+  particles are drawn from it.
 
 Without these it claims, on flights where it started 100 m off, to know the position ten times
 better than the Cramér–Rao bound allows, and is wrong by hundreds of metres.
@@ -28,7 +29,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..engines.particles import POSITION, Moves, mixing
+from ..engines.linear_states import POSITION, mixing
+from ..engines.particles import Moves
 from ..engines.resampling import Resampling
 from ..problem import Problem
 from .particle import CloudFilter
@@ -40,7 +42,7 @@ class RaoBlackwellisedFilter(CloudFilter):
 
     Parameters
     ----------
-    particles : their number N. A run costs about 0.4 µs per particle and epoch.
+    particles : their number N. Until it is straight a cloud costs 0.4 µs per particle and epoch.
     resampling : ``systematic``, ``stratified`` or ``residual``.
     threshold : effective sample size over N below which the cloud is renewed.
     tempering : a reading that would leave less than this share of N effective is taken in by

@@ -18,11 +18,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..block import CompiledModel
 from ..numerics.kernels import compiled
 from ..numerics.positive import ranked_root
 from ..problem import Problem
-from ..sensors.gradiometer.instrument import STRAPDOWN
+from .linear_states import POSITION
 from .resampling import Resampling, effective_size, moments, normalise, repaired, resample, unique
 
 _LEAST_STEP, _BISECTIONS, _MOST_STAGES = 1e-16, 40, 60
@@ -30,10 +29,10 @@ _LEAST_STEP, _BISECTIONS, _MOST_STAGES = 1e-16, 40, 60
 found; stages in which a reading is taken in at most."""
 _PER_STATE = 10.0
 """Effective particles per drawn state from which a regression on them says anything."""
+_PROBES = 100
+"""Points with the exact moments of a Gaussian, by which it is seen whether h is straight there."""
 _CHUNK = 8192
 """Particles whose readings are asked for at once: more of them leave the processor's cache."""
-POSITION = 3
-"""The first three states are the position's errors [m]."""
 
 
 class Moves(NamedTuple):
@@ -51,7 +50,7 @@ class Moves(NamedTuple):
     jitter : noise density of the position [m²/s] added to Q while the cloud is not straight.
     straight : variance, over that of the noise, which is left of the cloud's h after a regression
         on the drawn states and below which h counts as a straight line over the cloud. What goes
-        on is then a Gaussian, and it is drawn anew as such instead of resampled.
+        on is then a Gaussian, which a Kalman filter carries, until h bends over it again.
     start : how many times N particles there are until the first reading has been weighed. It is
         the one reading that searches a whole prior, for modes that may be narrow.
     roughening : K of Gordon et al. (1993): K E_j N^{−1/d} of noise in state j after resampling,
@@ -91,7 +90,7 @@ def filtered(problem: Problem, drawn: int, moves: Moves, rng: np.random.Generato
     """Run the filter, with the first ``drawn`` of the n states as particles.
 
     h must be linear in the other states with coefficients that depend on none of them; see
-    :func:`mixing`.
+    :func:`.linear_states.mixing`.
     """
     epochs, n = problem.epochs, problem.dimension
     mean, cov, nis = np.empty((epochs, n)), np.empty((epochs, n, n)), np.full(epochs, np.nan)
@@ -118,29 +117,6 @@ def filtered(problem: Problem, drawn: int, moves: Moves, rng: np.random.Generato
     return Filtered(mean, cov, nis, info)
 
 
-def mixing(problem: Problem) -> str | None:
-    """Return why h is not linear in the states behind the position, or None if it is."""
-    if not isinstance(problem.model, CompiledModel):
-        return (
-            "which states enter h linearly is known of the package's own model, not of "
-            f"{type(problem.model).__name__}"
-        )
-    arrays = problem.model.arrays
-    read = np.flatnonzero(arrays.gain)
-    if len(arrays.channels) == 0 or len(read) == 0:
-        return None
-    if arrays.instrument == STRAPDOWN:
-        return "the readings of a strapdown gradiometer depend on the attitude, not linearly"
-    if not np.array_equal(
-        arrays.rows[read, :POSITION],
-        np.broadcast_to(
-            np.eye(POSITION, arrays.rows.shape[-1]), arrays.rows[read, :POSITION].shape
-        ),
-    ):
-        return "a filtered gradiometer reads the position of some time ago, which mixes all states"
-    return None
-
-
 @compiled
 def _log_likelihoods(
     residuals: np.ndarray, inverse: np.ndarray, log: np.ndarray, out: np.ndarray
@@ -160,7 +136,8 @@ def _log_likelihoods(
 class _Cloud:
     """N weighted particles (N, n), log weights (N,), and P_l (n − d, n − d) of them all.
 
-    Their ``evidence`` is ln p(z) of all readings so far, ``total`` the ln Σ of their weights.
+    Their ``evidence`` is ln p(z) of all readings so far, ``total`` the ln Σ of their weights. Where
+    the cloud has become a ``gaussian``, mean (n,) and covariance (n, n), a few points stand for it.
     """
 
     def __init__(
@@ -179,6 +156,7 @@ class _Cloud:
         self.resamplings = self.stages = self.evaluations = 0
         self.fewest = self.count
         self.evidence, self.total = 0.0, math.log(size)
+        self.gaussian: tuple[np.ndarray, np.ndarray] | None = None
 
     def predict(self, k: int) -> None:
         """Carry the cloud to epoch k; to the first one, draw it there, where its prior leads."""
@@ -189,6 +167,11 @@ class _Cloud:
             joint = phi @ problem.prior_cov @ phi.T + noise
             steps = self._steps(joint)
             self.x = phi @ problem.prior_mean + self._balanced(len(self.x), len(steps)) @ steps
+            return
+        if self.gaussian:
+            mean, cov = self.gaussian
+            self.gaussian = phi @ mean, phi @ cov @ phi.T + noise
+            self._draw(*self.gaussian, _PROBES)
             return
         joint = phi[:, d:] @ self.rest @ phi[:, d:].T + noise
         if self.moves.jitter and not self.straight:
@@ -208,6 +191,13 @@ class _Cloud:
             slope = problem.model.jacobian(k, self.x[0])[there, d:]
             self.evaluations += 1
         residuals = self._residuals(k, there)
+        if self.gaussian:
+            self._straighten(residuals, slope, noise)
+            if self.straight:
+                return self._update_gaussian(residuals, slope, noise)
+            self._draw(*self.gaussian, self.count)
+            self.gaussian = None
+            residuals = self._residuals(k, there)
         squared = self._innovation_squared(residuals, slope, noise) if self.straight else math.nan
         left, stages = 1.0, 0
         while True:
@@ -239,15 +229,41 @@ class _Cloud:
 
     def moments(self) -> tuple[np.ndarray, np.ndarray, bool]:
         """Return mean (n,) and covariance (n, n) of the states, and whether it was repaired."""
-        mean, cov = moments(self.weights, self.x)
-        cov[self.drawn :, self.drawn :] += self.rest
+        mean, cov = self.gaussian or self._moments()
         return mean, *repaired(cov, self.problem.prior_cov)
 
     def renew_if_poor(self) -> None:
         """Renew the cloud where a reading has left too few of its particles any weight."""
-        if self.poor:
+        if self.poor and self.straight:
+            self.gaussian = self._moments()
+        elif self.poor:
             self._renew()
-            self.poor = False
+        self.poor = False
+
+    def _moments(self) -> tuple[np.ndarray, np.ndarray]:
+        mean, cov = moments(self.weights, self.x)
+        cov[self.drawn :, self.drawn :] += self.rest
+        return mean, cov
+
+    def _update_gaussian(
+        self, residuals: np.ndarray, slope: np.ndarray, noise: np.ndarray
+    ) -> float:
+        """Update the Gaussian by a reading, linearised statistically; return its NIS.
+
+        By regression on points that have its moments (Särkkä & Svensson 2023, ch. 9).
+        """
+        assert self.gaussian
+        (mean, cov), n = self.gaussian, self.x.shape[1]
+        innovation, joint = moments(self.weights, np.hstack([self.x, residuals]))
+        innovation = innovation[n:]
+        spread = joint[n:, n:] + slope @ self.rest @ slope.T + noise
+        across = -joint[:n, n:]
+        across[self.drawn :] += self.rest @ slope.T
+        gain = np.linalg.solve(spread, across.T).T
+        self.gaussian = mean + gain @ innovation, cov - gain @ spread @ gain.T
+        squared = float(innovation @ np.linalg.solve(spread, innovation))
+        self.evidence -= 0.5 * (squared + np.linalg.slogdet(2.0 * np.pi * spread)[1])
+        return squared
 
     def _residuals(self, k: int, there: np.ndarray) -> np.ndarray:
         self.evaluations += len(self.x)
@@ -323,7 +339,7 @@ class _Cloud:
         moves, d = self.moves, self.drawn
         self.resamplings += 1
         if self.straight:
-            self._redraw()
+            self._draw(*self._moments(), self.count)
         else:
             ancestors = resample(moves.resampling, self.weights, self.rng, self.count)
             self.fewest = min(self.fewest, unique(ancestors))
@@ -336,19 +352,23 @@ class _Cloud:
                 self._regularise()
             if moves.kernel:
                 self._blur()
-        self.log, self.trial = np.zeros(self.count), np.empty(self.count)
-        self.weights = np.full(self.count, 1.0 / self.count)
-        self.total = math.log(self.count)
+        self._level()
 
-    def _redraw(self) -> None:
-        """Draw the cloud from the Gaussian of its mean and covariance, which it then has exactly.
+    def _level(self) -> None:
+        """Give all particles the same weight."""
+        count = len(self.x)
+        self.log, self.trial = np.zeros(count), np.empty(count)
+        self.weights = np.full(count, 1.0 / count)
+        self.total = math.log(count)
+
+    def _draw(self, mean: np.ndarray, cov: np.ndarray, count: int) -> None:
+        """Draw the cloud from a Gaussian, whose mean and covariance it then has exactly.
 
         Second-order exact sampling (Pham 2001): the draw adds no error to either.
         """
-        mean, cov = moments(self.weights, self.x)
-        cov[self.drawn :, self.drawn :] += self.rest
         steps = self._steps(cov)
-        self.x = mean + self._balanced(self.count, len(steps)) @ steps
+        self.x = mean + self._balanced(count, len(steps)) @ steps
+        self._level()
 
     def _blur(self) -> None:
         """Move all particles by the kernel of Liu and West, and P_l with them."""

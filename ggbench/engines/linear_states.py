@@ -1,0 +1,35 @@
+"""Which states readings are linear in, so that a Kalman filter may carry them for a particle."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..block import CompiledModel
+from ..problem import Problem
+from ..sensors.gradiometer.instrument import STRAPDOWN
+
+POSITION = 3
+"""The first three states are the position's errors [m]."""
+
+
+def mixing(problem: Problem) -> str | None:
+    """Return why h is not linear in the states behind the position, or None if it is."""
+    if not isinstance(problem.model, CompiledModel):
+        return (
+            "which states enter h linearly is known of the package's own model, not of "
+            f"{type(problem.model).__name__}"
+        )
+    arrays = problem.model.arrays
+    read = np.flatnonzero(arrays.gain)
+    if len(arrays.channels) == 0 or len(read) == 0:
+        return None
+    if arrays.instrument == STRAPDOWN:
+        return "the readings of a strapdown gradiometer depend on the attitude, not linearly"
+    if not np.array_equal(
+        arrays.rows[read, :POSITION],
+        np.broadcast_to(
+            np.eye(POSITION, arrays.rows.shape[-1]), arrays.rows[read, :POSITION].shape
+        ),
+    ):
+        return "a filtered gradiometer reads the position of some time ago, which mixes all states"
+    return None
