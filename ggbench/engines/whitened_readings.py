@@ -42,6 +42,8 @@ class Readings(NamedTuple):
     predicted : (1, m, lanes) h(x), of the gradiometer without biases.
     rows, innovation : (equations, n, lanes), (1, equations, lanes): H δx = innovation + noise of
         unit variance. If there were less than three, others are zero.
+    precision : (1, equations, lanes) by which the equations of a whole reading are multiplied:
+        inverse deviations of their noise in units of the given, ones until somebody knows better.
     squared : (1, 1, lanes) the sum of the squares of what no state explains.
     white, residual : (g, moving, lanes), (1, m, lanes) whitened A and z − h, compressed.
     points : scratch.
@@ -57,6 +59,7 @@ class Readings(NamedTuple):
     predicted: np.ndarray
     rows: np.ndarray
     innovation: np.ndarray
+    precision: np.ndarray
     squared: np.ndarray
     white: np.ndarray
     residual: np.ndarray
@@ -72,10 +75,12 @@ def readings_of(model: ModelArrays, n: int, m: int, whole: bool = False) -> Read
     """
     moving, g = moving_errors(model), model.channels.shape[0]
     equations = max(_gradient_equations(model, whole) + m - g, 3)
+    precision = lanes(1, equations)
+    precision[:] = 1.0
     return Readings(
         lanes(g, 6), lanes(m - g, MOVED), lanes(moving, model.rows.shape[3]), lanes(6, 1),
-        here_of(m), lanes(1, m), lanes(1, m), lanes(equations, n), lanes(1, equations), lanes(1, 1),
-        lanes(g, moving), lanes(1, m), points_of(1), whole,
+        here_of(m), lanes(1, m), lanes(1, m), lanes(equations, n), lanes(1, equations), precision,
+        lanes(1, 1), lanes(g, moving), lanes(1, m), points_of(1), whole,
     )  # fmt: skip
 
 
@@ -152,6 +157,18 @@ def linearise(
                 store(rows, i, model.bias + c, value)
     if out.aiding_slope.shape[0] > 0:
         _linearise_others(model, root, group, count, k, x, equations, out)
+    if out.whole:
+        scale_equations(out)
+
+
+@compiled
+def scale_equations(out: Readings) -> None:
+    """Multiply the equations of a whole reading with their precision."""
+    for c in range(out.rows.shape[0]):
+        factor = load(out.precision, 0, c)
+        store(out.innovation, 0, c, factor * load(out.innovation, 0, c))
+        for j in range(out.rows.shape[1]):
+            store(out.rows, c, j, factor * load(out.rows, c, j))
 
 
 @compiled

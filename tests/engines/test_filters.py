@@ -91,9 +91,14 @@ ROBUST = (
     "ukf[points=cubature,loss=cauchy]",
     "ukf[loss=huber]",
 )
+ADAPTIVE = (
+    "ekf[noise_memory=9]",
+    "ekf[iterations=5,noise_memory=9]",
+    "ekf[iterations=3,loss=cauchy,noise_memory=9]",
+)
 
 
-@pytest.mark.parametrize("name", ["ekf", "ukf", "ukf[points=merwe]", *ROBUST])
+@pytest.mark.parametrize("name", ["ekf", "ukf", "ukf[points=merwe]", *ROBUST, *ADAPTIVE])
 @pytest.mark.parametrize("case", [*CASES.items(), STRAPDOWN, BIASED], ids="-".join)
 def test_filterpy_gives_the_same_answer(case: tuple[str, str], name: str) -> None:
     assert_filterpy_agrees(prepared(*case), name)
@@ -116,7 +121,7 @@ def test_the_map_is_not_asked_at_points_that_are_next_to_the_mean() -> None:
     assert found.info["map_evaluations"].tolist() == [block.epochs] * block.runs
 
 
-ALONE = [*("ekf", "ukf"), *(name[:-1] for name in ROBUST[2:4])]
+ALONE = [*("ekf", "ukf"), *(name[:-1] for name in (*ROBUST[2:4], ADAPTIVE[2]))]
 
 
 @pytest.mark.parametrize("name", [f"{n}{',' if '[' in n else '['}engine=numba]" for n in ALONE])
