@@ -30,7 +30,7 @@ LIMIT = 1e-6
 ITERATED = 1e-4
 """The same where updates are iterated: a search ends a thousandth of a deviation off the minimum,
 and rounding decides where."""
-SEARCHING = ("ekf[iterations=5]", "gaussian-sum")
+SEARCHING = ("ekf[iterations=5]", "gaussian-sum", "gauss-newton")
 MORE = ("ekf[loss=cauchy]", "ekf[noise_memory=20]", "ukf[loss=huber]", *SEARCHING)
 MORE_RUNS = RUNS if EVERYTHING else 4
 COARSER = {
