@@ -11,6 +11,7 @@ from problems import entangled
 
 from ggbench.block import EstimateBlock, ProblemBlock, block_of
 from ggbench.campaign.registry import choose
+from ggbench.engines.windows import section
 from ggbench.numerics.frozen import read_only
 from ggbench.simulation import error_free_flight
 from ggbench.simulation.runs import simulate_block
@@ -92,10 +93,13 @@ def test_with_a_loss_numpy_finds_the_same_minimum(loss):
         {"window": 0, "refine": 2},
         {"max_iterations": 1},  # a covariance that is not yet that of the minimum
         {"max_iterations": 3, "refine": 1, "spacing_m": 700.0},
+        {"max_iterations": 8, "loss": "huber"},  # halvings and a screening, both with a loss
+        {"max_iterations": 8, "loss": "cauchy", "threshold": 0.5},
     ],
 )
 def test_what_is_asked_for_is_what_numpy_does(settings):
-    block = block_of_runs("wide_prior", "3km", 1)
+    """To the steps, before minima are reached that are the same however they are searched for."""
+    block = block_of_runs("wide_prior", "10km", 1)
     found = dataclasses.replace(COMPILED, **settings).estimate_block(block)
     assert_numpy_agrees(block, found, 1e-6, **settings)
 
@@ -124,6 +128,20 @@ def test_a_run_does_not_depend_on_its_neighbours():
         for key, values in alone.info.items():
             assert values[0] == together.info[key][run]
     assert_numpy_agrees(odd, together, 1e-4)
+
+
+def test_the_first_epochs_of_a_block_are_those_of_each_run():
+    """What a window is to the reference."""
+    block = block_of_runs("gnss_outage", "all", 2)
+    for run in range(2):
+        found, problem = block.until(7).problem(run), block.problem(run)
+        expected = section(problem, 0, 7, problem.prior_mean, problem.prior_cov)
+        for name in ("times", "measurements", "noise_cov", "transition", "process_cov", "present"):
+            np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+        np.testing.assert_array_equal(found.track.positions, expected.track.positions)
+        x = np.sqrt(np.diag(problem.prior_cov))
+        for k in range(7):
+            np.testing.assert_array_equal(found.model.predict(k, x), problem.model.predict(k, x))
 
 
 def test_a_block_of_one_run_knows_where_the_map_ends():
