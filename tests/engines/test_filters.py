@@ -122,7 +122,7 @@ def test_the_map_is_not_asked_at_points_that_are_next_to_the_mean() -> None:
     assert found.info["map_evaluations"].tolist() == [block.epochs] * block.runs
 
 
-@pytest.mark.parametrize("case", [*CASES.items(), ("li2011", "120s")], ids="-".join)
+@pytest.mark.parametrize("case", [*CASES.items(), ("gnss_outage", "gravimeter")], ids="-".join)
 def test_a_run_alone_is_of_the_types_of_a_block(case: tuple[str, str]) -> None:
     """So that kernels are compiled once: with biases, and a gravimeter's, and without."""
     name, label = case
