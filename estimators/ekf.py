@@ -39,8 +39,7 @@ class ExtendedKalmanFilter(BlockEstimator):
     noise_memory : number of readings over which the measurement noise is estimated from the
         residuals, a variance for each component (Mohamed & Schwarz 1999, with the forgetting of
         Sage & Husa 1969); 0 believes the given noise.
-    engine : ``filterpy``, the reference, or ``numba``: the same without ``noise_memory``, compiled,
-        on many runs at once.
+    engine : ``filterpy``, the reference, or ``numba``: the same, compiled, on many runs at once.
     """
 
     iterations: int = 1
@@ -68,19 +67,19 @@ class ExtendedKalmanFilter(BlockEstimator):
         if self.noise_memory < 0 or self.noise_memory == 1:
             return f"noise_memory must be 0 or at least 2, and is {self.noise_memory}"
         if self.takes_blocks:
-            if self.noise_memory:
-                return "engine=numba believes the given noise: noise_memory needs filterpy"
             return robust.refusal(self.loss, self.threshold) or super().skip(problem)
         return robust.refusal(self.loss, self.threshold)
 
     def estimate_block(self, block: ProblemBlock) -> EstimateBlock:
         """Filter all runs of a block."""
-        if self.iterations == 1 and self.loss == "none":
+        if self.iterations == 1 and self.loss == "none" and not self.noise_memory:
             mean, cov, nis = filters.extended(block)
             linearisations = evaluations = np.full(block.runs, block.epochs)
         else:
             threshold = robust.threshold_of(self.loss, self.threshold)
-            mean, cov, nis, counts = iterated(block, self.iterations, self.loss, threshold)
+            mean, cov, nis, counts = iterated(
+                block, self.iterations, self.loss, threshold, self.noise_memory
+            )
             linearisations, evaluations = counts.T
         info = {"linearisations": linearisations, "map_evaluations": evaluations}
         return EstimateBlock(mean, cov, self.causality, nis=nis, info=info)

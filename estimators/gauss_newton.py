@@ -21,30 +21,25 @@ start each. Where the first readings say nothing, those for the whole flight rem
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
-from scipy.special import ndtri
 
+from ..block import BlockEstimator, EstimateBlock, ProblemBlock
 from ..engines.iterated_smoother import IteratedSmoother, Minimum, Trajectory
-from ..engines.position_grid import states_in_metres
-from ..engines.windows import Search, refined, section
-from ..problem import Causality, Estimate, Estimator, Problem
+from ..engines.multistart import NO_RIVAL, across_prior, multistart, shown_epochs, window_search
+from ..engines.windows import refined
+from ..problem import Causality, Estimate, Problem
 from . import robust
 from .robust import Loss
 from .ukf import MatrixSquareRoot
 
 _MOST_STARTS = 1_000_000
 """Starts that fit in memory."""
-_SCREENED = 50
-"""Number of epochs at which the cost of a start is looked at."""
-_MOST_POINTS = 50_000
-"""Points of the grid on which the first window is searched."""
-_NO_RIVAL = 50.0
-"""Log odds against a place by which it needs no search of the whole flight."""
 
 
 @dataclass(frozen=True)
-class GaussNewton(Estimator):
+class GaussNewton(BlockEstimator):
     """Most probable trajectory, by Gauss–Newton from several starts.
 
     Parameters
@@ -60,6 +55,8 @@ class GaussNewton(Estimator):
         squares; see :mod:`ggbench.estimators.robust`.
     threshold : residual [standard deviations of the noise] from which the loss acts; if not
         given, 1.345 for ``huber`` and 2.385 for ``cauchy``.
+    engine : ``numpy``, the reference, or ``numba``: the same searches, compiled, those of many runs
+        at once.
     """
 
     starts: int = 1024
@@ -69,6 +66,7 @@ class GaussNewton(Estimator):
     max_iterations: int = 30
     loss: Loss = "none"
     threshold: float | None = None
+    engine: Literal["numpy", "numba"] = "numpy"
 
     name = "gauss-newton"
 
@@ -76,6 +74,11 @@ class GaussNewton(Estimator):
     def causality(self) -> Causality:
         """All measurements."""
         return "batch"
+
+    @property
+    def takes_blocks(self) -> bool:
+        """Only the engine ``numba``."""
+        return self.engine == "numba"
 
     def skip(self, problem: Problem) -> str | None:
         """Refuse limits that leave nothing to do."""
@@ -88,10 +91,24 @@ class GaussNewton(Estimator):
             return f"window must not be negative, and is {self.window}"
         if not 0.0 < self.spacing_m < np.inf:
             return f"spacing_m must be positive and finite, and is {self.spacing_m:g}"
-        return robust.refusal(self.loss, self.threshold)
+        if reason := robust.refusal(self.loss, self.threshold):
+            return reason
+        return super().skip(problem) if self.takes_blocks else None
+
+    def estimate_block(self, block: ProblemBlock) -> EstimateBlock:
+        """Refine the best starts of all runs of a block; the mean is NaN where none has a cost."""
+        threshold = robust.threshold_of(self.loss, self.threshold)
+        window = self.window if self.starts > 1 else 0
+        mean, cov, info = multistart(
+            block, self.starts, self.refine, window, self.spacing_m, self.max_iterations,
+            self.loss, threshold,
+        )  # fmt: skip
+        return EstimateBlock(mean, cov, self.causality, info=info)
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
         """Refine the best starts and return the trajectory of the lowest cost."""
+        if self.takes_blocks:
+            return super().estimate(problem, rng)
         threshold = robust.threshold_of(self.loss, self.threshold)
         smoother = _Smoother(problem, self.loss, threshold)
         starts = [*smoother.best_starts(self.starts, self.refine), smoother.from_filter()]
@@ -120,23 +137,10 @@ class _Smoother(IteratedSmoother):
         self.loss = loss
 
     def best_starts(self, count: int, keep: int) -> list[Trajectory]:
-        """Return the undisturbed motions of lowest costs from positions across the prior.
-
-        They are a Halton sequence in the normal distribution whose density is that of the prior to
-        the power d / (d + 2): with it d-dimensional points leave the smallest mean square distance
-        to the nearest one (Zador 1982).
-        """
-        centre = np.zeros(self.problem.dimension)
-        axes = states_in_metres(self.problem)
-        if count == 1 or not axes:
-            return [self.from_prior(centre)]
-        from scipy.stats import qmc  # not at the top: it loads slowly
-
-        uniform = qmc.Halton(len(axes), scramble=False).random(count)[1:]  # the first is zero
-        normal = np.sqrt(1.0 + 2.0 / len(axes)) * ndtri(uniform)
-        starts = np.zeros((count, len(centre)))
-        root = np.linalg.cholesky(self.prior_cov[np.ix_(axes, axes)])
-        starts[1:, axes] = np.linalg.solve(root.T, normal.T).T
+        """Return the undisturbed motions of lowest costs from positions across the prior."""
+        starts = across_prior(self.problem, count)
+        if len(starts) == 1:
+            return [self.from_prior(starts[0])]
         order = np.argsort(self._screen(starts), kind="stable")
         return [self.from_prior(starts[i]) for i in order[:keep]]
 
@@ -149,27 +153,21 @@ class _Smoother(IteratedSmoother):
         keep : largest number of motions. None is returned if the grid has one point: there the
             prior's mean is start enough.
         """
-        problem = self.problem
-        read = np.flatnonzero(problem.present.any(axis=1))[:count]
-        if not len(read) or not states_in_metres(problem):
+        search = window_search(self.problem, count, spacing_m, self.loss)
+        if search is None:
             return []
-        window = section(problem, 0, read[-1] + 1, problem.prior_mean, problem.prior_cov)
-        search = Search(window, spacing_m, _MOST_POINTS, "msd" if self.loss == "none" else "mad")
-        if len(search.points) < 2:
-            return []
-        search.take(window.epochs)
-        smoother = IteratedSmoother(window, self.losses, self.weights)
+        smoother = IteratedSmoother(search.problem, self.losses, self.weights)
         places = refined(smoother, search.starts(keep), search.spacing)[:keep]
         return [
             self.from_prior(place.start)
             for place in places
-            if place.cost < places[0].cost + _NO_RIVAL
+            if place.cost < places[0].cost + NO_RIVAL
         ]
 
     def _screen(self, starts: np.ndarray) -> np.ndarray:
         """Return the cost of each start (S, n), from a part of the epochs."""
         problem = self.problem
-        shown = np.linspace(0, problem.epochs - 1, min(problem.epochs, _SCREENED)).astype(int)
+        shown = shown_epochs(problem.epochs)
         moved = starts @ self.prior_cov
         costs = 0.5 * np.einsum("si,si->s", starts, moved)
         states = (self.prior_mean + moved).T

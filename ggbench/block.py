@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Protocol, TypeGuard, runtime_checkable
 
@@ -88,6 +88,22 @@ class ProblemBlock:
         """Number of states n."""
         return len(self.prior_mean)
 
+    def until(self, stop: int) -> ProblemBlock:
+        """Return the problems of the epochs before ``stop``, which nobody flies anew."""
+        model = self.model.mapped(lambda array: read_only(array[:, :stop]))
+        return replace(
+            self,
+            times=self.times[:stop],
+            measurements=self.measurements[:, :stop],
+            noise_cov=self.noise_cov if self.noise_cov.ndim == 2 else self.noise_cov[:stop],
+            transition=self.transition[:, :stop],
+            process_cov=self.process_cov[:, :stop],
+            model=model._replace(times=read_only(model.times[:stop])),
+            present=self.present[:, :stop],
+            tracks=None if self.tracks is None else self.tracks[:, :stop],
+            replays=None,
+        )
+
     def problem(self, run: int) -> Problem:
         """Return one run as every estimator takes it."""
         track = None
@@ -122,6 +138,10 @@ def block_of(problem: Problem) -> ProblemBlock:
     """
     if not isinstance(problem.model, CompiledModel):
         raise TypeError(_without_arrays(problem.model))
+    track, tracks = problem.track, None
+    if track is not None:
+        attitudes = track.attitudes.reshape(-1, 9)
+        tracks = np.hstack([track.positions, track.velocities, attitudes])[np.newaxis]
     return ProblemBlock(
         problem.times,
         problem.measurements[np.newaxis],
@@ -134,6 +154,9 @@ def block_of(problem: Problem) -> ProblemBlock:
         problem.layout,
         problem.present[np.newaxis],
         problem.channels,
+        tracks,
+        problem.map,
+        None if problem.replay is None else (problem.replay,),
     )
 
 

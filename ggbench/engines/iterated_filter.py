@@ -1,4 +1,4 @@
-"""Extended Kalman filter with iterated and robust updates on many runs at once, compiled.
+"""Extended Kalman filter with iterated, robust, adaptive updates on many runs at once, compiled.
 
 The equations are those of :class:`ggbench.estimators.ekf.ExtendedKalmanFilter` with filterpy, which
 remains the reference: a test holds both together.
@@ -12,6 +12,7 @@ from ..block import ProblemBlock
 from ..numerics import lane_algebra, lanes
 from ..numerics.kernels import LANES, compiled
 from ..sensors.model_kernels import ModelArrays
+from .adaptive_noise import adaptive_noise_of, begin, believe, learn
 from .iterated_update import Rules, minimise, search_of, update
 from .robust_weights import NONE, number_of
 from .whitened_readings import linearise, noise_inverse, readings_of, scatter_squares
@@ -29,6 +30,8 @@ def _iterated(
     prior_cov: np.ndarray,
     model: ModelArrays,
     rules: Rules,
+    memory: int,
+    present: np.ndarray,
     mean: np.ndarray,
     cov: np.ndarray,
     nis: np.ndarray,
@@ -40,8 +43,9 @@ def _iterated(
     expected = lanes.moving_states(transition, process_cov)
     phi, q = lanes.lanes(n, n), lanes.lanes(n, n)
     x, p, scratch = lanes.lanes(1, n), lanes.lanes(n, n), lanes.lanes(n, n)
-    reading = readings_of(model, n, m, rules.loss != NONE)
+    reading = readings_of(model, n, m, rules.loss != NONE or memory > 0)
     m = reading.rows.shape[0]
+    noise = adaptive_noise_of(m, memory)
     search = search_of(n, m)
     unexplained = lanes.lanes(1, 1)
     hp, s, white = search.hp, search.s, search.white
@@ -50,11 +54,13 @@ def _iterated(
         lanes.spread(prior_mean.reshape((1, n)), x)
         lanes.spread(prior_cov, p)
         told = np.zeros((LANES, 2), dtype=np.int64)
+        begin(noise)
         for k in range(epochs):
             moving = lanes.gather(transition, process_cov, group, k, expected, phi, q)
             lane_algebra.predict(phi, q, moving, x, p, scratch)
             linearise(model, measurements, noise_inverse, group, count, k, x, reading)
-            # The square of the innovation is that of every filter: linearised at the prediction.
+            # The square of the innovation is that of every filter: linearised at the prediction,
+            # with the given noise.
             lane_algebra.copy(reading.squared, unexplained)
             lane_algebra.project(reading.rows, p, m, hp, s)
             lane_algebra.factorise(s, m, s)
@@ -62,18 +68,25 @@ def _iterated(
             lane_algebra.add_squares(white, m, reading.squared)
             scatter_squares(reading, first, count, k, nis)
             lane_algebra.copy(unexplained, reading.squared)
+            if memory > 0:
+                believe(noise, reading)
             minimise(
                 model, measurements, noise_inverse, group, count, k, rules, x, p, reading, search,
                 told,
             )  # fmt: skip
             update(rules, x, p, search, scratch)
             lanes.scatter(x, p, first, count, k, mean, cov)
+            if memory > 0:
+                reading.precision[:] = 1.0
+                linearise(model, measurements, noise_inverse, group, count, k, x, reading)
+                learn(noise, present, group, count, k, p, search, reading)
+                told[:, 1] += 1
         for r in range(count):
             counts[first + r, 0], counts[first + r, 1] = told[r, 0], told[r, 1]
 
 
 def iterated(
-    block: ProblemBlock, iterations: int, loss: str, threshold: float
+    block: ProblemBlock, iterations: int, loss: str, threshold: float, memory: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Run the filter.
 
@@ -81,6 +94,7 @@ def iterated(
     ----------
     block : the runs. iterations : most linearisations of h per epoch.
     loss, threshold : on each whitened component of a reading, see :mod:`.robust_weights`.
+    memory : readings from which the noise is estimated, see :mod:`.adaptive_noise`; 0 for none.
 
     Returns
     -------
@@ -93,7 +107,7 @@ def iterated(
     rules = Rules(iterations, _HALVINGS, number_of(loss, threshold), threshold, True)
     _iterated(
         block.measurements, noise_inverse(block), block.transition, block.process_cov,
-        block.prior_mean, block.prior_cov, block.model, rules,
+        block.prior_mean, block.prior_cov, block.model, rules, memory, block.present,
         mean, cov, nis, counts,
     )  # fmt: skip
     return mean, cov, nis, counts

@@ -17,8 +17,8 @@ import numpy as np
 from ..numerics.kernels import compiled
 from ..problem import Problem
 
-_HALVINGS = 15
-_CONVERGED = 1e-6
+HALVINGS = 15
+CONVERGED = 1e-6
 """Decrease of the cost below which a search has ended: a thousandth of a standard deviation."""
 OfResiduals = Callable[[np.ndarray], np.ndarray]
 """What is said of each residual in standard deviations."""
@@ -153,14 +153,14 @@ class IteratedSmoother:
             )  # fmt: skip
             full = Trajectory(*solution)
             before = cost
-            for halving in range(_HALVINGS):
+            for halving in range(HALVINGS):
                 moved = trajectory.towards(full, 0.5**halving)
                 new_residuals = self.residuals(moved.states)
                 new = self.cost(moved, new_residuals)
                 if new < cost:
                     trajectory, residuals, cost = moved, new_residuals, new
                     break
-            converged = before - cost < _CONVERGED
+            converged = before - cost < CONVERGED
         return Minimum(trajectory, cost, iterations, converged, rows, filtered_cov)
 
 

@@ -54,6 +54,7 @@ class Search(NamedTuple):
     hp, s, white, half, gain : scratch (equations, n), (equations, equations), (1, equations); after
         :func:`update` s is the root of H P Hᵀ + 1, as :func:`.lane_algebra.factorise` leaves it.
     cost : (lanes,). seeking, trying : (lanes,) whether a run has not arrived; still halves.
+    weights : (1, equations, lanes) that a loss gave the equations; ones without any.
     weight : (equations,) scratch.
     """
 
@@ -71,17 +72,20 @@ class Search(NamedTuple):
     cost: np.ndarray
     seeking: np.ndarray
     trying: np.ndarray
+    weights: np.ndarray
     weight: np.ndarray
 
 
 @compiled
 def search_of(n: int, equations: int) -> Search:
     """Return the arrays of a search among n states by so many equations."""
+    weights = lanes(1, equations)
+    weights[:] = 1.0
     return Search(
         lanes(1, n), lanes(1, n), lanes(1, n), lanes(1, n), lanes(equations, n),
         lanes(1, equations), lanes(equations, n), lanes(equations, equations), lanes(1, equations),
         lanes(equations, n), lanes(equations, n), np.zeros(LANES), np.zeros(LANES, dtype=np.bool_),
-        np.zeros(LANES, dtype=np.bool_), np.zeros(equations),
+        np.zeros(LANES, dtype=np.bool_), weights, np.zeros(equations),
     )  # fmt: skip
 
 
@@ -193,6 +197,7 @@ def _take(
                 if not (rules.settled or first):
                     left = reading.innovation[0, c, r]
                     out.weight[c] = weight_of(left, rules.loss, rules.threshold)
+                out.weights[0, c, r] = out.weight[c]
                 root = np.sqrt(out.weight[c])
                 out.innovation[0, c, r] *= root
                 for j in range(n):

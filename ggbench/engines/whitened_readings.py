@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..block import ProblemBlock
-from ..numerics.kernels import compiled
+from ..numerics.kernels import compiled, inlined
 from ..numerics.lanes import gather_row, gather_rows, lanes
 from ..numerics.vectors import load, splat, store, with_sign
 from ..sensors.aiding_kernels import MOVED, column_of, linearise_aiding
@@ -21,6 +21,7 @@ from ..sensors.model_kernels import (
     linearise_reading,
     moving_errors,
     points_of,
+    read,
 )
 
 _TINY = 1e-300
@@ -42,6 +43,8 @@ class Readings(NamedTuple):
     predicted : (1, m, lanes) h(x), of the gradiometer without biases.
     rows, innovation : (equations, n, lanes), (1, equations, lanes): H δx = innovation + noise of
         unit variance. If there were less than three, others are zero.
+    precision : (1, equations, lanes) by which the equations of a whole reading are multiplied:
+        inverse deviations of their noise in units of the given, ones until somebody knows better.
     squared : (1, 1, lanes) the sum of the squares of what no state explains.
     white, residual : (g, moving, lanes), (1, m, lanes) whitened A and z − h, compressed.
     points : scratch.
@@ -57,6 +60,7 @@ class Readings(NamedTuple):
     predicted: np.ndarray
     rows: np.ndarray
     innovation: np.ndarray
+    precision: np.ndarray
     squared: np.ndarray
     white: np.ndarray
     residual: np.ndarray
@@ -72,10 +76,12 @@ def readings_of(model: ModelArrays, n: int, m: int, whole: bool = False) -> Read
     """
     moving, g = moving_errors(model), model.channels.shape[0]
     equations = max(_gradient_equations(model, whole) + m - g, 3)
+    precision = lanes(1, equations)
+    precision[:] = 1.0
     return Readings(
         lanes(g, 6), lanes(m - g, MOVED), lanes(moving, model.rows.shape[3]), lanes(6, 1),
-        here_of(m), lanes(1, m), lanes(1, m), lanes(equations, n), lanes(1, equations), lanes(1, 1),
-        lanes(g, moving), lanes(1, m), points_of(1), whole,
+        here_of(m), lanes(1, m), lanes(1, m), lanes(equations, n), lanes(1, equations), precision,
+        lanes(1, 1), lanes(g, moving), lanes(1, m), points_of(1), whole,
     )  # fmt: skip
 
 
@@ -108,28 +114,18 @@ def linearise(
     noise_inverse : (1 or K, m, m) of :func:`noise_inverse`.
     group : (lanes,) runs, of which ``count`` differ. x : (1, n, lanes). out : output.
     """
-    b, errors, gain, z, predicted = out.b, out.errors, out.here.gain, out.z, out.predicted
+    b, gain, predicted = out.b, out.here.gain, out.predicted
     rows, residual, white, innovation = out.rows, out.residual, out.white, out.innovation
     g, moving, columns = out.slope.shape[0], b.shape[0], b.shape[1]
     root = noise_inverse[min(k, noise_inverse.shape[0] - 1)]
-    gather_rows(model.rows, group, k, moving, b)
-    gather_row(measurements, group, k, z)
-    for i in range(moving):
-        total = splat(0.0)
-        for j in range(columns):
-            total += load(b, i, j) * load(x, 0, j)
-        store(errors, i, 0, total)
-    arrive(model, group, k, out.here)
+    take_readings(model, measurements, group, k, out)
+    _displace(x, out)
     if g > 0 and gain.any():
-        linearise_reading(model, k, out.here, errors, count, out.points, predicted, out.slope)
+        linearise_reading(model, k, out.here, out.errors, count, out.points, predicted, out.slope)
     else:
         predicted[:] = 0.0
         out.slope[:] = 0.0
-    for i in range(g):
-        total = load(z, 0, i) - load(predicted, 0, i)
-        if model.bias >= 0:
-            total -= load(gain, 0, 0) * load(x, 0, model.bias + i)
-        store(residual, 0, i, total)
+    _subtract(model, x, g, out)
     _whiten(root, out)
     equations = _gradient_equations(model, out.whole)
     if equations < g:
@@ -152,6 +148,83 @@ def linearise(
                 store(rows, i, model.bias + c, value)
     if out.aiding_slope.shape[0] > 0:
         _linearise_others(model, root, group, count, k, x, equations, out)
+    if out.whole:
+        scale_equations(out)
+
+
+@inlined
+def take_readings(
+    model: ModelArrays, measurements: np.ndarray, group: np.ndarray, k: int, out: Readings
+) -> None:
+    """Fill the readings of a group at epoch ``k`` and what they depend on, but for the states."""
+    gather_rows(model.rows, group, k, out.b.shape[0], out.b)
+    gather_row(measurements, group, k, out.z)
+    arrive(model, group, k, out.here)
+
+
+@compiled
+def whiten_residuals(
+    model: ModelArrays,
+    noise_inverse: np.ndarray,
+    group: np.ndarray,
+    count: int,
+    k: int,
+    x: np.ndarray,
+    out: Readings,
+) -> None:
+    """Fill ``out.residual``, z − h whitened by the given noise, at x: what needs no derivative.
+
+    Of readings that :func:`take_readings` has filled; parameters as those of :func:`linearise`.
+    """
+    predicted, residual = out.predicted, out.residual
+    g, m, width = out.slope.shape[0], residual.shape[1], residual.shape[2]
+    root = noise_inverse[min(k, noise_inverse.shape[0] - 1)]
+    _displace(x, out)
+    if g > 0 and out.here.gain.any():
+        by_channel = predicted.reshape((m, 1, width))[:g]
+        read(model, k, out.here, out.errors, 1, count, out.points, by_channel)
+    else:
+        predicted[:] = 0.0
+    if m > g:
+        linearise_aiding(
+            model.aiding, group, count, k, out.here.offset, x, predicted, out.aiding_slope
+        )
+    _subtract(model, x, m, out)
+    for i in range(m - 1, -1, -1):
+        total = splat(0.0)
+        for c in range(i + 1):
+            total += splat(root[i, c]) * load(residual, 0, c)
+        store(residual, 0, i, total)
+
+
+@inlined
+def _displace(x: np.ndarray, out: Readings) -> None:
+    """Fill B_k x."""
+    for i in range(out.b.shape[0]):
+        total = splat(0.0)
+        for j in range(out.b.shape[1]):
+            total += load(out.b, i, j) * load(x, 0, j)
+        store(out.errors, i, 0, total)
+
+
+@inlined
+def _subtract(model: ModelArrays, x: np.ndarray, count: int, out: Readings) -> None:
+    """Fill z − h(x) of the first ``count`` channels, the gradiometer's biases in h."""
+    for i in range(count):
+        total = load(out.z, 0, i) - load(out.predicted, 0, i)
+        if model.bias >= 0 and i < out.slope.shape[0]:
+            total -= load(out.here.gain, 0, 0) * load(x, 0, model.bias + i)
+        store(out.residual, 0, i, total)
+
+
+@compiled
+def scale_equations(out: Readings) -> None:
+    """Multiply the equations of a whole reading with their precision."""
+    for c in range(out.rows.shape[0]):
+        factor = load(out.precision, 0, c)
+        store(out.innovation, 0, c, factor * load(out.innovation, 0, c))
+        for j in range(out.rows.shape[1]):
+            store(out.rows, c, j, factor * load(out.rows, c, j))
 
 
 @compiled

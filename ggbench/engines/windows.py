@@ -35,7 +35,8 @@ _DEEPEST = 2
 """A hollow is looked at in steps of a fifth, to two steps to all sides, and begun with from its two
 deepest points: hollows of a field are curved and long, and Gauss–Newton from a point at their edge
 ends beside the lowest one."""
-_ITERATIONS = 30
+ITERATIONS = 30
+"""Limit of the steps to a place."""
 _MOST = 1_000_000
 """Points of a grid that fit in memory."""
 
@@ -136,6 +137,7 @@ class Search:
     Attributes
     ----------
     points : (J, d) displacements along the axes [m], those on the map. spacing : the step used [m].
+    evaluations : how often h was evaluated so far.
     """
 
     _kept: tuple[str, ...] = (
@@ -156,7 +158,7 @@ class Search:
         self._axes = axes = position_grid.position_axes(problem)
         # By transposes, so that a displacement of the start stays one product however long it goes.
         self._moved, self._gain = problem.prior_mean, axes.gain * self.scale[:, np.newaxis]
-        self._epoch = 0
+        self._epoch = self.evaluations = 0
         self.spacing, self._most = spacing_m, most
         if points is None:
             self._lay()
@@ -215,6 +217,7 @@ class Search:
                 setattr(self, name, getattr(self, name)[inside])
         if not len(self.points):
             return
+        self.evaluations += len(self.points)
         root = np.linalg.inv(np.linalg.cholesky(problem.noise_of(k)))
         h = np.concatenate(
             [
@@ -294,6 +297,7 @@ class Search:
         points = (hollows[:, np.newaxis] + patch).reshape(-1, len(split))
         within = Search(self.problem, self.spacing, self._most, self.criterion, points)
         within.take(self._epoch)
+        self.evaluations += within.evaluations
         # Points beyond the map are gone: whose hollow a point is of is found anew.
         away = within.points[:, np.newaxis] - hollows
         own = np.argmin(np.sum(away**2, axis=-1), axis=1)
@@ -363,7 +367,7 @@ def refined(smoother: IteratedSmoother, starts: Sequence[np.ndarray], apart: flo
     scale = smoother.scale
     found: list[Place] = []
     for start in starts:
-        minimum = smoother.search(smoother.from_prior(start), _ITERATIONS)
+        minimum = smoother.search(smoother.from_prior(start), ITERATIONS)
         if np.isfinite(minimum.cost):
             mean = minimum.trajectory.states[-1] * scale
             cov = minimum.filtered_cov[-1] * np.outer(scale, scale)
@@ -375,12 +379,19 @@ def refined(smoother: IteratedSmoother, starts: Sequence[np.ndarray], apart: flo
 
 def distinct(problem: Problem, places: Sequence[Place], apart: float) -> list[Place]:
     """Return places less those within ``apart`` [m] of a more probable one, the best first."""
-    axes = position_grid.states_in_metres(problem)
-    found: list[Place] = []
-    for place in sorted(places, key=lambda place: place.cost):
-        away = (np.linalg.norm((place.mean - other.mean)[axes]) for other in found)
-        if all(distance > apart for distance in away):
-            found.append(place)
+    means = np.array([place.mean for place in places]).reshape(len(places), problem.dimension)
+    costs = np.array([place.cost for place in places])
+    return [places[i] for i in best_apart(problem, means, costs, apart)]
+
+
+def best_apart(problem: Problem, means: np.ndarray, costs: np.ndarray, apart: float) -> list[int]:
+    """Return which states (J, n) have none of lower cost (J,) within ``apart`` [m], best first."""
+    positions = means[:, position_grid.states_in_metres(problem)]
+    found: list[int] = []
+    for index in np.argsort(costs, kind="stable"):
+        away = np.linalg.norm(positions[found] - positions[index], axis=1)
+        if (away > apart).all():
+            found.append(int(index))
     return found
 
 

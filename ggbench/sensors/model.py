@@ -112,6 +112,8 @@ def model_arrays(
         read_only(gain),
         aiding._replace(
             rows=read_only(aiding.rows),
+            bias=_immutable(aiding.bias),
+            gravity=read_only(aiding.gravity),
             places=read_only(aiding.places),
             present=read_only(aiding.present),
         ),
@@ -125,6 +127,11 @@ def without_aiding(field: Field, positions: np.ndarray) -> tuple[Aiding, np.ndar
         np.zeros((*epochs, 0, aiding_kernels.MOVED)), np.zeros(0, dtype=np.int64), np.zeros((0, 3)),
         -1, positions, np.zeros((*epochs, 0)), field.disturbance_map,
     ), np.zeros((*epochs, 0))  # fmt: skip
+
+
+def _immutable(indices: np.ndarray) -> np.ndarray:
+    """Return a copy of integers that nobody can change."""
+    return np.frombuffer(indices.tobytes(), indices.dtype)
 
 
 class SensorModel:
@@ -147,11 +154,10 @@ class SensorModel:
 
     def __init__(self, arrays: ModelArrays) -> None:
         aiding = arrays.aiding
-        bias = np.frombuffer(aiding.bias.tobytes(), aiding.bias.dtype)
         self.arrays = arrays._replace(
             channels=frozen(arrays.channels),
             times=frozen(arrays.times),
-            aiding=aiding._replace(gravity=frozen(aiding.gravity), bias=bias),
+            aiding=aiding._replace(gravity=frozen(aiding.gravity), bias=_immutable(aiding.bias)),
         ).mapped(frozen)
         self._block = self.arrays.as_block()
         self._evaluations = 0

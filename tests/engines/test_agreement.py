@@ -30,8 +30,8 @@ LIMIT = 1e-6
 ITERATED = 1e-4
 """The same where updates are iterated: a search ends a thousandth of a deviation off the minimum,
 and rounding decides where."""
-SEARCHING = ("ekf[iterations=5]", "gaussian-sum")
-MORE = ("ekf[loss=cauchy]", "ukf[loss=huber]", *SEARCHING)
+SEARCHING = ("ekf[iterations=5]", "gaussian-sum", "gauss-newton")
+MORE = ("ekf[loss=cauchy]", "ekf[noise_memory=20]", "ukf[loss=huber]", *SEARCHING)
 MORE_RUNS = RUNS if EVERYTHING else 4
 COARSER = {
     "zhou2015": 1e-3,

@@ -5,11 +5,12 @@ from __future__ import annotations
 import dataclasses
 import functools
 
+import numba
 import numpy as np
 import pytest
 from problems import entangled
 
-from ggbench.block import ProblemBlock
+from ggbench.block import ProblemBlock, block_of
 from ggbench.campaign import registry
 from ggbench.judging.run_errors import innovations_squared
 from ggbench.numerics.frozen import read_only
@@ -91,9 +92,14 @@ ROBUST = (
     "ukf[points=cubature,loss=cauchy]",
     "ukf[loss=huber]",
 )
+ADAPTIVE = (
+    "ekf[noise_memory=9]",
+    "ekf[iterations=5,noise_memory=9]",
+    "ekf[iterations=3,loss=cauchy,noise_memory=9]",
+)
 
 
-@pytest.mark.parametrize("name", ["ekf", "ukf", "ukf[points=merwe]", *ROBUST])
+@pytest.mark.parametrize("name", ["ekf", "ukf", "ukf[points=merwe]", *ROBUST, *ADAPTIVE])
 @pytest.mark.parametrize("case", [*CASES.items(), STRAPDOWN, BIASED], ids="-".join)
 def test_filterpy_gives_the_same_answer(case: tuple[str, str], name: str) -> None:
     assert_filterpy_agrees(prepared(*case), name)
@@ -116,7 +122,16 @@ def test_the_map_is_not_asked_at_points_that_are_next_to_the_mean() -> None:
     assert found.info["map_evaluations"].tolist() == [block.epochs] * block.runs
 
 
-ALONE = [*("ekf", "ukf"), *(name[:-1] for name in ROBUST[2:4])]
+@pytest.mark.parametrize("case", [*CASES.items(), ("gnss_outage", "gravimeter")], ids="-".join)
+def test_a_run_alone_is_of_the_types_of_a_block(case: tuple[str, str]) -> None:
+    """So that kernels are compiled once: with biases, and a gravimeter's, and without."""
+    name, label = case
+    flight = error_free_flight.prepare(scenario.load(name).case(label))
+    block, _ = simulate_block(flight, SEED, range(2))
+    assert numba.typeof(block_of(block.problem(1)).model) == numba.typeof(block.model)
+
+
+ALONE = [*("ekf", "ukf"), *(name[:-1] for name in (*ROBUST[2:4], ADAPTIVE[2]))]
 
 
 @pytest.mark.parametrize("name", [f"{n}{',' if '[' in n else '['}engine=numba]" for n in ALONE])

@@ -131,7 +131,14 @@ def test_every_estimator_takes_any_combination(label, combination, folder):
 @pytest.mark.parametrize("combination", COMBINATIONS)
 @pytest.mark.parametrize(
     "label",
-    ["ekf", "ukf", "ukf[points=merwe]", "ukf[points=cubature]", "factor-graph[mode=batch]"],
+    [
+        "ekf",
+        "ekf[noise_memory=9]",
+        "ukf",
+        "ukf[points=merwe]",
+        "ukf[points=cubature]",
+        "factor-graph[mode=batch]",
+    ],
 )
 def test_both_engines_agree_on_any_combination(label, combination, folder):
     """The compiled engine has the framework's mean and covariance, to 1e-5 of σ, and repairs."""

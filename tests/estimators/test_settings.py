@@ -35,7 +35,7 @@ from ggbench.problem import Channel, Problem, StateBlock
         ("gaussian-sum[most=1000000000]", "most"),
         ("gaussian-sum[iterations=0]", "iterations"),
         ("gaussian-sum[iterations=1,loss=huber]", "at least 2 iterations"),
-        ("ekf[engine=numba,noise_memory=9]", "noise_memory needs filterpy"),
+        ("ekf[engine=numba,noise_memory=1]", "noise_memory"),
         ("ekf[engine=numba,threshold=2]", "needs a loss"),
         ("gaussian-sum[engine=numba,threshold=2]", "needs a loss"),
         ("ukf[engine=numba,threshold=2]", "needs a loss"),

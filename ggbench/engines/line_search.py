@@ -1,0 +1,429 @@
+"""Many searches for the most probable trajectory at once, compiled: Gauss–Newton with halvings.
+
+The equations are those of :class:`.iterated_smoother.IteratedSmoother`, which remains the
+reference. The searches of all runs of a block go through the lanes together, whatever run each is
+of; one that has ended stays where it is.
+
+Between a trajectory a and the minimum b of the linear problem about it the cost of the motion,
+½ M(x, x), is quadratic: M(a, a), M(a, b) and M(b, b) are all there is to know. At b the linear
+problem has no slope, M(b, a − b) = (y − H b)ᵀ H (a − b), so that no multipliers need be kept:
+
+    M(a, b) = M(b, b) + |y − H b|² − (y − H b)ᵀ (y − H a).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..numerics import lane_algebra, lanes
+from ..numerics.kernels import LANES, compiled
+from ..numerics.vectors import load, splat, store
+from ..sensors.model_kernels import ModelArrays
+from .iterated_smoother import CONVERGED, HALVINGS
+from .robust_weights import NONE, loss_of
+from .smoother_passes import (
+    Costs,
+    Path,
+    Work,
+    costs_of,
+    covariances,
+    filter_epoch,
+    go_back,
+    judge,
+    path_of,
+    work_of,
+)
+from .whitened_readings import (
+    Readings,
+    linearise,
+    readings_of,
+    take_readings,
+    whiten_residuals,
+)
+
+
+class Problems(NamedTuple):
+    """The problems of a block, as arrays of :class:`.block.ProblemBlock`."""
+
+    measurements: np.ndarray
+    noise_inverse: np.ndarray
+    transition: np.ndarray
+    process_cov: np.ndarray
+    prior_mean: np.ndarray
+    prior_cov: np.ndarray
+    model: ModelArrays
+    loss: int
+    threshold: float
+
+
+class Searches(NamedTuple):
+    """Trajectories of J searches, before and after them.
+
+    Attributes
+    ----------
+    runs : (J,) whose they are.
+    states : (J, K, n). start : (J, n) λ of the state before the first epoch, prior_mean + P_0 λ.
+    motion : (J,) twice the cost of the motion.
+    about : (J, K, n) where h was linearised last.
+    cost : (J,) of the trajectory. iterations : (J,) steps. evaluations : (J,) of h.
+    converged : (J,) whether the last step gained too little.
+    """
+
+    runs: np.ndarray
+    states: np.ndarray
+    start: np.ndarray
+    motion: np.ndarray
+    about: np.ndarray
+    cost: np.ndarray
+    iterations: np.ndarray
+    evaluations: np.ndarray
+    converged: np.ndarray
+
+
+class _Slots(NamedTuple):
+    """What is tried at once: in each lane a share of the way of a search, maybe of another lane.
+
+    Attributes
+    ----------
+    lane, share : (lanes,) whose way, how far. group : (lanes,) runs.
+    left : (lanes,) Σ ρ of the residuals there. x : (1, n, lanes) scratch.
+    """
+
+    lane: np.ndarray
+    share: np.ndarray
+    group: np.ndarray
+    left: np.ndarray
+    x: np.ndarray
+
+
+@compiled
+def _gather_motion(problems: Problems, group: np.ndarray, expected: int, path: Path) -> None:
+    """Fill Φ and Q of a group of runs (lanes,)."""
+    for k in range(path.moving.shape[0]):
+        path.moving[k] = lanes.gather(
+            problems.transition, problems.process_cov, group, k, expected, path.phi[k], path.q[k]
+        )
+
+
+@compiled
+def _begin(problems: Problems, work: Work) -> None:
+    """Begin a filter."""
+    n = problems.prior_mean.shape[0]
+    lanes.spread(problems.prior_mean.reshape((1, n)), work.x)
+    lanes.spread(problems.prior_cov, work.p)
+
+
+@compiled
+def _linearise(
+    problems: Problems,
+    group: np.ndarray,
+    count: int,
+    path: Path,
+    reading: Readings,
+    costs: Costs,
+) -> None:
+    """Linearise about the trial trajectories of a group."""
+    costs.unexplained[:] = 0.0
+    costs.explained[:] = 0.0
+    costs.weighted[:] = 0.0
+    for k in range(path.moving.shape[0]):
+        linearise(
+            problems.model, problems.measurements, problems.noise_inverse, group, count, k,
+            path.trial[k], reading,
+        )  # fmt: skip
+        judge(path, reading, k, problems.loss, problems.threshold, costs)
+
+
+@compiled
+def _filter(problems: Problems, path: Path, work: Work) -> None:
+    """Filter the linear problems of a group."""
+    _begin(problems, work)
+    for k in range(path.moving.shape[0]):
+        filter_epoch(path, k, False, work, work)
+
+
+@compiled
+def _evaluate(problems: Problems, path: Path, count: int, reading: Readings, slots: _Slots) -> None:
+    """Fill what is left of the readings along what ``count`` slots try."""
+    n = path.states.shape[2]
+    slots.left[:] = 0.0
+    for k in range(path.moving.shape[0]):
+        states, trial = path.states[k], path.trial[k]
+        for s in range(LANES):
+            lane, share = slots.lane[s], slots.share[s]
+            for j in range(n):
+                here = states[0, j, lane]
+                slots.x[0, j, s] = here + share * (trial[0, j, lane] - here)
+        take_readings(problems.model, problems.measurements, slots.group, k, reading)
+        whiten_residuals(
+            problems.model, problems.noise_inverse, slots.group, count, k, slots.x, reading
+        )
+        _add_losses(problems, reading, slots.left)
+
+
+@compiled
+def _left(costs: Costs, r: int) -> float:
+    """Return Σ ρ of the residuals along the trajectory that a lane is linearised about."""
+    return 0.5 * (costs.unexplained[0, 0, r] + costs.explained[0, 0, r])
+
+
+@compiled
+def _add_losses(problems: Problems, reading: Readings, left: np.ndarray) -> None:
+    """Add Σ ρ of the residuals of a reading (lanes,)."""
+    for c in range(reading.residual.shape[1]):
+        for r in range(LANES):
+            residual = reading.residual[0, c, r]
+            if problems.loss == NONE:
+                left[r] += 0.5 * residual * residual
+            else:
+                left[r] += loss_of(residual, problems.loss, problems.threshold)
+
+
+@compiled
+def _mixed_motion(path: Path, costs: Costs, mixed: np.ndarray) -> None:
+    """Fill M(a, b) of the trajectories a and the trials b of a group, as 1, 1, lanes."""
+    total = load(costs.motion, 0, 0) + load(costs.promised, 0, 0)
+    for k in range(path.moving.shape[0]):
+        rows, target, states, trial = path.rows[k], path.target[k], path.states[k], path.trial[k]
+        for c in range(rows.shape[0]):
+            here = there = load(target, 0, c)
+            for j in range(rows.shape[1]):
+                row = load(rows, c, j)
+                here -= row * load(states, 0, j)
+                there -= row * load(trial, 0, j)
+            total -= here * there
+    store(mixed, 0, 0, total)
+
+
+@compiled
+def _deal(trying: np.ndarray, halved: np.ndarray, group: np.ndarray, slots: _Slots) -> int:
+    """Give the slots the next shares of those that still try, as many to each; return how many."""
+    each, used = LANES // trying.sum(), 0
+    for r in range(LANES):
+        if trying[r]:
+            for e in range(min(each, HALVINGS - halved[r])):
+                slots.lane[used], slots.group[used] = r, group[r]
+                slots.share[used] = 0.5 ** (halved[r] + e)
+                used += 1
+    for s in range(used, LANES):
+        slots.lane[s], slots.group[s], slots.share[s] = (
+            slots.lane[0], slots.group[0], slots.share[0]
+        )  # fmt: skip
+    return used
+
+
+@compiled
+def search(problems: Problems, most: int, found: Searches) -> None:
+    """Follow the searches to their ends, in at most so many steps each."""
+    searches, epochs, n = found.states.shape
+    expected = lanes.moving_states(problems.transition, problems.process_cov)
+    reading = readings_of(problems.model, n, problems.measurements.shape[2], problems.loss != NONE)
+    m = reading.rows.shape[0]
+    path, work, costs = path_of(epochs, n, m), work_of(n, m), costs_of()
+    mixed, cost, moved = lanes.lanes(1, 1), lanes.numbers(0.0), lanes.numbers(0.0)
+    share, before = lanes.numbers(0.0), lanes.numbers(0.0)
+    slots = _Slots(
+        np.zeros(LANES, dtype=np.int64), lanes.numbers(0.0), np.zeros(LANES, dtype=np.int64),
+        lanes.numbers(0.0), lanes.lanes(1, n),
+    )  # fmt: skip
+    seeking, trying = share != share, share != share
+    halved, group = np.zeros(LANES, dtype=np.int64), np.zeros(LANES, dtype=np.int64)
+    for first in lanes.starts(searches):
+        count, own = lanes.count_from(first, searches), lanes.members(first, searches)
+        for r in range(LANES):
+            group[r] = found.runs[own[r]]
+            moved[r] = found.motion[own[r]]
+            for k in range(epochs):
+                for j in range(n):
+                    path.states[k, 0, j, r] = found.states[own[r], k, j]
+                    path.trial[k, 0, j, r] = found.states[own[r], k, j]
+        _gather_motion(problems, group, expected, path)
+        _linearise(problems, group, count, path, reading, costs)
+        for r in range(LANES):
+            cost[r] = 0.5 * moved[r] + _left(costs, r)
+            seeking[r] = r < count and np.isfinite(cost[r])
+        fresh = True  # whether the linear problems are those about the trajectories
+        for _ in range(most):
+            if not seeking.any():
+                break
+            if not fresh:
+                for k in range(epochs):
+                    lane_algebra.copy(path.states[k], path.trial[k])
+                _linearise(problems, group, count, path, reading, costs)
+            _filter(problems, path, work)
+            go_back(path, problems.prior_cov, False, work, work, costs)
+            _mixed_motion(path, costs, mixed)
+            # Most often the whole step is taken: its end is where h is to be linearised next.
+            _linearise(problems, group, count, path, reading, costs)
+            for r in range(LANES):
+                before[r], share[r], halved[r] = cost[r], 0.0, 1
+                new = 0.5 * costs.motion[0, 0, r] + _left(costs, r)
+                if seeking[r] and new < cost[r]:
+                    cost[r], moved[r], share[r] = new, costs.motion[0, 0, r], 1.0
+                trying[r] = seeking[r] and share[r] == 0.0
+            fresh = not trying.any()
+            while trying.any():
+                used = _deal(trying, halved, group, slots)
+                _evaluate(problems, path, used, reading, slots)
+                for s in range(used):
+                    r, part = slots.lane[s], slots.share[s]
+                    if not trying[r]:
+                        continue
+                    halved[r] += 1
+                    rest = 1.0 - part
+                    motion = rest * rest * moved[r] + 2.0 * rest * part * mixed[0, 0, r]
+                    motion += part * part * costs.motion[0, 0, r]
+                    new = 0.5 * motion + slots.left[s]
+                    if new < cost[r]:
+                        cost[r], moved[r], share[r] = new, motion, part
+                    trying[r] = share[r] == 0.0 and halved[r] < HALVINGS
+            for r in range(count):
+                if seeking[r]:
+                    job = first + r
+                    found.iterations[job] += 1
+                    found.evaluations[job] += epochs * (1 + halved[r])
+                    seeking[r] = not before[r] - cost[r] < CONVERGED
+                    found.converged[job] = not seeking[r]
+                    _step(path, share[r], r, found.about[job])
+                    for j in range(n):
+                        start = found.start[job, j]
+                        found.start[job, j] = start + share[r] * (work.back[0, j, r] - start)
+        for r in range(count):
+            found.cost[first + r], found.motion[first + r] = cost[r], moved[r]
+            found.evaluations[first + r] += epochs
+            for k in range(epochs):
+                for j in range(n):
+                    found.states[first + r, k, j] = path.states[k, 0, j, r]
+
+
+@compiled
+def _step(path: Path, share: float, r: int, about: np.ndarray) -> None:
+    """Go a share of the way in a lane; keep where it was (K, n)."""
+    for k in range(path.moving.shape[0]):
+        states, trial = path.states[k], path.trial[k]
+        for j in range(states.shape[1]):
+            here = states[0, j, r]
+            about[k, j] = here
+            # A whole step to the last bit: about its end the next problem is linearised already.
+            moved = here + share * (trial[0, j, r] - here)
+            states[0, j, r] = trial[0, j, r] if share == 1.0 else moved
+
+
+@compiled
+def undisturbed(problems: Problems, found: Searches) -> None:
+    """Fill the undisturbed motions from prior_mean + P_0 λ, and what these cost."""
+    n = problems.prior_mean.shape[0]
+    x, moved = np.empty(n), np.empty(n)
+    for job in range(found.runs.shape[0]):
+        found.motion[job] = 0.0
+        for i in range(n):
+            away = 0.0
+            for j in range(n):
+                away += problems.prior_cov[i, j] * found.start[job, j]
+            x[i] = problems.prior_mean[i] + away
+            found.motion[job] += found.start[job, i] * away
+        for k in range(found.states.shape[1]):
+            phi = problems.transition[found.runs[job], k]
+            for i in range(n):
+                moved[i] = 0.0
+                for j in range(n):
+                    moved[i] += phi[i, j] * x[j]
+            for i in range(n):
+                x[i] = found.states[job, k, i] = moved[i]
+
+
+@compiled
+def filtered_tracks(problems: Problems, found: Searches) -> None:
+    """Fill the smoothed tracks of an extended Kalman filter of all runs."""
+    runs, epochs, n = found.states.shape
+    expected = lanes.moving_states(problems.transition, problems.process_cov)
+    reading = readings_of(problems.model, n, problems.measurements.shape[2])
+    m = reading.rows.shape[0]
+    path, work, costs = path_of(epochs, n, m), work_of(n, m), costs_of()
+    for first in lanes.starts(runs):
+        count, group = lanes.count_from(first, runs), lanes.members(first, runs)
+        _gather_motion(problems, group, expected, path)
+        _begin(problems, work)
+        for k in range(epochs):
+            predicted = path.trial[k]
+            lane_algebra.copy(work.x, predicted)
+            lane_algebra.move(path.phi[k], path.moving[k], predicted, work.scratch)
+            linearise(
+                problems.model, problems.measurements, problems.noise_inverse, group, count, k,
+                predicted, reading,
+            )  # fmt: skip
+            judge(path, reading, k, NONE, np.inf, costs)
+            filter_epoch(path, k, False, work, work)
+        go_back(path, problems.prior_cov, False, work, work, costs)
+        for r in range(count):
+            found.motion[first + r] = costs.motion[0, 0, r]
+            for j in range(n):
+                found.start[first + r, j] = work.back[0, j, r]
+            for k in range(epochs):
+                for j in range(n):
+                    found.states[first + r, k, j] = path.trial[k, 0, j, r]
+
+
+@compiled
+def answer(problems: Problems, found: Searches, mean: np.ndarray, cov: np.ndarray) -> None:
+    """Fill mean (J, K, n) and smoothed covariance (J, K, n, n), linearised as the search was."""
+    searches, epochs, n = found.states.shape
+    expected = lanes.moving_states(problems.transition, problems.process_cov)
+    reading = readings_of(problems.model, n, problems.measurements.shape[2], problems.loss != NONE)
+    m = reading.rows.shape[0]
+    path, work, costs = path_of(epochs, n, m), work_of(n, m), costs_of()
+    group = np.zeros(LANES, dtype=np.int64)
+    for first in lanes.starts(searches):
+        count, own = lanes.count_from(first, searches), lanes.members(first, searches)
+        for r in range(LANES):
+            group[r] = found.runs[own[r]]
+            for k in range(epochs):
+                for j in range(n):
+                    path.states[k, 0, j, r] = found.states[own[r], k, j]
+                    path.trial[k, 0, j, r] = found.about[own[r], k, j]
+        _gather_motion(problems, group, expected, path)
+        _linearise(problems, group, count, path, reading, costs)
+        _filter(problems, path, work)
+        covariances(path, first, count, work, mean, cov)
+
+
+@compiled
+def screen(
+    problems: Problems, along: np.ndarray, shown: np.ndarray, places: np.ndarray, out: np.ndarray
+) -> None:
+    """Add what is left of the readings of some epochs to out (R, S).
+
+    Parameters
+    ----------
+    along : (n, d) how the state before the first epoch follows coordinates. shown : (K,) whether.
+    places : (d, vectors, lanes) these coordinates, in the order of memory.
+    """
+    runs, epochs, m = problems.measurements.shape
+    n, d = along.shape
+    reading = readings_of(problems.model, n, m)
+    x, left = lanes.lanes(1, n), lanes.numbers(0.0)
+    group = np.zeros(LANES, dtype=np.int64)
+    for run in range(runs):
+        group[:] = run
+        base, gain = problems.prior_mean.copy(), along.copy()
+        for k in range(epochs):
+            phi = problems.transition[run, k]
+            base, gain = phi @ base, phi @ gain
+            if not shown[k]:
+                continue
+            take_readings(problems.model, problems.measurements, group, k, reading)
+            for v in range(places.shape[1]):
+                for i in range(n):
+                    total = splat(base[i])
+                    for a in range(d):
+                        total += splat(gain[i, a]) * load(places, a, v)
+                    store(x, 0, i, total)
+                whiten_residuals(
+                    problems.model, problems.noise_inverse, group, LANES, k, x, reading
+                )
+                left[:] = 0.0
+                _add_losses(problems, reading, left)
+                for r in range(min(LANES, out.shape[1] - v * LANES)):
+                    out[run, v * LANES + r] += left[r]
