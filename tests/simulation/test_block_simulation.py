@@ -180,11 +180,12 @@ def test_error_model_along_tracks_is_that_of_each_track(what, tmp_path):
         in_lanes(start.reshape(1, 1, 15)), increments, dt, lanes(0, 1), (0.0, 0.0),
         gravity, track,
     )  # fmt: skip
-    epochs, delays = np.array([7, 8, 30]), np.array([0.2, 0.0, 0.333])
-    transition, process_cov = np.empty((2, 3, 3, model.dimension, model.dimension))
-    rows = np.empty((3, 3, 6, 15))
-    model.along(track, increments, epochs, dt, gravity, transition, process_cov)
-    model.delayed_rows(track, increments, epochs, delays, dt, gravity, rows)
+    # Delays that reach before the start, to it, into an interval, over several, two into the same.
+    epochs = np.array([1, 7, 8, 12, 13, 20, 30])
+    delays = dt * np.array([1.4, 7.0, 0.0, 0.3, 3.0, 8.9, 19.6])
+    transition, process_cov = np.empty((2, 3, len(epochs), model.dimension, model.dimension))
+    rows = np.empty((3, len(epochs), 6, 15))
+    model.along(track, increments, epochs, delays, dt, gravity, transition, process_cov, rows)
     for run in range(3):
         one = navigate(
             truth.positions[0], truth.velocities[0], truth.attitudes[0],
@@ -200,4 +201,5 @@ def test_error_model_along_tracks_is_that_of_each_track(what, tmp_path):
         scale = scale[:, :, np.newaxis] * scale[:, np.newaxis]
         np.testing.assert_allclose(process_cov[run] / scale, expected[1] / scale, atol=1e-11)
         late = error_model.delayed_rows(matrices, one[0], epochs, delays, dt)
-        np.testing.assert_allclose(rows[run], late, rtol=1e-12, atol=1e-15)
+        # Taken back by what takes forward; in decays their series differ by 1e-9 of a bias.
+        np.testing.assert_allclose(rows[run], late, rtol=1e-12, atol=1e-11)
