@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..numerics.kernels import compiled, inlined
-from ..numerics.lanes import lanes
+from ..numerics.lanes import unfilled
 from ..numerics.vectors import load, store
 from .known_gravity import COMPONENT
 from .noise import Noise
@@ -204,8 +204,8 @@ def _series(f: np.ndarray, columns: np.ndarray, i: int, terms: np.ndarray) -> No
 
 @compiled
 def series_terms() -> np.ndarray:
-    """Return an array for the terms of a series: (6, 19, LANES), order by order."""
-    return lanes(_LAST + 1, STATES + 4)
+    """Return an array for the terms of a series: (6, 19, LANES), order by order, not yet filled."""
+    return unfilled(_LAST + 1, STATES + 4)
 
 
 def _legendre_weights(degree: int) -> tuple[float, ...]:

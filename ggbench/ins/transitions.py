@@ -15,7 +15,7 @@ import numpy as np
 from ..gravity.ellipsoid import metres_per_radian_of
 from ..numerics.kernels import compiled
 from ..numerics.lane_algebra import add_products, copy
-from ..numerics.lanes import gather_rows, lanes, members
+from ..numerics.lanes import gather_rows, lanes, members, unfilled
 from ..numerics.rotations import sine_cosine
 from ..numerics.vectors import load, store
 from .adjoint import (
@@ -138,9 +138,9 @@ def compose(
     states = STATES + noise.disturbance.shape[0]
     which = np.concatenate((np.arange(moving), np.arange(STATES, states)))
     count = which.shape[0]
-    columns, terms, f = lanes(count, states), series_terms(), lanes(1, OVER)
-    factors = lanes(MOST_FACTORS, count)
-    covariance, previous = lanes(count, count), lanes(count, count)
+    columns, terms, f = unfilled(count, states), series_terms(), unfilled(1, OVER)
+    factors = unfilled(MOST_FACTORS, count)
+    covariance, previous = lanes(count, count), unfilled(count, count)
     over_interval = Noise(
         noise.roots * math.sqrt(dt), noise.altimeter * math.sqrt(dt), noise.damped,
         noise.wandering, noise.disturbance * math.sqrt(dt),
