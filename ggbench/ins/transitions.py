@@ -151,7 +151,7 @@ def compose(
         k = late.of_interval[since + n] if late.first.shape[0] > 0 else -1
         while k >= 0:
             over(entries, n, -late.part[k], f)
-            _take_back(f, track, late.nearest[k], columns, terms, rows[:, k])
+            _take_back(f, track, late.nearest[k], columns, moving, terms, rows[:, k])
             k = late.following[k]
         over(entries, n, dt, f)
         if slow:
@@ -177,6 +177,7 @@ def _take_back(
     track: np.ndarray,
     nearest: int,
     columns: np.ndarray,
+    moving: int,
     terms: np.ndarray,
     rows: np.ndarray,
 ) -> None:
@@ -187,7 +188,8 @@ def _take_back(
     Parameters
     ----------
     f : F over what of that interval lies behind the moment, negative. nearest : sample of a track.
-    columns : rows of Φ from the interval's end to the end of all, in metres there.
+    columns : rows of Φ from the interval's end to the end of all, in metres there; the first
+        ``moving`` ones are those of the first states, of which the others up to 15 do not change.
     terms : overwritten. rows : output.
     """
     late, metres, phi = lanes(6, STATES), lanes(1, 2), lanes(STATES, STATES)
@@ -195,7 +197,6 @@ def _take_back(
     _unit_columns(metres, np.array([0, 1, 2, 6, 7, 8]), late)
     forward(f, late, terms)
     # The first two rows are those of east and north, the first two columns of latitude, longitude.
-    moving = min(columns.shape[0], STATES)
     for i in range(STATES):
         store(phi, i, i, 1.0)
         for j in range(STATES if i < moving else 0):
@@ -296,7 +297,8 @@ def _undo(rows: np.ndarray, phi: np.ndarray) -> None:
     """Replace rows Y (6, 15) by Y Φ⁻¹ of Φ (15, .), whose first 15 columns are overwritten.
 
     By triangular factors of the navigation state's part without pivots: it is nearly an upper
-    triangle of ones and what adds up in the delay. Biases feel nothing but themselves.
+    triangle of ones and what adds up in the delay. Biases feel nothing but themselves. What the
+    disturbance of gravity adds in a delay, if it is a state, is neglected.
     """
     nav = NAVIGATION_STATES
     for k in range(nav):

@@ -79,7 +79,7 @@ def guards() -> list[Guard]:
                   lambda label=label: _compiled(with_engine(label)))
             for label, floor in engines
         ),
-        Guard("simulation of a run, against a product of matrices of 768 x 768", 3.5,
+        Guard("simulation of a run, against a product of matrices of 768 x 768", 4.0,
               Dgemm, _Simulation),
     ]  # fmt: skip
 
