@@ -39,6 +39,10 @@ from .truth_kept import PutAway
 
 BLOCK_RUNS = 32
 """Runs that an estimator takes at once: their arrays stay in the processor's cache."""
+BLOCK_BYTES = 2**29
+"""Of matrices that a block may have where the flight is so long that its runs would have more."""
+LEAST_RUNS = 8
+"""Runs that a block has in any case: those that go through the kernels together."""
 
 
 class OtherSourceError(GGBenchError):
@@ -147,10 +151,22 @@ def run_task(task: Task) -> Iterator[Started | list[Result]]:
             )
     at_once = tuple(pair for pair in task.estimators if takes_blocks(chosen(pair[0]).estimator))
     one_by_one = tuple(pair for pair in task.estimators if pair not in at_once)
-    for start in range(0, len(task.runs) if at_once else 0, BLOCK_RUNS):
-        yield from _run_block(task, at_once, task.runs[start : start + BLOCK_RUNS])
+    size = runs_at_once(task.case) if at_once else 1
+    for start in range(0, len(task.runs) if at_once else 0, size):
+        yield from _run_block(task, at_once, task.runs[start : start + size])
     for run in task.runs if one_by_one else ():
         yield from _run_one(task, one_by_one, run)
+
+
+def runs_at_once(case: CaseSpec) -> int:
+    """Return how many runs of a case a block has; Φ, Q and P of all their epochs are its memory."""
+    size = BLOCK_RUNS
+    with contextlib.suppress(Exception):  # a flight that fails says so in every run's record
+        flight = flight_of(case)
+        matrices = 3 * len(flight.times) * flight.model.dimension**2 * np.dtype(float).itemsize
+        while size > LEAST_RUNS and size * matrices > BLOCK_BYTES:
+            size //= 2
+    return size
 
 
 def _run_one(task: Task, pairs: Pairs, run: int) -> Iterator[Started | list[Result]]:

@@ -9,14 +9,15 @@ the runs last, see :mod:`ggbench.numerics.lanes`.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ..numerics.kernels import compiled, inlined
-from ..numerics.lanes import lanes
+from ..numerics.lanes import unfilled
 from ..numerics.vectors import load, store
 from .known_gravity import COMPONENT
+from .noise import Noise
 from .system_matrix import (
     ATTITUDE,
     BODY,
@@ -24,6 +25,7 @@ from .system_matrix import (
     DECAY,
     DISTANCE,
     DRIVEN,
+    ENTRIES,
     FORCE,
     LONGITUDE,
     NAVIGATION_STATES,
@@ -44,133 +46,176 @@ products, and what comes back is 1e-4 of it in an interval. The fifth is for bia
 over a tenth of their time constant, the longest interval allowed, it is 8e-8 of what remains of
 them and 3e-8 of their Q, and the sixth is 1e-9. (Of Q without them the fifth is below 1e-12 even in
 intervals of a second.)"""
+_SLOW = 2e-4
+"""Up to how much the errors may turn, or come back, in an interval for which three orders are
+enough: what they neglect is its third power / 24, 3e-13 of Φ and less of Q. Nearly all of what
+comes back is an error of the height, with 1.8e-3 s⁻¹."""
+TIME = ENTRIES
+OVER = ENTRIES + 1
+"""Numbers of F over an interval: its entries and, last, the interval itself, of δh' = δv_U."""
+Triple = tuple[Any, Any, Any]
+"""Three numbers of a column, or vectors of them."""
 DISTURBANCE = STATES
 """The first of three states that come after the others where the gravity disturbance is one."""
 _HEIGHT = STATES + 3
 """Where a term has what an altimeter's noise enters by, after its numbers."""
 
 
-class Noise(NamedTuple):
-    """What drives the error model: G q Gᵀ by its square roots.
+@compiled
+def is_slow(entries: np.ndarray, dt: float, noise: Noise) -> bool:
+    """Return whether :func:`back_slowly` will do over the intervals (., ENTRIES, LANES) of F.
 
-    Attributes
-    ----------
-    roots : (15,) of the diagonal, without the altimeter's part.
-    altimeter : (2,) in δh and δv_U, of what couples them.
-    damped : whether there is an altimeter. wandering : whether biases decay or are driven.
-    disturbance : (3,) what drives the gravity disturbance ENU, of no elements where it is no state:
-        √2 σ [m/s²], whose PSD is 2 σ² |v|/D; or what the speed multiplies [s⁻¹˙⁵] where gradients
-        are integrated, whose noise has the PSD of a walk.
+    Only where nothing but the navigation state moves.
     """
-
-    roots: np.ndarray
-    altimeter: np.ndarray
-    damped: bool
-    wandering: bool
-    disturbance: np.ndarray
-
-
-def noise_roots(noise: np.ndarray, decaying: bool, disturbance: tuple[float, ...] = ()) -> Noise:
-    """Return the square roots of G q Gᵀ (15, 15): diagonal but for what an altimeter couples.
-
-    ``decaying`` says that F makes biases decay; ``disturbance`` is :attr:`Noise.disturbance`.
-    """
-    altimeter, diagonal = np.zeros(2), np.diag(noise).copy()
-    if noise[2, 2] > 0.0:
-        altimeter = noise[2, [2, 5]] / math.sqrt(noise[2, 2])
-        diagonal[[2, 5]] -= altimeter**2
-    roots = np.sqrt(np.maximum(diagonal, 0.0))
-    wandering = decaying or bool(roots[NAVIGATION_STATES:].any())
-    driven = np.array(disturbance, dtype=float)
-    return Noise(roots, altimeter, bool(altimeter.any()), wandering, driven)
+    if noise.damped or noise.wandering or noise.disturbance.shape[0] > 0:
+        return False
+    square = 0.0
+    for n in (0, entries.shape[0] - 1):
+        for r in range(entries.shape[2]):
+            for i in range(3):
+                square = max(square, 4.0 * entries[n, TURN + i, r] ** 2)
+                square = max(square, abs(entries[n, VELOCITY + 5 * i + 1, r]))
+    return math.sqrt(square) * dt < _SLOW
 
 
 @inlined
-def _transpose(f: np.ndarray, n: int, scale: float, terms: np.ndarray, k: int) -> None:
-    """Fill term k + 1 with scale · Fᵀ y of term k, y; the entries of F are ``f[n]``."""
-    p_0, p_1 = scale * load(terms, k, 0), scale * load(terms, k, 1)
-    p_2 = scale * load(terms, k, 2)
-    v_0, v_1 = scale * load(terms, k, 3), scale * load(terms, k, 4)
-    v_2 = scale * load(terms, k, 5)
-    a_0, a_1 = scale * load(terms, k, 6), scale * load(terms, k, 7)
-    a_2 = scale * load(terms, k, 8)
-    position = load(f, n, 0) * p_0 + load(f, n, 3) * p_1
-    velocity = entries_dot(f, n, VELOCITY, 5, v_0, v_1, v_2)
-    store(terms, k + 1, 0, position + velocity + entries_dot(f, n, ATTITUDE, 3, a_0, a_1, a_2))
-    store(terms, k + 1, 1, entries_dot(f, n, LONGITUDE, 1, v_0, v_1, v_2))
-    position = load(f, n, 1) * p_0 + load(f, n, 4) * p_1 + load(f, n, DAMPING) * p_2
-    velocity = entries_dot(f, n, VELOCITY + 1, 5, v_0, v_1, v_2)
-    store(terms, k + 1, 2, position + velocity + entries_dot(f, n, ATTITUDE + 1, 3, a_0, a_1, a_2))
-    attitude = load(f, n, ATTITUDE + 5) * a_1 + load(f, n, ATTITUDE + 8) * a_2
-    velocity = load(f, n, 5) * p_1 + entries_dot(f, n, VELOCITY + 2, 5, v_0, v_1, v_2)
-    store(terms, k + 1, 3, velocity + attitude)
-    velocity = load(f, n, 2) * p_0 + entries_dot(f, n, VELOCITY + 3, 5, v_0, v_1, v_2)
-    store(terms, k + 1, 4, velocity + load(f, n, ATTITUDE + 2) * a_0)
-    store(terms, k + 1, 5, p_2 + entries_dot(f, n, VELOCITY + 4, 5, v_0, v_1, v_2))
-    f_0, f_1, f_2 = load(f, n, FORCE), load(f, n, FORCE + 1), load(f, n, FORCE + 2)
-    w_0, w_1, w_2 = load(f, n, TURN), load(f, n, TURN + 1), load(f, n, TURN + 2)
-    store(terms, k + 1, 6, (f_2 * v_1 - f_1 * v_2) + (w_1 * a_2 - w_2 * a_1))
-    store(terms, k + 1, 7, (f_0 * v_2 - f_2 * v_0) + (w_2 * a_0 - w_0 * a_2))
-    store(terms, k + 1, 8, (f_1 * v_0 - f_0 * v_1) + (w_0 * a_1 - w_1 * a_0))
-    d_g, d_a = scale * load(f, n, DECAY), scale * load(f, n, DECAY + 1)
+def _position_of(f: np.ndarray, p: Triple, v: Triple, a: Triple) -> Triple:
+    """Return the position's numbers of Fᵀ y of y = (p, v, a, ...)."""
+    latitude = load(f, 0, 0) * p[0] + load(f, 0, 3) * p[1]
+    height = load(f, 0, 1) * p[0] + load(f, 0, 4) * p[1] + load(f, 0, DAMPING) * p[2]
+    return (
+        latitude
+        + entries_dot(f, 0, VELOCITY, 5, v[0], v[1], v[2])
+        + entries_dot(f, 0, ATTITUDE, 3, a[0], a[1], a[2]),
+        entries_dot(f, 0, LONGITUDE, 1, v[0], v[1], v[2]),
+        height
+        + entries_dot(f, 0, VELOCITY + 1, 5, v[0], v[1], v[2])
+        + entries_dot(f, 0, ATTITUDE + 1, 3, a[0], a[1], a[2]),
+    )
+
+
+@inlined
+def _velocity_of(f: np.ndarray, p: Triple, v: Triple, a: Triple) -> Triple:
+    """Return the velocity's numbers."""
+    return (
+        load(f, 0, 5) * p[1]
+        + entries_dot(f, 0, VELOCITY + 2, 5, v[0], v[1], v[2])
+        + (load(f, 0, ATTITUDE + 5) * a[1] + load(f, 0, ATTITUDE + 8) * a[2]),
+        load(f, 0, 2) * p[0]
+        + entries_dot(f, 0, VELOCITY + 3, 5, v[0], v[1], v[2])
+        + load(f, 0, ATTITUDE + 2) * a[0],
+        load(f, 0, TIME) * p[2] + entries_dot(f, 0, VELOCITY + 4, 5, v[0], v[1], v[2]),
+    )
+
+
+@inlined
+def _attitude_of(f: np.ndarray, v: Triple, a: Triple) -> Triple:
+    """Return the attitude's numbers."""
+    f_0, f_1, f_2 = load(f, 0, FORCE), load(f, 0, FORCE + 1), load(f, 0, FORCE + 2)
+    w_0, w_1, w_2 = load(f, 0, TURN), load(f, 0, TURN + 1), load(f, 0, TURN + 2)
+    return (
+        (f_2 * v[1] - f_1 * v[2]) + (w_1 * a[2] - w_2 * a[1]),
+        (f_0 * v[2] - f_2 * v[0]) + (w_2 * a[0] - w_0 * a[2]),
+        (f_1 * v[0] - f_0 * v[1]) + (w_0 * a[1] - w_1 * a[0]),
+    )
+
+
+@inlined
+def _in_body(f: np.ndarray, n: Triple) -> Triple:
+    """Return C_bn n."""
+    return (
+        entries_dot(f, 0, BODY, 3, n[0], n[1], n[2]),
+        entries_dot(f, 0, BODY + 1, 3, n[0], n[1], n[2]),
+        entries_dot(f, 0, BODY + 2, 3, n[0], n[1], n[2]),
+    )
+
+
+@inlined
+def _three(rows: np.ndarray, i: int, j: int) -> Triple:
+    """Return three numbers of a row, from ``j`` on."""
+    return load(rows, i, j), load(rows, i, j + 1), load(rows, i, j + 2)
+
+
+@inlined
+def _keep(rows: np.ndarray, i: int, j: int, numbers: Triple) -> None:
+    """Set three numbers of a row, from ``j`` on."""
+    store(rows, i, j, numbers[0])
+    store(rows, i, j + 1, numbers[1])
+    store(rows, i, j + 2, numbers[2])
+
+
+@inlined
+def _transpose_biases(f: np.ndarray, terms: np.ndarray, k: int) -> None:
+    """Fill the biases' numbers of term k + 1."""
+    pushed, turned = _in_body(f, _three(terms, k, 3)), _in_body(f, _three(terms, k, 6))
+    d_g, d_a = load(f, 0, DECAY), load(f, 0, DECAY + 1)
     for axis in range(3):
-        turned = entries_dot(f, n, BODY + axis, 3, a_0, a_1, a_2)
-        store(terms, k + 1, 9 + axis, d_g * load(terms, k, 9 + axis) - turned)
-        pushed = entries_dot(f, n, BODY + axis, 3, v_0, v_1, v_2)
-        store(terms, k + 1, 12 + axis, d_a * load(terms, k, 12 + axis) + pushed)
+        store(terms, k + 1, 9 + axis, d_g * load(terms, k, 9 + axis) - turned[axis])
+        store(terms, k + 1, 12 + axis, d_a * load(terms, k, 12 + axis) + pushed[axis])
 
 
 @inlined
-def _transpose_disturbance(f: np.ndarray, n: int, scale: float, terms: np.ndarray, k: int) -> None:
+def _transpose_disturbance(f: np.ndarray, terms: np.ndarray, k: int) -> None:
     """Fill the numbers of term k + 1 that belong to the gravity disturbance.
 
     δv' = … − δg, as the accelerometers do not feel gravity; δg' = −(|v|/D) δg + w, or, where
     gradients are integrated along the indicated velocity, δg' = −T δv − ω_en × δg + w.
     """
-    decay = load(f, n, DISTANCE)
-    g_0, g_1 = scale * load(terms, k, DISTURBANCE), scale * load(terms, k, DISTURBANCE + 1)
-    g_2 = scale * load(terms, k, DISTURBANCE + 2)
-    w_0, w_1 = load(f, n, TRANSPORT), load(f, n, TRANSPORT + 1)
-    w_2 = load(f, n, TRANSPORT + 2)
-    v_0, v_1 = scale * load(terms, k, 3), scale * load(terms, k, 4)
-    v_2 = scale * load(terms, k, 5)
+    decay = load(f, 0, DISTANCE)
+    g_0, g_1 = load(terms, k, DISTURBANCE), load(terms, k, DISTURBANCE + 1)
+    g_2 = load(terms, k, DISTURBANCE + 2)
+    w_0, w_1 = load(f, 0, TRANSPORT), load(f, 0, TRANSPORT + 1)
+    w_2 = load(f, 0, TRANSPORT + 2)
+    time = load(f, 0, TIME)
+    v_0, v_1, v_2 = time * load(terms, k, 3), time * load(terms, k, 4), time * load(terms, k, 5)
     store(terms, k + 1, DISTURBANCE, decay * g_0 - v_0 + (w_1 * g_2 - w_2 * g_1))
     store(terms, k + 1, DISTURBANCE + 1, decay * g_1 - v_1 + (w_2 * g_0 - w_0 * g_2))
     store(terms, k + 1, DISTURBANCE + 2, decay * g_2 - v_2 + (w_0 * g_1 - w_1 * g_0))
     for axis in range(3):
         a, b, c = COMPONENT[axis, 0], COMPONENT[axis, 1], COMPONENT[axis, 2]
-        pulled = load(f, n, SENSED + a) * g_0 + load(f, n, SENSED + b) * g_1
-        pulled = pulled + load(f, n, SENSED + c) * g_2
+        pulled = load(f, 0, SENSED + a) * g_0 + load(f, 0, SENSED + b) * g_1
+        pulled = pulled + load(f, 0, SENSED + c) * g_2
         store(terms, k + 1, 3 + axis, load(terms, k + 1, 3 + axis) - pulled)
 
 
+@compiled
+def over(f: np.ndarray, n: int, time: float, out: np.ndarray) -> None:
+    """Fill ``out`` (1, OVER, LANES) with F over a time [s], of the entries ``f[n]``."""
+    for i in range(ENTRIES):
+        store(out, 0, i, time * load(f, n, i))
+    store(out, 0, DRIVEN, load(f, n, DRIVEN))
+    store(out, 0, TIME, time)
+
+
 @inlined
-def _series(
-    f: np.ndarray, n: int, dt: float, columns: np.ndarray, i: int, terms: np.ndarray
-) -> None:
-    """Fill the terms of the Taylor series of exp(Fᵀ dt) y of column ``i``, y itself the first."""
+def _series(f: np.ndarray, columns: np.ndarray, i: int, terms: np.ndarray) -> None:
+    """Fill the terms (Fᵀ)^k y of the series of column ``i``, y itself the first."""
     for j in range(columns.shape[1]):
         store(terms, 0, j, load(columns, i, j))
     for k in range(_LAST):
-        _transpose(f, n, dt / (k + 1), terms, k)
+        p, v, a = _three(terms, k, 0), _three(terms, k, 3), _three(terms, k, 6)
+        _keep(terms, k + 1, 0, _position_of(f, p, v, a))
+        _keep(terms, k + 1, 3, _velocity_of(f, p, v, a))
+        _keep(terms, k + 1, 6, _attitude_of(f, v, a))
+        _transpose_biases(f, terms, k)
         if columns.shape[1] > STATES:
-            _transpose_disturbance(f, n, dt / (k + 1), terms, k)
+            _transpose_disturbance(f, terms, k)
 
 
 @compiled
 def series_terms() -> np.ndarray:
-    """Return an array for the terms of a series: (6, 19, LANES), order by order."""
-    return lanes(_LAST + 1, STATES + 4)
+    """Return an array for the terms of a series: (6, 19, LANES), order by order, not yet filled."""
+    return unfilled(_LAST + 1, STATES + 4)
 
 
 def _legendre_weights(degree: int) -> tuple[float, ...]:
-    """Return ∫ s^k P_l(2s − 1) ds over 0..1, times √(2l + 1), for k = 0..5 and l = ``degree``.
+    """Return ∫ s^k / k! P_l(2s − 1) ds over 0..1, times √(2l + 1), for all k and l = ``degree``.
 
-    With b_l = Σ_k of them times the coefficients of polynomials y(s), ∫ y yᵀ ds = Σ_l b_l b_lᵀ.
+    With b_l = Σ_k of them times the terms (Fᵀ)^k y of a column y(s), ∫ y yᵀ ds = Σ_l b_l b_lᵀ.
     """
     return tuple(
         math.sqrt(2 * degree + 1)
-        * math.factorial(k) ** 2
+        * math.factorial(k)
         / (math.factorial(k - degree) * math.factorial(k + degree + 1))
         if k >= degree
         else 0.0
@@ -178,7 +223,7 @@ def _legendre_weights(degree: int) -> tuple[float, ...]:
     )
 
 
-_ONES = (1.0,) * (_LAST + 1)
+_END = tuple(1.0 / math.factorial(k) for k in range(_LAST + 1))
 _MEAN, _SLOPE, _CURVE = (_legendre_weights(degree) for degree in range(3))
 
 
@@ -195,48 +240,32 @@ def _weighted(weights: tuple[float, ...], first: int, terms: np.ndarray, j: int)
 def _add_up(terms: np.ndarray, columns: np.ndarray, i: int) -> None:
     """Put the sum of a series into column ``i``."""
     for j in range(columns.shape[1]):
-        store(columns, i, j, _weighted(_ONES, 0, terms, j))
+        store(columns, i, j, _weighted(_END, 0, terms, j))
 
 
 @inlined
-def _mean(terms: np.ndarray, j: int) -> float:
-    """Return b_0 of number ``j`` of y in an interval, from its series."""
-    return _weighted(_MEAN, 0, terms, j)
-
-
-@inlined
-def _slope(terms: np.ndarray, j: int) -> float:
-    """Return b_1."""
-    return _weighted(_SLOPE, 1, terms, j)
-
-
-@inlined
-def _curve(terms: np.ndarray, j: int) -> float:
-    """Return b_2, the last that matters: the chain noise → position ends with it."""
-    return _weighted(_CURVE, 2, terms, j)
+def _put(factors: np.ndarray, row: int, i: int, root: float, terms: np.ndarray, j: int) -> None:
+    """Fill three factors of column ``i`` from ``row`` on: b_0 to b_2 of number ``j``, by a root."""
+    store(factors, row, i, root * _weighted(_MEAN, 0, terms, j))
+    store(factors, row + 1, i, root * _weighted(_SLOPE, 1, terms, j))
+    store(factors, row + 2, i, root * _weighted(_CURVE, 2, terms, j))
 
 
 @compiled
 def back(
-    f: np.ndarray,
-    n: int,
-    dt: float,
-    noise: Noise,
-    columns: np.ndarray,
-    terms: np.ndarray,
-    factors: np.ndarray,
+    f: np.ndarray, noise: Noise, columns: np.ndarray, terms: np.ndarray, factors: np.ndarray
 ) -> int:
     """Take columns (C, 15 or 18, LANES) back over an interval, y ← exp(Fᵀ dt) y.
 
     Parameters
     ----------
-    f, n : (., ENTRIES, LANES) of F, and which of them is the interval's. dt : the interval [s].
-    noise : over the interval.
+    f : (1, OVER, LANES), of :func:`over`. noise : over the interval.
     columns : changed in place. terms : of :func:`series_terms`, overwritten.
     factors : (MOST_FACTORS, C, LANES) output: with W the first of them, the interval's noise adds
         WᵀW to Q. b_0 and b_1 of the velocity's elements, b_0 to b_2 of the attitude's; with an
         altimeter b_0 to b_2 of its own and b_2 of the velocity's; of biases that wander, and of the
-        gravity disturbance, b_0 to b_2.
+        gravity disturbance, b_0 to b_2: the last that matters, where the chain noise → position
+        ends.
 
     Returns
     -------
@@ -244,46 +273,111 @@ def back(
     """
     count = 0
     for i in range(columns.shape[0]):
-        _series(f, n, dt, columns, i, terms)
+        _series(f, columns, i, terms)
         for axis in range(3):
             v, a = 3 + axis, 6 + axis
-            store(factors, axis, i, noise.roots[v] * _mean(terms, v))
-            store(factors, 3 + axis, i, noise.roots[v] * _slope(terms, v))
-            store(factors, 6 + axis, i, noise.roots[a] * _mean(terms, a))
-            store(factors, 9 + axis, i, noise.roots[a] * _slope(terms, a))
-            store(factors, 12 + axis, i, noise.roots[a] * _curve(terms, a))
+            store(factors, axis, i, noise.roots[v] * _weighted(_MEAN, 0, terms, v))
+            store(factors, 3 + axis, i, noise.roots[v] * _weighted(_SLOPE, 1, terms, v))
+            store(factors, 6 + axis, i, noise.roots[a] * _weighted(_MEAN, 0, terms, a))
+            store(factors, 9 + axis, i, noise.roots[a] * _weighted(_SLOPE, 1, terms, a))
+            store(factors, 12 + axis, i, noise.roots[a] * _weighted(_CURVE, 2, terms, a))
         count = 15
         if noise.damped:
             k_1, k_2 = noise.altimeter[0], noise.altimeter[1]
             for k in range(_LAST + 1):
                 store(terms, k, _HEIGHT, k_1 * load(terms, k, 2) + k_2 * load(terms, k, 5))
-            store(factors, count, i, _mean(terms, _HEIGHT))
-            store(factors, count + 1, i, _slope(terms, _HEIGHT))
-            store(factors, count + 2, i, _curve(terms, _HEIGHT))
+            _put(factors, count, i, 1.0, terms, _HEIGHT)
             for v in range(3, 6):
-                store(factors, count + v, i, noise.roots[v] * _curve(terms, v))
+                store(factors, count + v, i, noise.roots[v] * _weighted(_CURVE, 2, terms, v))
             count += 6
         if noise.wandering:
             for j in range(NAVIGATION_STATES, STATES):
-                store(factors, count, i, noise.roots[j] * _mean(terms, j))
-                store(factors, count + 1, i, noise.roots[j] * _slope(terms, j))
-                store(factors, count + 2, i, noise.roots[j] * _curve(terms, j))
+                _put(factors, count, i, noise.roots[j], terms, j)
                 count += 3
         if columns.shape[1] > STATES:
-            driven = load(f, n, DRIVEN)
             for axis in range(3):
-                root, j = noise.disturbance[axis] * driven, DISTURBANCE + axis
-                store(factors, count, i, root * _mean(terms, j))
-                store(factors, count + 1, i, root * _slope(terms, j))
-                store(factors, count + 2, i, root * _curve(terms, j))
+                root = noise.disturbance[axis] * load(f, 0, DRIVEN)
+                _put(factors, count, i, root, terms, DISTURBANCE + axis)
                 count += 3
         _add_up(terms, columns, i)
     return count
 
 
 @compiled
-def forward(f: np.ndarray, n: int, dt: float, columns: np.ndarray, terms: np.ndarray) -> None:
-    """Take columns (C, 15, LANES) forward over an interval, y ← exp(−Fᵀ dt) y; see :func:`back`."""
+def forward(f: np.ndarray, columns: np.ndarray, terms: np.ndarray) -> None:
+    """Take columns (C, 15, LANES) over an interval, y ← exp(Fᵀ dt) y, of whatever sensors.
+
+    Forward in time where ``f`` is of :func:`over` a negative one.
+    """
     for i in range(columns.shape[0]):
-        _series(f, n, -dt, columns, i, terms)
+        _series(f, columns, i, terms)
         _add_up(terms, columns, i)
+
+
+@inlined
+def _sum(one: Triple, weight: float, two: Triple) -> Triple:
+    """Return one + weight · two."""
+    return one[0] + weight * two[0], one[1] + weight * two[1], one[2] + weight * two[2]
+
+
+@inlined
+def _times(roots: np.ndarray, first: int, numbers: Triple) -> Triple:
+    """Return three numbers by three roots, from the ``first`` one on."""
+    return (
+        roots[first] * numbers[0], roots[first + 1] * numbers[1], roots[first + 2] * numbers[2],
+    )  # fmt: skip
+
+
+@inlined
+def _put_sums(
+    weights: tuple[float, ...],
+    first: int,
+    noise: Noise,
+    j: int,
+    terms: tuple[Triple, ...],
+    factors: np.ndarray,
+    row: int,
+    i: int,
+) -> Triple:
+    """Fill factors with the roots' multiples of a sum of weighted terms, and return the sum."""
+    last = len(terms) - 1
+    w = weights[last]
+    total = (w * terms[last][0], w * terms[last][1], w * terms[last][2])
+    for k in range(last - 1, first - 1, -1):
+        total = _sum(total, weights[k], terms[k])
+    by_roots = _times(noise.roots, j, total)
+    for axis in range(3):
+        store(factors, row + axis, i, by_roots[axis])
+    return total
+
+
+@compiled
+def back_slowly(f: np.ndarray, noise: Noise, columns: np.ndarray, factors: np.ndarray) -> int:
+    """Do what :func:`back` does where :func:`is_slow` says that the short series will do.
+
+    To the third order, and the fourth of the attitude, at the end of the chain position ← velocity
+    ← attitude. Biases, which are constant, gain what the means of velocity and attitude say:
+    y_ε' = −C_bn y_φ, y_∇' = C_bn y_v.
+    """
+    for i in range(columns.shape[0]):
+        p_0, v_0, a_0 = _three(columns, i, 0), _three(columns, i, 3), _three(columns, i, 6)
+        p_1, v_1 = _position_of(f, p_0, v_0, a_0), _velocity_of(f, p_0, v_0, a_0)
+        a_1 = _attitude_of(f, v_0, a_0)
+        p_2, v_2 = _position_of(f, p_1, v_1, a_1), _velocity_of(f, p_1, v_1, a_1)
+        a_2 = _attitude_of(f, v_1, a_1)
+        p_3, v_3 = _position_of(f, p_2, v_2, a_2), _velocity_of(f, p_2, v_2, a_2)
+        a_3 = _attitude_of(f, v_2, a_2)
+        a_4 = _attitude_of(f, v_3, a_3)
+        v, a = (v_0, v_1, v_2, v_3), (a_0, a_1, a_2, a_3, a_4)
+        mean_v = _put_sums(_MEAN, 0, noise, 3, v, factors, 0, i)
+        _put_sums(_SLOPE, 1, noise, 3, v, factors, 3, i)
+        mean_a = _put_sums(_MEAN, 0, noise, 6, a, factors, 6, i)
+        _put_sums(_SLOPE, 1, noise, 6, a, factors, 9, i)
+        _put_sums(_CURVE, 2, noise, 6, a, factors, 12, i)
+        _keep(columns, i, 0, _sum(_sum(_sum(p_0, 1.0, p_1), _END[2], p_2), _END[3], p_3))
+        _keep(columns, i, 3, _sum(_sum(_sum(v_0, 1.0, v_1), _END[2], v_2), _END[3], v_3))
+        total = _sum(_sum(_sum(a_0, 1.0, a_1), _END[2], a_2), _END[3], a_3)
+        _keep(columns, i, 6, _sum(total, _END[4], a_4))
+        _keep(columns, i, 9, _sum(_three(columns, i, 9), -1.0, _in_body(f, mean_a)))
+        _keep(columns, i, 12, _sum(_three(columns, i, 12), 1.0, _in_body(f, mean_v)))
+    return 15

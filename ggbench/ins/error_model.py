@@ -19,11 +19,11 @@ from ..gravity.ellipsoid import metres_per_radian
 from ..numerics.kernels import compiled
 from ..numerics.lanes import in_lanes, out_of_lanes, unfilled
 from ..numerics.rotations import product, rotation_vector
-from .adjoint import noise_roots
 from .known_gravity import NORMAL_GRAVITY, KnownGravity
+from .noise import noise_roots
 from .system_matrix import ENTRIES, dense, entries_between, sparse
 from .system_matrix import STATES as STATES
-from .transitions import compose, delayed, intervals_of
+from .transitions import NO_DELAYS, compose, delayed, intervals_of
 
 POSITION, VELOCITY, ATTITUDE = slice(0, 3), slice(3, 6), slice(6, 9)
 GYRO_BIAS, ACCELEROMETER_BIAS = slice(9, 12), slice(12, 15)
@@ -175,11 +175,12 @@ def transitions(
     entries = in_lanes(sparse(matrices)[np.newaxis])
     roots = noise_roots(noise, bool(matrices[:, GYRO_BIAS.start :, GYRO_BIAS.start :].any()))
     transition, process_cov = np.empty((2, 1, len(epochs), STATES, STATES))
+    nowhere = np.empty((1, 0, 6, STATES))
     start = 0
     for k, end in enumerate(epochs):
         compose(
             entries[start:end], dt, roots, _metres(positions[start]), _metres(positions[end]),
-            transition[:, k], process_cov[:, k],
+            transition[:, k], process_cov[:, k], unfilled(0, STATES), 0, NO_DELAYS, nowhere,
         )  # fmt: skip
         start = end
     return transition[0], process_cov[0]

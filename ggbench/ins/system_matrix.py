@@ -99,23 +99,25 @@ def _fill(
     """
     place = place_of(latitude, height)
     sine, cosine, r_m, r_n = place
-    tangent, secant = sine / cosine, 1.0 / cosine
+    # Curvatures: a division costs as much as a dozen products.
+    c_m, c_n, secant = 1.0 / r_m, 1.0 / r_n, 1.0 / cosine
+    tangent = sine * secant
     d_m, d_n = radii_derivatives_of(sine, cosine)
     ie_n, ie_u, en_e, en_n, en_u = frame_rates_of(place, v[0], v[1])
     _, gamma_latitude, gamma_height = normal_gravity_of(sine, cosine, height)
     # Derivatives of ω_ie and ω_en with respect to L, h and v_E, v_N.
-    en_e_h, en_n_h = v[1] / (r_m * r_m), -v[0] / (r_n * r_n)
+    en_e_h, en_n_h = v[1] * c_m * c_m, -v[0] * c_n * c_n
     en_u_h = en_n_h * tangent
     en_e_l, en_n_l = en_e_h * d_m, en_n_h * d_n
-    en_u_l = v[0] * secant * secant / r_n + en_u_h * d_n
-    en_n_e, en_u_e, en_e_n = 1.0 / r_n, tangent / r_n, -1.0 / r_m
+    en_u_l = v[0] * secant * secant * c_n + en_u_h * d_n
+    en_n_e, en_u_e, en_e_n = c_n, tangent * c_n, -c_m
     # Position.
-    store(out, m, 0, -v[1] * d_m / (r_m * r_m))
-    store(out, m, 1, -v[1] / (r_m * r_m))
-    store(out, m, 2, 1.0 / r_m)
-    store(out, m, 3, v[0] * secant / r_n * (tangent - d_n / r_n))
-    store(out, m, 4, -v[0] * secant / (r_n * r_n))
-    store(out, m, 5, secant / r_n)
+    store(out, m, 0, -en_e_l)
+    store(out, m, 1, -en_e_h)
+    store(out, m, 2, c_m)
+    store(out, m, 3, v[0] * secant * c_n * (tangent - d_n * c_n))
+    store(out, m, 4, en_n_h * secant)
+    store(out, m, 5, secant * c_n)
     # Velocity: −(∂(2ω_ie + ω_en) × v) − (2ω_ie + ω_en) × ∂v + ∂g.
     x_l, y_l, z_l = en_e_l, en_n_l - 2.0 * ie_u, en_u_l + 2.0 * ie_n
     x, y, z = en_e, en_n + 2.0 * ie_n, en_u + 2.0 * ie_u
@@ -184,10 +186,11 @@ def entries_between(
     gravity : what the mechanization adds to normal gravity, its readings received.
     out : (., ENTRIES, LANES) output, ``last - first`` intervals.
     """
+    rate = 1.0 / dt
     for n in range(first, last):
         m = n - first
-        a_0, a_1 = load(increments, n, 3) / dt, load(increments, n, 4) / dt
-        a_2 = load(increments, n, 5) / dt
+        a_0, a_1 = rate * load(increments, n, 3), rate * load(increments, n, 4)
+        a_2 = rate * load(increments, n, 5)
         for i in range(9):
             store(out, m, BODY + i, _middle(track, n, 6 + i))
         force = (

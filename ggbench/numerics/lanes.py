@@ -20,6 +20,20 @@ def unfilled(rows: int, columns: int) -> np.ndarray:
     return aligned(rows * columns * LANES).reshape((rows, columns, LANES))
 
 
+def together(*shapes: tuple[int, int]) -> list[np.ndarray]:
+    """Return what :func:`unfilled` does of several shapes, in one piece of memory.
+
+    NumPy has large pieces mapped in large pages, whose first touch costs next to nothing.
+    """
+    ends = np.cumsum([0, *(rows * columns * LANES for rows, columns in shapes)])
+    memory = np.empty(ends[-1] + LANES)
+    start = -(memory.ctypes.data // 8) % LANES
+    return [
+        memory[start + first : start + last].reshape(*shape, LANES)
+        for first, last, shape in zip(ends[:-1], ends[1:], shapes, strict=True)
+    ]
+
+
 @compiled
 def lanes(rows: int, columns: int) -> np.ndarray:
     """Return what :func:`unfilled` does, filled with zeros; long tracks are not written twice."""

@@ -10,7 +10,6 @@ from typing import Literal
 import numpy as np
 
 from ..gravity.field import DisturbanceMap, Field
-from ..ins.adjoint import Noise, noise_roots
 from ..ins.error_model import (
     ACCELEROMETER_BIAS,
     ATTITUDE,
@@ -23,9 +22,10 @@ from ..ins.error_model import (
 )
 from ..ins.imu import Imu
 from ..ins.known_gravity import NO_MAP, NORMAL_GRAVITY, KnownGravity, receive_all
+from ..ins.noise import Noise, noise_roots
 from ..ins.strapdown import altimeter_gains
 from ..ins.system_matrix import DISTANCE, STATES, sparse
-from ..ins.transitions import delayed_rows_lanes, transitions_lanes
+from ..ins.transitions import transitions_lanes
 from ..numerics.lanes import in_lanes
 from ..problem import Channel, StateBlock
 from ..sensors.aiding import AidingSensor, Motion
@@ -261,7 +261,8 @@ class Equipment:
         increments = np.hstack([np.zeros_like(delta_velocities), delta_velocities])
         transition, process_cov = np.empty((2, 1, len(epochs), self.dimension, self.dimension))
         self.along(
-            track, in_lanes(increments[np.newaxis]), epochs, dt, gravity, transition, process_cov,
+            track, in_lanes(increments[np.newaxis]), epochs, np.empty(0), dt, gravity, transition,
+            process_cov, np.empty((1, 0, 6, STATES)),
         )  # fmt: skip
         return transition[0], process_cov[0]
 
@@ -281,39 +282,31 @@ class Equipment:
         track: np.ndarray,
         increments: np.ndarray,
         epochs: np.ndarray,
+        delays: np.ndarray,
         dt: float,
         gravity: KnownGravity,
         transition: np.ndarray,
         process_cov: np.ndarray,
+        rows: np.ndarray,
     ) -> None:
         """Fill Φ and Q (R, K, n, n) of the runs in the first R lanes: :meth:`system` of each track.
+
+        And what takes an error at an epoch back over the delay of what is read there.
 
         Parameters
         ----------
         track, increments : (N + 1, 15, LANES), (N, 6, LANES) of :func:`.strapdown.navigate_lanes`.
-        epochs : (K,) indices of samples. dt : [s].
+        epochs : (K,) indices of samples. delays : (K,) [s], or (0,) for no rows. dt : [s].
         gravity : what the mechanization adds to normal gravity.
         transition, process_cov : output.
+        rows : (R, K, 6, 15) of :func:`.error_model.delayed_rows`, output.
         """
         constant, noise = self._constants
         transitions_lanes(
-            track, increments, epochs, dt, constant, gravity, noise, transition, process_cov
-        )
+            track, increments, epochs, delays, dt, constant, gravity, noise, transition,
+            process_cov, rows,
+        )  # fmt: skip
         self._add_biases(epochs, dt, transition, process_cov)
-
-    def delayed_rows(
-        self,
-        track: np.ndarray,
-        increments: np.ndarray,
-        epochs: np.ndarray,
-        delays: np.ndarray,
-        dt: float,
-        gravity: KnownGravity,
-        rows: np.ndarray,
-    ) -> None:
-        """Fill rows (R, K, 6, 15) of :func:`.error_model.delayed_rows`, as :meth:`along` does."""
-        constant, _ = self._constants
-        delayed_rows_lanes(track, increments, epochs, delays, dt, constant, gravity, rows)
 
     def _add_biases(
         self, epochs: np.ndarray, dt: float, transition: np.ndarray, process_cov: np.ndarray

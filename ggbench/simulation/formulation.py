@@ -5,6 +5,7 @@ Whoever made the readings, a simulation or a recording: here nothing is known of
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -88,9 +89,11 @@ class Indicated(NamedTuple):
 
     @classmethod
     def empty(cls, runs: int, epochs: int, n: int) -> Indicated:
-        """Return arrays to be filled."""
+        """Return arrays to be filled: in one piece, of which large pages may be made."""
         shapes = ((TRACK,), (3,), (3, 3), (n, n), (n, n), (6, STATES), (3,))
-        return cls(*(np.empty((runs, epochs, *shape)) for shape in shapes))
+        ends = np.cumsum([runs * epochs * math.prod(shape) for shape in shapes])
+        pieces = np.split(np.empty(ends[-1]), ends[:-1])
+        return cls(*(p.reshape(runs, epochs, *s) for p, s in zip(pieces, shapes, strict=True)))
 
     def of_runs(self, some: slice) -> Indicated:
         """Return the arrays of some of the runs."""
@@ -162,8 +165,9 @@ def follow(
         start, end = (out_of_lanes(c[:, 6:], runs) for c in (before, after))
         turned = between(start.reshape(-1, 3, 3), end.reshape(-1, 3, 3), np.tile(share, runs))
         out.delayed_attitudes[:] = turned.reshape(shape)
-    model.along(track, increments, samples, dt, gravity, out.transition, out.process_cov)
-    model.delayed_rows(track, increments, samples, delays, dt, gravity, out.rows)
+    model.along(
+        track, increments, samples, delays, dt, gravity, out.transition, out.process_cov, out.rows
+    )
     out.integrated[:] = 0.0
     if model.integrates:
         out.integrated[:] = out_of_lanes(gravity.readings.total[samples], runs)

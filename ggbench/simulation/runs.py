@@ -27,7 +27,7 @@ from ..ins.error_model import (
 )
 from ..ins.known_gravity import KnownGravity
 from ..ins.strapdown import TRACK, navigate_lanes
-from ..numerics.lanes import groups, in_lanes, out_of_lanes, unfilled
+from ..numerics.lanes import groups, in_lanes, out_of_lanes, together, unfilled
 from ..numerics.rotations import between, rotation_matrix
 from ..problem import Problem
 from ..sensors.aiding import Motion
@@ -101,11 +101,13 @@ def simulate_block(
     imu_biases = np.empty((len(streams), len(times), 6))
     seen = _gradients(flight, streams)
     recordings: list[Recording] = []
+    scratch = _Scratch.of(flight)
     for some in groups(len(streams)):
         gravity = flight.added_gravity(flight.model_field, seen.of_runs(some))
-        track, increments, imu_biases[some], recorded = _navigate(flight, streams[some], gravity)
-        follow(model, when, gravity, track, increments, ins.of_runs(some))
-        recordings.append(recorded)
+        imu_biases[some], recorded = _navigate(flight, streams[some], gravity, scratch)
+        follow(model, when, gravity, scratch.track, scratch.increments, ins.of_runs(some))
+        if not model.remembers:
+            recordings.append(recorded._replace(increments=recorded.increments.copy()))
     read, biases = _readings(flight, streams, seen, ins.motion)
     problems = formulate(model, flight.model_field, when, ins, read)
     if not model.remembers:
@@ -157,11 +159,13 @@ def record(flight: Flight, seed: int, run: int) -> Record:
     streams = [random_streams(seed, run)]
     seen = _gradients(flight, streams)
     gravity = flight.added_gravity(flight.model_field, seen.of_runs(slice(1)))
-    track, increments, _, recorded = _navigate(flight, streams, gravity)
-    states = out_of_lanes(track[flight.epochs], 1)
-    motion = motion_of(states)
+    scratch = _Scratch.of(flight)
+    _, recorded = _navigate(flight, streams, gravity, scratch)
+    track = scratch.track
+    motion = motion_of(out_of_lanes(track[flight.epochs], 1))
     read, _ = _readings(flight, streams, seen, motion)
-    return Record(track[0, :, 0], increments[:, :, 0], recorded.heights[:, 0, 0], motion, read)
+    increments, heights = recorded.increments[:, :, 0], recorded.heights[:, 0, 0]
+    return Record(track[0, :, 0], increments, heights, motion, read)
 
 
 class _Gradients(NamedTuple):
@@ -205,39 +209,59 @@ def _readings(
     return Readings(seen.output, seen.missing, others.measurements, others.present), others.biases
 
 
+class _Scratch(NamedTuple):
+    """Arrays at the IMU's samples, which each group of runs overwrites.
+
+    Attributes
+    ----------
+    track : (N + 1, TRACK, LANES) what the INSs indicate. increments : (N, 6, LANES) of the IMUs.
+    noise : (LANES, 2, N, 3) standard normal numbers, of angles and of velocities.
+    """
+
+    track: np.ndarray
+    increments: np.ndarray
+    noise: np.ndarray
+
+    @classmethod
+    def of(cls, flight: Flight) -> _Scratch:
+        """Return arrays to be filled."""
+        count = len(flight.delta_angles)
+        track, increments, noise = together((count + 1, TRACK), (count, 6), (count, 6))
+        return cls(track, increments, noise.reshape(-1, 2, count, 3))
+
+
 def _navigate(
-    flight: Flight, streams: Sequence[RandomStreams], gravity: KnownGravity
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, Recording]:
-    """Navigate a group of runs at once.
+    flight: Flight, streams: Sequence[RandomStreams], gravity: KnownGravity, scratch: _Scratch
+) -> tuple[np.ndarray, Recording]:
+    """Navigate a group of runs at once; fills increments and track of the scratch.
 
     Returns
     -------
-    What the INSs indicate (N + 1, TRACK, LANES), the increments (N, 6, LANES) that they were given,
-    the true biases (R, K or 1, 6) of gyros and accelerometers in those, and all that they were
-    given as a recording.
+    The true biases (R, K or 1, 6) of gyros and accelerometers in the increments, and all that the
+    INSs were given as a recording.
     """
     truth, true = flight.trajectory, flight.true
-    increments, biases = _inertial_readings(flight, streams)
-    track = unfilled(len(flight.delta_angles) + 1, TRACK)
+    increments = scratch.increments
+    biases = _inertial_readings(flight, streams, scratch.noise, increments)
     sigma = np.sqrt(np.diag(true.prior_cov)[:STATES])
     initial = [_perturbed(truth, sigma * s.initial.standard_normal(STATES)) for s in streams]
     heights, gains = _altimeter_readings(flight, streams)
     navigate_lanes(
         in_lanes(np.stack(initial)[:, np.newaxis]), increments, truth.dt, heights, gains, gravity,
-        track,
+        scratch.track,
     )  # fmt: skip
-    return track, increments, biases, Recording(np.stack(initial), increments, heights, gains)
+    return biases, Recording(np.stack(initial), increments, heights, gains)
 
 
 def _inertial_readings(
-    flight: Flight, streams: Sequence[RandomStreams]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the increments (N, 6, LANES) that the IMUs deliver, and the biases (R, K or 1, 6).
+    flight: Flight, streams: Sequence[RandomStreams], noise: np.ndarray, increments: np.ndarray
+) -> np.ndarray:
+    """Fill the increments (N, 6, LANES) that the IMUs deliver; return the biases (R, K or 1, 6).
 
-    The biases at the epochs, once if they are constant.
+    The biases at the epochs, once if they are constant; ``noise`` (LANES, 2, N, 3) is overwritten.
     """
     imu, dt, count = flight.true.imu, flight.trajectory.dt, len(flight.delta_angles)
-    noise = np.empty((len(streams), 2, count, 3))
+    noise = noise[: len(streams)]
     exact, biases = [], []
     for run, of_run in enumerate(streams):
         of_run.imu.standard_normal(out=noise[run])
@@ -255,11 +279,10 @@ def _inertial_readings(
     if not imu.distorts:
         exact.append(np.hstack([flight.delta_angles, flight.delta_velocities]))
     histories = np.stack(biases)
-    increments = unfilled(count, 6)
     imu.measure(
         np.stack(exact), histories[:, 1:] if imu.wanders else histories, noise, dt, increments
     )
-    return increments, histories[:, flight.epochs] if imu.wanders else histories
+    return histories[:, flight.epochs] if imu.wanders else histories
 
 
 def _altimeter_readings(

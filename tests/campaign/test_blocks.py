@@ -97,6 +97,25 @@ def assert_close(one: object, other: object) -> None:
         assert one == other
 
 
+def test_a_block_of_long_flights_has_fewer_runs(tmp_path, monkeypatch):
+    """As many as the matrices of their epochs have room for, but as many as kernels take at once.
+
+    Of a flight that fails the size does not matter: every run's record says why.
+    """
+    case = small(tmp_path, SMALL).case("base")
+    assert runner.runs_at_once(case) == 32
+    flight = runner.flight_of(case)
+    bytes_of_a_run = 8 * len(flight.times) * 3 * 15 * 15
+    monkeypatch.setattr(runner, "BLOCK_BYTES", 16 * bytes_of_a_run)
+    assert runner.runs_at_once(case) == 16
+    monkeypatch.setattr(runner, "BLOCK_BYTES", 16 * bytes_of_a_run - 1)
+    assert runner.runs_at_once(case) == 8
+    monkeypatch.setattr(runner, "BLOCK_BYTES", 1)
+    assert runner.runs_at_once(case) == 8
+    monkeypatch.setattr(runner, "flight_of", lambda case: 1 / 0)
+    assert runner.runs_at_once(case) == 32
+
+
 @pytest.mark.parametrize("lock", ["", "lock_m = 100.0"])
 def test_records_of_a_block_are_those_of_single_runs(lock, many, tmp_path, monkeypatch):
     """Field by field, the judgement of runs at once is that of each alone, series and detail too.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from conftest import mechanization_jacobian, metres
@@ -9,8 +11,11 @@ from scipy.linalg import block_diag, expm
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from ggbench.ins import error_model, strapdown
+from ggbench.ins import adjoint, error_model, strapdown
+from ggbench.ins.noise import noise_roots
+from ggbench.ins.system_matrix import sparse
 from ggbench.ins.transitions import intervals_of
+from ggbench.numerics.lanes import in_lanes, lanes
 from ggbench.trajectory.truth import Segment, Trajectory, fly
 
 # Which entries of F are not zero for a general state of motion: x, by rows.
@@ -136,6 +141,48 @@ def test_one_step_is_van_loans(dt):
             rtol=0.0,
             atol=1e-9,
         )
+
+
+def test_fewer_orders_do_where_errors_are_slow():
+    """Where the short series is taken, Φ and Q are those of the long one to 1e-12, up to its limit.
+
+    It is not taken where an interval is long, or anything but the navigation state moves.
+    """
+    plain = noise_roots(error_model.noise_psd(1e-6, 1e-12), False)
+    longest = 0.0
+    for state in random_states(20, seed=4):
+        entries = in_lanes(sparse(system_matrix(*state[:4])[np.newaxis])[np.newaxis])
+        dt = max(dt for dt in np.geomspace(1e-3, 1.0, 200) if adjoint.is_slow(entries, dt, plain))
+        longest = max(longest, dt)
+        assert not adjoint.is_slow(entries, 1.1 * dt, plain)
+        for moved in (
+            noise_roots(error_model.noise_psd(1e-6, 1e-12), True),
+            noise_roots(error_model.noise_psd(1e-6, 1e-12), False, (1.0, 1.0, 1.0)),
+        ):
+            assert not adjoint.is_slow(entries, 1e-3, moved)
+        f, columns = lanes(1, adjoint.OVER), lanes(15, 15)
+        adjoint.over(entries, 0, dt, f)
+        columns[np.arange(15), np.arange(15)] = natural_units(state[0])[:, np.newaxis]
+        short, factors = columns.copy(), np.zeros((2, adjoint.MOST_FACTORS, 15, columns.shape[2]))
+        adjoint.back_slowly(f, plain, short, factors[0])
+        adjoint.back(f, plain, columns, adjoint.series_terms(), factors[1])
+        # Blocks of Φ − I, and Q in units of its deviations: nothing that is small goes unseen.
+        units = natural_units(state[0])
+        change, expected = (
+            c[..., 0] / units[:, None] ** 2 * units - np.eye(15) for c in (short, columns)
+        )
+        for i, j in itertools.product(range(0, 9, 3), range(0, 15, 3)):
+            block = np.s_[i : i + 3, j : j + 3]
+            np.testing.assert_allclose(
+                change[block], expected[block], rtol=0.0, atol=1e-9 * np.abs(expected[block]).max()
+            )
+        q = np.einsum("smi,smj->sij", factors[..., 0], factors[..., 0])
+        deviation = np.sqrt(np.diag(q[1])) + 1e-30
+        np.testing.assert_allclose(
+            q[0] / deviation / deviation[:, None], q[1] / deviation / deviation[:, None],
+            rtol=0.0, atol=1e-12,
+        )  # fmt: skip
+    assert longest > 0.08  # an ordinary IMU's interval
 
 
 # Along a flight.

@@ -217,8 +217,10 @@ def test_a_filter_that_rounding_would_spoil_is_refused(order, cutoff):
 # Treatments.
 
 
-@pytest.mark.parametrize("count", [5, 8, 60, 200])
-@pytest.mark.parametrize("rho", [1e-6, 1e-2])
+@pytest.mark.parametrize(
+    ("count", "rho"),
+    [(count, rho) for count in (5, 8, 60, 200) for rho in (1e-6, 1e-2)] + [(730, 1e-2)],
+)
 def test_whitened_noise_is_white(count, rho):
     """A y has noise of unit covariance: W Wᵀ + ρ² A Aᵀ = I, for white noise in front of the filter.
 
@@ -226,20 +228,21 @@ def test_whitened_noise_is_white(count, rho):
     the directions that the filter kills. What rounding a near-inverse costs is 4e-6.
     """
     treatment = prefilter(PAPER, count, "whitened", rho)
-    chain = treatment.matrix @ PAPER.apply(np.eye(count))
-    total = chain @ chain.T + rho**2 * treatment.matrix @ treatment.matrix.T
+    matrix, chain = (treatment.apply(x) for x in (np.eye(count), PAPER.apply(np.eye(count))))
+    total = chain @ chain.T + rho**2 * matrix @ matrix.T
     np.testing.assert_allclose(total, np.eye(count), rtol=0.0, atol=1e-5)
-    np.testing.assert_array_equal(np.triu(treatment.matrix, 1), 0.0)  # causal
+    np.testing.assert_array_equal(np.triu(matrix, 1), 0.0)  # causal
 
 
 @pytest.mark.parametrize("kind", ["whitened", "delayed"])
-def test_gain_and_delay_describe_a_slow_ramp(kind):
+@pytest.mark.parametrize(("count", "rho"), [(120, 1e-6), (730, 1e-2)])
+def test_gain_and_delay_describe_a_slow_ramp(kind, count, rho):
     """The ramp a + b t comes out of filter and treatment as g (a + b (t − τ)), exactly.
 
     Delays are floored at zero, where the treatment of the first outputs is a little early.
     """
-    treatment = prefilter(PAPER, 120, kind, 1e-6)
-    times = np.arange(120.0)
+    treatment = prefilter(PAPER, count, kind, rho)
+    times = np.arange(float(count))
     ramp = 5.0 + 0.3 * times
     passed = treatment.apply(PAPER.apply(ramp))
     expected = treatment.gain * (5.0 + 0.3 * (times - treatment.delay_samples))
@@ -268,6 +271,24 @@ def test_whitened_treatment_all_but_undoes_the_delay():
     treatment = prefilter(PAPER, 200, "whitened", 1e-6)
     assert treatment.delay_samples.max() < 0.5
     assert (treatment.gain**2).sum() == pytest.approx(200.0, rel=0.01)
+
+
+@pytest.mark.parametrize("kind", ["whitened", "delayed"])
+def test_a_long_flight_is_treated_as_a_short_one_goes_on(kind):
+    """Once the start is forgotten an output is treated as the one before it, moved by one.
+
+    What it takes does not grow with the flight, and the first outputs do not know how long it is.
+    """
+    short, long = (prefilter(PAPER, count, kind, 1e-2) for count in (600, 4000))
+    output = np.random.default_rng(2).normal(size=(2, 4000, 3))
+    np.testing.assert_allclose(
+        long.apply(output)[:, :600], short.apply(output[:, :600]), rtol=0.0, atol=1e-12
+    )
+    moved = np.roll(output, -1, axis=1)
+    np.testing.assert_allclose(
+        long.apply(moved)[:, 1000:-1], long.apply(output)[:, 1001:], rtol=0.0, atol=1e-12
+    )
+    assert long.matrix.size + long.later.size <= short.matrix.size + short.later.size
 
 
 def test_no_filter_needs_no_treatment():

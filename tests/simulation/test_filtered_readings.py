@@ -42,7 +42,7 @@ def test_it_is_white_noise_on_the_output_and_nothing_else_changes(filtered):
     np.testing.assert_array_equal(with_it.model.offset, without.model.offset)
     added = with_it.measurements - without.measurements
     if filtered:
-        matrix = quiet.model.treatment(len(quiet.times)).matrix
+        matrix = quiet.model.treatment(len(quiet.times)).apply(np.eye(len(quiet.times)))
         added = np.linalg.solve(matrix, added)
     unit = added / 0.002
     low, high = chi2.ppf([5e-5, 1.0 - 5e-5], unit.size)

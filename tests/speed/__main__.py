@@ -22,6 +22,7 @@ from . import (
     curve,
     export,
     kernels,
+    long_flights,
     machine,
     model_cost,
     problem_file,
@@ -131,6 +132,7 @@ def bench(options: argparse.Namespace) -> None:
         counts = [n for n in curve.COUNTS if n <= options.most] or [options.most]
         raw["curve"] = curve.measure(counts, 2, labels)
         raw["one_thread"] = curve.measure([min(curve.SCALED, options.most)], 1, labels)[0]
+        raw["long_flights"] = long_flights.measure(labels, options.seconds)
         raw["campaign"] = startup.campaign(min(startup.CAMPAIGN_RUNS, options.most), labels)
     except GGBenchError as error:
         raw["not_streamed"] = rounds.plain(error)
@@ -152,6 +154,12 @@ def particles(options: argparse.Namespace) -> None:
     print(clouds_report.section(measured(raw["entries"]), raw))
 
 
+def long(options: argparse.Namespace) -> None:
+    """Measure flights of several lengths and numbers of states alone, and print their section."""
+    labels = [check.with_engine(label) for label in LABELS.values()]
+    print(long_flights.section(long_flights.measure(labels, options.seconds)))
+
+
 def measured(entries: list[dict[str, Any]]) -> list[Measured]:
     """Return what the raw numbers of entries say."""
     return [Measured(**item | {"entry": Entry(**item["entry"])}) for item in entries]
@@ -163,6 +171,9 @@ def main() -> int:
     parser.add_argument("--check", action="store_true", help="only the guard of the ratios")
     parser.add_argument(
         "--particles", action="store_true", help="only the particle filters; prints their section"
+    )
+    parser.add_argument(
+        "--long", action="store_true", help="only flights of several lengths; prints their section"
     )
     parser.add_argument(
         "--rewrite", action="store_true", help="only write the report, from the last raw numbers"
@@ -178,6 +189,9 @@ def main() -> int:
             return 1 if check.run() else 0
         if options.particles:
             particles(options)
+            return 0
+        if options.long:
+            long(options)
             return 0
         if not options.rewrite:
             bench(options)

@@ -12,6 +12,7 @@ import numpy as np
 
 from . import export
 from .calls import Calls
+from .flops import Dgemm
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,20 @@ def _compiled(label: str) -> Any:
     return Compiled(label, threads=1, blocks=1)
 
 
+class _Simulation:
+    """A block of runs, simulated."""
+
+    def __init__(self) -> None:
+        from .rival_ggbench import BLOCK
+
+        self.runs_per_call = BLOCK
+
+    def solve(self, run: int) -> object:
+        from ggbench.simulation.runs import simulate_block
+
+        return simulate_block(export.flight(), export.seed(), range(self.runs_per_call))
+
+
 def guards() -> list[Guard]:
     """Return what is guarded."""
     engines = [("ekf", 20.0), ("ukf", 20.0), ("factor-graph[mode=batch]", 40.0)]
@@ -64,6 +79,8 @@ def guards() -> list[Guard]:
                   lambda label=label: _compiled(with_engine(label)))
             for label, floor in engines
         ),
+        Guard("simulation of a run, against a product of matrices of 768 x 768", 4.0,
+              Dgemm, _Simulation),
     ]  # fmt: skip
 
 

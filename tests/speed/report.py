@@ -8,7 +8,7 @@ from typing import Any
 
 from ggbench.report.tables import markdown, short
 
-from . import clouds_report, figure, flops, roster
+from . import clouds_report, figure, flops, long_flights, roster
 from .rounds import Measured
 
 TITLES = {
@@ -65,6 +65,7 @@ def write(
         figure.draw(raw["curve"], files[1])
         lines += ["## A campaign", _campaign(raw["campaign"], os.cpu_count())]
         lines += ["## Over the number of runs", _curve(raw["curve"])]
+        lines += ["## Long flights", long_flights.section(raw["long_flights"])]
         lines += ["## Where the time goes", _profiles(raw["profiles"])]
         lines += [_parts(raw), *_threads(measured, raw)]
     else:

@@ -23,6 +23,11 @@ delay and coloured noise, by one of two treatments:
 
 Both are the same formula: with W = A L (A diagonal for ``delayed``) a slowly varying error signal
 d(t) appears as g_k d(t_k − τ_k), with g_k the sum of row k of W and τ_k the centroid of its lags.
+
+After a while the start is forgotten, and every row of A and of W is the one before, moved by an
+output. A long flight takes no more of an output than a short one: what is behind the rows that
+still change is a band of as many lags as are remembered. (The difference equation that does the
+same would lose half the digits where the cut-off is low.)
 """
 
 from __future__ import annotations
@@ -42,6 +47,12 @@ from ...numerics.kernels import compiled
 Treatment = Literal["whitened", "delayed"]
 _MOST_ROUNDING = 1e-9
 """Largest rounding error of a response, relative to it, with which a filter counts as computed."""
+_FORGOTTEN = 2e-13
+"""What counts as nothing in a row of A or W, relative to the largest of their entries."""
+_SHORT = 512
+"""Up to how many outputs A is one matrix, whether the start is forgotten or not."""
+_ROWS = 64
+"""How many outputs behind those go through a band at once, at least."""
 
 
 @dataclass(frozen=True)
@@ -147,14 +158,20 @@ def _rounding(lowpass: LowPass, count: int) -> float:
     echo, past = np.abs(pulse[0, order:, 0]), np.abs(denominator) - unit
     with np.errstate(all="ignore"):  # poles that rounding takes out of the unit circle
         errors = [
-            np.convolve(
+            _convolved(
                 echo,
                 np.convolve(np.abs(numerator), np.abs(x))[order:count]
                 + np.convolve(past, np.abs(y))[order:count],
-            )[: count - order]
+            )
             for x, y in zip(inputs.T, outputs.T, strict=True)
         ]
         return float(np.finfo(float).eps * np.max(errors) / np.abs(outputs).max())
+
+
+def _convolved(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Return the convolution of two sequences (K,) up to their length, by Fourier transforms."""
+    count = 2 * len(one)
+    return np.fft.irfft(np.fft.rfft(one, count) * np.fft.rfft(other, count), count)[: len(one)]
 
 
 @dataclass(frozen=True)
@@ -163,18 +180,73 @@ class Prefilter:
 
     Attributes
     ----------
-    matrix : (K, K) lower-triangular A, applied to each component's output sequence; None for the
-        identity.
+    matrix : (H, H) lower-triangular A of the first outputs, applied to each component's output
+        sequence; None for the identity. H is K, or enough that the start is forgotten.
+    later : (C, C + B − 1) band of A of any C outputs behind them, which remember B; of no elements
+        if there are none.
     gain, delay_samples : (K,) g_k and τ_k (in samples) of the chain filter + A for slow signals.
     """
 
     matrix: np.ndarray | None
+    later: np.ndarray
     gain: np.ndarray
     delay_samples: np.ndarray
 
     def apply(self, output: np.ndarray) -> np.ndarray:
-        """Return A times output sequences (..., K, m)."""
-        return output if self.matrix is None else self.matrix @ output
+        """Return A times output sequences (K,) or (..., K, m)."""
+        if self.matrix is None:
+            return output
+        sequences = output[:, np.newaxis] if output.ndim == 1 else output
+        head, count, (rows, width) = len(self.matrix), sequences.shape[-2], self.later.shape
+        parts = [self.matrix @ sequences[..., :head, :]]
+        for first in range(head, count, max(rows, 1)):
+            last = min(first + rows, count)
+            seen = sequences[..., first + rows - width : last, :]
+            parts.append(self.later[: last - first, : seen.shape[-2]] @ seen)
+        return np.concatenate(parts, axis=-2).reshape(output.shape)
+
+
+@dataclass(frozen=True)
+class _Head:
+    """A and W of the first H outputs, and how many outputs back the last of their rows reach."""
+
+    matrix: np.ndarray | None
+    chain: np.ndarray
+    reach: int
+
+
+def _head(lowpass: LowPass, count: int, treatment: Treatment, rho: float) -> _Head:
+    """Return A and W of ``count`` outputs; the reach is ``count`` if the start is not forgotten."""
+    identity = np.eye(count)
+    response = lowpass.apply(identity)
+    matrix = None
+    chain = response
+    noise = np.linalg.norm(response, axis=1)
+    if treatment == "delayed" and (noise > 1.0 + _MOST_ROUNDING).any():
+        matrix = np.diag(1.0 / np.maximum(noise, 1.0))
+        chain = matrix @ response
+    if treatment == "whitened":
+        # QR of [L, ρ I]ᵀ gives the Cholesky factor of L Lᵀ + ρ² I without squaring its condition.
+        (factor,) = qr(np.vstack([response.T, rho * identity]), mode="r")
+        factor = factor[:count] * np.sign(np.diag(factor[:count]))[:, None]
+        matrix = solve_triangular(factor, identity, trans="T")
+        chain = matrix @ response
+    known = [chain] if matrix is None else [matrix, chain]
+    return _Head(matrix, chain, max(map(_reach, known)))
+
+
+def _reach(rows: np.ndarray) -> int:
+    """Return how many lags of the last row of a triangle (H, H) count; H if it has not settled.
+
+    It has if the row three quarters down has the same lags, and no more than half of them count.
+    """
+    count = len(rows)
+    last, before = rows[-1, ::-1], rows[3 * count // 4, 3 * count // 4 :: -1]
+    least = _FORGOTTEN * np.abs(rows).max()
+    reach = int(np.flatnonzero(np.abs(last) > least)[-1]) + 1
+    if 2 * reach > count or np.abs(last[: len(before)] - before).max() > least:
+        return count
+    return reach
 
 
 @lru_cache(maxsize=16)
@@ -193,8 +265,9 @@ def prefilter(lowpass: LowPass | None, count: int, treatment: Treatment, rho: fl
     GGBenchError
         If the filter's difference equation cannot be computed in double precision.
     """
+    nothing = np.empty((0, 0))
     if lowpass is None:
-        return Prefilter(None, frozen(np.ones(count)), frozen(np.zeros(count)))
+        return Prefilter(None, nothing, frozen(np.ones(count)), frozen(np.zeros(count)))
     rounding = _rounding(lowpass, count)
     if not rounding < _MOST_ROUNDING:
         raise GGBenchError(
@@ -203,22 +276,26 @@ def prefilter(lowpass: LowPass | None, count: int, treatment: Treatment, rho: fl
             f"response, and {_MOST_ROUNDING:.0e} is allowed; use a lower order, or a cut-off "
             f"farther from 0 and from the Nyquist frequency, {0.5 * lowpass.rate_hz:g} Hz"
         )
-    identity = np.eye(count)
-    response = lowpass.apply(identity)
-    matrix = None
-    chain = response
-    noise = np.linalg.norm(response, axis=1)
-    if treatment == "delayed" and (noise > 1.0 + _MOST_ROUNDING).any():
-        matrix = frozen(np.diag(1.0 / np.maximum(noise, 1.0)))
-        chain = matrix @ response
-    if treatment == "whitened":
-        # QR of [L, ρ I]ᵀ gives the Cholesky factor of L Lᵀ + ρ² I without squaring its condition.
-        (factor,) = qr(np.vstack([response.T, rho * identity]), mode="r")
-        factor = factor[:count] * np.sign(np.diag(factor[:count]))[:, None]
-        matrix = frozen(solve_triangular(factor, identity, trans="T"))
-        chain = matrix @ response
-    samples = np.arange(count)
-    gain = chain.sum(axis=1)
+    size = min(count, _SHORT)
+    head = _head(lowpass, size, treatment, rho)
+    while size < count and head.reach == size:
+        size = min(count, 2 * size)
+        head = _head(lowpass, size, treatment, rho)
+    samples = np.arange(size)
+    gain = head.chain.sum(axis=1)
     # The first outputs may extrapolate: to before the first reading, or beyond their own.
-    delay = np.clip(samples - chain @ samples / gain, 0.0, samples)
-    return Prefilter(matrix, frozen(gain), frozen(delay))
+    delay = np.clip(samples - head.chain @ samples / gain, 0.0, samples)
+    matrix, later = head.matrix, nothing
+    if matrix is not None and size < count:
+        lags = matrix[-1, size - head.reach :]
+        rows = max(head.reach, _ROWS)
+        later = np.zeros((rows, rows + head.reach - 1))
+        for row in range(rows):
+            later[row, row : row + head.reach] = lags
+    on = (0, count - size)
+    return Prefilter(
+        None if matrix is None else frozen(matrix),
+        frozen(later),
+        frozen(np.pad(gain, on, mode="edge")),
+        frozen(np.pad(delay, on, mode="edge")),
+    )
