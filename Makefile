@@ -47,7 +47,7 @@ bench: $(INSTALLED)
 bench-check: $(INSTALLED)
 	PYTHONPATH=tests $(BIN)/python -m speed --check
 
-areas: export OPENBLAS_NUM_THREADS := 1
+areas bench bench-check: export OPENBLAS_NUM_THREADS := 1
 areas: $(INSTALLED)
 	PYTHONPATH=tests $(BIN)/python -m matching_area
 

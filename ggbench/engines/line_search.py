@@ -386,7 +386,8 @@ def answer(problems: Problems, found: Searches, mean: np.ndarray, cov: np.ndarra
         _gather_motion(problems, group, expected, path)
         _linearise(problems, group, count, path, reading, costs)
         _filter(problems, path, work)
-        covariances(path, first, count, work, mean, cov)
+        last = epochs - 1
+        covariances(path, path.states, last, 0, last, first, count, work, mean, cov)
 
 
 @compiled

@@ -65,13 +65,18 @@ class _Simulation:
 
 def guards() -> list[Guard]:
     """Return what is guarded."""
-    engines = [("ekf", 20.0), ("ukf", 20.0), ("factor-graph[mode=batch]", 40.0)]
+    engines = [
+        ("ekf", 20.0), ("ekf[iterations=5]", 20.0), ("ekf[noise_memory=20]", 35.0), ("ukf", 20.0),
+        ("ukf[loss=cauchy]", 25.0), ("gaussian-sum", 10.0), ("factor-graph", 9.0),
+        ("factor-graph[mode=fixed-lag]", 14.0), ("factor-graph[mode=batch]", 40.0),
+        ("gauss-newton", 4.0),
+    ]  # fmt: skip
     return [
-        Guard("h of one state, compiled against NumPy", 2.5,
+        Guard("h of one state, compiled against NumPy", 1.7,
               lambda: Calls("numpy-h"), lambda: Calls("compiled-h")),
         Guard("h of 31 states, compiled against NumPy", 6.0,
               lambda: Calls("numpy-h31"), lambda: Calls("compiled-h31")),
-        Guard("H, compiled against NumPy", 5.0,
+        Guard("H, compiled against NumPy", 2.6,
               lambda: Calls("numpy-H"), lambda: Calls("compiled-H")),
         *(
             Guard(f"{label}, engine=numba against its framework", floor,
