@@ -217,7 +217,7 @@ class _Bending:
 def test_where_h_bends_again_particles_are_drawn_of_the_gaussian():
     """Five straight readings, five that bend: as near to a plain cloud's answer as that scatters.
 
-    Over five seeds, 0.08 σ (measured 0.04); a regression alone, without the way back, is off by 0.13.
+    Over five seeds, 0.08 σ (measured 0.04); without the way back a regression is off by 0.13.
     """
     readings = np.full((10, 3), 0.3)
     problem = changed(static(readings, 0.5), model=_Bending(5, 3.0))
