@@ -356,11 +356,11 @@ class Results(folder.Results):
         label = estimator
         if label is None:
             label = next((label for label in self.labels if label != "ins"), self.labels[0])
-        elif label not in self.labels:
+        elif self.name_of(label) not in self.labels:
             raise ResultsError(
                 f"{self.folder} holds no estimator '{label}'; it holds {', '.join(self.labels)}"
             )
-        return stored.component_errors(self, self._case(case), label, quantity)
+        return stored.component_errors(self, self._case(case), self.name_of(label), quantity)
 
     def plot_field(self, case: str | None = None) -> Figure:
         """Draw the map that a case flies over, at flight height, with the track.

@@ -50,7 +50,7 @@ _VARIANTS = {
         "mode=isam2",
         "mode=fixed-lag",
         "mode=batch,loss=cauchy",
-        "mode=batch,engine=numba",
+        "mode=isam2,loss=cauchy",
     ),
     "gaussian-sum": ("", "loss=cauchy"),
     "gauss-newton": ("", "loss=cauchy"),

@@ -165,7 +165,7 @@ class ConvergenceReport:
                     self.rows[case.name][label]["runs"],
                     times,
                 )
-                for label in leaders(self.results.manifest["estimators"], self.rows[case.name])
+                for label in leaders(self.results.estimators, self.rows[case.name])
             }
             curves.append((case.title, times, shares))
         save(against_time(curves, self.labels), self.pictures / "locks_over_time.png")
@@ -173,7 +173,7 @@ class ConvergenceReport:
             "convergence.png": "Share of runs that locked, share of false locks, and median time "
             "to lock, with 95 % intervals",
             "locks_over_time.png": "Share of runs that have locked on by each time"
-            + of_the_best(self.results.manifest["estimators"]),
+            + of_the_best(self.results.estimators),
         }
         panels = [
             panel for case in self.cases if len((panel := self._success(case)).seconds) > _FEW
@@ -184,7 +184,7 @@ class ConvergenceReport:
                     label: f"{value:g}"
                     for label, value in zip(family.labels, family.values, strict=True)
                 }
-                for family in families(self.results.manifest["estimators"], PARTICLES)
+                for family in families(self.results.estimators, PARTICLES)
             }
             save(against_cost(panels, self.labels, joined), self.pictures / "cost.png")
             captions["cost.png"] = (

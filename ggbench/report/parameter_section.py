@@ -24,7 +24,7 @@ def parameter_section(results: Results, summary: pd.DataFrame, pictures: Path) -
     ----------
     results : the folder. summary : its summary. pictures : folder of the figures.
     """
-    estimators = results.manifest["estimators"]
+    estimators = results.estimators
     shown = []
     for parameter in parameters(estimators):
         over = lines(estimators, parameter)

@@ -40,7 +40,7 @@ def particles_section(results: Results) -> list[str]:
     heads = [head for head, names in _COUNTERS.items() if any(name in found for name in names)]
     rows = []
     for row in found.to_dict("records"):
-        content = results.manifest["estimators"][row["estimator"]]
+        content = results.estimators[row["estimator"]]
         count = content.get("parameters", {}).get(PARTICLES)
         cells = [_cell(row, *_COUNTERS[head]) for head in heads]
         rows.append([row["case"], f"`{row['estimator']}`", "–" if count is None else str(count),

@@ -284,7 +284,7 @@ class _Report:
             shown.append(f"![{caption}]({quote(name)}/{file})\n\n*{caption}*")
 
         shown_cases = {
-            case.name: leaders(self.manifest["estimators"], rows_of(self.summary, case, "settled"))
+            case.name: leaders(self.results.estimators, rows_of(self.summary, case, "settled"))
             for case in self.references or _spread(self.scenario.cases)
         }
         save(
@@ -294,7 +294,7 @@ class _Report:
             "error_over_time.png",
             f"RMS spherical error over {_drawn(self.results.run_count)} against time, with the "
             "Cramér–Rao bounds of filter, fixed-lag smoother and smoother"
-            + of_the_best(self.manifest["estimators"]),
+            + of_the_best(self.results.estimators),
         )
         if stored.has_map(self.results, lead.name):
             save(stored.field_map(self.results, lead.name), self.pictures / "field.png")
@@ -366,6 +366,12 @@ class _Report:
             flags += "".join(f" -c {shlex.quote(name)}" for name in cases)
         flags += " --assumptions" if m["assumptions"] else ""
         memory = self.results.runs()["peak_memory_mb"].max()
+        compiled = [
+            f"`{name}`"
+            for name, content in self.results.estimators.items()
+            if content["parameters"].get("engine") == "numba"
+        ]
+        engines = f"- on compiled engines, `engine=numba`: {', '.join(compiled)}"
         return "\n".join(
             [
                 "Generated, not edited. To get it again:",
@@ -381,6 +387,7 @@ class _Report:
                 f"- {versions}",
                 f"- {machine['system']} on {machine['architecture']}, "
                 f"{machine['processors']} processors; peak memory of a worker {memory:.0f} MB",
+                *([engines] if compiled else []),
             ]
         )
 

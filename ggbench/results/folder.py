@@ -28,6 +28,7 @@ from ..judging.summary import (
 )
 from ..spec import scenario
 from ..spec.scenario import Scenario
+from .names import shown_names
 from .store import Store, StoreError, read_manifest
 
 RUN_COLUMNS = (
@@ -73,7 +74,11 @@ class Results:
         self.folder = Path(folder)
         self.store = store or Store(self.folder)
         self.manifest = read_manifest(self.folder)
-        self.cells = [Cell(**cell) for cell in self.manifest["cells"]]
+        self._names = shown_names(self.manifest["estimators"])
+        self.cells = [
+            Cell(**cell | {"estimator": self.name_of(cell["estimator"])})
+            for cell in self.manifest["cells"]
+        ]
         self._arrays: dict[str, dict[str, np.ndarray]] = {}
         self._keys = {(*cell[:2], cell.estimator): cell.key for cell in self.cells}
 
@@ -104,13 +109,26 @@ class Results:
 
     @property
     def labels(self) -> list[str]:
-        """The estimators, in the order in which they were asked for."""
-        return list(self.manifest["estimators"])
+        """The names of the estimators, in the order in which they were asked for.
+
+        Their labels without the engine, see :func:`.names.shown_names`.
+        """
+        return list(self.estimators)
+
+    @cached_property
+    def estimators(self) -> dict[str, dict[str, Any]]:
+        """What the results of each estimator depend on: class, parameters, hash of its source."""
+        held: dict[str, dict[str, Any]] = self.manifest["estimators"]
+        return {self.name_of(label): content for label, content in held.items()}
+
+    def name_of(self, label: str) -> str:
+        """Return the name of the estimator with a label, or the text itself if there is none."""
+        return self._names.get(label, label)
 
     @property
     def seeking(self) -> dict[str, str]:
         """Estimators whose source looks where truth could be found, each with what it uses."""
-        found = {name: held.get("seeks") for name, held in self.manifest["estimators"].items()}
+        found = {name: held.get("seeks") for name, held in self.estimators.items()}
         return {
             label: ", ".join(map(str, names))
             for label, names in found.items()
@@ -142,19 +160,19 @@ class Results:
 
         K' are the epochs that ``kept`` of the case's arrays names. Empty if there are none.
         """
-        key = self._keys.get(("", case, estimator))
+        key = self._keys.get(("", case, self.name_of(estimator)))
         found = np.empty((0, 0, 4)) if key is None else self.store.series(key, self.run_count)
         return found if not len(found) else self._of_length(found, case, "kept")
 
     def series_of(self, case: str, estimator: str, run: int) -> np.ndarray | None:
         """Return (K', 4) of one run, or None if it has none."""
-        key = self._keys.get(("", case, estimator))
+        key = self._keys.get(("", case, self.name_of(estimator)))
         found = None if key is None else self.store.series_of(key, run)
         return None if found is None else self._of_length(found, case, "kept")
 
     def detail(self, case: str, estimator: str, run: int) -> np.ndarray | None:
         """Return (K, 18) of a run kept in detail, see :meth:`.store.Store.detail`."""
-        key = self._keys.get(("", case, estimator))
+        key = self._keys.get(("", case, self.name_of(estimator)))
         found = None if key is None else self.store.detail(key, run)
         return None if found is None else self._of_length(found, case, "times")
 
@@ -174,7 +192,7 @@ class Results:
         """Return which rows of the table of runs are an estimator's on a case."""
         table = self._runs
         own = (table["assumption"] == "") & (table["case"] == case)
-        return own & (table["estimator"] == estimator)
+        return own & (table["estimator"] == self.name_of(estimator))
 
     def counters(self) -> pd.DataFrame:
         """Return what estimators counted of themselves: medians over the runs that finished.
@@ -260,7 +278,8 @@ class Results:
     def command(self, cell: Cell, run: int) -> str:
         """Return the command that runs one run again, alone, in one process."""
         case = f"{cell.assumption}/{cell.case}" if cell.assumption else cell.case
-        words = ["--case", case, "-e", cell.estimator, "--seed", str(self.manifest["seed"])]
+        label = next((k for k, v in self._names.items() if v == cell.estimator), cell.estimator)
+        words = ["--case", case, "-e", label, "--seed", str(self.manifest["seed"])]
         name = as_argument(self.manifest["argument"])
         return f"ggbench run {name} {shlex.join([*words, '--run', str(run)])}"
 
