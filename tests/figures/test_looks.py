@@ -10,17 +10,17 @@ import pytest
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 
-from ggbench.campaign import registry
 from ggbench.figures.errors import component_errors, error_over_time
 from ggbench.figures.locking import Panels, Series, against_time, over_cases
 from ggbench.figures.looks import looks
 from ggbench.figures.style import BOUND, INS
 from ggbench.figures.sweeps import Curve, curves
+from ggbench.results.names import shown_names
 from ggbench.spec import scenario
 from ggbench.spec.sweep import Axis
 
 SHIPPED = {
-    name: [choice.label for choice in registry.choose_all(scenario.load(name).campaign.estimators)]
+    name: list(shown_names(scenario.load(name).campaign.estimators).values())
     for name in scenario.shipped()
 }
 EVERY = sorted({label for labels in SHIPPED.values() for label in labels})

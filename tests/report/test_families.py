@@ -67,7 +67,7 @@ def test_of_a_family_with_a_figure_of_its_own_the_best_is_left():
 
 def results(estimators: dict[str, Any], counters: pd.DataFrame | None = None) -> Any:
     return SimpleNamespace(
-        manifest={"estimators": estimators}, labels=list(estimators), counters=lambda: counters,
+        estimators=estimators, labels=list(estimators), counters=lambda: counters,
         scenario=SimpleNamespace(name="s", cases=[case()]),
     )  # fmt: skip
 

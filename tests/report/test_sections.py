@@ -52,7 +52,7 @@ def convergence(monkeypatch, tmp_path: Path) -> tuple[list[str], list[Any], list
     results = SimpleNamespace(
         scenario=SimpleNamespace(cases=CASES, name="s"),
         labels=["ins", "ekf", "ukf"],
-        manifest={"estimators": {label: {"parameters": {}} for label in ("ins", "ekf", "ukf")}},
+        estimators={label: {"parameters": {}} for label in ("ins", "ekf", "ukf")},
         arrays=lambda name: {"times": np.arange(1.0, 21.0)},
         lock_times=lambda name, label: LOCK_TIMES,
     )
