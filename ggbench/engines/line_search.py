@@ -215,6 +215,24 @@ def _deal(trying: np.ndarray, halved: np.ndarray, group: np.ndarray, slots: _Slo
 
 
 @compiled
+def _to_lanes(tracks: np.ndarray, which: np.ndarray, out: np.ndarray) -> None:
+    """Fill (K, 1, n, lanes) with the tracks (J, K, n) of some searches (lanes,)."""
+    for r in range(LANES):
+        for k in range(out.shape[0]):
+            for j in range(out.shape[2]):
+                out[k, 0, j, r] = tracks[which[r], k, j]
+
+
+@compiled
+def _out_of_lanes(values: np.ndarray, first: int, count: int, tracks: np.ndarray) -> None:
+    """Fill the tracks (J, K, n) of ``count`` searches from ``first`` on."""
+    for r in range(count):
+        for k in range(values.shape[0]):
+            for j in range(values.shape[2]):
+                tracks[first + r, k, j] = values[k, 0, j, r]
+
+
+@compiled
 def search(problems: Problems, most: int, found: Searches) -> None:
     """Follow the searches to their ends, in at most so many steps each."""
     searches, epochs, n = found.states.shape
@@ -233,12 +251,9 @@ def search(problems: Problems, most: int, found: Searches) -> None:
     for first in lanes.starts(searches):
         count, own = lanes.count_from(first, searches), lanes.members(first, searches)
         for r in range(LANES):
-            group[r] = found.runs[own[r]]
-            moved[r] = found.motion[own[r]]
-            for k in range(epochs):
-                for j in range(n):
-                    path.states[k, 0, j, r] = found.states[own[r], k, j]
-                    path.trial[k, 0, j, r] = found.states[own[r], k, j]
+            group[r], moved[r] = found.runs[own[r]], found.motion[own[r]]
+        _to_lanes(found.states, own, path.states)
+        _to_lanes(found.states, own, path.trial)
         _gather_motion(problems, group, expected, path)
         _linearise(problems, group, count, path, reading, costs)
         for r in range(LANES):
@@ -293,9 +308,7 @@ def search(problems: Problems, most: int, found: Searches) -> None:
         for r in range(count):
             found.cost[first + r], found.motion[first + r] = cost[r], moved[r]
             found.evaluations[first + r] += epochs
-            for k in range(epochs):
-                for j in range(n):
-                    found.states[first + r, k, j] = path.states[k, 0, j, r]
+        _out_of_lanes(path.states, first, count, found.states)
 
 
 @compiled
@@ -361,9 +374,7 @@ def filtered_tracks(problems: Problems, found: Searches) -> None:
             found.motion[first + r] = costs.motion[0, 0, r]
             for j in range(n):
                 found.start[first + r, j] = work.back[0, j, r]
-            for k in range(epochs):
-                for j in range(n):
-                    found.states[first + r, k, j] = path.trial[k, 0, j, r]
+        _out_of_lanes(path.trial, first, count, found.states)
 
 
 @compiled
@@ -379,10 +390,8 @@ def answer(problems: Problems, found: Searches, mean: np.ndarray, cov: np.ndarra
         count, own = lanes.count_from(first, searches), lanes.members(first, searches)
         for r in range(LANES):
             group[r] = found.runs[own[r]]
-            for k in range(epochs):
-                for j in range(n):
-                    path.states[k, 0, j, r] = found.states[own[r], k, j]
-                    path.trial[k, 0, j, r] = found.about[own[r], k, j]
+        _to_lanes(found.states, own, path.states)
+        _to_lanes(found.about, own, path.trial)
         _gather_motion(problems, group, expected, path)
         _linearise(problems, group, count, path, reading, costs)
         _filter(problems, path, work)
