@@ -261,7 +261,7 @@ class Campaign:
         """
         self._require_folder()
         left_out = self._leave_out()
-        remarks = [*oddities(self.plan.scenario), *left_out, *self._seeking()]
+        remarks = [*oddities(self.plan.scenario), *left_out, *self._seeking(), *self._fewer()]
         store = Store(self.folder, create=True, fresh=self.fresh)
         plan = self.plan
         if damaged := store.discard_damaged():
@@ -298,9 +298,10 @@ class Campaign:
         for study, case, pairs in _each_once(self.plan.cells()):
             runs = self.scenario.campaign.runs_of(study, self.runs)
             missing = np.ones((len(pairs), runs), dtype=bool)
-            for row, (_, key) in zip(missing, pairs, strict=True):
+            for row, (label, key) in zip(missing, pairs, strict=True):
                 held = finished.get(key, np.empty(0, dtype=np.int64))
                 row[held[held < runs]] = False
+                row[self.scenario.campaign.runs_of(study, self.runs, label) :] = False
             cells.append(_Open(study, case, pairs, missing))
         return Tasks(cells, self.seed)
 
@@ -346,6 +347,18 @@ class Campaign:
             f"{label} uses {', '.join(content['seeks'])}: the report will tell its readers"
             for label, content in self.plan.estimators.items()
             if "seeks" in content
+        ]
+
+    def _fewer(self) -> list[str]:
+        """Return remarks on estimators that get fewer runs than the others."""
+        counts = {
+            label: self.scenario.campaign.runs_of("", self.runs, label)
+            for label in self.plan.estimators
+        }
+        return [
+            f"{label} gets the first {count} of {self.runs} runs: fewer_runs of the scenario"
+            for label, count in counts.items()
+            if count < self.runs
         ]
 
     def _share(self, store: Store, plan: Plan) -> None:

@@ -125,6 +125,10 @@ class Results:
         """Return the name of the estimator with a label, or the text itself if there is none."""
         return self._names.get(label, label)
 
+    def _label_of(self, name: str) -> str:
+        """Return the label of the estimator with a name, or the text itself if there is none."""
+        return next((label for label, own in self._names.items() if own == name), name)
+
     @property
     def seeking(self) -> dict[str, str]:
         """Estimators whose source looks where truth could be found, each with what it uses."""
@@ -152,7 +156,8 @@ class Results:
 
     def _records_of(self, cell: Cell) -> Iterator[dict[str, Any]]:
         # A study that changes nothing of a case shares its records, of which there may be more.
-        runs = self.whole_scenario.campaign.runs_of(cell.assumption, self.run_count)
+        campaign = self.whole_scenario.campaign
+        runs = campaign.runs_of(cell.assumption, self.run_count, self._label_of(cell.estimator))
         return self.store.records(cell.key, runs)
 
     def series(self, case: str, estimator: str) -> np.ndarray:
@@ -278,8 +283,14 @@ class Results:
     def command(self, cell: Cell, run: int) -> str:
         """Return the command that runs one run again, alone, in one process."""
         case = f"{cell.assumption}/{cell.case}" if cell.assumption else cell.case
-        label = next((k for k, v in self._names.items() if v == cell.estimator), cell.estimator)
-        words = ["--case", case, "-e", label, "--seed", str(self.manifest["seed"])]
+        words = [
+            "--case",
+            case,
+            "-e",
+            self._label_of(cell.estimator),
+            "--seed",
+            str(self.manifest["seed"]),
+        ]
         name = as_argument(self.manifest["argument"])
         return f"ggbench run {name} {shlex.join([*words, '--run', str(run)])}"
 

@@ -72,10 +72,31 @@ class CampaignSpec(Section):
     """Longest time of one run of one estimator [s]."""
     league: bool = True
     """Whether the league counts it: not a study whose flights are those of other scenarios."""
+    fewer_runs: Annotated[Any, BeforeValidator(Table.of)] = Table()
+    """Of estimators that cost much: how many runs they get at most, the first ones."""
 
-    def runs_of(self, study: str, runs: int) -> int:
-        """Return how many of so many runs an assumption's study takes; the cases ("") take all."""
-        return min(runs, self.assumption_runs) if study else runs
+    @model_validator(mode="after")
+    def _check_fewer_runs(self) -> CampaignSpec:
+        for label, most in self.fewer_runs:
+            if label not in self.estimators:
+                raise ValueError(
+                    f"fewer_runs names '{label}', which is not among the estimators: "
+                    f"{', '.join(self.estimators)}"
+                )
+            if isinstance(most, bool) or not isinstance(most, int) or not 1 <= most <= MOST_RUNS:
+                raise ValueError(
+                    f"fewer_runs of '{label}' must be a number of runs, 1 to {MOST_RUNS}, found "
+                    f"{most!r}"
+                )
+        return self
+
+    def runs_of(self, study: str, runs: int, label: str = "") -> int:
+        """Return how many of so many runs an estimator gets in an assumption's study, or the cases.
+
+        The cases ("") take all, but for estimators of which fewer are asked.
+        """
+        most = self.assumption_runs if study else dict(self.fewer_runs).get(label, runs)
+        return min(runs, most)
 
 
 class AxisSpec(Section):
