@@ -36,7 +36,7 @@ def assert_gtsams(label: str, block: ProblemBlock, limit: float, least: int = 0)
     [
         ("wang2013", "0.01E-1Hz", 2, 10),
         ("wrong_model", "noise-3x", 1, 100),
-        ("jacksboro_helicopter", "rotating-biases", 1, 10),
+        pytest.param("jacksboro_helicopter", "rotating-biases", 1, 10, marks=pytest.mark.long),
     ],
 )
 def test_each_node_is_gtsams_when_it_is_final(label, name, case, runs, least):
@@ -53,7 +53,7 @@ def test_of_any_prior_and_any_noise_nodes_are_gtsams(label):
     assert_gtsams(label, entangled(block_of_runs("wang2013", "0.01E-0.2Hz", 0, 1)), 1e-6)
 
 
-@pytest.mark.parametrize("loss", ["huber", "cauchy"])
+@pytest.mark.parametrize("loss", [pytest.param("huber", marks=pytest.mark.long), "cauchy"])
 def test_with_a_loss_nodes_are_gtsams(loss):
     """Among outliers, where estimates without a loss are others."""
     block = block_of_runs("outliers", "outliers-5pc", 0, 1)
