@@ -93,6 +93,12 @@ def estimator(label: str) -> Estimator:
     return registry.choose(label).estimator
 
 
+def compiled(label: str) -> Any:
+    """The compiled engine of a built-in estimator."""
+    name, _, rest = label.rstrip("]").partition("[")
+    return estimator(f"{name}[{','.join(filter(None, [rest, 'engine=numba']))}]")
+
+
 def rng() -> np.random.Generator:
     """The generator given to estimators: the same each time."""
     return np.random.default_rng(7)
@@ -108,8 +114,7 @@ def simulated(case: str, run: int = 0) -> tuple[Problem, Truth]:
 def block_of_runs(name: str, case: str, first: int, last: int) -> ProblemBlock:
     """Runs of a case of a shipped scenario, as a block."""
     loaded = scenario.load(name)
-    found = next(c for c in loaded.cases if c.name == case)
-    prepared = error_free_flight.prepare(found)
+    prepared = error_free_flight.prepare(loaded.case(case))
     return simulate_block(prepared, loaded.campaign.seed, range(first, last))[0]
 
 

@@ -178,6 +178,9 @@ class SensorModel:
     def jacobian(self, k: int, x: np.ndarray) -> np.ndarray:
         """Return H = ∂h/∂x (..., m, n) at epoch ``k`` for states x (..., n); any leading axes."""
         states = self._states(k, x)
+        if states.ndim == 1:  # as filters and graphs ask, most often
+            self._evaluations += 1
+            return jacobian(self._block, k, states)
         points = states.reshape(-1, states.shape[-1])
         self._evaluations += len(points)
         found = [jacobian(self._block, k, point) for point in points]

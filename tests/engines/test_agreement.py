@@ -9,16 +9,13 @@ solution on each, which takes GTSAM its time.
 from __future__ import annotations
 
 import os
-from functools import cache
 
 import numpy as np
 import pytest
+from problems import block_of_runs, compiled
 
-from ggbench.block import ProblemBlock
 from ggbench.campaign.registry import choose
 from ggbench.problem import Estimate, Problem
-from ggbench.simulation import error_free_flight
-from ggbench.simulation.runs import simulate_block
 from ggbench.spec import scenario
 
 EVERYTHING = os.environ.get("GGBENCH_TEST_AGREEMENT") == "all"
@@ -64,18 +61,6 @@ CASES = [
 ]
 
 
-def compiled(label: str):
-    name, _, rest = label.rstrip("]").partition("[")
-    return choose(f"{name}[{','.join(filter(None, [rest, 'engine=numba']))}]").estimator
-
-
-@cache
-def block_of_runs(name: str, case: str) -> ProblemBlock:
-    loaded = scenario.load(name)
-    found = next(c for c in loaded.cases if c.name == case)
-    return simulate_block(error_free_flight.prepare(found), loaded.campaign.seed, range(RUNS))[0]
-
-
 def difference(one: Estimate, other: Estimate, problem: Problem) -> float:
     """Of means and deviations, in deviations of the prior, or in the largest error if that is more.
 
@@ -103,7 +88,7 @@ def test_filters_are_those_of_the_frameworks(label, name, case):
     readings move by a billionth of their noise, no engine can agree better with it than it does
     with itself. There are such runs where the prior is as wide as the terrain's valleys alone.
     """
-    block = block_of_runs(name, case)
+    block = block_of_runs(name, case, 0, RUNS)
     reference = choose(label).estimator
     estimates = compiled(label).estimate_block(block)
     limit = ITERATED if label in SEARCHING else LIMIT
@@ -125,7 +110,7 @@ def test_filters_are_those_of_the_frameworks(label, name, case):
 @pytest.mark.parametrize("mode", ["isam2", "fixed-lag"])
 def test_incremental_solutions_are_gtsams(mode, name, case):
     """To a hundred-thousandth of the prior, wherever GTSAM keeps so many digits."""
-    block = block_of_runs(name, case)
+    block = block_of_runs(name, case, 0, RUNS)
     lag = max(20.0, WINDOW * np.diff(block.times).max())
     label = f"factor-graph[mode={mode},lag={lag}]"
     reference, estimates = choose(label).estimator, compiled(label).estimate_block(block)
@@ -149,7 +134,7 @@ def test_the_batch_solution_is_gtsams(name, case, loss):
     Where it has not converged within the limit of steps, the two are as good as each other: the
     costs are equal.
     """
-    block = block_of_runs(name, case)
+    block = block_of_runs(name, case, 0, RUNS)
     label = BATCH if loss == "none" else f"factor-graph[mode=batch,loss={loss}]"
     reference, estimates = choose(label).estimator, compiled(label).estimate_block(block)
     runs = RUNS if name == "wang2013" and loss == "none" else BATCH_RUNS

@@ -3,24 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import cache
 
 import numpy as np
 import pytest
+from problems import block_of_runs
 
-from ggbench.block import ProblemBlock, block_of
+from ggbench.block import block_of
 from ggbench.campaign.registry import choose
-from ggbench.simulation import error_free_flight
-from ggbench.simulation.runs import simulate_block
 from ggbench.spec import scenario
 
 COMPILED = choose("gaussian-sum[engine=numba]").estimator
-
-
-@cache
-def block_of_runs(name: str, case: str, runs: int) -> ProblemBlock:
-    flight = error_free_flight.prepare(scenario.load(name).case(case))
-    return simulate_block(flight, 4, range(runs))[0]
 
 
 @pytest.mark.parametrize(
@@ -40,7 +32,7 @@ def test_numpy_gives_the_same_answer(name, case, iterations, limit):
     Iterated updates end within a thousandth of a deviation of the most probable state, where the
     last halving of a step is decided by rounding.
     """
-    block = block_of_runs(name, case or scenario.load(name).cases[0].name, 2)
+    block = block_of_runs(name, case or scenario.load(name).cases[0].name, 0, 2)
     found = dataclasses.replace(COMPILED, iterations=iterations).estimate_block(block)
     reference = choose(f"gaussian-sum[iterations={iterations}]").estimator
     sigma = np.sqrt(np.diag(block.prior_cov))
@@ -55,7 +47,7 @@ def test_numpy_gives_the_same_answer(name, case, iterations, limit):
 @pytest.mark.parametrize("loss", [pytest.param("huber", marks=pytest.mark.long), "cauchy"])
 def test_with_a_loss_numpy_gives_the_same_answer(loss):
     """Among outliers, where the answer without one is another."""
-    block = block_of_runs("outliers", "outliers-5pc", 2)
+    block = block_of_runs("outliers", "outliers-5pc", 0, 2)
     found = dataclasses.replace(COMPILED, loss=loss).estimate_block(block)
     plain = COMPILED.estimate_block(block)
     sigma = np.sqrt(np.diag(block.prior_cov))
@@ -69,7 +61,7 @@ def test_with_a_loss_numpy_gives_the_same_answer(loss):
 
 def test_a_run_does_not_depend_on_its_neighbours():
     """Alone and among others: the same bits."""
-    block = block_of_runs("wide_prior", "3km", 2)
+    block = block_of_runs("wide_prior", "3km", 0, 2)
     both = COMPILED.estimate_block(block)
     for run in range(2):
         alone = COMPILED.estimate_block(block_of(block.problem(run)))
@@ -81,7 +73,7 @@ def test_a_run_does_not_depend_on_its_neighbours():
 
 def test_a_run_of_which_no_hypothesis_is_left_has_no_answer_from_there_on():
     """A reading that is not a number; the other run has its own, bit by bit."""
-    block = block_of_runs("wide_prior", "3km", 2)
+    block = block_of_runs("wide_prior", "3km", 0, 2)
     measurements = block.measurements.copy()
     measurements[0, 5] = np.nan
     usual = COMPILED.estimate_block(block)

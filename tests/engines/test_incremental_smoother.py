@@ -6,16 +6,11 @@ import dataclasses
 
 import numpy as np
 import pytest
-from problems import block_of_runs, entangled, estimator, smoothed
+from problems import block_of_runs, compiled, entangled, estimator, smoothed
 
 from ggbench.block import ProblemBlock
 
 INCREMENTAL, LAGGED = "factor-graph", "factor-graph[mode=fixed-lag,lag=20]"
-
-
-def compiled(label: str):
-    name, _, rest = label.rstrip("]").partition("[")
-    return estimator(f"{name}[{','.join(filter(None, [rest, 'engine=numba']))}]")
 
 
 def assert_gtsams(label: str, block: ProblemBlock, limit: float, least: int = 0) -> None:

@@ -72,11 +72,11 @@ def guards() -> list[Guard]:
         ("gauss-newton", 4.0),
     ]  # fmt: skip
     return [
-        Guard("h of one state, compiled against NumPy", 1.7,
+        Guard("h of one state, compiled against NumPy", 2.5,
               lambda: Calls("numpy-h"), lambda: Calls("compiled-h")),
         Guard("h of 31 states, compiled against NumPy", 6.0,
               lambda: Calls("numpy-h31"), lambda: Calls("compiled-h31")),
-        Guard("H, compiled against NumPy", 2.6,
+        Guard("H, compiled against NumPy", 5.0,
               lambda: Calls("numpy-H"), lambda: Calls("compiled-H")),
         *(
             Guard(f"{label}, engine=numba against its framework", floor,
