@@ -48,6 +48,12 @@ def tabled(*groups: list[dict[str, Any]]) -> tuple[pd.DataFrame, pd.DataFrame]:
     rows = [
         {"assumption": "", "case": "c", "estimator": r["estimator"], "seed": 1, "run": r["run"]}
         | {
+            "status": r["status"],
+            "diverged": r["diverged"],
+            "lock_time_s": r.get("lock_time_s"),
+            "false_lock": r.get("false_lock"),
+        }
+        | {
             f"{window}_{name}": r.get("windows", {}).get(window, {}).get(name, math.nan)
             for window in WINDOWS
             for name in ("position_ms", "velocity_ms")

@@ -1,51 +1,89 @@
-"""Which estimator of a case is the best, and how two of them compare."""
+"""Which estimator of a case is the best, and how two of them compare.
+
+Success goes first, then the median error of the runs that succeeded; what claims to know what it
+does not know is no answer, however near it is.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, Literal
 
 import pandas as pd
 
 from ..spec.case import CaseSpec
+from . import success
 from .statistics import BETTER, WORSE
+from .success import EQUAL
 
 MOST_FAILED = 0.05
 """Largest share of failed runs with which an estimator can be the best of its case."""
+LEAST_COVERAGE = 0.8
+"""Least share of epochs whose truth lies in the claimed 95 % region, of an honest estimator."""
+MOST_FALSE = 0.05
+"""Largest share of runs that end sure of a wrong place, of an honest estimator."""
+UNCERTAIN = 1.1
+"""Ratio of median errors up to which what cannot be told from the best one may be as good."""
 ORDER = {"filter": 0, "none": 1, "fixed-lag": 2, "batch": 3}
 """Blocks of a ranking: what is causal, what is there without aiding, smoothers."""
+AsGood = Literal["yes", "open", "no"]
+
+
+def honest(row: Mapping[str, Any]) -> bool:
+    """Return whether what an estimator claims of itself in a case is not surely wrong.
+
+    Its 95 % regions hold the truth in :data:`LEAST_COVERAGE` of the epochs or more, and it is not
+    surely (Wilson interval) in more than :data:`MOST_FALSE` of the runs locked on a wrong place.
+    What claims nothing is not found to lie.
+    """
+    return not (row["coverage"] < LEAST_COVERAGE or row["false_lock_lo"] > MOST_FALSE)
 
 
 def ranked(rows: pd.DataFrame) -> pd.DataFrame:
     """Return summary rows with the best causal estimator first, smoothers in a block at the end.
 
-    Of estimators whose position errors agree to three digits the cheaper one is the better one.
+    Those that succeed as often as the one that succeeds most (intervals overlap) by the median
+    ratio of their errors to the bound, then the others by their share of success. Of errors that
+    agree to three digits the cheaper one is the better one.
     """
+    order = rows["causality"].map(ORDER)
+    surest = rows.loc[rows.groupby(order)["success_share"].idxmax()]
+    least = order.map(dict(zip(order[surest.index], surest["success_lo"], strict=True)))
     keys = pd.DataFrame(
         {
-            "order": rows["causality"].map(ORDER),
-            "error": [float(f"{error:.2e}") for error in rows["position_mrse_m"]],
+            "order": order,
+            "seldom": (1.0 - rows["success_share"]).where(rows["success_hi"] < least, -1.0),
+            "error": [_digits(value) for value in rows["ratio_median"]],
+            "mean": [_digits(value) for value in rows["position_mrse_m"]],
             "cost": rows["seconds_per_run"],
         },
         index=rows.index,
     )
-    return rows.loc[keys.sort_values(["order", "error", "cost"]).index]
+    return rows.loc[keys.sort_values([*keys.columns]).index]
+
+
+def _digits(value: float) -> float:
+    """Return a number with the three digits that count, ∞ for none."""
+    return float(f"{value:.2e}") if math.isfinite(value) else math.inf
 
 
 def rows_of(summary: pd.DataFrame, case: CaseSpec, window: str) -> dict[str, dict[str, Any]]:
     """Return the ranked summary rows of a case and window by estimator."""
     chosen = summary[(summary["case"] == case.name) & (summary["window"] == window)]
-    return {row["label"]: row for row in ranked(chosen).to_dict("records")}
+    if chosen.empty:
+        return {}
+    return {str(row["label"]): row for row in ranked(chosen).to_dict("records")}
 
 
 def best_causal(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any] | None:
     """Return the row of the best causal estimator of a case and window, None without any.
 
-    The least position MRSE; of errors that agree to three digits the cheaper one. An estimator that
-    failed in more than :data:`MOST_FAILED` of its runs is none: its errors are of the runs that
-    were kind to it. Where locks are judged, nor is one that locks surely less often than another
-    one: whose interval lies below that of the largest share.
+    Of those that succeed as often as the one that succeeds most (their intervals overlap) the one
+    whose errors, where it succeeds, have the least median ratio to the bound; of ratios that agree
+    to three digits the cheaper one. Honest ones (:func:`honest`) go before the others. An estimator
+    that failed in more than :data:`MOST_FAILED` of its runs is none: its errors are of the runs
+    that were kind to it.
     """
     able = [
         dict(row)
@@ -54,15 +92,43 @@ def best_causal(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any] | None:
         and math.isfinite(row["position_mrse_m"])
         and row["failed"] <= MOST_FAILED * row["runs"]
     ]
-    locking = [row for row in able if not math.isnan(row["lock_share"])]
-    if locking:
-        surest = max(locking, key=lambda row: row["lock_share"])["lock_lo"]
-        able = [row for row in locking if row["lock_hi"] >= surest]
     if not able:
         return None
+    surest = max(row["success_share"] for row in able)
+    least = max(row["success_lo"] for row in able if row["success_share"] == surest)
+    often = [row for row in able if row["success_hi"] >= least]
     return min(
-        able, key=lambda row: (float(f"{row['position_mrse_m']:.2e}"), row["seconds_per_run"])
-    )
+        often,
+        key=lambda row: (
+            not honest(row), _digits(row["ratio_median"]), _digits(row["position_mrse_m"]),
+            row["seconds_per_run"],
+        ),
+    )  # fmt: skip
+
+
+def as_good(
+    row: Mapping[str, Any], best: Mapping[str, Any], pair: Mapping[str, Any] | None
+) -> AsGood:
+    """Return whether an estimator is as good as the best causal one of a case.
+
+    "yes" if they are found as good as each other, run by run (:func:`.success.compared`), or it is
+    the better one; "open" if the runs are too few to tell, and the medians of its errors lie within
+    :data:`UNCERTAIN`. It must not fail in more than :data:`MOST_FAILED` of its runs.
+
+    Parameters
+    ----------
+    row, best : of the summary. pair : their comparison, as seen from the best one.
+    """
+    if row["label"] == best["label"]:
+        return "yes"
+    if row["failed"] > MOST_FAILED * row["runs"]:
+        return "no"
+    verdict = pair["verdict"] if pair else ""
+    if verdict in (EQUAL, WORSE):
+        return "yes"
+    ratio = row["ratio_median"] / best["ratio_median"] if best["ratio_median"] else math.nan
+    near = ratio <= UNCERTAIN and row["success_hi"] >= best["success_lo"]
+    return "open" if verdict != BETTER and near else "no"
 
 
 def pair_of(
@@ -70,15 +136,12 @@ def pair_of(
 ) -> dict[str, Any] | None:
     """Return the paired comparison of two estimators as seen from the first, None without one.
 
-    ``pairs`` are the rows of :func:`.summary.paired_table`, which hold each pair once.
+    ``pairs`` are the rows of :func:`.summary.paired_table`, which hold each pair once; those of a
+    digest hold what says who succeeds and is nearer alone.
     """
+    chosen = pairs[(pairs["case"] == case) & (pairs["window"] == window)]
     for one, other in ((first, second), (second, first)):
-        found = pairs[
-            (pairs["case"] == case)
-            & (pairs["window"] == window)
-            & (pairs["first"] == one)
-            & (pairs["second"] == other)
-        ]
+        found = chosen[(chosen["first"] == one) & (chosen["second"] == other)]
         if len(found):
             row = found.iloc[0].to_dict()
             return row if one == first else _turned(row)
@@ -87,14 +150,12 @@ def pair_of(
 
 def _turned(pair: dict[str, Any]) -> dict[str, Any]:
     """Return a pair as seen from its second estimator."""
-    opposite = {BETTER: WORSE, WORSE: BETTER}
-    turned = pair | {
-        "first": pair["second"],
-        "second": pair["first"],
-        "first_only": pair["second_only"],
-        "second_only": pair["first_only"],
-    }
+    turned = pair | {"first": pair["second"], "second": pair["first"]} | success.turned(pair)
+    if "first_only" in pair:
+        turned |= {"first_only": pair["second_only"], "second_only": pair["first_only"]}
     for quantity, unit in (("position", "m2"), ("velocity", "m2ps2")):
+        if f"{quantity}_verdict" not in pair:
+            continue
         ratio = 1.0 + pair[f"{quantity}_relative"]
         turned |= {
             f"{quantity}_difference_{unit}": -pair[f"{quantity}_difference_{unit}"],
@@ -102,8 +163,6 @@ def _turned(pair: dict[str, Any]) -> dict[str, Any]:
             f"{quantity}_hi": -pair[f"{quantity}_lo"],
             f"{quantity}_relative": 1.0 / ratio - 1.0 if ratio else math.nan,
             f"{quantity}_win_rate": 1.0 - pair[f"{quantity}_win_rate"],
-            f"{quantity}_verdict": opposite.get(
-                pair[f"{quantity}_verdict"], pair[f"{quantity}_verdict"]
-            ),
+            f"{quantity}_verdict": success.opposite(pair[f"{quantity}_verdict"]),
         }
     return turned

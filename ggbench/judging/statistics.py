@@ -133,15 +133,25 @@ def paired(first_ms: np.ndarray, second_ms: np.ndarray) -> Paired:
 def paired_all(pairs: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[Paired]:
     """Return :func:`paired` of each pair; those with equal numbers of runs share their draws."""
     differences = [_difference(second, first) for first, second in pairs]
-    ends = np.full((len(pairs), 2), math.nan)
-    for runs in {len(d) for d in differences}:
-        chosen = [i for i, d in enumerate(differences) if len(d) == runs]
-        if runs >= 2:
-            ends[chosen] = _mean_intervals(np.column_stack([differences[i] for i in chosen]))
     return [
-        _paired(first, second, d, float(low), float(high))
-        for (first, second), d, (low, high) in zip(pairs, differences, ends, strict=True)
+        _paired(first, second, d, low, high)
+        for (first, second), d, (low, high) in zip(
+            pairs, differences, mean_intervals(differences), strict=True
+        )
     ]
+
+
+def mean_intervals(samples: Sequence[np.ndarray]) -> list[tuple[float, float]]:
+    """Return the symmetric bootstrap-t interval of the mean of each of some samples (runs,).
+
+    That of :func:`paired`. Those with equal numbers of runs share their draws; NaN if there is none.
+    """
+    ends = np.full((len(samples), 2), math.nan)
+    for runs in {len(sample) for sample in samples}:
+        chosen = [i for i, sample in enumerate(samples) if len(sample) == runs]
+        if runs >= 2:
+            ends[chosen] = _mean_intervals(np.column_stack([samples[i] for i in chosen]))
+    return [(float(low), float(high)) for low, high in ends]
 
 
 def _paired(
@@ -173,6 +183,7 @@ def _difference(before: np.ndarray, after: np.ndarray) -> np.ndarray:
 def _mean_intervals(samples: np.ndarray) -> np.ndarray:
     """Return the symmetric bootstrap-t intervals (m, 2) of the means of (runs, m); NaN if none."""
     mean, spread = samples.mean(axis=0), samples.std(axis=0)
+    spread = np.where(spread > ROUNDING * np.abs(mean), spread, 0.0)
     scaled = (samples - mean) / np.where(spread > 0.0, spread, 1.0)
     means = _resampled_means(scaled)
     variances = _resampled_means(scaled**2) - means**2

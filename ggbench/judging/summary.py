@@ -26,6 +26,7 @@ from .run_errors import evaluate as evaluate
 from .run_errors import has_diverged as has_diverged
 from .run_errors import window_figures as window_figures
 from .run_errors import window_mask as window_mask
+from . import success
 from .statistics import coverage_band, nees_band, nis_band, paired_all, root_mean_intervals
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ EXTRA_COLUMNS = (
     "label", "velocity_efficiency", "position_without_diverged_m", "position_median_m",
     "position_p95_m", "nis_mean", "coverage", "map_evaluations",
     "velocity_median_mps", "velocity_p95_mps", "nis_lo", "nis_hi", "coverage_lo", "coverage_hi",
-    *LOCKING_COLUMNS,
+    *LOCKING_COLUMNS, *success.COLUMNS,
 )  # fmt: skip
 _QUANTITIES = {"position": "m2", "velocity": "m2ps2"}
 """Judged quantities, and the unit of their squared errors."""
@@ -66,6 +67,7 @@ PAIRED_COLUMNS = (
         for quantity, unit in _QUANTITIES.items()
         for figure in (f"difference_{unit}", "lo", "hi", "relative", "win_rate", "verdict")
     ),
+    *success.PAIRED_COLUMNS,
 )  # fmt: skip
 
 
@@ -164,12 +166,19 @@ def summarize(
     cells = {cell: groups[cell] for cell in order if cell in groups}
     finished = {cell: group[group["status"] == "ok"] for cell, group in cells.items()}
     intervals = _intervals(finished)
+    unaided = {
+        (case, window): math.sqrt(float(good[f"{window}_position_ms"].mean()))
+        for (case, _), good in finished.items()
+        if len(good) and good["causality"].iloc[0] == "none"
+        for window in WINDOWS
+    }
     rows = []
     for (case, estimator), group in cells.items():
         good = finished[case, estimator]
         reference = references.get(case)
         first = group.iloc[0]
         sizes = (readings or {}).get(case, {})
+        succeeded = success.succeeded(group)
         # An estimator all of whose runs failed has not locked either.
         locking = {}
         if case in judged:
@@ -193,6 +202,13 @@ def summarize(
             bound = bounds.get((case, estimator), {}).get(window)
             row |= _window_row(good, window, bound, sizes.get(window, (0, 0))) | locking
             row |= intervals.get((case, estimator, window), {})
+            row |= success.figures(
+                group[f"{window}_position_ms"].to_numpy(dtype=float),
+                group[f"{window}_nees"].to_numpy(dtype=float),
+                succeeded,
+                bound[0] if bound else math.nan,
+                unaided.get((case, window), math.nan),
+            )
             rows.append(row)
     import pandas as pd
 
@@ -292,37 +308,51 @@ def paired_table(runs: pd.DataFrame) -> pd.DataFrame:
     :data:`PAIRED_COLUMNS`: ``runs`` both finished, ``first_only`` and ``second_only`` one of them;
     then for position and velocity the figures of :func:`.statistics.paired`, of the first
     against the second. Differences are over the runs that both finished; in the win rate a run that
-    failed loses against one that finished, and one that both failed does not count. A verdict is
-    wrong in 5 % of the pairs that do not differ.
+    failed loses against one that finished, and one that both failed does not count. A verdict on
+    squared errors is wrong in 5 % of the pairs that do not differ. Last come the figures of
+    :func:`.success.compared`: who succeeds more often, and is nearer where both do.
     """
     cases = runs[runs["assumption"] == ""]
     rows: list[dict[str, Any]] = []
     pairs: list[tuple[np.ndarray, np.ndarray]] = []
+    judged: list[tuple[np.ndarray, ...]] = []
     errors = [f"{window}_{quantity}_ms" for window in WINDOWS for quantity in _QUANTITIES]
     for case, group in cases.groupby("case", sort=False):
-        tables = {
-            label: own.set_index(["seed", "run"])
-            for label, own in group.groupby("estimator", sort=False)
-        }
-        for first, second in itertools.combinations(tables, 2):
-            one, two = tables[first].align(tables[second], join="inner", axis=0)
-            one_finished, two_finished = (
-                np.isfinite(table[errors].to_numpy(float)).all(axis=1) for table in (one, two)
-            )
-            both = one_finished & two_finished
+        labels = list(dict.fromkeys(group["estimator"]))
+        marked = group.assign(given=True, succeeded=success.succeeded(group))
+        wide = marked.pivot(index=["seed", "run"], columns="estimator")
+        given, good = (wide[name].eq(True) for name in ("given", "succeeded"))
+        found = {name: wide[name].astype(float) for name in errors}
+        finished = np.logical_and.reduce([np.isfinite(found[name]) for name in errors])
+        places = {label: given.columns.get_loc(label) for label in labels}
+        for first, second in itertools.combinations(labels, 2):
+            one, two = places[first], places[second]
+            # Runs that both were given; of these, that both finished.
+            common = (given[first] & given[second]).to_numpy()
+            both = common & finished[:, one] & finished[:, two]
             counts = {
                 "case": case,
                 "first": first,
                 "second": second,
                 "runs": int(both.sum()),
-                "first_only": int((one_finished & ~both).sum()),
-                "second_only": int((two_finished & ~both).sum()),
+                "first_only": int((common & finished[:, one] & ~both).sum()),
+                "second_only": int((common & finished[:, two] & ~both).sum()),
             }
             rows += [counts | {"window": window} for window in WINDOWS]
             pairs += [
-                (one[column].to_numpy(float)[both], two[column].to_numpy(float)[both])
-                for column in errors
+                (found[name][first].to_numpy()[both], found[name][second].to_numpy()[both])
+                for name in errors
             ]
+            judged += [
+                tuple(
+                    table[label].to_numpy()[common]
+                    for label in (first, second)
+                    for table in (found[f"{window}_position_ms"], good)
+                )
+                for window in WINDOWS
+            ]
+    for row, said in zip(rows, success.compared(judged), strict=True):
+        row |= said
     figures = iter(paired_all(pairs))
     for row, (quantity, unit) in itertools.product(rows, _QUANTITIES.items()):
         found = next(figures)

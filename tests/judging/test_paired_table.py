@@ -17,6 +17,8 @@ def table_of(position: dict[str, list[float]], case: str = "c") -> pd.DataFrame:
     """A table of runs with given position errors by estimator; NaN failed, None was not run."""
     rows = [
         {"assumption": "", "case": case, "estimator": label, "seed": 1, "run": run}
+        | {"status": "failed" if math.isnan(value) else "ok", "diverged": False}
+        | {"lock_time_s": math.nan, "false_lock": None}
         | {f"{window}_position_ms": value for window in WINDOWS}
         | {f"{window}_velocity_ms": value / 100.0 for window in WINDOWS}
         for label, values in position.items()

@@ -9,15 +9,16 @@ import pandas as pd
 import pytest
 from small_cases import small_case
 
-from ggbench.judging.ranking import best_causal, pair_of, ranked, rows_of
+from ggbench.judging.ranking import as_good, best_causal, honest, pair_of, ranked, rows_of
 
 
 def row(label: str, error: float, **changes: Any) -> dict[str, Any]:
-    """A summary row of an estimator in 100 runs."""
+    """A summary row of an estimator in 100 runs, all of which succeeded; the bound is 1 m."""
     return {
         "label": label, "case": "base", "window": "settled", "causality": "filter", "runs": 100,
-        "failed": 0, "position_mrse_m": error, "seconds_per_run": 1.0, "lock_share": math.nan,
-        "lock_lo": math.nan, "lock_hi": math.nan,
+        "failed": 0, "position_mrse_m": error, "ratio_median": error, "seconds_per_run": 1.0,
+        "success_share": 1.0, "success_lo": 0.96, "success_hi": 1.0, "coverage": 0.95,
+        "false_lock_lo": math.nan,
     } | changes  # fmt: skip
 
 
@@ -34,11 +35,17 @@ def test_the_best_is_the_causal_one_of_the_least_error():
     assert best(*others) is None
 
 
+def test_a_few_lost_runs_decide_nothing():
+    """The median of those that succeed goes before the mean of all."""
+    lost = row("lost", 50.0, ratio_median=1.0, success_share=0.99, success_lo=0.95)
+    assert best(lost, row("whole", 2.0)) == "lost"
+
+
 def test_of_equal_errors_the_cheaper_one_is_the_better():
     """Equal to three digits; a difference in the third one counts."""
     dear, cheap = row("dear", 2.001), row("cheap", 2.004, seconds_per_run=0.5)
     assert best(dear, cheap) == "cheap"
-    assert best(dear, cheap | {"position_mrse_m": 2.016}) == "dear"
+    assert best(dear, cheap | {"ratio_median": 2.016}) == "dear"
     assert list(ranked(pd.DataFrame([dear, cheap]))["label"]) == ["cheap", "dear"]
 
 
@@ -49,14 +56,46 @@ def test_who_fails_in_more_than_one_of_twenty_runs_is_not_the_best():
     assert best(row("frail", 1.0, failed=6), sound) == "sound"
 
 
-def test_who_locks_surely_less_often_is_not_the_best():
+def test_who_succeeds_surely_less_often_is_not_the_best():
     """Where the intervals of two shares overlap the smaller error decides, else the share."""
-    sure = row("sure", 3.0, lock_share=0.9, lock_lo=0.82, lock_hi=0.95)
-    sharp = row("sharp", 1.0, lock_share=0.78, lock_lo=0.69)
-    assert best(sharp | {"lock_hi": 0.85}, sure) == "sharp"
-    assert best(sharp | {"lock_hi": 0.82}, sure) == "sharp"
-    assert best(sharp | {"lock_hi": 0.81}, sure) == "sure"
-    assert best(row("unjudged", 0.1), sure) == "sure"
+    sure = row("sure", 3.0, success_share=0.9, success_lo=0.82, success_hi=0.95)
+    sharp = row("sharp", 1.0, success_share=0.78, success_lo=0.69)
+    assert best(sharp | {"success_hi": 0.85}, sure) == "sharp"
+    assert best(sharp | {"success_hi": 0.82}, sure) == "sharp"
+    assert best(sharp | {"success_hi": 0.81}, sure) == "sure"
+    table = pd.DataFrame([sharp | {"success_hi": 0.81}, sure, row("ins", 9.0, causality="none")])
+    assert list(ranked(table)["label"]) == ["sure", "sharp", "ins"]
+
+
+def test_what_claims_to_know_what_it_does_not_is_not_the_best():
+    """Neither what is sure of a wrong place, nor what is nearly always outside its own region."""
+    sound = row("sound", 3.0)
+    assert honest(sound) and honest(row("silent", 1.0, coverage=math.nan))
+    liar = row("liar", 1.0, coverage=0.79)
+    assert not honest(liar) and best(liar, sound) == "sound"
+    assert best(liar | {"coverage": 0.81}, sound) == "liar"
+    mistaken = row("mistaken", 1.0, false_lock_lo=0.051)
+    assert not honest(mistaken) and best(mistaken, sound) == "sound"
+    assert best(liar, mistaken | {"ratio_median": 2.0}) == "liar"  # where nobody is honest
+
+
+@pytest.mark.parametrize(
+    ("verdict", "changes", "wanted"),
+    [
+        ("as good", {"ratio_median": 9.0}, "yes"),
+        ("worse", {}, "yes"),
+        ("better", {"ratio_median": 1.0}, "no"),
+        ("not distinguishable", {"ratio_median": 1.1}, "open"),
+        ("not distinguishable", {"ratio_median": 1.11}, "no"),
+        ("not distinguishable", {"success_hi": 0.95}, "no"),
+        ("as good", {"failed": 6}, "no"),
+    ],
+)
+def test_who_is_as_good_as_the_best(verdict, changes, wanted):
+    """Found so run by run; or the runs are too few, and it may be."""
+    other = row("other", 1.0) | changes
+    assert as_good(other, row("best", 1.0), {"verdict": verdict}) == wanted
+    assert as_good(other, row("other", 1.0), None) == "yes"
 
 
 def test_blocks_of_a_ranking():
@@ -81,6 +120,9 @@ def test_a_pair_is_turned_in_all_of_its_figures():
         "velocity_difference_m2ps2": -2.0, "velocity_lo": -5.0, "velocity_hi": 1.0,
         "velocity_relative": -0.5, "velocity_win_rate": 0.6,
         "velocity_verdict": "not distinguishable",
+        "both_succeeded": 8, "first_succeeded": 1, "second_succeeded": 3, "success_p": 0.6,
+        "error_ratio": 2.0, "error_ratio_lo": 0.5, "error_ratio_hi": 4.0, "sign_p": 0.1,
+        "verdict": "worse",
     }  # fmt: skip
     table = pd.DataFrame([pair, pair | {"window": "whole", "runs": 1}])
     assert pair_of(table, "c", "a", "b") == pair
@@ -92,6 +134,9 @@ def test_a_pair_is_turned_in_all_of_its_figures():
         "velocity_difference_m2ps2": 2.0, "velocity_lo": -1.0, "velocity_hi": 5.0,
         "velocity_relative": 1.0, "velocity_win_rate": 0.4,
         "velocity_verdict": "not distinguishable",
+        "both_succeeded": 8, "first_succeeded": 3, "second_succeeded": 1, "success_p": 0.6,
+        "error_ratio": 0.5, "error_ratio_lo": 0.25, "error_ratio_hi": 2.0, "sign_p": 0.1,
+        "verdict": "better",
     })  # fmt: skip
     assert pair_of(table, "c", "a", "b", "whole")["runs"] == 1
     assert pair_of(table, "d", "a", "b") is None
