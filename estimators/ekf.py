@@ -15,7 +15,7 @@ from ..block import BlockEstimator, EstimateBlock, ProblemBlock
 from ..engines import filters
 from ..engines.iterated_filter import iterated
 from ..problem import Causality, Estimate, MeasurementModel, Problem
-from . import robust
+from . import robust, told_noise
 from .robust import Loss
 
 _HALVINGS = 12
@@ -39,6 +39,8 @@ class ExtendedKalmanFilter(BlockEstimator):
     noise_memory : number of readings over which the measurement noise is estimated from the
         residuals, a variance for each component (Mohamed & Schwarz 1999, with the forgetting of
         Sage & Husa 1969); 0 believes the given noise.
+    noise_scale : factor on the standard deviations of the readings of gravity and its gradients,
+        as the estimator is told them; see :mod:`ggbench.estimators.told_noise`.
     engine : ``filterpy``, the reference, or ``numba``: the same, compiled, on many runs at once.
     """
 
@@ -46,6 +48,7 @@ class ExtendedKalmanFilter(BlockEstimator):
     loss: Loss = "none"
     threshold: float | None = None
     noise_memory: int = 0
+    noise_scale: float = 1.0
     engine: Literal["filterpy", "numba"] = "filterpy"
 
     name = "ekf"
@@ -66,12 +69,15 @@ class ExtendedKalmanFilter(BlockEstimator):
             return f"iterations must be at least 1, and is {self.iterations}"
         if self.noise_memory < 0 or self.noise_memory == 1:
             return f"noise_memory must be 0 or at least 2, and is {self.noise_memory}"
-        if self.takes_blocks:
-            return robust.refusal(self.loss, self.threshold) or super().skip(problem)
-        return robust.refusal(self.loss, self.threshold)
+        if reason := told_noise.refusal(self.noise_scale):
+            return reason
+        if reason := robust.refusal(self.loss, self.threshold):
+            return reason
+        return super().skip(problem) if self.takes_blocks else None
 
     def estimate_block(self, block: ProblemBlock) -> EstimateBlock:
         """Filter all runs of a block."""
+        block = told_noise.told(block, self.noise_scale)
         if self.iterations == 1 and self.loss == "none" and not self.noise_memory:
             mean, cov, nis = filters.extended(block)
             linearisations = evaluations = np.full(block.runs, block.epochs)
@@ -91,6 +97,7 @@ class ExtendedKalmanFilter(BlockEstimator):
         # Not at the top: it loads as slowly as all the rest, and to be listed needs none of it.
         from filterpy.kalman import ExtendedKalmanFilter as FilterpyEKF
 
+        problem = told_noise.told(problem, self.noise_scale)
         n, m = problem.dimension, problem.measurements.shape[1]
         ekf = FilterpyEKF(dim_x=n, dim_z=m)
         ekf.x = problem.prior_mean.copy()  # filterpy's default (n, 1) would broadcast with a 1-D z
@@ -132,7 +139,8 @@ class ExtendedKalmanFilter(BlockEstimator):
                     update.noise_cov,
                 )
         info = {"linearisations": linearisations}
-        return Estimate(mean, cov, self.causality, info=info)
+        estimate = Estimate(mean, cov, self.causality, info=info)
+        return told_noise.with_own_nis(estimate, problem, self.noise_scale)
 
 
 class _Update:

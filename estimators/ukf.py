@@ -17,7 +17,7 @@ from ..block import BlockEstimator, EstimateBlock, ProblemBlock
 from ..engines import filters
 from ..numerics.positive import nearest_root
 from ..problem import Causality, Estimate, Problem
-from . import robust
+from . import robust, told_noise
 from .robust import Loss
 
 
@@ -99,6 +99,8 @@ class UnscentedKalmanFilter(BlockEstimator):
         prediction nor each other; see :mod:`ggbench.estimators.robust`.
     threshold : residual [standard deviations of the noise] from which the loss acts; if not
         given, 1.345 for ``huber`` and 2.385 for ``cauchy``.
+    noise_scale : factor on the standard deviations of the readings of gravity and its gradients,
+        as the estimator is told them; see :mod:`ggbench.estimators.told_noise`.
     engine : ``filterpy``, the reference, or ``numba``: the same, compiled, on many runs at once.
     """
 
@@ -108,6 +110,7 @@ class UnscentedKalmanFilter(BlockEstimator):
     beta: float = 2.0
     loss: Loss = "none"
     threshold: float | None = None
+    noise_scale: float = 1.0
     engine: Literal["filterpy", "numba"] = "filterpy"
 
     name = "ukf"
@@ -132,6 +135,8 @@ class UnscentedKalmanFilter(BlockEstimator):
             return f"n + kappa must be positive and finite, and is {n} + {kappa:g}"
         if self.points == "merwe" and not 0.0 < self.alpha < np.inf:
             return f"alpha must be positive and finite, and is {self.alpha:g}"
+        if reason := told_noise.refusal(self.noise_scale):
+            return reason
         if reason := robust.refusal(self.loss, self.threshold):
             return reason
         return super().skip(problem) if self.takes_blocks else None
@@ -144,6 +149,7 @@ class UnscentedKalmanFilter(BlockEstimator):
 
     def estimate_block(self, block: ProblemBlock) -> EstimateBlock:
         """Filter all runs of a block."""
+        block = told_noise.told(block, self.noise_scale)
         n = block.dimension
         kappa = self._kappa(n)
         if self.points == "merwe":
@@ -165,6 +171,7 @@ class UnscentedKalmanFilter(BlockEstimator):
             return super().estimate(problem, rng)
         from filterpy.kalman import JulierSigmaPoints, MerweScaledSigmaPoints
 
+        problem = told_noise.told(problem, self.noise_scale)
         n, m = problem.dimension, problem.measurements.shape[1]
         root = MatrixSquareRoot()
         kappa = self._kappa(n)
@@ -190,4 +197,6 @@ class UnscentedKalmanFilter(BlockEstimator):
             ukf.update(problem.measurements[k], epoch=k)
             ukf.P = root.repaired(ukf.P)
             mean[k], cov[k] = ukf.x, ukf.P
-        return Estimate(mean, cov, self.causality, info={"covariance_repairs": root.repairs})
+        info = {"covariance_repairs": root.repairs}
+        estimate = Estimate(mean, cov, self.causality, info=info)
+        return told_noise.with_own_nis(estimate, problem, self.noise_scale)
