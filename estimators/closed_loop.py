@@ -65,7 +65,7 @@ class ClosedLoop(Estimator):
         for last in self._ends(problem.times):
             block = told_noise.told(block_of(loop.ahead(last)), self.noise_scale)
             if self.filter == "ekf":
-                mean, cov, squares = filters.extended(block)
+                mean, cov, squares, _ = filters.extended(block)
                 evaluations += block.epochs
             else:
                 found = UnscentedKalmanFilter(points="cubature").estimate_block(block)
