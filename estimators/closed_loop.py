@@ -16,6 +16,7 @@ import numpy as np
 from ..block import block_of
 from ..engines import filters
 from ..problem import Causality, Estimate, Estimator, Problem
+from . import told_noise
 from .ukf import UnscentedKalmanFilter
 
 
@@ -27,10 +28,13 @@ class ClosedLoop(Estimator):
     ----------
     filter : ``ekf``, or ``ukf`` with cubature points.
     interval_s : time between two corrections of the mechanization [s]; at every epoch at most.
+    noise_scale : factor on the standard deviations of the readings of gravity and its gradients,
+        as the estimator is told them; see :mod:`ggbench.estimators.told_noise`.
     """
 
     filter: Literal["ekf", "ukf"] = "ekf"
     interval_s: float = 60.0
+    noise_scale: float = 1.0
 
     name = "closed-loop"
 
@@ -43,6 +47,8 @@ class ClosedLoop(Estimator):
         """Refuse problems whose inertial readings are not at hand, and intervals without length."""
         if not 0.0 < self.interval_s < np.inf:
             return f"interval_s must be positive and finite, and is {self.interval_s:g}"
+        if reason := told_noise.refusal(self.noise_scale):
+            return reason
         if problem.replay is None:
             return (
                 "there is nothing to feed back to: the problem has no inertial readings, or its "
@@ -57,9 +63,9 @@ class ClosedLoop(Estimator):
         means, covs, nis = [], [], []
         evaluations = 0
         for last in self._ends(problem.times):
-            block = block_of(loop.ahead(last))
+            block = told_noise.told(block_of(loop.ahead(last)), self.noise_scale)
             if self.filter == "ekf":
-                mean, cov, squares = filters.extended(block)
+                mean, cov, squares, _ = filters.extended(block)
                 evaluations += block.epochs
             else:
                 found = UnscentedKalmanFilter(points="cubature").estimate_block(block)

@@ -13,9 +13,10 @@ import numpy as np
 
 from ..block import BlockEstimator, EstimateBlock, ProblemBlock
 from ..engines import filters
+from ..engines.cautious_update import gate_limits
 from ..engines.iterated_filter import iterated
 from ..problem import Causality, Estimate, MeasurementModel, Problem
-from . import robust
+from . import cautious, robust, told_noise
 from .robust import Loss
 
 _HALVINGS = 12
@@ -39,6 +40,12 @@ class ExtendedKalmanFilter(BlockEstimator):
     noise_memory : number of readings over which the measurement noise is estimated from the
         residuals, a variance for each component (Mohamed & Schwarz 1999, with the forgetting of
         Sage & Husa 1969); 0 believes the given noise.
+    noise_scale : factor on the standard deviations of the readings of gravity and its gradients,
+        as the estimator is told them; see :mod:`ggbench.estimators.told_noise`.
+    gate : probability between 0 and 1 with which a good reading passes; one whose innovation is
+        beyond that quantile of χ² is left out. 0 is no gate. See
+        :mod:`ggbench.engines.cautious_update`.
+    underweighting : β of S = (1 + β) H P Hᵀ + R, for the gain alone; 0 is the optimal gain.
     engine : ``filterpy``, the reference, or ``numba``: the same, compiled, on many runs at once.
     """
 
@@ -46,6 +53,9 @@ class ExtendedKalmanFilter(BlockEstimator):
     loss: Loss = "none"
     threshold: float | None = None
     noise_memory: int = 0
+    noise_scale: float = 1.0
+    gate: float = 0.0
+    underweighting: float = 0.0
     engine: Literal["filterpy", "numba"] = "filterpy"
 
     name = "ekf"
@@ -54,6 +64,11 @@ class ExtendedKalmanFilter(BlockEstimator):
     def causality(self) -> Causality:
         """Measurements up to each epoch."""
         return "filter"
+
+    @property
+    def exact(self) -> bool:
+        """Not with a gate, which leaves good readings out, nor with another gain."""
+        return not self.gate and not self.underweighting
 
     @property
     def takes_blocks(self) -> bool:
@@ -66,22 +81,32 @@ class ExtendedKalmanFilter(BlockEstimator):
             return f"iterations must be at least 1, and is {self.iterations}"
         if self.noise_memory < 0 or self.noise_memory == 1:
             return f"noise_memory must be 0 or at least 2, and is {self.noise_memory}"
-        if self.takes_blocks:
-            return robust.refusal(self.loss, self.threshold) or super().skip(problem)
-        return robust.refusal(self.loss, self.threshold)
+        if reason := told_noise.refusal(self.noise_scale):
+            return reason
+        if reason := robust.refusal(self.loss, self.threshold):
+            return reason
+        if reason := cautious.refusal(
+            self.gate, self.underweighting, self.loss, self.iterations, self.noise_memory
+        ):
+            return reason
+        return super().skip(problem) if self.takes_blocks else None
 
     def estimate_block(self, block: ProblemBlock) -> EstimateBlock:
         """Filter all runs of a block."""
+        block = told_noise.told(block, self.noise_scale)
         if self.iterations == 1 and self.loss == "none" and not self.noise_memory:
-            mean, cov, nis = filters.extended(block)
+            mean, cov, nis, rejected = filters.extended(block, self.gate, self.underweighting)
             linearisations = evaluations = np.full(block.runs, block.epochs)
         else:
             threshold = robust.threshold_of(self.loss, self.threshold)
+            rejected = np.zeros(block.runs, dtype=int)
             mean, cov, nis, counts = iterated(
                 block, self.iterations, self.loss, threshold, self.noise_memory
             )
             linearisations, evaluations = counts.T
         info = {"linearisations": linearisations, "map_evaluations": evaluations}
+        if self.gate:
+            info["rejected"] = rejected
         return EstimateBlock(mean, cov, self.causality, nis=nis, info=info)
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
@@ -91,15 +116,17 @@ class ExtendedKalmanFilter(BlockEstimator):
         # Not at the top: it loads as slowly as all the rest, and to be listed needs none of it.
         from filterpy.kalman import ExtendedKalmanFilter as FilterpyEKF
 
+        problem = told_noise.told(problem, self.noise_scale)
         n, m = problem.dimension, problem.measurements.shape[1]
         ekf = FilterpyEKF(dim_x=n, dim_z=m)
         ekf.x = problem.prior_mean.copy()  # filterpy's default (n, 1) would broadcast with a 1-D z
         ekf.P = problem.prior_cov.copy()
         noise = _AdaptiveNoise(m, self.noise_memory)
         threshold = robust.threshold_of(self.loss, self.threshold)
+        limits = gate_limits(self.gate, problem.present)
         mean = np.empty((problem.epochs, n))
         cov = np.empty((problem.epochs, n, n))
-        linearisations = 0
+        linearisations = rejected = 0
         for k in range(problem.epochs):
             ekf.F, ekf.Q = problem.transition[k], problem.process_cov[k]
             ekf.predict()
@@ -111,14 +138,19 @@ class ExtendedKalmanFilter(BlockEstimator):
             if self.iterations > 1:
                 update.minimise(self.iterations)
             linearisations += update.linearisations
-            ekf.update(
-                problem.measurements[k],
-                HJacobian=lambda x, u: u.rows,
-                Hx=lambda x, u: u.h,
-                R=update.noise_cov,
-                args=(update,),
-                hx_args=(update,),
-            )
+            if limits[k] < np.inf and update.square(self.underweighting) > limits[k]:
+                rejected += 1
+            else:
+                ekf.update(
+                    problem.measurements[k],
+                    HJacobian=lambda x, u: u.rows,
+                    Hx=lambda x, u: u.h,
+                    R=update.underweighted_noise(self.underweighting),
+                    args=(update,),
+                    hx_args=(update,),
+                )
+                if self.underweighting:  # filterpy took the noise of the gain for that of readings
+                    ekf.P = cautious.joseph(update.cov, ekf.K, update.rows, update.noise_cov)
             if self.iterations > 1:
                 ekf.x = update.x  # filterpy takes the whole of one step, from the prediction
             ekf.P = 0.5 * (ekf.P + ekf.P.T)
@@ -132,7 +164,10 @@ class ExtendedKalmanFilter(BlockEstimator):
                     update.noise_cov,
                 )
         info = {"linearisations": linearisations}
-        return Estimate(mean, cov, self.causality, info=info)
+        if self.gate:
+            info["rejected"] = rejected
+        estimate = Estimate(mean, cov, self.causality, info=info)
+        return told_noise.with_own_nis(estimate, problem, self.noise_scale)
 
 
 class _Update:
@@ -180,6 +215,18 @@ class _Update:
         white = np.linalg.solve(np.linalg.cholesky(self.given), self.measurement - h)
         left = robust.losses(white, self.loss, self.threshold)
         return float(0.5 * dual @ self.cov @ dual + left.sum())
+
+    def underweighted_noise(self, underweighting: float) -> np.ndarray:
+        """Return R + β H P Hᵀ, the noise with which a filter has the underweighted gain."""
+        if not underweighting:
+            return self.noise_cov
+        return self.noise_cov + underweighting * self._innovation()[1]
+
+    def square(self, underweighting: float) -> float:
+        """Return yᵀ S⁻¹ y of the innovation, by the S of the gain."""
+        innovation, spread = self._innovation()
+        noise_cov = self.underweighted_noise(underweighting)
+        return cautious.normalised_square(innovation, spread + noise_cov)
 
     def minimise(self, iterations: int) -> None:
         """Move x to the minimum of J by Gauss–Newton steps, each halved until J falls."""

@@ -22,7 +22,7 @@ from ..block import BlockEstimator, EstimateBlock, ProblemBlock
 from ..engines import batch_smoother, incremental_smoother
 from ..engines.step_rules import ABSOLUTE_DECREASE, RELATIVE_DECREASE, is_last_step
 from ..problem import Causality, Estimate, MeasurementModel, Problem
-from . import robust
+from . import robust, told_noise
 from .robust import Loss
 
 _NO_NOISE = 1e-13
@@ -50,6 +50,8 @@ class FactorGraph(BlockEstimator):
     loss : ``huber`` or ``cauchy`` (GTSAM's m-estimators) on each component of a reading.
     threshold : residual [standard deviations of the noise] from which the loss acts; if not
         given, 1.345 for ``huber`` and 2.385 for ``cauchy``.
+    noise_scale : factor on the standard deviations of the readings of gravity and its gradients,
+        as the estimator is told them; see :mod:`ggbench.estimators.told_noise`.
     engine : ``gtsam``, the reference, or ``numba``: the same steps to the same solutions by Kalman
         smoothers, compiled, on many runs at once.
     """
@@ -60,6 +62,7 @@ class FactorGraph(BlockEstimator):
     max_iterations: int = 50
     loss: Loss = "none"
     threshold: float | None = None
+    noise_scale: float = 1.0
     engine: Literal["gtsam", "numba"] = "gtsam"
 
     name = "factor-graph"
@@ -92,12 +95,15 @@ class FactorGraph(BlockEstimator):
             return f"relinearize_threshold must be positive, and is {self.relinearize_threshold:g}"
         if self.max_iterations < 1:
             return f"max_iterations must be at least 1, and is {self.max_iterations}"
+        if reason := told_noise.refusal(self.noise_scale):
+            return reason
         if reason := robust.refusal(self.loss, self.threshold):
             return reason
         return super().skip(problem) if self.takes_blocks else None
 
     def estimate_block(self, block: ProblemBlock) -> EstimateBlock:
         """Solve the problems of all runs of a block."""
+        block = told_noise.told(block, self.noise_scale)
         robustness = self.loss, robust.threshold_of(self.loss, self.threshold)
         if self.mode == "batch":
             solution = batch_smoother.smoother(block, self.max_iterations, *robustness)
@@ -107,7 +113,8 @@ class FactorGraph(BlockEstimator):
             limits = self.relinearize_threshold * np.stack(changes)
             solution = incremental_smoother.smoother(block, limits, leaving, *robustness)
         mean, cov, info = solution
-        return EstimateBlock(mean, cov, self.causality, self._lag, info=info)
+        estimate = EstimateBlock(mean, cov, self.causality, self._lag, info=info)
+        return told_noise.with_own_nis_of_runs(estimate, block, self.noise_scale)
 
     @property
     def _lag(self) -> float | None:
@@ -124,11 +131,14 @@ class FactorGraph(BlockEstimator):
         """Build the graph of the problem and solve it in the chosen mode."""
         if self.takes_blocks:
             return super().estimate(problem, rng)
+        problem = told_noise.told(problem, self.noise_scale)
         solve = {"batch": self._batch, "isam2": self._isam2, "fixed-lag": self._fixed_lag}
         scaled = _ScaledProblem(problem, self.loss, robust.threshold_of(self.loss, self.threshold))
         mean, cov, info = solve[self.mode](scaled)
         scale = scaled.scale
-        return Estimate(mean * scale, cov * np.outer(scale, scale), self.causality, self._lag, info)
+        mean, cov = mean * scale, cov * np.outer(scale, scale)
+        estimate = Estimate(mean, cov, self.causality, self._lag, info)
+        return told_noise.with_own_nis(estimate, problem, self.noise_scale)
 
     def _batch(self, scaled: _ScaledProblem) -> tuple[np.ndarray, np.ndarray, dict[str, Any]]:
         graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()

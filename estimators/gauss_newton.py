@@ -30,7 +30,7 @@ from ..engines.iterated_smoother import IteratedSmoother, Minimum, Trajectory
 from ..engines.multistart import NO_RIVAL, across_prior, multistart, shown_epochs, window_search
 from ..engines.windows import refined
 from ..problem import Causality, Estimate, Problem
-from . import robust
+from . import robust, told_noise
 from .robust import Loss
 from .ukf import MatrixSquareRoot
 
@@ -55,6 +55,8 @@ class GaussNewton(BlockEstimator):
         squares; see :mod:`ggbench.estimators.robust`.
     threshold : residual [standard deviations of the noise] from which the loss acts; if not
         given, 1.345 for ``huber`` and 2.385 for ``cauchy``.
+    noise_scale : factor on the standard deviations of the readings of gravity and its gradients,
+        as the estimator is told them; see :mod:`ggbench.estimators.told_noise`.
     engine : ``numpy``, the reference, or ``numba``: the same searches, compiled, those of many runs
         at once.
     """
@@ -66,6 +68,7 @@ class GaussNewton(BlockEstimator):
     max_iterations: int = 30
     loss: Loss = "none"
     threshold: float | None = None
+    noise_scale: float = 1.0
     engine: Literal["numpy", "numba"] = "numpy"
 
     name = "gauss-newton"
@@ -91,12 +94,15 @@ class GaussNewton(BlockEstimator):
             return f"window must not be negative, and is {self.window}"
         if not 0.0 < self.spacing_m < np.inf:
             return f"spacing_m must be positive and finite, and is {self.spacing_m:g}"
+        if reason := told_noise.refusal(self.noise_scale):
+            return reason
         if reason := robust.refusal(self.loss, self.threshold):
             return reason
         return super().skip(problem) if self.takes_blocks else None
 
     def estimate_block(self, block: ProblemBlock) -> EstimateBlock:
         """Refine the best starts of all runs of a block; the mean is NaN where none has a cost."""
+        block = told_noise.told(block, self.noise_scale)
         threshold = robust.threshold_of(self.loss, self.threshold)
         window = self.window if self.starts > 1 else 0
         mean, cov, info = multistart(
@@ -109,6 +115,7 @@ class GaussNewton(BlockEstimator):
         """Refine the best starts and return the trajectory of the lowest cost."""
         if self.takes_blocks:
             return super().estimate(problem, rng)
+        problem = told_noise.told(problem, self.noise_scale)
         threshold = robust.threshold_of(self.loss, self.threshold)
         smoother = _Smoother(problem, self.loss, threshold)
         starts = [*smoother.best_starts(self.starts, self.refine), smoother.from_filter()]

@@ -21,7 +21,7 @@ from ..engines.iterated_update import Rules
 from ..engines.robust_weights import number_of
 from ..numerics.kernels import compiled
 from ..problem import Causality, Estimate, Problem
-from . import robust
+from . import robust, told_noise
 from .robust import Loss
 
 _WIDTH = 0.6
@@ -51,6 +51,8 @@ class GaussianSum(BlockEstimator):
         linearisation; see :mod:`ggbench.estimators.robust`.
     threshold : residual [standard deviations of the noise] from which the loss acts; if not
         given, 1.345 for ``huber`` and 2.385 for ``cauchy``.
+    noise_scale : factor on the standard deviations of the readings of gravity and its gradients,
+        as the estimator is told them; see :mod:`ggbench.estimators.told_noise`.
     engine : ``numpy``, the reference, or ``numba``: the same, compiled, on many runs at once.
     """
 
@@ -59,6 +61,7 @@ class GaussianSum(BlockEstimator):
     iterations: int = 3
     loss: Loss = "none"
     threshold: float | None = None
+    noise_scale: float = 1.0
     engine: Literal["numpy", "numba"] = "numpy"
 
     name = "gaussian-sum"
@@ -83,23 +86,28 @@ class GaussianSum(BlockEstimator):
             return f"iterations must be at least 1, and is {self.iterations}"
         if self.loss != "none" and self.iterations == 1:
             return "a loss needs at least 2 iterations"
+        if reason := told_noise.refusal(self.noise_scale):
+            return reason
         if reason := robust.refusal(self.loss, self.threshold):
             return reason
         return super().skip(problem) if self.takes_blocks else None
 
     def estimate_block(self, block: ProblemBlock) -> EstimateBlock:
         """Filter all runs of a block."""
+        block = told_noise.told(block, self.noise_scale)
         threshold = robust.threshold_of(self.loss, self.threshold)
         rules = Rules(self.iterations, _HALVINGS, number_of(self.loss, threshold), threshold, False)
         mean, cov, info = gaussian_sum(
             block, self.spacing_m, self.most, _WIDTH, rules, _NEGLIGIBLE, _SAME
         )
-        return EstimateBlock(mean, cov, self.causality, info=info)
+        estimate = EstimateBlock(mean, cov, self.causality, info=info)
+        return told_noise.with_own_nis_of_runs(estimate, block, self.noise_scale)
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
         """Carry the mixture from epoch to epoch; return its mean and covariance."""
         if self.takes_blocks:
             return super().estimate(problem, rng)
+        problem = told_noise.told(problem, self.noise_scale)
         threshold = robust.threshold_of(self.loss, self.threshold)
         bank = _Hypotheses(problem, self.spacing_m, self.most, self.loss, threshold)
         mean = np.empty((problem.epochs, problem.dimension))
@@ -113,7 +121,9 @@ class GaussianSum(BlockEstimator):
             counts.append(len(bank.weights))
         info = {"hypotheses": started, "mean_hypotheses": float(np.mean(counts))}
         scale = bank.scale
-        return Estimate(mean * scale, cov * np.outer(scale, scale), self.causality, info=info)
+        mean, cov = mean * scale, cov * np.outer(scale, scale)
+        estimate = Estimate(mean, cov, self.causality, info=info)
+        return told_noise.with_own_nis(estimate, problem, self.noise_scale)
 
 
 class _Hypotheses(Bank):

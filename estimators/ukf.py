@@ -15,9 +15,10 @@ import numpy as np
 
 from ..block import BlockEstimator, EstimateBlock, ProblemBlock
 from ..engines import filters
+from ..engines.cautious_update import gate_limits
 from ..numerics.positive import nearest_root
 from ..problem import Causality, Estimate, Problem
-from . import robust
+from . import cautious, robust, told_noise
 from .robust import Loss
 
 
@@ -51,7 +52,8 @@ class MatrixSquareRoot:
 def _vectorized_ukf() -> Any:
     """Return filterpy's filter as a class with all sigma points through f and h in one call each.
 
-    filterpy calls them point by point; its equations are unchanged. A robust loss replaces R.
+    filterpy calls them point by point; its equations are unchanged. A robust loss replaces R, an
+    underweighted gain has another S, and what is beyond a gate's limit is left out.
     """
     # Not at the top: it loads as slowly as all the rest, and to be listed needs none of it.
     from filterpy.kalman import UnscentedKalmanFilter, unscented_transform
@@ -61,6 +63,9 @@ def _vectorized_ukf() -> Any:
         P: np.ndarray
         loss: Loss = "none"
         threshold: float = np.inf
+        underweighting: float = 0.0
+        limit: float = np.inf
+        rejected: int = 0
 
         def compute_process_sigmas(self, dt: float, fx: Any = None, **fx_args: Any) -> None:
             points = self.points_fn.sigma_points(self.x, self.P)
@@ -74,12 +79,21 @@ def _vectorized_ukf() -> Any:
                 self.S = spread + robust.reweighted_noise(
                     z - predicted, spread, self.R, self.loss, self.threshold
                 )
+            if self.underweighting:
+                _, spread = unscented_transform(self.sigmas_h, self.Wm, self.Wc)
+                self.S = self.S + self.underweighting * spread
+            self.y = z - predicted
+            if self.limit < np.inf and cautious.normalised_square(self.y, self.S) > self.limit:
+                self.rejected += 1
+                return
             deviations = self.Wc[:, None] * (self.sigmas_f - self.x)
             cross_cov = deviations.T @ (self.sigmas_h - predicted)
             self.K = np.linalg.solve(self.S, cross_cov.T).T
-            self.y = z - predicted
             self.x = self.x + self.K @ self.y
             self.P = self.P - self.K @ self.S @ self.K.T
+            if self.underweighting:
+                # P − K P_xzᵀ − P_xz Kᵀ + K P_zz Kᵀ with P_xz = K S and P_zz = S − β P_hh.
+                self.P = self.P - self.underweighting * self.K @ spread @ self.K.T
 
     return VectorizedUKF
 
@@ -99,6 +113,13 @@ class UnscentedKalmanFilter(BlockEstimator):
         prediction nor each other; see :mod:`ggbench.estimators.robust`.
     threshold : residual [standard deviations of the noise] from which the loss acts; if not
         given, 1.345 for ``huber`` and 2.385 for ``cauchy``.
+    noise_scale : factor on the standard deviations of the readings of gravity and its gradients,
+        as the estimator is told them; see :mod:`ggbench.estimators.told_noise`.
+    gate : probability between 0 and 1 with which a good reading passes; one whose innovation is
+        beyond that quantile of χ² is left out. 0 is no gate. See
+        :mod:`ggbench.engines.cautious_update`.
+    underweighting : β of S = (1 + β) P_hh + R with the covariance P_hh of h, for the gain
+        alone; 0 is the optimal gain.
     engine : ``filterpy``, the reference, or ``numba``: the same, compiled, on many runs at once.
     """
 
@@ -108,6 +129,9 @@ class UnscentedKalmanFilter(BlockEstimator):
     beta: float = 2.0
     loss: Loss = "none"
     threshold: float | None = None
+    noise_scale: float = 1.0
+    gate: float = 0.0
+    underweighting: float = 0.0
     engine: Literal["filterpy", "numba"] = "filterpy"
 
     name = "ukf"
@@ -116,6 +140,11 @@ class UnscentedKalmanFilter(BlockEstimator):
     def causality(self) -> Causality:
         """Measurements up to each epoch."""
         return "filter"
+
+    @property
+    def exact(self) -> bool:
+        """Not with a gate, which leaves good readings out, nor with another gain."""
+        return not self.gate and not self.underweighting
 
     @property
     def takes_blocks(self) -> bool:
@@ -132,7 +161,11 @@ class UnscentedKalmanFilter(BlockEstimator):
             return f"n + kappa must be positive and finite, and is {n} + {kappa:g}"
         if self.points == "merwe" and not 0.0 < self.alpha < np.inf:
             return f"alpha must be positive and finite, and is {self.alpha:g}"
+        if reason := told_noise.refusal(self.noise_scale):
+            return reason
         if reason := robust.refusal(self.loss, self.threshold):
+            return reason
+        if reason := cautious.refusal(self.gate, self.underweighting, self.loss):
             return reason
         return super().skip(problem) if self.takes_blocks else None
 
@@ -144,6 +177,7 @@ class UnscentedKalmanFilter(BlockEstimator):
 
     def estimate_block(self, block: ProblemBlock) -> EstimateBlock:
         """Filter all runs of a block."""
+        block = told_noise.told(block, self.noise_scale)
         n = block.dimension
         kappa = self._kappa(n)
         if self.points == "merwe":
@@ -152,11 +186,14 @@ class UnscentedKalmanFilter(BlockEstimator):
         else:
             scale, more = n + kappa, 0.0
         centre = 1.0 - n / scale
-        mean, cov, nis, counts = filters.unscented(
+        mean, cov, nis, counts, rejected = filters.unscented(
             block, math.sqrt(scale), centre + more, 0.5 / scale,
             self.loss, robust.threshold_of(self.loss, self.threshold),
+            self.gate, self.underweighting,
         )  # fmt: skip
         info = {"covariance_repairs": counts[:, 0], "map_evaluations": counts[:, 1]}
+        if self.gate:
+            info["rejected"] = rejected
         return EstimateBlock(mean, cov, self.causality, nis=nis, info=info)
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
@@ -165,6 +202,7 @@ class UnscentedKalmanFilter(BlockEstimator):
             return super().estimate(problem, rng)
         from filterpy.kalman import JulierSigmaPoints, MerweScaledSigmaPoints
 
+        problem = told_noise.told(problem, self.noise_scale)
         n, m = problem.dimension, problem.measurements.shape[1]
         root = MatrixSquareRoot()
         kappa = self._kappa(n)
@@ -181,13 +219,20 @@ class UnscentedKalmanFilter(BlockEstimator):
             points=points,
         )
         ukf.x, ukf.P = problem.prior_mean.copy(), problem.prior_cov.copy()
+        ukf.underweighting = self.underweighting
+        limits = gate_limits(self.gate, problem.present)
         ukf.loss, ukf.threshold = self.loss, robust.threshold_of(self.loss, self.threshold)
         mean = np.empty((problem.epochs, n))
         cov = np.empty((problem.epochs, n, n))
         for k in range(problem.epochs):
             ukf.Q, ukf.R = problem.process_cov[k], problem.noise_of(k)
+            ukf.limit = limits[k]
             ukf.predict(epoch=k)
             ukf.update(problem.measurements[k], epoch=k)
             ukf.P = root.repaired(ukf.P)
             mean[k], cov[k] = ukf.x, ukf.P
-        return Estimate(mean, cov, self.causality, info={"covariance_repairs": root.repairs})
+        info = {"covariance_repairs": root.repairs}
+        if self.gate:
+            info["rejected"] = ukf.rejected
+        estimate = Estimate(mean, cov, self.causality, info=info)
+        return told_noise.with_own_nis(estimate, problem, self.noise_scale)

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from pydantic_core import from_json
 
+from ..engines.innovations import innovations_squared
 from ..gravity.field import Field
 from ..ins.system_matrix import STATES
 from ..judging import fixes, locking, run_errors
@@ -100,9 +101,7 @@ def judged(
         evaluation.nis[:] = estimated.nis
     elif filters and estimated.cov is not None:
         for r in (r for r, flaw in enumerate(flaws) if not flaw):
-            evaluation.nis[r] = run_errors.innovations_squared(
-                problem(r), estimated.mean[r], estimated.cov[r]
-            )
+            evaluation.nis[r] = innovations_squared(problem(r), estimated.mean[r], estimated.cov[r])
     means = run_errors.window_means(evaluation, times, case.windows).tolist()
     final = evaluation.position_error[:, -1].tolist()
     ins = np.sqrt((error_state[:, -1, :3] ** 2).sum(axis=1)).tolist()

@@ -14,6 +14,7 @@ from ..numerics.kernels import compiled, interpreted
 from ..numerics.positive import nearest_root
 from ..numerics.vectors import load, splat, store
 from ..sensors.model_kernels import ModelArrays
+from .cautious_update import Caution, caution_of, reject, underweight, underweight_unwhitened
 from .robust_weights import NONE, number_of, reweigh_unwhitened
 from .sigma_points import SigmaPoints, read_sigma_points, sigma_points_of
 from .whitened_readings import (
@@ -35,11 +36,16 @@ def _extended(
     prior_mean: np.ndarray,
     prior_cov: np.ndarray,
     model: ModelArrays,
+    caution: Caution,
     mean: np.ndarray,
     cov: np.ndarray,
     nis: np.ndarray,
+    rejected: np.ndarray,
 ) -> None:
-    """Fill mean (R, K, n), cov (R, K, n, n) and NIS (R, K) of the extended Kalman filter."""
+    """Fill the extended Kalman filter's mean (R, K, n), cov (R, K, n, n), NIS (R, K).
+
+    And how many readings were ``rejected`` (R,).
+    """
     runs, epochs, m = measurements.shape
     n = prior_mean.shape[0]
     expected = lanes.moving_states(transition, process_cov)
@@ -49,6 +55,7 @@ def _extended(
     m = reading.rows.shape[0]
     hp, gain, change = lanes.lanes(m, n), lanes.lanes(m, n), lanes.lanes(m, n)
     s, white = lanes.lanes(m, m), lanes.lanes(1, m)
+    weighed, squared = lanes.lanes(m, m), lanes.lanes(1, 1)
     for first in lanes.starts(runs):
         count, group = lanes.count_from(first, runs), lanes.members(first, runs)
         lanes.spread(prior_mean.reshape((1, n)), x)
@@ -58,10 +65,19 @@ def _extended(
             lane_algebra.predict(phi, q, moving, x, p, scratch)
             linearise(model, measurements, noise_inverse, group, count, k, x, reading)
             lane_algebra.project(reading.rows, p, m, hp, s)
+            if caution.underweighting > 0.0:
+                underweight(s, m, caution.underweighting, weighed)
+            lane_algebra.copy(reading.squared, squared)
             lane_algebra.factorise(s, m, s)
             lane_algebra.whiten(s, m, reading.innovation, white)
             lane_algebra.add_squares(white, m, reading.squared)
+            if caution.underweighting > 0.0:
+                lane_algebra.factorise(weighed, m, s)
+                lane_algebra.whiten(s, m, reading.innovation, white)
             lane_algebra.solve_lower(s, m, hp, change)
+            if caution.limits.shape[0] > 0:
+                lane_algebra.add_squares(white, m, squared)
+                reject(squared, caution.limits, first, count, k, change, rejected)
             lane_algebra.correct(change, white, m, x)
             lane_algebra.solve_upper(s, m, change, gain)
             lane_algebra.joseph(gain, hp, reading.rows, m, p, scratch, change)
@@ -138,10 +154,12 @@ def _unscented(
     weights: np.ndarray,
     loss: int,
     threshold: float,
+    caution: Caution,
     mean: np.ndarray,
     cov: np.ndarray,
     nis: np.ndarray,
     counts: np.ndarray,
+    rejected: np.ndarray,
 ) -> None:
     """Fill the unscented Kalman filter's results; counts (R, 2) of repairs and of evaluations."""
     runs, epochs, m = measurements.shape
@@ -156,6 +174,7 @@ def _unscented(
     s, white = lanes.lanes(m, m), lanes.lanes(1, max(m, equations))
     points = sigma_points_of(reading.b.shape[0], n, m, reading.slope.shape[0])
     offset, cross, reweighed = lanes.lanes(1, m), lanes.lanes(m, n), lanes.lanes(m + 1, m)
+    h_cov, gain, squared = lanes.lanes(m, m), lanes.lanes(m, n), lanes.lanes(1, 1)
     centre_cov, weight = weights[0], weights[1]
     for first in lanes.starts(runs):
         count, group = lanes.count_from(first, runs), lanes.members(first, runs)
@@ -189,12 +208,24 @@ def _unscented(
             if loss != NONE:
                 root = noise_inverse[min(k, noise_inverse.shape[0] - 1)]
                 reweigh_unwhitened(s, reading.z, r_k, root, count, loss, threshold, reweighed)
+            if caution.underweighting > 0.0:
+                underweight_unwhitened(s, r_k, caution.underweighting, h_cov)
             lane_algebra.factorise(s, m, s)
             lane_algebra.whiten(s, m, reading.z, white)
             lane_algebra.solve_lower(s, m, cross, cross)
+            if caution.limits.shape[0] > 0:
+                squared[:] = 0.0
+                lane_algebra.add_squares(white, m, squared)
+                reject(squared, caution.limits, first, count, k, cross, rejected)
             lane_algebra.correct(cross, white, m, x)
             lane_algebra.add_products(cross, cross, -1.0, p, scratch)
             p, scratch = scratch, p
+            if caution.underweighting > 0.0:
+                # P − K P_xzᵀ − P_xz Kᵀ + K P_zz Kᵀ with P_xz = K S and P_zz = S − β Cov h.
+                lane_algebra.solve_upper(s, m, cross, gain)
+                lane_algebra.product(h_cov, gain, m, cross)
+                lane_algebra.add_products(gain, cross, -caution.underweighting, p, scratch)
+                p, scratch = scratch, p
             lane_algebra.triangular_root(p, lower, inverse)
             for r in range(count):
                 if not lane_algebra.is_positive(inverse, r):
@@ -227,16 +258,29 @@ def _innovations(bias: int, x: np.ndarray, reading: Readings, offset: np.ndarray
         store(reading.z, 0, c, total)
 
 
-def extended(block: ProblemBlock) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Run the extended Kalman filter; return mean (R, K, n), cov (R, K, n, n) and NIS (R, K)."""
+def extended(
+    block: ProblemBlock, gate: float = 0.0, underweighting: float = 0.0
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Run the extended Kalman filter.
+
+    Parameters
+    ----------
+    block : the runs. gate, underweighting : see :mod:`.cautious_update`; 0 for none.
+
+    Returns
+    -------
+    mean (R, K, n), cov (R, K, n, n), NIS (R, K), and how many readings were rejected (R,). The NIS
+    is of all readings, with the given noise.
+    """
     runs, epochs, n = block.runs, block.epochs, block.dimension
     mean, cov = np.empty((runs, epochs, n)), np.empty((runs, epochs, n, n))
-    nis = np.empty((runs, epochs))
+    nis, rejected = np.empty((runs, epochs)), np.zeros(runs, dtype=np.int64)
     _extended(
         block.measurements, noise_inverse(block), block.transition, block.process_cov,
-        block.prior_mean, block.prior_cov, block.model, mean, cov, nis,
+        block.prior_mean, block.prior_cov, block.model, caution_of(block, gate, underweighting),
+        mean, cov, nis, rejected,
     )  # fmt: skip
-    return mean, cov, nis
+    return mean, cov, nis, rejected
 
 
 def unscented(
@@ -246,7 +290,9 @@ def unscented(
     weight: float,
     loss: str = "none",
     threshold: float = np.inf,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    gate: float = 0.0,
+    underweighting: float = 0.0,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Run the unscented Kalman filter.
 
     Sigma points that displace the instrument by less than a centimetre (and turn it by less than
@@ -260,19 +306,22 @@ def unscented(
     spread : by how much the rows of the root of P are stretched.
     centre_cov, weight : of the centre in covariances, of all others. Weights in means add up to 1.
     loss, threshold : on each whitened component of a reading, see :mod:`.robust_weights`.
+    gate, underweighting : see :mod:`.cautious_update`; 0 for none. Not with a loss.
 
     Returns
     -------
-    mean (R, K, n), cov (R, K, n, n), NIS (R, K), and counts (R, 2): how often a covariance was
-    repaired, and at how many points the map was evaluated.
+    mean (R, K, n), cov (R, K, n, n), NIS (R, K), counts (R, 2): how often a covariance was
+    repaired, and at how many points the map was evaluated; how many readings were rejected (R,).
     """
     runs, epochs, n = block.runs, block.epochs, block.dimension
     mean, cov = np.empty((runs, epochs, n)), np.empty((runs, epochs, n, n))
     nis, counts = np.empty((runs, epochs)), np.zeros((runs, 2), dtype=np.int64)
-    number = number_of(loss, threshold)
+    rejected = np.zeros(runs, dtype=np.int64)
+    number, caution = number_of(loss, threshold), caution_of(block, gate, underweighting)
     _unscented(
         block.measurements, noise_covs(block), noise_inverse(block), block.transition,
         block.process_cov, block.prior_mean, block.prior_cov, block.model, spread,
-        np.array([centre_cov, weight]), number, threshold, mean, cov, nis, counts,
+        np.array([centre_cov, weight]), number, threshold, caution,
+        mean, cov, nis, counts, rejected,
     )  # fmt: skip
-    return mean, cov, nis, counts
+    return mean, cov, nis, counts, rejected

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..engines.innovations import innovations
 from ..errors import GGBenchError
 from ..judging import run_errors
 from ..problem import Estimate, Problem
@@ -117,7 +118,7 @@ def residuals(problem: Problem, estimate: Estimate) -> Residuals:
     filters = estimate.causality == "filter" and cov is not None
     if filters:
         assert cov is not None
-        found, spreads = run_errors.innovations(problem, mean, cov)
+        found, spreads = innovations(problem, mean, cov)
         predicted = z - found
     else:
         predicted = np.stack([problem.model.predict(k, x) for k, x in enumerate(mean)])

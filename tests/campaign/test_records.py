@@ -19,7 +19,7 @@ import ggbench.estimators
 from ggbench.block import BlockEstimator, EstimateBlock, ProblemBlock
 from ggbench.campaign import records as recording
 from ggbench.campaign import registry, result_keys, runner
-from ggbench.judging.run_errors import innovations_squared
+from ggbench.engines.innovations import innovations_squared
 from ggbench.results.store import DETAILED_RUN, MOST_KEPT, SERIES_RUNS, Result
 from ggbench.simulation.error_free_flight import Flight
 from ggbench.simulation.runs import simulate, simulate_block

@@ -12,7 +12,7 @@ from problems import entangled
 
 from ggbench.block import ProblemBlock, block_of
 from ggbench.campaign import registry
-from ggbench.judging.run_errors import innovations_squared
+from ggbench.engines.innovations import innovations_squared
 from ggbench.numerics.frozen import read_only
 from ggbench.simulation import error_free_flight
 from ggbench.simulation.runs import simulate_block

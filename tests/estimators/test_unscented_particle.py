@@ -11,9 +11,9 @@ from problems import changed, deviation, estimator, kalman, linear_problem, nois
 from rough_field import LENGTH, rough_flight
 from scipy.stats import multivariate_normal
 
+from ggbench.engines.innovations import innovations
 from ggbench.estimators import strong_tracking
 from ggbench.estimators.unscented_particle import UnscentedParticle, _Cloud
-from ggbench.judging.run_errors import innovations
 from ggbench.problem import Estimate, Problem
 
 WHITE_ALONE = 1e9

@@ -1,0 +1,113 @@
+"""Cautious updates of eight runs at once, compiled: readings that are gated, or underweighted.
+
+A gate leaves out a reading whose normalised innovation squared yᵀ S⁻¹ y is beyond a quantile of the
+χ² distribution that it should have (Bar-Shalom, Li & Kirubarajan 2001, sec. 5.4). Underweighting
+takes S = (1 + β) H P Hᵀ + R for the gain, since a wide prior and a field that bends make
+innovations larger than H P Hᵀ + R (Lear 1985; Carpenter & D'Souza 2018, NASA/TP-2018-219822). The
+covariance after it is what Joseph's form gives for a gain that is not the optimal one, with R.
+
+With both, the gate has the S of the gain: what a reading is forgiven by one it is by the other.
+
+What :mod:`ggbench.estimators.cautious` does with one reading, which remains the reference.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import chdtri
+
+from ..block import ProblemBlock
+from ..numerics.kernels import compiled
+from ..numerics.vectors import load, splat, store
+
+
+class Caution(NamedTuple):
+    """How cautious the updates of a block are.
+
+    Attributes
+    ----------
+    limits : (R, K) of :func:`gate_limits`; (0, 0) without a gate.
+    underweighting : β; 0 for none.
+    """
+
+    limits: np.ndarray
+    underweighting: float
+
+
+def caution_of(block: ProblemBlock, gate: float, underweighting: float) -> Caution:
+    """Return what a gate of this probability (0: none) and a β mean for the runs of a block."""
+    limits = gate_limits(gate, block.present)
+    return Caution(limits if gate else np.empty((0, 0)), underweighting)
+
+
+def gate_limits(gate: float, present: np.ndarray) -> np.ndarray:
+    """Return the largest yᵀ S⁻¹ y (...) of readings that pass a gate.
+
+    The quantile of χ² with as many degrees of freedom as channels are present; ∞ where none is, or
+    without a gate.
+
+    Parameters
+    ----------
+    gate : its probability; 0 for none. present : (..., m) which channels there are.
+    """
+    channels = np.count_nonzero(present, axis=-1)
+    if not gate:
+        return np.full(channels.shape, np.inf)
+    return np.where(channels > 0, chdtri(np.maximum(channels, 1), 1.0 - gate), np.inf)
+
+
+@compiled
+def underweight(s: np.ndarray, m: int, underweighting: float, out: np.ndarray) -> None:
+    """Fill the lower half of (1 + β) H P Hᵀ + 1 (m, m) from that of H P Hᵀ + 1."""
+    beta, one = splat(underweighting), splat(1.0)
+    for c in range(m):
+        for d in range(c + 1):
+            value = load(s, c, d)
+            spread = value - one if c == d else value
+            store(out, c, d, value + beta * spread)
+
+
+@compiled
+def underweight_unwhitened(
+    s: np.ndarray, noise_cov: np.ndarray, underweighting: float, spread: np.ndarray
+) -> None:
+    """Add β times its part of the prior to the lower half of S (m, m), and fill that part whole.
+
+    Parameters
+    ----------
+    s : (m, m, lanes) the covariance of h(x) plus R. noise_cov : (m, m) R.
+    spread : (m, m, lanes) output, the covariance of h(x).
+    """
+    beta = splat(underweighting)
+    for c in range(s.shape[0]):
+        for d in range(c + 1):
+            value = load(s, c, d) - splat(noise_cov[c, d])
+            store(spread, c, d, value)
+            store(spread, d, c, value)
+            store(s, c, d, load(s, c, d) + beta * value)
+
+
+@compiled
+def reject(
+    squared: np.ndarray,
+    limits: np.ndarray,
+    first: int,
+    count: int,
+    k: int,
+    half_gain: np.ndarray,
+    rejected: np.ndarray,
+) -> None:
+    """Take the gain of readings that do not pass the gate away, and count them.
+
+    Parameters
+    ----------
+    squared : (1, 1, lanes) yᵀ S⁻¹ y. limits : (R, K). first, count, k : of a group; epoch.
+    half_gain : (m, n, lanes) L⁻¹ times the cross-covariance; zero afterwards where it is taken.
+    rejected : (R,) counts.
+    """
+    for r in range(count):
+        if squared[0, 0, r] > limits[first + r, k]:
+            half_gain[:, :, r] = 0.0
+            rejected[first + r] += 1
