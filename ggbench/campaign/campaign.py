@@ -241,6 +241,7 @@ class Campaign:
         contents = {label: choose(label).content for label in self.labels}
         studied = choose(self.scenario.campaign.assumption_estimator)
         label = next((k for k, v in contents.items() if v == studied.content), studied.label)
+        self.left_out: dict[str, str] = {}
         self.plan = Plan(
             scenario if self.assumptions else replace(scenario, assumptions=()),
             contents,
@@ -333,6 +334,7 @@ class Campaign:
                     reason = f"its skip raises {said(error)}"
                 if reason:
                     reasons.setdefault(label, f"{label} is left out: {reason}")
+        self.left_out = {label: text.partition(": ")[2] for label, text in reasons.items()}
         kept = {k: v for k, v in self.plan.estimators.items() if k not in reasons}
         self.plan = replace(self.plan, estimators=kept)
         if not kept:
@@ -391,6 +393,7 @@ class Campaign:
             "seed": self.seed,
             "runs": plan.runs,
             "estimators": dict(plan.estimators),
+            "left_out": dict(self.left_out),
             "cases": [case.name for case in plan.scenario.cases],
             "assumptions": bool(plan.scenario.assumptions),
             "cells": [

@@ -105,9 +105,10 @@ def print_outcomes(outcomes: Sequence[Outcome], output: Path, console: Console) 
 
 
 def report_all(folder: Path, output: Path, console: Console) -> bool:
-    """Write the report of every results folder in a folder, and the league of them all.
+    """Write the report of every results folder in a folder, and the league of all reports.
 
-    Of a campaign that is not finished there is a report, but it has no part in the league.
+    The league has every scenario whose report, with its digest, stands in the output folder, of
+    whatever day. Of a campaign that is not finished there is a report, but it has no part in it.
 
     Returns
     -------
@@ -138,7 +139,7 @@ def report_all(folder: Path, output: Path, console: Console) -> bool:
             continue
         console.out(f"Wrote {written}")
     good = not remarks
-    written, left_out = league_page.write(chosen, output)
+    written, left_out = league_page.write(output)
     console.out(f"Wrote {written}")
     for remark in dict.fromkeys([*remarks, *doubles, *left_out]):
         console.out(remark)

@@ -70,15 +70,17 @@ def judge(
 
 def wilson(hits: int, runs: int) -> tuple[float, float, float]:
     """Return a share and its 95 % interval (Wilson 1927); NaN without runs."""
-    if runs == 0:
-        return math.nan, math.nan, math.nan
+    return wilson_of(hits / runs, runs) if runs else (math.nan, math.nan, math.nan)
+
+
+def wilson_of(share: float, runs: int) -> tuple[float, float, float]:
+    """Return a share of so many runs and its 95 % interval (Wilson 1927)."""
     z2 = CLAIM**2
-    share = hits / runs
     centre = (share + z2 / (2.0 * runs)) / (1.0 + z2 / runs)
     half = math.sqrt(z2 * (share * (1.0 - share) / runs + z2 / (4.0 * runs**2))) / (1.0 + z2 / runs)
     # At none and all of the runs rounding would leave an end beside its share.
-    low = 0.0 if hits == 0 else centre - half
-    high = 1.0 if hits == runs else centre + half
+    low = 0.0 if share == 0.0 else centre - half
+    high = 1.0 if share == 1.0 else centre + half
     return share, low, high
 
 

@@ -14,13 +14,14 @@ import pandas as pd
 
 from ..spec.case import CaseSpec
 from . import success
+from .locking import wilson_of
 from .statistics import BETTER, WORSE
 from .success import EQUAL
 
 MOST_FAILED = 0.05
 """Largest share of failed runs with which an estimator can be the best of its case."""
 LEAST_COVERAGE = 0.8
-"""Least share of epochs whose truth lies in the claimed 95 % region, of an honest estimator."""
+"""Share of epochs whose truth lies in the claimed 95 % region, below which none is honest."""
 MOST_FALSE = 0.05
 """Largest share of runs that end sure of a wrong place, of an honest estimator."""
 UNCERTAIN = 1.1
@@ -33,11 +34,14 @@ AsGood = Literal["yes", "open", "no"]
 def honest(row: Mapping[str, Any]) -> bool:
     """Return whether what an estimator claims of itself in a case is not surely wrong.
 
-    Its 95 % regions hold the truth in :data:`LEAST_COVERAGE` of the epochs or more, and it is not
-    surely (Wilson interval) in more than :data:`MOST_FALSE` of the runs locked on a wrong place.
-    What claims nothing is not found to lie.
+    Its 95 % regions do not surely hold the truth in less than :data:`LEAST_COVERAGE` of the epochs,
+    and it is not surely locked on a wrong place in more than :data:`MOST_FALSE` of the runs. Surely:
+    by Wilson's interval, each run a single draw, since its epochs are strongly correlated. What
+    claims nothing is not found to lie.
     """
-    return not (row["coverage"] < LEAST_COVERAGE or row["false_lock_lo"] > MOST_FALSE)
+    covered = row["coverage"]
+    _, _, most = wilson_of(covered, row["runs"]) if math.isfinite(covered) else (0.0, 0.0, 1.0)
+    return not (most < LEAST_COVERAGE or row["false_lock_lo"] > MOST_FALSE)
 
 
 def ranked(rows: pd.DataFrame) -> pd.DataFrame:
@@ -81,9 +85,10 @@ def best_causal(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any] | None:
 
     Of those that succeed as often as the one that succeeds most (their intervals overlap) the one
     whose errors, where it succeeds, have the least median ratio to the bound; of ratios that agree
-    to three digits the cheaper one. Honest ones (:func:`honest`) go before the others. An estimator
-    that failed in more than :data:`MOST_FAILED` of its runs is none: its errors are of the runs
-    that were kind to it.
+    to three digits the cheaper one. Honest ones (:func:`honest`) go before the others, those with
+    all runs before those that got fewer, whose medians are of other runs. An estimator that failed
+    in more than :data:`MOST_FAILED` of its runs is none: its errors are of the runs that were kind
+    to it.
     """
     able = [
         dict(row)
@@ -97,11 +102,12 @@ def best_causal(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any] | None:
     surest = max(row["success_share"] for row in able)
     least = max(row["success_lo"] for row in able if row["success_share"] == surest)
     often = [row for row in able if row["success_hi"] >= least]
+    most = max(row["runs"] for row in able)
     return min(
         often,
         key=lambda row: (
-            not honest(row), _digits(row["ratio_median"]), _digits(row["position_mrse_m"]),
-            row["seconds_per_run"],
+            not honest(row), row["runs"] < most, _digits(row["ratio_median"]),
+            _digits(row["position_mrse_m"]), row["seconds_per_run"],
         ),
     )  # fmt: skip
 

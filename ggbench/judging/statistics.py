@@ -144,7 +144,7 @@ def paired_all(pairs: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[Paired]:
 def mean_intervals(samples: Sequence[np.ndarray]) -> list[tuple[float, float]]:
     """Return the symmetric bootstrap-t interval of the mean of each of some samples (runs,).
 
-    That of :func:`paired`. Those with equal numbers of runs share their draws; NaN if there is none.
+    That of :func:`paired`. Those with equal numbers of runs share their draws; NaN if none.
     """
     ends = np.full((len(samples), 2), math.nan)
     for runs in {len(sample) for sample in samples}:

@@ -1,7 +1,7 @@
 """Success first, then accuracy among successes: figures that a few lost runs cannot turn.
 
 A mean squared error of two hundred runs is that of the one run that was lost. So a run is first
-asked whether it succeeded; how well it did is asked of those that did, by medians and by logarithms.
+asked whether it succeeded; how well it did is asked of those that did, by medians and logarithms.
 """
 
 from __future__ import annotations

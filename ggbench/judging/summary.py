@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..simulation.bound import Bound
+from . import success
 from .locking import COLUMNS as LOCKING_COLUMNS
 from .locking import figures
 from .run_errors import COVERAGE as COVERAGE
@@ -26,7 +27,6 @@ from .run_errors import evaluate as evaluate
 from .run_errors import has_diverged as has_diverged
 from .run_errors import window_figures as window_figures
 from .run_errors import window_mask as window_mask
-from . import success
 from .statistics import coverage_band, nees_band, nis_band, paired_all, root_mean_intervals
 
 if TYPE_CHECKING:
@@ -353,18 +353,18 @@ def paired_table(runs: pd.DataFrame) -> pd.DataFrame:
             ]
     for row, said in zip(rows, success.compared(judged), strict=True):
         row |= said
-    figures = iter(paired_all(pairs))
+    paired = iter(paired_all(pairs))
     for row, (quantity, unit) in itertools.product(rows, _QUANTITIES.items()):
-        found = next(figures)
+        pair = next(paired)
         decided = row["runs"] + row["first_only"] + row["second_only"]
-        wins = row["first_only"] + (found.win_rate * found.runs if found.runs else 0.0)
+        wins = row["first_only"] + (pair.win_rate * pair.runs if pair.runs else 0.0)
         row |= {
-            f"{quantity}_difference_{unit}": found.difference,
-            f"{quantity}_lo": found.lo,
-            f"{quantity}_hi": found.hi,
-            f"{quantity}_relative": found.relative,
+            f"{quantity}_difference_{unit}": pair.difference,
+            f"{quantity}_lo": pair.lo,
+            f"{quantity}_hi": pair.hi,
+            f"{quantity}_relative": pair.relative,
             f"{quantity}_win_rate": wins / decided if decided else math.nan,
-            f"{quantity}_verdict": found.verdict,
+            f"{quantity}_verdict": pair.verdict,
         }
     import pandas as pd
 

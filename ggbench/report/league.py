@@ -1,14 +1,14 @@
 """The whole library of scenarios beside each other: who does how well, where, at what cost.
 
-Made from results folders alone. Everything is said of the settled window's position error.
+Made from digests alone (:mod:`.results.digest`). Everything is said of the settled window's
+position error. Every scenario counts as much as any other, however many cases it has.
 """
 
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -17,23 +17,23 @@ import numpy as np
 import pandas as pd
 
 from ..errors import GGBenchError
-from ..judging.ranking import MOST_FAILED, best_causal, pair_of, rows_of
-from ..judging.statistics import BETTER, UNDECIDED
-from ..results.folder import Results
-from ..spec.case import CaseSpec
-from ..spec.scenario import Scenario
-from .opening import gain
+from ..judging.ranking import honest
+from ..results import digest
+from ..results.digest import Digest
+from .outcome import Outcome, outcome
 from .situations import NOTHING, SITUATIONS, situation_of
 
+STANDARD = (
+    "ekf", "ekf[iterations=5]", "ukf[points=cubature]", "gaussian-sum", "rao-blackwellised",
+    "tercom", "factor-graph", "factor-graph[mode=fixed-lag]", "factor-graph[mode=batch]",
+    "gauss-newton",
+)  # fmt: skip
+"""The aided estimators that run in every scenario, or are missed with a reason."""
 SMOOTHERS = ("fixed-lag", "batch")
 COST_OF = "ekf"
 """The estimator in whose time cost is counted."""
-WITHIN = 1.02
-"""Ratio of MRSE to the best causal estimator's up to which nobody needs the difference."""
-UNCERTAIN = 1.1
-"""Ratio up to which an estimator that cannot be told from the best one is as good."""
 EXCEPTIONS = 0.05
-"""Share of cases in which an estimator that is as good as the best may seem not to be."""
+"""Share of cases in which an estimator that is advised may not be as good as the best."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,67 +42,27 @@ class Flown:
 
     Attributes
     ----------
-    scenario, case : what was flown.
-    rows : estimator to its summary row of the settled window.
-    best, ins : the rows of the best causal estimator and of the INS, None without.
-    situation : key of :data:`SITUATIONS`.
-    pairs : paired comparisons of the case.
+    scenario : its name. found : what came out of it, estimators by their :func:`name_of`.
+    situation : key of :data:`SITUATIONS`. width : σ/ℓ; NaN where ℓ is not known.
     """
 
     scenario: str
-    case: CaseSpec
-    rows: Mapping[str, Mapping[str, Any]]
-    best: Mapping[str, Any] | None
-    ins: Mapping[str, Any] | None
+    found: Outcome
     situation: str
-    pairs: pd.DataFrame
+    width: float
 
-    def error(self, label: str) -> float:
-        """Return an estimator's MRSE [m], its failed runs counted with what was left without it.
+    @property
+    def rows(self) -> Mapping[str, Mapping[str, Any]]:
+        """Estimator to its summary row of the settled window."""
+        return self.found.rows
 
-        That is the INS's mean squared error; where the INS was not run, failed runs do not count.
-        """
-        row = self.rows[label]
-        own, share = float(row["position_mrse_m"]), row["failed"] / row["runs"]
-        if not share or self.ins is None:
-            return own
-        finished = (1.0 - share) * own**2 if share < 1.0 else 0.0
-        return math.sqrt(finished + share * self.ins["position_mrse_m"] ** 2)
+    def good(self, label: str) -> bool:
+        """Return whether an estimator is honest, and as good as the best or not told from it."""
+        return self.found.beside.get(label, "no") != "no" and honest(self.rows[label])
 
-    def ratio(self, label: str) -> float:
-        """Return an estimator's error over that of the best causal one; NaN without either."""
-        if label not in self.rows or self.best is None:
-            return math.nan
-        least = self.error(self.best["label"])
-        return self.error(label) / least if least > 0.0 else math.nan
-
-    def efficiency(self, label: str) -> float:
-        """Return an estimator's error over the Cramér–Rao bound of its causality."""
-        if label not in self.rows:
-            return math.nan
-        bound = self.rows[label]["position_bound_m"]
-        return self.error(label) / bound if bound > 0.0 else math.nan
-
-    def as_good(self, label: str) -> bool:
-        """Return whether an estimator is as good as the best causal one of the case.
-
-        Its MRSE is at most 2 % larger; or at most 10 % larger, and the paired comparison cannot
-        tell the two apart. It must not fail in more than 5 % of its runs, and where locks are
-        judged not lock surely less often either.
-        """
-        if self.best is None or label not in self.rows:
-            return False
-        row, best = self.rows[label], self.best
-        if label == best["label"]:
-            return True
-        if row["lock_hi"] < best["lock_lo"] or row["failed"] > MOST_FAILED * row["runs"]:
-            return False
-        ratio = self.ratio(label)
-        if ratio <= WITHIN:
-            return True
-        pair = pair_of(self.pairs, self.case.name, best["label"], label)
-        verdict = pair["position_verdict"] if pair else UNDECIDED
-        return verdict != BETTER and ratio <= UNCERTAIN
+    def open(self, label: str) -> bool:
+        """Return whether the runs are too few to tell an estimator from the best."""
+        return self.found.beside.get(label) == "open"
 
     def cost(self, label: str) -> float:
         """Return an estimator's time over that of the EKF in this case; NaN without either."""
@@ -112,56 +72,61 @@ class Flown:
 
 @dataclass(frozen=True, eq=False)
 class Entry:
-    """A scenario of the league: a results folder that is finished.
+    """A scenario of the league: a digest that is finished, and its cases as they were flown."""
 
-    Attributes
-    ----------
-    folder, scenario, manifest : what was run.
-    cases : as they were flown.
-    fewer : estimator to its least number of runs in a case, if it is below what was asked for.
-    """
-
-    folder: Path
-    scenario: Scenario
-    manifest: Mapping[str, Any]
+    digest: Digest
     cases: Sequence[Flown]
-    fewer: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """The name of the scenario."""
+        return self.digest.scenario.name
+
+    @property
+    def fewer(self) -> dict[str, int]:
+        """Estimators that got fewer runs than were asked for, and how many."""
+        done, runs = self.digest.manifest["done"], int(self.digest.manifest["runs"])
+        return {label: count for label, count in done.items() if count < runs}
 
 
 @dataclass(frozen=True)
 class Standing:
-    """What an estimator did over the library; NaN where there is nothing to say.
+    """What an estimator did over some cases; NaN where there is nothing to say.
 
     Attributes
     ----------
-    label, causality : which.
-    by_scenario, efficiency : scenario to the geometric mean over its cases of the ratio of its
-        MRSE to the best causal estimator's, and of MRSE over bound.
-    score : geometric mean of that ratio over the scenarios. Where it was not run it counts as the
-        median of the others of its kind (causal estimators, smoothers) there, so that nobody gains
-        by staying away from hard scenarios, or loses by meeting them.
-    own : the same over the scenarios that it ran.
-    lost : share of its runs that failed or diverged. locked : mean share locked over the cases
-        where locks are judged.
-    consistent, judged : number of cases whose NEES lies in its band, and of those that have one.
+    label, causality : which. cases, scenarios : number of those that it ran.
+    good, open : share of them in which it is honest and as good as the best (or may be), and of
+        those in which the runs are too few to tell; scenarios counting equally.
+    honest : share of them in which it is honest.
+    success, ratio : scenario to the mean share of success over its cases, and to the geometric
+        mean of the median errors over the bound.
+    lost : share of its runs that failed or diverged.
     cost : median over cases of its time over the EKF's. ms : median time of a run [ms].
-    ran : number of cases it ran. coverage : their share, scenarios counting equally.
     """
 
     label: str
     causality: str
-    score: float
-    own: float
-    by_scenario: Mapping[str, float]
-    efficiency: Mapping[str, float]
+    cases: int
+    scenarios: int
+    good: float
+    open: float
+    honest: float
+    success: Mapping[str, float]
+    ratio: Mapping[str, float]
     lost: float
-    locked: float
-    consistent: int
-    judged: int
     cost: float
     ms: float
-    ran: int
-    coverage: float
+
+    @property
+    def mean_success(self) -> float:
+        """The share of success, scenarios counting equally."""
+        return mean(self.success.values())
+
+    @property
+    def mean_ratio(self) -> float:
+        """The geometric mean over the scenarios of the median error over the bound."""
+        return geometric_mean(self.ratio.values())
 
 
 @dataclass(frozen=True)
@@ -171,21 +136,16 @@ class Advice:
     Attributes
     ----------
     situation : key of :data:`SITUATIONS`. cases, scenarios : in which it was met.
-    choice : the cheapest of the causal estimators that are as good as the best, of those that ran
-        in all of the cases if there are any; if none is as good, the one of the least score. None
-        if there is none to be judged, or aiding gains nothing.
-    as_good : whether it is as good as the best in all but one of twenty cases.
-    standings : of the causal estimators that ran at least half of it, best first.
-    equal : estimator to the number of cases in which it is as good as the best.
+    standings : of the causal estimators that ran in all of it, the best first.
+    choice : the cheapest of those that are honest and as good as the best in all cases but
+        :data:`EXCEPTIONS` of them; None if there is none, or aiding gains nothing.
     """
 
     situation: str
     cases: Sequence[Flown]
     scenarios: Sequence[str]
-    choice: str | None
-    as_good: bool
     standings: Sequence[Standing]
-    equal: Mapping[str, int]
+    choice: Standing | None
 
 
 class League:
@@ -193,7 +153,7 @@ class League:
 
     Parameters
     ----------
-    entries : finished results folders, one for each scenario.
+    entries : finished digests, one for each scenario.
     """
 
     def __init__(self, entries: Sequence[Entry]) -> None:
@@ -201,38 +161,42 @@ class League:
         self.cases = [flown for entry in entries for flown in entry.cases]
 
     @cached_property
-    def standings(self) -> list[Standing]:
-        """Estimators of two scenarios or more (or of the only one): causal ones, INS, smoothers.
+    def common(self) -> list[Flown]:
+        """The cases that all estimators of the standard roster ran: those that ranks are of.
 
-        Within each the best score first; those that ran less than half of the library come last.
+        Of the roster, those that ran anywhere at all.
         """
-        order = {"filter": 0, "none": 1, "smoother": 2}
-        found = [s for s in self._all if not self._is_local(s)]
-        return sorted(found, key=lambda s: (order[_kind(s.causality)], *self._merit(s)))
+        known = {label for flown in self.cases for label in flown.rows}
+        roster = [label for label in STANDARD if label in known]
+        return [flown for flown in self.cases if all(label in flown.rows for label in roster)]
 
     @cached_property
-    def local(self) -> dict[str, list[str]]:
-        """The other estimators, by the one scenario that ran them: they compare with nobody's."""
-        found: dict[str, list[str]] = {}
-        for standing in filter(self._is_local, self._all):
-            (name,) = standing.by_scenario
-            found.setdefault(name, []).append(standing.label)
+    def standings(self) -> list[Standing]:
+        """The standard roster and the INS over the common cases, the best first in each block."""
+        ran = {label for flown in self.common for label in flown.rows}
+        labels = [label for label in ("ins", *STANDARD) if label in ran]
+        order = {"filter": 0, "none": 1, "fixed-lag": 2, "batch": 2}
+        found = [standing(label, self.common) for label in labels]
+        return sorted(found, key=lambda s: (order[s.causality], *_merit(s)))
+
+    @cached_property
+    def others(self) -> list[Standing]:
+        """Estimators beyond the roster, over the cases that they ran: they are not ranked."""
+        labels = dict.fromkeys(label for flown in self.cases for label in flown.rows)
+        known = {"ins", *STANDARD}
+        return [standing(label, self.cases) for label in labels if label not in known]
+
+    def holes(self) -> dict[str, dict[str, str]]:
+        """Return scenario to the estimators of the roster that it lacks, each with the reason."""
+        found: dict[str, dict[str, str]] = {}
+        for entry in self.entries:
+            run = {label for flown in entry.cases for label in flown.rows}
+            told = {name_of(k): why for k, why in entry.digest.manifest["left_out"].items()}
+            for label in STANDARD:
+                if label not in run:
+                    why = told.get(label, "the scenario does not ask for it")
+                    found.setdefault(entry.name, {})[label] = why
         return found
-
-    @cached_property
-    def _all(self) -> list[Standing]:
-        return standings(self.cases)
-
-    def _is_local(self, standing: Standing) -> bool:
-        return len(standing.by_scenario) < min(2, len(self.entries))
-
-    def _merit(self, standing: Standing) -> tuple[Any, ...]:
-        score = math.inf if math.isnan(standing.score) else standing.score
-        return (self.is_partial(standing), float(f"{score:.2e}"), _last(standing.cost))
-
-    def is_partial(self, standing: Standing) -> bool:
-        """Return whether an estimator ran less than half of the library."""
-        return standing.coverage < 0.5
 
     def advice(self) -> Iterator[Advice]:
         """Yield the advice for every situation that the library holds."""
@@ -243,80 +207,55 @@ class League:
 
 
 def _advice(situation: str, cases: Sequence[Flown]) -> Advice:
-    candidates = [
-        standing
-        for standing in standings(cases)
-        if standing.causality == "filter"
-        and standing.coverage >= 0.5
-        and math.isfinite(standing.score)
-    ]
-    candidates.sort(key=lambda s: (float(f"{s.score:.2e}"), _last(s.cost)))
-    equal = {s.label: sum(flown.as_good(s.label) for flown in cases) for s in candidates}
-    good = [s for s in candidates if s.ran - equal[s.label] <= EXCEPTIONS * s.ran]
+    labels = dict.fromkeys(
+        label
+        for flown in cases
+        for label, row in flown.rows.items()
+        if row["causality"] == "filter" and all(label in other.rows for other in cases)
+    )
+    found = sorted((standing(label, cases) for label in labels), key=_merit)
+    able = [s for s in found if s.good >= 1.0 - EXCEPTIONS]
     choice = None
-    if situation != NOTHING and candidates:
-        everywhere = [s for s in good if s.ran == len(cases)]
-        cheapest = min(everywhere or good, key=lambda s: _last(s.cost), default=candidates[0])
-        choice = cheapest.label
-    scenarios = list(dict.fromkeys(flown.scenario for flown in cases))
-    return Advice(situation, cases, scenarios, choice, bool(good), candidates, equal)
+    if situation != NOTHING and able:
+        choice = min(able, key=lambda s: _last(s.cost))
+    return Advice(
+        situation, cases, list(dict.fromkeys(flown.scenario for flown in cases)), found, choice
+    )
 
 
-def standings(cases: Sequence[Flown]) -> list[Standing]:
-    """Return what every estimator did over some cases, in order of first appearance."""
-    labels = dict.fromkeys(label for flown in cases for label in flown.rows)
-    sizes = Counter(flown.scenario for flown in cases)
-    found = [_standing(label, [f for f in cases if label in f.rows], sizes) for label in labels]
-    others = {
-        (kind, name): _median(
-            s.by_scenario.get(name, math.nan) for s in found if _kind(s.causality) == kind
-        )
-        for kind in {_kind(s.causality) for s in found}
-        for name in sizes
-    }
-    return [
-        replace(
-            s,
-            score=geometric_mean(
-                _or(s.by_scenario.get(name), others[_kind(s.causality), name]) for name in sizes
-            ),
-        )
-        for s in found
-    ]
+def _merit(standing: Standing) -> tuple[float, ...]:
+    """Return by what standings are ordered: as good as the best where, success, error, cost."""
+    return (
+        -round(standing.good, 2), -round(standing.mean_success, 2),
+        round(_last(standing.mean_ratio), 2), _last(standing.cost),
+    )  # fmt: skip
 
 
-def _or(value: float | None, other: float) -> float:
-    return other if value is None or math.isnan(value) else value
+def standing(label: str, cases: Iterable[Flown]) -> Standing:
+    """Return what an estimator did over those of some cases that it ran."""
+    held: dict[str, list[Flown]] = {}
+    for flown in cases:
+        if label in flown.rows:
+            held.setdefault(flown.scenario, []).append(flown)
+    ran = [flown for group in held.values() for flown in group]
+    rows = [flown.rows[label] for flown in ran]
 
+    def by_scenario(of: Any, over: Any) -> dict[str, float]:
+        return {name: over(of(flown) for flown in group) for name, group in held.items()}
 
-def _kind(causality: str) -> str:
-    return "smoother" if causality in SMOOTHERS else causality
-
-
-def _standing(label: str, cases: Sequence[Flown], sizes: Mapping[str, int]) -> Standing:
-    rows = [flown.rows[label] for flown in cases]
-    held = {
-        name: [flown for flown in cases if flown.scenario == name]
-        for name in dict.fromkeys(flown.scenario for flown in cases)
-    }
-    by_scenario = {k: geometric_mean(f.ratio(label) for f in v) for k, v in held.items()}
-    lost = sum(row["failed"] + row["diverged"] for row in rows)
-    judged = [row for row in rows if math.isfinite(row["nees_mean"])]
     return Standing(
         label=label,
         causality=str(rows[0]["causality"]),
-        score=math.nan,
-        own=geometric_mean(by_scenario.values()),
-        by_scenario=by_scenario,
-        efficiency={k: geometric_mean(f.efficiency(label) for f in v) for k, v in held.items()},
-        lost=lost / sum(row["runs"] for row in rows),
-        locked=_mean(row["lock_share"] for row in rows),
-        consistent=sum(row["nees_lo"] <= row["nees_mean"] <= row["nees_hi"] for row in judged),
-        judged=len(judged),
-        cost=_median(flown.cost(label) for flown in cases),
+        cases=len(ran),
+        scenarios=len(held),
+        good=mean(by_scenario(lambda f: float(f.good(label)), mean).values()),
+        open=mean(by_scenario(lambda f: float(f.open(label)), mean).values()),
+        honest=mean(by_scenario(lambda f: float(honest(f.rows[label])), mean).values()),
+        success=by_scenario(lambda f: f.rows[label]["success_share"], mean),
+        ratio=by_scenario(lambda f: f.rows[label]["ratio_median"], geometric_mean),
+        lost=sum(row["failed"] + row["diverged"] for row in rows) / sum(r["runs"] for r in rows),
+        cost=_median(flown.cost(label) for flown in ran),
         ms=1e3 * _median(row["seconds_per_run"] for row in rows),
-        ran=len(cases),
-        coverage=sum(len(held.get(k, ())) / size for k, size in sizes.items()) / len(sizes),
     )
 
 
@@ -329,7 +268,8 @@ def geometric_mean(values: Iterable[float]) -> float:
         return float(np.exp(np.mean(np.log(held))))
 
 
-def _mean(values: Iterable[float]) -> float:
+def mean(values: Iterable[float]) -> float:
+    """Return the mean of the numbers among some values, NaN without any."""
     held = [value for value in values if not math.isnan(value)]
     return sum(held) / len(held) if held else math.nan
 
@@ -344,17 +284,23 @@ def _last(value: float) -> float:
     return math.inf if math.isnan(value) else value
 
 
-def read(folders: Iterable[Path]) -> tuple[League, list[str]]:
-    """Return the league of the results folders that are finished, and what is left out and why.
+def name_of(label: str) -> str:
+    """Return the name by which the league knows an estimator: engines and lags are left out.
 
-    A folder is finished if one estimator at least has all runs that were asked for in all cases.
-    There is one folder for each scenario.
+    A fixed lag is as long as a scenario's readings ask for.
     """
-    entries = []
-    remarks = []
-    for folder in folders:
+    name, _, listed = label.removesuffix("]").partition("[")
+    parts = [p for p in listed.split(",") if p and p.partition("=")[0] not in ("engine", "lag")]
+    parts = [p for p in parts if (name, p) != ("factor-graph", "mode=isam2")]
+    return f"{name}[{','.join(parts)}]" if parts else name
+
+
+def read(reports: Path) -> tuple[League, list[str]]:
+    """Return the league of the digests in a folder of reports, and what is left out and why."""
+    entries, remarks = [], []
+    for manifest in sorted(reports.glob(f"*/{digest.FOLDER}/manifest.json")):
         try:
-            entry = read_entry(folder)
+            entry = entry_of(digest.read(manifest.parent))
         except GGBenchError as error:
             remarks.append(str(error))
             continue
@@ -362,56 +308,44 @@ def read(folders: Iterable[Path]) -> tuple[League, list[str]]:
             remarks.append(entry)
         else:
             entries.append(entry)
-    return League(sorted(entries, key=lambda entry: entry.scenario.name)), remarks
+    return League(entries), remarks
 
 
-def read_entry(folder: Path) -> Entry | str:
-    """Return what a results folder adds to the league, or in a sentence why it adds nothing.
+def _renamed(held: Digest) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Return summary and pairs with estimators by their names; of two of one name the first."""
+    labels: dict[str, str] = {}
+    for label in held.manifest["done"]:
+        labels.setdefault(name_of(label), label)
+    names = {label: name for name, label in labels.items()}
+    summary = held.summary[held.summary["label"].isin(names)]
+    pairs = held.pairs[held.pairs["first"].isin(names) & held.pairs["second"].isin(names)]
+    return (
+        summary.assign(label=summary["label"].map(names)),
+        pairs.assign(first=pairs["first"].map(names), second=pairs["second"].map(names)),
+    )
 
-    Raises
-    ------
-    StoreError, ScenarioError
-        If the folder is no results folder, is damaged, or of a version that cannot be read.
+
+def entry_of(held: Digest) -> Entry | str:
+    """Return what a digest adds to the league, or in a sentence why it adds nothing.
+
+    It is finished if one estimator at least has all runs that were asked for in all cases.
     """
-    results = Results(folder)
-    try:
-        loaded = results.scenario
-        if not loaded.campaign.league:
-            return f"{folder} is left out, as its scenario asks: it has a report of its own"
-        summary = results.summary()
-        if summary.empty:
-            return f"{folder} is left out: it holds no finished run"
-        counts = summary[summary["window"] == "settled"].groupby(["label", "case"])["runs"].max()
-        least = {
-            label: min(int(counts.get((label, case.name), 0)) for case in loaded.cases)
-            for label in results.labels
-        }
-        if max(least.values(), default=0) < results.run_count:
-            return (
-                f"{folder} is left out: it is not finished, of {results.run_count} runs "
-                f"{max(least.values(), default=0)} are done in all cases"
-            )
-        pairs = results.paired()
-        rows, beside = (dict(list(table.groupby("case"))) for table in (summary, pairs))
-        cases = [
-            _flown(loaded.name, case, rows[case.name], beside.get(case.name, pairs[:0]))
-            for case in loaded.cases
-            if case.name in rows
-        ]
-        return Entry(
-            folder, loaded, results.manifest, [flown for flown in cases if flown.rows],
-            {label: runs for label, runs in least.items() if runs < results.run_count},
-        )  # fmt: skip
-    finally:
-        results.store.close()
-
-
-def _flown(scenario: str, case: CaseSpec, summary: pd.DataFrame, pairs: pd.DataFrame) -> Flown:
-    rows = rows_of(summary, case, "settled")
-    best = best_causal(rows.values())
-    unaided = [r for r in rows.values() if r["causality"] == "none"]
-    ins = next((r for r in unaided if math.isfinite(r["position_mrse_m"])), None)
-    gained = "gains"
-    if best and ins:
-        gained = gain(best, ins, pair_of(pairs, case.name, best["label"], ins["label"]))
-    return Flown(scenario, case, rows, best, ins, situation_of(case, gained), pairs)
+    name, manifest = held.scenario.name, held.manifest
+    if not held.scenario.campaign.league:
+        return f"{name} is left out, as its scenario asks: it has a report of its own"
+    most = max(manifest["done"].values(), default=0)
+    if most < manifest["runs"]:
+        return (
+            f"{name} is left out: it is not finished, of {manifest['runs']} runs {most} are done "
+            "in all cases"
+        )
+    summary, pairs = _renamed(held)
+    of_case = dict(list(pairs.groupby("case")))
+    cases = []
+    for case in held.scenario.cases:
+        found = outcome(case, summary, of_case.get(case.name, pairs[:0]))
+        if found.rows:
+            scale = held.correlation_m[case.name]
+            situation = situation_of(case, found.gain, scale)
+            cases.append(Flown(name, found, situation, case.initial_error.position_m / scale))
+    return Entry(held, cases)

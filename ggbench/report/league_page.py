@@ -5,58 +5,49 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from urllib.parse import quote
 
 from ..figures.numbers import short
 from ..figures.style import save
-from .league import (
-    COST_OF,
-    EXCEPTIONS,
-    SMOOTHERS,
-    UNCERTAIN,
-    WITHIN,
-    Advice,
-    Entry,
-    League,
-    Standing,
-    geometric_mean,
-    read,
-)
+from . import definitions
+from .league import COST_OF, EXCEPTIONS, SMOOTHERS, Advice, Entry, League, Standing, geometric_mean
+from .league import read as read_league
 from .league_figure import draw, number
+from .nonlinearity_section import opening_figure
 from .scenario_report import ReportError
-from .situations import LONG_S, NOTHING, SITUATIONS, WIDE_M
-from .tables import markdown
+from .shares import percent
+from .situations import LONG_S, NARROW, NOTHING, SITUATIONS, WIDE
+from .tables import DEFINITIONS, markdown
 
 _MOST_NAMED = 6
 
 
-def write(folders: Iterable[Path], output: Path) -> tuple[Path, list[str]]:
-    """Write ``README.md`` and ``README/league.png`` for a library of results folders.
+def write(output: Path) -> tuple[Path, list[str]]:
+    """Write ``README.md`` and the figures in ``README/`` of a folder of reports.
 
     Parameters
     ----------
-    folders : results folders, one for each scenario; what cannot be used is left out.
-    output : folder to write to, where the reports of the scenarios are.
+    output : folder of the reports of the scenarios, each with its digest.
 
     Returns
     -------
-    Path of the markdown file, and a sentence for each folder that is left out.
+    Path of the markdown file, and a sentence for each scenario that is left out.
 
     Raises
     ------
     ReportError
         If nothing is finished, or a file cannot be written.
     """
-    league, remarks = read(folders)
+    league, remarks = read_league(output)
     if not league.cases:
         raise ReportError("; ".join(["no scenario is finished that could be reported", *remarks]))
     path = output / "README.md"
     try:
         (output / "README").mkdir(parents=True, exist_ok=True)
-        text = LeagueReport(league, output, remarks).text()
-        path.write_text(text, encoding="utf-8")
+        definitions.write(output)
+        path.write_text(LeagueReport(league, output, remarks).text(), encoding="utf-8")
     except OSError as error:
         raise ReportError(f"cannot write to {output}: {error.strerror}") from None
     return path, remarks
@@ -72,30 +63,28 @@ class LeagueReport:
 
     def __init__(self, league: League, output: Path, remarks: Sequence[str] = ()) -> None:
         self.league, self.output, self.remarks = league, output, remarks
-        self.names = [entry.scenario.name for entry in league.entries]
+        self.names = [entry.name for entry in league.entries]
 
     def text(self) -> str:
-        """Return the page as markdown, and draw its figure."""
-        save(draw(self.league.standings, self.names), self.output / "README" / "league.png")
+        """Return the page as markdown, and draw its figures."""
         cases, scenarios = len(self.league.cases), len(self.names)
-        picture = "Position MRSE of every estimator over that of the best causal one"
         parts = [
             "# Which estimator should I use when, and what does it cost?",
             "\n".join(self._advice(advice) for advice in self.league.advice()),
             self._later(),
-            f"This was found on {cases} cases in {scenarios} scenarios, on the same random "
-            "numbers for all estimators, by these rules:",
-            self._rules(),
+            f"This was found on {cases} cases in {scenarios} scenarios, all estimators on the same "
+            f"flights and random numbers; every scenario counts alike. Limits: {_LIMITS}. What the "
+            f"words mean: [definitions]({DEFINITIONS}); by which rules: [below](#rules).",
+            opening_figure(self.output),
             "## The league",
-            self._league(lambda s, name: number(s.by_scenario.get(name, math.nan)), whole=True),
-            self._reading(),
-            self._local(),
-            f"![{picture}](README/league.png)\n\n*{picture}*",
-            "## Efficiency: position MRSE over the Cramér–Rao bound",
-            self._league(lambda s, name: number(s.efficiency.get(name, math.nan)), whole=False),
-            "Geometric means over the cases of a scenario; every estimator beside the bound of its "
-            "own kind (filter, fixed lag, batch), the INS beside that of a filter. Far below 1 a "
-            "bound is no bound: it is that of the model, which the truth need not follow.",
+            self._league(),
+            self._holes(),
+            self._pictured(),
+            "## Scenario by scenario",
+            self._by_scenario(),
+            self._others(),
+            "## Rules",
+            self._rules(),
             "## The scenarios",
             self._scenarios(),
             "## How this was made",
@@ -109,70 +98,35 @@ class LeagueReport:
         where = f"{count} case{'s' if count > 1 else ''} of {self._few(advice.scenarios)}"
         title = f"- **{SITUATIONS[advice.situation]}** ({where}): "
         if advice.situation == NOTHING:
-            return f"{title}{self._nothing(advice)}"
-        if advice.choice is None:
-            return f"{title}no causal estimator ran in half of them and can be judged."
-        held = {standing.label: standing for standing in advice.standings}
-        chosen = held[advice.choice]
-        text = f"{title}**`{chosen.label}`**, {self._figures(chosen)}"
-        equal = advice.equal[chosen.label]
-        if advice.as_good:
-            text += f"; as good as the best in {equal} of {chosen.ran}"
+            cases = [f"{f.scenario}/{f.found.case.name}" for f in advice.cases]
+            return f"{title}the INS alone; no causal estimator beats it in {self._few(cases)}."
+        if not advice.standings:
+            return f"{title}no causal estimator ran in all of them."
+        chosen = advice.choice
+        if chosen:
+            alike = [s for s in advice.standings if s.good >= 1.0 - EXCEPTIONS and s is not chosen]
+            text = f"{title}**`{chosen.label}`**: {self._figures(chosen)}"
+            if alike:
+                text += f". As good, at another cost: {_named(alike, _cost)}"
         else:
-            text += (
-                ", has the least errors; no estimator is as good as the best everywhere, it is in "
-                f"{equal} of {chosen.ran}"
+            alike, best = [], advice.standings[0]
+            text = (
+                f"{title}no estimator is as good as the best, and honest, everywhere; most often "
             )
-        alike = [
-            s
-            for s in advice.standings
-            if s is not chosen and s.ran - advice.equal[s.label] <= EXCEPTIONS * s.ran
-        ]
+            text += f"`{best.label}`: {self._figures(best)}"
+            alike.append(best)
         rest = [s for s in advice.standings if s is not chosen and s not in alike]
-        if alike:
-            costs = ", ".join(f"`{s.label}` ({_cost(s)})" for s in alike)
-            text += f". As good, at another cost: {costs}"
         if rest:
-            named = ", ".join(
-                f"`{s.label}` (MRSE × {number(s.own)}{self._lock(s)}; as good in "
-                f"{advice.equal[s.label]} of {s.ran})"
-                for s in rest
-            )
-            text += f". Not as good: {named}"
-        beside_ins = geometric_mean(_against_ins(advice, chosen.label))
-        if beside_ins > 1.0:
-            text += f". Its MRSE is {number(beside_ins)} times the INS's"
+            text += f". Not as good: {_named(rest, _shortcomings)}"
         return f"{text}."
 
     def _figures(self, standing: Standing) -> str:
-        parts = [
-            f"MRSE {number(standing.own)} times the best's and "
-            f"{number(geometric_mean(standing.efficiency.values()))} times the bound"
-        ]
-        if not math.isnan(standing.locked):
-            parts.append(f"{100.0 * standing.locked:.0f} % of the runs locked")
-        if standing.lost:
-            parts.append(f"{_share(standing.lost)} of the runs lost")
-        return f"{', '.join(parts)}, {short(standing.ms)} ms a run ({_cost(standing)})"
-
-    @staticmethod
-    def _lock(standing: Standing) -> str:
-        if math.isnan(standing.locked):
-            return ""
-        return f", {100.0 * standing.locked:.0f} % locked"
-
-    def _nothing(self, advice: Advice) -> str:
-        cases = [f"{flown.scenario}/{flown.case.name}" for flown in advice.cases]
-        worse = [
-            standing.label
-            for standing in advice.standings
-            if geometric_mean(_against_ins(advice, standing.label)) > UNCERTAIN
-        ]
-        text = f"the INS alone; no causal estimator beats it in {self._few(cases)}"
-        if worse:
-            named = ", ".join(f"`{label}`" for label in worse)
-            text += f". More than 10 % worse than the INS: {named}"
-        return f"{text}."
+        parts = [f"as good as the best and honest in {percent(standing.good)}"]
+        if standing.open:
+            parts[0] += f" (too few runs to tell in {percent(standing.open)})"
+        parts.append(f"succeeds in {percent(standing.mean_success)} of the runs")
+        parts.append(f"{number(standing.mean_ratio)} times the bound")
+        return f"{', '.join(parts)}, {short(standing.ms)} ms a run"
 
     @staticmethod
     def _few(names: Sequence[str]) -> str:
@@ -183,108 +137,132 @@ class LeagueReport:
     def _later(self) -> str:
         """Return what an answer after the fact is worth."""
         held = [s for s in self.league.standings if s.causality in SMOOTHERS]
-        held = [s for s in held if math.isfinite(s.score) and not self.league.is_partial(s)]
+        held = [s for s in held if math.isfinite(s.mean_ratio)]
         if not held:
             return ""
-        best = min(held, key=lambda s: s.score)
-        waiting = "" if best.own < 1.0 else "over the whole library waiting does not pay: "
+        best = max(held, key=lambda s: (round(s.mean_success, 2), -s.mean_ratio))
+        ratios = [
+            flown.rows[best.label]["position_median_m"] / flown.found.best["position_median_m"]
+            for flown in self.league.common
+            if flown.found.best
+        ]
         return (
-            f"**If the answer may wait**: {waiting}`{best.label}` ({best.causality}) has "
-            f"{number(best.own)} times the MRSE of the best causal estimator, at {_cost(best)}; "
-            f"{_share(best.lost)} of its runs failed or diverged."
+            f"**If the answer may wait**: `{best.label}` ({best.causality}) succeeds in "
+            f"{percent(best.mean_success)} of the runs, with {number(geometric_mean(ratios))} "
+            f"times the median error of the best causal estimator, at {_cost(best)}."
         )
 
     def _rules(self) -> str:
-        wide, long = f"{WIDE_M / 1000.0:g} km", f"{LONG_S / 60.0:g} min"
         rules = {
-            "Errors": "of position, root mean square (MRSE) over the settled window and the runs.",
-            "The best of a case": "the causal estimator of the least MRSE; not one that failed in "
-            "more than 5 % of the runs, nor one that locks on surely less often than another "
-            "(Wilson intervals apart).",
-            "As good": f"MRSE at most {100.0 * (WITHIN - 1.0):.0f} % larger than the best's, or "
-            f"at most {100.0 * (UNCERTAIN - 1.0):.0f} % larger and not distinguishable from it, "
-            "run by run (paired bootstrap-t, 95 %); failing in 5 % of the runs at most, and "
-            "locking on not surely less often.",
-            "Advised": "the cheapest of those that are as good in all cases of the situation that "
-            "they ran in, but one of twenty, and ran in half of it or more (scenarios counting "
-            "equally); in all of it, if any of those did.",
+            "Advised": "the cheapest of the causal estimators that ran in all cases of the "
+            f"situation, and are honest and as good as the best in all of them but "
+            f"{100.0 * EXCEPTIONS:.0f} % (scenarios counting equally), those included in which the "
+            "runs are too few to tell.",
             "Situations": "the first that fits a case: *aiding gains nothing*, if the best causal "
-            "estimator is not significantly better than the INS and within 5 % of it, or "
-            "significantly worse; a receiver that fails; readings, or a map, that `[truth]` or "
-            "`[model]` set apart from "
-            f"what the estimators are told; a prior of {wide} or more; a flight of {long} or "
-            "more; anything else that is set apart; a narrow prior and a right model.",
+            "estimator is not better than the INS; a receiver that fails; readings, or a map, that "
+            "`[truth]` or `[model]` set apart from what the estimators are told; gravity that is "
+            f"felt and not compensated; a prior of {WIDE:g} σ/ℓ or more, or of {NARROW:g} or more; "
+            f"a flight of {LONG_S / 60.0:g} min or more; anything else that is set apart; a narrow "
+            "prior and a right model.",
+            "Ranks": "over the cases that all of the standard roster ran, and no others: by the "
+            "share in which an estimator is honest and as good as the best, then by success, error "
+            "and cost. Nothing is imputed.",
             "Cost": f"the median time of a run over that of `{COST_OF}` on the same case.",
         }
         return "\n".join(f"- *{name}*: {text}" for name, text in rules.items())
 
-    def _league(self, cell: Callable[[Standing, str], str], whole: bool) -> str:
-        """Return a table of estimators over scenarios, smoothers in their own block."""
-        head = ["", "estimator", *(f"[{name}]({self._link(name)})" for name in self.names)]
-        if whole:
-            head += ["all", "lost", "locked", "NEES in its band", f"time / {COST_OF}", "ms/run",
-                     "cases run"]  # fmt: skip
+    def _league(self) -> str:
+        """Return the table of the roster over the common cases, smoothers in their own block."""
+        head = ["", "estimator", "as good as the best, honest", "too few runs to tell", "success",
+                "error / bound", "honest", "lost", f"time / {COST_OF}", "ms/run"]  # fmt: skip
         rows, place, block = [], 0, "filter"
         for standing in self.league.standings:
             if standing.causality in SMOOTHERS and block not in SMOOTHERS:
                 rows.append(["", "*smoothers*", *[""] * (len(head) - 2)])
-                place = 0
             block = standing.causality
-            partial = self.league.is_partial(standing)
-            ranked = block != "none" and not partial and math.isfinite(standing.score)
-            place += ranked
-            mark = " †" if partial else ""
-            cells = [str(place) if ranked else "", f"`{standing.label}`{mark}"]
-            cells += [cell(standing, name) for name in self.names]
-            if whole:
-                cells += [
-                    f"**{number(standing.score)}**",
-                    _share(standing.lost),
-                    "–" if math.isnan(standing.locked) else f"{100.0 * standing.locked:.0f} %",
-                    f"{standing.consistent} of {standing.judged}" if standing.judged else "–",
+            causal = block == "filter"
+            place += causal
+            rows.append(
+                [
+                    str(place) if causal else "",
+                    f"`{standing.label}`",
+                    percent(standing.good) if causal else "",
+                    percent(standing.open) if causal else "",
+                    percent(standing.mean_success),
+                    number(standing.mean_ratio),
+                    percent(standing.honest),
+                    percent(standing.lost),
                     number(standing.cost),
                     number(standing.ms),
-                    f"{standing.ran} of {len(self.league.cases)}",
                 ]
-            rows.append(cells)
-        return markdown(head, rows)
-
-    def _reading(self) -> str:
-        text = (
-            "Position MRSE over that of the best causal estimator of each case: geometric mean "
-            "over the cases of a scenario, and in *all* over the scenarios, by which the league is "
-            "ordered (equal to three digits: the cheaper first). Where an estimator was not run "
-            "(–) it counts in *all* as the median of the others of its kind did there: "
-            "nobody gains by staying away from hard scenarios. A failed run counts with the "
-            "INS's error, since that is what is left without an estimate. *Lost*: runs that failed "
-            "or diverged. *Locked*: mean share of the runs that locked on, over the cases in which "
-            "that is judged. *NEES in its band*: cases in which the mean NEES of position and "
-            "velocity lies in the 95 % band of a consistent estimator. Causal estimators and "
-            "smoothers are not ranked against each other; `ins` "
-            "is what is there without aiding."
-        )
-        if any(self.league.is_partial(s) for s in self.league.standings):
-            text += (
-                " † ran in less than half of the library (scenarios counting equally): listed last "
-                "and not ranked."
             )
-        return text
+        common = self.league.common
+        scenarios = len({flown.scenario for flown in common})
+        reading = (
+            f"Over the {len(common)} cases in {scenarios} scenarios that all of them ran; shares "
+            "and means are over scenarios, each counting alike. *Error / bound*: geometric mean of "
+            "the medians over the runs that succeed, of each estimator beside the bound of its "
+            "kind."
+        )
+        return f"{markdown(head, rows)}\n\n{reading}"
 
-    def _local(self) -> str:
-        """Return which estimators the tables leave out, variants of one counted together."""
-        parts = []
-        for name, labels in sorted(self.league.local.items()):
-            kinds: dict[str, list[str]] = {}
-            for label in labels:
-                kinds.setdefault(label.partition("[")[0], []).append(label)
-            told = [
-                f"`{held[0]}`" if len(held) == 1 else f"`{kind}` in {len(held)} variants"
-                for kind, held in kinds.items()
-            ]
-            parts.append(f"[{name}]({self._link(name)}): {', '.join(told)}")
-        if not parts:
+    def _holes(self) -> str:
+        """Return which estimators of the roster a scenario lacks, and why."""
+        told = []
+        for name, missing in self.league.holes().items():
+            reasons: dict[str, list[str]] = {}
+            for label, why in missing.items():
+                reasons.setdefault(why, []).append(f"`{label}`")
+            parts = [f"{', '.join(labels)} ({why})" for why, labels in reasons.items()]
+            told.append(f"- [{name}]({self._link(name)}): {'; '.join(parts)}")
+        if not told:
+            return "The whole roster ran in every scenario."
+        return "\n".join(["Not run, and why:", "", *told])
+
+    def _pictured(self) -> str:
+        shown = [s for s in self.league.standings if s.label != "ins"]
+        if not shown:
             return ""
-        return f"Run in one scenario alone, and told of in its report only: {'; '.join(parts)}."
+        save(draw(shown, self.names), self.output / "README" / "league.png")
+        picture = "Share of success (colour) and error over bound (number) of every estimator"
+        return f"![{picture}](README/league.png)\n\n*{picture}*"
+
+    def _by_scenario(self) -> str:
+        """Return the table of the roster over all scenarios: error over bound, and success."""
+        labels = [s.label for s in self.league.standings]
+        head = ["scenario", *(f"`{label}`" for label in labels)]
+        rows = []
+        for entry in self.league.entries:
+            cells = [f"[{entry.name}]({self._link(entry.name)})"]
+            for label in labels:
+                held = [flown.rows[label] for flown in entry.cases if label in flown.rows]
+                cells.append(_cell(held))
+            rows.append(cells)
+        return (
+            f"{markdown(head, rows)}\n\nGeometric mean over the cases of the median error over the "
+            "bound, and in brackets the mean share of success, if it is not all. Far below 1 a "
+            "bound is no bound: it is that of the model, which the truth need not follow."
+        )
+
+    def _others(self) -> str:
+        """Return what estimators beyond the roster did, in a table."""
+        held = [s for s in self.league.others if s.causality == "filter" or s.scenarios > 1]
+        held = [s for s in held if s.cases > 1 and s.scenarios > 1]
+        if not held:
+            return ""
+        head = ["beyond the roster", "cases", "scenarios", "as good as the best, honest",
+                "success", "error / bound", "honest", f"time / {COST_OF}"]  # fmt: skip
+        rows = [
+            [
+                f"`{s.label}`", str(s.cases), str(s.scenarios), percent(s.good),
+                percent(s.mean_success), number(s.mean_ratio), percent(s.honest), number(s.cost),
+            ]
+            for s in sorted(held, key=lambda s: -s.good)
+        ]  # fmt: skip
+        return (
+            f"{markdown(head, rows)}\n\nOver the cases that each of them ran, which differ: no "
+            "ranking. Those of one scenario are in its report alone."
+        )
 
     def _scenarios(self) -> str:
         head = ["scenario", "what it is for", "cases", "best causal estimator", "INS [m]",
@@ -292,7 +270,7 @@ class LeagueReport:
         rows = []
         for entry in self.league.entries:
             flown = entry.cases
-            best = [f.best for f in flown if f.best]
+            best = [f.found.best for f in flown if f.found.best]
             firsts = Counter(str(row["label"]) for row in best)
             named = ", ".join(
                 f"`{label}`" + (f" ({count})" if len(flown) > 1 else "")
@@ -302,20 +280,22 @@ class LeagueReport:
             if nothing:
                 which = f" in {nothing} of {len(flown)}" if nothing < len(flown) else ""
                 named = f"{named or 'none'}; gains nothing{which}"
+            unaided = [f.found.ins for f in flown if f.found.ins]
+            loaded = entry.digest.scenario
             rows.append(
                 [
-                    f"[{entry.scenario.title}]({self._link(entry.scenario.name)})",
-                    first_sentence(entry.scenario.description),
+                    f"[{loaded.title}]({self._link(loaded.name)})",
+                    first_sentence(loaded.description),
                     str(len(flown)),
                     named or "none",
-                    number(geometric_mean(f.ins["position_mrse_m"] for f in flown if f.ins)),
-                    number(geometric_mean(row["position_mrse_m"] for row in best)),
+                    number(geometric_mean(row["position_median_m"] for row in unaided)),
+                    number(geometric_mean(row["position_median_m"] for row in best)),
                     number(geometric_mean(row["position_bound_m"] for row in best)),
                 ]
             )
         note = (
-            "Position MRSE in the settled window; of several cases the geometric mean, and behind "
-            "an estimator the number of cases in which it is the best."
+            "Median position error of a run in the settled window; of several cases the geometric "
+            "mean, and behind an estimator the number of cases in which it is the best."
         )
         return f"{markdown(head, rows)}\n\n{note}"
 
@@ -324,20 +304,17 @@ class LeagueReport:
         return quote(f"{name}.md")
 
     def _making(self) -> str:
-        entries = self.league.entries
+        manifests = [entry.digest.manifest for entry in self.league.entries]
         head = ["scenario", "runs", "seed", "run on", "ggbench", "source", "scenario's hash",
                 "fewer runs"]  # fmt: skip
-        rows = [self._stamp(entry) for entry in entries]
-        versions = {
-            ", ".join(f"{k} {v}" for k, v in entry.manifest["versions"].items())
-            for entry in entries
-        }
+        rows = [_stamp(entry) for entry in self.league.entries]
+        versions = {", ".join(f"{k} {v}" for k, v in m["versions"].items()) for m in manifests}
         machines = {
             f"{m['system']} on {m['architecture']}, {m['processors']} processors"
-            for m in (entry.manifest["machine"] for entry in entries)
+            for m in (manifest["machine"] for manifest in manifests)
         }
-        sources = {entry.manifest["source_hash"] for entry in entries}
-        studied = " --assumptions" if any(e.manifest["assumptions"] for e in entries) else ""
+        sources = {manifest["source_hash"] for manifest in manifests}
+        studied = " --assumptions" if any(m["assumptions"] for m in manifests) else ""
         lines = [
             "Generated, not edited. To get it again:",
             "",
@@ -358,21 +335,43 @@ class LeagueReport:
         lines += [f"- {remark}" for remark in self.remarks]
         return "\n".join([*lines, "", markdown(head, rows)])
 
-    @staticmethod
-    def _stamp(entry: Entry) -> list[str]:
-        m = entry.manifest
-        fewer = ", ".join(f"`{label}` {runs}" for label, runs in entry.fewer.items())
-        return [m["scenario"], str(m["runs"]), str(m["seed"]), m["date"][:10], m["ggbench"],
-                m["source_hash"], m["scenario_hash"][:16], fewer]  # fmt: skip
+
+_LIMITS = (
+    "simulation throughout; maps that are rebuilt, or of the terrain alone; instruments whose "
+    "mount is perfect where a scenario does not say otherwise"
+)
 
 
-def _against_ins(advice: Advice, label: str) -> list[float]:
-    """Return an estimator's error over the INS's in the cases of a situation."""
-    return [
-        flown.error(label) / flown.ins["position_mrse_m"]
-        for flown in advice.cases
-        if flown.ins and label in flown.rows
-    ]
+def _stamp(entry: Entry) -> list[str]:
+    m = entry.digest.manifest
+    fewer = ", ".join(f"`{label}` {runs}" for label, runs in entry.fewer.items())
+    return [m["scenario"], str(m["runs"]), str(m["seed"]), m["date"][:10], m["ggbench"],
+            m["source_hash"], m["scenario_hash"][:16], fewer]  # fmt: skip
+
+
+def _cell(rows: Sequence[Mapping[str, float]]) -> str:
+    """Return error over bound and success of an estimator over the cases of a scenario."""
+    if not rows:
+        return "–"
+    success = sum(row["success_share"] for row in rows) / len(rows)
+    text = number(geometric_mean(row["ratio_median"] for row in rows))
+    return text if success == 1.0 else f"{text} ({percent(success)})"
+
+
+def _named(standings: Sequence[Standing], of: object) -> str:
+    assert callable(of)
+    return ", ".join(f"`{s.label}` ({of(s)})" for s in standings)
+
+
+def _shortcomings(standing: Standing) -> str:
+    """Return in how much an estimator is not as good as the best."""
+    text = f"in {percent(standing.good)}; success {percent(standing.mean_success)}, "
+    text += f"{number(standing.mean_ratio)} × the bound"
+    return (
+        text
+        if standing.honest > 1.0 - EXCEPTIONS
+        else f"{text}, honest in " + percent(standing.honest)
+    )
 
 
 def first_sentence(text: str) -> str:
@@ -381,11 +380,6 @@ def first_sentence(text: str) -> str:
     ends = re.finditer(r"(?<!\bal)(?<!\be\.g)(?<!\bi\.e)(?<!\bcf)[.?!](?=\s+[^a-z\s]|$)", plain)
     end = next(ends, None)
     return plain[: end.end()] if end else plain
-
-
-def _share(share: float) -> str:
-    percent = 100.0 * share
-    return f"{percent:.1f} %" if 0.0 < percent < 10.0 else f"{percent:.0f} %"
 
 
 def _cost(standing: Standing) -> str:

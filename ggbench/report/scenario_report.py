@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -16,16 +15,19 @@ from ..errors import GGBenchError
 from ..figures import stored
 from ..figures.style import save
 from ..judging.ranking import rows_of
+from ..results import digest
 from ..results.folder import Results, as_argument
 from ..results.store import DETAILED_RUN, SERIES_RUNS
 from ..spec import scenario
 from ..spec.case import CaseSpec
-from . import tables
+from . import definitions, tables
+from .answer_section import answer_figure, caveat, telling_cases
 from .claims_section import claims_section
 from .families import leaders, of_the_best
 from .gravity_section import GravitySection
 from .locking_section import ConvergenceReport
 from .matching_section import matching_section
+from .nonlinearity_section import NonlinearityReport, is_of_the_prior
 from .opening import answer
 from .parameter_section import parameter_section
 from .particles_section import particles_section
@@ -61,7 +63,8 @@ def write(folder: Path, output: Path) -> Path:
     pictures = output / name
     path = output / f"{name}.md"
     try:
-        pictures.mkdir(parents=True, exist_ok=True)
+        digest.write(results, pictures / digest.FOLDER)
+        definitions.write(output)
         path.write_text(_Report(results, summary, pictures).text(), encoding="utf-8")
     except OSError as error:
         raise ReportError(f"cannot write to {output}: {error.strerror}") from None
@@ -90,6 +93,8 @@ class _Report:
         return "\n\n".join(part.strip() for part in parts if part.strip()) + "\n"
 
     def _of_sweep(self) -> list[str]:
+        if is_of_the_prior(self.scenario):
+            return self._of_widths()
         return [
             f"# {self.scenario.title}",
             self._seeking(),
@@ -105,16 +110,34 @@ class _Report:
             self._making(),
         ]
 
+    def _of_widths(self) -> list[str]:
+        widths = NonlinearityReport(digest.read(self.pictures / digest.FOLDER), self.pictures)
+        return [
+            f"# {self.scenario.title}",
+            widths.answer(),
+            self._seeking(),
+            caveat(self.results, self.summary),
+            self.scenario.description,
+            *widths.sections(),
+            "## Assumptions",
+            self._assumptions(),
+            self.scenario.notes,
+            "## How this was made",
+            self._making(),
+        ]
+
     def _of_cases(self) -> list[str]:
         return [
             f"# {self.scenario.title}",
             self._verdict(),
             self._seeking(),
+            answer_figure(self.results, self.summary, self.pictures),
+            caveat(self.results, self.summary),
             tables.glance(self.scenario, self.summary),
             self.scenario.description,
             *ConvergenceReport(self.results, self.summary, self.pictures).sections(),
             "## Results",
-            self._reading(),
+            self._windows(),
             self._unaided(),
             *(self._case_table(case) for case in self.scenario.cases),
             *matching_section(self.results, self.pictures),
@@ -180,28 +203,12 @@ class _Report:
             "source alone.**"
         )
 
-    def _reading(self) -> str:
-        case = self.scenario.cases[0]
-        w = case.windows
+    def _windows(self) -> str:
+        w = self.scenario.cases[0].windows
         return (
-            "MRSE is the root of the mean, over runs and epochs of a window, of the squared "
-            f"spherical error. Windows: the settled one from {w.settled_from_s:g} s on, the whole "
-            f"flight from the first update, the last {w.last_s:g} s. In brackets: 95 % bootstrap "
-            "interval over runs; beside it the median and the 95th percentile of the runs' own "
-            "root-mean-square errors. *Bound*: posterior Cramér–Rao bound of the unfiltered "
-            "readings, for filters the filtering bound, for smoothers that of their data; "
-            "*efficiency* = "
-            "MRSE / bound, for position. *NEES* of the six position and velocity errors, 6 if "
-            "consistent; its 95 % band treats each run as a single draw, so that its false-alarm "
-            "rate is below 5 %. *Coverage*: share of epochs whose truth lies in the claimed 95 % "
-            "region, with a band of the same kind. *NIS*: normalised innovation squared, the "
-            "number of components if consistent; a consistent filter's innovations are white, so "
-            "that the band counts every epoch and is far narrower. "
-            "A run *diverges* when its final position error exceeds both ten bounds and the pure "
-            "INS's. Times are medians, warmed up, of one process. *Map points*: positions at which "
-            "a run evaluates the field. Best first; of equal errors (to three digits) the cheaper. "
-            "Causal estimators and smoothers never share a block. `ins` "
-            "is set beside the filtering bound: what aiding could give."
+            f"Windows: the settled one from {w.settled_from_s:g} s on, the whole flight from the "
+            f"first update, the last {w.last_s:g} s. Best first; causal estimators and smoothers "
+            f"never share a block ([definitions]({tables.DEFINITIONS}))."
         )
 
     def _unaided(self) -> str:
@@ -244,13 +251,10 @@ class _Report:
     def _paired(self) -> list[str]:
         table = tables.paired(self.scenario, self.summary, self.paired)
         reading = (
-            "Every estimator against the best causal one of its case, on the same runs (settled "
-            "window): mean difference of squared position error with its 95 % bootstrap-t interval "
-            "over runs, ratio of MRSE, share of runs with the smaller error (a run "
-            "that one of them failed is lost by it). *better* and *worse*: the interval does not "
-            "hold 0; if two do not differ, that is said of one pair in twenty. A verdict is of "
-            "statistics, not of importance: many runs find differences that nobody needs. All "
-            "pairs and windows are in the results folder's `paired.csv`."
+            "Every estimator against the best causal one of its case, on the same runs: in how "
+            "many runs one of them alone succeeds; where both do, the geometric mean of the ratio "
+            "of their errors. All pairs and windows, and squared errors, are in the results "
+            f"folder's `paired.csv` ([definitions]({tables.DEFINITIONS}))."
         )
         return ["## Estimators beside each other, run by run", reading, table] if table else []
 
@@ -276,7 +280,8 @@ class _Report:
 
     def _figures(self) -> str:
         name = self.scenario.name
-        lead = self.scenario.cases[0]
+        telling = telling_cases(self.scenario.cases, self.summary)
+        lead = self.scenario.cases[0] if self.references else telling[0]
         arrays = self.arrays[lead.name]
         shown = []
 
@@ -285,7 +290,7 @@ class _Report:
 
         shown_cases = {
             case.name: leaders(self.results.estimators, rows_of(self.summary, case, "settled"))
-            for case in self.references or _spread(self.scenario.cases)
+            for case in self.references or telling[:3]
         }
         save(
             stored.error_over_time(self.results, shown_cases), self.pictures / "error_over_time.png"
@@ -397,9 +402,3 @@ def _drawn(runs: int) -> str:
     if runs <= SERIES_RUNS:
         return "all runs"
     return f"the first {SERIES_RUNS} of {runs} runs (tables are of all of them)"
-
-
-def _spread(cases: Sequence[CaseSpec]) -> list[CaseSpec]:
-    """Return the first, the middle and the last of many cases."""
-    places = {0, len(cases) // 2, len(cases) - 1}
-    return [cases[i] for i in sorted(places)]

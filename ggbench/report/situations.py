@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -9,15 +10,16 @@ from ..spec.aiding import GnssSpec
 from ..spec.case import CaseSpec
 from ..spec.further import table_of
 
-WIDE_M = 1000.0
-"""σ of the initial position per axis from which a prior is called wide [m]."""
+NARROW, WIDE = 0.3, 1.0
+"""σ/ℓ up to which a prior is narrow, and from which on it is wide."""
 LONG_S = 1800.0
 """Duration from which a flight is called long [s]."""
 NOTHING = "nothing"
 SITUATIONS = {
-    "plain": "Narrow prior, right model",
-    "wide": f"Wide prior (σ of {WIDE_M / 1000.0:g} km per axis or more)",
-    "long": f"Long flight ({LONG_S / 60.0:g} min or more)",
+    "plain": f"Narrow prior, right model (σ/ℓ below {NARROW:g})",
+    "between": f"A prior of the field's own scale (σ/ℓ of {NARROW:g} to {WIDE:g})",
+    "wide": f"Wide prior (σ/ℓ of {WIDE:g} or more)",
+    "long": f"Long flight ({LONG_S / 60.0:g} min or more), narrow prior",
     "readings": "Outliers or gaps in the readings",
     "outage": "Satellite navigation that fails",
     "map": "A map that is not the field",
@@ -25,15 +27,17 @@ SITUATIONS = {
     "model": "Sensors, times or initial errors other than the estimators believe",
     NOTHING: "Aiding gains nothing",
 }
-_READINGS = ("outlier", "dropout")
+_READINGS = ("outlier", "dropout", "noise_freedom")
 
 
-def situation_of(case: CaseSpec, gained: str) -> str:
+def situation_of(case: CaseSpec, gained: str, correlation_m: float = math.nan) -> str:
     """Return the situation of a case: the first that fits, from its keys and from what came out.
 
     Parameters
     ----------
-    case : the case. gained : what aiding gains, of :func:`ggbench.report.opening.gain`.
+    case : the case. gained : what aiding gains, of :func:`ggbench.report.outcome.gain`.
+    correlation_m : the field's correlation length along the track [m]; NaN where nobody knows it,
+        and the prior is called neither narrow nor wide.
     """
     if gained in ("nothing", "worse"):
         return NOTHING
@@ -55,8 +59,9 @@ def situation_of(case: CaseSpec, gained: str) -> str:
         return "map"
     if case.side("truth").field.gravity_disturbance and not case.model.field.compensate:
         return "gravity"
-    if case.initial_error.position_m >= WIDE_M:
-        return "wide"
+    width = case.initial_error.position_m / correlation_m
+    if width >= NARROW:
+        return "wide" if width >= WIDE else "between"
     if case.trajectory.duration_s >= LONG_S:
         return "long"
     return "model" if wrong else "plain"

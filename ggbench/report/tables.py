@@ -10,12 +10,16 @@ import numpy as np
 import pandas as pd
 
 from ..figures.numbers import short
-from ..judging.ranking import ORDER, best_causal, pair_of, rows_of
+from ..judging.ranking import ORDER, best_causal, honest, pair_of, rows_of
 from ..judging.statistics import BETTER, UNDECIDED, WORSE
+from ..judging.success import EQUAL
 from ..judging.summary import WINDOWS, window_mask
 from ..spec.case import CaseSpec
 from ..spec.scenario import Scenario
+from .shares import percent, share
 
+DEFINITIONS = "definitions.md"
+"""The page of definitions, beside every report."""
 WINDOW_TITLES = {
     "whole": "whole flight",
     "settled": "settled window",
@@ -81,21 +85,22 @@ def errors_of_cases(scenario: Scenario, summary: pd.DataFrame) -> str:
         if not table:
             continue
         best = best_causal(table.values())
-        cells = [_with_losses(table.get(label), best) for label in labels]
+        cells = [_over_bound(table.get(label), best) for label in labels]
         bounds = [
             next((short(b) for b in _bounds(table, kind) if math.isfinite(b)), "") for kind in kinds
         ]
-        rows.append([case.title, *cells, *bounds])
+        rows.append([case.title, *bounds, *cells])
     heads = [
         f"`{k}`" if causality[k] in ("filter", "none") else f"`{k}` ({causality[k]})"
         for k in labels
     ]
-    titles = [f"*bound: {kind}*" for kind in kinds]
+    titles = [f"*bound [m]: {kind}*" for kind in kinds]
     reading = (
-        "Position MRSE [m] in the settled window with its 95 % interval; the best causal estimator "
-        "of a case is bold, runs that failed or diverged are counted behind."
+        "Median over the runs that succeed of the position error over the bound of its kind; "
+        "behind it the share of success, if it is not all, and † what is not honest of itself. "
+        f"The best causal estimator of a case is bold ([definitions]({DEFINITIONS}))."
     )
-    return f"{markdown(['case', *heads, *titles], rows)}\n\n{reading}"
+    return f"{markdown(['case', *titles, *heads], rows)}\n\n{reading}"
 
 
 def _bounds(table: Mapping[str, Mapping[str, Any]], causality: str) -> list[float]:
@@ -103,32 +108,30 @@ def _bounds(table: Mapping[str, Mapping[str, Any]], causality: str) -> list[floa
     return [r["position_bound_m"] for r in table.values() if r["causality"] == causality]
 
 
-def _with_losses(row: dict[str, Any] | None, best: dict[str, Any] | None) -> str:
-    """Return an error with its interval and the runs that were lost."""
+def _over_bound(row: dict[str, Any] | None, best: dict[str, Any] | None) -> str:
+    """Return an estimator's median error over the bound, with its share of success."""
     if row is None:
         return ""
-    text = "–" if math.isnan(row["position_mrse_m"]) else short(row["position_mrse_m"])
-    low, high = row["position_mrse_lo"], row["position_mrse_hi"]
-    if not math.isnan(low):
-        text += f" [{short(low)}, {short(high)}]"
+    text = short(row["ratio_median"]) if math.isfinite(row["ratio_median"]) else "–"
     if best is not None and row["label"] == best["label"]:
         text = f"**{text}**"
-    lost = [f"{row[kind]} {kind}" for kind in ("failed", "diverged") if row[kind]]
-    return f"{text}; {', '.join(lost)}" if lost else text
+    if row["success_share"] < 1.0:
+        text += f" ({percent(row['success_share'])})"
+    return text if honest(row) else f"{text} †"
 
 
 def case_errors(case: CaseSpec, summary: pd.DataFrame) -> str:
     """Return the errors of one case in the settled window, smoothers in their own block."""
     head = [
-        "estimator", "position MRSE [m]", "median, 95 %", "bound", "efficiency",
-        "velocity MRSE [m/s]", "median, 95 %", "bound", "failed / diverged",
+        "estimator", "success", "error / bound: median", "quartiles", "95 %", "position MRSE [m]",
+        "capped", "bound [m]", "velocity MRSE [m/s]", "bound", "failed / diverged",
     ]  # fmt: skip
     rows = []
     if case.reference:
         paper = [""] * len(head)
         paper[0] = "**paper**"
-        paper[1] = f"{case.reference.position_mrse_m:.4f}"
-        paper[5] = f"{case.reference.velocity_mrse_mps:.4f}"
+        paper[5] = f"{case.reference.position_mrse_m:.4f}"
+        paper[8] = f"{case.reference.velocity_mrse_mps:.4f}"
         rows.append(paper)
     return markdown(head, [*rows, *_blocks(case, summary, len(head), _errors)])
 
@@ -165,15 +168,16 @@ def paired(scenario: Scenario, summary: pd.DataFrame, pairs: pd.DataFrame) -> st
     ``pairs`` are the rows of :func:`ggbench.judging.summary.paired_table`.
     """
     head = [
-        "case", "estimator", "against", "runs", "position: difference of squared error [m²]",
-        "MRSE ratio", "wins", "verdict", "velocity: MRSE ratio", "wins", "verdict",
+        "case", "estimator", "against", "runs", "succeeds alone", "the other alone",
+        "ratio of errors", "sign test", "verdict", "velocity: MRSE ratio",
     ]  # fmt: skip
     rows = []
     for case in scenario.cases:
         ranking = rows_of(summary, case, "settled")
-        best = next((k for k, row in ranking.items() if row["causality"] == "filter"), None)
+        best = best_causal(ranking.values())
         for label in ranking:
-            pair = pair_of(pairs, case.name, label, best) if best and label != best else None
+            other = best is not None and label != best["label"]
+            pair = pair_of(pairs, case.name, label, best["label"]) if best and other else None
             if pair:
                 rows.append([case.name, *_pair(pair)])
     return markdown(head, rows) if rows else ""
@@ -184,38 +188,33 @@ def verdicts(pairs: pd.DataFrame) -> str:
 
     ``pairs`` are the rows of :func:`ggbench.judging.summary.paired_table`.
     """
-    head = ["estimator", "against", "quantity", "better", "worse", "not distinguishable",
-            "MRSE ratio farthest from 1"]  # fmt: skip
+    verdicts = (BETTER, WORSE, EQUAL, UNDECIDED)
+    head = ["estimator", "against", *verdicts, "mean ratio of errors farthest from 1"]
     settled = pairs[pairs["window"] == "settled"]
     rows = []
     for (first, second), pair in settled.groupby(["first", "second"], sort=False):
-        for quantity in ("position", "velocity"):
-            found = pair[f"{quantity}_verdict"].value_counts()
-            ratios = 1.0 + pair[f"{quantity}_relative"].dropna().to_numpy()
-            farthest = ratios[np.abs(np.log(ratios)).argmax()] if len(ratios) else math.nan
-            counts = [str(found.get(verdict, 0)) for verdict in (BETTER, WORSE, UNDECIDED)]
-            rows.append([f"`{first}`", f"`{second}`", quantity, *counts, f"{farthest:.5g}"])
+        found = pair["verdict"].value_counts()
+        ratios = pair["error_ratio"].dropna().to_numpy()
+        farthest = ratios[np.abs(np.log(ratios)).argmax()] if len(ratios) else math.nan
+        counts = [str(found.get(verdict, 0)) for verdict in verdicts]
+        rows.append([f"`{first}`", f"`{second}`", *counts, f"{farthest:.5g}"])
     reading = (
-        "Paired over runs, settled window: the number of grid points at which the 95 % bootstrap-t "
-        "interval of the mean difference of squared error lies below 0, above 0, or holds it (one "
-        "in twenty does not, of estimators that do not differ)."
+        "Paired over runs, position, settled window: the number of grid points of each verdict "
+        f"([definitions]({DEFINITIONS}))."
     )
     return f"{reading}\n\n{markdown(head, rows)}"
 
 
 def _pair(pair: dict[str, Any]) -> list[str]:
     """Return the cells of a pair."""
-    text = f"{pair['position_difference_m2']:+.3g}"
-    if not math.isnan(pair["position_lo"]):
-        text += f" [{pair['position_lo']:+.3g}, {pair['position_hi']:+.3g}]"
-    cells = [f"`{pair['first']}`", f"`{pair['second']}`", str(pair["runs"]), text]
-    for quantity in ("position", "velocity"):
-        cells += [
-            f"{1.0 + pair[f'{quantity}_relative']:.5g}",
-            f"{100.0 * pair[f'{quantity}_win_rate']:.0f} %",
-            pair[f"{quantity}_verdict"],
-        ]
-    return cells
+    ratio = f"{pair['error_ratio']:.4g}"
+    if not math.isnan(pair["error_ratio_lo"]):
+        ratio += f" [{pair['error_ratio_lo']:.4g}, {pair['error_ratio_hi']:.4g}]"
+    return [
+        f"`{pair['first']}`", f"`{pair['second']}`", str(pair["runs"]),
+        str(pair["first_succeeded"]), str(pair["second_succeeded"]), ratio,
+        f"{pair['sign_p']:.2g}", pair["verdict"], f"{1.0 + pair['velocity_relative']:.5g}",
+    ]  # fmt: skip
 
 
 def efficiency(scenario: Scenario, summary: pd.DataFrame) -> str:
@@ -292,17 +291,28 @@ def _study_cells(cases: Sequence[CaseSpec], frame: pd.DataFrame, window: str) ->
 
 def _errors(row: dict[str, Any]) -> list[str]:
     """Return the cells of one estimator's errors."""
+    quartiles = (short(row[f"ratio_quartile_{end}"]) for end in ("lo", "hi"))
+    succeeds = math.isfinite(row["ratio_median"])
     return [
-        f"`{row['label']}`",
+        f"`{row['label']}`" + ("" if honest(row) else " †"),
+        share(row, "success_share", "success_lo", "success_hi"),
+        _ended(row, "ratio_median") if succeeds else "–",
+        " to ".join(quartiles) if succeeds else "–",
+        short(row["ratio_p95"]) if succeeds else "–",
         _interval(row, "position_mrse", "m", 3),
-        f"{row['position_median_m']:.3f}, {row['position_p95_m']:.3f}",
+        f"{row['capped_mrse_m']:.3f}",
         f"{row['position_bound_m']:.3f}",
-        f"{row['position_efficiency']:.3f}",
         _interval(row, "velocity_mrse", "mps", 4),
-        f"{row['velocity_median_mps']:.4f}, {row['velocity_p95_mps']:.4f}",
         f"{row['velocity_bound_mps']:.4f}",
         f"{row['failed']} / {row['diverged']}",
     ]
+
+
+def _ended(row: dict[str, Any], key: str) -> str:
+    """Return a figure with the ends of its interval, if it has one."""
+    low, high = row[f"{key}_lo"], row[f"{key}_hi"]
+    text = short(row[key])
+    return text if math.isnan(low) else f"{text} [{short(low)}, {short(high)}]"
 
 
 def _consistency(row: dict[str, Any], updates: int) -> list[str]:

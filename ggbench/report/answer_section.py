@@ -1,0 +1,97 @@
+"""What a report shows beside its answer: the figure it is seen in, and what it does not say."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+import pandas as pd
+
+from ..figures.answer import Figures, over_cases
+from ..figures.style import save
+from ..judging.ranking import rows_of
+from ..results.folder import Results
+from ..spec.case import CaseSpec
+from .families import leaders, of_the_best
+from .tables import DEFINITIONS
+
+_MOST_CASES = 8
+
+
+def answer_figure(results: Results, summary: pd.DataFrame, pictures: Path) -> str:
+    """Draw who succeeds and how near the bound, case by case; return the figure as markdown."""
+    cases = telling_cases(results.scenario.cases, summary)
+    shown = [case for case in results.scenario.cases if case in cases[:_MOST_CASES]]
+    tables = [rows_of(summary, case, "settled") for case in shown]
+    aided = dict.fromkeys(
+        label for table in tables for label, row in table.items() if row["causality"] != "none"
+    )
+    labels = leaders(results.estimators, aided)
+    if not labels:
+        return ""
+
+    def figures(*columns: str) -> dict[str, Figures]:
+        return {
+            label: Figures(
+                *(
+                    np.array([t.get(label, {}).get(key, math.nan) for t in tables])
+                    for key in columns
+                )
+            )
+            for label in labels
+        }
+
+    figure = over_cases(
+        [case.name for case in shown],
+        figures("success_share", "success_lo", "success_hi"),
+        figures("ratio_median", "ratio_quartile_lo", "ratio_quartile_hi"),
+    )
+    save(figure, pictures / "answer.png")
+    caption = (
+        "Share of the runs that succeed (95 % intervals), and the error of those over the bound of "
+        "its kind (median and quartiles)"
+    )
+    if len(shown) < len(cases):
+        caption += ", in the cases in which causal estimators differ most"
+    caption += of_the_best(results.estimators)
+    return f"![{caption}]({quote(pictures.name)}/answer.png)\n\n*{caption}*"
+
+
+def caveat(results: Results, summary: pd.DataFrame) -> str:
+    """Return what the answer does not say, in a sentence or two."""
+    parts = [
+        "simulated flights: truth and estimators share all that the scenario does not set apart"
+    ]
+    if any("qinling" in case.field.source for case in results.scenario.cases):
+        parts.append(
+            "the map is rebuilt from the EGM2008 geoid and differs from EGM2008's own field by 1 "
+            "to 2 E, so that figures in metres are of a field like that of the place"
+        )
+    fewer = summary[summary["runs"] < results.run_count]
+    if len(fewer):
+        told = ", ".join(
+            f"`{k}` {runs}" for k, runs in fewer.groupby("label")["runs"].max().items()
+        )
+        parts.append(f"of {results.run_count} runs only the first were given to some: {told}")
+    return f"*Caveat*: {'; '.join(parts)}. Words and figures: [definitions]({DEFINITIONS})."
+
+
+def telling_cases(cases: Sequence[CaseSpec], summary: pd.DataFrame) -> list[CaseSpec]:
+    """Return the cases that were run, those first in which causal estimators differ most."""
+    tables = {case: rows_of(summary, case, "settled") for case in cases}
+    return sorted((c for c in cases if tables[c]), key=lambda c: -_difference(tables[c]))
+
+
+def _difference(rows: Mapping[str, Mapping[str, Any]]) -> float:
+    """Return how much the causal estimators of a case differ: in success first, then in error."""
+    causal = [row for row in rows.values() if row["causality"] == "filter"]
+    if not causal:
+        return -1.0
+    shares = [row["success_share"] for row in causal]
+    errors = [row["position_median_m"] for row in causal if row["position_median_m"] > 0.0]
+    spread = math.log(max(errors) / min(errors)) if errors else 0.0
+    return round(10.0 * (max(shares) - min(shares)) + spread, 2)

@@ -1,0 +1,137 @@
+"""What the league needs of a campaign, as a few small text files beside its report.
+
+A league is made from many campaigns, which need not have been run on one day or kept: what it needs
+of each is little, and stands beside the report that was made of it.
+
+``manifest.json``  what was run, as the results folder has it, and the field's correlation lengths.
+``settled.csv``    the summary's rows of the settled window.
+``pairs.csv``      the paired comparisons of that window: who succeeds, and is nearer.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from ..judging import success
+from ..judging.field_scale import correlation_m
+from ..spec import scenario
+from ..spec.scenario import Scenario
+from .folder import Results
+from .store import StoreError
+
+FOLDER = "data"
+"""Name of the folder, in that of a report's figures."""
+_KEPT = (
+    "ggbench", "source_hash", "versions", "scenario", "scenario_hash", "scenario_text", "notes",
+    "seed", "runs", "date", "machine", "assumptions",
+)  # fmt: skip
+_PAIRED = ("case", "window", "first", "second", "runs", *success.PAIRED_COLUMNS)
+_DIGITS = "%.6g"
+
+
+@dataclass(frozen=True, eq=False)
+class Digest:
+    """A campaign as the league knows it.
+
+    Attributes
+    ----------
+    scenario : with the cases that were run.
+    manifest : what was run, when, on what; ``left_out`` has estimator to why it was not run.
+    summary, pairs : rows of the settled window.
+    correlation_m : case to the correlation length of the field along its track [m]; NaN without.
+    """
+
+    scenario: Scenario
+    manifest: Mapping[str, Any]
+    summary: pd.DataFrame
+    pairs: pd.DataFrame
+    correlation_m: Mapping[str, float]
+
+
+def write(results: Results, folder: Path) -> None:
+    """Write the digest of a results folder into a folder, which is made if need be.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    summary = results.summary()
+    pairs = results.paired()
+    if not results.scenario.campaign.league:  # nobody compares its estimators over scenarios
+        pairs = pairs[:0]
+    counts = summary.groupby(["label", "case"])["runs"].max()
+    names = [case.name for case in results.scenario.cases]
+    manifest = {key: results.manifest[key] for key in _KEPT} | {
+        "cases": names,
+        "done": {
+            label: min(int(counts.get((label, name), 0)) for name in names)
+            for label in results.labels
+        },
+        "left_out": {
+            results.name_of(label): reason
+            for label, reason in results.manifest.get("left_out", {}).items()
+        },
+        "correlation_m": {name: _scale(results, name) for name in names},
+    }
+    text = json.dumps(manifest, indent=1, ensure_ascii=False)
+    (folder / "manifest.json").write_text(text + "\n", encoding="utf-8")
+    for file, table in (
+        ("settled.csv", summary[summary["window"] == "settled"]),
+        ("pairs.csv", pairs.loc[pairs["window"] == "settled", list(_PAIRED)]),
+    ):
+        content = table.to_csv(index=False, float_format=_DIGITS)
+        (folder / file).write_text(content, encoding="utf-8")
+
+
+def _scale(results: Results, case: str) -> float | None:
+    """Return the field's correlation length along the track of a case [m], None without any."""
+    arrays = results.arrays(case)
+    if "vertical" not in arrays:
+        return None
+    read = _rows_at(arrays["gradient_times"], arrays["times"])
+    found = correlation_m(arrays["track"][read], arrays["vertical"])
+    return None if math.isnan(found) else float(_DIGITS % found)
+
+
+def _rows_at(wanted: Any, times: Any) -> Any:
+    """Return at which of the epochs the gradients were read; each has one."""
+    return abs(times[:, None] - wanted).argmin(axis=0)
+
+
+def read(folder: Path) -> Digest:
+    """Return the digest in a folder.
+
+    Raises
+    ------
+    StoreError
+        If a file is missing or damaged.
+    ScenarioError
+        If this version cannot read the scenario.
+    """
+    try:
+        manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+        summary, pairs = (
+            pd.read_csv(io.StringIO((folder / file).read_text(encoding="utf-8")), low_memory=False)
+            for file in ("settled.csv", "pairs.csv")
+        )
+        named = manifest["scenario_text"], manifest["scenario"], manifest["notes"]
+        lengths = {k: math.nan if v is None else v for k, v in manifest["correlation_m"].items()}
+        cases = manifest["cases"]
+    except OSError as error:
+        raise StoreError(f"cannot read {error.filename}: {error.strerror}") from None
+    except (ValueError, KeyError, AttributeError, TypeError) as error:
+        raise StoreError(
+            f"{folder} is damaged: {error!r}; the report's command writes it anew"
+        ) from None
+    loaded = scenario.from_text(*named).select(cases)
+    return Digest(loaded, manifest, summary, pairs, lengths)
