@@ -15,12 +15,11 @@ from ..sensors.gradiometer.lowpass import LowPass
 from ..sensors.gradiometer.rotating import RotatingGradiometer, channel_noise_eotvos
 from ..sensors.gradiometer.spinning_disks import DISK_CHANNELS, SpinningDisks
 from ..spec.case import CaseSpec
+from ..spec.gradiometer import GradiometerSpec, TrueGradiometer
 from ..spec.sensors import (
     DisturbanceSpec,
-    GradiometerSpec,
     ImuSpec,
     Side,
-    TrueGradiometer,
     TrueImu,
 )
 

@@ -17,6 +17,7 @@ from ..errors import GGBenchError
 from .aiding import AIDING, BarometerSpec, GnssSpec, GravimeterSpec, LogSpec
 from .case import WindowsSpec, require_no_gravimeter
 from .further import Named, sensors_of
+from .gradiometer import GradiometerSpec
 from .quantities import (
     Angle,
     Cosine,
@@ -36,7 +37,6 @@ from .sensors import (
     AltimeterSpec,
     DisturbanceSpec,
     FieldSpec,
-    GradiometerSpec,
     ImuSpec,
     InitialErrorSpec,
     Side,
