@@ -315,6 +315,9 @@ def _gradiometer_output(
         tensors, exact = flight.noise_free, undistorted
         if faults.clock > 0.0 or faults.jitter > 0.0:
             tensors = _mistimed(flight, of_run.timing)
+        if faults.tilt > 0.0:
+            tensors = faults.tilted(tensors, times, of_run.gradiometer_tilt)
+        if tensors is not flight.noise_free:
             exact = tensors @ channels.T
         if faults.distorts or flight.disks is not None:
             exact = faults.distort(tensors, channels, of_run.gradiometer_errors)
@@ -322,13 +325,18 @@ def _gradiometer_output(
             exact = exact + flight.disks.errors(
                 instrument.components, tensors, *flight.motion, of_run.gradiometer_errors
             )
+        if faults.scale_drift > 0.0:
+            exact = exact * faults.drifted(times, len(channels), of_run.gradiometer_scale)
         if instrument.biased:
             biases[run] = gradiometer_biases(
                 instrument, len(channels), flight.times, of_run.gradiometer_biases
             )
-        output[run] = exact + biases[run, at] + instrument.noise(len(times), of_run.gradiometer)
+        noise = instrument.noise(len(times), of_run.gradiometer)
+        if math.isfinite(faults.freedom):
+            noise *= faults.tails(noise.shape, of_run.gradiometer_tails)
+        output[run] = exact + biases[run, at] + noise
         if faults.outlier_share > 0.0:
-            output[run] += faults.outliers(output[run].shape, of_run.outliers)
+            output[run] += faults.outliers(times, len(channels), of_run.outliers)
     if instrument.lowpass is not None:
         output = instrument.lowpass.apply(output)
     if instrument.noise_behind_filter > 0.0:

@@ -16,8 +16,10 @@ from .aiding import Interruptions
 from .quantities import (
     Arcmin,
     Baseline,
+    Burst,
     ClockError,
     DiskNoise,
+    Freedom,
     Frequency,
     GradiometerBias,
     Jitter,
@@ -28,6 +30,7 @@ from .quantities import (
     ReadingPeriod,
     Regularization,
     Spin,
+    TimeConstant,
     Vibration,
 )
 from .tables import Listed, Section
@@ -131,16 +134,35 @@ class RotatingErrorsSpec(Section):
 class TrueGradiometer(GradiometerChange, Interruptions):
     """``[truth.gradiometer]``: the gradiometer as it is.
 
-    Scale factor, misalignment and clock error are drawn once per run, N(0, σ²); outliers, dropouts
-    and timing jitter strike readings one by one.
+    Scale factor, misalignment and clock error are drawn once per run, N(0, σ²); a scale factor may
+    walk from there. A tilt of a level mount is a Gauss–Markov process about each horizontal axis.
+    Outliers strike readings one by one or in bursts, dropouts and timing jitter one by one.
     """
 
     scale_factor_ppm: Ppm = 0.0
+    scale_drift_ppm_per_sqrt_h: Ppm = 0.0
     misalignment_arcmin: Arcmin = 0.0
+    tilt_arcmin: Arcmin = 0.0
+    tilt_time_s: TimeConstant | None = None
+    noise_freedom: Freedom | None = None
     outlier_eotvos: Outlier = 0.0
+    outlier_burst_s: Burst = 0.0
+    outlier_channels: Literal["each", "all"] = "each"
     clock_error_s: ClockError = 0.0
     timing_jitter_s: Jitter = 0.0
     rotating: RotatingErrorsSpec | None = None
+
+    @model_validator(mode="after")
+    def _check_errors(self) -> TrueGradiometer:
+        if (self.tilt_arcmin > 0.0) != (self.tilt_time_s is not None):
+            raise ValueError("tilt_arcmin and tilt_time_s go together")
+        if self.outlier_share == 0.0 and (
+            self.outlier_burst_s > 0.0 or self.outlier_channels != "each"
+        ):
+            raise ValueError(
+                "outlier_burst_s and outlier_channels say how outliers come: give outlier_share"
+            )
+        return self
 
     def require_possible(self, spec: GradiometerSpec) -> None:
         """Raise ValueError if an instrument cannot have these errors."""
@@ -153,6 +175,11 @@ class TrueGradiometer(GradiometerChange, Interruptions):
             raise ValueError(
                 "truth.gradiometer.clock_error_s is an error of the time by which a platform knows "
                 f'inertial axes; instrument = "{spec.instrument}" needs none'
+            )
+        if self.tilt_arcmin > 0.0 and spec.instrument != "local-level":
+            raise ValueError(
+                "truth.gradiometer.tilt_arcmin is a tilt of a mount that is held level; "
+                f'instrument = "{spec.instrument}" is not'
             )
         if self.rotating is not None and spec.rotating is None:
             raise ValueError(

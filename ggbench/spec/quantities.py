@@ -128,6 +128,8 @@ DisturbanceDistance = Annotated[float, Within(0.1, 1e5, usual=(1.0, 1000.0))]
 Noise = Annotated[float, Within(1e-9, 1e6, usual=(1e-6, 1e4))]
 NoiseBehindFilter = Annotated[float, Within(1e-12, 1e6, or_zero=True)]
 GradiometerBias = Annotated[float, Within(1e-9, 1e6, or_zero=True, usual=(1e-6, 1e4))]
+Freedom = Annotated[float, Within(2.01, 1e6, usual=(2.5, 1e3))]  # of 2 and less: no variance
+Burst = Annotated[float, Within(1e-6, 1e5, or_zero=True)]
 Outlier = Annotated[float, Within(1e-9, 1e9, or_zero=True)]
 MapNoise = Annotated[float, Within(1e-9, 1e4, or_zero=True, usual=(1e-6, 1e3))]
 DiskNoise = Annotated[float, Within(1e-9, 1e9, usual=(1e-6, 1e6))]
