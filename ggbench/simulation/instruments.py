@@ -88,6 +88,7 @@ def gradiometer_of(spec: GradiometerSpec) -> Gradiometer:
     return Gradiometer(
         noise, lowpass, channel_names(spec), spec.instrument, spec.bias_eotvos,
         spec.drift_eotvos_per_sqrt_h / 60.0, spec.noise_behind_filter_eotvos,
+        spec.latency_s,
     )  # fmt: skip
 
 

@@ -28,7 +28,7 @@ from ..ins.error_model import (
 from ..ins.known_gravity import KnownGravity
 from ..ins.strapdown import TRACK, navigate_lanes
 from ..numerics.lanes import groups, in_lanes, out_of_lanes, together, unfilled
-from ..numerics.rotations import between, rotation_matrix
+from ..numerics.rotations import rotation_matrix
 from ..problem import Problem
 from ..sensors.aiding import Motion
 from ..sensors.gradiometer.faults import biases as gradiometer_biases
@@ -357,14 +357,9 @@ def _mistimed(flight: Flight, rng: np.random.Generator) -> np.ndarray:
     """Return the tensors (G, 6) of readings that are taken at other times than they claim."""
     truth, faults, times = flight.trajectory, flight.faults, flight.times[flight.gradient_epochs]
     clock = faults.clock * rng.standard_normal()
-    taken = times + faults.jitter * rng.standard_normal(len(times))
+    taken = times - flight.latency + faults.jitter * rng.standard_normal(len(times))
     taken = np.clip(taken, truth.times[0], truth.times[-1])
-    positions = np.stack(
-        [np.interp(taken, truth.times, truth.positions[:, axis]) for axis in range(3)], axis=-1
-    )
-    sample = np.minimum(taken / truth.dt, len(truth.times) - 1)
-    first = np.minimum(sample.astype(int), len(truth.times) - 2)
-    attitudes = between(truth.attitudes[first], truth.attitudes[first + 1], sample - first)
+    positions, attitudes = truth.at(taken)
     return readings(flight.field, positions, taken + clock, attitudes, flight.instrument)
 
 

@@ -270,8 +270,10 @@ class CaseSpec(Section):
             self.model.disturbance.require_integrable(
                 self.side("model").gradiometer, self.model.field.compensate
             )
-        if self.gradiometer is not None:
-            self.truth.gradiometer.require_possible(self.gradiometer)
+        true, told = self.side("truth").gradiometer, self.side("model").gradiometer
+        if true is not None and told is not None:
+            self.truth.gradiometer.require_possible(true)
+            told.require_tractable()
         if felt.source == "normal":
             require_no_gravimeter(self)
         for name, period in self.periods.items():

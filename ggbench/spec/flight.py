@@ -223,6 +223,8 @@ class FlightSpec(Section):
                 "field.gravity_disturbance is of a simulated truth: recorded accelerometers felt "
                 "what there was; field.compensate says whether the mechanization knows the map"
             )
+        if self.gradiometer is not None:
+            self.gradiometer.require_tractable()
         if self.disturbance is not None:
             self.disturbance.require_integrable(self.gradiometer, self.field.compensate)
             if self.disturbance.integrate_gradients and self.ins is not None:

@@ -23,6 +23,7 @@ from .quantities import (
     Frequency,
     GradiometerBias,
     Jitter,
+    Latency,
     Noise,
     NoiseBehindFilter,
     Outlier,
@@ -75,6 +76,7 @@ class GradiometerSpec(Section):
     filter_treatment: Literal["whitened", "delayed"] = "whitened"
     whitening_regularization: Regularization = 1e-2
     noise_behind_filter_eotvos: NoiseBehindFilter = 0.0
+    latency_s: Latency = 0.0
 
     @model_validator(mode="after")
     def _check(self) -> GradiometerSpec:
@@ -108,6 +110,15 @@ class GradiometerSpec(Section):
             )
         return self
 
+    def require_tractable(self) -> None:
+        """Raise ValueError if estimators that are told of it have no model of its readings."""
+        if self.latency_s > 0.0 and self.filter != "none":
+            raise ValueError(
+                f"gradiometer.latency_s is {self.latency_s:g} s in what the estimators are told, "
+                "and they have no model of readings that are both late and filtered: set "
+                'filter = "none", or give the latency in [truth.gradiometer] alone'
+            )
+
 
 class GradiometerChange(Section):
     """``[model.gradiometer]``: what the estimators believe of the gradiometer."""
@@ -117,6 +128,7 @@ class GradiometerChange(Section):
     bias_eotvos: GradiometerBias | None = None
     drift_eotvos_per_sqrt_h: GradiometerBias | None = None
     noise_behind_filter_eotvos: NoiseBehindFilter | None = None
+    latency_s: Latency | None = None
 
 
 class RotatingErrorsSpec(Section):
@@ -165,7 +177,7 @@ class TrueGradiometer(GradiometerChange, Interruptions):
         return self
 
     def require_possible(self, spec: GradiometerSpec) -> None:
-        """Raise ValueError if an instrument cannot have these errors."""
+        """Raise ValueError if an instrument, as it is in truth, cannot have these errors."""
         if spec.filter != "none" and (self.dropouts_s or self.dropout_share > 0.0):
             raise ValueError(
                 "truth.gradiometer: readings can only drop out of an instrument without a filter; "
@@ -185,4 +197,9 @@ class TrueGradiometer(GradiometerChange, Interruptions):
             raise ValueError(
                 "truth.gradiometer.rotating gives errors of an instrument that "
                 "[gradiometer.rotating] does not describe"
+            )
+        if self.rotating is not None and spec.latency_s > 0.0:
+            raise ValueError(
+                "truth.gradiometer.rotating has errors of the motion during a reading, which is "
+                "taken at the reading's own time: gradiometer.latency_s must be 0"
             )

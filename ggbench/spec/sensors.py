@@ -249,8 +249,10 @@ class DisturbanceSpec(Section):
                 f'{said} needs gradients east, north and up: gradiometer.instrument = "local-level"'
                 f', found "{gradiometer.instrument}"'
             )
-        if gradiometer.filter != "none":
-            raise ValueError(f'{said} needs readings without delay: gradiometer.filter = "none"')
+        if gradiometer.filter != "none" or gradiometer.latency_s > 0.0:
+            raise ValueError(
+                f'{said} needs readings without delay: gradiometer.filter = "none" and no latency_s'
+            )
         if gradiometer.bias_eotvos > 0.0 or gradiometer.drift_eotvos_per_sqrt_h > 0.0:
             raise ValueError(
                 f"{said} has no states for what a bias of the gradiometer adds up to: "
