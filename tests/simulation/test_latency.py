@@ -118,9 +118,15 @@ def test_a_latency_that_is_taken_back_is_none(rough):
     assert (late.model.gradiometer.latency, early.model.gradiometer.latency) == (0.0, 2.0)
 
 
-def test_the_bound_knows_the_latency():
-    """A filter that knows it claims the bound's covariance, in a problem that is nearly linear."""
-    flights = [small_flight(FAST | changes) for changes in ({}, {KNOWN: 5.0}, {UNKNOWN: 5.0})]
+@pytest.mark.parametrize("instrument", ["platform", "local-level"])
+def test_the_bound_knows_the_latency(rough, instrument):
+    """A filter that knows it claims the bound's covariance, in a problem that is nearly linear.
+
+    A platform sees the turning of the local level, one that is held level the map alone.
+    """
+    base = FAST | {"gradiometer.instrument": instrument}
+    base |= rough if instrument == "local-level" else {}
+    flights = [small_flight(base | changes) for changes in ({}, {KNOWN: 5.0}, {UNKNOWN: 5.0})]
     on_time, known, unknown = (flight.final_bound for flight in flights)
     assert known == unknown
     assert known > 1.2 * on_time
