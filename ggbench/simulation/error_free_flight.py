@@ -231,8 +231,9 @@ class Flight:
     def bound(self) -> Bound:
         """Posterior Cramér–Rao bound of the unfiltered readings, H and Φ at the truth.
 
-        Of the true noise, biases and initial errors, with the true field known; outliers and errors
-        that no model has a state for are left out, so that it stays a lower bound. Of readings that
+        Of the true noise and its law, biases and initial errors, with the true field and latency
+        known; outliers and errors that no model has a state for are left out, so that it stays a
+        lower bound. Of readings that
         drop out, for a while or by chance, only the expected share informs. The noise behind a
         filter is left out, too; without a filter it is noise of the readings like the other.
         """
@@ -244,6 +245,9 @@ class Flight:
             instrument = dataclasses.replace(instrument, lowpass=None)
             own = np.arange(true.gradients)
             noise_cov[own, own] = instrument.noise_eotvos**2
+        if instrument is not None and self.faults.information > 1.0:
+            own, known = np.arange(true.gradients), 1.0 - 1.0 / self.faults.information
+            noise_cov[own, own] -= known * instrument.noise_eotvos**2
         delays = self.schedule.delays(dataclasses.replace(true, gradiometer=instrument))
         rows = np.empty((len(self.epochs), 6, STATES))
         transition, process_cov = true.system(

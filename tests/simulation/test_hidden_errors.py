@@ -94,6 +94,22 @@ def test_what_students_noise_changes_is_the_noise_alone():
     assert kstest(tailed.ravel(), law.cdf).pvalue > ALARM
 
 
+@pytest.mark.parametrize("freedom", [3.0, 8.0])
+def test_the_bound_is_that_of_students_law(freedom):
+    """It has more information than a normal law of the same variance: E (d log p / dx)²."""
+    law = student(freedom, scale=math.sqrt((freedom - 2.0) / freedom))
+    x = np.linspace(-300.0, 300.0, 600_001)
+    slope = np.gradient(law.logpdf(x), x)
+    gained = float(np.sum(slope**2 * law.pdf(x)) * (x[1] - x[0]))
+    noise = 1e-2
+    heavy = small_flight({"truth.gradiometer.noise_freedom": freedom})
+    finer = small_flight({"truth.gradiometer.noise_eotvos": noise / math.sqrt(gained)})
+    normal = small_flight({})
+    assert heavy.true.gradiometer.noise_eotvos == noise
+    assert heavy.final_bound == pytest.approx(finer.final_bound, rel=1e-5)
+    assert heavy.final_bound < 0.99 * normal.final_bound
+
+
 def test_a_scale_factor_walks_from_its_start():
     """By the stated variance after t, in independent steps, of each channel by itself.
 

@@ -91,6 +91,15 @@ class Faults:
         """
         return np.sqrt((self.freedom - 2.0) / rng.chisquare(self.freedom, shape))
 
+    @property
+    def information(self) -> float:
+        """Fisher information of the noise's law, over that of normal noise of the same variance.
+
+        ν (ν + 1)/((ν − 2)(ν + 3)): of Student's law of scale s it is (ν + 1)/((ν + 3) s²).
+        """
+        nu = self.freedom
+        return nu * (nu + 1.0) / ((nu - 2.0) * (nu + 3.0)) if math.isfinite(nu) else 1.0
+
     def outliers(self, times: np.ndarray, width: int, rng: np.random.Generator) -> np.ndarray:
         """Return what outliers add to readings (K, width) [unit of the channel]."""
         chains = 1 if self.together else width
