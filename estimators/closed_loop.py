@@ -52,7 +52,7 @@ class ClosedLoop(Estimator):
         if problem.replay is None:
             return (
                 "there is nothing to feed back to: the problem has no inertial readings, or its "
-                "gradients depend on the track before, filtered or integrated by the INS"
+                "gradients depend on the track before, late, filtered or integrated by the INS"
             )
         return None
 

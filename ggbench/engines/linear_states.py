@@ -31,5 +31,8 @@ def mixing(problem: Problem) -> str | None:
             np.eye(POSITION, arrays.rows.shape[-1]), arrays.rows[read, :POSITION].shape
         ),
     ):
-        return "a filtered gradiometer reads the position of some time ago, which mixes all states"
+        return (
+            "a filtered or late gradiometer reads the position of some time ago, which mixes all "
+            "states"
+        )
     return None

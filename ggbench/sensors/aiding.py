@@ -23,6 +23,7 @@ from ..numerics.rotations import rotation_matrix
 from ..problem import Channel
 from .aiding_kernels import MOVED
 from .gradiometer.faults import Faults
+from .processes import gauss_markov, remaining
 
 MGAL = 1e5
 """mGal in a m/s²."""
@@ -120,17 +121,11 @@ class AidingSensor(ABC):
 
     def decay(self, times: np.ndarray) -> np.ndarray:
         """Return what is left of a bias at each of the epochs (K,) since the one before it."""
-        return np.asarray(np.exp(-np.diff(times, prepend=0.0) / self.bias_time))
+        return remaining(times, self.bias_time)
 
     def biases(self, times: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Return the biases of a run (K, e) at the epochs."""
-        decay = self.decay(times)
-        drawn = rng.standard_normal((len(times) + 1, len(self.channels)))
-        out, last = np.empty((len(times), len(self.channels))), drawn[0]
-        for k, kept in enumerate(decay):
-            last = kept * last + np.sqrt(1.0 - kept**2) * drawn[k + 1]
-            out[k] = last
-        return self.bias * out
+        return self.bias * gauss_markov(times, self.bias_time, len(self.channels), rng)
 
 
 @dataclass(frozen=True)

@@ -75,16 +75,18 @@ def model_arrays(
         return np.asarray((tensors @ channels.T).reshape(*places.shape[:-1], len(channels)))
 
     gain = np.broadcast_to(treatment.gain, (*positions.shape[:-2], len(at)))
-    predicted = readings(positions[..., at, :], times[at], attitudes[..., at, :, :])
-    if gradiometer.lowpass is not None:
-        predicted = treatment.apply(gradiometer.lowpass.apply(predicted))
     if missing is not None:
         gain = np.where(missing, 0.0, gain)
-        predicted = np.where(missing[..., np.newaxis], 0.0, predicted)
-    at_reference = readings(
-        delayed_positions[..., at, :], (times - delays)[at], delayed_attitudes[..., at, :, :]
-    )
-    offset = predicted - gain[..., np.newaxis] * at_reference
+    offset = np.zeros((*gain.shape, len(channels)))
+    if gradiometer.lowpass is not None:  # else h is what is read at the delayed place, no more
+        predicted = readings(positions[..., at, :], times[at], attitudes[..., at, :, :])
+        predicted = treatment.apply(gradiometer.lowpass.apply(predicted))
+        if missing is not None:
+            predicted = np.where(missing[..., np.newaxis], 0.0, predicted)
+        at_reference = readings(
+            delayed_positions[..., at, :], (times - delays)[at], delayed_attitudes[..., at, :, :]
+        )
+        offset = predicted - gain[..., np.newaxis] * at_reference
     if len(at) < len(times):
         read_offset, read_gain = offset, gain
         offset, gain = (
@@ -141,7 +143,8 @@ class SensorModel:
     ẑ is the reading predicted along the INS track and passed through the same filter and prefilter
     as the instrument's output, p̂_k the INS position (and attitude) at t_k − τ_k, B_k x the error
     there, b the biases among the states, if there are any, and g_k the chain's gain. Without a
-    filter this is L(p_INS − δr) + b. Outside the map the field at its border is continued. The
+    filter this is L(p̂_k − B_k x) + b, where τ_k is the latency of the readings, if they have one.
+    Outside the map the field at its border is continued. The
     other channels are those of :class:`.Aiding`. Where a reading is missing, h and H are zero.
 
     ``evaluations`` counts the points at which h was taken, and the Jacobians: what an estimator

@@ -154,7 +154,7 @@ def aiding_readings(
             z[r, at, some] += drawn[at] + np.array(sensor.noise) * noise
             if sensor.faults.outlier_share > 0.0:
                 z[r, at, some] += sensor.faults.outliers(
-                    (len(at), width), of_run.of_sensor(sensor.name, "outliers")
+                    times[at], width, of_run.of_sensor(sensor.name, "outliers")
                 )
             lost = sensor.faults.in_dropouts(times[at])
             if sensor.faults.dropout_share > 0.0:

@@ -87,12 +87,13 @@ class Equipment:
 
     @property
     def remembers(self) -> bool:
-        """Whether a filter's readings, or what is integrated, depend on the INS's track before.
+        """Whether filtered or late readings, or what is integrated, depend on the track before.
 
         Feedback would change that track.
         """
-        filtered = self.gradiometer is not None and self.gradiometer.lowpass is not None
-        return filtered or self.integrates
+        if self.gradiometer is not None and self.gradiometer.lowpass is not None:
+            return True
+        return self.integrates or (self.gradiometer is not None and self.gradiometer.latency > 0.0)
 
     @property
     def gradients(self) -> int:
@@ -245,6 +246,8 @@ class Equipment:
         epochs: np.ndarray,
         dt: float,
         gravity: KnownGravity = NORMAL_GRAVITY,
+        delays: np.ndarray | None = None,
+        rows: np.ndarray | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return Φ and Q (K, n, n) between measurement epochs along one track: :meth:`along` it.
 
@@ -252,6 +255,7 @@ class Equipment:
         ----------
         motion : at the N + 1 IMU samples. delta_velocities : (N, 3) increments [m/s].
         epochs : (K,) indices of samples. dt : [s]. gravity : as in :meth:`along`.
+        delays, rows : (K,) [s] and (K, 6, 15), output, as in :meth:`along`; both or none.
         """
         attitudes = motion.attitudes.reshape(-1, 9)
         states = np.hstack([motion.positions, motion.velocities, attitudes])
@@ -260,9 +264,11 @@ class Equipment:
             receive_all(gravity.readings, track)
         increments = np.hstack([np.zeros_like(delta_velocities), delta_velocities])
         transition, process_cov = np.empty((2, 1, len(epochs), self.dimension, self.dimension))
+        if delays is None or rows is None:
+            delays, rows = np.empty(0), np.empty((0, 6, STATES))
         self.along(
-            track, in_lanes(increments[np.newaxis]), epochs, np.empty(0), dt, gravity, transition,
-            process_cov, np.empty((1, 0, 6, STATES)),
+            track, in_lanes(increments[np.newaxis]), epochs, delays, dt, gravity, transition,
+            process_cov, rows[np.newaxis],
         )  # fmt: skip
         return transition[0], process_cov[0]
 

@@ -46,7 +46,7 @@ class Flight:
     field : map and normal field in which the truth flies.
     model_field : the field that the estimators are told.
     epochs : (K,) indices of the measurement epochs, of whatever sensor, among the INS samples.
-    noise_free : (G, 6) tensors in the gradiometer's mount at the truth when it is read [E].
+    noise_free : (G, 6) tensors in the gradiometer's mount at the truth when it reads them [E].
     """
 
     case: CaseSpec
@@ -92,6 +92,11 @@ class Flight:
         """How the gradiometer is mounted."""
         spec = self.case.gradiometer
         return "local-level" if spec is None else spec.instrument
+
+    @property
+    def latency(self) -> float:
+        """How long before the times that the gradiometer's readings bear they are taken [s]."""
+        return 0.0 if self.true.gradiometer is None else self.true.gradiometer.latency
 
     @property
     def motion_at_epochs(self) -> Motion:
@@ -226,19 +231,13 @@ class Flight:
     def bound(self) -> Bound:
         """Posterior Cramér–Rao bound of the unfiltered readings, H and Φ at the truth.
 
-        Of the true noise, biases and initial errors, with the true field known; outliers and errors
-        that no model has a state for are left out, so that it stays a lower bound. Of readings that
+        Of the true noise and its law, biases and initial errors, with the true field and latency
+        known; outliers and errors that no model has a state for are left out, so that it stays a
+        lower bound. Of readings that
         drop out, for a while or by chance, only the expected share informs. The noise behind a
         filter is left out, too; without a filter it is noise of the readings like the other.
         """
         truth, true = self.trajectory, self.true
-        transition, process_cov = true.system(
-            Motion.of(truth), self.delta_velocities,
-            self.epochs, truth.dt, self.added_gravity(self.field),
-        )  # fmt: skip
-        rows = np.zeros((len(self.epochs), 6, STATES))
-        rows[:, :3, POSITION] = np.eye(3)
-        rows[:, 3:, 6:9] = np.eye(3)
         motion, at = self.motion_at_epochs, self.gradient_epochs
         instrument = true.gradiometer
         noise_cov = true.noise_cov.copy()
@@ -246,6 +245,18 @@ class Flight:
             instrument = dataclasses.replace(instrument, lowpass=None)
             own = np.arange(true.gradients)
             noise_cov[own, own] = instrument.noise_eotvos**2
+        if instrument is not None and self.faults.information > 1.0:
+            own, known = np.arange(true.gradients), 1.0 - 1.0 / self.faults.information
+            noise_cov[own, own] -= known * instrument.noise_eotvos**2
+        delays = self.schedule.delays(dataclasses.replace(true, gradiometer=instrument))
+        rows = np.empty((len(self.epochs), 6, STATES))
+        transition, process_cov = true.system(
+            Motion.of(truth), self.delta_velocities,
+            self.epochs, truth.dt, self.added_gravity(self.field), delays, rows,
+        )  # fmt: skip
+        positions, attitudes = motion.positions, motion.attitudes
+        if delays.any():
+            positions, attitudes = truth.at(self.times - delays)
         model = SensorModel(
             model_arrays(
                 self.field,
@@ -253,9 +264,9 @@ class Flight:
                 self.times,
                 motion.positions,
                 motion.attitudes,
-                motion.positions,
-                motion.attitudes,
-                np.zeros(len(self.epochs)),
+                positions,
+                attitudes,
+                delays,
                 rows,
                 prefilter(None, len(at), "whitened", 0.0),
                 at=at,
@@ -326,10 +337,12 @@ def prepare(case: CaseSpec) -> Flight:
     noise_free = np.zeros((0, 6))
     if case.gradiometer is not None:
         at = read_at["gradiometer"]
-        noise_free = readings(
-            field, trajectory.positions[at], trajectory.times[at], trajectory.attitudes[at],
-            case.gradiometer.instrument,
-        )  # fmt: skip
+        taken, attitudes = trajectory.times[at], trajectory.attitudes[at]
+        positions = trajectory.positions[at]
+        if true.gradiometer is not None and true.gradiometer.latency_s > 0.0:
+            taken = np.maximum(taken - true.gradiometer.latency_s, 0.0)
+            positions, attitudes = trajectory.at(taken)
+        noise_free = readings(field, positions, taken, attitudes, case.gradiometer.instrument)
         altimeter = math.inf if case.altimeter is None else case.altimeter.time_constant_s
         require_short_delays(equip(case, "model"), altimeter, len(at))
     for told in (field, model_field):

@@ -21,7 +21,6 @@ from ..ins.strapdown import TRACK
 from ..numerics.lanes import in_lanes, out_of_lanes
 from ..numerics.rotations import between
 from ..sensors.aiding import Motion
-from ..sensors.gradiometer.lowpass import Prefilter
 from ..sensors.model import model_arrays
 from .aiding import aiding_about
 from .equipment import Equipment
@@ -60,10 +59,16 @@ class Schedule:
             [among(read) for read in self.aiding], self.period,
         )  # fmt: skip
 
-    def delays(self, treatment: Prefilter) -> np.ndarray:
-        """Return by how much (K,) [s] the gradiometer's readings lag behind their epochs."""
-        delays = np.zeros(len(self.times))
-        delays[self.gradients] = treatment.delay_samples * self.period
+    def delays(self, model: Equipment) -> np.ndarray:
+        """Return by how much (K,) [s] the gradiometer's readings lag behind their epochs.
+
+        By what a treatment leaves of a filter's delay, or by their latency; none is of a time
+        before the start.
+        """
+        delays, at = np.zeros(len(self.times)), self.gradients
+        if model.gradiometer is not None:
+            lag = model.treatment(len(at)).delay_samples * self.period + model.gradiometer.latency
+            delays[at] = np.minimum(lag, self.times[at])
         return delays
 
 
@@ -150,7 +155,7 @@ def follow(
     out : output, of R runs.
     """
     runs, samples, dt = len(out.states), when.samples, when.dt
-    delays = when.delays(model.treatment(len(when.gradients)))
+    delays = when.delays(model)
     out.states[:] = out_of_lanes(track[samples], runs)
     earlier = np.maximum(samples - delays / dt, 0.0)
     first = earlier.astype(int)
@@ -237,7 +242,7 @@ def formulate(
             motion.attitudes,
             ins.delayed_positions,
             ins.delayed_attitudes,
-            when.delays(treatment),
+            when.delays(model),
             ins.rows,
             treatment,
             read.missing,
@@ -255,7 +260,7 @@ def formulate(
 
 
 def require_short_delays(model: Equipment, altimeter: float, count: int) -> None:
-    """Raise GGBenchError if errors decay within the delay of the filtered readings.
+    """Raise GGBenchError if errors decay within the delay of filtered or late readings.
 
     The measurement model takes the state back over the delay (:func:`.error_model.delayed_rows`): a
     decay would be e^(delay / time constant) there, and the noise that goes with it is neglected.
@@ -265,9 +270,13 @@ def require_short_delays(model: Equipment, altimeter: float, count: int) -> None
     model : sensors as the estimators know them. altimeter : its time constant [s]; ∞ without one.
     count : number of readings of the gradiometer.
     """
-    if model.side.gradiometer is None:
+    if model.gradiometer is None or model.side.gradiometer is None:
         return
     delay = model.side.gradiometer.period_s * float(model.treatment(count).delay_samples.max())
+    what, remedy = "delay of the filtered readings", "use a higher filter_cutoff_hz or read faster"
+    if model.gradiometer.latency > 0.0:
+        delay, what = model.gradiometer.latency, "latency of the readings"
+        remedy = "give it in [truth.gradiometer] alone"
     for name, time in (
         ("altimeter.time_constant_s", altimeter),
         ("imu.gyro_bias_time_s", model.imu.gyro_bias_time),
@@ -275,6 +284,5 @@ def require_short_delays(model: Equipment, altimeter: float, count: int) -> None
     ):
         if time < delay:
             raise GGBenchError(
-                f"{name} is {time:g} s and must be at least the delay of the filtered readings, "
-                f"{delay:.3g} s; use a higher filter_cutoff_hz or read faster"
+                f"{name} is {time:g} s and must be at least the {what}, {delay:.3g} s; {remedy}"
             )

@@ -15,12 +15,11 @@ from ..sensors.gradiometer.lowpass import LowPass
 from ..sensors.gradiometer.rotating import RotatingGradiometer, channel_noise_eotvos
 from ..sensors.gradiometer.spinning_disks import DISK_CHANNELS, SpinningDisks
 from ..spec.case import CaseSpec
+from ..spec.gradiometer import GradiometerSpec, TrueGradiometer
 from ..spec.sensors import (
     DisturbanceSpec,
-    GradiometerSpec,
     ImuSpec,
     Side,
-    TrueGradiometer,
     TrueImu,
 )
 
@@ -89,6 +88,7 @@ def gradiometer_of(spec: GradiometerSpec) -> Gradiometer:
     return Gradiometer(
         noise, lowpass, channel_names(spec), spec.instrument, spec.bias_eotvos,
         spec.drift_eotvos_per_sqrt_h / 60.0, spec.noise_behind_filter_eotvos,
+        spec.latency_s,
     )  # fmt: skip
 
 
@@ -126,9 +126,15 @@ def faults(spec: TrueGradiometer) -> Faults:
     """Return the errors of the true gradiometer beyond noise and biases."""
     return Faults(
         scale_factor=1e-6 * spec.scale_factor_ppm,
+        scale_drift=1e-6 * spec.scale_drift_ppm_per_sqrt_h / 60.0,
         misalignment=math.radians(spec.misalignment_arcmin / 60.0),
+        tilt=math.radians(spec.tilt_arcmin / 60.0),
+        tilt_time=spec.tilt_time_s or math.inf,
+        freedom=spec.noise_freedom or math.inf,
         outlier_share=spec.outlier_share,
         outlier=spec.outlier_eotvos,
+        burst=spec.outlier_burst_s,
+        together=spec.outlier_channels == "all",
         dropout_share=spec.dropout_share,
         dropouts=tuple((start, end) for start, end in spec.dropouts_s),
         clock=spec.clock_error_s,

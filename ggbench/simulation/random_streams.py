@@ -35,6 +35,9 @@ class RandomStreams:
             for sensor in _FIRST_SENSORS
             for source in ("", "_biases", "_outliers", "_dropouts")
         ),
+        "gradiometer_scale",
+        "gradiometer_tilt",
+        "gradiometer_tails",
     )
     """New sources come last: the number of a source is part of its seed."""
 

@@ -28,7 +28,7 @@ from ..ins.error_model import (
 from ..ins.known_gravity import KnownGravity
 from ..ins.strapdown import TRACK, navigate_lanes
 from ..numerics.lanes import groups, in_lanes, out_of_lanes, together, unfilled
-from ..numerics.rotations import between, rotation_matrix
+from ..numerics.rotations import rotation_matrix
 from ..problem import Problem
 from ..sensors.aiding import Motion
 from ..sensors.gradiometer.faults import biases as gradiometer_biases
@@ -315,6 +315,9 @@ def _gradiometer_output(
         tensors, exact = flight.noise_free, undistorted
         if faults.clock > 0.0 or faults.jitter > 0.0:
             tensors = _mistimed(flight, of_run.timing)
+        if faults.tilt > 0.0:
+            tensors = faults.tilted(tensors, times, of_run.gradiometer_tilt)
+        if tensors is not flight.noise_free:
             exact = tensors @ channels.T
         if faults.distorts or flight.disks is not None:
             exact = faults.distort(tensors, channels, of_run.gradiometer_errors)
@@ -322,13 +325,18 @@ def _gradiometer_output(
             exact = exact + flight.disks.errors(
                 instrument.components, tensors, *flight.motion, of_run.gradiometer_errors
             )
+        if faults.scale_drift > 0.0:
+            exact = exact * faults.drifted(times, len(channels), of_run.gradiometer_scale)
         if instrument.biased:
             biases[run] = gradiometer_biases(
                 instrument, len(channels), flight.times, of_run.gradiometer_biases
             )
-        output[run] = exact + biases[run, at] + instrument.noise(len(times), of_run.gradiometer)
+        noise = instrument.noise(len(times), of_run.gradiometer)
+        if math.isfinite(faults.freedom):
+            noise *= faults.tails(noise.shape, of_run.gradiometer_tails)
+        output[run] = exact + biases[run, at] + noise
         if faults.outlier_share > 0.0:
-            output[run] += faults.outliers(output[run].shape, of_run.outliers)
+            output[run] += faults.outliers(times, len(channels), of_run.outliers)
     if instrument.lowpass is not None:
         output = instrument.lowpass.apply(output)
     if instrument.noise_behind_filter > 0.0:
@@ -349,14 +357,9 @@ def _mistimed(flight: Flight, rng: np.random.Generator) -> np.ndarray:
     """Return the tensors (G, 6) of readings that are taken at other times than they claim."""
     truth, faults, times = flight.trajectory, flight.faults, flight.times[flight.gradient_epochs]
     clock = faults.clock * rng.standard_normal()
-    taken = times + faults.jitter * rng.standard_normal(len(times))
+    taken = times - flight.latency + faults.jitter * rng.standard_normal(len(times))
     taken = np.clip(taken, truth.times[0], truth.times[-1])
-    positions = np.stack(
-        [np.interp(taken, truth.times, truth.positions[:, axis]) for axis in range(3)], axis=-1
-    )
-    sample = np.minimum(taken / truth.dt, len(truth.times) - 1)
-    first = np.minimum(sample.astype(int), len(truth.times) - 2)
-    attitudes = between(truth.attitudes[first], truth.attitudes[first + 1], sample - first)
+    positions, attitudes = truth.at(taken)
     return readings(flight.field, positions, taken + clock, attitudes, flight.instrument)
 
 

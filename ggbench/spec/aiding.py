@@ -31,6 +31,9 @@ from .tables import Listed, Section
 
 Interval = Annotated[Listed[Moment], Field(min_length=2, max_length=2)]
 
+_HOW_OUTLIERS_COME = ("outlier_share", "outlier_burst_s", "outlier_channels")
+"""Keys of outliers that do not say how large they are."""
+
 
 class Interruptions(Section):
     """Readings that do not come, or are wrong, of any sensor."""
@@ -42,7 +45,7 @@ class Interruptions(Section):
     @model_validator(mode="after")
     def _check(self) -> Interruptions:
         keys = [key for key in type(self).model_fields if key.startswith("outlier_")]
-        sizes = [key for key in keys if key != "outlier_share"]
+        sizes = [key for key in keys if key not in _HOW_OUTLIERS_COME]
         if (self.outlier_share > 0.0) != any(getattr(self, key) > 0.0 for key in sizes):
             raise ValueError(f"outlier_share and {' or '.join(sizes)} go together")
         for start, end in self.dropouts_s:

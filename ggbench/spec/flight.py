@@ -17,6 +17,7 @@ from ..errors import GGBenchError
 from .aiding import AIDING, BarometerSpec, GnssSpec, GravimeterSpec, LogSpec
 from .case import WindowsSpec, require_no_gravimeter
 from .further import Named, sensors_of
+from .gradiometer import GradiometerSpec
 from .quantities import (
     Angle,
     Cosine,
@@ -36,7 +37,6 @@ from .sensors import (
     AltimeterSpec,
     DisturbanceSpec,
     FieldSpec,
-    GradiometerSpec,
     ImuSpec,
     InitialErrorSpec,
     Side,
@@ -223,6 +223,8 @@ class FlightSpec(Section):
                 "field.gravity_disturbance is of a simulated truth: recorded accelerometers felt "
                 "what there was; field.compensate says whether the mechanization knows the map"
             )
+        if self.gradiometer is not None:
+            self.gradiometer.require_tractable()
         if self.disturbance is not None:
             self.disturbance.require_integrable(self.gradiometer, self.field.compensate)
             if self.disturbance.integrate_gradients and self.ins is not None:

@@ -7,11 +7,10 @@ know errors that no estimator is told of; ``[model.imu]`` and the like for the e
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, NamedTuple, TypeVar, get_args
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 from pydantic import Field, model_validator
 
-from ..sensors.gradiometer.rotating import RotatingGradiometer, RotatingGradiometerError
 from .aiding import (
     BarometerChange,
     BarometerSpec,
@@ -19,7 +18,6 @@ from .aiding import (
     GnssSpec,
     GravimeterChange,
     GravimeterSpec,
-    Interruptions,
     LogChange,
     LogSpec,
     TrueBarometer,
@@ -28,53 +26,38 @@ from .aiding import (
     TrueLog,
 )
 from .further import Named
+from .gradiometer import NOISES, GradiometerChange, GradiometerSpec, TrueGradiometer
 from .quantities import (
     AccelerometerBias,
     AccelerometerNoise,
     AltimeterNoise,
     Arcmin,
     AttitudeError,
-    Baseline,
-    ClockError,
     Damping,
     Density,
     DensityFactor,
-    DiskNoise,
     Disturbance,
     DisturbanceDistance,
     DisturbanceSize,
-    Frequency,
-    GradiometerBias,
     GyroBias,
     GyroNoise,
     Height,
     HeightError,
     HeightSpacing,
-    Jitter,
     Latitude,
     Longitude,
     MapNoise,
     MapSpacing,
-    Noise,
-    NoiseBehindFilter,
-    Outlier,
     PositionError,
     Ppm,
-    ReadingPeriod,
-    Regularization,
     ReliefSmoothing,
     SamplePeriod,
-    Spin,
     TimeConstant,
     VelocityError,
-    Vibration,
     Wavelength,
 )
 from .tables import Listed, Section
 
-Component = Literal["xx", "xy", "xz", "yy", "yz", "zz", "xx-yy", "yy-zz", "zz-xx"]
-_NOISES = ("noise_eotvos", "noise_density_eotvos_per_sqrt_hz")
-"""The two ways to state the gradiometer's noise; one replaces the other."""
 FEWEST_STEPS = 10.0
 """Fewest IMU periods in a time constant: in fewer, discrete steps are no longer the process."""
 
@@ -163,112 +146,6 @@ class InitialErrorChange(Section):
     attitude_arcmin: AttitudeError | None = None
     height_m: HeightError | None = None
     heading_arcmin: AttitudeError | None = None
-
-
-class RotatingSpec(Section):
-    """``[gradiometer.rotating]``: disks of accelerometers spinning about axes of the mount."""
-
-    baseline_m: Baseline
-    rotation_hz: Spin
-    spin_axes: Annotated[Listed[Literal["x", "y", "z"]], Field(min_length=1)] = ("x", "y", "z")
-    accelerometer_noise_ng_per_sqrt_hz: DiskNoise | None = None
-    """White noise of each accelerometer, from which that of the channels follows."""
-
-    @model_validator(mode="after")
-    def _check(self) -> RotatingSpec:
-        if len(set(self.spin_axes)) != len(self.spin_axes):
-            raise ValueError("spin_axes names an axis twice")
-        return self
-
-
-class GradiometerSpec(Section):
-    """``[gradiometer]``: instrument, noise (as RMS or as density), filter and its treatment."""
-
-    period_s: ReadingPeriod
-    instrument: Literal["platform", "local-level", "strapdown"] = "platform"
-    noise_eotvos: Noise | None = None
-    noise_density_eotvos_per_sqrt_hz: Noise | None = None
-    bias_eotvos: GradiometerBias = 0.0
-    drift_eotvos_per_sqrt_h: GradiometerBias = 0.0
-    components: Annotated[Listed[Component], Field(min_length=1)] = (
-        "xx", "xy", "xz", "yy", "yz", "zz",
-    )  # fmt: skip
-    rotating: RotatingSpec | None = None
-    filter: Literal["butterworth", "none"] = "none"
-    filter_order: Annotated[int, Field(ge=1, le=12)] = 7
-    filter_cutoff_hz: Frequency = 0.2
-    filter_treatment: Literal["whitened", "delayed"] = "whitened"
-    whitening_regularization: Regularization = 1e-2
-    noise_behind_filter_eotvos: NoiseBehindFilter = 0.0
-
-    @model_validator(mode="after")
-    def _check(self) -> GradiometerSpec:
-        noises = [self.noise_eotvos, self.noise_density_eotvos_per_sqrt_hz]
-        said = "noise_eotvos (RMS) and noise_density_eotvos_per_sqrt_hz"
-        if self.rotating is not None:
-            noises.append(self.rotating.accelerometer_noise_ng_per_sqrt_hz)
-            said += " and rotating.accelerometer_noise_ng_per_sqrt_hz"
-        if sum(noise is not None for noise in noises) != 1:
-            raise ValueError(f"give exactly one of {said}")
-        if self.rotating is not None:
-            try:
-                RotatingGradiometer(
-                    self.rotating.baseline_m, self.rotating.rotation_hz, self.period_s
-                )
-            except RotatingGradiometerError as error:
-                raise ValueError(str(error)) from None
-        if len(set(self.components)) != len(self.components):
-            raise ValueError("components names a component twice")
-        if self.rotating is not None and self.components != get_args(Component)[:6]:
-            raise ValueError(
-                "components must not be given beside [gradiometer.rotating]: its spin_axes say "
-                "what it measures"
-            )
-        nyquist = 0.5 / self.period_s
-        if self.filter != "none" and self.filter_cutoff_hz >= nyquist:
-            raise ValueError(
-                f"filter_cutoff_hz is {self.filter_cutoff_hz:g} Hz and must lie below the Nyquist "
-                f"frequency of the readings, {nyquist:g} Hz (period_s = {self.period_s:g}); "
-                'use filter = "none" or read faster'
-            )
-        return self
-
-
-class GradiometerChange(Section):
-    """``[model.gradiometer]``: what the estimators believe of the gradiometer."""
-
-    noise_eotvos: Noise | None = None
-    noise_density_eotvos_per_sqrt_hz: Noise | None = None
-    bias_eotvos: GradiometerBias | None = None
-    drift_eotvos_per_sqrt_h: GradiometerBias | None = None
-    noise_behind_filter_eotvos: NoiseBehindFilter | None = None
-
-
-class RotatingErrorsSpec(Section):
-    """``[truth.gradiometer.rotating]``: σ of what is wrong with a spinning disk, per run."""
-
-    scale_factor_ppm: Ppm = 0.0
-    scale_factor_mismatch_ppm: Ppm = 0.0
-    baseline_error_ppm: Ppm = 0.0
-    misalignment_arcmin: Arcmin = 0.0
-    demodulation_phase_arcmin: Arcmin = 0.0
-    rotation_rate_error_ppm: Ppm = 0.0
-    vibration_mps2: Vibration = 0.0
-
-
-class TrueGradiometer(GradiometerChange, Interruptions):
-    """``[truth.gradiometer]``: the gradiometer as it is.
-
-    Scale factor, misalignment and clock error are drawn once per run, N(0, σ²); outliers, dropouts
-    and timing jitter strike readings one by one.
-    """
-
-    scale_factor_ppm: Ppm = 0.0
-    misalignment_arcmin: Arcmin = 0.0
-    outlier_eotvos: Outlier = 0.0
-    clock_error_s: ClockError = 0.0
-    timing_jitter_s: Jitter = 0.0
-    rotating: RotatingErrorsSpec | None = None
 
 
 class MapErrorSpec(Section):
@@ -372,8 +249,10 @@ class DisturbanceSpec(Section):
                 f'{said} needs gradients east, north and up: gradiometer.instrument = "local-level"'
                 f', found "{gradiometer.instrument}"'
             )
-        if gradiometer.filter != "none":
-            raise ValueError(f'{said} needs readings without delay: gradiometer.filter = "none"')
+        if gradiometer.filter != "none" or gradiometer.latency_s > 0.0:
+            raise ValueError(
+                f'{said} needs readings without delay: gradiometer.filter = "none" and no latency_s'
+            )
         if gradiometer.bias_eotvos > 0.0 or gradiometer.drift_eotvos_per_sqrt_h > 0.0:
             raise ValueError(
                 f"{said} has no states for what a bias of the gradiometer adds up to: "
@@ -448,10 +327,10 @@ def changed(spec: S, change: Section) -> S:
     if not given:
         return spec
     content = spec.model_dump(exclude_unset=True)
-    for new, old in (_NOISES, _NOISES[::-1]):
+    for new, old in (NOISES, NOISES[::-1]):
         if new in given and old not in given:
             content.pop(old, None)
-    if content.get("rotating") and any(noise in given for noise in _NOISES):
+    if content.get("rotating") and any(noise in given for noise in NOISES):
         # A stated noise of the channels replaces the one that follows from the accelerometers.
         content["rotating"].pop("accelerometer_noise_ng_per_sqrt_hz", None)
     return type(spec).model_validate(content | given)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..numerics.kernels import compiled
-from ..numerics.rotations import attitude_matrix
+from ..numerics.rotations import attitude_matrix, between
 from .manoeuvres import BANK_GRAVITY, Manoeuvre, Segment, State, enu, follow, plan, sample
 
 if TYPE_CHECKING:
@@ -38,6 +38,16 @@ class Trajectory:
     positions: np.ndarray
     velocities: np.ndarray
     attitudes: np.ndarray
+
+    def at(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return positions (K, 3) and attitudes (K, 3, 3) at times (K,) within the flight [s]."""
+        positions = np.stack(
+            [np.interp(times, self.times, self.positions[:, axis]) for axis in range(3)], axis=-1
+        )
+        sample = np.minimum(times / self.dt, len(self.times) - 1)
+        first = np.minimum(sample.astype(int), len(self.times) - 2)
+        attitudes = between(self.attitudes[first], self.attitudes[first + 1], sample - first)
+        return positions, attitudes
 
 
 def fly(

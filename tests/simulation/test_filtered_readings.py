@@ -16,7 +16,8 @@ from ggbench.judging.run_errors import evaluate_block
 from ggbench.results.store import DETAILED_RUN
 from ggbench.simulation.error_free_flight import prepare
 from ggbench.simulation.runs import simulate, simulate_block
-from ggbench.spec.sensors import GradiometerSpec, TrueGradiometer, TruthSpec
+from ggbench.spec.gradiometer import GradiometerSpec, TrueGradiometer
+from ggbench.spec.sensors import TruthSpec
 
 FILTERED = {"gradiometer.filter": "butterworth"}
 BEHIND = "gradiometer.noise_behind_filter_eotvos"

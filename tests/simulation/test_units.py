@@ -52,6 +52,7 @@ SUFFIXES = {
     "eotvos_per_sqrt_hz": EOTVOS / u.Hz**0.5,
     "eotvos_per_sqrt_h": EOTVOS / u.hour**0.5,
     "m_per_sqrt_hz": u.m / u.Hz**0.5,
+    "ppm_per_sqrt_h": 1e-6 / u.hour**0.5,
     "arcmin": u.arcmin,
     "mgal": 1e-5 * u.m / u.s**2,
     "eotvos": EOTVOS,
@@ -192,6 +193,7 @@ SHARED: dict[str, Row] = {
     "gradiometer.bias_eotvos": (0.9, lambda f, e: E * math.sqrt(e.prior_cov[15, 15])),
     "gradiometer.drift_eotvos_per_sqrt_h": (6.0, walk),
     "gradiometer.noise_behind_filter_eotvos": (0.004, behind, FILTERED),
+    "gradiometer.latency_s": (0.3, lambda f, e: e.gradiometer.latency),
     "gradiometer.filter_cutoff_hz": (
         0.3, lambda f, e: e.gradiometer.lowpass.cutoff_hz, FILTERED,
     ),
@@ -220,6 +222,7 @@ SHARED: dict[str, Row] = {
 """Value, where it is in use, and what must be said besides."""
 
 DISKS = ROTATING | {"truth.gradiometer.rotating.scale_factor_mismatch_ppm": 1.0}
+LEVEL = {"gradiometer.instrument": "local-level"}
 GRAVITY = {"model.disturbance.horizontal_mgal": 20.0}
 OF_THE_MODEL: dict[str, Row] = {
     "disturbance.horizontal_mgal": (30.0, prior(16)),
@@ -242,6 +245,17 @@ OF_THE_TRUTH: dict[str, Row] = {
     ),
     "gradiometer.clock_error_s": (0.2, lambda f, e: f.faults.clock),
     "gradiometer.timing_jitter_s": (0.03, lambda f, e: f.faults.jitter),
+    "gradiometer.scale_drift_ppm_per_sqrt_h": (40.0, lambda f, e: f.faults.scale_drift),
+    "gradiometer.tilt_arcmin": (
+        1.5, lambda f, e: f.faults.tilt, LEVEL | {"truth.gradiometer.tilt_time_s": 30.0},
+    ),
+    "gradiometer.tilt_time_s": (
+        30.0, lambda f, e: f.faults.tilt_time, LEVEL | {"truth.gradiometer.tilt_arcmin": 1.0},
+    ),
+    "gradiometer.outlier_burst_s": (
+        9.0, lambda f, e: f.faults.burst,
+        {"truth.gradiometer.outlier_share": 0.1, "truth.gradiometer.outlier_eotvos": 8.0},
+    ),
     "gradiometer.rotating.scale_factor_ppm": (11.0, lambda f, e: f.disks.scale_factor),
     "gradiometer.rotating.scale_factor_mismatch_ppm": (
         12.0, lambda f, e: f.disks.scale_factor_mismatch,
@@ -579,6 +593,7 @@ IN_SECONDS = {"campaign.time_limit_s"}
 """Given as it is to the clock that a run is held to."""
 WITHOUT_UNIT = {
     "gradiometer.filter_order", "gradiometer.whitening_regularization",
+    "truth.gradiometer.noise_freedom",
     *(f"truth.{name}.{what}_share" for name in ("gradiometer", *AIDING)
       for what in ("outlier", "dropout")), "trajectory.repeat",
     *(f"truth.further.{OWN}{name}.{what}_share" for name in AIDING

@@ -20,10 +20,7 @@ from ggbench.simulation.field_source import map_recipe
 from ggbench.simulation.runs import simulate
 from ggbench.spec import scenario
 from ggbench.spec.case import CaseSpec
-from ggbench.spec.sensors import (
-    GradiometerChange,
-    TrueGradiometer,
-)
+from ggbench.spec.gradiometer import GradiometerChange, TrueGradiometer
 
 SAMPLES = 20_000
 """IMU samples beyond which one case of a scenario stands for all."""

@@ -1,17 +1,20 @@
 """What a gradiometer does to the tensor that it should deliver: truth that no estimator is told.
 
-In this order: scale factor and misalignment of the mount, the errors of its rotating disks, bias
-and drift, white noise, outliers, the low-pass, the noise behind it; then readings drop out. When
-readings are taken at wrong times, :mod:`ggbench.simulation.runs` takes the tensor there.
+In this order: tilt of the mount, its misalignment and the scale factors, the errors of its rotating
+disks, what the scale factors have drifted by, bias and drift, white noise, outliers, the low-pass,
+the noise behind it; then readings drop out. When readings are taken at wrong times,
+:mod:`ggbench.simulation.runs` takes the tensor there.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...numerics.rotations import rotation_matrix
+from ..processes import bursts, gauss_markov, random_walk
 from .instrument import Gradiometer
 
 
@@ -22,9 +25,15 @@ class Faults:
     Attributes
     ----------
     scale_factor : σ of each channel's relative error, drawn once per run.
+    scale_drift : root PSD of the random walk of each channel's scale factor [1/√s].
     misalignment : σ of the mount's rotation about each of its axes, drawn once per run [rad].
+    tilt : σ of the rotation of a level mount about each horizontal axis, Gauss–Markov [rad].
+    tilt_time : its correlation time [s].
+    freedom : degrees of freedom of Student's law of the white noise; ∞ for a normal one.
     outlier_share : probability that a reading of a channel is an outlier.
     outlier : σ of what is added to an outlier, of all channels or of each [unit of the channel].
+    burst : mean duration of a burst of outliers [s]; 0 if they come one by one.
+    together : whether a reading that is struck is so in all its channels.
     dropout_share : probability that a reading, with all its channels, is missing.
     dropouts : (start, end) times between which all readings are missing [s].
     clock : σ of the error of the time by which inertial axes are known, once per run [s] (eq. 12).
@@ -32,9 +41,15 @@ class Faults:
     """
 
     scale_factor: float = 0.0
+    scale_drift: float = 0.0
     misalignment: float = 0.0
+    tilt: float = 0.0
+    tilt_time: float = math.inf
+    freedom: float = math.inf
     outlier_share: float = 0.0
     outlier: float | tuple[float, ...] = 0.0
+    burst: float = 0.0
+    together: bool = False
     dropout_share: float = 0.0
     dropouts: tuple[tuple[float, float], ...] = ()
     clock: float = 0.0
@@ -52,14 +67,45 @@ class Faults:
         turn = np.empty((3, 3))
         rotation_matrix(self.misalignment * rng.standard_normal(3), turn)
         scale = 1.0 + self.scale_factor * rng.standard_normal(len(channels))
-        full = tensors[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
-        turned = (turn @ full @ turn.T)[:, *np.triu_indices(3)]
-        return np.asarray(scale * (turned @ channels.T))
+        return np.asarray(scale * (_turned(tensors, turn) @ channels.T))
 
-    def outliers(self, shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
-        """Return what outliers add to readings of a shape [E]."""
-        struck = rng.random(shape) < self.outlier_share
-        return np.where(struck, np.asarray(self.outlier) * rng.standard_normal(shape), 0.0)
+    def tilted(
+        self, tensors: np.ndarray, times: np.ndarray, rng: np.random.Generator
+    ) -> np.ndarray:
+        """Return true tensors (K, 6) in a level mount that is tilted about east and north."""
+        angles = np.zeros((len(times), 3))
+        angles[:, :2] = self.tilt * gauss_markov(times, self.tilt_time, 2, rng)
+        turns = np.empty((len(times), 3, 3))
+        for angle, turn in zip(angles, turns, strict=True):
+            rotation_matrix(angle, turn)
+        return _turned(tensors, turns)
+
+    def drifted(self, times: np.ndarray, width: int, rng: np.random.Generator) -> np.ndarray:
+        """Return by what the scale factors' walks multiply readings (K, width)."""
+        return np.asarray(1.0 + random_walk(times, self.scale_drift, width, rng))
+
+    def tails(self, shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
+        """Return what makes normal noise of a shape one of Student's law, with the same variance.
+
+        √((ν − 2)/χ²_ν): a normal number over √(χ²_ν/ν) is Student's, and its variance ν/(ν − 2).
+        """
+        return np.sqrt((self.freedom - 2.0) / rng.chisquare(self.freedom, shape))
+
+    @property
+    def information(self) -> float:
+        """Fisher information of the noise's law, over that of normal noise of the same variance.
+
+        ν (ν + 1)/((ν − 2)(ν + 3)): of Student's law of scale s it is (ν + 1)/((ν + 3) s²).
+        """
+        nu = self.freedom
+        return nu * (nu + 1.0) / ((nu - 2.0) * (nu + 3.0)) if math.isfinite(nu) else 1.0
+
+    def outliers(self, times: np.ndarray, width: int, rng: np.random.Generator) -> np.ndarray:
+        """Return what outliers add to readings (K, width) [unit of the channel]."""
+        chains = 1 if self.together else width
+        struck = bursts(times, self.outlier_share, self.burst, chains, rng)
+        added = np.asarray(self.outlier) * rng.standard_normal((len(times), width))
+        return np.where(struck, added, 0.0)
 
     def missing(self, times: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Return which of the readings (K,) drop out in a run."""
@@ -81,6 +127,10 @@ def biases(
 ) -> np.ndarray:
     """Return the biases (K, m) of a run at its epochs [E]: constant at the start, then a walk."""
     start = gradiometer.bias_eotvos * rng.standard_normal(channels)
-    steps = np.sqrt(np.diff(times, prepend=0.0))[:, np.newaxis]
-    walk = gradiometer.drift * steps * rng.standard_normal((len(times), channels))
-    return np.asarray(start + np.cumsum(walk, axis=0))
+    return np.asarray(start + random_walk(times, gradiometer.drift, channels, rng))
+
+
+def _turned(tensors: np.ndarray, turns: np.ndarray) -> np.ndarray:
+    """Return tensors (K, 6) in axes that are turned, by one rotation or by each its own."""
+    full = tensors[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
+    return np.asarray((turns @ full @ turns.swapaxes(-1, -2))[:, *np.triu_indices(3)])

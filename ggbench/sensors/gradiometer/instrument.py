@@ -223,6 +223,7 @@ class Gradiometer:
     bias_eotvos : σ of each channel's bias at the start [E].
     drift : root PSD of the bias's random walk [E/√s].
     noise_behind_filter : RMS of the white noise of each channel's output, behind the filter [E].
+    latency : how long before the time that a reading bears it was taken [s].
     """
 
     noise_eotvos: float
@@ -232,6 +233,7 @@ class Gradiometer:
     bias_eotvos: float = 0.0
     drift: float = 0.0
     noise_behind_filter: float = 0.0
+    latency: float = 0.0
 
     @property
     def channels(self) -> np.ndarray:

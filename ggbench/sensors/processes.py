@@ -1,0 +1,60 @@
+"""Random processes at the times of readings: what biases, faults and mounts wander by.
+
+Times increase and count from the start of a flight, where each process begins.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def random_walk(
+    times: np.ndarray, root_psd: float, width: int, rng: np.random.Generator
+) -> np.ndarray:
+    """Return ``width`` random walks (K, width) from 0 at the start, of a root PSD [1/√s]."""
+    steps = np.sqrt(np.diff(times, prepend=0.0))[:, np.newaxis]
+    return np.cumsum(root_psd * steps * rng.standard_normal((len(times), width)), axis=0)
+
+
+def gauss_markov(
+    times: np.ndarray, correlation_time: float, width: int, rng: np.random.Generator
+) -> np.ndarray:
+    """Return ``width`` first-order Gauss–Markov processes (K, width) of variance 1.
+
+    x_k = e^(−Δt/T) x_{k−1} + √(1 − e^(−2Δt/T)) w_k, stationary from the start on.
+    """
+    drawn = rng.standard_normal((len(times) + 1, width))
+    out, last = np.empty((len(times), width)), drawn[0]
+    for k, kept in enumerate(remaining(times, correlation_time)):
+        last = kept * last + np.sqrt(1.0 - kept**2) * drawn[k + 1]
+        out[k] = last
+    return out
+
+
+def remaining(times: np.ndarray, correlation_time: float) -> np.ndarray:
+    """Return what is left (K,) of a Gauss–Markov process at each time since the one before it."""
+    return np.asarray(np.exp(-np.diff(times, prepend=0.0) / correlation_time))
+
+
+def bursts(
+    times: np.ndarray, share: float, duration: float, width: int, rng: np.random.Generator
+) -> np.ndarray:
+    """Return at which times (K, width) each of ``width`` Markov chains of two states is struck.
+
+    A chain is struck for ``duration`` [s] in the mean, and in a ``share`` of the time: it is left
+    at a rate 1/duration and entered at share/((1 − share) duration), so that what it is now is
+    forgotten by e^(−Δt/((1 − share) duration)). With a duration of 0 it is struck at each time
+    independently of all others.
+    """
+    forgotten = np.zeros(len(times))
+    if duration > 0.0:
+        forgotten[1:] = np.exp(-np.diff(times) / ((1.0 - share) * duration))
+    enters = (share * (1.0 - forgotten))[:, np.newaxis]
+    stays = (share + (1.0 - share) * forgotten)[:, np.newaxis]
+    drawn = rng.random((len(times), width))
+    # One number decides: below both probabilities it is struck, above both it is not, between
+    # them it goes on as it was.
+    struck, decided = drawn < enters, (drawn < enters) | (drawn >= stays)
+    rows = np.arange(len(times))[:, np.newaxis]
+    last = np.maximum.accumulate(np.where(decided, rows, 0), axis=0)
+    return np.asarray(np.take_along_axis(struck, last, axis=0))
