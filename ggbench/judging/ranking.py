@@ -35,8 +35,8 @@ def honest(row: Mapping[str, Any]) -> bool:
     """Return whether what an estimator claims of itself in a case is not surely wrong.
 
     Its 95 % regions do not surely hold the truth in less than :data:`LEAST_COVERAGE` of the epochs,
-    and it is not surely locked on a wrong place in more than :data:`MOST_FALSE` of the runs. Surely:
-    by Wilson's interval, each run a single draw, since its epochs are strongly correlated. What
+    and it is not surely locked on a wrong place in more than :data:`MOST_FALSE` of the runs.
+    Surely: by Wilson's interval, each run a single draw, since its epochs are strongly correlated. What
     claims nothing is not found to lie.
     """
     covered = row["coverage"]
@@ -81,7 +81,12 @@ def rows_of(summary: pd.DataFrame, case: CaseSpec, window: str) -> dict[str, dic
 
 
 def best_causal(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any] | None:
-    """Return the row of the best causal estimator of a case and window, None without any.
+    """Return the row of the best causal estimator (:func:`best`) of a case and window, or None."""
+    return best(row for row in rows if row["causality"] == "filter")
+
+
+def best(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any] | None:
+    """Return the row of the best of some estimators of a case and window, None without any.
 
     Of those that succeed as often as the one that succeeds most (their intervals overlap) the one
     whose errors, where it succeeds, have the least median ratio to the bound; of ratios that agree
@@ -93,9 +98,7 @@ def best_causal(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any] | None:
     able = [
         dict(row)
         for row in rows
-        if row["causality"] == "filter"
-        and math.isfinite(row["position_mrse_m"])
-        and row["failed"] <= MOST_FAILED * row["runs"]
+        if math.isfinite(row["position_mrse_m"]) and row["failed"] <= MOST_FAILED * row["runs"]
     ]
     if not able:
         return None

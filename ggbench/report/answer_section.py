@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,13 +14,14 @@ import pandas as pd
 
 from ..figures.answer import Figures, over_cases
 from ..figures.style import save
-from ..judging.ranking import rows_of
+from ..judging.ranking import honest, rows_of
 from ..results.folder import Results
 from ..spec.case import CaseSpec
 from .families import leaders, of_the_best
 from .tables import DEFINITIONS
 
 _MOST_CASES = 8
+_MOST_LABELS = 14
 
 
 def answer_figure(results: Results, summary: pd.DataFrame, pictures: Path) -> str:
@@ -30,7 +32,7 @@ def answer_figure(results: Results, summary: pd.DataFrame, pictures: Path) -> st
     aided = dict.fromkeys(
         label for table in tables for label, row in table.items() if row["causality"] != "none"
     )
-    labels = leaders(results.estimators, aided)
+    labels = _fewer(leaders(results.estimators, aided), tables)
     if not labels:
         return ""
 
@@ -58,7 +60,40 @@ def answer_figure(results: Results, summary: pd.DataFrame, pictures: Path) -> st
     if len(shown) < len(cases):
         caption += ", in the cases in which causal estimators differ most"
     caption += of_the_best(results.estimators)
+    if len(labels) < len(leaders(results.estimators, aided)):
+        caption += "; of each estimator the plain one, and the variant that is best most often"
     return f"![{caption}]({quote(pictures.name)}/answer.png)\n\n*{caption}*"
+
+
+def _fewer(labels: Sequence[str], tables: Sequence[Mapping[str, Mapping[str, Any]]]) -> list[str]:
+    """Return so many labels that a figure can show them: of many two of each estimator.
+
+    The one that was asked for first, and that which most often has the least error over bound.
+    """
+    if len(labels) <= _MOST_LABELS:
+        return list(labels)
+    groups: dict[tuple[str, str], list[str]] = {}
+    for table in tables:
+        for label in table:
+            if label in labels:
+                group = groups.setdefault((label.partition("[")[0], table[label]["causality"]), [])
+                if label not in group:
+                    group.append(label)
+    kept = set()
+    for group in groups.values():
+        firsts = Counter(
+            min((k for k in group if k in table), key=lambda k: _error(table[k]))
+            for table in tables
+            if any(k in table for k in group)
+        )
+        kept |= {min(group, key=len), firsts.most_common(1)[0][0]}
+    return [label for label in labels if label in kept]
+
+
+def _error(row: Mapping[str, Any]) -> tuple[bool, float]:
+    """Return by what variants of an estimator are chosen for a figure: honest ones first."""
+    ratio = row["ratio_median"]
+    return not honest(row), ratio if math.isfinite(ratio) else math.inf
 
 
 def caveat(results: Results, summary: pd.DataFrame) -> str:

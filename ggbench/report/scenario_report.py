@@ -32,6 +32,7 @@ from .opening import answer
 from .parameter_section import parameter_section
 from .particles_section import particles_section
 from .sweep_section import SweepReport
+from .tuning_section import tuning_section
 
 
 class ReportError(GGBenchError):
@@ -140,6 +141,7 @@ class _Report:
             self._windows(),
             self._unaided(),
             *(self._case_table(case) for case in self.scenario.cases),
+            *tuning_section(self.results),
             *matching_section(self.results, self.pictures),
             *particles_section(self.results),
             *self._paired(),

@@ -73,34 +73,31 @@ def glance(scenario: Scenario, summary: pd.DataFrame) -> str:
 
 
 def errors_of_cases(scenario: Scenario, summary: pd.DataFrame) -> str:
-    """Return the position errors of many cases: a row for each, a column for each estimator."""
-    tables = {case.name: rows_of(summary, case, "settled") for case in scenario.cases}
+    """Return error over bound of many cases: a column for each, a row for each estimator."""
+    tables = {case: rows_of(summary, case, "settled") for case in scenario.cases}
+    tables = {case: table for case, table in tables.items() if table}
     labels = list(dict.fromkeys(label for table in tables.values() for label in table))
     causality = {k: row["causality"] for table in tables.values() for k, row in table.items()}
     labels.sort(key=lambda label: ORDER[causality[label]])
-    kinds = [kind for kind in ("filter", "fixed-lag", "batch") if kind in causality.values()]
+    best = {case: best_causal(table.values()) for case, table in tables.items()}
     rows = []
-    for case in scenario.cases:
-        table = tables[case.name]
-        if not table:
-            continue
-        best = best_causal(table.values())
-        cells = [_over_bound(table.get(label), best) for label in labels]
-        bounds = [
-            next((short(b) for b in _bounds(table, kind) if math.isfinite(b)), "") for kind in kinds
-        ]
-        rows.append([case.title, *bounds, *cells])
-    heads = [
-        f"`{k}`" if causality[k] in ("filter", "none") else f"`{k}` ({causality[k]})"
-        for k in labels
-    ]
-    titles = [f"*bound [m]: {kind}*" for kind in kinds]
+    for kind in ("filter", "fixed-lag", "batch"):
+        if kind in causality.values():
+            bounds = (_bounds(table, kind) for table in tables.values())
+            least = (next((b for b in held if math.isfinite(b)), math.nan) for held in bounds)
+            rows.append(
+                [f"*bound [m]: {kind}*", *("" if math.isnan(b) else short(b) for b in least)]
+            )
+    for label in labels:
+        kind = causality[label]
+        name = f"`{label}`" if kind in ("filter", "none") else f"`{label}` ({kind})"
+        rows.append([name, *(_over_bound(tables[c].get(label), best[c]) for c in tables)])
     reading = (
         "Median over the runs that succeed of the position error over the bound of its kind; "
         "behind it the share of success, if it is not all, and † what is not honest of itself. "
         f"The best causal estimator of a case is bold ([definitions]({DEFINITIONS}))."
     )
-    return f"{markdown(['case', *titles, *heads], rows)}\n\n{reading}"
+    return f"{markdown(['', *(case.title for case in tables)], rows)}\n\n{reading}"
 
 
 def _bounds(table: Mapping[str, Mapping[str, Any]], causality: str) -> list[float]:

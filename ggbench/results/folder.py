@@ -303,12 +303,20 @@ class Results:
 
     @cached_property
     def _summary(self) -> pd.DataFrame:
+        return self._summarized(self._runs)
+
+    def halves(self) -> tuple[pd.DataFrame, pd.DataFrame]:
+        """Return the summary of the runs of even and of odd number: to tune on, and to judge on."""
+        even = self._runs["run"] % 2 == 0
+        return self._summarized(self._runs[even]), self._summarized(self._runs[~even])
+
+    def _summarized(self, table: pd.DataFrame) -> pd.DataFrame:
         loaded = self.scenario
         # Rows in the order in which the cases and estimators were asked for.
         bounds: dict[tuple[str, str], dict[str, tuple[float, float]]] = {
             (case.name, label): {} for case in loaded.cases for label in self.labels
         }
-        runs = self._runs[self._runs["assumption"] == ""]
+        runs = table[table["assumption"] == ""]
         finished = runs[runs["status"] == "ok"].drop_duplicates(["case", "estimator"], keep="last")
         named = finished.set_index(["case", "estimator"])["bound"].to_dict()
         readings: dict[str, dict[str, tuple[int, float]]] = {}

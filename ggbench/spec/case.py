@@ -72,6 +72,8 @@ class CampaignSpec(Section):
     """Longest time of one run of one estimator [s]."""
     league: bool = True
     """Whether the league counts it: not a study whose flights are those of other scenarios."""
+    tuning: bool = False
+    """Whether variants of one estimator are a grid to be tuned over, see :mod:`.report`."""
     fewer_runs: Annotated[Any, BeforeValidator(Table.of)] = Table()
     """Of estimators that cost much: how many runs they get at most, the first ones."""
 
