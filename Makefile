@@ -13,7 +13,7 @@ PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 help:
 	@echo "make paper        run the scenario wang2013 and write its report to reports/"
 	@echo "make sweep        run the scenario noise_rate_sweep and write its report to reports/"
-	@echo "make library      run every scenario and write all reports and the league to reports/"
+	@echo "make library      run every scenario, or go on where that stopped; writes all of reports/"
 	@echo "make bench        measure the engines beside other packages; writes reports/speed.md"
 	@echo "make bench-check  check in a minute that the engines' ratios have not fallen"
 	@echo "make areas        fly over 128 cells of two maps; writes reports/matching_area.md (20 minutes)"
@@ -37,7 +37,7 @@ sweep: $(INSTALLED)
 	$(BIN)/ggbench report results/noise_rate_sweep -o reports
 
 library: $(INSTALLED)
-	$(BIN)/ggbench run --all --assumptions --fresh -o results
+	$(BIN)/ggbench run --all --assumptions -o results
 	$(BIN)/ggbench report --all results -o reports
 
 # Environments of other packages are made in build/speed; without a network it goes on without them.

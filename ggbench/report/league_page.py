@@ -18,7 +18,7 @@ from .league_figure import draw, number
 from .nonlinearity_section import opening_figure
 from .scenario_report import ReportError
 from .shares import percent
-from .situations import LONG_S, NARROW, NOTHING, SITUATIONS, WIDE
+from .situations import LONG_S, NARROW, NOTHING, SITUATIONS, WIDE, is_right_model
 from .tables import DEFINITIONS, markdown
 
 _MOST_NAMED = 6
@@ -79,6 +79,7 @@ class LeagueReport:
             "## The league",
             self._league(),
             self._holes(),
+            self._sample(),
             self._pictured(),
             "## Scenario by scenario",
             self._by_scenario(),
@@ -218,6 +219,23 @@ class LeagueReport:
         if not told:
             return "The whole roster ran in every scenario."
         return "\n".join(["Not run, and why:", "", *told])
+
+    def _sample(self) -> str:
+        """Return whether the INS, of which nothing is estimated, is as consistent as it must be."""
+        held = [f for f in self.league.cases if f.found.ins and is_right_model(f.found.case)]
+        beyond = [
+            f"{flown.scenario}/{flown.found.case.name}"
+            for flown in held
+            if (row := flown.found.ins) and not row["nees_lo"] <= row["nees_mean"] <= row["nees_hi"]
+        ]
+        if not held:
+            return ""
+        text = (
+            "*Check of the samples*: the INS alone, of which nothing is estimated, has its mean NEES "
+            f"within the 95 % band in {len(held) - len(beyond)} of {len(held)} cases whose model is "
+            "right"
+        )
+        return f"{text}, and not in {self._few(beyond)}." if beyond else f"{text}."
 
     def _pictured(self) -> str:
         shown = [s for s in self.league.standings if s.label != "ins"]

@@ -41,8 +41,7 @@ def situation_of(case: CaseSpec, gained: str, correlation_m: float = math.nan) -
     """
     if gained in ("nothing", "worse"):
         return NOTHING
-    changed = set(_set_keys(case.model_dump(exclude_defaults=True)))
-    wrong = {key for key in changed if key.split(".")[0] in ("truth", "model")}
+    wrong = _set_apart(case)
     receivers = ["gnss", *(name for name, spec in case.further if isinstance(spec, GnssSpec))]
     if any(
         key.startswith(f"truth.{table_of(name)}.dropout") for key in wrong for name in receivers
@@ -50,14 +49,10 @@ def situation_of(case: CaseSpec, gained: str, correlation_m: float = math.nan) -
         return "outage"
     if any(word in key for key in wrong for word in _READINGS):
         return "readings"
-    # What the accelerometers feel and the mechanization adds is no part of the map.
-    wrong -= {
-        "truth.field.gravity_disturbance", "truth.field.constant_disturbance_mgal",
-        "model.field.compensate",
-    }  # fmt: skip
+    wrong -= _OF_GRAVITY
     if any(key.split(".")[1] == "field" for key in wrong):
         return "map"
-    if case.side("truth").field.gravity_disturbance and not case.model.field.compensate:
+    if _unknown_gravity(case):
         return "gravity"
     width = case.initial_error.position_m / correlation_m
     if width >= NARROW:
@@ -65,6 +60,29 @@ def situation_of(case: CaseSpec, gained: str, correlation_m: float = math.nan) -
     if case.trajectory.duration_s >= LONG_S:
         return "long"
     return "model" if wrong else "plain"
+
+
+def is_right_model(case: CaseSpec) -> bool:
+    """Return whether the estimators are told the truth's own model, in all that a case can say."""
+    return not (_set_apart(case) - _OF_GRAVITY) and not _unknown_gravity(case)
+
+
+_OF_GRAVITY = {
+    "truth.field.gravity_disturbance", "truth.field.constant_disturbance_mgal",
+    "model.field.compensate",
+}  # fmt: skip
+"""What the accelerometers feel and the mechanization adds, which is no part of the map."""
+
+
+def _set_apart(case: CaseSpec) -> set[str]:
+    """Return the keys by which truth or model differ from what both share."""
+    changed = set(_set_keys(case.model_dump(exclude_defaults=True)))
+    return {key for key in changed if key.split(".")[0] in ("truth", "model")}
+
+
+def _unknown_gravity(case: CaseSpec) -> bool:
+    """Return whether the truth's gravity is felt and nobody adds it."""
+    return case.side("truth").field.gravity_disturbance and not case.model.field.compensate
 
 
 def _set_keys(table: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
