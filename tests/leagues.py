@@ -37,13 +37,12 @@ def digest_of(
     loaded = scenario.from_text(source, name, "")
     tables = [tabled(*groups) for groups in cases]
     summary, pairs = (
-        pd.concat([t[i].assign(case=c) for t, c in zip(tables, names, strict=True)])
-        for i in (0, 1)
+        pd.concat([t[i].assign(case=c) for t, c in zip(tables, names, strict=True)]) for i in (0, 1)
     )
     settled = summary[summary["window"] == "settled"].reset_index(drop=True)
     found = {
-        "scenario": name, "scenario_text": source, "scenario_hash": "0123456789abcdef0", "notes": "",
-        "seed": 7, "runs": asked, "date": "2026-01-02", "ggbench": "1.0", "source_hash": "feed",
+        "scenario": name, "scenario_text": source, "scenario_hash": "0123456789abcdef0",
+        "notes": "", "seed": 7, "runs": asked, "date": "2026-01-02", "ggbench": "1.0", "source_hash": "feed",
         "versions": {"numpy": "2.0"}, "assumptions": False,
         "machine": {"system": "Linux", "architecture": "x86_64", "processors": 2},
         "cases": names, "left_out": {},
@@ -76,8 +75,7 @@ def page(held: League, output: Path, *remarks: str) -> str:
 def dishonest(group: list[dict[str, Any]], coverage: float = 0.5) -> list[dict[str, Any]]:
     """Records of an estimator whose regions hold the truth too seldom."""
     return [
-        record
-        | {"windows": {w: f | {"coverage": coverage} for w, f in record["windows"].items()}}
+        record | {"windows": {w: f | {"coverage": coverage} for w, f in record["windows"].items()}}
         for record in group
     ]
 

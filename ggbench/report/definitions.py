@@ -41,8 +41,8 @@ epochs whose truth lies in the claimed 95 % region, with a band of the same kind
 normalised innovation squared, the number of components if consistent; a consistent filter's
 innovations are white, so that the band counts every epoch and is far narrower.
 
-**Honest.** An estimator is honest in a case if its coverage is not surely below {coverage:.0f} %, and it
-is not surely (95 %) falsely locked in more than {false:.0f} % of the runs. One that is not is
+**Honest.** An estimator is honest in a case if its coverage is not surely below {coverage:.0f} %,
+and it is not surely (95 %) falsely locked in more than {false:.0f} % of the runs. One that is not is
 marked †, and never advised.
 
 **The best of a case.** Of the causal estimators that succeed as often as the one that succeeds

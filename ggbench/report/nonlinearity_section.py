@@ -104,7 +104,9 @@ class Widths:
         groups: dict[str, list[str]] = {}
         for label in held:
             limit = self.borne(label)
-            text = f"up to σ/ℓ of {widest:.2g} and more" if limit >= widest else f"up to {limit:.2g}"
+            text = (
+                f"up to σ/ℓ of {widest:.2g} and more" if limit >= widest else f"up to {limit:.2g}"
+            )
             groups.setdefault(text if limit else "none at all", []).append(f"`{label}`")
         parts = [f"{', '.join(labels)} {limit}" for limit, labels in groups.items()]
         return (

@@ -146,9 +146,7 @@ def read(folder: Path) -> Digest:
 def _table(path: Path, columns: Iterable[str]) -> pd.DataFrame:
     """Return a table that has these columns; raises OSError or ValueError if it has not."""
     text = io.StringIO(path.read_text(encoding="utf-8"))
-    table = pd.read_csv(
-        text, low_memory=False, dtype=_TEXTS, keep_default_na=False, na_values=[""]
-    )
+    table = pd.read_csv(text, low_memory=False, dtype=_TEXTS, keep_default_na=False, na_values=[""])
     missing = [name for name in columns if name not in table]
     if missing:
         raise ValueError(f"{path.name} has no column {missing[0]}")

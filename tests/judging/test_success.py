@@ -16,7 +16,7 @@ from ggbench.judging.success import EQUAL, compared, exact_p, figures
 
 
 def judged(first: np.ndarray, second: np.ndarray, *good: np.ndarray) -> dict:
-    """The comparison of two estimators of given mean squared errors; all runs succeed if not said."""
+    """The comparison of two estimators of given squared errors; all runs succeed if not said."""
     one, other = good or (np.ones(len(first), bool), np.ones(len(second), bool))
     return compared([(first, one, second, other)])[0]
 
@@ -72,7 +72,7 @@ def test_verdicts_of_those_that_succeed():
 
 
 def test_false_alarms_of_verdicts():
-    """Of pairs of one law at most 10 % are called better or worse (bound: 1e-4 of 600 by chance)."""
+    """Of pairs of one law at most 10 % are called better or worse (bound: 1e-4 by chance)."""
     generator = np.random.default_rng(17)
     pairs = []
     for _ in range(600):

@@ -38,7 +38,7 @@ SUMMARY = pd.DataFrame(
 
 
 def test_cases_that_set_estimators_apart_are_shown_first():
-    """Success goes before error; what is not causal tells nothing; what did not run is not there."""
+    """Success before error; what is not causal tells nothing; what did not run is not there."""
     found = telling_cases(CASES, SUMMARY)
     assert [spec.name for spec in found] == ["lost", "spread", "even"]
     none = SUMMARY.assign(position_median_m=math.nan)
@@ -48,7 +48,7 @@ def test_cases_that_set_estimators_apart_are_shown_first():
 
 
 def results(cases=CASES, asked: int = 100) -> Any:
-    labels = dict.fromkeys(("ekf", "ukf", "late", "ins"), {"parameters": {}})
+    labels = {label: {"parameters": {}} for label in ("ekf", "ukf", "late", "ins")}
     return SimpleNamespace(
         scenario=SimpleNamespace(cases=cases), run_count=asked, estimators=labels
     )
@@ -87,7 +87,7 @@ def test_the_figure_gets_what_it_shows(tmp_path, monkeypatch):
 
 
 def test_of_many_cases_those_are_shown_that_differ_most(tmp_path, monkeypatch):
-    """Eight of nine, in their own order; the caption says so. Without an estimator there is none."""
+    """Eight of nine, in their own order, as the caption says. Without estimators there is none."""
     cases = [case(name=f"c{k}", title="c") for k in range(9)]
     table = pd.DataFrame(
         [row(f"c{k}", "ekf", 1.0, 2.0) for k in range(9)]

@@ -1,4 +1,4 @@
-"""The front page of the reports: every figure on it follows the data, and every gap is explained."""
+"""The front page of the reports: its figures follow the data, and its gaps are explained."""
 
 from __future__ import annotations
 
@@ -161,9 +161,7 @@ def test_others_are_listed_and_not_ranked(tmp_path):
 
 def test_scenarios_are_listed_with_ins_best_and_bound(tmp_path):
     """Geometric means over the cases of medians: of the INS, of the best, and of its bound."""
-    text = page(
-        league_of(a=[[INS, EKF], [INS, records("ukf", 16.0 * SAME)], [INS, EKF]]), tmp_path
-    )
+    text = page(league_of(a=[[INS, EKF], [INS, records("ukf", 16.0 * SAME)], [INS, EKF]]), tmp_path)
     (row,) = table(section(text, "The scenarios"))[1]
     assert row[:4] == [
         "[A short flight over the normal field](a.md)",

@@ -52,8 +52,8 @@ def parsed(text: str) -> scenario.Scenario:
 @pytest.fixture
 def held() -> Digest:
     loaded = parsed(SMALL + AXIS)
-    rows = [{"case": name, "label": "ins", "causality": "none", "success_share": 0.0,
-             "ratio_median": 1.0, "false_lock_share": 0.0} for name in loaded.sweep.points]  # fmt: skip
+    ins = {"label": "ins", "causality": "none", "success_share": 0.0, "ratio_median": 1.0}
+    rows = [ins | {"case": name, "false_lock_share": 0.0} for name in loaded.sweep.points]
     for name, point in loaded.sweep.points.items():
         (place,) = point.indices
         for label, shares in SHARES.items():

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from leagues import dishonest
-from summaries import RUNS, SAME, case, chi, records, tabled
+from summaries import RUNS, SAME, case, records, tabled
 
 from ggbench.figures.numbers import short
 from ggbench.report import opening, outcome
@@ -36,8 +36,8 @@ def test_aiding_that_gains_is_said_with_its_figures():
     p95 = 2.0 * float(np.percentile(np.sqrt(SAME), 95.0))
     assert text.startswith(
         f"`good` succeeds in 100 % [94 %, 100 %] of 60 runs, and where it does has "
-        f"{short(2.0 * MEDIAN)} times the bound of 1.00 m (median; 95 % of them below {short(p95)}); the "
-        f"INS alone has {short(100.0 * MEDIAN)} m (median)"
+        f"{short(2.0 * MEDIAN)} times the bound of 1.00 m (median; 95 % of them below "
+        f"{short(p95)}); the INS alone has {short(100.0 * MEDIAN)} m (median)"
     )
     assert text.endswith("; no run failed or diverged.")
     assert "later" not in text
@@ -152,8 +152,7 @@ def answered(*cases: list[list[dict[str, Any]]]) -> str:
     source += "".join(f'[[case]]\nname = "{c}"\ntitle = "{c}"\n' for c in names)
     tables = [tabled(*groups) for groups in cases]
     joined = [
-        pd.concat([t[i].assign(case=c) for t, c in zip(tables, names, strict=True)])
-        for i in (0, 1)
+        pd.concat([t[i].assign(case=c) for t, c in zip(tables, names, strict=True)]) for i in (0, 1)
     ]
     return opening.answer(scenario.from_text(source, "s", ""), *joined)
 
@@ -169,8 +168,8 @@ def test_of_many_cases_the_answer_counts():
     )
     assert text == (
         "**As good as the best causal estimator and honest in 3 of 4 cases: `ekf` (success in 98 % "
-        f"to 100 %, {short(MEDIAN)} to {short(2.0 * MEDIAN)} × the bound); less often: `ukf` in 1; no "
-        "causal estimator can be judged in 1; aiding gains nothing over the INS in 1 (c2); 61 runs "
+        f"to 100 %, {short(MEDIAN)} to {short(2.0 * MEDIAN)} × the bound); less often: `ukf` in 1; "
+        "no causal estimator can be judged in 1; aiding gains nothing over the INS in 1 (c2); 61 runs "
         "failed, 0 diverged.**"
     )
 
@@ -179,7 +178,9 @@ def test_the_dishonest_count_for_nothing_in_many_cases():
     """As good as the best, but not honest: not among those that are named first."""
     liar = dishonest(records("liar", 0.9 * SAME))
     text = answered([INS, EKF, liar], [INS, EKF, liar])
-    assert text.startswith("**As good as the best causal estimator and honest in all 2 cases: `ekf`")
+    assert text.startswith(
+        "**As good as the best causal estimator and honest in all 2 cases: `ekf`"
+    )
     assert "`liar` in 0" in text
     nobody = answered([INS, liar], [INS, liar])
     assert nobody.startswith("**No causal estimator is honest in any case")
