@@ -35,8 +35,8 @@ def honest(row: Mapping[str, Any]) -> bool:
     """Return whether what an estimator claims of itself in a case is not surely wrong.
 
     Its 95 % regions do not surely hold the truth in less than :data:`LEAST_COVERAGE` of the epochs,
-    and it is not surely locked on a wrong place in more than :data:`MOST_FALSE` of the runs. Surely:
-    by Wilson's interval, each run a single draw, since its epochs are strongly correlated.
+    and it is not surely locked on a wrong place in more than :data:`MOST_FALSE` of the runs.
+    Surely: by Wilson's interval, each run a single draw, since its epochs are strongly correlated.
     What claims nothing is not found to lie.
     """
     covered = row["coverage"]

@@ -42,8 +42,8 @@ normalised innovation squared, the number of components if consistent; a consist
 innovations are white, so that the band counts every epoch and is far narrower.
 
 **Honest.** An estimator is honest in a case if its coverage is not surely below {coverage:.0f} %,
-and it is not surely (95 %) falsely locked in more than {false:.0f} % of the runs. One that is not is
-marked †, and never advised.
+and it is not surely (95 %) falsely locked in more than {false:.0f} % of the runs. One that is not
+is marked †, and never advised.
 
 **The best of a case.** Of the causal estimators that succeed as often as the one that succeeds
 most (intervals overlap) and that failed in at most {failed:.0f} % of the runs: an honest one if
