@@ -87,6 +87,8 @@ _VARIANTS = {
     "iccp": ("",),
     "viterbi": ("",),
 }
+_DEFAULTS = {"factor-graph": "mode=isam2"}
+"""What a label without a variant stands for, where a variant in the table says it."""
 _REDUCED = {
     "filter=ekf": "steelblue",
     "filter=particle": "crimson",
@@ -155,6 +157,7 @@ def _known(label: str) -> Look | None:
     if label == "ins":
         return Look(INS, "-", "x")
     name, _, variant = label.removesuffix("]").partition("[")
+    variant = variant or _DEFAULTS.get(name, "")
     if name == "reduced":
         return _known_reduced(variant)
     parameter, sizes = _SIZES.get(name, _PARTICLES)
