@@ -234,8 +234,8 @@ class LeagueReport:
             return ""
         text = (
             "*Check of the samples*: the INS alone, of which nothing is estimated, has its mean "
-            f"NEES within the 95 % band in {len(held) - len(beyond)} of {len(held)} cases whose model "
-            "is right"
+            f"NEES within the 95 % band in {len(held) - len(beyond)} of {len(held)} cases whose "
+            "model is right"
         )
         return f"{text}, and not in {self._few(beyond)}." if beyond else f"{text}."
 

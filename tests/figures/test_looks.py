@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 
@@ -23,11 +24,16 @@ SHIPPED = {
     name: list(shown_names(scenario.load(name).campaign.estimators).values())
     for name in scenario.shipped()
 }
-DEFAULT = {"factor-graph": "factor-graph[mode=isam2]"}
-"""One estimator under two labels: the shorter one leaves out what is so without being said."""
+DEFAULT = {"factor-graph": "factor-graph[mode=isam2]"} | {
+    label: re.sub(r",lag=\d+", "", label)
+    for labels in SHIPPED.values()
+    for label in labels
+    if ",lag=" in label
+}
+"""One estimator under two labels: what is so without being said, and the length of a lag."""
 EVERY = sorted({DEFAULT.get(label, label) for labels in SHIPPED.values() for label in labels})
 TIMES = np.arange(1.0, 6.0)
-SWEPT = ("noise", "particles", "window")
+SWEPT = ("noise", "noise_scale", "particles", "window")
 
 
 def family_of(label: str) -> str:
