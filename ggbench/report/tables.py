@@ -69,7 +69,8 @@ def glance(scenario: Scenario, summary: pd.DataFrame) -> str:
         lost = " / ".join(str(sum(row[key] for row in held)) for key in ("failed", "diverged"))
         rows.append([f"`{label}`", causality, *errors, lost, milliseconds])
     titles = [f"{case.title}: m, m/s" for case in cases]
-    return markdown(["settled window", "causality", *titles, "failed / diverged", "ms/run"], rows)
+    head = ["settled window", "causality", *titles, "failed / diverged", "ms/run"]
+    return markdown(head, rows)
 
 
 def errors_of_cases(scenario: Scenario, summary: pd.DataFrame) -> str:

@@ -97,7 +97,8 @@ def test_aiding_that_gains_nothing_is_said_plainly(aided, phrase):
 def test_without_a_verdict_a_gain_is_none_only_near_one():
     """Twice or half the INS's error, undecided, is unproven; within 5 % of it nothing is gained."""
     for ratio, kind in ((2.0, "unproven"), (0.5, "unproven"), (1.04, "nothing"), (0.96, "nothing")):
-        rows = {"position_median_m": 1.0}, {"position_median_m": ratio}
+        best = {"position_median_m": 1.0, "lock_share": 0.9}
+        rows = best, {"position_median_m": ratio}
         assert outcome.gain(*rows, None) == kind
         assert outcome.gain(*rows, {"verdict": "better"}) == "gains"
         assert outcome.gain(*rows, {"verdict": "worse"}) == "worse"
@@ -193,3 +194,16 @@ def test_of_one_case_the_answer_is_that_of_the_case():
     """Bold, and it begins with the estimator."""
     groups = [INS, EKF]
     assert answered(groups) == f"**{told(*groups)}**"
+
+
+def test_a_few_runs_that_diverge_are_no_loss_against_an_ins_that_cannot():
+    """To diverge is to be worse than the INS: what most runs gain is a gain; half lost is none."""
+    ins = records("ins", 1e4 * SAME, "none")
+
+    def gained(lost: int) -> str:
+        rows = records("ekf", SAME)
+        for record in rows[:lost]:
+            record["diverged"] = True
+        return outcome.outcome(case(), *tabled(ins, rows)).gain
+
+    assert [gained(lost) for lost in (0, 3, 15, 40)] == ["gains", "gains", "gains", "worse"]
