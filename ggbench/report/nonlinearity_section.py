@@ -104,15 +104,12 @@ class Widths:
         groups: dict[str, list[str]] = {}
         for label in held:
             limit = self.borne(label)
-            text = (
-                f"up to σ/ℓ of {widest:.2g} and more" if limit >= widest else f"up to {limit:.2g}"
-            )
-            groups.setdefault(text if limit else "none at all", []).append(f"`{label}`")
-        parts = [f"{', '.join(labels)} {limit}" for limit, labels in groups.items()]
-        return (
-            f"Priors that an estimator bears, succeeding in {percent(SURE)} of the runs or more "
-            f"over all settings: {'; '.join(parts)}."
-        )
+            text = f"up to σ/ℓ of {limit:.2g}" if limit else "not even from the narrowest"
+            if limit >= widest:
+                text = f"from every prior flown (σ/ℓ up to {widest:.2g})"
+            groups.setdefault(text, []).append(f"`{label}`")
+        parts = [f"with {', '.join(labels)} {limit}" for limit, labels in groups.items()]
+        return f"In {percent(SURE)} of the runs or more one finds back {'; '.join(parts)}."
 
     def overview(self) -> Any:
         """Return the figure of all settings together."""

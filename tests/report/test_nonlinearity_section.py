@@ -103,9 +103,9 @@ def test_what_an_estimator_bears_is_told_the_widest_first(held):
     assert widths.borne("ekf") == pytest.approx(0.4 / root)
     assert widths.borne("poor") == 0.0
     assert widths.sentence() == (
-        "Priors that an estimator bears, succeeding in 95 % of the runs or more over all settings: "
-        f"`search` up to σ/ℓ of {1.6 / root:.2g} and more; `ekf` up to {0.4 / root:.2g}; `poor` "
-        "none at all."
+        "In 95 % of the runs or more one finds back with `search` from every prior flown (σ/ℓ up "
+        f"to {1.6 / root:.2g}); with `ekf` up to σ/ℓ of {0.4 / root:.2g}; with `poor` not even "
+        "from the narrowest."
     )
 
 
