@@ -42,6 +42,14 @@ def test_table_is_the_reports():
     assert "\n".join(rows) in REPORT
 
 
+def test_the_answer_is_the_reports():
+    """What the README says of priors stands in the generated report, word for word."""
+    marked = re.search(r"<!-- the answer.*?-->\n(.*?)<!-- end", README, re.DOTALL)
+    (answer,) = (line for line in marked.group(1).splitlines() if line)
+    report = (ROOT / "reports" / "nonlinearity.md").read_text(encoding="utf-8")
+    assert answer.startswith("**") and f"\n{answer}\n" in report
+
+
 @pytest.mark.parametrize(
     "document",
     ["README.md", "CONTRIBUTING.md", "reports/README.md"]

@@ -9,9 +9,31 @@ from zlib import crc32
 from .style import INS
 
 _COLOURS = {
-    "ekf": ("tab:blue", "navy", "deepskyblue", "slateblue", "cadetblue"),
-    "ukf": ("tab:orange", "saddlebrown", "goldenrod", "lightsalmon"),
-    "factor-graph": ("tab:green", "darkolivegreen", "limegreen", "teal", "yellowgreen"),
+    "ekf": (
+        "tab:blue",
+        "navy",
+        "deepskyblue",
+        "slateblue",
+        "cadetblue",
+        "dodgerblue",
+        "lightblue",
+    ),
+    "ukf": (
+        "tab:orange",
+        "saddlebrown",
+        "goldenrod",
+        "lightsalmon",
+        "orangered",
+        "wheat",
+    ),
+    "factor-graph": (
+        "tab:green",
+        "darkolivegreen",
+        "limegreen",
+        "teal",
+        "yellowgreen",
+        "springgreen",
+    ),
     "gaussian-sum": ("tab:red", "maroon"),
     "gauss-newton": ("tab:purple", "orchid"),
     "closed-loop": ("tab:cyan",),
@@ -43,14 +65,30 @@ _COLOURS = {
 }
 """Shades of each estimator; its variants take them in the order of the next table."""
 _VARIANTS = {
-    "ekf": ("", "iterations=5", "loss=cauchy", "loss=huber", "noise_memory=20"),
-    "ukf": ("points=cubature", "points=julier", "points=merwe", "points=cubature,loss=cauchy"),
+    "ekf": (
+        "",
+        "iterations=5",
+        "loss=cauchy",
+        "loss=huber",
+        "noise_memory=20",
+        "gate=0.999",
+        "underweighting=0.2",
+    ),
+    "ukf": (
+        "points=cubature",
+        "points=julier",
+        "points=merwe",
+        "points=cubature,loss=cauchy",
+        "points=cubature,gate=0.999",
+        "points=cubature,underweighting=0.2",
+    ),
     "factor-graph": (
         "mode=batch",
         "mode=isam2",
         "mode=fixed-lag",
         "mode=batch,loss=cauchy",
-        "mode=isam2,loss=cauchy",
+        "loss=cauchy",
+        "mode=fixed-lag,loss=cauchy",
     ),
     "gaussian-sum": ("", "loss=cauchy"),
     "gauss-newton": ("", "loss=cauchy"),
@@ -87,6 +125,8 @@ _VARIANTS = {
     "iccp": ("",),
     "viterbi": ("",),
 }
+_DEFAULTS = {"factor-graph": "mode=isam2"}
+"""What a label without a variant stands for, where a variant in the table says it."""
 _REDUCED = {
     "filter=ekf": "steelblue",
     "filter=particle": "crimson",
@@ -100,16 +140,19 @@ _REDUCED = {
 """Colours of filters of some of the states; which noise they are told, line and marker say."""
 _NOISES = ("1e-07", "1e-06", "1e-05", "0.0001", "0.001", "0.01")
 _PARTICLES = "particles", ("25", "100", "250", "300", "1000", "10000", "30000")
-_SIZES = {"correlation": ("window", ("12", "30", "60"))}
+_SIZES = {
+    "correlation": ("window", ("12", "30", "60")),
+    **dict.fromkeys(("ekf", "ukf", "gaussian-sum", "factor-graph"), ("noise_scale", ("3", "10"))),
+}
 """What an estimator may have more or fewer of, if not particles: its colour stays."""
 _SIZE_MARKERS = "v^<>dDh"
 _OTHERS = ("deeppink", "chocolate", "olive", "tan", "mediumaquamarine", "rosybrown")
 """Colours of estimators that the package does not know: neither the INS's nor the bound's."""
 _LINES = ("-", "--", "-.", ":")
 _MARKERS = {
-    "ekf": "osphH",
-    "ukf": "D^v<",
-    "factor-graph": "PX*dh",
+    "ekf": "osphHdD",
+    "ukf": "D^v<Xs",
+    "factor-graph": "PX*dhp",
     "gaussian-sum": "><",
     "gauss-newton": "8p",
     "closed-loop": "*",
@@ -155,6 +198,9 @@ def _known(label: str) -> Look | None:
     if label == "ins":
         return Look(INS, "-", "x")
     name, _, variant = label.removesuffix("]").partition("[")
+    # A fixed lag is as long as a scenario's readings ask for.
+    variant = ",".join(part for part in variant.split(",") if not part.startswith("lag="))
+    variant = variant or _DEFAULTS.get(name, "")
     if name == "reduced":
         return _known_reduced(variant)
     parameter, sizes = _SIZES.get(name, _PARTICLES)

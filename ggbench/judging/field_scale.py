@@ -22,7 +22,7 @@ def correlation_m(positions: np.ndarray, vertical: np.ndarray) -> float:
     positions : (K, 3) latitude, longitude [rad], height [m] at which it is read.
     vertical : (K,) Γ_UU there [E].
     """
-    if len(vertical) < 3:
+    if len(vertical) < 3 or np.ptp(vertical) == 0.0:  # less its mean it may be rounding
         return math.nan
     steps = np.diff(positions[:, [1, 0]], axis=0) * metres_along(positions[:-1])
     step = float(np.hypot(*steps.T).mean())

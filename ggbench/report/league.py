@@ -161,14 +161,15 @@ class League:
         self.cases = [flown for entry in entries for flown in entry.cases]
 
     @cached_property
-    def common(self) -> list[Flown]:
-        """The cases that all estimators of the standard roster ran: those that ranks are of.
-
-        Of the roster, those that ran anywhere at all.
-        """
+    def roster(self) -> list[str]:
+        """Those of the standard roster that ran anywhere at all."""
         known = {label for flown in self.cases for label in flown.rows}
-        roster = [label for label in STANDARD if label in known]
-        return [flown for flown in self.cases if all(label in flown.rows for label in roster)]
+        return [label for label in STANDARD if label in known]
+
+    @cached_property
+    def common(self) -> list[Flown]:
+        """The cases that all of the roster ran: those that ranks are of."""
+        return [flown for flown in self.cases if all(label in flown.rows for label in self.roster)]
 
     @cached_property
     def standings(self) -> list[Standing]:

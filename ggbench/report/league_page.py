@@ -174,6 +174,8 @@ class LeagueReport:
 
     def _league(self) -> str:
         """Return the table of the roster over the common cases, smoothers in their own block."""
+        if not self.league.standings:
+            return "No case was run by the whole standard roster: nobody is ranked."
         head = ["", "estimator", "as good as the best, honest", "too few runs to tell", "success",
                 "error / bound", "honest", "lost", f"time / {COST_OF}", "ms/run"]  # fmt: skip
         rows, place, block = [], 0, "filter"
@@ -232,8 +234,8 @@ class LeagueReport:
             return ""
         text = (
             "*Check of the samples*: the INS alone, of which nothing is estimated, has its mean "
-            f"NEES within the 95 % band in {len(held) - len(beyond)} of {len(held)} cases whose model "
-            "is right"
+            f"NEES within the 95 % band in {len(held) - len(beyond)} of {len(held)} cases whose "
+            "model is right"
         )
         return f"{text}, and not in {self._few(beyond)}." if beyond else f"{text}."
 
@@ -247,7 +249,7 @@ class LeagueReport:
 
     def _by_scenario(self) -> str:
         """Return the table of the roster over all scenarios: error over bound, and success."""
-        labels = [s.label for s in self.league.standings]
+        labels = [s.label for s in self.league.standings] or self.league.roster
         head = ["scenario", *(f"`{label}`" for label in labels)]
         rows = []
         for entry in self.league.entries:
@@ -264,22 +266,23 @@ class LeagueReport:
 
     def _others(self) -> str:
         """Return what estimators beyond the roster did, in a table."""
-        held = [s for s in self.league.others if s.causality == "filter" or s.scenarios > 1]
-        held = [s for s in held if s.cases > 1 and s.scenarios > 1]
+        held = [s for s in self.league.others if s.scenarios > 1]
         if not held:
             return ""
         head = ["beyond the roster", "cases", "scenarios", "as good as the best, honest",
                 "success", "error / bound", "honest", f"time / {COST_OF}"]  # fmt: skip
         rows = [
             [
-                f"`{s.label}`", str(s.cases), str(s.scenarios), percent(s.good),
+                f"`{s.label}`", str(s.cases), str(s.scenarios),
+                percent(s.good) if s.causality == "filter" else "–",
                 percent(s.mean_success), number(s.mean_ratio), percent(s.honest), number(s.cost),
             ]
             for s in sorted(held, key=lambda s: -s.good)
         ]  # fmt: skip
         return (
             f"{markdown(head, rows)}\n\nOver the cases that each of them ran, which differ: no "
-            "ranking. Those of one scenario are in its report alone."
+            "ranking. What is not causal is not set beside the best causal one (–). Those of one "
+            "scenario are in its report alone."
         )
 
     def _scenarios(self) -> str:

@@ -9,6 +9,7 @@ from urllib.parse import quote
 
 import numpy as np
 
+from ..errors import GGBenchError
 from ..figures.nonlinearity import Curve, against_width, each_setting
 from ..figures.style import save
 from ..results import digest
@@ -103,13 +104,12 @@ class Widths:
         groups: dict[str, list[str]] = {}
         for label in held:
             limit = self.borne(label)
-            text = f"σ/ℓ of {widest:.2g} and more" if limit >= widest else f"{limit:.2g}"
-            groups.setdefault(text if limit else "none at all", []).append(f"`{label}`")
-        parts = [f"{', '.join(labels)} up to {limit}" for limit, labels in groups.items()]
-        return (
-            f"Priors that an estimator bears, succeeding in {percent(SURE)} of the runs or more "
-            f"over all settings: {'; '.join(parts)}."
-        )
+            text = f"up to σ/ℓ of {limit:.2g}" if limit else "not even from the narrowest"
+            if limit >= widest:
+                text = f"from every prior flown (σ/ℓ up to {widest:.2g})"
+            groups.setdefault(text, []).append(f"`{label}`")
+        parts = [f"with {', '.join(labels)} {limit}" for limit, labels in groups.items()]
+        return f"In {percent(SURE)} of the runs or more one finds back {'; '.join(parts)}."
 
     def overview(self) -> Any:
         """Return the figure of all settings together."""
@@ -124,7 +124,13 @@ def opening_figure(reports: Path) -> str:
     folder = reports / SCENARIO / digest.FOLDER
     if not (folder / "manifest.json").is_file():
         return ""
-    widths = Widths(digest.read(folder))
+    try:
+        held = digest.read(folder)
+    except GGBenchError:  # the page says so among what is left out
+        return ""
+    if not is_of_the_prior(held.scenario):  # a user's own, of the same name
+        return ""
+    widths = Widths(held)
     save(widths.overview(), reports / "README" / "nonlinearity.png")
     caption = (
         "Share of runs that find back, and how near the bound they come, against the prior's σ "

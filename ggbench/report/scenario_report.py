@@ -135,6 +135,7 @@ class _Report:
             answer_figure(self.results, self.summary, self.pictures),
             caveat(self.results, self.summary),
             tables.glance(self.scenario, self.summary),
+            self._all_cases(),
             self.scenario.description,
             *ConvergenceReport(self.results, self.summary, self.pictures).sections(),
             "## Results",
@@ -173,7 +174,7 @@ class _Report:
         )
         names = list(dict.fromkeys(f"`{label}`" for label in causal["label"]))
         numbers = 2 * len(self.references)
-        runs = int(with_reference["runs"].min())
+        runs = int(with_reference["runs"].max())
         if reached.all():
             subject = f"every causal estimator ({', '.join(names)}) is"
         else:
@@ -204,6 +205,12 @@ class _Report:
             "may have seen the truth: how such an estimator comes to its figures is told by its "
             "source alone.**"
         )
+
+    def _all_cases(self) -> str:
+        """Return the table of all cases where that at a glance shows those with a reference."""
+        if not self.references or len(self.references) == len(self.scenario.cases):
+            return ""
+        return tables.errors_of_cases(self.scenario, self.summary)
 
     def _windows(self) -> str:
         w = self.scenario.cases[0].windows

@@ -69,7 +69,8 @@ def glance(scenario: Scenario, summary: pd.DataFrame) -> str:
         lost = " / ".join(str(sum(row[key] for row in held)) for key in ("failed", "diverged"))
         rows.append([f"`{label}`", causality, *errors, lost, milliseconds])
     titles = [f"{case.title}: m, m/s" for case in cases]
-    return markdown(["settled window", "causality", *titles, "failed / diverged", "ms/run"], rows)
+    head = ["settled window", "causality", *titles, "failed / diverged", "ms/run"]
+    return markdown(head, rows)
 
 
 def errors_of_cases(scenario: Scenario, summary: pd.DataFrame) -> str:
@@ -194,7 +195,8 @@ def verdicts(pairs: pd.DataFrame) -> str:
         ratios = pair["error_ratio"].dropna().to_numpy()
         farthest = ratios[np.abs(np.log(ratios)).argmax()] if len(ratios) else math.nan
         counts = [str(found.get(verdict, 0)) for verdict in verdicts]
-        rows.append([f"`{first}`", f"`{second}`", *counts, f"{farthest:.5g}"])
+        text = "–" if math.isnan(farthest) else f"{farthest:.5g}"
+        rows.append([f"`{first}`", f"`{second}`", *counts, text])
     reading = (
         "Paired over runs, position, settled window: the number of grid points of each verdict "
         f"([definitions]({DEFINITIONS}))."
@@ -204,7 +206,7 @@ def verdicts(pairs: pd.DataFrame) -> str:
 
 def _pair(pair: dict[str, Any]) -> list[str]:
     """Return the cells of a pair."""
-    ratio = f"{pair['error_ratio']:.4g}"
+    ratio = "–" if math.isnan(pair["error_ratio"]) else f"{pair['error_ratio']:.4g}"
     if not math.isnan(pair["error_ratio_lo"]):
         ratio += f" [{pair['error_ratio_lo']:.4g}, {pair['error_ratio_hi']:.4g}]"
     return [

@@ -13,7 +13,7 @@ from __future__ import annotations
 import io
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ import pandas as pd
 
 from ..judging import success
 from ..judging.field_scale import correlation_m
+from ..judging.summary import EXTRA_COLUMNS, SUMMARY_COLUMNS
 from ..spec import scenario
 from ..spec.scenario import Scenario
 from .folder import Results
@@ -34,6 +35,11 @@ _KEPT = (
     "seed", "runs", "date", "machine", "assumptions",
 )  # fmt: skip
 _PAIRED = ("case", "window", "first", "second", "runs", *success.PAIRED_COLUMNS)
+_TEXTS = dict.fromkeys(
+    ("scenario", "case", "estimator", "label", "parameters", "causality", "window", "first",
+     "second", "verdict"), str,
+)  # fmt: skip
+"""Columns of text, whatever it looks like: a case may be named 10, or null."""
 _DIGITS = "%.6g"
 
 
@@ -120,10 +126,10 @@ def read(folder: Path) -> Digest:
     """
     try:
         manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
-        summary, pairs = (
-            pd.read_csv(io.StringIO((folder / file).read_text(encoding="utf-8")), low_memory=False)
-            for file in ("settled.csv", "pairs.csv")
-        )
+        summary = _table(folder / "settled.csv", (*SUMMARY_COLUMNS, *EXTRA_COLUMNS))
+        pairs = _table(folder / "pairs.csv", _PAIRED)
+        for key in (*_KEPT, "done", "left_out"):
+            manifest[key]
         named = manifest["scenario_text"], manifest["scenario"], manifest["notes"]
         lengths = {k: math.nan if v is None else v for k, v in manifest["correlation_m"].items()}
         cases = manifest["cases"]
@@ -135,3 +141,13 @@ def read(folder: Path) -> Digest:
         ) from None
     loaded = scenario.from_text(*named).select(cases)
     return Digest(loaded, manifest, summary, pairs, lengths)
+
+
+def _table(path: Path, columns: Iterable[str]) -> pd.DataFrame:
+    """Return a table that has these columns; raises OSError or ValueError if it has not."""
+    text = io.StringIO(path.read_text(encoding="utf-8"))
+    table = pd.read_csv(text, low_memory=False, dtype=_TEXTS, keep_default_na=False, na_values=[""])
+    missing = [name for name in columns if name not in table]
+    if missing:
+        raise ValueError(f"{path.name} has no column {missing[0]}")
+    return table

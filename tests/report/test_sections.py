@@ -45,7 +45,9 @@ def convergence(monkeypatch, tmp_path: Path) -> tuple[list[str], list[Any], list
     """The parts of the section, and what its figures were given."""
     rows = [
         {"case": name, "label": label, "window": "settled", "runs": 100, "position_mrse_m": 1.0,
-         "causality": "none" if label == "ins" else "filter", "seconds_per_run": 1.0}
+         "causality": "none" if label == "ins" else "filter", "seconds_per_run": 1.0,
+         "ratio_median": 1.0, "success_share": figures[0], "success_lo": figures[1],
+         "success_hi": figures[2]}
         | dict(zip(COLUMNS, figures, strict=True))
         for (name, label), figures in LOCKS.items()
     ]  # fmt: skip

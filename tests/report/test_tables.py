@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 from problems import SMALL
 
+from ggbench.figures.numbers import short
 from ggbench.judging.summary import WINDOWS
 from ggbench.report import tables
 from ggbench.spec import scenario
@@ -25,24 +26,28 @@ COLUMNS = (
     "position_p95_m", "position_bound_m", "position_efficiency", "velocity_mrse_mps",
     "velocity_mrse_lo", "velocity_mrse_hi", "velocity_median_mps", "velocity_p95_mps",
     "velocity_bound_mps", "velocity_efficiency", "nees_mean", "nees_lo", "nees_hi", "nis_mean",
-    "nis_lo", "nis_hi",
+    "nis_lo", "nis_hi", "ratio_median", "ratio_median_lo", "ratio_median_hi", "ratio_quartile_lo",
+    "ratio_quartile_hi", "ratio_p95", "capped_mrse_m",
 )  # fmt: skip
+SHARES = (0.811, 0.722, 0.933)
+"""Share of success with its interval."""
 
 
 def figure(case: str, label: str, window: str, column: str) -> float:
     """A number that is of no other case, estimator, window and column."""
     place = (CASES.index(case), list(LABELS).index(label), WINDOWS.index(window))
-    return 10.0 + COLUMNS.index(column) + 0.01 * (30 * place[0] + 6 * place[1] + place[2] + 1)
+    return 10.0 + COLUMNS.index(column) + 0.01 * (40 * place[0] + 10 * place[1] + 3 * place[2] + 1)
 
 
 def row(case: str, label: str, window: str) -> dict[str, Any]:
     found = {column: figure(case, label, window, column) for column in COLUMNS}
     index = list(LABELS).index(label)
     return found | {
-        "case": case, "label": label, "window": window, "causality": LABELS[label], "runs": 50,
+        "case": case, "label": label, "window": window, "causality": LABELS[label], "runs": 500,
         "failed": 2 + index, "diverged": 12 + index, "seconds_per_run": 0.125 + index,
         "map_evaluations": 700 + index, "coverage": 0.911, "coverage_lo": 0.922,
-        "coverage_hi": 0.933, "lock_share": math.nan,
+        "coverage_hi": 0.933, "lock_share": math.nan, "success_share": SHARES[0],
+        "success_lo": SHARES[1], "success_hi": SHARES[2], "false_lock_lo": math.nan,
     }  # fmt: skip
 
 
@@ -86,52 +91,66 @@ def test_the_first_table_tells_position_before_velocity_and_milliseconds():
             assert numbers(bounds[causality]) == wanted
 
 
-def test_many_cases_show_their_position_errors():
-    """A row for each case, a column for each estimator, the bounds of each causality behind."""
-    head, rows = parsed(tables.glance(UNPUBLISHED, SUMMARY))
-    labels = [re.match("`(.*)`", title)[1] for title in head[1:5]]
-    assert labels == list(LABELS)
-    for name, cells in zip(CASES, rows, strict=True):
-        for label, cell in zip(labels, cells[1:5], strict=True):
-            columns = ("position_mrse_m", "position_mrse_lo", "position_mrse_hi")
-            index = list(LABELS).index(label)
-            figures = pytest.approx(
-                [figure(name, label, "settled", column) for column in columns], abs=0.06
-            )
-            assert numbers(cell)[:3] == figures
-            assert cell.startswith("**") == (label == "ekf")  # the only causal one
-            assert cell.endswith(f"; {2 + index} failed, {12 + index} diverged")
-        for title, cell in zip(head[5:], cells[5:], strict=True):
-            label = {causality: k for k, causality in LABELS.items()}[title.split()[1].strip("*")]
-            bound = figure(name, label, "settled", "position_bound_m")
-            assert numbers(cell) == pytest.approx([bound], abs=0.06)
+def test_many_cases_show_their_errors_over_the_bound():
+    """A column for each case: the bounds of each causality, then the median of each estimator."""
+    liar = SUMMARY["label"].eq("late")
+    summary = SUMMARY.assign(coverage=SUMMARY["coverage"].mask(liar, 0.5))
+    summary.loc[SUMMARY["label"] == "lagged", "success_share"] = 1.0
+    summary.loc[SUMMARY["label"] == "ins", "ratio_median"] = math.nan
+    head, rows = parsed(tables.glance(UNPUBLISHED, summary))
+    assert len(head) == 1 + len(CASES)
+    assert [cells[0] for cells in rows] == [
+        "*bound [m]: filter*", "*bound [m]: fixed-lag*", "*bound [m]: batch*", "`ekf`", "`ins`",
+        "`lagged` (fixed-lag)", "`late` (batch)",
+    ]  # fmt: skip
+    for column, name in enumerate(CASES, 1):
+        cells = [row[column] for row in rows]
+        for label, cell in zip(("ekf", "lagged", "late"), cells[:3], strict=True):
+            assert cell == short(figure(name, label, "settled", "position_bound_m"))
+        ekf, lagged, late = (
+            short(figure(name, label, "settled", "ratio_median"))
+            for label in ("ekf", "lagged", "late")
+        )
+        assert cells[3:] == [f"**{ekf}** (81 %)", "– (81 %)", lagged, f"{late} (81 %) †"]
 
 
 def test_errors_of_a_case_stand_under_their_headings():
-    """MRSE with its interval, median and 95 % quantile, bound, efficiency: position, velocity."""
+    """Success, error over bound, MRSE with its interval, capped, bounds: position, velocity."""
     head, rows = parsed(tables.case_errors(SCENARIO.cases[0], SUMMARY))
-    assert [title.split(" [")[0] for title in head] == [
-        "estimator", "position MRSE", "median, 95 %", "bound", "efficiency", "velocity MRSE",
-        "median, 95 %", "bound", "failed / diverged",
+    assert head == [
+        "estimator", "success", "error / bound: median", "quartiles", "95 %", "position MRSE [m]",
+        "capped", "bound [m]", "velocity MRSE [m/s]", "bound", "failed / diverged",
     ]  # fmt: skip
-    assert numbers(rows[0][1]) == [6.0] and numbers(rows[0][5]) == [0.3]
+    assert numbers(rows[0][5]) == [6.0] and numbers(rows[0][8]) == [0.3]
     columns = (
+        ("ratio_median", "ratio_median_lo", "ratio_median_hi"),
+        ("ratio_quartile_lo", "ratio_quartile_hi"),
+        ("ratio_p95",),
         ("position_mrse_m", "position_mrse_lo", "position_mrse_hi"),
-        ("position_median_m", "position_p95_m"),
+        ("capped_mrse_m",),
         ("position_bound_m",),
-        ("position_efficiency",),
         ("velocity_mrse_mps", "velocity_mrse_lo", "velocity_mrse_hi"),
-        ("velocity_median_mps", "velocity_p95_mps"),
         ("velocity_bound_mps",),
     )
     seen = [cells[0].strip("`*") for cells in rows]
     assert seen == ["paper", "ekf", "ins", "smoothers", "lagged", "late"]
     for cells in rows:
         if (label := cells[0].strip("`")) in LABELS:
-            for cell, names in zip(cells[1:8], columns, strict=True):
-                assert numbers(cell) == shown("base", label, "settled", *names)
+            assert numbers(cells[1]) == [81, 72, 93]
+            for cell, names in zip(cells[2:10], columns, strict=True):
+                wanted = [figure("base", label, "settled", name) for name in names]
+                assert numbers(cell) == pytest.approx(wanted, abs=0.06)
             index = list(LABELS).index(label)
-            assert numbers(cells[8]) == [2 + index, 12 + index]
+            assert numbers(cells[10]) == [2 + index, 12 + index]
+
+
+def test_who_never_succeeds_has_no_error_and_who_lies_is_marked():
+    """– for what there is none of; † behind what claims more than it knows."""
+    none = dict.fromkeys([c for c in COLUMNS if c.startswith("ratio")], math.nan)
+    summary = SUMMARY[SUMMARY["label"] == "ekf"].assign(coverage=0.6, **none)
+    _, rows = parsed(tables.case_errors(SCENARIO.cases[0], summary))
+    assert rows[1][0] == "`ekf` †"
+    assert rows[1][2:5] == ["–", "–", "–"]
 
 
 def test_consistency_and_cost_of_a_case_stand_under_their_headings():
@@ -183,16 +202,13 @@ def test_bounds_are_roots_of_means_over_their_windows():
 def pairs() -> pd.DataFrame:
     """The INS against the EKF in both cases, as paired_table has them."""
     pair = {
-        "first": "ins", "second": "ekf", "runs": 48, "first_only": 1, "second_only": 0,
-        "position_difference_m2": 30.0, "position_lo": 20.0, "position_hi": 45.0,
-        "position_relative": 1.5, "position_win_rate": 0.12, "position_verdict": "worse",
-        "velocity_difference_m2ps2": 3.0, "velocity_lo": -2.0, "velocity_hi": 4.5,
-        "velocity_relative": 0.25, "velocity_win_rate": 0.43,
-        "velocity_verdict": "not distinguishable",
+        "first": "ins", "second": "ekf", "runs": 48, "velocity_relative": 0.25,
+        "both_succeeded": 40, "first_succeeded": 1, "second_succeeded": 7, "success_p": 0.07,
+        "error_ratio": 2.5, "error_ratio_lo": 2.0, "error_ratio_hi": 3.125, "sign_p": 0.0123,
+        "verdict": "worse",
     }  # fmt: skip
-    lower = {"position_relative": -0.8, "position_verdict": "better"}
     places = (("base", "settled"), ("noisy", "settled"), ("base", "whole"))
-    others = ({}, lower, {"position_verdict": "better"})
+    others = ({}, {"error_ratio": 0.2, "verdict": "as good"}, {"verdict": "better"})
     return pd.DataFrame(
         [
             pair | {"case": case, "window": window} | other
@@ -202,26 +218,31 @@ def pairs() -> pd.DataFrame:
 
 
 def test_pairs_are_told_against_the_best_of_their_case():
-    """Difference, ratio, wins and verdict of the position, then of the velocity."""
+    """Who succeeds alone, the ratio of errors with its interval, the sign test, the verdict."""
     head, rows = parsed(tables.paired(SCENARIO, SUMMARY, pairs()))
-    assert head[4:8] == [
-        "position: difference of squared error [m²]", "MRSE ratio", "wins", "verdict",
+    assert head[3:] == [
+        "runs", "succeeds alone", "the other alone", "ratio of errors", "sign test", "verdict",
+        "velocity: MRSE ratio",
     ]  # fmt: skip
     assert rows[0] == [
-        "base", "`ins`", "`ekf`", "48", "+30 [+20, +45]", "2.5", "12 %", "worse", "1.25", "43 %",
-        "not distinguishable",
+        "base", "`ins`", "`ekf`", "48", "1", "7", "2.5 [2, 3.125]", "0.012", "worse", "1.25",
     ]  # fmt: skip
     assert len(rows) == 2
+    nobody = SUMMARY.assign(failed=400)
+    assert tables.paired(SCENARIO, nobody, pairs()) == ""
 
 
 def test_verdicts_of_many_cases_are_counted():
-    """In the settled window: how many cases are better, worse, undecided; the farthest ratio."""
+    """In the settled window: how many cases are of which verdict; the farthest ratio."""
     head, rows = parsed(tables.verdicts(pairs()))
-    assert head[3:6] == ["better", "worse", "not distinguishable"]
-    assert rows == [
-        ["`ins`", "`ekf`", "position", "1", "1", "0", "0.2"],
-        ["`ins`", "`ekf`", "velocity", "0", "0", "2", "1.25"],
-    ]
+    assert head[2:] == [
+        "better", "worse", "as good", "not distinguishable", "mean ratio of errors farthest from 1",
+    ]  # fmt: skip
+    assert rows == [["`ins`", "`ekf`", "0", "1", "1", "0", "0.2"]]
+    nothing = pairs().assign(error_ratio=math.nan)
+    assert parsed(tables.verdicts(nothing))[1][0][-1] == "–"
+    alone = nothing.assign(error_ratio_lo=math.nan, error_ratio_hi=math.nan)
+    assert parsed(tables.paired(SCENARIO, SUMMARY, alone))[1][0][6] == "–"
 
 
 def test_a_study_sets_windows_and_lost_runs_beside_the_paper():
@@ -233,5 +254,5 @@ def test_a_study_sets_windows_and_lost_runs_beside_the_paper():
     for cells, window in zip(rows[1:], ("settled", "whole", "last20"), strict=True):
         wanted = shown("base", "ekf", window, "position_mrse_m", "velocity_mrse_mps")
         assert numbers(cells[1].partition(" (")[0]) == wanted
-        assert cells[1].endswith("(14 of 50 failed or diverged)")
+        assert cells[1].endswith("(14 of 500 failed or diverged)")
         assert numbers(cells[2]) == shown("base", "ekf", window, "nees_mean")
