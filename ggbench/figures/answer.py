@@ -52,8 +52,10 @@ def over_cases(
     top.set(ylabel="share of success", ylim=(-0.06, 1.06))
     top.yaxis.set_major_formatter(lambda value, _: f"{100.0 * value:.0f} %")
     bottom.set(ylabel="error / bound of those\n(median, quartiles)", yscale="log")
-    plain_numbers(bottom)
     bottom.axhline(1.0, color="black", lw=0.9, ls=":")
+    if not any(np.isfinite(line.value).any() for line in ratios.values()):
+        bottom.set_ylim(0.5, 2.0)  # where nobody succeeds there is nothing to scale by
+    plain_numbers(bottom)
     bottom.set_xlim(-0.5, len(names) - 0.5)
     long = max(map(len, names)) * len(names) > 9.0 * figure.get_size_inches()[0]
     bottom.set_xticks(range(len(names)), names, rotation=35 if long else 0,

@@ -112,6 +112,8 @@ def caveat(results: Results, summary: pd.DataFrame) -> str:
             f"`{k}` {runs}" for k, runs in fewer.groupby("label")["runs"].max().items()
         )
         parts.append(f"of {results.run_count} runs only the first were given to some: {told}")
+    for label, why in results.manifest.get("left_out", {}).items():
+        parts.append(f"`{results.name_of(label)}` was not run: {why}")
     return f"*Caveat*: {'; '.join(parts)}. Words and figures: [definitions]({DEFINITIONS})."
 
 

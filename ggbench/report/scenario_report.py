@@ -135,7 +135,7 @@ class _Report:
             answer_figure(self.results, self.summary, self.pictures),
             caveat(self.results, self.summary),
             tables.glance(self.scenario, self.summary),
-            self._all_cases(),
+            self._beside_published(),
             self.scenario.description,
             *ConvergenceReport(self.results, self.summary, self.pictures).sections(),
             "## Results",
@@ -206,11 +206,20 @@ class _Report:
             "source alone.**"
         )
 
-    def _all_cases(self) -> str:
-        """Return the table of all cases where that at a glance shows those with a reference."""
-        if not self.references or len(self.references) == len(self.scenario.cases):
+    def _beside_published(self) -> str:
+        """Return the same of the whole flight, where errors were published, and of all cases.
+
+        Which window a source means is seldom said, and the settled one is the kind one.
+        """
+        if not self.references:
             return ""
-        return tables.errors_of_cases(self.scenario, self.summary)
+        parts = [
+            "The same numbers over the whole flight, which the settled window flatters:",
+            tables.glance(self.scenario, self.summary, "whole"),
+        ]
+        if len(self.references) < len(self.scenario.cases):
+            parts.append(tables.errors_of_cases(self.scenario, self.summary))
+        return "\n\n".join(parts)
 
     def _windows(self) -> str:
         w = self.scenario.cases[0].windows
@@ -374,7 +383,9 @@ class _Report:
         machine = m["machine"]
         labels, cases = tuple(m["estimators"]), m["cases"]
         flags = ""
-        if labels != self.scenario.campaign.estimators:
+        left_out = m.get("left_out", {})
+        asked = tuple(k for k in self.scenario.campaign.estimators if k not in left_out)
+        if labels != asked:
             flags += "".join(f" -e {shlex.quote(label)}" for label in labels)
         if cases != [case.name for case in self.results.whole_scenario.cases]:
             flags += "".join(f" -c {shlex.quote(name)}" for name in cases)

@@ -34,13 +34,13 @@ def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join("| " + " | ".join(line) + " |" for line in escaped)
 
 
-def glance(scenario: Scenario, summary: pd.DataFrame) -> str:
+def glance(scenario: Scenario, summary: pd.DataFrame, window: str = "settled") -> str:
     """Return the table at a glance: every estimator beside the paper and the bound."""
     cases = [case for case in scenario.cases if case.reference]
     if not cases and len(scenario.cases) > 1:
         return errors_of_cases(scenario, summary)
     cases = cases or list(scenario.cases)
-    tables = [rows_of(summary, case, "settled") for case in cases]
+    tables = [rows_of(summary, case, window) for case in cases]
     rows = []
     if any(case.reference for case in cases):
         published = [
@@ -69,7 +69,7 @@ def glance(scenario: Scenario, summary: pd.DataFrame) -> str:
         lost = " / ".join(str(sum(row[key] for row in held)) for key in ("failed", "diverged"))
         rows.append([f"`{label}`", causality, *errors, lost, milliseconds])
     titles = [f"{case.title}: m, m/s" for case in cases]
-    head = ["settled window", "causality", *titles, "failed / diverged", "ms/run"]
+    head = [WINDOW_TITLES[window], "causality", *titles, "failed / diverged", "ms/run"]
     return markdown(head, rows)
 
 

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from ..judging import success
@@ -109,9 +110,9 @@ def _scale(results: Results, case: str) -> float | None:
     return None if math.isnan(found) else float(_DIGITS % found)
 
 
-def _rows_at(wanted: Any, times: Any) -> Any:
+def _rows_at(wanted: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Return at which of the epochs the gradients were read; each has one."""
-    return abs(times[:, None] - wanted).argmin(axis=0)
+    return np.searchsorted(times, wanted - 1e-6)
 
 
 def read(folder: Path) -> Digest:

@@ -363,7 +363,14 @@ class Results:
         return pd.concat(frames, ignore_index=True)
 
     def paired(self) -> pd.DataFrame:
-        """Return the paired comparison of every two estimators, in every case and window."""
+        """Return the paired comparison of every two estimators, in every case and window.
+
+        The table is the caller's own.
+        """
+        return self._paired.copy()
+
+    @cached_property
+    def _paired(self) -> pd.DataFrame:
         return paired_table(self._runs)
 
     def failures(self) -> pd.DataFrame:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgba
 
-from ggbench.figures import answer, nonlinearity
+from ggbench.figures import answer, nonlinearity, style
 from ggbench.figures.answer import Figures
 from ggbench.figures.looks import looks
 
@@ -86,3 +86,12 @@ def test_every_setting_has_its_panel():
     assert figure.axes[0].get_shared_x_axes().joined(*figure.axes[:2])
     (legend,) = figure.legends
     assert [text.get_text() for text in legend.get_texts()] == ["ekf", "tercom"]
+
+
+def test_where_nobody_succeeds_the_figure_is_drawn_all_the_same(tmp_path):
+    """Without a ratio there is no scale to be found, and no warning."""
+    nothing = Figures(*np.full((3, 1), np.nan))
+    none = Figures(np.zeros(1), np.zeros(1), np.array([0.5]))
+    figure = answer.over_cases(["lost"], {"ekf": none}, {"ekf": nothing})
+    style.save(figure, tmp_path / "answer.png")
+    assert figure.axes[1].get_ylim() == (0.5, 2.0)

@@ -47,15 +47,16 @@ def test_cases_that_set_estimators_apart_are_shown_first():
     assert [spec.name for spec in telling_cases(CASES, alone)] == ["even"]
 
 
-def results(cases=CASES, asked: int = 100) -> Any:
+def results(cases=CASES, asked: int = 100, **manifest: Any) -> Any:
     labels = {label: {"parameters": {}} for label in ("ekf", "ukf", "late", "ins")}
     return SimpleNamespace(
-        scenario=SimpleNamespace(cases=cases), run_count=asked, estimators=labels
-    )
+        scenario=SimpleNamespace(cases=cases), run_count=asked, estimators=labels,
+        manifest=manifest, name_of=lambda label: label.replace("[engine=numba]", ""),
+    )  # fmt: skip
 
 
 def test_the_caveat_says_what_figures_are_not_of():
-    """Simulated always; the rebuilt map and fewer runs where it is so."""
+    """Simulated always; the rebuilt map, fewer runs, and who was not run, where it is so."""
     plain = caveat(results(), SUMMARY)
     assert plain == (
         "*Caveat*: simulated flights: truth and estimators share all that the scenario does not "
@@ -67,6 +68,8 @@ def test_the_caveat_says_what_figures_are_not_of():
     fewer = SUMMARY.assign(runs=np.where(SUMMARY["label"] == "ukf", 40, 100))
     text = caveat(results(), fewer)
     assert "of 100 runs only the first were given to some: `ukf` 40. Words" in text
+    text = caveat(results(left_out={"tercom[engine=numba]": "it has no map"}), SUMMARY)
+    assert "; `tercom` was not run: it has no map. Words" in text
 
 
 def test_the_figure_gets_what_it_shows(tmp_path, monkeypatch):

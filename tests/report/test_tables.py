@@ -256,3 +256,14 @@ def test_a_study_sets_windows_and_lost_runs_beside_the_paper():
         assert numbers(cells[1].partition(" (")[0]) == wanted
         assert cells[1].endswith("(14 of 500 failed or diverged)")
         assert numbers(cells[2]) == shown("base", "ekf", window, "nees_mean")
+
+
+def test_the_first_table_can_be_of_the_whole_flight():
+    """Its numbers are that window's, and it says so."""
+    settled, whole = (parsed(tables.glance(SCENARIO, SUMMARY, w)) for w in ("settled", "whole"))
+    assert (settled[0][0], whole[0][0]) == ("settled window", "whole flight")
+    cells = next(row for row in whole[1] if row[0] == "`ekf`")
+    assert numbers(cells[2]) == shown(
+        "base", "ekf", "whole", "position_mrse_m", "velocity_mrse_mps"
+    )
+    assert cells[2] != next(row for row in settled[1] if row[0] == "`ekf`")[2]

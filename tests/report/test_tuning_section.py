@@ -1,0 +1,56 @@
+"""What each estimator gains if its parameters are chosen on other runs than it is judged on."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pandas as pd
+from leagues import dishonest
+from summaries import RUNS, SAME, case, records, tabled
+
+from ggbench.report.tuning_section import tuning_section
+
+LABELS = ["ins", "ekf", "ekf[noise_scale=3]", "ekf[gate=0.999]", "ukf", "few[a=1]", "few[a=2]"]
+
+
+def half(**errors: float) -> pd.DataFrame:
+    """The summary of half of the runs: of ekf, its two variants and the rest."""
+    groups = [
+        records("ins", 1e4 * SAME, "none"),
+        records("ekf", errors["plain"] ** 2 * SAME),
+        records("ekf[noise_scale=3]", errors["scaled"] ** 2 * SAME),
+        dishonest(records("ekf[gate=0.999]", errors["gated"] ** 2 * SAME)),
+        records("ukf", SAME),
+        records("few[a=1]", SAME[: RUNS // 2]),
+        records("few[a=2]", SAME[: RUNS // 2]),
+    ]
+    return tabled(*groups)[0]
+
+
+def results(tuning: bool, *halves: pd.DataFrame) -> Any:
+    scenario = SimpleNamespace(campaign=SimpleNamespace(tuning=tuning), cases=(case(),))
+    return SimpleNamespace(scenario=scenario, labels=LABELS, halves=lambda: halves)
+
+
+def test_the_best_on_one_half_is_judged_on_the_other():
+    """Not what is best where it is judged; nor what is not honest; the plain one stands beside."""
+    training = half(plain=4.0, scaled=2.0, gated=1.0)
+    judged = half(plain=1.0, scaled=3.0, gated=1.0)
+    text = "\n".join(tuning_section(results(True, training, judged)))
+    rows = [line for line in text.splitlines() if line.startswith("| the case")]
+    assert len(rows) == 1  # the others have no variants, or not all runs
+    cells = [cell.strip() for cell in rows[0].strip("|").split(" | ")]
+    assert cells[1:3] == ["`ekf`, filter", "100 %"]
+    assert cells[4] == "`ekf[noise_scale=3]`"
+    settled = judged[judged["window"] == "settled"].set_index("label")["ratio_median"]
+    for cell, label in ((cells[3], "ekf"), (cells[6], "ekf[noise_scale=3]")):
+        assert cell.split(" ")[0] == f"{settled[label]:.2f}"
+
+
+def test_what_is_not_tuned_has_no_section():
+    """Without the scenario's word, or without variants, nothing is told."""
+    halves = half(plain=4.0, scaled=2.0, gated=1.0), half(plain=1.0, scaled=3.0, gated=1.0)
+    assert tuning_section(results(False, *halves)) == []
+    alone = [table[~table["label"].str.startswith("ekf[")] for table in halves]
+    assert tuning_section(results(True, *alone)) == []
