@@ -16,7 +16,7 @@ LONG_S = 1800.0
 """Duration from which a flight is called long [s]."""
 NOTHING = "nothing"
 SITUATIONS = {
-    "plain": f"Narrow prior, right model (σ/ℓ below {NARROW:g})",
+    "plain": f"Narrow prior, right model (σ/ℓ below {NARROW:g}, or not known)",
     "between": f"A prior of the field's own scale (σ/ℓ of {NARROW:g} to {WIDE:g})",
     "wide": f"Wide prior (σ/ℓ of {WIDE:g} or more)",
     "long": f"Long flight ({LONG_S / 60.0:g} min or more), narrow prior",
@@ -37,7 +37,7 @@ def situation_of(case: CaseSpec, gained: str, correlation_m: float = math.nan) -
     ----------
     case : the case. gained : what aiding gains, of :func:`ggbench.report.outcome.gain`.
     correlation_m : the field's correlation length along the track [m]; NaN where nobody knows it,
-        and the prior is called neither narrow nor wide.
+        and the prior is taken with the narrow ones.
     """
     if gained in ("nothing", "worse"):
         return NOTHING
