@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.container import ErrorbarContainer
 
+from .locking import Series
 from .looks import Look, looks
 from .style import Drawing, legend_below, plain_numbers, styled, subplots
 
@@ -15,18 +16,9 @@ _WIDEST = 11.0
 """Width of a figure [in] at most."""
 
 
-@dataclass(frozen=True)
-class Figures:
-    """A figure of an estimator over the cases, each (n,): middle and ends; NaN where none."""
-
-    value: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-
-
 @styled()
 def over_cases(
-    names: Sequence[str], shares: Mapping[str, Figures], ratios: Mapping[str, Figures]
+    names: Sequence[str], shares: Mapping[str, Series], ratios: Mapping[str, Series]
 ) -> Drawing:
     """Draw the share of success, and below it the error over the bound where it succeeds.
 
@@ -64,7 +56,7 @@ def over_cases(
     return figure
 
 
-def _points(axis: Axes, places: np.ndarray, line: Figures, look: Look):  # type: ignore[no-untyped-def]
+def _points(axis: Axes, places: np.ndarray, line: Series, look: Look) -> ErrorbarContainer:
     """Draw an estimator's figures with bars between their ends; return what a legend shows."""
     reach = np.abs(np.nan_to_num([line.value - line.low, line.high - line.value]))
     return axis.errorbar(

@@ -18,7 +18,7 @@ from .style import INS, Drawing, legend_below, plain_numbers, styled, subplots
 
 @dataclass(frozen=True)
 class Series:
-    """A figure over the cases with its 95 % interval, each (n,); NaN where there is none."""
+    """A figure over the cases between two ends, each (n,); NaN where there is none."""
 
     value: np.ndarray
     low: np.ndarray

@@ -12,7 +12,8 @@ from urllib.parse import quote
 import numpy as np
 import pandas as pd
 
-from ..figures.answer import Figures, over_cases
+from ..figures.answer import over_cases
+from ..figures.locking import Series
 from ..figures.style import save
 from ..judging.ranking import honest, rows_of
 from ..results.folder import Results
@@ -36,9 +37,9 @@ def answer_figure(results: Results, summary: pd.DataFrame, pictures: Path) -> st
     if not labels:
         return ""
 
-    def figures(*columns: str) -> dict[str, Figures]:
+    def figures(*columns: str) -> dict[str, Series]:
         return {
-            label: Figures(
+            label: Series(
                 *(
                     np.array([t.get(label, {}).get(key, math.nan) for t in tables])
                     for key in columns

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import shlex
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -81,12 +82,16 @@ class _Report:
         self.scenario = loaded = results.scenario
         self.summary = summary
         self.studies = results.studies()
-        self.paired = results.paired()
         self.pictures = pictures
         self.manifest = results.manifest
         plain = () if loaded.sweep else loaded.cases  # a sweep's figures are of its summary alone
         self.arrays = {case.name: results.arrays(case.name) for case in plain}
         self.references = [case for case in loaded.cases if case.reference]
+
+    @cached_property
+    def paired(self) -> pd.DataFrame:
+        """The paired comparisons, which cost time and are not in every report."""
+        return self.results.paired()
 
     def text(self) -> str:
         """Return the whole report as markdown."""

@@ -73,9 +73,9 @@ def write(results: Results, folder: Path) -> None:
     """
     folder.mkdir(parents=True, exist_ok=True)
     summary = results.summary()
-    pairs = results.paired()
-    if not results.scenario.campaign.league:  # nobody compares its estimators over scenarios
-        pairs = pairs[:0]
+    pairs = pd.DataFrame(columns=_PAIRED)
+    if results.scenario.campaign.league:  # else nobody compares its estimators over scenarios
+        pairs = results.paired()
     counts = summary.groupby(["label", "case"])["runs"].max()
     names = [case.name for case in results.scenario.cases]
     manifest = {key: results.manifest[key] for key in _KEPT} | {

@@ -92,11 +92,11 @@ def test_a_report_sets_estimators_beside_each_other(folder, tmp_path):
     (row,) = [
         line
         for line in (tmp_path / "o" / "small.md").read_text().splitlines()
-        if line.startswith("| base | `blurred.py` | `ekf` | 30 | +")
+        if line.startswith("| base | `blurred.py` | `ekf` | 30 | 0 | 0 |")
     ]
     cells = [cell.strip() for cell in row.strip("|").split("|")]
-    assert 1.0 < float(cells[5]) < 2.0 and float(cells[6].split()[0]) < 50.0
-    assert cells[7] == "worse"
+    assert 1.0 < float(cells[6].split()[0]) < 2.0 and float(cells[7]) < 0.05
+    assert cells[8] == "worse"
 
 
 def test_show_tells_the_run_that_deserves_a_look(folder):

@@ -40,6 +40,8 @@ COARSER = {
 keeps no more; where a run may end in another valley the search ends a little before the minimum."""
 LOST = ("wide_prior", "parallel_valleys", "particle_filters", "matching")
 """Scenarios in whose first cases a filter may lose its way, and be chaotic then."""
+TIPPED = {"submarine2021": 2e-3}
+"""Scenarios of hundreds of searches, of which one may end a step earlier: what a step is worth."""
 NUDGE = 1e-9
 """By how many deviations of their noise readings are moved to see what rounding can do."""
 BATCH = "factor-graph[mode=batch]"
@@ -102,7 +104,7 @@ def test_filters_are_those_of_the_frameworks(label, name, case):
         again = reference.estimate(nudged(problem), np.random.default_rng(0))
         own = difference(again, expected, problem)
         assert own > 0.1 * limit, f"run {run}: {found:.1e}, and {own:.1e} of the reference itself"
-        chaotic += 1
+        chaotic += label not in SEARCHING or found > TIPPED.get(name, 0.0)
     assert chaotic == 0 or name in LOST or EVERYTHING
 
 

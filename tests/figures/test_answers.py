@@ -7,15 +7,15 @@ import pytest
 from matplotlib.colors import to_rgba
 
 from ggbench.figures import answer, nonlinearity, style
-from ggbench.figures.answer import Figures
+from ggbench.figures.locking import Series
 from ggbench.figures.looks import looks
 
 LABELS = ("ekf", "ukf[points=cubature]")
 
 
-def ranges(seed: int, count: int) -> Figures:
+def ranges(seed: int, count: int) -> Series:
     low, value, high = np.sort(np.random.default_rng(seed).uniform(0.1, 0.9, (3, count)), axis=0)
-    return Figures(value, low, high)
+    return Series(value, low, high)
 
 
 def test_success_stands_over_errors_case_by_case():
@@ -90,8 +90,8 @@ def test_every_setting_has_its_panel():
 
 def test_where_nobody_succeeds_the_figure_is_drawn_all_the_same(tmp_path):
     """Without a ratio there is no scale to be found, and no warning."""
-    nothing = Figures(*np.full((3, 1), np.nan))
-    none = Figures(np.zeros(1), np.zeros(1), np.array([0.5]))
+    nothing = Series(*np.full((3, 1), np.nan))
+    none = Series(np.zeros(1), np.zeros(1), np.array([0.5]))
     figure = answer.over_cases(["lost"], {"ekf": none}, {"ekf": nothing})
     style.save(figure, tmp_path / "answer.png")
     assert figure.axes[1].get_ylim() == (0.5, 2.0)
