@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -344,9 +345,11 @@ def test_a_sweep_from_file_to_report(tmp_path, monkeypatch):
 
 
 def test_the_shipped_sweep_covers_what_an_engineer_asks():
-    """The paper's flight, 1e-4 to 10 E in half decades and 0.1 to 10 Hz, 77 points."""
+    """The paper's flight, 1e-4 to 10 E in half decades and 0.1 to 10 Hz: 77 points on each mount."""
     loaded = scenario.load("noise_rate_sweep")
-    assert len(loaded.cases) == len(loaded.sweep.points) == 77
+    assert len(loaded.cases) == len(loaded.sweep.points) == 2 * 77
+    mounts = Counter(case.gradiometer.instrument for case in loaded.cases)
+    assert mounts == {"platform": 77, "local-level": 77}
     assert loaded.sweep.targets_m == (1.0, 10.0, 100.0)
     noise, rate = (axis.values for axis in loaded.sweep.axes)
     assert (noise[0], noise[-1], rate[0], rate[-1]) == (1e-4, 10.0, 0.1, 10.0)
@@ -357,5 +360,9 @@ def test_the_shipped_sweep_covers_what_an_engineer_asks():
         here = case.model_dump()
         assert here["gradiometer"]["noise_eotvos"] == noise[i]
         assert here["gradiometer"]["period_s"] == pytest.approx(1.0 / rate[j])
+        assert (
+            loaded.sweep.points[case.name].base
+            == {"platform": "inertial", "local-level": "level"}[case.gradiometer.instrument]
+        )
         for table in ("trajectory", "imu", "initial_error", "field", "windows"):
             assert here[table] == base[table]
