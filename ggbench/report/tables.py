@@ -57,6 +57,7 @@ def glance(scenario: Scenario, summary: pd.DataFrame, window: str = "settled") -
         ]
 
     bounded = ""
+    most = _most_runs(tables)
     for label, first in tables[0].items():
         causality = first["causality"]
         if causality not in ("none", bounded):
@@ -67,7 +68,8 @@ def glance(scenario: Scenario, summary: pd.DataFrame, window: str = "settled") -
         milliseconds = f"{1e3 * first['seconds_per_run']:.0f}"
         held = [table[label] for table in tables if label in table]
         lost = " / ".join(str(sum(row[key] for row in held)) for key in ("failed", "diverged"))
-        rows.append([f"`{label}`", causality, *errors, lost, milliseconds])
+        name = f"`{label}`{_of_fewer(held, most)}"
+        rows.append([name, causality, *errors, lost, milliseconds])
     titles = [f"{case.title}: m, m/s" for case in cases]
     head = [WINDOW_TITLES[window], "causality", *titles, "failed / diverged", "ms/run"]
     return markdown(head, rows)
@@ -81,6 +83,7 @@ def errors_of_cases(scenario: Scenario, summary: pd.DataFrame) -> str:
     causality = {k: row["causality"] for table in tables.values() for k, row in table.items()}
     labels.sort(key=lambda label: ORDER[causality[label]])
     best = {case: best_causal(table.values()) for case, table in tables.items()}
+    most = _most_runs(tables.values())
     rows = []
     for kind in ("filter", "fixed-lag", "batch"):
         if kind in causality.values():
@@ -92,13 +95,25 @@ def errors_of_cases(scenario: Scenario, summary: pd.DataFrame) -> str:
     for label in labels:
         kind = causality[label]
         name = f"`{label}`" if kind in ("filter", "none") else f"`{label}` ({kind})"
+        name += _of_fewer([t[label] for t in tables.values() if label in t], most)
         rows.append([name, *(_over_bound(tables[c].get(label), best[c]) for c in tables)])
     reading = (
         "Median over the runs that succeed of the position error over the bound of its kind; "
-        "behind it the share of success, if it is not all, and † what is not honest of itself. "
+        "behind it the share of success, if it is not all, and † what is not honest of itself; "
+        "figures of fewer runs are of other samples, paired comparisons alone of the same. "
         f"The best causal estimator of a case is bold ([definitions]({DEFINITIONS}))."
     )
     return f"{markdown(['', *(case.title for case in tables)], rows)}\n\n{reading}"
+
+
+def _most_runs(tables: Iterable[Mapping[str, Mapping[str, Any]]]) -> int:
+    return max((row["runs"] for table in tables for row in table.values()), default=0)
+
+
+def _of_fewer(rows: Sequence[Mapping[str, Any]], most: int) -> str:
+    """Return of how many runs an estimator's figures are, if others flew more."""
+    runs = max(row["runs"] for row in rows)
+    return f", {runs} run{'s' * (runs != 1)}" if runs < most else ""
 
 
 def _bounds(table: Mapping[str, Mapping[str, Any]], causality: str) -> list[float]:

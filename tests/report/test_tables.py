@@ -91,6 +91,17 @@ def test_the_first_table_tells_position_before_velocity_and_milliseconds():
             assert numbers(bounds[causality]) == wanted
 
 
+@pytest.mark.parametrize("of", [SCENARIO, UNPUBLISHED], ids=["published", "unpublished"])
+def test_figures_of_fewer_runs_say_of_how_many(of):
+    """Beside the estimator's name, where others flew more; nowhere, where all flew the same."""
+    names = [cells[0] for cells in parsed(tables.glance(of, SUMMARY))[1]]
+    assert not [name for name in names if "run" in name]
+    runs = SUMMARY["runs"].mask(SUMMARY["label"] == "late", 7).mask(SUMMARY["label"] == "ins", 1)
+    names = [cells[0] for cells in parsed(tables.glance(of, SUMMARY.assign(runs=runs)))[1]]
+    said = [re.search(r"\d+ runs?$", name) for name in names]
+    assert [found[0] for found in said if found] == ["1 run", "7 runs"]
+
+
 def test_many_cases_show_their_errors_over_the_bound():
     """A column for each case: the bounds of each causality, then the median of each estimator."""
     liar = SUMMARY["label"].eq("late")
