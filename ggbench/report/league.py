@@ -35,6 +35,9 @@ COST_OF = "ekf"
 EXCEPTIONS = 0.05
 """Share of cases in which an estimator that is advised may not be as good as the best."""
 
+ABOUT = 1.25
+"""Ratio of times up to which one is no reason to advise an estimator with more parameters."""
+
 
 @dataclass(frozen=True, eq=False)
 class Flown:
@@ -137,8 +140,9 @@ class Advice:
     ----------
     situation : key of :data:`SITUATIONS`. cases, scenarios : in which it was met.
     standings : of the causal estimators that ran in all of it, the best first.
-    choice : the cheapest of those that are honest and as good as the best in all cases but
-        :data:`EXCEPTIONS` of them; None if there is none, or aiding gains nothing.
+    choice : of those that are honest and as good as the best in all cases but :data:`EXCEPTIONS`
+        of them, and take about the cheapest's time (:data:`ABOUT`), the one with the fewest
+        parameters; None if there is none, or aiding gains nothing.
     """
 
     situation: str
@@ -218,7 +222,9 @@ def _advice(situation: str, cases: Sequence[Flown]) -> Advice:
     able = [s for s in found if s.good >= 1.0 - EXCEPTIONS]
     choice = None
     if situation != NOTHING and able:
-        choice = min(able, key=lambda s: _last(s.cost))
+        near = ABOUT * min(_last(s.cost) for s in able)
+        cheap = [s for s in able if _last(s.cost) <= near]
+        choice = min(cheap, key=lambda s: (s.label.count("="), _last(s.cost)))
     return Advice(
         situation, cases, list(dict.fromkeys(flown.scenario for flown in cases)), found, choice
     )

@@ -9,19 +9,16 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from urllib.parse import quote
 
-from ..figures.numbers import short
 from ..figures.style import save
-from . import definitions
-from .league import COST_OF, EXCEPTIONS, SMOOTHERS, Advice, Entry, League, Standing, geometric_mean
+from . import advice_section, definitions
+from .league import ABOUT, COST_OF, EXCEPTIONS, SMOOTHERS, Entry, League, geometric_mean
 from .league import read as read_league
 from .league_figure import draw, number
 from .nonlinearity_section import opening_figure
 from .scenario_report import ReportError
 from .shares import percent
-from .situations import LONG_S, NARROW, NOTHING, SITUATIONS, WIDE, is_right_model
+from .situations import LONG_S, NARROW, NOTHING, WIDE, is_right_model
 from .tables import DEFINITIONS, markdown
-
-_MOST_NAMED = 6
 
 
 def write(output: Path) -> tuple[Path, list[str]]:
@@ -70,7 +67,8 @@ class LeagueReport:
         cases, scenarios = len(self.league.cases), len(self.names)
         parts = [
             "# Which estimator should I use when, and what does it cost?",
-            "\n".join(self._advice(advice) for advice in self.league.advice()),
+            advice_section.overall(self.league),
+            advice_section.first_screen(self.league),
             self._later(),
             f"This was found on {cases} cases in {scenarios} scenarios, all estimators on the same "
             f"flights and random numbers; every scenario counts alike. Limits: {_LIMITS}. What the "
@@ -84,6 +82,8 @@ class LeagueReport:
             "## Scenario by scenario",
             self._by_scenario(),
             self._others(),
+            "## Why not another",
+            advice_section.reasons(self.league),
             "## Rules",
             self._rules(),
             "## The scenarios",
@@ -92,48 +92,6 @@ class LeagueReport:
             self._making(),
         ]
         return "\n\n".join(part.strip() for part in parts if part.strip()) + "\n"
-
-    def _advice(self, advice: Advice) -> str:
-        """Return the advice for a situation as a list item."""
-        count = len(advice.cases)
-        where = f"{count} case{'s' if count > 1 else ''} of {self._few(advice.scenarios)}"
-        title = f"- **{SITUATIONS[advice.situation]}** ({where}): "
-        if advice.situation == NOTHING:
-            cases = [f"{f.scenario}/{f.found.case.name}" for f in advice.cases]
-            return f"{title}the INS alone; no causal estimator beats it in {self._few(cases)}."
-        if not advice.standings:
-            return f"{title}no causal estimator ran in all of them."
-        chosen = advice.choice
-        if chosen:
-            alike = [s for s in advice.standings if s.good >= 1.0 - EXCEPTIONS and s is not chosen]
-            text = f"{title}**`{chosen.label}`**: {self._figures(chosen)}"
-            if alike:
-                text += f". As good, at another cost: {_named(alike, _cost)}"
-        else:
-            alike, best = [], advice.standings[0]
-            text = (
-                f"{title}no estimator is as good as the best, and honest, everywhere; most often "
-            )
-            text += f"`{best.label}`: {self._figures(best)}"
-            alike.append(best)
-        rest = [s for s in advice.standings if s is not chosen and s not in alike]
-        if rest:
-            text += f". Not as good: {_named(rest, _shortcomings)}"
-        return f"{text}."
-
-    def _figures(self, standing: Standing) -> str:
-        parts = [f"as good as the best and honest in {percent(standing.good)}"]
-        if standing.open:
-            parts[0] += f" (too few runs to tell in {percent(standing.open)})"
-        parts.append(f"succeeds in {percent(standing.mean_success)} of the runs")
-        parts.append(f"{number(standing.mean_ratio)} times the bound")
-        return f"{', '.join(parts)}, {short(standing.ms)} ms a run"
-
-    @staticmethod
-    def _few(names: Sequence[str]) -> str:
-        shown = ", ".join(names[:_MOST_NAMED])
-        more = len(names) - _MOST_NAMED
-        return f"{shown} and {more} more" if more > 0 else shown
 
     def _later(self) -> str:
         """Return what an answer after the fact is worth."""
@@ -150,7 +108,7 @@ class LeagueReport:
         return (
             f"**If the answer may wait**: `{best.label}` ({best.causality}) succeeds in "
             f"{percent(best.mean_success)} of the runs, with {number(geometric_mean(ratios))} "
-            f"times the median error of the best causal estimator, at {_cost(best)}."
+            f"times the median error of the best causal estimator, at {advice_section.cost(best)}."
         )
 
     def _rules(self) -> str:
@@ -158,7 +116,8 @@ class LeagueReport:
             "Advised": "the cheapest of the causal estimators that ran in all cases of the "
             f"situation, and are honest and as good as the best in all of them but "
             f"{100.0 * EXCEPTIONS:.0f} % (scenarios counting equally), those included in which the "
-            "runs are too few to tell.",
+            "runs are too few to tell; of those within "
+            f"{100.0 * (ABOUT - 1.0):.0f} % of its time the one with the fewest parameters.",
             "Situations": "the first that fits a case: *aiding gains nothing*, if the best causal "
             "estimator is not better than the INS; a receiver that fails; readings, or a map, that "
             "`[truth]` or `[model]` set apart from what the estimators are told; gravity that is "
@@ -237,7 +196,7 @@ class LeagueReport:
             f"NEES within the 95 % band in {len(held) - len(beyond)} of {len(held)} cases whose "
             "model is right"
         )
-        return f"{text}, and not in {self._few(beyond)}." if beyond else f"{text}."
+        return f"{text}, and not in {advice_section.few(beyond)}." if beyond else f"{text}."
 
     def _pictured(self) -> str:
         shown = [s for s in self.league.standings if s.label != "ins"]
@@ -379,31 +338,9 @@ def _cell(rows: Sequence[Mapping[str, float]]) -> str:
     return text if success == 1.0 else f"{text} ({percent(success)})"
 
 
-def _named(standings: Sequence[Standing], of: object) -> str:
-    assert callable(of)
-    return ", ".join(f"`{s.label}` ({of(s)})" for s in standings)
-
-
-def _shortcomings(standing: Standing) -> str:
-    """Return in how much an estimator is not as good as the best."""
-    text = f"in {percent(standing.good)}; success {percent(standing.mean_success)}, "
-    text += f"{number(standing.mean_ratio)} × the bound"
-    return (
-        text
-        if standing.honest > 1.0 - EXCEPTIONS
-        else f"{text}, honest in " + percent(standing.honest)
-    )
-
-
 def first_sentence(text: str) -> str:
     """Return the first sentence of a description."""
     plain = " ".join(text.split())
     ends = re.finditer(r"(?<!\bal)(?<!\be\.g)(?<!\bi\.e)(?<!\bcf)[.?!](?=\s+[^a-z\s]|$)", plain)
     end = next(ends, None)
     return plain[: end.end()] if end else plain
-
-
-def _cost(standing: Standing) -> str:
-    if math.isnan(standing.cost):
-        return f"{short(standing.ms)} ms a run"
-    return f"{short(standing.cost)} × the time of `{COST_OF}`"

@@ -109,6 +109,16 @@ def test_advice_is_the_cheapest_of_the_best():
     assert costs == pytest.approx({"ekf": 1.0, "slow": 10.0, "poor": 0.1})
 
 
+@pytest.mark.parametrize(
+    ("seconds", "choice"), [(0.0085, "ekf"), (0.0078, "ekf[gate=0.999]"), (0.0101, "ekf")]
+)
+def test_a_little_time_does_not_pay_for_a_parameter(seconds, choice):
+    """Of two that take about the same time, whichever is the faster, the plain one is advised."""
+    held = league_of(s=[[INS, EKF, records("ekf[gate=0.999]", SAME, seconds=seconds)]])
+    (advice,) = held.advice()
+    assert advice.choice.label == choice
+
+
 @pytest.mark.parametrize(("scenarios", "choice"), [(20, "cheap"), (19, "ekf")])
 def test_advice_allows_one_exception_in_twenty(scenarios, choice):
     """A cheaper estimator may be far off in one scenario of twenty, and not in one of nineteen."""

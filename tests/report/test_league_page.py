@@ -35,18 +35,39 @@ def table(text: str) -> tuple[list[str], list[list[str]]]:
     return head, rows
 
 
+def advised(text: str, situation: str = "Narrow prior") -> dict[str, str]:
+    """The row of a situation in the page's first table, by its heading."""
+    head, rows = table(text)
+    (row,) = (row for row in rows if situation in row[0])
+    return dict(zip(head, row, strict=True))
+
+
+def short_of(text: str, situation: str = "Narrow prior") -> str:
+    """What is said of those that are not as good in a situation."""
+    found = re.findall(rf"^- \*\*{situation}.*$", section(text, "Why not another"), re.MULTILINE)
+    (line,) = found
+    return line
+
+
 def test_the_advice_is_told_with_its_figures(tmp_path):
     """The choice, its success, distance from the bound and time; who else is, and who is not."""
     held = league_of(
         s=[[INS, EKF, records("slow", SAME, seconds=0.1), records("poor", 9.0 * SAME)]]
     )
-    (line,) = re.findall(r"^- \*\*Narrow prior.*$", page(held, tmp_path), re.MULTILINE)
-    assert "(1 case of s): **`ekf`**: as good as the best and honest in 100 %" in line
-    assert f"succeeds in 100 % of the runs, {short(MEDIAN)} times the bound, 10.0 ms a run" in line
-    assert "As good, at another cost: `slow` (10.0 × the time of `ekf`)" in line
-    assert line.endswith(
-        f"Not as good: `poor` (in 0 %; success 100 %, {short(3.0 * MEDIAN)} × the bound)."
+    text = page(held, tmp_path)
+    assert list(advised(text).values())[1:] == [
+        "1 in 1 scenario", "**`ekf`**", "100 %", "100 %", short(MEDIAN), "10.0", "`slow` (10.0)",
+    ]  # fmt: skip
+    assert short_of(text).endswith(
+        f"`poor` (as good in 0 %; success 100 %, {short(3.0 * MEDIAN)} × the bound)."
     )
+    assert "`slow`" not in short_of(text) and "`ekf`" not in short_of(text)
+
+
+def test_where_all_are_good_nobody_falls_short(tmp_path):
+    text = page(league_of(s=[[INS, EKF]]), tmp_path)
+    assert short_of(text).endswith("s: nobody falls short of it.")
+    assert list(advised(text).values())[-1] == ""
 
 
 def test_where_nobody_is_good_everywhere_that_is_said(tmp_path):
@@ -55,17 +76,39 @@ def test_where_nobody_is_good_everywhere_that_is_said(tmp_path):
     held = league_of(
         a=[[INS, EKF, records("ukf", poor)]], b=[[INS, records("ekf", poor), records("ukf", SAME)]]
     )
-    (line,) = re.findall(r"^- \*\*Narrow prior.*$", page(held, tmp_path), re.MULTILINE)
-    assert "no estimator is as good as the best, and honest, everywhere; most often `" in line
-    assert "as good as the best and honest in 50 %" in line
-    assert (line.count("`ekf`"), line.count("`ukf`")) == (1, 1)
+    text = page(held, tmp_path)
+    row = list(advised(text).values())
+    assert row[1] == "2 in 2 scenarios"
+    assert re.fullmatch("none is good everywhere; most often `(ekf|ukf)`", row[2])
+    assert (row[3], row[-1]) == ("50 %", "")
+    told = row[2] + short_of(text)
+    assert (told.count("`ekf`"), told.count("`ukf`")) == (1, 1)
+
+
+def test_runs_that_are_too_few_are_told(tmp_path, monkeypatch):
+    """Beside the share in which an estimator is good, of it that which nobody can tell."""
+    held = league_of(s=[[INS, EKF, records("ukf", SAME, seconds=0.001)]])
+    assert advised(page(held, tmp_path))["honest and as good as the best"] == "100 %"
+    monkeypatch.setattr(league.Flown, "open", lambda flown, label: label == "ukf")
+    row = advised(page(held, tmp_path))
+    assert row["use"] == "**`ukf`**"
+    assert row["honest and as good as the best"] == "100 % (in 100 % too few runs to tell)"
+
+
+def test_the_first_sentence_names_all_causal_ones_of_the_roster(tmp_path):
+    """The share of the common cases in which each is good, and its time; no smoother."""
+    text = page(league_of(s=[[INS, EKF, records("tercom", 9.0 * SAME), SMOOTHER]]), tmp_path)
+    (line,) = re.findall(r"^\*\*Over the .*$", text, re.MULTILINE)
+    assert line.startswith("**Over the 1 cases that the whole roster ran")
+    assert line.endswith("`ekf` in 100 % (10.0 ms a run), `tercom` in 0 % (10.0 ms a run).**")
 
 
 def test_the_page_tells_of_aiding_that_gains_nothing(tmp_path):
     """The INS alone, and in which cases."""
     text = page(league_of(a=[[records("ins", SAME, "none"), EKF]]), tmp_path)
-    assert "**Aiding gains nothing** (1 case of a): the INS alone; no causal estimator" in text
-    assert "beats it in a/c0." in text
+    row = list(advised(text, "Aiding gains nothing").values())
+    assert row[1:] == ["1 in 1 scenario", "`ins`: no causal estimator beats it", *[""] * 5]
+    assert short_of(text, "Aiding gains nothing").endswith("beats the INS in a/c0.")
     assert table(section(text, "The scenarios"))[1][0][3] == "`ekf`; gains nothing"
 
 
@@ -76,7 +119,7 @@ def test_the_page_follows_the_data(tmp_path):
     for record in lost[:15]:
         record["diverged"] = True
     one, other = (page(league_of(s=[[ins, group]]), tmp_path) for group in (whole, lost))
-    assert "succeeds in 100 % of the runs" in one and "succeeds in 75 % of the runs" in other
+    assert (advised(one)["success"], advised(other)["success"]) == ("100 %", "75 %")
     for text, share, cell in ((one, "100 %", ""), (other, "75 %", " (75 %)")):
         head, rows = table(section(text, "The league"))
         assert rows[0][head.index("success")] == share
