@@ -50,6 +50,15 @@ def test_the_answer_is_the_reports():
     assert answer.startswith("**") and f"\n{answer}\n" in report
 
 
+def test_the_advice_is_the_reports():
+    """The README's first table stands in the front page of the reports, word for word."""
+    marked = re.search(r"<!-- the advice.*?-->\n(.*?)<!-- end", README, re.DOTALL)
+    said = marked.group(1).strip()
+    page = (ROOT / "reports" / "README.md").read_text(encoding="utf-8")
+    assert said.startswith("**Over the") and said.count("\n|") > 7
+    assert page.split("\n\n", 1)[1].startswith(said)
+
+
 @pytest.mark.parametrize(
     "document",
     ["README.md", "CONTRIBUTING.md", "reports/README.md"]

@@ -24,14 +24,15 @@ def draw(shown: Sequence[Standing], names: Sequence[str]) -> Drawing:
     width, height = 0.78 * len(names) + 3.6, 0.31 * len(shown) + 1.9
     figure, axis = subplots(figsize=(max(width, 5.0), height))
     image = axis.imshow(
-        np.ma.masked_invalid(shares), aspect="auto", cmap="RdYlGn", vmin=0.0, vmax=1.0
+        np.ma.masked_invalid(shares), aspect="auto", cmap="cividis", vmin=0.0, vmax=1.0
     )
     for row, standing in enumerate(shown):
         for column, name in enumerate(names):
             known = name in standing.ratio
+            dark = known and standing.success[name] < 0.5
             axis.text(
                 column, row, number(standing.ratio[name]) if known else "–", ha="center",
-                va="center", fontsize=7.5, color="black" if known else "0.6",
+                va="center", fontsize=7.5, color="white" if dark else "black",
             )  # fmt: skip
     axis.grid(False)
     axis.set_xticks(range(len(names)), names, rotation=35, ha="right",

@@ -13,6 +13,7 @@ from ..figures.style import save
 from . import advice_section, definitions
 from .league import ABOUT, COST_OF, EXCEPTIONS, SMOOTHERS, Entry, League, geometric_mean
 from .league import read as read_league
+from .league import standing as standing_of
 from .league_figure import draw, number
 from .nonlinearity_section import opening_figure
 from .scenario_report import ReportError
@@ -199,11 +200,15 @@ class LeagueReport:
         return f"{text}, and not in {advice_section.few(beyond)}." if beyond else f"{text}."
 
     def _pictured(self) -> str:
-        shown = [s for s in self.league.standings if s.label != "ins"]
+        ranked = [s.label for s in self.league.standings if s.label != "ins"]
+        shown = [standing_of(label, self.league.cases) for label in ranked]
         if not shown:
             return ""
         save(draw(shown, self.names), self.output / "README" / "league.png")
-        picture = "Share of success (colour) and error over bound (number) of every estimator"
+        picture = (
+            "Share of success (colour) and error over bound (number) of every estimator, over the "
+            "cases of each scenario"
+        )
         return f"![{picture}](README/league.png)\n\n*{picture}*"
 
     def _by_scenario(self) -> str:

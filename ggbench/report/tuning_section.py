@@ -41,19 +41,21 @@ def tuning_section(results: Results) -> list[str]:
     reading = (
         "Every estimator with the best of its variants: chosen in each case on the runs of even "
         "number, judged, as the plain one beside it, on those of odd number. Median error over "
-        f"bound of the runs that succeed, with its 95 % interval ([definitions]({DEFINITIONS}))."
+        "bound of the runs that succeed, with its 95 % interval. Variants with other numbers of "
+        f"runs than the plain one are left out ([definitions]({DEFINITIONS}))."
     )
     return ["## Tuned and not", reading, markdown(head, rows)]
 
 
 def _grids(results: Results, rows: Mapping[str, Any]) -> dict[str, list[str]]:
-    """Return the variants of each estimator that has some, those with all runs, as asked for."""
-    most = max((row["runs"] for row in rows.values()), default=0)
+    """Return the variants of each estimator that has some, those with as many runs as the first."""
     found: dict[str, list[str]] = {}
     for label in results.labels:
-        if label in rows and rows[label]["runs"] == most:
+        if label in rows:
             name = f"`{label.partition('[')[0]}`, {rows[label]['causality']}"
-            found.setdefault(name, []).append(label)
+            grid = found.setdefault(name, [])
+            if not grid or rows[label]["runs"] == rows[grid[0]]["runs"]:
+                grid.append(label)
     return {name: grid for name, grid in found.items() if len(grid) > 1}
 
 
