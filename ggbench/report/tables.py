@@ -285,6 +285,11 @@ def study(scenario: Scenario, studies: pd.DataFrame) -> str:
     for assumption in scenario.assumptions:
         frame = studies[studies["assumption"] == assumption.name]
         rows.append([assumption.title, *_study_cells(cases, frame, "settled")])
+        # What was wrong at the start is seen before it settles.
+        starts = {case.name: case.initial_error for case in cases}
+        if any(starts[case.name] != case.initial_error for case in assumption.cases):
+            title = "the same, whole flight"
+            rows.append([title, *_study_cells(cases, frame, "whole")])
     return markdown(head, rows)
 
 

@@ -269,6 +269,27 @@ def test_a_study_sets_windows_and_lost_runs_beside_the_paper():
         assert numbers(cells[2]) == shown("base", "ekf", window, "nees_mean")
 
 
+def test_a_study_of_the_start_is_told_of_the_whole_flight_too():
+    """An error at the start is gone once it has settled; anything else is told of that alone."""
+    changes = {
+        "start": "initial_error.velocity_mps = 0.7", "noise": "gradiometer.noise_eotvos = 3.0",
+    }  # fmt: skip
+    text = SMALL + "".join(
+        f'\n[[assumption]]\nname = "{name}"\ntitle = "another {name}"\n{change}\n'
+        for name, change in changes.items()
+    )
+    studied = scenario.parse(tomllib.loads(text), "small", "small")
+    ekf = SUMMARY[SUMMARY["label"] == "ekf"]
+    frame = pd.concat(ekf.assign(assumption=name) for name in ("", *changes))
+    _, rows = parsed(tables.study(studied, frame))
+    assert [cells[0] for cells in rows[4:]] == [
+        "another start", "the same, whole flight", "another noise",
+    ]  # fmt: skip
+    for cells, window in zip(rows[4:], ("settled", "whole", "settled"), strict=True):
+        wanted = shown("base", "ekf", window, "position_mrse_m", "velocity_mrse_mps")
+        assert numbers(cells[1].partition(" (")[0]) == wanted
+
+
 def test_the_first_table_can_be_of_the_whole_flight():
     """Its numbers are that window's, and it says so."""
     settled, whole = (parsed(tables.glance(SCENARIO, SUMMARY, w)) for w in ("settled", "whole"))
