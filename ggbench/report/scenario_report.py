@@ -32,6 +32,7 @@ from .nonlinearity_section import NonlinearityReport, is_of_the_prior
 from .opening import answer
 from .parameter_section import parameter_section
 from .particles_section import particles_section
+from .realisations_section import realisations_section
 from .sweep_section import SweepReport
 from .tuning_section import tuning_section
 
@@ -147,6 +148,7 @@ class _Report:
             self._windows(),
             self._unaided(),
             *(self._case_table(case) for case in self.scenario.cases),
+            *realisations_section(self.scenario, self.summary),
             *tuning_section(self.results),
             *matching_section(self.results, self.pictures),
             *particles_section(self.results),
