@@ -58,8 +58,8 @@ def _print(bounds: pd.DataFrame, title: str) -> None:
     table = FittedTable(
         f"{title}: bound of the position and of the velocity",
         [
-            ("time [s]", "name"),
-            *((f"{kind} [{unit}]", "number") for unit in ("m", "m/s") for kind in kinds),
+            ("time s", "name"),
+            *((f"{kind} {unit}", "number") for unit in ("m", "m/s") for kind in kinds),
         ],
     )
     last = len(bounds) - 1

@@ -67,13 +67,14 @@ def warnings(found: Sequence[Examined]) -> Iterator[str]:
     said: dict[str, list[str]] = {}
     for each in found:
         study = f"{each.study}/" if each.study else ""
-        for what in _absurd(each.flown):
+        for what in absurdities(each.flown):
             said.setdefault(what, []).append(study + each.case.name)
     for what, names in said.items():
         yield f"in {_some(names)}, {what}"
 
 
-def _absurd(flown: Flown) -> Iterator[str]:
+def absurdities(flown: Flown) -> Iterator[str]:
+    """Yield a sentence for each thing of a flight that no vehicle does."""
     bank, pitch = math.degrees(flown.bank), math.degrees(flown.pitch)
     if bank > MOST_BANK_DEG:
         yield (

@@ -31,8 +31,6 @@ if TYPE_CHECKING:
 
 EXIT_WORSE = 1
 _MANY_CASES = 10
-_FIRST_RUN = ("ins/strapdown.py", "in a minute or two")
-"""A module that every run needs, and how long it takes to compile what runs need."""
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
 
@@ -194,31 +192,22 @@ def run(
 
     Exit code 1 if every run failed, 2 if it cannot be run as asked, 130 if it was interrupted.
     """
-    from ..campaign import registry
-    from ..spec import scenario
-
     if cluster and jobs is not None:
         raise click.UsageError("-j is for this machine and --cluster for others: give one of them")
-    asked = _Asked(estimators, runs, seed, cases, assumptions, resume, jobs, cluster, time_limit)
-    if whole_library:
-        if scenario_name or cases or one_run is not None:
-            raise click.UsageError("--all runs all cases of all scenarios: no SCENARIO, -c, --run")
-        sys.exit(_run_library(asked, output or Path("results")))
-    if scenario_name is None:
+    if whole_library and (scenario_name or cases or one_run is not None):
+        raise click.UsageError("--all runs all cases of all scenarios: no SCENARIO, -c, --run")
+    if scenario_name is None and not whole_library:
         raise click.UsageError("name a SCENARIO, or --all")
+    if one_run is not None and (
+        runs or output or not resume or jobs is not None or cluster or time_limit or assumptions
+    ):
+        raise click.UsageError("--run goes with -e, -c and --seed only: it stores nothing")
+    asked = _Asked(estimators, runs, seed, cases, assumptions, resume, jobs, cluster, time_limit)
+    tell_first_use("ins/strapdown.py", "in a minute or two")
+    if scenario_name is None:
+        sys.exit(_run_library(asked, output or Path("results")))
     if one_run is not None:
-        if runs or output or not resume or jobs is not None or cluster or time_limit or assumptions:
-            raise click.UsageError("--run goes with -e, -c and --seed only: it stores nothing")
-        tell_first_use(*_FIRST_RUN)
-        from . import story
-
-        loaded = scenario.load(scenario_name)
-        flown = tuple(loaded.find(name)[1] for name in cases) or loaded.cases
-        _note_oddities(replace(loaded, cases=flown, assumptions=()))
-        labels = [c.label for c in registry.choose_all(estimators or loaded.campaign.estimators)]
-        seed = loaded.campaign.seed if seed is None else seed
-        good = story.repeat(loaded, cases, labels, seed, one_run, console)
-        sys.exit(0 if good else EXIT_WORSE)
+        sys.exit(0 if _repeat(scenario_name, asked, one_run) else EXIT_WORSE)
     outcome = _run_scenario(scenario_name, asked, output)
     if outcome.interrupted:
         sys.exit(EXIT_INTERRUPTED)
@@ -240,9 +229,24 @@ class _Asked:
     time_limit: float | None
 
 
+def _repeat(name: str, asked: _Asked, number: int) -> bool:
+    """Run one run again and tell its story; return whether it went well."""
+    from ..campaign import registry
+    from ..spec import scenario
+    from . import story
+
+    loaded = scenario.load(name)
+    flown = tuple(loaded.find(case)[1] for case in asked.cases) or loaded.cases
+    _note_oddities(replace(loaded, cases=flown, assumptions=()))
+    tell_maps(case.side(side).field for case in flown for side in ("truth", "model"))
+    choices = registry.choose_all(asked.estimators or loaded.campaign.estimators)
+    seed = loaded.campaign.seed if asked.seed is None else asked.seed
+    labels = [choice.label for choice in choices]
+    return story.repeat(loaded, asked.cases, labels, seed, number, console)
+
+
 def _run_scenario(name: str, asked: _Asked, output: Path | None) -> Outcome:
     """Run a scenario, into results/SCENARIO without an output; return how it ended."""
-    tell_first_use(*_FIRST_RUN)
     start = Clocks.now()
     with Progress(console, name) as progress:
         # All of it here: an interrupt is not to meet an import once runs are running.

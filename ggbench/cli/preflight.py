@@ -130,7 +130,7 @@ def _examined(study: str, case: CaseSpec) -> Examined:
         equip(case, name)
     faults(case.truth.gradiometer)
     spinning_disks(case)
-    trajectory = _trajectory(case.trajectory, case.imu.period_s, file_versions(case.trajectory))
+    trajectory = _trajectory(case)
     samples = len(trajectory.times) - 1
     readings = {sensor: samples // stride for sensor, stride in case.strides.items()}
     if case.gradiometer is not None:
@@ -138,7 +138,7 @@ def _examined(study: str, case: CaseSpec) -> Examined:
         require_short_delays(equip(case, "model"), altimeter, readings["gradiometer"])
     margins = [_margin(trajectory, *ends) for ends in bounds if np.isfinite(ends).all()]
     nearest = min(margins, key=lambda m: min(m.border, m.below, m.above), default=None)
-    return Examined(study, case, _flown(case.trajectory, trajectory), nearest, readings)
+    return Examined(study, case, flown_of(case), nearest, readings)
 
 
 def _clear(found: Examined) -> bool:
@@ -167,8 +167,12 @@ def _bounds(spec: FieldSpec) -> tuple[np.ndarray, np.ndarray]:
     return np.append(lower, wanted.min_height_m), np.append(upper, wanted.max_height_m)
 
 
+def _trajectory(case: CaseSpec) -> Trajectory:
+    return _trajectory_once(case.trajectory, case.imu.period_s, file_versions(case.trajectory))
+
+
 @cache
-def _trajectory(spec: TrajectorySpec, dt: float, versions: tuple[object, ...]) -> Trajectory:
+def _trajectory_once(spec: TrajectorySpec, dt: float, versions: tuple[object, ...]) -> Trajectory:
     """Return the flight of a table; ``versions`` are those of the files that it is made of."""
     return trajectory_of(spec, dt)
 
@@ -189,7 +193,15 @@ def _margin(trajectory: Trajectory, lower: np.ndarray, upper: np.ndarray) -> Mar
     return Margin(least[side], side, below, above)
 
 
-def _flown(spec: TrajectorySpec, trajectory: Trajectory) -> Flown:
+def flown_of(case: CaseSpec) -> Flown:
+    """Return what the flight of a case is.
+
+    Raises
+    ------
+    TrajectoryError
+        If it cannot be flown, or a file that it is made of cannot be used.
+    """
+    spec, trajectory = case.trajectory, _trajectory(case)
     velocities, heights = trajectory.velocities, trajectory.positions[:, 2]
     level, speeds = np.hypot(*velocities[:, :2].T), np.linalg.norm(velocities, axis=1)
     accelerations = np.diff(velocities, axis=0) / trajectory.dt
