@@ -6,13 +6,16 @@ import resource
 import time
 from typing import NamedTuple
 
+from ..figures.numbers import short
+
+_MINUTES_FROM_S = 600.0
 COLD = "* of first runs alone, which also load and compile; a further run takes less"
 """What a star at a time means."""
 
 
 def duration(seconds: float) -> str:
-    """Return a duration as a user reads it."""
-    if seconds < 600.0:
+    """Return a duration [s] as a user reads it."""
+    if seconds < _MINUTES_FROM_S:
         return f"{seconds:.0f} s"
     if seconds < 5400.0:
         return f"{seconds / 60.0:.0f} min"
@@ -34,7 +37,9 @@ class Clocks(NamedTuple):
     def since(self) -> str:
         """Return how much of both has passed."""
         now = self.now()
-        return (
-            f"{duration(now.wall - self.wall)}, and {duration(now.processor - self.processor)} of "
-            "processor time"
-        )
+        wall, processor = _told(now.wall - self.wall), _told(now.processor - self.processor)
+        return f"{wall}, and {processor} of processor time"
+
+
+def _told(seconds: float) -> str:
+    return duration(seconds) if seconds >= _MINUTES_FROM_S else f"{short(seconds)} s"

@@ -219,6 +219,15 @@ def test_a_failing_estimator_does_not_end_a_run(folder):
     table = pd.read_csv(folder / "bad" / "summary.csv").set_index("estimator")
     assert table["failed"].to_dict() == {"bad": 2, "ekf": 0}
 
+    alone = ["run", "small.toml", "-n", "1", "-j", "0", "-c", "base", "-e", "bad.py", "-o", "lost"]
+    done = invoke(alone, folder)
+    assert (done.returncode, done.stderr) == (1, ""), "a script must see that nothing came of it"
+    for words in ("small: 1 run to do", "small: 1 of 1 run (1 failed)", "1 run failed: 'ggbench"):
+        assert words in done.stdout
+    assert " 1 runs" not in done.stdout
+    told = invoke(["show", "lost"], folder).stdout
+    assert "1 result of up to 1 run per case: 1 failed" in told
+
 
 def stored(database: Path) -> int:
     """Number of records in a database that another process writes."""

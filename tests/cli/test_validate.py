@@ -69,7 +69,7 @@ def test_no_shipped_flight_is_absurd():
 
 
 def test_a_noisy_track_is_warned_of(tmp_path):
-    """1.2 m of noise once a second is a bank of more than 45°: said with the number and the cure."""
+    """1.2 m of noise once a second is a bank beyond 45°: said with the number and the cure."""
     (tmp_path / "own.toml").write_text(noisy_track(tmp_path / "gps.csv", 1.2))
     done = invoke(["validate", "own.toml"], tmp_path)
     assert done.returncode == 0, done.stderr
