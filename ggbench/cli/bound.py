@@ -6,9 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-from rich.markup import escape
-from rich.table import Table
 
+from .fitting import FittedTable
 from .screen import console
 from .tables import require_suffix, write_csv
 
@@ -55,13 +54,14 @@ def bound(scenario_name: str, case: str | None, output: Path | None, figure: Pat
 
 def _print(bounds: pd.DataFrame, title: str) -> None:
     """Print the bounds at a few epochs, the first and the last among them."""
-    table = Table(
-        *map(escape, (
-            "time [s]", "east [m]", "north", "up", "spherical", "all readings",
-            "east [m/s]", "north", "up", "spherical", "all readings",
-        )),
-        title=escape(f"{title}: bound of the position and of the velocity"), title_justify="left",
-    )  # fmt: skip
+    kinds = ("east", "north", "up", "spherical", "all readings")
+    table = FittedTable(
+        f"{title}: bound of the position and of the velocity",
+        [
+            ("time s", "name"),
+            *((f"{kind} {unit}", "number") for unit in ("m", "m/s") for kind in kinds),
+        ],
+    )
     last = len(bounds) - 1
     shown = sorted({round(k * last / (_SHOWN_EPOCHS - 1)) for k in range(_SHOWN_EPOCHS)})
     for number in shown:
@@ -74,4 +74,4 @@ def _print(bounds: pd.DataFrame, title: str) -> None:
                 for name in ("east", "north", "up", what, f"{what}_smoothed")
             ),
         )
-    console.print(table)
+    table.print(console)

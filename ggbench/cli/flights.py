@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 import warnings
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import click
 
 from ..errors import GGBenchError
 from ..spec.limits import MOST_RUNS, MOST_SEED
+from .clocks import Clocks
 
 _EXIT_FAILED = 1
 
@@ -47,7 +47,7 @@ def estimate(flight: Path, estimators: tuple[str, ...], output: Path, seed: int)
     click.echo(f"{flight}: {recorded.problem}")
     found: dict[str, Estimate] = {}
     for choice in choices:
-        start = time.perf_counter()
+        start = Clocks.now()
         try:
             with warnings.catch_warnings(record=True) as said:
                 warnings.simplefilter("always")
@@ -63,7 +63,7 @@ def estimate(flight: Path, estimators: tuple[str, ...], output: Path, seed: int)
             if issubclass(warning.category, UserWarning):
                 click.echo(f"Note: {warning.message}.")
         found[choice.label] = estimated
-        click.echo(f"{choice.label}: {time.perf_counter() - start:.2f} s")
+        click.echo(f"{choice.label}: {start.since()}")
     if not found:
         raise GGBenchError("no estimator gave an estimate: nothing is written")
     path = flight_report.write(recorded, found, output)

@@ -7,12 +7,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from rich import box
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
 from ..errors import GGBenchError
+from ..figures.numbers import counted
+from .fitting import FittedTable
 
 
 class LibraryError(GGBenchError):
@@ -38,6 +38,11 @@ class Outcome:
     interrupted: bool = False
     error: str = ""
     seconds: float = 0.0
+
+    @property
+    def all_failed(self) -> bool:
+        """Whether there are results, and every one of them is a failure."""
+        return 0 < self.results == self.failed
 
 
 def run_all(
@@ -80,24 +85,23 @@ def print_outcomes(outcomes: Sequence[Outcome], output: Path, console: Console) 
     from ..results.folder import as_argument
 
     console.rule("The library", align="left")
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
-    table.add_column("scenario", overflow="fold")
-    for heading in ("results", "failed", "diverged", "minutes"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    table.add_column("", overflow="fold")
+    numbers = ("results", "failed", "diverged", "minutes")
+    table = FittedTable(
+        "", [("scenario", "name"), *((heading, "number") for heading in numbers), ("", "text")]
+    )
     for outcome in outcomes:
         word = "interrupted" if outcome.interrupted else "done"
         told = not outcome.error and outcome.results
         table.add_row(
-            escape(outcome.scenario),
+            outcome.scenario,
             *(str(n) if told else "" for n in (outcome.results, outcome.failed, outcome.diverged)),
             f"{outcome.seconds / 60.0:.1f}",
             f"[red]{escape(outcome.error)}[/]" if outcome.error else word,
         )
-    console.print(table)
+    table.print(console)
     lost = [outcome.scenario for outcome in outcomes if outcome.error]
     if lost:
-        console.out(f"{len(lost)} scenarios failed: {', '.join(lost)}.")
+        console.out(f"{counted(len(lost), 'scenario')} failed: {', '.join(lost)}.")
     if lost or any(outcome.interrupted for outcome in outcomes):
         console.print("The same command goes on where it stopped.")
     again = f"ggbench report --all {as_argument(str(output))}"

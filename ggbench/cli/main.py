@@ -4,25 +4,28 @@ from __future__ import annotations
 
 import os
 import sys
-from collections import deque
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 from rich.markup import escape
-from rich.table import Table
 
 from ..errors import GGBenchError
+from ..figures.numbers import counted
 from ..spec.limits import MOST_RUNS, MOST_SEED
 from .bound import bound
+from .clocks import Clocks
+from .compiling import tell_first_use, tell_maps
+from .fitting import FittedTable
 from .flights import estimate, record
 from .interrupts import requests_to_end
 from .maps import map_group
+from .progress import Progress
 from .screen import console
 
 if TYPE_CHECKING:
-    from ..campaign.running import Ended
+    from ..results.folder import Results
     from ..spec.scenario import Scenario
     from .library import Outcome
 
@@ -72,7 +75,7 @@ def list_command() -> None:
     from ..campaign import registry
     from ..spec import scenario
 
-    table = Table("scenario", "title", "cases", title="Scenarios", title_justify="left")
+    table = FittedTable("Scenarios", [("scenario", "name"), ("title", "text"), ("cases", "text")])
     for name in scenario.shipped():
         loaded = scenario.load(name)
         cases = ", ".join(case.name for case in loaded.cases)
@@ -80,8 +83,10 @@ def list_command() -> None:
             axes = (f"{len(axis.values)} of {axis.name}" for axis in loaded.sweep.axes)
             cases = f"{len(loaded.cases)}: {' × '.join(axes)}"
         table.add_row(name, escape(loaded.title), cases)
-    console.print(table)
-    table = Table("estimator", "what it is", "parameters", title="Estimators", title_justify="left")
+    table.print(console)
+    table = FittedTable(
+        "Estimators", [("estimator", "name"), ("what it is", "text"), ("parameters", "text")]
+    )
     for name, cls in registry.registered().items():
         parameters = [
             f"{key}={default} ({registry.describe(annotation)})"
@@ -89,24 +94,35 @@ def list_command() -> None:
         ]
         summary = (cls.__doc__ or "").strip().splitlines()[0]
         table.add_row(name, escape(summary), escape("\n".join(parameters)))
-    console.print(table)
+    table.print(console)
 
 
 @main.command()
 @click.argument("file")
 def validate(file: str) -> None:
-    """Check a scenario: FILE is a path or the name of a shipped one."""
-    from ..campaign import campaign, registry
-    from ..spec import scenario
+    """Check a scenario, and print what its flights are: FILE is a path or a shipped one's name.
 
-    loaded = scenario.load(file)
-    _note_oddities(loaded)
-    deque(campaign.check(loaded), maxlen=0)
-    registry.choose_all([*loaded.campaign.estimators, loaded.campaign.assumption_estimator])
+    Warns of flights that no vehicle flies, as a noisy track makes them. Nothing is simulated, and
+    no map is built unless the scenario degrades it.
+    """
+    tell_first_use("trajectory/truth.py", "in seconds")
+    with Progress(console, file):
+        from ..campaign import registry
+        from ..spec import scenario
+        from . import flown, preflight
+
+        loaded = scenario.load(file)
+        _note_oddities(loaded)
+        found = list(preflight.examined(loaded))
+        registry.choose_all([*loaded.campaign.estimators, loaded.campaign.assumption_estimator])
     click.echo(
-        f"{file} is valid: {len(loaded.cases)} cases, {len(loaded.assumptions)} assumptions, "
-        f"{len(loaded.provenance)} values with provenance"
+        f"{file} is valid: {counted(len(loaded.cases), 'case')}, "
+        f"{counted(len(loaded.assumptions), 'assumption')}, "
+        f"{counted(len(loaded.provenance), 'value')} with provenance"
     )
+    flown.print_flights(found, console)
+    for warning in flown.warnings(found):
+        click.echo(f"Warning: {warning}.")
 
 
 @main.command()
@@ -173,33 +189,29 @@ def run(
     """Run a scenario: SCENARIO is the name of a shipped one or a path.
 
     Finished runs are stored at once; the same command goes on where it was stopped.
-    """
-    from ..campaign import registry
-    from ..spec import scenario
 
+    Exit code 1 if every run failed, 2 if it cannot be run as asked, 130 if it was interrupted.
+    """
     if cluster and jobs is not None:
         raise click.UsageError("-j is for this machine and --cluster for others: give one of them")
-    asked = _Asked(estimators, runs, seed, cases, assumptions, resume, jobs, cluster, time_limit)
-    if whole_library:
-        if scenario_name or cases or one_run is not None:
-            raise click.UsageError("--all runs all cases of all scenarios: no SCENARIO, -c, --run")
-        sys.exit(_run_library(asked, output or Path("results")))
-    if scenario_name is None:
+    if whole_library and (scenario_name or cases or one_run is not None):
+        raise click.UsageError("--all runs all cases of all scenarios: no SCENARIO, -c, --run")
+    if scenario_name is None and not whole_library:
         raise click.UsageError("name a SCENARIO, or --all")
+    if one_run is not None and (
+        runs or output or not resume or jobs is not None or cluster or time_limit or assumptions
+    ):
+        raise click.UsageError("--run goes with -e, -c and --seed only: it stores nothing")
+    asked = _Asked(estimators, runs, seed, cases, assumptions, resume, jobs, cluster, time_limit)
+    tell_first_use("ins/strapdown.py", "in a minute or two")
+    if scenario_name is None:
+        sys.exit(_run_library(asked, output or Path("results")))
     if one_run is not None:
-        if runs or output or not resume or jobs is not None or cluster or time_limit or assumptions:
-            raise click.UsageError("--run goes with -e, -c and --seed only: it stores nothing")
-        from . import story
-
-        loaded = scenario.load(scenario_name)
-        flown = tuple(loaded.find(name)[1] for name in cases) or loaded.cases
-        _note_oddities(replace(loaded, cases=flown, assumptions=()))
-        labels = [c.label for c in registry.choose_all(estimators or loaded.campaign.estimators)]
-        seed = loaded.campaign.seed if seed is None else seed
-        good = story.repeat(loaded, cases, labels, seed, one_run, console)
-        sys.exit(0 if good else EXIT_WORSE)
-    if _run_scenario(scenario_name, asked, output).interrupted:
+        sys.exit(0 if _repeat(scenario_name, asked, one_run) else EXIT_WORSE)
+    outcome = _run_scenario(scenario_name, asked, output)
+    if outcome.interrupted:
         sys.exit(EXIT_INTERRUPTED)
+    sys.exit(EXIT_WORSE if outcome.all_failed else 0)
 
 
 @dataclass(frozen=True)
@@ -217,25 +229,49 @@ class _Asked:
     time_limit: float | None
 
 
-def _run_scenario(name: str, asked: _Asked, output: Path | None) -> Outcome:
-    """Run a scenario, into results/SCENARIO without an output; return how it ended."""
-    from ..campaign import campaign, running
+def _repeat(name: str, asked: _Asked, number: int) -> bool:
+    """Run one run again and tell its story; return whether it went well."""
+    from ..campaign import registry
     from ..spec import scenario
-    from .progress import Progress
+    from . import story
 
     loaded = scenario.load(name)
-    work = campaign.planned(
-        loaded, output or Path("results") / loaded.name, asked.estimators, asked.runs, asked.seed,
-        asked.cases, asked.assumptions, asked.time_limit, not asked.resume,
-    )  # fmt: skip
-    if len(loaded.cases) > _MANY_CASES:
-        click.echo(f"preparing {len(loaded.cases)} cases")
-    with Progress(console) as progress:
+    flown = tuple(loaded.find(case)[1] for case in asked.cases) or loaded.cases
+    _note_oddities(replace(loaded, cases=flown, assumptions=()))
+    tell_maps(case.side(side).field for case in flown for side in ("truth", "model"))
+    choices = registry.choose_all(asked.estimators or loaded.campaign.estimators)
+    seed = loaded.campaign.seed if asked.seed is None else asked.seed
+    labels = [choice.label for choice in choices]
+    return story.repeat(loaded, asked.cases, labels, seed, number, console)
+
+
+def _run_scenario(name: str, asked: _Asked, output: Path | None) -> Outcome:
+    """Run a scenario, into results/SCENARIO without an output; return how it ended."""
+    start = Clocks.now()
+    with Progress(console, name) as progress:
+        # All of it here: an interrupt is not to meet an import once runs are running.
+        from ..campaign import campaign, running
+        from ..results.folder import Results
+        from ..spec import scenario
+
+        loaded = scenario.load(name)
+        work = campaign.planned(
+            loaded, output or Path("results") / loaded.name, asked.estimators, asked.runs,
+            asked.seed, asked.cases, asked.assumptions, asked.time_limit, not asked.resume,
+        )  # fmt: skip
+        planned = work.plan.scenario
+        flown = [*planned.cases, *(c for study in planned.assumptions for c in study.cases)]
+        tell_maps(case.side(side).field for case in flown for side in ("truth", "model"))
+        if len(loaded.cases) > _MANY_CASES:
+            click.echo(f"preparing {counted(len(loaded.cases), 'case')}")
         ended = running.run(work, asked.jobs, asked.cluster, progress.tell)
-    outcome = _finish(work.folder, ended)
+    # Of workers elsewhere nothing is known here.
+    took = "" if asked.cluster else f"It took {start.since()}."
+    outcome = _finish(Results(work.folder, ended.store), ended.interrupted, took)
+    ended.store.close()
     if ended.missing:
         raise campaign.CampaignError(
-            f"{ended.missing} runs gave no result; the same command goes on"
+            f"{counted(ended.missing, 'run')} gave no result; the same command goes on"
         )
     return outcome
 
@@ -256,27 +292,30 @@ def _run_library(asked: _Asked, output: Path) -> int:
     library.print_outcomes(outcomes, output, console)
     if any(outcome.interrupted for outcome in outcomes):
         return EXIT_INTERRUPTED
-    return EXIT_WORSE if any(outcome.error for outcome in outcomes) else 0
+    lost = any(outcome.error or outcome.all_failed for outcome in outcomes)
+    return EXIT_WORSE if lost else 0
 
 
-def _finish(folder: Path, ended: Ended) -> Outcome:
+def _finish(results: Results, interrupted: bool, took: str) -> Outcome:
     """Write the tables of what is stored, print the summary, say how to go on."""
-    from ..results.folder import Results, as_argument, write_tables
+    from ..results.folder import as_argument, write_tables
     from .library import Outcome
     from .terminal import print_summary
 
-    results, interrupted = Results(folder, ended.store), ended.interrupted
     summary = write_tables(results)
-    if len(summary):
-        print_summary(summary, results.scenario, console)
     runs, failed = results.runs(), len(results.failures())
+    if len(summary):
+        print_summary(summary, runs, results.scenario, console)
     outcome = Outcome(
         results.scenario.name, len(runs), failed, int(runs["diverged"].sum()), interrupted
     )
-    ended.store.close()
-    name = as_argument(str(folder))
+    name = as_argument(str(results.folder))
+    if took:
+        click.echo(took)
     if failed:
-        click.echo(f"{failed} runs failed: 'ggbench show {name}' tells why and repeats them.")
+        click.echo(
+            f"{counted(failed, 'run')} failed: 'ggbench show {name}' tells why and repeats them."
+        )
     if interrupted:
         click.echo(
             f"Interrupted. The runs that finished are in {name}: 'ggbench report {name}' "

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import click
-from rich.table import Table
 
+from ..figures.numbers import counted
+from .fitting import FittedTable
 from .screen import console
 from .tables import require_suffix, write_csv
 
@@ -276,11 +277,11 @@ def _print_scored(scored: Any) -> None:
     """Print the design, the components, and the best and worst cells by a track's accuracy."""
     design, table = scored.design, scored.table
     console.out(
-        f"{len(table)} cells of {design.cell_deg:g}° at {design.height_m:g} m: "
+        f"{counted(len(table), 'cell')} of {design.cell_deg:g}° at {design.height_m:g} m: "
         f"{design.instrument.kind}, {design.instrument.noise:g} {design.instrument.unit}; nodes "
         f"{design.spacing_m:.0f} m apart; tracks of {design.track_m / 1e3:.3g} km with "
-        f"{design.readings} readings; position known to {design.sigma_m / 1e3:g} km, a fix right "
-        f"within {design.right_m / 1e3:g} km"
+        f"{counted(design.readings, 'reading')}; position known to "
+        f"{design.sigma_m / 1e3:g} km, a fix right within {design.right_m / 1e3:g} km"
     )
     if scored.components is None:
         console.out("Too few cells for principal components: no index, no classes.")
@@ -292,12 +293,18 @@ def _print_scored(scored: Any) -> None:
         )
     ordered = table.sort_values("track_m")
     unit = design.instrument.unit
-    shown = Table(
-        "latitude [°]", "longitude [°]", f"σ [{unit}]", f"roughness [{unit}/km]", "class",
-        "track √tr J⁻¹ [m]", "best heading [°]", "A_min [nepers]", "false fixes ≤",
-        title="best and worst cells by the accuracy of a track, over its headings",
-        title_justify="left",
+    numbers = (
+        f"σ [{unit}]", f"roughness [{unit}/km]", "class", "track √tr J⁻¹ [m]", "best heading [°]",
+        "A_min [nepers]", "false fixes ≤",
     )  # fmt: skip
+    shown = FittedTable(
+        "best and worst cells by the accuracy of a track, over its headings",
+        [
+            ("latitude [°]", "name"),
+            ("longitude [°]", "name"),
+            *((heading, "number") for heading in numbers),
+        ],
+    )
     best = min(_SHOWN_CELLS, len(ordered))
     for number, (_, row) in enumerate(ordered.iterrows()):
         if best <= number < len(ordered) - _SHOWN_CELLS:
@@ -308,9 +315,10 @@ def _print_scored(scored: Any) -> None:
             f"{row['deviation']:.3g}", f"{1e3 * row['roughness']:.3g}", row["grade"] or "-",
             f"{row['track_m']:.3g}", f"{row['best_heading_deg']:g}", f"{row['ambiguity']:.3g}",
             f"{row['false_fix']:.2g}",
-            end_section=number == best - 1 < len(ordered) - 1,
         )  # fmt: skip
-    console.print(shown)
+        if number == best - 1 < len(ordered) - 1:
+            shown.add_section()
+    shown.print(console)
 
 
 def _describe(nodes: Any, attributes: dict[str, str]) -> None:
@@ -341,17 +349,16 @@ def _axis(values: Any, unit: str, factor: float, step_unit: str) -> str:
 def _print_rms(nodes: Any, rms: list[Any]) -> None:
     from ..maps.netcdf import TENSOR, VECTOR
 
-    table = Table(
-        "height [m]",
-        *(f"{name.upper()} [E]" for name in TENSOR),
-        *(f"{name.upper()} [mGal]" for name in VECTOR),
-        title="rms of the disturbing gradient and of the gravity disturbance",
-        title_justify="left",
+    headings = [f"{name.upper()} [E]" for name in TENSOR]
+    headings += [f"{name.upper()} [mGal]" for name in VECTOR]
+    table = FittedTable(
+        "rms of the disturbing gradient and of the gravity disturbance",
+        [("height [m]", "name"), *((heading, "number") for heading in headings)],
     )
     for height, row in zip(nodes.height_m, rms, strict=True):
         numbers = [*row[: len(TENSOR)], *(1e5 * row[len(TENSOR) :])]
         table.add_row(f"{height:g}", *(f"{number:.3g}" for number in numbers))
-    console.print(table)
+    table.print(console)
 
 
 def _command(options: dict[str, Any]) -> str:

@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 import math
+import threading
 import time
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from rich import box
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
-from rich.markup import escape
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from ..campaign.running import Step
-from ..results.folder import Results
+from ..figures.numbers import counted
+from .clocks import duration
+from .compiling import Compiled
+from .fitting import FittedTable
+
+if TYPE_CHECKING:  # it is shown before there is time to load them
+    from ..campaign.running import Step
 
 _WINDOW = "settled"
-_MOST_CASES = 4
 _LINE_EVERY_S = 10.0
 _REDRAWS_PER_S = 4.0
 
@@ -27,12 +30,19 @@ _REDRAWS_PER_S = 4.0
 class Progress:
     """Progress of a campaign: a live table in a terminal, a plain line now and then elsewhere.
 
-    ``console`` is where to show it. What is in the folder when it begins counts in the errors.
+    Of what is done before it, too: what is compiled is told from the beginning.
+
+    Parameters
+    ----------
+    console : where to show it. title : what is done.
+
+    What is in the folder when a campaign begins counts in the errors.
     """
 
-    def __init__(self, console: Console) -> None:
+    def __init__(self, console: Console, title: str) -> None:
         self._console = console
-        self._title = ""
+        self._title = title
+        self._compiled = Compiled()
         self._cells: dict[str, tuple[str, str]] = {}
         self._cases: Sequence[str] = ()
         self._labels: Sequence[str] = ()
@@ -40,15 +50,34 @@ class Progress:
         self._total = self._done = self._failed = 0
         self._start = self._last = 0.0
         self._live: Live | None = None
+        self._ended = threading.Event()
 
     def __enter__(self) -> Progress:
+        if self._console.is_terminal:
+            self._live = Live(
+                get_renderable=self._shown, console=self._console,
+                refresh_per_second=_REDRAWS_PER_S, transient=True,
+            )  # fmt: skip
+            self._live.start()
+        else:
+            threading.Thread(target=self._tell_compiled, daemon=True).start()
         return self
 
     def __exit__(self, *exception: object) -> None:
+        self._ended.set()
         if self._live is not None:
             self._live.stop()
-        if self._live is not None or self._done < self._total:
+        if self._total and (self._live is not None or self._done < self._total):
             self._console.out(self._counts())
+
+    def _tell_compiled(self) -> None:
+        """Tell now and then what is compiled, if anything is."""
+        told = ""
+        while not self._ended.wait(_LINE_EVERY_S):
+            text = self._compiled.text()
+            if text and text != told:
+                self._console.out(f"{self._title}: {text}")
+                told = text
 
     def tell(self, step: Step) -> None:
         """Show how far the campaign has come."""
@@ -72,7 +101,9 @@ class Progress:
             self._console.out(remark)
         if not step.total:
             return
-        work, self._total = step.campaign, step.total
+        from ..results.folder import Results
+
+        work, total = step.campaign, step.total
         self._title = work.scenario.name
         # Of all that the folder holds of this campaign, not only of what was asked for now.
         held = Results(work.folder, step.store)
@@ -83,14 +114,9 @@ class Progress:
             for record in step.store.records(key, work.runs):
                 self._count(key, record)
         self._start = self._last = time.monotonic()
-        if self._console.is_terminal:
-            self._live = Live(
-                get_renderable=self._table, console=self._console,
-                refresh_per_second=_REDRAWS_PER_S, transient=True,
-            )  # fmt: skip
-            self._live.start()
-        else:
-            self._console.out(f"{self._title}: {self._total} runs to do")
+        self._total = total
+        if self._live is None:
+            self._console.out(f"{self._title}: {counted(self._total, 'run')} to do")
 
     def _count(self, key: str, record: Mapping[str, Any]) -> None:
         cell = self._cells.get(key)
@@ -104,12 +130,12 @@ class Progress:
 
     def _counts(self) -> str:
         elapsed = time.monotonic() - self._start
-        text = f"{self._title}: {self._done} of {self._total} runs"
+        text = f"{self._title}: {self._done} of {counted(self._total, 'run')}"
         if self._failed:
             text += f" ({self._failed} failed)"
         if self._done:
             rate = self._done / max(elapsed, 1e-9)
-            text += f", {rate:.1f} runs/s, {_duration((self._total - self._done) / rate)} left"
+            text += f", {rate:.1f} runs/s, {duration((self._total - self._done) / rate)} left"
         return text
 
     def _lead(self) -> str:
@@ -120,24 +146,19 @@ class Progress:
         errors = ", ".join(f"{label} {self._mrse(case, label)}" for label in self._labels)
         return f"MRSE of {case} in m: {errors}"
 
-    def _table(self) -> RenderableType:
+    def _shown(self) -> RenderableType:
+        compiled = self._compiled.text()
+        if not self._total:
+            return Text(f"{self._title}: {compiled or 'preparing'}")
         bar = Table.grid(padding=(0, 1))
-        bar.add_row(ProgressBar(max(self._total, 1), self._done, width=30), Text(self._counts()))
-        shown = self._cases[:_MOST_CASES]
-        more = len(self._cases) - len(shown)
-        table = Table(
-            escape("MRSE so far [m]"), *(escape(case) for case in shown), box=box.SIMPLE_HEAD,
-            caption=f"and of {more} other cases" if more else None, caption_justify="left",
-        )  # fmt: skip
+        bar.add_row(ProgressBar(max(self._total, 1), self._done, width=20), Text(self._counts()))
+        table = FittedTable(
+            "", [("MRSE so far [m]", "name"), *((case, "number") for case in self._cases)]
+        )
         for label in self._labels:
-            table.add_row(escape(label), *(self._mrse(case, label) for case in shown))
-        return Group(bar, table)
-
-
-def _duration(seconds: float) -> str:
-    """Return a duration as a user reads it."""
-    if seconds < 90.0:
-        return f"{seconds:.0f} s"
-    if seconds < 5400.0:
-        return f"{seconds / 60.0:.0f} min"
-    return f"{seconds / 3600.0:.1f} h"
+            table.add_row(label, *(self._mrse(case, label) for case in self._cases))
+        first = table.fitted(self._console.width)[0]
+        more = len(self._cases) + 1 - len(first.columns)
+        first.caption = f"and of {counted(more, 'other case')}" if more else None
+        first.caption_justify = "left"
+        return Group(bar, *([Text(compiled)] if compiled else []), first)

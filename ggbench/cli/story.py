@@ -7,17 +7,18 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from rich import box
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
 from ..campaign import result_keys
 from ..campaign.registry import choose
 from ..campaign.runner import Task, flight_of, run_task
+from ..figures.numbers import counted
 from ..judging.summary import squared_bounds
 from ..results.store import kept_epochs
 from ..spec.scenario import Scenario
+from .clocks import COLD
+from .fitting import FittedTable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -54,8 +55,8 @@ def overview(results: Results, console: Console) -> None:
     console.print(
         f"scenario {escape(manifest['scenario'])} {manifest['scenario_hash'][:16]}, seed "
         f"{manifest['seed']}, {manifest['date'][:10]}, ggbench {manifest['ggbench']} source "
-        f"{manifest['source_hash']}\n{len(table)} results of up to {results.run_count} runs per "
-        f"case: {failed} failed, {diverged} diverged"
+        f"{manifest['source_hash']}\n{counted(len(table), 'result')} of up to "
+        f"{counted(results.run_count, 'run')} per case: {failed} failed, {diverged} diverged"
     )
     for label, names in results.seeking.items():
         console.out(f"{label} uses {names}, and may have seen the truth")
@@ -164,20 +165,18 @@ def _print(
 ) -> None:  # fmt: skip
     """Print the figures of a run, its errors against time, and how to repeat it."""
     console.print(f"\n[bold]{escape(title)}, run {run}[/]")
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
-    table.add_column("estimator", no_wrap=True)
     judged = any(item.record.get("false_lock") is not None for item in told)
-    headings = ("settled m", "m/s", "final m", "NEES", "diverged", "ms")
-    for heading in (*headings, *(["locked s"] if judged else [])):
-        table.add_column(heading, justify="right", no_wrap=True)
+    headings = ["settled m", "m/s", "final m", "NEES", "diverged", "ms"]
+    headings += ["locked s"] * judged
+    table = FittedTable("", [("estimator", "name"), *((heading, "number") for heading in headings)])
     for item in told:
         record = item.record
         if record["status"] != "ok":
-            table.add_row(escape(item.label), "[red]failed[/]")
+            table.add_row(item.label, "[red]failed[/]", *[""] * (len(headings) - 1))
             continue
         settled = record["windows"]["settled"]
         table.add_row(
-            escape(item.label),
+            item.label,
             f"{settled['position_ms'] ** 0.5:.3g}",
             f"{settled['velocity_ms'] ** 0.5:.3g}",
             f"{record['final_position_error_m']:.3g}",
@@ -186,9 +185,9 @@ def _print(
             f"{1e3 * record['seconds']:.1f}{'*' if record.get('cold') else ''}",
             *([_lock(record)] if judged else []),
         )
-    console.print(table)
+    table.print(console)
     if any(item.record["status"] == "ok" and item.record.get("cold") for item in told):
-        console.print("* with what is loaded and compiled in the first run of a process")
+        console.print(COLD, markup=False)
     for item in told:
         if item.record["status"] != "ok":
             console.out(f"{item.label} failed: {item.record['reason']}")
@@ -226,19 +225,15 @@ def _print_errors(
     high = max(float(values.max()) for values in logs.values())
     low = max(low, high - 4.0)  # one touch of zero would flatten all the rest
     shown = np.unique(np.linspace(0, len(times) - 1, _TIMES).round().astype(int))
-    table = Table(
-        title=f"position error in m against time; bars: {10.0**low:.2g} to {10.0**high:.2g} m, "
+    table = FittedTable(
+        f"position error in m against time; bars: {10.0**low:.2g} to {10.0**high:.2g} m, "
         f"logarithmic, {times[0]:g} to {times[-1]:g} s",
-        title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0),
-    )  # fmt: skip
-    table.add_column("seconds", no_wrap=True)
-    table.add_column("", no_wrap=True)
-    for k in shown:
-        table.add_column(f"{times[k]:g}", justify="right", no_wrap=True)
+        [("seconds", "name"), ("", "number"), *((f"{times[k]:g}", "number") for k in shown)],
+    )
     for label, curve in curves.items():
         bars = _bars(logs[label], low, high)
-        table.add_row(escape(label), bars, *(_two_digits(curve[k]) for k in shown))
-    console.print(table)
+        table.add_row(label, bars, *(_two_digits(curve[k]) for k in shown))
+    table.print(console)
 
 
 def _two_digits(value: float) -> str:

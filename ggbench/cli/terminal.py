@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from rich import box
 from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
 
+from ..figures.numbers import counted
 from ..judging.comparison import LOST, Comparison
 from ..judging.ranking import rows_of
 from ..spec.scenario import Scenario
+from .clocks import COLD
+from .fitting import FittedTable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -22,25 +22,38 @@ _UNITS = {"position": "m", "velocity": "m/s", LOST: "lost"}
 _COLOURS = {"worse": "red", "better": "green"}
 
 
-def print_summary(summary: pd.DataFrame, scenario: Scenario, console: Console) -> None:
-    """Print the settled window of every case: causal estimators, best first, then smoothers."""
+_SUMMARY = ("m", "median", "95 %", "m/s", "/bound", "NEES", "fail/div", "ms/run")
+
+
+def print_summary(
+    summary: pd.DataFrame, runs: pd.DataFrame, scenario: Scenario, console: Console
+) -> None:
+    """Print the settled window of every case: causal estimators, best first, then smoothers.
+
+    Parameters
+    ----------
+    summary, runs : the tables of a results folder.
+    """
     shown = scenario.cases[:_MOST_CASES]
+    warm = set(runs[(runs["status"] == "ok") & ~runs["cold"]].groupby(["case", "estimator"]).groups)
+    starred = False
     for case in shown:
         rows = rows_of(summary, case, "settled")
         if not rows:
             continue
-        table = _table(f"{case.title}: MRSE from {case.windows.settled_from_s:g} s on")
-        table.add_column("estimator", overflow="fold", min_width=10)
-        headings = ("m", "median", "95 %", "m/s", "/bound", "NEES", "fail/div", "ms/run")
-        for heading in headings:
-            table.add_column(heading, justify="right", no_wrap=True, min_width=max(len(heading), 6))
+        table = FittedTable(
+            f"{case.title}: MRSE from {case.windows.settled_from_s:g} s on",
+            [("estimator", "name"), *((heading, "number") for heading in _SUMMARY)],
+        )
         causal = True
         for row in rows.values():
             if causal and row["causality"] in ("fixed-lag", "batch"):
                 causal = False
                 table.add_section()
+            cold = row["runs"] > row["failed"] and (case.name, row["label"]) not in warm
+            starred |= cold
             table.add_row(
-                escape(row["label"]),
+                row["label"],
                 _digits(row["position_mrse_m"]),
                 _digits(row["position_median_m"]),
                 _digits(row["position_p95_m"]),
@@ -48,7 +61,7 @@ def print_summary(summary: pd.DataFrame, scenario: Scenario, console: Console) -
                 f"{row['position_efficiency']:.3f}",
                 f"{row['nees_mean']:.2f}",
                 f"{row['failed']}/{row['diverged']}",
-                f"{1e3 * row['seconds_per_run']:.1f}",
+                f"{1e3 * row['seconds_per_run']:.1f}{'*' if cold else ''}",
             )
         table.add_section()
         if case.reference:
@@ -58,19 +71,15 @@ def print_summary(summary: pd.DataFrame, scenario: Scenario, console: Console) -
                 "",
                 "",
                 f"{case.reference.velocity_mrse_mps:.4f}",
+                *[""] * 4,
                 style="dim",
             )
-        console.print(table)
+        table.print(console)
+    if starred:
+        console.print(COLD, markup=False)
     more = len(scenario.cases) - len(shown)
     if more:
-        console.print(f"... and {more} more cases, in summary.csv and in the report")
-
-
-def _table(title: str) -> Table:
-    return Table(
-        title=escape(title), title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False,
-        padding=(0, 1, 0, 0),
-    )  # fmt: skip
+        console.print(f"... and {counted(more, 'more case')}, in summary.csv and in the report")
 
 
 def _digits(value: float) -> str:
@@ -80,20 +89,18 @@ def _digits(value: float) -> str:
 
 def print_comparison(compared: Comparison, console: Console) -> None:
     """Print what got worse or better, and what only one of the two folders holds."""
-    table = _table("")
-    for heading in ("case", "estimator"):
-        table.add_column(heading, overflow="fold")
-    for heading in ("", "before", "after", "ratio", "95 % interval", "runs", "p"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    table.add_column("verdict", no_wrap=True)
+    numbers = ("", "before", "after", "ratio", "95 % interval", "runs", "p", "verdict")
+    table = FittedTable(
+        "", [("case", "name"), ("estimator", "name"), *((n, "number") for n in numbers)]
+    )
     for row in compared.rows.to_dict("records"):
         if row["quantity"] == LOST and not row["before"] and not row["after"]:
             continue
         study = f"{row['assumption']}/" if row["assumption"] else ""
         colour = _COLOURS.get(row["verdict"])
         table.add_row(
-            escape(study + row["case"]),
-            escape(row["estimator"]),
+            study + row["case"],
+            row["estimator"],
             _UNITS[row["quantity"]],
             f"{row['before']:.4g}",
             f"{row['after']:.4g}",
@@ -103,11 +110,12 @@ def print_comparison(compared: Comparison, console: Console) -> None:
             f"{row['p_better' if row['verdict'] == 'better' else 'p']:.2g}",
             f"[{colour}]{row['verdict']}[/]" if colour else row["verdict"],
         )
-    console.print(table)
+    table.print(console)
     paired = compared.rows["paired"]
     how = "paired" if paired.all() else "independent" if not paired.any() else "partly paired"
     console.print(
-        f"Runs are {how}. p is adjusted for {compared.tests} tests: where nothing changed, 5 % "
+        f"Runs are {how}. p is adjusted for {counted(compared.tests, 'test')}: where nothing "
+        "changed, 5 % "
         "of comparisons at most say 'worse' anywhere, and 5 % 'better'."
     )
     for which, names in (("before", compared.only_before), ("after", compared.only_after)):

@@ -1,8 +1,13 @@
-"""Numbers as figures and tables show them."""
+"""Numbers as figures, tables and sentences show them."""
 
 from __future__ import annotations
 
 import math
+
+
+def counted(count: int, noun: str) -> str:
+    """Return how many there are of what a noun names: ``1 run``, ``2 runs``."""
+    return f"{count} {noun if count == 1 else f'{noun}s'}"
 
 
 def short(value: float) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
-from ..figures.numbers import short
+from ..figures.numbers import counted, short
 from .league import COST_OF, EXCEPTIONS, Advice, League, Standing
 from .league_figure import number
 from .shares import percent
@@ -30,7 +30,7 @@ def overall(league: League) -> str:
         return ""
     said = ", ".join(f"`{s.label}` in {percent(s.good)} ({number(s.ms)} ms a run)" for s in held)
     return (
-        f"**Over the {len(league.common)} cases that the whole roster ran, honest and as good as "
+        f"**Over the {counted(len(league.common), 'case')} that the whole roster ran, honest and as good as "
         f"the best causal estimator: {said}.**"
     )
 
@@ -54,8 +54,7 @@ def few(said: Sequence[str]) -> str:
 
 
 def _row(advice: Advice) -> list[str]:
-    scenarios = len(advice.scenarios)
-    where = f"{len(advice.cases)} in {scenarios} scenario{'s' * (scenarios != 1)}"
+    where = f"{len(advice.cases)} in {counted(len(advice.scenarios), 'scenario')}"
     title = f"**{SITUATIONS[advice.situation]}**"
     if advice.situation == NOTHING:
         return [title, where, "`ins`: no causal estimator beats it", *[""] * 5]

@@ -14,6 +14,7 @@ import pandas as pd
 
 from ..figures.answer import over_cases
 from ..figures.locking import Series
+from ..figures.numbers import counted
 from ..figures.style import save
 from ..judging.ranking import honest, rows_of
 from ..results.folder import Results
@@ -112,7 +113,9 @@ def caveat(results: Results, summary: pd.DataFrame) -> str:
         told = ", ".join(
             f"`{k}` {runs}" for k, runs in fewer.groupby("label")["runs"].max().items()
         )
-        parts.append(f"of {results.run_count} runs only the first were given to some: {told}")
+        parts.append(
+            f"of {counted(results.run_count, 'run')} only the first were given to some: {told}"
+        )
     for label, why in results.manifest.get("left_out", {}).items():
         parts.append(f"`{results.name_of(label)}` was not run: {why}")
     return f"*Caveat*: {'; '.join(parts)}. Words and figures: [definitions]({DEFINITIONS})."

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..figures import errors, flights
-from ..figures.numbers import short
+from ..figures.numbers import counted, short
 from ..figures.style import Drawing, save
 from ..judging.judgement import epochs_outside
 from ..problem import Estimate, Problem
@@ -114,7 +114,7 @@ def _what_there_is(flight: RecordedFlight) -> str:
     head = ["sensor", "channels", "readings", "from, to [s]", "file"]
     return (
         f"`{flight.path.name}`: {kind}, from {flight.start:.10g} s on its clock, {has_map}; "
-        f"{problem.epochs} epochs until {problem.times[-1]:g} s after the start.\n\n"
+        f"{counted(problem.epochs, 'epoch')} until {problem.times[-1]:g} s after the start.\n\n"
         + markdown(head, rows)
     )
 

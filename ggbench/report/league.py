@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 
 from ..errors import GGBenchError
+from ..figures.numbers import counted
 from ..judging.ranking import honest
 from ..results import digest
 from ..results.digest import Digest
@@ -343,8 +344,8 @@ def entry_of(held: Digest) -> Entry | str:
     most = max(manifest["done"].values(), default=0)
     if most < manifest["runs"]:
         return (
-            f"{name} is left out: it is not finished, of {manifest['runs']} runs {most} are done "
-            "in all cases"
+            f"{name} is left out: it is not finished, of {counted(manifest['runs'], 'run')} "
+            f"{most} {'is' if most == 1 else 'are'} done in all cases"
         )
     summary, pairs = _renamed(held)
     of_case = dict(list(pairs.groupby("case")))

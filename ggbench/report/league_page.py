@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from urllib.parse import quote
 
+from ..figures.numbers import counted
 from ..figures.style import save
 from . import advice_section, definitions
 from .league import ABOUT, COST_OF, EXCEPTIONS, SMOOTHERS, Entry, League, geometric_mean
@@ -71,9 +72,10 @@ class LeagueReport:
             advice_section.overall(self.league),
             advice_section.first_screen(self.league),
             self._later(),
-            f"This was found on {cases} cases in {scenarios} scenarios, all estimators on the same "
-            f"flights and random numbers; every scenario counts alike. Limits: {_LIMITS}. What the "
-            f"words mean: [definitions]({DEFINITIONS}); by which rules: [below](#rules).",
+            f"This was found on {counted(cases, 'case')} in {counted(scenarios, 'scenario')}, all "
+            f"estimators on the same flights and random numbers; every scenario counts alike. "
+            f"Limits: {_LIMITS}. What the words mean: [definitions]({DEFINITIONS}); by which "
+            "rules: [below](#rules).",
             opening_figure(self.output),
             "## The league",
             self._league(),
@@ -162,10 +164,10 @@ class LeagueReport:
         common = self.league.common
         scenarios = len({flown.scenario for flown in common})
         reading = (
-            f"Over the {len(common)} cases in {scenarios} scenarios that all of them ran; shares "
-            "and means are over scenarios, each counting alike. *Error / bound*: geometric mean of "
-            "the medians over the runs that succeed, of each estimator beside the bound of its "
-            "kind."
+            f"Over the {counted(len(common), 'case')} in {counted(scenarios, 'scenario')} that all "
+            "of them ran; shares and means are over scenarios, each counting alike. *Error / "
+            "bound*: geometric mean of the medians over the runs that succeed, of each estimator "
+            "beside the bound of its kind."
         )
         return f"{markdown(head, rows)}\n\n{reading}"
 
@@ -194,8 +196,8 @@ class LeagueReport:
             return ""
         text = (
             "*Check of the samples*: the INS alone, of which nothing is estimated, has its mean "
-            f"NEES within the 95 % band in {len(held) - len(beyond)} of {len(held)} cases whose "
-            "model is right"
+            f"NEES within the 95 % band in {len(held) - len(beyond)} of "
+            f"{counted(len(held), 'case')} whose model is right"
         )
         return f"{text}, and not in {advice_section.few(beyond)}." if beyond else f"{text}."
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import pandas as pd
 
-from ..figures.numbers import short
+from ..figures.numbers import counted, short
 from ..judging.ranking import honest
 from ..judging.statistics import BETTER
 from ..spec.scenario import Scenario
@@ -42,7 +42,9 @@ def case_answer(found: Outcome) -> str:
     best = found.best
     if best is None:
         return _without_filter(found.rows)
-    text = f"`{best['label']}` succeeds in {share(best, *_SUCCESS)} of {best['runs']} runs"
+    text = (
+        f"`{best['label']}` succeeds in {share(best, *_SUCCESS)} of {counted(best['runs'], 'run')}"
+    )
     if math.isfinite(best["ratio_median"]):
         text += (
             f", and where it does has {short(best['ratio_median'])} times the bound of "
@@ -133,7 +135,7 @@ def _lost(rows: Iterable[Mapping[str, Any]]) -> str:
     if not parts:
         return "no run failed or diverged"
     runs = max(int(row["runs"]) for row in rows)
-    return f"of {runs} run{'s' * (runs != 1)} {_some(parts, '; ')}"
+    return f"of {counted(runs, 'run')} {_some(parts, '; ')}"
 
 
 def _without_filter(rows: Mapping[str, Mapping[str, Any]]) -> str:
@@ -180,7 +182,7 @@ def _of_many(told: Sequence[Outcome]) -> str:
             parts.append(f"{phrase} {len(names)}{few}")
     lost = [sum(int(r[kind]) for f in told for r in f.rows.values())
             for kind in ("failed", "diverged")]  # fmt: skip
-    return f"{'; '.join(parts)}; {lost[0]} runs failed, {lost[1]} diverged."
+    return f"{'; '.join(parts)}; {counted(lost[0], 'run')} failed, {lost[1]} diverged."
 
 
 def _good(found: Outcome, label: str) -> bool:

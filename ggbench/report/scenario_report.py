@@ -14,6 +14,7 @@ import pandas as pd
 
 from ..errors import GGBenchError
 from ..figures import stored
+from ..figures.numbers import counted
 from ..figures.style import save
 from ..judging.ranking import rows_of
 from ..results import digest
@@ -190,8 +191,8 @@ class _Report:
         lost = int(causal["failed"].sum() + causal["diverged"].sum())
         efficiency = causal["position_efficiency"]
         sentence = (
-            f"At {runs} runs per case {subject} at or below the paper's {numbers} numbers in the "
-            f"settled window; position errors are {efficiency.min():.2f} to "
+            f"At {counted(runs, 'run')} per case {subject} at or below the paper's {numbers} "
+            f"numbers in the settled window; position errors are {efficiency.min():.2f} to "
             f"{efficiency.max():.2f} times the Cramér–Rao bound"
         )
         if len(names) > 1 and causal["runs"].nunique() == 1 and not lost:
@@ -199,7 +200,7 @@ class _Report:
             spread = 100.0 * float((errors.max() / errors.min() - 1.0).max())
             amount = f"{spread:.2f} % at most" if spread >= 0.01 else "less than 0.01 %"
             sentence += f", and within one case the estimators differ by {amount}"
-        sentence += f"; {lost if lost else 'no'} runs failed or diverged."
+        sentence += f"; {counted(lost, 'run') if lost else 'no runs'} failed or diverged."
         return f"**{sentence}**"
 
     def _seeking(self) -> str:
@@ -248,7 +249,7 @@ class _Report:
             f"The pure INS ends the flight{which}, after "
             f"{self.arrays[case.name]['times'][-1]:g} s, with "
             f"errors of {position:.0f} m and {velocity:.2f} m/s per axis (root mean square over "
-            f"{len(series)} runs and the three axes)."
+            f"{counted(len(series), 'run')} and the three axes)."
         )
 
     def _case_table(self, case: CaseSpec) -> str:
@@ -259,7 +260,7 @@ class _Report:
         notes = []
         for label, row in rows.items():
             if row["diverged"] and math.isfinite(row["position_without_diverged_m"]):
-                runs = "run" if row["diverged"] == 1 else f"{row['diverged']} runs"
+                runs = "run" if row["diverged"] == 1 else counted(row["diverged"], "run")
                 notes.append(
                     f"Without the {runs} that diverged `{label}` has a position MRSE of "
                     f"{row['position_without_diverged_m']:.3f} m."
@@ -267,7 +268,9 @@ class _Report:
             elif row["diverged"]:
                 notes.append(f"No run of `{label}` is left without those that diverged.")
             if row["failed"]:
-                notes.append(f"`{label}` failed in {row['failed']} runs: {self._failure(row)}")
+                notes.append(
+                    f"`{label}` failed in {counted(row['failed'], 'run')}: {self._failure(row)}"
+                )
             notes += self._remarks(row)
         errors = tables.case_errors(case, self.summary)
         consistency = tables.case_consistency(case, self.summary, updates)
@@ -299,7 +302,7 @@ class _Report:
         same = (runs["case"] == row["case"]) & (runs["estimator"] == row["label"])
         found = runs.loc[same & (runs["assumption"] == "") & (runs["remark"] != ""), "remark"]
         return [
-            f"`{row['label']}` {remark} ({count} run{'s' * (count != 1)})."
+            f"`{row['label']}` {remark} ({counted(count, 'run')})."
             for remark, count in found.value_counts(sort=False).items()
         ]
 
@@ -376,9 +379,9 @@ class _Report:
             lines += [
                 "",
                 "How the numbers move when one assumption changes "
-                f"(`{self.scenario.campaign.assumption_estimator}`, the first {runs} runs, settled "
-                "window unless said otherwise; position MRSE [m], velocity MRSE [m/s]; NEES 6 if "
-                "consistent):",
+                f"(`{self.scenario.campaign.assumption_estimator}`, the first "
+                f"{counted(runs, 'run')}, settled window unless said otherwise; position "
+                "MRSE [m], velocity MRSE [m/s]; NEES 6 if consistent):",
                 "",
                 tables.study(self.scenario, self.studies),
             ]

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from ..figures import sweeps
-from ..figures.numbers import short
+from ..figures.numbers import counted, short
 from ..figures.style import save
 from ..figures.sweeps import Curve, HeatMap
 from ..judging.summary import JUDGED
@@ -234,7 +234,7 @@ class SweepReport:
         if missing == runs.size:
             return "No run has finished here."
         low, high = int(np.nanmin(runs)), int(np.nanmax(runs))
-        spread = f"{low} runs" if low == high else f"{low} to {high} runs"
+        spread = counted(low, "run") if low == high else f"{low} to {high} runs"
         note = f"; {missing} of {runs.size} grid points have no finished run" if missing else ""
         return f"{spread} at each grid point{note}."
 
@@ -292,7 +292,7 @@ class SweepReport:
             sentences.append(
                 f"- `{label}`: {np.nanmedian(ratio):.3f} in the median cell; largest {ends[0]}; "
                 f"smallest {ends[1]}; the 95 % interval lies wholly above 1 in {above.sum()} of "
-                f"{ratio.size} cells, wholly below in {below.sum()}."
+                f"{counted(ratio.size, 'cell')}, wholly below in {below.sum()}."
             )
         picture = self._heat_maps(
             plane, panels, "efficiency", "MRSE / bound",
@@ -310,9 +310,10 @@ class SweepReport:
                 continue
             far = np.unravel_index(np.nanargmax(np.abs(np.log(nees / JUDGED))), nees.shape)
             sentences.append(
-                f"- `{label}`: outside its band in {(above | below).sum()} of {nees.size} cells "
-                f"({above.sum()} above, {below.sum()} below); farthest from {JUDGED}: "
-                f"{short(nees[far])} (band {low[far]:.2f}–{high[far]:.2f}) at {self._at(far)}."
+                f"- `{label}`: outside its band in {(above | below).sum()} of "
+                f"{counted(nees.size, 'cell')} ({above.sum()} above, {below.sum()} below); "
+                f"farthest from {JUDGED}: {short(nees[far])} (band {low[far]:.2f}–{high[far]:.2f}) "
+                f"at {self._at(far)}."
             )
         caption = f"Mean NEES, {JUDGED} if consistent; framed where it lies outside its 95 % band"
         picture = self._heat_maps(plane, panels, "nees", "mean NEES", caption, JUDGED)
@@ -322,13 +323,15 @@ class SweepReport:
         rows = self.rows[(self.rows["failed"] > 0) | (self.rows["diverged"] > 0)]
         total = int(self.rows["runs"].sum())
         if rows.empty:
-            return f"None of {total} runs (all estimators and grid points) failed or diverged."
+            who = "(all estimators and grid points)"
+            return f"None of {counted(total, 'run')} {who} failed or diverged."
         worst = (rows["failed"] + rows["diverged"]).sort_values(ascending=False).index[:20]
         counts = rows.loc[worst, ["runs", "failed", "diverged"]].astype(int).astype(str)
         listed = [[case, f"`{label}`", *row] for (case, label), row in counts.T.items()]
         return (
-            f"{int(rows['failed'].sum())} of {total} runs failed; {int(rows['diverged'].sum())} "
-            "diverged and count in the errors. The grid points with most of them:\n\n"
+            f"{int(rows['failed'].sum())} of {counted(total, 'run')} failed; "
+            f"{int(rows['diverged'].sum())} diverged and count in the errors. "
+            "The grid points with most of them:\n\n"
             + markdown(["case", "estimator", "runs", "failed", "diverged"], listed)
         )
 

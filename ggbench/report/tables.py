@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ..figures.numbers import short
+from ..figures.numbers import counted, short
 from ..judging.ranking import ORDER, best_causal, honest, pair_of, rows_of
 from ..judging.statistics import BETTER, UNDECIDED, WORSE
 from ..judging.success import EQUAL
@@ -113,7 +113,7 @@ def _most_runs(tables: Iterable[Mapping[str, Mapping[str, Any]]]) -> int:
 def _of_fewer(rows: Sequence[Mapping[str, Any]], most: int) -> str:
     """Return of how many runs an estimator's figures are, if others flew more."""
     runs = max(row["runs"] for row in rows)
-    return f", {runs} run{'s' * (runs != 1)}" if runs < most else ""
+    return f", {counted(runs, 'run')}" if runs < most else ""
 
 
 def _bounds(table: Mapping[str, Mapping[str, Any]], causality: str) -> list[float]:

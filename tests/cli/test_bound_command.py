@@ -41,7 +41,8 @@ def test_the_table_is_the_bound_of_the_flight(tmp_path):
     # What is known later never harms, and at the end nothing is.
     assert (table["position_smoothed_m"] <= table["position_m"] * (1.0 + 1e-6)).all()
     assert table["position_smoothed_m"].iloc[-1] == table["position_m"].iloc[-1]
-    shown = float(done.stdout.splitlines()[-3 - done.stdout.count("Wrote")].split("│")[5])
+    # Without a rule below: an empty line, then what was written.
+    shown = float(done.stdout.splitlines()[-2 - done.stdout.count("Wrote")].split()[4])
     assert shown == pytest.approx(table["position_m"].iloc[-1], rel=1e-2)
     assert imread(tmp_path / "out" / "b.png").shape[1] > 800
 

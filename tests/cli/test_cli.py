@@ -80,10 +80,11 @@ BAD = {
 
 
 def call(arguments: list[str], cwd: Path) -> Outcome:
-    """Run the installed command to its end."""
+    """Run the installed command to its end, with a terminal's width that is not pytest's."""
     done = subprocess.run(
-        [COMMAND, *arguments], cwd=cwd, capture_output=True, text=True, timeout=DEADLINE_S
-    )
+        [COMMAND, *arguments], cwd=cwd, capture_output=True, text=True, timeout=DEADLINE_S,
+        env=os.environ | {"COLUMNS": "120"},
+    )  # fmt: skip
     return Outcome(done.returncode, done.stdout, done.stderr)
 
 
@@ -133,7 +134,7 @@ def test_commands_that_only_tell(name, outcome):
         "help": ["list", "report", "run", "validate"],
         "list": ["wang2013", "ekf", "ukf", "factor-graph", "julier", "fixed-lag", "mode"],
         "validate": ["small.toml is valid", "2 cases"],
-        "validate shipped": ["wang2013 is valid", "5 cases"],
+        "validate shipped": ["wang2013 is valid", "7 cases"],
     }
     assert [word for word in expected[name] if word not in done.stdout] == []
 
@@ -217,6 +218,15 @@ def test_a_failing_estimator_does_not_end_a_run(folder):
     assert (done.returncode, done.stderr) == (0, "")
     table = pd.read_csv(folder / "bad" / "summary.csv").set_index("estimator")
     assert table["failed"].to_dict() == {"bad": 2, "ekf": 0}
+
+    alone = ["run", "small.toml", "-n", "1", "-j", "0", "-c", "base", "-e", "bad.py", "-o", "lost"]
+    done = invoke(alone, folder)
+    assert (done.returncode, done.stderr) == (1, ""), "a script must see that nothing came of it"
+    for words in ("small: 1 run to do", "small: 1 of 1 run (1 failed)", "1 run failed: 'ggbench"):
+        assert words in done.stdout
+    assert " 1 runs" not in done.stdout
+    told = invoke(["show", "lost"], folder).stdout
+    assert "1 result of up to 1 run per case: 1 failed" in told
 
 
 def stored(database: Path) -> int:

@@ -99,7 +99,7 @@ def test_the_first_sentence_names_all_causal_ones_of_the_roster(tmp_path):
     """The share of the common cases in which each is good, and its time; no smoother."""
     text = page(league_of(s=[[INS, EKF, records("tercom", 9.0 * SAME), SMOOTHER]]), tmp_path)
     (line,) = re.findall(r"^\*\*Over the .*$", text, re.MULTILINE)
-    assert line.startswith("**Over the 1 cases that the whole roster ran")
+    assert line.startswith("**Over the 1 case that the whole roster ran")
     assert line.endswith("`ekf` in 100 % (10.0 ms a run), `tercom` in 0 % (10.0 ms a run).**")
 
 

@@ -121,7 +121,7 @@ def test_the_whole_library_runs(library, monkeypatch):
     done = invoke(run, library)
     assert done.returncode == 1, done.stderr
     assert "a failed: there is no estimator 'ekff'" in done.stdout
-    assert "1 scenarios failed: a." in done.stdout
+    assert "1 scenario failed: a." in done.stdout
     for name in ("b", "c"):
         assert len(pd.read_parquet(library / "lib" / name / "runs.parquet")) == 2 * 2
     assert not (library / "lib" / "a").exists()

@@ -1,0 +1,45 @@
+"""Time as people read it: on the wall, and of all processors together."""
+
+from __future__ import annotations
+
+import resource
+import time
+from typing import NamedTuple
+
+from ..figures.numbers import short
+
+_MINUTES_FROM_S = 600.0
+COLD = "* of first runs alone, which also load and compile; a further run takes less"
+"""What a star at a time means."""
+
+
+def duration(seconds: float) -> str:
+    """Return a duration [s] as a user reads it."""
+    if seconds < _MINUTES_FROM_S:
+        return f"{seconds:.0f} s"
+    if seconds < 5400.0:
+        return f"{seconds / 60.0:.0f} min"
+    return f"{seconds / 3600.0:.1f} h"
+
+
+class Clocks(NamedTuple):
+    """A moment [s]: on the wall, and the processor time of this process and of those it ended."""
+
+    wall: float
+    processor: float
+
+    @classmethod
+    def now(cls) -> Clocks:
+        """Return this moment."""
+        used = [resource.getrusage(w) for w in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+        return cls(time.monotonic(), sum(each.ru_utime + each.ru_stime for each in used))
+
+    def since(self) -> str:
+        """Return how much of both has passed."""
+        now = self.now()
+        wall, processor = _told(now.wall - self.wall), _told(now.processor - self.processor)
+        return f"{wall}, and {processor} of processor time"
+
+
+def _told(seconds: float) -> str:
+    return duration(seconds) if seconds >= _MINUTES_FROM_S else f"{short(seconds)} s"

@@ -1,0 +1,100 @@
+"""What is compiled and built on a first use: said as it happens, for it takes a minute."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from ..errors import GGBenchError
+from ..figures.numbers import counted
+from ..numerics.cache import cache_folder, code_folder
+from ..numerics.source import PACKAGE
+
+if TYPE_CHECKING:
+    from ..spec.sensors import FieldSpec
+
+_LOOK_EVERY_S = 1.0
+_LATELY_S = 30.0
+"""How long after the last of them the compiled functions are still worth a line."""
+
+
+def tell_first_use(module: str, scope: str) -> None:
+    """Say that code is going to be compiled, if that of a module of the package is not there.
+
+    Parameters
+    ----------
+    module : that the command compiles early, ``ins/strapdown.py``. scope : how long it all takes.
+    """
+    if not code_folder(PACKAGE / module).exists():
+        click.echo(
+            f"First use of this version here: its code is compiled for this processor, {scope}, "
+            f"and kept in {cache_folder()}."
+        )
+
+
+def tell_maps(fields: Iterable[FieldSpec]) -> None:
+    """Say which maps of some fields are not in the cache: they are going to be built."""
+    from ..maps import recipe
+    from ..simulation.field_source import is_file, map_recipe
+
+    recipes = dict.fromkeys(
+        map_recipe(field)
+        for field in fields
+        if field.source != "normal" and not is_file(field.source)
+    )
+    for wanted in recipes:
+        try:
+            recipe._check(wanted)
+        except GGBenchError:  # which is told where its case is flown
+            continue
+        if not (cache_folder() / "maps" / f"{recipe.content_key(wanted)}.npz").exists():
+            click.echo(
+                f"Building a map of {wanted.source}, {wanted.south_deg:g}° to "
+                f"{wanted.north_deg:g}° N, {wanted.west_deg:g}° to {wanted.east_deg:g}° E, once; "
+                "it is kept there, too."
+            )
+
+
+class Compiled:
+    """Functions that this process and its workers compile, as they appear in the cache."""
+
+    def __init__(self) -> None:
+        self._base = code_folder(PACKAGE / "numerics" / "lanes.py").parent
+        self._seen: dict[Path, tuple[int, set[str]]] = {}
+        self._count, self._last = 0, ""
+        self._looked = self._grew = 0.0
+        self._look()
+        self._count = 0
+
+    def text(self) -> str:
+        """Return what has been compiled until now, nothing if that is long past."""
+        now = time.monotonic()
+        if now - self._looked > _LOOK_EVERY_S:
+            before = self._count
+            self._look()
+            if self._count > before:
+                self._grew = now
+        if not self._count or now - self._grew > _LATELY_S:
+            return ""
+        return f"compiled {counted(self._count, 'function')}, the last of {self._last}"
+
+    def _look(self) -> None:
+        """Count what is new. A folder in which nothing was written is not read again."""
+        self._looked = time.monotonic()
+        try:
+            folders = [(f, f.stat().st_mtime_ns) for f in self._base.iterdir()]
+        except OSError:  # not there yet, or just tidied up
+            return
+        for folder, written in folders:
+            before, held = self._seen.get(folder, (0, set()))
+            if written == before:
+                continue
+            found = {file.name for file in folder.glob("*.nbc")}
+            self._seen[folder] = written, found
+            if found - held:
+                self._count += len(found - held)
+                self._last = folder.name.rpartition("-")[0].removeprefix("ggbench.")

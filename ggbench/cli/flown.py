@@ -1,0 +1,106 @@
+"""What flights are, and sentences about those that no vehicle flies."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+from rich.console import Console
+
+from ..figures.numbers import short
+from ..trajectory.manoeuvres import BANK_GRAVITY
+from .preflight import Examined, Flown
+
+MOST_BANK_DEG = 45.0
+"""A level turn then weighs 1.4 g; surveys turn at 15° to 30°, airliners at 30°."""
+MOST_PITCH_DEG = 30.0
+"""Beyond it the rules of the air speak of aerobatics (14 CFR 91.307)."""
+MOST_VERTICAL = 0.5 * BANK_GRAVITY
+"""Acceleration upwards or downwards [m/s²]: half a g is severe turbulence."""
+MOST_ACROSS_SHIP = 0.1 * BANK_GRAVITY
+"""Acceleration of a ship to the side [m/s²]: at 8 m/s, a turn of 65 m radius."""
+_NAMED = 3
+
+
+def print_flights(found: Sequence[Examined], console: Console) -> None:
+    """Print the flights of the cases and what is read on them; equal ones once."""
+    cases = [each for each in found if not each.study]
+    flights: dict[str, list[str]] = {}
+    readings: dict[str, list[str]] = {}
+    for each in cases:
+        flights.setdefault(_flight(each), []).append(each.case.name)
+        counts = ", ".join(f"{name} {count}" for name, count in each.readings.items())
+        readings.setdefault(counts, []).append(each.case.name)
+    for what, told in (("Flight", flights), ("Readings", readings)):
+        for text, names in told.items():
+            of = f" in {_some(names)}" if len(names) < len(cases) else ""
+            console.print(f"{what}{of}: {text}", markup=False)
+
+
+def _flight(each: Examined) -> str:
+    flown, margin = each.flown, each.margin
+    text = (
+        f"{flown.duration:.0f} s, {short(flown.length / 1e3)} km, {_span(*flown.speeds, 1)} m/s, "
+        f"{_span(*flown.heights, 0)} m high, largest bank {math.degrees(flown.bank):.0f}°; "
+    )
+    if margin is None:
+        return f"{text}no map"
+    return (
+        f"{text}{short(margin.border / 1e3)} km from the map's border ({margin.side}), "
+        f"{margin.below:.0f} m above its lowest height and {margin.above:.0f} m below its highest"
+    )
+
+
+def _span(low: float, high: float, digits: int) -> str:
+    """Return a range of numbers, of equal ones one."""
+    first, last = f"{low:.{digits}f}", f"{high:.{digits}f}"
+    return first if first == last else f"{first} to {last}"
+
+
+def _some(names: Sequence[str]) -> str:
+    more = len(names) - _NAMED
+    return ", ".join(names) if more < 2 else f"{', '.join(names[:_NAMED])}, and {more} more"
+
+
+def warnings(found: Sequence[Examined]) -> Iterator[str]:
+    """Yield a sentence for each thing that no vehicle does, and how it is mended; each once."""
+    said: dict[str, list[str]] = {}
+    for each in found:
+        study = f"{each.study}/" if each.study else ""
+        for what in absurdities(each.flown):
+            said.setdefault(what, []).append(study + each.case.name)
+    for what, names in said.items():
+        yield f"in {_some(names)}, {what}"
+
+
+def absurdities(flown: Flown) -> Iterator[str]:
+    """Yield a sentence for each thing of a flight that no vehicle does."""
+    bank, pitch = math.degrees(flown.bank), math.degrees(flown.pitch)
+    if bank > MOST_BANK_DEG:
+        yield (
+            f"the flight banks by {bank:.0f}°, {flown.bank_time:.0f} s after the start, and more "
+            f"than {MOST_BANK_DEG:g}° is no flight for a survey: {_remedy(flown, 'roll_deg')}"
+        )
+    if pitch > MOST_PITCH_DEG:
+        yield (
+            f"the flight pitches by {pitch:.0f}°, and more than {MOST_PITCH_DEG:g}° is aerobatics: "
+            f"{_remedy(flown, 'pitch_deg')}"
+        )
+    if flown.vertical > MOST_VERTICAL:
+        yield (
+            f"the flight accelerates by {flown.vertical:.1f} m/s² up or down, and more than "
+            f"{MOST_VERTICAL:.1f} m/s² (half a g) is severe turbulence: {_remedy(flown)}"
+        )
+    if flown.vehicle == "ship" and flown.across > MOST_ACROSS_SHIP:
+        yield (
+            f"the ship accelerates by {flown.across:.1f} m/s² to the side, and no ship turns with "
+            f"more than {MOST_ACROSS_SHIP:.1f} m/s²: {_remedy(flown)}"
+        )
+
+
+def _remedy(flown: Flown, column: str = "") -> str:
+    """Return what to do, of a track with the column that says what else is taken from it."""
+    if not flown.track:
+        return "fly its segments more gently"
+    given = f", or give it a column {column}" if column else ""
+    return f"its track is noisy; smooth it ([trajectory] smoothing_s){given}"

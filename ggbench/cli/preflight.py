@@ -1,0 +1,225 @@
+"""What ``ggbench validate`` does: see that a scenario can be flown, and what its flights are.
+
+Nothing is simulated for that, and no map is built that the scenario does not degrade: a map's
+recipe says where it ends. What is not clear from it is flown, as a run does it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+
+from ..campaign.campaign import CampaignError, check
+from ..errors import GGBenchError
+from ..gravity.ellipsoid import metres_along
+from ..maps import recipe
+from ..recorded.motion import angles_of
+from ..simulation.equipment import equip
+from ..simulation.error_free_flight import trajectory_of
+from ..simulation.field_source import is_file, make_field, map_recipe
+from ..simulation.formulation import require_short_delays
+from ..simulation.instruments import faults, spinning_disks
+from ..spec.case import CaseSpec
+from ..spec.limits import FASTEST_MPS, HIGHEST_M, LOWEST_M
+from ..spec.scenario import Scenario
+from ..spec.sensors import FieldSpec
+from ..spec.trajectory import TrajectorySpec, file_versions
+from ..trajectory.truth import Trajectory
+from .compiling import tell_maps
+
+
+@dataclass(frozen=True)
+class Flown:
+    """What a flight is, in numbers.
+
+    Attributes
+    ----------
+    vehicle : ``aircraft`` or ``ship``. track : whether it follows a track of positions.
+    duration : [s]. length : over ground [m].
+    speeds, heights : lowest and highest [m/s, m above the ellipsoid].
+    bank, bank_time : largest bank [rad], without the sign, and when it is first flown [s].
+    pitch : largest pitch [rad], without the sign.
+    across, vertical : largest accelerations [m/s²] to the side and upwards, without the sign.
+    """
+
+    vehicle: str
+    track: bool
+    duration: float
+    length: float
+    speeds: tuple[float, float]
+    heights: tuple[float, float]
+    bank: float
+    bank_time: float
+    pitch: float
+    across: float
+    vertical: float
+
+
+@dataclass(frozen=True)
+class Margin:
+    """How far inside a map a flight stays.
+
+    Attributes
+    ----------
+    border : least distance to a side of the map [m]. side : which one that is.
+    below, above : least distances to its lowest and its highest nodes [m].
+    """
+
+    border: float
+    side: str
+    below: float
+    above: float
+
+
+@dataclass(frozen=True)
+class Examined:
+    """A case that can be flown: the study that it belongs to ("" for none), and its flight.
+
+    Attributes
+    ----------
+    margin : to the nearer border of the true map and the estimators'; None without any.
+    readings : how many each sensor on board gives, by its name.
+    """
+
+    study: str
+    case: CaseSpec
+    flown: Flown
+    margin: Margin | None
+    readings: dict[str, int]
+
+
+def examined(scenario: Scenario) -> Iterator[Examined]:
+    """Yield what is found of every case of a scenario and of its assumptions.
+
+    Raises
+    ------
+    CampaignError
+        If a map cannot be made, a flight leaves it, or a sensor cannot be computed, as
+        :func:`.campaign.check` says it.
+    """
+    cases = [("", case) for case in scenario.cases]
+    cases += [(study.name, case) for study in scenario.assumptions for case in study.cases]
+    for study, case in cases:
+        try:
+            found = _examined(study, case)
+        except GGBenchError as error:
+            prefix = f"assumption {study}, " if study else ""
+            raise CampaignError(f"{scenario.name}, {prefix}case {case.name}: {error}") from None
+        if not _clear(found):
+            studies = [s for s in scenario.assumptions if s.name == study]
+            alone = replace(
+                scenario,
+                cases=() if study else (case,),
+                assumptions=tuple(replace(s, cases=(case,)) for s in studies),
+            )
+            tell_maps(case.side(name).field for name in ("truth", "model"))
+            deque(check(alone), maxlen=0)
+        yield found
+
+
+def _examined(study: str, case: CaseSpec) -> Examined:
+    if case.trajectory.files():
+        case.check_duration()
+    bounds = [_bounds(case.side(name).field) for name in ("truth", "model")]
+    for name in ("truth", "model"):
+        equip(case, name)
+    faults(case.truth.gradiometer)
+    spinning_disks(case)
+    trajectory = _trajectory(case)
+    samples = len(trajectory.times) - 1
+    readings = {sensor: samples // stride for sensor, stride in case.strides.items()}
+    if case.gradiometer is not None:
+        altimeter = math.inf if case.altimeter is None else case.altimeter.time_constant_s
+        require_short_delays(equip(case, "model"), altimeter, readings["gradiometer"])
+    margins = [_margin(trajectory, *ends) for ends in bounds if np.isfinite(ends).all()]
+    nearest = min(margins, key=lambda m: min(m.border, m.below, m.above), default=None)
+    return Examined(study, case, flown_of(case), nearest, readings)
+
+
+def _clear(found: Examined) -> bool:
+    """Return whether the plan alone says that the flight is possible, and stays in its map."""
+    (lowest, highest), (_, fastest) = found.flown.heights, found.flown.speeds
+    possible = lowest >= LOWEST_M and highest <= HIGHEST_M and fastest <= FASTEST_MPS
+    margin = found.margin
+    return possible and (margin is None or min(margin.border, margin.below, margin.above) >= 0.0)
+
+
+@cache
+def _bounds(spec: FieldSpec) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lowest and highest latitude, longitude [rad] and height [m] that a map serves.
+
+    Of a map that is not built, those that are asked for: its nodes reach at least so far.
+    """
+    if spec.source == "normal" or is_file(spec.source) or spec.error is not None:
+        if spec.error is not None:  # which asks for the nodes of the right map
+            tell_maps([spec])
+        field = make_field(spec)
+        return field.lower, field.upper
+    wanted = map_recipe(spec)
+    recipe._check(wanted)
+    degrees = [[wanted.south_deg, wanted.west_deg], [wanted.north_deg, wanted.east_deg]]
+    lower, upper = np.radians(degrees)
+    return np.append(lower, wanted.min_height_m), np.append(upper, wanted.max_height_m)
+
+
+def _trajectory(case: CaseSpec) -> Trajectory:
+    return _trajectory_once(case.trajectory, case.imu.period_s, file_versions(case.trajectory))
+
+
+@cache
+def _trajectory_once(spec: TrajectorySpec, dt: float, versions: tuple[object, ...]) -> Trajectory:
+    """Return the flight of a table; ``versions`` are those of the files that it is made of."""
+    return trajectory_of(spec, dt)
+
+
+def _margin(trajectory: Trajectory, lower: np.ndarray, upper: np.ndarray) -> Margin:
+    positions = trajectory.positions
+    metres = metres_along(positions)
+    distances = {
+        "south": (positions[:, 0] - lower[0]) * metres[:, 1],
+        "north": (upper[0] - positions[:, 0]) * metres[:, 1],
+        "west": (positions[:, 1] - lower[1]) * metres[:, 0],
+        "east": (upper[1] - positions[:, 1]) * metres[:, 0],
+    }
+    least = {side: float(found.min()) for side, found in distances.items()}
+    side = min(least, key=lambda each: least[each])
+    heights = positions[:, 2]
+    below, above = float(heights.min() - lower[2]), float(upper[2] - heights.max())
+    return Margin(least[side], side, below, above)
+
+
+def flown_of(case: CaseSpec) -> Flown:
+    """Return what the flight of a case is.
+
+    Raises
+    ------
+    TrajectoryError
+        If it cannot be flown, or a file that it is made of cannot be used.
+    """
+    spec, trajectory = case.trajectory, _trajectory(case)
+    velocities, heights = trajectory.velocities, trajectory.positions[:, 2]
+    level, speeds = np.hypot(*velocities[:, :2].T), np.linalg.norm(velocities, axis=1)
+    accelerations = np.diff(velocities, axis=0) / trajectory.dt
+    east, north, _ = (0.5 * (velocities[1:] + velocities[:-1])).T
+    across = (north * accelerations[:, 0] - east * accelerations[:, 1]) / np.maximum(
+        np.hypot(east, north), 1.0
+    )
+    _, pitch, bank = np.abs(angles_of(trajectory.attitudes)).T
+    return Flown(
+        vehicle=spec.vehicle,
+        track=spec.file is not None,
+        duration=float(trajectory.times[-1]),
+        length=float(0.5 * (level[1:] + level[:-1]).sum() * trajectory.dt),
+        speeds=(float(speeds.min()), float(speeds.max())),
+        heights=(float(heights.min()), float(heights.max())),
+        bank=float(bank.max()),
+        bank_time=float(trajectory.times[bank.argmax()]),
+        pitch=float(pitch.max()),
+        across=float(np.abs(across).max()),
+        vertical=float(np.abs(accelerations[:, 2]).max()),
+    )

@@ -1,0 +1,219 @@
+"""What ``ggbench validate`` says of a scenario: its flights, and what is absurd about them."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import subprocess
+import sys
+from collections import deque
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command import invoke
+from problems import SMALL
+
+from ggbench.campaign.campaign import CampaignError, check
+from ggbench.cli import compiling
+from ggbench.cli.compiling import Compiled
+from ggbench.cli.flown import absurdities
+from ggbench.cli.preflight import examined, flown_of
+from ggbench.maps import recipe
+from ggbench.numerics.cache import CACHE_VARIABLE
+from ggbench.simulation.field_source import map_recipe
+from ggbench.spec import scenario
+
+MAPPED = SMALL.replace(
+    'source = "normal"',
+    'source = "egm2008_qinling"\nsouth_deg = 33.0\nnorth_deg = 34.0\nwest_deg = 107.5\n'
+    "east_deg = 109.1\nlowest_m = 9000.0\nhighest_m = 11000.0",
+)
+"""The small flight, from 33.5° N and 108.5° E, over a map that is built."""
+
+
+def of(path: Path, text: str) -> scenario.Scenario:
+    (path / "own.toml").write_text(text, encoding="utf-8")
+    return scenario.load(path / "own.toml")
+
+
+def noisy_track(path: Path, noise_m: float) -> str:
+    """A track of five minutes straight to the east at 60 m/s, once a second, with a GPS's noise."""
+    rng = np.random.default_rng(7)
+    times = np.arange(300.0)
+    east = 60.0 * times / (6.38e6 * math.cos(math.radians(33.5)))
+    degrees = np.degrees(noise_m * rng.standard_normal((2, 300)) / 6.38e6)
+    rows = [times, 33.5 + degrees[0], 108.0 + np.degrees(east) + degrees[1], np.full(300, 5000.0)]
+    names = "time_s,latitude_deg,longitude_deg,height_m"
+    np.savetxt(path, np.column_stack(rows), "%.10f", ",", header=names, comments="")
+    start = SMALL.index("[trajectory]")
+    table = f'[trajectory]\nfile = "{path.name}"\n\n'
+    return SMALL[:start] + table + SMALL[SMALL.index("[imu]") :]
+
+
+def test_no_shipped_flight_is_absurd():
+    """The limits leave room around every scenario of the library and its assumptions."""
+    flights = [case for name in scenario.shipped() for case in scenario.load(name).cases]
+    flights += [
+        case
+        for name in scenario.shipped()
+        for study in scenario.load(name).assumptions
+        for case in study.cases
+    ]
+    seen = {(case.trajectory, case.imu.period_s): case for case in flights}
+    assert len(seen) > 15
+    for case in seen.values():
+        assert list(absurdities(flown_of(case))) == [], case.name
+
+
+def test_a_noisy_track_is_warned_of(tmp_path):
+    """1.2 m of noise once a second is a bank beyond 45°: said with the number and the cure."""
+    (tmp_path / "own.toml").write_text(noisy_track(tmp_path / "gps.csv", 1.2))
+    done = invoke(["validate", "own.toml"], tmp_path)
+    assert done.returncode == 0, done.stderr
+    bank = re.search(r"largest bank (\d+)°", done.stdout)[1]
+    assert int(bank) > 45
+    warning = next(line for line in done.stdout.splitlines() if "banks" in line and "Warn" in line)
+    assert warning.startswith(f"Warning: in base, noisy, the flight banks by {bank}°")
+    assert "smoothing_s" in warning and "roll_deg" in warning
+
+
+def test_a_smooth_track_is_not_warned_of(tmp_path):
+    (tmp_path / "own.toml").write_text(noisy_track(tmp_path / "gps.csv", 0.0))
+    done = invoke(["validate", "own.toml"], tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "Warning" not in done.stdout
+    assert "Flight: 299 s, 18.0 km, 60.1 m/s, 5000 m high, largest bank 0°; no map" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"bank": 50.0}, "banks by 50°"),
+        ({"pitch": 40.0}, "pitches by 40°"),
+        ({"vertical": 6.0}, "up or down"),
+        ({"vehicle": "ship", "across": 1.5}, "the ship accelerates by 1.5 m/s²"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_each_limit_has_its_sentence(change, said, tmp_path):
+    """Beyond it one sentence, below it none; a flight of segments is not told to be smoothed."""
+    calm = flown_of(of(tmp_path, SMALL).cases[0])
+    angles = {"bank", "pitch"}
+    wild = {k: math.radians(v) if k in angles else v for k, v in change.items()}
+    assert list(absurdities(calm)) == []
+    (sentence,) = absurdities(replace(calm, **wild))
+    assert said in sentence and "smooth" not in sentence
+    half = {k: 0.5 * v if isinstance(v, float) else v for k, v in wild.items()}
+    assert list(absurdities(replace(calm, **half))) == []
+
+
+def test_numbers_of_a_flight_over_a_map(tmp_path, monkeypatch):
+    """5 km to the east over a map whose border is known; nothing is built for that."""
+    monkeypatch.setattr(recipe, "build", lambda wanted: pytest.fail("a map was built"))
+    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path / "cache"))
+    first, noisy = examined(of(tmp_path, MAPPED))
+    assert first.flown == noisy.flown
+    assert (first.flown.duration, first.readings) == (20.0, {"gradiometer": 20})
+    assert first.flown.length == pytest.approx(5000.0, rel=1e-6)
+    metres = math.radians(0.5) * 6.378137e6 * math.cos(math.radians(33.5))  # 0.5° to the west
+    assert first.margin.side == "west"
+    assert first.margin.border == pytest.approx(metres, rel=5e-3)
+    # The way to the east is 0.2 m lower in the middle than the circle of latitude would have it.
+    assert first.margin.below == pytest.approx(1000.0, abs=3.0)
+    assert first.margin.above == pytest.approx(1000.0, abs=3.0)
+
+
+BAD = {
+    "leaves a map that is built": (MAPPED, "east_deg = 109.1", "east_deg = 108.03"),
+    "above a map that is built": (MAPPED, "highest_m = 11000.0", "highest_m = 9900.0"),
+    "a recipe that cannot be followed": (MAPPED, "south_deg = 33.0", "south_deg = 3.0"),
+    "an unknown source": (MAPPED, "egm2008_qinling", "egm2088"),
+    "a filter slower than what decays": (
+        SMALL, "noise_eotvos = 0.01",
+        'noise_eotvos = 0.01\nfilter = "butterworth"\nfilter_cutoff_hz = 0.001',
+    ),
+    "a climb into space": (
+        SMALL, "duration_s = 20.0", "duration_s = 20.0\nclimb_rate_deg_per_s = 3.0",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_what_cannot_be_run_is_refused_in_the_same_words(name, tmp_path):
+    """Or accepted by both: what validate does not fly is as valid as what a campaign flies."""
+    text, old, new = BAD[name]
+    assert old in text
+    loaded = of(tmp_path, text.replace(old, new))
+    said = []
+    for look in (check, examined):
+        try:
+            deque(look(loaded), maxlen=0)
+        except CampaignError as error:
+            said.append(str(error))
+        else:
+            said.append("")
+    assert said[0] == said[1]
+    if "map" in name or "recipe" in name or "source" in name:
+        assert said[0]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["validate", "own.toml"], ["run", "own.toml"], ["run", "own.toml", "--run", "0"]],
+    ids=" ".join,
+)
+def test_the_first_words_come_before_anything_is_loaded(arguments, tmp_path):
+    """With an empty cache a command says what comes before it loads NumPy, which takes a while."""
+    (tmp_path / "own.toml").write_text(SMALL)
+    code = (
+        "import sys, click\n"
+        "from ggbench.cli import compiling\n"
+        "def said(text):\n"
+        "    assert 'numpy' not in sys.modules\n"
+        "    sys.stdout.write(text)\n"
+        "    raise SystemExit(7)\n"
+        "compiling.click.echo = said\n"
+        "from ggbench.cli.main import main\n"
+        f"main({arguments})\n"
+    )
+    environment = os.environ | {CACHE_VARIABLE: str(tmp_path / "cache")}
+    environment.pop("NUMBA_CACHE_DIR", None)  # which this process has set for those it starts
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, env=environment
+    )
+    assert done.returncode == 7, done.stderr
+    assert done.stdout.startswith("First use of this version here: its code is compiled")
+    assert str(tmp_path / "cache") in done.stdout
+
+
+def test_maps_to_be_built_are_named(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path))
+    field = of(tmp_path, MAPPED).cases[0].field
+    compiling.tell_maps([field, field])
+    said = capsys.readouterr().out
+    assert said.count("Building a map of egm2008_qinling, 33° to 34° N, 107.5° to 109.1° E") == 1
+    built = tmp_path / "maps" / f"{recipe.content_key(map_recipe(field))}.npz"
+    built.parent.mkdir()
+    built.touch()
+    compiling.tell_maps([field])
+    assert capsys.readouterr().out == ""
+
+
+def test_compiled_functions_are_counted_as_they_appear(tmp_path, monkeypatch):
+    """Those of other processes, too; what was there before does not count."""
+    monkeypatch.setattr(compiling, "code_folder", lambda file: tmp_path / "ggbench.ins.imu-0")
+    monkeypatch.setattr(compiling, "_LOOK_EVERY_S", -1.0)
+    old, new = tmp_path / "ggbench.ins.imu-0", tmp_path / "ggbench.engines.filters-0"
+    old.mkdir()
+    (old / "one.1.nbc").touch()
+    compiled = Compiled()
+    assert compiled.text() == ""
+    new.mkdir()
+    (new / "two.1.nbc").touch()
+    assert compiled.text() == "compiled 1 function, the last of engines.filters"
+    (old / "three.1.nbc").touch()
+    (old / "three.1.nbi").touch()
+    assert compiled.text() == "compiled 2 functions, the last of ins.imu"
