@@ -30,8 +30,8 @@ def overall(league: League) -> str:
         return ""
     said = ", ".join(f"`{s.label}` in {percent(s.good)} ({number(s.ms)} ms a run)" for s in held)
     return (
-        f"**Over the {counted(len(league.common), 'case')} that the whole roster ran, honest and as good as "
-        f"the best causal estimator: {said}.**"
+        f"**Over the {counted(len(league.common), 'case')} that the whole roster ran, honest and "
+        f"as good as the best causal estimator: {said}.**"
     )
 
 
