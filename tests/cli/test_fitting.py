@@ -57,7 +57,7 @@ def test_no_name_and_no_number_is_lost(console):
         "ins",
     )
     table = FittedTable(
-        "a title", [("estimator", "name"), *((f"[{n}] m", "number") for n in range(9))]
+        "a title", [("estimator", "name"), *((f"distance [m] {n}", "number") for n in range(9))]
     )
     for name, row in zip(names, numbers, strict=True):
         table.add_row(name, *row)
@@ -65,7 +65,7 @@ def test_no_name_and_no_number_is_lost(console):
     text = text_of(console)
     assert "…" not in text
     for column in range(9):
-        assert f"[{column}] m" in text
+        assert f"distance [m] {column}" in text
     for row in numbers:
         for number in row:
             assert number in text.split()
