@@ -199,7 +199,12 @@ class LeagueReport:
             f"NEES within the 95 % band in {len(held) - len(beyond)} of "
             f"{counted(len(held), 'case')} whose model is right"
         )
-        return f"{text}, and not in {advice_section.few(beyond)}." if beyond else f"{text}."
+        if not beyond:
+            return f"{text}."
+        return (
+            f"{text}, and not in {advice_section.few(beyond)}; by chance one independent sample in "
+            "twenty is not, and cases of one scenario share theirs."
+        )
 
     def _pictured(self) -> str:
         ranked = [s.label for s in self.league.standings if s.label != "ins"]
