@@ -9,6 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from ggbench.cli.main import main
+from ggbench.cli.screen import console
 
 
 @dataclass(frozen=True)
@@ -20,10 +21,12 @@ class Outcome:
     stderr: str
 
 
-def invoke(arguments: list[str], cwd: Path) -> Outcome:
+def invoke(arguments: list[str], cwd: Path, columns: int | None = None) -> Outcome:
     """Run the command's function in this process; a crash is an outcome with a traceback."""
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(cwd)
+        if columns:  # of another number pytest may have told it when it was loaded
+            patch.setattr(console, "width", columns)
         done = CliRunner().invoke(main, arguments, prog_name="ggbench")
     crash = ""
     if done.exception is not None and not isinstance(done.exception, SystemExit):

@@ -25,7 +25,8 @@ OWN = re.sub(
 
 def test_the_table_is_the_bound_of_the_flight(tmp_path):
     (tmp_path / "own.toml").write_text(SMALL, encoding="utf-8")
-    done = invoke(["bound", "own.toml", "-o", "out/b.csv", "--figure", "out/b.png"], tmp_path)
+    command = ["bound", "own.toml", "-o", "out/b.csv", "--figure", "out/b.png"]
+    done = invoke(command, tmp_path, columns=120)
     assert done.returncode == 0, done.stderr
     assert "bound of the position and of the velocity" in done.stdout
     table = pd.read_csv(tmp_path / "out" / "b.csv")

@@ -45,7 +45,7 @@ def folder(tmp_path_factory) -> Path:
 
 def test_compare_finds_what_became_worse(folder):
     """The worse estimator is named, with before, after and ratio; the exit code is 1."""
-    done = invoke(["compare", "before", "after"], folder)
+    done = invoke(["compare", "before", "after"], folder, columns=160)
     assert (done.returncode, done.stderr) == (1, "")
     lines = [line.split() for line in done.stdout.splitlines() if "blurred.py" in line]
     verdicts = {(words[0], words[2]): words[-1] for words in lines}
