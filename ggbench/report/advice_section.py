@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from ..figures.numbers import counted, short
 from .league import COST_OF, EXCEPTIONS, Advice, League, Standing
 from .league_figure import number
+from .opening import some
 from .shares import percent
 from .situations import NOTHING, SITUATIONS
 from .tables import markdown
 
-_MOST_NAMED = 6
 
-
-def first_screen(league: League) -> str:
+def first_screen(advised: Sequence[Advice]) -> str:
     """Return the advice in markdown: a row for every situation that the library holds."""
     head = ["situation", "cases", "use", "honest and as good as the best", "success",
             "error / bound", "ms a run",
             f"as good, at another cost (× the time of `{COST_OF}`)"]  # fmt: skip
-    return markdown(head, [_row(advice) for advice in league.advice()])
+    return markdown(head, [_row(advice) for advice in advised])
 
 
 def overall(league: League) -> str:
@@ -35,9 +34,9 @@ def overall(league: League) -> str:
     )
 
 
-def reasons(league: League) -> str:
+def reasons(advised: Sequence[Advice]) -> str:
     """Return a list of what the advice of each situation rests on, and of who falls short."""
-    return "\n".join(_reason(advice) for advice in league.advice())
+    return "\n".join(_reason(advice) for advice in advised)
 
 
 def cost(standing: Standing) -> str:
@@ -45,12 +44,6 @@ def cost(standing: Standing) -> str:
     if math.isnan(standing.cost):
         return f"{short(standing.ms)} ms a run"
     return f"{short(standing.cost)} × the time of `{COST_OF}`"
-
-
-def few(said: Sequence[str]) -> str:
-    """Return the first few of what is said, and how many more there are."""
-    more = len(said) - _MOST_NAMED
-    return ", ".join(said[:_MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
 def _row(advice: Advice) -> list[str]:
@@ -69,7 +62,7 @@ def _row(advice: Advice) -> list[str]:
         good += f" (in {percent(shown.open)} too few runs to tell)"
     return [
         title, where, named, good, percent(shown.mean_success), number(shown.mean_ratio),
-        short(shown.ms), few([_beside(s) for s in _alike(advice)]),
+        short(shown.ms), some([_beside(s) for s in _alike(advice)]),
     ]  # fmt: skip
 
 
@@ -84,7 +77,7 @@ def _alike(advice: Advice) -> list[Standing]:
 
 
 def _reason(advice: Advice) -> str:
-    title = f"- **{SITUATIONS[advice.situation]}**, {few(advice.scenarios)}: "
+    title = f"- **{SITUATIONS[advice.situation]}**, {some(advice.scenarios)}: "
     if advice.situation == NOTHING:
         cases = [f"{f.scenario}/{f.found.case.name}" for f in advice.cases]
         return f"{title}no causal estimator beats the INS in {', '.join(cases)}."
@@ -92,11 +85,7 @@ def _reason(advice: Advice) -> str:
     rest = [s for s in advice.standings if s is not shown and s not in _alike(advice)]
     if not rest:
         return f"{title}nobody falls short of it."
-    return f"{title}not as good are {_named(rest, _shortcomings)}."
-
-
-def _named(standings: Sequence[Standing], of: Callable[[Standing], str]) -> str:
-    return few([f"`{s.label}` ({of(s)})" for s in standings])
+    return f"{title}not as good are {some([f'`{s.label}` ({_shortcomings(s)})' for s in rest])}."
 
 
 def _shortcomings(standing: Standing) -> str:

@@ -17,6 +17,7 @@ from .league import read as read_league
 from .league import standing as standing_of
 from .league_figure import draw, number
 from .nonlinearity_section import opening_figure
+from .opening import some
 from .scenario_report import ReportError
 from .shares import percent
 from .situations import LONG_S, NARROW, NOTHING, WIDE, is_right_model
@@ -67,10 +68,11 @@ class LeagueReport:
     def text(self) -> str:
         """Return the page as markdown, and draw its figures."""
         cases, scenarios = len(self.league.cases), len(self.names)
+        advised = list(self.league.advice())
         parts = [
             "# Which estimator should I use when, and what does it cost?",
             advice_section.overall(self.league),
-            advice_section.first_screen(self.league),
+            advice_section.first_screen(advised),
             self._later(),
             f"This was found on {counted(cases, 'case')} in {counted(scenarios, 'scenario')}, all "
             f"estimators on the same flights and random numbers; every scenario counts alike. "
@@ -86,7 +88,7 @@ class LeagueReport:
             self._by_scenario(),
             self._others(),
             "## Why not another",
-            advice_section.reasons(self.league),
+            advice_section.reasons(advised),
             "## Rules",
             self._rules(),
             "## The scenarios",
@@ -202,7 +204,7 @@ class LeagueReport:
         if not beyond:
             return f"{text}."
         return (
-            f"{text}, and not in {advice_section.few(beyond)}; by chance one independent sample in "
+            f"{text}, and not in {some(beyond)}; by chance one independent sample in "
             "twenty is not, and cases of one scenario share theirs."
         )
 

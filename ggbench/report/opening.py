@@ -104,7 +104,7 @@ def _others(found: Outcome) -> str:
         "seldom": "successful less often: ",
         "dishonest": "not to be trusted, by how often their 95 % regions hold the truth: ",
     }
-    return "".join(f"; {text}{_some(groups[k])}" for k, text in phrases.items() if k in groups)
+    return "".join(f"; {text}{some(groups[k])}" for k, text in phrases.items() if k in groups)
 
 
 _SIGNIFICANT = 0.05
@@ -115,7 +115,7 @@ def _times(row: Mapping[str, Any], best: Mapping[str, Any]) -> str:
     return f" (× {short(ratio)})" if math.isfinite(ratio) else ""
 
 
-def _some(said: Sequence[str], separator: str = ", ") -> str:
+def some(said: Sequence[str], separator: str = ", ") -> str:
     """Return what is said of the first few, the best, and of how many more it could be said."""
     more = len(said) - _MOST_NAMED
     return separator.join(said[:_MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
@@ -135,7 +135,7 @@ def _lost(rows: Iterable[Mapping[str, Any]]) -> str:
     if not parts:
         return "no run failed or diverged"
     runs = max(int(row["runs"]) for row in rows)
-    return f"of {counted(runs, 'run')} {_some(parts, '; ')}"
+    return f"of {counted(runs, 'run')} {some(parts, '; ')}"
 
 
 def _without_filter(rows: Mapping[str, Mapping[str, Any]]) -> str:
@@ -163,10 +163,10 @@ def _of_many(told: Sequence[Outcome]) -> str:
         first = [label for label, count in counts.items() if count == most]
         rest = sorted((label for label in counts if label not in first), key=lambda k: -counts[k])
         where = f"all {most}" if most == len(told) else f"{most} of {len(told)}"
-        figures = _some([f"`{label}`{_range(judged, label)}" for label in first])
+        figures = some([f"`{label}`{_range(judged, label)}" for label in first])
         parts.append(f"as good as the best causal estimator and honest in {where} cases: {figures}")
         if rest:
-            parts.append(f"less often: {_some([f'`{k}` in {counts[k]}' for k in rest])}")
+            parts.append(f"less often: {some([f'`{k}` in {counts[k]}' for k in rest])}")
     elif judged:
         parts.append("no causal estimator is honest in any case")
     if len(judged) < len(told):
