@@ -18,6 +18,7 @@ from ..spec.limits import MOST_RUNS, MOST_SEED
 from .bound import bound
 from .flights import estimate, record
 from .interrupts import requests_to_end
+from .keys import keys
 from .maps import map_group
 from .screen import console
 
@@ -62,6 +63,7 @@ def main() -> None:
 
 main.add_command(map_group)
 main.add_command(bound)
+main.add_command(keys)
 main.add_command(estimate)
 main.add_command(record)
 
