@@ -8,7 +8,7 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: help paper sweep library bench bench-check areas agreement test test-long test-all coverage lint format typecheck keys docs wheel-check lock clean
+.PHONY: help paper sweep library bench bench-check areas agreement test test-long test-all coverage lint format typecheck keys pictures docs wheel-check lock clean
 
 help:
 	@echo "make paper        run the scenario wang2013 and write its report to reports/"
@@ -25,6 +25,7 @@ help:
 	@echo "make format       apply style fixes and format"
 	@echo "make typecheck    check the type annotations"
 	@echo "make keys         write the tables of docs/scenario_files.md from the specification"
+	@echo "make pictures     draw the pictures of docs/concepts"
 	@echo "make docs         build the documentation into build/docs; a warning is an error"
 	@echo "make wheel-check  build the wheel, install it in an empty environment and use it"
 	@echo "make lock         renew requirements.lock with the newest versions allowed"
@@ -100,6 +101,9 @@ typecheck: $(INSTALLED)
 
 keys: $(INSTALLED)
 	$(BIN)/python docs/scripts/key_tables.py
+
+pictures: $(INSTALLED)
+	$(BIN)/python docs/scripts/pictures.py
 
 # Everything that it reads is here: it needs no network.
 docs: $(INSTALLED)

@@ -25,7 +25,7 @@ print(gg.judge(problem, estimate, truth, case.windows))
 # opens them again.
 
 # %%
-results = gg.run(scenario, ["ins", "ekf", "ukf[points=merwe]"], runs=20, cases=[case.name])
+results = gg.run(scenario, ["ins", "ekf"], runs=5, cases=[case.name])
 summary = results.summary()
 settled = summary[summary["window"] == "settled"]
 print(settled[["label", "position_mrse_m", "velocity_mrse_mps", "position_efficiency"]])

@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
+from doc_blocks import documents
 from matplotlib.image import imread
 
 from ggbench.campaign import registry
@@ -51,13 +51,16 @@ def test_the_answer_is_the_reports():
 @pytest.mark.parametrize(
     "document",
     ["README.md", "CONTRIBUTING.md", "reports/README.md"]
+    + [str(path.relative_to(ROOT)) for path in documents(ROOT) if path.parent != ROOT]
     + [f"reports/{name}.md" for name in scenario.shipped()],
 )
 def test_links_lead_somewhere(document):
     """Every relative link and figure exists."""
     path = ROOT / document
     targets = re.findall(r"\]\(([^)#]+)\)", path.read_text(encoding="utf-8"))
-    missing = [t for t in targets if "://" not in t and not (path.parent / t).exists()]
+    # Pages that are generated are those of the site, whose build finds what leads nowhere.
+    missing = [t for t in targets if "://" not in t and not t.startswith("generated/")]
+    missing = [t for t in missing if not (path.parent / t).exists()]
     assert not missing
 
 
@@ -78,15 +81,16 @@ def test_example_estimator_works(tmp_path):
 
 @pytest.mark.long
 def test_first_steps_lead_to_a_figure(tmp_path):
-    """The README's fifteen lines are those of docs/first_steps.py, and run as a plain script."""
+    """docs/first_steps.py runs as a plain script, and has the lines that docs/start.md explains."""
     script = (ROOT / "docs" / "first_steps.py").read_text(encoding="utf-8")
-    shown = re.search(r"### From Python.*?```python\n(.*?)```", README, re.DOTALL).group(1)
+    page = (ROOT / "docs" / "start.md").read_text(encoding="utf-8")
+    shown = "".join(re.findall(r"```python\n(.*?)```", page, re.DOTALL))
     code = [line for line in script.splitlines() if line and not line.startswith("#")]
     assert code == [line for line in shown.splitlines() if line]
     assert len(code) <= 15
-    assert "runs=20" in shown
+    assert "runs=5" in script
     done = subprocess.run(
-        [sys.executable, "-c", shown.replace("runs=20", "runs=2")], cwd=tmp_path,
+        [sys.executable, "-c", script.replace("runs=5", "runs=2")], cwd=tmp_path,
         capture_output=True, text=True, check=True,
     )  # fmt: skip
     assert done.stdout.startswith("Problem(200 epochs of 6 channels from 1.0 to 200.0 s, 15 states")
@@ -134,12 +138,3 @@ def test_the_front_page_tells_of_every_shipped_scenario():
             continue
         assert f"[{loaded.title}]({name}.md)" in page
         assert loaded.content_hash[:16] in page
-
-
-def test_the_examples_of_scenario_files_are_valid_toml():
-    """Every TOML block of docs/scenario_files.md can be read."""
-    text = (ROOT / "docs" / "scenario_files.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"```toml\n(.*?)```", text, re.S)
-    assert len(blocks) > 5
-    for block in blocks:
-        tomllib.loads(block)
