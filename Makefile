@@ -107,7 +107,7 @@ pictures: $(INSTALLED)
 
 # Everything that it reads is here: it needs no network.
 docs: $(INSTALLED)
-	$(BIN)/python -m sphinx --fail-on-warning --keep-going --nitpicky --quiet -b html docs build/docs
+	$(BIN)/python -m sphinx --fail-on-warning --keep-going --nitpicky --quiet -c docs/scripts -b html docs build/docs
 
 wheel-check: $(INSTALLED)
 	tests/check_wheel.sh $(BIN)/python

@@ -2,7 +2,7 @@
 # # First steps: from a scenario to a figure
 #
 # A script in cells: Jupyter (with jupytext), VS Code and Spyder open it as a notebook, and
-# `python docs/first_steps.py` runs it as it is.
+# `python docs/examples/first_steps.py` runs it as it is.
 
 # %%
 import ggbench as gg

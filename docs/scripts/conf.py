@@ -11,13 +11,12 @@ from pathlib import Path
 
 from sphinx.application import Sphinx
 
-HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE / "scripts"))
+sys.path.insert(0, str(Path(__file__).parent))
 
-import docstrings  # noqa: E402
-import site_pages  # noqa: E402
+import docstrings
+import site_pages
 
-import ggbench  # noqa: E402
+import ggbench
 
 project = "ggbench"
 author = "The ggbench authors"
