@@ -8,7 +8,7 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: help paper sweep library bench bench-check areas agreement test test-long test-all coverage lint format typecheck wheel-check lock clean
+.PHONY: help paper sweep library bench bench-check areas agreement test test-long test-all coverage lint format typecheck keys pictures docs wheel-check lock clean
 
 help:
 	@echo "make paper        run the scenario wang2013 and write its report to reports/"
@@ -24,6 +24,9 @@ help:
 	@echo "make lint         check style and format"
 	@echo "make format       apply style fixes and format"
 	@echo "make typecheck    check the type annotations"
+	@echo "make keys         write the tables of docs/scenario_files.md from the specification"
+	@echo "make pictures     draw the pictures of docs/concepts"
+	@echo "make docs         build the documentation into build/docs; a warning is an error"
 	@echo "make wheel-check  build the wheel, install it in an empty environment and use it"
 	@echo "make lock         renew requirements.lock with the newest versions allowed"
 	@echo "make clean        remove the environment and what the tools built; results/ stays"
@@ -96,6 +99,16 @@ typecheck: $(INSTALLED)
 	cd build/typecheck/ggbench && ln -s $(addprefix ../../../,$(filter-out %/__pycache__,$(wildcard ggbench/*)) estimators scenarios) .
 	$(BIN)/mypy -p ggbench
 
+keys: $(INSTALLED)
+	$(BIN)/python docs/scripts/key_tables.py
+
+pictures: $(INSTALLED)
+	$(BIN)/python docs/scripts/pictures.py
+
+# Everything that it reads is here: it needs no network.
+docs: $(INSTALLED)
+	$(BIN)/python -m sphinx --fail-on-warning --keep-going --nitpicky --quiet -c docs/scripts -b html docs build/docs
+
 wheel-check: $(INSTALLED)
 	tests/check_wheel.sh $(BIN)/python
 
@@ -114,7 +127,7 @@ $(INSTALLED): pyproject.toml requirements.lock
 lock:
 	rm -rf build/lock
 	"$(PYTHON)" -m venv build/lock
-	build/lock/bin/python -m pip install --quiet ".[test,dev]"
+	build/lock/bin/python -m pip install --quiet ".[test,docs,dev]"
 	{ echo "# Exact versions for the make targets; renewed by: make lock"; \
 	  build/lock/bin/python -m pip freeze --all --exclude pip --exclude ggbench; } \
 		>build/requirements.lock

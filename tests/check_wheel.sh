@@ -33,15 +33,19 @@ strangers = {t for t in top_level if t != "ggbench" and not t.endswith(".dist-in
 if strangers:
     sys.exit(f"check_wheel: at the top level of the wheel: {sorted(strangers)}")
 
-installed_as = {"ggbench": "ggbench", "estimators": "ggbench/estimators", "scenarios": "ggbench/scenarios"}
+installed_as = {"docs": "ggbench/docs", "ggbench": "ggbench", "estimators": "ggbench/estimators", "scenarios": "ggbench/scenarios"}
 wanted = {
     f"{package}/{path.relative_to(repo / folder).as_posix()}"
     for folder, package in installed_as.items()
     for path in (repo / folder).rglob("*")
-    if path.suffix in {".py", ".toml", ".npz", ".md"} or path.name == "py.typed"
+    if path.suffix in {".py", ".toml", ".npz", ".md", ".png"} or path.name == "py.typed"
+    if not {"generated", "scripts", "examples"} & {*path.relative_to(repo).parts}  # they make the site
 }
 if missing := wanted - names:
     sys.exit(f"check_wheel: not in the wheel: {sorted(missing)}")
+# What results depend on is hashed over all modules: those of the documentation are none of them.
+if modules := [name for name in names if name.startswith("ggbench/docs/") and name.endswith(".py")]:
+    sys.exit(f"check_wheel: modules of the documentation are in the wheel: {modules}")
 print(f"{wheel.name}: {len(names)} files, {wheel.stat().st_size / 1e6:.1f} MB")
 EOF
 
@@ -50,7 +54,7 @@ EOF
     --constraint "$repo/requirements.lock" "$work"/dist/*.whl
 
 site_packages=$("$work/venv/bin/python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
-for name in estimators scenarios tests; do
+for name in docs estimators scenarios tests; do
     [[ ! -e $site_packages/$name ]] || fail "site-packages holds a top-level $name"
 done
 
@@ -58,7 +62,7 @@ mkdir "$work/elsewhere"
 cd "$work/elsewhere"
 ggbench=$work/venv/bin/ggbench
 for command in "list" "validate wang2013" "run wang2013 -n 2 -e ekf -o out" \
-    "show out" "report out" "compare out out"; do
+    "show out" "report out" "compare out out" "keys imu"; do
     echo "ggbench $command"
     # shellcheck disable=SC2086  # the words of a command
     "$ggbench" $command >"$work/output" 2>&1 ||

@@ -143,4 +143,5 @@ def test_every_room_is_installed():
         for file in (ROOT / "ggbench").rglob("__init__.py")
     }
     listed = project["tool"]["setuptools"]["packages"]
-    assert sorted(listed) == sorted(rooms | {"ggbench.estimators", "ggbench.scenarios"})
+    apart = {"ggbench.docs", "ggbench.estimators", "ggbench.scenarios"}
+    assert sorted(listed) == sorted(rooms | apart)

@@ -20,6 +20,7 @@ from .compiling import tell_first_use, tell_maps
 from .fitting import FittedTable
 from .flights import estimate, record
 from .interrupts import requests_to_end
+from .keys import keys
 from .maps import map_group
 from .progress import Progress
 from .screen import console
@@ -65,6 +66,7 @@ def main() -> None:
 
 main.add_command(map_group)
 main.add_command(bound)
+main.add_command(keys)
 main.add_command(estimate)
 main.add_command(record)
 

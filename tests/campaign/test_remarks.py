@@ -90,7 +90,7 @@ def test_a_damaged_record_does_not_hide_the_others(damaged, tmp_path):
     assert "records.sqlite is damaged: lone" in bad["reason"].iloc[0]
     results.store.close()
     text = scenario_report.write(damaged, tmp_path / "reports").read_text()
-    assert "`ekf` failed in 1 runs: a record in " in text
+    assert "`ekf` failed in 1 run: a record in " in text
 
 
 def test_the_same_command_replaces_damaged_records(damaged, tmp_path):

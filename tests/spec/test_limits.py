@@ -204,15 +204,17 @@ def test_the_user_is_told_of_odd_values(words, tmp_path, monkeypatch):
 
 
 def test_the_documented_limits_are_those_that_hold():
-    """SCENARIOS.md states the limits of every number, and no others."""
-    document = (Path(__file__).parents[2] / "SCENARIOS.md").read_text()
+    """docs/scenario_files.md states the limits of every number of a scenario."""
+    document = (Path(__file__).parents[2] / "docs" / "scenario_files.md").read_text()
     rows = re.findall(
-        r"^\| (`.+) \| (0 or )?(\S+) to (\S+) \|(?: (\S+) to (\S+))? +\|$", document, re.MULTILINE
+        r"^\| `(\w+)` \| \S* +\| (?:list[^,|]*, each )?(0 or )?(\S+) to ([^\s;]+)"
+        r"(?:; usual: (\S+) to (\S+))? \|",
+        document,
+        re.MULTILINE,
     )
     stated = {
-        (key.rpartition(".")[2], bool(zero), *(number and float(number) for number in numbers))
-        for keys, zero, *numbers in rows
-        for key in re.findall(r"`([^`]+)`", keys)
+        (key, bool(zero), *(number and float(number) for number in numbers))
+        for key, zero, *numbers in rows
     }
     held = {
         (name, w.or_zero, w.lowest, w.highest, *(w.usual or ("", "")))
@@ -220,4 +222,4 @@ def test_the_documented_limits_are_those_that_hold():
         for name, field in table.model_fields.items()
         if (w := limits_of(field)) is not None
     }
-    assert stated == held
+    assert held <= stated

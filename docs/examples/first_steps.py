@@ -2,7 +2,7 @@
 # # First steps: from a scenario to a figure
 #
 # A script in cells: Jupyter (with jupytext), VS Code and Spyder open it as a notebook, and
-# `python docs/first_steps.py` runs it as it is.
+# `python docs/examples/first_steps.py` runs it as it is.
 
 # %%
 import ggbench as gg
@@ -25,7 +25,7 @@ print(gg.judge(problem, estimate, truth, case.windows))
 # opens them again.
 
 # %%
-results = gg.run(scenario, ["ins", "ekf", "ukf[points=merwe]"], runs=20, cases=[case.name])
+results = gg.run(scenario, ["ins", "ekf"], runs=5, cases=[case.name])
 summary = results.summary()
 settled = summary[summary["window"] == "settled"]
 print(settled[["label", "position_mrse_m", "velocity_mrse_mps", "position_efficiency"]])

@@ -1,0 +1,109 @@
+"""The package's docstrings as Sphinx wants them.
+
+They follow numpydoc but for one thing: behind the colon stands what a parameter is, in words, for
+its type is in the signature already. numpydoc and napoleon would take the words for a type.
+"""
+
+from __future__ import annotations
+
+import pkgutil
+import re
+import sys
+from collections.abc import Iterator
+from functools import cache, reduce
+from typing import Any
+
+from docutils.nodes import Element
+from sphinx.addnodes import pending_xref
+from sphinx.application import Sphinx
+from sphinx.environment import BuildEnvironment
+
+import ggbench
+
+_ENTRIES = ("Parameters", "Attributes")
+_ERRORS = ("Raises", "Warns")
+_TEXTS = ("Returns", "Yields")
+_ENTRY = re.compile(r"(?:^|(?<=\. )|(?<=; ))(\*{0,2}\w+(?:, \w+)*) : ")
+
+
+def setup(app: Sphinx) -> None:
+    """Connect what this module does."""
+    app.connect("autodoc-process-docstring", _process)
+    app.connect("missing-reference", _known)
+
+
+def _process(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
+    lines[:] = in_sphinx_words(lines)
+
+
+def in_sphinx_words(lines: list[str]) -> list[str]:
+    """Return a docstring whose sections are fields, their entries the items of a list."""
+    found: list[str] = []
+    section = ""
+    for number, line in enumerate(lines):
+        ahead = lines[number + 1] if number + 1 < len(lines) else ""
+        if line in _ENTRIES + _ERRORS + _TEXTS and ahead.startswith("---"):
+            section = line
+            found += ["", f":{section}:", ""]
+        elif not section:
+            found.append(line)
+        elif line.startswith("---") or not line:
+            found.append("")
+        else:
+            found += [f"    {text}" for text in _entries(section, line)]
+    return [*found, ""]
+
+
+def _entries(section: str, line: str) -> Iterator[str]:
+    """Yield the items of a list that a line of a section begins, or the line that goes on."""
+    if section in _TEXTS or line.startswith(" "):
+        yield line[4:] if section in _TEXTS and line.startswith("    ") else f"  {line.strip()}"
+    elif section in _ERRORS:
+        names, _, words = line.partition(" : ")
+        yield f"* {', '.join(f':exc:`{name}`' for name in names.split(', '))} – {words}"
+    else:
+        pieces = _ENTRY.split(line)[1:]
+        for names, words in zip(pieces[::2], pieces[1::2], strict=True):
+            yield f"* {', '.join(f'**{name}**' for name in names.split(', '))} – {words.strip()}"
+        if not pieces:
+            yield f"* {line}"
+
+
+def _known(
+    app: Sphinx, env: BuildEnvironment, node: pending_xref, content: Element
+) -> Element | None:
+    """Return a link to the one documented object of a name, or the name of what else there is.
+
+    A docstring names objects as its module knows them, and not all are documented here. A name of
+    nothing stays unresolved, which is an error.
+    """
+    if node.get("refdomain") != "py":
+        return None
+    domain = env.get_domain("py")
+    target = node["reftarget"].lstrip(".")
+    last = target.rpartition(".")[2]
+    names = [name for name in domain.objects if name.rpartition(".")[2] == last]
+    names = [name for name in names if name in (target, f"ggbench.{last}")] or names
+    if len(names) == 1:
+        return domain.resolve_xref(env, node["refdoc"], app.builder, "obj", names[0], node, content)
+    return content if any(_has(module, target) for module in _modules()) else None
+
+
+@cache
+def _modules() -> tuple[Any, ...]:
+    """Return all modules of the package, loaded."""
+    rooms = pkgutil.walk_packages(ggbench.__path__, "ggbench.")
+    for module in rooms:
+        if not module.name.startswith(("ggbench.estimators", "ggbench.scenarios")):
+            __import__(module.name)
+    return tuple(sys.modules[name] for name in sorted(sys.modules) if name.startswith("ggbench"))
+
+
+def _has(module: Any, name: str) -> bool:
+    """Whether a module has something of a dotted name, below it or as the whole name says."""
+    path = name.removeprefix(f"{module.__name__}.").split(".")
+    try:
+        reduce(getattr, path, module)
+    except AttributeError:
+        return False
+    return True
