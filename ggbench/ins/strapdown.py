@@ -236,16 +236,17 @@ def navigate(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Run the mechanization open loop over N increments, in normal gravity or with what is known.
 
-    With an altimeter each step ends with a correction of the vertical channel by the difference
-    from its height, h −= k₁ dt (h − h_a), v_U −= k₂ dt (h − h_a), which keeps it stable (Titterton
-    and Weston 2004, sec. 12.3).
+    With an altimeter the vertical channel is kept stable by h' −= k₁ (h − h_a) and
+    v_U' −= k₂ (h − h_a) (Titterton and Weston 2004, sec. 12.3), integrated by the trapezoidal rule:
+    a correction at the end of a step, by the height there alone, would lag by the share of a step
+    in the time constant, and the error model would not know.
 
     Parameters
     ----------
     position, velocity, c_nb : initial state, as in :func:`step`.
     delta_angles, delta_velocities : (N, 3) [rad], [m/s].
     dt : IMU interval [s].
-    heights : (N,) of the altimeter at the end of each interval [m]; none without one.
+    heights : (N,) of the altimeter, mean over each interval [m]; none without one.
     gains : k₁ [1/s], k₂ [1/s²], from :func:`altimeter_gains`.
     gravity : what is added to normal gravity.
 
@@ -301,11 +302,25 @@ def navigate_lanes(
             extrapolate(gravity.readings, track, n, dt, moved, disturbance)
         _step_lanes(track, increments, disturbance, n, dt)
         if heights.shape[0] > 0:
-            difference = load(track, n + 1, 2) - load(heights, n, 0)
-            store(track, n + 1, 2, load(track, n + 1, 2) - gains[0] * dt * difference)
-            store(track, n + 1, 5, load(track, n + 1, 5) - gains[1] * dt * difference)
+            _damp(track, heights, n, dt, gains)
         if reads:
             integrate(gravity.readings, track, n, dt, moved)
+
+
+@compiled
+def _damp(
+    track: np.ndarray, heights: np.ndarray, n: int, dt: float, gains: tuple[float, float]
+) -> None:
+    """Take row ``n + 1`` of a track towards the altimeter's mean height over the step.
+
+    The mean difference d follows from the heights at both ends, of which that at the end is already
+    the corrected one: d = ((h_n + h_{n+1}) / 2 − h_a), h_{n+1} = h − (k₁ dt + k₂ dt² / 2) d.
+    """
+    change = (gains[0] + 0.5 * gains[1] * dt) * dt
+    end = load(track, n + 1, 2)
+    difference = (0.5 * (load(track, n, 2) + end) - load(heights, n, 0)) / (1.0 + 0.5 * change)
+    store(track, n + 1, 2, end - change * difference)
+    store(track, n + 1, 5, load(track, n + 1, 5) - gains[1] * dt * difference)
 
 
 @compiled

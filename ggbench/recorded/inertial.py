@@ -212,12 +212,12 @@ def _start(start: StartSpec) -> np.ndarray:
 
 
 def _heights(spec: FlightSpec, folder: Path, base: TimeBase) -> np.ndarray:
-    """Return the altimeter's heights (N,) at the ends of the intervals [m]."""
+    """Return the altimeter's heights (N,) in the middle of the intervals [m]."""
     altimeter = spec.altimeter
     assert altimeter is not None and altimeter.file is not None  # the specification checks it
     columns = files.read(folder / altimeter.file, ("height_m",))
     since = clocked(columns, altimeter.clock_offset_s) - base.start
-    at = base.times[1:]
+    at = 0.5 * (base.times[1:] + base.times[:-1])
     first, last = since[0] - at[0], at[-1] - since[-1]
     if max(first, last) > base.tolerance:
         raise columns.error(

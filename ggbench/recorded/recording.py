@@ -53,7 +53,8 @@ def write_record(flight: Flight, seed: int, run: int, folder: Path, title: str =
     increments = {"time_s": times[1:]} | dict(zip(DELTAS, found.increments.T, strict=True))
     files.write(folder / "imu.csv", increments, f"increments of the {dt:g} s that end at each time")
     if len(found.heights):
-        files.write(folder / "altimeter.csv", {"time_s": times[1:], "height_m": found.heights})
+        middles = 0.5 * (times[1:] + times[:-1])
+        files.write(folder / "altimeter.csv", {"time_s": middles, "height_m": found.heights})
     _write_readings(flight, spec, found.read, found.indicated.positions[0], folder)
     _write_reference(flight, folder)
     return path

@@ -176,7 +176,7 @@ class Flight:
         truth, gravity = self.trajectory, self.added_gravity(self.model_field)
         heights, gains = None, (0.0, 0.0)
         if self.true.altimeter is not None:
-            heights, gains = truth.positions[1:, 2], self.true.altimeter[0]
+            heights, gains = truth.mean_heights, self.true.altimeter[0]
         found = strapdown.navigate(
             truth.positions[0], truth.velocities[0], truth.attitudes[0], self.delta_angles,
             self.delta_velocities, truth.dt, heights, gains, gravity,

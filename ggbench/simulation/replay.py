@@ -35,7 +35,7 @@ class Recording(NamedTuple):
     Attributes
     ----------
     initial : (R, 15) what the INSs were set to. increments : (N, 6, LANES) [rad], [m/s].
-    heights : (N, 1, LANES) of the altimeters [m]; (0, 1, LANES) without.
+    heights : (N, 1, LANES) of the altimeters, means over the intervals [m]; (0, 1, LANES) without.
     gains : of the altimeter.
     """
 

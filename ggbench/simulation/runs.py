@@ -137,7 +137,7 @@ class Record(NamedTuple):
     ----------
     initial : (15,) position, velocity and C_nb, row by row, at which the INS starts.
     increments : (N, 6) angles [rad] and velocities [m/s] of the IMU.
-    heights : (N,) of the altimeter at the ends of the intervals [m]; (0,) without one.
+    heights : (N,) of the altimeter, means over the intervals [m]; (0,) without one.
     indicated : what the INS makes of it at the epochs (1, K, .).
     read : what the other sensors deliver, of one run.
     """
@@ -293,7 +293,7 @@ def _altimeter_readings(
     if flight.true.altimeter is None:
         return unfilled(0, 1), (0.0, 0.0)
     gains, psd = flight.true.altimeter
-    exact, sigma = truth.positions[1:, 2], math.sqrt(psd / truth.dt)
+    exact, sigma = truth.mean_heights, math.sqrt(psd / truth.dt)
     heights = [exact + sigma * s.altimeter.standard_normal(len(exact)) for s in streams]
     return in_lanes(np.stack(heights)[:, :, np.newaxis]), gains
 

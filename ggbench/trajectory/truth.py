@@ -39,6 +39,11 @@ class Trajectory:
     velocities: np.ndarray
     attitudes: np.ndarray
 
+    @property
+    def mean_heights(self) -> np.ndarray:
+        """Return the means (N,) over the intervals of the heights [m], as of an altimeter."""
+        return 0.5 * (self.positions[1:, 2] + self.positions[:-1, 2])
+
     def at(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return positions (K, 3) and attitudes (K, 3, 3) at times (K,) within the flight [s]."""
         positions = np.stack(
