@@ -35,6 +35,7 @@ from ..spec.case import CaseSpec
 from ..spec.oddities import oddities
 from ..spec.scenario import Scenario
 from . import result_keys
+from .inputs import input_files
 from .records import lag_epochs, shared_arrays
 from .registry import choose, choose_all
 from .runner import Pairs, Task, flight_of
@@ -410,6 +411,7 @@ class Campaign:
             "shared": {
                 case.name: result_keys.case_key(case, self.seed) for case in plan.scenario.cases
             },
+            "inputs": input_files(case for _, case in _cases(plan.scenario)),
             "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
             "machine": {
                 "system": platform.system(),

@@ -29,6 +29,8 @@ _BARS = "▁▂▃▄▅▆▇█"
 _WIDTH = 32
 _TIMES = 8
 _MOST_LISTED = 5
+_LONGEST_TOLD = 60
+"""Most characters of a value that an estimator says."""
 
 
 @dataclass(frozen=True)
@@ -197,12 +199,27 @@ def _print(
                 console.out(f"It had printed: {item.record['output']}")
         if "remark" in item.record:
             console.out(f"{item.label} {item.record['remark']}")
+        if item.record.get("info"):
+            console.out(f"{item.label} says: {told_info(item.record['info'])}")
     _print_errors(times, bound, [item for item in told if item.series is not None], console)
     commands = [item for item in told if item.command]
     if commands:
         console.print("To repeat it, without storing anything:")
         for item in commands:
             console.out(f"  {item.command}")
+
+
+def told_info(info: Mapping[str, Any]) -> str:
+    """Return what an estimator said of its run (``Estimate.info``), in a line.
+
+    Numbers with four digits; of what is long, as a list per epoch, its beginning.
+    """
+    words = []
+    for name, value in info.items():
+        text = f"{value:.4g}" if isinstance(value, float) else str(value)
+        cut = text if len(text) <= _LONGEST_TOLD else f"{text[:_LONGEST_TOLD]}..."
+        words.append(f"{name.replace('_', ' ')} {cut}")
+    return "; ".join(words)
 
 
 def _lock(record: Mapping[str, Any]) -> str:

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -87,6 +88,22 @@ def read_layers(path: Path) -> tuple[Nodes, dict[str, str], Iterator[Layer]]:
         attributes,
         _layers(path),
     )
+
+
+def source_files(path: Path) -> dict[str, str]:
+    """Return of what files a map says that it was made: names, and their SHA-256.
+
+    Nothing of a map that does not say so, as one from elsewhere. Raises MapError if there is none.
+    """
+    if path.suffix == ".npz":
+        return {}
+    with opened(path) as file:
+        text = _text(file, "source_files")
+    try:
+        found = json.loads(text)
+        return {checks.clean_text(str(name)): checks.clean_text(str(found[name])) for name in found}
+    except (ValueError, TypeError):
+        return {}
 
 
 def _layers(path: Path) -> Iterator[Layer]:

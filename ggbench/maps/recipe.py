@@ -257,14 +257,17 @@ def content_key(recipe: MapRecipe) -> str:
     values = [v if isinstance(v, str) else float(v) for v in dataclasses.astuple(recipe)]
     digest = hashlib.sha256(json.dumps(values).encode())
     digest.update(source_hash(*MAP_ROOMS).encode())
-    if recipe.source in TERRAINS:
-        names = [TERRAINS[recipe.source].file]
-    else:
-        files = SOURCES[recipe.source]
-        names = [files.geoid, files.topography, files.coefficients]
-    for name in names:
+    for name in data_names(recipe):
         digest.update(hashlib.sha256(data_bytes(name)).digest())
     return digest.hexdigest()[:32]
+
+
+def data_names(recipe: MapRecipe) -> tuple[str, ...]:
+    """Return the names of the shipped files of which a map is built."""
+    if recipe.source in TERRAINS:
+        return (TERRAINS[recipe.source].file,)
+    files = SOURCES[recipe.source]
+    return files.geoid, files.topography, files.coefficients
 
 
 def read(path: Path | str, crop: netcdf_reader.Crop | None = None) -> GradientMap:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from ..ins.error_model import navigation_errors
 from ..problem import Problem
 from ..sensors.aiding import Gnss, Motion, corrected_positions, position_error
 from ..simulation.equipment import Equipment, equipment_of
-from ..simulation.field_source import is_file, make_field
+from ..simulation.field_source import is_file, make_field, map_files
 from ..simulation.formulation import (
     Indicated,
     Readings,
@@ -27,7 +28,7 @@ from ..simulation.formulation import (
 )
 from ..simulation.replay import Replays
 from ..simulation.runs import Truth
-from ..spec.flight import FlightError, FlightSpec, ReferenceTrack, load
+from ..spec.flight import FlightError, FlightSpec, RecordedField, ReferenceTrack, load
 from . import columns as files
 from .inertial import Inertial, inertial
 from .motion import (
@@ -68,6 +69,25 @@ class RecordedFlight:
     reference: Truth | None
     start: float
 
+    def inputs(self) -> list[dict[str, str]]:
+        """Return the role, the name and the SHA-256 of each file that the flight was read from.
+
+        Raises
+        ------
+        FlightError, MapError
+            If one cannot be read any more.
+        """
+        spec, folder = self.spec, self.path.parent
+        tables = {name: getattr(spec, name) for name in type(spec).model_fields}
+        named = [("flight", self.path)] + [
+            (role.replace("_", " "), folder / table.file)
+            for role, table in (tables | dict(spec.further)).items()
+            if getattr(table, "file", None)
+        ]
+        found = [(role, path.name, _sha256(path)) for role, path in named]
+        found += map_files(_told(spec, folder))
+        return [{"role": role, "name": name, "sha256": key} for role, name, key in found]
+
 
 def read_flight(path: Path | str) -> RecordedFlight:
     """Read a recorded flight: its file, and the records that the file names.
@@ -86,7 +106,7 @@ def read_flight(path: Path | str) -> RecordedFlight:
     """
     path = Path(path)
     spec, folder = load(path), path.parent
-    field = _field(spec, folder)
+    field = make_field(_told(spec, folder))
     model = _equipment(spec, path)
     ins = inertial(spec, folder, model, field)
     series = read_series(spec, folder, model, ins.base)
@@ -116,12 +136,19 @@ def _equipment(spec: FlightSpec, path: Path) -> Equipment:
         raise FlightError(f"{path}: {error}") from None
 
 
-def _field(spec: FlightSpec, folder: Path) -> Field:
+def _told(spec: FlightSpec, folder: Path) -> RecordedField:
     """Return the map that the estimators are told; a file's path is relative to the flight's."""
     told = spec.field
     if is_file(told.source):
         told = told.model_copy(update={"source": str(folder / told.source)})
-    return make_field(told)
+    return told
+
+
+def _sha256(path: Path) -> str:
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise FlightError(f"cannot read {path}: {error.strerror}") from None
 
 
 def _problem(

@@ -25,6 +25,7 @@ from ..recorded.corrected import (
 from ..recorded.flight import RecordedFlight
 from ..sensors.aiding import corrected_positions, position_error
 from ..spec.further import sensors_of
+from .making_section import made_of
 from .tables import WINDOW_TITLES, markdown
 
 
@@ -83,6 +84,7 @@ def write(flight: RecordedFlight, estimates: Mapping[str, Estimate], output: Pat
             "take it (a receiver's position is relative to what the INS indicates, filtered "
             "gradients are whitened), its prediction, the whitened difference, and whether there "
             "was a reading.",
+            *made_of(flight.inputs()),
         ]
     )
     path = output / "report.md"

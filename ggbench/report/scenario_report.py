@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import shlex
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ from ..figures.numbers import counted
 from ..figures.style import save
 from ..judging.ranking import rows_of
 from ..results import digest
-from ..results.folder import Results, as_argument
+from ..results.folder import Results
 from ..results.store import DETAILED_RUN, SERIES_RUNS
 from ..spec import scenario
 from ..spec.case import CaseSpec
@@ -28,6 +27,7 @@ from .claims_section import claims_section
 from .families import leaders, of_the_best
 from .gravity_section import GravitySection
 from .locking_section import ConvergenceReport
+from .making_section import making_section
 from .matching_section import matching_section
 from .nonlinearity_section import NonlinearityReport, is_of_the_prior
 from .opening import answer
@@ -115,7 +115,7 @@ class _Report:
             "## How this was made",
             "Velocity errors, the other windows and all intervals are in the results folder's "
             "`summary.csv`.",
-            self._making(),
+            making_section(self.results),
         ]
 
     def _of_widths(self) -> list[str]:
@@ -131,7 +131,7 @@ class _Report:
             self._assumptions(),
             self.scenario.notes,
             "## How this was made",
-            self._making(),
+            making_section(self.results),
         ]
 
     def _of_cases(self) -> list[str]:
@@ -167,7 +167,7 @@ class _Report:
             self._assumptions(),
             self.scenario.notes,
             "## How this was made",
-            self._making(),
+            making_section(self.results),
         ]
 
     def _verdict(self) -> str:
@@ -386,45 +386,6 @@ class _Report:
                 tables.study(self.scenario, self.studies),
             ]
         return "\n".join(lines)
-
-    def _making(self) -> str:
-        m = self.manifest
-        versions = ", ".join(f"{name} {version}" for name, version in m["versions"].items())
-        machine = m["machine"]
-        labels, cases = tuple(m["estimators"]), m["cases"]
-        flags = ""
-        left_out = m.get("left_out", {})
-        asked = tuple(k for k in self.scenario.campaign.estimators if k not in left_out)
-        if labels != asked:
-            flags += "".join(f" -e {shlex.quote(label)}" for label in labels)
-        if cases != [case.name for case in self.results.whole_scenario.cases]:
-            flags += "".join(f" -c {shlex.quote(name)}" for name in cases)
-        flags += " --assumptions" if m["assumptions"] else ""
-        memory = self.results.runs()["peak_memory_mb"].max()
-        compiled = [
-            f"`{name}`"
-            for name, content in self.results.estimators.items()
-            if content["parameters"].get("engine") == "numba"
-        ]
-        engines = f"- on compiled engines, `engine=numba`: {', '.join(compiled)}"
-        return "\n".join(
-            [
-                "Generated, not edited. To get it again:",
-                "",
-                "```",
-                f"ggbench run {as_argument(m['argument'])} -n {m['runs']} --seed {m['seed']}"
-                f"{flags} -o {shlex.quote('results/' + m['scenario'])}",
-                f"ggbench report {shlex.quote('results/' + m['scenario'])} -o reports",
-                "```",
-                "",
-                f"- ggbench {m['ggbench']}, source {m['source_hash']}, scenario "
-                f"{m['scenario_hash'][:16]}, seed {m['seed']}, run on {m['date'][:10]}",
-                f"- {versions}",
-                f"- {machine['system']} on {machine['architecture']}, "
-                f"{machine['processors']} processors; peak memory of a worker {memory:.0f} MB",
-                *([engines] if compiled else []),
-            ]
-        )
 
 
 def _drawn(runs: int) -> str:

@@ -79,6 +79,7 @@ def write(results: Results, folder: Path) -> None:
     counts = summary.groupby(["label", "case"])["runs"].max()
     names = [case.name for case in results.scenario.cases]
     manifest = {key: results.manifest[key] for key in _KEPT} | {
+        "inputs": results.manifest.get("inputs", []),
         "cases": names,
         "done": {
             label: min(int(counts.get((label, name), 0)) for name in names)

@@ -31,6 +31,12 @@ class _Cell(_Part):
     key: str
 
 
+class _Input(_Part):
+    role: str
+    name: str
+    sha256: str
+
+
 class _Machine(_Part):
     system: str
     architecture: str
@@ -54,6 +60,7 @@ class _Manifest(_Part):
     ggbench: str
     source_hash: str
     versions: dict[str, str]
+    inputs: list[_Input] = []
     date: str
     machine: _Machine
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
+from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
 
@@ -12,7 +14,9 @@ from ..gravity.degraded_map import MapDegradation, degrade
 from ..gravity.field import Field
 from ..gravity.gradient_map import MapError
 from ..maps.netcdf import file_key
-from ..maps.recipe import MapRecipe, content_key, load_or_build, read
+from ..maps.netcdf_reader import source_files
+from ..maps.recipe import MapRecipe, content_key, data_names, load_or_build, read
+from ..maps.shipped_regions import data_bytes
 from ..sensors.aiding import MGAL
 from ..spec.sensors import FieldSpec, MapErrorSpec
 
@@ -137,3 +141,26 @@ def map_content(spec: FieldSpec) -> str | None:
     if not is_file(spec.source):
         return content_key(map_recipe(spec))
     return file_key(Path(spec.source))
+
+
+def map_files(spec: FieldSpec) -> Iterator[tuple[str, str, str]]:
+    """Yield the role, the name and the SHA-256 of each file of which a field's map is made.
+
+    A map that is built has the data it is built of; a map's file is one, and so are those of which
+    it says that it was made.
+
+    Raises
+    ------
+    MapError
+        If one cannot be read.
+    """
+    if spec.source == "normal":
+        return
+    if not is_file(spec.source):
+        for name in data_names(map_recipe(spec)):
+            yield "data of the map", name, hashlib.sha256(data_bytes(name)).hexdigest()
+        return
+    path = Path(spec.source)
+    yield "map", path.name, file_key(path)
+    for name, key in source_files(path).items():
+        yield "data of the map", name, key

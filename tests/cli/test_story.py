@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shlex
 from pathlib import Path
 
@@ -10,6 +11,8 @@ import pytest
 from campaigns import ran
 from command import invoke
 from problems import SMALL
+
+from ggbench.cli.story import told_info
 
 HALF_BLIND = """
 from dataclasses import dataclass
@@ -107,6 +110,16 @@ def test_show_tells_the_run_that_deserves_a_look(folder):
     assert "the largest error, measured against the median of all runs" in done.stdout
     assert "position error in m against time" in done.stdout
     assert "bound (rms)" in done.stdout and "█" in done.stdout
+
+
+def test_show_tells_what_an_estimator_said_of_its_run(folder):
+    """``Estimate.info``, in words; nothing of one that says nothing, and of a long one its start."""
+    done = invoke(["show", "before", "--run", "7", "--case", "noisy"], folder)
+    assert re.search(r"^ekf says: linearisations [0-9]+$", done.stdout, re.MULTILINE)
+    assert "blurred.py says" not in done.stdout
+    said = told_info({"cost": 1 / 3, "converged": True, "per_epoch": list(range(99))})
+    assert said.startswith("cost 0.3333; converged True; per epoch [0, 1, 2,")
+    assert said.endswith("...") and len(said) < 120
 
 
 def test_the_command_that_show_prints_repeats_the_run(folder, tmp_path):
