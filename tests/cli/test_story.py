@@ -113,7 +113,7 @@ def test_show_tells_the_run_that_deserves_a_look(folder):
 
 
 def test_show_tells_what_an_estimator_said_of_its_run(folder):
-    """``Estimate.info``, in words; nothing of one that says nothing, and of a long one its start."""
+    """``Estimate.info``, in words: of what is long its start, nothing of one that is silent."""
     done = invoke(["show", "before", "--run", "7", "--case", "noisy"], folder)
     assert re.search(r"^ekf says: linearisations [0-9]+$", done.stdout, re.MULTILINE)
     assert "blurred.py says" not in done.stdout
