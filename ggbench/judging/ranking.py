@@ -47,17 +47,18 @@ def honest(row: Mapping[str, Any]) -> bool:
 def ranked(rows: pd.DataFrame) -> pd.DataFrame:
     """Return summary rows with the best causal estimator first, smoothers in a block at the end.
 
-    Those that succeed as often as the one that succeeds most (intervals overlap) by the median
-    ratio of their errors to the bound, then the others by their share of success. Of errors that
-    agree to three digits the cheaper one is the better one.
+    Those that succeed as often as the one that surely succeeds most (:func:`best`) by the median
+    ratio of their errors to the bound, those with all runs before those that got fewer; then the
+    others by their share of success. Of errors that agree to three digits the cheaper one is the
+    better one.
     """
     order = rows["causality"].map(ORDER)
-    surest = rows.loc[rows.groupby(order)["success_share"].idxmax()]
-    least = order.map(dict(zip(order[surest.index], surest["success_lo"], strict=True)))
+    least = rows.groupby(order)["success_lo"].transform("max")
     keys = pd.DataFrame(
         {
             "order": order,
             "seldom": (1.0 - rows["success_share"]).where(rows["success_hi"] < least, -1.0),
+            "fewer": rows["runs"] < rows.groupby(order)["runs"].transform("max"),
             "error": [_digits(value) for value in rows["ratio_median"]],
             "mean": [_digits(value) for value in rows["position_mrse_m"]],
             "cost": rows["seconds_per_run"],
@@ -88,9 +89,10 @@ def best_causal(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any] | None:
 def best(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any] | None:
     """Return the row of the best of some estimators of a case and window, None without any.
 
-    Of those that succeed as often as the one that succeeds most (their intervals overlap) the one
-    whose errors, where it succeeds, have the least median ratio to the bound; of ratios that agree
-    to three digits the cheaper one. Honest ones (:func:`honest`) go before the others, those with
+    Of those that succeed as often as the one that surely succeeds most (whose interval begins
+    highest: one of few runs never lets in what is surely below one of many) the one whose errors,
+    where it succeeds, have the least median ratio to the bound; of ratios that agree to three
+    digits the cheaper one. Honest ones (:func:`honest`) go before the others, those with
     all runs before those that got fewer, whose medians are of other runs. An estimator that failed
     in more than :data:`MOST_FAILED` of its runs is none: its errors are of the runs that were kind
     to it.
@@ -102,8 +104,7 @@ def best(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any] | None:
     ]
     if not able:
         return None
-    surest = max(row["success_share"] for row in able)
-    least = max(row["success_lo"] for row in able if row["success_share"] == surest)
+    least = max(row["success_lo"] for row in able)
     often = [row for row in able if row["success_hi"] >= least]
     most = max(row["runs"] for row in able)
     return min(

@@ -80,6 +80,25 @@ def test_what_claims_to_know_what_it_does_not_is_not_the_best():
     assert best(liar, mistaken | {"ratio_median": 2.0}) == "liar"  # where nobody is honest
 
 
+def test_one_of_few_runs_lets_in_nobody_who_succeeds_surely_less_often():
+    """40 of 40 is 91 % at least, 199 of 200 is 97 %: who has 95 % at most is not the best."""
+    few = row("few", 2.0, runs=40, success_lo=0.912)
+    many = row("many", 1.2, runs=200, success_share=0.995, success_lo=0.972)
+    seldom = row("seldom", 1.0, runs=200, success_share=0.92, success_lo=0.874, success_hi=0.95)
+    assert best(few, many, seldom) == "many"
+    assert best(few, many, seldom | {"success_hi": 0.98}) == "seldom"
+    assert list(ranked(pd.DataFrame([few, seldom, many]))["label"]) == ["many", "few", "seldom"]
+
+
+def test_what_got_fewer_runs_stands_behind_those_with_all():
+    """In its own block: among filters, and not among smoothers."""
+    rows = [
+        row("few", 1.0, runs=40), row("all", 1.2),
+        row("short", 1.0, runs=40, causality="batch"), row("ins", 9.0, causality="none"),
+    ]  # fmt: skip
+    assert list(ranked(pd.DataFrame(rows))["label"]) == ["all", "few", "ins", "short"]
+
+
 def test_what_got_fewer_runs_is_the_best_only_alone():
     """Its median is of other runs than the others'; it may be found as good."""
     few = row("few", 1.0, runs=40)
