@@ -1,16 +1,19 @@
 """The version, and hashes of the source: of what compiled code, maps and results are made with.
 
 Whole rooms are hashed, or a module with all that it imports; never a list of files that somebody
-has to remember.
+has to remember. The hash of all that a result depends on is of the statements alone: a sentence
+that says something better leaves the results of hours what they are.
 """
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import re
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
+from typing import TypeGuard
 
 VERSION = version("ggbench")
 PACKAGE = Path(__file__).parent.parent
@@ -28,14 +31,15 @@ _NOT_OF_RESULTS = {
 def source_hash(*rooms: str) -> str:
     """Return a hash (16 hexadecimal digits) of the modules of rooms.
 
-    Of all rooms that a result depends on, and of the modules beside the rooms, if none is named.
+    Of all rooms that a result depends on, and of the modules beside the rooms, if none is named;
+    then without their comments and docstrings.
     """
     found = set()
     for file in PACKAGE.rglob("*.py"):
         room = file.relative_to(PACKAGE).parts[0]
         if room in rooms or (not rooms and room not in _NOT_OF_RESULTS):
             found.add(file)
-    return _hash_of(found)
+    return _hash_of(found, whole=bool(rooms))
 
 
 _VECTORS = PACKAGE / "numerics" / "vectors.py"
@@ -56,14 +60,46 @@ def module_hash(file: Path) -> str:
     return hashlib.sha256(own).hexdigest()[:16]
 
 
-def _hash_of(modules: set[Path]) -> str:
-    """Return a hash of modules of the package, with their names."""
+def _hash_of(modules: set[Path], whole: bool = True) -> str:
+    """Return a hash of modules of the package, with their names; or of their statements alone."""
     digest = hashlib.sha256()
     for module in sorted(modules):
         content = module.read_bytes()
+        if not whole:
+            content = statements(content.decode()).encode()
         name = module.relative_to(PACKAGE).as_posix()
         digest.update(f"{name}\0{len(content)}\0".encode() + content)
     return digest.hexdigest()[:16]
+
+
+@cache
+def statements(text: str) -> str:
+    """Return a module's text without docstrings, lines of comments and empty lines.
+
+    By lines, so that every version of Python finds the same: what is said at the end of a line of
+    code stays, and so does all that is within a text of several lines.
+    """
+    lines = text.splitlines()
+    dropped, kept = set[int](), set[int]()
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Expr) and _is_text(node.value):
+            rows = range(node.lineno - 1, node.end_lineno or node.lineno)
+            before = lines[rows[0]].encode()[: node.col_offset]
+            behind = lines[rows[-1]].encode()[node.end_col_offset :]
+            if not (before + behind).strip():
+                dropped.update(rows)
+        elif isinstance(node, ast.JoinedStr) or _is_text(node):
+            kept.update(range(node.lineno - 1, node.end_lineno or node.lineno))
+    return "\n".join(
+        line
+        for row, line in enumerate(lines)
+        if row not in dropped
+        and (row in kept or (line.strip() and not line.lstrip().startswith("#")))
+    )
+
+
+def _is_text(node: ast.AST) -> TypeGuard[ast.Constant]:
+    return isinstance(node, ast.Constant) and isinstance(node.value, str)
 
 
 def _imported(file: Path) -> set[Path]:

@@ -14,7 +14,13 @@ from test_rooms import imported, room_of
 
 import ggbench
 from ggbench.numerics import source
-from ggbench.numerics.source import COMPILED_ROOMS, MAP_ROOMS, module_hash, source_hash
+from ggbench.numerics.source import (
+    COMPILED_ROOMS,
+    MAP_ROOMS,
+    module_hash,
+    source_hash,
+    statements,
+)
 
 PACKAGE = Path(ggbench.__file__).parent
 NUMBERS = int | float | complex | tuple | list | dict | np.ndarray
@@ -40,7 +46,7 @@ def changes(copy: Path, *rooms: str) -> set[str]:
     before, found = hash_of(*rooms), set()
     for file in sorted(copy.rglob("*.py")):
         text = file.read_bytes()
-        file.write_bytes(text + b"# another source\n")
+        file.write_bytes(text + b"another = 1\n")
         if hash_of(*rooms) != before:
             found.add(file.relative_to(copy).as_posix())
         file.write_bytes(text)
@@ -57,6 +63,45 @@ def modules(*rooms: str) -> set[str]:
 def test_every_module_that_makes_a_result_counts(copy):
     """A change of any module is another source, but of one that only shows results."""
     assert changes(copy) == modules() - modules(*SHOWN)
+
+
+def test_sentences_are_no_part_of_what_makes_a_result(copy):
+    """Comments, docstrings of modules, functions and constants, and empty lines: the same hash."""
+    for file in sorted(copy.rglob("*.py")):
+        text = file.read_text()
+        file.write_text(f"# A comment.\n\n{text}\n# Another one.\n'A docstring.'\n")
+    assert hash_of() == source_hash()
+
+
+LINES = '''
+"""A module."""
+
+SAID = """
+# no comment
+"""
+"""What is said."""
+
+
+def f(x):
+    """Return x.
+
+    # Of any kind.
+    """
+    # The reason.
+    return x  # as it is
+'''
+STATEMENTS = '''SAID = """
+# no comment
+"""
+def f(x):
+    return x  # as it is'''
+
+
+def test_what_is_left_of_a_module_are_its_statements():
+    """Nothing of a text that is a value is lost, nor what shares a line with a docstring."""
+    assert statements(LINES) == STATEMENTS
+    for text in ("'x'; y = 1", "def f(): 'x'", 'z = f"""\n\n# {1}\n"""', 'f("""\n#\n""")'):
+        assert statements(text) == text
 
 
 @pytest.mark.parametrize("rooms", [COMPILED_ROOMS, MAP_ROOMS])
@@ -156,7 +201,7 @@ def test_compiled_code_is_known_by_all_that_it_is_made_of(copy, monkeypatch):
     before, found = module_hash(file), set()
     for other in sorted(copy.rglob("*.py")):
         text = other.read_bytes()
-        other.write_bytes(text + b"# another source\n")
+        other.write_bytes(text + b"another = 1\n")
         if module_hash(file) != before:
             found.add(other.relative_to(copy).as_posix())
         other.write_bytes(text)
@@ -166,7 +211,7 @@ def test_compiled_code_is_known_by_all_that_it_is_made_of(copy, monkeypatch):
     alone = copy / "ins" / "alone.py"
     alone.write_text("one = 1.0\n")
     before, vectors = module_hash(alone), copy / "numerics" / "vectors.py"
-    vectors.write_bytes(vectors.read_bytes() + b"# another source\n")
+    vectors.write_bytes(vectors.read_bytes() + b"another = 1\n")
     assert module_hash(alone) != before
 
 
@@ -177,6 +222,6 @@ def test_a_users_own_code_is_known_by_itself_and_by_all_that_is_compiled_here(co
     hashes = {module_hash(mine)}
     mine.write_text("one = 2\n")
     hashes.add(module_hash(mine))
-    theirs.write_bytes(theirs.read_bytes() + b"# another source\n")
+    theirs.write_bytes(theirs.read_bytes() + b"another = 1\n")
     hashes.add(module_hash(mine))
     assert len(hashes) == 3
