@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # Builds the wheel, installs it alone into an empty environment, and uses it from another folder.
-# Protects: nothing is missing from the wheel or from its declared dependencies, and it puts
-# nothing but `ggbench` at the top level of site-packages.
+# Protects: nothing is missing from the wheel or from its declared dependencies, it puts nothing
+# but `ggbench` at the top level of site-packages, and site-packages does not grow unnoticed. Other
+# versions of Python that are on this machine get it, too, and fly once; the sdist holds the tests.
 #
 # usage: tests/check_wheel.sh PYTHON    (a Python that has `build` and setuptools)
 set -euo pipefail
@@ -11,6 +12,7 @@ python=$(cd "$(dirname "$1")" && pwd)/$(basename "$1")
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 unset PYTHONPATH
+MOST_MEGABYTES=850
 
 fail() {
     echo "check_wheel: $*" >&2
@@ -57,6 +59,11 @@ site_packages=$("$work/venv/bin/python" -c 'import sysconfig; print(sysconfig.ge
 for name in docs estimators scenarios tests; do
     [[ ! -e $site_packages/$name ]] || fail "site-packages holds a top-level $name"
 done
+# docs/start.md says where it goes.
+megabytes=$(du -sm "$site_packages" | cut -f1)
+echo "site-packages: $megabytes MB, most of it $(du -sm "$site_packages"/* | sort -rn | head -n 6 |
+    awk '{n = split($2, part, "/"); printf "%s %d, ", part[n], $1}')..."
+((megabytes < MOST_MEGABYTES)) || fail "site-packages has more than $MOST_MEGABYTES MB"
 
 mkdir "$work/elsewhere"
 cd "$work/elsewhere"
@@ -69,4 +76,22 @@ for command in "list" "validate wang2013" "run wang2013 -n 2 -e ekf -o out" \
         { cat "$work/output" >&2; fail "\`ggbench $command\` failed"; }
 done
 [[ -s out/summary.csv ]] || fail "\`ggbench run\` wrote no out/summary.csv"
+
+tar -tzf "$work"/dist/*.tar.gz | cut -d/ -f2- | sort >"$work/packed"
+git -C "$repo" ls-files 2>"$work/git.log" | sort >"$work/tracked" || cat "$work/git.log" >&2
+comm -13 "$work/packed" "$work/tracked" | grep -v '^\.' >"$work/lost" || true
+[[ ! -s $work/lost ]] || { cat "$work/lost" >&2; fail "these files are not in the sdist"; }
+
+own=$("$python" -c 'import sys; print("%d.%d" % sys.version_info[:2])')
+for version in 3.11 3.12 3.13 3.14; do
+    other=$(command -v "python$version" || true)
+    [[ $version != "$own" && -n $other ]] && "$other" -c "" 2>"$work/output" || continue
+    echo "the same with Python $version"
+    "$other" -m venv "$work/venv-$version"
+    "$work/venv-$version/bin/python" -m pip install --quiet --disable-pip-version-check \
+        --constraint "$repo/requirements.lock" "$work"/dist/*.whl
+    "$work/venv-$version/bin/ggbench" run wang2013 -n 1 -c 0.01E-1Hz -e ekf -e factor-graph \
+        -o "out-$version" >"$work/output" 2>&1 ||
+        { cat "$work/output" >&2; fail "\`ggbench run\` failed with Python $version"; }
+done
 echo "wheel check passed"

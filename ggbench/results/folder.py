@@ -5,6 +5,7 @@ Only what the folder itself holds is read: no estimator is loaded and nothing is
 
 from __future__ import annotations
 
+import importlib.util
 import io
 import itertools
 import shlex
@@ -397,8 +398,9 @@ def write_tables(results: Results) -> pd.DataFrame:
     """Write the tables of a results folder into it; return the summary.
 
     ``summary.csv`` (:data:`.summary.SUMMARY_COLUMNS`), ``paired.csv``, ``failures.csv``,
-    ``runs.parquet`` (the table of runs), if assumptions were studied ``assumptions.csv``, if locks
-    were judged ``convergence.csv``, and if matchers made fixes ``fixes.csv``.
+    ``runs.parquet`` (the table of runs; without pyarrow ``runs.csv``), if assumptions were studied
+    ``assumptions.csv``, if locks were judged ``convergence.csv``, and if matchers made fixes
+    ``fixes.csv``.
 
     Raises
     ------
@@ -421,7 +423,18 @@ def write_tables(results: Results) -> pd.DataFrame:
     if results.fixes:
         named = pd.concat(results.fixes, names=["case", "estimator"]).reset_index([0, 1])
         write_csv("fixes.csv", named)
-    content = io.BytesIO()
-    results.runs().to_parquet(content, index=False)
-    results.store.write("runs.parquet", content.getvalue())
+    _write_runs(results)
     return summary
+
+
+def _write_runs(results: Results) -> None:
+    """Write the table of runs in the better of two formats, and leave none in the other."""
+    table, content = results.runs(), io.BytesIO()
+    if importlib.util.find_spec("pyarrow") is None:
+        name, other = "runs.csv", "runs.parquet"
+        table.to_csv(content, index=False)
+    else:
+        name, other = "runs.parquet", "runs.csv"
+        table.to_parquet(content, index=False)
+    results.store.write(name, content.getvalue())
+    results.store.remove(other)

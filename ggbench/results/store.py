@@ -58,7 +58,7 @@ DATABASE_FILES = (
 RESULT_FILES = (
     *DATABASE_FILES, "scenario.toml",
     "summary.csv", "assumptions.csv", "paired.csv", "failures.csv",
-    "convergence.csv", "fixes.csv", "runs.parquet", "manifest.json",
+    "convergence.csv", "fixes.csv", "runs.parquet", "runs.csv", "manifest.json",
 )  # fmt: skip
 """In the order of removal: as long as there is something of ours, the manifest says whose it is."""
 LOCK = ".lock"
@@ -349,6 +349,13 @@ class Store:
         except OSError as error:
             temporary.unlink(missing_ok=True)
             raise StoreError(f"cannot write {self.folder / name}: {error.strerror}") from None
+
+    def remove(self, name: str) -> None:
+        """Take a file out of the folder, if it is there."""
+        try:
+            (self.folder / name).unlink(missing_ok=True)
+        except OSError as error:
+            raise StoreError(f"cannot remove {self.folder / name}: {error.strerror}") from None
 
 
 def require_ours(folder: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import importlib.util
 import os
 
 import numpy as np
@@ -13,7 +14,7 @@ from problems import SMALL
 
 from ggbench.judging import locking
 from ggbench.judging.summary import SUMMARY_COLUMNS, WINDOWS, window_mask
-from ggbench.results.folder import Results, as_argument
+from ggbench.results.folder import Results, as_argument, write_tables
 from ggbench.results.store import MOST_KEPT, Result, Store, StoreError, kept_epochs
 
 STUDIED = (
@@ -121,6 +122,25 @@ def test_the_files_of_a_folder_are_its_tables(results, tmp_path):
     pd.testing.assert_frame_equal(runs, results.runs())
     plain = ran(tmp_path, labels=("ins",), runs=1)
     assert not {"assumptions.csv", "convergence.csv"} & {p.name for p in plain.folder.iterdir()}
+
+
+def test_without_pyarrow_the_table_of_runs_is_csv(tmp_path, monkeypatch):
+    """The same table, to the last bit; what the other format held is gone, and comes back."""
+    results = ran(tmp_path, labels=("ins",), runs=2)
+    assert (results.folder / "runs.parquet").exists()
+    found = importlib.util.find_spec
+    with monkeypatch.context() as patch:
+        patch.setattr(importlib.util, "find_spec", lambda n: None if n == "pyarrow" else found(n))
+        write_tables(results)
+    file = pd.read_csv(results.folder / "runs.csv")
+    assert not (results.folder / "runs.parquet").exists()
+    table = results.runs()
+    assert list(file.columns) == list(table.columns)
+    for name in ("settled_position_ms", "settled_nees", "whole_velocity_ms"):
+        assert (file[name] == table[name]).all()
+    write_tables(results)
+    names = {path.name for path in results.folder.iterdir()}
+    assert "runs.parquet" in names and "runs.csv" not in names
 
 
 def test_tables_are_the_callers_own(results):
