@@ -5,10 +5,12 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from doc_blocks import documents
 from matplotlib.image import imread
 
@@ -147,3 +149,18 @@ def test_the_front_page_tells_of_every_shipped_scenario():
             continue
         assert f"[{loaded.title}]({name}.md)" in page
         assert loaded.content_hash[:16] in page
+
+
+def test_the_citation_is_that_of_this_version():
+    """What an archive makes a DOI of: all required keys of CFF 1.2.0, and what the package says."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert {"cff-version", "message", "title", "authors", "abstract"} <= citation.keys()
+    assert (citation["cff-version"], citation["type"]) == ("1.2.0", "software")
+    assert (citation["version"], citation["license"]) == (project["version"], project["license"])
+    assert [author["name"] for author in citation["authors"]] == [
+        author["name"] for author in project["authors"]
+    ]
+    for work in citation["references"]:
+        assert {"type", "title", "authors", "journal", "year"} <= work.keys()
+        assert all("family-names" in author for author in work["authors"])
