@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -63,18 +64,22 @@ def corrected(problem: Problem, estimate: Estimate, start: float = 0.0) -> dict[
 def _arrays(problem: Problem, estimate: Estimate) -> tuple[np.ndarray, np.ndarray | None]:
     """Return mean and cov as they must be, or raise EstimateError."""
     shape = (problem.epochs, problem.dimension)
-    try:
-        mean = run_errors.real_array("mean", estimate.mean, shape)
-        cov = estimate.cov
-        if cov is not None:
-            cov = run_errors.real_array("cov", cov, (*shape, problem.dimension))
-    except (ValueError, TypeError) as error:
-        raise EstimateError(str(error)) from None
+    mean, cov = _real("mean", estimate.mean, shape), estimate.cov
+    if cov is not None:
+        cov = _real("cov", cov, (*shape, problem.dimension))
     for name, array in (("mean", mean), ("cov", cov)):
         if array is not None and not np.isfinite(array).all():
             epoch = int(np.argwhere(~np.isfinite(array))[0, 0])
             raise EstimateError(f"the estimate's {name} is not finite from epoch {epoch} on")
     return mean, cov
+
+
+def _real(name: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
+    """Return an array of an estimate as it must be, or raise EstimateError."""
+    try:
+        return run_errors.real_array(name, value, shape)
+    except (ValueError, TypeError) as error:
+        raise EstimateError(str(error)) from None
 
 
 def _sigmas(mean: np.ndarray, cov: np.ndarray | None) -> np.ndarray:
@@ -95,7 +100,8 @@ class Residuals:
     whitened : (K, m) readings minus these: of a filter its innovations, in units of their
         covariances (by the Cholesky factor: independent, of variance 1 if the filter is
         consistent); else residuals, in units of the readings' noise. NaN where there is no reading.
-    nis : (K,) normalised innovation squared of a filter, else NaN.
+    nis : (K,) normalised innovation squared of a filter, else NaN: its own (:attr:`.Estimate.nis`)
+        if it has other innovations than those of the readings as they are.
     innovations : whether they are those of a filter.
     """
 
@@ -132,7 +138,10 @@ def residuals(problem: Problem, estimate: Estimate) -> Residuals:
     nis = np.full(problem.epochs, np.nan)
     if filters:
         any_there = there.any(axis=1)
-        nis[any_there] = np.sum(whitened[any_there] ** 2, axis=1)
+        squares = np.sum(whitened**2, axis=1)
+        if estimate.nis is not None:
+            squares = _real("nis", estimate.nis, (problem.epochs,))
+        nis[any_there] = squares[any_there]
     return Residuals(
         np.where(there, predicted, np.nan), np.where(there, whitened, np.nan), nis, filters
     )

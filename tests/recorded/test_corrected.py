@@ -76,6 +76,18 @@ def test_whitened_innovations_make_the_nis(flown):
     np.testing.assert_array_equal(columns["gnss_velocity_N_present"], problem.present[:, 4])
 
 
+def test_a_filter_that_tells_its_nis_is_believed(flown):
+    """As its judgement does: what is given as noise need not be what it takes for it."""
+    problem, truth = simulate(flown, SEED, RUN)
+    estimate = gg.estimate(problem, "ekf")
+    told = dataclasses.replace(estimate, nis=0.25 * residuals(problem, estimate).nis)
+    found, judged = residuals(problem, told), gg.judge(problem, told, truth)
+    np.testing.assert_array_equal(found.nis, told.nis)
+    np.testing.assert_array_equal(found.nis, judged.nis)
+    with pytest.raises(EstimateError, match="nis has shape"):
+        residuals(problem, dataclasses.replace(told, nis=told.nis[1:]))
+
+
 def test_a_smoother_has_residuals_of_its_own(flown):
     """In units of the noise: a linear problem's are below one, and there is no NIS."""
     problem, _ = simulate(small_flight(GNSS_ONLY), SEED, RUN)
