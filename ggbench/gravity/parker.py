@@ -33,6 +33,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from scipy.ndimage import spline_filter
 
 from .ellipsoid import EOTVOS, radii_of_curvature
+from .meridians import turns
 from .plane_splines import evaluate, resample
 from .stereographic import plane_at, scale_factor, to_plane
 from .terrain import Terrain, TerrainError
@@ -403,8 +404,7 @@ def _check_inside(terrain: Terrain, latitude: NDArray, longitude: NDArray) -> No
     for name, degrees, nodes, step in limits:
         low, high = nodes[0] - _EDGE * step, nodes[-1] + _EDGE * step
         if name == "longitude":  # the same meridian, counted as the terrain counts
-            middle = 0.5 * (low + high)
-            degrees = middle + (degrees - middle + 180.0) % 360.0 - 180.0
+            degrees = degrees + turns(degrees, 0.5 * (low + high))
         if not (low - 1e-9 <= degrees.min() and degrees.max() <= high + 1e-9):
             raise TerrainError(
                 f"{name} {degrees.min():.6g} to {degrees.max():.6g} degrees is not within "

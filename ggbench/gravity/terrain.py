@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import GGBenchError
+from .meridians import turns
 
 FEWEST_NODES = 4  # per axis, what a cubic spline needs
 LOWEST_M, HIGHEST_M = -12000.0, 9000.0  # the Earth has nothing beyond
@@ -98,7 +99,7 @@ class Terrain:
                 "must each go from the smaller to the larger."
             )
         # The same meridians, counted as the terrain counts.
-        turn = 360.0 * round((self.longitudes_deg.mean() - 0.5 * (west_deg + east_deg)) / 360.0)
+        turn = float(turns(0.5 * (west_deg + east_deg), self.longitudes_deg.mean()))
         bounds = (
             (south_deg, north_deg, self.south_deg, self.latitude_step_deg),
             (west_deg + turn, east_deg + turn, self.west_deg, self.longitude_step_deg),

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..gravity.ellipsoid import SEMI_MAJOR_AXIS
 from ..gravity.gradient_map import MapError
+from ..gravity.meridians import Area, eastern, turns
 from .netcdf import FEWEST_NODES, Nodes
 
 Array = NDArray[np.floating]
@@ -38,6 +39,11 @@ class Wishes:
     spacing_deg: float | None = None
     height_spacing_m: float | None = None
 
+    @property
+    def area(self) -> Area:
+        """The bounds."""
+        return Area(self.south_deg, self.north_deg, self.west_deg, self.east_deg)
+
 
 @dataclasses.dataclass
 class Reach:
@@ -63,16 +69,15 @@ def nodes_for(reaches: list[Reach], wishes: Wishes) -> tuple[Nodes, list[str]]:
     """The nodes, within what all sources can serve, and remarks about them."""
     remarks: list[str] = []
     inner = np.array([1.0, -1.0, 1.0, -1.0])  # times a bound: the larger is further inside
-    allowed = inner * np.max([inner * reach.bounds for reach in reaches], axis=0)
-    good = inner * np.max([inner * reach.good for reach in reaches], axis=0)
+    turned = _in_one_turn(reaches)
+    allowed = inner * np.max([inner * (reach.bounds + turn) for reach, turn in turned], axis=0)
+    good = inner * np.max([inner * (reach.good + turn) for reach, turn in turned], axis=0)
     names = ("south", "north", "west", "east")
     for name, value in vars(wishes).items():
         if value is not None and not math.isfinite(value):
             option = name.removesuffix("_deg").removesuffix("_m").replace("_", "-")
             raise MapError(f"--{option} {value} must be a finite number.")
-    asked = [getattr(wishes, f"{name}_deg") for name in names]
-    if allowed[3] <= 180.0:  # the inputs count from -180, the user perhaps from 0
-        asked[2:] = [a - 360.0 if a is not None and a > 180.0 else a for a in asked[2:]]
+    asked = _counted_alike(wishes.area, allowed)
     bounds = np.array([g if a is None else a for a, g in zip(asked, good, strict=True)])
     if None in asked and np.array_equal(good, EVERYWHERE):
         raise MapError(
@@ -103,6 +108,29 @@ def nodes_for(reaches: list[Reach], wishes: Wishes) -> tuple[Nodes, list[str]]:
             "all are allowed; --spacing-arcmin and --height-spacing change them."
         )
     return Nodes(latitude, longitude, heights), remarks
+
+
+def _in_one_turn(reaches: list[Reach]) -> list[tuple[Reach, Array]]:
+    """Reaches with what to add to their bounds, so that all count longitudes alike.
+
+    As the first one of a region; what serves the whole Earth serves every turn.
+    """
+    middles = [float(reach.bounds[2:].mean()) for reach in reaches]
+    whole = [np.array_equal(reach.bounds, EVERYWHERE) for reach in reaches]
+    first = next((m for m, w in zip(middles, whole, strict=True) if not w), 0.0)
+    added = [0.0 if w else turns(m, first) for m, w in zip(middles, whole, strict=True)]
+    return [(r, np.array([0.0, 0.0, a, a])) for r, a in zip(reaches, added, strict=True)]
+
+
+def _counted_alike(area: Area, allowed: Array) -> list[float | None]:
+    """The bounds that are asked for, longitudes counted as those that are allowed."""
+    west, east = area.west, area.east
+    if np.ptp(allowed[2:]) <= 360.0:
+        middle = 0.5 * (allowed[2] + allowed[3])
+        west, east = (s if s is None else s + float(turns(s, middle)) for s in (west, east))
+    elif west is not None and east is not None:
+        east = eastern(west, east)
+    return [area.south, area.north, west, east]
 
 
 def _heights_and_spacing(
