@@ -72,6 +72,17 @@ class Area(NamedTuple):
         added = (-latitude, latitude, -longitude, longitude)
         return Area(*(s if s is None else s + a for s, a in zip(self, added, strict=True)))
 
+    def within(self, latitude: Array, longitude: Array) -> Area:
+        """Return what of the area is left between the outermost of some positions [deg]."""
+        bounds = latitude.min(), latitude.max(), longitude.min(), longitude.max()
+        pick = (max, min, max, min)
+        return Area(
+            *(
+                float(bound if side is None else inner(side, bound))
+                for side, bound, inner in zip(self, bounds, pick, strict=True)
+            )
+        )
+
     def holds(self, latitude: Array, longitude: Array) -> NDArray[np.bool_]:
         """Return which positions, of one shape, lie in the area; longitudes as the area's."""
         inside = np.ones(np.broadcast(latitude, longitude).shape, dtype=bool)
@@ -79,8 +90,3 @@ class Area(NamedTuple):
             inside &= (-math.inf if low is None else low) <= values
             inside &= values <= (math.inf if high is None else high)
         return inside
-
-    def __str__(self) -> str:
-        sides = [math.inf if side is None else side for side in self]
-        words = "{:.5g}° to {:.5g}° N, {:.5g}° to {:.5g}° E".format(*sides)
-        return words.replace("inf°", "its border")

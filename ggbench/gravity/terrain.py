@@ -22,6 +22,19 @@ class TerrainError(GGBenchError):
     """A terrain cannot be read, or gives no field as asked."""
 
 
+def require_latitudes(name: str, south: float, north: float) -> None:
+    """Raise TerrainError if a grid reaches beyond a pole [deg]; ``name`` begins the sentence."""
+    if -90.0 <= south < north <= 90.0 + 1e-9:
+        return
+    hint = ""
+    if max(abs(south), abs(north)) > 1000.0:
+        hint = "; are these metres of a projection that the file does not name?"
+    raise TerrainError(
+        f"{name} reaches from latitude {south:.6g} to {north:.6g}: -90 to 90 degrees is allowed"
+        f"{hint or '.'}"
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class Terrain:
     """Heights on a grid regular in geodetic latitude and longitude.
@@ -57,11 +70,7 @@ class Terrain:
             if not 0.0 < step < np.inf:
                 raise TerrainError(f"{self.name} has {name} = {step}, which must be positive.")
         south, north = self.south_deg, self.south_deg + self.latitude_step_deg * (shape[0] - 1)
-        if not -90.0 <= south < north <= 90.0 + 1e-9:
-            raise TerrainError(
-                f"{self.name} reaches from latitude {south:.6g} to {north:.6g}: -90 to 90 degrees "
-                "is allowed."
-            )
+        require_latitudes(self.name, south, north)
         width = self.longitude_step_deg * (shape[1] - 1)
         if not (abs(self.west_deg) <= 360.0 and width <= 360.0 + 1e-9):
             raise TerrainError(

@@ -20,7 +20,7 @@ from scipy.interpolate import griddata
 from scipy.ndimage import binary_dilation, distance_transform_edt, map_coordinates, spline_filter
 
 from .meridians import Area, rolled
-from .terrain import FEWEST_NODES, Terrain, TerrainError
+from .terrain import FEWEST_NODES, Terrain, TerrainError, require_latitudes
 
 Array = NDArray[np.floating]
 
@@ -285,6 +285,7 @@ def _terrain(
     heights = heights[::-1] if flipped else heights
     west, longitude_step, flipped = _regular(longitude, "longitudes", name)
     heights = heights[:, ::-1] if flipped else heights
+    require_latitudes(name, south, south + latitude_step * (heights.shape[0] - 1))
     west = (west + 180.0) % 360.0 - 180.0
     if area is not None:
         heights, west = _cut_elsewhere(heights, west, longitude_step, area)
@@ -347,14 +348,15 @@ def _without_voids(
     count, cells, first, where = rows.size, void.size, 0, ""
     counting = void
     if area is not None:
-        here = area.about(float(longitude.mean()))
-        within = here.holds(latitude, longitude)
-        count, first, where = int(within.sum()), int(within.argmax()), f" of the area {here}"
         # As many cells as there are in the area, by a sample of them.
         stride = math.ceil(math.sqrt(void.size / _SAMPLED))
-        row, column = (np.arange(0, n, stride) for n in void.shape)
+        row, column = (np.append(np.arange(0, n - 1, stride), n - 1) for n in void.shape)
         sampled = to_degrees(*(a.ravel() for a in np.meshgrid(row, column, indexing="ij")))
-        cells = max(count, int(here.holds(*sampled).sum()) * stride**2)
+        here = area.about(float(longitude.mean())).within(*sampled)
+        within = here.holds(latitude, longitude)
+        count, first = int(within.sum()), int(within.argmax())
+        cells = max(count, round(float(here.holds(*sampled).mean()) * void.size))
+        where = " of the area needed, {:.4g}° to {:.4g}° N, {:.4g}° to {:.4g}° E".format(*here)
         counting = np.zeros_like(void)
         counting[rows[within], columns[within]] = True
     place = f"{latitude[first]:.5f}, {longitude[first]:.5f}"

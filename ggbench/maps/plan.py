@@ -20,6 +20,7 @@ from ..gravity.remove_restore import MARGIN_DEG, TAPER_DEG, Residual, height_ano
 from ..numerics.source import VERSION
 from .gravity_grid import elevation_at, read_grid
 from .gravity_model import read_model
+from .ground import Ground
 from .netcdf import TENSOR, VECTOR, Layer, Nodes, described
 from .nodes import EVERYWHERE, Reach, Wishes, nodes_for
 from .parts import FILTER_ORDER, HarmonicPart, Part, ResidualPart, TerrainPart, summed
@@ -33,7 +34,6 @@ Array = NDArray[np.floating]
 SHIPPED_COEFFICIENTS = "egm2008_degree120.npz"
 _SHIPPED_DEGREE = 120
 _INSET = 0.1  # of a terrain's width: nearer to its edges what lies beyond them matters most
-_CLEARANCE_M = 500.0  # least height above the highest ground, by default
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,6 +92,8 @@ def plan(inputs: Inputs, wishes: Wishes, command: str) -> Plan:
     """
     sources = _Sources(inputs, wishes.area)
     nodes, remarks = nodes_for(sources.reaches, wishes)
+    if sources.ground is not None:
+        remarks.append(sources.ground.remark(nodes))
     attributes = {
         "title": f"Gravity-gradient map: {sources.title}",
         "source": "; ".join(sources.words),
@@ -107,6 +109,7 @@ class _Sources:
 
     def __init__(self, inputs: Inputs, area: Area) -> None:
         self._area = area
+        self.ground: Ground | None = None
         self.parts: list[Part] = []
         self.reaches: list[Reach] = []
         self.words: list[str] = []
@@ -268,14 +271,20 @@ class _Sources:
         spans = terrain.latitude_step_deg * (n_lat - 1), terrain.longitude_step_deg * (n_lon - 1)
         bounds = np.array([south, south + spans[0], west, west + spans[1]])
         inset = _INSET * np.repeat(spans, 2) * np.array([1.0, -1.0, 1.0, -1.0])
-        ground = float(np.max(terrain.height_m)) + geoid_height_m
-        step = math.radians(terrain.latitude_step_deg) * SEMI_MAJOR_AXIS
-        lowest = 100.0 * math.ceil((ground + max(_CLEARANCE_M, step)) / 100.0)
-        self.reaches.append(Reach(bounds, bounds + inset, ground, lowest, ground))
+        ground = Ground(terrain, geoid_height_m, self._area)
+        self.reaches.append(
+            Reach(
+                bounds, bounds + inset, ground.floor_m(), ground.lowest_m(), ground.highest_m,
+                str(ground),
+            )
+        )  # fmt: skip
+        self.ground = ground
 
     @staticmethod
-    def _around(area: Area) -> Area:
+    def _around(area: Area) -> Area | None:
         """As much of a terrain around an area as a map is inset by, if no bounds are given."""
+        if area == Area():
+            return None
         share = _INSET / (1.0 - 2.0 * _INSET)
         middle = Area() if area.west is None else area.about(area.west)
         return area.widened(
@@ -285,7 +294,7 @@ class _Sources:
             )
         )
 
-    def _read_terrain(self, path: Path, area: Area) -> Terrain:
+    def _read_terrain(self, path: Path, area: Area | None) -> Terrain:
         from ..gravity.terrain_files import read_terrain
 
         self._hash(path)
