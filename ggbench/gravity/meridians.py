@@ -31,10 +31,11 @@ def turns(longitude: ArrayLike, about: ArrayLike, turn: float = 360.0) -> Any:
 def eastern(west: float, east: float) -> float:
     """Return an eastern bound counted on from a western one [deg]: 181 of 179 and −179.
 
-    One that lies more than half a turn further on is left as it is: the two were exchanged.
+    One that lies more than half a turn further on is left as it is: the two were exchanged, or go
+    around the Earth.
     """
-    further = east + 360.0
-    return further if east < west and further - west <= 180.0 else east
+    further = east - 360.0 * np.floor((east - west) / 360.0)
+    return float(further) if 0.0 < further - west <= 180.0 else east
 
 
 def rolled(values: Array, west: float, step: float, about: float) -> tuple[Array, float]:

@@ -98,7 +98,7 @@ def _crop(spec: FieldSpec) -> Area | None:
         raise MapError(
             f"the map {spec.source} is to be cut to latitudes from {south:g}° to {north:g}° and "
             f"longitudes from {west:g}° to {east:g}°: give south_deg, north_deg, west_deg and "
-            "east_deg, each ascending (or across the date line, 179 to -179), or none of them"
+            "east_deg, each ascending, or none of them (across the date line: 179 to -179)"
         )
     return Area(*bounds)
 

@@ -21,7 +21,9 @@ def test_longitudes_come_within_half_a_turn():
 def test_an_eastern_bound_follows_its_western_one_across_the_date_line():
     assert eastern(179.0, -179.0) == 181.0
     assert eastern(-84.4, -84.3) == -84.3
+    assert eastern(-84.4, 275.7) == pytest.approx(-84.3)
     assert eastern(-84.3, -84.4) == -84.4  # exchanged, not 359.9° wide
+    assert eastern(-180.0, 180.0) == 180.0
 
 
 def test_an_area_is_counted_as_a_longitude_is():
