@@ -62,13 +62,20 @@ def map_group() -> None:
     help="Degree up to which the other data hold the field; the terrain adds what is shorter "
     "[the highest degree of the coefficients].",
 )  # fmt: skip
-@click.option("--south", type=float, help="Bounds [deg], longitudes from -180 or from 0; "
-              "across the date line 179 to -179. Default: what the data can serve.")
+@click.option(
+    "--south",
+    type=float,
+    help="Bounds [deg], longitudes from -180 or from 0; "
+    "across the date line 179 to -179. Default: what the data can serve.",
+)
 @click.option("--north", type=float)
 @click.option("--west", type=float)
 @click.option("--east", type=float)
-@click.option("--lowest", type=float, help="Lowest height above the ellipsoid, "
-              "and above the highest ground [m].")
+@click.option(
+    "--lowest",
+    type=float,
+    help="Lowest height above the ellipsoid, and above the highest ground [m].",
+)
 @click.option("--highest", type=float, help="Highest height above the ellipsoid [m].")
 @click.option("--height-spacing", type=float, help="Between layers [m].")
 @click.option("--spacing-arcsec", type=float, help="In latitude and longitude.")

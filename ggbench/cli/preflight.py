@@ -180,7 +180,7 @@ def _trajectory_once(spec: TrajectorySpec, dt: float, versions: tuple[object, ..
 def _margin(trajectory: Trajectory, lower: np.ndarray, upper: np.ndarray) -> Margin:
     positions = trajectory.positions
     turn = turns(0.5 * (lower[1] + upper[1]), positions[0, 1], math.tau)
-    lower, upper = lower + [0.0, turn, 0.0], upper + [0.0, turn, 0.0]
+    lower, upper = (bound + np.array([0.0, turn, 0.0]) for bound in (lower, upper))
     metres = metres_along(positions)
     distances = {
         "south": (positions[:, 0] - lower[0]) * metres[:, 1],

@@ -7,7 +7,6 @@ installation.
 from __future__ import annotations
 
 import importlib
-import math
 import stat
 import warnings
 from collections.abc import Callable, Mapping
@@ -16,18 +15,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import griddata
-from scipy.ndimage import binary_dilation, distance_transform_edt, map_coordinates, spline_filter
+from scipy.ndimage import map_coordinates, spline_filter
 
 from .meridians import Area, rolled
 from .terrain import FEWEST_NODES, Terrain, TerrainError, require_latitudes
+from .voids import VOID_MARKS, without_voids
 
 Array = NDArray[np.floating]
 
 _MOST_CELLS = 100_000_000
-_MOST_VOIDS = 0.01  # share of the cells that may be filled
-_SAMPLED = 1_000_000  # cells of which it is seen whether they lie in an area
-_VOID_MARKS = (-32768.0, -32767.0, -9999.0, -99999.0)  # where a file does not declare its own
 _IRREGULAR = 0.02  # of a step: more than coordinates in single precision are off
 _METRES = {
     **dict.fromkeys(("", "m", "metre", "meter", "metres", "meters", "metre(s)"), 1.0),
@@ -76,7 +72,7 @@ def _from_dataset(dataset: Any, path: Path, area: Area | None) -> Terrain:
         raise TerrainError(f"{name} does not say where it lies; a georeferenced raster is allowed.")
     factor, remark = _metres(dataset.units[0] or "", name)
     band = dataset.read(1, masked=True).astype(float).filled(np.nan)
-    band[np.isin(band, _VOID_MARKS)] = np.nan
+    band[np.isin(band, VOID_MARKS)] = np.nan
     heights = (band * dataset.scales[0] + dataset.offsets[0]) * factor
     if crs is not None and crs.is_projected:
         return _from_projected(heights, transform, crs, path, [remark], area)
@@ -113,7 +109,7 @@ def _from_projected(
         longitude, latitude = warp.transform(crs, "EPSG:4326", x, y)
         return np.array(latitude), np.unwrap(longitude, period=360.0)
 
-    heights, remark = _without_voids(heights, path.name, to_degrees, area)
+    heights, remark = without_voids(heights, path.name, to_degrees, area)
     n_rows, n_columns = heights.shape
     rows, columns = np.arange(n_rows), np.arange(n_columns)
     sides = [
@@ -290,10 +286,10 @@ def _terrain(
     if area is not None:
         heights, west = _cut_elsewhere(heights, west, longitude_step, area)
 
-    def to_degrees(row: Array, column: Array) -> tuple[Array, Array]:
+    def to_degrees(row: NDArray[Any], column: NDArray[Any]) -> tuple[Array, Array]:
         return south + latitude_step * row, west + longitude_step * column
 
-    heights, remark = _without_voids(heights, name, to_degrees, area)
+    heights, remark = without_voids(heights, name, to_degrees, area)
     shape = " x ".join(map(str, heights.shape))
     words = [f"{name} ({shape})", *filter(None, [*remarks, remark])]
     return Terrain(
@@ -316,74 +312,13 @@ def _regular(axis: Array, what: str, name: str) -> tuple[float, float, bool]:
     return float(axis[0]), step, False
 
 
-def _cut_elsewhere(
-    heights: Array, west: float, step: float, area: Area
-) -> tuple[Array, float]:
+def _cut_elsewhere(heights: Array, west: float, step: float, area: Area) -> tuple[Array, float]:
     """Heights and their first longitude, cut opposite to an area that a global grid ends in."""
     width = step * (heights.shape[1] - 1)
     here = area.about(west + 0.5 * width)
     if here.west is None or here.east is None or west <= here.west <= here.east <= west + width:
         return heights, west
     return rolled(heights, west, step, 0.5 * (here.west + here.east))
-
-
-def _without_voids(
-    heights: Array,
-    name: str,
-    to_degrees: Callable[[Array, Array], tuple[Array, Array]],
-    area: Area | None,
-) -> tuple[Array, str]:
-    """Heights with few voids filled, and what to say of it.
-
-    Parameters
-    ----------
-    to_degrees : latitudes and longitudes of rows and columns.
-    area : in which voids count; those outside are filled, however many they are. None: everywhere.
-    """
-    void = ~np.isfinite(heights) | np.isin(heights, _VOID_MARKS)
-    if not void.any():
-        return heights, ""
-    rows, columns = np.nonzero(void)
-    latitude, longitude = to_degrees(rows, columns)
-    count, cells, first, where = rows.size, void.size, 0, ""
-    counting = void
-    if area is not None:
-        # As many cells as there are in the area, by a sample of them.
-        stride = math.ceil(math.sqrt(void.size / _SAMPLED))
-        row, column = (np.append(np.arange(0, n - 1, stride), n - 1) for n in void.shape)
-        sampled = to_degrees(*(a.ravel() for a in np.meshgrid(row, column, indexing="ij")))
-        here = area.about(float(longitude.mean())).within(*sampled)
-        within = here.holds(latitude, longitude)
-        count, first = int(within.sum()), int(within.argmax())
-        cells = max(count, round(float(here.holds(*sampled).mean()) * void.size))
-        where = " of the area needed, {:.4g}° to {:.4g}° N, {:.4g}° to {:.4g}° E".format(*here)
-        counting = np.zeros_like(void)
-        counting[rows[within], columns[within]] = True
-    place = f"{latitude[first]:.5f}, {longitude[first]:.5f}"
-    if void.all() or count > 0 and count >= _MOST_VOIDS * cells:
-        raise TerrainError(
-            f"{name} has {count} voids among {cells} cells{where}, the first at latitude, "
-            f"longitude {place}: less than {_MOST_VOIDS:.0%} is allowed; fill them first, for "
-            "example with gdal_fillnodata"
-            + (", or build a map of a part without them, by its bounds." if count < void.size else ".")
-        )
-    everywhere = rows.size < _MOST_VOIDS * void.size
-    filled = _filled(heights, void, void if everywhere else counting)
-    outside = f", {rows.size - count} of them outside of the area needed" if where else ""
-    return filled, f"{rows.size} voids filled, the first at {place}{outside}"
-
-
-def _filled(heights: Array, void: NDArray[np.bool_], linear: NDArray[np.bool_]) -> Array:
-    """Voids filled with the nearest cell; ``linear`` ones linearly from those around, if inside."""
-    nearest = distance_transform_edt(void, return_distances=False, return_indices=True)
-    filled = heights[tuple(nearest)]
-    around = binary_dilation(linear, np.ones((3, 3))) & ~void
-    known, wanted = np.argwhere(around), np.argwhere(linear)
-    if len(np.unique(known[:, 0])) > 1 and len(np.unique(known[:, 1])) > 1:
-        between = griddata(known, heights[around], wanted, method="linear")
-        inside = np.isfinite(between)
-        filled[tuple(wanted[inside].T)] = between[inside]
-    return filled
 
 
 def _metres(unit: str, name: str) -> tuple[float, str]:

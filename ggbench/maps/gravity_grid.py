@@ -52,8 +52,8 @@ def read_grid(
     Raises
     ------
     MapError
-        If the file cannot be read, has gaps in the area, an irregular grid, other units, or values that such a
-        grid cannot have.
+        If the file cannot be read, has gaps in the area, an irregular grid, other units, or values
+        that such a grid cannot have.
     """
     try:
         path.open("rb").close()

@@ -91,5 +91,5 @@ class Ground:
         share = float(np.mean(around + self.geoid_height_m + _DRAPE_M >= lowest))
         return (
             f"the lowest layer, {lowest:g} m, lies {lowest - self.highest_m:.0f} m above {self}; a "
-            f"flight {_DRAPE_M:g} m above the ground is within the map over {share:.0%} of it"
+            f"flight {_DRAPE_M:g} m above the ground is in the map over {share:.0%} of its area"
         )

@@ -24,8 +24,8 @@ _LAYERS = 9
 _SPACING_PER_HEIGHT = 0.25
 _NEAR_GROUND = (1.0, 100.0), (0.5, 50.0)
 """Over ground, horizontally and vertically: what share of the height above it nodes may be apart,
-as far as that is more than a quarter, and up to how much [m]: interpolation errs by 0.02 E rms where
-the gradient is 100 E."""
+as far as that is more than a quarter, and up to how much [m]. Interpolation errs by 0.02 E rms
+where the gradient is 100 E, and by 0.005 E 100 m higher."""
 _LEAST_REACH_M = 1000.0  # upwards, by default
 _WIDEST_HEIGHT_SPACING = 1000.0
 _ROUNDING_DEG = 1e-6  # what a bound may lie outside for being typed with few digits
@@ -193,8 +193,8 @@ def _heights_and_spacing(
     elif spacing_deg > 1.001 * widest:
         remarks.append(
             f"the spacing of {3600 * spacing_deg:g}″ is wider than {3600 * widest:.3g}″, "
-            f"{_share(across, distance)} of the {distance:.0f} m to the sources: what lies between the nodes is interpolated "
-            "poorly"
+            f"{_share(across, distance)} of the {distance:.0f} m to the sources: what lies between "
+            "the nodes is interpolated poorly"
         )
     if not 0.0 < spacing_deg < math.inf:
         raise MapError(f"the spacing of {3600 * spacing_deg:g}″ must be positive.")

@@ -194,6 +194,7 @@ def checked(recipe: MapRecipe) -> MapRecipe:
                 f"{recipe.source!r}."
             )
     bounds = Area(west=recipe.west_deg, east=recipe.east_deg).about(0.5 * sum(longitudes))
+    assert bounds.west is not None and bounds.east is not None  # as both were given
     recipe = dataclasses.replace(recipe, west_deg=bounds.west, east_deg=bounds.east)
     limits = (
         ("south_deg", "north_deg", *latitudes),

@@ -67,7 +67,7 @@ def beside(found: Field, longitude: float) -> Field:
 
 @lru_cache(maxsize=8)
 def _turned(found: Field, turn: float) -> Field:
-    return dataclasses.replace(found, origin=found.origin + [0.0, turn, 0.0])
+    return dataclasses.replace(found, origin=found.origin + np.array([0.0, turn, 0.0]))
 
 
 @lru_cache(maxsize=8)

@@ -19,8 +19,8 @@ from .limits import FASTEST_MPS, HIGHEST_M, LOWEST_M
 class Within:
     """Limits of a number, both included; of a number that may also be 0, if ``or_zero``.
 
-    ``usual`` is the narrower range outside which a value other than 0 is odd. ``mistaken`` is a unit
-    that is easily taken for the right one, and what one of it is in that.
+    ``usual`` is the narrower range outside which a value other than 0 is odd. ``mistaken`` is a
+    unit that is easily taken for the right one, and what one of it is in that.
     """
 
     lowest: float

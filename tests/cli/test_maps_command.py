@@ -147,8 +147,19 @@ def test_a_grid_of_icgem_says_itself_where_it_holds():
 
 def test_a_terrain_map_says_all_about_itself(monkeypatch):
     """With bounds, heights and spacing of its own; shown, drawn, in its file."""
-    output = run("build", "-o", "dem.nc", "--terrain", DEM, "--density", 2600, "--west", 275.65,
-                 "--lowest", 1600)
+    output = run(
+        "build",
+        "-o",
+        "dem.nc",
+        "--terrain",
+        DEM,
+        "--density",
+        2600,
+        "--west",
+        275.65,
+        "--lowest",
+        1600,
+    )
     assert "longitude: -84.35° to" in output
     assert "a terrain alone gives what the ground within it attracts" in output
     assert "Wrote dem.nc" in output
@@ -217,7 +228,7 @@ BAD = {
     "outside": (["--geoid", GEOID, "--south", 20], "--south 20 lies outside what the inputs"),
     "not a number": (["--geoid", GEOID, "--south", "nan"], "--south nan must be a finite number"),
     "upside down": (["--geoid", GEOID, "--south", 34, "--north", 33], "must be less than --north"),
-    "below ground": (["--terrain", DEM, "--lowest", 900], "--lowest 900 lies 176 m below the highest"),
+    "below ground": (["--terrain", DEM, "--lowest", 900], "900 lies 176 m below the highest"),
     "heights": (["--terrain", DEM, "--highest", 1000], "must lie above --lowest"),
     "space": (["--terrain", DEM, "--lowest", 1e7], "at most at 1e+06 m"),
     "no spacing": (["--geoid", GEOID, "--spacing-arcsec", 0], "must be positive"),
@@ -385,7 +396,9 @@ def test_a_density_in_another_unit_is_asked_about():
     write_hills("dem.tif", 8.0)
     words = ["build", "-o", "map.nc", "--terrain", "dem.tif", "--highest", 620]
     output = run(*words, "--density", 2.67)
-    assert "Warning: --density 2.67 kg/m³ is odd (500 to 4000 is usual; is it in g/cm³? then" in output
+    assert (
+        "Warning: --density 2.67 kg/m³ is odd (500 to 4000 is usual; is it in g/cm³? then" in output
+    )
     assert "then give 2670)" in output
     output = run(*words, "--water-density", 1.03)
     assert "Warning: --water-density 1.03 kg/m³ is odd" in output and "give 1030)" in output
@@ -399,6 +412,6 @@ def test_a_lowest_height_above_the_ground_instead_of_the_ellipsoid_is_refused():
     output = run(*words, 150, code=2)
     assert "--lowest 150 lies 70 m below the highest ground of the terrain (220 m at" in output
     assert "at least 228 m is allowed, for heights are above the ellipsoid" in output
-    output = run(*words, 225, "--south", 36.2, "--north", 36.21, code=2)
+    output = run(*words, 225, "--south", 36.201, "--north", 36.21, code=2)
     assert "only 5 m above" in output and "outside of the map's bounds): at least 228 m" in output
     assert not Path("map.nc").exists()

@@ -144,10 +144,10 @@ def test_gaps_count_only_where_values_are_needed(tmp_path):
     values = np.arange(1600.0).reshape(40, 40) / 100.0
     values[:5] = np.nan
     write_grid(path, "g", "m", values, 30.0, 5.0, 0.1)
-    with pytest.raises(MapError, match="200 nodes without a value .* the first at 30° N, 5° E"):
+    with pytest.raises(MapError, match=r"200 nodes without a value .* the first at 30° N, 5° E"):
         read_grid(path, "geoid")
     grid = read_grid(path, "geoid", area=Area(31.05, 33.0, 365.55, 368.0))
     assert (grid.south_deg, grid.west_deg) == pytest.approx((31.0, 5.5))
     np.testing.assert_array_equal(grid.values, values[10:31, 5:31])
-    with pytest.raises(MapError, match="the first at 30.2° N, 5.5° E; fill them"):
+    with pytest.raises(MapError, match=r"the first at 30.2° N, 5.5° E; fill them"):
         read_grid(path, "geoid", area=Area(30.25, 33.0, 5.5, 8.0))

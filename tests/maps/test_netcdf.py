@@ -423,7 +423,9 @@ def test_nothing_is_left_of_a_map_that_could_not_be_finished(tmp_path):
 def test_a_map_may_cross_the_date_line_and_be_cut_there(tmp_path):
     """However its longitudes are written, with a jump or without, and its bounds are given."""
     path, jumping = tmp_path / "map.nc", tmp_path / "jumping.nc"
-    wide = {k: np.tile(getattr(some_map(), k), (1, 3, 1, 1)) for k in ("tensor", "gravity_disturbance")}
+    wide = {
+        k: np.tile(getattr(some_map(), k), (1, 3, 1, 1)) for k in ("tensor", "gravity_disturbance")
+    }
     there = dataclasses.replace(some_map(), longitude0=math.radians(179.8), **wide)
     write(path, there)
     shutil.copy(path, jumping)

@@ -156,7 +156,9 @@ def test_a_terrain_serves_its_inner_part_above_its_highest_ground(tmp_path):
         assert 48.08 <= north + 1e-9 < 48.08 + step and 10.16 <= east + 1e-9 < 10.16 + step
         assert made.nodes.height_m[0] == lowest
         for too_low, where in ((799.0, "1 m below"), (801.0, "only 1 m above")):
-            words = rf"{where} the highest ground .* \({800.0 + geoid:g} m at 47.6000° N, 9.2000° E\)"
+            words = (
+                rf"{where} the highest ground .* \({800.0 + geoid:g} m at 47.6000° N, 9.2000° E\)"
+            )
             with pytest.raises(MapError, match=words):
                 wishes = Wishes(lowest_m=too_low + geoid)
                 plan(Inputs(terrain=path, geoid_height_m=geoid), wishes, "test")
@@ -182,7 +184,9 @@ def test_a_map_begins_low_enough_for_flights_that_follow_the_ground(tmp_path):
     made = plan(Inputs(terrain=low_hills(tmp_path / "low.npz")), Wishes(), "test")
     assert made.nodes.height_m[0] == 320.0
     remark = made.remarks[-1]
-    assert "320 m, lies 100 m above the highest ground of the terrain (220 m at 46.0250° N" in remark
+    assert (
+        "320 m, lies 100 m above the highest ground of the terrain (220 m at 46.0250° N" in remark
+    )
     served = int(remark.rpartition("over ")[2].partition("%")[0])
     assert 5 <= served <= 40  # where the ground is higher than 120 m
 

@@ -215,5 +215,5 @@ def test_voids_far_from_a_flight_do_not_matter_to_it(tmp_path):
     np.savez(path, lat=axes[0], lon=axes[1], z=height)
     latitude, longitude = np.radians([33.4, 33.41]), np.radians([108.2, 108.6])
     np.testing.assert_allclose(terrain_following.heights(str(path), latitude, longitude), 250.0)
-    with pytest.raises(TrajectoryError, match="voids among .* of the area needed"):
+    with pytest.raises(TrajectoryError, match=r"voids among .* of the area needed"):
         terrain_following.heights(str(path), np.radians([33.1, 33.11]), longitude)
