@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ..gravity.ellipsoid import metres_per_radian
 from ..gravity.field import Field
 from ..gravity.gradient_map import MapError
+from ..gravity.meridians import Area
 from . import information as info
 from . import statistics as stats
 from .components import Components, grades, principal_components
@@ -211,7 +212,8 @@ def cells_between(
     jutting = max(0.0, 0.5 * ((design.track_m or 0.0) - side))
     margin = (design.reach + jutting) / metres
     low, high = np.degrees(lower[:2] + margin), np.degrees(upper[:2] - margin)
-    for axis, (start, end) in enumerate((bounds[:2], bounds[2:])):
+    here = Area(*bounds).about(0.5 * float(low[1] + high[1]))
+    for axis, (start, end) in enumerate((here[:2], here[2:])):
         low[axis] = low[axis] if start is None else max(low[axis], start)
         high[axis] = high[axis] if end is None else min(high[axis], end)
     size = design.cell_deg

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..gravity.ellipsoid import SEMI_MAJOR_AXIS
 from ..gravity.gradient_map import GradientMap, MapError
+from ..gravity.meridians import Area
 from ..maps.recipe import MapRecipe, load_or_build, read
 from ..maps.shipped_regions import SOURCES, extent_deg
 from ..maps.shipped_terrains import (
@@ -88,6 +89,7 @@ def _recipe(
     north, east = north - spacing / 60.0, east - spacing / 60.0
     margin = math.degrees(around_m / SEMI_MAJOR_AXIS) * 1.01 + spacing / 60.0
     wide = margin / math.cos(math.radians(max(abs(south), abs(north))))
+    bounds = Bounds(*Area(*bounds).about(0.5 * (west + east)))
     sides = (
         south if bounds.south is None else max(south, bounds.south - margin),
         north if bounds.north is None else min(north, bounds.north + margin),

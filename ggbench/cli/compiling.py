@@ -48,10 +48,10 @@ def tell_maps(fields: Iterable[FieldSpec]) -> None:
     )
     for wanted in recipes:
         try:
-            recipe._check(wanted)
+            wanted = recipe.checked(wanted)
         except GGBenchError:  # which is told where its case is flown
             continue
-        if not (cache_folder() / "maps" / f"{recipe.content_key(wanted)}.npz").exists():
+        if not recipe.cached_path(wanted).exists():
             click.echo(
                 f"Building a map of {wanted.source}, {wanted.south_deg:g}° to "
                 f"{wanted.north_deg:g}° N, {wanted.west_deg:g}° to {wanted.east_deg:g}° E, once; "

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 from rich.console import Console
 
-from ..figures.numbers import short
+from ..figures.numbers import short, some
 from ..trajectory.manoeuvres import BANK_GRAVITY
 from .preflight import Examined, Flown
 
@@ -33,7 +33,7 @@ def print_flights(found: Sequence[Examined], console: Console) -> None:
         readings.setdefault(counts, []).append(each.case.name)
     for what, told in (("Flight", flights), ("Readings", readings)):
         for text, names in told.items():
-            of = f" in {_some(names)}" if len(names) < len(cases) else ""
+            of = f" in {some(names, most=_NAMED)}" if len(names) < len(cases) else ""
             console.print(f"{what}{of}: {text}", markup=False)
 
 
@@ -57,11 +57,6 @@ def _span(low: float, high: float, digits: int) -> str:
     return first if first == last else f"{first} to {last}"
 
 
-def _some(names: Sequence[str]) -> str:
-    more = len(names) - _NAMED
-    return ", ".join(names) if more < 2 else f"{', '.join(names[:_NAMED])}, and {more} more"
-
-
 def warnings(found: Sequence[Examined]) -> Iterator[str]:
     """Yield a sentence for each thing that no vehicle does, and how it is mended; each once."""
     said: dict[str, list[str]] = {}
@@ -70,7 +65,7 @@ def warnings(found: Sequence[Examined]) -> Iterator[str]:
         for what in absurdities(each.flown):
             said.setdefault(what, []).append(study + each.case.name)
     for what, names in said.items():
-        yield f"in {_some(names)}, {what}"
+        yield f"in {some(names, most=_NAMED)}, {what}"
 
 
 def absurdities(flown: Flown) -> Iterator[str]:

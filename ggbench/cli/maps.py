@@ -62,11 +62,20 @@ def map_group() -> None:
     help="Degree up to which the other data hold the field; the terrain adds what is shorter "
     "[the highest degree of the coefficients].",
 )  # fmt: skip
-@click.option("--south", type=float, help="Bounds [deg]; default: what the data can serve.")
+@click.option(
+    "--south",
+    type=float,
+    help="Bounds [deg], longitudes from -180 or from 0; "
+    "across the date line 179 to -179. Default: what the data can serve.",
+)
 @click.option("--north", type=float)
 @click.option("--west", type=float)
 @click.option("--east", type=float)
-@click.option("--lowest", type=float, help="Lowest height above the ellipsoid [m].")
+@click.option(
+    "--lowest",
+    type=float,
+    help="Lowest height above the ellipsoid, and above the highest ground [m].",
+)
 @click.option("--highest", type=float, help="Highest height above the ellipsoid [m].")
 @click.option("--height-spacing", type=float, help="Between layers [m].")
 @click.option("--spacing-arcsec", type=float, help="In latitude and longitude.")
@@ -95,6 +104,7 @@ def build(output: Path, precision: str, compression: int, **options: Any) -> Non
     from ..gravity.gradient_map import MapError
     from ..maps import netcdf, plan
     from ..maps.nodes import Wishes
+    from ..spec.quantities import DENSITY
 
     grids = [kind for kind in ("geoid", "anomaly", "disturbance") if options[kind] is not None]
     if len(grids) > 1:
@@ -136,6 +146,11 @@ def build(output: Path, precision: str, compression: int, **options: Any) -> Non
     )
     started = time.monotonic()
     made = plan.plan(inputs, wishes, _command(options))
+    for option in ("density", "water_density"):
+        odd = DENSITY.oddity(options[option])
+        if odd:
+            name = option.replace("_", "-")
+            click.echo(f"Warning: --{name} {options[option]:g} kg/m³ is odd ({odd}).")
     watched = plan.Watched(made.layers())
     netcdf.write_layers(output, made.nodes, watched, made.attributes, precision, compression)
     elapsed = time.monotonic() - started

@@ -17,6 +17,7 @@ import numpy as np
 from ..campaign.campaign import CampaignError, check
 from ..errors import GGBenchError
 from ..gravity.ellipsoid import metres_along
+from ..gravity.meridians import turns
 from ..maps import recipe
 from ..recorded.motion import angles_of
 from ..simulation.equipment import equip
@@ -160,8 +161,7 @@ def _bounds(spec: FieldSpec) -> tuple[np.ndarray, np.ndarray]:
             tell_maps([spec])
         field = make_field(spec)
         return field.lower, field.upper
-    wanted = map_recipe(spec)
-    recipe._check(wanted)
+    wanted = recipe.checked(map_recipe(spec))
     degrees = [[wanted.south_deg, wanted.west_deg], [wanted.north_deg, wanted.east_deg]]
     lower, upper = np.radians(degrees)
     return np.append(lower, wanted.min_height_m), np.append(upper, wanted.max_height_m)
@@ -179,6 +179,8 @@ def _trajectory_once(spec: TrajectorySpec, dt: float, versions: tuple[object, ..
 
 def _margin(trajectory: Trajectory, lower: np.ndarray, upper: np.ndarray) -> Margin:
     positions = trajectory.positions
+    turn = turns(0.5 * (lower[1] + upper[1]), positions[0, 1], math.tau)
+    lower, upper = (bound + np.array([0.0, turn, 0.0]) for bound in (lower, upper))
     metres = metres_along(positions)
     distances = {
         "south": (positions[:, 0] - lower[0]) * metres[:, 1],

@@ -29,6 +29,7 @@ def field_map(arrays: Mapping[str, np.ndarray]) -> Drawing:
     axis.set_aspect(1.0 / np.cos(np.radians(latitude.mean())))
     axis.set_xlabel("longitude [° E]")
     axis.set_ylabel("latitude [° N]")
+    axis.ticklabel_format(useOffset=False)
     axis.grid(False)
     figure.colorbar(mesh, label="disturbing Γ_UU [E]", shrink=0.8)
     return figure

@@ -33,6 +33,7 @@ def map_components(nodes: Nodes, tensor: Any, height: float, source: str) -> Dra
             vmax=limit, interpolation="nearest",
         )  # fmt: skip
         axis.grid(visible=False)
+        axis.ticklabel_format(useOffset=False)
         axis.set_title(f"Γ_{name.upper()}")
         figure.colorbar(image, ax=axis, shrink=0.85, label="[E]", extend="both")
     for axis in axes[-1]:

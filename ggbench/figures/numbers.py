@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 
 def counted(count: int, noun: str) -> str:
     """Return how many there are of what a noun names: ``1 run``, ``2 runs``."""
     return f"{count} {noun if count == 1 else f'{noun}s'}"
+
+
+def some(said: Sequence[str], separator: str = ", ", most: int = 6) -> str:
+    """Return what is said of the first few, the best, and of how many more it could be said."""
+    more = len(said) - most
+    return separator.join(said[:most]) + (f" and {more} more" if more > 0 else "")
 
 
 def short(value: float) -> str:

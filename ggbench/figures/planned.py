@@ -106,6 +106,7 @@ def _plan(figure: SubFigure, bounds: pd.DataFrame, field: Field) -> None:
     axis.set_xlim(low[0], high[0])
     axis.set_ylim(low[1], high[1])
     axis.set_aspect(stretch)
+    axis.ticklabel_format(useOffset=False)
     axis.set_xlabel("longitude [°]")
     axis.set_ylabel("latitude [°]")
     axis.grid(visible=False)

@@ -33,8 +33,9 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from scipy.ndimage import spline_filter
 
 from .ellipsoid import EOTVOS, radii_of_curvature
+from .meridians import turns
 from .plane_splines import evaluate, resample
-from .stereographic import plane_at, scale_factor, to_plane
+from .stereographic import Plane, plane_at, scale_factor, to_plane
 from .terrain import Terrain, TerrainError
 
 GRAVITATIONAL_CONSTANT = 6.6743e-11
@@ -47,6 +48,7 @@ _LARGEST_DISTORTION = 5e-3  # of lengths, by the map
 _FEWEST_ORDERS = 6
 _MOST_ORDERS = 80
 _CONVERGED = 1e-4  # rms of what is left of the series [E]
+_CLEARANCE_PER_HALF_RELIEF = 0.15  # which the most orders take, about
 _COARSE_NODES = 64  # per axis, for the field of the periodic images
 _COARSE_PERIODS = 8
 _EDGE = 0.5  # cells beyond the outermost nodes that belong to the terrain
@@ -159,6 +161,50 @@ def terrain_layers(
         yield tensor, vector
 
 
+def least_clearance(terrain: Terrain, nodes: int = _MOST_NODES) -> float:
+    """Height above the highest ground at which the Fourier grid has so many nodes [m].
+
+    A quarter of that height is between them, but no more than between the terrain's own.
+
+    Raises TerrainError for a terrain that is too wide for a plane.
+    """
+    _, _, size = _laid_flat(terrain)
+    around = size + 2.0 * _BORDER * float(size.max())
+    step = math.sqrt(float(around.prod()) / nodes)
+    return min(step, max(_native(terrain))) / _SPACING_PER_HEIGHT
+
+
+def converging_clearance(terrain: Terrain) -> float:
+    """Height above the highest ground that the most orders take, about [m]; smooth ground less."""
+    return _CLEARANCE_PER_HALF_RELIEF * 0.5 * float(np.ptp(terrain.height_m))
+
+
+def _laid_flat(terrain: Terrain) -> tuple[Plane, NDArray, NDArray]:
+    """The plane of a terrain, its south-western corner there, and its size in x and y [m]."""
+    lat, lon = np.radians(terrain.latitudes_deg), np.radians(terrain.longitudes_deg)
+    plane = plane_at(0.5 * (lat[0] + lat[-1]), 0.5 * (lon[0] + lon[-1]))
+    distortion = max(abs(scale_factor(a, lon[0], plane) - 1.0) for a in lat[[0, -1]])
+    if not (distortion <= _LARGEST_DISTORTION and lon[-1] - lon[0] < math.pi):
+        raise TerrainError(
+            f"{terrain.name} is too wide for a plane, {np.ptp(terrain.latitudes_deg):g} by "
+            f"{np.ptp(terrain.longitudes_deg):g} degrees: crop it to at most about 10 degrees."
+        )
+    rim = [(a, b) for a in lat for b in lon[[0, -1]]] + [(a, b) for a in lat[[0, -1]] for b in lon]
+    points = np.array([to_plane(a, b, plane)[:2] for a, b in rim])
+    return plane, points.min(axis=0), np.ptp(points, axis=0)
+
+
+def _native(terrain: Terrain) -> tuple[float, float]:
+    """Distances between the terrain's nodes in its middle, to the east and to the north [m]."""
+    lat = np.radians(terrain.latitudes_deg)
+    middle = 0.5 * (lat[0] + lat[-1])
+    meridian, prime_vertical = radii_of_curvature(middle)
+    return (
+        math.radians(terrain.longitude_step_deg) * prime_vertical * math.cos(middle),
+        math.radians(terrain.latitude_step_deg) * meridian,
+    )
+
+
 class _Series:
     """Parker's series at the lowest height, on a grid of the plane around the terrain."""
 
@@ -173,21 +219,7 @@ class _Series:
         self._sum(layers, options)
 
     def _lay_grid(self, terrain: Terrain, levels: NDArray) -> None:
-        lat, lon = np.radians(terrain.latitudes_deg), np.radians(terrain.longitudes_deg)
-        middle = 0.5 * (lat[0] + lat[-1])
-        self.plane = plane_at(middle, 0.5 * (lon[0] + lon[-1]))
-        distortion = max(abs(scale_factor(a, lon[0], self.plane) - 1.0) for a in lat[[0, -1]])
-        if not (distortion <= _LARGEST_DISTORTION and lon[-1] - lon[0] < math.pi):
-            raise TerrainError(
-                f"{terrain.name} is too wide for a plane, {np.ptp(terrain.latitudes_deg):g} by "
-                f"{np.ptp(terrain.longitudes_deg):g} degrees: crop it to at most about 10 degrees."
-            )
-        rim = [(a, b) for a in lat for b in lon[[0, -1]]] + [
-            (a, b) for a in lat[[0, -1]] for b in lon
-        ]
-        points = np.array([to_plane(a, b, self.plane)[:2] for a, b in rim])
-        corner, size = points.min(axis=0), np.ptp(points, axis=0)
-
+        self.plane, corner, size = _laid_flat(terrain)
         ground = terrain.height_m
         highest = float(ground.max())
         self._lowest_level = float(levels.min())
@@ -198,12 +230,7 @@ class _Series:
                 f"{terrain.name}, {highest:g} m above its zero level: only heights above that "
                 "are allowed, where Parker's series converges."
             )
-        meridian, prime_vertical = radii_of_curvature(middle)
-        native = (
-            math.radians(terrain.longitude_step_deg) * prime_vertical * math.cos(middle),
-            math.radians(terrain.latitude_step_deg) * meridian,
-        )
-        self.step = np.minimum(native, _SPACING_PER_HEIGHT * clearance)
+        self.step = np.minimum(_native(terrain), _SPACING_PER_HEIGHT * clearance)
         # Of the terrain alone: a field must not depend on what other heights are asked for.
         self.border = _BORDER * float(size.max())
         wanted = np.ceil((size + 2.0 * self.border) / self.step) + 2 * _MARGIN_NODES
@@ -281,7 +308,7 @@ class _Series:
                 f"Parker's series leaves {left:.2g} E after {_MOST_ORDERS} orders at the lowest "
                 f"height, {self._lowest_level - self._highest:.3g} m above the highest ground of "
                 f"{self._name}: {_CONVERGED:g} E is allowed, which takes about "
-                f"{0.15 * half:.3g} m here."
+                f"{_CLEARANCE_PER_HALF_RELIEF * half:.3g} m here."
             )
         self.orders = n
 
@@ -403,8 +430,7 @@ def _check_inside(terrain: Terrain, latitude: NDArray, longitude: NDArray) -> No
     for name, degrees, nodes, step in limits:
         low, high = nodes[0] - _EDGE * step, nodes[-1] + _EDGE * step
         if name == "longitude":  # the same meridian, counted as the terrain counts
-            middle = 0.5 * (low + high)
-            degrees = middle + (degrees - middle + 180.0) % 360.0 - 180.0
+            degrees = degrees + turns(degrees, 0.5 * (low + high))
         if not (low - 1e-9 <= degrees.min() and degrees.max() <= high + 1e-9):
             raise TerrainError(
                 f"{name} {degrees.min():.6g} to {degrees.max():.6g} degrees is not within "

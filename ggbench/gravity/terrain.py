@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import GGBenchError
+from .meridians import turns
 
 FEWEST_NODES = 4  # per axis, what a cubic spline needs
 LOWEST_M, HIGHEST_M = -12000.0, 9000.0  # the Earth has nothing beyond
@@ -19,6 +20,19 @@ _ON_NODE = 1e-6  # of a step: a bound that rounding puts beside a node
 
 class TerrainError(GGBenchError):
     """A terrain cannot be read, or gives no field as asked."""
+
+
+def require_latitudes(name: str, south: float, north: float) -> None:
+    """Raise TerrainError if a grid reaches beyond a pole [deg]; ``name`` begins the sentence."""
+    if -90.0 <= south < north <= 90.0 + 1e-9:
+        return
+    hint = ""
+    if max(abs(south), abs(north)) > 1000.0:
+        hint = "; are these metres of a projection that the file does not name?"
+    raise TerrainError(
+        f"{name} reaches from latitude {south:.6g} to {north:.6g}: -90 to 90 degrees is allowed"
+        f"{hint or '.'}"
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,11 +70,7 @@ class Terrain:
             if not 0.0 < step < np.inf:
                 raise TerrainError(f"{self.name} has {name} = {step}, which must be positive.")
         south, north = self.south_deg, self.south_deg + self.latitude_step_deg * (shape[0] - 1)
-        if not -90.0 <= south < north <= 90.0 + 1e-9:
-            raise TerrainError(
-                f"{self.name} reaches from latitude {south:.6g} to {north:.6g}: -90 to 90 degrees "
-                "is allowed."
-            )
+        require_latitudes(self.name, south, north)
         width = self.longitude_step_deg * (shape[1] - 1)
         if not (abs(self.west_deg) <= 360.0 and width <= 360.0 + 1e-9):
             raise TerrainError(
@@ -98,7 +108,7 @@ class Terrain:
                 "must each go from the smaller to the larger."
             )
         # The same meridians, counted as the terrain counts.
-        turn = 360.0 * round((self.longitudes_deg.mean() - 0.5 * (west_deg + east_deg)) / 360.0)
+        turn = float(turns(0.5 * (west_deg + east_deg), self.longitudes_deg.mean()))
         bounds = (
             (south_deg, north_deg, self.south_deg, self.latitude_step_deg),
             (west_deg + turn, east_deg + turn, self.west_deg, self.longitude_step_deg),

@@ -15,16 +15,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import griddata
-from scipy.ndimage import binary_dilation, distance_transform_edt, map_coordinates, spline_filter
+from scipy.ndimage import map_coordinates, spline_filter
 
-from .terrain import FEWEST_NODES, Terrain, TerrainError
+from .meridians import Area, rolled
+from .terrain import FEWEST_NODES, Terrain, TerrainError, require_latitudes
+from .voids import VOID_MARKS, without_voids
 
 Array = NDArray[np.floating]
 
 _MOST_CELLS = 100_000_000
-_MOST_VOIDS = 0.01  # share of the cells that may be filled
-_VOID_MARKS = (-32768.0, -32767.0, -9999.0, -99999.0)  # where a file does not declare its own
 _IRREGULAR = 0.02  # of a step: more than coordinates in single precision are off
 _METRES = {
     **dict.fromkeys(("", "m", "metre", "meter", "metres", "meters", "metre(s)"), 1.0),
@@ -49,13 +48,13 @@ def _import(module: str, path: Path) -> Any:
         ) from None
 
 
-def _read_raster(path: Path) -> Terrain:
+def _read_raster(path: Path, area: Area | None) -> Terrain:
     """Read whatever GDAL reads, of one band, in degrees or projected."""
     rasterio = _import("rasterio", path)
     try:
         # Its warnings concern what is refused here in a sentence.
         with warnings.catch_warnings(action="ignore"), rasterio.open(path) as dataset:
-            return _from_dataset(dataset, path)
+            return _from_dataset(dataset, path, area)
     except TerrainError:
         raise
     except Exception as error:  # GDAL's, rasterio's own, and those of its parsers of metadata
@@ -64,7 +63,7 @@ def _read_raster(path: Path) -> Terrain:
         ) from None
 
 
-def _from_dataset(dataset: Any, path: Path) -> Terrain:
+def _from_dataset(dataset: Any, path: Path, area: Area | None) -> Terrain:
     name, crs, transform = path.name, dataset.crs, dataset.transform
     if dataset.count != 1:
         raise TerrainError(f"{name} has {dataset.count} bands; one, of heights, is allowed.")
@@ -73,10 +72,10 @@ def _from_dataset(dataset: Any, path: Path) -> Terrain:
         raise TerrainError(f"{name} does not say where it lies; a georeferenced raster is allowed.")
     factor, remark = _metres(dataset.units[0] or "", name)
     band = dataset.read(1, masked=True).astype(float).filled(np.nan)
-    band[np.isin(band, _VOID_MARKS)] = np.nan
+    band[np.isin(band, VOID_MARKS)] = np.nan
     heights = (band * dataset.scales[0] + dataset.offsets[0]) * factor
     if crs is not None and crs.is_projected:
-        return _from_projected(heights, transform, crs, path, [remark])
+        return _from_projected(heights, transform, crs, path, [remark], area)
     if not (crs is None or crs.is_geographic):
         raise TerrainError(
             f"{name} has coordinates that are neither geographic nor projected: {crs}."
@@ -93,11 +92,12 @@ def _from_dataset(dataset: Any, path: Path) -> Terrain:
         heights,
         name,
         [remark, "no reference system given, taken as degrees" if crs is None else ""],
+        area,
     )
 
 
 def _from_projected(
-    heights: Array, transform: Any, crs: Any, path: Path, remarks: list[str]
+    heights: Array, transform: Any, crs: Any, path: Path, remarks: list[str], area: Area | None
 ) -> Terrain:
     """Resample a projected raster, by cubic splines, to a box of degrees within its edges."""
     warp = _import("rasterio.warp", path)
@@ -109,9 +109,7 @@ def _from_projected(
         longitude, latitude = warp.transform(crs, "EPSG:4326", x, y)
         return np.array(latitude), np.unwrap(longitude, period=360.0)
 
-    heights, remark = _without_voids(
-        heights, path.name, lambda row, column: tuple(a[0] for a in to_degrees(row, column))
-    )
+    heights, remark = without_voids(heights, path.name, to_degrees, area)
     n_rows, n_columns = heights.shape
     rows, columns = np.arange(n_rows), np.arange(n_columns)
     sides = [
@@ -153,16 +151,16 @@ def _from_projected(
         )
         resampled[index] = map_coordinates(coefficients, where, mode="mirror", prefilter=False)
     remarks = [*remarks, remark, "resampled to latitude and longitude"]
-    return _terrain(latitude, longitude, resampled, path.name, remarks)
+    return _terrain(latitude, longitude, resampled, path.name, remarks, area)
 
 
-def _read_netcdf(path: Path) -> Terrain:
+def _read_netcdf(path: Path, area: Area | None) -> Terrain:
     """Read the heights of a netCDF file, of version 3 or 4, with coordinates in degrees."""
     xarray = _import("xarray", path)
     _import("netCDF4", path)
     try:
         with xarray.open_dataset(path, engine="netcdf4", decode_times=False) as dataset:
-            return _from_variables(dataset, path.name)
+            return _from_variables(dataset, path.name, area)
     except TerrainError:
         raise
     except Exception as error:  # the engines raise a dozen kinds
@@ -171,7 +169,7 @@ def _read_netcdf(path: Path) -> Terrain:
         ) from None
 
 
-def _from_variables(dataset: Any, name: str) -> Terrain:
+def _from_variables(dataset: Any, name: str, area: Area | None) -> Terrain:
     grids = {}
     for key, variable in dataset.data_vars.items():
         if variable.dtype.kind not in "iuf":
@@ -198,7 +196,7 @@ def _from_variables(dataset: Any, name: str) -> Terrain:
             raise TerrainError(f"{name} has {axis.name} in {unit!r}; degrees are allowed.")
     factor, remark = _metres(str(grid.attrs.get("units", "")), name)
     heights = np.asarray(grid.values, dtype=float) * factor
-    return _terrain(latitude.values, longitude.values, heights, name, [remark])
+    return _terrain(latitude.values, longitude.values, heights, name, [remark], area)
 
 
 def _axis_kind(dataset: Any, dimension: Any) -> str | None:
@@ -217,12 +215,12 @@ def _axis_kind(dataset: Any, dimension: Any) -> str | None:
     return "longitude" if standard == "longitude" or name in _LONGITUDE_NAMES else None
 
 
-def _read_npz(path: Path) -> Terrain:
+def _read_npz(path: Path, area: Area | None) -> Terrain:
     """Read a NumPy archive with one of three sets of arrays."""
     try:
         with np.load(path, allow_pickle=False) as archive:
             arrays = {key: archive[key] for key in archive.files}
-        return _from_arrays(arrays, path.name)
+        return _from_arrays(arrays, path.name, area)
     except TerrainError:
         raise
     except Exception as error:  # whatever a damaged archive makes of itself
@@ -231,10 +229,10 @@ def _read_npz(path: Path) -> Terrain:
         ) from None
 
 
-def _from_arrays(arrays: Mapping[str, Any], name: str) -> Terrain:
+def _from_arrays(arrays: Mapping[str, Any], name: str, area: Area | None) -> Terrain:
     if {"lat", "lon", "z"} <= arrays.keys():
         heights = arrays["z"].astype(float)
-        return _terrain(arrays["lat"], arrays["lon"], heights, name, [])
+        return _terrain(arrays["lat"], arrays["lon"], heights, name, [], area)
     if {"south_deg", "west_deg", "latitude_step_deg", "longitude_step_deg", "height_m"} <= set(
         arrays
     ):
@@ -246,6 +244,7 @@ def _from_arrays(arrays: Mapping[str, Any], name: str) -> Terrain:
             heights,
             name,
             [str(arrays["name"])] if "name" in arrays else [],
+            area,
         )
     if {"elevation", "xmin", "ymax", "dx", "dy"} <= arrays.keys():
         # As matplotlib's sample jacksboro_fault_dem.npz: the first row is the northern one, and
@@ -255,7 +254,7 @@ def _from_arrays(arrays: Mapping[str, Any], name: str) -> Terrain:
         rows, columns = (np.arange(count) + 0.5 for count in heights.shape)
         latitude = float(arrays["ymax"]) - float(arrays["dy"]) * rows
         longitude = float(arrays["xmin"]) + float(arrays["dx"]) * columns
-        return _terrain(latitude, longitude, heights, name, [])
+        return _terrain(latitude, longitude, heights, name, [], area)
     raise TerrainError(
         f"{name} has the arrays {', '.join(sorted(arrays))}; those of a Terrain, or lat, lon and "
         "z, or elevation, xmin, ymax, dx and dy are allowed."
@@ -263,7 +262,12 @@ def _from_arrays(arrays: Mapping[str, Any], name: str) -> Terrain:
 
 
 def _terrain(
-    latitude: Array, longitude: Array, heights: Array, name: str, remarks: list[str]
+    latitude: Array,
+    longitude: Array,
+    heights: Array,
+    name: str,
+    remarks: list[str],
+    area: Area | None,
 ) -> Terrain:
     """A terrain of rows and columns in any order, voids being NaN or one of the usual marks."""
     for axis, count in zip((latitude, longitude), heights.shape, strict=True):
@@ -277,13 +281,15 @@ def _terrain(
     heights = heights[::-1] if flipped else heights
     west, longitude_step, flipped = _regular(longitude, "longitudes", name)
     heights = heights[:, ::-1] if flipped else heights
+    require_latitudes(name, south, south + latitude_step * (heights.shape[0] - 1))
     west = (west + 180.0) % 360.0 - 180.0
+    if area is not None:
+        heights, west = _cut_elsewhere(heights, west, longitude_step, area)
 
-    heights, remark = _without_voids(
-        heights,
-        name,
-        lambda row, column: (south + latitude_step * row, west + longitude_step * column),
-    )
+    def to_degrees(row: NDArray[Any], column: NDArray[Any]) -> tuple[Array, Array]:
+        return south + latitude_step * row, west + longitude_step * column
+
+    heights, remark = without_voids(heights, name, to_degrees, area)
     shape = " x ".join(map(str, heights.shape))
     words = [f"{name} ({shape})", *filter(None, [*remarks, remark])]
     return Terrain(
@@ -306,35 +312,13 @@ def _regular(axis: Array, what: str, name: str) -> tuple[float, float, bool]:
     return float(axis[0]), step, False
 
 
-def _without_voids(
-    heights: Array, name: str, place: Callable[[int, int], tuple[float, float]]
-) -> tuple[Array, str]:
-    """Heights with few voids filled, and what to say of it; ``place`` gives latitude, longitude."""
-    void = ~np.isfinite(heights) | np.isin(heights, _VOID_MARKS)
-    if not void.any():
-        return heights, ""
-    count, first = int(void.sum()), np.argwhere(void)[0]
-    where = "{:.5f}, {:.5f}".format(*place(*first))
-    if count >= _MOST_VOIDS * void.size:
-        raise TerrainError(
-            f"{name} has {count} voids among {void.size} cells, the first at latitude, longitude "
-            f"{where}: less than {_MOST_VOIDS:.0%} is allowed; fill them first, for example with "
-            "gdal_fillnodata."
-        )
-    return _filled(heights, void), f"{count} voids filled, the first at {where}"
-
-
-def _filled(heights: Array, void: NDArray[np.bool_]) -> Array:
-    """Voids filled linearly from the cells around them, at the borders with the nearest cell."""
-    around = binary_dilation(void, np.ones((3, 3))) & ~void
-    known, wanted = np.argwhere(around), np.argwhere(void)
-    nearest = distance_transform_edt(void, return_distances=False, return_indices=True)
-    filled = heights[tuple(nearest)]
-    if len(np.unique(known[:, 0])) > 1 and len(np.unique(known[:, 1])) > 1:
-        linear = griddata(known, heights[around], wanted, method="linear")
-        inside = np.isfinite(linear)
-        filled[tuple(wanted[inside].T)] = linear[inside]
-    return filled
+def _cut_elsewhere(heights: Array, west: float, step: float, area: Area) -> tuple[Array, float]:
+    """Heights and their first longitude, cut opposite to an area that a global grid ends in."""
+    width = step * (heights.shape[1] - 1)
+    here = area.about(west + 0.5 * width)
+    if here.west is None or here.east is None or west <= here.west <= here.east <= west + width:
+        return heights, west
+    return rolled(heights, west, step, 0.5 * (here.west + here.east))
 
 
 def _metres(unit: str, name: str) -> tuple[float, str]:
@@ -357,7 +341,7 @@ def _one_line(error: Exception) -> str:
     return " ".join(str(error).split()) or type(error).__name__
 
 
-_READERS: dict[str, Callable[[Path], Terrain]] = {
+_READERS: dict[str, Callable[[Path, Area | None], Terrain]] = {
     ".tif": _read_raster,
     ".tiff": _read_raster,
     ".hgt": _read_raster,
@@ -369,7 +353,7 @@ _READERS: dict[str, Callable[[Path], Terrain]] = {
 """Readers by the suffix of the file."""
 
 
-def read_terrain(path: Path) -> Terrain:
+def read_terrain(path: Path, area: Area | None = None) -> Terrain:
     """Read a digital elevation model.
 
     Parameters
@@ -378,6 +362,8 @@ def read_terrain(path: Path) -> Terrain:
         grid (``.nc``, ``.grd``) or a NumPy archive (``.npz``) with the arrays of a
         :class:`Terrain`, or ``lat``, ``lon`` and ``z``, or ``elevation``, ``xmin``, ``ymax``,
         ``dx`` and ``dy``.
+    area : where the heights are needed: voids elsewhere are filled with the nearest cell, however
+        many they are, and a grid around the Earth is cut opposite to it. None: everywhere.
 
     Returns
     -------
@@ -387,8 +373,8 @@ def read_terrain(path: Path) -> Terrain:
     Raises
     ------
     TerrainError : a file missing, damaged or of another kind, an optional package missing, a grid
-        that is not regular in latitude and longitude, voids of one per cent or more, an unknown
-        unit, heights outside -12000 to 9000 m.
+        that is not regular in latitude and longitude, voids of one per cent or more of the area, an
+        unknown unit, heights outside -12000 to 9000 m.
     """
     path = Path(path)
     reader = _READERS.get(path.suffix.lower())
@@ -405,4 +391,4 @@ def read_terrain(path: Path) -> Terrain:
             f"{path.name} is of no kind that is known by its suffix; allowed: "
             f"{', '.join(_READERS)}."
         )
-    return reader(path)
+    return reader(path, area)

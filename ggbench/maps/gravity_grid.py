@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from ..gravity.gradient_map import MapError
+from ..gravity.meridians import Area, rolled, turns
 from ..gravity.remove_restore import GravityGrid, linear_weights
 from .shipped_regions import read_arrays
 
@@ -26,9 +27,12 @@ _TO_SI = {
 _METRES = {"m", "metre", "metres", "meter", "meters"}
 _LARGEST = {"geoid": 150.0, "anomaly": 0.02, "disturbance": 0.02}  # [m], [m/s²]
 _FEWEST = 16  # nodes per axis
+_ON_NODE = 1e-6  # of a step: a bound that rounding puts beside a node
 
 
-def read_grid(path: Path, kind: str, height_m: float = 0.0) -> GravityGrid:
+def read_grid(
+    path: Path, kind: str, height_m: float = 0.0, area: Area | None = None
+) -> GravityGrid:
     """Return the grid in a netCDF file (also GMT's), a raster, a ``.gdf`` or an ``.npz`` file.
 
     A netCDF file has one variable on latitude x longitude; its attribute ``units`` is m for a geoid
@@ -42,12 +46,14 @@ def read_grid(path: Path, kind: str, height_m: float = 0.0) -> GravityGrid:
     path : of the file.
     kind : ``geoid``, ``anomaly`` or ``disturbance``.
     height_m : above the ellipsoid, where the values hold [m].
+    area : where values are needed. A grid with gaps is cut to it, and one around the Earth opposite
+        to it, unless it is held by the grid as it is. None: everywhere.
 
     Raises
     ------
     MapError
-        If the file cannot be read, has gaps, an irregular grid, other units, or values that such a
-        grid cannot have.
+        If the file cannot be read, has gaps in the area, an irregular grid, other units, or values
+        that such a grid cannot have.
     """
     try:
         path.open("rb").close()
@@ -61,15 +67,26 @@ def read_grid(path: Path, kind: str, height_m: float = 0.0) -> GravityGrid:
             raise MapError(f"{path} holds at {own_height:g} m, not at --grid-height {height_m:g}.")
         height_m = own_height
     elif path.suffix in (".tif", ".tiff", ".asc"):
-        latitude, longitude, values = _from_raster(path, kind)
+        latitude, longitude, values = _from_raster(path, kind, area)
     else:
         latitude, longitude, values = _from_netcdf(path, kind)
+    longitude = np.unwrap(longitude, period=360.0)
     latitude, values = _ascending(latitude, values, 0)
     longitude, values = _ascending(longitude, values, 1)
     step_lat = _regular_step(path, "latitude", latitude)
     step_lon = _regular_step(path, "longitude", longitude)
-    if not np.isfinite(values).all():
-        raise MapError(f"{path} has gaps: every node of its grid must have a value.")
+    if area is not None:
+        longitude, values = _cut_elsewhere(longitude, values, area)
+        if not np.isfinite(values).all():
+            latitude, longitude, values = _cropped(latitude, longitude, values, area)
+    gaps = np.argwhere(~np.isfinite(values))
+    if gaps.size:
+        row, column = gaps[0]
+        raise MapError(
+            f"{path} has gaps: {len(gaps)} nodes without a value where they are needed, the first "
+            f"at {latitude[row]:.5g}° N, {longitude[column]:.5g}° E; fill them, or build a map of "
+            "a part without them, by its bounds."
+        )
     if np.abs(values).max() > _LARGEST[kind]:
         unit = "m" if kind == "geoid" else "m/s²"
         raise MapError(
@@ -93,6 +110,7 @@ def elevation_at(grid: GravityGrid, terrain: Terrain) -> Array:
     land = np.maximum(np.asarray(terrain.height_m, dtype=float), 0.0)
     latitude = terrain.south_deg + terrain.latitude_step_deg * np.arange(land.shape[0])
     longitude = terrain.west_deg + terrain.longitude_step_deg * np.arange(land.shape[1])
+    longitude = longitude + turns(longitude.mean(), grid.longitude_deg.mean())
     axes = (("latitude", latitude, grid.latitude_deg), ("longitude", longitude, grid.longitude_deg))
     for name, has, needs in axes:
         slack = has[1] - has[0]
@@ -129,10 +147,37 @@ def _from_archive(path: Path, kind: str) -> tuple[Array, Array, Array]:
     return south + step * np.arange(n_lat), west + step * np.arange(n_lon), values
 
 
-def _from_raster(path: Path, kind: str) -> tuple[Array, Array, Array]:
+def _cut_elsewhere(longitude: Array, values: Array, area: Area) -> tuple[Array, Array]:
+    """Longitudes and values, cut opposite to an area that a grid around the Earth ends in."""
+    here = area.about(float(longitude.mean()))
+    if here.west is None or here.east is None:
+        return longitude, values
+    if longitude[0] <= here.west <= here.east <= longitude[-1]:
+        return longitude, values
+    step = float(longitude[-1] - longitude[0]) / (longitude.size - 1)
+    values, west = rolled(values, float(longitude[0]), step, 0.5 * (here.west + here.east))
+    return west + step * np.arange(values.shape[1]), values
+
+
+def _cropped(
+    latitude: Array, longitude: Array, values: Array, area: Area
+) -> tuple[Array, Array, Array]:
+    """The part of a grid that covers an area, as far as it reaches."""
+    here = area.about(float(longitude.mean()))
+    parts = []
+    for axis, low, high in ((latitude, *here[:2]), (longitude, *here[2:])):
+        step = axis[1] - axis[0]
+        first = 0 if low is None else math.floor((low - axis[0]) / step + _ON_NODE)
+        last = axis.size - 1 if high is None else math.ceil((high - axis[0]) / step - _ON_NODE)
+        first = min(max(first, 0), axis.size - _FEWEST)
+        parts.append(slice(first, max(last, first + _FEWEST - 1) + 1))
+    return latitude[parts[0]], longitude[parts[1]], values[parts[0], parts[1]]
+
+
+def _from_raster(path: Path, kind: str, area: Area | None) -> tuple[Array, Array, Array]:
     from ..gravity.terrain_files import read_terrain
 
-    raster = read_terrain(path)
+    raster = read_terrain(path, area)
     values = np.asarray(raster.height_m, dtype=float)
     latitude = raster.south_deg + raster.latitude_step_deg * np.arange(values.shape[0])
     longitude = raster.west_deg + raster.longitude_step_deg * np.arange(values.shape[1])

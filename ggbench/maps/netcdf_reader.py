@@ -15,13 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..gravity.gradient_map import GradientMap, MapError
+from ..gravity.meridians import Area
 from . import checks
 from .netcdf import AXES, ENU, FEWEST_NODES, TENSOR, VECTOR, Layer, Nodes, variables
 
 Array = NDArray[np.floating]
-
-Crop = tuple[float, float, float, float]
-"""South, north, west, east [deg]."""
 
 _MARGIN_NODES = 4  # kept around a crop: there the ends of a spline are felt
 _UNITS = {
@@ -34,7 +32,7 @@ _UNITS = {
 _LIMITS = {"height": (-12e3, 1e6), "latitude": (-90.0, 90.0), "longitude": (-360.0, 360.0)}
 
 
-def read(path: Path, crop: Crop | None = None) -> GradientMap:
+def read(path: Path, crop: Area | None = None) -> GradientMap:
     """Return the map in a netCDF file of this package, or in one made like it.
 
     Parameters
@@ -167,6 +165,8 @@ def _read_nodes(path: Path, file: Any) -> tuple[dict[str, Array], dict[str, bool
                 f"{path}: {name} must be one axis of at least {FEWEST_NODES} nodes, found shape "
                 f"{values.shape}."
             )
+        if name == "longitude":  # of a map across the date line
+            values = np.unwrap(values, period=360.0)
         descends[name] = bool(values[0] > values[-1])
         if descends[name]:
             values = values[::-1]
@@ -198,13 +198,16 @@ def _read_nodes(path: Path, file: Any) -> tuple[dict[str, Array], dict[str, bool
     return nodes, descends
 
 
-def _kept(path: Path, nodes: Mapping[str, Array], crop: Crop | None) -> dict[str, slice]:
+def _kept(path: Path, nodes: Mapping[str, Array], crop: Area | None) -> dict[str, slice]:
     """The nodes to read, along each axis."""
     keep = {name: slice(0, values.size) for name, values in nodes.items()}
     if crop is None:
         return keep
+    crop = Area(*crop).about(float(nodes["longitude"].mean()))
     for name, low, high in (("latitude", *crop[:2]), ("longitude", *crop[2:])):
         values, step = nodes[name], _step(nodes[name])
+        low = values[0] if low is None else low
+        high = values[-1] if high is None else high
         if not (low <= values[-1] + step and high >= values[0] - step and low <= high):
             raise MapError(
                 f"{path} covers {name}s from {values[0]:.4f}° to {values[-1]:.4f}°, and nothing of "

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..gravity.ellipsoid import SEMI_MAJOR_AXIS
 from ..gravity.gradient_map import MapError
+from ..gravity.meridians import Area, eastern, turns
 from .netcdf import FEWEST_NODES, Nodes
 
 Array = NDArray[np.floating]
@@ -21,6 +22,11 @@ _MOST_CELLS = 1_000_000  # along an axis
 HIGHEST_M = 1e6
 _LAYERS = 9
 _SPACING_PER_HEIGHT = 0.25
+_NEAR_GROUND = (1.0, 100.0), (0.5, 50.0)
+"""Over ground, horizontally and vertically: what share of the height above it nodes may be apart,
+as far as that is more than a quarter, and up to how much [m]. Interpolation errs by 0.02 E rms
+where the gradient is 100 E, and by 0.005 E 100 m higher."""
+_LEAST_REACH_M = 1000.0  # upwards, by default
 _WIDEST_HEIGHT_SPACING = 1000.0
 _ROUNDING_DEG = 1e-6  # what a bound may lie outside for being typed with few digits
 
@@ -38,6 +44,11 @@ class Wishes:
     spacing_deg: float | None = None
     height_spacing_m: float | None = None
 
+    @property
+    def area(self) -> Area:
+        """The bounds."""
+        return Area(self.south_deg, self.north_deg, self.west_deg, self.east_deg)
+
 
 @dataclasses.dataclass
 class Reach:
@@ -50,6 +61,7 @@ class Reach:
     floor_m : heights must be above this [m].
     lowest_m : lowest height by default [m].
     sources_m : height of the sources [m]; their distance decides on the spacing.
+    ground : of sources that are ground, its highest point in words; else nothing.
     """
 
     bounds: Array
@@ -57,22 +69,23 @@ class Reach:
     floor_m: float
     lowest_m: float
     sources_m: float
+    ground: str = ""
 
 
 def nodes_for(reaches: list[Reach], wishes: Wishes) -> tuple[Nodes, list[str]]:
     """The nodes, within what all sources can serve, and remarks about them."""
     remarks: list[str] = []
     inner = np.array([1.0, -1.0, 1.0, -1.0])  # times a bound: the larger is further inside
-    allowed = inner * np.max([inner * reach.bounds for reach in reaches], axis=0)
-    good = inner * np.max([inner * reach.good for reach in reaches], axis=0)
+    turned = _in_one_turn(reaches)
+    allowed = inner * np.max([inner * (reach.bounds + turn) for reach, turn in turned], axis=0)
+    good = inner * np.max([inner * (reach.good + turn) for reach, turn in turned], axis=0)
     names = ("south", "north", "west", "east")
     for name, value in vars(wishes).items():
         if value is not None and not math.isfinite(value):
             option = name.removesuffix("_deg").removesuffix("_m").replace("_", "-")
             raise MapError(f"--{option} {value} must be a finite number.")
-    asked = [getattr(wishes, f"{name}_deg") for name in names]
-    if allowed[3] <= 180.0:  # the inputs count from -180, the user perhaps from 0
-        asked[2:] = [a - 360.0 if a is not None and a > 180.0 else a for a in asked[2:]]
+    _require_degrees(wishes)
+    asked = _counted_alike(wishes.area, allowed)
     bounds = np.array([g if a is None else a for a, g in zip(asked, good, strict=True)])
     if None in asked and np.array_equal(good, EVERYWHERE):
         raise MapError(
@@ -90,7 +103,8 @@ def nodes_for(reaches: list[Reach], wishes: Wishes) -> tuple[Nodes, list[str]]:
         if not bounds[low] < bounds[high]:
             raise MapError(
                 f"--{names[low]} {bounds[low]:g} must be less than --{names[high]} "
-                f"{bounds[high]:g}: else nothing is left of what the inputs serve."
+                f"{bounds[high]:g}: else nothing is left of what the inputs serve"
+                + (" (across the date line: --west 179 --east -179)." if high == 3 else ".")
             )
     heights, spacing_deg = _heights_and_spacing(reaches, wishes, remarks)
     latitude = _axis(bounds[0], bounds[1], spacing_deg, allowed[1])
@@ -105,6 +119,41 @@ def nodes_for(reaches: list[Reach], wishes: Wishes) -> tuple[Nodes, list[str]]:
     return Nodes(latitude, longitude, heights), remarks
 
 
+def _require_degrees(wishes: Wishes) -> None:
+    """Raise MapError if a bound is no latitude or longitude."""
+    for name, most in (("south", 90.0), ("north", 90.0), ("west", 360.0), ("east", 360.0)):
+        value = getattr(wishes, f"{name}_deg")
+        if value is not None and abs(value) > most:
+            what = "longitude" if most > 90.0 else "latitude"
+            raise MapError(
+                f"--{name} {value:g} is no {what}: {-most:g} to {most:g} degrees is allowed"
+                + ("; are these metres of a projection?" if abs(value) > 1000.0 else ".")
+            )
+
+
+def _in_one_turn(reaches: list[Reach]) -> list[tuple[Reach, Array]]:
+    """Reaches with what to add to their bounds, so that all count longitudes alike.
+
+    As the first one of a region; what serves the whole Earth serves every turn.
+    """
+    middles = [float(reach.bounds[2:].mean()) for reach in reaches]
+    whole = [np.array_equal(reach.bounds, EVERYWHERE) for reach in reaches]
+    first = next((m for m, w in zip(middles, whole, strict=True) if not w), 0.0)
+    added = [0.0 if w else turns(m, first) for m, w in zip(middles, whole, strict=True)]
+    return [(r, np.array([0.0, 0.0, a, a])) for r, a in zip(reaches, added, strict=True)]
+
+
+def _counted_alike(area: Area, allowed: Array) -> list[float | None]:
+    """The bounds that are asked for, longitudes counted as those that are allowed."""
+    west, east = area.west, area.east
+    if np.ptp(allowed[2:]) <= 360.0:
+        middle = 0.5 * (allowed[2] + allowed[3])
+        west, east = (s if s is None else s + float(turns(s, middle)) for s in (west, east))
+    elif west is not None and east is not None:
+        east = eastern(west, east)
+    return [area.south, area.north, west, east]
+
+
 def _heights_and_spacing(
     reaches: list[Reach], wishes: Wishes, remarks: list[str]
 ) -> tuple[Array, float]:
@@ -113,41 +162,72 @@ def _heights_and_spacing(
     lowest = wishes.lowest_m
     if lowest is None:
         lowest = max(reach.lowest_m for reach in reaches)
-    if not lowest >= floor:
-        raise MapError(
-            f"--lowest {lowest:g} lies below the sources: at least {floor:g} m is allowed."
-        )
+    nearest = max(reaches, key=lambda reach: reach.sources_m)
     distance = lowest - sources
-    quarter = _SPACING_PER_HEIGHT * distance
+    if not lowest >= floor:
+        raise MapError(f"--lowest {lowest:g} {_too_low(reaches, lowest, floor)}")
+    across, upwards = widest_spacings(distance, bool(nearest.ground))
     spacing_m = wishes.height_spacing_m
     if spacing_m is None:
-        spacing_m = _round_down(min(quarter, _WIDEST_HEIGHT_SPACING))
+        spacing_m = _round_down(min(upwards, _WIDEST_HEIGHT_SPACING))
     if not 0.0 < spacing_m < math.inf:
         raise MapError(
             f"--height-spacing {spacing_m:g} must be positive: is --lowest above the ground?"
         )
     highest = wishes.highest_m
     if highest is None:
-        highest = lowest + (_LAYERS - 1) * spacing_m
+        layers = _LAYERS - 1
+        if nearest.ground:
+            layers = max(layers, math.ceil(_LEAST_REACH_M / spacing_m))
+        highest = lowest + layers * spacing_m
     if not lowest < highest <= HIGHEST_M:
         raise MapError(
             f"--highest {highest:g} must lie above --lowest {lowest:g} and at most at "
             f"{HIGHEST_M:g} m."
         )
     heights = _axis(lowest, highest, spacing_m, math.inf)
-    widest = math.degrees(quarter / SEMI_MAJOR_AXIS)
+    widest = math.degrees(across / SEMI_MAJOR_AXIS)
     spacing_deg = wishes.spacing_deg
     if spacing_deg is None:
         spacing_deg = _round_down(3600.0 * widest) / 3600.0
     elif spacing_deg > 1.001 * widest:
         remarks.append(
-            f"the spacing of {3600 * spacing_deg:g}″ is wider than {3600 * widest:.3g}″, a quarter "
-            f"of the {distance:.0f} m to the sources: what lies between the nodes is interpolated "
-            "poorly"
+            f"the spacing of {3600 * spacing_deg:g}″ is wider than {3600 * widest:.3g}″, "
+            f"{_share(across, distance)} of the {distance:.0f} m to the sources: what lies between "
+            "the nodes is interpolated poorly"
         )
     if not 0.0 < spacing_deg < math.inf:
         raise MapError(f"the spacing of {3600 * spacing_deg:g}″ must be positive.")
     return heights, spacing_deg
+
+
+def widest_spacings(distance: float, ground: bool) -> tuple[float, float]:
+    """Distances between nodes, horizontally and vertically, at a distance from the sources [m]."""
+    quarter = _SPACING_PER_HEIGHT * distance
+    if not ground:
+        return quarter, quarter
+    return tuple(  # type: ignore[return-value]
+        max(quarter, min(share * distance, most)) for share, most in _NEAR_GROUND
+    )
+
+
+def _share(spacing: float, distance: float) -> str:
+    """Which share of a distance a spacing is, in words."""
+    share = spacing / distance
+    return "a quarter" if abs(share - _SPACING_PER_HEIGHT) < 1e-6 else f"{share:.2g}"
+
+
+def _too_low(reaches: list[Reach], lowest: float, floor: float) -> str:
+    """What is wrong with a lowest height, after the number."""
+    allowed = f"at least {floor:g} m is allowed"
+    deciding = max(reaches, key=lambda reach: reach.floor_m)
+    if not deciding.ground:
+        return f"lies below the sources: {allowed}."
+    above = lowest - deciding.sources_m
+    where = f"{abs(above):.3g} m {'below' if above < 0.0 else 'above'} {deciding.ground}"
+    if above >= 0.0:
+        where = f"only {where}"
+    return f"lies {where}: {allowed}, for heights are above the ellipsoid, not above the ground."
 
 
 def _axis(low: float, high: float, step: float, limit: float) -> Array:

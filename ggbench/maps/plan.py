@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 from ..gravity.ellipsoid import SEMI_MAJOR_AXIS
 from ..gravity.gradient_map import MapError
 from ..gravity.harmonics import HarmonicCoefficients, without_normal_field
+from ..gravity.meridians import Area
 from ..gravity.remove_restore import MARGIN_DEG, TAPER_DEG, Residual, height_anomaly
 from ..numerics.source import VERSION
 from .gravity_grid import elevation_at, read_grid
 from .gravity_model import read_model
+from .ground import Ground
 from .netcdf import TENSOR, VECTOR, Layer, Nodes, described
 from .nodes import EVERYWHERE, Reach, Wishes, nodes_for
 from .parts import FILTER_ORDER, HarmonicPart, Part, ResidualPart, TerrainPart, summed
@@ -32,7 +34,6 @@ Array = NDArray[np.floating]
 SHIPPED_COEFFICIENTS = "egm2008_degree120.npz"
 _SHIPPED_DEGREE = 120
 _INSET = 0.1  # of a terrain's width: nearer to its edges what lies beyond them matters most
-_CLEARANCE_M = 500.0  # least height above the highest ground, by default
 
 
 @dataclasses.dataclass(frozen=True)
@@ -89,8 +90,10 @@ def plan(inputs: Inputs, wishes: Wishes, command: str) -> Plan:
     MapError, TerrainError
         If a file cannot be used, files do not go together, or bounds cannot be served.
     """
-    sources = _Sources(inputs)
+    sources = _Sources(inputs, wishes.area)
     nodes, remarks = nodes_for(sources.reaches, wishes)
+    if sources.ground is not None:
+        remarks.append(sources.ground.remark(nodes))
     attributes = {
         "title": f"Gravity-gradient map: {sources.title}",
         "source": "; ".join(sources.words),
@@ -104,7 +107,9 @@ def plan(inputs: Inputs, wishes: Wishes, command: str) -> Plan:
 class _Sources:
     """The parts of a map with what there is to say about them."""
 
-    def __init__(self, inputs: Inputs) -> None:
+    def __init__(self, inputs: Inputs, area: Area) -> None:
+        self._area = area
+        self.ground: Ground | None = None
         self.parts: list[Part] = []
         self.reaches: list[Reach] = []
         self.words: list[str] = []
@@ -184,12 +189,17 @@ class _Sources:
 
     def _grid(self, inputs: Inputs, path: Path, coefficients: HarmonicCoefficients) -> None:
         self._hash(path)
-        grid = read_grid(path, inputs.grid_kind, inputs.grid_height_m)
+        # Harmonics of higher degree leave a residual of shorter waves, which needs less of an edge.
+        narrower = min(1.0, _SHIPPED_DEGREE / coefficients.degree)
+        margin = narrower * MARGIN_DEG
+        area = self._area.widened(margin, margin)
+        grid = read_grid(path, inputs.grid_kind, inputs.grid_height_m, area)
         if inputs.grid_kind == "geoid" and inputs.grid_height_m != 0.0:
             raise MapError("--grid-height is for gravity: a geoid holds at the ellipsoid.")
         word = f"{inputs.grid_kind} grid {path.name} less the harmonics"
         if inputs.land_correction:
-            terrain = self._read_terrain(inputs.land_correction)
+            sides = grid.latitude_deg[[0, -1]].tolist(), grid.longitude_deg[[0, -1]].tolist()
+            terrain = self._read_terrain(inputs.land_correction, Area(*sides[0], *sides[1]))
             values = height_anomaly(grid.values, elevation_at(grid, terrain))
             grid = dataclasses.replace(grid, values=values)
             word += f", land correction with {inputs.land_correction.name}"
@@ -198,15 +208,13 @@ class _Sources:
                 "the geoid is taken for the height anomaly; on land --land-correction makes it so"
             )
         self.words.append(word)
-        # Harmonics of higher degree leave a residual of shorter waves, which needs less of an edge.
-        narrower = min(1.0, _SHIPPED_DEGREE / coefficients.degree)
         lat, lon = grid.latitude_deg, grid.longitude_deg
         bounds = np.array([lat[0], lat[-1], lon[0], lon[-1]])
-        good = bounds + narrower * MARGIN_DEG * np.array([1.0, -1.0, 1.0, -1.0])
+        good = bounds + margin * np.array([1.0, -1.0, 1.0, -1.0])
         if not (good[0] < good[1] and good[2] < good[3]):
             raise MapError(
                 f"{path} spans {lat[-1] - lat[0]:.3g}° x {lon[-1] - lon[0]:.3g}°; with harmonics "
-                f"to degree {coefficients.degree}, {narrower * MARGIN_DEG:.3g}° along each edge is "
+                f"to degree {coefficients.degree}, {margin:.3g}° along each edge is "
                 "lost and nothing is left: it must be larger, or the harmonics of higher degree."
             )
         self.parts.append(ResidualPart(Residual(grid, coefficients, narrower * TAPER_DEG)))
@@ -221,7 +229,7 @@ class _Sources:
         from ..gravity.parker import TerrainOptions
 
         options = TerrainOptions(inputs.density, inputs.water_density, inputs.order)
-        terrain = self._read_terrain(path)
+        terrain = self._read_terrain(path, self._around(self._area))
         degree = inputs.terrain_from_degree
         if degree is not None and coefficients is None:
             raise MapError("--terrain-from-degree goes with --coefficients or a gravity grid.")
@@ -263,16 +271,34 @@ class _Sources:
         spans = terrain.latitude_step_deg * (n_lat - 1), terrain.longitude_step_deg * (n_lon - 1)
         bounds = np.array([south, south + spans[0], west, west + spans[1]])
         inset = _INSET * np.repeat(spans, 2) * np.array([1.0, -1.0, 1.0, -1.0])
-        ground = float(np.max(terrain.height_m)) + geoid_height_m
-        step = math.radians(terrain.latitude_step_deg) * SEMI_MAJOR_AXIS
-        lowest = 100.0 * math.ceil((ground + max(_CLEARANCE_M, step)) / 100.0)
-        self.reaches.append(Reach(bounds, bounds + inset, ground, lowest, ground))
+        ground = Ground(terrain, geoid_height_m, self._area)
+        self.reaches.append(
+            Reach(
+                bounds, bounds + inset, ground.floor_m(), ground.lowest_m(), ground.highest_m,
+                str(ground),
+            )
+        )  # fmt: skip
+        self.ground = ground
 
-    def _read_terrain(self, path: Path) -> Terrain:
+    @staticmethod
+    def _around(area: Area) -> Area | None:
+        """As much of a terrain around an area as a map is inset by, if no bounds are given."""
+        if area == Area():
+            return None
+        share = _INSET / (1.0 - 2.0 * _INSET)
+        middle = Area() if area.west is None else area.about(area.west)
+        return area.widened(
+            *(
+                0.0 if low is None or high is None else share * max(0.0, high - low)
+                for low, high in (area[:2], middle[2:])
+            )
+        )
+
+    def _read_terrain(self, path: Path, area: Area | None) -> Terrain:
         from ..gravity.terrain_files import read_terrain
 
         self._hash(path)
-        terrain = read_terrain(path)
+        terrain = read_terrain(path, area)
         if "," in terrain.name.removeprefix(path.name):  # voids, units, a projection
             self.remarks.append(f"read {terrain.name}")
         return terrain

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from ..files import written_whole
 from ..gravity.ellipsoid import SEMI_MAJOR_AXIS
 from ..gravity.gradient_map import GradientMap, MapError
+from ..gravity.meridians import Area
 from ..numerics.cache import alone, cache_folder
 from ..numerics.source import MAP_ROOMS, source_hash
 from . import checks, netcdf, netcdf_reader
@@ -61,7 +62,7 @@ class MapRecipe:
     Attributes
     ----------
     source : a key of :data:`SOURCES` or of :data:`ggbench.maps.shipped_terrains.TERRAINS`.
-    south_deg, north_deg, west_deg, east_deg : bounds [deg].
+    south_deg, north_deg, west_deg, east_deg : bounds [deg], longitudes in any turn.
     min_height_m, max_height_m : bounds [m above the ellipsoid].
     spacing_arcmin : in latitude and in longitude. At most a quarter of the height above the
         sources (on land, above the ellipsoid) in all but the two lowest layers of nodes; the error
@@ -99,8 +100,8 @@ def load_or_build(recipe: MapRecipe) -> GradientMap:
 
     Raises MapError as :func:`build` does.
     """
-    _check(recipe)
-    path = cache_folder() / "maps" / f"{content_key(recipe)}.npz"
+    recipe = checked(recipe)
+    path = cached_path(recipe)
     with contextlib.suppress(MapError):
         return read(path)
     with alone(path):
@@ -121,7 +122,7 @@ def build(recipe: MapRecipe) -> GradientMap:
     MapError : unknown source; bounds in the wrong order or outside the source; a spacing too wide
         for the height; a smoothing outside 0 to 1 deg; a data file missing or damaged.
     """
-    _check(recipe)
+    recipe = checked(recipe)
     step = math.radians(recipe.spacing_arcmin / 60.0)
     south, west = math.radians(recipe.south_deg), math.radians(recipe.west_deg)
     n_lat, n_lon, n_h = _node_counts(recipe)
@@ -156,8 +157,17 @@ def build(recipe: MapRecipe) -> GradientMap:
     )
 
 
-def _check(recipe: MapRecipe) -> None:
-    """Raise MapError if the recipe cannot be followed. Comparisons are such that NaN fails."""
+def cached_path(recipe: MapRecipe) -> Path:
+    """Return where the map of a recipe is kept, or would be; the recipe is a checked one."""
+    return cache_folder() / "maps" / f"{content_key(recipe)}.npz"
+
+
+def checked(recipe: MapRecipe) -> MapRecipe:
+    """Return a recipe with its longitudes counted as its source counts them.
+
+    Raises MapError, as :func:`build` does, if it cannot be followed.
+    """
+    # Comparisons are such that NaN fails.
     known = [*SOURCES, *TERRAINS]
     if recipe.source not in known:
         raise MapError(
@@ -183,6 +193,9 @@ def _check(recipe: MapRecipe) -> None:
                 f"density_kg_m3 belongs to a terrain ({', '.join(TERRAINS)}), not to "
                 f"{recipe.source!r}."
             )
+    bounds = Area(west=recipe.west_deg, east=recipe.east_deg).about(0.5 * sum(longitudes))
+    assert bounds.west is not None and bounds.east is not None  # as both were given
+    recipe = dataclasses.replace(recipe, west_deg=bounds.west, east_deg=bounds.east)
     limits = (
         ("south_deg", "north_deg", *latitudes),
         ("west_deg", "east_deg", *longitudes),
@@ -206,6 +219,7 @@ def _check(recipe: MapRecipe) -> None:
             f"Bounds and spacings give {counts} nodes in latitude, longitude and height: at least "
             f"{_FEWEST_NODES} in each and at most {_MOST_NODES} in all are allowed."
         )
+    return recipe
 
 
 def _check_spacings(recipe: MapRecipe) -> None:
@@ -270,14 +284,13 @@ def data_names(recipe: MapRecipe) -> tuple[str, ...]:
     return files.geoid, files.topography, files.coefficients
 
 
-def read(path: Path | str, crop: netcdf_reader.Crop | None = None) -> GradientMap:
+def read(path: Path | str, crop: Area | None = None) -> GradientMap:
     """Return the map in a netCDF file, or in an ``.npz`` file that :func:`write` wrote.
 
     Parameters
     ----------
     path : of the file.
-    crop : south, north, west, east [deg]: of a netCDF file, only the nodes of this region and a
-        few around it are read.
+    crop : of a netCDF file, only the nodes of this area and a few around it are read.
 
     Raises
     ------

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import hashlib
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,11 +13,12 @@ import numpy as np
 
 from ..errors import GGBenchError
 from ..gravity.field import Field, OutsideMapError
+from ..gravity.meridians import turns
 from ..ins.error_model import navigation_errors
 from ..problem import Problem
 from ..sensors.aiding import Gnss, Motion, corrected_positions, position_error
 from ..simulation.equipment import Equipment, equipment_of
-from ..simulation.field_source import is_file, make_field, map_files
+from ..simulation.field_source import beside, is_file, make_field, map_files
 from ..simulation.formulation import (
     Indicated,
     Readings,
@@ -109,6 +111,7 @@ def read_flight(path: Path | str) -> RecordedFlight:
     field = make_field(_told(spec, folder))
     model = _equipment(spec, path)
     ins = inertial(spec, folder, model, field)
+    field = beside(field, ins.longitude)
     series = read_series(spec, folder, model, ins.base)
     try:
         problem = _problem(spec, model, field, ins, series, path)
@@ -233,10 +236,15 @@ def _reference(table: ReferenceTrack, folder: Path, problem: Problem, base: Time
         velocities = velocities_of(columns, table.frame)
     if all(name in columns for name in ATTITUDE):
         attitudes = attitudes_in(columns)
-    motion = Recorded(positions_of(columns), velocities, attitudes)
+    assert problem.track is not None
+    positions = positions_of(columns)
+    there = np.isfinite(positions[:, 1])
+    if there.any():
+        first = positions[there][0, 1]
+        positions[:, 1] += turns(first, problem.track.positions[0, 1], math.tau)
+    motion = Recorded(positions, velocities, attitudes)
     if velocities is not None and table.frame is not None:
         require_consistent(columns, times, motion, table.frame)
-    assert problem.track is not None
     at, since = problem.times, times - base.start
     row, share, there = _places(at, since, base.tolerance)
     if not there.any():

@@ -13,6 +13,7 @@ from ..ins.strapdown import TRACK, error_free_increments, navigate_lanes
 from ..numerics.lanes import in_lanes, unfilled
 from ..numerics.rotations import between
 from ..simulation.equipment import Equipment
+from ..simulation.field_source import beside
 from ..simulation.replay import Recording
 from ..spec.case import MOST_SAMPLES
 from ..spec.flight import FlightError, FlightSpec, ImuRecord, InsRecord, StartSpec
@@ -58,6 +59,7 @@ class Inertial(NamedTuple):
     Attributes
     ----------
     path : of the record. base : its samples. increments : (N, 6, LANES).
+    longitude : of the first sample [rad]: in its turn longitudes of the flight are counted.
     solution : (N + 1, TRACK, LANES) its own; None if it is to be mechanised here.
     recording : of which it is mechanised; None of an INS's own solution.
     """
@@ -65,6 +67,7 @@ class Inertial(NamedTuple):
     path: Path
     base: TimeBase
     increments: np.ndarray
+    longitude: float
     solution: np.ndarray | None = None
     recording: Recording | None = None
 
@@ -138,15 +141,15 @@ def _of_solution(spec: FlightSpec, record: InsRecord, folder: Path, field: Field
         share = np.clip((at - since[before]) / (since[before + 1] - since[before]), 0.0, 1.0)
         positions, velocities = (_interpolated(at, since, v) for v in (positions, velocities))
         attitudes = between(attitudes[before], attitudes[before + 1], share)
-    felt = np.zeros((base.count, 3))
+    felt, start = np.zeros((base.count, 3)), float(positions[0, 1])
     if spec.field.compensate:
-        felt = field.gravity_disturbance(*(0.5 * (positions[1:] + positions[:-1])).T)
+        felt = beside(field, start).gravity_disturbance(*(0.5 * (positions[1:] + positions[:-1])).T)
     deltas = error_free_increments(
         np.ascontiguousarray(positions), np.ascontiguousarray(velocities), attitudes, felt, base.dt
     )
     states = np.concatenate([positions, velocities, attitudes.reshape(-1, 9)], axis=1)
     increments = in_lanes(np.hstack(deltas)[np.newaxis])
-    return Inertial(columns.path, base, increments, in_lanes(states[np.newaxis]))
+    return Inertial(columns.path, base, increments, start, in_lanes(states[np.newaxis]))
 
 
 def _increments(spec: FlightSpec, record: ImuRecord, folder: Path, model: Equipment) -> Inertial:
@@ -192,7 +195,8 @@ def _increments(spec: FlightSpec, record: ImuRecord, folder: Path, model: Equipm
         heights = in_lanes(_heights(spec, folder, base)[np.newaxis, :, np.newaxis])
     increments = in_lanes(deltas[np.newaxis])
     recording = Recording(initial[np.newaxis], increments, heights, gains)
-    return Inertial(columns.path, base, increments, recording=recording)
+    start = float(initial[1])
+    return Inertial(columns.path, base, increments, start, recording=recording)
 
 
 def _start(start: StartSpec) -> np.ndarray:

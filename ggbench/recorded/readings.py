@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..gravity.meridians import turns
 from ..sensors.aiding import Gnss, Motion, position_error
 from ..simulation.equipment import Equipment
 from ..spec.flight import (
@@ -197,8 +198,7 @@ def others(
 def _near(values: np.ndarray, ins: Motion, epochs: np.ndarray) -> np.ndarray:
     """Return positions (G, 3) with longitudes within half a turn of the INS's."""
     found = values[:, :3].copy()
-    turns = np.rint((found[:, 1] - ins.positions[0, epochs, 1]) / (2.0 * math.pi))
-    found[:, 1] -= 2.0 * math.pi * np.where(np.isfinite(turns), turns, 0.0)
+    found[:, 1] += turns(found[:, 1], ins.positions[0, epochs, 1], math.tau)
     return found
 
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from ..figures.numbers import counted, short
+from ..figures.numbers import counted, short, some
 from .league import COST_OF, EXCEPTIONS, Advice, League, Standing
 from .league_figure import number
-from .opening import some
 from .shares import percent
 from .situations import NOTHING, SITUATIONS
 from .tables import markdown

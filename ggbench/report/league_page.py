@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from urllib.parse import quote
 
-from ..figures.numbers import counted
+from ..figures.numbers import counted, some
 from ..figures.style import save
 from . import advice_section, definitions
 from .league import ABOUT, COST_OF, EXCEPTIONS, SMOOTHERS, Entry, League, geometric_mean
@@ -17,7 +17,6 @@ from .league import read as read_league
 from .league import standing as standing_of
 from .league_figure import draw, number
 from .nonlinearity_section import opening_figure
-from .opening import some
 from .scenario_report import ReportError
 from .shares import percent
 from .situations import LONG_S, NARROW, NOTHING, WIDE, is_right_model

@@ -11,14 +11,13 @@ from typing import Any
 
 import pandas as pd
 
-from ..figures.numbers import counted, short
+from ..figures.numbers import counted, short, some
 from ..judging.ranking import honest
 from ..judging.statistics import BETTER
 from ..spec.scenario import Scenario
 from .outcome import Outcome, outcome, ratio_of
 from .shares import percent, share
 
-_MOST_NAMED = 6
 """Estimators of which one thing is said by name; the others are in the table below."""
 
 
@@ -113,12 +112,6 @@ _SIGNIFICANT = 0.05
 def _times(row: Mapping[str, Any], best: Mapping[str, Any]) -> str:
     ratio = ratio_of(row["ratio_median"], best["ratio_median"])
     return f" (× {short(ratio)})" if math.isfinite(ratio) else ""
-
-
-def some(said: Sequence[str], separator: str = ", ") -> str:
-    """Return what is said of the first few, the best, and of how many more it could be said."""
-    more = len(said) - _MOST_NAMED
-    return separator.join(said[:_MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
 def _capital(text: str) -> str:

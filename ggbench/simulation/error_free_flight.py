@@ -29,7 +29,7 @@ from ..trajectory.truth import Trajectory, along, fly
 from .aiding import aiding_about
 from .bound import Bound, posterior_bound
 from .equipment import Equipment, equip
-from .field_source import make_field
+from .field_source import beside, make_field
 from .formulation import Schedule, added_gravity, require_short_delays
 from .instruments import faults, spinning_disks
 
@@ -329,6 +329,8 @@ def prepare(case: CaseSpec) -> Flight:
         file_versions(case.trajectory),
         field if true.field.gravity_disturbance else None,
     )
+    start = float(trajectory.positions[0, 1])
+    field, model_field = beside(field, start), beside(model_field, start)
     read_at = {
         sensor: np.arange(stride, len(trajectory.times), stride)
         for sensor, stride in case.strides.items()
@@ -366,7 +368,7 @@ def _error_free(
     disturbances = np.zeros((len(trajectory.times) - 1, 3))
     if felt is not None:
         middle = 0.5 * (trajectory.positions[1:] + trajectory.positions[:-1])
-        disturbances = felt.gravity_disturbance(*middle.T)
+        disturbances = beside(felt, float(middle[0, 1])).gravity_disturbance(*middle.T)
     delta_angles, delta_velocities = strapdown.error_free_increments(
         trajectory.positions,
         trajectory.velocities,

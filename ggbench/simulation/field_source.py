@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import math
 from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
@@ -13,6 +14,7 @@ import numpy as np
 from ..gravity.degraded_map import MapDegradation, degrade
 from ..gravity.field import Field
 from ..gravity.gradient_map import MapError
+from ..gravity.meridians import Area, eastern, turns
 from ..maps.netcdf import file_key
 from ..maps.netcdf_reader import source_files
 from ..maps.recipe import MapRecipe, content_key, data_names, load_or_build, read
@@ -55,6 +57,23 @@ def _with_constant(found: Field, constant: tuple[float, ...]) -> Field:
     return dataclasses.replace(found, constant_disturbance=np.array(constant) / MGAL)
 
 
+def beside(found: Field, longitude: float) -> Field:
+    """Return a field whose map counts longitudes in the same turn as a flight [rad].
+
+    A flight at 275.7° is over a map at −84.3°, and one across the date line over one that ends at
+    181° or begins at −181°.
+    """
+    if not found.has_map:
+        return found
+    turn = float(turns(0.5 * (found.lower[1] + found.upper[1]), longitude, math.tau))
+    return found if turn == 0.0 else _turned(found, turn)
+
+
+@lru_cache(maxsize=8)
+def _turned(found: Field, turn: float) -> Field:
+    return dataclasses.replace(found, origin=found.origin + np.array([0.0, turn, 0.0]))
+
+
 @lru_cache(maxsize=8)
 def _make(spec: FieldSpec, version: int) -> Field:
     if spec.source == "normal" or is_file(spec.source):
@@ -73,19 +92,19 @@ def _make(spec: FieldSpec, version: int) -> Field:
     return Field.from_map(found)
 
 
-def _crop(spec: FieldSpec) -> tuple[float, float, float, float] | None:
-    """Return the bounds (south, north, west, east) [deg] to which a file is cut, if given."""
+def _crop(spec: FieldSpec) -> Area | None:
+    """Return the bounds to which a file is cut, if given."""
     bounds = spec.south_deg, spec.north_deg, spec.west_deg, spec.east_deg
     if not any(bounds):
         return None
     south, north, west, east = bounds
-    if not (south < north and west < east):
+    if not (south < north and west < eastern(west, east)):
         raise MapError(
             f"the map {spec.source} is to be cut to latitudes from {south:g}° to {north:g}° and "
             f"longitudes from {west:g}° to {east:g}°: give south_deg, north_deg, west_deg and "
-            "east_deg, each ascending, or none of them"
+            "east_deg, each ascending, or none of them (across the date line: 179 to -179)"
         )
-    return bounds
+    return Area(*bounds)
 
 
 def _refuse_recipe(spec: FieldSpec) -> None:

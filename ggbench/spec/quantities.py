@@ -19,13 +19,15 @@ from .limits import FASTEST_MPS, HIGHEST_M, LOWEST_M
 class Within:
     """Limits of a number, both included; of a number that may also be 0, if ``or_zero``.
 
-    ``usual`` is the narrower range outside which a value other than 0 is odd.
+    ``usual`` is the narrower range outside which a value other than 0 is odd. ``mistaken`` is a
+    unit that is easily taken for the right one, and what one of it is in that.
     """
 
     lowest: float
     highest: float
     or_zero: bool = False
     usual: tuple[float, float] | None = None
+    mistaken: tuple[str, float] | None = None
 
     def __str__(self) -> str:
         zero = "be 0 or " if self.or_zero else ""
@@ -47,7 +49,12 @@ class Within:
         """Return what is usual if the value is not, else nothing."""
         if self.usual is None or value == 0.0 or self.usual[0] <= value <= self.usual[1]:
             return ""
-        return f"{_short(self.usual[0])} to {_short(self.usual[1])} is usual"
+        usual = f"{_short(self.usual[0])} to {_short(self.usual[1])} is usual"
+        if self.mistaken is not None:
+            unit, factor = self.mistaken
+            if self.usual[0] <= factor * value <= self.usual[1]:
+                usual += f"; is it in {unit}? then give {factor * value:g}"
+        return usual
 
 
 def _short(number: float) -> str:
@@ -141,7 +148,8 @@ Regularization = Annotated[float, Within(1e-7, 0.1)]
 MapSpacing = Annotated[float, Within(1e-4, 600.0)]
 HeightSpacing = Annotated[float, Within(1e-2, 1e5)]
 ReliefSmoothing = Annotated[float, Within(1e-6, 1.0, or_zero=True)]
-Density = Annotated[float, Within(1.0, 1e4, usual=(500.0, 4000.0))]
+DENSITY = Within(1.0, 1e4, usual=(500.0, 4000.0), mistaken=("g/cm³", 1000.0))  # in kg/m³
+Density = Annotated[float, DENSITY]
 DensityFactor = Annotated[float, Within(1e-3, 10.0)]
 Wavelength = Annotated[float, Within(1e-3, 1000.0)]
 

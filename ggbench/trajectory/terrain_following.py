@@ -22,11 +22,13 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import GGBenchError
+from ..gravity.meridians import Area
 from ..numerics.kernels import compiled
 from .manoeuvres import Array, State, TrajectoryError, enu, follow
 
 _STEP = 0.1  # of the plan [s]
 _SHORTEST, _LONGEST = 20.0, 36000.0  # [s]
+_NEAR_DEG = 0.02  # to a flight: where voids of its terrain count
 _BLUR = 2.0  # half the width of the moving average, a raised cosine [s]
 
 
@@ -113,7 +115,13 @@ def heights(name: str, latitude: Array, longitude: Array) -> Array:
     TrajectoryError
         If the file cannot be read, or the positions leave it.
     """
-    south, west, latitude_step, longitude_step, grid = _terrain(name, _version(name))
+    version = _version(name)
+    try:
+        found = _terrain(name, version, None)
+    except TrajectoryError:  # voids far from the flight do not matter to it
+        flown = np.degrees([latitude.min(), latitude.max(), longitude.min(), longitude.max()])
+        found = _terrain(name, version, Area(*flown.tolist()).widened(_NEAR_DEG, _NEAR_DEG))
+    south, west, latitude_step, longitude_step, grid = found
     row = (np.degrees(latitude) - south) / latitude_step
     rounding = 1e-9
     column = (np.mod(np.degrees(longitude) - west + rounding, 360.0) - rounding) / longitude_step
@@ -161,12 +169,17 @@ def _version(name: str) -> tuple[int, int]:
 
 
 @lru_cache(maxsize=2)
-def _terrain(name: str, version: tuple[int, int]) -> tuple[float, float, float, float, Array]:
-    """Return south, west, steps in latitude and longitude [deg], and heights [m]."""
+def _terrain(
+    name: str, version: tuple[int, int], area: Area | None
+) -> tuple[float, float, float, float, Array]:
+    """Return south, west, steps in latitude and longitude [deg], and heights [m].
+
+    ``area`` is where voids count; None: everywhere.
+    """
     from ..gravity.terrain_files import read_terrain
 
     try:
-        terrain = read_terrain(terrain_path(name))
+        terrain = read_terrain(terrain_path(name), area)
     except GGBenchError as error:
         raise TrajectoryError(str(error)) from None
     return (

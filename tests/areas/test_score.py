@@ -188,7 +188,7 @@ def test_a_shipped_terrain_is_made_about_any_height_that_it_gives(height, monkey
     bounds = Bounds(36.25, 36.35, -84.30, -84.20)
     _, found = named_map("jacksboro", design, bounds)
     (asked,) = made
-    recipe._check(asked)
+    recipe.checked(asked)
     assert found == (1126.0 if height is None else height)
     assert asked.min_height_m <= found <= asked.max_height_m
     assert asked.south_deg < 36.25 - 1500.0 / 111e3
@@ -208,3 +208,10 @@ def test_maps_that_are_none():
         named_map("jacksboro", Design(), Bounds())
     with pytest.raises(MapError, match="nothing of egm2008_qinling lies in the bounds"):
         named_map("egm2008_qinling", DESIGN, Bounds(south=60.0))
+
+
+def test_bounds_in_another_turn_hold_the_same_cells(field):
+    expected, _ = cells_of(field, DESIGN, Bounds(33.48, 33.60, 107.9, 108.06), "it")
+    found, _ = cells_of(field, DESIGN, Bounds(33.48, 33.60, 107.9 - 360.0, 108.06), "it")
+    assert len(found) == len(expected)
+    assert np.allclose(found, expected)

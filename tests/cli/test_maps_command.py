@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from importlib.resources import files
 
 import netCDF4
 import numpy as np
 import pandas as pd
 import pytest
+import rasterio
 import xarray
 from click.testing import CliRunner
+from command import invoke
 from grids import write_grid
 from matplotlib.image import imread
+from problems import SMALL
 from random_harmonics import write_gfc
+from rasterio.transform import from_origin
 from small_cases import blank_map
 
 from ggbench.cli.main import main
@@ -142,20 +147,31 @@ def test_a_grid_of_icgem_says_itself_where_it_holds():
 
 def test_a_terrain_map_says_all_about_itself(monkeypatch):
     """With bounds, heights and spacing of its own; shown, drawn, in its file."""
-    output = run("build", "-o", "dem.nc", "--terrain", DEM, "--density", 2600, "--west", 275.65)
+    output = run(
+        "build",
+        "-o",
+        "dem.nc",
+        "--terrain",
+        DEM,
+        "--density",
+        2600,
+        "--west",
+        275.65,
+        "--lowest",
+        1600,
+    )
     assert "longitude: -84.35° to" in output
     assert "a terrain alone gives what the ground within it attracts" in output
     assert "Wrote dem.nc" in output
     with xarray.open_dataset("dem.nc") as data:
         attributes, heights = data.attrs, data["height"].to_numpy()
         rms = float(np.sqrt((data["gradient_uu"].isel(height=0) ** 2).mean()))
-    assert heights[0] > 1076 + 400  # clear of the highest ground
     assert json.loads(attributes["parameters"])["density_kg_m3"] == 2600.0
     sha256 = json.loads(attributes["source_files"])[DEM.name]
     assert len(sha256) == 64
     assert str(DEM.parent) not in " ".join(map(str, attributes.values()))
     assert attributes["history"].endswith(
-        "--terrain jacksboro_dem_3arcsec.npz --density 2600.0 --west 275.65"
+        "--terrain jacksboro_dem_3arcsec.npz --density 2600.0 --west 275.65 --lowest 1600.0"
     )
 
     shown = run("show", "dem.nc", "-o", "dem.png", "--height", 2000)
@@ -212,14 +228,14 @@ BAD = {
     "outside": (["--geoid", GEOID, "--south", 20], "--south 20 lies outside what the inputs"),
     "not a number": (["--geoid", GEOID, "--south", "nan"], "--south nan must be a finite number"),
     "upside down": (["--geoid", GEOID, "--south", 34, "--north", 33], "must be less than --north"),
-    "below ground": (["--terrain", DEM, "--lowest", 900], "--lowest 900 lies below the sources"),
+    "below ground": (["--terrain", DEM, "--lowest", 900], "900 lies 176 m below the highest"),
     "heights": (["--terrain", DEM, "--highest", 1000], "must lie above --lowest"),
     "space": (["--terrain", DEM, "--lowest", 1e7], "at most at 1e+06 m"),
     "no spacing": (["--geoid", GEOID, "--spacing-arcsec", 0], "must be positive"),
     "endless": (["--geoid", GEOID, "--spacing-arcsec", 1e-3], "more than 1000000 nodes"),
     "too many": (["--geoid", GEOID, "--spacing-arcsec", 2], "at most 400000000 in all"),
     "around the Earth": (["--coefficients", "model.gfc", "--west", -400, *BOX[:4], *BOX[6:]],
-                         "--west -400 lies outside"),
+                         "--west -400 is no longitude"),
     "too few": (["--geoid", GEOID, "--highest", 100], "at least 4 in each"),
     "density": (["--terrain", DEM, "--density", -1], "density = -1.0 must lie between"),
     "correction": (["--terrain", DEM, "--land-correction", DEM], "give --geoid"),
@@ -323,3 +339,79 @@ def test_what_cannot_be_scored_is_said_in_a_sentence(words, sentence):
     assert sentence in output
     assert output.startswith("ggbench: ")
     assert "Traceback" not in output
+
+
+def write_hills(name, west, holes=()):
+    """Two low hills every 3 arc seconds from 36.2° N, as GeoTIFF; cells of ``holes`` are voids."""
+    step = 3.0 / 3600.0
+    rows, columns = np.meshgrid(np.arange(100), np.arange(120), indexing="ij")
+    heights = 100.0 + 120.0 * np.exp(-(((rows - 45) / 12.0) ** 2) - ((columns - 50) / 12.0) ** 2)
+    heights += 80.0 * np.exp(-(((rows - 70) / 9.0) ** 2) - ((columns - 90) / 9.0) ** 2)
+    if holes:
+        heights[holes] = -9999.0
+    profile = {"height": 100, "width": 120, "count": 1, "dtype": "float32", "crs": "EPSG:4326"}
+    corner = from_origin(west, 36.2 + 100 * step, step, step)
+    with rasterio.open(name, "w", nodata=-9999.0, transform=corner, **profile) as file:
+        file.write(heights.astype("float32"), 1)
+
+
+def test_a_terrain_across_the_date_line_is_mapped_shown_and_flown_over():
+    """A map, a track whose longitudes jump, and a flight that is planned and told."""
+    write_hills("dem.tif", 179.95)
+    output = run("build", "-o", "map.nc", "--terrain", "dem.tif", "--west", 179.97,
+                 "--east", -179.97, "--highest", 620)  # fmt: skip
+    assert "longitude: 179.97° to 180.03" in output
+    assert "longitude: 179.97° to 180.03" in run("show", "map.nc", "-o", "map.png")
+    times = np.arange(0.0, 61.0, 5.0)
+    longitude = 179.985 + 4.5e-4 * times
+    rows = [times, np.full(13, 36.24), (longitude + 180.0) % 360.0 - 180.0, np.full(13, 450.0)]
+    names = "time_s,latitude_deg,longitude_deg,height_m"
+    np.savetxt("track.csv", np.column_stack(rows), "%.10f", ",", header=names, comments="")
+    table, rest = SMALL.index("[trajectory]"), SMALL.index("[imu]")
+    text = SMALL[:table] + '[trajectory]\nfile = "track.csv"\n\n' + SMALL[rest:]
+    found = read(Path("map.nc"))
+    write(Path("turned.nc"), replace(found, longitude0=found.longitude0 - math.tau))
+    told = []
+    for source in ("map.nc", "turned.nc"):
+        Path("own.toml").write_text(text.replace('source = "normal"', f'source = "{source}"'))
+        told.append(" ".join(invoke(["validate", "own.toml"], Path.cwd()).stdout.split()))
+    assert "60 s, 2.43 km" in told[0] and "1.35 km from the map's border" in told[0], told[0]
+    assert told[1] == told[0]
+
+
+def test_voids_count_where_the_map_needs_heights():
+    holes = slice(None, 30), slice(90, None)
+    write_hills("dem.tif", 275.6, holes)
+    whole = run("build", "-o", "map.nc", "--terrain", "dem.tif", code=2)
+    assert "900 voids among 12000 cells, the first at latitude, longitude 36.2" in whole
+    words = ["build", "-o", "map.nc", "--terrain", "dem.tif", "--highest", 620]
+    box = ["--south", 36.21, "--north", 36.24, "--west", 275.61]
+    output = run(*words, *box, "--east", -84.35)
+    assert "900 of them outside of the area needed" in output
+    refused = run(*words, *box[:2], "--north", 36.28, *box[4:], "--east", -84.305, code=2)
+    assert "of the area needed, 36.2" in refused
+
+
+def test_a_density_in_another_unit_is_asked_about():
+    write_hills("dem.tif", 8.0)
+    words = ["build", "-o", "map.nc", "--terrain", "dem.tif", "--highest", 620]
+    output = run(*words, "--density", 2.67)
+    assert (
+        "Warning: --density 2.67 kg/m³ is odd (500 to 4000 is usual; is it in g/cm³? then" in output
+    )
+    assert "then give 2670)" in output
+    output = run(*words, "--water-density", 1.03)
+    assert "Warning: --water-density 1.03 kg/m³ is odd" in output and "give 1030)" in output
+    assert "Warning" not in run(*words, "--density", 2000)
+
+
+def test_a_lowest_height_above_the_ground_instead_of_the_ellipsoid_is_refused():
+    """Before anything is drawn: where the highest ground is, and what is allowed."""
+    write_hills("dem.tif", 8.0)
+    words = ["build", "-o", "map.nc", "--terrain", "dem.tif", "--lowest"]
+    output = run(*words, 150, code=2)
+    assert "--lowest 150 lies 70 m below the highest ground of the terrain (220 m at" in output
+    assert "at least 228 m is allowed, for heights are above the ellipsoid" in output
+    output = run(*words, 225, "--south", 36.201, "--north", 36.21, code=2)
+    assert "only 5 m above" in output and "outside of the map's bounds): at least 228 m" in output
+    assert not Path("map.nc").exists()

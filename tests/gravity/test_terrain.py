@@ -10,6 +10,7 @@ from rasterio.transform import Affine, from_origin
 from rasterio.warp import transform
 
 from ggbench.gravity import terrain_files
+from ggbench.gravity.meridians import Area
 from ggbench.gravity.terrain import Terrain, TerrainError
 from ggbench.gravity.terrain_files import read_terrain
 from ggbench.maps.shipped_regions import data_bytes
@@ -199,6 +200,69 @@ def test_many_voids_are_refused(tmp_path):
     message = r"holes.tif has 3 voids among 192 cells, the first at .* 45.07000, 7.07000: less than"
     with pytest.raises(TerrainError, match=message):
         read_terrain(path)
+
+
+SOUTH_EAST = Area(45.0, 45.04, WEST + 360.0 + 0.09, WEST + 0.15)
+"""A part of the terrain, its sides counted in two ways."""
+
+
+def test_voids_outside_of_the_area_needed_do_not_count(tmp_path):
+    """A quarter of the terrain is a void; the rest is as it is without one."""
+    heights = HEIGHTS[::-1].copy()
+    heights[:6, :8] = -9999.0
+    path = write_raster(tmp_path / "a.tif", heights, nodata=-9999.0)
+    with pytest.raises(TerrainError, match="has 48 voids among 192 cells, the first"):
+        read_terrain(path)
+    terrain = read_terrain(path, SOUTH_EAST)
+    assert "48 voids filled, the first at" in terrain.name
+    assert "48 of them outside of the area needed" in terrain.name
+    np.testing.assert_allclose(terrain.height_m[:6], HEIGHTS[:6])
+    np.testing.assert_allclose(terrain.height_m[:, 8:], HEIGHTS[:, 8:])
+
+
+def test_voids_in_the_area_needed_are_refused_with_their_place(tmp_path):
+    heights = HEIGHTS[::-1].copy()
+    heights[:6, :8] = heights[9:11, 12] = -9999.0
+    path = write_raster(tmp_path / "a.tif", heights, nodata=-9999.0)
+    message = (
+        r"2 voids among \d+ cells of the area needed, 45° to 45.04° N, 7.09° to 7.15° E, the first "
+        r"at latitude, longitude 45.01000, 7.12000: .* a map of a part without them"
+    )
+    with pytest.raises(TerrainError, match=message):
+        read_terrain(path, SOUTH_EAST)
+
+
+def test_voids_of_a_projected_raster_count_where_they_are_needed(tmp_path):
+    """The corner that a warped raster leaves empty."""
+    heights = np.full((60, 60), 500.0)
+    heights[:20, :20] = -9999.0
+    path = write_raster(
+        tmp_path / "utm.tif", heights, crs="EPSG:32632", nodata=-9999.0,
+        transform=from_origin(500000.0, 5000000.0, 100.0, 100.0),
+    )  # fmt: skip
+    with pytest.raises(TerrainError, match="has 400 voids"):
+        read_terrain(path)
+    terrain = read_terrain(path, Area(45.11, 45.13, 9.03, 9.06))
+    np.testing.assert_allclose(terrain.height_m, 500.0)
+    with pytest.raises(TerrainError, match=r"of the area needed, 45\.14°"):
+        read_terrain(path, Area(45.14, 45.15, 9.0, 9.03))
+
+
+def test_a_terrain_may_cross_the_date_line_and_go_around_the_earth(tmp_path):
+    """What lies at 179° and at -179° is found beside each other, wherever the grid is cut."""
+    east = 179.5 + 0.1 * np.arange(11)
+    columns = (east + 180.0) % 360.0 - 180.0
+    np.savez(tmp_path / "a.npz", lat=LATITUDES, lon=columns, z=np.tile(east, (N_LAT, 1)))
+    terrain = read_terrain(tmp_path / "a.npz")
+    np.testing.assert_allclose(terrain.longitudes_deg, east)
+    np.testing.assert_allclose(terrain.height_m[0], east)
+    around = np.arange(-180.0, 180.0, 0.5)
+    np.savez(tmp_path / "b.npz", lat=LATITUDES, lon=around, z=np.tile(around, (N_LAT, 1)))
+    terrain = read_terrain(tmp_path / "b.npz", Area(45.0, 45.1, 179.0, -179.0))
+    part = terrain.crop(45.0, 45.1, 179.0, 181.0)
+    np.testing.assert_allclose(part.longitudes_deg % 360.0, [179.0, 179.5, 180.0, 180.5, 181.0])
+    np.testing.assert_allclose(part.height_m[0], [179.0, 179.5, -180.0, -179.5, -179.0])
+    assert read_terrain(tmp_path / "b.npz", Area(45.0, 45.1, 10.0, 20.0)).west_deg == -180.0
 
 
 def test_jacksboro_lies_where_it_should(tmp_path):

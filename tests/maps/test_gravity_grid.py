@@ -7,9 +7,11 @@ import math
 import netCDF4
 import numpy as np
 import pytest
+import xarray
 from grids import write_grid
 
 from ggbench.gravity.gradient_map import MapError
+from ggbench.gravity.meridians import Area
 from ggbench.gravity.remove_restore import GravityGrid
 from ggbench.gravity.terrain import Terrain
 from ggbench.maps.gravity_grid import elevation_at, read_grid
@@ -101,3 +103,51 @@ def test_a_terrain_as_coarse_as_the_grid_is_taken_between_its_nodes():
     terrain = Terrain(40.0, 5.0, 0.1, 0.1, np.add.outer(np.arange(21.0), np.zeros(21)), "coarse")
     grid = GravityGrid("geoid", 40.55, 5.5, 0.1, 0.1, np.zeros((5, 5)))
     np.testing.assert_allclose(elevation_at(grid, terrain)[:, 0], 5.5 + np.arange(5.0))
+
+
+def wave(longitude: np.ndarray, rows: int = 40) -> np.ndarray:
+    """Values that know their meridian."""
+    return np.tile(10.0 * np.sin(np.radians(longitude)), (rows, 1))
+
+
+AREA = Area(31.0, 32.0, 179.0, -179.0)
+
+
+def test_a_grid_may_cross_the_date_line(tmp_path):
+    """Its longitudes may jump there, from 179.9 to -180."""
+    longitude = 172.0 + 0.1 * np.arange(160)
+    path = tmp_path / "grid.nc"
+    values = {"g": (("lat", "lon"), wave(longitude), {"units": "m"})}
+    axes = {"lat": 30.0 + 0.1 * np.arange(40), "lon": (longitude + 180.0) % 360.0 - 180.0}
+    xarray.Dataset(values, axes).to_netcdf(path)
+    grid = read_grid(path, "geoid", area=AREA)
+    np.testing.assert_allclose(grid.longitude_deg, longitude)
+    np.testing.assert_allclose(grid.values[0], wave(grid.longitude_deg)[0], atol=1e-9)
+
+
+@pytest.mark.parametrize(("west", "area"), [(0.0, Area(31.0, 32.0, -1.0, 1.0)), (-180.0, AREA)])
+def test_a_grid_around_the_earth_is_cut_opposite_to_the_map(west, area, tmp_path):
+    longitude = west + 0.5 * np.arange(720)
+    path = tmp_path / "grid.nc"
+    write_grid(path, "g", "m", wave(longitude), 30.0, west, 0.5)
+    grid = read_grid(path, "geoid", area=area)
+    here = area.about(float(grid.longitude_deg.mean()))
+    assert grid.longitude_deg[0] + 170.0 < here.west < here.east < grid.longitude_deg[-1] - 170.0
+    np.testing.assert_allclose(grid.values[0], wave(grid.longitude_deg)[0], atol=1e-9)
+    untouched = read_grid(path, "geoid", area=Area(31.0, 32.0, west + 90.0, west + 91.0))
+    assert untouched.west_deg == west
+
+
+def test_gaps_count_only_where_values_are_needed(tmp_path):
+    """The grid is cut to what is needed; a gap in that has a place."""
+    path = tmp_path / "grid.nc"
+    values = np.arange(1600.0).reshape(40, 40) / 100.0
+    values[:5] = np.nan
+    write_grid(path, "g", "m", values, 30.0, 5.0, 0.1)
+    with pytest.raises(MapError, match=r"200 nodes without a value .* the first at 30° N, 5° E"):
+        read_grid(path, "geoid")
+    grid = read_grid(path, "geoid", area=Area(31.05, 33.0, 365.55, 368.0))
+    assert (grid.south_deg, grid.west_deg) == pytest.approx((31.0, 5.5))
+    np.testing.assert_array_equal(grid.values, values[10:31, 5:31])
+    with pytest.raises(MapError, match=r"the first at 30.2° N, 5.5° E; fill them"):
+        read_grid(path, "geoid", area=Area(30.25, 33.0, 5.5, 8.0))

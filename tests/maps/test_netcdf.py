@@ -418,3 +418,23 @@ def test_nothing_is_left_of_a_map_that_could_not_be_finished(tmp_path):
         netcdf.write_layers(path / "below" / "map.nc", nodes, layers(0.0), {})
     assert path.read_bytes() == b"what was there before"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_map_may_cross_the_date_line_and_be_cut_there(tmp_path):
+    """However its longitudes are written, with a jump or without, and its bounds are given."""
+    path, jumping = tmp_path / "map.nc", tmp_path / "jumping.nc"
+    wide = {
+        k: np.tile(getattr(some_map(), k), (1, 3, 1, 1)) for k in ("tensor", "gravity_disturbance")
+    }
+    there = dataclasses.replace(some_map(), longitude0=math.radians(179.8), **wide)
+    write(path, there)
+    shutil.copy(path, jumping)
+    with netCDF4.Dataset(jumping, "a") as file:
+        longitude = file.variables["longitude"][:]
+        file.variables["longitude"][:] = (longitude + 180.0) % 360.0 - 180.0
+    assert_same(read(jumping), read(path))
+    area = (33.03, 33.05, 179.99, -179.99)
+    assert_same(read(path, area), read(path, (33.03, 33.05, 179.99, 180.01)))
+    assert read(path, area).tensor.shape[1] < 3 * SHAPE[1]
+    nodes, _, _ = netcdf_reader.read_layers(jumping)
+    np.testing.assert_allclose(nodes.longitude_deg, 179.8 + 0.02 * np.arange(3 * SHAPE[1]))

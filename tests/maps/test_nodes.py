@@ -9,16 +9,21 @@ import numpy as np
 import pytest
 
 from ggbench.gravity.ellipsoid import SEMI_MAJOR_AXIS
-from ggbench.gravity.gradient_map import MapError
+from ggbench.gravity.field import Field
+from ggbench.gravity.gradient_map import GradientMap, MapError
+from ggbench.gravity.parker import terrain_field
+from ggbench.gravity.terrain_files import read_terrain
 from ggbench.maps.nodes import Reach, Wishes, nodes_for
 from ggbench.maps.plan import Inputs, plan
 
 
-def reach(bounds: tuple[float, ...], inset: float = 0.0, **heights: float) -> Reach:
+def reach(
+    bounds: tuple[float, ...], inset: float = 0.0, ground: str = "", **heights: float
+) -> Reach:
     """South, north, west and east, of which the edges are poor."""
     given = {"floor_m": 0.0, "lowest_m": 1000.0, "sources_m": 0.0} | heights
     outer = np.array(bounds)
-    return Reach(outer, outer + inset * np.array([1.0, -1.0, 1.0, -1.0]), **given)
+    return Reach(outer, outer + inset * np.array([1.0, -1.0, 1.0, -1.0]), ground=ground, **given)
 
 
 def ends(nodes) -> list[float]:
@@ -69,6 +74,52 @@ def test_a_map_begins_above_the_floor_of_every_input():
         nodes_for(held, Wishes(lowest_m=600.0))
 
 
+def test_longitudes_are_counted_as_the_inputs_count_them():
+    """Bounds in another turn, or each in another one; two inputs on either side of a turn."""
+    held = [reach((36, 37, -85, -84)), reach((36, 37, 275, 276.5))]
+    expected, _ = nodes_for(held, Wishes(36.2, 36.8, -84.8, -84.2, spacing_deg=0.1))
+    for west, east in ((275.2, 275.8), (-84.8, 275.8), (275.2, -84.2)):
+        nodes, _ = nodes_for(held, Wishes(36.2, 36.8, west, east, spacing_deg=0.1))
+        assert ends(nodes) == pytest.approx(ends(expected))
+
+
+@pytest.mark.parametrize("around", [(178.0, 182.0), (-182.0, -178.0), (-360.0, 360.0)])
+def test_a_map_may_cross_the_date_line(around):
+    """Of a region that crosses it, however it is counted, and of what serves the whole Earth."""
+    south, north = (-90.0, 90.0) if around[1] == 360.0 else (-20.0, -10.0)
+    held = [reach((south, north, *around))]
+    nodes, _ = nodes_for(held, Wishes(-16.0, -15.0, 179.5, -179.5, spacing_deg=0.1))
+    assert nodes.longitude_deg.size == 11
+    assert nodes.longitude_deg % 360.0 == pytest.approx(179.5 + 0.1 * np.arange(11))
+
+
+@pytest.mark.parametrize(
+    ("bounds", "message"),
+    [
+        ((36.2, 36.8, -84.2, -84.8), "--west -84.2 must be less than --east -84.8"),
+        ((36.8, 36.2, -84.8, -84.2), "--south 36.8 must be less than --north 36.2"),
+        ((95.0, 96.0, -84.8, -84.2), "--south 95 is no latitude: -90 to 90 degrees is allowed"),
+        ((36.2, 36.8, 745e3, 760e3), "--west 745000 is no longitude: .* metres of a projection"),
+    ],
+)
+def test_bounds_that_are_none_are_refused_with_a_sentence(bounds, message):
+    with pytest.raises(MapError, match=message):
+        nodes_for([reach((36, 37, -85, -84))], Wishes(*bounds))
+
+
+def test_near_the_ground_nodes_are_wider_apart_than_a_quarter():
+    """Up to 100 m across and 50 m upwards; from 400 m and 200 m on a quarter, as elsewhere."""
+    for distance, across, upwards in (
+        (50.0, 50.0, 25.0), (100.0, 100.0, 50.0), (300.0, 100.0, 75.0), (800.0, 200.0, 200.0),
+    ):  # fmt: skip
+        held = [reach((46, 46.1, 8, 8.1), lowest_m=800.0 + distance, sources_m=800.0, ground="it")]
+        nodes, _ = nodes_for(held, Wishes())
+        assert np.diff(nodes.height_m) == pytest.approx(upwards)
+        step = math.radians(float(np.diff(nodes.latitude_deg).mean())) * SEMI_MAJOR_AXIS
+        assert 0.9 * across < step <= across
+        assert nodes.height_m[-1] - nodes.height_m[0] >= 1000.0
+
+
 def test_a_bound_between_two_nodes_is_covered_if_it_may_be():
     """By one node beyond it, unless that would leave the inputs."""
     held = [reach((30, 34, 100, 105))]
@@ -94,15 +145,69 @@ def test_a_terrain_serves_its_inner_part_above_its_highest_ground(tmp_path):
     """A tenth of its width is left out at every edge; heights are above the ellipsoid.
 
     The ground reaches 800 m, and its zero level lies 1000 m above the ellipsoid: with a clearance
-    of one cell of the terrain, 2226 m, the lowest layer is at 4100 m.
+    of one cell of the terrain, 2226 m, and in tens of metres, the lowest layer is at 4030 m.
     """
     path = hills(tmp_path / "hills.npz")
-    for geoid, lowest in ((0.0, 3100.0), (1000.0, 4100.0)):
+    for geoid, lowest in ((0.0, 3030.0), (1000.0, 4030.0)):
         made = plan(Inputs(terrain=path, geoid_height_m=geoid), Wishes(), "test")
         south, north, west, east = ends(made.nodes)
         step = float(made.nodes.latitude_deg[1] - made.nodes.latitude_deg[0])
         assert (south, west) == pytest.approx((47.12, 8.24))
         assert 48.08 <= north + 1e-9 < 48.08 + step and 10.16 <= east + 1e-9 < 10.16 + step
         assert made.nodes.height_m[0] == lowest
-        with pytest.raises(MapError, match=rf"at least {800.0 + geoid:g} m is allowed"):
-            plan(Inputs(terrain=path, geoid_height_m=geoid), Wishes(lowest_m=799.0 + geoid), "test")
+        for too_low, where in ((799.0, "1 m below"), (801.0, "only 1 m above")):
+            words = (
+                rf"{where} the highest ground .* \({800.0 + geoid:g} m at 47.6000° N, 9.2000° E\)"
+            )
+            with pytest.raises(MapError, match=words):
+                wishes = Wishes(lowest_m=too_low + geoid)
+                plan(Inputs(terrain=path, geoid_height_m=geoid), wishes, "test")
+
+
+def low_hills(path: Path) -> Path:
+    """Two hills of 120 m on a plain, every 3 arc seconds."""
+    step = 3.0 / 3600.0
+    rows, columns = np.meshgrid(np.arange(100), np.arange(120), indexing="ij")
+    heights = 100.0 + sum(
+        top * np.exp(-(((rows - i) / 15.0) ** 2) - ((columns - j) / 15.0) ** 2)
+        for top, i, j in ((120.0, 30, 90), (80.0, 70, 30))
+    )
+    np.savez(
+        path, south_deg=46.0, west_deg=8.0, latitude_step_deg=step, longitude_step_deg=step,
+        height_m=heights,
+    )  # fmt: skip
+    return path
+
+
+def test_a_map_begins_low_enough_for_flights_that_follow_the_ground(tmp_path):
+    """One cell of the terrain, 93 m, above its highest ground; where that serves them is said."""
+    made = plan(Inputs(terrain=low_hills(tmp_path / "low.npz")), Wishes(), "test")
+    assert made.nodes.height_m[0] == 320.0
+    remark = made.remarks[-1]
+    assert (
+        "320 m, lies 100 m above the highest ground of the terrain (220 m at 46.0250° N" in remark
+    )
+    served = int(remark.rpartition("over ")[2].partition("%")[0])
+    assert 5 <= served <= 40  # where the ground is higher than 120 m
+
+
+def test_the_field_between_the_default_nodes_is_that_of_the_terrain(tmp_path):
+    """Half way up the lowest layer: to 0.02 E rms, of some E."""
+    path = low_hills(tmp_path / "low.npz")
+    made = plan(Inputs(terrain=path), Wishes(highest_m=620.0), "test")
+    tensor, vector = (np.stack(part, axis=2) for part in zip(*made.layers(), strict=True))
+    nodes = made.nodes
+    axes = np.radians(nodes.latitude_deg), np.radians(nodes.longitude_deg), nodes.height_m
+    steps = [float(axis[1] - axis[0]) for axis in axes]
+    field = Field.from_map(
+        GradientMap(*(float(axis[0]) for axis in axes), *steps, tensor.astype(float),
+                    vector.astype(float), "test")
+    )  # fmt: skip
+    between = [axis[3:-3:4] + 0.45 * step for axis, step in zip(axes[:2], steps[:2], strict=True)]
+    at = float(axes[2][0] + 0.5 * steps[2])
+    exact, _ = terrain_field(read_terrain(path), *between, [nodes.height_m[0], at])
+    found = field.tensor(between[0][:, None], between[1], at)
+    found -= Field.normal().tensor(between[0][:, None], between[1], at)
+    error = found - exact[:, :, 1]
+    assert np.sqrt(np.mean(exact[:, :, 1, 5] ** 2)) > 3.0
+    assert np.sqrt(np.mean(error**2)) < 0.02

@@ -433,3 +433,15 @@ def test_missing_or_damaged_data_file_is_named(tmp_path, monkeypatch, content):
     monkeypatch.setattr(importlib.resources, "files", lambda package: tmp_path)
     with pytest.raises(MapError, match=f"Data file {name} .*(cannot be read|is damaged)"):
         load_or_build(RECIPE)
+
+
+def test_a_recipe_counts_longitudes_in_any_turn():
+    """The same map, kept at the same place."""
+    here = dataclasses.replace(SMALL, east_deg=108.25)
+    for west, east in ((-252.0, -251.75), (-252.0, 108.25), (108.0, -251.75)):
+        turned = recipe.checked(dataclasses.replace(here, west_deg=west, east_deg=east))
+        assert turned == here
+        assert recipe.cached_path(turned) == recipe.cached_path(here)
+    exchanged = dataclasses.replace(SMALL, west_deg=108.2, east_deg=108.0)
+    with pytest.raises(MapError, match=r"west_deg = 108.2 must be less than east_deg = 108.0"):
+        recipe.checked(exchanged)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -338,3 +340,25 @@ def test_no_truth_is_in_the_file_of_a_flight(tmp_path, source):
     for told in ("truth", "outlier", "dropout", "scale_factor", "123.0"):
         assert told not in text
     assert "position_noise_m = 6.0" in text
+
+
+def test_longitudes_of_a_record_may_be_counted_in_another_turn(tmp_path):
+    """The start in another one than the map, the receiver and the reference: the same problem."""
+    path = recorded(
+        tmp_path / "flight", ON_BOARD | {"field.source": rough_map(tmp_path / "map.npz")}
+    )
+    expected = read_flight(path)
+    start = tomllib.loads(path.read_text())["imu_record"]["start"]["longitude_rad"]
+    edit(path, {"imu_record.start.longitude_rad": start - math.tau})
+    turned = read_flight(path)
+    assert turned.problem.track.positions[0, 1] < -math.pi
+    np.testing.assert_allclose(
+        turned.problem.measurements, expected.problem.measurements, atol=1e-5
+    )
+    np.testing.assert_allclose(
+        turned.reference.error_state, expected.reference.error_state, atol=1e-5
+    )
+    np.testing.assert_allclose(
+        *(f.problem.model.predict(3, np.zeros(f.problem.dimension)) for f in (turned, expected)),
+        atol=1e-5,
+    )

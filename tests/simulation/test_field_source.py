@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
 import os
 from pathlib import Path
 
 import numpy as np
 import pytest
-from small_cases import rough_map, small_case
+from small_cases import blank_map, rough_map, small_case
 
 from ggbench.gravity.field import OutsideMapError
 from ggbench.gravity.gradient_map import MapError
+from ggbench.maps.recipe import read, write
 from ggbench.simulation.error_free_flight import prepare
 from ggbench.simulation.field_source import make_field
 from ggbench.spec.sensors import FieldSpec, MapErrorSpec
@@ -83,3 +86,30 @@ def test_a_region_to_cut_a_map_to_has_ascending_bounds(bounds):
     spec = FieldSpec(source="map.nc", **dict(zip(names, bounds, strict=True)))
     with pytest.raises(MapError, match="each ascending, or none of them"):
         make_field(spec)
+
+
+@pytest.mark.parametrize("turn", [-360.0, 360.0])
+def test_a_flight_is_over_a_map_in_whatever_turn_its_longitudes_are(turn, tmp_path):
+    """What is read, felt and bounded is the same; the flight keeps its own longitudes."""
+    felt = {"truth.field.gravity_disturbance": True, "field.source": rough_map(tmp_path / "m.npz")}
+    here = prepare(small_case(felt))
+    found = dataclasses.replace(
+        read(Path(felt["field.source"])), longitude0=here.field.lower[1] + math.radians(turn)
+    )
+    write(tmp_path / "other.npz", found)
+    there = prepare(small_case(felt | {"field.source": str(tmp_path / "other.npz")}))
+    np.testing.assert_array_equal(there.trajectory.positions, here.trajectory.positions)
+    np.testing.assert_allclose(there.noise_free, here.noise_free, atol=1e-6)
+    np.testing.assert_allclose(there.delta_velocities, here.delta_velocities, atol=1e-13)
+    assert there.final_bound == pytest.approx(here.final_bound, rel=1e-6)
+
+
+def test_a_map_is_cut_across_the_date_line(tmp_path):
+    """West of it 179.9°, east of it -179.9°; exchanged bounds are not taken for that."""
+    there = dataclasses.replace(blank_map(), longitude0=math.radians(179.8))
+    write(tmp_path / "map.nc", there)
+    bounds = {"source": str(tmp_path / "map.nc"), "south_deg": 33.45, "north_deg": 33.55}
+    field = make_field(FieldSpec(**bounds, west_deg=179.95, east_deg=-179.95))
+    assert np.degrees([field.lower[1], field.upper[1]]) == pytest.approx([180.0, 180.0], abs=0.1)
+    with pytest.raises(MapError, match="each ascending"):
+        make_field(FieldSpec(**bounds, west_deg=-179.95, east_deg=-179.99))

@@ -14,7 +14,7 @@ from scipy.stats import chi2
 from small_cases import over_the_normal_field
 
 from ggbench.campaign import registry
-from ggbench.maps.recipe import _check
+from ggbench.maps.recipe import checked
 from ggbench.simulation.error_free_flight import Flight, prepare
 from ggbench.simulation.field_source import map_recipe
 from ggbench.simulation.runs import simulate
@@ -64,7 +64,7 @@ def test_a_shipped_flight_stays_within_its_maps(name):
             if field.source == "normal":
                 continue
             recipe = map_recipe(field)
-            _check(recipe)
+            checked(recipe)
             low = [recipe.south_deg, recipe.west_deg, recipe.min_height_m]
             high = [recipe.north_deg, recipe.east_deg, recipe.max_height_m]
             assert (where.min(axis=0) >= low).all(), case.name

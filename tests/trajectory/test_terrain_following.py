@@ -204,3 +204,16 @@ def test_files_are_known_by_content(over_ridges, tmp_path):
     assert one.file_hashes() == two.file_hashes()
     other.write_bytes(b"1")
     assert one.file_hashes() != two.file_hashes()
+
+
+def test_voids_far_from_a_flight_do_not_matter_to_it(tmp_path):
+    """A quarter of the terrain is a void; over the rest it is followed, over the void it is not."""
+    path = tmp_path / "voids.npz"
+    height = np.full((60, 100), 250.0)
+    height[:30, :50] = np.nan
+    axes = [first + 0.01 * np.arange(count) for first, count in ((33.0, 60), (108.0, 100))]
+    np.savez(path, lat=axes[0], lon=axes[1], z=height)
+    latitude, longitude = np.radians([33.4, 33.41]), np.radians([108.2, 108.6])
+    np.testing.assert_allclose(terrain_following.heights(str(path), latitude, longitude), 250.0)
+    with pytest.raises(TrajectoryError, match=r"voids among .* of the area needed"):
+        terrain_following.heights(str(path), np.radians([33.1, 33.11]), longitude)

@@ -1,0 +1,93 @@
+"""Longitudes: the same meridian counted in another turn, and areas that may cross the date line.
+
+A longitude of 275.7° is one of −84.3°, and east of 179° comes 181°, which is −179°. Whatever is
+laid beside something else is counted within half a turn of it: :func:`turns` decides that.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.floating]
+
+_REGULAR = 0.02  # of a step: more than coordinates in single precision are off
+
+
+def turns(longitude: ArrayLike, about: ArrayLike, turn: float = 360.0) -> Any:
+    """Return what to add to longitudes, whole turns, so that they lie within half one of others.
+
+    Parameters
+    ----------
+    longitude, about : both in degrees, or in what a ``turn`` is given in. Of a NaN, 0 is added.
+    """
+    count = np.rint((np.asarray(about) - longitude) / turn)
+    return turn * np.where(np.isfinite(count), count, 0.0)[()]
+
+
+def eastern(west: float, east: float) -> float:
+    """Return an eastern bound counted on from a western one [deg]: 181 of 179 and −179.
+
+    One that lies more than half a turn further on is left as it is: the two were exchanged, or go
+    around the Earth.
+    """
+    further = east - 360.0 * np.floor((east - west) / 360.0)
+    return float(further) if 0.0 < further - west <= 180.0 else east
+
+
+def rolled(values: Array, west: float, step: float, about: float) -> tuple[Array, float]:
+    """Return values (n_lat, n_lon) that go around the Earth, cut opposite to a meridian [deg].
+
+    And the longitude at which they then begin. Values that do not go around stay as they are.
+    """
+    around = round(360.0 / step)
+    if values.shape[1] < around or abs(around * step - 360.0) > _REGULAR * step:
+        return values, west
+    shift = round((about - 180.0 - west) / step)
+    return np.roll(values[:, :around], -shift, axis=1), west + shift * step
+
+
+class Area(NamedTuple):
+    """Where something is needed [deg], longitudes in any turn; None: as far as there is any."""
+
+    south: float | None = None
+    north: float | None = None
+    west: float | None = None
+    east: float | None = None
+
+    def about(self, longitude: float) -> Area:
+        """Return the area with its western and eastern side counted as is a longitude [deg]."""
+        west, east = self.west, self.east
+        if west is not None and east is not None:
+            east = eastern(west, east)
+            turn = float(turns(0.5 * (west + east), longitude))
+            return self._replace(west=west + turn, east=east + turn)
+        west, east = (s if s is None else s + float(turns(s, longitude)) for s in (west, east))
+        return self._replace(west=west, east=east)
+
+    def widened(self, latitude: float, longitude: float) -> Area:
+        """Return the area with so much more on its sides [deg]."""
+        added = (-latitude, latitude, -longitude, longitude)
+        return Area(*(s if s is None else s + a for s, a in zip(self, added, strict=True)))
+
+    def within(self, latitude: Array, longitude: Array) -> Area:
+        """Return what of the area is left between the outermost of some positions [deg]."""
+        bounds = latitude.min(), latitude.max(), longitude.min(), longitude.max()
+        pick = (max, min, max, min)
+        return Area(
+            *(
+                float(bound if side is None else inner(side, bound))
+                for side, bound, inner in zip(self, bounds, pick, strict=True)
+            )
+        )
+
+    def holds(self, latitude: Array, longitude: Array) -> NDArray[np.bool_]:
+        """Return which positions, of one shape, lie in the area; longitudes as the area's."""
+        inside = np.ones(np.broadcast(latitude, longitude).shape, dtype=bool)
+        for values, low, high in ((latitude, *self[:2]), (longitude, *self[2:])):
+            inside &= (-math.inf if low is None else low) <= values
+            inside &= values <= (math.inf if high is None else high)
+        return inside

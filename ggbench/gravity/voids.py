@@ -1,0 +1,82 @@
+"""Cells of an elevation model that have no height: which matter, and how they are filled."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import griddata
+from scipy.ndimage import binary_dilation, distance_transform_edt
+
+from .meridians import Area
+from .terrain import TerrainError
+
+Array = NDArray[np.floating]
+
+VOID_MARKS = (-32768.0, -32767.0, -9999.0, -99999.0)
+"""Heights that are none, where a file does not declare its own."""
+_MOST_VOIDS = 0.01  # share of the cells that may be filled
+_SAMPLED = 1_000_000  # cells of which it is seen whether they lie in an area
+
+
+def without_voids(
+    heights: Array,
+    name: str,
+    to_degrees: Callable[[NDArray[Any], NDArray[Any]], tuple[Array, Array]],
+    area: Area | None,
+) -> tuple[Array, str]:
+    """Heights with few voids filled, and what to say of it.
+
+    Parameters
+    ----------
+    to_degrees : latitudes and longitudes of rows and columns.
+    area : in which voids count; those outside are filled, however many they are. None: everywhere.
+
+    Raises TerrainError if one per cent of the area's cells, or more, are voids.
+    """
+    void = ~np.isfinite(heights) | np.isin(heights, VOID_MARKS)
+    if not void.any():
+        return heights, ""
+    rows, columns = np.nonzero(void)
+    latitude, longitude = to_degrees(rows, columns)
+    count, cells, first, where = rows.size, void.size, 0, ""
+    counting = void
+    if area is not None:
+        # As many cells as there are in the area, by a sample of them.
+        stride = math.ceil(math.sqrt(void.size / _SAMPLED))
+        row, column = (np.append(np.arange(0, n - 1, stride), n - 1) for n in void.shape)
+        sampled = to_degrees(*(a.ravel() for a in np.meshgrid(row, column, indexing="ij")))
+        here = area.about(float(longitude.mean())).within(*sampled)
+        within = here.holds(latitude, longitude)
+        count, first = int(within.sum()), int(within.argmax())
+        cells = max(count, round(float(here.holds(*sampled).mean()) * void.size))
+        where = " of the area needed, {:.4g}° to {:.4g}° N, {:.4g}° to {:.4g}° E".format(*here)
+        counting = np.zeros_like(void)
+        counting[rows[within], columns[within]] = True
+    place = f"{latitude[first]:.5f}, {longitude[first]:.5f}"
+    if void.all() or (count > 0 and count >= _MOST_VOIDS * cells):
+        raise TerrainError(
+            f"{name} has {count} voids among {cells} cells{where}, the first at latitude, "
+            f"longitude {place}: less than {_MOST_VOIDS:.0%} is allowed; fill them first, for "
+            "example with gdal_fillnodata, or build a map of a part without them, by its bounds."
+        )
+    everywhere = rows.size < _MOST_VOIDS * void.size
+    filled = _filled(heights, void, void if everywhere else counting)
+    outside = f", {rows.size - count} of them outside of the area needed" if where else ""
+    return filled, f"{rows.size} voids filled, the first at {place}{outside}"
+
+
+def _filled(heights: Array, void: NDArray[np.bool_], linear: NDArray[np.bool_]) -> Array:
+    """Voids filled with the nearest cell; ``linear`` ones linearly from those around, if inside."""
+    nearest = distance_transform_edt(void, return_distances=False, return_indices=True)
+    filled = heights[tuple(nearest)]
+    around = binary_dilation(linear, np.ones((3, 3))) & ~void
+    known, wanted = np.argwhere(around), np.argwhere(linear)
+    if len(np.unique(known[:, 0])) > 1 and len(np.unique(known[:, 1])) > 1:
+        between = griddata(known, heights[around], wanted, method="linear")
+        inside = np.isfinite(between)
+        filled[tuple(wanted[inside].T)] = between[inside]
+    return filled

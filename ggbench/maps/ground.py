@@ -1,0 +1,95 @@
+"""The highest ground of a terrain, which decides how low a map of its field can begin.
+
+Layers of a map are level, and Parker's series holds above the highest ground only: over a valley a
+map begins as high as over the summit.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..gravity.ellipsoid import SEMI_MAJOR_AXIS
+from ..gravity.meridians import Area
+from .netcdf import Nodes
+
+if TYPE_CHECKING:
+    from ..gravity.terrain import Terrain
+
+_CLEARANCE_M = 50.0  # least height above the highest ground, by default
+_CONVERGING = 1.2  # times what the series takes, about
+_QUICK_NODES = 8_000_000  # of the Fourier grid, by default: some seconds
+_ROUND_M = 10.0
+_DRAPE_M = 200.0  # height of a flight above the ground, of which is said where the map serves it
+
+
+@dataclass(frozen=True)
+class Ground:
+    """The highest ground of a terrain; heights are above the ellipsoid [m].
+
+    Attributes
+    ----------
+    terrain, geoid_height_m : see :class:`ggbench.maps.parts.TerrainPart`.
+    area : the bounds that are asked of the map.
+    """
+
+    terrain: Terrain
+    geoid_height_m: float
+    area: Area
+
+    @property
+    def highest_m(self) -> float:
+        """How high it is."""
+        return float(np.max(self.terrain.height_m)) + self.geoid_height_m
+
+    @property
+    def place_deg(self) -> tuple[float, float]:
+        """Latitude and longitude of it [deg]."""
+        row, column = np.unravel_index(
+            int(np.argmax(self.terrain.height_m)), self.terrain.height_m.shape
+        )
+        return float(self.terrain.latitudes_deg[row]), float(self.terrain.longitudes_deg[column])
+
+    def lowest_m(self) -> float:
+        """The lowest height of a map by default.
+
+        As low as the terrain's own spacing tells of the field, as the series converges, and as a
+        Fourier grid of moderate size allows.
+        """
+        from ..gravity.parker import converging_clearance, least_clearance
+
+        cell = math.radians(self.terrain.latitude_step_deg) * SEMI_MAJOR_AXIS
+        series = _CONVERGING * converging_clearance(self.terrain)
+        quick = least_clearance(self.terrain, _QUICK_NODES)
+        clearance = max(_CLEARANCE_M, cell, series, quick)
+        return _ROUND_M * math.ceil((self.highest_m + clearance) / _ROUND_M)
+
+    def floor_m(self) -> float:
+        """The lowest height that a map can begin at."""
+        from ..gravity.parker import least_clearance
+
+        return math.ceil(self.highest_m + least_clearance(self.terrain))
+
+    def __str__(self) -> str:
+        latitude, longitude = self.place_deg
+        here = self.area.about(longitude)
+        outside = not here.holds(np.array(latitude), np.array(longitude))
+        note = ", outside of the map's bounds" if outside else ""
+        return (
+            f"the highest ground of the terrain ({self.highest_m:.0f} m at {latitude:.4f}° N, "
+            f"{longitude:.4f}° E{note})"
+        )
+
+    def remark(self, nodes: Nodes) -> str:
+        """What the lowest layer of a map means to a flight that follows the ground."""
+        lowest = float(nodes.height_m[0])
+        lat, lon = nodes.latitude_deg, nodes.longitude_deg
+        around = self.terrain.crop(lat[0], lat[-1], lon[0], lon[-1]).height_m
+        share = float(np.mean(around + self.geoid_height_m + _DRAPE_M >= lowest))
+        return (
+            f"the lowest layer, {lowest:g} m, lies {lowest - self.highest_m:.0f} m above {self}; a "
+            f"flight {_DRAPE_M:g} m above the ground is in the map over {share:.0%} of its area"
+        )
