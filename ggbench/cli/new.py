@@ -11,6 +11,7 @@ import click
 from ..errors import GGBenchError
 
 _TEMPLATES = Path(__file__).parent / "templates"
+"""Texts, and no modules of the package: what is made of them is imported elsewhere."""
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
 _LONGEST = 60
 _TAKEN = {"Estimate", "Estimator", "Problem", "Template"}
@@ -37,7 +38,7 @@ def new() -> None:
 @_folder
 def scenario(name: str, output: Path) -> None:
     """Write NAME.toml: a flight over a shipped map, with every table explained."""
-    path = _begun("scenario.toml", name, output, TITLE=_titled(name))
+    path = _begun(".toml", name, output, TITLE=_titled(name))
     shown = path.as_posix()
     click.echo(f"Wrote {shown}. Look at its flights: ggbench validate {shown}")
     click.echo(f"Run it: ggbench run {shown} -n 10")
@@ -51,7 +52,7 @@ def estimator(name: str, output: Path) -> None:
     called = "".join(part[:1].upper() + part[1:] for part in re.split("[-_]+", name))
     if keyword.iskeyword(called) or called in _TAKEN:
         raise NewFileError(f"an estimator '{name}' would be a class {called}: choose another name")
-    path = _begun("estimator.py", name, output, Template=called, TITLE=_titled(name))
+    path = _begun(".py", name, output, Template=called, TITLE=_titled(name))
     shown = path.as_posix()
     click.echo(f"Wrote {shown}. Check it: ggbench check {shown}")
     click.echo(f"Run it beside another: ggbench run wang2013 -n 3 -e {shown} -e ekf")
@@ -62,15 +63,14 @@ def _titled(name: str) -> str:
     return words[:1].upper() + words[1:]
 
 
-def _begun(template: str, name: str, folder: Path, **words: str) -> Path:
-    """Write a template under a name, with words of it replaced; return the path.
+def _begun(suffix: str, name: str, folder: Path, **words: str) -> Path:
+    """Write the template of a kind of file under a name, with words replaced; return the path.
 
     Raises
     ------
     NewFileError
         If the name is none for a file and a class, the file is there, or cannot be written.
     """
-    suffix = Path(template).suffix
     if not _NAME.fullmatch(name) or len(name) > _LONGEST:
         ending = f"; the ending {suffix} is added to it" if name.endswith(suffix) else ""
         raise NewFileError(
@@ -78,7 +78,8 @@ def _begun(template: str, name: str, folder: Path, **words: str) -> Path:
             f"{ending}; -o DIR chooses the folder"
         )
     path = folder / f"{name}{suffix}"
-    text = (_TEMPLATES / template).read_text(encoding="utf-8")
+    (template,) = _TEMPLATES.glob(f"*{suffix}.txt")
+    text = template.read_text(encoding="utf-8")
     for word, meant in {**words, "NAME": name}.items():
         text = re.sub(rf"\b{word}\b", meant, text)
     try:
