@@ -28,8 +28,15 @@ def main(pipe: str, text: str, names: list[str]) -> None:
         answers.send_bytes(json.dumps(answer).encode())
 
     from ..campaign import registry
-    from ..contract.catalogue import CHECKS
+    from ..contract.catalogue import CHECKS, flight
+    from ..errors import GGBenchError
 
+    try:
+        flight()  # which is compiled at the first use, and is no time of the estimator's
+    except GGBenchError as error:
+        tell(cannot=str(error))
+        return
+    tell(prepared="")
     try:
         estimator = registry.choose(text).estimator
     except registry.EstimatorError as error:
