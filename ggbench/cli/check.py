@@ -67,8 +67,12 @@ def check(estimator: str, time_limit: float) -> None:
         raise CheckError(f"{estimator} takes none of the problems that the contract is asked on")
     left = len(CHECKS) - len(verdicts)
     passed = sum(verdict == "passed" for verdict in verdicts.values())
+    refused = len(verdicts) - passed - failed
+    unasked = f", {refused} not asked" if refused else ""
     untried = f"; {left} not tried without an estimate" if left else ""
-    click.echo(f"{passed} of {counted(len(CHECKS), 'check')} passed, {failed} failed{untried}.")
+    click.echo(
+        f"{passed} of {counted(len(CHECKS), 'check')} passed, {failed} failed{unasked}{untried}."
+    )
     sys.exit(_EXIT_FAILED if failed else 0)
 
 
