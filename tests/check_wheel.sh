@@ -69,7 +69,9 @@ mkdir "$work/elsewhere"
 cd "$work/elsewhere"
 ggbench=$work/venv/bin/ggbench
 for command in "list" "validate wang2013" "run wang2013 -n 2 -e ekf -o out" \
-    "show out" "report out" "compare out out" "keys imu"; do
+    "show out" "report out" "compare out out" "keys imu" \
+    "new scenario mine" "validate mine.toml" "run mine.toml -n 2 -o mine" \
+    "new estimator mine" "check mine.py" "run wang2013 -n 2 -e mine.py -o out"; do
     echo "ggbench $command"
     # shellcheck disable=SC2086  # the words of a command
     "$ggbench" $command >"$work/output" 2>&1 ||

@@ -1,4 +1,4 @@
-"""Problems whose answer is known, and the textbook recursions that give it."""
+"""What several tests ask estimators for: labels, runs, problems beyond those of the contract."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import dataclasses
 import functools
 import os
 import typing
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,19 @@ from conftest import flight
 
 from ggbench.block import ProblemBlock
 from ggbench.campaign import registry
-from ggbench.problem import Estimate, Estimator, Problem, StateBlock
+from ggbench.contract.references import CONSTANT as CONSTANT
+from ggbench.contract.references import UNITS as UNITS
+from ggbench.contract.references import LinearModel as LinearModel
+from ggbench.contract.references import changed as changed
+from ggbench.contract.references import deviation as deviation
+from ggbench.contract.references import exact as exact
+from ggbench.contract.references import graded as graded
+from ggbench.contract.references import kalman as kalman
+from ggbench.contract.references import linear_problem as linear_problem
+from ggbench.contract.references import noisy_problem as noisy_problem
+from ggbench.contract.references import propagated as propagated
+from ggbench.contract.references import smoothed as smoothed
+from ggbench.problem import Estimate, Estimator, Problem
 from ggbench.simulation import error_free_flight
 from ggbench.simulation.runs import Truth, simulate, simulate_block
 from ggbench.spec import scenario
@@ -124,106 +135,6 @@ def estimated(case: str, label: str) -> Estimate:
     return estimator(label).estimate(simulated(case)[0], rng())
 
 
-@dataclass(frozen=True)
-class LinearModel:
-    """h(k, x) = H_k x."""
-
-    rows: np.ndarray
-
-    def predict(self, k: int, x: np.ndarray) -> np.ndarray:
-        return np.asarray(x) @ self.rows[k].T
-
-    def jacobian(self, k: int, x: np.ndarray) -> np.ndarray:
-        return np.tile(self.rows[k], (*np.shape(x)[:-1], 1, 1))
-
-
-UNITS = np.array([1e3, 1e-2, 1e-6, 1e-8, 1e2])
-"""Sizes of the states of :func:`linear_problem`: 1 km, 1 cm/s, 1 µrad, ..."""
-CONSTANT = slice(3, 5)
-"""Its states that never change."""
-
-
-def linear_problem(seed: int, epochs: int = 40, m: int = 2, period: float = 1.0) -> Problem:
-    """A random linear-Gaussian problem with a truth drawn from it; five states in mixed units.
-
-    Three states move, driven by noise of rank two (exactly singular) and by two constant ones.
-    """
-    rng = np.random.default_rng(seed)
-    n = len(UNITS)
-    turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
-    transition = np.tile(np.eye(n), (epochs, 1, 1))
-    process_cov = np.zeros((epochs, n, n))
-    for k in range(epochs):
-        transition[k, :3, :3] = 0.97 * turn + 0.02 * rng.normal(size=(3, 3))
-        transition[k, :3, CONSTANT] = 0.1 * rng.normal(size=(3, 2))
-        spread = 0.2 * rng.normal(size=(2, 2))
-        process_cov[k, :2, :2] = spread @ spread.T
-    root = np.eye(n) + 0.3 * np.tril(rng.normal(size=(n, n)), -1)
-    rows = rng.normal(size=(epochs, m, n))
-    noise_root = np.diag(np.geomspace(0.3, 1.0, m)) + 0.1 * np.tril(np.ones((m, m)), -1)
-    mean = rng.normal(size=n)
-    x = mean + root @ rng.standard_normal(n)
-    measurements = np.empty((epochs, m))
-    for k in range(epochs):
-        x = transition[k] @ x
-        x[:2] += np.linalg.cholesky(process_cov[k, :2, :2]) @ rng.standard_normal(2)
-        measurements[k] = rows[k] @ x + noise_root @ rng.standard_normal(m)
-    sizes = np.outer(UNITS, UNITS)
-    return Problem(
-        times=period * np.arange(1, epochs + 1),
-        measurements=measurements,
-        noise_cov=noise_root @ noise_root.T,
-        transition=transition * UNITS[:, None] / UNITS,
-        process_cov=process_cov * sizes,
-        prior_mean=mean * UNITS,
-        prior_cov=root @ root.T * sizes,
-        model=LinearModel(rows / UNITS),
-        layout=(StateBlock("moving", slice(0, 3), "mixed"), StateBlock("constant", CONSTANT, "1")),
-    )
-
-
-def noisy_problem(seed: int, epochs: int = 40, n: int = 3, m: int = 2) -> Problem:
-    """A random linear-Gaussian problem whose process noise has full rank, as Monte Carlo likes it.
-
-    States forget their past within a few epochs, and a reading is worth about as much as the
-    prediction.
-    """
-    rng = np.random.default_rng(seed)
-    transition, process_cov = np.empty((epochs, n, n)), np.empty((epochs, n, n))
-    rows = rng.normal(size=(epochs, m, n))
-    for k in range(epochs):
-        turn, _ = np.linalg.qr(rng.normal(size=(n, n)))
-        transition[k] = 0.9 * turn
-        spread = 0.5 * np.eye(n) + 0.1 * rng.normal(size=(n, n))
-        process_cov[k] = spread @ spread.T
-    x, measurements = rng.normal(size=n), np.empty((epochs, m))
-    for k in range(epochs):
-        x = transition[k] @ x + np.linalg.cholesky(process_cov[k]) @ rng.normal(size=n)
-        measurements[k] = rows[k] @ x + rng.normal(size=m)
-    return Problem(
-        times=np.arange(1.0, epochs + 1.0),
-        measurements=measurements,
-        noise_cov=np.eye(m),
-        transition=transition,
-        process_cov=process_cov,
-        prior_mean=np.zeros(n),
-        prior_cov=np.eye(n),
-        model=LinearModel(rows),
-        layout=(StateBlock("position", slice(0, n), "m"),),
-    )
-
-
-def changed(problem: Problem, **changes: object) -> Problem:
-    """The problem with other values of some attributes."""
-    return dataclasses.replace(problem, **changes)
-
-
-def graded(problem: Problem) -> Problem:
-    """The problem with noise that is told for each epoch, up to three times as large or small."""
-    factors = 9.0 ** np.sin(np.arange(1.0, problem.epochs + 1.0))
-    return changed(problem, noise_cov=problem.noise_cov * factors[:, None, None])
-
-
 def entangled(problem: ProblemBlock) -> ProblemBlock:
     """The problem with a prior that has a mean, and states and noises that correlate."""
     rng = np.random.default_rng(5)
@@ -243,40 +154,6 @@ def entangled(problem: ProblemBlock) -> ProblemBlock:
     )
 
 
-def propagated(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and covariance of every epoch without any measurement, from the start in one product."""
-    means, covs = [], []
-    phi = np.eye(problem.dimension)
-    noise = np.zeros_like(problem.prior_cov)
-    for k in range(problem.epochs):
-        phi = problem.transition[k] @ phi
-        noise = problem.transition[k] @ noise @ problem.transition[k].T + problem.process_cov[k]
-        means.append(phi @ problem.prior_mean)
-        covs.append(phi @ problem.prior_cov @ phi.T + noise)
-    return np.array(means), np.array(covs)
-
-
-def kalman(problem: Problem) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Kalman filter with Joseph's update: filtered and predicted means and covariances."""
-    x, p = problem.prior_mean, problem.prior_cov
-    eye = np.eye(problem.dimension)
-    out: tuple[list, ...] = ([], [], [], [])
-    for k in range(problem.epochs):
-        phi = problem.transition[k]
-        x, p = phi @ x, phi @ p @ phi.T + problem.process_cov[k]
-        out[2].append(x)
-        out[3].append(p)
-        h = problem.model.jacobian(k, x)
-        s = h @ p @ h.T + problem.noise_of(k)
-        gain = np.linalg.solve(s, h @ p).T
-        x = x + gain @ (problem.measurements[k] - problem.model.predict(k, x))
-        keep = eye - gain @ h
-        p = keep @ p @ keep.T + gain @ problem.noise_of(k) @ gain.T
-        out[0].append(x)
-        out[1].append(p)
-    return tuple(np.array(item) for item in out)
-
-
 def evidence(problem: Problem) -> float:
     """Log p(z) of a linear problem, from the Kalman filter's innovations."""
     _, _, predicted, covs = kalman(problem)
@@ -287,27 +164,6 @@ def evidence(problem: Problem) -> float:
         y = problem.measurements[k] - problem.model.predict(k, predicted[k])
         total -= 0.5 * (y @ np.linalg.solve(s, y) + np.linalg.slogdet(2.0 * np.pi * s)[1])
     return total
-
-
-def smoothed(problem: Problem, ahead: int) -> tuple[np.ndarray, np.ndarray]:
-    """Each epoch given the measurements up to ``ahead`` epochs later: Rauch, Tung & Striebel."""
-    x_f, p_f, x_p, p_p = kalman(problem)
-    # The inverse in units of the prior: kilometres beside microradians would spoil it.
-    units = np.sqrt(np.diag(problem.prior_cov))
-    right = problem.transition[1:] @ p_f[:-1] / units[:, None]
-    gains = np.linalg.solve(p_p[1:] / np.outer(units, units), right) / units[:, None]
-    means, covs = x_f.copy(), p_f.copy()
-    end = problem.epochs - 1
-    for last in range(min(ahead, end), end + 1):
-        # Back from the end of a window to its start; from the last end, to all windows it ends.
-        x, p = x_f[last], p_f[last]
-        for j in range(last - 1, max(last - ahead, 0) - 1, -1):
-            gain = gains[j].T
-            x = x_f[j] + gain @ (x - x_p[j + 1])
-            p = p_f[j] + gain @ (p - p_p[j + 1]) @ gain.T
-            if last == end or j == last - ahead:
-                means[j], covs[j] = x, p
-    return means, covs
 
 
 def conditioned(problem: Problem, ahead: int) -> tuple[np.ndarray, np.ndarray]:
@@ -340,27 +196,6 @@ def conditioned(problem: Problem, ahead: int) -> tuple[np.ndarray, np.ndarray]:
         means[k] = mean[k] + gain @ np.concatenate(residual)
         covs[k] = marginal[k] - gain @ cross.T
     return means, covs
-
-
-def exact(problem: Problem, estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
-    """The mean and covariance of a linear-Gaussian problem that an estimate's causality asks."""
-    if estimate.causality == "none":
-        return propagated(problem)
-    if estimate.causality == "fixed-lag":
-        period = problem.times[-1] - problem.times[-2] if problem.epochs > 1 else 1.0
-        return smoothed(problem, int(np.floor(estimate.lag / period + 1e-9)))
-    return smoothed(problem, problem.epochs if estimate.causality == "batch" else 0)
-
-
-def deviation(
-    mean: np.ndarray, cov: np.ndarray, true_mean: np.ndarray, true_cov: np.ndarray
-) -> tuple[float, float]:
-    """Largest differences of mean and covariance in units of the posterior deviations."""
-    sigma = np.sqrt(np.diagonal(true_cov, axis1=1, axis2=2))
-    return (
-        float(np.max(np.abs(mean - true_mean) / sigma)),
-        float(np.max(np.abs(cov - true_cov) / (sigma[:, :, None] * sigma[:, None, :]))),
-    )
 
 
 SMALL = """

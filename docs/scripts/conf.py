@@ -37,7 +37,10 @@ autodoc_preserve_defaults = True
 
 # Types of other packages, and names that a docstring uses for what it explains in words.
 nitpick_ignore_regex = [
-    ("py:class", r"(np|numpy|pd|pandas|matplotlib|pathlib|collections|typing|pydantic|click)\..*"),
+    (
+        "py:class",
+        r"(np|numpy|pd|pandas|matplotlib|pathlib|collections|typing|pydantic|click|stonesoup|dynamax)\..*",
+    ),
     (
         "py:class",
         r"(ndarray|ArrayLike|Generator|DataFrame|Figure|Path|Any)|Callable|Sequence|Mapping",

@@ -31,6 +31,8 @@ GROUP = "ggbench.estimators"
 _SOURCE = "__ggbench_source__"
 _OWN_MODULE = "ggbench_user_"
 """How the module names of files of a user's own begin."""
+_ADAPTERS = "ggbench.adapters."
+"""How the names of the modules begin by which other packages' estimators join."""
 
 
 class EstimatorError(GGBenchError):
@@ -54,14 +56,17 @@ class Choice:
     def content(self) -> dict[str, Any]:
         """What its results depend on: class, all parameters, and a hash of its source file.
 
-        If that file uses what only helps to find truth, what it uses (:func:`.sought`).
+        Of an estimator of another package the versions of that. If its file uses what only helps
+        to find truth, what it uses (:func:`.sought`).
         """
         cls = type(self.estimator)
         source, seeks = _source_of(cls)
+        libraries = _libraries_of(cls)
         return {
             "class": cls.__qualname__,
             "parameters": {item.name: getattr(self.estimator, item.name) for item in fields(cls)},
             "source": source,
+            **({"libraries": libraries} if libraries else {}),
             **({"seeks": list(seeks)} if seeks else {}),
         }
 
@@ -272,21 +277,42 @@ def _parse(cls: type[Estimator], name: str, listed: str) -> dict[str, tuple[str,
 def _source_of(cls: type[Estimator]) -> tuple[str, tuple[str, ...]]:
     """Return a hash of the file that defines a class, as it was when it was loaded, and its seeks.
 
-    With it go the modules of the same package from which it imports, as robust losses are.
+    With it go the modules of the same package from which it imports, as robust losses are, and the
+    adapters that it uses.
     """
     module = sys.modules[cls.__module__]
+    contents = [_content(name) for name in _adapters_of(cls)]
     if _SOURCE in vars(module):
-        contents = [vars(module)[_SOURCE]]
+        contents = [vars(module)[_SOURCE], *contents]
     else:
         found = {cls.__module__}
-        for item in vars(module).values():
-            name = item.__name__ if inspect.ismodule(item) else getattr(item, "__module__", None)
-            if module.__package__ and str(name).startswith(f"{module.__package__}."):
-                found.add(str(name))
-        files = sorted(inspect.getfile(sys.modules[name]) for name in found if name in sys.modules)
-        contents = [Path(file).read_bytes() for file in files]
+        if module.__package__:
+            found |= {n for n in _used_by(cls) if n.startswith(f"{module.__package__}.")}
+        contents += [_content(name) for name in sorted(found) if name in sys.modules]
     seeks = {name for content in contents for name in sought(content)}
     return hashlib.sha256(b"".join(contents)).hexdigest(), tuple(sorted(seeks))
+
+
+def _used_by(cls: type[Estimator]) -> set[str]:
+    """Return the names of the modules of what a class's file holds, and of what it derives from."""
+    held = [*vars(sys.modules[cls.__module__]).values(), *cls.__mro__]
+    named = (x.__name__ if inspect.ismodule(x) else getattr(x, "__module__", None) for x in held)
+    return {str(name) for name in named}
+
+
+def _adapters_of(cls: type[Estimator]) -> list[str]:
+    """Return the names of the adapters to other packages that a class uses."""
+    return sorted(name for name in _used_by(cls) if name.startswith(_ADAPTERS))
+
+
+def _libraries_of(cls: type[Estimator]) -> dict[str, str]:
+    """Return the versions of the packages to which its adapters lead."""
+    names = [name for one in _adapters_of(cls) for name in sys.modules[one].LIBRARIES]
+    return {name: importlib.metadata.version(name) for name in names}
+
+
+def _content(module: str) -> bytes:
+    return Path(inspect.getfile(sys.modules[module])).read_bytes()
 
 
 def _from_file(path: Path) -> type[Estimator]:

@@ -15,6 +15,7 @@ from ..errors import GGBenchError
 from ..figures.numbers import counted
 from ..spec.limits import MOST_RUNS, MOST_SEED
 from .bound import bound
+from .check import check
 from .clocks import Clocks
 from .compiling import tell_first_use, tell_maps
 from .fitting import FittedTable
@@ -22,6 +23,7 @@ from .flights import estimate, record
 from .interrupts import requests_to_end
 from .keys import keys
 from .maps import map_group
+from .new import new
 from .progress import Progress
 from .screen import console
 
@@ -66,7 +68,9 @@ def main() -> None:
 
 main.add_command(map_group)
 main.add_command(bound)
+main.add_command(check)
 main.add_command(keys)
+main.add_command(new)
 main.add_command(estimate)
 main.add_command(record)
 

@@ -22,7 +22,8 @@ COMPILED_ROOMS = ("numerics", "gravity", "ins", "sensors", "trajectory", "engine
 MAP_ROOMS = ("numerics", "gravity", "maps")
 """Rooms that make a map from data."""
 _NOT_OF_RESULTS = {
-    "estimators", "scenarios", "areas", "recorded", "figures", "report", "api.py", "cli",
+    "adapters", "estimators", "scenarios", "areas", "contract", "recorded", "figures", "report",
+    "api.py", "cli",
 }  # fmt: skip
 """What no result depends on: parts that results know by their own content, and what shows them."""
 

@@ -1,0 +1,187 @@
+"""Stone Soup: a problem as its models, its posterior as an estimate.
+
+A filter of Stone Soup joins a campaign as a class of a few lines::
+
+    @dataclass(frozen=True)
+    class Mine(StoneSoupEstimator):
+        name = "stonesoup-ekf"
+
+        def filter(self, transition, measurement):
+            return KalmanPredictor(transition), ExtendedKalmanUpdater(measurement)
+
+It needs the extra ``stonesoup``: ``pip install 'ggbench[stonesoup]'``.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+from abc import abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..problem import Causality, Estimate, Estimator, Problem
+
+try:
+    from stonesoup.base import Property
+    from stonesoup.models.measurement.nonlinear import NonLinearGaussianMeasurement
+    from stonesoup.models.transition.linear import LinearGaussianTimeInvariantTransitionModel
+    from stonesoup.types.array import CovarianceMatrix, StateVector, StateVectors
+    from stonesoup.types.detection import Detection
+    from stonesoup.types.hypothesis import SingleHypothesis
+    from stonesoup.types.state import GaussianState
+    from stonesoup.types.track import Track
+except ImportError as error:
+    raise ImportError(
+        f"{__name__} needs Stone Soup ({error}): pip install 'ggbench[stonesoup]'"
+    ) from error
+
+LIBRARIES = ("stonesoup",)
+"""Distributions whose version its results depend on."""
+_START = datetime.datetime(2000, 1, 1)
+"""What stands for the start of a flight, whose date no problem tells."""
+
+
+class Transition(LinearGaussianTimeInvariantTransitionModel):
+    """x_k = Φ_k x_{k−1} + w_k of one epoch k, w_k ~ N(0, Q_k).
+
+    Parameters
+    ----------
+    transition_matrix, covariance_matrix : (n, n) Φ_k and Q_k.
+    problem, epoch : whose they are. generator : of the noise that is drawn.
+    """
+
+    problem: Problem = Property()
+    epoch: int = Property()
+    generator: np.random.Generator = Property()
+
+    def rvs(self, num_samples: int = 1, **kwargs: Any) -> StateVectors:
+        """Return noises w_k (n, N), which keep to the rank of Q_k."""
+        root = self.problem.noise_root(self.epoch)
+        return (root @ self.generator.standard_normal((root.shape[1], num_samples))).view(
+            StateVectors
+        )
+
+
+class Measurement(NonLinearGaussianMeasurement):
+    """z_k = h(k, x_k) + v_k of one epoch k, v_k ~ N(0, R_k); all points go through h in one call.
+
+    Of a channel without a reading h and H are zero, as in the problem: it changes nothing.
+
+    Parameters
+    ----------
+    noise_covar : (m, m) R_k.
+    problem, epoch : whose it is. generator : of the noise that is drawn.
+    """
+
+    problem: Problem = Property()
+    epoch: int = Property()
+    generator: np.random.Generator = Property()
+
+    @property
+    def ndim_meas(self) -> int:
+        """Number m of channels."""
+        return len(self.noise_covar)
+
+    def rvs(self, num_samples: int = 1, **kwargs: Any) -> StateVectors:
+        """Return noises v_k (m, N)."""
+        root = np.linalg.cholesky(self.noise_covar)
+        return (root @ self.generator.standard_normal((len(root), num_samples))).view(StateVectors)
+
+    def function(self, state: Any, noise: Any = False, **kwargs: Any) -> Any:
+        """Return h (m, N) of one state or of N, with noise if it is asked for."""
+        vectors = state.state_vector
+        points = np.asarray(vectors, dtype=float)
+        kind = StateVectors if isinstance(vectors, StateVectors) else StateVector
+        found = self.problem.model.predict(self.epoch, points.T).T.view(kind)
+        if noise is None or noise is False:
+            return found
+        return found + (self.rvs(points.shape[1]) if noise is True else noise)
+
+    def jacobian(self, state: Any, **kwargs: Any) -> np.ndarray:
+        """Return H (m, n) at a state."""
+        x = np.asarray(state.state_vector, dtype=float)[:, 0]
+        return self.problem.model.jacobian(self.epoch, x)
+
+
+@dataclass(frozen=True)
+class StoneSoupEstimator(Estimator):
+    """An estimator made of Stone Soup's predictor and updater, and its smoother if there is one.
+
+    Derive from it, name it, and write :meth:`filter`; for particles :meth:`start`, for a smoother
+    :meth:`smooth` and ``causality = "batch"``. What Stone Soup draws from NumPy's global generator
+    is drawn from the run's.
+    """
+
+    @property
+    def causality(self) -> Causality:
+        """Measurements up to each epoch."""
+        return "filter"
+
+    @abstractmethod
+    def filter(self, transition: Transition, measurement: Measurement) -> tuple[Any, Any]:
+        """Return the predictor and the updater of one epoch, of its two models."""
+
+    def start(self, prior: GaussianState, rng: np.random.Generator) -> Any:
+        """Return the state at the start, which is the prior if nothing else is wanted."""
+        return prior
+
+    def smooth(self, track: Track) -> Track:
+        """Return the track of all updates smoothed, or as it is."""
+        return track
+
+    def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
+        """Predict to every epoch and update there; the mean and covariance of what comes out."""
+        with _drawn_from(rng):
+            track = self.smooth(Track(list(self._updates(problem, rng))))
+        mean = np.array([np.asarray(state.mean, dtype=float).ravel() for state in track])
+        cov = np.array([np.asarray(state.covar, dtype=float) for state in track])
+        return Estimate(mean, 0.5 * (cov + cov.transpose(0, 2, 1)), self.causality)
+
+    def _updates(self, problem: Problem, rng: np.random.Generator) -> Iterator[Any]:
+        """Yield the updated state of every epoch."""
+        first = float(problem.times[0])
+        # The start is the zero of time; where the first epoch is not behind it, a second before.
+        begun = _time(0.0 if first > 0.0 else first - 1.0)
+        prior = GaussianState(
+            StateVector(problem.prior_mean), CovarianceMatrix(problem.prior_cov), timestamp=begun
+        )
+        state = self.start(prior, rng)
+        mapping = tuple(range(problem.dimension))
+        for k, time in enumerate(problem.times):
+            of_epoch = {"problem": problem, "epoch": k, "generator": rng}
+            predictor, updater = self.filter(
+                Transition(
+                    transition_matrix=problem.transition[k],
+                    covariance_matrix=CovarianceMatrix(problem.process_cov[k]), **of_epoch,
+                ),
+                Measurement(
+                    ndim_state=len(mapping), mapping=mapping,
+                    noise_covar=CovarianceMatrix(problem.noise_of(k)), **of_epoch,
+                ),
+            )  # fmt: skip
+            prediction = predictor.predict(state, timestamp=_time(float(time)))
+            detection = Detection(
+                StateVector(problem.measurements[k]), timestamp=_time(float(time)),
+                measurement_model=updater.measurement_model,
+            )  # fmt: skip
+            state = updater.update(SingleHypothesis(prediction, detection))
+            yield state
+
+
+def _time(seconds: float) -> datetime.datetime:
+    return _START + datetime.timedelta(seconds=seconds)
+
+
+@contextlib.contextmanager
+def _drawn_from(rng: np.random.Generator) -> Iterator[None]:
+    """Seed NumPy's global generator, by which Stone Soup resamples, and put it back afterwards."""
+    before = np.random.get_state()  # noqa: NPY002
+    np.random.seed(rng.integers(2**32))  # noqa: NPY002
+    try:
+        yield
+    finally:
+        np.random.set_state(before)  # noqa: NPY002

@@ -1,0 +1,87 @@
+"""The process that asks an estimator what ``ggbench check`` wants to know of it.
+
+Apart from the command's own process: a file of a user's own may print without end, end its process
+or never return. Answers go through a pipe of their own.
+"""
+
+from __future__ import annotations
+
+import inspect
+import json
+import os
+import sys
+import traceback
+from collections.abc import Callable
+from functools import partial
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+_LONGEST_LINE = 60
+
+
+def main(pipe: str, text: str, names: list[str]) -> None:
+    """Ask the checks of these names of the estimator that a text names; answer by the pipe."""
+    answers = Connection(int(pipe), readable=False)
+    os.set_inheritable(int(pipe), False)
+
+    def tell(**answer: str) -> None:
+        answers.send_bytes(json.dumps(answer).encode())
+
+    from ..campaign import registry
+    from ..contract.catalogue import CHECKS, flight
+    from ..errors import GGBenchError
+
+    try:
+        flight()  # which is compiled at the first use, and is no time of the estimator's
+    except GGBenchError as error:
+        tell(cannot=str(error))
+        return
+    tell(prepared="")
+    try:
+        estimator = registry.choose(text).estimator
+    except registry.EstimatorError as error:
+        cause = error.__cause__
+        line = _line_of(cause, text.partition("[")[0]) if cause else ""
+        tell(cannot=f"{error}{f' ({line})' if line else ''}")
+        return
+    file = inspect.getsourcefile(type(estimator)) or ""
+    tell(ready=type(estimator).__name__)
+    for check in CHECKS:
+        if check.name in names:
+            tell(begun=check.name)
+            tell(done=check.name, **_asked(partial(check.ask, estimator), file))
+
+
+def _asked(ask: Callable[[], None], file: str) -> dict[str, str]:
+    """Ask; return the verdict and a sentence."""
+    from ..campaign.texts import printable, said
+    from ..contract.demands import Broken, Refused
+
+    try:
+        ask()
+    except Refused as refusal:
+        return {"verdict": "refused", "text": printable(str(refusal))}
+    except Broken as broken:
+        return {"verdict": "failed", "text": printable(str(broken))}
+    except BaseException as error:
+        where = "".join(f"{note}: " for note in getattr(error, "__notes__", ())[-1:])
+        line = _line_of(error, file)
+        return {"verdict": "failed", "text": f"{where}{said(error)}{f' ({line})' if line else ''}"}
+    return {"verdict": "passed", "text": ""}
+
+
+def _line_of(error: BaseException, file: str) -> str:
+    """Return the last line of a file that an exception has passed, "" if it passed none."""
+    if isinstance(error, SyntaxError) and error.filename == file:
+        return f"{Path(file).name}, line {error.lineno}"
+    for frame in reversed(traceback.extract_tb(error.__traceback__)):
+        if Path(frame.filename) == Path(file):
+            shown = (frame.line or "").strip()
+            if len(shown) > _LONGEST_LINE:
+                shown = f"{shown[:_LONGEST_LINE]}..."
+            return f"{Path(file).name}, line {frame.lineno}{f': {shown}' if shown else ''}"
+    return ""
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], sys.argv[2], sys.argv[3:])

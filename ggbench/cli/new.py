@@ -1,0 +1,93 @@
+"""``ggbench new``: a commented scenario or estimator to begin with, which runs as it is."""
+
+from __future__ import annotations
+
+import keyword
+import re
+from pathlib import Path
+
+import click
+
+from ..errors import GGBenchError
+
+_TEMPLATES = Path(__file__).parent / "templates"
+"""Texts, and no modules of the package: what is made of them is imported elsewhere."""
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
+_LONGEST = 60
+_TAKEN = {"Estimate", "Estimator", "Problem", "Template"}
+"""Names that the file of an estimator has in use."""
+
+
+class NewFileError(GGBenchError):
+    """A file cannot be begun under a name."""
+
+
+_folder = click.option(
+    "-o", "--output", type=click.Path(path_type=Path, file_okay=False), default=Path(),
+    help="Folder to write it to [the current one].",
+)  # fmt: skip
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+def new() -> None:
+    """Begin a scenario or an estimator: a commented file that runs."""
+
+
+@new.command()
+@click.argument("name")
+@_folder
+def scenario(name: str, output: Path) -> None:
+    """Write NAME.toml: a flight over a shipped map, with every table explained."""
+    path = _begun(".toml", name, output, TITLE=_titled(name))
+    shown = path.as_posix()
+    click.echo(f"Wrote {shown}. Look at its flights: ggbench validate {shown}")
+    click.echo(f"Run it: ggbench run {shown} -n 10")
+
+
+@new.command()
+@click.argument("name")
+@_folder
+def estimator(name: str, output: Path) -> None:
+    """Write NAME.py: an extended Kalman filter that keeps the contract, with its class NAME."""
+    called = "".join(part[:1].upper() + part[1:] for part in re.split("[-_]+", name))
+    if keyword.iskeyword(called) or called in _TAKEN:
+        raise NewFileError(f"an estimator '{name}' would be a class {called}: choose another name")
+    path = _begun(".py", name, output, Template=called, TITLE=_titled(name))
+    shown = path.as_posix()
+    click.echo(f"Wrote {shown}. Check it: ggbench check {shown}")
+    click.echo(f"Run it beside another: ggbench run wang2013 -n 3 -e {shown} -e ekf")
+
+
+def _titled(name: str) -> str:
+    words = re.sub("[-_]+", " ", name).strip()
+    return words[:1].upper() + words[1:]
+
+
+def _begun(suffix: str, name: str, folder: Path, **words: str) -> Path:
+    """Write the template of a kind of file under a name, with words replaced; return the path.
+
+    Raises
+    ------
+    NewFileError
+        If the name is none for a file and a class, the file is there, or cannot be written.
+    """
+    if not _NAME.fullmatch(name) or len(name) > _LONGEST:
+        ending = f"; the ending {suffix} is added to it" if name.endswith(suffix) else ""
+        raise NewFileError(
+            f"{name!a} is no name: a letter, then letters, digits, - and _, {_LONGEST} at most"
+            f"{ending}; -o DIR chooses the folder"
+        )
+    path = folder / f"{name}{suffix}"
+    (template,) = _TEMPLATES.glob(f"*{suffix}.txt")
+    text = template.read_text(encoding="utf-8")
+    for word, meant in {**words, "NAME": name}.items():
+        text = re.sub(rf"\b{word}\b", meant, text)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with path.open("x", encoding="utf-8") as file:
+            file.write(text)
+    except FileExistsError:
+        raise NewFileError(f"{path} is there already, and is left as it is") from None
+    except OSError as error:
+        raise NewFileError(f"cannot write {path}: {error.strerror}") from None
+    return path

@@ -1,0 +1,179 @@
+"""The checks of ``ggbench check``: each a demand, why it is made, the problems it is asked on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cache, partial
+
+from ..problem import Estimator, Problem
+from ..simulation.error_free_flight import prepare
+from ..simulation.runs import simulate
+from ..spec import scenario
+from . import demands
+from .demands import Refused
+from .references import gappy, graded, linear_problem, noisy_problem
+
+FLIGHT = ("wang2013", "0.01E-0.2Hz")
+"""Scenario and case of the flight over a shipped map: 40 readings of six channels."""
+_SEED = 2013
+_Asked = Iterator[tuple[str, Callable[[], object]]]
+"""Questions, each with the words for the problem on which it is asked."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """A demand on every estimator.
+
+    Attributes
+    ----------
+    name : by which it is called. demand : what must hold. why : what would be wrong without it.
+    questions : the problems it is asked on, and how.
+    """
+
+    name: str
+    demand: str
+    why: str
+    questions: Callable[[Estimator], _Asked]
+
+    def ask(self, estimator: Estimator) -> None:
+        """Ask it on all its problems.
+
+        Raises
+        ------
+        Broken
+            With a sentence that says on which problem it does not hold, and by how much.
+        Refused
+            If the estimator takes none of the problems, with its reason for the first.
+        Exception
+            Whatever the estimator raises.
+        """
+        refused: list[Refused] = []
+        asked = 0
+        for where, question in self.questions(estimator):
+            asked += 1
+            try:
+                question()
+            except Refused as refusal:
+                refused.append(refusal)
+            except demands.Broken as broken:
+                raise demands.Broken(f"{where}: {broken}") from None
+            except Exception as error:
+                error.add_note(where)
+                raise
+        if len(refused) == asked:
+            raise refused[0]
+
+
+@cache
+def flight() -> Problem:
+    """Return the problem of a flight over a shipped map."""
+    name, case = FLIGHT
+    return simulate(prepare(scenario.load(name).case(case)), _SEED, 0)[0]
+
+
+def _on_both(ask: Callable[[Estimator, Problem, bool], object]) -> Callable[[Estimator], _Asked]:
+    """Return the questions of a demand that is made on a linear problem and on a flight."""
+
+    def questions(estimator: Estimator) -> _Asked:
+        yield "on a linear problem", partial(ask, estimator, linear_problem(2), True)
+        yield "on a flight over a map", partial(ask, estimator, flight(), False)
+
+    return questions
+
+
+def _exact(estimator: Estimator) -> _Asked:
+    if not estimator.exact:
+        yield "on a linear problem", partial(demands.near_exact, estimator, noisy_problem(0))
+        return
+    for seed in range(2):
+        for epochs, m in ((40, 2), (40, 1), (2, 1)):
+            where = f"on a linear problem of {epochs} readings of {m}"
+            yield where, partial(demands.as_exact, estimator, linear_problem(seed, epochs, m))
+
+
+def _exact_or_any(problem: Problem, where: str) -> Callable[[Estimator], _Asked]:
+    """Return the question whether an estimator is exact on a problem, if it is at all."""
+
+    def questions(estimator: Estimator) -> _Asked:
+        ask: Callable[[Estimator, Problem], object]
+        ask = demands.as_exact if estimator.exact else demands.answer
+        yield where, partial(ask, estimator, problem)
+
+    return questions
+
+
+def _short(estimator: Estimator) -> _Asked:
+    ask: Callable[[Estimator, Problem], object]
+    ask = demands.as_exact if estimator.exact else demands.answer
+    for m in (1, 2):
+        where = f"on a linear problem of a single reading of {m}"
+        yield where, partial(ask, estimator, linear_problem(m, 1, m))
+
+
+CHECKS = (
+    Check(
+        "estimate",
+        "it returns an Estimate of the declared causality, with a finite mean (K, n) and a "
+        "covariance (K, n, n) or None",
+        "a campaign takes nothing else: a run with another answer is a failed run.",
+        _on_both(lambda estimator, problem, _: demands.answer(estimator, problem)),
+    ),
+    Check(
+        "covariance",
+        "every covariance is symmetric and positive definite",
+        "errors are judged by its inverse; a run with another covariance is a failed run.",
+        _on_both(
+            lambda estimator, problem, _: demands.real_covariance(
+                demands.answer(estimator, problem)
+            )
+        ),
+    ),
+    Check(
+        "repeatable",
+        "the same problem and generator give the same answer, bit for bit",
+        "a result that nobody can make again counts for nothing.",
+        _on_both(lambda estimator, problem, _: demands.repeatable(estimator, problem)),
+    ),
+    Check(
+        "inputs",
+        "the problem is left as it was",
+        "the same problem goes to every estimator.",
+        _on_both(lambda estimator, problem, _: demands.inputs_kept(estimator, problem)),
+    ),
+    Check(
+        "causality",
+        "no estimate depends on readings that its causality does not let it see",
+        "a filter that sees the future is compared with filters that do not.",
+        _on_both(demands.causal),
+    ),
+    Check(
+        "exact",
+        "on a linear problem with Gaussian noises it finds the exact answer (or is near it, with "
+        "exact = False)",
+        "there is one right answer to it; a filter that misses it has a mistake somewhere.",
+        _exact,
+    ),
+    Check(
+        "noise",
+        "a reading counts for as much as the noise that is told for its own epoch",
+        "noise_cov may be (K, m, m): problem.noise_of(k) is R of epoch k.",
+        _exact_or_any(
+            graded(linear_problem(6)),
+            "on a linear problem with noise that varies",
+        ),
+    ),
+    Check(
+        "gaps",
+        "a channel that delivers nothing changes nothing",
+        "sensors fail: where present is false, the measurement, h and H are zero.",
+        _exact_or_any(gappy(linear_problem(3)), "on a linear problem with readings missing"),
+    ),
+    Check(
+        "short",
+        "a problem of a single reading, and of a single channel, is one like any other",
+        "squeezed arrays of one element lose their axes.",
+        _short,
+    ),
+)
+"""All checks; the first is asked first, and the others only if it holds."""

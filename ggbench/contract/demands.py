@@ -1,0 +1,297 @@
+"""The demands on an estimator, each a function that asks it and says in a sentence what is wrong.
+
+Every function takes an estimator and a problem, and raises :class:`Broken` if the demand is not
+met, :class:`Refused` if the estimator does not take the problem. What the estimator itself raises
+passes through.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from ..judging import fixes as matchers
+from ..problem import Estimate, Estimator, Fixes, Problem
+from .references import changed, deviation, exact
+from .within import arrays_within
+
+EXACT = 1e-9
+"""Allowed distance from the exact answer, in deviations of the posterior."""
+NEAR, SPREAD = 0.3, 0.3
+"""Allowed rms distance of an estimator that is not exact, and error of its deviations."""
+_SYMMETRIC = 1e-12
+_UNMOVED, _MOVED = 1e-12, 1e-6
+"""In deviations of the prior: what does not count as a change, and what does."""
+_SHIFT = 10.0
+"""By how many deviations of their noise readings are changed."""
+
+
+class Broken(Exception):
+    """A demand is not met; the text says by what, with numbers."""
+
+
+class Refused(Exception):
+    """The estimator does not take the problem; the text is its reason."""
+
+
+def generator() -> np.random.Generator:
+    """Return the generator that is given to estimators: the same each time."""
+    return np.random.default_rng(7)
+
+
+def answer(estimator: Estimator, problem: Problem, gaussian: bool = False) -> Estimate:
+    """Return an estimate, made by a new instance, whose form is what was declared.
+
+    ``gaussian`` sets the threshold of a robust loss to infinity, where it must be least squares.
+    """
+    if gaussian and vars(estimator).get("loss", "none") != "none":
+        estimator = dataclasses.replace(estimator, threshold=np.inf)  # type: ignore[call-arg]
+    reason = estimator.skip(problem)
+    if reason is not None and not isinstance(reason, str):
+        raise Broken(f"skip() returned {_kind(reason)}, not a reason or None")
+    if reason:
+        raise Refused(reason)
+    found = dataclasses.replace(estimator).estimate(problem, generator())
+    declared(found, estimator, problem)
+    return found
+
+
+def declared(found: Any, estimator: Estimator, problem: Problem) -> None:
+    """Demand shapes, finite real numbers, and the causality and lag that are declared."""
+    if not isinstance(found, Estimate):
+        raise Broken(f"estimate() returned {_kind(found)}, not an Estimate")
+    if found.causality != estimator.causality:
+        raise Broken(
+            f"the estimate's causality is '{found.causality}', that of its estimator "
+            f"'{estimator.causality}'"
+        )
+    lag = vars(estimator).get("lag") if estimator.causality == "fixed-lag" else None
+    if found.lag != lag:
+        raise Broken(f"the estimate's lag is {found.lag}, and its estimator's is {lag}")
+    epochs, n = problem.epochs, problem.dimension
+    _require_numbers("mean", found.mean, (epochs, n))
+    if found.cov is not None:
+        _require_numbers("cov", found.cov, (epochs, n, n))
+    if found.fixes is not None:
+        try:
+            matchers.checked(found.fixes, epochs)
+        except ValueError as error:
+            raise Broken(str(error)) from None
+
+
+def _require_numbers(name: str, found: Any, shape: tuple[int, ...]) -> None:
+    array = np.asarray(found)
+    if array.shape != shape:
+        hint = ""
+        if array.size == np.prod(shape):
+            hint = "; it has as many numbers, so reshape or ravel what goes into it"
+        raise Broken(f"{name} has the shape {array.shape}, and must have {shape}{hint}")
+    if array.dtype.kind not in "fiu":
+        raise Broken(f"{name} has elements of type {array.dtype}, and must have real numbers")
+    bad = ~np.isfinite(array.reshape(shape[0], -1)).all(axis=1)
+    if bad.any():
+        raise Broken(f"{name} is not finite at {bad.sum()} epochs, first at epoch {bad.argmax()}")
+
+
+def real_covariance(found: Estimate) -> None:
+    """Demand that every P is symmetric and positive definite.
+
+    Asked of the correlation matrix, so that no unit hides a negative eigenvalue.
+    """
+    if found.cov is None:
+        return
+    cov = np.asarray(found.cov, dtype=float)
+    variances = np.diagonal(cov, axis1=1, axis2=2)
+    if (variances <= 0.0).any():
+        epoch, state = np.argwhere(variances <= 0.0)[0]
+        raise Broken(
+            f"the variance of state {state} at epoch {epoch} is {variances[epoch, state]:.2g}, and "
+            "must be positive; Joseph's form of the update keeps it so"
+        )
+    sigma = np.sqrt(variances)
+    correlation = cov / (sigma[:, :, np.newaxis] * sigma[:, np.newaxis, :])
+    apart = np.abs(correlation - correlation.transpose(0, 2, 1)).max(axis=(1, 2))
+    if apart.max() >= _SYMMETRIC:
+        raise Broken(
+            f"the covariance at epoch {apart.argmax()} is not symmetric: largest difference of "
+            f"correlations {apart.max():.2g}, allowed {_SYMMETRIC:g}; return 0.5 * (P + P.T)"
+        )
+    least = np.linalg.eigvalsh(correlation).min(axis=1)
+    if least.min() <= 0.0:
+        raise Broken(
+            f"the covariance at epoch {least.argmin()} is not positive definite: its correlation "
+            f"matrix has the eigenvalue {least.min():.2g}"
+        )
+
+
+def repeatable(estimator: Estimator, problem: Problem, first: Estimate | None = None) -> None:
+    """Demand the same answer twice, bit for bit: of the problem and the generator alone."""
+    first = first or answer(estimator, problem)
+    again = answer(estimator, problem)
+    for name in ("mean", "cov"):
+        one, other = getattr(first, name), getattr(again, name)
+        if (one is None) != (other is None):
+            raise Broken(f"of the same problem and generator, {name} is there once and once not")
+        if one is None or np.asarray(one).tobytes() == np.asarray(other).tobytes():
+            continue
+        differs = (np.asarray(one) != np.asarray(other)).reshape(len(one), -1).any(axis=1)
+        raise Broken(
+            f"the same problem and generator gave another {name} the second time, first at epoch "
+            f"{differs.argmax()}: draw from rng alone, and keep nothing between two calls"
+        )
+
+
+def inputs_kept(estimator: Estimator, problem: Problem) -> None:
+    """Demand that no byte of the problem, or of its model, is changed."""
+    before = {id(a): (a, a.tobytes()) for a in arrays_within(problem)}
+    named = {
+        id(getattr(problem, item.name)): f"problem.{item.name}"
+        for item in dataclasses.fields(problem)
+    }
+    answer(estimator, problem)
+    after = {id(a) for a in arrays_within(problem)}
+    for key, (array, content) in before.items():
+        if array.tobytes() != content:
+            what = named.get(key, f"an array {array.shape} of the model")
+            raise Broken(f"{what} was changed: it goes to every estimator, so work on a copy")
+    if after != set(before):
+        raise Broken("the problem or its model holds other arrays afterwards than before")
+
+
+def causal(estimator: Estimator, problem: Problem, exactly: bool = True) -> None:
+    """Demand that no estimate depends on readings after what its causality lets it see.
+
+    Readings after an epoch are changed by ten deviations: estimates whose reach ends before are the
+    same to 1e-12 σ (with ``exactly`` covariances bit for bit), the first that can see them is not,
+    or a later one if it makes fixes. Without aiding none changes.
+    """
+    last_same = problem.epochs // 2
+    measurements = problem.measurements.copy()
+    shift = _SHIFT * np.sqrt(np.diag(problem.noise_of(0))) * problem.present
+    measurements[last_same + 1 :] += shift[last_same + 1 :]
+    first = answer(estimator, problem)
+    second = answer(estimator, changed(problem, measurements=measurements))
+    sigma = np.sqrt(np.diag(problem.prior_cov))
+    moved = (np.abs(np.asarray(second.mean) - first.mean) / sigma).max(axis=1)
+    told = f"readings after epoch {last_same} were changed by {_SHIFT:g} deviations"
+    if first.causality == "none":
+        if moved.max() != 0.0:
+            raise Broken(
+                f"causality is 'none', and when {told} the estimate at epoch {moved.argmax()} "
+                f"moved by {moved.max():.2g} deviations of the prior"
+            )
+        return
+    if first.causality == "batch":
+        if first.cov is not None and second.cov is not None:
+            # A path of cells stays in its cell, and is less sure of it.
+            changes = np.diagonal(second.cov - first.cov, axis1=1, axis2=2)
+            moved = np.maximum(moved, (np.abs(changes) / sigma**2).max(axis=1))
+        before = moved[: last_same + 1]
+        if before.min() <= _MOVED:
+            raise Broken(
+                f"causality is 'batch', and yet when {told} the estimate at epoch "
+                f"{before.argmin()} did not move: declare 'filter' if it uses no later readings"
+            )
+        return
+    reach = (first.lag or 0.0) if first.causality == "fixed-lag" else 0.0
+    blind = problem.times + reach < problem.times[last_same + 1]
+    if not blind.any():
+        raise Refused(f"its lag of {reach:g} s is longer than the problem")
+    ahead = blind & (moved >= _UNMOVED)
+    if ahead.any():
+        epoch = int(ahead.argmax())
+        raise Broken(
+            f"it uses readings of the future though its causality is '{first.causality}': {told}, "
+            f"and the estimate at epoch {epoch} moved by {moved[epoch]:.2g} deviations of the prior"
+        )
+    if first.fixes is None:
+        if moved[~blind][0] <= _MOVED:
+            raise Broken(
+                f"when {told} the estimate at epoch {int((~blind).argmax())} did not move, though "
+                f"its causality '{first.causality}' says that it depends on them: declare 'none' "
+                "of an estimator without aiding"
+            )
+    else:  # a matcher waits for its window, and may refuse what it finds: its fixes have seen them
+        _require_causal_fixes(first, second, last_same, float(moved.max()), told)
+    if exactly and first.cov is not None and second.cov is not None:
+        other = (first.cov[blind] != second.cov[blind]).reshape(int(blind.sum()), -1).any(axis=1)
+        if other.any():
+            raise Broken(
+                "it uses readings of the future for its covariance, though its causality is "
+                f"'{first.causality}': {told}, and that at epoch {other.argmax()} is another one"
+            )
+
+
+def _require_causal_fixes(
+    first: Estimate, second: Estimate, last: int, moved: float, told: str
+) -> None:
+    assert first.fixes is not None
+    if second.fixes is None:
+        raise Broken("it makes fixes of one problem, and returned None of the next")
+    before, after = _rows(first.fixes), _rows(second.fixes)
+    ones, others = (rows[rows[:, 0] <= last] for rows in (before, after))
+    if not np.array_equal(ones, others):
+        raise Broken(f"fixes up to epoch {last} use readings of the future: {told}")
+    ones, others = (rows[rows[:, 0] > last] for rows in (before, after))
+    if moved <= _MOVED and np.array_equal(ones, others):
+        raise Broken(f"no estimate moved, and no fix, when {told}")
+
+
+def _rows(fixes: Fixes) -> np.ndarray:
+    """Return epoch, place and statistic of fixes."""
+    return np.column_stack([fixes.epoch, fixes.mean, fixes.statistic])
+
+
+def as_exact(estimator: Estimator, problem: Problem) -> None:
+    """Demand the exact answer on a linear problem with Gaussian noises, for the causality it has.
+
+    A filter equals Joseph's Kalman filter, a smoother Rauch–Tung–Striebel, a fixed-lag smoother the
+    same on each window, no aiding the propagated prior: to 1e-9 of the posterior's deviations.
+    """
+    found = answer(estimator, problem, gaussian=True)
+    if found.cov is None:
+        raise Broken("an exact estimator has a covariance: say exact = False, or return one")
+    mean_off, cov_off = deviation(found.mean, found.cov, *exact(problem, found))
+    if not max(mean_off, cov_off) < EXACT:
+        name = {"none": "the prior carried along", "filter": "the Kalman filter"}.get(
+            found.causality, "the Rauch–Tung–Striebel smoother"
+        )
+        raise Broken(
+            f"its mean is up to {mean_off:.2g}, its covariance {cov_off:.2g} "
+            f"deviations of the posterior from {name}'s, allowed {EXACT:g}: there is a mistake, "
+            "or it is no exact estimator and says exact = False"
+        )
+
+
+def near_exact(estimator: Estimator, problem: Problem) -> None:
+    """Demand of what is not exact to be near the exact answer on a noisy linear problem.
+
+    The mean within 0.3 posterior deviations rms, deviations within 30 %.
+    """
+    found = answer(estimator, problem)
+    if found.fixes is not None:
+        raise Refused("it tells only what its fixes tell")
+    mean, cov = exact(problem, found)
+    variance = np.diagonal(cov, axis1=1, axis2=2)
+    off = float(np.sqrt(np.mean((np.asarray(found.mean) - mean) ** 2 / variance)))
+    if not off < NEAR:
+        raise Broken(
+            f"its mean is {off:.2g} deviations of the posterior rms from the "
+            f"exact one, allowed {NEAR:g}: a particle filter may need more particles"
+        )
+    if found.cov is None:
+        return
+    ratio = np.diagonal(found.cov, axis1=1, axis2=2) / variance
+    spread = np.abs(np.sqrt(np.mean(ratio, axis=0)) - 1.0)
+    if not spread.max() < SPREAD:
+        raise Broken(
+            f"its deviation of state {spread.argmax()} is "
+            f"{np.sqrt(ratio.mean(axis=0)[spread.argmax()]):.2g} times the exact one, allowed "
+            f"{1.0 - SPREAD:g} to {1.0 + SPREAD:g}"
+        )
+
+
+def _kind(item: object) -> str:
+    return "None" if item is None else f"a {type(item).__name__}"

@@ -1,0 +1,102 @@
+"""``ggbench new``: files that run as they are, under any name that is one."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command import invoke
+from problems import estimator as chosen
+
+from ggbench.campaign import registry
+from ggbench.contract.catalogue import CHECKS, flight
+from ggbench.contract.demands import generator
+from ggbench.spec import scenario
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.mark.parametrize("name", ["my_filter", "x", "robust-EKF-2", "numpy", "NAME", "TITLE"])
+def test_an_estimator_begins_as_one_that_keeps_the_contract(tmp_path, name):
+    done = invoke(["new", "estimator", name], tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert f"ggbench check {name}.py" in done.stdout
+    file = tmp_path / f"{name}.py"
+    estimator = registry.choose(str(file)).estimator
+    assert estimator.name == name
+    assert type(estimator).__name__.lower() == name.replace("_", "").replace("-", "").lower()
+    for check in CHECKS:
+        check.ask(estimator)
+    ours = chosen("ekf").estimate(flight(), generator())
+    theirs = estimator.estimate(flight(), generator())
+    sigma = np.sqrt(np.diag(flight().prior_cov))
+    np.testing.assert_allclose(theirs.mean / sigma, ours.mean / sigma, rtol=0, atol=1e-9)
+    said = registry.choose(f"{file}[iterations=0]").estimator.skip(flight())
+    assert said == "iterations must be positive: 0"
+
+
+def test_what_is_begun_is_as_tidy_as_the_package(tmp_path):
+    """Style and format are those of this repository, without words of the template left."""
+    invoke(["new", "estimator", "my-filter", "-o", "mine"], tmp_path)
+    invoke(["new", "scenario", "my-filter", "-o", "mine"], tmp_path)
+    for suffix in ("py", "toml"):
+        text = (tmp_path / "mine" / f"my-filter.{suffix}").read_text()
+        assert not {"TITLE", "NAME", "Template"} & set(text.replace(".", " ").split())
+        assert "My filter" in text
+    ruff = [sys.executable, "-m", "ruff"]
+    options = ["--config", str(ROOT / "pyproject.toml"), "--no-cache", "mine"]
+    for command in (["check"], ["format", "--check"]):
+        done = subprocess.run(
+            [*ruff, *command, *options], cwd=tmp_path, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_a_scenario_begins_as_a_valid_one(tmp_path):
+    done = invoke(["new", "scenario", "my-flight"], tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "ggbench validate my-flight.toml" in done.stdout
+    loaded = scenario.load(str(tmp_path / "my-flight.toml"))
+    assert (loaded.name, loaded.title) == ("my-flight", "My flight")
+    assert [case.name for case in loaded.cases] == ["as-it-is", "better", "dropouts"]
+    done = invoke(["validate", "my-flight.toml"], tmp_path)
+    assert done.returncode == 0
+    assert "Warning" not in done.stdout
+
+
+@pytest.mark.long
+def test_a_scenario_that_is_begun_runs(tmp_path):
+    """Over a shipped map; aiding helps, and a better gradiometer helps more."""
+    invoke(["new", "scenario", "mine"], tmp_path)
+    done = invoke(["run", "mine.toml", "-n", "3", "-j", "1"], tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "0/0" in done.stdout
+    done = invoke(["report", "results/mine"], tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["scenario", "a/b"], "'a/b' is no name"),
+        (["scenario", ""], "'' is no name"),
+        (["estimator", "2fast"], "'2fast' is no name"),
+        (["estimator", "filter.py"], "; the ending .py is added to it; -o DIR chooses"),
+        (["scenario", "naïve"], "'na\\xefve' is no name"),
+        (["estimator", "a" * 61], "60 at most"),
+        (["estimator", "none"], "would be a class None: choose another name"),
+        (["estimator", "estimator"], "would be a class Estimator: choose another name"),
+        (["estimator", "there"], "there.py is there already, and is left as it is"),
+        (["scenario", "x", "-o", "there.py/in"], "cannot write "),
+    ],
+)
+def test_what_cannot_be_begun_is_said(tmp_path, arguments, said):
+    (tmp_path / "there.py").write_text("mine")
+    done = invoke(["new", *arguments], tmp_path)
+    assert done.returncode == 2
+    assert said in done.stderr and "Traceback" not in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["there.py"]
+    assert (tmp_path / "there.py").read_text() == "mine"

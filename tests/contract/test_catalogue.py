@@ -1,0 +1,158 @@
+"""The checks of ``ggbench check`` find what they are there for, and nothing else."""
+
+from __future__ import annotations
+
+import pytest
+
+from ggbench.campaign import registry
+from ggbench.contract.catalogue import CHECKS, flight
+from ggbench.contract.demands import Broken, Refused
+
+FILTER = """
+from dataclasses import dataclass
+
+import numpy as np
+
+from ggbench.problem import Estimate, Estimator
+
+
+@dataclass(frozen=True)
+class Filter(Estimator):
+    name = "filter"
+    causality = "filter"
+    exact = True
+
+    def estimate(self, problem, rng):
+        x, p = problem.prior_mean, problem.prior_cov
+        means, covs = [], []
+        for k in range(problem.epochs):
+            phi = problem.transition[k]
+            x, p = phi @ x, phi @ p @ phi.T + problem.process_cov[k]
+            h, noise = problem.model.jacobian(k, x), problem.noise_of(k)
+            y = problem.measurements[k] - problem.model.predict(k, x)
+            gain = np.linalg.solve(h @ p @ h.T + noise, h @ p).T
+            x = x + gain @ y
+            keep = np.eye(len(x)) - gain @ h
+            p = keep @ p @ keep.T + gain @ noise @ gain.T
+            p = 0.5 * (p + p.T)
+            means.append(x)
+            covs.append(p)
+        means, covs = np.array(means), np.array(covs)
+        return Estimate(means, covs, self.causality)
+"""
+END = "        return Estimate(means"
+SIZE = "        size = np.sqrt(np.diagonal(covs, axis1=1, axis2=2))\n"
+
+BROKEN = {
+    "estimate": ("Estimate(means, ", "Estimate(means.T, ", "must have (40, 5)"),
+    "covariance": (
+        END,
+        f"{SIZE}        covs[-1, 0, 1] += 1e-10 * size[-1, 0] * size[-1, 1]\n{END}",
+        "the covariance at epoch 39 is not symmetric: largest difference of correlations 1e-10",
+    ),
+    "repeatable": (
+        END,
+        f"        means *= 1.0 + 1e-15 * np.random.randint(1, 9, means.shape)\n{END}",
+        "gave another mean the second time, first at epoch 0",
+    ),
+    "inputs": (
+        END,
+        f"        object.__setattr__(problem.model, 'kept', means)\n{END}",
+        "holds other arrays afterwards than before",
+    ),
+    "causality": (
+        END,
+        f"{SIZE}        means += 5e-10 * size * np.tanh(0.1 * problem.measurements[-1, 0])\n{END}",
+        "readings of the future though its causality is 'filter': readings after epoch 20",
+    ),
+    "exact": ("exact = True", "exact = False", "on a linear problem: its mean is"),
+    "noise": ("problem.noise_of(k)", "problem.noise_of(0)", "deviations of the posterior from"),
+    "gaps": (
+        "            x = x + gain @ y\n",
+        "            if not problem.present[k].all():\n                gain = 0.0 * gain\n"
+        "            x = x + gain @ y\n",
+        "with readings missing: its mean is up to",
+    ),
+    "short": (
+        "means, covs = np.array(means), np.array(covs)",
+        "means, covs = np.array(means).squeeze(), np.array(covs).squeeze()",
+        "mean has the shape (5,), and must have (1, 5); it has as many numbers",
+    ),
+}
+"""What each check finds: a change of the filter, and a part of what is said of it."""
+
+
+def made(tmp_path, text):
+    file = tmp_path / "filter.py"
+    file.write_text(text)
+    return registry.choose(str(file)).estimator
+
+
+def verdicts(estimator):
+    found = {}
+    for check in CHECKS:
+        try:
+            check.ask(estimator)
+        except (Broken, Refused) as error:
+            found[check.name] = f"{type(error).__name__}: {error}"
+            if check is CHECKS[0]:  # without an estimate nothing else is asked
+                break
+    return found
+
+
+def test_every_check_has_a_broken_filter():
+    assert list(BROKEN) == [check.name for check in CHECKS]
+
+
+def test_a_kalman_filter_passes(tmp_path):
+    assert verdicts(made(tmp_path, FILTER)) == {}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_the_right_check_fails(tmp_path, name):
+    """One mistake, one check that finds it, in words that say which."""
+    old, new, said = BROKEN[name]
+    assert old in FILTER
+    text = FILTER.replace(old, new)
+    if (
+        name == "exact"
+    ):  # of one that is not exact: a gain that takes R for sixteen times what it is
+        text = text.replace("h @ p @ h.T + noise", "h @ p @ h.T + 16.0 * noise")
+    found = verdicts(made(tmp_path, text))
+    assert list(found) == [name]
+    assert said in found[name]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "name", "said"),
+    [
+        ("Estimate(means, covs, self.causality)", "None", "estimate", "returned None, not an"),
+        (", self.causality)", ", 'batch')", "estimate", "causality is 'batch', that of its"),
+        ("Estimate(means, ", "Estimate(means + 0j, ", "estimate", "type complex128"),
+        ("Estimate(means, ", "Estimate(means * np.nan, ", "estimate", "not finite at 40 epochs"),
+        (END, f"        covs[-1, 2, 2] *= -1.0\n{END}", "covariance", "variance of state 2 at"),
+        (", covs, ", ", None, ", "exact", "say exact = False, or return one"),
+        ('causality = "filter"', 'causality = "batch"', "causality", "declare 'filter'"),
+        ('causality = "filter"', 'causality = "none"', "causality", "is 'none', and when readings"),
+    ],
+)  # fmt: skip
+def test_other_mistakes_are_named(tmp_path, old, new, name, said):
+    assert old in FILTER
+    found = verdicts(made(tmp_path, FILTER.replace(old, new)))
+    assert said in found[name]
+
+
+def test_what_an_estimator_does_not_take_is_not_asked(tmp_path):
+    """Of one that refuses all but flights over a map, what can be asked there is asked."""
+    taking = "    def skip(self, problem):\n        return None if problem.map else 'no map'\n\n"
+    text = FILTER.replace("    def estimate", f"{taking}    def estimate")
+    found = verdicts(made(tmp_path, text))
+    assert found == dict.fromkeys(("exact", "noise", "gaps", "short"), "Refused: no map")
+    text = text.replace("return Estimate(means, ", "return Estimate(0.5 * means[:, ::-1], ")
+    text = text.replace("covs, self", "-covs, self")
+    assert "on a flight over a map: the variance of" in verdicts(made(tmp_path, text))["covariance"]
+
+
+def test_the_flight_is_one_over_a_map():
+    assert flight().map is not None
+    assert (flight().epochs, flight().dimension) == (40, 15)
