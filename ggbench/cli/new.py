@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import keyword
 import re
+from collections.abc import Mapping
 from pathlib import Path
 
 import click
@@ -16,6 +18,7 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
 _LONGEST = 60
 _TAKEN = {"Estimate", "Estimator", "Problem", "Template"}
 """Names that the file of an estimator has in use."""
+_SMOOTHING = "over as many seconds, for the noise of a receiver; 0 takes it as it is"
 
 
 class NewFileError(GGBenchError):
@@ -33,12 +36,22 @@ def new() -> None:
     """Begin a scenario or an estimator: a commented file that runs."""
 
 
+_FILE = click.Path(path_type=Path, exists=True, dir_okay=False)
+
+
 @new.command()
 @click.argument("name")
+@click.option("--track", type=_FILE, help="Fly a track of your own, a CSV file.")
+@click.option("--map", "own_map", type=_FILE, help="Fly over a map of your own, a netCDF file.")
 @_folder
-def scenario(name: str, output: Path) -> None:
+def scenario(name: str, track: Path | None, own_map: Path | None, output: Path) -> None:
     """Write NAME.toml: a flight over a shipped map, with every table explained."""
-    path = _begun(".toml", name, output, TITLE=_titled(name))
+    tables = {}
+    if track is not None:
+        tables["trajectory"] = f"file = {_quoted(track)}\nsmoothing_s = 10.0    # {_SMOOTHING}\n"
+    if own_map is not None:
+        tables["field"] = f"source = {_quoted(own_map)}\n"
+    path = _begun(".toml", name, output, tables, TITLE=_titled(name))
     shown = path.as_posix()
     click.echo(f"Wrote {shown}. Look at its flights: ggbench validate {shown}")
     click.echo(f"Run it: ggbench run {shown} -n 10")
@@ -63,8 +76,17 @@ def _titled(name: str) -> str:
     return words[:1].upper() + words[1:]
 
 
-def _begun(suffix: str, name: str, folder: Path, **words: str) -> Path:
+def _quoted(path: Path) -> str:
+    """Return a path as a text of TOML, which JSON's is, too."""
+    return json.dumps(path.as_posix(), ensure_ascii=False)
+
+
+def _begun(
+    suffix: str, name: str, folder: Path, tables: Mapping[str, str] | None = None, **words: str
+) -> Path:
     """Write the template of a kind of file under a name, with words replaced; return the path.
+
+    ``tables`` are new contents of tables of a scenario, which end at the next comment of their own.
 
     Raises
     ------
@@ -82,6 +104,10 @@ def _begun(suffix: str, name: str, folder: Path, **words: str) -> Path:
     text = template.read_text(encoding="utf-8")
     for word, meant in {**words, "NAME": name}.items():
         text = re.sub(rf"\b{word}\b", meant, text)
+    for table, content in (tables or {}).items():
+        start = text.index(f"[{table}]\n")
+        end = text.index("\n# ", start)
+        text = f"{text[:start]}[{table}]\n{content}{text[end:]}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with path.open("x", encoding="utf-8") as file:

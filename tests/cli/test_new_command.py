@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -65,6 +66,26 @@ def test_a_scenario_begins_as_a_valid_one(tmp_path):
     done = invoke(["validate", "my-flight.toml"], tmp_path)
     assert done.returncode == 0
     assert "Warning" not in done.stdout
+
+
+def test_a_scenario_begins_with_a_track_and_a_map_of_ones_own(tmp_path):
+    """In place of those of the template, whatever the files are called; all else stays."""
+    track, own_map = 'my "flight".csv', "übermap.nc"
+    for name in (track, own_map):
+        (tmp_path / name).touch()
+    done = invoke(["new", "scenario", "mine", "--track", track, "--map", own_map], tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    invoke(["new", "scenario", "plain"], tmp_path)
+    mine, plain = (tomllib.loads((tmp_path / f"{n}.toml").read_text()) for n in ("mine", "plain"))
+    assert mine["trajectory"] == {"file": track, "smoothing_s": 10.0}
+    assert mine["field"] == {"source": own_map}
+    replaced = {"trajectory", "field", "title"}
+    assert {k: mine[k] for k in mine.keys() - replaced} == {
+        k: plain[k] for k in plain.keys() - replaced
+    }
+    gone = invoke(["new", "scenario", "other", "--track", "gone.csv"], tmp_path)
+    assert gone.returncode == 2 and "'gone.csv' does not exist" in gone.stderr
+    assert not (tmp_path / "other.toml").exists()
 
 
 @pytest.mark.long
