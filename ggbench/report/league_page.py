@@ -14,7 +14,6 @@ from ..figures.style import save
 from . import advice_section, definitions
 from .league import ABOUT, COST_OF, EXCEPTIONS, SMOOTHERS, Entry, League, geometric_mean
 from .league import read as read_league
-from .league import standing as standing_of
 from .league_figure import draw, number
 from .nonlinearity_section import opening_figure
 from .opening import some
@@ -22,6 +21,10 @@ from .scenario_report import ReportError
 from .shares import percent
 from .situations import LONG_S, NARROW, NOTHING, WIDE, is_right_model
 from .tables import DEFINITIONS, markdown
+
+
+FILE = "README.md"
+"""Name of the page in a folder of reports."""
 
 
 def write(output: Path) -> tuple[Path, list[str]]:
@@ -43,7 +46,7 @@ def write(output: Path) -> tuple[Path, list[str]]:
     league, remarks = read_league(output)
     if not league.cases:
         raise ReportError("; ".join(["no scenario is finished that could be reported", *remarks]))
-    path = output / "README.md"
+    path = output / FILE
     try:
         (output / "README").mkdir(parents=True, exist_ok=True)
         definitions.write(output)
@@ -209,8 +212,7 @@ class LeagueReport:
         )
 
     def _pictured(self) -> str:
-        ranked = [s.label for s in self.league.standings if s.label != "ins"]
-        shown = [standing_of(label, self.league.cases) for label in ranked]
+        shown = self.league.over_all
         if not shown:
             return ""
         save(draw(shown, self.names), self.output / "README" / "league.png")
