@@ -25,6 +25,8 @@ from .tables import DEFINITIONS, markdown
 
 FILE = "README.md"
 """Name of the page in a folder of reports."""
+FIGURE = "README/league.png"
+"""Its figure of the league, beside it."""
 
 
 def write(output: Path) -> tuple[Path, list[str]]:
@@ -215,12 +217,12 @@ class LeagueReport:
         shown = self.league.over_all
         if not shown:
             return ""
-        save(draw(shown, self.names), self.output / "README" / "league.png")
+        save(draw(shown, self.names), self.output / FIGURE)
         picture = (
             "Share of success (colour) and error over bound (number) of every estimator, over the "
             "cases of each scenario"
         )
-        return f"![{picture}](README/league.png)\n\n*{picture}*"
+        return f"![{picture}]({FIGURE})\n\n*{picture}*"
 
     def _by_scenario(self) -> str:
         """Return the table of the roster over all scenarios: error over bound, and success."""

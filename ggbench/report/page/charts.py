@@ -206,8 +206,9 @@ def _figure(
     colours = {label: look.color for label, look in looks(names).items()}
     colours |= dict.fromkeys((n for n in names if n.startswith("bound: ")), BOUND)
     scale: Spec = {"domain": names, "range": [to_hex(colours[name]) for name in names]}
+    columns = max(1, min(3, _WIDTH // (7 * max(map(len, names)) + 40)))
     legend = {
-        "title": None, "orient": "bottom", "columns": 3, "labelLimit": 250, "symbolLimit": 0,
+        "title": None, "orient": "bottom", "columns": columns, "labelLimit": 600, "symbolLimit": 0,
         "symbolType": "stroke", "symbolStrokeWidth": 3, "symbolSize": 200, "columnPadding": 14,
     }  # fmt: skip
     lines: Spec = {"domain": names, "range": [_DASHES[dashes[name]] for name in names]}
@@ -242,7 +243,10 @@ def _figure(
          "bind": {"input": "select", "options": list(options), "name": f"{title} "}}
         for key, (title, options) in choices.items()
     ]  # fmt: skip
+    # What is chosen stands in the figure, too: on paper there is no control.
+    title = {"text": {"expr": next(iter(choices))}, "anchor": "start"} if choices else ""
     return {
+        "title": title,
         "params": parameters,
         "data": {"values": list(rows)},
         "vconcat": list(panels),
@@ -250,6 +254,7 @@ def _figure(
         "config": {
             "font": "system-ui, sans-serif",
             "axisLeft": {"minExtent": 44},
+            "title": {"fontSize": 13},
             "axis": {"labelFontSize": 11, "titleFontSize": 12, "titleFontWeight": "normal"},
             "legend": {"labelFontSize": 11.5, "unselectedOpacity": 0.25},
             "view": {"stroke": "#ccc"},

@@ -2,7 +2,8 @@
 
 for (const place of document.querySelectorAll(".chart")) {
   const spec = JSON.parse(document.getElementById(place.dataset.chart).textContent);
-  vegaEmbed(place, spec, { mode: "vega-lite", renderer: "svg", actions: false });
+  const bind = place.previousElementSibling;
+  vegaEmbed(place, spec, { mode: "vega-lite", renderer: "svg", actions: false, bind });
 }
 
 const source = document.getElementById("datatables").textContent;

@@ -95,7 +95,8 @@ def write_league(output: Path, described: Mapping[str, str]) -> Path:
     text = (output / league_page.FILE).read_text(encoding="utf-8")
     labels = [s.label for s in (*league.standings, *league.others)]
     said = {label: described.get(label.partition("[")[0], "") for label in labels}
-    return writing.write(output / "league.html", text, output, {}, said, _of_league(league))
+    charts = {league_page.FIGURE: chart} if (chart := _of_league(league)) else {}
+    return writing.write(output / "league.html", text, output, charts, said)
 
 
 def _answer(results: Results, summary: pd.DataFrame) -> Chart | None:
@@ -149,7 +150,7 @@ def _errors(results: Results, summary: pd.DataFrame) -> Chart | None:
     return over_time(curves, on, _OVER_TIME)
 
 
-def _of_league(league: League) -> list[Chart]:
+def _of_league(league: League) -> Chart | None:
     """Return the figure of the league: who succeeds, and how near the bound, in each scenario."""
     names = [entry.name for entry in league.entries]
     shares, ratios = {}, {}
@@ -157,4 +158,6 @@ def _of_league(league: League) -> list[Chart]:
         for held, found in ((shares, standing.success), (ratios, standing.ratio)):
             values = np.array([found.get(name, math.nan) for name in names])
             held[standing.label] = Series(values, values, values)
-    return [over_cases("league", Places(names), shares, ratios, shares, _LEAGUE)] if shares else []
+    if not shares:
+        return None
+    return over_cases("league", Places(names), shares, ratios, shares, _LEAGUE)

@@ -19,8 +19,6 @@ MOST_BYTES = 5_000_000
 _MOST_OF_PICTURES = 2_000_000
 """Characters of embedded pictures at most; what comes later is left to the report's folder."""
 _ROOM = Path(__file__).parent
-_OPENING = 2
-"""Blocks of a report that come before anything else: its title and its answer."""
 
 
 def write(
@@ -34,7 +32,7 @@ def write(
     path : of the file.
     text : the report, as markdown. pictures : folder to which its addresses of pictures belong.
     charts : address of a picture in the report to the figure that stands in its place.
-    more : figures that replace none; they stand before the first section.
+    more : figures that replace none; they stand behind the answer.
     estimators : name to what is said of each that is named in tables.
 
     Returns
@@ -97,14 +95,15 @@ def _page(
     ids = {name: f"est-{number}" for number, name in enumerate(estimators)}
     prose = Prose(picture, ids)
     blocks = prose.blocks(text)
-    sections = [k for k, block in enumerate(blocks) if block.startswith("<h2")]
-    first = sections[0] if sections else len(blocks)
+    sections = [k for k, block in enumerate(blocks) if block.startswith("<h2")] + [len(blocks)] * 2
+    # The answer is the paragraph behind the title, or the first section.
+    opening, first = (1, sections[1]) if sections[0] == 1 else (2, sections[0])
     added = [_chart(chart) for chart in more]
     introduction, defined = prose.definitions()
     return _rendered(
         title=text.partition("\n")[0].removeprefix("# "),
-        opening="\n".join(blocks[:_OPENING]),
-        body="\n".join([*blocks[_OPENING:first], *added, *blocks[first:]]),
+        opening="\n".join(blocks[:opening]),
+        body="\n".join([*blocks[opening:first], *added, *blocks[first:]]),
         contents=[*prose.contents, ("definitions", "Definitions")],
         introduction=introduction,
         definitions=defined,
@@ -142,7 +141,7 @@ def _rendered(**parts: Any) -> str:
 
 
 def _chart(chart: Chart) -> str:
-    place = f'<div class="chart" data-chart="chart-{chart.name}"></div>'
+    place = f'<div class="choice"></div><div class="chart" data-chart="chart-{chart.name}"></div>'
     return _figure(place, f'{html.escape(chart.caption)}. <span class="hint">{HINT}</span>')
 
 
