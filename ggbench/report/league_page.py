@@ -22,7 +22,6 @@ from .shares import percent
 from .situations import LONG_S, NARROW, NOTHING, WIDE, is_right_model
 from .tables import DEFINITIONS, markdown
 
-
 FILE = "README.md"
 """Name of the page in a folder of reports."""
 FIGURE = "README/league.png"

@@ -125,7 +125,7 @@ def over_cases(
     ]
     choices = {"group": ("at", list(dict.fromkeys(groups)))} if places.groups else {}
     chosen = "datum.group === group" if choices else ""
-    dashes = {label: "-" for label in shares}
+    dashes = dict.fromkeys(shares, "-")
     return Chart(name, _figure(rows, panels, dashes, on, choices, chosen), caption)
 
 
@@ -156,7 +156,7 @@ def over_time(
         # The last epoch is drawn, whatever the step.
         kept = np.arange(len(time))[::-1][::step][::-1]
         times.append({"case": title, "time": [float(f"{t:.6g}") for t in time[kept]]})
-        for label, curve in (errors | found).items():
+        for label, curve in {**errors, **found}.items():
             position, velocity = ([_drawable(v) for v in column] for column in curve[kept].T)
             rows.append({"name": label, "case": title, "position": position, "velocity": velocity})
     dashes = {label: look.ls for label, look in looks(labels).items()}

@@ -153,7 +153,8 @@ def _errors(results: Results, summary: pd.DataFrame) -> Chart | None:
 def _of_league(league: League) -> Chart | None:
     """Return the figure of the league: who succeeds, and how near the bound, in each scenario."""
     names = [entry.name for entry in league.entries]
-    shares, ratios = {}, {}
+    shares: dict[str, Series] = {}
+    ratios: dict[str, Series] = {}
     for standing in league.over_all:
         for held, found in ((shares, standing.success), (ratios, standing.ratio)):
             values = np.array([found.get(name, math.nan) for name in names])
