@@ -19,7 +19,7 @@ from ..tables import DEFINITIONS
 
 _PARSER = MarkdownIt("commonmark", {"html": False}).enable("table")
 _NUMBER = re.compile(r"[*<≥≤(]*([-+−]?\d+(?:\.\d+)?(?:e[-+]?\d+)?)(?=$|[\s,*%)×/])")
-_MISSING = {"", "–", "none"}
+_MISSING = re.compile(r"$|–|none$")
 _LAST = "1e300"
 """By what a cell without a number is sorted: last."""
 
@@ -219,8 +219,8 @@ def _sort_keys(rows: Sequence[Sequence[Token]]) -> dict[int, Callable[[str], str
     return {
         number: _sort_key
         for number, cells in enumerate(columns)
-        if any(cell not in _MISSING for cell in cells)
-        and all(cell in _MISSING or _number(cell) is not None for cell in cells)
+        if any(not _MISSING.match(cell) for cell in cells)
+        and all(_MISSING.match(cell) or _number(cell) is not None for cell in cells)
     }
 
 
