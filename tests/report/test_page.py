@@ -266,6 +266,11 @@ def test_the_page_of_the_league(tmp_path, monkeypatch):
     assert {(row["name"], row["case"]) for row in spec["data"]["values"]} == {
         (standing.label, name) for standing in held.over_all for name in standing.success
     }
+    for row in spec["data"]["values"]:
+        (standing,) = (s for s in held.over_all if s.label == row["name"])
+        assert row["share"] == pytest.approx(standing.success[row["case"]], rel=1e-5)
+        assert row["ratio"] == pytest.approx(standing.ratio[row["case"]], rel=1e-5)
+    assert "quartile" not in json.dumps(spec)
     assert vl_convert.vegalite_to_vega(spec)["marks"]
 
 

@@ -63,7 +63,7 @@ class Places:
 
 def over_cases(
     name: str, places: Places, shares: Mapping[str, Series], ratios: Mapping[str, Series],
-    on: Iterable[str], caption: str,
+    on: Iterable[str], caption: str, spread: bool = True,
 ) -> Chart:  # fmt: skip
     """Return the figure of success and of error over bound, by case and estimator.
 
@@ -72,6 +72,8 @@ def over_cases(
     places : of the n cases.
     shares, ratios : estimator to figures (n,) with the ends of what is drawn as a bar.
     on : estimators that are switched on at first.
+    spread : whether the ends are the interval of the share and the quartiles of the ratio, or
+        nothing but the figure itself.
     """
     groups = places.groups or [""] * len(places.names)
     rows = []
@@ -92,12 +94,13 @@ def over_cases(
         long = max(map(len, places.names)) * len(places.names) > 110
         across["axis"] |= {"labelAngle": -35} if long else {"labelAngle": 0}
     beside = {} if continuous else {"xOffset": {"field": "name", "sort": list(shares)}}
-    tip = [
-        _tip("name", "estimator"), _tip("case", "case"), _tip("share", "success", ".1%"),
-        _tip("share_lo", "from", ".1%"), _tip("share_hi", "to", ".1%"),
-        _tip("ratio", "error / bound, median", ".3g"), _tip("ratio_lo", "lower quartile", ".3g"),
-        _tip("ratio_hi", "upper quartile", ".3g"),
-    ]  # fmt: skip
+    tip = [_tip("name", "estimator"), _tip("case", "case"), _tip("share", "success", ".1%")]
+    if spread:
+        tip += [_tip("share_lo", "from", ".1%"), _tip("share_hi", "to", ".1%")]
+    tip.append(_tip("ratio", "error / bound", ".3g"))
+    if spread:
+        quartiles = {"ratio_lo": "lower quartile", "ratio_hi": "upper quartile"}
+        tip += [_tip(field, title, ".3g") for field, title in quartiles.items()]
 
     def panel(field: str, title: str, height: int, log: bool) -> Spec:
         y: Spec = {"field": field, "type": "quantitative", "title": title}
@@ -121,7 +124,7 @@ def over_cases(
 
     panels = [
         panel("share", "share of success", 150, log=False),
-        panel("ratio", "error / bound (median, quartiles)", 260, log=True),
+        panel("ratio", "error / bound of those", 260, log=True),
     ]
     choices = {"group": ("at", list(dict.fromkeys(groups)))} if places.groups else {}
     chosen = "datum.group === group" if choices else ""

@@ -161,4 +161,4 @@ def _of_league(league: League) -> Chart | None:
             held[standing.label] = Series(values, values, values)
     if not shares:
         return None
-    return over_cases("league", Places(names), shares, ratios, shares, _LEAGUE)
+    return over_cases("league", Places(names), shares, ratios, shares, _LEAGUE, spread=False)
