@@ -8,7 +8,7 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: help paper sweep library bench bench-check areas agreement test test-long test-all coverage lint format typecheck keys pictures docs wheel-check lock clean
+.PHONY: help paper sweep library bench bench-check areas agreement test test-long test-all coverage lint format typecheck keys pictures docs wheel-check browser lock clean
 
 help:
 	@echo "make paper        run the scenario wang2013 and write its report to reports/"
@@ -28,6 +28,7 @@ help:
 	@echo "make pictures     draw the pictures of docs/concepts"
 	@echo "make docs         build the documentation into build/docs; a warning is an error"
 	@echo "make wheel-check  build the wheel, install it in an empty environment and use it"
+	@echo "make browser      install Chromium, with which pages are tested, where apt-get can"
 	@echo "make lock         renew requirements.lock with the newest versions allowed"
 	@echo "make clean        remove the environment and what the tools built; results/ stays"
 
@@ -111,6 +112,17 @@ docs: $(INSTALLED)
 
 wheel-check: $(INSTALLED)
 	tests/check_wheel.sh $(BIN)/python
+
+# Tests of pages in a browser skip without one. Chromium is the system's: nothing is downloaded past
+# its packages.
+browser:
+	@if { command -v chromium || command -v chromium-browser || command -v google-chrome; } >/dev/null; then \
+		echo "a browser is there already"; \
+	elif command -v apt-get >/dev/null && [ "$$(id -u)" = 0 ]; then \
+		apt-get update -qq && apt-get install -y -qq --no-install-recommends chromium poppler-utils; \
+	else \
+		echo "install Chromium with the system's packages, as root: apt-get install chromium"; exit 1; \
+	fi
 
 $(INSTALLED): pyproject.toml requirements.lock
 	@command -v "$(PYTHON)" >/dev/null || \

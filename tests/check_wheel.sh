@@ -40,7 +40,7 @@ wanted = {
     f"{package}/{path.relative_to(repo / folder).as_posix()}"
     for folder, package in installed_as.items()
     for path in (repo / folder).rglob("*")
-    if path.suffix in {".py", ".toml", ".npz", ".md", ".png"} or path.name == "py.typed"
+    if path.suffix in {".py", ".toml", ".npz", ".md", ".png", ".html", ".css", ".js"} or path.name == "py.typed"
     if not {"generated", "scripts", "examples"} & {*path.relative_to(repo).parts}  # they make the site
 }
 if missing := wanted - names:

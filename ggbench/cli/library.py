@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -108,7 +108,9 @@ def print_outcomes(outcomes: Sequence[Outcome], output: Path, console: Console) 
     console.out(f"'{again}' writes the reports of what is done.")
 
 
-def report_all(folder: Path, output: Path, console: Console) -> bool:
+def report_all(
+    folder: Path, output: Path, console: Console, described: Mapping[str, str] | None = None
+) -> bool:
     """Write the report of every results folder in a folder, and the league of all reports.
 
     The league has every scenario whose report, with its digest, stands in the output folder, of
@@ -127,6 +129,8 @@ def report_all(folder: Path, output: Path, console: Console) -> bool:
     """
     from ..report import league_page, scenario_report
 
+    if described is not None:
+        from ..report.page import reports
     try:
         found = sorted(path for path in folder.iterdir() if (path / "manifest.json").is_file())
     except OSError as error:
@@ -138,13 +142,17 @@ def report_all(folder: Path, output: Path, console: Console) -> bool:
     for path in chosen:
         try:
             written = scenario_report.write(path, output)
+            console.out(f"Wrote {written}")
+            if described is not None:
+                paged = reports.write_report(path, output, described, written)
+                console.out(f"Wrote {paged}")
         except GGBenchError as error:
             remarks.append(str(error))
-            continue
-        console.out(f"Wrote {written}")
     good = not remarks
     written, left_out = league_page.write(output)
     console.out(f"Wrote {written}")
+    if described is not None:
+        console.out(f"Wrote {reports.write_league(output, described)}")
     for remark in dict.fromkeys([*remarks, *doubles, *left_out]):
         console.out(remark)
     return good

@@ -25,6 +25,7 @@ from .keys import keys
 from .maps import map_group
 from .new import new
 from .progress import Progress
+from .reports import report
 from .screen import console
 
 if TYPE_CHECKING:
@@ -73,6 +74,7 @@ main.add_command(keys)
 main.add_command(new)
 main.add_command(estimate)
 main.add_command(record)
+main.add_command(report)
 
 
 @main.command("list")
@@ -393,28 +395,3 @@ def compare(before: Path, after: Path, threshold: float, window: str, require_al
     print_comparison(compared, console)
     gone = require_all and bool(compared.only_before)
     sys.exit(EXIT_WORSE if compared.worse or gone else 0)
-
-
-@main.command()
-@click.argument("folder", type=click.Path(path_type=Path), required=False)
-@click.option(
-    "--all", "whole_library", is_flag=True,
-    help="Report every results folder in FOLDER [results] and the league of them all.",
-)  # fmt: skip
-@click.option(
-    "-o", "--output", type=click.Path(path_type=Path),
-    help="Where to write [the folder itself; with --all: reports].",
-)  # fmt: skip
-def report(folder: Path | None, whole_library: bool, output: Path | None) -> None:
-    """Write the report of a results FOLDER: markdown and figures."""
-    if whole_library:
-        from . import library
-
-        good = library.report_all(folder or Path("results"), output or Path("reports"), console)
-        sys.exit(0 if good else EXIT_WORSE)
-    if folder is None:
-        raise click.UsageError("name a results FOLDER, or --all")
-    from ..report import scenario_report as reporting
-
-    path = reporting.write(folder, output or folder)
-    click.echo(f"Wrote {path}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Literal
 
 import numpy as np
@@ -28,21 +28,32 @@ def error_over_time(results: Results, shown: Mapping[str, Sequence[str]]) -> Dra
     """
     panels = []
     for name, labels in shown.items():
-        curves = {}
-        for label in labels:
-            series = results.series(name, label)
-            if len(series):
-                curves[label] = np.sqrt(np.mean(series[:, :, :2] ** 2, axis=0))
-        stored = results.arrays(name)
-        kept = stored["kept"]
-        bounds = {
-            f"bound: {key.removeprefix('bound-').rstrip('-0123456789')}": np.sqrt(value[kept])
-            for key, value in stored.items()
-            if key.startswith("bound-")
-        }
         title = results.scenario.case(name).title
-        panels.append((title, stored["times"][kept], curves, bounds))
+        panels.append((title, *rms_over_time(results, name, labels)))
     return errors.error_over_time(panels)
+
+
+def rms_over_time(
+    results: Results, case: str, labels: Iterable[str]
+) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Return times (K',) [s], RMS errors and bounds of a case at them.
+
+    Errors by estimator and bounds by name, each (K', 2): position [m] and velocity [m/s],
+    spherical, over all runs that are stored; no errors of one without a finished run.
+    """
+    curves = {}
+    for label in labels:
+        series = results.series(case, label)
+        if len(series):
+            curves[label] = np.sqrt(np.mean(series[:, :, :2] ** 2, axis=0))
+    stored = results.arrays(case)
+    kept = stored["kept"]
+    bounds = {
+        f"bound: {key.removeprefix('bound-').rstrip('-0123456789')}": np.sqrt(value[kept])
+        for key, value in stored.items()
+        if key.startswith("bound-")
+    }
+    return stored["times"][kept], curves, bounds
 
 
 def component_errors(results: Results, case: str, label: str, quantity: Quantity) -> Drawing:

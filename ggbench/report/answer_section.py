@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -22,8 +22,14 @@ from ..spec.case import CaseSpec
 from .families import leaders, of_the_best
 from .tables import DEFINITIONS
 
+SUCCESS = ("success_share", "success_lo", "success_hi")
+"""Columns of the summary: share of success, and its 95 % interval."""
+RATIO = ("ratio_median", "ratio_quartile_lo", "ratio_quartile_hi")
+"""Columns of the summary: error over bound of the runs that succeed, median and quartiles."""
 _MOST_CASES = 8
 _MOST_LABELS = 14
+Rows = Mapping[str, Mapping[str, Any]]
+"""Summary rows of a case by estimator."""
 
 
 def answer_figure(results: Results, summary: pd.DataFrame, pictures: Path) -> str:
@@ -31,28 +37,15 @@ def answer_figure(results: Results, summary: pd.DataFrame, pictures: Path) -> st
     cases = telling_cases(results.scenario.cases, summary)
     shown = [case for case in results.scenario.cases if case in cases[:_MOST_CASES]]
     tables = [rows_of(summary, case, "settled") for case in shown]
-    aided = dict.fromkeys(
-        label for table in tables for label, row in table.items() if row["causality"] != "none"
-    )
-    labels = _fewer(leaders(results.estimators, aided), tables)
+    every = leaders(results.estimators, aided(tables))
+    labels = fewer(every, tables)
     if not labels:
         return ""
 
-    def figures(*columns: str) -> dict[str, Series]:
-        return {
-            label: Series(
-                *(
-                    np.array([t.get(label, {}).get(key, math.nan) for t in tables])
-                    for key in columns
-                )
-            )
-            for label in labels
-        }
-
     figure = over_cases(
         [case.name for case in shown],
-        figures("success_share", "success_lo", "success_hi"),
-        figures("ratio_median", "ratio_quartile_lo", "ratio_quartile_hi"),
+        series(tables, labels, *SUCCESS),
+        series(tables, labels, *RATIO),
     )
     save(figure, pictures / "answer.png")
     caption = (
@@ -62,12 +55,31 @@ def answer_figure(results: Results, summary: pd.DataFrame, pictures: Path) -> st
     if len(shown) < len(cases):
         caption += ", in the cases in which causal estimators differ most"
     caption += of_the_best(results.estimators)
-    if len(labels) < len(leaders(results.estimators, aided)):
+    if len(labels) < len(every):
         caption += "; of each estimator the plain one, and the variant that is best most often"
     return f"![{caption}]({quote(pictures.name)}/answer.png)\n\n*{caption}*"
 
 
-def _fewer(labels: Sequence[str], tables: Sequence[Mapping[str, Mapping[str, Any]]]) -> list[str]:
+def aided(tables: Iterable[Rows]) -> list[str]:
+    """Return the estimators of some cases, without the INS."""
+    labels = (k for table in tables for k, row in table.items() if row["causality"] != "none")
+    return list(dict.fromkeys(labels))
+
+
+def series(tables: Sequence[Rows], labels: Iterable[str], *columns: str) -> dict[str, Series]:
+    """Return estimator to a figure over the cases and its ends, from three columns of the summary.
+
+    NaN where an estimator has no run.
+    """
+    return {
+        label: Series(
+            *(np.array([t.get(label, {}).get(key, math.nan) for t in tables]) for key in columns)
+        )
+        for label in labels
+    }
+
+
+def fewer(labels: Sequence[str], tables: Sequence[Rows]) -> list[str]:
     """Return so many labels that a figure can show them: of many two of each estimator.
 
     The one that was asked for first, and that which most often has the least error over bound.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 from ..judging.ranking import LEAST_COVERAGE, MOST_FAILED, MOST_FALSE, UNCERTAIN
@@ -24,6 +25,10 @@ is left without an estimate.
 window: for filters that of filtering, for smoothers that of their data; the INS is set beside the
 filtering bound, what aiding could give. It is the bound of the declared model, which the truth of
 a case need not follow. *Efficiency* = MRSE / bound.
+
+**Causality.** A *filter* knows at each epoch the readings up to it; a *fixed-lag* smoother those of
+some more epochs; a *batch* smoother those of the whole flight. The last two answer later, and are
+never ranked beside filters.
 
 **Success.** A run succeeds if it finishes, does not diverge and, where the scenario says within
 what distance a position counts as found, is locked at its end. Shares have Wilson's 95 %
@@ -74,10 +79,36 @@ gradient, less its mean, first falls to 1/e.
 """
 
 
-def write(output: Path) -> None:
-    """Write the page into a folder of reports."""
-    text = _TEXT.format(
+TERMS = {
+    r"\berrors? (/|over) bound|\bquartiles\b|^95 %$|× the bound": "Error over bound",
+    r"\bas good\b": "As good as the best",
+    r"\bhonest\b|†": "Honest",
+    r"\bbest\b": "The best of a case",
+    r"\b(succeed|success|lost|failed|diverged|falsely|locked|false locks?)": "Success",
+    r"\b(verdict|sign test|alone|ratio of errors|against|better|worse|too few runs)\b": "Verdicts",
+    r"\b(NEES|NIS|coverage|band)\b": "Consistency",
+    r"\b(bound|efficiency)\b": "Bound",
+    r"\b(MRSE|capped|error)\b": "Error",
+    r"\bcausality\b|\bsmoothers\b": "Causality",
+    r"\bms\b|\btime /|\bmap points\b|\bcost\b": "Cost",
+    r"σ/ℓ": "σ/ℓ",
+}
+"""Words of column heads, as regular expressions, to the definition that has them: the first."""
+
+
+def title_of(words: str) -> str | None:
+    """Return the title of the definition that says what a column's head means, if one does."""
+    return next((title for key, title in TERMS.items() if re.search(key, words, re.I)), None)
+
+
+def text() -> str:
+    """Return the page: a paragraph for each definition, which begins with its title in bold."""
+    return _TEXT.format(
         coverage=100.0 * LEAST_COVERAGE, false=100.0 * MOST_FALSE, failed=100.0 * MOST_FAILED,
         alike=100.0 * (ALIKE - 1.0), fewest=FEWEST, uncertain=100.0 * (UNCERTAIN - 1.0),
     )  # fmt: skip
-    (output / DEFINITIONS).write_text(text, encoding="utf-8")
+
+
+def write(output: Path) -> None:
+    """Write the page into a folder of reports."""
+    (output / DEFINITIONS).write_text(text(), encoding="utf-8")

@@ -186,6 +186,12 @@ class League:
         return sorted(found, key=lambda s: (order[s.causality], *_merit(s)))
 
     @cached_property
+    def over_all(self) -> list[Standing]:
+        """Those of :attr:`standings` that are aided, in that order, over all cases they ran."""
+        ranked = [s.label for s in self.standings if s.label != "ins"]
+        return [standing(label, self.cases) for label in ranked]
+
+    @cached_property
     def others(self) -> list[Standing]:
         """Estimators beyond the roster, over the cases that they ran: they are not ranked."""
         labels = dict.fromkeys(label for flown in self.cases for label in flown.rows)

@@ -14,13 +14,17 @@ from ..figures.style import save
 from . import advice_section, definitions
 from .league import ABOUT, COST_OF, EXCEPTIONS, SMOOTHERS, Entry, League, geometric_mean
 from .league import read as read_league
-from .league import standing as standing_of
 from .league_figure import draw, number
 from .nonlinearity_section import opening_figure
 from .scenario_report import ReportError
 from .shares import percent
 from .situations import LONG_S, NARROW, NOTHING, WIDE, is_right_model
 from .tables import DEFINITIONS, markdown
+
+FILE = "README.md"
+"""Name of the page in a folder of reports."""
+FIGURE = "README/league.png"
+"""Its figure of the league, beside it."""
 
 
 def write(output: Path) -> tuple[Path, list[str]]:
@@ -42,7 +46,7 @@ def write(output: Path) -> tuple[Path, list[str]]:
     league, remarks = read_league(output)
     if not league.cases:
         raise ReportError("; ".join(["no scenario is finished that could be reported", *remarks]))
-    path = output / "README.md"
+    path = output / FILE
     try:
         (output / "README").mkdir(parents=True, exist_ok=True)
         definitions.write(output)
@@ -208,16 +212,15 @@ class LeagueReport:
         )
 
     def _pictured(self) -> str:
-        ranked = [s.label for s in self.league.standings if s.label != "ins"]
-        shown = [standing_of(label, self.league.cases) for label in ranked]
+        shown = self.league.over_all
         if not shown:
             return ""
-        save(draw(shown, self.names), self.output / "README" / "league.png")
+        save(draw(shown, self.names), self.output / FIGURE)
         picture = (
             "Share of success (colour) and error over bound (number) of every estimator, over the "
             "cases of each scenario"
         )
-        return f"![{picture}](README/league.png)\n\n*{picture}*"
+        return f"![{picture}]({FIGURE})\n\n*{picture}*"
 
     def _by_scenario(self) -> str:
         """Return the table of the roster over all scenarios: error over bound, and success."""

@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 from campaigns import plan, ran, small
 from command import invoke
+from pages import Page, tables_of
 from problems import SMALL
 from rich.console import Console
 
@@ -59,6 +60,19 @@ def test_the_reports_of_a_library(library):
     shutil.rmtree(library / "text" / "small")
     assert invoke(["report", "--all", "results", "-o", "text"], library).returncode == 1
     assert (library / "text" / "README.md").read_text() == text
+
+
+@pytest.mark.long
+def test_the_pages_of_a_library(library):
+    """Beside each report its page, with the same tables, and the league's."""
+    done = invoke(["report", "--all", "results", "-o", "pages", "--html"], library)
+    assert done.returncode == 1 and "results/damaged/manifest.json is damaged" in done.stdout
+    written = {path.stem: path for path in (library / "pages").glob("*.html")}
+    assert written.keys() == {"small", "stopped", "study", "league"}
+    for name, path in written.items():
+        assert f"Wrote pages/{name}.html" in done.stdout
+        text = path.with_name("README.md") if name == "league" else path.with_suffix(".md")
+        assert Page(path).tables == tables_of(text.read_text(encoding="utf-8"))
 
 
 @pytest.mark.long
