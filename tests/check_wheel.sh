@@ -79,6 +79,23 @@ for command in "list" "validate wang2013" "run wang2013 -n 2 -e ekf -o out" \
 done
 [[ -s out/summary.csv ]] || fail "\`ggbench run\` wrote no out/summary.csv"
 
+echo "the session of docs/session.md"
+"$work/venv/bin/python" -m pip install --quiet --disable-pip-version-check \
+    --constraint "$repo/requirements.lock" "$(echo "$work"/dist/*.whl)[page,terrain]"
+PYTHONPATH=$repo/tests "$work/venv/bin/python" - "$repo/docs/session.md" <<'EOF'
+import sys
+from pathlib import Path
+
+from doc_blocks import Session, blocks
+
+session = Session(Path.cwd(), {})
+for block in blocks(Path(sys.argv[1])):
+    if not block.reason:
+        session.take(block)
+size = Path("results/mine/my_scenario.html").stat().st_size
+print(f"a page of {size / 1e6:.1f} MB to share")
+EOF
+
 tar -tzf "$work"/dist/*.tar.gz | cut -d/ -f2- | sort >"$work/packed"
 git -C "$repo" ls-files 2>"$work/git.log" | sort >"$work/tracked" || cat "$work/git.log" >&2
 comm -13 "$work/packed" "$work/tracked" | grep -v '^\.' >"$work/lost" || true

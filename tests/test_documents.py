@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from doc_blocks import documents
+from doc_blocks import blocks, documents
 from matplotlib.image import imread
 
 from ggbench.campaign import registry
@@ -149,6 +149,19 @@ def test_the_front_page_tells_of_every_shipped_scenario():
             continue
         assert f"[{loaded.title}]({name}.md)" in page
         assert loaded.content_hash[:16] in page
+
+
+def test_the_documented_session_is_short_and_whole():
+    """Twelve commands at most lead a new user from the installation to a page to share."""
+    page = ROOT / "docs" / "session.md"
+    shown = [block for block in blocks(page) if block.language == "sh"]
+    commands = [line for block in shown for line in block.text.splitlines() if line.strip()]
+    assert len(commands) <= 12 and commands[0].startswith("pip install ")
+    assert all(line.startswith("ggbench ") for line in commands[1:])
+    steps = [line.split()[1] for line in commands[1:]]
+    wanted = ["run", "map", "new", "validate", "check", "run", "report"]
+    assert [step for step in wanted if step in steps] == wanted and commands[-1].endswith("--html")
+    assert [block.reason for block in shown if block.reason][1:] == []  # all but the installation
 
 
 def test_the_citation_is_that_of_this_version():
