@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..problem import Causality, Estimate, Estimator, Problem
+from ..block import BlockEstimator, EstimateBlock, ProblemBlock
+from ..problem import Causality, Estimate, Problem
 
 
 @dataclass(frozen=True)
-class InertialOnly(Estimator):
+class InertialOnly(BlockEstimator):
     """Propagate the prior without a single measurement (the open-loop INS)."""
 
     name = "ins"
@@ -20,13 +21,36 @@ class InertialOnly(Estimator):
         """No measurement is used."""
         return "none"
 
+    def skip(self, problem: Problem) -> str | None:
+        """Take every problem: no model is asked."""
+        return None
+
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
         """Return x_k = Φ_k x_{k−1} and P_k = Φ_k P_{k−1} Φ_kᵀ + Q_k."""
-        mean = np.empty((problem.epochs, problem.dimension))
-        cov = np.empty((problem.epochs, problem.dimension, problem.dimension))
-        x, p = problem.prior_mean, problem.prior_cov
-        for k, (phi, q) in enumerate(zip(problem.transition, problem.process_cov, strict=True)):
-            x = phi @ x
-            p = phi @ p @ phi.T + q
-            mean[k], cov[k] = x, p
-        return Estimate(mean, cov, self.causality)
+        mean, cov = _propagated(
+            problem.prior_mean, problem.prior_cov,
+            problem.transition[np.newaxis], problem.process_cov[np.newaxis],
+        )  # fmt: skip
+        return Estimate(mean[0], cov[0], self.causality)
+
+    def estimate_block(self, block: ProblemBlock) -> EstimateBlock:
+        """Do the same for all runs of a block, side by side."""
+        mean, cov = _propagated(
+            block.prior_mean, block.prior_cov, block.transition, block.process_cov
+        )
+        asked = np.zeros(block.runs, dtype=int)
+        return EstimateBlock(mean, cov, self.causality, info={"map_evaluations": asked})
+
+
+def _propagated(
+    prior_mean: np.ndarray, prior_cov: np.ndarray, transition: np.ndarray, process_cov: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return mean (R, K, n) and cov (R, K, n, n) from Φ and Q (R, K, n, n)."""
+    mean, cov = np.empty(transition.shape[:-1]), np.empty(transition.shape)
+    x, p = prior_mean[np.newaxis, :, np.newaxis], prior_cov[np.newaxis]
+    for k in range(transition.shape[1]):
+        phi = transition[:, k]
+        x = phi @ x
+        p = phi @ p @ phi.transpose(0, 2, 1) + process_cov[:, k]
+        mean[:, k], cov[:, k] = x[..., 0], p
+    return mean, cov

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..numerics.kernels import compiled
 from ..problem import Problem
+from ..sensors.model import SensorModel
+from ..sensors.model_kernels import ModelArrays, jacobian, predict
 
 
 def innovations(
@@ -14,21 +17,35 @@ def innovations(
 
     The innovation is that of the estimate at the previous epoch, predicted with Φ and Q. Only a
     filter has innovations; the first epoch's is that of the prior. It is zero where a channel
-    delivers nothing.
+    delivers nothing. What h and H are asked here is not among the model's ``evaluations``.
     """
     epochs, channels = problem.measurements.shape
-    found, spreads = np.zeros((epochs, channels)), np.empty((epochs, channels, channels))
-    x, p = problem.prior_mean, problem.prior_cov
-    for k in range(problem.epochs):
-        phi = problem.transition[k]
-        x, p = phi @ x, phi @ p @ phi.T + problem.process_cov[k]
-        spreads[k] = problem.noise_of(k)
-        if problem.present[k].any():
-            h = problem.model.jacobian(k, x)
-            found[k] = problem.measurements[k] - problem.model.predict(k, x)
-            spreads[k] = h @ p @ h.T + problem.noise_of(k)
-        x, p = mean[k], cov[k]
-    return found, spreads
+    last_mean = np.concatenate([problem.prior_mean[np.newaxis], mean[:-1]])
+    last_cov = np.concatenate([problem.prior_cov[np.newaxis], cov[:-1]])
+    phi = problem.transition
+    predicted = np.einsum("kij,kj->ki", phi, last_mean)
+    spread = phi @ last_cov @ phi.transpose(0, 2, 1) + problem.process_cov
+    there = np.flatnonzero(problem.present.any(axis=1))
+    found = np.zeros((epochs, channels))
+    rows = np.zeros((epochs, channels, problem.dimension))
+    if isinstance(problem.model, SensorModel):
+        _linearise(problem.model.arrays.as_block(), there, predicted, found, rows)
+    else:
+        for k in there:
+            found[k] = problem.model.predict(k, predicted[k])
+            rows[k] = problem.model.jacobian(k, predicted[k])
+    found[there] = problem.measurements[there] - found[there]
+    return found, rows @ spread @ rows.transpose(0, 2, 1) + problem.noise_cov
+
+
+@compiled
+def _linearise(
+    model: ModelArrays, at: np.ndarray, states: np.ndarray, found: np.ndarray, rows: np.ndarray
+) -> None:
+    """Fill h (K, m) and H (K, m, n) at some epochs and states (K, n); of a block of one run."""
+    for k in at:
+        found[k] = predict(model, k, states[k : k + 1])[0]
+        rows[k] = jacobian(model, k, states[k])
 
 
 def innovations_squared(problem: Problem, mean: np.ndarray, cov: np.ndarray) -> np.ndarray:
@@ -37,7 +54,8 @@ def innovations_squared(problem: Problem, mean: np.ndarray, cov: np.ndarray) -> 
     Of its :func:`innovations`; NaN where no channel delivers anything.
     """
     nis = np.full(problem.epochs, np.nan)
-    found, spreads = innovations(problem, mean, cov)
-    for k in np.flatnonzero(problem.present.any(axis=1)):
-        nis[k] = found[k] @ np.linalg.solve(spreads[k], found[k])
+    there = problem.present.any(axis=1)
+    found, spreads = (values[there] for values in innovations(problem, mean, cov))
+    white = np.linalg.solve(spreads, found[..., np.newaxis])[..., 0]
+    nis[there] = np.einsum("ki,ki->k", found, white)
     return nis

@@ -255,7 +255,7 @@ def test_a_long_flight_keeps_an_even_choice_of_its_epochs():
 def test_an_estimators_first_run_in_a_process_is_cold(tmp_path, monkeypatch):
     """Each estimator's own first one, and no other."""
     monkeypatch.setattr(runner, "_warm", set())
-    labels = ("ins", "ekf[iterations=2]")
+    labels = ("ekf", "ekf[iterations=2]")
     for record in ran(tmp_path, labels=labels, runs=2).records():
         assert record["cold"] == ((record["case"], record["run"]) == ("base", 0))
 
