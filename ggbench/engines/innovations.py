@@ -31,7 +31,7 @@ def innovations(
     if isinstance(problem.model, SensorModel):
         _linearise(problem.model.arrays.as_block(), there, predicted, found, rows)
     else:
-        for k in there:
+        for k in map(int, there):
             found[k] = problem.model.predict(k, predicted[k])
             rows[k] = problem.model.jacobian(k, predicted[k])
     found[there] = problem.measurements[there] - found[there]
