@@ -18,6 +18,7 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
 _LONGEST = 60
 _TAKEN = {"Estimate", "Estimator", "Problem", "Template"}
 """Names that the file of an estimator has in use."""
+_SHIPPED = "An aircraft with a gravity gradiometer over the Qinling mountains"
 _SMOOTHING = "over as many seconds, for the noise of a receiver; 0 takes it as it is"
 
 
@@ -51,7 +52,8 @@ def scenario(name: str, track: Path | None, own_map: Path | None, output: Path) 
         tables["trajectory"] = f"file = {_quoted(track)}\nsmoothing_s = 10.0    # {_SMOOTHING}\n"
     if own_map is not None:
         tables["field"] = f"source = {_quoted(own_map)}\n"
-    path = _begun(".toml", name, output, tables, TITLE=_titled(name))
+    flown = "A flight of my own" if tables else _SHIPPED
+    path = _begun(".toml", name, output, tables, TITLE=_titled(name), DESCRIPTION=flown)
     shown = path.as_posix()
     click.echo(f"Wrote {shown}. Look at its flights: ggbench validate {shown}")
     click.echo(f"Run it: ggbench run {shown} -n 10")

@@ -45,7 +45,9 @@ def test_what_is_begun_is_as_tidy_as_the_package(tmp_path):
     invoke(["new", "scenario", "my-filter", "-o", "mine"], tmp_path)
     for suffix in ("py", "toml"):
         text = (tmp_path / "mine" / f"my-filter.{suffix}").read_text()
-        assert not {"TITLE", "NAME", "Template"} & set(text.replace(".", " ").split())
+        assert not {"TITLE", "NAME", "DESCRIPTION", "Template"} & set(
+            text.replace(".", " ").split()
+        )
         assert "My filter" in text
     ruff = [sys.executable, "-m", "ruff"]
     options = ["--config", str(ROOT / "pyproject.toml"), "--no-cache", "mine"]
@@ -79,7 +81,8 @@ def test_a_scenario_begins_with_a_track_and_a_map_of_ones_own(tmp_path):
     mine, plain = (tomllib.loads((tmp_path / f"{n}.toml").read_text()) for n in ("mine", "plain"))
     assert mine["trajectory"] == {"file": track, "smoothing_s": 10.0}
     assert mine["field"] == {"source": own_map}
-    replaced = {"trajectory", "field", "title"}
+    assert mine["description"].startswith("A flight of my own")
+    replaced = {"trajectory", "field", "title", "description"}
     assert {k: mine[k] for k in mine.keys() - replaced} == {
         k: plain[k] for k in plain.keys() - replaced
     }
