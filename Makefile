@@ -119,7 +119,7 @@ browser:
 	@if { command -v chromium || command -v chromium-browser || command -v google-chrome; } >/dev/null; then \
 		echo "a browser is there already"; \
 	elif command -v apt-get >/dev/null && [ "$$(id -u)" = 0 ]; then \
-		apt-get update -qq && apt-get install -y -qq --no-install-recommends chromium poppler-utils; \
+		apt-get -o Acquire::http::Timeout=30 update -qq && apt-get -o Acquire::http::Timeout=30 install -y -qq --no-install-recommends chromium poppler-utils; \
 	else \
 		echo "install Chromium with the system's packages, as root: apt-get install chromium"; exit 1; \
 	fi

@@ -204,7 +204,7 @@ def test_a_full_disk(tmp_path):
     run = command(tmp_path / "out", "-n", "30", "-j", "0")
 
     def small_disk() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
 
     # What measures coverage writes files, too.
     env = {name: value for name, value in os.environ.items() if not name.startswith("COVERAGE")}

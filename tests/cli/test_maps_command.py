@@ -355,6 +355,7 @@ def write_hills(name, west, holes=()):
         file.write(heights.astype("float32"), 1)
 
 
+@pytest.mark.long
 def test_a_terrain_across_the_date_line_is_mapped_shown_and_flown_over():
     """A map, a track whose longitudes jump, and a flight that is planned and told."""
     write_hills("dem.tif", 179.95)
@@ -392,6 +393,7 @@ def test_voids_count_where_the_map_needs_heights():
     assert "of the area needed, 36.2" in refused
 
 
+@pytest.mark.long
 def test_a_density_in_another_unit_is_asked_about():
     write_hills("dem.tif", 8.0)
     words = ["build", "-o", "map.nc", "--terrain", "dem.tif", "--highest", 620]

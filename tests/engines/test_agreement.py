@@ -42,7 +42,10 @@ one of parallel_valleys, whose cost is 53857 in both, equal to 1e-12, 2.5e-5 apa
 LOST = ("wide_prior", "parallel_valleys", "particle_filters", "matching")
 """Scenarios in whose first cases a filter may lose its way, and be chaotic then."""
 TIPPED = {"submarine2021": 2e-3}
-"""Scenarios of hundreds of searches, of which one may end a step earlier: what a step is worth."""
+"""Scenarios of hundreds of searches, of which one may end a step earlier: what a step is worth.
+
+It is what ends a search, a thousandth of a posterior deviation: 1.4 of them at one of 2400 epochs
+of the Gaussian sum. Readings that are nudged need not tip the same one."""
 NUDGE = 1e-9
 """By how many deviations of their noise readings are moved to see what rounding can do."""
 BATCH = "factor-graph[mode=batch]"
@@ -95,7 +98,7 @@ def test_filters_are_those_of_the_frameworks(label, name, case):
     reference = choose(label).estimator
     estimates = compiled(label).estimate_block(block)
     limit = ITERATED if label in SEARCHING else LIMIT
-    chaotic = 0
+    chaotic = steps = 0
     for run in range(MORE_RUNS if label in MORE else block.runs):
         problem = block.problem(run)
         expected = reference.estimate(problem, np.random.default_rng(0))
@@ -104,8 +107,11 @@ def test_filters_are_those_of_the_frameworks(label, name, case):
             continue
         again = reference.estimate(nudged(problem), np.random.default_rng(0))
         own = difference(again, expected, problem)
-        assert own > 0.1 * limit, f"run {run}: {found:.1e}, and {own:.1e} of the reference itself"
-        chaotic += label not in SEARCHING or found > TIPPED.get(name, 0.0)
+        tipped = label in SEARCHING and found <= TIPPED.get(name, 0.0)
+        steps += tipped
+        alike = own > 0.1 * limit or (tipped and steps == 1)
+        assert alike, f"run {run}: {found:.1e}, and {own:.1e} of the reference itself"
+        chaotic += not tipped
     assert chaotic == 0 or name in LOST or EVERYTHING
 
 

@@ -61,6 +61,7 @@ def modules(*rooms: str) -> set[str]:
     return {file.as_posix() for file in files if not rooms or file.parts[0] in rooms}
 
 
+@pytest.mark.long
 def test_every_module_that_makes_a_result_counts(copy):
     """A change of any module is another source, but of one that only shows results."""
     assert changes(copy) == modules() - modules(*SHOWN)
@@ -105,6 +106,7 @@ def test_what_is_left_of_a_module_are_its_statements():
         assert statements(text) == text
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("rooms", [COMPILED_ROOMS, MAP_ROOMS])
 def test_every_module_of_a_room_counts(copy, rooms):
     assert changes(copy, *rooms) == modules(*rooms)
