@@ -1,8 +1,9 @@
-"""Files that are written whole or not at all."""
+"""Files that are written whole or not at all, and what stands for their content."""
 
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -35,3 +36,19 @@ def written_whole(path: Path, error: type[GGBenchError], what: str = "") -> Iter
     except OSError as failure:
         reason = failure.strerror or str(failure)
         raise error(f"cannot write {what}{path}: {reason}") from None
+
+
+def sha256_of(path: Path, error: type[GGBenchError], what: str = "") -> str:
+    """Return the SHA-256 of a file's content, hexadecimal.
+
+    Parameters
+    ----------
+    path : of the file.
+    error : raised, with a sentence, if it cannot be read. what : it is, in that sentence.
+    """
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as failure:
+        reason = failure.strerror or str(failure)
+        raise error(f"cannot read {what}{path}: {reason}") from None

@@ -7,7 +7,6 @@ by layer, never held in memory as a whole, and the same map always gives the sam
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping
@@ -19,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..files import written_whole
+from ..files import sha256_of, written_whole
 from ..gravity.ellipsoid import FLATTENING, SEMI_MAJOR_AXIS
 from ..gravity.gradient_map import GradientMap, MapError
 from ..numerics.source import VERSION
@@ -230,11 +229,7 @@ def file_key(path: Path) -> str:
 
     Raises MapError if it cannot be read.
     """
-    try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        raise MapError(f"cannot read the map {path}: {error.strerror}") from None
+    return sha256_of(path, MapError, "the map ")
 
 
 def described(items: Mapping[str, Any]) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import math
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..files import sha256_of
 from ..gravity.ellipsoid import SEMI_MAJOR_AXIS
 from ..gravity.gradient_map import MapError
 from ..gravity.harmonics import HarmonicCoefficients, without_normal_field
@@ -168,7 +168,7 @@ class _Sources:
                 )
             whole = whole.between(0, highest)
         else:
-            self._hash(inputs.coefficients)
+            self.hashes[inputs.coefficients.name] = sha256_of(inputs.coefficients, MapError)
             model = read_model(inputs.coefficients, inputs.max_degree)
             name, whole = model.name, without_normal_field(model.coefficients)
         lowest = inputs.min_degree
@@ -188,7 +188,7 @@ class _Sources:
         return whole
 
     def _grid(self, inputs: Inputs, path: Path, coefficients: HarmonicCoefficients) -> None:
-        self._hash(path)
+        self.hashes[path.name] = sha256_of(path, MapError)
         # Harmonics of higher degree leave a residual of shorter waves, which needs less of an edge.
         narrower = min(1.0, _SHIPPED_DEGREE / coefficients.degree)
         margin = narrower * MARGIN_DEG
@@ -297,18 +297,11 @@ class _Sources:
     def _read_terrain(self, path: Path, area: Area | None) -> Terrain:
         from ..gravity.terrain_files import read_terrain
 
-        self._hash(path)
+        self.hashes[path.name] = sha256_of(path, MapError)
         terrain = read_terrain(path, area)
         if "," in terrain.name.removeprefix(path.name):  # voids, units, a projection
             self.remarks.append(f"read {terrain.name}")
         return terrain
-
-    def _hash(self, path: Path) -> None:
-        try:
-            with path.open("rb") as file:
-                self.hashes[path.name] = hashlib.file_digest(file, "sha256").hexdigest()
-        except OSError as error:
-            raise MapError(f"cannot read {path}: {error.strerror}") from None
 
 
 class Watched:

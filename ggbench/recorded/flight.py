@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import hashlib
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import GGBenchError
+from ..files import sha256_of
 from ..gravity.field import Field, OutsideMapError
 from ..gravity.meridians import turns
 from ..ins.error_model import navigation_errors
@@ -86,7 +86,7 @@ class RecordedFlight:
             for role, table in (tables | dict(spec.further)).items()
             if getattr(table, "file", None)
         ]
-        found = [(role, path.name, _sha256(path)) for role, path in named]
+        found = [(role, path.name, sha256_of(path, FlightError)) for role, path in named]
         found += map_files(_told(spec, folder))
         return [{"role": role, "name": name, "sha256": key} for role, name, key in found]
 
@@ -145,13 +145,6 @@ def _told(spec: FlightSpec, folder: Path) -> RecordedField:
     if is_file(told.source):
         told = told.model_copy(update={"source": str(folder / told.source)})
     return told
-
-
-def _sha256(path: Path) -> str:
-    try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError as error:
-        raise FlightError(f"cannot read {path}: {error.strerror}") from None
 
 
 def _problem(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from functools import lru_cache
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from ..files import sha256_of
 from ..trajectory.manoeuvres import (
     Climb,
     Cruise,
@@ -329,10 +329,7 @@ def file_versions(spec: TrajectorySpec) -> tuple[tuple[int, int], ...]:
 
 @lru_cache(maxsize=64)
 def _hash(path: Path, version: tuple[int, int]) -> str:
-    try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError as error:
-        raise TrajectoryError(f"cannot read {path}: {error.strerror}") from None
+    return sha256_of(path, TrajectoryError)
 
 
 @lru_cache(maxsize=64)
