@@ -50,7 +50,9 @@ SLOW = (
     "correlation[candidates=nodes]",
     "correlation[fusion=none]",
     "factor-graph[loss=cauchy]",
+    "gauss-newton[engine=numba]",
     "gauss-newton[loss=cauchy]",
+    "gaussian-sum[engine=numba]",
     "gaussian-sum[loss=cauchy]",
     "gaussian-particle[proposal=ekf]",
     "gaussian-particle[proposal=ukf]",
@@ -72,7 +74,7 @@ SLOW = (
     "viterbi[decode=marginal]",
 )
 """Modes for whose family another stands in the tests that run every time; for ``viterbi``, whose
-grids are large, tests of its own."""
+grids are large, and for the compiled searches, tests of its own."""
 
 
 def each_label() -> list[Any]:

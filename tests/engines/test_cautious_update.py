@@ -17,6 +17,8 @@ from ggbench.engines.innovations import innovations_squared
 from ggbench.numerics.frozen import read_only
 from ggbench.simulation.runs import simulate_block
 
+pytestmark = pytest.mark.long  # each of its ways is compiled apart
+
 LABELS = ("ekf", "ukf", "ukf[points=cubature]")
 CAUTIONS = (
     {"gate": 0.9},

@@ -99,7 +99,15 @@ ADAPTIVE = (
 )
 
 
-@pytest.mark.parametrize("name", ["ekf", "ukf", "ukf[points=merwe]", *ROBUST, *ADAPTIVE])
+def _long(name: str) -> object:
+    return pytest.param(name, marks=pytest.mark.long)
+
+
+COMPILED_APART = [_long(name) for name in (*ROBUST, *ADAPTIVE)]
+"""Kernels of their own, which take far longer to compile than to run."""
+
+
+@pytest.mark.parametrize("name", ["ekf", "ukf", "ukf[points=merwe]", *COMPILED_APART])
 @pytest.mark.parametrize("case", [*CASES.items(), STRAPDOWN, BIASED], ids="-".join)
 def test_filterpy_gives_the_same_answer(case: tuple[str, str], name: str) -> None:
     assert_filterpy_agrees(prepared(*case), name)
@@ -131,10 +139,14 @@ def test_a_run_alone_is_of_the_types_of_a_block(case: tuple[str, str]) -> None:
     assert numba.typeof(block_of(block.problem(1)).model) == numba.typeof(block.model)
 
 
-ALONE = [*("ekf", "ukf"), *(name[:-1] for name in (*ROBUST[2:4], ADAPTIVE[2]))]
+ALONE = [
+    "ekf[engine=numba]",
+    "ukf[engine=numba]",
+    *(_long(f"{name[:-1]},engine=numba]") for name in (*ROBUST[2:4], ADAPTIVE[2])),
+]
 
 
-@pytest.mark.parametrize("name", [f"{n}{',' if '[' in n else '['}engine=numba]" for n in ALONE])
+@pytest.mark.parametrize("name", ALONE)
 @pytest.mark.parametrize("case", [("wang2013", "0.001E-1Hz"), STRAPDOWN], ids="-".join)
 def test_neighbours_change_no_bit_of_a_run(case: tuple[str, str], name: str) -> None:
     """In a block of eleven the last group is filled up, and each run has other neighbours."""

@@ -17,6 +17,8 @@ from ggbench.simulation import error_free_flight
 from ggbench.simulation.runs import simulate_block
 from ggbench.spec import scenario
 
+pytestmark = pytest.mark.long  # to compile it takes ten times as long as to run it
+
 COMPILED = choose("gauss-newton[engine=numba]").estimator
 REFERENCE = choose("gauss-newton").estimator
 DELAYED = "wang2013", "delayed"

@@ -12,6 +12,8 @@ from ggbench.block import block_of
 from ggbench.campaign.registry import choose
 from ggbench.spec import scenario
 
+pytestmark = pytest.mark.long  # to compile it takes ten times as long as to run it
+
 COMPILED = choose("gaussian-sum[engine=numba]").estimator
 
 

@@ -133,7 +133,7 @@ def test_every_estimator_takes_any_combination(label, combination, folder):
     "label",
     [
         "ekf",
-        "ekf[noise_memory=9]",
+        pytest.param("ekf[noise_memory=9]", marks=pytest.mark.long),
         "ukf",
         "ukf[points=merwe]",
         "ukf[points=cubature]",

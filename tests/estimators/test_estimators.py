@@ -367,7 +367,7 @@ def beyond_the_map() -> Problem:
         if "[" in text or text == "rao-blackwellised"
         else text
         for text in labels()
-        if text not in SLOW or text.endswith("[loss=cauchy]")
+        if text not in SLOW or text.endswith(("[loss=cauchy]", "[engine=numba]"))
     ],
 )
 def test_a_prior_beyond_the_map_crashes_nothing(label):

@@ -30,7 +30,13 @@ REFERENCES = (
     "rao-blackwellised[particles=100,start=1]",
     "closed-loop[interval_s=5]",
 )
-COMPILED = tuple(name for name in REFERENCES if not name.startswith(("rao", "closed")))
+QUICK = ("ekf", "ukf", "factor-graph[mode=batch]")
+COMPILED = [
+    name if name in QUICK else pytest.param(name, marks=pytest.mark.long)
+    for name in REFERENCES
+    if not name.startswith(("rao", "closed"))
+]
+"""Of kernels that other tests compile anyway, and of all others."""
 SCALE = 3.0
 MATCHED = ("gradiometer", "gravimeter", "keel")
 """Sensors on board that read what a map tells; the names are the case's."""
