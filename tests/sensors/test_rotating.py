@@ -301,7 +301,11 @@ def test_three_disks_read_all_of_the_tensor_but_its_trace():
 
 @pytest.mark.parametrize(
     ("instrument", "samples"),
-    [(WHOLE, 96), (WHOLE, 1000), (RotatingGradiometer(0.6, 1.0, 0.5), 64)],
+    [
+        (WHOLE, 96),
+        pytest.param(WHOLE, 1000, marks=pytest.mark.long),
+        (RotatingGradiometer(0.6, 1.0, 0.5), 64),
+    ],
 )
 def test_noise_of_a_channel(instrument, samples):
     """Variance and correlation of 2000 readings; false-alarm rate 1e-6 for each bound."""
