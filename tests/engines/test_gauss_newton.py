@@ -58,22 +58,18 @@ def assert_numpy_agrees(
         assert np.abs((one.cov - expected.cov) / np.outer(sigma, sigma)).max() < limit
 
 
-def _long(*items: object) -> object:
-    return pytest.param(*items, marks=pytest.mark.long)
-
-
 @pytest.mark.parametrize(
     ("name", "case"),
     [
         ("wide_prior", "1km"),
-        _long("wide_prior", "10km"),  # hundreds of halvings
+        ("wide_prior", "10km"),  # hundreds of halvings
         DELAYED,
-        _long("jacksboro_helicopter", "strapdown"),
-        _long("jacksboro_helicopter", "rotating-biases"),
+        ("jacksboro_helicopter", "strapdown"),
+        ("jacksboro_helicopter", "rotating-biases"),
         ("gnss_outage", "all"),  # other sensors, with gaps
-        _long("gnss_outage", "gravimeter"),
-        _long("ship", "1E-lost"),
-        _long("ship_strategic", "states"),
+        ("gnss_outage", "gravimeter"),
+        ("ship", "1E-lost"),
+        ("ship_strategic", "states"),
     ],
 )
 def test_numpy_finds_the_same_minimum(name, case):
@@ -82,7 +78,7 @@ def test_numpy_finds_the_same_minimum(name, case):
     assert_numpy_agrees(block, COMPILED.estimate_block(block), 1e-4)
 
 
-@pytest.mark.parametrize("loss", [_long("huber"), "cauchy"])
+@pytest.mark.parametrize("loss", ["huber", "cauchy"])
 def test_with_a_loss_numpy_finds_the_same_minimum(loss):
     """Among outliers, where the minimum without one is another."""
     block = block_of_runs("outliers", "outliers-20pc", 2)
@@ -96,12 +92,12 @@ def test_with_a_loss_numpy_finds_the_same_minimum(loss):
     "settings",
     [
         {"starts": 1},
-        _long({"window": 0, "refine": 2}),
-        _long({"max_iterations": 1}),  # a covariance that is not yet that of the minimum
-        _long({"max_iterations": 3, "refine": 1, "spacing_m": 700.0}),
+        {"window": 0, "refine": 2},
+        {"max_iterations": 1},  # a covariance that is not yet that of the minimum
+        {"max_iterations": 3, "refine": 1, "spacing_m": 700.0},
         # Screened and halved with a loss, and cut short before minima are the same however found.
         {"max_iterations": 4, "refine": 3, "window": 0, "loss": "huber"},
-        _long({"max_iterations": 4, "refine": 1, "window": 0, "loss": "cauchy", "threshold": 0.5}),
+        {"max_iterations": 4, "refine": 1, "window": 0, "loss": "cauchy", "threshold": 0.5},
     ],
 )
 def test_what_is_asked_for_is_what_numpy_does(settings):

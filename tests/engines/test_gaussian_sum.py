@@ -21,10 +21,10 @@ COMPILED = choose("gaussian-sum[engine=numba]").estimator
     ("name", "case"),
     [
         ("wide_prior", "3km"),
-        pytest.param("ship", "1E-lost", marks=pytest.mark.long),
-        pytest.param("parallel_valleys", "1E", marks=pytest.mark.long),
-        pytest.param("wide_prior", "10km", marks=pytest.mark.long),
-        pytest.param("gnss_outage", None, marks=pytest.mark.long),
+        ("ship", "1E-lost"),
+        ("parallel_valleys", "1E"),
+        ("wide_prior", "10km"),
+        ("gnss_outage", None),
     ],
 )
 @pytest.mark.parametrize(("iterations", "limit"), [(1, 1e-7), (3, 1e-4)])
@@ -46,7 +46,7 @@ def test_numpy_gives_the_same_answer(name, case, iterations, limit):
         assert np.abs((found.cov[run] - expected.cov) / np.outer(sigma, sigma)).max() < limit
 
 
-@pytest.mark.parametrize("loss", [pytest.param("huber", marks=pytest.mark.long), "cauchy"])
+@pytest.mark.parametrize("loss", ["huber", "cauchy"])
 def test_with_a_loss_numpy_gives_the_same_answer(loss):
     """Among outliers, where the answer without one is another."""
     block = block_of_runs("outliers", "outliers-5pc", 0, 2)
