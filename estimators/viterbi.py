@@ -27,7 +27,7 @@ from typing import Literal
 import numpy as np
 
 from ..engines.trellis import Trellis, cell_sides
-from ..problem import Causality, Estimate, Estimator, Problem
+from ..problem import Causality, Estimate, Estimator, Problem, jacobian_along
 from ..reduced import Reduction, displacing, horizontal, reduced
 
 _LARGEST_STEP = 60.0
@@ -133,16 +133,16 @@ def _height_is_known(problem: Problem, flat: Reduction, position: range) -> bool
     """Return whether the INS knows its height so well that no reading can tell more of it."""
     for up in position[2:]:
         sigma = np.sqrt(flat.cov[:, up, up])
-        for k, x in enumerate(flat.mean):
-            told = problem.model.jacobian(k, x)[:, up] * sigma[k]
-            if (np.abs(told) > _TOLD * np.sqrt(np.diag(problem.noise_of(k)))).any():
-                return False
+        told = jacobian_along(problem.model, np.arange(problem.epochs), flat.mean)[:, :, up]
+        noise = np.diagonal(problem.noise_cov, axis1=-2, axis2=-1)
+        if (np.abs(told * sigma[:, np.newaxis]) > _TOLD * np.sqrt(noise)).any():
+            return False
     return True
 
 
 def _unknown(problem: Problem, reduction: Reduction) -> np.ndarray:
     """Return the covariance (K, m, m) of what the states left out add to the readings."""
     others = [i for i in range(problem.dimension) if i not in reduction.states]
-    rows = np.array([problem.model.jacobian(k, x)[:, others] for k, x in enumerate(reduction.mean)])
+    rows = jacobian_along(problem.model, np.arange(problem.epochs), reduction.mean)[:, :, others]
     cov = reduction.cov[:, others][:, :, others]
     return np.asarray(rows @ cov @ rows.transpose(0, 2, 1))

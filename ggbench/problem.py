@@ -32,6 +32,31 @@ class MeasurementModel(Protocol):
 
 
 @runtime_checkable
+class AlongModel(MeasurementModel, Protocol):
+    """A measurement model that takes a whole trajectory in one call, which is faster."""
+
+    def predict_along(self, at: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """Return h (N, m) at epochs ``at`` (N,) for a state of each, x (N, n)."""
+
+    def jacobian_along(self, at: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """Return ∂h/∂x (N, m, n) at epochs ``at`` (N,) for a state of each, x (N, n)."""
+
+
+def predict_along(model: MeasurementModel, at: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Return h (N, m) at epochs ``at`` (N,) for a state of each, x (N, n), of any model."""
+    if isinstance(model, AlongModel):
+        return model.predict_along(at, x)
+    return np.stack([model.predict(int(k), state) for k, state in zip(at, x, strict=True)])
+
+
+def jacobian_along(model: MeasurementModel, at: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Return ∂h/∂x (N, m, n) at epochs ``at`` (N,) for a state of each, x (N, n), of any model."""
+    if isinstance(model, AlongModel):
+        return model.jacobian_along(at, x)
+    return np.stack([model.jacobian(int(k), state) for k, state in zip(at, x, strict=True)])
+
+
+@runtime_checkable
 class CountingModel(MeasurementModel, Protocol):
     """A measurement model that counts at how many points it was evaluated."""
 

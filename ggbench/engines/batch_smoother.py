@@ -141,7 +141,7 @@ def _smooth(
             if is_last_step(base[r], _linear_cost(costs, unexplained[r], r)):
                 take_trial(path, r)
         last = epochs - 1
-        covariances(path, path.states, last, 0, last, first, count, work, mean, cov)
+        covariances(path, path.states, last, 0, last, first, count, mean, cov)
 
 
 @compiled

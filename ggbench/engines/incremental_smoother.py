@@ -75,7 +75,7 @@ def _smooth(
         for k in range(epochs):
             if windowed and leaving[k] > oldest:
                 covariances(
-                    path, path.trial, k - 1, oldest, leaving[k] - 1, first, count, work, mean, cov
+                    path, path.trial, k - 1, oldest, leaving[k] - 1, first, count, mean, cov
                 )
             path.moving[k] = lanes.gather(
                 transition, process_cov, group, k, expected, path.phi[k], path.q[k]
@@ -110,7 +110,7 @@ def _smooth(
             smooth_back(path, k, oldest, work)
         if windowed:
             last = epochs - 1
-            covariances(path, path.trial, last, oldest, last, first, count, work, mean, cov)
+            covariances(path, path.trial, last, oldest, last, first, count, mean, cov)
 
 
 @compiled

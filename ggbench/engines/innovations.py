@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..numerics.kernels import compiled
 from ..problem import Problem
 from ..sensors.model import SensorModel
-from ..sensors.model_kernels import ModelArrays, jacobian, predict
+from ..sensors.model_kernels import jacobians, predictions
 
 
 def innovations(
@@ -29,23 +28,15 @@ def innovations(
     found = np.zeros((epochs, channels))
     rows = np.zeros((epochs, channels, problem.dimension))
     if isinstance(problem.model, SensorModel):
-        _linearise(problem.model.arrays.as_block(), there, predicted, found, rows)
+        arrays = problem.model.arrays.as_block()
+        found[there] = predictions(arrays, there, predicted[there])
+        rows[there] = jacobians(arrays, there, predicted[there])
     else:
         for k in map(int, there):
             found[k] = problem.model.predict(k, predicted[k])
             rows[k] = problem.model.jacobian(k, predicted[k])
     found[there] = problem.measurements[there] - found[there]
     return found, rows @ spread @ rows.transpose(0, 2, 1) + problem.noise_cov
-
-
-@compiled
-def _linearise(
-    model: ModelArrays, at: np.ndarray, states: np.ndarray, found: np.ndarray, rows: np.ndarray
-) -> None:
-    """Fill h (K, m) and H (K, m, n) at some epochs and states (K, n); of a block of one run."""
-    for k in at:
-        found[k] = predict(model, k, states[k : k + 1])[0]
-        rows[k] = jacobian(model, k, states[k])
 
 
 def innovations_squared(problem: Problem, mean: np.ndarray, cov: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..numerics.kernels import compiled
-from ..problem import Problem
+from ..problem import Problem, jacobian_along, predict_along
 
 HALVINGS = 15
 CONVERGED = 1e-6
@@ -76,6 +76,7 @@ class IteratedSmoother:
         self, problem: Problem, losses: OfResiduals = _half_square, weights: OfResiduals = _one
     ) -> None:
         self.problem = problem
+        self._epochs = np.arange(problem.epochs)
         self.losses, self.weights = losses, weights
         self.scale = scale = np.sqrt(np.diag(problem.prior_cov))
         self.transition = problem.transition * scale / scale[:, None]
@@ -119,7 +120,7 @@ class IteratedSmoother:
     def residuals(self, states: np.ndarray) -> np.ndarray:
         """Return the whitened residuals (K, m) of a trajectory's states (K, n)."""
         problem = self.problem
-        predicted = [problem.model.predict(k, x) for k, x in enumerate(states * self.scale)]
+        predicted = predict_along(problem.model, self._epochs, states * self.scale)
         residuals = problem.measurements - predicted
         return np.linalg.solve(self.noise_root, residuals[..., np.newaxis])[..., 0]
 
@@ -142,7 +143,7 @@ class IteratedSmoother:
         while np.isfinite(cost) and not converged and iterations < max_iterations:
             iterations += 1
             states = trajectory.states * self.scale
-            rows = np.stack([problem.model.jacobian(k, x) for k, x in enumerate(states)])
+            rows = jacobian_along(problem.model, self._epochs, states)
             rows = np.linalg.solve(self.noise_root, rows * self.scale)
             target = residuals + np.einsum("kmi,ki->km", rows, trajectory.states)
             weight = np.sqrt(self.weights(residuals))

@@ -150,13 +150,10 @@ def update(rules: Rules, x: np.ndarray, p: np.ndarray, out: Search, scratch: np.
     ``scratch`` (n, n, lanes) is overwritten.
     """
     m = out.rows.shape[0]
-    lane_algebra.project(out.rows, p, m, out.hp, out.s)
-    lane_algebra.factorise(out.s, m, out.s)
-    lane_algebra.solve_lower(out.s, m, out.hp, out.half)
+    lane_algebra.kalman_gain(out.rows, p, m, out.hp, out.s, out.half, out.gain)
     if rules.iterations == 1:
         lane_algebra.whiten(out.s, m, out.innovation, out.white)
         lane_algebra.correct(out.half, out.white, m, x)
-    lane_algebra.solve_upper(out.s, m, out.half, out.gain)
     lane_algebra.joseph(out.gain, out.hp, out.rows, m, p, scratch, out.half)
 
 

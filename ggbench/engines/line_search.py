@@ -396,7 +396,7 @@ def answer(problems: Problems, found: Searches, mean: np.ndarray, cov: np.ndarra
         _linearise(problems, group, count, path, reading, costs)
         _filter(problems, path, work)
         last = epochs - 1
-        covariances(path, path.states, last, 0, last, first, count, work, mean, cov)
+        covariances(path, path.states, last, 0, last, first, count, mean, cov)
 
 
 @compiled

@@ -235,12 +235,9 @@ def _update(
         for j in range(n):
             total -= load(rows, c, j) * load(work.x, 0, j)
         store(work.innovation, 0, c, total)
-    lane_algebra.project(rows, p, m, work.hp, work.s)
-    lane_algebra.factorise(work.s, m, lower)
+    lane_algebra.kalman_gain(rows, p, m, work.hp, lower, work.half, gain)
     lane_algebra.whiten(lower, m, work.innovation, work.white)
-    lane_algebra.solve_lower(lower, m, work.hp, work.half)
     lane_algebra.correct(work.half, work.white, m, work.x)
-    lane_algebra.solve_upper(lower, m, work.half, gain)
     column = work.white.reshape((m, 1, work.white.shape[2]))
     lane_algebra.solve_upper(lower, m, column, updates.pulls[k])
     lane_algebra.joseph(gain, work.hp, rows, m, p, work.scratch, work.change)
@@ -395,16 +392,14 @@ def covariances(
     final: int,
     first: int,
     count: int,
-    work: Work,
     mean: np.ndarray,
     cov: np.ndarray,
 ) -> None:
-    """Write trajectories and their covariances P_f − P_f Λ P_f, given the readings of a window.
+    """Write trajectories and their covariances, given the readings of a window.
 
-    The filter has gone along them, undamped. Where readings to come make an epoch surer by far, the
-    difference of two large numbers is left, with the rounding of Λ: beside GTSAM's covariances
-    (which are not formed so) 2e-9 of them on the paper's flights, 1e-6 from a prior of 3 km. From
-    one of 10 km one run in 1600 had a covariance that was not positive, and was counted as failed.
+    They are (P_f⁻¹ + Λ)⁻¹ = L (1 + Lᵀ Λ L)⁻¹ Lᵀ with P_f = L Lᵀ and Λ the information of what is
+    read after an epoch (Fraser & Potter 1969): nothing is subtracted, however much surer the
+    readings to come make an epoch. The filter has gone along the trajectories, undamped.
 
     Parameters
     ----------
@@ -414,68 +409,46 @@ def covariances(
     first, count : the runs. mean, cov : (R, K, n), (R, K, n, n) output.
     """
     n = path.rows.shape[2]
-    f, phi_t = lanes.lanes(n, n), lanes.lanes(n, n)
-    later, t, p = work.other, work.scratch, work.p
-    later[:] = 0.0
+    root, later, nothing = lanes.lanes(n, n), lanes.lanes(n, n), lanes.lanes(n, n)
+    work = work_of(n, n)  # process noise has up to n equations
     for step in range(newest - oldest + 1):
         k = newest - step
         if k <= final:
-            _whole(path.half_cov[k], f)
-            lane_algebra.products_of_rows(f, n, later, t)
-            lane_algebra.products_of_rows(t, n, f, p)
-            for i in range(n):
-                for j in range(i + 1):
-                    value = load(f, i, j) - load(p, i, j)
-                    store(p, i, j, value)
-                    store(p, j, i, value)
-            lanes.scatter(states[k], p, first, count, k, mean, cov)
+            _whole(path.half_cov[k], work.p)
+            lane_algebra.transposed_root(work.p, n, root)
+            lane_algebra.project(root, later, n, work.hp, work.s)
+            lane_algebra.factorise(work.s, n, work.s)
+            lane_algebra.solve_lower(work.s, n, root, work.half)
+            lane_algebra.add_products(work.half, work.half, 1.0, nothing, work.p)
+            lanes.scatter(states[k], work.p, first, count, k, mean, cov)
         if k > oldest:
-            _informed(path, k, work)
-            phi, moving = path.phi[k], path.moving[k]
-            for i in range(n):
-                for j in range(n):
-                    value = splat(1.0 if i == j else 0.0)
-                    if i < moving:
-                        value = load(phi, i, j)
-                    store(phi_t, j, i, value)
-            lane_algebra.products_of_rows(phi_t, n, later, t)
-            lane_algebra.products_of_rows(t, n, phi_t, p)
-            for i in range(n):
-                for j in range(i + 1):
-                    value = load(p, i, j)
-                    store(later, i, j, value)
-                    store(later, j, i, value)
+            _inform_before(path, k, later, root, work)
 
 
 @compiled
-def _informed(path: Path, k: int, work: Work) -> None:
-    """Add what the readings of an epoch tell to the information Λ of what comes later.
+def _inform_before(path: Path, k: int, later: np.ndarray, root: np.ndarray, work: Work) -> None:
+    """Take the information Λ (n, n) from behind the readings of an epoch to the epoch before.
 
-    Hᵀ S⁻¹ H + (I − K H)ᵀ Λ (I − K H) = Λ + Hᵀ E + Eᵀ H, E = ½ (Kᵀ Λ K + S⁻¹) H − Kᵀ Λ.
+    Readings add Hᵀ H. Process noise Q = R Rᵀ leaves (Λ⁻¹ + Q)⁻¹ of it: what an update leaves of a
+    covariance Λ, with rows Rᵀ. Motion makes Φᵀ Λ Φ of that. ``root`` (n, n) is overwritten.
     """
-    rows, gain, lower = path.rows[k], path.updates.gains[k], path.updates.lower[k]
-    m, n = rows.shape[0], rows.shape[1]
-    later, pulled, e, s = work.other, work.hp, work.change, work.s
-    half = splat(0.5)
-    lane_algebra.products_of_rows(gain, m, later, pulled)
-    lane_algebra.solve_lower(lower, m, rows, e)
-    lane_algebra.solve_upper(lower, m, e, e)
-    for c in range(m):
-        for d in range(m):
-            total = splat(0.0)
-            for j in range(n):
-                total += load(pulled, c, j) * load(gain, d, j)
-            store(s, c, d, total)
+    rows, phi, p = path.rows[k], path.phi[k], work.p
+    n, moving = p.shape[0], max(path.moving[k], 3)
+    lane_algebra.add_products(rows, rows, 1.0, later, p)
+    noise, gain, hp, change = root[:moving], work.other[:moving], work.hp[:moving], work.change
+    lane_algebra.transposed_root(path.q[k], moving, noise)
+    lane_algebra.kalman_gain(noise, p, moving, hp, work.s, work.half, gain)
+    lane_algebra.joseph(gain, hp, noise, moving, p, work.scratch, change)
+    for i in range(n):
         for j in range(n):
-            total = load(e, c, j)
-            for d in range(m):
-                total += load(s, c, d) * load(rows, d, j)
-            store(e, c, j, half * total - load(pulled, c, j))
+            value = splat(1.0 if i == j else 0.0)
+            if i < moving:
+                value = load(phi, i, j)
+            store(root, j, i, value)
+    lane_algebra.products_of_rows(root, n, p, work.scratch)
+    lane_algebra.products_of_rows(work.scratch, n, root, p)
     for i in range(n):
         for j in range(i + 1):
-            total = load(later, i, j)
-            for c in range(m):
-                total += load(rows, c, i) * load(e, c, j)
-                total += load(e, c, i) * load(rows, c, j)
-            store(later, i, j, total)
-            store(later, j, i, total)
+            value = load(p, i, j)
+            store(later, i, j, value)
+            store(later, j, i, value)

@@ -16,7 +16,7 @@ from typing import Literal
 
 import numpy as np
 
-from ..problem import MeasurementModel, Problem, Track
+from ..problem import MeasurementModel, Problem, Track, jacobian_along, predict_along
 from ..reduced import horizontal
 from ..sensors.aiding import corrected_positions
 from . import position_grid
@@ -55,6 +55,14 @@ class _Later:
     def jacobian(self, k: int, x: np.ndarray) -> np.ndarray:
         """Return ∂h/∂x (..., m, n) at states x (..., n)."""
         return self.model.jacobian(self.first + k, x)
+
+    def predict_along(self, at: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """Return h (N, m) at epochs (N,) for a state of each, x (N, n)."""
+        return predict_along(self.model, self.first + at, x)
+
+    def jacobian_along(self, at: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """Return ∂h/∂x (N, m, n) at epochs (N,) for a state of each, x (N, n)."""
+        return jacobian_along(self.model, self.first + at, x)
 
 
 def section(problem: Problem, first: int, stop: int, mean: np.ndarray, cov: np.ndarray) -> Problem:

@@ -16,6 +16,8 @@ import numpy as np
 from .kernels import compiled, inlined
 from .vectors import load, splat, store
 
+_ROUNDING = 1e-14
+"""Share of a variance that is nothing but rounding."""
 Tile = tuple[Any, Any, Any, Any, Any, Any, Any, Any, Any]
 """Vectors of three by three elements, row by row."""
 
@@ -220,6 +222,28 @@ def triangular_root(matrix: np.ndarray, lower: np.ndarray, inverse: np.ndarray) 
 
 
 @compiled
+def transposed_root(matrix: np.ndarray, size: int, out: np.ndarray) -> None:
+    """Fill the first rows of Lᵀ (size, n), L Lᵀ = the first rows and columns of a matrix (n, n).
+
+    The matrix is symmetric, and may be singular: a row of Lᵀ is zero where nothing but rounding is
+    left of the diagonal's element. What is beyond ``size`` in these rows is zero.
+    """
+    for i in range(size):
+        for j in range(out.shape[1]):
+            total = splat(0.0)
+            if i <= j < size:
+                total = load(matrix, i, j)
+                for k in range(i):
+                    total -= load(out, k, i) * load(out, k, j)
+            store(out, i, j, total)
+        for r in range(out.shape[2]):
+            left = out[i, i, r]
+            inverse = 0.0 if left <= _ROUNDING * matrix[i, i, r] else 1.0 / math.sqrt(left)
+            for j in range(i, size):
+                out[i, j, r] *= inverse
+
+
+@compiled
 def is_positive(inverse: np.ndarray, r: int) -> bool:
     """Return whether a matrix was positive definite, from :func:`triangular_root`."""
     good = True
@@ -278,6 +302,23 @@ def correct(half: np.ndarray, white: np.ndarray, m: int, x: np.ndarray) -> None:
         for c in range(m):
             total += load(half, c, j) * load(white, 0, c)
         store(x, 0, j, total)
+
+
+@compiled
+def kalman_gain(
+    rows: np.ndarray,
+    p: np.ndarray,
+    m: int,
+    hp: np.ndarray,
+    lower: np.ndarray,
+    half: np.ndarray,
+    gain: np.ndarray,
+) -> None:
+    """Fill H P, the root L of H P Hᵀ + 1 as :func:`factorise` has it, L⁻¹ H P, and Kᵀ."""
+    project(rows, p, m, hp, lower)
+    factorise(lower, m, lower)
+    solve_lower(lower, m, hp, half)
+    solve_upper(lower, m, half, gain)
 
 
 @compiled

@@ -12,7 +12,7 @@ import numpy as np
 from ..engines.innovations import innovations
 from ..errors import GGBenchError
 from ..judging import run_errors
-from ..problem import Estimate, Problem
+from ..problem import Estimate, Problem, predict_along
 from ..sensors.aiding import Motion, corrected_motion
 from ..simulation.runs import Truth
 from ..spec.case import WindowsSpec
@@ -127,7 +127,7 @@ def residuals(problem: Problem, estimate: Estimate) -> Residuals:
         found, spreads = innovations(problem, mean, cov)
         predicted = z - found
     else:
-        predicted = np.stack([problem.model.predict(k, x) for k, x in enumerate(mean)])
+        predicted = predict_along(problem.model, np.arange(problem.epochs), mean)
         found = z - predicted
         spreads = np.stack([problem.noise_of(k) for k in range(problem.epochs)])
     try:

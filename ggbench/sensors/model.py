@@ -10,7 +10,7 @@ from . import aiding_kernels
 from .aiding_kernels import Aiding
 from .gradiometer.instrument import INSTRUMENTS, STRAPDOWN, Gradiometer, readings_along
 from .gradiometer.lowpass import Prefilter
-from .model_kernels import ModelArrays, jacobian, predict
+from .model_kernels import ModelArrays, jacobian, jacobians, predict, predictions
 
 NO_GRADIOMETER = Gradiometer(1.0, None, (), "local-level")
 """An instrument without channels."""
@@ -181,14 +181,34 @@ class SensorModel:
     def jacobian(self, k: int, x: np.ndarray) -> np.ndarray:
         """Return H = ∂h/∂x (..., m, n) at epoch ``k`` for states x (..., n); any leading axes."""
         states = self._states(k, x)
-        if states.ndim == 1:  # as filters and graphs ask, most often
-            self._evaluations += 1
-            return jacobian(self._block, k, states)
         points = states.reshape(-1, states.shape[-1])
         self._evaluations += len(points)
-        found = [jacobian(self._block, k, point) for point in points]
-        m, n = self.arrays.offset.shape[-1], self.arrays.dimension
-        return np.reshape(found, (*states.shape[:-1], m, n))
+        out = np.empty((len(points), self.arrays.offset.shape[-1], points.shape[-1]))
+        jacobian(self._block, k, points, out)
+        return out.reshape(*states.shape[:-1], *out.shape[1:])
+
+    def predict_along(self, at: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """Return h (N, m) at epochs ``at`` (N,) for a state of each, x (N, n)."""
+        epochs, states = self._along(at, x)
+        return predictions(self._block, epochs, states)
+
+    def jacobian_along(self, at: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """Return H (N, m, n) at epochs ``at`` (N,) for a state of each, x (N, n)."""
+        epochs, states = self._along(at, x)
+        return jacobians(self._block, epochs, states)
+
+    def _along(self, at: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return epochs and their states ready for the kernels, and count them."""
+        epochs = np.ascontiguousarray(at, dtype=np.int64)
+        self._states(int(epochs.min(initial=0)), x)
+        states = self._states(int(epochs.max(initial=0)), x)
+        if states.ndim != 2 or epochs.shape != states.shape[:1]:
+            raise ValueError(
+                f"there must be a state of each epoch: of epochs {epochs.shape} (N, n) are wanted,"
+                f" and the states are {states.shape}"
+            )
+        self._evaluations += len(states)
+        return epochs, states
 
     def _states(self, k: int, x: np.ndarray) -> np.ndarray:
         """Return states ready for the kernels, which check nothing."""

@@ -400,25 +400,50 @@ def predict(model: ModelArrays, k: int, states: np.ndarray) -> np.ndarray:
 
 
 @compiled
-def jacobian(model: ModelArrays, k: int, state: np.ndarray) -> np.ndarray:
-    """Return H (m, n) of one state; ``model`` is a block of one run."""
+def predictions(model: ModelArrays, at: np.ndarray, states: np.ndarray) -> np.ndarray:
+    """Return h (N, m) of states (N, n) at epochs (N,); ``model`` is a block of one run."""
+    out = np.empty((states.shape[0], model.offset.shape[2]))
+    for i in range(states.shape[0]):
+        value = predict(model, at[i], states[i : i + 1])
+        for c in range(out.shape[1]):
+            out[i, c] = value[0, c]
+    return out
+
+
+@compiled
+def jacobian(model: ModelArrays, k: int, states: np.ndarray, out: np.ndarray) -> None:
+    """Fill H (N, m, n) of states (N, n) at an epoch; ``model`` is a block of one run."""
     rows, m, moving = model.rows[0, k], model.offset.shape[2], moving_errors(model)
-    out = np.zeros((m, state.shape[0]))
-    aiding_jacobian(model.aiding, k, state, out)
+    out[:] = 0.0
+    for i in range(states.shape[0]):
+        aiding_jacobian(model.aiding, k, states[i], out[i])
     g = model.channels.shape[0]
     if g == 0 or model.gain[0, k] == 0.0:
-        return out
-    here, errors = here_of(m), lanes.lanes(6, 1)
+        return
+    here, errors, points = here_of(m), lanes.lanes(6, 1), points_of(1)
     predicted, slope = lanes.lanes(1, g), lanes.lanes(g, 6)
     arrive(model, lanes.members(0, 1), k, here)
-    for i in range(moving):
-        for j in range(rows.shape[1]):
-            errors[i, 0, 0] += rows[i, j] * state[j]
-    linearise_reading(model, k, here, errors, 1, points_of(1), predicted, slope)
-    for c in range(g):
-        for j in range(moving):
-            for i in range(rows.shape[1]):
-                out[c, i] += slope[c, j, 0] * rows[j, i]
-        if model.bias >= 0:
-            out[c, model.bias + c] += model.gain[0, k]
+    for first in lanes.starts(states.shape[0]):
+        count = lanes.count_from(first, states.shape[0])
+        for i in range(moving):
+            for r in range(count):
+                errors[i, 0, r] = 0.0
+                for j in range(rows.shape[1]):
+                    errors[i, 0, r] += rows[i, j] * states[first + r, j]
+        linearise_reading(model, k, here, errors, count, points, predicted, slope)
+        for r in range(count):
+            for c in range(g):
+                for j in range(moving):
+                    for i in range(rows.shape[1]):
+                        out[first + r, c, i] += slope[c, j, r] * rows[j, i]
+                if model.bias >= 0:
+                    out[first + r, c, model.bias + c] += model.gain[0, k]
+
+
+@compiled
+def jacobians(model: ModelArrays, at: np.ndarray, states: np.ndarray) -> np.ndarray:
+    """Return H (N, m, n) of states (N, n) at epochs (N,); ``model`` is a block of one run."""
+    out = np.empty((states.shape[0], model.offset.shape[2], states.shape[1]))
+    for i in range(states.shape[0]):
+        jacobian(model, at[i], states[i : i + 1], out[i : i + 1])
     return out

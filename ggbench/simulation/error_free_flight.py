@@ -275,8 +275,8 @@ class Flight:
                 bias=true.gradient_bias,
             )
         )
-        zero = np.zeros(true.dimension)
-        jacobians = np.stack([model.jacobian(k, zero) for k in range(len(self.epochs))])
+        epochs = len(self.epochs)
+        jacobians = model.jacobian_along(np.arange(epochs), np.zeros((epochs, true.dimension)))
         jacobians *= np.sqrt(self.expected)[:, :, np.newaxis]
         return posterior_bound(
             transition, process_cov, true.prior_cov, jacobians, noise_cov, self.ticks
