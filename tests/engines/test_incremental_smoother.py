@@ -91,3 +91,23 @@ def test_a_run_does_not_depend_on_its_neighbours(mode):
         np.testing.assert_array_equal(part.cov, whole.cov[first:last])
         for name, values in part.info.items():
             np.testing.assert_array_equal(values, whole.info[name][first:last])
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "label", ["factor-graph[mode=fixed-lag,lag=600]", "factor-graph[mode=batch]"]
+)
+def test_however_much_surer_later_readings_make_an_epoch_covariances_are_gtsams(label):
+    """From a prior of 10 km, after which readings to come leave metres.
+
+    A difference of the two, the filter's covariance less what they take, was off by half a variance
+    in this run and had a negative eigenvalue.
+    """
+    block = block_of_runs("matching", "10km", 123, 124)
+    found = compiled(label).estimate_block(block)
+    expected = estimator(label).estimate(block.problem(0), np.random.default_rng(0))
+    assert expected.cov is not None
+    sigma = np.sqrt(np.diagonal(expected.cov, axis1=1, axis2=2))
+    both = sigma[:, :, np.newaxis] * sigma[:, np.newaxis]
+    assert np.abs((found.cov[0] - expected.cov) / both).max() < 1e-5
+    assert np.linalg.eigvalsh(found.cov[0] / both).min() > 1e-4

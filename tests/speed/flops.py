@@ -12,6 +12,7 @@ UKF, an epoch, with N = 2n + 1 points drawn before the prediction and again afte
 Batch, I iterations, each a pass of the EKF and a backward pass of the adjoint vector (modified
 Bryson–Frazier, 4n² + 4mn an epoch), and once the adjoint matrix and the smoothed covariance
     I − K H: 2mn²; two congruences: 8n³; Hᵀ S⁻¹ H: 2m²n + 2mn²; P − P Λ P: 4n³ + n².
+    (Our engine does more: a difference loses digits where a prior is wide.)
 """
 
 from __future__ import annotations
