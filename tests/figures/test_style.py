@@ -41,7 +41,7 @@ def changed_by(code: str) -> set[str]:
     )
     environment = {k: v for k, v in os.environ.items() if k != "MPLBACKEND"}
     done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True,
+        [sys.executable, "-P", "-c", program], capture_output=True, text=True, check=True,
         env=environment, cwd=tempfile.gettempdir(),
     )  # fmt: skip
     return set(ast.literal_eval(done.stdout.splitlines()[-1]))
