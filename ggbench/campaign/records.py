@@ -18,7 +18,7 @@ from ..engines.innovations import innovations_squared
 from ..gravity.field import Field
 from ..ins.system_matrix import STATES
 from ..judging import fixes, locking, run_errors
-from ..judging.summary import bound_for, squared_bounds
+from ..judging.bounds import bound_for, squared_bounds
 from ..problem import Causality, Fixes, Problem
 from ..results.store import DETAILED_RUN, SERIES_RUNS, Result, kept_epochs
 from ..sensors.gradiometer.instrument import COMPONENTS, Gradiometer

@@ -14,7 +14,7 @@ from ..campaign import result_keys
 from ..campaign.registry import choose
 from ..campaign.runner import Task, flight_of, run_task
 from ..figures.numbers import counted
-from ..judging.summary import squared_bounds
+from ..judging.bounds import squared_bounds
 from ..results.store import kept_epochs
 from ..spec.scenario import Scenario
 from .clocks import COLD

@@ -21,26 +21,22 @@ COMPILED_ROOMS = ("numerics", "gravity", "ins", "sensors", "trajectory", "engine
 """Rooms that hold compiled code, or constants that are compiled into it."""
 MAP_ROOMS = ("numerics", "gravity", "maps")
 """Rooms that make a map from data."""
-_NOT_OF_RESULTS = {
-    "adapters", "estimators", "scenarios", "areas", "contract", "recorded", "figures", "report",
-    "api.py", "cli",
-}  # fmt: skip
-"""What no result depends on: parts that results know by their own content, and what shows them."""
+_RESULTS = ("campaign/runner.py", "block.py", "reduced.py", "engines", *MAP_ROOMS)
+"""What makes results, with all that it imports: the runner, what estimators are made of, which
+themselves are known by their own content, and maps."""
 
 
 @cache
 def source_hash(*rooms: str) -> str:
     """Return a hash (16 hexadecimal digits) of the modules of rooms.
 
-    Of all rooms that a result depends on, and of the modules beside the rooms, if none is named;
-    then without their comments and docstrings.
+    If none is named, of all modules on which a result depends, without their comments and
+    docstrings: of :mod:`ggbench.campaign.runner`, of what estimators are made of, and of all that
+    these import.
     """
-    found = set()
-    for file in PACKAGE.rglob("*.py"):
-        room = file.relative_to(PACKAGE).parts[0]
-        if room in rooms or (not rooms and room not in _NOT_OF_RESULTS):
-            found.add(file)
-    return _hash_of(found, whole=bool(rooms))
+    roots = [PACKAGE / name for name in rooms or _RESULTS]
+    files = {file for root in roots for file in (root, *root.rglob("*.py")) if file.is_file()}
+    return _hash_of(files if rooms else files.union(*map(_imported, files)), whole=bool(rooms))
 
 
 _VECTORS = PACKAGE / "numerics" / "vectors.py"

@@ -1,0 +1,27 @@
+"""The Cramér–Rao bound that an estimate is set beside, by what it may know."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..simulation.bound import Bound
+
+
+def bound_for(bound: Bound, causality: str, lag_epochs: int | None) -> np.ndarray:
+    """Return the covariance bound (K, n, n) that an estimate of this causality cannot beat.
+
+    An estimate without aiding is set beside the filtering bound: what aiding could give.
+    """
+    if causality == "batch":
+        return bound.smoothing
+    if causality == "fixed-lag" and lag_epochs is not None:
+        return bound.fixed_lag(lag_epochs)
+    return bound.filtering
+
+
+def squared_bounds(cov: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the bounds (K,) on the squared spherical position and velocity error."""
+    return (
+        np.trace(cov[:, :3, :3], axis1=1, axis2=2),
+        np.trace(cov[:, 3:6, 3:6], axis1=1, axis2=2),
+    )
