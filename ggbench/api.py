@@ -322,7 +322,9 @@ class Results(folder.Results):
         )
 
     def plot_error_over_time(self, case: str | None = None) -> Figure:
-        """Draw the RMS position and velocity errors over the runs against time, and the bounds.
+        """Draw the position and velocity errors over the runs against time, and the bounds.
+
+        Medians; quartiles of the best estimator and of the INS.
 
         Raises
         ------

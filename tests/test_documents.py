@@ -50,12 +50,18 @@ def test_the_answer_is_the_reports():
     assert answer.startswith("**") and f"\n{answer}\n" in report
 
 
+def test_the_verdict_is_the_reports():
+    """What the README says of the paper's numbers is the first sentence of the report."""
+    marked = re.search(r"<!-- the verdict.*?-->\n(.*?)<!-- end", README, re.DOTALL)
+    assert REPORT.split("\n\n")[1] == marked.group(1).strip()
+
+
 def test_the_advice_is_the_reports():
-    """The README's first table stands in the front page of the reports, word for word."""
+    """The README's answer and first table stand in the front page of the reports, word for word."""
     marked = re.search(r"<!-- the advice.*?-->\n(.*?)<!-- end", README, re.DOTALL)
     said = marked.group(1).strip()
     page = (ROOT / "reports" / "README.md").read_text(encoding="utf-8")
-    assert said.startswith("**Over the") and said.count("\n|") > 7
+    assert said.startswith("- **The model is right.") and said.count("\n|") > 7
     assert page.split("\n\n", 1)[1].startswith(said)
 
 

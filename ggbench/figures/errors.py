@@ -17,9 +17,11 @@ AXES = ("east", "north", "up")
 def error_over_time(
     panels: Sequence[tuple[str, np.ndarray, Mapping[str, np.ndarray], Mapping[str, np.ndarray]]],
 ) -> Drawing:
-    """Draw root-mean-square spherical position and velocity errors over runs against the bounds.
+    """Draw spherical position and velocity errors over runs against time, beside the bounds.
 
-    Each panel is (title, times (K,), curves, bounds), both name to (K, 2): position, velocity.
+    Each panel is (title, times (K,), curves, bounds): curves name to (3, K, 2), lower quartile,
+    median, upper quartile of position and velocity, bounds name to (K, 2). Quartiles are drawn of
+    the first curve and of the INS: those of all would hide each other.
     """
     count = len(panels)
     figure, grid = subplots(
@@ -29,11 +31,15 @@ def error_over_time(
     for column, (title, times, curves, bounds) in enumerate(panels):
         for row, quantity in enumerate(("position [m]", "velocity [m/s]")):
             axis: Axes = grid[row, column]
-            for name, curve in curves.items():
+            for number, (name, (low, median, high)) in enumerate(curves.items()):
                 look = drawn[name]
                 axis.semilogy(
-                    times, curve[:, row], ls=look.ls, color=look.color, lw=1.4, label=name
+                    times, median[:, row], ls=look.ls, color=look.color, lw=1.4, label=name
                 )
+                if number == 0 or name == "ins":
+                    axis.fill_between(
+                        times, low[:, row], high[:, row], color=look.color, alpha=0.18, lw=0.0
+                    )
             for number, (name, bound) in enumerate(bounds.items()):
                 axis.semilogy(
                     times, bound[:, row], color=BOUND, lw=0.9, ls=("-", ":", "--")[number % 3],
@@ -45,7 +51,7 @@ def error_over_time(
             else:
                 axis.set_xlabel("time [s]")
             if column == 0:
-                axis.set_ylabel(f"RMS spherical {quantity}")
+                axis.set_ylabel(f"spherical {quantity}")
     handles, names = grid[0, 0].get_legend_handles_labels()
     legend_below(figure, dict(zip(names, handles, strict=True)))
     return figure

@@ -210,7 +210,8 @@ def _known(label: str) -> Look | None:
     number = _VARIANTS[name].index(rest)
     if size:
         step = sizes.index(size)
-        return Look(_COLOURS[name][number], _LINES[step % 4], _SIZE_MARKERS[step])
+        line = _LINES[(number + step + 1) % 4]  # another one than the plain estimator's
+        return Look(_COLOURS[name][number], line, _SIZE_MARKERS[step])
     return Look(_COLOURS[name][number], _LINES[number % 4], _MARKERS[name][number])
 
 

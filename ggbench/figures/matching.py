@@ -11,6 +11,9 @@ from . import style
 from .looks import looks
 from .style import Drawing, legend_below, styled
 
+_FIRST = 0.01
+"""Share of false fixes up to which the scale is linear."""
+
 
 @dataclass(frozen=True)
 class Operation:
@@ -49,7 +52,10 @@ def operating_curves(
                 *curve.at, color=look.color, marker=look.marker, ls=look.ls, ms=6.0,
                 clip_on=False, zorder=3,
             )  # fmt: skip
-        axis.set(title=title, xlim=(-0.02, 1.02), ylim=(-0.02, 1.02))
+        # Logarithmic but for the first per cent: good matchers stand near none, and far from some.
+        axis.set_xscale("symlog", linthresh=_FIRST)
+        axis.set(title=title, xlim=(-0.1 * _FIRST, 1.1), ylim=(-0.02, 1.02))
+        axis.set_xticks([0.0, _FIRST, 0.1, 1.0])
         for side in (axis.xaxis, axis.yaxis):
             side.set_major_formatter(lambda value, _: f"{100.0 * value:.0f} %")
     legend_below(figure, {label: handles[label] for label in labels if label in handles})

@@ -11,15 +11,18 @@ from .style import Drawing, legend_below, plain_numbers, styled, subplots
 
 Curve = tuple[np.ndarray, np.ndarray]
 """σ/ℓ (n,), increasing, and a figure at each (n,)."""
+Ends = Mapping[str, np.ndarray]
+"""Estimator to the ends (2, n) of the intervals of its figure."""
 
 
 @styled()
-def against_width(shares: Mapping[str, Curve], ratios: Mapping[str, Curve]) -> Drawing:
+def against_width(shares: Mapping[str, Curve], ends: Ends, ratios: Mapping[str, Curve]) -> Drawing:
     """Draw the share of success and the error over the bound against σ/ℓ, estimators as lines.
 
     Parameters
     ----------
-    shares : estimator to its share of success. ratios : to the median of error over bound.
+    shares : estimator to its share of success. ends : of their intervals, which are bars.
+    ratios : estimator to the median of error over bound.
     """
     figure, (left, right) = subplots(1, 2, figsize=(9.6, 4.0))
     drawn = looks(shares)
@@ -30,6 +33,9 @@ def against_width(shares: Mapping[str, Curve], ratios: Mapping[str, Curve]) -> D
         (handles[label],) = left.plot(
             width, share, lw=max(3.4 - 0.25 * number, 1.0), ms=4.0, **look._asdict()
         )
+        # Beside each other, or the bars of those at 100 % would be one.
+        beside = width * 1.02 ** (number - 0.5 * len(shares))
+        left.vlines(beside, *ends[label], color=look.color, lw=0.9)
     for label, (width, ratio) in ratios.items():
         right.plot(width, ratio, lw=1.2, ms=4.0, **drawn[label]._asdict())
     left.set(xscale="log", xlabel="σ/ℓ: prior's σ per axis over the field's correlation length",

@@ -18,7 +18,7 @@ _COLUMNS: dict[Quantity, tuple[int, str]] = {"position": (0, "m"), "velocity": (
 
 
 def error_over_time(results: Results, shown: Mapping[str, Sequence[str]]) -> Drawing:
-    """Draw the RMS spherical errors over all runs against time, beside the bounds.
+    """Draw the spherical errors over all runs against time, median and quartiles, and the bounds.
 
     Parameters
     ----------
@@ -29,23 +29,24 @@ def error_over_time(results: Results, shown: Mapping[str, Sequence[str]]) -> Dra
     panels = []
     for name, labels in shown.items():
         title = results.scenario.case(name).title
-        panels.append((title, *rms_over_time(results, name, labels)))
+        panels.append((title, *errors_over_time(results, name, labels)))
     return errors.error_over_time(panels)
 
 
-def rms_over_time(
+def errors_over_time(
     results: Results, case: str, labels: Iterable[str]
 ) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Return times (K',) [s], RMS errors and bounds of a case at them.
+    """Return times (K',) [s], errors and bounds of a case at them.
 
-    Errors by estimator and bounds by name, each (K', 2): position [m] and velocity [m/s],
-    spherical, over all runs that are stored; no errors of one without a finished run.
+    Errors by estimator (3, K', 2): lower quartile, median and upper quartile over all runs that are
+    stored, which a run that is lost does not turn; nothing of an estimator without a finished run.
+    Bounds by name (K', 2), root mean square. Position [m] and velocity [m/s], spherical.
     """
     curves = {}
     for label in labels:
         series = results.series(case, label)
         if len(series):
-            curves[label] = np.sqrt(np.mean(series[:, :, :2] ** 2, axis=0))
+            curves[label] = np.percentile(series[:, :, :2], [25.0, 50.0, 75.0], axis=0)
     stored = results.arrays(case)
     kept = stored["kept"]
     bounds = {

@@ -14,7 +14,6 @@ import pandas as pd
 
 from ..spec.case import CaseSpec
 from . import success
-from .locking import wilson_of
 from .statistics import BETTER, WORSE
 from .success import EQUAL
 
@@ -32,16 +31,14 @@ AsGood = Literal["yes", "open", "no"]
 
 
 def honest(row: Mapping[str, Any]) -> bool:
-    """Return whether what an estimator claims of itself in a case is not surely wrong.
+    """Return whether an estimator is found to know in a case what it claims to know.
 
-    Its 95 % regions do not surely hold the truth in less than :data:`LEAST_COVERAGE` of the epochs,
-    and it is not surely locked on a wrong place in more than :data:`MOST_FALSE` of the runs.
-    Surely: by Wilson's interval, each run a single draw, since its epochs are strongly correlated.
-    What claims nothing is not found to lie.
+    Its 95 % regions hold the truth in :data:`LEAST_COVERAGE` of the epochs or more, and it is
+    locked on a wrong place in :data:`MOST_FALSE` of the runs at most. By what was found and not by
+    the ends of intervals, which would let pass with few runs what fails with many. What claims
+    nothing is not found to lie.
     """
-    covered = row["coverage"]
-    _, _, most = wilson_of(covered, row["runs"]) if math.isfinite(covered) else (0.0, 0.0, 1.0)
-    return not (most < LEAST_COVERAGE or row["false_lock_lo"] > MOST_FALSE)
+    return not (row["coverage"] < LEAST_COVERAGE or row["false_lock_share"] > MOST_FALSE)
 
 
 def ranked(rows: pd.DataFrame) -> pd.DataFrame:

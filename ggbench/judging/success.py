@@ -34,19 +34,41 @@ ALIKE = 1.05
 """Ratio of errors within which two estimators are as good as each other."""
 FEWEST = 20
 """Runs in which two estimators must both have succeeded to be called as good as each other."""
+BOUNDS, OF_THE_INS = 10.0, 0.5
+"""How far from the truth a run may end: so many bounds, or that part of what is left of the INS."""
 EQUAL = "as good"
 """Verdict: neither succeeds surely more often, and errors are surely within :data:`ALIKE`."""
 
 
-def succeeded(runs: pd.DataFrame) -> np.ndarray:
-    """Return which runs of one case (R,) succeeded.
+Bounds = Mapping[tuple[str, str], Mapping[str, tuple[float, float]]]
+"""(case, estimator) to window to root-mean bounds on position [m] and velocity [m/s]."""
 
-    Those that finished and did not diverge, and where locks are judged are locked at the end.
+
+def succeeded(runs: pd.DataFrame, bounds: Bounds) -> np.ndarray:
+    """Return which runs (R,) of a table of runs succeeded.
+
+    Those that finished, did not diverge, and are at the end where they should be: where locks are
+    judged, locked; elsewhere within :data:`BOUNDS` of the bound at the end (of its kind), or of
+    :data:`OF_THE_INS` of the INS's error there, root mean square over the runs of the case. To be
+    no worse than the INS is no success: the INS itself succeeds where it need not be aided, and
+    else by chance. Without a bound or an INS's error that criterion is left out.
+
+    Parameters
+    ----------
+    runs : of any cases and estimators. bounds : of each of them.
     """
+    ends = [
+        bounds.get(cell, {}).get("last20", (math.nan,))[0]
+        for cell in zip(runs["case"], runs["estimator"], strict=True)
+    ]
+    drifted = runs.assign(square=runs["final_ins_error_m"] ** 2)
+    unaided = np.sqrt(drifted.groupby("case")["square"].transform("mean").to_numpy(dtype=float))
+    farthest = np.fmax(BOUNDS * np.array(ends, dtype=float), OF_THE_INS * unaided)
+    near = ~(runs["final_position_error_m"].to_numpy(dtype=float) > farthest)
+    judged = runs["false_lock"].notna().groupby(runs["case"]).transform("any").to_numpy(dtype=bool)
+    there = np.where(judged, runs["lock_time_s"].notna().to_numpy(), near)
     good = (runs["status"] == "ok").to_numpy() & ~runs["diverged"].to_numpy(dtype=bool)
-    if runs["false_lock"].notna().any():
-        good &= runs["lock_time_s"].notna().to_numpy()
-    return np.asarray(good)
+    return np.asarray(good & there)
 
 
 def figures(

@@ -57,7 +57,8 @@ NUMBERS = (
 _TRUTHS = ("diverged", "cold")
 _NEEDED = (
     "case", "estimator", "name", "parameters", "causality", "run", "status", "diverged", "seconds",
-    "cold", "map_evaluations", "lock_time_s", "false_lock", *WINDOW_COLUMNS,
+    "cold", "map_evaluations", "final_position_error_m", "final_ins_error_m", "lock_time_s",
+    "false_lock", *WINDOW_COLUMNS,
 )  # fmt: skip
 PAIRED_COLUMNS = (
     "case", "window", "first", "second", "runs", "first_only", "second_only",
@@ -115,7 +116,7 @@ def runs_table(
 
 def summarize(
     runs: pd.DataFrame,
-    bounds: Mapping[tuple[str, str], Mapping[str, tuple[float, float]]],
+    bounds: success.Bounds,
     references: Mapping[str, tuple[float, float] | None],
     scenario: str,
     readings: Mapping[str, Mapping[str, tuple[int, float]]] | None = None,
@@ -125,7 +126,7 @@ def summarize(
     Parameters
     ----------
     runs : table of runs (:func:`runs_table`), in any order.
-    bounds : (case, estimator) to window to root-mean bounds on position [m] and velocity [m/s].
+    bounds : of the cases and estimators (:data:`.success.Bounds`).
     references : case to published position and velocity MRSE, or None.
     scenario : name of the scenario.
     readings : case to window to (epochs, channels): its epochs with a reading in one run, and the
@@ -136,6 +137,7 @@ def summarize(
     The documented columns first, then :data:`EXTRA_COLUMNS`. Rows in the order in which cases and
     estimators first occur in ``bounds``.
     """
+    runs = runs.assign(succeeded=success.succeeded(runs, bounds))
     groups = {
         (str(case), str(label)): group
         for (case, label), group in runs.groupby(["case", "estimator"], sort=False)
@@ -157,7 +159,6 @@ def summarize(
         reference = references.get(case)
         first = group.iloc[0]
         sizes = (readings or {}).get(case, {})
-        succeeded = success.succeeded(group)
         # An estimator all of whose runs failed has not locked either.
         locking = {}
         if case in judged:
@@ -184,7 +185,7 @@ def summarize(
             row |= success.figures(
                 group[f"{window}_position_ms"].to_numpy(dtype=float),
                 group[f"{window}_nees"].to_numpy(dtype=float),
-                succeeded,
+                group["succeeded"].to_numpy(dtype=bool),
                 bound[0] if bound else math.nan,
                 unaided.get((case, window), math.nan),
             )
@@ -274,12 +275,13 @@ def _median_seconds(good: pd.DataFrame) -> float:
     return float(np.median(seconds[warm] if warm.any() else seconds))
 
 
-def paired_table(runs: pd.DataFrame) -> pd.DataFrame:
+def paired_table(runs: pd.DataFrame, bounds: success.Bounds) -> pd.DataFrame:
     """Return every two estimators of a case beside each other, on the runs that both were given.
 
     Parameters
     ----------
     runs : table of runs, one row per run and estimator; those of assumptions are left out.
+    bounds : of the cases and estimators, by which success is judged.
 
     Returns
     -------
@@ -292,14 +294,14 @@ def paired_table(runs: pd.DataFrame) -> pd.DataFrame:
     :func:`.success.compared`: who succeeds more often, and is nearer where both do.
     """
     cases = runs[runs["assumption"] == ""]
+    cases = cases.assign(given=True, succeeded=success.succeeded(cases, bounds))
     rows: list[dict[str, Any]] = []
     pairs: list[tuple[np.ndarray, np.ndarray]] = []
     judged: list[tuple[np.ndarray, ...]] = []
     errors = [f"{window}_{quantity}_ms" for window in WINDOWS for quantity in _QUANTITIES]
     for case, group in cases.groupby("case", sort=False):
         labels = list(dict.fromkeys(group["estimator"]))
-        marked = group.assign(given=True, succeeded=success.succeeded(group))
-        wide = marked.pivot(index=["seed", "run"], columns="estimator")
+        wide = group.pivot(index=["seed", "run"], columns="estimator")
         given, good = (wide[name].eq(True) for name in ("given", "succeeded"))
         found = {name: wide[name].astype(float) for name in errors}
         finished = np.logical_and.reduce([np.isfinite(found[name]) for name in errors])

@@ -1,24 +1,95 @@
-"""Which estimator to use in which situation, in a table; and why not another."""
+"""Which estimator to use in which situation: in a few lines, in a table; and why not another."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 from ..figures.numbers import counted, short, some
-from .league import COST_OF, EXCEPTIONS, Advice, League, Standing
+from .league import COST_OF, EXCEPTIONS, SMOOTHERS, Advice, Flown, League, Standing, geometric_mean
 from .league_figure import number
-from .shares import percent
-from .situations import NOTHING, SITUATIONS
+from .shares import percent, share
+from .situations import NARROW, NOTHING, SITUATIONS, WIDE
 from .tables import markdown
+
+_LINES = {
+    "The model is right": {
+        "plain": f"narrow prior (σ/ℓ below {NARROW:g})",
+        "between": f"σ/ℓ of {NARROW:g} to {WIDE:g}",
+        "wide": "wider",
+    },
+    "Long or little aided": {
+        "long": "half an hour or more",
+        "scalar": "gravity alone",
+        "outage": "after satellite navigation",
+    },
+    "Readings or model are wrong": {
+        "readings": "outliers or gaps",
+        "model": "sensors, times, initial errors",
+        "gravity": "unknown gravity",
+    },
+    "The map is wrong": {"map": ""},
+    "Aiding gains nothing": {NOTHING: ""},
+}
+"""The lines of the answer: what each says of which situations, in a few words."""
+
+
+def answer(advised: Sequence[Advice]) -> str:
+    """Return the answer as a list: which estimator, how sure, at what cost; a line for each group.
+
+    How sure: the share of success in the case in which it is least, with its 95 % interval.
+    """
+    held = {advice.situation: advice for advice in advised}
+    lines = []
+    for title, situations in _LINES.items():
+        told = [
+            f"{word}: {_told(held[key])}" if word else _told(held[key])
+            for key, word in situations.items()
+            if key in held
+        ]
+        if told:
+            lines.append(f"- **{title}.** {_capital('; '.join(told))}.")
+    return "\n".join(lines)
+
+
+def _told(advice: Advice) -> str:
+    """Return what to use in a situation, in half a sentence."""
+    cases = counted(len(advice.cases), "case")
+    if advice.situation == NOTHING:
+        where = ", ".join(f"`{name}`" for name in advice.scenarios)
+        return f"no causal estimator beats the INS in {cases} of {where}"
+    chosen = advice.choice
+    if chosen:
+        return (
+            f"**`{chosen.label}`**, {short(chosen.ms)} ms a run, {number(chosen.mean_ratio)} × "
+            f"the bound, success in {share(chosen.worst, *_SUCCESS)} where it is least"
+        )
+    text = f"no estimator is good in all of {cases}"
+    if advice.standings:
+        first = advice.standings[0]
+        text += f" (`{first.label}` in {percent(first.good)})"
+    return f"{text}{_nobody(advice, ', and in ')}"
+
+
+_SUCCESS = ("success_share", "success_lo", "success_hi")
+
+
+def _nobody(advice: Advice, before: str) -> str:
+    """Return in how many cases nobody is honest, behind some words; nothing if there is none."""
+    return f"{before}{advice.nobody} nobody is honest" if advice.nobody else ""
 
 
 def first_screen(advised: Sequence[Advice]) -> str:
     """Return the advice in markdown: a row for every situation that the library holds."""
-    head = ["situation", "cases", "use", "honest and as good as the best", "success",
-            "error / bound", "ms a run",
-            f"as good, at another cost (× the time of `{COST_OF}`)"]  # fmt: skip
-    return markdown(head, [_row(advice) for advice in advised])
+    head = ["situation", "cases", "use", "good in", "success", "where it is least",
+            "error / bound", "ms a run", f"as good, at another cost (× `{COST_OF}`)"]  # fmt: skip
+    reading = (
+        "*Good*: honest, and as good as the best causal estimator of the case, scenarios counting "
+        "alike. *Success*: mean over the cases, and in the case in which it is least with its 95 % "
+        "interval. *Error / bound*: medians of the runs that succeed."
+    )
+    return f"{markdown(head, [_row(advice) for advice in advised])}\n\n{reading}"
 
 
 def overall(league: League) -> str:
@@ -28,9 +99,42 @@ def overall(league: League) -> str:
         return ""
     said = ", ".join(f"`{s.label}` in {percent(s.good)} ({number(s.ms)} ms a run)" for s in held)
     return (
-        f"**Over the {counted(len(league.common), 'case')} that the whole roster ran, honest and "
-        f"as good as the best causal estimator: {said}.**"
+        f"Over the {counted(len(league.common), 'case')} that the whole roster ran, whatever their "
+        f"situation, honest and as good as the best causal estimator: {said}."
     )
+
+
+def later(league: League, advised: Sequence[Advice]) -> str:
+    """Return what an answer after the fact is worth, situation by situation; "" without any.
+
+    By the paired comparison with the best causal estimator of each case, over the runs in which
+    both succeed.
+    """
+    held = [s for s in league.standings if s.causality in SMOOTHERS and s.mean_success > 0.0]
+    if not held:
+        return ""
+    best = max(held, key=lambda s: (round(s.mean_success, 2), -s.mean_ratio))
+    told = [
+        f"{word or title.lower()} {number(ratio)}"
+        for title, situations in _LINES.items()
+        for key, word in situations.items()
+        for advice in advised
+        if advice.situation == key
+        and math.isfinite(ratio := geometric_mean(_against_best(advice.cases, best.label)))
+    ]
+    if not told:
+        return ""
+    return (
+        f"**If the answer may wait**: the error of `{best.label}` ({best.causality}, "
+        f"{cost(best)}) over that of the best causal estimator, run by run: {', '.join(told)}."
+    )
+
+
+def _against_best(cases: Iterable[Flown], label: str) -> Iterable[float]:
+    """Yield the mean ratio of an estimator's errors to the best one's, of cases that have both."""
+    for flown in cases:
+        if pair := flown.found.pairs.get(label):
+            yield 1.0 / pair["error_ratio"] if pair["error_ratio"] else math.nan
 
 
 def reasons(advised: Sequence[Advice]) -> str:
@@ -49,20 +153,24 @@ def _row(advice: Advice) -> list[str]:
     where = f"{len(advice.cases)} in {counted(len(advice.scenarios), 'scenario')}"
     title = f"**{SITUATIONS[advice.situation]}**"
     if advice.situation == NOTHING:
-        return [title, where, "`ins`: no causal estimator beats it", *[""] * 5]
+        return [title, where, "`ins`: no causal estimator beats it", *[""] * 6]
     if not advice.standings:
-        return [title, where, "no causal estimator ran in all of them", *[""] * 5]
+        return [title, where, "no causal estimator ran in all of them", *[""] * 6]
     shown = advice.choice or advice.standings[0]
     named = f"**`{shown.label}`**"
     if not advice.choice:
-        named = f"none is good everywhere; most often `{shown.label}`"
+        named = f"none{_nobody(advice, '; in ')}. Most often good: `{shown.label}`"
     good = percent(shown.good)
     if shown.open:
         good += f" (in {percent(shown.open)} too few runs to tell)"
     return [
-        title, where, named, good, percent(shown.mean_success), number(shown.mean_ratio),
-        short(shown.ms), some([_beside(s) for s in _alike(advice)]),
+        title, where, named, good, percent(shown.mean_success), _least(shown.worst),
+        number(shown.mean_ratio), short(shown.ms), some([_beside(s) for s in _alike(advice)]),
     ]  # fmt: skip
+
+
+def _least(row: Mapping[str, Any]) -> str:
+    return f"{share(row, *_SUCCESS)} of {row['runs']}"
 
 
 def _beside(standing: Standing) -> str:
@@ -95,3 +203,7 @@ def _shortcomings(standing: Standing) -> str:
     if standing.honest <= 1.0 - EXCEPTIONS:
         text += f", honest in {percent(standing.honest)}"
     return text
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]

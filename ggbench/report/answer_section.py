@@ -117,8 +117,9 @@ def caveat(results: Results, summary: pd.DataFrame) -> str:
     ]
     if any("qinling" in case.field.source for case in results.scenario.cases):
         parts.append(
-            "the map is rebuilt from the EGM2008 geoid and differs from EGM2008's own field by 1 "
-            "to 2 E, so that figures in metres are of a field like that of the place"
+            "the map is rebuilt from the EGM2008 geoid and is EGM2008's own field to some tenths "
+            "of an E at 10 km, to some E low above the ground, so that figures in metres are of a "
+            "field like that of the place"
         )
     fewer = summary[summary["runs"] < results.run_count]
     if len(fewer):

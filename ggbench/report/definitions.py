@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 from ..judging.ranking import LEAST_COVERAGE, MOST_FAILED, MOST_FALSE, UNCERTAIN
-from ..judging.success import ALIKE, FEWEST
+from ..judging.success import ALIKE, BOUNDS, FEWEST, OF_THE_INS
 from .tables import DEFINITIONS
 
 _TEXT = """\
@@ -30,9 +30,11 @@ a case need not follow. *Efficiency* = MRSE / bound.
 some more epochs; a *batch* smoother those of the whole flight. The last two answer later, and are
 never ranked beside filters.
 
-**Success.** A run succeeds if it finishes, does not diverge and, where the scenario says within
-what distance a position counts as found, is locked at its end. Shares have Wilson's 95 %
-interval. A run *fails* if the estimator raises an exception, returns what is no estimate, or
+**Success.** A run succeeds if it finishes, does not diverge, and ends where it should: where the
+scenario says within what distance a position counts as found, locked; elsewhere within {bounds:.0f}
+bounds, or {part:.0f} % of the INS's error, both root mean square at the end of the flight. To be no
+worse than the INS is no success: the INS's own share says how often that comes by itself. Shares
+have Wilson's 95 % interval. A run *fails* if the estimator raises an exception, returns what is no estimate, or
 exceeds its time. It *diverges* if its final position error exceeds both ten bounds and the pure
 INS's. It is *locked* from the epoch on from which its error stays below that distance to the end
 of the flight, and *falsely locked* if at the end it is not, but claims to be with 95 %.
@@ -48,9 +50,9 @@ epochs whose truth lies in the claimed 95 % region, with a band of the same kind
 normalised innovation squared, the number of components if consistent; a consistent filter's
 innovations are white, so that the band counts every epoch and is far narrower.
 
-**Honest.** An estimator is honest in a case if its coverage is not surely below {coverage:.0f} %,
-and it is not surely falsely locked in more than {false:.0f} % of the runs (by Wilson's 95 %
-interval, each run a single draw). One that is not is marked †, and never advised.
+**Honest.** An estimator is honest in a case if its coverage is {coverage:.0f} % or more, and it is
+falsely locked in {false:.0f} % of the runs at most. Both as they were found: by the ends of
+intervals few runs would let pass what many do not. One that is not is marked †, and never advised.
 
 **The best of a case.** Of the causal estimators that succeed as often as the one that succeeds
 most (intervals overlap) and that failed in at most {failed:.0f} % of the runs: an honest one if
@@ -105,7 +107,7 @@ def text() -> str:
     """Return the page: a paragraph for each definition, which begins with its title in bold."""
     return _TEXT.format(
         coverage=100.0 * LEAST_COVERAGE, false=100.0 * MOST_FALSE, failed=100.0 * MOST_FAILED,
-        alike=100.0 * (ALIKE - 1.0), fewest=FEWEST, uncertain=100.0 * (UNCERTAIN - 1.0),
+        bounds=BOUNDS, part=100.0 * OF_THE_INS, alike=100.0 * (ALIKE - 1.0), fewest=FEWEST, uncertain=100.0 * (UNCERTAIN - 1.0),
     )  # fmt: skip
 
 

@@ -103,6 +103,7 @@ class Standing:
     good, open : share of them in which it is honest and as good as the best (or may be), and of
         those in which the runs are too few to tell; scenarios counting equally.
     honest : share of them in which it is honest.
+    worst : its row of the case in which it succeeds least.
     success, ratio : scenario to the mean share of success over its cases, and to the geometric
         mean of the median errors over the bound.
     lost : share of its runs that failed or diverged.
@@ -116,6 +117,7 @@ class Standing:
     good: float
     open: float
     honest: float
+    worst: Mapping[str, Any]
     success: Mapping[str, float]
     ratio: Mapping[str, float]
     lost: float
@@ -141,6 +143,7 @@ class Advice:
     ----------
     situation : key of :data:`SITUATIONS`. cases, scenarios : in which it was met.
     standings : of the causal estimators that ran in all of it, the best first.
+    nobody : in how many of the cases no causal estimator is honest.
     choice : of those that are honest and as good as the best in all cases but :data:`EXCEPTIONS`
         of them, and take about the cheapest's time (:data:`ABOUT`), the one with the fewest
         parameters; None if there is none, or aiding gains nothing.
@@ -150,6 +153,7 @@ class Advice:
     cases: Sequence[Flown]
     scenarios: Sequence[str]
     standings: Sequence[Standing]
+    nobody: int
     choice: Standing | None
 
 
@@ -232,9 +236,9 @@ def _advice(situation: str, cases: Sequence[Flown]) -> Advice:
         near = ABOUT * min(_last(s.cost) for s in able)
         cheap = [s for s in able if _last(s.cost) <= near]
         choice = min(cheap, key=lambda s: (s.label.count("="), _last(s.cost)))
-    return Advice(
-        situation, cases, list(dict.fromkeys(flown.scenario for flown in cases)), found, choice
-    )
+    nobody = sum(flown.found.best is None or not honest(flown.found.best) for flown in cases)
+    scenarios = list(dict.fromkeys(flown.scenario for flown in cases))
+    return Advice(situation, cases, scenarios, found, nobody, choice)
 
 
 def _merit(standing: Standing) -> tuple[float, ...]:
@@ -265,6 +269,7 @@ def standing(label: str, cases: Iterable[Flown]) -> Standing:
         good=mean(by_scenario(lambda f: float(f.good(label)), mean).values()),
         open=mean(by_scenario(lambda f: float(f.open(label)), mean).values()),
         honest=mean(by_scenario(lambda f: float(honest(f.rows[label])), mean).values()),
+        worst=min(rows, key=lambda row: (row["success_share"], row["success_lo"])),
         success=by_scenario(lambda f: f.rows[label]["success_share"], mean),
         ratio=by_scenario(lambda f: f.rows[label]["ratio_median"], geometric_mean),
         lost=sum(row["failed"] + row["diverged"] for row in rows) / sum(r["runs"] for r in rows),
@@ -346,7 +351,8 @@ def entry_of(held: Digest) -> Entry | str:
     """
     name, manifest = held.scenario.name, held.manifest
     if not held.scenario.campaign.league:
-        return f"{name} is left out, as its scenario asks: it has a report of its own"
+        why = held.scenario.provenance.get("campaign.league", "its scenario asks for it")
+        return f"{name} is left out: {why}"
     most = max(manifest["done"].values(), default=0)
     if most < manifest["runs"]:
         return (

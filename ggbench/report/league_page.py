@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -74,15 +73,16 @@ class LeagueReport:
         advised = list(self.league.advice())
         parts = [
             "# Which estimator should I use when, and what does it cost?",
-            advice_section.overall(self.league),
+            advice_section.answer(advised),
             advice_section.first_screen(advised),
-            self._later(),
+            advice_section.later(self.league, advised),
             f"This was found on {counted(cases, 'case')} in {counted(scenarios, 'scenario')}, all "
             f"estimators on the same flights and random numbers; every scenario counts alike. "
             f"Limits: {_LIMITS}. What the words mean: [definitions]({DEFINITIONS}); by which "
             "rules: [below](#rules).",
             opening_figure(self.output),
             "## The league",
+            advice_section.overall(self.league),
             self._league(),
             self._holes(),
             self._sample(),
@@ -101,24 +101,6 @@ class LeagueReport:
         ]
         return "\n\n".join(part.strip() for part in parts if part.strip()) + "\n"
 
-    def _later(self) -> str:
-        """Return what an answer after the fact is worth."""
-        held = [s for s in self.league.standings if s.causality in SMOOTHERS]
-        held = [s for s in held if math.isfinite(s.mean_ratio)]
-        if not held:
-            return ""
-        best = max(held, key=lambda s: (round(s.mean_success, 2), -s.mean_ratio))
-        ratios = [
-            flown.rows[best.label]["position_median_m"] / flown.found.best["position_median_m"]
-            for flown in self.league.common
-            if flown.found.best
-        ]
-        return (
-            f"**If the answer may wait**: `{best.label}` ({best.causality}) succeeds in "
-            f"{percent(best.mean_success)} of the runs, with {number(geometric_mean(ratios))} "
-            f"times the median error of the best causal estimator, at {advice_section.cost(best)}."
-        )
-
     def _rules(self) -> str:
         rules = {
             "Advised": "the cheapest of the causal estimators that ran in all cases of the "
@@ -129,9 +111,9 @@ class LeagueReport:
             "Situations": "the first that fits a case: *aiding gains nothing*, if the best causal "
             "estimator is not better than the INS; a receiver that fails; readings, or a map, that "
             "`[truth]` or `[model]` set apart from what the estimators are told; gravity that is "
-            f"felt and not compensated; a prior of {WIDE:g} σ/ℓ or more, or of {NARROW:g} or more; "
-            f"a flight of {LONG_S / 60.0:g} min or more; anything else that is set apart; a narrow "
-            "prior and a right model.",
+            "felt and not compensated; no gradiometer on board; a prior of "
+            f"{WIDE:g} σ/ℓ or more, or of {NARROW:g} or more; a flight of {LONG_S / 60.0:g} min or "
+            "more; anything else that is set apart; a narrow prior and a right model.",
             "Ranks": "over the cases that all of the standard roster ran, and no others: by the "
             "share in which an estimator is honest and as good as the best, then by success, error "
             "and cost. Nothing is imputed.",

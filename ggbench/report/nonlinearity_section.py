@@ -12,6 +12,7 @@ import numpy as np
 from ..errors import GGBenchError
 from ..figures.nonlinearity import Curve, against_width, each_setting
 from ..figures.style import save
+from ..judging.locking import wilson
 from ..results import digest
 from ..results.digest import Digest
 from ..spec.scenario import Scenario
@@ -111,10 +112,36 @@ class Widths:
         parts = [f"with {', '.join(labels)} {limit}" for limit, labels in groups.items()]
         return f"In {percent(SURE)} of the runs or more one finds back {'; '.join(parts)}."
 
+    def ends(self, label: str) -> np.ndarray:
+        """Return the ends (2, n) of the 95 % intervals of the pooled shares of success.
+
+        Wilson's, of all runs of a class of σ/ℓ together.
+        """
+        counts: dict[int, tuple[int, int]] = {}
+        for (case, name), row in self.rows.items():
+            if name == label:
+                place = int(np.searchsorted(_EDGES, self.width[case]))
+                hits, runs = counts.get(place, (0, 0))
+                found = int(row["runs"])
+                counts[place] = hits + round(row["success_share"] * found), runs + found
+        return np.array([wilson(*counts[place])[1:] for place in sorted(counts)]).T
+
+    def sureness(self) -> str:
+        """Return for which estimators that is not sure, by the lower ends of the intervals."""
+        unsure = []
+        for label in self.labels:
+            width, _ = self.pooled(label, "success_share")
+            low = self.ends(label)[0, width <= self.borne(label)]
+            if low.min(initial=1.0) < SURE:
+                unsure.append(f"`{label}` ({percent(low.min())})")
+        least = f"The lower end of each share's 95 % interval is {percent(SURE)} or more, too"
+        return f"{least}, but for {', '.join(unsure)}." if unsure else f"{least}."
+
     def overview(self) -> Any:
         """Return the figure of all settings together."""
         return against_width(
             {label: self.pooled(label, "success_share") for label in self.labels},
+            {label: self.ends(label) for label in self.labels},
             {label: self.pooled(label, "ratio_median") for label in self.labels},
         )
 
@@ -137,7 +164,8 @@ def opening_figure(reports: Path) -> str:
         "per axis over the field's correlation length"
     )
     return (
-        f"{widths.sentence()}\n\n![{caption}](README/nonlinearity.png)\n\n*{caption}: "
+        f"{widths.sentence()} {widths.sureness()}\n\n"
+        f"![{caption}](README/nonlinearity.png)\n\n*{caption}: "
         f"[{widths.scenario.title}]({quote(SCENARIO)}.md)*"
     )
 
@@ -160,7 +188,10 @@ class NonlinearityReport:
             "Share of the runs that succeed, and the error of those over the bound of its kind, "
             "against σ/ℓ; settings of about the same σ/ℓ together"
         )
-        return f"**{self.widths.sentence()}**\n\n{self._shown('answer.png', caption)}"
+        return (
+            f"**{self.widths.sentence()}**\n\n{self.widths.sureness()}\n\n"
+            f"{self._shown('answer.png', caption)}"
+        )
 
     def sections(self) -> list[str]:
         """Return the parts in their order, and draw their figures."""

@@ -12,13 +12,11 @@ from typing import Any
 import pandas as pd
 
 from ..figures.numbers import counted, short, some
-from ..judging.ranking import honest
+from ..judging.ranking import MOST_FALSE, honest
 from ..judging.statistics import BETTER
 from ..spec.scenario import Scenario
 from .outcome import Outcome, outcome, ratio_of
 from .shares import percent, share
-
-"""Estimators of which one thing is said by name; the others are in the table below."""
 
 
 def answer(scenario: Scenario, summary: pd.DataFrame, pairs: pd.DataFrame) -> str:
@@ -70,7 +68,7 @@ _GAINS = {
 def _dishonesty(row: Mapping[str, Any]) -> str:
     """Return in what an estimator claims more than it knows."""
     parts = [f"its 95 % regions hold the truth in {percent(row['coverage'])} of the epochs"]
-    if row["false_lock_lo"] > 0.0 and row["false_lock_share"] > 0.0:
+    if row["false_lock_share"] > MOST_FALSE:
         parts.append(f"it is sure of a wrong place in {percent(row['false_lock_share'])}")
     return ", ".join(parts)
 

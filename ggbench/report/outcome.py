@@ -10,7 +10,7 @@ from typing import Any
 import pandas as pd
 
 from ..judging.ranking import AsGood, as_good, best_causal, pair_of, rows_of
-from ..judging.statistics import ALPHA, BETTER, UNDECIDED, WORSE
+from ..judging.statistics import BETTER, UNDECIDED, WORSE
 from ..judging.success import ALIKE
 from ..spec.case import CaseSpec
 
@@ -58,15 +58,10 @@ def outcome(case: CaseSpec, summary: pd.DataFrame, pairs: pd.DataFrame) -> Outco
 def gain(best: Mapping[str, Any], ins: Mapping[str, Any], pair: Mapping[str, Any] | None) -> str:
     """Return "gains", "nothing", "unproven" or "worse": the best causal estimator beside the INS.
 
-    By their paired verdict. An INS cannot diverge, since that is to be worse than it; so where no
-    locks are judged, what an estimator that succeeds in most runs gains is asked of these alone.
-    Where the runs are too few to say, it is nothing if medians of errors lie within
-    :data:`.success.ALIKE` of each other, and else a gain (or loss) is unproven.
+    By their paired verdict. Where the runs are too few to say, it is nothing if medians of errors
+    lie within :data:`.success.ALIKE` of each other, and else a gain (or loss) is unproven.
     """
     verdict = pair["verdict"] if pair else UNDECIDED
-    if pair and verdict == WORSE and math.isnan(best["lock_share"]):
-        mostly = best["success_share"] > 0.5 and pair["sign_p"] < ALPHA
-        verdict = BETTER if mostly and pair["error_ratio_hi"] < 1.0 else WORSE
     if verdict in (BETTER, WORSE):
         return "gains" if verdict == BETTER else "worse"
     ratio = ratio_of(ins["position_median_m"], best["position_median_m"])

@@ -10,15 +10,17 @@ from ..spec.aiding import GnssSpec
 from ..spec.case import CaseSpec
 from ..spec.further import table_of
 
-NARROW, WIDE = 0.3, 1.0
-"""σ/ℓ up to which a prior is narrow, and from which on it is wide."""
+NARROW, WIDE = 0.2, 1.0
+"""σ/ℓ up to which a prior is narrow, and from which on it is wide. In the scenario
+``nonlinearity`` Kalman filters find back from no wider priors than the first."""
 LONG_S = 1800.0
 """Duration from which a flight is called long [s]."""
 NOTHING = "nothing"
 SITUATIONS = {
-    "plain": f"Narrow prior, right model (σ/ℓ below {NARROW:g}, or not known)",
+    "plain": f"Narrow prior, right model (σ/ℓ below {NARROW:g})",
     "between": f"A prior of the field's own scale (σ/ℓ of {NARROW:g} to {WIDE:g})",
     "wide": f"Wide prior (σ/ℓ of {WIDE:g} or more)",
+    "scalar": "Gravity alone, no gradients",
     "long": f"Long flight ({LONG_S / 60.0:g} min or more), narrow prior",
     "readings": "Outliers or gaps in the readings",
     "outage": "Satellite navigation that fails",
@@ -54,6 +56,8 @@ def situation_of(case: CaseSpec, gained: str, correlation_m: float = math.nan) -
         return "map"
     if _unknown_gravity(case):
         return "gravity"
+    if case.gradiometer is None:
+        return "scalar"
     width = case.initial_error.position_m / correlation_m
     if width >= NARROW:
         return "wide" if width >= WIDE else "between"

@@ -54,6 +54,15 @@ class SweepReport:
         self.causality = {k: c for k, c in causality.items() if c != "none"}
         self.unaided = [label for label, c in causality.items() if c == "none"]
 
+    def answer(self) -> str:
+        """Return the answer in bold, a line for each plane; "" where nothing is to be reached."""
+        if not self.sweep.targets_m or not self.causality:
+            return ""
+        told = [(plane.title, self._verdict(plane, self._best(plane))) for plane in self.planes]
+        if len(told) == 1:
+            return f"**{told[0][1]}**"
+        return "\n".join(f"- **{title}**: {text}" for title, text in told)
+
     def sections(self) -> list[str]:
         """Return the parts in their order, and draw their figures."""
         if not self.causality:
@@ -128,7 +137,7 @@ class SweepReport:
         first, targets = self.axes[0], sorted(self.sweep.targets_m)
         best = self._best(plane)
         errors, bound = plane.error(best), plane.bound(best)
-        parts = [self._verdict(plane, best), self._requirements(plane)]
+        parts = [self._requirements(plane)]
         parts.append(
             f"Largest {first.title} at which the position MRSE of the settled window stays within "
             "the target; between grid points the logarithm of the error is interpolated. In "
@@ -164,7 +173,7 @@ class SweepReport:
                 where = f" at {self.axes[1].at(column)}" if len(self.axes) > 1 else ""
                 needs.append(need + where)
             answers.append(f"{target:g} m: {', '.join(needs)}")
-        return f"**Largest {first.name} with which `{best}` reaches {'; '.join(answers)}.**"
+        return f"Largest {first.name} with which `{best}` reaches {'; '.join(answers)}."
 
     def _requirements(self, plane: Plane) -> str:
         """Return the table of what reaches each target, for every estimator and bound."""

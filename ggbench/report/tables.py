@@ -48,7 +48,7 @@ def glance(scenario: Scenario, summary: pd.DataFrame, window: str = "settled") -
             for c in cases
             if c.reference
         ]
-        rows.append(["*paper (UKF)*", "*filter*", *published, "", ""])
+        rows.append(["*published*", "*filter*", *published, "", ""])
 
     def cells(label: str, position: str, velocity: str) -> list[str]:
         return [

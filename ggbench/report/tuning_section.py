@@ -22,40 +22,41 @@ def tuning_section(results: Results) -> list[str]:
     """
     if not results.scenario.campaign.tuning:
         return []
-    training, judged = results.halves()
-    rows = []
+    summary, rows = results.summary(), list[list[str]]()
     for case in results.scenario.cases:
-        tried, found = (rows_of(table, case, "settled") for table in (training, judged))
-        for name, grid in _grids(results, found).items():
+        held = rows_of(summary, case, "settled")
+        for name, grid in _grids(results, held).items():
+            # Who got fewer runs sets how many are looked at: all of a grid fly the same ones.
+            common = min(int(held[label]["runs"]) for label in grid)
+            tried, found = (rows_of(half, case, "settled") for half in results.halves(common))
             chosen = best(tried[label] for label in grid if label in tried)
             if chosen is None:
                 continue
             label = str(chosen["label"])
             rows.append(
-                [case.title, name, *_figures(found[grid[0]]), f"`{label}`", *_figures(found[label])]
-            )
+                [case.title, name, str(common // 2), *_figures(found[grid[0]]), f"`{label}`",
+                 *_figures(found[label])]
+            )  # fmt: skip
     if not rows:
         return []
-    head = ["case", "estimator", "plain: success", "error / bound", "tuned: which", "success",
-            "error / bound"]  # fmt: skip
+    head = ["case", "estimator", "runs judged", "plain: success", "error / bound",
+            "tuned: which", "success", "error / bound"]  # fmt: skip
     reading = (
         "Every estimator with the best of its variants: chosen in each case on the runs of even "
         "number, judged, as the plain one beside it, on those of odd number. Median error over "
-        "bound of the runs that succeed, with its 95 % interval. Variants with other numbers of "
-        f"runs than the plain one are left out ([definitions]({DEFINITIONS}))."
+        "bound of the runs that succeed, with its 95 % interval. Of variants of which some got "
+        f"fewer runs only these are looked at ([definitions]({DEFINITIONS}))."
     )
     return ["## Tuned and not", reading, markdown(head, rows)]
 
 
 def _grids(results: Results, rows: Mapping[str, Any]) -> dict[str, list[str]]:
-    """Return the variants of each estimator that has some, those with as many runs as the first."""
+    """Return the variants of each estimator that has some."""
     found: dict[str, list[str]] = {}
     for label in results.labels:
         if label in rows:
             name = f"`{label.partition('[')[0]}`, {rows[label]['causality']}"
-            grid = found.setdefault(name, [])
-            if not grid or rows[label]["runs"] == rows[grid[0]]["runs"]:
-                grid.append(label)
+            found.setdefault(name, []).append(label)
     return {name: grid for name, grid in found.items() if len(grid) > 1}
 
 

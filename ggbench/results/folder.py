@@ -39,6 +39,8 @@ RUN_COLUMNS = (
     "lock_time_s", "false_lock",
 )  # fmt: skip
 """Columns of the table of runs, before those of the windows."""
+_Bounds = dict[tuple[str, str], dict[str, tuple[float, float]]]
+_Readings = dict[str, dict[str, tuple[int, float]]]
 _PIECE = 5000
 """Records that are held at a time on their way into a table."""
 
@@ -81,6 +83,7 @@ class Results:
             for cell in self.manifest["cells"]
         ]
         self._arrays: dict[str, dict[str, np.ndarray]] = {}
+        self._halves: dict[int, tuple[pd.DataFrame, pd.DataFrame]] = {}
         self._keys = {(*cell[:2], cell.estimator): cell.key for cell in self.cells}
 
     @cached_property
@@ -306,21 +309,34 @@ class Results:
     def _summary(self) -> pd.DataFrame:
         return self._summarized(self._runs)
 
-    def halves(self) -> tuple[pd.DataFrame, pd.DataFrame]:
-        """Return the summary of the runs of even and of odd number: to tune on, and to judge on."""
-        even = self._runs["run"] % 2 == 0
-        return self._summarized(self._runs[even]), self._summarized(self._runs[~even])
+    def halves(self, most: int) -> tuple[pd.DataFrame, pd.DataFrame]:
+        """Return the summary of the runs of even and of odd number: to tune on, and to judge on.
+
+        Of the first ``most`` runs.
+        """
+        if most not in self._halves:
+            first = self._runs[self._runs["run"] < most]
+            even = first["run"] % 2 == 0
+            self._halves[most] = self._summarized(first[even]), self._summarized(first[~even])
+        return self._halves[most]
 
     def _summarized(self, table: pd.DataFrame) -> pd.DataFrame:
-        loaded = self.scenario
-        # Rows in the order in which the cases and estimators were asked for.
-        bounds: dict[tuple[str, str], dict[str, tuple[float, float]]] = {
-            (case.name, label): {} for case in loaded.cases for label in self.labels
-        }
+        runs = table[table["assumption"] == ""]
+        bounds, readings = self._bounds
+        return summarize(runs, bounds, self._references(), self.scenario.name, readings)
+
+    @cached_property
+    def _bounds(self) -> tuple[_Bounds, _Readings]:
+        """The bounds of every case and estimator by window, and the readings of every case.
+
+        In the order in which the cases and estimators were asked for.
+        """
+        loaded, table = self.scenario, self._runs
+        bounds: _Bounds = {(case.name, label): {} for case in loaded.cases for label in self.labels}
         runs = table[table["assumption"] == ""]
         finished = runs[runs["status"] == "ok"].drop_duplicates(["case", "estimator"], keep="last")
         named = finished.set_index(["case", "estimator"])["bound"].to_dict()
-        readings: dict[str, dict[str, tuple[int, float]]] = {}
+        readings: _Readings = {}
         for case in loaded.cases:
             used = [label for label in self.labels if (case.name, label) in named]
             if not used:
@@ -338,7 +354,7 @@ class Results:
                         raise StoreError(f"{self.folder} does not hold the bound of {label}")
                     position, velocity = np.sqrt(squared[mask].mean(axis=0))
                     bounds[case.name, label][window] = (float(position), float(velocity))
-        return summarize(runs, bounds, self._references(), loaded.name, readings)
+        return bounds, readings
 
     def studies(self) -> pd.DataFrame:
         """Return each assumption's summary rows, and as ``""`` the same runs without it."""
@@ -372,7 +388,7 @@ class Results:
 
     @cached_property
     def _paired(self) -> pd.DataFrame:
-        return paired_table(self._runs)
+        return paired_table(self._runs, self._bounds[0])
 
     def failures(self) -> pd.DataFrame:
         """Return the runs that failed, each with its reason and the command that repeats it."""

@@ -36,14 +36,13 @@ from problems import (
 )
 from scipy.stats import chi2, norm
 
+from ggbench.judging.bounds import bound_for, squared_bounds
 from ggbench.judging.run_errors import evaluate_block
 from ggbench.judging.summary import (
     WINDOWS,
     Evaluation,
-    bound_for,
     evaluate,
     has_diverged,
-    squared_bounds,
     window_figures,
     window_mask,
 )

@@ -64,8 +64,13 @@ def wanted(given) -> list[tuple[list[float], list[float], str]]:
 
 def test_success_and_error_stand_against_the_width_of_the_prior():
     """Shares on the left in percent, errors over the bound on the right, with the bound at one."""
-    figure = nonlinearity.against_width(CURVES, ERRORS)
+    ends = {
+        label: np.stack([0.9 * share, 0.5 + 0.5 * share]) for label, (_, share) in CURVES.items()
+    }
+    figure = nonlinearity.against_width(CURVES, ends, ERRORS)
     left, right = figure.axes
+    bars = [np.array(bar.get_segments())[:, :, 1].T for bar in left.collections]
+    assert [bar.tolist() for bar in bars] == [ends[label].tolist() for label in CURVES]
     assert curves(left) == wanted(CURVES)
     assert curves(right) == wanted(ERRORS)
     assert (left.get_xscale(), left.get_yscale(), right.get_yscale()) == ("log", "linear", "log")

@@ -32,8 +32,8 @@ def lines(axis) -> dict[str, np.ndarray]:
     return {line.get_label(): np.asarray(line.get_ydata()) for line in axis.get_lines()}
 
 
-def test_errors_over_time_are_roots_of_means_over_runs():
-    """Position above, velocity below; bounds at the kept epochs, as roots, by their names."""
+def test_errors_over_time_are_medians_over_runs():
+    """Position above, velocity below, quartiles of the first; bounds as roots, by their names."""
     series = np.random.default_rng(1).uniform(1.0, 3.0, (5, 4, 4))
     kept = np.array([0, 2, 5, 7])
     bound = np.random.default_rng(2).uniform(1.0, 9.0, (8, 2))
@@ -47,7 +47,10 @@ def test_errors_over_time_are_roots_of_means_over_runs():
     for axis, column, unit in zip(figure.axes, (0, 1), ("[m]", "[m/s]"), strict=True):
         shown = lines(axis)
         assert set(shown) == {"ekf", "bound: filter", "bound: fixed-lag"}
-        assert shown["ekf"] == pytest.approx(np.sqrt((series[:, :, column] ** 2).mean(axis=0)))
+        assert shown["ekf"] == pytest.approx(np.median(series[:, :, column], axis=0))
+        (band,) = axis.collections
+        edges = np.unique(band.get_paths()[0].vertices[:, 1])
+        assert set(np.quantile(series[:, 0, column], [0.25, 0.75])) <= set(edges)
         assert shown["bound: filter"] == pytest.approx(np.sqrt(bound[kept, column]))
         assert shown["bound: fixed-lag"] == pytest.approx(np.sqrt(2 * bound[kept, column]))
         assert axis.get_ylabel().endswith(unit) and axis.get_yscale() == "log"
@@ -58,7 +61,7 @@ def test_errors_over_time_are_roots_of_means_over_runs():
 def test_a_short_flight_is_not_drawn_at_the_scale_of_a_long_one():
     """Each column has its own time; position and velocity of one flight share it."""
     panels = [
-        (name, times, {"ekf": np.ones((8, 2))}, {})
+        (name, times, {"ekf": np.ones((3, 8, 2))}, {})
         for name, times in (("short", TIMES), ("long", 100.0 * TIMES))
     ]
     short, long, below, _ = errors.error_over_time(panels).axes
@@ -242,20 +245,20 @@ def test_times_of_a_run_are_labelled_with_plain_numbers():
 
 def test_errors_over_a_parameter_have_intervals_levels_and_a_bound():
     """Both scales logarithmic; a line for each family, a level for whom it does not concern."""
-    errors = np.array([400.0, 20.0, 10.0])
-    interval = np.array([[300.0, 15.0, 9.0], [600.0, 30.0, 12.0]])
-    line = parameters.Line("mine", ("a", "b", "c"), (1e-7, 1e-4, 1e-2), errors, interval)
-    panel = parameters.Panel("A case", [line], {"ins": 900.0, "ekf": 8.0}, 7.0)
+    ratios = np.array([40.0, 2.0, 1.1])
+    interval = np.array([[30.0, 1.5, 0.9], [60.0, 3.0, 1.2]])
+    line = parameters.Line("mine", "tab:red", (1e-7, 1e-4, 1e-2), ratios, interval)
+    panel = parameters.Panel("A case", [line], {"ins": 90.0, "ekf": 0.8})
     figure = parameters.over_parameter("noise", [panel])
     (axis,) = figure.axes
     assert (axis.get_xscale(), axis.get_yscale(), axis.get_xlabel()) == ("log", "log", "noise")
     ((points, _, (bars,)),) = axis.containers
     assert points.get_xdata() == pytest.approx(line.values)
-    assert points.get_ydata() == pytest.approx(errors)
+    assert points.get_ydata() == pytest.approx(ratios)
     ends = np.array(bars.get_segments())[:, :, 1].T
     assert ends == pytest.approx(interval)
     levels = [other.get_ydata()[0] for other in axis.get_lines() if len(other.get_xdata()) == 2]
-    assert levels == [900.0, 8.0, 7.0]
+    assert levels == [90.0, 0.8, 1.0]
     names = [text.get_text() for text in figure.legends[0].get_texts()]
     assert names == ["mine", "ins", "ekf", "Cramér–Rao bound"]
     figure.canvas.draw()

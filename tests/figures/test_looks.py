@@ -45,7 +45,7 @@ def family_of(label: str) -> str:
 
 
 def over_time(labels: list[str]) -> Figure:
-    lines = {label: np.ones((5, 2)) for label in labels}
+    lines = {label: np.ones((3, 5, 2)) for label in labels}
     return error_over_time([("a case", TIMES, lines, {"bound": np.ones((5, 2))})])
 
 

@@ -19,6 +19,7 @@ def table_of(position: dict[str, list[float]], case: str = "c") -> pd.DataFrame:
         {"assumption": "", "case": case, "estimator": label, "seed": 1, "run": run}
         | {"status": "failed" if math.isnan(value) else "ok", "diverged": False}
         | {"lock_time_s": math.nan, "false_lock": None}
+        | {"final_position_error_m": math.sqrt(value), "final_ins_error_m": math.nan}
         | {f"{window}_position_ms": value for window in WINDOWS}
         | {f"{window}_velocity_ms": value / 100.0 for window in WINDOWS}
         for label, values in position.items()
@@ -39,7 +40,7 @@ def test_estimators_are_set_beside_each_other_run_by_run():
         }
     )
     study = table.assign(assumption="other")
-    pairs = paired_table(pd.concat([table, study, table_of({"alone": [1.0]}, "d")]))
+    pairs = paired_table(pd.concat([table, study, table_of({"alone": [1.0]}, "d")]), {})
     assert tuple(pairs.columns) == PAIRED_COLUMNS
     assert list(zip(pairs["first"], pairs["second"], pairs["window"], strict=True)) == [
         (*pair, window) for pair in (("z", "a"), ("z", "m"), ("a", "m")) for window in WINDOWS
@@ -58,13 +59,13 @@ def test_estimators_are_set_beside_each_other_run_by_run():
 def test_pairs_without_a_common_run():
     """Where no run finished in both there are counts and no differences; without runs, no rows."""
     failed = table_of({"a": [1.0, 2.0], "b": [math.nan, math.nan]})
-    row = paired_table(failed).iloc[0]
+    row = paired_table(failed, {}).iloc[0]
     assert (row["runs"], row["first_only"], row["second_only"]) == (0, 2, 0)
     assert math.isnan(row["position_difference_m2"]) and math.isnan(row["velocity_lo"])
     assert (row["position_win_rate"], row["position_verdict"]) == (1.0, "not distinguishable")
     both = table_of({"a": [math.nan], "b": [math.nan]})
-    assert math.isnan(paired_table(both).iloc[0]["position_win_rate"])
-    assert paired_table(failed[:0]).empty
+    assert math.isnan(paired_table(both, {}).iloc[0]["position_win_rate"])
+    assert paired_table(failed[:0], {}).empty
 
 
 def test_the_verdict_of_a_table_is_that_of_the_pair():
@@ -72,7 +73,7 @@ def test_the_verdict_of_a_table_is_that_of_the_pair():
     generator = np.random.default_rng(2)
     common = generator.chisquare(3, 40)
     table = table_of({label: list(common * generator.chisquare(9, 40)) for label in "abc"})
-    for row in paired_table(table).to_dict("records"):
+    for row in paired_table(table, {}).to_dict("records"):
         first, second = (
             table.loc[table["estimator"] == row[key], "whole_velocity_ms"].to_numpy()
             for key in ("first", "second")
@@ -87,5 +88,5 @@ def test_the_verdict_of_a_table_is_that_of_the_pair():
 def test_runs_of_two_seeds_are_not_paired():
     """Run 0 of another seed is another flight."""
     one, other = table_of({"a": [1.0, 2.0]}), table_of({"b": [1.0, 2.0]}).assign(seed=2)
-    row = paired_table(pd.concat([one, other])).iloc[0]
+    row = paired_table(pd.concat([one, other]), {}).iloc[0]
     assert (row["runs"], row["first_only"], row["second_only"]) == (0, 0, 0)

@@ -110,3 +110,39 @@ def test_the_summary_and_the_pairs_hold_them():
     assert isinstance(pairs, pd.DataFrame)
     capped = rows["capped_mrse_m"]
     assert capped["fragile"] < rows.loc["ins", "position_mrse_m"]
+
+
+@pytest.mark.parametrize(
+    ("bound", "left", "end", "near"),
+    [
+        (1.0, 4.0, 10.0, True),
+        (1.0, 4.0, 10.1, False),
+        (1.0, 100.0, 50.0, True),
+        (1.0, 100.0, 50.1, False),
+        (math.nan, 100.0, 50.1, False),
+        (math.nan, math.nan, 1e9, True),
+    ],
+)
+def test_a_run_succeeds_if_it_ends_near_enough(bound, left, end, near):
+    """Within ten bounds, or within half of what the INS has; to be no worse than it is not enough.
+
+    A lost run of the INS does not move the limit of a case alone: it is that of all its runs.
+    """
+    runs = pd.DataFrame(
+        {
+            "case": "c", "estimator": "e", "status": "ok", "diverged": False,
+            "final_position_error_m": [end, 0.0], "lock_time_s": math.nan,
+            "final_ins_error_m": [0.0 * left, math.sqrt(2.0) * left],
+            "false_lock": pd.array([None, None], dtype="boolean"),
+        }
+    )  # fmt: skip
+    bounds = {} if math.isnan(bound) else {("c", "e"): {"last20": (bound, 1.0)}}
+    assert success.succeeded(runs, bounds).tolist() == [near, True]
+    # Where locks are judged nothing else is asked.
+    locked = runs.assign(
+        false_lock=pd.array([False, True], dtype="boolean"), lock_time_s=[5.0, None]
+    )
+    assert success.succeeded(locked, bounds).tolist() == [True, False]
+    other = runs.assign(case="d", status="failed")
+    both = pd.concat([locked, other])
+    assert success.succeeded(both, bounds).tolist() == [True, False, False, False]

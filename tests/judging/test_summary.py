@@ -11,6 +11,7 @@ from problems import LinearModel, changed, exact, kalman, linear_problem
 from scipy.stats import chi2
 
 from ggbench.judging import statistics
+from ggbench.judging.bounds import bound_for, squared_bounds
 from ggbench.judging.run_errors import (
     WINDOWS,
     Evaluation,
@@ -21,9 +22,7 @@ from ggbench.judging.run_errors import (
 )
 from ggbench.judging.summary import (
     SUMMARY_COLUMNS,
-    bound_for,
     runs_table,
-    squared_bounds,
     summarize,
 )
 from ggbench.problem import Estimate, Problem, StateBlock

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import importlib
+import itertools
 import re
 import shutil
 from pathlib import Path
@@ -13,6 +14,7 @@ import pytest
 from test_rooms import imported, room_of
 
 import ggbench
+import ggbench.estimators
 from ggbench.numerics import source
 from ggbench.numerics.source import (
     COMPILED_ROOMS,
@@ -24,9 +26,6 @@ from ggbench.numerics.source import (
 
 PACKAGE = Path(ggbench.__file__).parent
 NUMBERS = int | float | complex | tuple | list | dict | np.ndarray
-SHOWN = ("adapters", "areas", "contract", "recorded", "figures", "report", "api.py", "cli")
-"""Parts on which no result depends: they show them, look at maps alone, or examine estimators; or
-the result of an estimator that uses them, which counts them by itself."""
 
 
 @pytest.fixture
@@ -63,8 +62,23 @@ def modules(*rooms: str) -> set[str]:
 
 @pytest.mark.long
 def test_every_module_that_makes_a_result_counts(copy):
-    """A change of any module is another source, but of one that only shows results."""
-    assert changes(copy) == modules() - modules(*SHOWN)
+    """A change of what the runner or an estimator is made with, or a map, is another source.
+
+    Of what judges many runs, shows them, or says who flies when, it is none.
+    """
+    estimators = {
+        path
+        for file in Path(ggbench.estimators.__path__[0]).glob("*.py")
+        for path in as_python_reads(file, PACKAGE / "estimators" / file.name)
+    }
+    made = known_to("campaign/runner.py").union(
+        *(known_to(path.relative_to(PACKAGE).as_posix()) for path in estimators)
+    )
+    assert {"engines/filters.py", "sensors/model.py", "block.py", "judging/run_errors.py"} <= made
+    found = changes(copy)
+    assert made | modules("maps", "gravity") <= found
+    assert found <= made | modules("maps", "gravity", "numerics", "engines") | {"reduced.py"}
+    assert not found & (modules("report", "figures", "cli") | {"judging/success.py"})
 
 
 def test_sentences_are_no_part_of_what_makes_a_result(copy):
@@ -121,19 +135,21 @@ def test_compiled_code_is_in_rooms_that_are_hashed():
     assert found == set(COMPILED_ROOMS)
 
 
-def as_python_reads(file: Path) -> set[Path]:
-    """What a module imports from the package, as Python reads it."""
+def as_python_reads(file: Path, place: Path | None = None) -> set[Path]:
+    """What a module imports from the package, as Python reads it; ``place``: where it stands."""
     found = set()
+    place = place or file
     for node in ast.walk(ast.parse(file.read_text())):
         if isinstance(node, ast.Import):
             assert not any(name.name.startswith("ggbench") for name in node.names), file
         elif isinstance(node, ast.ImportFrom):
             assert node.level or not (node.module or "").startswith("ggbench"), file
-            base = file.parents[node.level - 1].joinpath(*(node.module or "").split("."))
+            base = place.parents[node.level - 1].joinpath(*(node.module or "").split("."))
             for name in node.names if node.level else ():
                 places = base / f"{name.name}.py", base / name.name / "__init__.py"
                 places += base.with_suffix(".py"), base / "__init__.py"
-                found.add(next(place for place in places if place.is_file()))
+                # Estimators stand elsewhere in a checkout: what they take of each other is none here.
+                found |= set(itertools.islice((p for p in places if p.is_file()), 1))
     return found
 
 
@@ -170,15 +186,22 @@ def test_compiled_code_takes_its_numbers_from_rooms_that_are_hashed():
 
 
 def test_a_new_module_counts_and_a_renamed_one(copy):
+    """In a room that is hashed whole; elsewhere once something imports it."""
     before = hash_of()
-    (copy / "room").mkdir()
-    (copy / "room" / "new.py").write_text("")
+    (copy / "engines" / "new.py").write_text("")
     added = hash_of()
-    (copy / "room" / "new.py").rename(copy / "room" / "other.py")
+    (copy / "engines" / "new.py").rename(copy / "engines" / "other.py")
     renamed = hash_of()
-    (copy / "rooms").mkdir()
-    (copy / "room" / "other.py").rename(copy / "rooms" / "other.py")
+    (copy / "engines" / "other.py").rename(copy / "maps" / "other.py")
     assert len({before, added, renamed, hash_of()}) == 4
+    (copy / "judging" / "new.py").write_text("")
+    alone = hash_of()
+    runner = copy / "campaign" / "runner.py"
+    runner.write_text(f"{runner.read_text()}\nfrom ..judging import new\n")
+    source._imported_directly.cache_clear()
+    imported_ = hash_of()
+    (copy / "judging" / "new.py").write_text("one = 1")
+    assert len({alone, imported_, hash_of()}) == 3
 
 
 def test_what_a_module_imports_is_found(copy):

@@ -64,7 +64,7 @@ def test_the_caveat_says_what_figures_are_not_of():
     )
     rebuilt = CASES[0].field.model_copy(update={"source": "egm2008_qinling"})
     text = caveat(results((CASES[1], CASES[0].model_copy(update={"field": rebuilt}))), SUMMARY)
-    assert "the map is rebuilt from the EGM2008 geoid" in text and "1 to 2 E" in text
+    assert "the map is rebuilt from the EGM2008 geoid" in text and "some tenths of an E" in text
     fewer = SUMMARY.assign(runs=np.where(SUMMARY["label"] == "ukf", 40, 100))
     text = caveat(results(), fewer)
     assert "of 100 runs only the first were given to some: `ukf` 40. Words" in text

@@ -75,7 +75,7 @@ def results(estimators: dict[str, Any], counters: pd.DataFrame | None = None) ->
 def test_errors_over_a_parameter_are_those_of_its_estimators(monkeypatch, tmp_path):
     """In the order of the values, with intervals; those without the parameter are levels.
 
-    Of smoothers there is none: the bound is that of a filter.
+    Of smoothers there is none: the bound is that of a filter. Of many cases each is a line.
     """
     given: list[Any] = []
     monkeypatch.setattr(section, "save", lambda figure, path: given.append(path))
@@ -90,11 +90,18 @@ def test_errors_over_a_parameter_are_those_of_its_estimators(monkeypatch, tmp_pa
     assert parts[0] == "## Over a parameter" and "](s/over_particles.png)" in parts[1]
     (line,) = panel.lines
     assert (line.title, line.values) == ("cloud", (25.0, 400.0, 1000.0))
-    root = np.sqrt(SAME.mean())
-    np.testing.assert_allclose(line.errors, root * np.sqrt([9.0, 1.0, 2.0]))
-    assert (line.interval[0] < line.errors).all() and (line.errors < line.interval[1]).all()
+    root = np.median(np.sqrt(SAME))
+    np.testing.assert_allclose(line.ratios, root * np.sqrt([9.0, 1.0, 2.0]))
+    assert (line.interval[0] < line.ratios).all() and (line.ratios < line.interval[1]).all()
     assert panel.levels == {"ekf": pytest.approx(2.0 * root)}
-    assert panel.bound == 1.0
+    given.clear()
+    names = [f"c{k}" for k in range(5)]
+    everybody.scenario.cases = [case(name=name) for name in names]
+    many = pd.concat([summary.assign(case=name) for name in names])
+    section.parameter_section(everybody, many, tmp_path)
+    (_, (panel,)), _ = given
+    assert (panel.title, [line.title for line in panel.lines]) == ("cloud", names)
+    assert not panel.levels
 
 
 @pytest.mark.parametrize("run_", [("ekf",), ("ekf", "cloud", "cloud[particles=25]")])

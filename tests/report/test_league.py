@@ -228,8 +228,11 @@ def test_what_is_not_finished_is_left_out_with_a_sentence():
 
 def test_what_the_league_does_not_count_is_left_out_with_a_sentence():
     """A study of its own, as its scenario says."""
-    text = league.entry_of(digest_of("s", [INS, EKF], campaign="league = false"))
-    assert text == "s is left out, as its scenario asks: it has a report of its own"
+    why = 'league = { value = false, provenance = "its flights are those of ship" }'
+    text = league.entry_of(digest_of("s", [INS, EKF], campaign=why))
+    assert text == "s is left out: its flights are those of ship"
+    plain = league.entry_of(digest_of("s", [INS, EKF], campaign="league = false"))
+    assert plain == "s is left out: its scenario asks for it"
 
 
 def test_means():

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
-from leagues import EKF, INS, digest_of, entry, league_of, page, renamed
+from leagues import EKF, INS, digest_of, dishonest, entry, league_of, page, renamed
 from summaries import RUNS, SAME, records
 
 from ggbench.figures.numbers import short
@@ -56,7 +57,8 @@ def test_the_advice_is_told_with_its_figures(tmp_path):
     )
     text = page(held, tmp_path)
     assert list(advised(text).values())[1:] == [
-        "1 in 1 scenario", "**`ekf`**", "100 %", "100 %", short(MEDIAN), "10.0", "`slow` (10.0)",
+        "1 in 1 scenario", "**`ekf`**", "100 %", "100 %", "100 % [94 %, 100 %] of 60",
+        short(MEDIAN), "10.0", "`slow` (10.0)",
     ]  # fmt: skip
     assert short_of(text).endswith(
         f"`poor` (as good in 0 %; success 100 %, {short(3.0 * MEDIAN)} × the bound)."
@@ -79,7 +81,7 @@ def test_where_nobody_is_good_everywhere_that_is_said(tmp_path):
     text = page(held, tmp_path)
     row = list(advised(text).values())
     assert row[1] == "2 in 2 scenarios"
-    assert re.fullmatch("none is good everywhere; most often `(ekf|ukf)`", row[2])
+    assert re.fullmatch("none. Most often good: `(ekf|ukf)`", row[2])
     assert (row[3], row[-1]) == ("50 %", "")
     told = row[2] + short_of(text)
     assert (told.count("`ekf`"), told.count("`ukf`")) == (1, 1)
@@ -88,26 +90,26 @@ def test_where_nobody_is_good_everywhere_that_is_said(tmp_path):
 def test_runs_that_are_too_few_are_told(tmp_path, monkeypatch):
     """Beside the share in which an estimator is good, of it that which nobody can tell."""
     held = league_of(s=[[INS, EKF, records("ukf", SAME, seconds=0.001)]])
-    assert advised(page(held, tmp_path))["honest and as good as the best"] == "100 %"
+    assert advised(page(held, tmp_path))["good in"] == "100 %"
     monkeypatch.setattr(league.Flown, "open", lambda flown, label: label == "ukf")
     row = advised(page(held, tmp_path))
     assert row["use"] == "**`ukf`**"
-    assert row["honest and as good as the best"] == "100 % (in 100 % too few runs to tell)"
+    assert row["good in"] == "100 % (in 100 % too few runs to tell)"
 
 
-def test_the_first_sentence_names_all_causal_ones_of_the_roster(tmp_path):
+def test_the_league_begins_with_all_causal_ones_of_the_roster(tmp_path):
     """The share of the common cases in which each is good, and its time; no smoother."""
     text = page(league_of(s=[[INS, EKF, records("tercom", 9.0 * SAME), SMOOTHER]]), tmp_path)
-    (line,) = re.findall(r"^\*\*Over the .*$", text, re.MULTILINE)
-    assert line.startswith("**Over the 1 case that the whole roster ran")
-    assert line.endswith("`ekf` in 100 % (10.0 ms a run), `tercom` in 0 % (10.0 ms a run).**")
+    line = section(text, "The league").strip().splitlines()[0]
+    assert line.startswith("Over the 1 case that the whole roster ran")
+    assert line.endswith("`ekf` in 100 % (10.0 ms a run), `tercom` in 0 % (10.0 ms a run).")
 
 
 def test_the_page_tells_of_aiding_that_gains_nothing(tmp_path):
     """The INS alone, and in which cases."""
     text = page(league_of(a=[[records("ins", SAME, "none"), EKF]]), tmp_path)
     row = list(advised(text, "Aiding gains nothing").values())
-    assert row[1:] == ["1 in 1 scenario", "`ins`: no causal estimator beats it", *[""] * 5]
+    assert row[1:] == ["1 in 1 scenario", "`ins`: no causal estimator beats it", *[""] * 6]
     assert short_of(text, "Aiding gains nothing").endswith("beats the INS in a/c0.")
     assert table(section(text, "The scenarios"))[1][0][3] == "`ekf`; gains nothing"
 
@@ -130,11 +132,11 @@ def test_the_page_follows_the_data(tmp_path):
 
 
 def test_what_the_answer_after_the_fact_is_worth(tmp_path):
-    """The smoother's error beside that of the best causal one, and its cost."""
+    """The smoother's error beside that of the best causal one, run by run, and its cost."""
     text = page(league_of(s=[[INS, EKF, SMOOTHER]]), tmp_path)
     assert (
-        "**If the answer may wait**: `gauss-newton` (batch) succeeds in 100 % of the runs, with "
-        "0.500 times the median error of the best causal estimator, at 4.00 × the time of `ekf`."
+        "**If the answer may wait**: the error of `gauss-newton` (batch, 4.00 × the time of `ekf`) "
+        "over that of the best causal estimator, run by run: narrow prior (σ/ℓ below 0.2) 0.500."
     ) in text
     assert "If the answer may wait" not in page(league_of(s=[[INS, EKF]]), tmp_path)
 
@@ -268,3 +270,21 @@ def test_the_first_sentence(text, first):
 def test_shares_are_in_percent(share, text):
     """Those near none and all with a digit behind the point."""
     assert league_page.percent(share) == text
+
+
+def test_the_answer_has_a_line_for_each_group_of_situations(tmp_path):
+    """What to use, its cost, how near and how sure; where nothing is good, in how many cases."""
+    liar = dishonest(records("liar", SAME))
+    held = league_of(
+        good=[[INS, EKF]], idle=[[records("ins", SAME, "none"), EKF]], lied=[[INS, liar]]
+    )
+    moved = [dataclasses.replace(f, situation="map") for f in held.cases if f.scenario == "lied"]
+    held.cases = [*(f for f in held.cases if f.scenario != "lied"), *moved]
+    lines = [line for line in page(held, tmp_path).splitlines() if line.startswith("- **")][:3]
+    assert lines == [
+        f"- **The model is right.** Narrow prior (σ/ℓ below 0.2): **`ekf`**, 10.0 ms a run, "
+        f"{short(MEDIAN)} × the bound, success in 100 % [94 %, 100 %] where it is least.",
+        "- **The map is wrong.** No estimator is good in all of 1 case (`liar` in 0 %), and in 1 "
+        "nobody is honest.",
+        "- **Aiding gains nothing.** No causal estimator beats the INS in 1 case of `idle`.",
+    ]

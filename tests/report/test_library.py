@@ -47,7 +47,7 @@ def test_the_reports_of_a_library(library):
     assert "results/damaged/manifest.json is damaged" in done.stdout
     assert "results/again is left out: results/small is of the same scenario" in done.stdout
     assert "stopped is left out: it is not finished, of 9 runs 2 are done" in done.stdout
-    assert "study is left out, as its scenario asks" in done.stdout
+    assert "study is left out: its scenario asks for it" in done.stdout
     text = (library / "text" / "README.md").read_text()
     assert text.startswith("# Which estimator should I use when, and what does it cost?\n")
     assert "](small.md)" in text and "](stopped.md)" not in text and "](study.md)" not in text

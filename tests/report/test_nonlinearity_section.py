@@ -13,6 +13,7 @@ import pandas as pd
 import pytest
 from problems import SMALL
 
+from ggbench.judging.locking import wilson
 from ggbench.report import nonlinearity_section
 from ggbench.report.nonlinearity_section import (
     NonlinearityReport,
@@ -52,7 +53,13 @@ def parsed(text: str) -> scenario.Scenario:
 @pytest.fixture
 def held() -> Digest:
     loaded = parsed(SMALL + AXIS)
-    ins = {"label": "ins", "causality": "none", "success_share": 0.0, "ratio_median": 1.0}
+    ins = {
+        "label": "ins",
+        "causality": "none",
+        "success_share": 0.0,
+        "ratio_median": 1.0,
+        "runs": 9,
+    }
     rows = [ins | {"case": name, "false_lock_share": 0.0} for name in loaded.sweep.points]
     for name, point in loaded.sweep.points.items():
         (place,) = point.indices
@@ -62,7 +69,7 @@ def held() -> Digest:
                     "case": name, "label": label, "causality": "filter",
                     "success_share": shares[point.base][place],
                     "ratio_median": RATIOS[point.base][place] if label == "ekf" else math.nan,
-                    "false_lock_share": 0.25,
+                    "false_lock_share": 0.25, "runs": 100,
                 }
             )  # fmt: skip
     lengths = {name: SCALES[point.base] for name, point in loaded.sweep.points.items()}
@@ -109,6 +116,22 @@ def test_what_an_estimator_bears_is_told_the_widest_first(held):
     )
 
 
+def test_what_few_runs_cannot_say_is_said(held):
+    """By Wilson's interval of all runs of a class: 192 of 200 are not surely 95 %."""
+    widths = Widths(held)
+    assert widths.ends("ekf")[:, 0] == pytest.approx(wilson(199, 200)[1:])
+    assert widths.ends("ekf").shape == (2, 3)
+    low = wilson(192, 200)[1], wilson(194, 200)[1]
+    assert widths.sureness() == (
+        "The lower end of each share's 95 % interval is 95 % or more, too, but for "
+        f"`ekf` ({100.0 * low[0]:.0f} %), `search` ({100.0 * low[1]:.0f} %)."
+    )
+    sure = held.summary.assign(runs=10000)
+    assert Widths(dataclasses.replace(held, summary=sure)).sureness() == (
+        "The lower end of each share's 95 % interval is 95 % or more, too."
+    )
+
+
 def test_what_recovers_is_not_borne(held):
     """A class in which it fails ends what it bears, however well it does in a wider one."""
     table = held.summary
@@ -128,7 +151,8 @@ def test_the_parts_of_its_report(held, tmp_path, monkeypatch):
     )
     report = NonlinearityReport(held, tmp_path / "nonlinearity")
     answer = report.answer()
-    assert answer.startswith(f"**{Widths(held).sentence()}**\n\n![")
+    widths = Widths(held)
+    assert answer.startswith(f"**{widths.sentence()}**\n\n{widths.sureness()}\n\n![")
     assert answer.count("](nonlinearity/answer.png)") == 1
     sections = report.sections()
     assert set(drawn) == {"answer.png", "settings.png"}

@@ -34,7 +34,7 @@ def summary(**ratios: dict[str, float]) -> pd.DataFrame:
         {
             "case": case, "label": label, "window": "settled", "causality": "filter", "runs": 60,
             "failed": 0, "diverged": 0, "ratio_median": ratio, "success_share": share,
-            "coverage": 0.95 if label == "ekf" else 0.3, "false_lock_lo": 0.0,
+            "coverage": 0.95 if label == "ekf" else 0.3, "false_lock_share": 0.0,
             "position_mrse_m": 1.0, "position_median_m": 1.0, "success_lo": 0.8,
             "success_hi": 1.0, "lock_lo": math.nan, "seconds_per_run": 0.01,
         }

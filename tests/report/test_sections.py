@@ -193,7 +193,7 @@ def test_a_requirement_has_the_interval_of_its_error(report):
     assert cells[0] == ["to reach", "noise [E]", "5000 m", "9000 m"]
     assert cells[2] == ["10 m", "`ekf`", "0.01 [0.0083, 0.012]", "0.0025 [0.0021, 0.0031]"]
     assert ["10 m", "*bound: filter*", "0.016", "0.0039"] in cells
-    assert report._verdict(plane, "ekf") == (
+    assert report.answer() == (
         "**Largest noise with which `ekf` reaches 10 m: 0.01 E at 5000 m, 0.0025 E at 9000 m.**"
     )
 

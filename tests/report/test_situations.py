@@ -22,13 +22,16 @@ from ggbench.spec.case import CaseSpec
         ({}, "", "plain"),
         ({"position_m": 1000.0}, "gains", "wide"),
         ({"position_m": 999.0}, "gains", "between"),
-        ({"position_m": 300.0}, "gains", "between"),
-        ({"position_m": 299.0}, "gains", "plain"),
-        ({"position_m": 5e3, "correlation_m": 2e4}, "gains", "plain"),
+        ({"position_m": 200.0}, "gains", "between"),
+        ({"position_m": 199.0}, "gains", "plain"),
+        ({"position_m": 5e3, "correlation_m": 3e4}, "gains", "plain"),
         ({"position_m": 5e3, "correlation_m": math.nan}, "gains", "plain"),
         ({"duration_s": 1800.0}, "gains", "long"),
         ({"duration_s": 1799.0}, "gains", "plain"),
         ({"duration_s": 1800.0, "position_m": 5e3}, "gains", "wide"),
+        ({"gradiometer": None}, "gains", "scalar"),
+        ({"gradiometer": None}, "nothing", "nothing"),
+        ({"gradiometer": None, "duration_s": 1800.0, "position_m": 5e3}, "gains", "scalar"),
     ],
 )
 def test_situations_are_those_of_the_keys(changes, gained, situation):
@@ -37,6 +40,8 @@ def test_situations_are_those_of_the_keys(changes, gained, situation):
     if position := changes.get("position_m"):
         wide = spec.initial_error.model_copy(update={"position_m": position})
         spec = spec.model_copy(update={"initial_error": wide})
+    if "gradiometer" in changes:
+        spec = spec.model_copy(update={"gradiometer": None})
     if duration := changes.get("duration_s"):
         segment = spec.trajectory.segment[0].model_copy(update={"duration_s": duration})
         path = spec.trajectory.model_copy(update={"segment": (segment,)})

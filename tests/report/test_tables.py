@@ -47,7 +47,7 @@ def row(case: str, label: str, window: str) -> dict[str, Any]:
         "failed": 2 + index, "diverged": 12 + index, "seconds_per_run": 0.125 + index,
         "map_evaluations": 700 + index, "coverage": 0.911, "coverage_lo": 0.922,
         "coverage_hi": 0.933, "lock_share": math.nan, "success_share": SHARES[0],
-        "success_lo": SHARES[1], "success_hi": SHARES[2], "false_lock_lo": math.nan,
+        "success_lo": SHARES[1], "success_hi": SHARES[2], "false_lock_share": math.nan,
     }  # fmt: skip
 
 
@@ -75,7 +75,7 @@ def test_the_first_table_tells_position_before_velocity_and_milliseconds():
     """Every estimator in the settled window, beside what was published and the bound."""
     head, rows = parsed(tables.glance(SCENARIO, SUMMARY))
     assert head[2:] == ["as it is: m, m/s", "failed / diverged", "ms/run"]
-    assert rows[0][0] == "*paper (UKF)*" and numbers(rows[0][2]) == [6.0, 0.3]
+    assert rows[0][0] == "*published*" and numbers(rows[0][2]) == [6.0, 0.3]
     for cells in (cells for cells in rows if cells[0].strip("`") in LABELS):
         label = cells[0].strip("`")
         index = list(LABELS).index(label)

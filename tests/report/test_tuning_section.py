@@ -24,7 +24,7 @@ LABELS = [
 
 
 def half(**errors: float) -> pd.DataFrame:
-    """The summary of half of the runs: of ekf, its two variants and the rest."""
+    """The summary of half of the runs: of ekf, its two variants and the rest; few got half."""
     groups = [
         records("ins", 1e4 * SAME, "none"),
         records("ekf", errors["plain"] ** 2 * SAME),
@@ -33,29 +33,39 @@ def half(**errors: float) -> pd.DataFrame:
         records("ukf", SAME),
         records("few", 9.0 * SAME[: RUNS // 2]),
         records("few[a=2]", 4.0 * SAME[: RUNS // 2]),
-        records("few[a=3]", SAME),
+        records("few[a=3]", SAME if errors.get("whole") else SAME[: RUNS // 2]),
     ]
     return tabled(*groups)[0]
 
 
-def results(tuning: bool, *halves: pd.DataFrame) -> Any:
+def results(tuning: bool, *halves: pd.DataFrame, asked: list[int] | None = None) -> Any:
+    """Results whose halves are the same of however many runs; who asks for how many is noted."""
+
+    def of_first(most: int) -> tuple[pd.DataFrame, ...]:
+        (asked if asked is not None else []).append(most)
+        return halves
+
     scenario = SimpleNamespace(campaign=SimpleNamespace(tuning=tuning), cases=(case(),))
-    return SimpleNamespace(scenario=scenario, labels=LABELS, halves=lambda: halves)
+    whole = half(plain=1.0, scaled=1.0, gated=1.0, whole=True)
+    named = whole[whole["label"].isin(halves[0]["label"])]
+    return SimpleNamespace(scenario=scenario, labels=LABELS, halves=of_first, summary=lambda: named)
 
 
 def test_the_best_on_one_half_is_judged_on_the_other():
     """Not what is best where it is judged; nor what is not honest; the plain one stands beside."""
     training = half(plain=4.0, scaled=2.0, gated=1.0)
     judged = half(plain=1.0, scaled=3.0, gated=1.0)
-    text = "\n".join(tuning_section(results(True, training, judged)))
+    asked: list[int] = []
+    text = "\n".join(tuning_section(results(True, training, judged, asked=asked)))
     rows = [line for line in text.splitlines() if line.startswith("| the case")]
     assert len(rows) == 2  # the others have no variants
-    assert "`few[a=2]`" in rows[1] and "`few[a=3]`" not in rows[1]  # which has other runs
+    assert "`few[a=3]`" in rows[1]  # which has more runs, of which those of the others count
+    assert asked == [RUNS, RUNS // 2]
     cells = [cell.strip() for cell in rows[0].strip("|").split(" | ")]
-    assert cells[1:3] == ["`ekf`, filter", "100 %"]
-    assert cells[4] == "`ekf[noise_scale=3]`"
+    assert cells[1:4] == ["`ekf`, filter", str(RUNS // 2), "100 %"]
+    assert cells[5] == "`ekf[noise_scale=3]`"
     settled = judged[judged["window"] == "settled"].set_index("label")["ratio_median"]
-    for cell, label in ((cells[3], "ekf"), (cells[6], "ekf[noise_scale=3]")):
+    for cell, label in ((cells[4], "ekf"), (cells[7], "ekf[noise_scale=3]")):
         assert cell.split(" ")[0] == f"{settled[label]:.2f}"
 
 

@@ -400,9 +400,10 @@ def test_a_file_that_cannot_be_written_leaves_the_one_before(tmp_path, monkeypat
 
 def test_halves_are_the_runs_of_even_and_of_odd_number(results):
     """To tune on and to judge on: no run is in both, and none is in neither."""
-    even, odd = (table.set_index(["case", "label", "window"]) for table in results.halves())
+    even, odd = (table.set_index(["case", "label", "window"]) for table in results.halves(3))
     whole = results.summary().set_index(["case", "label", "window"])
     assert (even["runs"] == 2).all() and (odd["runs"] == 1).all()
     square = (2.0 * even["position_mrse_m"] ** 2 + odd["position_mrse_m"] ** 2) / 3.0
     np.testing.assert_allclose(np.sqrt(square), whole["position_mrse_m"])
     np.testing.assert_allclose(even["position_bound_m"], whole["position_bound_m"])
+    assert [set(table["runs"]) for table in results.halves(2)] == [{1}, {1}]

@@ -171,7 +171,7 @@ def over_time(
 
     def panel(quantity: str, unit: str) -> Spec:
         y = {"field": quantity, "type": "quantitative", "scale": _LOGARITHMIC,
-             "axis": {"format": "~g"}, "title": f"RMS spherical {quantity} [{unit}]"}  # fmt: skip
+             "axis": {"format": "~g"}, "title": f"spherical {quantity} [{unit}]"}  # fmt: skip
         x = {"field": "time", "type": "quantitative", "title": "time [s]",
              "scale": {"nice": False, "zero": False}}  # fmt: skip
         tip = [_tip("name", "estimator"), _tip("time", "time [s]"),

@@ -29,7 +29,7 @@ _ANSWER = (
     "kind (median and quartiles)"
 )
 _OVER_TIME = (
-    "RMS spherical error against time, with the Cramér–Rao bounds of filter, fixed-lag smoother "
+    "Median spherical error against time, with the Cramér–Rao bounds of filter, fixed-lag smoother "
     "and smoother; cases are chosen above the figure"
 )
 _LEAGUE = (
@@ -144,8 +144,9 @@ def _errors(results: Results, summary: pd.DataFrame) -> Chart | None:
     for case in cases:
         rows = rows_of(summary, case, "settled")
         if rows:
-            found = stored.rms_over_time(results, case.name, rows)
-            curves[case.title if distinct else case.name] = found
+            times, errors, bounds = stored.errors_over_time(results, case.name, rows)
+            medians = {label: median for label, (_, median, _) in errors.items()}
+            curves[case.title if distinct else case.name] = times, medians, bounds
             on |= set(leaders(results.estimators, rows))
     return over_time(curves, on, _OVER_TIME)
 
