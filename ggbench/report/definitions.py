@@ -34,13 +34,15 @@ never ranked beside filters.
 scenario says within what distance a position counts as found, locked; elsewhere within {bounds:.0f}
 bounds, or {part:.0f} % of the INS's error, both root mean square at the end of the flight. To be no
 worse than the INS is no success: the INS's own share says how often that comes by itself. Shares
-have Wilson's 95 % interval. A run *fails* if the estimator raises an exception, returns what is no estimate, or
-exceeds its time. It *diverges* if its final position error exceeds both ten bounds and the pure
-INS's. It is *locked* from the epoch on from which its error stays below that distance to the end
-of the flight, and *falsely locked* if at the end it is not, but claims to be with 95 %.
+have Wilson's 95 % interval. A run *fails* if the estimator raises an exception, returns what is no
+estimate, or exceeds its time. It *diverges* if its final position error exceeds both ten bounds and
+the pure INS's. It is *locked* from the epoch on from which its error stays below that distance to
+the end of the flight, and *falsely locked* if at the end it is not, but claims to be with 95 %.
 
 **Error over bound.** Of the runs that succeed: the error of each over the bound. Given are the
-median with its 95 % interval between order statistics, the quartiles, and the 95th percentile. An
+median with its 95 % interval between order statistics, the quartiles, and the 95th percentile.
+Where estimators stand beside each other in a column, one that got fewer runs has the best one's
+median, by the mean ratio of the two errors in the runs that both flew (~): its own is of others. An
 efficient estimator's median lies below 1, at about 0.9: the bound is that of the root mean square,
 and errors are skewed.
 
@@ -107,7 +109,8 @@ def text() -> str:
     """Return the page: a paragraph for each definition, which begins with its title in bold."""
     return _TEXT.format(
         coverage=100.0 * LEAST_COVERAGE, false=100.0 * MOST_FALSE, failed=100.0 * MOST_FAILED,
-        bounds=BOUNDS, part=100.0 * OF_THE_INS, alike=100.0 * (ALIKE - 1.0), fewest=FEWEST, uncertain=100.0 * (UNCERTAIN - 1.0),
+        bounds=BOUNDS, part=100.0 * OF_THE_INS, alike=100.0 * (ALIKE - 1.0), fewest=FEWEST,
+        uncertain=100.0 * (UNCERTAIN - 1.0),
     )  # fmt: skip
 
 

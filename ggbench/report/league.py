@@ -21,7 +21,7 @@ from ..figures.numbers import counted
 from ..judging.ranking import honest
 from ..results import digest
 from ..results.digest import Digest
-from .outcome import Outcome, outcome
+from .outcome import Outcome, comparable_ratio, outcome
 from .situations import NOTHING, SITUATIONS, situation_of
 
 STANDARD = (
@@ -67,6 +67,11 @@ class Flown:
     def open(self, label: str) -> bool:
         """Return whether the runs are too few to tell an estimator from the best."""
         return self.found.beside.get(label) == "open"
+
+    def ratio(self, label: str) -> float:
+        """Return an estimator's median error over the bound (:func:`.outcome.comparable_ratio`)."""
+        found = self.found
+        return comparable_ratio(self.rows[label], found.best, found.pairs.get(label))
 
     def cost(self, label: str) -> float:
         """Return an estimator's time over that of the EKF in this case; NaN without either."""
@@ -271,7 +276,7 @@ def standing(label: str, cases: Iterable[Flown]) -> Standing:
         honest=mean(by_scenario(lambda f: float(honest(f.rows[label])), mean).values()),
         worst=min(rows, key=lambda row: (row["success_share"], row["success_lo"])),
         success=by_scenario(lambda f: f.rows[label]["success_share"], mean),
-        ratio=by_scenario(lambda f: f.rows[label]["ratio_median"], geometric_mean),
+        ratio=by_scenario(lambda f: f.ratio(label), geometric_mean),
         lost=sum(row["failed"] + row["diverged"] for row in rows) / sum(r["runs"] for r in rows),
         cost=_median(flown.cost(label) for flown in ran),
         ms=1e3 * _median(row["seconds_per_run"] for row in rows),

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from urllib.parse import quote
 
 from ..figures.numbers import counted, some
 from ..figures.style import save
 from . import advice_section, definitions
-from .league import ABOUT, COST_OF, EXCEPTIONS, SMOOTHERS, Entry, League, geometric_mean
+from .league import ABOUT, COST_OF, EXCEPTIONS, SMOOTHERS, Entry, Flown, League, geometric_mean
 from .league import read as read_league
 from .league_figure import draw, number
 from .nonlinearity_section import opening_figure
@@ -212,12 +212,12 @@ class LeagueReport:
         for entry in self.league.entries:
             cells = [f"[{entry.name}]({self._link(entry.name)})"]
             for label in labels:
-                held = [flown.rows[label] for flown in entry.cases if label in flown.rows]
-                cells.append(_cell(held))
+                cells.append(_cell([f for f in entry.cases if label in f.rows], label))
             rows.append(cells)
         return (
             f"{markdown(head, rows)}\n\nGeometric mean over the cases of the median error over the "
-            "bound, and in brackets the mean share of success, if it is not all. Far below 1 a "
+            "bound, and in brackets the mean share of success, if it is not all. Of who got fewer "
+            "runs the error is the best one's, by the mean ratio in common runs. Far below 1 a "
             "bound is no bound: it is that of the model, which the truth need not follow."
         )
 
@@ -327,12 +327,12 @@ def _stamp(entry: Entry) -> list[str]:
             m["source_hash"], m["scenario_hash"][:16], fewer]  # fmt: skip
 
 
-def _cell(rows: Sequence[Mapping[str, float]]) -> str:
-    """Return error over bound and success of an estimator over the cases of a scenario."""
-    if not rows:
+def _cell(ran: Sequence[Flown], label: str) -> str:
+    """Return error over bound and success of an estimator over the cases of a scenario it ran."""
+    if not ran:
         return "–"
-    success = sum(row["success_share"] for row in rows) / len(rows)
-    text = number(geometric_mean(row["ratio_median"] for row in rows))
+    success = sum(flown.rows[label]["success_share"] for flown in ran) / len(ran)
+    text = number(geometric_mean(flown.ratio(label) for flown in ran))
     return text if success == 1.0 else f"{text} ({percent(success)})"
 
 

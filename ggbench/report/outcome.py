@@ -55,6 +55,34 @@ def outcome(case: CaseSpec, summary: pd.DataFrame, pairs: pd.DataFrame) -> Outco
     return Outcome(case, rows, best, ins, found, beside, gained)
 
 
+def comparable_ratio(
+    row: Mapping[str, Any], best: Mapping[str, Any] | None, pair: Mapping[str, Any] | None
+) -> float:
+    """Return an estimator's median error over the bound, as far as can be of the best one's runs.
+
+    Of an estimator that got fewer runs the median is of another sample. So it is the best one's
+    over all runs, by the mean ratio of the two errors in the runs in which both succeeded; its own
+    median where there are fewer than :data:`_FEWEST_COMMON` of these.
+
+    Parameters
+    ----------
+    row, best : of the summary. pair : their comparison, as seen from the best one.
+    """
+    if (
+        best is None
+        or pair is None
+        or row["runs"] >= best["runs"]
+        or pair["both_succeeded"] < _FEWEST_COMMON
+        or not pair["error_ratio"] > 0.0
+    ):
+        return float(row["ratio_median"])
+    error = best["ratio_median"] * best["position_bound_m"] / pair["error_ratio"]
+    return float(error / row["position_bound_m"])
+
+
+_FEWEST_COMMON = 5
+
+
 def gain(best: Mapping[str, Any], ins: Mapping[str, Any], pair: Mapping[str, Any] | None) -> str:
     """Return "gains", "nothing", "unproven" or "worse": the best causal estimator beside the INS.
 

@@ -144,7 +144,7 @@ class _Report:
             self._seeking(),
             answer_figure(self.results, self.summary, self.pictures),
             caveat(self.results, self.summary),
-            tables.glance(self.scenario, self.summary),
+            tables.glance(self.scenario, self.summary, self.paired),
             self._frameworks(),
             self._beside_published(),
             self.scenario.description,
@@ -263,10 +263,10 @@ class _Report:
             return ""
         parts = [
             "The same numbers over the whole flight, its first updates included:",
-            tables.glance(self.scenario, self.summary, "whole"),
+            tables.glance(self.scenario, self.summary, self.paired, "whole"),
         ]
         if len(self.references) < len(self.scenario.cases):
-            parts.append(tables.errors_of_cases(self.scenario, self.summary))
+            parts.append(tables.errors_of_cases(self.scenario, self.summary, self.paired))
         return "\n\n".join(parts)
 
     def _windows(self) -> str:

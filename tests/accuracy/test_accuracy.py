@@ -250,6 +250,7 @@ def test_smoothers_are_efficient(label, causality, case, window, key):
         assert value - SIGMAS * error < 1.1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", FILTERED)
 @each_window
 @each_error

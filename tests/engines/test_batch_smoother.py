@@ -13,6 +13,8 @@ from ggbench.campaign.registry import choose
 from ggbench.engines import batch_smoother
 from ggbench.numerics.frozen import read_only
 
+pytestmark = pytest.mark.long
+
 REFERENCE = choose("factor-graph[mode=batch]").estimator
 MOST = REFERENCE.max_iterations
 
@@ -47,7 +49,6 @@ def test_the_minimum_is_gtsams(name, case, runs):
         assert np.abs((deviations[0] - deviations[1]) / sigma).max() < 1e-8
 
 
-@pytest.mark.long  # a kernel of its own
 @pytest.mark.parametrize("loss", ["huber", "cauchy"])
 def test_the_minimum_with_a_loss_is_gtsams(loss):
     """Among outliers, where the estimate without a loss is another one; in as many steps."""
@@ -135,7 +136,6 @@ def test_a_run_does_not_depend_on_its_neighbours():
             np.testing.assert_array_equal(values, whole[2][name][first:last])
 
 
-@pytest.mark.long
 def test_steps_that_need_damping_are_gtsams():
     """Where undamped steps fail the search is GTSAM's: as many steps to the same cost."""
     block = block_of_runs("jacksboro_drone", "1E", 1, 2)
@@ -182,7 +182,6 @@ def test_a_search_that_gives_up_has_no_answer():
     np.testing.assert_array_equal(mean[[0, 2]], usual[[0, 2]])
 
 
-@pytest.mark.long
 def test_damping_of_a_neighbour_changes_nothing():
     """A run that needs no damping is solved in company of one that does as alone: the same bits."""
     whole = batch_smoother.smoother(block_of_runs("jacksboro_drone", "1E", 0, 3), MOST)

@@ -10,6 +10,8 @@ from problems import block_of_runs, compiled, entangled, estimator, smoothed
 
 from ggbench.block import ProblemBlock
 
+pytestmark = pytest.mark.long
+
 INCREMENTAL, LAGGED = "factor-graph", "factor-graph[mode=fixed-lag,lag=20]"
 
 
@@ -31,7 +33,7 @@ def assert_gtsams(label: str, block: ProblemBlock, limit: float, least: int = 0)
     [
         ("wang2013", "0.01E-1Hz", 2, 10),
         ("wrong_model", "noise-3x", 1, 100),
-        pytest.param("jacksboro_helicopter", "rotating-biases", 1, 10, marks=pytest.mark.long),
+        ("jacksboro_helicopter", "rotating-biases", 1, 10),
     ],
 )
 def test_each_node_is_gtsams_when_it_is_final(label, name, case, runs, least):
@@ -48,7 +50,7 @@ def test_of_any_prior_and_any_noise_nodes_are_gtsams(label):
     assert_gtsams(label, entangled(block_of_runs("wang2013", "0.01E-0.2Hz", 0, 1)), 1e-6)
 
 
-@pytest.mark.parametrize("loss", [pytest.param("huber", marks=pytest.mark.long), "cauchy"])
+@pytest.mark.parametrize("loss", ["huber", "cauchy"])
 def test_with_a_loss_nodes_are_gtsams(loss):
     """Among outliers, where estimates without a loss are others."""
     block = block_of_runs("outliers", "outliers-5pc", 0, 1)
@@ -93,7 +95,6 @@ def test_a_run_does_not_depend_on_its_neighbours(mode):
             np.testing.assert_array_equal(values, whole.info[name][first:last])
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(
     "label", ["factor-graph[mode=fixed-lag,lag=600]", "factor-graph[mode=batch]"]
 )

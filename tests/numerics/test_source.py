@@ -148,7 +148,7 @@ def as_python_reads(file: Path, place: Path | None = None) -> set[Path]:
             for name in node.names if node.level else ():
                 places = base / f"{name.name}.py", base / name.name / "__init__.py"
                 places += base.with_suffix(".py"), base / "__init__.py"
-                # Estimators stand elsewhere in a checkout: what they take of each other is none here.
+                # Estimators stand elsewhere in a checkout: each other they do not find here.
                 found |= set(itertools.islice((p for p in places if p.is_file()), 1))
     return found
 

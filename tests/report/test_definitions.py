@@ -10,9 +10,10 @@ def test_the_definitions_are_those_of_the_code(tmp_path, monkeypatch):
     definitions.write(tmp_path)
     before = (tmp_path / "definitions.md").read_text()
     changed = {
-        "LEAST_COVERAGE": (0.61, "surely below 61 %"), "MOST_FALSE": (0.07, "more than 7 %"),
+        "LEAST_COVERAGE": (0.61, "is 61 % or more"), "MOST_FALSE": (0.07, "in 7 % of the runs"),
         "MOST_FAILED": (0.03, "at most 3 %"), "UNCERTAIN": (1.37, "at most 37 %"),
         "ALIKE": (1.21, "within 21 %"), "FEWEST": (33, "over 33 runs"),
+        "BOUNDS": (7.0, "within 7 bounds"), "OF_THE_INS": (0.23, "23 % of the INS's error"),
     }  # fmt: skip
     for name, (value, _) in changed.items():
         monkeypatch.setattr(definitions, name, value)

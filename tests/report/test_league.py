@@ -44,6 +44,17 @@ def test_figures_of_a_standing():
     assert (found.good, found.open, found.honest) == (0.0, 0.0, 1.0)
 
 
+def test_errors_of_who_flew_fewer_runs_are_of_the_others_runs():
+    """The first third of the runs is the easy one: its median is not set beside others'."""
+    order = np.sort(SAME)
+    few = [record for record in records("few", order) if record["run"] < RUNS // 3]
+    held = league_of(s=[[INS, records("ekf", order), few]])
+    (flown,) = held.cases
+    assert flown.rows["few"]["ratio_median"] < 0.7 * MEDIAN
+    assert flown.ratio("few") == pytest.approx(MEDIAN) == flown.ratio("ekf")
+    assert league.standing("few", held.cases).mean_ratio == pytest.approx(MEDIAN)
+
+
 def test_scenarios_count_equally():
     """As good in three cases of one scenario and not in the only one of another is one half."""
     mine, bad = records("mine", SAME), records("mine", 25.0 * SAME)

@@ -15,6 +15,7 @@ from problems import SMALL
 from ggbench.figures.numbers import short
 from ggbench.judging.summary import WINDOWS
 from ggbench.report import tables
+from ggbench.report.outcome import comparable_ratio
 from ggbench.spec import scenario
 
 SCENARIO = scenario.parse(tomllib.loads(SMALL), "small", "small")
@@ -73,7 +74,7 @@ def shown(case: str, label: str, window: str, *columns: str) -> pytest.approx:
 
 def test_the_first_table_tells_position_before_velocity_and_milliseconds():
     """Every estimator in the settled window, beside what was published and the bound."""
-    head, rows = parsed(tables.glance(SCENARIO, SUMMARY))
+    head, rows = parsed(tables.glance(SCENARIO, SUMMARY, pairs()))
     assert head[2:] == ["as it is: m, m/s", "failed / diverged", "ms/run"]
     assert rows[0][0] == "*published*" and numbers(rows[0][2]) == [6.0, 0.3]
     for cells in (cells for cells in rows if cells[0].strip("`") in LABELS):
@@ -94,10 +95,10 @@ def test_the_first_table_tells_position_before_velocity_and_milliseconds():
 @pytest.mark.parametrize("of", [SCENARIO, UNPUBLISHED], ids=["published", "unpublished"])
 def test_figures_of_fewer_runs_say_of_how_many(of):
     """Beside the estimator's name, where others flew more; nowhere, where all flew the same."""
-    names = [cells[0] for cells in parsed(tables.glance(of, SUMMARY))[1]]
+    names = [cells[0] for cells in parsed(tables.glance(of, SUMMARY, pairs()))[1]]
     assert not [name for name in names if "run" in name]
     runs = SUMMARY["runs"].mask(SUMMARY["label"] == "late", 7).mask(SUMMARY["label"] == "ins", 1)
-    names = [cells[0] for cells in parsed(tables.glance(of, SUMMARY.assign(runs=runs)))[1]]
+    names = [cells[0] for cells in parsed(tables.glance(of, SUMMARY.assign(runs=runs), pairs()))[1]]
     said = [re.search(r"\d+ runs?$", name) for name in names]
     assert [found[0] for found in said if found] == ["1 run", "7 runs"]
 
@@ -108,7 +109,7 @@ def test_many_cases_show_their_errors_over_the_bound():
     summary = SUMMARY.assign(coverage=SUMMARY["coverage"].mask(liar, 0.5))
     summary.loc[SUMMARY["label"] == "lagged", "success_share"] = 1.0
     summary.loc[SUMMARY["label"] == "ins", "ratio_median"] = math.nan
-    head, rows = parsed(tables.glance(UNPUBLISHED, summary))
+    head, rows = parsed(tables.glance(UNPUBLISHED, summary, pairs()))
     assert len(head) == 1 + len(CASES)
     assert [cells[0] for cells in rows] == [
         "*bound [m]: filter*", "*bound [m]: fixed-lag*", "*bound [m]: batch*", "`ekf`", "`ins`",
@@ -123,6 +124,27 @@ def test_many_cases_show_their_errors_over_the_bound():
             for label in ("ekf", "lagged", "late")
         )
         assert cells[3:] == [f"**{ekf}** (81 %)", "– (81 %)", lagged, f"{late} (81 %) †"]
+
+
+def test_who_flew_fewer_runs_has_the_error_that_common_runs_say():
+    """The best one's median by the mean ratio in common runs, over its own bound; or its own.
+
+    Its own where hardly any runs are common. In a table of many cases with a mark.
+    """
+    best = {"label": "ekf", "runs": 500, "ratio_median": 0.9, "position_bound_m": 8.0}
+    few = {"label": "late", "runs": 40, "ratio_median": 0.7, "position_bound_m": 4.0}
+    pair = {"both_succeeded": 39, "error_ratio": 2.5}  # of the best one over the other
+    assert comparable_ratio(few, best, pair) == pytest.approx(0.9 * 8.0 / 2.5 / 4.0)
+    for other in (None, pair | {"both_succeeded": 4}, pair | {"error_ratio": math.nan}):
+        assert comparable_ratio(few, best, other) == 0.7
+    assert comparable_ratio(few | {"runs": 500}, best, pair) == 0.7
+    runs = SUMMARY["runs"].mask(SUMMARY["label"] == "ins", 40)
+    _, rows = parsed(tables.glance(UNPUBLISHED, SUMMARY.assign(runs=runs), pairs()))
+    (cells,) = (cells for cells in rows if cells[0].startswith("`ins`"))
+    settled = SUMMARY[(SUMMARY["window"] == "settled") & (SUMMARY["case"] == "base")]
+    held = settled.set_index("label")
+    wanted = held.loc["ekf", "ratio_median"] * held.loc["ekf", "position_bound_m"] * 2.5
+    assert cells[1] == f"~{short(wanted / held.loc['ins', 'position_bound_m'])} (81 %)"
 
 
 def test_errors_of_a_case_stand_under_their_headings():
@@ -292,7 +314,9 @@ def test_a_study_of_the_start_is_told_of_the_whole_flight_too():
 
 def test_the_first_table_can_be_of_the_whole_flight():
     """Its numbers are that window's, and it says so."""
-    settled, whole = (parsed(tables.glance(SCENARIO, SUMMARY, w)) for w in ("settled", "whole"))
+    settled, whole = (
+        parsed(tables.glance(SCENARIO, SUMMARY, pairs(), w)) for w in ("settled", "whole")
+    )
     assert (settled[0][0], whole[0][0]) == ("settled window", "whole flight")
     cells = next(row for row in whole[1] if row[0] == "`ekf`")
     assert numbers(cells[2]) == shown(

@@ -28,7 +28,11 @@ def states_of(problem: Problem, count: int, seed: int = 8) -> np.ndarray:
 
 @pytest.mark.parametrize(
     ("name", "case"),
-    [("wang2013", "0.01E-0.2Hz"), ("gnss_outage", "gravimeter"), ("outliers", "dropouts")],
+    [
+        ("wang2013", "0.01E-0.2Hz"),
+        ("gnss_outage", "gravimeter"),
+        pytest.param("outliers", "dropouts", marks=pytest.mark.long),
+    ],
 )
 def test_along_a_trajectory_is_epoch_by_epoch(name, case):
     """The same bits, of epochs in any order and some of them twice; and so are the counts."""
