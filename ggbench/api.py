@@ -31,6 +31,7 @@ from .errors import GGBenchError
 from .judging.judgement import Judgement as Judgement
 from .judging.judgement import epochs_outside
 from .judging.judgement import judge as judge
+from .judging.ranking import rows_of
 from .problem import Estimate, Estimator, Problem
 from .results import folder
 from .results.folder import ResultsError
@@ -333,7 +334,9 @@ class Results(folder.Results):
         """
         from .figures import stored  # not at the top: tables need no Matplotlib
 
-        return stored.error_over_time(self, {self._case(case): self.labels})
+        name = self._case(case)
+        ranked = rows_of(self.summary(), self.scenario.case(name), "settled")
+        return stored.error_over_time(self, {name: list(ranked)})
 
     def plot_errors(
         self,

@@ -210,7 +210,7 @@ def _known(label: str) -> Look | None:
     number = _VARIANTS[name].index(rest)
     if size:
         step = sizes.index(size)
-        line = _LINES[(number + step + 1) % 4]  # another one than the plain estimator's
+        line = _LINES[(number + 1 + step % 3) % 4]  # another one than the plain estimator's
         return Look(_COLOURS[name][number], line, _SIZE_MARKERS[step])
     return Look(_COLOURS[name][number], _LINES[number % 4], _MARKERS[name][number])
 

@@ -34,7 +34,7 @@ def against_width(shares: Mapping[str, Curve], ends: Ends, ratios: Mapping[str, 
             width, share, lw=max(3.4 - 0.25 * number, 1.0), ms=4.0, **look._asdict()
         )
         # Beside each other, or the bars of those at 100 % would be one.
-        beside = width * 1.02 ** (number - 0.5 * len(shares))
+        beside = width * 1.02 ** (number - 0.5 * (len(shares) - 1))
         left.vlines(beside, *ends[label], color=look.color, lw=0.9)
     for label, (width, ratio) in ratios.items():
         right.plot(width, ratio, lw=1.2, ms=4.0, **drawn[label]._asdict())

@@ -34,11 +34,17 @@ def honest(row: Mapping[str, Any]) -> bool:
     """Return whether an estimator is found to know in a case what it claims to know.
 
     Its 95 % regions hold the truth in :data:`LEAST_COVERAGE` of the epochs or more, and it is
-    locked on a wrong place in :data:`MOST_FALSE` of the runs at most. By what was found and not by
-    the ends of intervals, which would let pass with few runs what fails with many. What claims
-    nothing is not found to lie.
+    locked on a wrong place in :data:`MOST_FALSE` of the runs at most, or in a single one. By what
+    was found and not by the ends of intervals, which would let pass with few runs what fails with
+    many. What claims nothing is not found to lie.
     """
-    return not (row["coverage"] < LEAST_COVERAGE or row["false_lock_share"] > MOST_FALSE)
+    return not (row["coverage"] < LEAST_COVERAGE or often_false(row))
+
+
+def often_false(row: Mapping[str, Any]) -> bool:
+    """Return whether an estimator is locked on a wrong place too often to be honest."""
+    share = row["false_lock_share"]
+    return bool(share > MOST_FALSE and round(share * row["runs"]) > 1)
 
 
 def ranked(rows: pd.DataFrame) -> pd.DataFrame:
@@ -119,8 +125,9 @@ def as_good(
     """Return whether an estimator is as good as the best causal one of a case.
 
     "yes" if they are found as good as each other, run by run (:func:`.success.compared`), or it is
-    the better one; "open" if the runs are too few to tell, and the medians of its errors lie within
-    :data:`UNCERTAIN`. It must not fail in more than :data:`MOST_FAILED` of its runs.
+    the better one; "open" if the runs are too few to tell, and its errors lie within
+    :data:`UNCERTAIN` of the best one's. It must not fail in more than :data:`MOST_FAILED` of its
+    runs.
 
     Parameters
     ----------
@@ -133,9 +140,21 @@ def as_good(
     verdict = pair["verdict"] if pair else ""
     if verdict in (EQUAL, WORSE):
         return "yes"
-    ratio = row["ratio_median"] / best["ratio_median"] if best["ratio_median"] else math.nan
+    ratio = error_ratio(row, best, pair)
     near = ratio <= UNCERTAIN and row["success_hi"] >= best["success_lo"]
     return "open" if verdict != BETTER and near else "no"
+
+
+def error_ratio(
+    row: Mapping[str, Any], best: Mapping[str, Any], pair: Mapping[str, Any] | None
+) -> float:
+    """Return an estimator's error over the best one's; NaN where neither is known.
+
+    Run by run if both succeeded in any, else of the medians over the bound.
+    """
+    if pair and pair.get("error_ratio", math.nan) > 0.0:
+        return 1.0 / float(pair["error_ratio"])
+    return row["ratio_median"] / best["ratio_median"] if best["ratio_median"] else math.nan
 
 
 def pair_of(

@@ -61,8 +61,10 @@ def succeeded(runs: pd.DataFrame, bounds: Bounds) -> np.ndarray:
         bounds.get(cell, {}).get("last20", (math.nan,))[0]
         for cell in zip(runs["case"], runs["estimator"], strict=True)
     ]
-    drifted = runs.assign(square=runs["final_ins_error_m"] ** 2)
-    unaided = np.sqrt(drifted.groupby("case")["square"].transform("mean").to_numpy(dtype=float))
+    keys = [key for key in ("case", "seed", "run") if key in runs]
+    flown = runs.dropna(subset=["final_ins_error_m"]).drop_duplicates(keys)
+    drift = (flown["final_ins_error_m"] ** 2).groupby(flown["case"]).mean()
+    unaided = np.sqrt(runs["case"].map(drift).to_numpy(dtype=float))
     farthest = np.fmax(BOUNDS * np.array(ends, dtype=float), OF_THE_INS * unaided)
     near = ~(runs["final_position_error_m"].to_numpy(dtype=float) > farthest)
     judged = runs["false_lock"].notna().groupby(runs["case"]).transform("any").to_numpy(dtype=bool)

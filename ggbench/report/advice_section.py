@@ -6,10 +6,10 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from ..figures.numbers import counted, short, some
+from ..figures.numbers import capital, counted, short, some
 from .league import COST_OF, EXCEPTIONS, SMOOTHERS, Advice, Flown, League, Standing, geometric_mean
 from .league_figure import number
-from .shares import percent, share
+from .shares import SUCCESS, percent, share
 from .situations import NARROW, NOTHING, SITUATIONS, WIDE
 from .tables import markdown
 
@@ -17,11 +17,11 @@ _LINES = {
     "The model is right": {
         "plain": f"narrow prior (σ/ℓ below {NARROW:g})",
         "between": f"σ/ℓ of {NARROW:g} to {WIDE:g}",
-        "wide": "wider",
+        "wide": f"σ/ℓ of {WIDE:g} or more",
     },
     "Long or little aided": {
         "long": "half an hour or more",
-        "scalar": "gravity alone",
+        "scalar": "no gradiometer",
         "outage": "after satellite navigation",
     },
     "Readings or model are wrong": {
@@ -49,7 +49,7 @@ def answer(advised: Sequence[Advice]) -> str:
             if key in held
         ]
         if told:
-            lines.append(f"- **{title}.** {_capital('; '.join(told))}.")
+            lines.append(f"- **{title}.** {capital('; '.join(told))}.")
     return "\n".join(lines)
 
 
@@ -63,21 +63,25 @@ def _told(advice: Advice) -> str:
     if chosen:
         return (
             f"**`{chosen.label}`**, {short(chosen.ms)} ms a run, {number(chosen.mean_ratio)} × "
-            f"the bound, success in {share(chosen.worst, *_SUCCESS)} where it is least"
+            f"the bound, success in {share(chosen.worst, *SUCCESS)} where it is least"
         )
-    text = f"no estimator is good in all of {cases}"
+    text = f"no estimator is honest and good in {'all of ' if len(advice.cases) > 1 else ''}{cases}"
     if advice.standings:
         first = advice.standings[0]
-        text += f" (`{first.label}` in {percent(first.good)})"
-    return f"{text}{_nobody(advice, ', and in ')}"
-
-
-_SUCCESS = ("success_share", "success_lo", "success_hi")
+        text += f" (most often `{first.label}`, {percent(first.good)})"
+    left = [
+        flown.found.best["position_median_m"] / flown.found.ins["position_median_m"]
+        for flown in advice.cases
+        if flown.found.best and flown.found.ins
+    ]
+    if left:
+        text += f"; the best of each case leaves {number(geometric_mean(left))} of the INS's error"
+    return f"{text}{_nobody(advice, '; in ')}"
 
 
 def _nobody(advice: Advice, before: str) -> str:
     """Return in how many cases nobody is honest, behind some words; nothing if there is none."""
-    return f"{before}{advice.nobody} nobody is honest" if advice.nobody else ""
+    return f"{before}{advice.nobody} of them nobody is honest" if advice.nobody else ""
 
 
 def first_screen(advised: Sequence[Advice]) -> str:
@@ -115,18 +119,19 @@ def later(league: League, advised: Sequence[Advice]) -> str:
         return ""
     best = max(held, key=lambda s: (round(s.mean_success, 2), -s.mean_ratio))
     told = [
-        f"{word or title.lower()} {number(ratio)}"
+        f"{word or capital(title)}: {number(ratio)}"
         for title, situations in _LINES.items()
         for key, word in situations.items()
         for advice in advised
-        if advice.situation == key
+        if advice.situation == key != NOTHING
         and math.isfinite(ratio := geometric_mean(_against_best(advice.cases, best.label)))
     ]
     if not told:
         return ""
     return (
         f"**If the answer may wait**: the error of `{best.label}` ({best.causality}, "
-        f"{cost(best)}) over that of the best causal estimator, run by run: {', '.join(told)}."
+        f"{cost(best)}) over that of the best causal estimator, run by run. "
+        f"{capital('; '.join(told))}."
     )
 
 
@@ -159,7 +164,7 @@ def _row(advice: Advice) -> list[str]:
     shown = advice.choice or advice.standings[0]
     named = f"**`{shown.label}`**"
     if not advice.choice:
-        named = f"none{_nobody(advice, '; in ')}. Most often good: `{shown.label}`"
+        named = f"none{_nobody(advice, '; in ')}; most often `{shown.label}`"
     good = percent(shown.good)
     if shown.open:
         good += f" (in {percent(shown.open)} too few runs to tell)"
@@ -170,7 +175,7 @@ def _row(advice: Advice) -> list[str]:
 
 
 def _least(row: Mapping[str, Any]) -> str:
-    return f"{share(row, *_SUCCESS)} of {row['runs']}"
+    return f"{share(row, *SUCCESS)} of {row['runs']}"
 
 
 def _beside(standing: Standing) -> str:
@@ -203,7 +208,3 @@ def _shortcomings(standing: Standing) -> str:
     if standing.honest <= 1.0 - EXCEPTIONS:
         text += f", honest in {percent(standing.honest)}"
     return text
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]

@@ -20,10 +20,9 @@ from ..judging.ranking import honest, rows_of
 from ..results.folder import Results
 from ..spec.case import CaseSpec
 from .families import leaders, of_the_best
+from .shares import SUCCESS
 from .tables import DEFINITIONS
 
-SUCCESS = ("success_share", "success_lo", "success_hi")
-"""Columns of the summary: share of success, and its 95 % interval."""
 RATIO = ("ratio_median", "ratio_quartile_lo", "ratio_quartile_hi")
 """Columns of the summary: error over bound of the runs that succeed, median and quartiles."""
 _MOST_CASES = 8

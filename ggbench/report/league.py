@@ -241,7 +241,7 @@ def _advice(situation: str, cases: Sequence[Flown]) -> Advice:
         near = ABOUT * min(_last(s.cost) for s in able)
         cheap = [s for s in able if _last(s.cost) <= near]
         choice = min(cheap, key=lambda s: (s.label.count("="), _last(s.cost)))
-    nobody = sum(flown.found.best is None or not honest(flown.found.best) for flown in cases)
+    nobody = sum(flown.found.nobody_honest for flown in cases)
     scenarios = list(dict.fromkeys(flown.scenario for flown in cases))
     return Advice(situation, cases, scenarios, found, nobody, choice)
 

@@ -217,7 +217,7 @@ class LeagueReport:
         return (
             f"{markdown(head, rows)}\n\nGeometric mean over the cases of the median error over the "
             "bound, and in brackets the mean share of success, if it is not all. Of who got fewer "
-            "runs the error is the best one's, by the mean ratio in common runs. Far below 1 a "
+            "runs it is the best one's, divided by the mean ratio in common runs. Far below 1 a "
             "bound is no bound: it is that of the model, which the truth need not follow."
         )
 

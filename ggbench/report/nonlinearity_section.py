@@ -12,7 +12,7 @@ import numpy as np
 from ..errors import GGBenchError
 from ..figures.nonlinearity import Curve, against_width, each_setting
 from ..figures.style import save
-from ..judging.locking import wilson
+from ..judging.locking import wilson_of
 from ..results import digest
 from ..results.digest import Digest
 from ..spec.scenario import Scenario
@@ -115,16 +115,17 @@ class Widths:
     def ends(self, label: str) -> np.ndarray:
         """Return the ends (2, n) of the 95 % intervals of the pooled shares of success.
 
-        Wilson's, of all runs of a class of σ/ℓ together.
+        Wilson's, each run counted once: the settings of a class share its random numbers, and are
+        no further samples.
         """
-        counts: dict[int, tuple[int, int]] = {}
+        runs: dict[int, int] = {}
         for (case, name), row in self.rows.items():
             if name == label:
                 place = int(np.searchsorted(_EDGES, self.width[case]))
-                hits, runs = counts.get(place, (0, 0))
-                found = int(row["runs"])
-                counts[place] = hits + round(row["success_share"] * found), runs + found
-        return np.array([wilson(*counts[place])[1:] for place in sorted(counts)]).T
+                runs[place] = max(runs.get(place, 0), int(row["runs"]))
+        _, shares = self.pooled(label, "success_share")
+        counts = (runs[place] for place in sorted(runs))
+        return np.array([wilson_of(s, n)[1:] for s, n in zip(shares, counts, strict=True)]).T
 
     def sureness(self) -> str:
         """Return for which estimators that is not sure, by the lower ends of the intervals."""
@@ -134,7 +135,7 @@ class Widths:
             low = self.ends(label)[0, width <= self.borne(label)]
             if low.min(initial=1.0) < SURE:
                 unsure.append(f"`{label}` ({percent(low.min())})")
-        least = f"The lower end of each share's 95 % interval is {percent(SURE)} or more, too"
+        least = f"The lower ends of these shares' 95 % intervals are {percent(SURE)} or more, too"
         return f"{least}, but for {', '.join(unsure)}." if unsure else f"{least}."
 
     def overview(self) -> Any:

@@ -11,12 +11,12 @@ from typing import Any
 
 import pandas as pd
 
-from ..figures.numbers import counted, short, some
-from ..judging.ranking import MOST_FALSE, honest
+from ..figures.numbers import capital, counted, short, some
+from ..judging.ranking import LEAST_COVERAGE, error_ratio, honest, often_false
 from ..judging.statistics import BETTER
 from ..spec.scenario import Scenario
-from .outcome import Outcome, outcome, ratio_of
-from .shares import percent, share
+from .outcome import Outcome, outcome
+from .shares import SUCCESS, percent, share
 
 
 def answer(scenario: Scenario, summary: pd.DataFrame, pairs: pd.DataFrame) -> str:
@@ -30,8 +30,8 @@ def answer(scenario: Scenario, summary: pd.DataFrame, pairs: pd.DataFrame) -> st
     told = [outcome(case, summary, pairs) for case in scenario.cases]
     told = [found for found in told if found.rows]
     if len(told) == 1:
-        return f"**{_capital(case_answer(told[0]))}**"
-    return f"**{_capital(_of_many(told))}**"
+        return f"**{capital(case_answer(told[0]))}**"
+    return f"**{capital(_of_many(told))}**"
 
 
 def case_answer(found: Outcome) -> str:
@@ -40,7 +40,7 @@ def case_answer(found: Outcome) -> str:
     if best is None:
         return _without_filter(found.rows)
     text = (
-        f"`{best['label']}` succeeds in {share(best, *_SUCCESS)} of {counted(best['runs'], 'run')}"
+        f"`{best['label']}` succeeds in {share(best, *SUCCESS)} of {counted(best['runs'], 'run')}"
     )
     if math.isfinite(best["ratio_median"]):
         text += (
@@ -52,11 +52,11 @@ def case_answer(found: Outcome) -> str:
         text += f"; {_GAINS[found.gain]}"
         text += f"{short(found.ins['position_median_m'])} m (median)"
     if not honest(best):
-        text += f"; **no estimator is honest here**: {_dishonesty(best)}"
+        who = "no causal estimator is honest here" if found.nobody_honest else "it is not honest"
+        text += f"; **{who}**: {_dishonesty(best)}"
     return f"{text}{_others(found)}; {_lost(found.rows.values())}."
 
 
-_SUCCESS = ("success_share", "success_lo", "success_hi")
 _GAINS = {
     "gains": "the INS alone has ",
     "nothing": "aiding gains nothing over the INS, which has ",
@@ -68,9 +68,16 @@ _GAINS = {
 def _dishonesty(row: Mapping[str, Any]) -> str:
     """Return in what an estimator claims more than it knows."""
     parts = [f"its 95 % regions hold the truth in {percent(row['coverage'])} of the epochs"]
-    if row["false_lock_share"] > MOST_FALSE:
+    if often_false(row):
         parts.append(f"it is sure of a wrong place in {percent(row['false_lock_share'])}")
     return ", ".join(parts)
+
+
+def _lie(row: Mapping[str, Any]) -> str:
+    """Return the figure by which an estimator is not honest."""
+    if row["coverage"] < LEAST_COVERAGE:
+        return percent(row["coverage"])
+    return f"wrong in {percent(row['false_lock_share'])}"
 
 
 def _others(found: Outcome) -> str:
@@ -82,24 +89,24 @@ def _others(found: Outcome) -> str:
         if label == found.best["label"] or not math.isfinite(row["position_mrse_m"]):
             continue
         if not honest(row) and honest(found.best):
-            groups.setdefault("dishonest", []).append(f"`{label}` ({percent(row['coverage'])})")
+            groups.setdefault("dishonest", []).append(f"`{label}` ({_lie(row)})")
         elif state == "yes":
             groups.setdefault("yes", []).append(f"`{label}`")
         elif state == "open":
-            groups.setdefault("open", []).append(f"`{label}`{_times(row, found.best)}")
+            groups.setdefault("open", []).append(f"`{label}`{_times(row, found.best, pair)}")
         elif pair and pair["verdict"] == BETTER and pair["success_p"] < _SIGNIFICANT:
             groups.setdefault("seldom", []).append(f"`{label}` ({percent(row['success_share'])})")
         elif pair and pair["verdict"] == BETTER:
             groups.setdefault("no", []).append(f"`{label}` (× {short(1.0 / pair['error_ratio'])})")
         else:
-            groups.setdefault("few", []).append(f"`{label}`{_times(row, found.best)}")
+            groups.setdefault("few", []).append(f"`{label}`{_times(row, found.best, pair)}")
     phrases = {
         "yes": "as good: ",
         "open": "too few runs to tell from it: ",
-        "few": "farther off in the median, but too few runs to be sure: ",
+        "few": "farther off, but too few runs to be sure: ",
         "no": "farther off, by the mean ratio of errors: ",
         "seldom": "successful less often: ",
-        "dishonest": "not to be trusted, by how often their 95 % regions hold the truth: ",
+        "dishonest": "not to be trusted (share of the truth in 95 % regions, or of wrong locks): ",
     }
     return "".join(f"; {text}{some(groups[k])}" for k, text in phrases.items() if k in groups)
 
@@ -107,13 +114,9 @@ def _others(found: Outcome) -> str:
 _SIGNIFICANT = 0.05
 
 
-def _times(row: Mapping[str, Any], best: Mapping[str, Any]) -> str:
-    ratio = ratio_of(row["ratio_median"], best["ratio_median"])
+def _times(row: Mapping[str, Any], best: Mapping[str, Any], pair: Mapping[str, Any] | None) -> str:
+    ratio = error_ratio(row, best, pair)
     return f" (× {short(ratio)})" if math.isfinite(ratio) else ""
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
 
 
 def _lost(rows: Iterable[Mapping[str, Any]]) -> str:

@@ -9,10 +9,13 @@ from typing import Any
 
 import pandas as pd
 
-from ..judging.ranking import AsGood, as_good, best_causal, pair_of, rows_of
+from ..judging.ranking import AsGood, as_good, best_causal, honest, pair_of, rows_of
 from ..judging.statistics import BETTER, UNDECIDED, WORSE
 from ..judging.success import ALIKE
 from ..spec.case import CaseSpec
+
+FEWEST_COMMON = 5
+"""Runs in which two estimators must both have succeeded for a ratio to stand for others."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +38,12 @@ class Outcome:
     beside: Mapping[str, AsGood]
     pairs: Mapping[str, Mapping[str, Any] | None]
     gain: str
+
+    @property
+    def nobody_honest(self) -> bool:
+        """Whether no causal estimator that finished is honest."""
+        causal = [row for row in self.rows.values() if row["causality"] == "filter"]
+        return not any(math.isfinite(r["position_mrse_m"]) and honest(r) for r in causal)
 
 
 def outcome(case: CaseSpec, summary: pd.DataFrame, pairs: pd.DataFrame) -> Outcome:
@@ -61,8 +70,8 @@ def comparable_ratio(
     """Return an estimator's median error over the bound, as far as can be of the best one's runs.
 
     Of an estimator that got fewer runs the median is of another sample. So it is the best one's
-    over all runs, by the mean ratio of the two errors in the runs in which both succeeded; its own
-    median where there are fewer than :data:`_FEWEST_COMMON` of these.
+    over all runs, divided by the mean ratio of the two errors over the runs in which both
+    succeeded; its own median where there are fewer than :data:`FEWEST_COMMON` of these.
 
     Parameters
     ----------
@@ -72,15 +81,12 @@ def comparable_ratio(
         best is None
         or pair is None
         or row["runs"] >= best["runs"]
-        or pair["both_succeeded"] < _FEWEST_COMMON
+        or pair["both_succeeded"] < FEWEST_COMMON
         or not pair["error_ratio"] > 0.0
     ):
         return float(row["ratio_median"])
     error = best["ratio_median"] * best["position_bound_m"] / pair["error_ratio"]
     return float(error / row["position_bound_m"])
-
-
-_FEWEST_COMMON = 5
 
 
 def gain(best: Mapping[str, Any], ins: Mapping[str, Any], pair: Mapping[str, Any] | None) -> str:

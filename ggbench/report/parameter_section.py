@@ -36,7 +36,7 @@ def parameter_section(results: Results, summary: pd.DataFrame, pictures: Path) -
     estimators = results.estimators
     held = {
         case: {
-            k: r for k, r in rows_of(summary, case, "settled").items() if np.isfinite(r[_RATIO[0]])
+            k: r for k, r in rows_of(summary, case, "settled").items() if r["success_share"] >= 0.5
         }
         for case in results.scenario.cases
     }

@@ -196,11 +196,15 @@ class _Report:
             subject = f"not every causal estimator (not {', '.join(failing)}) is"
         lost = int(causal["failed"].sum() + causal["diverged"].sum())
         ratio = causal["ratio_median"].dropna()
+        errors = (
+            f"median position errors of the runs that succeed are {ratio.min():.2f} to "
+            f"{ratio.max():.2f} times the Cramér–Rao bound"
+            if len(ratio)
+            else "no run succeeds"
+        )
         sentence = (
             f"At {counted(runs, 'run')} per case {subject} at or below the paper's {numbers} "
-            f"numbers in the settled window{self._whole_flight()}; median position errors of the "
-            f"runs that succeed are {ratio.min():.2f} to {ratio.max():.2f} times the Cramér–Rao "
-            "bound"
+            f"numbers in the settled window{self._whole_flight()}; {errors}"
         )
         if len(names) > 1 and causal["runs"].nunique() == 1 and not lost:
             errors = causal.groupby("case")["position_mrse_m"]
@@ -211,21 +215,25 @@ class _Report:
         return f"**{sentence}**"
 
     def _whole_flight(self) -> str:
-        """Return how many published numbers are reached if the first updates count, too."""
+        """Return how many published numbers nobody reaches if the first updates count, too.
+
+        Of the estimators with all runs: the least error of a few runs is of a sample that was kind.
+        """
         whole = self.summary[
             (self.summary["window"] == "whole") & (self.summary["causality"] == "filter")
         ].dropna(subset=["paper_position_m"])
+        whole = whole[whole["runs"] == whole["runs"].max()]
         missed = [
             f"{short(least)} {unit} for {short(published)}"
             for _, rows in whole.groupby("case", sort=False)
-            for quantity, unit in (("position", "m"), ("velocity", "mps"))
-            if not (least := float(rows[f"{quantity}_mrse_{unit}"].min()))
-            <= (published := float(rows[f"paper_{quantity}_{unit}"].iloc[0]))
+            for quantity, column, unit in (("position", "m", "m"), ("velocity", "mps", "m/s"))
+            if not (least := float(rows[f"{quantity}_mrse_{column}"].min()))
+            <= (published := float(rows[f"paper_{quantity}_{column}"].iloc[0]))
         ]
         if not missed:
-            return ", and over the whole flight"
-        told = ", ".join(missed).replace(" mps ", " m/s ")
-        return f"; over the whole flight {len(missed)} of them are not reached ({told} at best)"
+            return "; over the whole flight the best of them reach all, too"
+        told = ", ".join(missed)
+        return f"; over the whole flight nobody reaches {len(missed)} of these ({told} at best)"
 
     def _seeking(self) -> str:
         """Return a warning of estimators that may have seen the truth, or nothing."""
@@ -250,8 +258,8 @@ class _Report:
         told = "; ".join(f"{', '.join(labels)} with {name}" for name, labels in engines.items())
         return (
             f"Times are of different engines: {told}, called from Python run by run; "
-            f"{', '.join(compiled)} compiled, many runs at once. They are the same estimators "
-            "([how fast](speed.md))."
+            f"{', '.join(compiled)} compiled, many runs at once. Every engine of an estimator "
+            "gives the same estimates."
         )
 
     def _beside_published(self) -> str:
@@ -369,8 +377,8 @@ class _Report:
         show(
             "error_over_time.png",
             f"Spherical error over {_drawn(self.results.run_count)} against time: medians, of the "
-            "first named and of the INS the quartiles, too; and the Cramér–Rao bounds of filter, "
-            "fixed-lag smoother and smoother, which are root mean squares"
+            "best of each panel and of the INS the quartiles, too; and the Cramér–Rao bounds of "
+            "filter, fixed-lag smoother and smoother, which are root mean squares"
             + of_the_best(self.results.estimators),
         )
         if stored.has_map(self.results, lead.name):

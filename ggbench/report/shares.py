@@ -8,6 +8,9 @@ from typing import Any
 
 from ..figures.numbers import short
 
+SUCCESS = ("success_share", "success_lo", "success_hi")
+"""Columns of the summary: share of success, and its 95 % interval."""
+
 
 def percent(share: float) -> str:
     """Return a share in percent, its digits such that none and all are not claimed wrongly."""

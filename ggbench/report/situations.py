@@ -11,16 +11,16 @@ from ..spec.case import CaseSpec
 from ..spec.further import table_of
 
 NARROW, WIDE = 0.2, 1.0
-"""σ/ℓ up to which a prior is narrow, and from which on it is wide. In the scenario
-``nonlinearity`` Kalman filters find back from no wider priors than the first."""
+"""σ/ℓ up to which a prior is narrow, and from which on it is wide. Where Kalman filters cease to
+find back is what the scenario ``nonlinearity`` is about."""
 LONG_S = 1800.0
 """Duration from which a flight is called long [s]."""
 NOTHING = "nothing"
 SITUATIONS = {
-    "plain": f"Narrow prior, right model (σ/ℓ below {NARROW:g})",
+    "plain": f"Narrow prior, right model (σ/ℓ below {NARROW:g}, or not known)",
     "between": f"A prior of the field's own scale (σ/ℓ of {NARROW:g} to {WIDE:g})",
     "wide": f"Wide prior (σ/ℓ of {WIDE:g} or more)",
-    "scalar": "Gravity alone, no gradients",
+    "scalar": "No gradiometer on board",
     "long": f"Long flight ({LONG_S / 60.0:g} min or more), narrow prior",
     "readings": "Outliers or gaps in the readings",
     "outage": "Satellite navigation that fails",

@@ -75,7 +75,12 @@ def glance(
         rows.append([name, causality, *errors, lost, milliseconds])
     titles = [f"{case.title}: m, m/s" for case in cases]
     head = [WINDOW_TITLES[window], "causality", *titles, "failed / diverged", "ms/run"]
-    return markdown(head, rows)
+    table = markdown(head, rows)
+    if any(row["runs"] < most for held in tables for row in held.values()):
+        table += (
+            "\n\nErrors of fewer runs are of another sample: they do not compare with the others'."
+        )
+    return table
 
 
 def errors_of_cases(scenario: Scenario, summary: pd.DataFrame, pairs: pd.DataFrame) -> str:
@@ -103,9 +108,10 @@ def errors_of_cases(scenario: Scenario, summary: pd.DataFrame, pairs: pd.DataFra
     reading = (
         "Median over the runs that succeed of the position error over the bound of its kind; "
         "behind it the share of success, if it is not all, and † what is not honest of itself; "
-        "of who got fewer runs the error is that of the best one, by the mean ratio in the runs "
-        "that both flew, marked ~. "
-        f"The best causal estimator of a case is bold ([definitions]({DEFINITIONS}))."
+        "of who got fewer runs (~) it is the best one's median, divided by the mean ratio of the "
+        "two errors over the runs in which both succeed. "
+        "The best causal estimator of a case is bold if it is honest "
+        f"([definitions]({DEFINITIONS}))."
     )
     return f"{markdown(['', *(case.title for case in tables)], rows)}\n\n{reading}"
 
@@ -137,7 +143,7 @@ def _over_bound(
         ratio = comparable_ratio(row, best, pair)
         mark = "~" if ratio != row["ratio_median"] else ""
     text = f"{mark}{short(ratio)}" if math.isfinite(ratio) else "–"
-    if best is not None and row["label"] == best["label"]:
+    if best is not None and row["label"] == best["label"] and honest(row):
         text = f"**{text}**"
     if row["success_share"] < 1.0:
         text += f" ({percent(row['success_share'])})"

@@ -33,6 +33,8 @@ def tuning_section(results: Results) -> list[str]:
             if chosen is None:
                 continue
             label = str(chosen["label"])
+            if grid[0] not in found or label not in found:  # no run of odd number is there
+                continue
             rows.append(
                 [case.title, name, str(common // 2), *_figures(found[grid[0]]), f"`{label}`",
                  *_figures(found[label])]

@@ -78,6 +78,7 @@ def test_what_claims_to_know_what_it_does_not_is_not_the_best():
     assert not honest(row("few", 1.0, coverage=0.79, runs=20))
     assert not honest(liar) and best(liar, sound) == "sound"
     assert best(liar | {"coverage": 0.8}, sound) == "liar"
+    assert honest(row("once", 1.0, false_lock_share=0.1, runs=10))  # a single one may be chance
     mistaken = row("mistaken", 1.0, false_lock_share=0.051)
     assert not honest(mistaken) and best(mistaken, sound) == "sound"
     assert best(liar, mistaken | {"ratio_median": 2.0}) == "liar"  # where nobody is honest
@@ -118,13 +119,16 @@ def test_what_got_fewer_runs_is_the_best_only_alone():
         ("not distinguishable", {"ratio_median": 1.1}, "open"),
         ("not distinguishable", {"ratio_median": 1.11}, "no"),
         ("not distinguishable", {"success_hi": 0.95}, "no"),
+        ("not distinguishable", {"ratio_median": 9.0, "error_ratio": 0.95}, "open"),
+        ("not distinguishable", {"ratio_median": 1.0, "error_ratio": 0.9}, "no"),
         ("as good", {"failed": 6}, "no"),
     ],
 )
 def test_who_is_as_good_as_the_best(verdict, changes, wanted):
-    """Found so run by run; or the runs are too few, and it may be."""
+    """Found so run by run; or the runs are too few, and it may be: by the ratio of common runs."""
     other = row("other", 1.0) | changes
-    assert as_good(other, row("best", 1.0), {"verdict": verdict}) == wanted
+    pair = {"verdict": verdict} | {k: v for k, v in changes.items() if k == "error_ratio"}
+    assert as_good(other, row("best", 1.0), pair) == wanted
     assert as_good(other, row("other", 1.0), None) == "yes"
 
 

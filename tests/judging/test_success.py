@@ -126,11 +126,12 @@ def test_the_summary_and_the_pairs_hold_them():
 def test_a_run_succeeds_if_it_ends_near_enough(bound, left, end, near):
     """Within ten bounds, or within half of what the INS has; to be no worse than it is not enough.
 
-    A lost run of the INS does not move the limit of a case alone: it is that of all its runs.
+    A lost run of the INS does not move the limit of a case alone: it is that of all its runs, each
+    counted once, whoever flew it.
     """
     runs = pd.DataFrame(
         {
-            "case": "c", "estimator": "e", "status": "ok", "diverged": False,
+            "case": "c", "estimator": "e", "run": [0, 1], "status": "ok", "diverged": False,
             "final_position_error_m": [end, 0.0], "lock_time_s": math.nan,
             "final_ins_error_m": [0.0 * left, math.sqrt(2.0) * left],
             "false_lock": pd.array([None, None], dtype="boolean"),
@@ -146,3 +147,10 @@ def test_a_run_succeeds_if_it_ends_near_enough(bound, left, end, near):
     other = runs.assign(case="d", status="failed")
     both = pd.concat([locked, other])
     assert success.succeeded(both, bounds).tolist() == [True, False, False, False]
+    # A run that many flew counts no more, and a smoother is held to its own bound.
+    more = pd.concat(
+        [runs, runs.iloc[:1].assign(estimator="other"), runs.iloc[:1].assign(estimator="late")]
+    )
+    narrow = bounds | {("c", "late"): {"last20": (0.1 * end, 1.0)}}
+    assert success.succeeded(more, narrow).tolist()[:2] == [near, True]
+    assert success.succeeded(more, narrow)[3]

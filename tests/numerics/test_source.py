@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import importlib
-import itertools
 import re
 import shutil
 from pathlib import Path
@@ -148,8 +147,10 @@ def as_python_reads(file: Path, place: Path | None = None) -> set[Path]:
             for name in node.names if node.level else ():
                 places = base / f"{name.name}.py", base / name.name / "__init__.py"
                 places += base.with_suffix(".py"), base / "__init__.py"
+                here = [path for path in places if path.is_file()]
                 # Estimators stand elsewhere in a checkout: each other they do not find here.
-                found |= set(itertools.islice((p for p in places if p.is_file()), 1))
+                assert here or place != file, (file, name.name)
+                found.update(here[:1])
     return found
 
 

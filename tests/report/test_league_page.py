@@ -81,7 +81,7 @@ def test_where_nobody_is_good_everywhere_that_is_said(tmp_path):
     text = page(held, tmp_path)
     row = list(advised(text).values())
     assert row[1] == "2 in 2 scenarios"
-    assert re.fullmatch("none. Most often good: `(ekf|ukf)`", row[2])
+    assert re.fullmatch("none; most often `(ekf|ukf)`", row[2])
     assert (row[3], row[-1]) == ("50 %", "")
     told = row[2] + short_of(text)
     assert (told.count("`ekf`"), told.count("`ukf`")) == (1, 1)
@@ -136,7 +136,7 @@ def test_what_the_answer_after_the_fact_is_worth(tmp_path):
     text = page(league_of(s=[[INS, EKF, SMOOTHER]]), tmp_path)
     assert (
         "**If the answer may wait**: the error of `gauss-newton` (batch, 4.00 × the time of `ekf`) "
-        "over that of the best causal estimator, run by run: narrow prior (σ/ℓ below 0.2) 0.500."
+        "over that of the best causal estimator, run by run. Narrow prior (σ/ℓ below 0.2): 0.500."
     ) in text
     assert "If the answer may wait" not in page(league_of(s=[[INS, EKF]]), tmp_path)
 
@@ -284,7 +284,8 @@ def test_the_answer_has_a_line_for_each_group_of_situations(tmp_path):
     assert lines == [
         f"- **The model is right.** Narrow prior (σ/ℓ below 0.2): **`ekf`**, 10.0 ms a run, "
         f"{short(MEDIAN)} × the bound, success in 100 % [94 %, 100 %] where it is least.",
-        "- **The map is wrong.** No estimator is good in all of 1 case (`liar` in 0 %), and in 1 "
-        "nobody is honest.",
+        "- **The map is wrong.** No estimator is honest and good in 1 case (most often `liar`, "
+        "0 %); the best of each case leaves 0.0100 of the INS's error; in 1 of them nobody is "
+        "honest.",
         "- **Aiding gains nothing.** No causal estimator beats the INS in 1 case of `idle`.",
     ]

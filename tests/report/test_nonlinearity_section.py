@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 from problems import SMALL
 
-from ggbench.judging.locking import wilson
+from ggbench.judging.locking import wilson_of
 from ggbench.report import nonlinearity_section
 from ggbench.report.nonlinearity_section import (
     NonlinearityReport,
@@ -117,18 +117,18 @@ def test_what_an_estimator_bears_is_told_the_widest_first(held):
 
 
 def test_what_few_runs_cannot_say_is_said(held):
-    """By Wilson's interval of all runs of a class: 192 of 200 are not surely 95 %."""
+    """By Wilson's interval, each run once however many settings it flew: 96 of 100 is not sure."""
     widths = Widths(held)
-    assert widths.ends("ekf")[:, 0] == pytest.approx(wilson(199, 200)[1:])
+    assert widths.ends("ekf")[:, 0] == pytest.approx(wilson_of(0.995, 100)[1:])
     assert widths.ends("ekf").shape == (2, 3)
-    low = wilson(192, 200)[1], wilson(194, 200)[1]
+    low = wilson_of(0.96, 100)[1], wilson_of(0.97, 100)[1]
     assert widths.sureness() == (
-        "The lower end of each share's 95 % interval is 95 % or more, too, but for "
+        "The lower ends of these shares' 95 % intervals are 95 % or more, too, but for "
         f"`ekf` ({100.0 * low[0]:.0f} %), `search` ({100.0 * low[1]:.0f} %)."
     )
     sure = held.summary.assign(runs=10000)
     assert Widths(dataclasses.replace(held, summary=sure)).sureness() == (
-        "The lower end of each share's 95 % interval is 95 % or more, too."
+        "The lower ends of these shares' 95 % intervals are 95 % or more, too."
     )
 
 

@@ -59,10 +59,10 @@ def test_the_others_are_told_by_what_sets_them_apart():
     assert part(text, "as good: ") == "`same`"
     assert part(text, "farther off, by the mean ratio of errors: ") == "`poor` (× 3.00)"
     assert part(text, "successful less often: ") == "`seldom` (50 %)"
-    reason = "not to be trusted, by how often their 95 % regions hold the truth: "
+    reason = "not to be trusted (share of the truth in 95 % regions, or of wrong locks): "
     assert part(text, reason) == "`liar` (50 %)"
     assert part(text, "too few runs to tell from it: ") == f"`maybe` (× {math.sqrt(1.1):.2f})"
-    off = part(text, "farther off in the median, but too few runs to be sure: ")
+    off = part(text, "farther off, but too few runs to be sure: ")
     assert off == f"`unsure` (× {math.sqrt(1.28):.2f})"
 
 
@@ -109,7 +109,12 @@ def test_where_nobody_is_honest_that_is_said_of_the_best():
     """It is still the best, and what it claims wrongly is said."""
     text = told(INS, dishonest(records("best", SAME)), dishonest(records("poor", 9.0 * SAME), 0.3))
     assert text.startswith("`best` succeeds")
-    assert "**no estimator is honest here**: its 95 % regions hold the truth in 50 %" in text
+    assert "**no causal estimator is honest here**: its 95 % regions hold the truth in 50" in text
+    seldom = records("seldom", SAME)
+    for record in seldom[:30]:
+        record["diverged"] = True
+    other = told(records("ins", 1e4 * SAME, "none"), dishonest(records("best", SAME)), seldom)
+    assert "; **it is not honest**: its 95 % regions hold the truth in 50 %" in other
     assert part(text, "farther off, by the mean ratio of errors: ") == "`poor` (× 3.00)"
     assert "not to be trusted" not in text
 

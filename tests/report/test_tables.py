@@ -124,6 +124,8 @@ def test_many_cases_show_their_errors_over_the_bound():
             for label in ("ekf", "lagged", "late")
         )
         assert cells[3:] == [f"**{ekf}** (81 %)", "– (81 %)", lagged, f"{late} (81 %) †"]
+    _, rows = parsed(tables.glance(UNPUBLISHED, SUMMARY.assign(coverage=0.5), pairs()))
+    assert not any("**" in cell for row in rows for cell in row)  # no best where nobody is honest
 
 
 def test_who_flew_fewer_runs_has_the_error_that_common_runs_say():

@@ -69,6 +69,12 @@ def test_the_best_on_one_half_is_judged_on_the_other():
         assert cell.split(" ")[0] == f"{settled[label]:.2f}"
 
 
+def test_of_a_single_run_nothing_can_be_tuned():
+    """There is none of odd number to be judged on."""
+    training = half(plain=4.0, scaled=2.0, gated=1.0)
+    assert tuning_section(results(True, training, training[:0])) == []
+
+
 def test_what_is_not_tuned_has_no_section():
     """Without the scenario's word, or without variants, nothing is told."""
     halves = half(plain=4.0, scaled=2.0, gated=1.0), half(plain=1.0, scaled=3.0, gated=1.0)

@@ -17,10 +17,11 @@ from ...judging.ranking import rows_of
 from ...results.folder import Results
 from ...spec.sweep import planes
 from .. import league_page, scenario_report
-from ..answer_section import RATIO, SUCCESS, aided, fewer, series
+from ..answer_section import RATIO, aided, fewer, series
 from ..families import leaders
 from ..league import League
 from ..league import read as read_league
+from ..shares import SUCCESS
 from . import libraries, writing
 from .charts import Chart, Places, over_cases, over_time
 
@@ -30,7 +31,7 @@ _ANSWER = (
 )
 _OVER_TIME = (
     "Median spherical error against time, with the Cramér–Rao bounds of filter, fixed-lag smoother "
-    "and smoother; cases are chosen above the figure"
+    "and smoother, which are root mean squares; cases are chosen above the figure"
 )
 _LEAGUE = (
     "Share of success (mean), and error over bound (geometric mean of the medians), of every "
