@@ -13,7 +13,7 @@ import pandas as pd
 
 from ..errors import GGBenchError
 from ..figures import stored
-from ..figures.numbers import counted, short
+from ..figures.numbers import counted
 from ..figures.style import save
 from ..judging.ranking import rows_of
 from ..results import digest
@@ -33,6 +33,7 @@ from .nonlinearity_section import NonlinearityReport, is_of_the_prior
 from .opening import answer
 from .parameter_section import parameter_section
 from .particles_section import particles_section
+from .published_section import beside_published, frameworks
 from .realisations_section import realisations_section
 from .sweep_section import SweepReport
 from .tuning_section import tuning_section
@@ -145,7 +146,7 @@ class _Report:
             answer_figure(self.results, self.summary, self.pictures),
             caveat(self.results, self.summary),
             tables.glance(self.scenario, self.summary, self.paired),
-            self._frameworks(),
+            frameworks(self.results.estimators),
             self._beside_published(),
             self.scenario.description,
             *ConvergenceReport(self.results, self.summary, self.pictures).sections(),
@@ -175,65 +176,7 @@ class _Report:
         ]
 
     def _verdict(self) -> str:
-        settled = self.summary[self.summary["window"] == "settled"]
-        causal = settled[settled["causality"] == "filter"]
-        with_reference = causal.dropna(subset=["paper_position_m"])
-        if with_reference.empty:
-            return answer(self.scenario, self.summary, self.paired)
-        # Written so that an estimator without a figure (all runs failed) does not pass.
-        reached = (with_reference["position_mrse_m"] <= with_reference["paper_position_m"]) & (
-            with_reference["velocity_mrse_mps"] <= with_reference["paper_velocity_mps"]
-        )
-        names = list(dict.fromkeys(f"`{label}`" for label in causal["label"]))
-        numbers = 2 * len(self.references)
-        runs = int(with_reference["runs"].max())
-        if reached.all():
-            subject = f"every causal estimator ({', '.join(names)}) is"
-        elif not reached.any():
-            subject = "no causal estimator is"
-        else:
-            failing = [f"`{r.label}` in {r.case}" for r in with_reference[~reached].itertuples()]
-            subject = f"not every causal estimator (not {', '.join(failing)}) is"
-        lost = int(causal["failed"].sum() + causal["diverged"].sum())
-        ratio = causal["ratio_median"].dropna()
-        errors = (
-            f"median position errors of the runs that succeed are {ratio.min():.2f} to "
-            f"{ratio.max():.2f} times the Cramér–Rao bound"
-            if len(ratio)
-            else "no run succeeds"
-        )
-        sentence = (
-            f"At {counted(runs, 'run')} per case {subject} at or below the paper's {numbers} "
-            f"numbers in the settled window{self._whole_flight()}; {errors}"
-        )
-        if len(names) > 1 and causal["runs"].nunique() == 1 and not lost:
-            errors = causal.groupby("case")["position_mrse_m"]
-            spread = 100.0 * float((errors.max() / errors.min() - 1.0).max())
-            amount = f"{spread:.2f} % at most" if spread >= 0.01 else "less than 0.01 %"
-            sentence += f", and within one case the estimators differ by {amount}"
-        sentence += f"; {counted(lost, 'run') if lost else 'no runs'} failed or diverged."
-        return f"**{sentence}**"
-
-    def _whole_flight(self) -> str:
-        """Return how many published numbers nobody reaches if the first updates count, too.
-
-        Of the estimators with all runs: the least error of a few runs is of a sample that was kind.
-        """
-        whole = self.summary[
-            (self.summary["window"] == "whole") & (self.summary["causality"] == "filter")
-        ].dropna(subset=["paper_position_m"])
-        whole = whole[whole["runs"] == whole["runs"].max()]
-        missed = [
-            f"{short(least)} {unit} for {short(published)}"
-            for _, rows in whole.groupby("case", sort=False)
-            for quantity, column, unit in (("position", "m", "m"), ("velocity", "mps", "m/s"))
-            if not (least := float(rows[f"{quantity}_mrse_{column}"].min()))
-            <= (published := float(rows[f"paper_{quantity}_{column}"].iloc[0]))
-        ]
-        if not missed:
-            return "; over the whole flight the best of them reach all, too"
-        told = ", ".join(missed)
-        return f"; over the whole flight nobody reaches {len(missed)} of these ({told} at best)"
+        return beside_published(self.summary) or answer(self.scenario, self.summary, self.paired)
 
     def _seeking(self) -> str:
         """Return a warning of estimators that may have seen the truth, or nothing."""
@@ -244,22 +187,6 @@ class _Report:
             f"**Read with care: {'; '.join(found)}. What looks through the process that runs it "
             "may have seen the truth: how such an estimator comes to its figures is told by its "
             "source alone.**"
-        )
-
-    def _frameworks(self) -> str:
-        """Return whose times are those of a framework, where others are compiled; else nothing."""
-        engines: dict[str, list[str]] = {}
-        for label, content in self.results.estimators.items():
-            if engine := content["parameters"].get("engine"):
-                engines.setdefault(engine, []).append(f"`{label}`")
-        compiled = engines.pop("numba", None)
-        if not (compiled and engines):
-            return ""
-        told = "; ".join(f"{', '.join(labels)} with {name}" for name, labels in engines.items())
-        return (
-            f"Times are of different engines: {told}, called from Python run by run; "
-            f"{', '.join(compiled)} compiled, many runs at once. Every engine of an estimator "
-            "gives the same estimates."
         )
 
     def _beside_published(self) -> str:

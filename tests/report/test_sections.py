@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import tomllib
 from pathlib import Path
@@ -196,6 +197,17 @@ def test_a_requirement_has_the_interval_of_its_error(report):
     assert report.answer() == (
         "**Largest noise with which `ekf` reaches 10 m: 0.01 E at 5000 m, 0.0025 E at 9000 m.**"
     )
+
+
+def test_the_answer_of_a_sweep_has_a_line_for_each_plane(report):
+    """Under its title; nothing where nothing is to be reached."""
+    (plane,) = report.planes
+    report.planes = [dataclasses.replace(plane, title=title) for title in ("level", "inertial")]
+    lines = report.answer().splitlines()
+    assert [line.partition(":")[0] for line in lines] == ["- **level**", "- **inertial**"]
+    assert all("reaches 10 m: 0.01 E at 5000 m" in line for line in lines)
+    report.sweep = dataclasses.replace(report.sweep, targets_m=())
+    assert report.answer() == ""
 
 
 def test_the_best_is_so_over_the_whole_plane(report):
