@@ -119,7 +119,7 @@ def later(league: League, advised: Sequence[Advice]) -> str:
         return ""
     best = max(held, key=lambda s: (round(s.mean_success, 2), -s.mean_ratio))
     told = [
-        f"{word or capital(title)}: {number(ratio)}"
+        f"{word or title.lower()}: {number(ratio)}"
         for title, situations in _LINES.items()
         for key, word in situations.items()
         for advice in advised
