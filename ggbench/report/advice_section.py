@@ -29,7 +29,10 @@ _LINES = {
         "model": "sensors, times, initial errors",
         "gravity": "unknown gravity",
     },
-    "The map is wrong": {"map": ""},
+    "The map is wrong": {
+        "map": "its error not told, or told as white noise",
+        "told": "told as a bias of each channel that walks",
+    },
     "Aiding gains nothing": {NOTHING: ""},
 }
 """The lines of the answer: what each says of which situations, in a few words."""

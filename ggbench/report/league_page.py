@@ -110,7 +110,8 @@ class LeagueReport:
             f"{100.0 * (ABOUT - 1.0):.0f} % of its time the one with the fewest parameters.",
             "Situations": "the first that fits a case: *aiding gains nothing*, if the best causal "
             "estimator is not better than the INS; a receiver that fails; readings, or a map, that "
-            "`[truth]` or `[model]` set apart from what the estimators are told; gravity that is "
+            "`[truth]` or `[model]` set apart from what the estimators are told (a map's error may "
+            "be told as biases of the readings, which are states); gravity that is "
             "felt and not compensated; no gradiometer on board; a prior of "
             f"{WIDE:g} σ/ℓ or more, or of {NARROW:g} or more; a flight of {LONG_S / 60.0:g} min or "
             "more; anything else that is set apart; a narrow prior and a right model.",

@@ -25,10 +25,12 @@ SITUATIONS = {
     "readings": "Outliers or gaps in the readings",
     "outage": "Satellite navigation that fails",
     "map": "A map that is not the field",
+    "told": "A map that is not the field, its error told as biases that walk",
     "gravity": "Gravity that the mechanization does not know",
     "model": "Sensors, times or initial errors other than the estimators believe",
     NOTHING: "Aiding gains nothing",
 }
+_BIASES = "model.gradiometer.bias_eotvos"
 _READINGS = ("outlier", "dropout", "noise_freedom")
 
 
@@ -53,7 +55,7 @@ def situation_of(case: CaseSpec, gained: str, correlation_m: float = math.nan) -
         return "readings"
     wrong -= _OF_GRAVITY
     if any(key.split(".")[1] == "field" for key in wrong):
-        return "map"
+        return "told" if _BIASES in wrong else "map"
     if _unknown_gravity(case):
         return "gravity"
     if case.gradiometer is None:

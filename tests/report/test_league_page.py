@@ -12,9 +12,10 @@ from leagues import EKF, INS, digest_of, dishonest, entry, league_of, page, rena
 from summaries import RUNS, SAME, records
 
 from ggbench.figures.numbers import short
-from ggbench.report import league, league_page
+from ggbench.report import advice_section, league, league_page
 from ggbench.report.league import Entry, League
 from ggbench.report.scenario_report import ReportError
+from ggbench.report.situations import SITUATIONS
 
 MEDIAN = float(np.median(np.sqrt(SAME)))
 SMOOTHER = records("gauss-newton", 0.25 * SAME, "batch", seconds=0.04)
@@ -284,8 +285,10 @@ def test_the_answer_has_a_line_for_each_group_of_situations(tmp_path):
     assert lines == [
         f"- **The model is right.** Narrow prior (σ/ℓ below 0.2): **`ekf`**, 10.0 ms a run, "
         f"{short(MEDIAN)} × the bound, success in 100 % [94 %, 100 %] where it is least.",
-        "- **The map is wrong.** No estimator is honest and good in 1 case (most often `liar`, "
-        "0 %); the best of each case leaves 0.0100 of the INS's error; in 1 of them nobody is "
-        "honest.",
+        "- **The map is wrong.** Its error not told, or told as white noise: no estimator is "
+        "honest and good in 1 case (most often `liar`, 0 %); the best of each case leaves 0.0100 "
+        "of the INS's error; in 1 of them nobody is honest.",
         "- **Aiding gains nothing.** No causal estimator beats the INS in 1 case of `idle`.",
     ]
+    told = [key for situations in advice_section._LINES.values() for key in situations]
+    assert sorted(told) == sorted(SITUATIONS)
