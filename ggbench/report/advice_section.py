@@ -30,8 +30,8 @@ _LINES = {
         "gravity": "unknown gravity",
     },
     "The map is wrong": {
-        "map": "its error not told, or told as white noise",
-        "told": "told as a bias of each channel that walks",
+        "map": "error of the map not told, or told as white noise",
+        "told": "error of the map told as a bias of each channel that walks",
     },
     "Aiding gains nothing": {NOTHING: ""},
 }
