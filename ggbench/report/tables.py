@@ -68,7 +68,7 @@ def glance(
             bounds = cells(label, "position_bound_m", "velocity_bound_mps")
             rows.append(["*Cramér–Rao bound*", f"*{causality}*", *bounds, "", ""])
         errors = cells(label, "position_mrse_m", "velocity_mrse_mps")
-        milliseconds = f"{1e3 * first['seconds_per_run']:.0f}"
+        milliseconds = short(1e3 * first["seconds_per_run"])
         held = [table[label] for table in tables if label in table]
         lost = " / ".join(str(sum(row[key] for row in held)) for key in ("failed", "diverged"))
         name = f"`{label}`{_of_fewer(held, most)}"
