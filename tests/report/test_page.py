@@ -158,7 +158,7 @@ def test_most_heads_of_the_reports_are_explained():
     results = [rows[0] for rows in tables_of(text) if {"success", "NEES (band)"} & {*rows[0]}]
     heads = {head for found in results for head in found}
     assert {"success", "NEES (band)", "map points"} <= heads
-    plain = {"estimator", "case", "tuned: which"}
+    plain = {"estimator", "case", "runs judged", "tuned: which"}
     assert {head for head in heads if definitions.title_of(head) is None} <= plain
 
 

@@ -255,7 +255,8 @@ def test_the_report_answers_what_is_known(tmp_path):
     """With errors in proportion to noise the report finds noise, efficiency and inconsistency."""
     loaded = load(tmp_path, BASE + SWEEP.replace("0.01]", "0.01, 1.0]"))
     summary = power_law(loaded, {"good": 1.0, "bad": 4.0})
-    text = "\n".join(sweep_section.SweepReport(loaded, summary, tmp_path).sections())
+    report = sweep_section.SweepReport(loaded, summary, tmp_path)
+    text = "\n".join([report.answer(), *report.sections()])
     # 8 m = 1000 m/E · noise / √rate: noise = 8e-3 · √rate, divided by the factor.
     assert "| 8 m | `good` | 0.0057 [0.0051, 0.0063] | 0.008 [0.0073, 0.0089] |" in text
     assert "| 8 m | `bad` | 0.0014 [0.0013, 0.0016] | 0.002 [0.0018, 0.0022] |" in text
@@ -301,7 +302,7 @@ def test_each_bound_is_shown_once(tmp_path):
     summary.loc[(summary["label"] == "lost") & (summary.index > 3), numbers] = np.nan
     report = sweep_section.SweepReport(loaded, summary, tmp_path)
     assert set(report._bounds(report.planes[0])) == {"bound: filter", "bound: batch"}
-    assert "with which `ekf` reaches" in "".join(report.sections())
+    assert "with which `ekf` reaches" in report.answer()
 
 
 @pytest.mark.long
@@ -313,7 +314,8 @@ def test_a_report_for_any_number_of_axes(axes, tmp_path):
         text = text[: text.index('[[sweep.axis]]\nname = "rate"')]
     loaded = load(tmp_path, text)
     summary = power_law(loaded, {"ekf": 1.0})
-    report = "\n".join(sweep_section.SweepReport(loaded, summary, tmp_path).sections())
+    made = sweep_section.SweepReport(loaded, summary, tmp_path)
+    report = "\n".join([made.answer(), *made.sections()])
     drawn = sorted(path.name for path in tmp_path.glob("*.png"))
     if axes == 1:
         assert drawn == ["curves.png"]
