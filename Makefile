@@ -8,7 +8,7 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: help paper sweep library bench bench-check areas agreement test test-long test-all coverage lint format typecheck keys pictures docs wheel-check browser lock clean
+.PHONY: help paper sweep library bench bench-check areas agreement test test-long test-all coverage lint format typecheck keys pictures turbulence docs wheel-check browser lock clean
 
 help:
 	@echo "make paper        run the scenario wang2013 and write its report to reports/"
@@ -26,6 +26,7 @@ help:
 	@echo "make typecheck    check the type annotations"
 	@echo "make keys         write the tables of docs/scenario_files.md from the specification"
 	@echo "make pictures     draw the pictures of docs/concepts"
+	@echo "make turbulence   fly the tracks of the scenario turbulence anew, by JSBSim"
 	@echo "make docs         build the documentation into build/docs; a warning is an error"
 	@echo "make wheel-check  build the wheel, install it in an empty environment and use it"
 	@echo "make browser      install Chromium, with which pages are tested, where apt-get can"
@@ -105,6 +106,9 @@ keys: $(INSTALLED)
 
 pictures: $(INSTALLED)
 	$(BIN)/python docs/scripts/pictures.py
+
+turbulence: $(INSTALLED)
+	PYTHONPATH=tests $(BIN)/python -m turbulence
 
 # Everything that it reads is here: it needs no network.
 docs: $(INSTALLED)

@@ -84,7 +84,8 @@ def absurdities(flown: Flown) -> Iterator[str]:
     if flown.vertical > MOST_VERTICAL:
         yield (
             f"the flight accelerates by {flown.vertical:.1f} m/s² up or down, and more than "
-            f"{MOST_VERTICAL:.1f} m/s² (half a g) is severe turbulence: {_remedy(flown)}"
+            f"{MOST_VERTICAL:.1f} m/s² (half a g) is severe turbulence: "
+            f"if none is meant, {_remedy(flown)}"
         )
     if flown.vehicle == "ship" and flown.across > MOST_ACROSS_SHIP:
         yield (

@@ -19,48 +19,61 @@ from .tables import markdown
 
 _SEEDS = (("model", "field", "error", "seed"), ("truth", "field", "error", "seed"))
 """Where a case says which realisation of a map's error it is."""
+_COURSES = tuple(("trajectory", key) for key in ("latitude_deg", "longitude_deg", "heading_deg"))
+"""Where it says over which part of a map it flies: where an error is not drawn, another one."""
 READING = (
-    "Over realisations of the map's error the intervals hold what differs from map to map as well "
-    "as from run to run: 95 %, Student's t over the realisations, of the mean logarithm of the "
-    "median error over the bound. Few maps make them wide; what overlaps here is not told apart by "
-    "maps like these, however many runs were flown over one of them. Behind the median of a map "
-    "the share of success, if it is not all."
+    "Over realisations of the map's error, or over courses where nothing in it is drawn, the "
+    "intervals hold what differs from map to map, or from place to place, as well as from run to "
+    "run: 95 %, Student's t over the realisations, of the mean logarithm of the median error over "
+    "the bound. Few of them make it wide; what overlaps here is not told apart by maps like these, "
+    "however many runs were flown over one of them. Behind the median of each the share of "
+    "success, if it is not all."
 )
 
 
 def realisations_section(scenario: Scenario, summary: pd.DataFrame) -> list[str]:
     """Return the section as markdown; nothing where no error was drawn more than once."""
     rows = []
-    for group in groups(scenario.cases):
+    for what, group in groups(scenario.cases):
         tables = [rows_of(summary, case, "settled") for case in group]
         for label in tables[0]:
             held = [table[label] for table in tables if label in table]
             if len(held) == len(tables):
-                rows.append([f"{group[0].title} ({len(group)} maps)", *_cells(label, held)])
+                rows.append([f"{group[0].title} ({len(group)} {what})", *_cells(label, held)])
     if not rows:
         return []
-    head = ["error of the map", "estimator", "error / bound", "of each map", "honest on"]
+    head = ["error of the map", "estimator", "error / bound", "of each", "honest on"]
     return ["## Over realisations of the map's error", READING, markdown(head, rows)]
 
 
-def groups(cases: Sequence[CaseSpec]) -> list[list[CaseSpec]]:
-    """Return the cases that are the same but for the seed of a map's error, two or more of each."""
-    found: dict[str, list[CaseSpec]] = {}
+def groups(cases: Sequence[CaseSpec]) -> list[tuple[str, list[CaseSpec]]]:
+    """Return what is the same but for one thing, two or more cases of each, and the thing's name.
+
+    That is the seed of a map's error: ``maps``; or, of maps in whose error nothing is drawn, where
+    the flight begins and its heading: ``courses``.
+    """
+    found: dict[tuple[str, str], list[CaseSpec]] = {}
     for case in cases:
         tables = case.model_dump()
-        seeded = False
-        for *path, key in _SEEDS:
+        what, places = ("maps", _SEEDS) if _drawn(tables) else ("courses", _COURSES)
+        if case.side("truth").field == case.side("model").field:
+            continue  # nothing is wrong with the map
+        for *path, key in places:
             held: Any = tables
             for name in path:
                 held = (held or {}).get(name)
-            if held and key in held:
-                del held[key]
-                seeded = True
-        if seeded:
-            for name in ("name", "title", "reference"):
-                tables.pop(name, None)
-            found.setdefault(repr(tables), []).append(case)
-    return [group for group in found.values() if len(group) > 1]
+            if held:
+                held.pop(key, None)
+        for name in ("name", "title", "reference"):
+            tables.pop(name, None)
+        found.setdefault((what, repr(tables)), []).append(case)
+    return [(what, group) for (what, _), group in found.items() if len(group) > 1]
+
+
+def _drawn(tables: Mapping[str, Any]) -> bool:
+    """Return whether something in the error of a case's maps is drawn."""
+    errors = [tables[side]["field"]["error"] or {} for side in ("truth", "model")]
+    return any(e.get(f"{kind}_noise_eotvos") for e in errors for kind in ("white", "correlated"))
 
 
 def _cells(label: str, rows: Sequence[Mapping[str, Any]]) -> list[str]:

@@ -36,7 +36,7 @@ from .particles_section import particles_section
 from .published_section import beside_published, frameworks
 from .realisations_section import realisations_section
 from .sweep_section import SweepReport
-from .tuning_section import tuning_section
+from .tuning_section import Tuned, tuned, tuning_answer, tuning_section
 
 
 class ReportError(GGBenchError):
@@ -155,7 +155,7 @@ class _Report:
             self._unaided(),
             *(self._case_table(case) for case in self.scenario.cases),
             *realisations_section(self.scenario, self.summary),
-            *tuning_section(self.results),
+            *tuning_section(self.tuned),
             *matching_section(self.results, self.pictures),
             *particles_section(self.results),
             *self._paired(),
@@ -175,7 +175,14 @@ class _Report:
             making_section(self.results),
         ]
 
+    @cached_property
+    def tuned(self) -> list[Tuned]:
+        """What the parameters of each estimator buy in each case."""
+        return tuned(self.results)
+
     def _verdict(self) -> str:
+        if self.tuned and not self.scenario.campaign.league:
+            return tuning_answer(self.tuned)  # a study of tuning, and no race
         return beside_published(self.summary) or answer(self.scenario, self.summary, self.paired)
 
     def _seeking(self) -> str:

@@ -26,6 +26,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from ..errors import GGBenchError
+from ..trajectory.terrain_following import terrain_path as shipped_or_own
 from . import sweep as sweep
 from .case import MOST_POINTS, CampaignSpec, CaseSpec, SweepSpec
 from .claims import ClaimSpec, ComparisonSpec
@@ -409,6 +410,10 @@ def _resolve(
     base: dict[str, Any], change: dict[str, Any], label: str, study: dict[str, Any]
 ) -> CaseSpec:
     merged = _merge(_merge(base, change), study)
+    flight = merged.get("trajectory")
+    if isinstance(flight, Mapping) and isinstance(track := flight.get("file"), str) and track:
+        # Tracks are found as terrains are: among the shipped data, or where their path says.
+        merged["trajectory"] = {**flight, "file": str(shipped_or_own(track))}
     return validate(CaseSpec, merged, f"{label} '{change.get('name', '?')}'")
 
 

@@ -50,7 +50,23 @@ def test_cases_that_differ_in_the_seed_alone_are_realisations():
     other = '\n[[case]]\nname = "d"\ntitle = "d"\nmodel.field.error.seed = 2\n'
     other += ERROR.replace("3.0", "4.0")
     found = groups(drawn(other).cases)
-    assert [[case.name for case in group] for group in found] == [["a", "b", "c"]]
+    assert [(what, [case.name for case in group]) for what, group in found] == [
+        ("maps", ["a", "b", "c"])
+    ]
+
+
+def test_where_nothing_is_drawn_courses_are_realisations():
+    """Where a map is wrong; a seed says nothing there, and another error is another case."""
+    smoothed = "model.field.error.resolution_km = 0.2\n"
+    text = ""
+    for name, error, heading in (
+        ("d", smoothed, 80.0), ("e", smoothed, 100.0), ("f", ERROR, 80.0),
+        ("g", f"{smoothed}model.field.error.seed = 2\n", 80.0), ("h", "", 80.0), ("i", "", 100.0),
+    ):  # fmt: skip
+        text += f'\n[[case]]\nname = "{name}"\ntitle = "{name}"\n{error}'
+        text += f"trajectory.heading_deg = {heading}\n"
+    found = [(what, [case.name for case in group]) for what, group in groups(drawn(text).cases)]
+    assert found == [("maps", ["a", "b", "c"]), ("courses", ["d", "e"])]
 
 
 def test_intervals_are_over_the_realisations():

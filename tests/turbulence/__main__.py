@@ -1,0 +1,31 @@
+"""``python -m turbulence``: fly the tracks of the scenario ``turbulence`` and write them."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from .flying import COLUMNS, INTENSITIES, track
+
+
+def main() -> None:
+    """Write a CSV file for each intensity."""
+    parser = argparse.ArgumentParser(prog="turbulence", description=__doc__)
+    parser.add_argument("--output", type=Path, default=Path("scenarios/data"))
+    options = parser.parse_args()
+    for intensity in INTENSITIES:
+        np.savetxt(
+            options.output / f"turbulence_{intensity}.csv",
+            track(intensity),
+            fmt=[f"%.{decimals}f" for decimals in COLUMNS.values()],
+            delimiter=",",
+            header=",".join(COLUMNS),
+            comments="",
+            encoding="ascii",
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,121 @@
+"""A light aircraft, its pilot and the gusts of MIL-F-8785C, by JSBSim.
+
+The aircraft is JSBSim's Cessna 172 (``c172x``), a rigid body of six degrees of freedom with
+aerodynamics by tables; the gusts are its Dryden turbulence above 2000 ft, whose intensity follows
+from the height and from how seldom it is exceeded (MIL-F-8785C, figure 7). The pilot flies
+attitudes: he holds a heading and a height without chasing every gust.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import jsbsim
+import numpy as np
+
+FOOT = 0.3048
+"""[m]."""
+INTENSITIES = {"calm": 0, "light": 3, "moderate": 4, "severe": 6}
+"""JSBSim's number of an intensity: exceeded in one of 10², 10³ and 10⁵ of the flight time."""
+COLUMNS = {
+    "time_s": 1,
+    "latitude_deg": 12,
+    "longitude_deg": 12,
+    "height_m": 7,
+    "heading_deg": 5,
+    "pitch_deg": 5,
+    "roll_deg": 5,
+}
+"""Columns of a track and their decimals: 0.1 µm, so that rounding shakes by 10 µm/s² alone."""
+SEED = 8785
+STEPS_A_ROW = 12
+"""Steps of JSBSim, 1/120 s each, from row to row: 0.1 s."""
+
+_START = {
+    "ic/lat-geod-deg": 36.255,
+    "ic/long-gc-deg": -84.374,
+    "ic/terrain-elevation-ft": 450.0 / FOOT,
+    "ic/h-sl-ft": 1280.0 / FOOT,
+    "ic/vt-kts": 55.0 * 3600.0 / 1852.0,
+    "ic/psi-true-deg": 70.0,
+}
+_HEIGHT, _HEADING, _SPEED = 1280.0, 70.0, 55.0
+_BEFORE = 100.0
+"""Time in which the pilot finds his trim, and gusts arise, before the track begins [s]."""
+
+
+def track(intensity: str, duration: float = 300.0, seed: int = SEED) -> np.ndarray:
+    """Return a flight of some duration [s] in turbulence, a row each 0.1 s.
+
+    Columns are those of :data:`COLUMNS`: geodetic, height above the ellipsoid, heading clockwise
+    from north, pitch, roll to the right.
+    """
+    jsbsim.FGJSBBase().debug_lvl = 0  # no banner
+    aircraft = jsbsim.FGFDMExec(str(Path(jsbsim.__file__).parent))
+    aircraft.load_model("c172x")
+    aircraft.disable_output()
+    aircraft["simulation/randomseed"] = seed
+    for key, value in _START.items():
+        aircraft[key] = value
+    aircraft.run_ic()
+    aircraft["propulsion/set-running"] = -1
+    aircraft["fcs/mixture-cmd-norm"] = 0.87
+    aircraft["fcs/throttle-cmd-norm"] = 0.7
+    aircraft.do_trim(1)
+    pilot = _Pilot(aircraft)
+    if INTENSITIES[intensity]:
+        aircraft["atmosphere/turb-type"] = 3  # MIL-F-8785C, Dryden
+        aircraft["atmosphere/turbulence/milspec/severity"] = INTENSITIES[intensity]
+    before, rows = round(_BEFORE / aircraft.get_delta_t()), round(10.0 * duration) + 1
+    found = np.empty((rows, len(COLUMNS)))
+    for step in range(before + STEPS_A_ROW * (rows - 1) + 1):
+        if step >= before and (step - before) % STEPS_A_ROW == 0:
+            row = (step - before) // STEPS_A_ROW
+            found[row] = (
+                0.1 * row,
+                aircraft["position/lat-geod-deg"],
+                aircraft["position/long-gc-deg"],
+                aircraft["position/geod-alt-ft"] * FOOT,
+                aircraft["attitude/psi-deg"],
+                aircraft["attitude/theta-deg"],
+                aircraft["attitude/phi-deg"],
+            )
+        pilot.fly()
+        aircraft.run()
+    return found
+
+
+class _Pilot:
+    """Holds heading, height and speed by commanding attitudes."""
+
+    def __init__(self, aircraft: jsbsim.FGFDMExec) -> None:
+        self.aircraft = aircraft
+        self.elevator = aircraft["fcs/elevator-cmd-norm"]
+        self.throttle = aircraft["fcs/throttle-cmd-norm"]
+        self.pitch = aircraft["attitude/theta-deg"]
+        self.missing_height = self.missing_heading = 0.0
+
+    def fly(self) -> None:
+        """Move the controls."""
+        a, step = self.aircraft, self.aircraft.get_delta_t()
+        roll_rate, pitch_rate = (
+            math.degrees(a[f"velocities/{axis}-rad_sec"]) for axis in ("p", "q")
+        )
+        too_low = _HEIGHT - a["position/geod-alt-ft"] * FOOT
+        too_left = (_HEADING - a["attitude/psi-deg"] + 180.0) % 360.0 - 180.0
+        self.missing_height = _within(self.missing_height + 0.002 * too_low * step, 3.0)
+        self.missing_heading = _within(self.missing_heading + 0.02 * too_left * step, 5.0)
+        climb = a["velocities/h-dot-fps"] * FOOT
+        pitch = self.pitch + self.missing_height + _within(0.05 * too_low - 0.3 * climb, 5.0)
+        roll = _within(1.0 * too_left + self.missing_heading, 15.0)
+        elevator = self.elevator + 0.03 * (a["attitude/theta-deg"] - pitch) + 0.01 * pitch_rate
+        aileron = 0.02 * (roll - a["attitude/phi-deg"]) - 0.005 * roll_rate
+        slow = _SPEED - a["velocities/vtrue-kts"] * 1852.0 / 3600.0
+        a["fcs/elevator-cmd-norm"] = _within(elevator, 1.0)
+        a["fcs/aileron-cmd-norm"] = _within(aileron, 1.0)
+        a["fcs/throttle-cmd-norm"] = min(max(self.throttle + 0.05 * slow, 0.05), 1.0)
+
+
+def _within(value: float, limit: float) -> float:
+    return min(max(value, -limit), limit)
