@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from textwrap import fill
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,6 +12,8 @@ from .looks import looks
 from .style import BOUND, INS, Drawing, legend_below, plain_numbers, styled, subplots
 
 AXES = ("east", "north", "up")
+_TITLE = 42
+"""Characters of a title that fit above a panel."""
 
 
 @styled()
@@ -47,7 +50,7 @@ def error_over_time(
                 )  # fmt: skip
             plain_numbers(axis)
             if row == 0:
-                axis.set_title(title)
+                axis.set_title(fill(title, _TITLE))
             else:
                 axis.set_xlabel("time [s]")
             if column == 0:

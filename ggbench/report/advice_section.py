@@ -71,7 +71,9 @@ def _told(advice: Advice) -> str:
     text = f"no estimator is honest and good in {'all of ' if len(advice.cases) > 1 else ''}{cases}"
     if advice.standings:
         first = advice.standings[0]
-        text += f" (most often `{first.label}`, {percent(first.good)})"
+        often = f" (most often `{first.label}`, {percent(first.good)})"
+        nor = ", nor in half of them" if len(advice.cases) > 1 else ""
+        text += often if first.good >= 0.5 else nor
     left = [
         flown.found.best["position_median_m"] / flown.found.ins["position_median_m"]
         for flown in advice.cases

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,10 +15,10 @@ from ..figures.answer import over_cases
 from ..figures.locking import Series
 from ..figures.numbers import counted
 from ..figures.style import save
-from ..judging.ranking import honest, rows_of
+from ..judging.ranking import best_causal, rows_of
 from ..results.folder import Results
 from ..spec.case import CaseSpec
-from .families import leaders, of_the_best
+from .families import leaders, of_the_best, plain_of
 from .shares import SUCCESS
 from .tables import DEFINITIONS
 
@@ -53,9 +52,10 @@ def answer_figure(results: Results, summary: pd.DataFrame, pictures: Path) -> st
     )
     if len(shown) < len(cases):
         caption += ", in the cases in which causal estimators differ most"
-    caption += of_the_best(results.estimators)
-    if len(labels) < len(every):
-        caption += "; of each estimator the plain one, and the variant that is best most often"
+    if len(every) > _MOST_LABELS:
+        caption += "; of each estimator the plain one, and the best causal one of each case"
+    else:
+        caption += of_the_best(results.estimators)
     return f"![{caption}]({quote(pictures.name)}/answer.png)\n\n*{caption}*"
 
 
@@ -79,34 +79,20 @@ def series(tables: Sequence[Rows], labels: Iterable[str], *columns: str) -> dict
 
 
 def fewer(labels: Sequence[str], tables: Sequence[Rows]) -> list[str]:
-    """Return so many labels that a figure can show them: of many two of each estimator.
+    """Return so many labels that a figure can show them.
 
-    The one that was asked for first, and that which most often has the least error over bound.
+    Of many the plain one of each estimator, and the best causal one of each case.
     """
     if len(labels) <= _MOST_LABELS:
         return list(labels)
-    groups: dict[tuple[str, str], list[str]] = {}
+    groups: dict[tuple[str, str], dict[str, None]] = {}
     for table in tables:
-        for label in table:
-            if label in labels:
-                group = groups.setdefault((label.partition("[")[0], table[label]["causality"]), [])
-                if label not in group:
-                    group.append(label)
-    kept = set()
-    for group in groups.values():
-        firsts = Counter(
-            min((k for k in group if k in table), key=lambda k: _error(table[k]))
-            for table in tables
-            if any(k in table for k in group)
-        )
-        kept |= {min(group, key=len), firsts.most_common(1)[0][0]}
-    return [label for label in labels if label in kept]
-
-
-def _error(row: Mapping[str, Any]) -> tuple[bool, float]:
-    """Return by what variants of an estimator are chosen for a figure: honest ones first."""
-    ratio = row["ratio_median"]
-    return not honest(row), ratio if math.isfinite(ratio) else math.inf
+        for label, row in table.items():
+            if row["causality"] != "none":
+                groups.setdefault((label.partition("[")[0], row["causality"]), {})[label] = None
+    found = (best_causal(table.values()) for table in tables)
+    kept = {plain_of(group) for group in groups.values()} | {r["label"] for r in found if r}
+    return [label for label in aided(tables) if label in kept]
 
 
 def caveat(results: Results, summary: pd.DataFrame) -> str:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple, TypeGuard
 
+from .league import STANDARD
+
 PARTICLES = "particles"
 """The parameter that says how many particles an estimator has."""
 LINE = 3
@@ -72,6 +74,14 @@ def leaders(estimators: Mapping[str, Any], ranked: Iterable[str]) -> list[str]:
             held = [label for label in left if label in family.labels]
             left = [label for label in left if label not in held[1:]]
     return left
+
+
+def plain_of(labels: Iterable[str]) -> str:
+    """Return of variants of an estimator the plain one.
+
+    That of the standard roster, or else the one that is asked for with the fewest parameters.
+    """
+    return min(labels, key=lambda label: (label not in STANDARD, label.count("=")))
 
 
 def of_the_best(estimators: Mapping[str, Any]) -> str:

@@ -61,8 +61,8 @@ class Flown:
         return self.found.rows
 
     def good(self, label: str) -> bool:
-        """Return whether an estimator is honest, and as good as the best or not told from it."""
-        return self.found.beside.get(label, "no") != "no" and honest(self.rows[label])
+        """Return whether an estimator is good in this case (:meth:`.Outcome.good`)."""
+        return self.found.good(label)
 
     def open(self, label: str) -> bool:
         """Return whether the runs are too few to tell an estimator from the best."""

@@ -146,9 +146,11 @@ def _without_filter(rows: Mapping[str, Mapping[str, Any]]) -> str:
 
 def _of_many(told: Sequence[Outcome]) -> str:
     """Return what came out of many cases: who is as good as the best, and what aiding gains."""
-    judged = [found for found in told if found.best is not None]
+    able = [found for found in told if found.best is not None]
+    # Where the best is the INS again, whoever flies along with it is good, and nothing is gained.
+    judged = [found for found in able if found.gain not in ("nothing", "worse")]
     counts = {
-        label: sum(_good(found, label) for found in judged)
+        label: sum(found.good(label) for found in judged)
         for label in dict.fromkeys(k for found in judged for k in found.beside)
     }
     most = max(counts.values(), default=0)
@@ -163,12 +165,12 @@ def _of_many(told: Sequence[Outcome]) -> str:
             parts.append(f"less often: {some([f'`{k}` in {counts[k]}' for k in rest])}")
     elif judged:
         parts.append("no causal estimator is honest in any case")
-    if len(judged) < len(told):
-        parts.append(f"no causal estimator can be judged in {len(told) - len(judged)}")
+    if len(able) < len(told):
+        parts.append(f"no causal estimator can be judged in {len(told) - len(able)}")
     for kind, phrase in (
-        ("nothing", "aiding gains nothing over the INS in"),
-        ("worse", "aiding is worse than the INS in"),
-        ("unproven", "too few runs to tell whether aiding gains anything in"),
+        ("nothing", "the best causal one gains nothing over the INS in"),
+        ("worse", "the best causal one is worse than the INS in"),
+        ("unproven", "too few runs to tell whether the best causal one gains anything in"),
     ):
         names = [found.case.name for found in told if found.gain == kind]
         if names:
@@ -179,20 +181,18 @@ def _of_many(told: Sequence[Outcome]) -> str:
     return f"{'; '.join(parts)}; {counted(lost[0], 'run')} failed, {lost[1]} diverged."
 
 
-def _good(found: Outcome, label: str) -> bool:
-    """Return whether an estimator is as good as the best, or may be, and honest."""
-    return found.beside.get(label, "no") != "no" and honest(found.rows[label])
-
-
 def _range(judged: Sequence[Outcome], label: str) -> str:
     """Return how often an estimator succeeds, and how near, over the cases where it is good."""
-    rows = [found.rows[label] for found in judged if _good(found, label)]
+    good = [found for found in judged if found.good(label)]
+    rows = [found.rows[label] for found in good]
     shares = [row["success_share"] for row in rows]
     ratios = [row["ratio_median"] for row in rows if math.isfinite(row["ratio_median"])]
     text = percent(min(shares))
     if min(shares) < max(shares):
         text += f" to {percent(max(shares))}"
-    if not ratios:
-        return f" (success in {text})"
-    ends = [short(min(ratios)), short(max(ratios))]
-    return f" (success in {text}, {' to '.join(dict.fromkeys(ends))} × the bound)"
+    if ratios:
+        ends = [short(min(ratios)), short(max(ratios))]
+        text += f", {' to '.join(dict.fromkeys(ends))} × the bound"
+    if unsure := sum(found.beside[label] == "open" for found in good):
+        text += f"; in {unsure} of these too few runs to tell"
+    return f" (success in {text})"

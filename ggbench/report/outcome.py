@@ -45,6 +45,10 @@ class Outcome:
         causal = [row for row in self.rows.values() if row["causality"] == "filter"]
         return not any(math.isfinite(r["position_mrse_m"]) and honest(r) for r in causal)
 
+    def good(self, label: str) -> bool:
+        """Return whether an estimator is honest, and as good as the best or not told from it."""
+        return self.beside.get(label, "no") != "no" and honest(self.rows[label])
+
 
 def outcome(case: CaseSpec, summary: pd.DataFrame, pairs: pd.DataFrame) -> Outcome:
     """Return what came out of a case, from summary rows and paired comparisons."""

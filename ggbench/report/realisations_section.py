@@ -19,14 +19,17 @@ from .tables import markdown
 
 _SEEDS = (("model", "field", "error", "seed"), ("truth", "field", "error", "seed"))
 """Where a case says which realisation of a map's error it is."""
-_COURSES = tuple(("trajectory", key) for key in ("latitude_deg", "longitude_deg", "heading_deg"))
-"""Where it says over which part of a map it flies: where an error is not drawn, another one."""
+_FLIGHTS = tuple(("trajectory", key) for key in ("latitude_deg", "longitude_deg", "heading_deg"))
+"""Where it says over which part of a map it flies."""
+FLIGHTS = "flights"
+"""What differs where nothing in the error of a map is drawn."""
 READING = (
-    "Over realisations of the map's error, or over courses where nothing in it is drawn, the "
-    "intervals hold what differs from map to map, or from place to place, as well as from run to "
-    "run: 95 %, Student's t over the realisations, of the mean logarithm of the median error over "
-    "the bound. Few of them make it wide; what overlaps here is not told apart by maps like these, "
-    "however many runs were flown over one of them. Behind the median of each the share of "
+    "Over realisations of the map's error the intervals hold what differs from map to map as well "
+    "as from run to run: 95 %, Student's t over the realisations, of the mean logarithm of the "
+    "median error over the bound. Few maps make them wide; what overlaps here is not told apart by "
+    "maps like these, however many runs were flown over one of them. Where nothing in the error is "
+    "drawn, it is the flights over other parts of the map that differ, chosen by hand and each "
+    "with a bound of its own: no sample, and no interval. Behind the median of each the share of "
     "success, if it is not all."
 )
 
@@ -39,7 +42,7 @@ def realisations_section(scenario: Scenario, summary: pd.DataFrame) -> list[str]
         for label in tables[0]:
             held = [table[label] for table in tables if label in table]
             if len(held) == len(tables):
-                rows.append([f"{group[0].title} ({len(group)} {what})", *_cells(label, held)])
+                rows.append([f"{group[0].title} ({len(group)} {what})", *_cells(label, held, what)])
     if not rows:
         return []
     head = ["error of the map", "estimator", "error / bound", "of each", "honest on"]
@@ -50,12 +53,12 @@ def groups(cases: Sequence[CaseSpec]) -> list[tuple[str, list[CaseSpec]]]:
     """Return what is the same but for one thing, two or more cases of each, and the thing's name.
 
     That is the seed of a map's error: ``maps``; or, of maps in whose error nothing is drawn, where
-    the flight begins and its heading: ``courses``.
+    the flight begins and its heading: ``flights``.
     """
     found: dict[tuple[str, str], list[CaseSpec]] = {}
     for case in cases:
         tables = case.model_dump()
-        what, places = ("maps", _SEEDS) if _drawn(tables) else ("courses", _COURSES)
+        what, places = ("maps", _SEEDS) if _drawn(tables) else (FLIGHTS, _FLIGHTS)
         if case.side("truth").field == case.side("model").field:
             continue  # nothing is wrong with the map
         for *path, key in places:
@@ -76,10 +79,10 @@ def _drawn(tables: Mapping[str, Any]) -> bool:
     return any(e.get(f"{kind}_noise_eotvos") for e in errors for kind in ("white", "correlated"))
 
 
-def _cells(label: str, rows: Sequence[Mapping[str, Any]]) -> list[str]:
+def _cells(label: str, rows: Sequence[Mapping[str, Any]], what: str) -> list[str]:
     ratios = [row["ratio_median"] for row in rows]
     together = "–"
-    if all(math.isfinite(ratio) and ratio > 0.0 for ratio in ratios):
+    if what != FLIGHTS and all(math.isfinite(ratio) and ratio > 0.0 for ratio in ratios):
         logs = np.log(ratios)
         low, high = np.exp(_interval(logs))
         together = f"{short(math.exp(logs.mean()))} [{short(low)}, {short(high)}]"

@@ -100,6 +100,14 @@ def errors_of_cases(scenario: Scenario, summary: pd.DataFrame, pairs: pd.DataFra
             rows.append(
                 [f"*bound [m]: {kind}*", *("" if math.isnan(b) else short(b) for b in least)]
             )
+    medians = {
+        "the best causal": best.values(),
+        "the INS": (_unaided(table) for table in tables.values()),
+    }
+    for who, held in medians.items():
+        metres = [short(row["position_median_m"]) if row else "" for row in held]
+        if any(metres):
+            rows.append([f"*median [m]: {who}*", *metres])
     for label in labels:
         kind = causality[label]
         name = f"`{label}`" if kind in ("filter", "none") else f"`{label}` ({kind})"
@@ -126,6 +134,12 @@ def _of_fewer(rows: Sequence[Mapping[str, Any]], most: int) -> str:
     return f", {counted(runs, 'run')}" if runs < most else ""
 
 
+def _unaided(table: Mapping[str, Mapping[str, Any]]) -> Mapping[str, Any] | None:
+    """Return the row of the INS, if its errors are known."""
+    rows = (row for row in table.values() if row["causality"] == "none")
+    return next((row for row in rows if math.isfinite(row["position_median_m"])), None)
+
+
 def _bounds(table: Mapping[str, Mapping[str, Any]], causality: str) -> list[float]:
     """Return the bounds on the position [m] of a case's estimators of a causality."""
     return [r["position_bound_m"] for r in table.values() if r["causality"] == causality]
@@ -137,11 +151,9 @@ def _over_bound(
     """Return an estimator's median error over the bound, with its share of success."""
     if row is None:
         return ""
-    ratio, mark = row["ratio_median"], ""
-    if best is not None and row["runs"] < best["runs"]:
-        pair = pair_of(pairs, row["case"], best["label"], row["label"])
-        ratio = comparable_ratio(row, best, pair)
-        mark = "~" if ratio != row["ratio_median"] else ""
+    pair = pair_of(pairs, row["case"], best["label"], row["label"]) if best else None
+    ratio = comparable_ratio(row, best, pair)
+    mark = "~" if ratio != row["ratio_median"] else ""
     text = f"{mark}{short(ratio)}" if math.isfinite(ratio) else "–"
     if best is not None and row["label"] == best["label"] and honest(row):
         text = f"**{text}**"

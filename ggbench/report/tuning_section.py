@@ -9,10 +9,15 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..figures.numbers import counted, short
-from ..judging.ranking import best, honest, rows_of
+from ..judging.ranking import best, honest, pair_of, rows_of
+from ..judging.statistics import BETTER, UNDECIDED, WORSE
 from ..results.folder import Results
+from .families import plain_of
 from .shares import percent
 from .tables import DEFINITIONS, markdown
+
+SAME = "the plain one"
+"""What is gained if the plain one is chosen."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +29,9 @@ class Tuned:
     case, name : title of the case; the estimator, with its causality.
     runs : number of runs on which it is judged.
     label : of the variant that was chosen.
-    plain, chosen : rows of the summary of the runs that judge.
+    plain, chosen : rows of the summary of the runs that judge, their errors over one bound.
+    gain : the verdict on the chosen one beside the plain one, run by run
+        (:func:`ggbench.judging.success.compared`); :data:`SAME` if it is the plain one.
     """
 
     case: str
@@ -33,27 +40,7 @@ class Tuned:
     label: str
     plain: Mapping[str, Any]
     chosen: Mapping[str, Any]
-
-    @property
-    def gain(self) -> str:
-        """``better`` or ``worse`` than the plain one, beyond both intervals; ``open``; ``same``.
-
-        Success counts first, then the error over the bound of the runs that succeed.
-        """
-        if self.chosen["label"] == self.plain["label"]:
-            return "same"
-        for low, high, sign in (
-            ("success_lo", "success_hi", 1.0),
-            ("ratio_median_lo", "ratio_median_hi", -1.0),
-        ):
-            ends = [
-                sorted((sign * row[low], sign * row[high])) for row in (self.plain, self.chosen)
-            ]
-            if ends[1][0] > ends[0][1]:
-                return "better"
-            if ends[1][1] < ends[0][0]:
-                return "worse"
-        return "open"
+    gain: str
 
     @property
     def mends(self) -> bool:
@@ -66,7 +53,8 @@ def tuned(results: Results) -> list[Tuned]:
 
     Variants of one estimator of one causality are a grid. In each case the best of them
     (:func:`.ranking.best`) on the runs of even number is judged on those of odd number, beside the
-    plain one, which is asked for with the fewest parameters.
+    plain one (:func:`.families.plain_of`). Errors are over the plain one's bound: a longer lag has
+    a lower one of its own, which says nothing of what it gains.
     """
     if not results.scenario.campaign.tuning:
         return []
@@ -77,13 +65,28 @@ def tuned(results: Results) -> list[Tuned]:
             # Who got fewer runs sets how many are looked at: all of a grid fly the same ones.
             common = min(int(held[label]["runs"]) for label in grid)
             tried, found = (rows_of(half, case, "settled") for half in results.halves(common))
-            chosen = best(tried[label] for label in grid if label in tried)
+            plain = plain_of(grid)
+            bound = held[plain]["position_bound_m"]
+            chosen = best(_over(tried[label], bound) for label in grid if label in tried)
             if chosen is None:
                 continue
-            label, plain = str(chosen["label"]), min(grid, key=lambda k: k.count("="))
-            if plain in found and label in found:  # else no run of odd number is there
-                told.append(Tuned(case.title, name, common // 2, label, found[plain], found[label]))
+            label = str(chosen["label"])
+            if plain not in found or label not in found:  # no run of odd number is there
+                continue
+            gain = SAME
+            if label != plain:
+                pairs = results.judged_pairs(case.name, (plain, label), common)
+                pair = pair_of(pairs, case.name, label, plain)
+                gain = str(pair["verdict"]) if pair else UNDECIDED
+            first, second = (_over(found[k], bound) for k in (plain, label))
+            told.append(Tuned(case.title, name, common // 2, label, first, second, gain))
     return told
+
+
+def _over(row: Mapping[str, Any], bound: float) -> dict[str, Any]:
+    """Return a row of the summary with its ratios over another bound [m]."""
+    scale = row["position_bound_m"] / bound
+    return {k: v * scale if k.startswith("ratio_") else v for k, v in row.items()}
 
 
 def tuning_section(told: Sequence[Tuned]) -> list[str]:
@@ -92,7 +95,7 @@ def tuning_section(told: Sequence[Tuned]) -> list[str]:
         return []
     rows = [
         [each.case, each.name, str(each.runs), *_figures(each.plain), f"`{each.label}`",
-         *_figures(each.chosen), _GAINS[each.gain] + (", honest now" if each.mends else "")]
+         *_figures(each.chosen), each.gain + (", and honest now" if each.mends else "")]
         for each in told
     ]  # fmt: skip
     head = ["case", "estimator", "runs judged", "plain: success", "error / bound",
@@ -100,14 +103,13 @@ def tuning_section(told: Sequence[Tuned]) -> list[str]:
     reading = (
         "Every estimator with the best of its variants: chosen in each case on the runs of even "
         "number, judged, as the plain one beside it, on those of odd number. Median error over "
-        "bound of the runs that succeed, with its 95 % interval. Of variants of which some got "
-        "fewer runs only these are looked at. Better or worse: beyond both intervals, in success "
-        f"or, where that is not told apart, in error ([definitions]({DEFINITIONS}))."
+        "the plain one's bound of the runs that succeed, with its 95 % interval. Of variants of "
+        "which some got fewer runs only these are looked at. *Gain*: the verdict run by run, in "
+        f"success first, then in error; of {counted(len(told), 'comparison')} of estimators that "
+        "do not differ up to a tenth would be called better or worse "
+        f"([definitions]({DEFINITIONS}))."
     )
     return ["## Tuned and not", reading, markdown(head, rows)]
-
-
-_GAINS = {"better": "better", "worse": "worse", "open": "not told apart", "same": "none: the plain"}
 
 
 def tuning_answer(told: Sequence[Tuned]) -> str:
@@ -116,18 +118,21 @@ def tuning_answer(told: Sequence[Tuned]) -> str:
     for case in dict.fromkeys(each.case for each in told):
         of_case = [each for each in told if each.case == case]
         gains = Counter(each.gain for each in of_case)
-        better = sorted((e for e in of_case if e.gain == "better"), key=_left)
-        text = f"*{case}*: {gains['better']} of {counted(len(of_case), 'estimator')}"
+        better = sorted((e for e in of_case if e.gain == BETTER), key=_left)
+        text = f"*{case}*: {gains[BETTER]} of {counted(len(of_case), 'estimator')}"
         if better:
             text += f" (most: {', '.join(_said(each) for each in better[:2])})"
-        if mended := sum(each.mends for each in of_case):
-            text += f", and {mended} honest only so"
-        if gains["worse"]:
-            text += f"; {gains['worse']} lose"
+        mended, honest_before = sum(e.mends for e in of_case), sum(honest(e.plain) for e in of_case)
+        if mended:
+            text += f", {mended} become honest"
+        elif better and not honest_before and not any(honest(e.chosen) for e in of_case):
+            text += ", none is honest with or without"
+        if gains[WORSE]:
+            text += f"; {counted(gains[WORSE], 'estimator')} worse"
         parts.append(text)
     return (
-        "**What gains beyond the intervals, if the parameters of a small grid are chosen on half "
-        f"of the runs and judged on the others: {'; '.join(parts)}.**"
+        "**What gains, run by run, if the parameters of a small grid are chosen on half of the "
+        f"runs and judged on the others: {'; '.join(parts)}.**"
     )
 
 
@@ -145,7 +150,8 @@ def _said(each: Tuned) -> str:
     if shares[0] != shares[1]:
         text += f" success {shares[0]} → {shares[1]},"
     before, after = (short(r) if math.isfinite(r) else "–" for r in ratios)
-    return f"{text} {before} → {after} × the bound"
+    mark = "" if honest(each.chosen) else ", not honest"
+    return f"{text} {before} → {after} × the bound{mark}"
 
 
 def _grids(results: Results, rows: Mapping[str, Any]) -> dict[str, list[str]]:

@@ -9,7 +9,7 @@ import importlib.util
 import io
 import itertools
 import shlex
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -319,6 +319,17 @@ class Results:
             even = first["run"] % 2 == 0
             self._halves[most] = self._summarized(first[even]), self._summarized(first[~even])
         return self._halves[most]
+
+    def judged_pairs(self, case: str, labels: Collection[str], most: int) -> pd.DataFrame:
+        """Return the paired comparison of some estimators of a case on the runs that judge.
+
+        Those of odd number, of the first ``most`` (:meth:`halves`).
+        """
+        table = self._runs
+        own = (table["assumption"] == "") & (table["case"] == case) & (table["run"] < most)
+        # The INS says what is success.
+        asked = table["estimator"].isin([*labels, "ins"])
+        return paired_table(table[own & asked & (table["run"] % 2 == 1)], self._bounds[0])
 
     def _summarized(self, table: pd.DataFrame) -> pd.DataFrame:
         runs = table[table["assumption"] == ""]

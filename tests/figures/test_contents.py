@@ -58,6 +58,16 @@ def test_errors_over_time_are_medians_over_runs():
     assert figure.axes[0].get_title() == "A case"
 
 
+def test_long_titles_of_panels_do_not_collide():
+    """They go on in another line."""
+    long = "severe turbulence, 16 E for the 1 E that is declared: disks that vibrate"
+    curve = {"ekf": np.ones((3, len(TIMES), 2))}
+    figure = errors.error_over_time([(long, TIMES, curve, {})] * 3)
+    boxes = [figure.axes[n].title.get_window_extent() for n in range(3)]
+    assert boxes[0].x1 < boxes[1].x0 and boxes[1].x1 < boxes[2].x0
+    assert " ".join(figure.axes[0].get_title().split()) == long
+
+
 def test_a_short_flight_is_not_drawn_at_the_scale_of_a_long_one():
     """Each column has its own time; position and velocity of one flight share it."""
     panels = [

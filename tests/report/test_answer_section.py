@@ -12,7 +12,7 @@ import pytest
 from summaries import case
 
 from ggbench.report import answer_section
-from ggbench.report.answer_section import answer_figure, caveat, telling_cases
+from ggbench.report.answer_section import answer_figure, caveat, fewer, telling_cases
 
 CASES = tuple(case(name=name, title=name) for name in ("even", "spread", "lost", "empty"))
 
@@ -104,3 +104,17 @@ def test_of_many_cases_those_are_shown_that_differ_most(tmp_path, monkeypatch):
     assert "in the cases in which causal estimators differ most" in text
     alone = table.assign(causality="none")
     assert answer_figure(results(tuple(cases)), alone, tmp_path / "s") == ""
+
+
+def test_of_many_estimators_the_plain_ones_and_the_best_are_shown():
+    """The plain one even where a better one stands for it; the best of each case, whoever it is."""
+    labels = ["ekf", *(f"ekf[gate=0.{n}]" for n in range(10, 26)), "ukf[points=cubature]"]
+    tables = [
+        {label: row("c", label, 1.0, 1.0 if label == best else 2.0 + 0.1 * n) | {
+            "failed": 0, "coverage": 0.95, "false_lock_share": 0.0, "lock_lo": math.nan}
+         for n, label in enumerate(labels)}
+        for best in ("ekf[gate=0.13]", "ekf[gate=0.20]")
+    ]  # fmt: skip
+    shown = ["ekf", "ekf[gate=0.13]", "ekf[gate=0.20]", "ukf[points=cubature]"]
+    assert fewer(labels[1:], tables) == shown
+    assert fewer(labels[1:5], tables) == labels[1:5]

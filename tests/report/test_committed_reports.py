@@ -26,6 +26,8 @@ def test_a_report_is_of_the_code_and_the_scenario_beside_it(path):
     """By the hashes that it carries; comments and docstrings are no part of the code's."""
     manifest = json.loads(path.read_text(encoding="utf-8"))
     assert manifest["source_hash"] == source_hash(), RUN_AGAIN
-    assert manifest["scenario_hash"] == scenario.load(manifest["scenario"]).content_hash, RUN_AGAIN
+    loaded = scenario.load(manifest["scenario"])
+    assert manifest["scenario_hash"] == loaded.content_hash, RUN_AGAIN
     text = (REPORTS / f"{manifest['scenario']}.md").read_text(encoding="utf-8")
     assert f"source {manifest['source_hash']}, scenario {manifest['scenario_hash'][:16]}" in text
+    assert loaded.notes.strip() in text, RUN_AGAIN

@@ -286,7 +286,7 @@ def test_the_answer_has_a_line_for_each_group_of_situations(tmp_path):
         f"- **The model is right.** Narrow prior (σ/ℓ below 0.2): **`ekf`**, 10.0 ms a run, "
         f"{short(MEDIAN)} × the bound, success in 100 % [94 %, 100 %] where it is least.",
         "- **The map is wrong.** Error of the map not told, or told as white noise: no estimator "
-        "is honest and good in 1 case (most often `liar`, 0 %); the best of each case leaves "
+        "is honest and good in 1 case; the best of each case leaves "
         "0.0100 of the INS's error; in 1 of them nobody is honest.",
         "- **Aiding gains nothing.** No causal estimator beats the INS in 1 case of `idle`.",
     ]

@@ -55,7 +55,7 @@ def test_cases_that_differ_in_the_seed_alone_are_realisations():
     ]
 
 
-def test_where_nothing_is_drawn_courses_are_realisations():
+def test_where_nothing_is_drawn_flights_differ():
     """Where a map is wrong; a seed says nothing there, and another error is another case."""
     smoothed = "model.field.error.resolution_km = 0.2\n"
     text = ""
@@ -66,7 +66,10 @@ def test_where_nothing_is_drawn_courses_are_realisations():
         text += f'\n[[case]]\nname = "{name}"\ntitle = "{name}"\n{error}'
         text += f"trajectory.heading_deg = {heading}\n"
     found = [(what, [case.name for case in group]) for what, group in groups(drawn(text).cases)]
-    assert found == [("maps", ["a", "b", "c"]), ("courses", ["d", "e"])]
+    assert found == [("maps", ["a", "b", "c"]), ("flights", ["d", "e"])]
+    ratios = dict.fromkeys("abcde", 2.0)
+    (_, _, table) = realisations_section(drawn(text), summary(ekf=ratios))
+    assert "| d (2 flights) | `ekf` | – | 2.00, 2.00 | 2 of 2 |" in table  # chosen: no interval
 
 
 def test_intervals_are_over_the_realisations():

@@ -112,7 +112,8 @@ def test_many_cases_show_their_errors_over_the_bound():
     head, rows = parsed(tables.glance(UNPUBLISHED, summary, pairs()))
     assert len(head) == 1 + len(CASES)
     assert [cells[0] for cells in rows] == [
-        "*bound [m]: filter*", "*bound [m]: fixed-lag*", "*bound [m]: batch*", "`ekf`", "`ins`",
+        "*bound [m]: filter*", "*bound [m]: fixed-lag*", "*bound [m]: batch*",
+        "*median [m]: the best causal*", "*median [m]: the INS*", "`ekf`", "`ins`",
         "`lagged` (fixed-lag)", "`late` (batch)",
     ]  # fmt: skip
     for column, name in enumerate(CASES, 1):
@@ -123,7 +124,9 @@ def test_many_cases_show_their_errors_over_the_bound():
             short(figure(name, label, "settled", "ratio_median"))
             for label in ("ekf", "lagged", "late")
         )
-        assert cells[3:] == [f"**{ekf}** (81 %)", "– (81 %)", lagged, f"{late} (81 %) †"]
+        for label, cell in zip(("ekf", "ins"), cells[3:5], strict=True):
+            assert cell == short(figure(name, label, "settled", "position_median_m"))
+        assert cells[5:] == [f"**{ekf}** (81 %)", "– (81 %)", lagged, f"{late} (81 %) †"]
     _, rows = parsed(tables.glance(UNPUBLISHED, SUMMARY.assign(coverage=0.5), pairs()))
     assert not any("**" in cell for row in rows for cell in row)  # no best where nobody is honest
 

@@ -7,11 +7,14 @@ from types import SimpleNamespace
 from typing import Any
 
 import pandas as pd
+import pytest
 from leagues import dishonest
 from summaries import RUNS, SAME, case, records, tabled
 
 from ggbench.figures.numbers import short
-from ggbench.report.tuning_section import tuned, tuning_answer, tuning_section
+from ggbench.report.families import plain_of
+from ggbench.report.tuning_section import SAME as PLAIN
+from ggbench.report.tuning_section import Tuned, tuned, tuning_answer, tuning_section
 
 LABELS = [
     "ins",
@@ -25,8 +28,8 @@ LABELS = [
 ]
 
 
-def half(**errors: float) -> pd.DataFrame:
-    """The summary of half of the runs: of ekf, its two variants and the rest; few got half."""
+def half(**errors: float) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Summary and pairs of half of the runs: ekf with two variants, and the rest; few got half."""
     groups = [
         records("ins", 1e4 * SAME, "none"),
         records("ekf", errors["plain"] ** 2 * SAME),
@@ -37,20 +40,28 @@ def half(**errors: float) -> pd.DataFrame:
         records("few[a=2]", 4.0 * SAME[: RUNS // 2]),
         records("few[a=3]", SAME if errors.get("whole") else SAME[: RUNS // 2]),
     ]
-    return tabled(*groups)[0]
+    return tabled(*groups)
 
 
-def results(tuning: bool, *halves: pd.DataFrame, asked: list[int] | None = None) -> Any:
+def results(
+    tuning: bool,
+    *halves: tuple[pd.DataFrame, pd.DataFrame],
+    asked: list[int] | None = None,
+    labels: list[str] = LABELS,
+) -> Any:
     """Results whose halves are the same of however many runs; who asks for how many is noted."""
 
     def of_first(most: int) -> tuple[pd.DataFrame, ...]:
         (asked if asked is not None else []).append(most)
-        return halves
+        return tuple(summary for summary, _ in halves)
 
     scenario = SimpleNamespace(campaign=SimpleNamespace(tuning=tuning), cases=(case(),))
-    whole = half(plain=1.0, scaled=1.0, gated=1.0, whole=True)
-    named = whole[whole["label"].isin(halves[0]["label"])]
-    return SimpleNamespace(scenario=scenario, labels=LABELS, halves=of_first, summary=lambda: named)
+    whole, _ = half(plain=1.0, scaled=1.0, gated=1.0, whole=True)
+    named = whole[whole["label"].isin(labels)]
+    return SimpleNamespace(
+        scenario=scenario, labels=labels, halves=of_first, summary=lambda: named,
+        judged_pairs=lambda case, labels, most: halves[1][1],
+    )  # fmt: skip
 
 
 def test_the_best_on_one_half_is_judged_on_the_other():
@@ -66,7 +77,7 @@ def test_the_best_on_one_half_is_judged_on_the_other():
     cells = [cell.strip() for cell in rows[0].strip("|").split(" | ")]
     assert cells[1:4] == ["`ekf`, filter", str(RUNS // 2), "100 %"]
     assert cells[5] == "`ekf[noise_scale=3]`"
-    settled = judged[judged["window"] == "settled"].set_index("label")["ratio_median"]
+    settled = judged[0][judged[0]["window"] == "settled"].set_index("label")["ratio_median"]
     for cell, label in ((cells[4], "ekf"), (cells[7], "ekf[noise_scale=3]")):
         assert cell.split(" ")[0] == f"{settled[label]:.2f}"
 
@@ -74,35 +85,46 @@ def test_the_best_on_one_half_is_judged_on_the_other():
 def test_of_a_single_run_nothing_can_be_tuned():
     """There is none of odd number to be judged on."""
     training = half(plain=4.0, scaled=2.0, gated=1.0)
-    assert tuning_section(tuned(results(True, training, training[:0]))) == []
+    assert tuning_section(tuned(results(True, training, (training[0][:0], training[1])))) == []
 
 
 def test_what_is_not_tuned_has_no_section():
     """Without the scenario's word, or without variants, nothing is told."""
     halves = half(plain=4.0, scaled=2.0, gated=1.0), half(plain=1.0, scaled=3.0, gated=1.0)
     assert tuning_section(tuned(results(False, *halves))) == []
-    alone = [table[~table["label"].str.contains("[", regex=False)] for table in halves]
-    assert tuning_section(tuned(results(True, *alone))) == []
+    alone = [label for label in LABELS if "[" not in label]
+    assert tuning_section(tuned(results(True, *halves, labels=alone))) == []
 
 
-def test_gains_are_told_beyond_the_intervals_alone():
-    """Success counts before the error; who was dishonest and is not so any more is counted."""
+def test_gains_are_the_verdict_run_by_run():
+    """On the runs that judge; who was dishonest and is not so any more is seen."""
     training = half(plain=4.0, scaled=2.0, gated=1.0)
-    told = {
-        each.name: each
-        for each in tuned(results(True, training, half(plain=9.0, scaled=1.0, gated=1.0)))
-    }
-    assert told["`ekf`, filter"].gain == "better" and not told["`ekf`, filter"].mends
-    worse = tuned(results(True, training, half(plain=1.0, scaled=9.0, gated=1.0)))
-    assert worse[0].gain == "worse"
-    same = tuned(results(True, half(plain=1.0, scaled=2.0, gated=3.0), training))
-    assert same[0].gain == "same"
-    assert tuned(results(True, training, half(plain=1.0, scaled=1.0, gated=1.0)))[0].gain == "open"
-    fewer = replace(worse[0], chosen={**worse[0].chosen, "success_lo": 0.99, "success_hi": 1.0},
-                    plain={**worse[0].plain, "success_lo": 0.5, "success_hi": 0.6})  # fmt: skip
-    assert fewer.gain == "better"
-    lying = replace(fewer, plain={**fewer.plain, "coverage": 0.1})
-    assert lying.mends
+
+    def gain(**judged: float) -> Tuned:
+        return tuned(results(True, training, half(gated=1.0, **judged)))[0]
+
+    assert gain(plain=9.0, scaled=1.0).gain == "better" and not gain(plain=9.0, scaled=1.0).mends
+    assert gain(plain=1.0, scaled=9.0).gain == "worse"
+    assert gain(plain=1.0, scaled=1.0).gain == "as good"
+    assert tuned(results(True, half(plain=1.0, scaled=2.0, gated=3.0), training))[0].gain == PLAIN
+    lying = gain(plain=9.0, scaled=1.0)
+    assert replace(lying, plain={**lying.plain, "coverage": 0.1}).mends
+
+
+def test_errors_are_over_the_bound_of_the_plain_one():
+    """A variant with a bound of its own, as of another lag, is not better for having less of it."""
+    training, judged = (half(plain=2.0, scaled=3.0, gated=9.0) for _ in range(2))
+    other = training[0]["label"] == "ekf[noise_scale=3]"
+    ratios = [name for name in training[0] if name.startswith("ratio_")]
+    for table, _ in (training, judged):  # over twice the bound three looks like less than two
+        table.loc[other, "position_bound_m"] *= 2.0
+        table.loc[other, ratios] *= 0.5
+    assert tuned(results(True, training, judged))[0].label == "ekf"
+    training[0].loc[other, ratios] *= 0.1
+    found = tuned(results(True, training, judged))[0]
+    assert found.label == "ekf[noise_scale=3]"
+    ratio = found.chosen["ratio_median"] / found.plain["ratio_median"]
+    assert ratio == pytest.approx(1.5)
 
 
 def test_the_answer_counts_what_gains():
@@ -110,17 +132,15 @@ def test_the_answer_counts_what_gains():
     training = half(plain=4.0, scaled=2.0, gated=1.0)
     told = tuned(results(True, training, half(plain=9.0, scaled=1.0, gated=1.0)))
     ratios = [short(row["ratio_median"]) for row in (told[0].plain, told[0].chosen)]
-    assert (
-        f"*the case*: 2 of 2 estimators (most: `ekf[noise_scale=3]` {' → '.join(ratios)} × the bound"
-        in tuning_answer(told)
-    )
+    most = f"(most: `ekf[noise_scale=3]` {' → '.join(ratios)} × the bound"
+    assert f"*the case*: 2 of 2 estimators {most}" in tuning_answer(told)
     text = tuning_answer(tuned(results(True, training, half(plain=1.0, scaled=9.0, gated=1.0))))
-    assert "1 of 2 estimators" in text and "; 1 lose" in text
+    assert "1 of 2 estimators" in text and "; 1 estimator worse" in text
 
 
 def test_the_plain_one_is_that_with_the_fewest_parameters():
-    """Wherever it stands among its variants."""
+    """Wherever it stands among its variants; or that of the standard roster."""
     training = half(plain=4.0, scaled=2.0, gated=1.0)
-    swapped = results(True, training, training)
-    swapped.labels = ["ekf[noise_scale=3]", "ekf"]
+    swapped = results(True, training, training, labels=["ekf[noise_scale=3]", "ekf"])
     assert tuned(swapped)[0].plain["label"] == "ekf"
+    assert plain_of(["ukf[points=julier]", "ukf[points=cubature]"]) == "ukf[points=cubature]"

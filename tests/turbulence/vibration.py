@@ -27,14 +27,18 @@ DISKS = SpinningDisks(
 _RATE = 50.0  # [Hz]
 
 
+def flown(track: str) -> np.ndarray:
+    """Return the accelerations (N, 3) of a track as it is flown here [m/s²], ENU, 50 a second."""
+    truth = along(read_track(track, TrackLimits()), 1.0 / _RATE, 0.0, 0.0)
+    return np.asarray(np.diff(truth.velocities, axis=0) * _RATE)
+
+
 def amplitudes(track: str) -> np.ndarray:
     """Return root-mean-square amplitudes (3, 3) [m/s²] at 1, 2 and 3 Hz (rows), ENU.
 
     Of what a reading of one second has of a one-sided spectral density S: √(2 S · 1 Hz).
     """
-    flown = along(read_track(track, TrackLimits()), 1.0 / _RATE, 0.0, 0.0)
-    acceleration = np.diff(flown.velocities, axis=0) * _RATE
-    frequencies, density = welch(acceleration, _RATE, nperseg=int(10 * _RATE), axis=0)
+    frequencies, density = welch(flown(track), _RATE, nperseg=int(10 * _RATE), axis=0)
     at = [int(np.argmin(np.abs(frequencies - n))) for n in (1.0, 2.0, 3.0)]
     return np.asarray(np.sqrt(2.0 * density[at]))
 
