@@ -21,8 +21,8 @@ _SEEDS = (("model", "field", "error", "seed"), ("truth", "field", "error", "seed
 """Where a case says which realisation of a map's error it is."""
 _FLIGHTS = tuple(("trajectory", key) for key in ("latitude_deg", "longitude_deg", "heading_deg"))
 """Where it says over which part of a map it flies."""
-FLIGHTS = "flights"
-"""What differs where nothing in the error of a map is drawn."""
+MAPS, FLIGHTS = "maps", "flights"
+"""What differs: maps of one error that is drawn, or flights over one in which nothing is."""
 READING = (
     "Over realisations of the map's error the intervals hold what differs from map to map as well "
     "as from run to run: 95 %, Student's t over the realisations, of the mean logarithm of the "
@@ -58,7 +58,7 @@ def groups(cases: Sequence[CaseSpec]) -> list[tuple[str, list[CaseSpec]]]:
     found: dict[tuple[str, str], list[CaseSpec]] = {}
     for case in cases:
         tables = case.model_dump()
-        what, places = ("maps", _SEEDS) if _drawn(tables) else (FLIGHTS, _FLIGHTS)
+        what, places = (MAPS, _SEEDS) if _drawn(tables) else (FLIGHTS, _FLIGHTS)
         if case.side("truth").field == case.side("model").field:
             continue  # nothing is wrong with the map
         for *path, key in places:

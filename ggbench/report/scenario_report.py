@@ -36,7 +36,7 @@ from .particles_section import particles_section
 from .published_section import beside_published, frameworks
 from .realisations_section import realisations_section
 from .sweep_section import SweepReport
-from .tuning_section import Tuned, tuned, tuning_answer, tuning_section
+from .tuning_section import Tuned, on_other_maps, tuned, tuning_answer, tuning_section
 
 
 class ReportError(GGBenchError):
@@ -155,7 +155,7 @@ class _Report:
             self._unaided(),
             *(self._case_table(case) for case in self.scenario.cases),
             *realisations_section(self.scenario, self.summary),
-            *tuning_section(self.tuned),
+            *tuning_section(self.tuned, on_other_maps(self.results)),
             *matching_section(self.results, self.pictures),
             *particles_section(self.results),
             *self._paired(),

@@ -13,6 +13,7 @@ from ..judging.ranking import best, honest, pair_of, rows_of
 from ..judging.statistics import BETTER, UNDECIDED, WORSE
 from ..results.folder import Results
 from .families import plain_of
+from .realisations_section import MAPS, groups
 from .shares import percent
 from .tables import DEFINITIONS, markdown
 
@@ -83,23 +84,50 @@ def tuned(results: Results) -> list[Tuned]:
     return told
 
 
+def on_other_maps(results: Results) -> list[Tuned]:
+    """Return for maps of one error what was chosen over the first, as it does over each other one.
+
+    A map's error is the same in all runs: runs that judge over the map that chose hold nothing out
+    of it. None where the scenario asks for no tuning, or no map was drawn twice.
+    """
+    if not results.scenario.campaign.tuning:
+        return []
+    summary, told = results.summary(), list[Tuned]()
+    drawn = (maps for what, maps in groups(results.scenario.cases) if what == MAPS)
+    for first, *others in drawn:
+        tried = rows_of(summary, first, "settled")
+        for name, grid in _grids(results, tried).items():
+            plain = plain_of(grid)
+            chosen = best(_over(tried[k], tried[plain]["position_bound_m"]) for k in grid)
+            if chosen is None or chosen["label"] == plain:
+                continue
+            label = str(chosen["label"])
+            for other in others:
+                found = rows_of(summary, other, "settled")
+                if plain not in found or label not in found:
+                    continue
+                bound = found[plain]["position_bound_m"]
+                pair = pair_of(results.paired(), other.name, label, plain)
+                rows = [_over(found[k], bound) for k in (plain, label)]
+                runs = min(int(row["runs"]) for row in rows)
+                gain = str(pair["verdict"]) if pair else UNDECIDED
+                told.append(Tuned(other.title, name, runs, label, *rows, gain))
+    return told
+
+
 def _over(row: Mapping[str, Any], bound: float) -> dict[str, Any]:
     """Return a row of the summary with its ratios over another bound [m]."""
     scale = row["position_bound_m"] / bound
     return {k: v * scale if k.startswith("ratio_") else v for k, v in row.items()}
 
 
-def tuning_section(told: Sequence[Tuned]) -> list[str]:
-    """Return the section as markdown; nothing without a grid."""
+def tuning_section(told: Sequence[Tuned], elsewhere: Sequence[Tuned] = ()) -> list[str]:
+    """Return the section as markdown; nothing without a grid.
+
+    ``elsewhere`` is what :func:`on_other_maps` finds.
+    """
     if not told:
         return []
-    rows = [
-        [each.case, each.name, str(each.runs), *_figures(each.plain), f"`{each.label}`",
-         *_figures(each.chosen), each.gain + (", and honest now" if each.mends else "")]
-        for each in told
-    ]  # fmt: skip
-    head = ["case", "estimator", "runs judged", "plain: success", "error / bound",
-            "tuned: which", "success", "error / bound", "gain"]  # fmt: skip
     reading = (
         "Every estimator with the best of its variants: chosen in each case on the runs of even "
         "number, judged, as the plain one beside it, on those of odd number. Median error over "
@@ -109,11 +137,33 @@ def tuning_section(told: Sequence[Tuned]) -> list[str]:
         "do not differ up to a tenth would be called better or worse "
         f"([definitions]({DEFINITIONS}))."
     )
-    return ["## Tuned and not", reading, markdown(head, rows)]
+    parts = ["## Tuned and not", reading, _table(told)]
+    if elsewhere:
+        gains = Counter(each.gain for each in elsewhere)
+        lies = sum(not honest(each.chosen) for each in elsewhere)
+        parts += [
+            "The error of a map is the same in all runs, so that those which judge above hold "
+            "nothing out of it. Chosen over the first of the maps of an error, and flown over the "
+            f"others, a variant is better than the plain one in {gains[BETTER]} of "
+            f"{len(elsewhere)}, worse in {gains[WORSE]}, and not honest in {lies}:",
+            _table(elsewhere),
+        ]
+    return parts
+
+
+def _table(told: Sequence[Tuned]) -> str:
+    rows = [
+        [each.case, each.name, str(each.runs), *_figures(each.plain), f"`{each.label}`",
+         *_figures(each.chosen), each.gain + (", and honest now" if each.mends else "")]
+        for each in told
+    ]  # fmt: skip
+    head = ["case", "estimator", "runs judged", "plain: success", "error / bound",
+            "tuned: which", "success", "error / bound", "gain"]  # fmt: skip
+    return markdown(head, rows)
 
 
 def tuning_answer(told: Sequence[Tuned]) -> str:
-    """Return in markdown what tuning buys, case by case: a bold sentence or two."""
+    """Return in markdown what tuning buys, case by case: a list."""
     parts = []
     for case in dict.fromkeys(each.case for each in told):
         of_case = [each for each in told if each.case == case]
@@ -130,10 +180,11 @@ def tuning_answer(told: Sequence[Tuned]) -> str:
         if gains[WORSE]:
             text += f"; {counted(gains[WORSE], 'estimator')} worse"
         parts.append(text)
-    return (
-        "**What gains, run by run, if the parameters of a small grid are chosen on half of the "
-        f"runs and judged on the others: {'; '.join(parts)}.**"
+    lead = (
+        "**What gains, run by run, if the parameters of a small grid are chosen on half of the runs "
+        "and judged on the others:**"
     )
+    return "\n".join([lead, "", *(f"- {part}" for part in parts)])
 
 
 def _left(each: Tuned) -> float:

@@ -12,9 +12,10 @@ from leagues import dishonest
 from summaries import RUNS, SAME, case, records, tabled
 
 from ggbench.figures.numbers import short
+from ggbench.report import tuning_section as tuning_module
 from ggbench.report.families import plain_of
 from ggbench.report.tuning_section import SAME as PLAIN
-from ggbench.report.tuning_section import Tuned, tuned, tuning_answer, tuning_section
+from ggbench.report.tuning_section import Tuned, on_other_maps, tuned, tuning_answer, tuning_section
 
 LABELS = [
     "ins",
@@ -144,3 +145,30 @@ def test_the_plain_one_is_that_with_the_fewest_parameters():
     swapped = results(True, training, training, labels=["ekf[noise_scale=3]", "ekf"])
     assert tuned(swapped)[0].plain["label"] == "ekf"
     assert plain_of(["ukf[points=julier]", "ukf[points=cubature]"]) == "ukf[points=cubature]"
+
+
+def test_what_was_chosen_over_one_map_is_judged_over_the_others(monkeypatch):
+    """By all of their runs; without a second map, or with the plain one chosen, nothing is told."""
+    maps = [case(name=name, title=f"map {name}") for name in ("first", "second", "third")]
+    sizes = {"first": (4.0, 2.0), "second": (4.0, 1.0), "third": (1.0, 3.0)}
+    tables = [
+        [table.assign(case=name) for table in half(plain=plain, scaled=scaled, gated=9.0)]
+        for name, (plain, scaled) in sizes.items()
+    ]
+    summary, pairs = (pd.concat(kind, ignore_index=True) for kind in zip(*tables, strict=True))
+    held = SimpleNamespace(
+        scenario=SimpleNamespace(campaign=SimpleNamespace(tuning=True), cases=maps),
+        labels=["ekf", "ekf[noise_scale=3]"], summary=lambda: summary, paired=lambda: pairs,
+    )  # fmt: skip
+    monkeypatch.setattr(tuning_module, "groups", lambda cases: [("maps", list(cases))])
+    told = on_other_maps(held)
+    assert [(each.case, each.label, each.gain) for each in told] == [
+        ("map second", "ekf[noise_scale=3]", "better"),
+        ("map third", "ekf[noise_scale=3]", "worse"),
+    ]
+    text = "\n".join(tuning_section(told, told))
+    assert "better than the plain one in 1 of 2, worse in 1, and not honest in 0" in text
+    monkeypatch.setattr(tuning_module, "groups", lambda cases: [("flights", list(cases))])
+    assert on_other_maps(held) == []
+    held.scenario.campaign.tuning = False
+    assert on_other_maps(held) == []
