@@ -108,10 +108,10 @@ def on_other_maps(results: Results) -> list[Tuned]:
                     continue
                 bound = found[plain]["position_bound_m"]
                 pair = pair_of(results.paired(), other.name, label, plain)
-                rows = [_over(found[k], bound) for k in (plain, label)]
-                runs = min(int(row["runs"]) for row in rows)
+                one, two = (_over(found[k], bound) for k in (plain, label))
+                runs = min(int(one["runs"]), int(two["runs"]))
                 gain = str(pair["verdict"]) if pair else UNDECIDED
-                told.append(Tuned(other.title, name, runs, label, *rows, gain))
+                told.append(Tuned(other.title, name, runs, label, one, two, gain))
     return told
 
 
@@ -181,8 +181,8 @@ def tuning_answer(told: Sequence[Tuned]) -> str:
             text += f"; {counted(gains[WORSE], 'estimator')} worse"
         parts.append(text)
     lead = (
-        "**What gains, run by run, if the parameters of a small grid are chosen on half of the runs "
-        "and judged on the others:**"
+        "**What gains, run by run, if the parameters of a small grid are chosen on half of the "
+        "runs and judged on the others:**"
     )
     return "\n".join([lead, "", *(f"- {part}" for part in parts)])
 
