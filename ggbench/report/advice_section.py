@@ -36,6 +36,8 @@ _LINES = {
     "Aiding gains nothing": {NOTHING: ""},
 }
 """The lines of the answer: what each says of which situations, in a few words."""
+HALF = 0.5
+"""Share of the cases in which an estimator must be good to be named where none is in all."""
 
 
 def answer(advised: Sequence[Advice]) -> str:
@@ -71,9 +73,14 @@ def _told(advice: Advice) -> str:
     text = f"no estimator is honest and good in {'all of ' if len(advice.cases) > 1 else ''}{cases}"
     if advice.standings:
         first = advice.standings[0]
-        often = f" (most often `{first.label}`, {percent(first.good)})"
-        nor = ", nor in half of them" if len(advice.cases) > 1 else ""
-        text += often if first.good >= 0.5 else nor
+        if first.good >= HALF:
+            text += (
+                f" (most often `{first.label}`, {percent(first.good)}: {short(first.ms)} ms a run, "
+                f"{number(first.mean_ratio)} × the bound, success in "
+                f"{share(first.worst, *SUCCESS)} where it is least)"
+            )
+        elif len(advice.cases) > 1:
+            text += ", nor in half of them"
     left = [
         flown.found.best["position_median_m"] / flown.found.ins["position_median_m"]
         for flown in advice.cases
@@ -169,7 +176,11 @@ def _row(advice: Advice) -> list[str]:
     shown = advice.choice or advice.standings[0]
     named = f"**`{shown.label}`**"
     if not advice.choice:
-        named = f"none{_nobody(advice, '; in ')}; most often `{shown.label}`"
+        named = f"none{_nobody(advice, '; in ')}"
+        if shown.good < HALF:
+            # Who is good in fewer leads by chance, and its figures are no advice.
+            return [title, where, f"{named}; nor in half of them", *[""] * 6]
+        named += f"; most often `{shown.label}`"
     good = percent(shown.good)
     if shown.open:
         good += f" (in {percent(shown.open)} too few runs to tell)"

@@ -86,6 +86,23 @@ def test_where_nobody_is_good_everywhere_that_is_said(tmp_path):
     assert (row[3], row[-1]) == ("50 %", "")
     told = row[2] + short_of(text)
     assert (told.count("`ekf`"), told.count("`ukf`")) == (1, 1)
+    assert re.search(
+        r"\(most often `(ekf|ukf)`, 50 %: 10.0 ms a run, [\d.]+ × the bound, success in 100 %", text
+    )
+
+
+def test_where_nobody_is_good_in_half_nobody_is_named(tmp_path):
+    """Who leads with a third does so by chance, and its figures would be taken for advice."""
+    poor = 9.0 * SAME
+    names = ("ekf", "ukf", "gaussian-sum")
+    held = league_of(
+        **{f"s{n}": [[INS, *(records(k, SAME if k == best else poor) for k in names)]]
+           for n, best in enumerate(names)}
+    )  # fmt: skip
+    text = page(held, tmp_path)
+    row = list(advised(text).values())
+    assert row[2] == "none; nor in half of them" and set(row[3:]) == {""}
+    assert "in all of 3 cases, nor in half of them" in text
 
 
 def test_runs_that_are_too_few_are_told(tmp_path, monkeypatch):
