@@ -407,3 +407,18 @@ def test_halves_are_the_runs_of_even_and_of_odd_number(results):
     np.testing.assert_allclose(np.sqrt(square), whole["position_mrse_m"])
     np.testing.assert_allclose(even["position_bound_m"], whole["position_bound_m"])
     assert [set(table["runs"]) for table in results.halves(2)] == [{1}, {1}]
+
+
+def test_pairs_that_judge_are_of_the_runs_of_odd_number(results):
+    """Of the estimators that are asked for and the INS, in one case; of no study."""
+    case, label = results.scenario.cases[0].name, next(k for k in KINDS if k != "ins")
+    table = results.judged_pairs(case, [label], 3)
+    assert set(table["case"]) == {case}
+    assert {*table["first"], *table["second"]} == {label, "ins"} and set(table["runs"]) == {1}
+    runs = results.runs()
+    held = runs[(runs["case"] == case) & (runs["assumption"] == "") & (runs["run"] == 1)]
+    square = held.set_index("estimator")["settled_position_ms"]
+    row = table[table["window"] == "settled"].iloc[0]
+    assert row["position_win_rate"] == float(square[row["first"]] < square[row["second"]])
+    difference = square[row["first"]] - square[row["second"]]
+    assert row["position_difference_m2"] == pytest.approx(difference)
