@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from typing import NamedTuple
 from zlib import crc32
@@ -58,7 +59,14 @@ _COLOURS = {
         "darkgoldenrod",
         "khaki",
     ),
-    "tercom": ("darkcyan", "mediumturquoise", "darkseagreen", "darkgreen", "lightseagreen"),
+    "tercom": (
+        "darkcyan",
+        "mediumturquoise",
+        "darkseagreen",
+        "darkgreen",
+        "lightseagreen",
+        "mediumseagreen",
+    ),
     "sitan": ("rebeccapurple", "thistle"),
     "iccp": ("slategray",),
     "viterbi": ("tomato",),
@@ -120,6 +128,7 @@ _VARIANTS = {
         "fusion=kalman",
         "misfit=30",
         "window=60,longest=60",
+        "loss=cauchy",
     ),
     "sitan": ("", "bank=auto,most=1000"),
     "iccp": ("",),
@@ -148,6 +157,7 @@ _SIZES = {
 _SIZE_MARKERS = "v^<>dDh"
 _OTHERS = ("deeppink", "chocolate", "olive", "tan", "mediumaquamarine", "rosybrown")
 """Colours of estimators that the package does not know: neither the INS's nor the bound's."""
+_NUMBER = re.compile(r"[-+.\de]+")
 _LINES = ("-", "--", "-.", ":")
 _MARKERS = {
     "ekf": "osphHdD",
@@ -161,7 +171,7 @@ _MARKERS = {
     "unscented-particle": "X8",
     "gaussian-particle": "s+",
     "correlation": "PXoshDd",
-    "tercom": "*XhPd",
+    "tercom": "*XhPds",
     "sitan": "s8",
     "iccp": "+",
     "viterbi": "p",
@@ -232,9 +242,13 @@ def _known_reduced(variant: str) -> Look | None:
 
 
 def _choices(label: str) -> list[Look]:
-    """All looks of an estimator that is in no table, those first that its label says."""
+    """All looks of an estimator that is in no table, those first that its label says.
+
+    Where that differs from one in the table by numbers alone, it keeps the colour of that one.
+    """
     name = label.partition("[")[0]
-    shades = _COLOURS.get(name, _OTHERS)
+    plain = _known(_without_numbers(label))
+    shades = _COLOURS.get(name, _OTHERS) if plain is None else (plain.color,)
     number = crc32((label if name in _COLOURS else name).encode())
     line = crc32(label.encode())
     return [
@@ -246,3 +260,10 @@ def _choices(label: str) -> list[Look]:
         for shade in range(len(shades))
         for style in range(4)
     ]
+
+
+def _without_numbers(label: str) -> str:
+    """Return a label without the parameters whose values are numbers."""
+    name, _, variant = label.removesuffix("]").partition("[")
+    words = [part for part in variant.split(",") if not _NUMBER.fullmatch(part.partition("=")[2])]
+    return f"{name}[{','.join(words)}]"

@@ -92,6 +92,7 @@ TERMS = {
     r"\bbest\b": "The best of a case",
     r"\b(succeed|success|lost|failed|diverged|falsely|locked|false locks?)": "Success",
     r"\b(verdict|sign test|alone|ratio of errors|against|better|worse|too few runs)\b": "Verdicts",
+    r"\bgain\b": "Verdicts",
     r"\b(NEES|NIS|coverage|band)\b": "Consistency",
     r"\b(bound|efficiency)\b": "Bound",
     r"\b(MRSE|capped|error)\b": "Error",

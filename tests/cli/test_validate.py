@@ -54,7 +54,10 @@ def noisy_track(path: Path, noise_m: float) -> str:
 
 
 def test_no_shipped_flight_is_absurd():
-    """The limits leave room around every scenario of the library and its assumptions."""
+    """The limits leave room around every scenario of the library and its assumptions.
+
+    But for the gusts of ``turbulence``, of which nothing else is absurd.
+    """
     flights = [case for name in scenario.shipped() for case in scenario.load(name).cases]
     flights += [
         case
@@ -64,8 +67,12 @@ def test_no_shipped_flight_is_absurd():
     ]
     seen = {(case.trajectory, case.imu.period_s): case for case in flights}
     assert len(seen) > 15
+    gusty = {case.trajectory for case in scenario.load("turbulence").cases}
     for case in seen.values():
-        assert list(absurdities(flown_of(case))) == [], case.name
+        found = list(absurdities(flown_of(case)))
+        if case.trajectory in gusty and case.name != "calm":
+            found = [what for what in found if "(half a g) is severe turbulence" not in what]
+        assert found == [], case.name
 
 
 def test_a_noisy_track_is_warned_of(tmp_path):

@@ -33,15 +33,22 @@ DEFAULT = {"factor-graph": "factor-graph[mode=isam2]"} | {
 """One estimator under two labels: what is so without being said, and the length of a lag."""
 EVERY = sorted({DEFAULT.get(label, label) for labels in SHIPPED.values() for label in labels})
 TIMES = np.arange(1.0, 6.0)
-SWEPT = ("noise", "noise_scale", "particles", "window")
+SWEPT = ("noise", "noise_scale", "particles", "window", "alpha", "spacing_m", "starts",
+         "relinearize_threshold")  # fmt: skip
+"""Numbers in which variants differ by line and marker, and not by colour."""
+TUNED = {
+    "ekf[iterations=2]", "ekf[gate=0.99]", "ekf[underweighting=1]", "tercom[window=10,longest=60]",
+    "tercom[window=40,longest=120]",
+}  # fmt: skip
+"""And variants of a study that have a number beside one that has a colour."""
 
 
 def family_of(label: str) -> str:
     """What a label says beside numbers of particles or readings, and which noise is told."""
     name, _, variant = label.rstrip("]").partition("[")
     parts = variant.split(",")
-    own = [p for p in parts if p and p.partition("=")[0] not in SWEPT]
-    return f"{name} {own}"
+    own = [p for p in parts if p and p.partition("=")[0] not in SWEPT and label not in TUNED]
+    return family_of(DEFAULT[name]) if not own and name in DEFAULT else f"{name} {own}"
 
 
 def over_time(labels: list[str]) -> Figure:
@@ -102,8 +109,8 @@ def test_an_estimator_of_the_library_looks_the_same_beside_any_others():
 def test_no_two_of_the_library_look_alike():
     """No two have one colour, or the bound's; all but the INS are not grey.
 
-    But for those that differ in their number of particles, in the length of their window, or in the
-    noise that a filter of some of the states is told: line and marker differ, the colour does not.
+    But for those that differ in a number alone, as of particles or of readings in a window, or in
+    the noise that they are told: line and marker differ, the colour does not.
     """
     drawn = looks(EVERY)
     assert len(set(drawn.values())) == len(EVERY)
