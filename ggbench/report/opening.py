@@ -15,7 +15,7 @@ from ..figures.numbers import capital, counted, short, some
 from ..judging.ranking import LEAST_COVERAGE, error_ratio, honest, often_false
 from ..judging.statistics import BETTER
 from ..spec.scenario import Scenario
-from .outcome import Outcome, outcome
+from .outcome import Outcome, comparable_ratio, outcome
 from .shares import SUCCESS, percent, share
 
 
@@ -157,7 +157,7 @@ def _of_many(told: Sequence[Outcome]) -> str:
     parts = []
     if most:
         first = [label for label, count in counts.items() if count == most]
-        rest = sorted((label for label in counts if label not in first), key=lambda k: -counts[k])
+        rest = sorted((k for k in counts if 0 < counts[k] < most), key=lambda k: -counts[k])
         where = f"all {most}" if most == len(told) else f"{most} of {len(told)}"
         figures = some([f"`{label}`{_range(judged, label)}" for label in first])
         parts.append(f"as good as the best causal estimator and honest in {where} cases: {figures}")
@@ -186,7 +186,8 @@ def _range(judged: Sequence[Outcome], label: str) -> str:
     good = [found for found in judged if found.good(label)]
     rows = [found.rows[label] for found in good]
     shares = [row["success_share"] for row in rows]
-    ratios = [row["ratio_median"] for row in rows if math.isfinite(row["ratio_median"])]
+    told = (comparable_ratio(f.rows[label], f.best, f.pairs.get(label)) for f in good)
+    ratios = [ratio for ratio in told if math.isfinite(ratio)]
     text = percent(min(shares))
     if min(shares) < max(shares):
         text += f" to {percent(max(shares))}"
