@@ -50,7 +50,7 @@ def test_intensities_are_told_apart() -> None:
 
 @pytest.mark.parametrize("intensity", ["moderate", "severe"])
 def test_the_noise_of_vibrating_disks_is_that_of_the_track(intensity: str) -> None:
-    """Of 600 variances; their spread between seeds is 5 % of the root."""
+    """Of 100 disks about each axis, which differ by ten times: the root is known to some 5 %."""
     _, case = scenario.load("turbulence").find(f"{intensity}-vibration")
     told = case.side("truth").gradiometer
     assert told is not None and told.noise_eotvos is not None

@@ -6,10 +6,17 @@ noise, and no bias as of a rotor that turns in step.
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from scipy.signal import welch
 
-from ggbench.sensors.gradiometer.rotating import DISK_AXES, RotatingGradiometer, Vibration
+from ggbench.sensors.gradiometer.rotating import (
+    DISK_AXES,
+    RotatingErrors,
+    RotatingGradiometer,
+    Vibration,
+)
 from ggbench.sensors.gradiometer.rotating_budget import channel_errors
 from ggbench.sensors.gradiometer.spinning_disks import SpinningDisks
 from ggbench.trajectory.track import TrackLimits, read_track
@@ -43,22 +50,35 @@ def amplitudes(track: str) -> np.ndarray:
     return np.asarray(np.sqrt(2.0 * density[at]))
 
 
-def noise(amplitude: np.ndarray, runs: int = 100, readings: int = 40, seed: int = 1) -> float:
-    """Return the root mean square [E] of the noise that vibrations make, over runs and channels."""
-    rng = np.random.default_rng(seed)
-    still, hanging = np.zeros((1, 6)), np.array([0.0, 0.0, 9.81])
-    variances = []
-    for _ in range(runs):
-        for axis in DISKS.spin_axes:
-            order = list(DISK_AXES[axis])
-            errors = DISKS._draw(rng)
-            each = ISOLATION * amplitude[:, order] / np.sqrt(2.0)
-            found = [
-                channel_errors(
-                    DISKS.instrument, errors, still, hanging[np.newaxis, order],
-                    np.zeros((1, 3)), Vibration(*(each * rng.standard_normal((2, 3, 3)))),
-                )[0]
-                for _ in range(readings)
-            ]  # fmt: skip
-            variances.append(np.var(found, axis=0, ddof=1))
-    return float(np.sqrt(np.mean(variances)))
+def noise(amplitude: np.ndarray) -> float:
+    """Return the root mean square [E] of the noise that vibrations make, over disks and channels.
+
+    ``amplitude`` (3, 3) as :func:`amplitudes` has it. A cosine and a sine at each frequency and
+    along each axis have half of its square each, and a disk's answer to each of them is linear.
+    """
+    variances = np.zeros((len(DISKS.spin_axes), *_answers(0).shape[1:]))
+    for number, axis in enumerate(DISKS.spin_axes):
+        half = 0.5 * (ISOLATION * amplitude[:, list(DISK_AXES[axis])]) ** 2
+        weights = np.concatenate([half.ravel(), half.ravel()])
+        variances[number] = np.einsum("v,vdc->dc", weights, _answers(number) ** 2)
+    return float(np.sqrt(variances.mean()))
+
+
+@cache
+def _answers(number: int, disks: int = 100) -> np.ndarray:
+    """Return what vibrations of 1 m/s² add to channels of disks about an axis, (18, disks, 2)."""
+    axis, rng = DISKS.spin_axes[number], np.random.default_rng((1, number))
+    hanging = np.array([[0.0, 0.0, 9.81]])[:, list(DISK_AXES[axis])]
+    found = np.empty((18, disks, 2))
+    for disk in range(disks):
+        errors = DISKS._draw(rng)
+
+        def added(vibration: np.ndarray, errors: RotatingErrors = errors) -> np.ndarray:
+            return channel_errors(
+                DISKS.instrument, errors, np.zeros((1, 6)), hanging, np.zeros((1, 3)),
+                Vibration(*vibration.reshape(2, 3, 3)),
+            )[0]  # fmt: skip
+
+        still = added(np.zeros(18))
+        found[:, disk] = [added(unit) - still for unit in np.eye(18)]
+    return found
