@@ -9,11 +9,11 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from turbulence import INTENSITIES
 from turbulence.vibration import amplitudes, flown, noise
 
 from ggbench.spec import scenario
 
-INTENSITIES = ("calm", "light", "moderate", "severe")
 DATA = Path(__file__).parents[1] / "scenarios" / "data"
 
 

@@ -18,7 +18,7 @@ from ..figures.style import save
 from ..judging.ranking import best_causal, rows_of
 from ..results.folder import Results
 from ..spec.case import CaseSpec
-from .families import leaders, of_the_best, plain_of
+from .families import kinds, leaders, of_the_best, plain_of
 from .shares import SUCCESS
 from .tables import DEFINITIONS
 
@@ -85,14 +85,11 @@ def fewer(labels: Sequence[str], tables: Sequence[Rows]) -> list[str]:
     """
     if len(labels) <= _MOST_LABELS:
         return list(labels)
-    groups: dict[tuple[str, str], dict[str, None]] = {}
-    for table in tables:
-        for label, row in table.items():
-            if row["causality"] != "none":
-                groups.setdefault((label.partition("[")[0], row["causality"]), {})[label] = None
+    every, rows = aided(tables), {k: row for table in tables for k, row in table.items()}
     found = (best_causal(table.values()) for table in tables)
-    kept = {plain_of(group) for group in groups.values()} | {r["label"] for r in found if r}
-    return [label for label in aided(tables) if label in kept]
+    kept = {plain_of(group) for group in kinds(every, rows).values()}
+    kept |= {row["label"] for row in found if row}
+    return [label for label in every if label in kept]
 
 
 def caveat(results: Results, summary: pd.DataFrame) -> str:

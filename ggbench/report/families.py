@@ -76,6 +76,14 @@ def leaders(estimators: Mapping[str, Any], ranked: Iterable[str]) -> list[str]:
     return left
 
 
+def kinds(labels: Iterable[str], rows: Mapping[str, Any]) -> dict[tuple[str, str], list[str]]:
+    """Return labels by their estimator's name and their causality, which ``rows`` have by label."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for label in labels:
+        found.setdefault((label.partition("[")[0], rows[label]["causality"]), []).append(label)
+    return found
+
+
 def plain_of(labels: Iterable[str]) -> str:
     """Return of variants of an estimator the plain one.
 

@@ -16,7 +16,7 @@ from ..judging.success import EQUAL
 from ..judging.summary import WINDOWS, window_mask
 from ..spec.case import CaseSpec
 from ..spec.scenario import Scenario
-from .outcome import comparable_ratio
+from .outcome import Outcome, comparable_ratio, outcome
 from .shares import percent, share
 
 DEFINITIONS = "definitions.md"
@@ -85,25 +85,22 @@ def glance(
 
 def errors_of_cases(scenario: Scenario, summary: pd.DataFrame, pairs: pd.DataFrame) -> str:
     """Return error over bound of many cases: a column for each, a row for each estimator."""
-    tables = {case: rows_of(summary, case, "settled") for case in scenario.cases}
-    tables = {case: table for case, table in tables.items() if table}
-    labels = list(dict.fromkeys(label for table in tables.values() for label in table))
-    causality = {k: row["causality"] for table in tables.values() for k, row in table.items()}
+    told = [outcome(case, summary, pairs) for case in scenario.cases]
+    told = [found for found in told if found.rows]
+    tables = [found.rows for found in told]
+    labels = list(dict.fromkeys(label for table in tables for label in table))
+    causality = {k: row["causality"] for table in tables for k, row in table.items()}
     labels.sort(key=lambda label: ORDER[causality[label]])
-    best = {case: best_causal(table.values()) for case, table in tables.items()}
-    most = _most_runs(tables.values())
+    most = _most_runs(tables)
     rows = []
     for kind in ("filter", "fixed-lag", "batch"):
         if kind in causality.values():
-            bounds = (_bounds(table, kind) for table in tables.values())
+            bounds = (_bounds(table, kind) for table in tables)
             least = (next((b for b in held if math.isfinite(b)), math.nan) for held in bounds)
             rows.append(
                 [f"*bound [m]: {kind}*", *("" if math.isnan(b) else short(b) for b in least)]
             )
-    medians = {
-        "the best causal": best.values(),
-        "the INS": (_unaided(table) for table in tables.values()),
-    }
+    medians = {"the best causal": [f.best for f in told], "the INS": [f.ins for f in told]}
     for who, held in medians.items():
         metres = [short(row["position_median_m"]) if row else "" for row in held]
         if any(metres):
@@ -111,8 +108,8 @@ def errors_of_cases(scenario: Scenario, summary: pd.DataFrame, pairs: pd.DataFra
     for label in labels:
         kind = causality[label]
         name = f"`{label}`" if kind in ("filter", "none") else f"`{label}` ({kind})"
-        name += _of_fewer([t[label] for t in tables.values() if label in t], most)
-        rows.append([name, *(_over_bound(tables[c].get(label), best[c], pairs) for c in tables)])
+        name += _of_fewer([t[label] for t in tables if label in t], most)
+        rows.append([name, *(_over_bound(found, label) for found in told)])
     reading = (
         "Median over the runs that succeed of the position error over the bound of its kind; "
         "behind it the share of success, if it is not all, and † what is not honest of itself; "
@@ -121,7 +118,7 @@ def errors_of_cases(scenario: Scenario, summary: pd.DataFrame, pairs: pd.DataFra
         "The best causal estimator of a case is bold if it is honest "
         f"([definitions]({DEFINITIONS}))."
     )
-    return f"{markdown(['', *(case.title for case in tables)], rows)}\n\n{reading}"
+    return f"{markdown(['', *(found.case.title for found in told)], rows)}\n\n{reading}"
 
 
 def _most_runs(tables: Iterable[Mapping[str, Mapping[str, Any]]]) -> int:
@@ -134,25 +131,17 @@ def _of_fewer(rows: Sequence[Mapping[str, Any]], most: int) -> str:
     return f", {counted(runs, 'run')}" if runs < most else ""
 
 
-def _unaided(table: Mapping[str, Mapping[str, Any]]) -> Mapping[str, Any] | None:
-    """Return the row of the INS, if its errors are known."""
-    rows = (row for row in table.values() if row["causality"] == "none")
-    return next((row for row in rows if math.isfinite(row["position_median_m"])), None)
-
-
 def _bounds(table: Mapping[str, Mapping[str, Any]], causality: str) -> list[float]:
     """Return the bounds on the position [m] of a case's estimators of a causality."""
     return [r["position_bound_m"] for r in table.values() if r["causality"] == causality]
 
 
-def _over_bound(
-    row: dict[str, Any] | None, best: dict[str, Any] | None, pairs: pd.DataFrame
-) -> str:
+def _over_bound(found: Outcome, label: str) -> str:
     """Return an estimator's median error over the bound, with its share of success."""
+    row, best = found.rows.get(label), found.best
     if row is None:
         return ""
-    pair = pair_of(pairs, row["case"], best["label"], row["label"]) if best else None
-    ratio = comparable_ratio(row, best, pair)
+    ratio = comparable_ratio(row, best, found.pairs.get(label))
     mark = "~" if ratio != row["ratio_median"] else ""
     text = f"{mark}{short(ratio)}" if math.isfinite(ratio) else "–"
     if best is not None and row["label"] == best["label"] and honest(row):

@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..figures.numbers import counted, short
 from ..judging.ranking import best, honest, pair_of, rows_of
 from ..judging.statistics import BETTER, UNDECIDED, WORSE
 from ..results.folder import Results
-from .families import plain_of
+from ..spec.case import CaseSpec
+from .answer_section import Rows
+from .families import kinds, plain_of
 from .realisations_section import MAPS, groups
 from .shares import percent
 from .tables import DEFINITIONS, markdown
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 SAME = "the plain one"
 """What is gained if the plain one is chosen."""
@@ -67,20 +72,14 @@ def tuned(results: Results) -> list[Tuned]:
             common = min(int(held[label]["runs"]) for label in grid)
             tried, found = (rows_of(half, case, "settled") for half in results.halves(common))
             plain = plain_of(grid)
-            bound = held[plain]["position_bound_m"]
-            chosen = best(_over(tried[label], bound) for label in grid if label in tried)
-            if chosen is None:
-                continue
-            label = str(chosen["label"])
-            if plain not in found or label not in found:  # no run of odd number is there
+            label = _chosen(tried, grid, held[plain]["position_bound_m"])
+            if label is None or not {plain, label} <= found.keys():  # no run of odd number is there
                 continue
             gain = SAME
             if label != plain:
                 pairs = results.judged_pairs(case.name, (plain, label), common)
-                pair = pair_of(pairs, case.name, label, plain)
-                gain = str(pair["verdict"]) if pair else UNDECIDED
-            first, second = (_over(found[k], bound) for k in (plain, label))
-            told.append(Tuned(case.title, name, common // 2, label, first, second, gain))
+                gain = _gain(pairs, case, label, plain)
+            told.append(_judged(case, name, common // 2, label, plain, found, gain))
     return told
 
 
@@ -92,27 +91,44 @@ def on_other_maps(results: Results) -> list[Tuned]:
     """
     if not results.scenario.campaign.tuning:
         return []
-    summary, told = results.summary(), list[Tuned]()
-    drawn = (maps for what, maps in groups(results.scenario.cases) if what == MAPS)
+    drawn = [maps for what, maps in groups(results.scenario.cases) if what == MAPS]
+    if not drawn:
+        return []
+    summary, pairs, told = results.summary(), results.paired(), list[Tuned]()
     for first, *others in drawn:
         tried = rows_of(summary, first, "settled")
+        tables = [(other, rows_of(summary, other, "settled")) for other in others]
         for name, grid in _grids(results, tried).items():
             plain = plain_of(grid)
-            chosen = best(_over(tried[k], tried[plain]["position_bound_m"]) for k in grid)
-            if chosen is None or chosen["label"] == plain:
+            label = _chosen(tried, grid, tried[plain]["position_bound_m"])
+            if label is None or label == plain:
                 continue
-            label = str(chosen["label"])
-            for other in others:
-                found = rows_of(summary, other, "settled")
-                if plain not in found or label not in found:
-                    continue
-                bound = found[plain]["position_bound_m"]
-                pair = pair_of(results.paired(), other.name, label, plain)
-                one, two = (_over(found[k], bound) for k in (plain, label))
-                runs = min(int(one["runs"]), int(two["runs"]))
-                gain = str(pair["verdict"]) if pair else UNDECIDED
-                told.append(Tuned(other.title, name, runs, label, one, two, gain))
+            for other, found in tables:
+                if {plain, label} <= found.keys():
+                    runs = min(int(found[k]["runs"]) for k in (plain, label))
+                    gain = _gain(pairs, other, label, plain)
+                    told.append(_judged(other, name, runs, label, plain, found, gain))
     return told
+
+
+def _chosen(rows: Rows, grid: Iterable[str], bound: float) -> str | None:
+    """Return the label of the best of a grid, all errors over one bound [m]; None without any."""
+    row = best(_over(rows[label], bound) for label in grid if label in rows)
+    return None if row is None else str(row["label"])
+
+
+def _gain(pairs: pd.DataFrame, case: CaseSpec, label: str, plain: str) -> str:
+    """Return the verdict on a variant beside the plain one."""
+    pair = pair_of(pairs, case.name, label, plain)
+    return str(pair["verdict"]) if pair else UNDECIDED
+
+
+def _judged(
+    case: CaseSpec, name: str, runs: int, label: str, plain: str, rows: Rows, gain: str
+) -> Tuned:
+    bound = rows[plain]["position_bound_m"]
+    first, second = (_over(rows[k], bound) for k in (plain, label))
+    return Tuned(case.title, name, runs, label, first, second, gain)
 
 
 def _over(row: Mapping[str, Any], bound: float) -> dict[str, Any]:
@@ -205,14 +221,10 @@ def _said(each: Tuned) -> str:
     return f"{text} {before} → {after} × the bound{mark}"
 
 
-def _grids(results: Results, rows: Mapping[str, Any]) -> dict[str, list[str]]:
+def _grids(results: Results, rows: Rows) -> dict[str, list[str]]:
     """Return the variants of each estimator that has some."""
-    found: dict[str, list[str]] = {}
-    for label in results.labels:
-        if label in rows:
-            name = f"`{label.partition('[')[0]}`, {rows[label]['causality']}"
-            found.setdefault(name, []).append(label)
-    return {name: grid for name, grid in found.items() if len(grid) > 1}
+    found = kinds((label for label in results.labels if label in rows), rows)
+    return {f"`{name}`, {kind}": grid for (name, kind), grid in found.items() if len(grid) > 1}
 
 
 def _figures(row: Mapping[str, Any]) -> list[str]:

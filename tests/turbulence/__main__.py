@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from .flying import COLUMNS, INTENSITIES, track
+from . import INTENSITIES
+from .flying import COLUMNS, track
 
 
 def main() -> None:

@@ -14,10 +14,10 @@ from pathlib import Path
 import jsbsim
 import numpy as np
 
+from . import INTENSITIES
+
 FOOT = 0.3048
 """[m]."""
-INTENSITIES = {"calm": 0, "light": 3, "moderate": 4, "severe": 6}
-"""JSBSim's number of an intensity: exceeded in one of 10², 10³ and 10⁵ of the flight time."""
 COLUMNS = {
     "time_s": 1,
     "latitude_deg": 12,
@@ -32,15 +32,15 @@ SEED = 8785
 STEPS_A_ROW = 12
 """Steps of JSBSim, 1/120 s each, from row to row: 0.1 s."""
 
+_HEIGHT, _HEADING, _SPEED = 1280.0, 70.0, 55.0
 _START = {
     "ic/lat-geod-deg": 36.255,
     "ic/long-gc-deg": -84.374,
     "ic/terrain-elevation-ft": 450.0 / FOOT,
-    "ic/h-sl-ft": 1280.0 / FOOT,
-    "ic/vt-kts": 55.0 * 3600.0 / 1852.0,
-    "ic/psi-true-deg": 70.0,
+    "ic/h-sl-ft": _HEIGHT / FOOT,
+    "ic/vt-kts": _SPEED * 3600.0 / 1852.0,
+    "ic/psi-true-deg": _HEADING,
 }
-_HEIGHT, _HEADING, _SPEED = 1280.0, 70.0, 55.0
 _BEFORE = 100.0
 """Time in which the pilot finds his trim, and gusts arise, before the track begins [s]."""
 
