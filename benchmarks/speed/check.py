@@ -1,0 +1,119 @@
+"""The guard against regressions: ratios of engines measured in turn, never absolute times."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from . import export
+from .calls import Calls
+from .flops import Dgemm
+
+
+@dataclass(frozen=True)
+class Guard:
+    """How many times as fast a fast way must be as a slow one, per run.
+
+    Attributes
+    ----------
+    name : what is compared. floor : about half of what was measured when it was set.
+    slow, fast : make what is timed, ``runs_per_call`` and ``solve(run)``.
+    """
+
+    name: str
+    floor: float
+    slow: Callable[[], Any]
+    fast: Callable[[], Any]
+
+
+class _Framework:
+    runs_per_call = 1
+
+    def __init__(self, label: str) -> None:
+        from oracles import reference
+
+        self.oracle, (self.problem,) = reference(label), export.problems([0])
+
+    def solve(self, run: int) -> object:
+        return self.oracle.estimate(self.problem)
+
+
+def _compiled(label: str) -> Any:
+    from .rival_ggbench import Compiled
+
+    return Compiled(label, threads=1, blocks=1)
+
+
+class _Simulation:
+    """A block of runs, simulated."""
+
+    def __init__(self) -> None:
+        from .rival_ggbench import BLOCK
+
+        self.runs_per_call = BLOCK
+
+    def solve(self, run: int) -> object:
+        from ggbench.simulation.runs import simulate_block
+
+        return simulate_block(export.flight(), export.seed(), range(self.runs_per_call))
+
+
+def guards() -> list[Guard]:
+    """Return what is guarded."""
+    engines = [
+        ("ekf", 20.0), ("ekf[iterations=5]", 20.0), ("ekf[noise_memory=20]", 35.0), ("ukf", 20.0),
+        ("ukf[loss=cauchy]", 25.0), ("gaussian-sum", 10.0), ("factor-graph", 9.0),
+        ("factor-graph[mode=fixed-lag]", 14.0), ("factor-graph[mode=batch]", 40.0),
+        ("gauss-newton", 4.0),
+    ]  # fmt: skip
+    return [
+        Guard("h of one state, compiled against NumPy", 2.5,
+              lambda: Calls("numpy-h"), lambda: Calls("compiled-h")),
+        Guard("h of 31 states, compiled against NumPy", 6.0,
+              lambda: Calls("numpy-h31"), lambda: Calls("compiled-h31")),
+        Guard("H, compiled against NumPy", 5.0,
+              lambda: Calls("numpy-H"), lambda: Calls("compiled-H")),
+        *(
+            Guard(f"{label}, compiled against its framework or NumPy", floor,
+                  lambda label=label: _Framework(label), lambda label=label: _compiled(label))
+            for label, floor in engines
+        ),
+        Guard("simulation of a run, against a product of matrices of 768 x 768", 4.0,
+              Dgemm, _Simulation),
+    ]  # fmt: skip
+
+
+def ratio(slow: Any, fast: Any, rounds: int, seconds: float) -> float:
+    """Return the median over rounds of the ratio of the times per run, the two timed in turn.
+
+    Processor time: other work on the machine, of which a test server has plenty, is no part of it.
+    """
+
+    def per_run(solver: Any) -> float:
+        calls, start = 0, time.process_time()
+        while True:
+            solver.solve(0)
+            calls += 1
+            spent = time.process_time() - start
+            if spent >= seconds:
+                return spent / (calls * solver.runs_per_call)
+
+    for solver in (slow, fast):
+        solver.solve(0)  # compiled, and in memory
+    return statistics.median(per_run(slow) / per_run(fast) for _ in range(rounds))
+
+
+def run(rounds: int = 7, seconds: float = 0.15) -> int:
+    """Measure every guard and say what came out; return the number of those below their floor."""
+    low = 0
+    for guard in guards():
+        found = ratio(guard.slow(), guard.fast(), rounds, seconds)
+        verdict = "at least" if found >= guard.floor else "BELOW the floor of"
+        print(f"{guard.name}: {found:.1f} times as fast, {verdict} {guard.floor:g}")
+        low += found < guard.floor
+    if low:
+        print(f"{low} of the ratios fell below the floor; a change made something slower.")
+    return low

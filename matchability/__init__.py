@@ -1,0 +1,1 @@
+"""Matching suitability of the cells of a map, before any flight."""

@@ -1,0 +1,86 @@
+"""Index of matching suitability by principal components, as in the literature.
+
+The index finds what varies over the cells of a study, not what predicts an error: nothing in it has
+seen one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+ORIENTATION = {
+    "deviation": 1.0,
+    "slope_deviation": 1.0,
+    "roughness": 1.0,
+    "entropy": -1.0,
+    "correlation_m": -1.0,
+}
+"""The five statistics of an index, and whether more of each is taken for better."""
+KEPT_VARIANCE = 0.85
+"""Share of the variance that the components kept explain at least; the literature gives none."""
+FEWEST_CELLS = 6
+"""With which the correlations of five statistics can be estimated at all."""
+GRADES = ("unsuitable", "fair", "good")
+"""The thirds of the cells by the index, from below; the literature gives no thresholds."""
+
+
+@dataclass(frozen=True)
+class Components:
+    """Principal components of statistics over cells.
+
+    Attributes
+    ----------
+    explained : (p,) shares of the variance, falling.
+    vectors : (p, p), a component in each column, in the order of :data:`ORIENTATION`.
+    kept : how many of them are in the index.
+    index : (N,) Σ λ_k/Σλ v_kᵀx of the cells; NaN of a cell that was left out.
+    """
+
+    explained: Array
+    vectors: Array
+    kept: int
+    index: Array
+
+
+def principal_components(statistics: Mapping[str, Array]) -> Components | None:
+    """Return the components of the statistics (N,) named in :data:`ORIENTATION`.
+
+    Of their logarithms, each turned so that larger is taken for better and then standardised. A
+    component is turned so that it correlates positively with the standard deviation: eigenvectors
+    have no sign. A cell one of whose statistics is not positive, as where a map is flat, is left
+    out. None if fewer than six cells remain, or a statistic is the same in all.
+    """
+    columns = np.stack([np.asarray(statistics[name], float) for name in ORIENTATION], axis=1)
+    usable = np.all(np.isfinite(columns) & (columns > 0.0), axis=1)
+    if np.count_nonzero(usable) < FEWEST_CELLS:
+        return None
+    x = np.log(columns[usable]) * np.array([*ORIENTATION.values()])
+    spread = x.std(axis=0, ddof=1)
+    if not (spread > 1e-12).all():
+        return None
+    x = (x - x.mean(axis=0)) / spread
+    values, vectors = np.linalg.eigh(x.T @ x / (len(x) - 1))
+    explained = values[::-1] / values.sum()
+    vectors = vectors[:, ::-1]
+    scores = x @ vectors
+    signs = np.where(scores.T @ x[:, 0] < 0.0, -1.0, 1.0)
+    scores, vectors = scores * signs, vectors * signs
+    kept = int(np.searchsorted(np.cumsum(explained), KEPT_VARIANCE - 1e-12)) + 1
+    index = np.full(len(columns), np.nan)
+    index[usable] = scores[:, :kept] @ explained[:kept]
+    return Components(explained, vectors, kept, index)
+
+
+def grades(index: Array) -> list[str]:
+    """Return the grade of each cell, by thirds of the index (N,); the lowest where it is NaN."""
+    known = index[~np.isnan(index)]
+    if known.size == 0:
+        return [GRADES[0]] * index.size
+    limits = np.quantile(known, [1.0 / 3.0, 2.0 / 3.0])
+    return [GRADES[0 if np.isnan(f) else int(np.searchsorted(limits, f))] for f in index]

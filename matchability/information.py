@@ -1,0 +1,203 @@
+"""Information on the position in measurements of a field: Fisher information and ambiguity.
+
+The instrument holds a local level, and its noise is white. h are its measurements in units of the
+noise, H their derivatives for a metre to the east and to the north. Heights, velocities and
+attitudes are assumed known: the numbers depend on the place and the track alone. The bound of a
+flight includes them all.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import minimum_filter
+from scipy.special import ndtr
+
+from ..gravity.ellipsoid import metres_along, normal_gravity_along
+from ..gravity.field import Field, gradients
+from ..gravity.gradient_map import MapError
+
+Array = NDArray[np.float64]
+Kind = Literal["tensor", "uu", "gravity"]
+KINDS: tuple[Kind, ...] = ("tensor", "uu", "gravity")
+MGAL = 1e5
+"""In a m/s²."""
+_ROUNDING = 1e-9
+_DIRECTIONS = 720
+"""Over which half a turn is averaged."""
+_APART_M = 20.0
+"""Half the distance over which gravity is differenced; a map's spline is smooth over it."""
+
+
+@dataclass(frozen=True)
+class Instrument:
+    """What reads the field.
+
+    Attributes
+    ----------
+    kind : ``tensor``, all six components; ``uu``, the vertical gradient; ``gravity``, a gravimeter.
+    noise : standard deviation of each reading of each channel [E; mGal of a gravimeter].
+    """
+
+    kind: Kind = "tensor"
+    noise: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise MapError(f"an instrument is one of {', '.join(KINDS)}, and not {self.kind!r}")
+        if not 0.0 < self.noise < np.inf:
+            raise MapError(f"a noise must be positive and finite, and is {self.noise:g}")
+
+    @property
+    def unit(self) -> str:
+        """Of its readings."""
+        return "mGal" if self.kind == "gravity" else "E"
+
+    def readings(self, field: Field, positions: Array) -> Array:
+        """Return h (N, c), in units of the noise, at positions (N, 3) [rad, rad, m].
+
+        A gravimeter's are reduced to gravity, normal and disturbing.
+
+        Raises
+        ------
+        OutsideMapError
+            If a gravimeter is outside the map; a gradiometer reads the border's values there.
+        """
+        if self.kind == "gravity":
+            disturbance = field.gravity_disturbance(*positions.T)[:, 2:]
+            gravity = normal_gravity_along(positions)[:, np.newaxis] - disturbance
+            return np.asarray(gravity * (MGAL / self.noise))
+        tensors = np.empty((6, len(positions)))
+        gradients(
+            np.ascontiguousarray(positions.T), np.sin(positions[:, 0]), np.cos(positions[:, 0]),
+            field.origin, field.step, field.tensor_coefficients, tensors,
+        )  # fmt: skip
+        return np.asarray(tensors[5 if self.kind == "uu" else 0 :].T / self.noise)
+
+    def jacobians(self, field: Field, positions: Array) -> Array:
+        """Return H (N, c, 2) [1/m] at positions (N, 3) [rad, rad, m].
+
+        Raises
+        ------
+        OutsideMapError
+            If a position is outside the map.
+        """
+        if self.kind == "gravity":
+            sides = [
+                self.readings(field, moved(positions, _APART_M * axis))
+                - self.readings(field, moved(positions, -_APART_M * axis))
+                for axis in np.eye(2)
+            ]
+            return np.stack(sides, axis=-1) / (2.0 * _APART_M)
+        slopes = field.tensor_and_derivative(*positions.T)[1][:, :, :2] / self.noise
+        return slopes[:, 5:] if self.kind == "uu" else slopes
+
+
+def moved(positions: Array, offset: Array) -> Array:
+    """Return positions (..., 3) moved by offsets (..., 2) [m] to the east and north; broadcast."""
+    metres = metres_along(positions.reshape(-1, 3)).reshape(*positions.shape[:-1], 2)
+    angles = offset / metres
+    out = np.empty((*np.broadcast_shapes(angles.shape[:-1], positions.shape[:-1]), 3))
+    out[...] = positions
+    out[..., 1::-1] += angles
+    return out
+
+
+def information(jacobians: Array) -> Array:
+    """Return Fisher's information J = Σ HᵀH (2, 2) [1/m²] of readings whose H (N, c, 2) are."""
+    rows = jacobians.reshape(-1, 2)
+    return np.asarray(rows.T @ rows)
+
+
+def accuracy(info: Array) -> float:
+    """Return √tr J⁻¹ [m], which no unbiased position from these readings alone betters; or ∞."""
+    determinant = float(np.linalg.det(info))
+    return float(np.sqrt(np.trace(info) / determinant)) if determinant > 0.0 else np.inf
+
+
+def isotropy(info: Array) -> float:
+    """Return λ_min / λ_max of J: 1 if all directions are alike, 0 if one is not seen; or NaN."""
+    low, high = np.linalg.eigvalsh(info)
+    return float(low / high) if high > 0.0 else np.nan
+
+
+def offsets(reach_m: float, step_m: float) -> Array:
+    """Return a grid (s, s, 2) of offsets to the east and north [m], with zero in its middle."""
+    side = np.arange(-np.ceil(reach_m / step_m), np.ceil(reach_m / step_m) + 1) * step_m
+    return np.stack(np.meshgrid(side, side), axis=-1)
+
+
+def ambiguity(field: Field, instrument: Instrument, track: Array, grid: Array) -> Array:
+    """Return A(d) = ½ Σ ‖h(p) − h(p + d)‖² (s, s) of a track (N, 3) moved by offsets (s, s, 2).
+
+    Half of the squared distance of the two hypotheses: by so many nepers their likelihoods differ
+    on the mean. NaN in the corners of the grid, beyond the length of its axes, and where the moved
+    track leaves the map.
+    """
+    flat = grid.reshape(-1, 2)
+    found = np.full(len(flat), np.nan)
+    near = np.flatnonzero(np.hypot(*flat.T) <= grid.max() * (1.0 + _ROUNDING))
+    places = moved(track[np.newaxis], flat[near, np.newaxis])
+    inside = field.covers(places, _ROUNDING).all(axis=1)
+    here = instrument.readings(field, track)
+    there = instrument.readings(field, places[inside].reshape(-1, 3))
+    apart = there.reshape(-1, *here.shape) - here
+    found[near[inside]] = 0.5 * np.sum(apart**2, axis=(1, 2))
+    return found.reshape(grid.shape[:2])
+
+
+def least(found: Array, grid: Array, right_m: float, reach_m: float) -> float:
+    """Return A_min, the least A(d) over r₀ < |d| ≤ reach; NaN if there is none.
+
+    Parameters
+    ----------
+    found, grid : of :func:`ambiguity`.
+    right_m : r₀, within which a fix is the right one [m].
+    """
+    beyond = found[_ring(grid, right_m, reach_m) & ~np.isnan(found)]
+    return float(beyond.min()) if beyond.size else np.nan
+
+
+def false_fix_bound(
+    found: Array, grid: Array, right_m: float, reach_m: float, sigma_m: float = np.inf
+) -> float:
+    """Return the union bound Σ Q(√(A(d)/2)) of the share of false fixes, at most 1.
+
+    Two hypotheses are √(2A) standard deviations apart, and the wrong one wins where noise crosses
+    the middle. The sum is over basins, the minima of A that lie beyond r₀.
+
+    Parameters
+    ----------
+    found, grid, right_m, reach_m : as in :func:`least`.
+    sigma_m : of the prior of the position, per axis; it is a reading of the position like others,
+        and adds |d|²/2σ² to A. ∞ for none.
+    """
+    total = found + np.sum(grid**2, axis=-1) / (2.0 * sigma_m**2)
+    total = np.where(np.isnan(total), np.inf, total)
+    basins = (total == minimum_filter(total, size=3, mode="constant", cval=np.inf)) & (
+        _ring(grid, right_m, reach_m) & np.isfinite(total)
+    )
+    return float(min(1.0, np.sum(ndtr(-np.sqrt(0.5 * total[basins])))))
+
+
+def spill(info: Array, right_m: float, sigma_m: float = np.inf) -> float:
+    """Return the share of fixes in the right basin that are yet further off than r₀.
+
+    P(|e| > r₀) of e ~ N(0, (J + I/σ²)⁻¹), in polar coordinates; what :func:`false_fix_bound` leaves
+    out where the information J (2, 2) is little.
+    """
+    inverse = info + np.eye(2) / sigma_m**2
+    if np.linalg.det(inverse) <= 0.0:
+        return 1.0
+    angle = np.arange(_DIRECTIONS) * (np.pi / _DIRECTIONS)
+    along = np.stack([np.cos(angle), np.sin(angle)])
+    q = np.einsum("in,ij,jn->n", along, inverse, along)
+    return float(np.sqrt(np.linalg.det(inverse)) * np.mean(np.exp(-0.5 * right_m**2 * q) / q))
+
+
+def _ring(grid: Array, right_m: float, reach_m: float) -> NDArray[np.bool_]:
+    distance = np.hypot(grid[..., 0], grid[..., 1])
+    return np.asarray((right_m < distance) & (distance <= reach_m))

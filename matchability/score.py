@@ -1,0 +1,336 @@
+"""Matching suitability of map cells: statistics, Fisher information, ambiguity, an index."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..gravity.ellipsoid import metres_per_radian
+from ..gravity.field import Field
+from ..gravity.gradient_map import MapError
+from ..gravity.meridians import Area
+from . import information as info
+from . import statistics as stats
+from .components import Components, grades, principal_components
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = NDArray[np.float64]
+
+HEADINGS = (0.0, 45.0, 90.0, 135.0)
+"""Of the tracks through a cell [deg]; those of the way back say the same."""
+REACH = 3.0
+"""Standard deviations of the prior within which a track may be taken for another."""
+_STEPS = 20
+"""Offsets from the middle to the end of the reach."""
+_MOST_CELLS = 20_000
+_MOST_NODES = 1000
+"""Along a side of a cell."""
+_ROUNDING = 1e-6
+
+
+class Bounds(NamedTuple):
+    """Where cells may lie [deg]; None: as far as the map reaches."""
+
+    south: float | None = None
+    north: float | None = None
+    west: float | None = None
+    east: float | None = None
+
+
+class Cell(NamedTuple):
+    """Bounds of a cell [deg]."""
+
+    south: float
+    north: float
+    west: float
+    east: float
+
+    @property
+    def centre(self) -> tuple[float, float]:
+        """Latitude and longitude [deg]."""
+        return 0.5 * (self.south + self.north), 0.5 * (self.west + self.east)
+
+
+@dataclass(frozen=True)
+class Design:
+    """What is asked of each cell. None: derived from the size of the cells.
+
+    Attributes
+    ----------
+    height_m : of the flights above the ellipsoid [m]; by default that of the map's lowest nodes.
+    cell_deg : side of a cell [deg].
+    instrument : what reads the field.
+    spacing_m : between the nodes of the statistics; by default a fiftieth of the cell.
+    per_km2 : readings on a square kilometre, spread evenly, of the information.
+    track_m : length of straight tracks through the centre; by default the shortest side of a cell.
+    readings : of each track, the first and the last at its ends.
+    sigma_m : standard deviation, per axis, of the position before.
+    right_m : r₀, how far a fix may be off and be the right one; by default half of ``sigma_m``.
+    """
+
+    height_m: float | None = None
+    cell_deg: float = 0.5
+    instrument: info.Instrument = dataclasses.field(default_factory=info.Instrument)
+    spacing_m: float | None = None
+    per_km2: float = 1.0
+    track_m: float | None = None
+    readings: int = 51
+    sigma_m: float = 5000.0
+    right_m: float | None = None
+
+    def __post_init__(self) -> None:
+        for what, value, unit in (
+            ("side of a cell", self.cell_deg, "°"), ("spacing", self.spacing_m, " m"),
+            ("number of readings per km²", self.per_km2, ""), ("track", self.track_m, " m"),
+            ("deviation of the position", self.sigma_m, " m"),
+            ("distance of a right fix", self.right_m, " m"),
+        ):  # fmt: skip
+            if value is not None and not 0.0 < value < math.inf:
+                raise MapError(f"the {what} is {value:g}{unit} and must be positive and finite")
+        if not 2 <= self.readings <= 10_000:
+            raise MapError(f"a track has 2 to 10000 readings, and not {self.readings}")
+        if self.height_m is not None and not math.isfinite(self.height_m):
+            raise MapError(f"the height is {self.height_m:g} m and must be finite")
+        if self.right >= self.reach:
+            raise MapError(
+                f"a fix may be off by {self.right:g} m and be right, which is all of the "
+                f"{self.reach:g} m (three standard deviations) within which it is sought"
+            )
+
+    @property
+    def reach(self) -> float:
+        """How far from the truth a position may be sought [m]."""
+        return REACH * self.sigma_m
+
+    @property
+    def right(self) -> float:
+        """r₀ [m]."""
+        return 0.5 * self.sigma_m if self.right_m is None else self.right_m
+
+
+@dataclass(frozen=True)
+class Scored:
+    """The cells of a map, scored.
+
+    Attributes
+    ----------
+    design : what was asked, nothing of it None.
+    table : a row for each cell; see :func:`score`.
+    components : the principal components behind its index; None with too few cells.
+    """
+
+    design: Design
+    table: pd.DataFrame
+    components: Components | None
+
+
+def score(
+    field: Field, design: Design, bounds: Bounds | None = None, name: str = "the map"
+) -> Scored:
+    """Score all cells that fit into a map with what surrounds them.
+
+    Parameters
+    ----------
+    field : of the map.
+    design : what is asked.
+    bounds : where cells may lie.
+    name : of the map, for messages.
+
+    Returns
+    -------
+    A table of these columns, u being E, or mGal of a gravimeter:
+
+    ``south_deg``, ``north_deg``, ``west_deg``, ``east_deg``
+        the cell;
+    ``deviation``, ``span``, ``slope_deviation``, ``roughness``, ``entropy``, ``correlation_m``
+        :class:`~.statistics.Statistics` of Γ_UU, or of a gravimeter the disturbance [u, u/m, m];
+    ``fractal_dimension``
+        of the same on 64 × 64 nodes;
+    ``information_m``, ``isotropy``
+        √tr J⁻¹ of a square kilometre's readings, and λ_min/λ_max of J, from the cell's mean;
+    ``track_m``, ``best_track_m``, ``best_heading_deg``
+        √tr J⁻¹ of the readings of a track: over the headings the root mean square, the least, and
+        the heading of that;
+    ``ambiguity``, ``ambiguity_heading_deg``
+        A_min, the least over the headings, and the heading of that;
+    ``false_fix``
+        the union bound of the share of false fixes and what spills over r₀ from the right one; the
+        mean over the headings;
+    ``index``, ``grade``
+        by principal components; NaN and empty with too few cells.
+
+    Raises
+    ------
+    MapError
+        If the map does not hold the height or a cell, or something is asked that cannot be.
+    """
+    import pandas as pd  # not at the top: it loads slowly
+
+    cells, design = cells_of(field, design, bounds or Bounds(), name)
+    table = pd.DataFrame([score_cell(field, cell, design) for cell in cells])
+    components = principal_components({key: table[key].to_numpy() for key in table})
+    if components is None:
+        table["index"], table["grade"] = math.nan, ""
+    else:
+        table["index"], table["grade"] = components.index, grades(components.index)
+    return Scored(design, table, components)
+
+
+def cells_of(field: Field, design: Design, bounds: Bounds, name: str) -> tuple[list[Cell], Design]:
+    """Return the cells of a map, row by row from the south, and the design with nothing None.
+
+    The map reaches as far around them as a track through them may be sought.
+
+    Raises
+    ------
+    MapError
+        As :func:`score` does.
+    """
+    if not field.has_map:
+        raise MapError("the normal field has no map that could be scored")
+    return cells_between(field.lower, field.upper, design, bounds, name)
+
+
+def cells_between(
+    lower: Array, upper: Array, design: Design, bounds: Bounds, name: str
+) -> tuple[list[Cell], Design]:
+    """Return what :func:`cells_of` does of a map from and to a node (3,) [rad, rad, m]."""
+    height = float(lower[2]) if design.height_m is None else design.height_m
+    if not lower[2] - _ROUNDING <= height <= upper[2] + _ROUNDING:
+        heights = f"{lower[2]:g} to {upper[2]:g} m"
+        raise MapError(f"the height {height:g} m is not in {name}: {heights} is")
+    farthest = max(abs(lower[0]), abs(upper[0]))
+    metres = np.array(metres_per_radian(np.array([farthest, 0.0, height])))
+    side = math.radians(design.cell_deg) * float(metres.min())
+    design = _completed(dataclasses.replace(design, height_m=height), side)
+    jutting = max(0.0, 0.5 * ((design.track_m or 0.0) - side))
+    margin = (design.reach + jutting) / metres
+    low, high = np.degrees(lower[:2] + margin), np.degrees(upper[:2] - margin)
+    here = Area(*bounds).about(0.5 * float(low[1] + high[1]))
+    for axis, (start, end) in enumerate((here[:2], here[2:])):
+        low[axis] = low[axis] if start is None else max(low[axis], start)
+        high[axis] = high[axis] if end is None else min(high[axis], end)
+    size = design.cell_deg
+    counts = np.floor((high - low) / size + _ROUNDING).astype(int)
+    if counts.min() < 1:
+        across = (upper[:2] - lower[:2]) * metres / 1e3
+        raise MapError(
+            f"{name}, {across[0]:.3g} km by {across[1]:.3g} km, holds no cell of {size:g}° in the "
+            f"bounds with {(design.reach + jutting) / 1e3:.3g} km around it, three standard "
+            "deviations of the position and what a track juts out: give a smaller --cell-deg, "
+            "--sigma-km or --track-km"
+        )
+    if counts.prod() > _MOST_CELLS:
+        raise MapError(
+            f"{name} holds {counts[0]} by {counts[1]} cells of {size:g}°; at most {_MOST_CELLS} "
+            "can be scored: give larger cells, or bounds"
+        )
+    south, west = 0.5 * (low + high - counts * size)
+    return [
+        Cell(
+            float(south + i * size), float(south + (i + 1) * size),
+            float(west + j * size), float(west + (j + 1) * size),
+        )
+        for i in range(counts[0])
+        for j in range(counts[1])
+    ], design  # fmt: skip
+
+
+def _completed(design: Design, side: float) -> Design:
+    """Return the design, whose height is known, with nothing None.
+
+    ``side`` is the shortest of all cells [m].
+    """
+    spacing = side / 50.0 if design.spacing_m is None else design.spacing_m
+    if not stats.FEWEST_NODES - 1 <= side / spacing <= _MOST_NODES:
+        raise MapError(
+            f"a cell of {design.cell_deg:g}° is {side / 1e3:.3g} km wide; with {spacing:g} m "
+            f"between nodes it has not {stats.FEWEST_NODES} to {_MOST_NODES} of them along a side"
+        )
+    track = side if design.track_m is None else design.track_m
+    return dataclasses.replace(design, spacing_m=spacing, track_m=track, right_m=design.right)
+
+
+def score_cell(field: Field, cell: Cell, design: Design) -> dict[str, float]:
+    """Return the row of one cell, all but the index; ``design`` has nothing that is None."""
+    assert design.spacing_m is not None
+    assert design.height_m is not None
+    nodes, east_m, north_m = _nodes(cell, design.height_m, design.spacing_m)
+    instrument = design.instrument
+    scalar = _scalar(field, instrument, nodes)
+    row: dict[str, float] = {f"{name}_deg": bound for name, bound in cell._asdict().items()}
+    row |= stats.statistics(scalar, east_m, north_m)._asdict()
+    square = _nodes(cell, design.height_m, None)[0]
+    row["fractal_dimension"] = stats.fractal_dimension(_scalar(field, instrument, square))
+    flat = nodes.reshape(-1, 3)
+    per_reading = info.information(instrument.jacobians(field, flat)) / len(flat)
+    row["information_m"] = info.accuracy(design.per_km2 * per_reading)
+    row["isotropy"] = info.isotropy(per_reading)
+    return row | _along_tracks(field, cell, design)
+
+
+def _along_tracks(field: Field, cell: Cell, design: Design) -> dict[str, float]:
+    grid = info.offsets(design.reach, design.reach / _STEPS)
+    accuracies, least, false = [], [], []
+    for _, track in tracks(cell, design):
+        known = info.information(design.instrument.jacobians(field, track))
+        accuracies.append(info.accuracy(known))
+        found = info.ambiguity(field, design.instrument, track, grid)
+        least.append(info.least(found, grid, design.right, design.reach))
+        false.append(
+            info.false_fix_bound(found, grid, design.right, design.reach, design.sigma_m)
+            + info.spill(known, design.right, design.sigma_m)
+        )
+    best, doubted = int(np.argmin(accuracies)), int(np.argmin(least))
+    return {
+        "track_m": math.sqrt(float(np.mean(np.square(accuracies)))),
+        "best_track_m": accuracies[best],
+        "best_heading_deg": HEADINGS[best],
+        "ambiguity": least[doubted],
+        "ambiguity_heading_deg": HEADINGS[doubted],
+        "false_fix": min(1.0, float(np.mean(false))),
+    }
+
+
+def tracks(cell: Cell, design: Design) -> Iterator[tuple[float, Array]]:
+    """Yield the headings [deg] and where readings are taken (N, 3) [rad, rad, m], straight."""
+    assert design.track_m is not None
+    assert design.height_m is not None
+    along = np.linspace(-0.5, 0.5, design.readings)[:, np.newaxis] * design.track_m
+    centre = np.array([*np.radians(cell.centre), design.height_m])
+    for heading in HEADINGS:
+        turned = math.radians(heading)
+        yield heading, info.moved(centre, along * (math.sin(turned), math.cos(turned)))
+
+
+def _nodes(cell: Cell, height: float, spacing: float | None) -> tuple[Array, float, float]:
+    """Positions (m, n, 3) [rad, rad, m] of nodes on and within a cell; their distances [m].
+
+    About ``spacing`` apart; 64 along each side if it is None.
+    """
+    centre = np.array([*np.radians(cell.centre), height])
+    axes, steps = [], []
+    for low, high, metres in zip(cell[::2], cell[1::2], metres_per_radian(centre), strict=True):
+        side = math.radians(high - low) * metres
+        count = stats.FRACTAL_NODES if spacing is None else round(side / spacing) + 1
+        axes.append(np.radians(np.linspace(low, high, count)))
+        steps.append(side / (count - 1))
+    latitude, longitude = np.meshgrid(*axes, indexing="ij")
+    positions = np.stack([latitude, longitude, np.full(latitude.shape, height)], axis=-1)
+    return positions, steps[1], steps[0]
+
+
+def _scalar(field: Field, instrument: info.Instrument, nodes: Array) -> Array:
+    """What the statistics are of (m, n), without the normal field: Γ_UU [E], or −δg_U [mGal]."""
+    axes = np.moveaxis(nodes, -1, 0)
+    if instrument.kind == "gravity":
+        return np.asarray(-info.MGAL * field.gravity_disturbance(*axes)[..., 2])
+    return field.vertical_disturbance(*axes)

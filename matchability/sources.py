@@ -1,0 +1,164 @@
+"""Maps by name: a file, or a shipped region or terrain of which just enough is built."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ..gravity.ellipsoid import SEMI_MAJOR_AXIS
+from ..gravity.gradient_map import GradientMap, MapError
+from ..gravity.meridians import Area
+from ..maps.recipe import (
+    SPACING_PER_CLEARANCE,
+    SPACING_PER_HEIGHT,
+    MapRecipe,
+    load_or_build,
+    read,
+)
+from ..maps.shipped_regions import SOURCES, extent_deg
+from ..maps.shipped_terrains import (
+    TERRAINS,
+    highest_ground_m,
+    terrain_extent_deg,
+    terrain_heights_m,
+)
+from .score import Bounds, Design, cells_between
+
+_LAYERS = 2
+"""Layers of nodes below the height of the flights, and above it."""
+_WIDEST_STEP_M = 500.0
+"""Vertical spacing of nodes [m]; smaller where a recipe demands it."""
+_WIDEST_ARCMIN = 2.0
+_SHRINK = 0.999
+"""Factor that keeps a spacing on the allowed side of a recipe's limit after rounding."""
+_STRETCH = 1.01
+"""A degree along a meridian is up to 0.7 % shorter than a degree of the equator."""
+
+
+class _Shipped(NamedTuple):
+    """Extent of a shipped region or terrain, and the limits of its node spacings."""
+
+    latitudes: tuple[float, float]
+    longitudes: tuple[float, float]
+    heights: tuple[float, float]
+    ground: float
+    """Height from which the limits of the spacings count [m]."""
+    share: float
+    """Largest horizontal spacing as a share of the height above ``ground``."""
+
+
+def named_map(name: str, design: Design, bounds: Bounds) -> tuple[GradientMap, float]:
+    """Return a map by its name, and the height at which it is to be scored [m].
+
+    Parameters
+    ----------
+    name : str
+        Path of a map, ``*.nc`` or ``*.npz``, or the name of a shipped region or terrain.
+    design : Design
+        Requirements on the cells. The default height is that of a file's lowest nodes, or the
+        lowest that a shipped region allows.
+    bounds : Bounds
+        Bounds of the cells; a shipped region is built no larger than the cells need.
+
+    Raises
+    ------
+    MapError
+        If there is no such map, or a shipped region has no map of that height or size.
+    """
+    if name not in SOURCES and name not in TERRAINS:
+        if not name.endswith((".nc", ".npz")):
+            raise MapError(
+                f"{name} is no map: give a file *.nc or *.npz of 'ggbench map build', or one of "
+                f"{', '.join(sorted([*SOURCES, *TERRAINS]))}"
+            )
+        found = read(Path(name))
+        return found, found.height0 if design.height_m is None else design.height_m
+    source = _shipped(name)
+    lowest, highest = source.heights
+    height = lowest if design.height_m is None else design.height_m
+    if not lowest <= height <= highest:
+        raise MapError(
+            f"the height {height:g} m is not in what {name} gives: {lowest:g} to {highest:g} m is"
+        )
+    around_m = design.reach + (design.track_m or 0.0)
+    recipe = _recipe(name, source, height, bounds, around_m)
+    # Building a map is slow: first check that it will hold a cell.
+    lower = np.array([*np.radians([recipe.south_deg, recipe.west_deg]), recipe.min_height_m])
+    upper = np.array([*np.radians([recipe.north_deg, recipe.east_deg]), recipe.max_height_m])
+    cells_between(lower, upper, dataclasses.replace(design, height_m=height), bounds, name)
+    return load_or_build(recipe), height
+
+
+def _shipped(name: str) -> _Shipped:
+    if name in TERRAINS:
+        return _Shipped(
+            *terrain_extent_deg(name), terrain_heights_m(name), highest_ground_m(name),
+            SPACING_PER_CLEARANCE,
+        )  # fmt: skip
+    files = SOURCES[name]
+    heights = files.lowest_height_m, files.highest_height_m
+    return _Shipped(*extent_deg(files), heights, -files.source_depth_m, SPACING_PER_HEIGHT)
+
+
+def _recipe(
+    name: str, source: _Shipped, height: float, bounds: Bounds, around_m: float
+) -> MapRecipe:
+    """Return the recipe of a map of five layers about a height, with the widest spacings allowed.
+
+    The map reaches ``around_m`` [m] beyond the bounds, as far as the source has data.
+    """
+    (lowest, highest), ground = source.heights, source.ground
+    step = _WIDEST_STEP_M
+    if name in TERRAINS:
+        # The lowest layer is at least one step above the ground, also where it is moved below.
+        room = min((height - ground) / (_LAYERS + 1), (highest - ground) / (2 * _LAYERS + 1))
+        step = min(step, _SHRINK * room)
+    bottom = min(max(lowest, height - _LAYERS * step), highest - 2 * _LAYERS * step)
+    spacing = _spacing_arcmin(source.share * (bottom + _LAYERS * step - ground))
+    south, north, west, east = _sides(source, bounds, around_m, spacing / 60.0)
+    if not (south < north and west < east):
+        latitudes, longitudes = source.latitudes, source.longitudes
+        raise MapError(
+            f"nothing of {name} lies in the bounds: it covers {latitudes[0]:g}° to "
+            f"{latitudes[1] - spacing / 60.0:g}° N and {longitudes[0]:g}° to "
+            f"{longitudes[1] - spacing / 60.0:g}° E"
+        )
+    return MapRecipe(
+        source=name,
+        south_deg=south,
+        north_deg=north,
+        west_deg=west,
+        east_deg=east,
+        min_height_m=bottom,
+        max_height_m=bottom + 2 * _LAYERS * step,
+        spacing_arcmin=spacing,
+        height_spacing_m=step,
+    )
+
+
+def _spacing_arcmin(widest_m: float) -> float:
+    """Return the spacing for a limit [m], rounded down to thousandths of an arc minute."""
+    widest = math.degrees(widest_m / SEMI_MAJOR_AXIS) * 60.0
+    return min(_WIDEST_ARCMIN, math.floor(1e3 * widest) / 1e3)
+
+
+def _sides(
+    source: _Shipped, bounds: Bounds, around_m: float, spacing: float
+) -> tuple[float, float, float, float]:
+    """Return the map's south, north, west and east [deg]; ``spacing`` [deg] is of its nodes."""
+    (south, north), (west, east) = source.latitudes, source.longitudes
+    # The last nodes may lie up to one spacing beyond the bounds of a recipe.
+    north, east = north - spacing, east - spacing
+    margin = math.degrees(around_m / SEMI_MAJOR_AXIS) * _STRETCH + spacing
+    wide = margin / math.cos(math.radians(max(abs(south), abs(north))))
+    wanted = Area(*bounds).about(0.5 * (west + east)).widened(margin, wide)
+    return (
+        south if wanted.south is None else max(south, wanted.south),
+        north if wanted.north is None else min(north, wanted.north),
+        west if wanted.west is None else max(west, wanted.west),
+        east if wanted.east is None else min(east, wanted.east),
+    )

@@ -1,0 +1,155 @@
+"""Statistics of a map cell that the literature uses to choose matching areas.
+
+A cell is an array g (m, n) of a scalar at m rows of nodes from south to north and n columns from
+west to east. The statistics are blind to the sensor: none has a noise in it, and none knows in
+which direction a track runs.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..judging.field_scale import correlation_length
+
+Array = NDArray[np.float64]
+
+FEWEST_NODES = 8
+"""Along each side of a cell: below, a correlation length or a slope's deviation says nothing."""
+FRACTAL_NODES = 64
+"""Along each side of the grid on which a fractal dimension is counted."""
+_ROUNDING = 1e-13
+
+
+class Statistics(NamedTuple):
+    """Of one cell; u is the unit of the scalar.
+
+    Attributes
+    ----------
+    deviation, span : standard deviation and range [u], of what a plane leaves.
+    slope_deviation : standard deviation of the slope [u/m]; the plane is left in.
+    roughness : root mean square of differences of neighbours [u/m]; the plane is left in.
+    entropy : of the deviations, over its largest value: 0 to 1; small where few nodes stand out.
+    correlation_m : distance at which the autocorrelation falls to 1/e [m], of what a plane leaves.
+    """
+
+    deviation: float
+    span: float
+    slope_deviation: float
+    roughness: float
+    entropy: float
+    correlation_m: float
+
+
+def statistics(g: Array, east_m: float, north_m: float) -> Statistics:
+    """Return the statistics of a cell (m, n), whose nodes lie so far apart [m].
+
+    A regional slope is removed where it would only measure how large the cell is, and kept where it
+    is something to see.
+    """
+    rest = without_plane(g)
+    lengths = correlation_length(rest, east_m), correlation_length(rest.T, north_m)
+    return Statistics(
+        deviation(rest),
+        float(np.ptp(rest)),
+        deviation(slope(g, east_m, north_m)),
+        roughness(g, east_m, north_m),
+        difference_entropy(rest),
+        0.5 * sum(lengths),
+    )
+
+
+def without_plane(g: Array) -> Array:
+    """Return a cell less the plane that fits it best; zeros if only rounding remains."""
+    m, n = g.shape
+    rows = np.linspace(-1.0, 1.0, m)[:, np.newaxis] * np.ones(n)
+    columns = np.ones((m, 1)) * np.linspace(-1.0, 1.0, n)
+    # On a regular grid the three are orthogonal.
+    along = [part * (np.sum(part * g) / np.sum(part**2)) for part in (rows, columns)]
+    rest = g - g.mean() - along[0] - along[1]
+    return np.where(np.ptp(rest) <= _ROUNDING * np.abs(g).max(), 0.0, rest)
+
+
+def deviation(g: Array) -> float:
+    """Return the standard deviation σ = √(Σ(g − ḡ)² / (mn − 1))."""
+    return float(np.std(g, ddof=1))
+
+
+def slope(g: Array, east_m: float, north_m: float) -> Array:
+    """Return S = √(g_x² + g_y²) (m − 2, n − 2) by the differences of 3 × 3 nodes (Horn 1981).
+
+    In units of g per metre. An angle atan S, as of a terrain, has no meaning for a field: S has a
+    unit.
+    """
+    over_rows = g[:-2] + 2.0 * g[1:-1] + g[2:]
+    over_columns = g[:, :-2] + 2.0 * g[:, 1:-1] + g[:, 2:]
+    to_east = (over_rows[:, 2:] - over_rows[:, :-2]) / (8.0 * east_m)
+    to_north = (over_columns[2:] - over_columns[:-2]) / (8.0 * north_m)
+    return np.hypot(to_east, to_north)
+
+
+def roughness(g: Array, east_m: float, north_m: float) -> float:
+    """Return the mean of the RMS differences of neighbours along rows and columns, per metre.
+
+    The literature gives them per node, so that they depend on the spacing twice: as the length of a
+    step, which is divided by here, and as what a step leaves out, which remains.
+    """
+    along_rows = math.sqrt(float(np.mean(np.diff(g, axis=1) ** 2))) / east_m
+    along_columns = math.sqrt(float(np.mean(np.diff(g, axis=0) ** 2))) / north_m
+    return 0.5 * (along_rows + along_columns)
+
+
+def difference_entropy(g: Array) -> float:
+    """Return H / ln(mn), H = −Σ D ln D with D = |g − ḡ| / Σ|g − ḡ|; 1 of a constant.
+
+    Erratum of the literature, which has |g − ḡ|/|ḡ| for a deviation: as a share of the sum |ḡ|
+    cancels; without the sum it explodes where the mean is near zero, as that of an anomaly is.
+    """
+    deviations = np.abs(g - g.mean()).ravel()
+    total = deviations.sum()
+    if total == 0.0:
+        return 1.0
+    shares = deviations[deviations > 0.0] / total
+    return float(-np.sum(shares * np.log(shares)) / math.log(g.size))
+
+
+def fractal_dimension(g: Array) -> float:
+    """Return the fractal dimension of the surface g, 2 to 3, by differential box counting.
+
+    After Sarkar & Chaudhuri (1994), on the largest square of a grid: boxes of s × s nodes from 2 to
+    a quarter of its side, whose heights are that share of the range of g, each counted between the
+    lowest and the highest node of its border and inside, so that neighbours share their edges. NaN
+    of a constant.
+
+    Raises
+    ------
+    ValueError
+        If the grid is smaller than 64 × 64: fewer boxes give no line.
+    """
+    side = min(g.shape) - 1
+    if side + 1 < FRACTAL_NODES:
+        raise ValueError(f"a fractal dimension needs 64 × 64 nodes, and has {g.shape}")
+    square = g[: side + 1, : side + 1]
+    span = float(np.ptp(square))
+    if span == 0.0:
+        return math.nan
+    sizes, counts = [], []
+    size = 2
+    while size <= side // 4:
+        boxes = side // size
+        height = span * size / side
+        edges = range(size + 1)
+        nodes = [
+            square[i : i + boxes * size : size, j : j + boxes * size : size][:boxes, :boxes]
+            for i in edges
+            for j in edges
+        ]
+        spans = np.max(nodes, axis=0) - np.min(nodes, axis=0)
+        # Numbers rounded up, as the literature's, depend on where the lowest level lies.
+        counts.append(float(np.mean(np.maximum(spans / height, 1.0))) * (side / size) ** 2)
+        sizes.append(size)
+        size *= 2
+    return float(-np.polyfit(np.log(sizes), np.log(counts), 1)[0])

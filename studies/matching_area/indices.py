@@ -1,0 +1,94 @@
+"""The indices that are compared, and the table of the study read as columns of them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from ggbench.matchability.components import ORIENTATION, principal_components
+
+from .association import Groups
+
+Array = NDArray[np.float64]
+
+
+class Index(NamedTuple):
+    """A column of the table, and whether more of it is taken for better."""
+
+    column: str
+    title: str
+    sign: float = -1.0
+
+
+BASE = Index("roughness", "roughness", 1.0)
+"""What every other one has to beat."""
+COMPONENT = "index"
+OF_MAPS = (
+    Index("deviation", "standard deviation", 1.0),
+    Index("slope_deviation", "deviation of the slope", 1.0),
+    BASE,
+    Index("entropy", "difference entropy"),
+    Index("correlation_m", "correlation length"),
+    Index("fractal_dimension", "fractal dimension", 1.0),
+    Index(COMPONENT, "principal components", 1.0),
+    Index("information_m", "information per km²"),
+)
+NEAR = (
+    *OF_MAPS,
+    Index("track_m", "CRLB along the track"),
+    Index("wide_ambiguity", "least ambiguity", 1.0),
+    Index("bound_m", "bound of the flight"),
+)
+"""For the local accuracy."""
+WEAK = (
+    *OF_MAPS,
+    Index("track_uu_m", "CRLB along the track"),
+    Index("weak_ambiguity", "least ambiguity", 1.0),
+    Index("weak_expected", "predicted false fixes"),
+    Index("weak_bound_m", "bound of the flight"),
+)
+"""For locking on: what is said of the instrument and the prior that are flown."""
+
+
+def completed(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the table with what follows from its columns.
+
+    ``index``, by principal components over the cells of a region; ``weak_expected``, the predicted
+    share of false fixes.
+    """
+    table = table.copy()
+    table["weak_expected"] = np.minimum(table["weak_union"] + table["weak_spill"], 1.0)
+    table[COMPONENT] = np.nan
+    for _, part in table.groupby("region"):
+        cells = part.groupby("cell").first()
+        found = principal_components({name: cells[name].to_numpy() for name in ORIENTATION})
+        if found is not None:
+            table.loc[part.index, COMPONENT] = found.index[
+                np.searchsorted(cells.index.to_numpy(), part["cell"].to_numpy())
+            ]
+    return table
+
+
+def columns(table: pd.DataFrame, indices: tuple[Index, ...]) -> Array:
+    """Return the indices (n, p) of the tracks, turned so that larger is taken for better."""
+    return np.stack([i.sign * table[i.column].to_numpy(float) for i in indices], axis=1)
+
+
+def logs(table: pd.DataFrame, indices: tuple[Index, ...]) -> Array:
+    """Return the same of logarithms, of all but the principal components: those are of logs."""
+    return np.stack(
+        [
+            i.sign * (values if i.column == COMPONENT else np.log(np.maximum(values, 1e-300)))
+            for i in indices
+            for values in [table[i.column].to_numpy(float)]
+        ],
+        axis=1,
+    )
+
+
+def groups(table: pd.DataFrame) -> Groups:
+    """Return which tracks are of which region and cell."""
+    return Groups(table["region"].to_numpy(str), table["cell"].to_numpy(np.intp))
