@@ -239,7 +239,8 @@ def spline_at(
     ----------
     position, origin, step : (3,) in the units of the grid's three axes.
     coefficients : (n0 + 2, n1 + 2, n2 + 2, m).
-    value : (m,) output. derivative : (m, 3) output, per unit of each axis.
+    value : (m,) output.
+    derivative : (m, 3) output, per unit of each axis.
 
     Returns
     -------
@@ -277,7 +278,8 @@ def spline_tensor_slopes(
     ----------
     positions : (3, N), of which the first ``count`` are evaluated.
     origin, step, coefficients : as in :func:`spline_at`, of six components.
-    work : (:data:`TENSOR_WORK`,) scratch. out : output.
+    work : (:data:`TENSOR_WORK`,) scratch.
+    out : output.
 
     Returns
     -------

@@ -50,7 +50,8 @@ def require_possible(
     Parameters
     ----------
     what : names the map, at the beginning of the sentence.
-    tensor : finite, (..., 6) [E]. disturbance : finite, (..., 3) [m/s²].
+    tensor : finite, (..., 6) [E].
+    disturbance : finite, (..., 3) [m/s²].
     """
     largest = _largest(tensor)
     if largest > LARGEST_GRADIENT:

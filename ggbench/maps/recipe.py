@@ -24,8 +24,8 @@ from ..files import written_whole
 from ..gravity.ellipsoid import SEMI_MAJOR_AXIS
 from ..gravity.gradient_map import GradientMap, MapError
 from ..gravity.meridians import Area
-from ..numerics.cache import alone, cache_folder
-from ..numerics.source import MAP_ROOMS, source_hash
+from ..numerics.cache import cache_folder, exclusive_lock
+from ..numerics.source import MAP_ROOMS, rooms_hash
 from . import checks, netcdf, netcdf_reader
 from .shipped_regions import (
     SOURCES,
@@ -45,8 +45,10 @@ from .shipped_terrains import (
 
 Array = NDArray[np.float64]
 
-_SPACING_PER_HEIGHT = 0.25
-_SPACING_PER_CLEARANCE = 0.6
+SPACING_PER_HEIGHT = 0.25
+"""Widest horizontal spacing of nodes, per height above the sources of a region."""
+SPACING_PER_CLEARANCE = 0.6
+"""The same of a terrain, per height above its highest ground."""
 _FEWEST_NODES = 4  # per axis, what a cubic spline needs
 _MOST_NODES = 5_000_000  # in all: about half a gigabyte
 _MARGIN_NODES = 2  # lowest layers, which serve as the margin of an interpolation in height
@@ -104,7 +106,7 @@ def load_or_build(recipe: MapRecipe) -> GradientMap:
     path = cached_path(recipe)
     with contextlib.suppress(MapError):
         return read(path)
-    with alone(path):
+    with exclusive_lock(path):
         with contextlib.suppress(MapError):
             return read(path)
         gradient_map = build(recipe)
@@ -226,13 +228,13 @@ def _check_spacings(recipe: MapRecipe) -> None:
     """Raise MapError if the nodes lie too far apart for the height above the sources."""
     if recipe.source in TERRAINS:
         ground = highest_ground_m(recipe.source)
-        depth, deepest, share = -ground, -ground, _SPACING_PER_CLEARANCE
+        depth, deepest, share = -ground, -ground, SPACING_PER_CLEARANCE
         vertical_share = 1.0
         vertical_rule = f"the height above the highest ground, {ground:g} m"
         rule = f"{share:g} of {vertical_rule}"
     else:
         depth = SOURCES[recipe.source].source_depth_m
-        deepest, share = 0.5 * depth, _SPACING_PER_HEIGHT
+        deepest, share = 0.5 * depth, SPACING_PER_HEIGHT
         vertical_share = share
         rule = "a quarter of that height"
         if depth > 0.0:
@@ -270,7 +272,7 @@ def content_key(recipe: MapRecipe) -> str:
     """Hash of all that determines the map: recipe, data, code."""
     values = [v if isinstance(v, str) else float(v) for v in dataclasses.astuple(recipe)]
     digest = hashlib.sha256(json.dumps(values).encode())
-    digest.update(source_hash(*MAP_ROOMS).encode())
+    digest.update(rooms_hash(*MAP_ROOMS).encode())
     for name in data_names(recipe):
         digest.update(hashlib.sha256(data_bytes(name)).digest())
     return digest.hexdigest()[:32]

@@ -26,7 +26,8 @@ class TerrainSource:
 
     Attributes
     ----------
-    file : its data file. highest_height_m : up to which its edges leave the field good [m].
+    file : its data file.
+    highest_height_m : up to which its edges leave the field good [m].
     provenance : where the data come from, in words.
     """
 

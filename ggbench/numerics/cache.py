@@ -1,10 +1,9 @@
-"""Where compiled code is kept: apart for every version of its source.
+"""Folders of compiled code, one for each version of a module's source.
 
-Numba knows that a function's own file has changed, but not that of a function which it inlines
-from another one, and would go on with the old formula. So what is compiled from a module is kept
-in a folder named after that module's source and all that it imports: a change of one module is
-compiled anew where it matters, and every process and checkout that has the same source shares what
-is there.
+Numba sees that a function's own file has changed, but not the file of a function that it inlines,
+and would go on with the old formula. The code of a module is therefore in a folder that is named
+by a hash of the module's source and of all that it imports. A change is compiled where it matters,
+and all processes and checkouts with the same source share a folder.
 """
 
 from __future__ import annotations
@@ -21,33 +20,36 @@ from pathlib import Path
 
 import platformdirs
 
-from .source import COMPILED_ROOMS, PACKAGE, module_hash, source_hash
+from .source import COMPILED_ROOMS, PACKAGE, module_hash, rooms_hash
 
 CACHE_VARIABLE = "GGBENCH_CACHE_DIR"
 """Environment variable that names another cache folder than the user's."""
 _VARIABLE = "NUMBA_CACHE_DIR"
 _OURS = re.compile(r"(ggbench[\w.]*)-[0-9a-f]{16}")
 _MOST_KEPT = 5
-"""Folders of a module, of its newest sources."""
+"""Folders that a module keeps, of its newest sources."""
 
 
 def cache_folder() -> Path:
-    """Return the folder of everything that can be made again: maps, compiled code."""
+    """Return the folder of everything that can be made again: maps and compiled code."""
     return Path(os.environ.get(CACHE_VARIABLE) or platformdirs.user_cache_path("ggbench"))
 
 
 @cache
 def code_folder(file: Path) -> Path:
-    """Return the folder, not yet made, of what is compiled from a module, of its present source."""
+    """Return the folder of a module's compiled code; it may not exist yet."""
     parts = file.relative_to(PACKAGE).with_suffix("").parts if PACKAGE in file.parents else ()
     name = ".".join(("ggbench", *(parts or ("user", re.sub(r"\W", "_", file.stem)))))
     return _base() / f"{name}-{module_hash(file)}"
 
 
 def make_code_folder(folder: Path) -> None:
-    """Make a folder of compiled code, and remove those of its module's former sources.
+    """Make a folder of compiled code, and remove those of its module's oldest sources.
 
-    Raises OSError if it cannot be made.
+    Raises
+    ------
+    OSError
+        If it cannot be made.
     """
     if not folder.exists():
         folder.mkdir(parents=True, exist_ok=True)
@@ -55,11 +57,11 @@ def make_code_folder(folder: Path) -> None:
 
 
 @contextlib.contextmanager
-def alone(file: Path) -> Iterator[None]:
-    """Make a file of the cache while no other process makes it: who waited may find it there.
+def exclusive_lock(file: Path) -> Iterator[None]:
+    """Return a context in which no other process makes a file of the cache.
 
-    The lock is a file of its own beside it, and ends with the process. Where there can be no lock,
-    work may be done twice.
+    A process that has waited may find the file. The lock is a file next to it, and ends with the
+    process. Without a writable folder there is no lock, and work may be done twice.
     """
     with contextlib.ExitStack() as until:
         with contextlib.suppress(OSError):
@@ -69,12 +71,12 @@ def alone(file: Path) -> Iterator[None]:
         yield
 
 
-def keep_apart() -> None:
-    """Have numba keep what users' files compile by themselves in a folder of this source, too.
+def use_versioned_numba_cache() -> None:
+    """Set numba's own cache folder to one of this source, before anything is compiled.
 
-    Before anything is compiled. Such functions may inline the package's.
+    Functions that users compile by themselves may inline the package's.
     """
-    folder = _base() / f"ggbench-{source_hash(*COMPILED_ROOMS)}"
+    folder = _base() / f"ggbench-{rooms_hash(*COMPILED_ROOMS)}"
     os.environ[_VARIABLE] = str(folder)
     if "numba" in sys.modules:
         sys.modules["numba"].config.CACHE_DIR = str(folder)
@@ -84,12 +86,12 @@ def keep_apart() -> None:
 
 def _base() -> Path:
     base = Path(os.environ.get(_VARIABLE) or cache_folder() / "numba")
-    # A process that this package started has its folder.
+    # A process that this package started has inherited its folder.
     return base.parent if _OURS.fullmatch(base.name) else base
 
 
 def _remove_old(folder: Path) -> None:
-    """Remove all but the newest folders of other sources of a folder's module."""
+    """Remove all but the newest folders of the same module."""
     module = folder.name.rpartition("-")[0]
     ours = [
         other

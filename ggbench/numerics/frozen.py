@@ -1,4 +1,4 @@
-"""Arrays that their holders cannot change: by no means, or not by mistake."""
+"""Immutable and read-only arrays."""
 
 from __future__ import annotations
 

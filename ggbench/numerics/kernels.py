@@ -1,10 +1,10 @@
-"""How the hot loops are compiled: four decorators, and what their settings are for.
+"""Decorators that compile hot loops.
 
-Kernels are kept on disk (see :mod:`.compiling`) and let other threads run. They divide as
-NumPy does: by zero gives infinity or NaN, which is judged later; Python's exception would be a
-branch that keeps a loop from becoming vector instructions. A product and a sum may be one
-instruction. Arrays are copied in loops: an assignment of one array to another has numba compile
-three seconds of shapes and messages, in every process anew.
+Kernels are kept on disk (:mod:`.compiling`) and let other threads run. Division by zero gives
+infinity or NaN, as in NumPy: the branch of Python's exception would keep a loop from becoming
+vector instructions. The compiler itself may not fuse a product and a sum, so that a kernel has the
+same bits wherever it is inlined; see :mod:`.vectors`. Arrays are copied in loops: numba takes three
+seconds to compile an assignment of one array to another.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from .compiling import keep
+from .compiling import with_disk_cache
 
 
 def _decorator(**options: Any) -> Any:
     # No kernel is called from C.
-    options |= {"no_cfunc_wrapper": True, "error_model": "numpy", "fastmath": {"contract"}}
+    options |= {"no_cfunc_wrapper": True, "error_model": "numpy"}
     jit = njit(**{"nogil": True} | options)
 
     def decorate(function: Callable[..., Any]) -> Any:
-        return keep(jit(function))
+        return with_disk_cache(jit(function))
 
     return decorate
 

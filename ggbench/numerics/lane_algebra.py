@@ -1,6 +1,6 @@
-"""Steps of filters and smoothers on the matrices of eight runs at once, compiled.
+"""Compiled linear algebra of filters and smoothers on the matrices of eight runs.
 
-Matrices are laid out as :mod:`.numerics.lanes` says. Sizes are those of the arrays: n states, m
+Matrices have the layout of :mod:`.lanes`. Sizes are those of the arrays: n states, m
 equations of a reading, each three at least (equations may be zero). Readings are whitened: the
 noise of each equation has unit variance. Symmetric matrices are computed by halves and kept whole.
 No step mixes lanes, so a run's result does not depend on its neighbours, bit for bit.

@@ -1,4 +1,4 @@
-"""Matrices of eight runs at once: how they are laid out, filled from a block and written back.
+"""Layout of the matrices of eight runs: filled from a block, written back to it.
 
 A matrix of eight runs is a contiguous array (rows, columns, LANES), the run last; a column of
 numbers is an array (1, n, LANES).
@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from .kernels import LANES, aligned, compiled
+from .kernels import LANES, aligned, compiled, inlined
 from .vectors import load_from, splat, store_from, transposed, with_sign
 
 
@@ -58,6 +58,29 @@ def starts(runs: int) -> np.ndarray:
 def count_from(first: int, runs: int) -> int:
     """Return how many runs the group has that begins with ``first``."""
     return min(LANES, runs - first)
+
+
+@inlined
+def each() -> range:
+    """Return the indices of all lanes, those that are filled up among them."""
+    return range(LANES)
+
+
+def place(run: int) -> tuple[int, int]:
+    """Return which group a run of a block is in, and in which lane of it."""
+    return divmod(run, LANES)
+
+
+@compiled
+def integers() -> np.ndarray:
+    """Return an integer of each lane (LANES,), all zero."""
+    return np.zeros(LANES, dtype=np.int64)
+
+
+@compiled
+def flags() -> np.ndarray:
+    """Return a truth value of each lane (LANES,), all false."""
+    return np.zeros(LANES, dtype=np.bool_)
 
 
 @compiled

@@ -1,4 +1,4 @@
-"""Roots of covariances: of singular ones, and of those that rounding or a weight has spoilt."""
+"""Square roots of singular or slightly indefinite covariances."""
 
 from __future__ import annotations
 
@@ -40,3 +40,29 @@ def nearest_root(matrix: np.ndarray) -> np.ndarray:
     values = np.maximum(values, len(values) * np.finfo(float).eps * values[-1])
     # The triangular factor of any square root of P is one, too.
     return np.asarray(np.linalg.qr((scale[:, None] * vectors * np.sqrt(values)).T).R)
+
+
+class MatrixSquareRoot:
+    """Upper-triangular square root of a covariance that may not be positive definite any more.
+
+    The negative centre weight of some sigma points guarantees nothing. P is symmetrised and
+    factorised by Cholesky; where that fails, the root is :func:`nearest_root`, and the repair is
+    counted.
+    """
+
+    def __init__(self) -> None:
+        self.repairs = 0
+
+    def __call__(self, matrix: np.ndarray) -> np.ndarray:
+        """Return U (n, n), upper triangular, with UᵀU = P or its nearest positive part."""
+        try:
+            return np.linalg.cholesky(0.5 * (matrix + matrix.T)).T
+        except np.linalg.LinAlgError:
+            self.repairs += 1
+        return nearest_root(matrix)
+
+    def repaired(self, matrix: np.ndarray) -> np.ndarray:
+        """Return the symmetric, positive definite covariance that the square root is of."""
+        before = self.repairs
+        root = self(matrix)
+        return 0.5 * (matrix + matrix.T) if self.repairs == before else root.T @ root

@@ -1,4 +1,4 @@
-"""Sines, cosines and rotation matrices as arithmetic on numbers, and on arrays.
+"""Compiled sines, cosines and rotation matrices of numbers, vectors and arrays.
 
 A call of the C library keeps a loop over points or runs from becoming vector instructions. Where
 angles are known to be small or are latitudes, a series without branches takes its place here.

@@ -1,11 +1,15 @@
-"""Numbers of eight runs as one value in compiled code: a vector register of the processor.
+"""Vectors: the numbers of eight runs as one value of compiled code.
 
 An array (..., LANES) of double precision numbers, the run last, is read and written a vector at a
-time by :func:`load` and :func:`store`; vectors are added, subtracted, multiplied, divided and
-negated as numbers are, lane by lane, and ``math.sqrt`` and ``math.floor`` take them, so that a
-formula is written once, for a number and for the numbers of eight runs: the compiler makes code of
-it for what it is given. A product and a sum are one instruction where there is one. Only compiled
-code knows vectors: they cannot be returned to Python.
+time by :func:`load` and :func:`store`. Vectors are added, subtracted, multiplied, divided and
+negated lane by lane, and ``math.sqrt`` and ``math.floor`` take them. A formula is therefore
+written once, and compiled for a number or for the numbers of eight runs. Vectors exist in compiled
+code only and cannot be returned to Python.
+
+A product of vectors and a sum in one expression are fused (rounded once) as the function is
+written, before the compiler inlines anything: the bits of a kernel depend on its source alone.
+Fusing is one instruction where the processor has it; elsewhere the C library computes the same
+bits, slowly.
 """
 
 from __future__ import annotations
@@ -22,9 +26,7 @@ from numba.extending import lower_builtin, models, register_model
 
 from .kernels import LANES
 
-intrinsic: Any = (
-    extending.intrinsic
-)  # what it makes is called by compiled code alone, without types
+intrinsic: Any = extending.intrinsic  # untyped: only compiled code calls the results
 _DOUBLES = ir.VectorType(ir.DoubleType(), LANES)
 _ALIGNMENT = 8
 
@@ -55,8 +57,21 @@ def _spread(builder: Any, number: Any) -> Any:
     return builder.shuffle_vector(first, undefined, mask)
 
 
+def _arithmetic(builder: Any, name: str, left: Any, right: Any) -> Any:
+    """Return the result of an instruction; a product in a sum becomes ``llvm.fma``."""
+    if name in ("fadd", "fsub"):
+        if getattr(right, "opname", "") == "fmul":
+            one, two = right.operands
+            one = one if name == "fadd" else builder.fneg(one)
+            return _call(builder, "fma", [one, two, left])
+        if getattr(left, "opname", "") == "fmul":
+            right = right if name == "fadd" else builder.fneg(right)
+            return _call(builder, "fma", [*left.operands, right])
+    return getattr(builder, name)(left, right)
+
+
 def _define(operation: Any, instruction: str) -> None:
-    """Let an operator work on two vectors, or on one and a number, by an instruction of LLVM's."""
+    """Define an operator on two vectors, or a vector and a number, by an LLVM instruction."""
 
     class Typing(AbstractTemplate):
         def generic(self, args: Any, kws: Any) -> Any:
@@ -78,7 +93,7 @@ def _define(operation: Any, instruction: str) -> None:
             arg if isinstance(kind, _Vector) else _spread(builder, arg)
             for kind, arg in zip(sig.args, args, strict=True)
         )
-        return getattr(builder, instruction)(*vectors, flags=("contract",))
+        return _arithmetic(builder, instruction, *vectors)
 
 
 for _operation, _inplace, _instruction in (
@@ -92,7 +107,7 @@ for _operation, _inplace, _instruction in (
 
 
 def _define_of_one(function: Any, code: Any) -> None:
-    """Let a function of one number take a vector; ``code`` makes its instructions."""
+    """Define a function of one number on a vector; ``code`` makes its instructions."""
 
     class Typing(AbstractTemplate):
         def generic(self, args: Any, kws: Any) -> Any:
@@ -123,7 +138,7 @@ def _address(context: Any, builder: Any, kind: Any, value: Any, places: Any) -> 
 
 
 def _call(builder: Any, name: str, args: Any) -> Any:
-    """Return what an intrinsic function of LLVM's makes of vectors."""
+    """Return the result of an LLVM intrinsic function of vectors."""
     kind = ir.FunctionType(_DOUBLES, [_DOUBLES] * len(args))
     full = f"llvm.{name}.v{LANES}f64"
     return builder.call(cgutils.get_or_insert_function(builder.module, kind, full), args)
@@ -134,7 +149,7 @@ def _places(count: int) -> tuple[Any, ...]:
 
 
 def _accepts(array: Any, count: int) -> bool:
-    """Return whether an array has so many leading axes and is contiguous."""
+    """Return whether an array has ``count`` leading axes and is contiguous."""
     return isinstance(array, types.Array) and array.ndim == count + 1 and array.layout == "C"
 
 
@@ -153,9 +168,9 @@ def load(typing: Any, array: Any, i: Any, j: Any) -> Any:
 
 @intrinsic
 def store(typing: Any, array: Any, i: Any, j: Any, value: Any) -> Any:
-    """Set ``array[i, j]`` of a contiguous array (., ., LANES), no negative index.
+    """Set ``array[i, j]`` of a contiguous array (., ., LANES) to a vector, or to a number.
 
-    To a vector, or to a number in all lanes.
+    No index may be negative.
     """
     if not _accepts(array, 2) or not (isinstance(value, _Vector) or value == types.float64):
         return None
@@ -181,7 +196,7 @@ def splat(typing: Any, number: Any) -> Any:
 
 @intrinsic
 def like(typing: Any, kind: Any, number: Any) -> Any:
-    """Return a number as a value of the kind of another one: itself, or a vector of it."""
+    """Return a number as a value of another one's kind: a number or a vector."""
     if not (isinstance(kind, _Vector) or kind == types.float64):
         return None
 

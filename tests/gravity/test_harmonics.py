@@ -7,7 +7,6 @@ import math
 from importlib.resources import files
 
 import numpy as np
-import pyshtools
 import pytest
 from conftest import local_axes, square
 from random_harmonics import random_model
@@ -44,6 +43,8 @@ def geodetic(radius: float, geocentric: float) -> tuple[float, float]:
 )
 def test_gravity_and_gradient_agree_with_shtools(model):
     """On a sphere 10 km above the reference radius, at latitudes from pole to pole."""
+    import pyshtools  # slow, and not for all processes
+
     a, degree = model.radius + 10e3, model.degree
     cosine = model.cosine.copy()
     cosine[0, 0] = 1.0  # SHTOOLS takes it for granted
@@ -88,6 +89,8 @@ def test_degree_2190_is_summed_without_underflow(latitude_deg):
 
     The oracle are Legendre functions of Holmes and Featherstone, of SHTOOLS, point by point.
     """
+    import pyshtools
+
     degree = 2190
     model = random_model(degree, 11)
     # Coefficients that grow with the degree, so that the highest ones weigh the most.

@@ -369,7 +369,7 @@ def test_other_code_or_data_make_another_file(monkeypatch):
     """A cached map is used only with the sources of the rooms that made it, and the very data."""
     before = recipe.content_key(SMALL)
     with monkeypatch.context() as patch:
-        patch.setattr(recipe, "source_hash", lambda *rooms: f"other {rooms}")
+        patch.setattr(recipe, "rooms_hash", lambda *rooms: f"other {rooms}")
         assert recipe.content_key(SMALL) != before
     with monkeypatch.context() as patch:
         patch.setattr(recipe, "data_bytes", lambda name: b"other data")

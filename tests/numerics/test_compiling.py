@@ -1,14 +1,17 @@
-"""Every process runs the same machine code: of one source, compiled once, of nobody else."""
+"""Compiled code on disk: made once, found by its source, with the same bits in every process."""
 
 from __future__ import annotations
 
+import ast
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+import ggbench
+import ggbench.estimators
 
 SOURCE = (
     """
@@ -113,21 +116,6 @@ def test_a_function_may_need_itself_for_other_arguments(tmp_path):
 
 
 @pytest.mark.long
-def test_code_is_not_exchanged_for_another_processes(tmp_path):
-    """A function keeps the code of those that it calls, whatever else is loaded before.
-
-    What stands for code that was optimised in another context is code of another formula.
-    """
-    here, there = Place(tmp_path / "here", 1.0), Place(tmp_path / "there", 2.0)
-    first, right, _ = here.run("long(1.0)", "calling(1.0)")
-    other, _ = there.run("long(1.0)")
-    for file in there.compiled_from().glob("functions.long-*.nbc"):
-        shutil.copy(file, here.compiled_from())
-    assert here.run("long(1.0)", "calling(1.0)") == [other, right, ""]
-    assert other != first
-
-
-@pytest.mark.long
 def test_damaged_code_is_compiled_anew(tmp_path):
     place = Place(tmp_path / "here", 1.0)
     right, _ = place.run("calling(1.0)")
@@ -143,3 +131,89 @@ def test_without_a_folder_it_is_compiled_each_time(tmp_path):
     first = place.run("calling(1.0)")
     assert place.run("calling(1.0)") == first
     assert first[1] == "calling long"
+
+
+IN_ORDER = """
+import hashlib, sys
+from ggbench.campaign.registry import choose
+from ggbench.simulation.error_free_flight import prepare
+from ggbench.simulation.runs import simulate_block
+from ggbench.spec import scenario
+
+flight = prepare(scenario.load("wang2013").case("0.01E-1Hz"))
+block, _ = simulate_block(flight, 1, range(9))
+found = {"simulation": block.measurements}
+for label in sys.argv[1:]:
+    found[label] = choose(label).estimator.estimate_block(block).mean
+again, _ = simulate_block(flight, 1, range(9))
+assert (again.measurements == block.measurements).all()
+for label in sorted(found):
+    print(label, hashlib.sha256(found[label].tobytes()).hexdigest())
+"""
+
+
+@pytest.mark.long
+def test_bits_do_not_depend_on_the_order_of_calls():
+    """Each library has its own copy of a function; which copy a process links does not matter."""
+    labels = ["ekf", "ukf", "ekf[iterations=5]"]
+    processes = [
+        subprocess.Popen(
+            [sys.executable, "-P", "-c", IN_ORDER, *order], stdout=subprocess.PIPE, text=True
+        )
+        for order in (labels, labels[::-1], labels[1:] + labels[:1])
+    ]
+    first, *others = [printed(process) for process in processes]
+    assert len(first) == 4
+    assert others == [first, first]
+
+
+def private_names(text: str) -> list[str]:
+    """Underscore names of numba and llvmlite, and settings that let the compiler round anew."""
+    found, bound = [], set()
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            module = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            for alias in node.names:
+                path = ".".join([*module, alias.name]).split(".")
+                if path[0] in ("numba", "llvmlite") and not getattr(node, "level", 0):
+                    bound.add(alias.asname or (path[-1] if module else path[0]))
+                    found += [part for part in path if part.startswith("_")]
+        elif isinstance(node, ast.keyword) and node.arg in ("fastmath", "flags"):
+            found.append(node.arg)
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Attribute) and node.attr.startswith("_"):
+            root = node.value
+            while isinstance(root, ast.Attribute):
+                root = root.value
+            if isinstance(root, ast.Name) and root.id in bound:
+                found.append(node.attr)
+    return found
+
+
+def test_no_private_name_of_the_compiler_is_used():
+    """Nor a setting with which bits would depend on where the compiler inlines a function."""
+    folders = Path(ggbench.__file__).parent, Path(ggbench.estimators.__path__[0])
+    found = {}
+    for file in (file for folder in folders for file in folder.rglob("*.py")):
+        text = file.read_text()
+        if any(word in text for word in ("numba", "llvmlite", "flags")):
+            found[file.name] = private_names(text)
+    assert len(found) > 10
+    assert not any(found.values()), found
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "from numba.core.caching import _CacheLocator",
+        "import numba._devicearray",
+        "def f():\n    from numba.core import caching as c\n    class A(c._Cache): ...",
+        "import numba.core.caching\nnumba.core.caching.Cache._impl_class = 1",
+        "from llvmlite import ir\nir._utils",
+        "njit(fastmath=True)",
+        "builder.fadd(a, b, flags=('contract',))",
+    ],
+)
+def test_a_private_name_would_be_found(text):
+    assert len(private_names(text)) == 1
+    assert private_names("from numba import njit\nfrom ._numba import _own\nself._line") == []

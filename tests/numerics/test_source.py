@@ -1,4 +1,4 @@
-"""Results, maps and compiled code are known by the source that made them: whole rooms of it."""
+"""Maps and compiled code are known by the source that made them."""
 
 from __future__ import annotations
 
@@ -13,15 +13,8 @@ import pytest
 from test_rooms import imported, room_of
 
 import ggbench
-import ggbench.estimators
 from ggbench.numerics import source
-from ggbench.numerics.source import (
-    COMPILED_ROOMS,
-    MAP_ROOMS,
-    module_hash,
-    source_hash,
-    statements,
-)
+from ggbench.numerics.source import COMPILED_ROOMS, MAP_ROOMS, module_hash, rooms_hash
 
 PACKAGE = Path(ggbench.__file__).parent
 NUMBERS = int | float | complex | tuple | list | dict | np.ndarray
@@ -37,7 +30,7 @@ def copy(tmp_path, monkeypatch) -> Path:
 
 
 def hash_of(*rooms: str) -> str:
-    return source_hash.__wrapped__(*rooms)
+    return rooms_hash.__wrapped__(*rooms)
 
 
 def changes(copy: Path, *rooms: str) -> set[str]:
@@ -57,66 +50,6 @@ def modules(*rooms: str) -> set[str]:
     """Modules of rooms, of all if none is named."""
     files = {path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py")}
     return {file.as_posix() for file in files if not rooms or file.parts[0] in rooms}
-
-
-@pytest.mark.long
-def test_every_module_that_makes_a_result_counts(copy):
-    """A change of what the runner or an estimator is made with, or a map, is another source.
-
-    Of what judges many runs, shows them, or says who flies when, it is none.
-    """
-    estimators = {
-        path
-        for file in Path(ggbench.estimators.__path__[0]).glob("*.py")
-        for path in as_python_reads(file, PACKAGE / "estimators" / file.name)
-    }
-    made = known_to("campaign/runner.py").union(
-        *(known_to(path.relative_to(PACKAGE).as_posix()) for path in estimators)
-    )
-    assert {"engines/filters.py", "sensors/model.py", "block.py", "judging/run_errors.py"} <= made
-    found = changes(copy)
-    assert made | modules("maps", "gravity") <= found
-    assert found <= made | modules("maps", "gravity", "numerics", "engines") | {"reduced.py"}
-    assert not found & (modules("report", "figures", "cli") | {"judging/success.py"})
-
-
-def test_sentences_are_no_part_of_what_makes_a_result(copy):
-    """Comments, docstrings of modules, functions and constants, and empty lines: the same hash."""
-    for file in sorted(copy.rglob("*.py")):
-        text = file.read_text()
-        file.write_text(f"# A comment.\n\n{text}\n# Another one.\n'A docstring.'\n")
-    assert hash_of() == source_hash()
-
-
-LINES = '''
-"""A module."""
-
-SAID = """
-# no comment
-"""
-"""What is said."""
-
-
-def f(x):
-    """Return x.
-
-    # Of any kind.
-    """
-    # The reason.
-    return x  # as it is
-'''
-STATEMENTS = '''SAID = """
-# no comment
-"""
-def f(x):
-    return x  # as it is'''
-
-
-def test_what_is_left_of_a_module_are_its_statements():
-    """Nothing of a text that is a value is lost, nor what shares a line with a docstring."""
-    assert statements(LINES) == STATEMENTS
-    for text in ("'x'; y = 1", "def f(): 'x'", 'z = f"""\n\n# {1}\n"""', 'f("""\n#\n""")'):
-        assert statements(text) == text
 
 
 @pytest.mark.long
@@ -148,8 +81,9 @@ def as_python_reads(file: Path, place: Path | None = None) -> set[Path]:
                 places = base / f"{name.name}.py", base / name.name / "__init__.py"
                 places += base.with_suffix(".py"), base / "__init__.py"
                 here = [path for path in places if path.is_file()]
-                # Estimators stand elsewhere in a checkout: each other they do not find here.
-                assert here or place != file, (file, name.name)
+                # Estimators and matchability are elsewhere in a checkout, and not found here.
+                apart = "matchability" in (node.module or "")
+                assert here or apart or place != file, (file, name.name)
                 found.update(here[:1])
     return found
 
@@ -187,22 +121,15 @@ def test_compiled_code_takes_its_numbers_from_rooms_that_are_hashed():
 
 
 def test_a_new_module_counts_and_a_renamed_one(copy):
-    """In a room that is hashed whole; elsewhere once something imports it."""
-    before = hash_of()
-    (copy / "engines" / "new.py").write_text("")
-    added = hash_of()
-    (copy / "engines" / "new.py").rename(copy / "engines" / "other.py")
-    renamed = hash_of()
-    (copy / "engines" / "other.py").rename(copy / "maps" / "other.py")
-    assert len({before, added, renamed, hash_of()}) == 4
-    (copy / "judging" / "new.py").write_text("")
-    alone = hash_of()
-    runner = copy / "campaign" / "runner.py"
-    runner.write_text(f"{runner.read_text()}\nfrom ..judging import new\n")
-    source._imported_directly.cache_clear()
-    imported_ = hash_of()
-    (copy / "judging" / "new.py").write_text("one = 1")
-    assert len({alone, imported_, hash_of()}) == 3
+    """Within rooms that are hashed."""
+    before = hash_of(*MAP_ROOMS)
+    (copy / "maps" / "new.py").write_text("")
+    added = hash_of(*MAP_ROOMS)
+    (copy / "maps" / "new.py").rename(copy / "maps" / "other.py")
+    renamed = hash_of(*MAP_ROOMS)
+    (copy / "maps" / "other.py").rename(copy / "judging" / "other.py")
+    assert len({before, added, renamed}) == 3
+    assert hash_of(*MAP_ROOMS) == before
 
 
 def test_what_a_module_imports_is_found(copy):
@@ -243,7 +170,7 @@ def test_compiled_code_is_known_by_all_that_it_is_made_of(copy, monkeypatch):
 
 
 def test_a_users_own_code_is_known_by_itself_and_by_all_that_is_compiled_here(copy, monkeypatch):
-    monkeypatch.setattr(source, "source_hash", hash_of)  # the source changes under this process
+    monkeypatch.setattr(source, "rooms_hash", hash_of)  # the source changes under this process
     mine, theirs = copy.parent / "mine.py", copy / "gravity" / "ellipsoid.py"
     mine.write_text("one = 1\n")
     hashes = {module_hash(mine)}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from ggbench.gravity.ellipsoid import (
 from ggbench.numerics import lanes
 from ggbench.numerics.kernels import LANES, compiled, inlined
 from ggbench.numerics.rotations import left_jacobian, multiply, sine_cosine, small_turn, transpose
-from ggbench.numerics.vectors import like, load, store
+from ggbench.numerics.vectors import like, load, splat, store
 
 
 @inlined
@@ -74,13 +75,46 @@ def both(formula):
 
 @pytest.mark.parametrize("formula", [arithmetic, field, turns])
 def test_a_formula_gives_the_same_of_eight_numbers_at_once(formula):
-    """To rounding: products and sums may be fused in one and not in the other."""
+    """To rounding: products and sums of vectors are fused."""
     of_vectors, of_numbers = both(formula)
     given = np.random.default_rng(2).uniform(0.1, 1.2, size=(1, 3, LANES))
     out = lanes.lanes(1, 6)
     of_vectors(given, out)
     expected = np.array([of_numbers(*given[0, :, r]) for r in range(LANES)]).T
     np.testing.assert_allclose(out[0], expected, rtol=1e-12, atol=1e-15)
+
+
+def test_a_product_in_a_sum_is_rounded_once():
+    """Exactly, on any processor: in a sum or a difference, on either side."""
+
+    @compiled
+    def of_vectors(given, out):
+        x, y, z = load(given, 0, 0), load(given, 0, 1), load(given, 0, 2)
+        store(out, 0, 0, x * y + z)
+        store(out, 0, 1, z + x * y)
+        store(out, 0, 2, x * y - z)
+        store(out, 0, 3, z - x * y)
+        total = splat(0.5)
+        total += x * 1.5
+        store(out, 0, 4, total)
+
+    def exact(x, y, z):
+        return float(Fraction(x) * Fraction(y) + Fraction(z))
+
+    x, y = np.random.default_rng(4).uniform(0.5, 1.5, size=(2, LANES))
+    z = -x * y  # a rounding error is left
+    out = lanes.lanes(1, 5)
+    of_vectors(np.stack([x, y, z])[np.newaxis], out)
+    for r, (a, b, c) in enumerate(zip(x, y, z, strict=True)):
+        wanted = [
+            exact(a, b, c),
+            exact(a, b, c),
+            exact(a, b, -c),
+            exact(-a, b, c),
+            exact(1.5, a, 0.5),
+        ]
+        assert out[0, :, r].tolist() == wanted
+    assert np.any(out[0, 0] != 0.0)
 
 
 def test_a_number_goes_into_all_lanes():
