@@ -7,7 +7,6 @@ its type is in the signature already. numpydoc and napoleon would take the words
 from __future__ import annotations
 
 import pkgutil
-import re
 import sys
 from collections.abc import Iterator
 from functools import cache, reduce
@@ -23,7 +22,6 @@ import ggbench
 _ENTRIES = ("Parameters", "Attributes")
 _ERRORS = ("Raises", "Warns")
 _TEXTS = ("Returns", "Yields")
-_ENTRY = re.compile(r"(?:^|(?<=\. )|(?<=; ))(\*{0,2}\w+(?:, \w+)*) : ")
 
 
 def setup(app: Sphinx) -> None:
@@ -62,11 +60,9 @@ def _entries(section: str, line: str) -> Iterator[str]:
         names, _, words = line.partition(" : ")
         yield f"* {', '.join(f':exc:`{name}`' for name in names.split(', '))} – {words}"
     else:
-        pieces = _ENTRY.split(line)[1:]
-        for names, words in zip(pieces[::2], pieces[1::2], strict=True):
-            yield f"* {', '.join(f'**{name}**' for name in names.split(', '))} – {words.strip()}"
-        if not pieces:
-            yield f"* {line}"
+        names, _, words = line.partition(" : ")
+        bold = ", ".join(f"**{name}**" for name in names.split(", "))
+        yield f"* {bold} – {words}" if words else f"* {line}"
 
 
 def _known(

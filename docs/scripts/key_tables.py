@@ -1,6 +1,6 @@
-"""Writes the key tables of ``docs/scenario_files.md`` from the specification objects.
+"""Writes the key tables of ``docs/scenario_files.md`` and ``docs/scenario.schema.json``.
 
-``make keys`` runs it after a change of the specification; a test holds the page to it. Each table
+``make keys`` runs it after a change of the specification; a test compares both. Each table of keys
 stands between ``<!-- keys: TABLE -->`` and ``<!-- end of keys -->``, the list of all tables between
 ``<!-- tables -->`` and ``<!-- end of tables -->``.
 """
@@ -8,74 +8,71 @@ stands between ``<!-- keys: TABLE -->`` and ``<!-- end of keys -->``, the list o
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from pathlib import Path
 
-from ggbench.cli.key_tables import REQUIRED, Key, KeyTable, tables
+from ggbench.cli.keys import REQUIRED, Key, KeyTable, tables
+from ggbench.spec.json_schema import schema_text
 
 PAGE = Path(__file__).parents[1] / "scenario_files.md"
-_INHERITED = "as in ["
+SCHEMA = Path(__file__).parents[1] / "scenario.schema.json"
 
 
 def filled_in(text: str) -> str:
-    """Return the page with its tables as the specification has them now.
-
-    Raises
-    ------
-    KeyError
-        If the page asks for a table that there is not.
-    """
+    """Return the page with the present tables; a KeyError is a table that does not exist."""
     text = re.sub(
         r"(<!-- keys: (\S+) -->\n).*?(<!-- end of keys -->)",
-        lambda found: f"{found[1]}{markdown(tables()[found[2]])}{found[3]}",
+        lambda found: f"{found[1]}{_keys(tables()[found[2]])}{found[3]}",
         text,
         flags=re.DOTALL,
     )
+    rows = [(f"`{table.heading}`", table.about) for table in tables().values()]
+    overview = _markdown(("table", "what it is for"), rows)
     return re.sub(
         r"(<!-- tables -->\n).*?(<!-- end of tables -->)",
-        lambda found: f"{found[1]}{_overview()}{found[2]}",
+        lambda found: f"{found[1]}\n{overview}\n{found[2]}",
         text,
         flags=re.DOTALL,
     )
 
 
-def markdown(table: KeyTable) -> str:
-    """Return the keys of a table as a table of markdown, with what it only takes over below."""
-    own = [key for key in table.keys if not key.default.startswith(_INHERITED)]
+def _keys(table: KeyTable) -> str:
+    """Return the keys of a table in markdown, with a list of those that it only changes below."""
+    own = [key for key in table.keys if not key.default.startswith("as in")]
     inherited = [key for key in table.keys if key not in own]
-    parts = [_rows(own)] if own else []
+    blocks = [_rows(own)] if own else []
     if table.recorded:
-        if own:
-            parts.append("In the file of a recorded flight also:\n")
-        parts.append(_rows(table.recorded))
+        lead = "In the file of a recorded flight also:\n\n" if own else ""
+        blocks.append(lead + _rows(table.recorded))
     if inherited:
         names = ", ".join(f"`{key.name}`" for key in inherited)
-        parts.append(f"It may also change these, each {inherited[0].default}: {names}.\n")
-    return "\n" + "\n".join(parts) + "\n"
+        blocks.append(f"It may also change these, each {inherited[0].default}: {names}.\n")
+    return "\n" + "\n".join(blocks) + "\n"
 
 
-def _rows(keys: list[Key] | tuple[Key, ...]) -> str:
-    lines = ["| key | unit | values | default | meaning |", "|---|---|---|---|---|"]
+def _rows(keys: Iterable[Key]) -> str:
+    rows = []
     for key in keys:
         values = key.kind
         if key.allowed:
-            values = key.allowed if "list" not in values else f"{values}, each {key.allowed}"
+            values = f"{values}, each {key.allowed}" if "list" in values else key.allowed
             values += f"; usual: {key.usual}" if key.usual else ""
         default = "—" if key.default == REQUIRED else _code(key.default)
-        cells = [f"`{key.name}`", key.unit, _code(values), default, key.meaning]
-        lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines) + "\n"
+        rows.append((f"`{key.name}`", key.unit, _code(values), default, key.meaning))
+    return _markdown(("key", "unit", "values", "default", "meaning"), rows)
+
+
+def _markdown(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
+    lines = [" | ".join(row) for row in (head, *rows)]
+    lines.insert(1, "|".join(["---"] * len(head)))
+    return "".join(f"|{line}|\n" if line[0] == "-" else f"| {line} |\n" for line in lines)
 
 
 def _code(text: str) -> str:
-    """Return a text with what stands in quotation marks or brackets set as code."""
-    return text if "`" in text else re.sub(r'("[^"]*"|\[.*\])', r"`\1`", text)
-
-
-def _overview() -> str:
-    lines = ["| table | what it is for |", "|---|---|"]
-    lines += [f"| `{table.heading}` | {table.about} |" for table in tables().values()]
-    return "\n" + "\n".join(lines) + "\n\n"
+    """Return a text with quotations and lists set as code."""
+    return re.sub(r'(\[.*\]|"[^"]*")', r"`\1`", text)
 
 
 if __name__ == "__main__":
     PAGE.write_text(filled_in(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+    SCHEMA.write_text(schema_text(), encoding="utf-8")

@@ -18,7 +18,7 @@ from scipy.ndimage import gaussian_filter1d
 
 import ggbench as gg
 from ggbench.figures.style import BOUND, INS, Drawing, legend_below, plain_numbers, save, styled
-from ggbench.judging.locking import claimed_radius
+from ggbench.judging.convergence import claimed_radius
 
 PICTURES = Path(__file__).parents[1] / "pictures"
 NORTH, EAST, UP, ESTIMATED, WRONG = "tab:blue", "tab:red", "tab:green", "tab:blue", "tab:red"

@@ -259,8 +259,10 @@ def back(
 
     Parameters
     ----------
-    f : (1, OVER, LANES), of :func:`over`. noise : over the interval.
-    columns : changed in place. terms : of :func:`series_terms`, overwritten.
+    f : (1, OVER, LANES), of :func:`over`.
+    noise : over the interval.
+    columns : changed in place.
+    terms : of :func:`series_terms`, overwritten.
     factors : (MOST_FACTORS, C, LANES) output: with W the first of them, the interval's noise adds
         WᵀW to Q. b_0 and b_1 of the velocity's elements, b_0 to b_2 of the attitude's; with an
         altimeter b_0 to b_2 of its own and b_2 of the velocity's; of biases that wander, and of the

@@ -133,7 +133,9 @@ def add_bias_decay(
     Parameters
     ----------
     matrices, noise : (N, 15, 15) F and (15, 15) G q Gᵀ, changed in place.
-    block : :data:`GYRO_BIAS` or :data:`ACCELEROMETER_BIAS`. sigma : [its unit]. time : T [s].
+    block : :data:`GYRO_BIAS` or :data:`ACCELEROMETER_BIAS`.
+    sigma : [its unit].
+    time : T [s].
     """
     matrices[:, block, block] -= np.eye(3) / time
     noise[block, block] += 2.0 * sigma**2 / time * np.eye(3)

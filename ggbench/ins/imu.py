@@ -39,7 +39,8 @@ class Imu:
     Attributes
     ----------
     gyro_bias, accelerometer_bias : standard deviation per axis [rad/s], [m/s²].
-    gyro_root_psd : white noise [rad/s/√Hz]. accelerometer_root_psd : [m/s²/√Hz].
+    gyro_root_psd : white noise [rad/s/√Hz].
+    accelerometer_root_psd : [m/s²/√Hz].
     fixed_biases : the biases are the standard deviations themselves with a random sign per run
         and axis, instead of draws from N(0, σ²).
     gyro_bias_time, accelerometer_bias_time : correlation time of a bias that is a first-order
@@ -130,7 +131,8 @@ class Imu:
         exact : (R or 1, N, 6) error-free angles and velocities, the same in all runs or not.
         biases : (R, B, 6) of gyros and accelerometers, constant (B = 1) or at each sample (B = N).
         noise : (R, 2, N, 3) standard normal numbers, of angles and of velocities.
-        dt : [s]. out : output, of a group of runs.
+        dt : [s].
+        out : output, of a group of runs.
         """
         roots = np.repeat([self.gyro_root_psd, self.accelerometer_root_psd], 3) * math.sqrt(dt)
         _measure(exact, biases * dt, noise, roots, out)

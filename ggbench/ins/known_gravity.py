@@ -56,7 +56,8 @@ class KnownGravity(NamedTuple):
 
     Attributes
     ----------
-    map : looked up at the indicated position. readings : integrated along the indicated track.
+    map : looked up at the indicated position.
+    readings : integrated along the indicated track.
     """
 
     map: DisturbanceMap
@@ -80,7 +81,8 @@ def of_readings(tensors: np.ndarray, samples: np.ndarray, count: int) -> KnownGr
     Parameters
     ----------
     tensors : (G, 6, LANES) [E], as :class:`GradientReadings` has them.
-    samples : (G,) of the INS at which they are read. count : of its samples, N + 1.
+    samples : (G,) of the INS at which they are read.
+    count : of its samples, N + 1.
     """
     return KnownGravity(NO_MAP, GradientReadings.of(tensors, samples, count))
 
@@ -155,7 +157,8 @@ def integrate(
 
     Parameters
     ----------
-    readings, track : as above. dt : between two samples [s].
+    readings, track : as above.
+    dt : between two samples [s].
     moved : (3, 3, LANES), kept from sample to sample: the way since the last reading, ENU [m]; δĝ
         there, turned since [m/s²]; and whether there was a reading before.
     """

@@ -17,7 +17,8 @@ class Noise(NamedTuple):
     ----------
     roots : (15,) of the diagonal, without the altimeter's part.
     altimeter : (2,) in δh and δv_U, of what couples them.
-    damped : whether there is an altimeter. wandering : whether biases decay or are driven.
+    damped : whether there is an altimeter.
+    wandering : whether biases decay or are driven.
     disturbance : (3,) what drives the gravity disturbance ENU, of no elements where it is no state:
         √2 σ [m/s²], whose PSD is 2 σ² |v|/D; or what the speed multiplies [s⁻¹˙⁵] where gradients
         are integrated, whose noise has the PSD of a walk.

@@ -288,8 +288,8 @@ def navigate_lanes(
     increments : (N, 6, LANES) angles and velocities.
     dt : IMU interval [s].
     heights : (N, 1, LANES) of the altimeters; (0, 1, LANES) without.
-    gains : of the altimeter. gravity : added to the normal one; what is held and integrated of its
-        readings is output.
+    gains : of the altimeter.
+    gravity : added to the normal one; what is held and integrated of its readings is output.
     track : (N + 1, TRACK, LANES) output: position, velocity and C_nb.
     """
     copy(initial, track)

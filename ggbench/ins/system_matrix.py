@@ -179,7 +179,8 @@ def entries_between(
     Parameters
     ----------
     track : (N + 1, TRACK, LANES) navigation states.
-    increments : (N, 6, LANES) of angle, and of velocity [m/s]. dt : IMU interval [s].
+    increments : (N, 6, LANES) of angle, and of velocity [m/s].
+    dt : IMU interval [s].
     first, last : the samples.
     constant : (ENTRIES,) what is added to F, of which only damping and decay may differ from zero;
         at ``DISTANCE`` −1/D [1/m], which the speed multiplies.

@@ -124,14 +124,17 @@ def compose(
 
     Parameters
     ----------
-    entries : (count, ENTRIES, LANES) of F in the intervals. dt : one of them [s].
+    entries : (count, ENTRIES, LANES) of F in the intervals.
+    dt : one of them [s].
     noise : that drives the state.
     start, end : (1, 2, LANES) metres per radian of latitude and longitude at the ends.
     transition, process_cov : (R, n, n) of the group's R runs, output; states from 15 on, or behind
         those of the gravity disturbance, are not touched.
-    track : (N + 1, TRACK, LANES). since : its sample at which the intervals begin.
-    late : delays along it. rows : (R, K, 6, 15) output, of the delays that begin in the intervals:
-        from an error at their end to that where the delay begins.
+    track : (N + 1, TRACK, LANES).
+    since : its sample at which the intervals begin.
+    late : delays along it.
+    rows : (R, K, 6, 15) output, of the delays that begin in the intervals: from an error at their
+        end to that where the delay begins.
     """
     # A bias that does not wander does not change: its rows are those of the identity.
     moving = STATES if noise.wandering else NAVIGATION_STATES
@@ -187,10 +190,12 @@ def _take_back(
 
     Parameters
     ----------
-    f : F over what of that interval lies behind the moment, negative. nearest : sample of a track.
+    f : F over what of that interval lies behind the moment, negative.
+    nearest : sample of a track.
     columns : rows of Φ from the interval's end to the end of all, in metres there; the first
         ``moving`` ones are those of the first states, of which the others up to 15 do not change.
-    terms : overwritten. rows : output.
+    terms : overwritten.
+    rows : output.
     """
     late, metres, phi = lanes(6, STATES), lanes(1, 2), lanes(STATES, STATES)
     _metres(track, nearest, metres)
@@ -230,9 +235,11 @@ def transitions_lanes(
     ----------
     track : (N + 1, TRACK, LANES) from :func:`ggbench.ins.strapdown.navigate_lanes`.
     increments : (N, 6, LANES) of the IMU.
-    epochs : (K,) increasing indices of IMU samples. dt : IMU interval [s].
+    epochs : (K,) increasing indices of IMU samples.
+    dt : IMU interval [s].
     delays : (K,) [s] for which rows are asked for; (0,) for none.
-    constant : (ENTRIES,) what is added to F. gravity : what is added to normal gravity.
+    constant : (ENTRIES,) what is added to F.
+    gravity : what is added to normal gravity.
     noise : that drives the state.
     transition, process_cov : (R, K, n, n) of R runs, output, as :func:`compose` fills them.
     rows : (R, K, 6, 15) output: B of :func:`.error_model.delayed_rows`.
@@ -343,7 +350,8 @@ def delayed(
     Parameters
     ----------
     entries : (count, ENTRIES, LANES) of F in the IMU intervals from t − τ to t.
-    part : of the first interval that lies after t − τ [s]. dt : the others [s].
+    part : of the first interval that lies after t − τ [s].
+    dt : the others [s].
     then, now : (1, 2, LANES) metres per radian at t − τ and at t.
     rows : output, of the group's R runs.
     """

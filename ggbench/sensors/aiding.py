@@ -59,7 +59,8 @@ class About(NamedTuple):
 
     Attributes
     ----------
-    offset : (..., K, e). rows : (..., K, e, 9).
+    offset : (..., K, e).
+    rows : (..., K, e, 9).
     """
 
     offset: np.ndarray

@@ -62,7 +62,8 @@ def disturbance_at(
 
     Parameters
     ----------
-    aiding, run, k : of a block; run and epoch. error : (3,) position error ENU [m].
+    aiding, run, k : of a block; run and epoch.
+    error : (3,) position error ENU [m].
     slope : (3, 3) output, how it changes with a metre of error to the east, to the north and up.
     """
     if aiding.map.coefficients.size == 0:
@@ -119,9 +120,12 @@ def linearise_aiding(
 
     Parameters
     ----------
-    aiding : of a block. group : (lanes,) runs, of which ``count`` differ. k : epoch.
+    aiding : of a block.
+    group : (lanes,) runs, of which ``count`` differ.
+    k : epoch.
     offset, predicted : (1, m, lanes); the last e of the m channels are used and filled.
-    x : (1, n, lanes) states. slope : (e, 9, lanes) output.
+    x : (1, n, lanes) states.
+    slope : (e, 9, lanes) output.
     """
     channels = slope.shape[0]
     if channels == 0:
@@ -172,7 +176,8 @@ def read_aiding_pairs(
     Parameters
     ----------
     aiding, group, count, k, x : as in :func:`linearise_aiding`.
-    lower : (n, n, lanes) lower triangular root of P. slope : (e, 9, lanes) at x.
+    lower : (n, n, lanes) lower triangular root of P.
+    slope : (e, 9, lanes) at x.
     odd, even : (m, n, lanes) output, of the last e channels.
     """
     channels, n = slope.shape[0], odd.shape[1]

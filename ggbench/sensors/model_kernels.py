@@ -94,14 +94,16 @@ OF_A_RUN = ("references", "attitudes", "rows", "offset", "gain")
 _TURN = 2.0 * math.pi
 
 
-class Here(NamedTuple):
-    """Where the INS of eight runs says they are at an epoch, and what else their readings need.
+class EpochContext(NamedTuple):
+    """INS solution and channel gains of eight runs at an epoch.
 
     Attributes
     ----------
-    references : (1, 3, lanes) positions [rad, rad, m]. attitudes : (1, 9, lanes) C_nb, row by row.
-    offset : (1, m, lanes). gain : (1, 1, lanes) of the gradiometer. there : (1, 1, lanes) one where
-        any channel delivers anything.
+    references : (1, 3, lanes) positions [rad, rad, m].
+    attitudes : (1, 9, lanes) C_nb, row by row.
+    offset : (1, m, lanes) in units of the channels.
+    gain : (1, 1, lanes) of the gradiometer.
+    there : (1, 1, lanes) one where any channel delivers a measurement.
     """
 
     references: np.ndarray
@@ -111,8 +113,15 @@ class Here(NamedTuple):
     there: np.ndarray
 
 
-class Points(NamedTuple):
-    """Scratch for points: (3, S, lanes) places, (24, S, lanes) tensors and slopes, and of one."""
+class PointScratch(NamedTuple):
+    """Scratch for S vectors of points at which h is evaluated.
+
+    Attributes
+    ----------
+    places : (3, S, lanes) latitude, longitude [rad], height [m].
+    tensors : (24, S, lanes) tensors and their slopes.
+    work : scratch of the spline.
+    """
 
     places: np.ndarray
     tensors: np.ndarray
@@ -120,22 +129,22 @@ class Points(NamedTuple):
 
 
 @compiled
-def here_of(m: int) -> Here:
-    """Return the arrays for readings of m channels."""
+def epoch_context(m: int) -> EpochContext:
+    """Return an unfilled context of m channels."""
     new = lanes.lanes
-    return Here(new(1, 3), new(1, 9), new(1, m), new(1, 1), new(1, 1))
+    return EpochContext(new(1, 3), new(1, 9), new(1, m), new(1, 1), new(1, 1))
 
 
 @compiled
-def points_of(count: int) -> Points:
+def point_scratch(count: int) -> PointScratch:
     """Return scratch for ``count`` vectors of points, at least one."""
     new = lanes.lanes
-    return Points(new(3, count), new(24, count), np.empty(TENSOR_WORK))
+    return PointScratch(new(3, count), new(24, count), np.empty(TENSOR_WORK))
 
 
 @compiled
-def arrive(model: ModelArrays, group: np.ndarray, k: int, out: Here) -> None:
-    """Fill what the readings of a group of runs (lanes,) of a block need at epoch ``k``."""
+def load_epoch(model: ModelArrays, group: np.ndarray, k: int, out: EpochContext) -> None:
+    """Fill the context of a group of runs (lanes,) of a block at epoch ``k``."""
     lanes.gather_row(model.references, group, k, out.references)
     lanes.gather_row(model.offset, group, k, out.offset)
     for r in range(group.shape[0]):
@@ -204,9 +213,9 @@ def _attitude_error(errors: np.ndarray, s: int) -> tuple[float, float, float]:
 
 
 @inlined
-def _attitude(here: Here) -> Matrix:
+def _attitude(context: EpochContext) -> Matrix:
     """Return C_nb of eight runs."""
-    c = here.attitudes
+    c = context.attitudes
     return (
         load(c, 0, 0), load(c, 0, 1), load(c, 0, 2),
         load(c, 0, 3), load(c, 0, 4), load(c, 0, 5),
@@ -218,27 +227,30 @@ def _attitude(here: Here) -> Matrix:
 def read(
     model: ModelArrays,
     k: int,
-    here: Here,
+    context: EpochContext,
     errors: np.ndarray,
     vectors: int,
     count: int,
-    points: Points,
+    points: PointScratch,
     out: np.ndarray,
 ) -> None:
     """Fill h [E] of the gradiometer at points, biases left out.
 
     Parameters
     ----------
-    model, k : arrays of a block, epoch. here : of the runs, from :func:`arrive`.
+    model : arrays of a block.
+    k : epoch.
+    context : of the runs, from :func:`load_epoch`.
     errors : (6, S, lanes) B_k x of each point: position error ENU [m] and attitude error [rad]; the
         latter only of a strapdown instrument.
-    vectors : how many of the S vectors are points. count : how many of the points there is an
-        answer for, in the order of memory.
-    points : scratch for S. out : (g, S, lanes) output.
+    vectors : how many of the S vectors are points.
+    count : how many of the points there is an answer for, in the order of memory.
+    points : scratch for S.
+    out : (g, S, lanes) output.
     """
-    places, tensors = points.places, points.tensors
+    places, tensors, reference = points.places, points.tensors, context.references
     latitude, longitude, height = (
-        load(here.references, 0, 0), load(here.references, 0, 1), load(here.references, 0, 2),
+        load(reference, 0, 0), load(reference, 0, 1), load(reference, 0, 2),
     )  # fmt: skip
     for s in range(vectors):
         place = _displaced(
@@ -253,7 +265,7 @@ def read(
             places.reshape((3, size)), count, model.origin, model.step, model.coefficients,
             tensors.reshape((24, size)),
         )  # fmt: skip
-    gain, turned = load(here.gain, 0, 0), ROTATION_RATE * model.times[k]
+    gain, turned = load(context.gain, 0, 0), ROTATION_RATE * model.times[k]
     for s in range(vectors):
         sine, cosine = sine_cosine(_near_zero(load(places, 0, s)))
         ee, nn, nu, uu = normal_gradient_of(sine, cosine, load(places, 2, s))
@@ -265,9 +277,9 @@ def read(
             sine_a, cosine_a = sine_cosine(_near_zero(load(places, 1, s) + turned))
             t = rotated(inertial_matrix(sine, cosine, sine_a, cosine_a), t)
         elif model.instrument == STRAPDOWN:
-            t = rotated(_body_matrix(_attitude(here), _attitude_error(errors, s)), t)
+            t = rotated(_body_matrix(_attitude(context), _attitude_error(errors, s)), t)
         for c in range(out.shape[0]):
-            store(out, c, s, load(here.offset, 0, c) + gain * _combined(model.channels[c], t))
+            store(out, c, s, load(context.offset, 0, c) + gain * _combined(model.channels[c], t))
 
 
 @inlined
@@ -281,10 +293,10 @@ def _put_column(channels: np.ndarray, t: Tensor, factor: float, j: int, out: np.
 def linearise_reading(
     model: ModelArrays,
     k: int,
-    here: Here,
+    context: EpochContext,
     errors: np.ndarray,
     count: int,
-    points: Points,
+    points: PointScratch,
     predicted: np.ndarray,
     out: np.ndarray,
 ) -> None:
@@ -296,15 +308,16 @@ def linearise_reading(
 
     Parameters
     ----------
-    model, k, here, points : as in :func:`read`.
-    errors : (6, 1, lanes) B_k x. count : how many of the lanes there is an answer for.
+    model, k, context, points : as in :func:`read`.
+    errors : (6, 1, lanes) B_k x.
+    count : how many of the lanes there is an answer for.
     predicted : (1, m, lanes) output, of the first g channels.
     out : (g, 6, lanes) output [E/m; E/rad], by the error; the last three columns of a strapdown
         instrument only.
     """
-    places, found = points.places, points.tensors
+    places, found, reference = points.places, points.tensors, context.references
     latitude, longitude, height, per_north, per_east = _displaced(
-        load(here.references, 0, 0), load(here.references, 0, 1), load(here.references, 0, 2),
+        load(reference, 0, 0), load(reference, 0, 1), load(reference, 0, 2),
         load(errors, 0, 0), load(errors, 1, 0), load(errors, 2, 0),
     )  # fmt: skip
     if model.coefficients.size > 0:
@@ -326,7 +339,7 @@ def linearise_reading(
         (_along(found, 6), _along(found, 7), _along(found, 8)),
     )  # fmt: skip
     d_e, d_n, d_u = slopes
-    gain, error = load(here.gain, 0, 0), _attitude_error(errors, 0)
+    gain, error = load(context.gain, 0, 0), _attitude_error(errors, 0)
     if model.instrument != LOCAL_LEVEL:
         if model.instrument == PLATFORM:
             turned = longitude + ROTATION_RATE * model.times[k]
@@ -336,7 +349,7 @@ def linearise_reading(
             d_e = sum_of(d_e, turn_of(t, 0.0, cosine / east, sine / east))
             d_n = sum_of(d_n, turn_of(t, -1.0 / north, 0.0, 0.0))
         else:
-            c = _body_matrix(_attitude(here), error)
+            c = _body_matrix(_attitude(context), error)
         d_e, d_n, d_u = rotated(c, d_e), rotated(c, d_n), rotated(c, d_u)
         if model.instrument == STRAPDOWN:
             # The mount turns with the body, so the tensor turns against it.
@@ -346,7 +359,7 @@ def linearise_reading(
                 _put_column(model.channels, rotated(c, turn), gain, 3 + i, out)
         t = rotated(c, t)
     for m in range(model.channels.shape[0]):
-        value = load(here.offset, 0, m) + gain * _combined(model.channels[m], t)
+        value = load(context.offset, 0, m) + gain * _combined(model.channels[m], t)
         store(predicted, 0, m, value)
     # The error's metres are measured at the reference, the slope's at the displaced point.
     _put_column(model.channels, d_e, -gain * east / per_east, 0, out)
@@ -380,16 +393,16 @@ def predict(model: ModelArrays, k: int, states: np.ndarray) -> np.ndarray:
     g = model.channels.shape[0]
     if g == 0 or model.gain[0, k] == 0.0:
         return out
-    here, vectors = here_of(m), lanes.starts(count).shape[0]
-    points = points_of(vectors)
+    context, vectors = epoch_context(m), lanes.starts(count).shape[0]
+    points = point_scratch(vectors)
     errors, found = lanes.lanes(6, vectors), lanes.lanes(g, vectors)
-    arrive(model, lanes.members(0, 1), k, here)
+    load_epoch(model, lanes.members(0, 1), k, context)
     for i in range(moving_errors(model)):
         flat = errors[i].reshape(-1)
         for p in range(count):
             for j in range(rows.shape[1]):
                 flat[p] += rows[i, j] * states[p, j]
-    read(model, k, here, errors, vectors, count, points, found)
+    read(model, k, context, errors, vectors, count, points, found)
     for c in range(g):
         flat = found[c].reshape(-1)
         for p in range(count):
@@ -420,9 +433,9 @@ def jacobian(model: ModelArrays, k: int, states: np.ndarray, out: np.ndarray) ->
     g = model.channels.shape[0]
     if g == 0 or model.gain[0, k] == 0.0:
         return
-    here, errors, points = here_of(m), lanes.lanes(6, 1), points_of(1)
+    context, errors, points = epoch_context(m), lanes.lanes(6, 1), point_scratch(1)
     predicted, slope = lanes.lanes(1, g), lanes.lanes(g, 6)
-    arrive(model, lanes.members(0, 1), k, here)
+    load_epoch(model, lanes.members(0, 1), k, context)
     for first in lanes.starts(states.shape[0]):
         count = lanes.count_from(first, states.shape[0])
         for i in range(moving):
@@ -430,7 +443,7 @@ def jacobian(model: ModelArrays, k: int, states: np.ndarray, out: np.ndarray) ->
                 errors[i, 0, r] = 0.0
                 for j in range(rows.shape[1]):
                     errors[i, 0, r] += rows[i, j] * states[first + r, j]
-        linearise_reading(model, k, here, errors, count, points, predicted, slope)
+        linearise_reading(model, k, context, errors, count, points, predicted, slope)
         for r in range(count):
             for c in range(g):
                 for j in range(moving):

@@ -1,4 +1,4 @@
-"""The sensors beside the gradiometer in a simulation: their readings, and h of them."""
+"""Simulated aiding sensors: their readings and their h."""
 
 from __future__ import annotations
 
@@ -15,13 +15,12 @@ from ..sensors.aiding_kernels import MOVED, Aiding
 from ..sensors.gradiometer.faults import Faults
 from ..spec.aiding import (
     BarometerSpec,
-    GnssChange,
     GnssSpec,
     GravimeterSpec,
     Interruptions,
     LogSpec,
 )
-from ..spec.further import aiding_of
+from ..spec.named_sensors import aiding_of
 from ..spec.sensors import Side, TruthSpec
 from .random_streams import RandomStreams
 
@@ -31,8 +30,8 @@ def on_board(side: Side, truth: TruthSpec | None) -> tuple[AidingSensor, ...]:
 
     Parameters
     ----------
-    side : the tables. truth : what happens to readings that no estimator is told of, if they are
-        those of the truth.
+    side : the tables.
+    truth : dropouts and outliers of the true readings; None for the estimators' sensors.
     """
     changes = {} if truth is None else aiding_of(truth)
     return tuple(
@@ -44,9 +43,9 @@ def on_board(side: Side, truth: TruthSpec | None) -> tuple[AidingSensor, ...]:
 def _sensor(spec: Any, changes: Interruptions | None, label: str) -> AidingSensor:
     if isinstance(spec, GnssSpec):
         position, velocity = spec.position_noise_m is not None, spec.velocity_noise_mps is not None
-        outliers = _outliers_of_gnss(spec, changes)
+        noise, outliers = _of_gnss(spec, changes)
         return Gnss(
-            spec.period_s, _of_gnss(spec), faults=_faults(changes, *outliers),
+            spec.period_s, noise, faults=_faults(changes, *outliers),
             position=position, velocity=velocity, label=label,
         )  # fmt: skip
     bias_time = spec.bias_time_s or math.inf
@@ -69,24 +68,19 @@ def _sensor(spec: Any, changes: Interruptions | None, label: str) -> AidingSenso
     )  # fmt: skip
 
 
-def _of_gnss(spec: GnssChange) -> tuple[float, ...]:
-    """Return the noise of each channel."""
-    found: list[float] = []
+def _of_gnss(
+    spec: GnssSpec, changes: Interruptions | None
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Return the noise and the size of outliers of each channel."""
+    noise: list[float] = []
+    outliers: list[float] = []
     if spec.position_noise_m is not None:
-        found += [spec.position_noise_m] * 2 + [spec.height_noise_m or spec.position_noise_m]
+        noise += [spec.position_noise_m] * 2 + [spec.height_noise_m or spec.position_noise_m]
+        outliers += [getattr(changes, "outlier_m", 0.0)] * 3
     if spec.velocity_noise_mps is not None:
-        found += [spec.velocity_noise_mps] * 3
-    return tuple(found)
-
-
-def _outliers_of_gnss(spec: GnssSpec, changes: Interruptions | None) -> tuple[float, ...]:
-    """Return the size of outliers of each channel."""
-    found: list[float] = []
-    if spec.position_noise_m is not None:
-        found += [getattr(changes, "outlier_m", 0.0)] * 3
-    if spec.velocity_noise_mps is not None:
-        found += [getattr(changes, "outlier_mps", 0.0)] * 3
-    return tuple(found)
+        noise += [spec.velocity_noise_mps] * 3
+        outliers += [getattr(changes, "outlier_mps", 0.0)] * 3
+    return tuple(noise), tuple(outliers)
 
 
 def _faults(changes: Interruptions | None, *outliers: float) -> Faults:
@@ -105,7 +99,8 @@ class AidingReadings(NamedTuple):
 
     Attributes
     ----------
-    measurements : (R, K, e); whatever ``present`` denies is no reading. present : (R, K, e).
+    measurements : (R, K, e); whatever ``present`` denies is no reading.
+    present : (R, K, e).
     biases : (R, K, b) true ones.
     """
 
@@ -130,8 +125,10 @@ def aiding_readings(
     ----------
     true, model : the sensors as they are and as the estimators know them.
     field : the true one.
-    times : (K,) epochs [s]. read_at : indices of the epochs at which each sensor is read.
-    truth : true motion at the epochs (K, .). ins : what the INS of each run indicates (R, K, .).
+    times : (K,) epochs [s].
+    read_at : indices of the epochs at which each sensor is read.
+    truth : true motion at the epochs (K, .).
+    ins : what the INS of each run indicates (R, K, .).
     streams : the generators of the runs.
     """
     runs, epochs = ins.positions.shape[:2]
@@ -164,7 +161,7 @@ def aiding_readings(
 
 
 class OnBoard(Protocol):
-    """What of an equipment matters here."""
+    """The part of :class:`.sensor_suite.SensorSuite` that is used here."""
 
     @property
     def aiding(self) -> tuple[AidingSensor, ...]:

@@ -66,8 +66,10 @@ def posterior_bound(
 
     Parameters
     ----------
-    transition, process_cov : (K, n, n). prior_cov : (n, n) before the first transition.
-    jacobians : (K, m, n), H at the truth. noise_cov : (m, m).
+    transition, process_cov : (K, n, n).
+    prior_cov : (n, n) before the first transition.
+    jacobians : (K, m, n), H at the truth.
+    noise_cov : (m, m).
     ticks : (K,) times of the epochs, in whole units; one after the other if not given.
     """
     epochs, _, n = jacobians.shape

@@ -28,10 +28,10 @@ from ..trajectory.manoeuvres import TrajectoryError
 from ..trajectory.truth import Trajectory, along, fly
 from .aiding import aiding_about
 from .bound import Bound, posterior_bound
-from .equipment import Equipment, equip
 from .field_source import beside, make_field
-from .formulation import Schedule, added_gravity, require_short_delays
+from .formulation import MeasurementTimes, added_gravity, require_short_delays
 from .instruments import faults, spinning_disks
+from .sensor_suite import SensorSuite, suite_of_case
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Flight:
     trajectory : truth at the INS rate.
     delta_angles, delta_velocities : (N, 3) error-free IMU increments.
     field : map and normal field in which the truth flies.
-    model_field : the field that the estimators are told.
+    model_field : the field that the estimators assume.
     epochs : (K,) indices of the measurement epochs, of whatever sensor, among the INS samples.
     noise_free : (G, 6) tensors in the gradiometer's mount at the truth when it reads them [E].
     """
@@ -80,12 +80,11 @@ class Flight:
         return np.flatnonzero(self.epochs % stride == 0)
 
     @property
-    def schedule(self) -> Schedule:
+    def schedule(self) -> MeasurementTimes:
         """When what is read."""
-        return Schedule(
-            self.times, self.epochs, self.trajectory.dt, self.gradient_epochs, self.aiding_epochs,
-            self.case.periods.get("gradiometer", 0.0),
-        )  # fmt: skip
+        return MeasurementTimes(
+            self.times, self.epochs, self.trajectory.dt, self.gradient_epochs, self.aiding_epochs
+        )
 
     @property
     def instrument(self) -> str:
@@ -106,14 +105,14 @@ class Flight:
         return Motion(truth.positions[at], truth.velocities[at], truth.attitudes[at])
 
     @cached_property
-    def true(self) -> Equipment:
+    def true(self) -> SensorSuite:
         """Sensors and prior as they are."""
-        return equip(self.case, "truth")
+        return suite_of_case(self.case, "truth")
 
     @cached_property
-    def model(self) -> Equipment:
+    def model(self) -> SensorSuite:
         """Sensors and prior as the estimators know them."""
-        return equip(self.case, "model")
+        return suite_of_case(self.case, "model")
 
     @cached_property
     def metres(self) -> np.ndarray:
@@ -346,9 +345,9 @@ def prepare(case: CaseSpec) -> Flight:
             positions, attitudes = trajectory.at(taken)
         noise_free = readings(field, positions, taken, attitudes, case.gradiometer.instrument)
         altimeter = math.inf if case.altimeter is None else case.altimeter.time_constant_s
-        require_short_delays(equip(case, "model"), altimeter, len(at))
-    for told in (field, model_field):
-        told.tensor(*trajectory.positions[epochs].T)  # raises if the flight leaves the map
+        require_short_delays(suite_of_case(case, "model"), altimeter, len(at))
+    for assumed in (field, model_field):
+        assumed.tensor(*trajectory.positions[epochs].T)  # raises if the flight leaves the map
     return Flight(
         case, trajectory, delta_angles, delta_velocities, field, model_field, epochs, noise_free
     )
@@ -404,7 +403,8 @@ def trajectory_of(spec: TrajectorySpec, dt: float) -> Trajectory:
 
     Parameters
     ----------
-    spec : the table. dt : sampling interval [s].
+    spec : the table.
+    dt : sampling interval [s].
 
     Raises
     ------

@@ -1,6 +1,6 @@
-"""From what an INS indicates and what sensors read to the problems that estimators are given.
+"""Estimation problems from the solution of an INS and the readings of sensors.
 
-Whoever made the readings, a simulation or a recording: here nothing is known of the truth.
+The readings come from a simulation or a recording; the truth is not known here.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ from ..numerics.rotations import between
 from ..sensors.aiding import Motion
 from ..sensors.model import model_arrays
 from .aiding import aiding_about
-from .equipment import Equipment
+from .sensor_suite import SensorSuite
 
 
 @dataclass(frozen=True)
-class Schedule:
-    """When what is read.
+class MeasurementTimes:
+    """Measurement epochs, and the sensors that are read at each.
 
     Attributes
     ----------
-    times : (K,) measurement epochs, of whatever sensor, since the start [s].
-    samples : (K,) which of the INS samples they are. dt : between two of those [s].
-    gradients : (G,) at which of the epochs the gradiometer is read; at none without one.
-    aiding : at which of the epochs each of the other sensors is read.
-    period : between two readings of the gradiometer [s]; 0 without one.
+    times : (K,) epochs of any sensor, since the start [s].
+    samples : (K,) indices of the INS samples at the epochs.
+    dt : between two INS samples [s].
+    gradients : (G,) indices of the epochs at which the gradiometer is read.
+    aiding : indices of the epochs at which each of the other sensors is read.
     """
 
     times: np.ndarray
@@ -44,36 +44,35 @@ class Schedule:
     dt: float
     gradients: np.ndarray
     aiding: Sequence[np.ndarray]
-    period: float
 
-    def between(self, first: int, last: int) -> Schedule:
-        """Return that of the epochs from ``first`` to ``last``, as if the flight began before."""
+    def between(self, first: int, last: int) -> MeasurementTimes:
+        """Return the epochs from ``first`` to ``last``, of a flight that begins before them."""
         begun = 0 if first == 0 else int(self.samples[first - 1])
         epochs = slice(first, last + 1)
 
         def among(read: np.ndarray) -> np.ndarray:
             return read[(read >= first) & (read <= last)] - first
 
-        return Schedule(
+        return MeasurementTimes(
             self.times[epochs], self.samples[epochs] - begun, self.dt, among(self.gradients),
-            [among(read) for read in self.aiding], self.period,
+            [among(read) for read in self.aiding],
         )  # fmt: skip
 
-    def delays(self, model: Equipment) -> np.ndarray:
-        """Return by how much (K,) [s] the gradiometer's readings lag behind their epochs.
+    def delays(self, model: SensorSuite) -> np.ndarray:
+        """Return the delays (K,) [s] of the gradiometer's readings behind their epochs.
 
-        By what a treatment leaves of a filter's delay, or by their latency; none is of a time
+        A delay is the rest of a filter's after its treatment, or a latency; no reading is from
         before the start.
         """
         delays, at = np.zeros(len(self.times)), self.gradients
-        if model.gradiometer is not None:
-            lag = model.treatment(len(at)).delay_samples * self.period + model.gradiometer.latency
+        if (sensor := model.gradiometer) is not None:
+            lag = model.treatment(len(at)).delay_samples * sensor.period + sensor.latency
             delays[at] = np.minimum(lag, self.times[at])
         return delays
 
 
-class Indicated(NamedTuple):
-    """What the INS of R runs indicates, at the epochs, and how its error moves between them.
+class InsSolution(NamedTuple):
+    """Solution of the INS of R runs at the epochs, and the transition of its error.
 
     Attributes
     ----------
@@ -93,16 +92,16 @@ class Indicated(NamedTuple):
     integrated: np.ndarray
 
     @classmethod
-    def empty(cls, runs: int, epochs: int, n: int) -> Indicated:
+    def empty(cls, runs: int, epochs: int, n: int) -> InsSolution:
         """Return arrays to be filled: in one piece, of which large pages may be made."""
         shapes = ((TRACK,), (3,), (3, 3), (n, n), (n, n), (6, STATES), (3,))
         ends = np.cumsum([runs * epochs * math.prod(shape) for shape in shapes])
         pieces = np.split(np.empty(ends[-1]), ends[:-1])
         return cls(*(p.reshape(runs, epochs, *s) for p, s in zip(pieces, shapes, strict=True)))
 
-    def of_runs(self, some: slice) -> Indicated:
+    def of_runs(self, some: slice) -> InsSolution:
         """Return the arrays of some of the runs."""
-        return Indicated(*(array[some] for array in self))
+        return InsSolution(*(array[some] for array in self))
 
     @property
     def motion(self) -> Motion:
@@ -120,14 +119,14 @@ def motion_of(states: np.ndarray) -> Motion:
 
 
 class Readings(NamedTuple):
-    """What the sensors of R runs have read.
+    """Readings of the sensors of R runs.
 
     Attributes
     ----------
     gradients : (R, G, g) output of the gradiometer, behind its filter [E].
-    missing : (R, G) which of its readings are none.
-    others : (R, K, e) of the other sensors, in the order of their channels.
-    present : (R, K, e) which of those there are; the others may be any finite number.
+    missing : (R, G) whether a reading of it is missing.
+    others : (R, K, e) readings of the other sensors, in the order of their channels.
+    present : (R, K, e) whether such a reading exists; a missing one may be any finite number.
     """
 
     gradients: np.ndarray
@@ -136,22 +135,23 @@ class Readings(NamedTuple):
     present: np.ndarray
 
 
-def follow(
-    model: Equipment,
-    when: Schedule,
+def propagate_errors(
+    model: SensorSuite,
+    when: MeasurementTimes,
     gravity: KnownGravity,
     track: np.ndarray,
     increments: np.ndarray,
-    out: Indicated,
+    out: InsSolution,
 ) -> None:
-    """Fill what is indicated along the tracks of a group of R runs.
+    """Fill the solution and the error's transition along the tracks of a group of R runs.
 
     Parameters
     ----------
     model : sensors and prior as the estimators know them.
-    when : the epochs. gravity : what the mechanization adds to normal gravity.
-    track : (N + 1, TRACK, LANES) what the INSs indicate at their samples.
-    increments : (N, 6, LANES) the IMU's, with which they came there.
+    when : the epochs.
+    gravity : added by the mechanization to normal gravity.
+    track : (N + 1, TRACK, LANES) solutions of the INSs at their samples.
+    increments : (N, 6, LANES) increments of the IMU that lead there.
     out : output, of R runs.
     """
     runs, samples, dt = len(out.states), when.samples, when.dt
@@ -179,7 +179,7 @@ def follow(
 
 
 def added_gravity(
-    model: Equipment,
+    model: SensorSuite,
     field: Field,
     samples: np.ndarray,
     count: int,
@@ -190,9 +190,10 @@ def added_gravity(
 
     Parameters
     ----------
-    model : sensors as the estimators know them. field : of which the disturbance is added, if it
-        is compensated.
-    samples : (G,) of the INS at which the gradiometer is read. count : of its samples.
+    model : sensors as the estimators know them.
+    field : of which the disturbance is added, if it is compensated.
+    samples : (G,) of the INS at which the gradiometer is read.
+    count : of its samples.
     gradients, missing : (R, G, g), (R, G) as :class:`Readings` has them, if they are integrated.
     """
     if not model.integrates:
@@ -203,15 +204,18 @@ def added_gravity(
     return of_readings(in_lanes(tensors), samples, count)
 
 
-def formulate(
-    model: Equipment, field: Field, when: Schedule, ins: Indicated, read: Readings
+def build_problems(
+    model: SensorSuite, field: Field, when: MeasurementTimes, ins: InsSolution, read: Readings
 ) -> ProblemBlock:
     """Return the estimation problems of R runs.
 
     Parameters
     ----------
-    model : sensors and prior as the estimators know them. field : the map that they are told.
-    when : the epochs. ins : what the INSs indicate there. read : what the sensors say.
+    model : sensors and prior that the estimators assume.
+    field : the map that they assume.
+    when : the epochs.
+    ins : solutions of the INSs there.
+    read : readings of the sensors.
     """
     treatment, at, times = model.treatment(len(when.gradients)), when.gradients, when.times
     motion = ins.motion
@@ -259,7 +263,7 @@ def formulate(
     )
 
 
-def require_short_delays(model: Equipment, altimeter: float, count: int) -> None:
+def require_short_delays(model: SensorSuite, altimeter: float, count: int) -> None:
     """Raise GGBenchError if errors decay within the delay of filtered or late readings.
 
     The measurement model takes the state back over the delay (:func:`.error_model.delayed_rows`): a
@@ -267,12 +271,13 @@ def require_short_delays(model: Equipment, altimeter: float, count: int) -> None
 
     Parameters
     ----------
-    model : sensors as the estimators know them. altimeter : its time constant [s]; ∞ without one.
+    model : sensors as the estimators know them.
+    altimeter : its time constant [s]; ∞ without one.
     count : number of readings of the gradiometer.
     """
-    if model.gradiometer is None or model.side.gradiometer is None:
+    if model.gradiometer is None:
         return
-    delay = model.side.gradiometer.period_s * float(model.treatment(count).delay_samples.max())
+    delay = model.gradiometer.period * float(model.treatment(count).delay_samples.max())
     what, remedy = "delay of the filtered readings", "use a higher filter_cutoff_hz or read faster"
     if model.gradiometer.latency > 0.0:
         delay, what = model.gradiometer.latency, "latency of the readings"

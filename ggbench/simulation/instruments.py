@@ -19,7 +19,6 @@ from ..spec.gradiometer import GradiometerSpec, TrueGradiometer
 from ..spec.sensors import (
     DisturbanceSpec,
     ImuSpec,
-    Side,
     TrueImu,
 )
 
@@ -33,7 +32,8 @@ class GravityState(NamedTuple):
 
     Attributes
     ----------
-    sizes : σ ENU [m/s²]. distance : D of its correlation [m].
+    sizes : σ ENU [m/s²].
+    distance : D of its correlation [m].
     walk : root PSD of what is left, where gradients are integrated, for each m/s [s⁻¹˙⁵]: the
         readings' noise [s⁻²] times the root of the time between them; None where they are not.
     """
@@ -51,7 +51,7 @@ class GravityState(NamedTuple):
 
 
 def imu_of(spec: ImuSpec, errors: TrueImu) -> Imu:
-    """Return the inertial sensors of a table, with errors that no estimator is told of."""
+    """Return the inertial sensors of a table, with errors that no estimator models."""
 
     def triad(scale_factor_ppm: float, misalignment_arcmin: float) -> SensorErrors:
         return SensorErrors(1e-6 * scale_factor_ppm, math.radians(misalignment_arcmin / 60.0))
@@ -88,7 +88,7 @@ def gradiometer_of(spec: GradiometerSpec) -> Gradiometer:
     return Gradiometer(
         noise, lowpass, channel_names(spec), spec.instrument, spec.bias_eotvos,
         spec.drift_eotvos_per_sqrt_h / 60.0, spec.noise_behind_filter_eotvos,
-        spec.latency_s,
+        spec.latency_s, spec.period_s, spec.filter_treatment, spec.whitening_regularization,
     )  # fmt: skip
 
 
@@ -143,7 +143,7 @@ def faults(spec: TrueGradiometer) -> Faults:
 
 
 def gravity_state(
-    spec: DisturbanceSpec | None, gradiometer: Gradiometer | None, side: Side
+    spec: DisturbanceSpec | None, gradiometer: Gradiometer | None
 ) -> GravityState | None:
     """Return the gravity that the INS does not know, if it is a state."""
     if spec is None:
@@ -152,12 +152,12 @@ def gravity_state(
     vertical = horizontal if spec.vertical_mgal is None else spec.vertical_mgal / MGAL
     walk = None
     if spec.integrate_gradients:
-        assert gradiometer is not None and side.gradiometer is not None  # the specification checks
+        assert gradiometer is not None  # the specification checks it
         if not gradiometer.whole:
             raise GGBenchError(
                 "disturbance.integrate_gradients needs a gradiometer that tells the whole tensor, "
                 f"and {', '.join(gradiometer.components)} leave some of it open"
             )
-        walk = EOTVOS * gradiometer.noise_eotvos * math.sqrt(side.gradiometer.period_s)
+        walk = EOTVOS * gradiometer.noise_eotvos * math.sqrt(gradiometer.period)
     sizes = horizontal, horizontal, vertical
     return GravityState(sizes, 1e3 * (spec.distance_km or math.inf), walk)

@@ -8,9 +8,9 @@ from typing import Literal
 import numpy as np
 
 _FIRST_SENSORS = ("gnss", "velocity_log", "barometer", "gravimeter")
-"""Sensors beside the gradiometer whose sources have places in the list, and keep them."""
+"""Aiding sensors whose sources have places in the list, and keep them."""
 _KEY_WORDS = 4
-"""Length of the spawn key of a further sensor's source; longer than one, which a place has."""
+"""Length of the spawn key of a named sensor's source; longer than one, which a place has."""
 
 
 class RandomStreams:
@@ -43,7 +43,7 @@ class RandomStreams:
 
     def __init__(self, seed: int, run: int) -> None:
         self._entropy = [seed, run]
-        self._further: dict[tuple[str, str], np.random.Generator] = {}
+        self._named: dict[tuple[str, str], np.random.Generator] = {}
 
     def __getattr__(self, source: str) -> np.random.Generator:
         if source not in self.SOURCES:
@@ -57,19 +57,19 @@ class RandomStreams:
     def of_sensor(
         self, sensor: str, source: Literal["", "biases", "outliers", "dropouts"] = ""
     ) -> np.random.Generator:
-        """Return the generator of a sensor beside the gradiometer, of its noise or another source.
+        """Return the generator of an aiding sensor, of its noise or another source.
 
-        That of a further sensor follows from its name, whatever else is on board.
+        That of a named sensor follows from its name, whatever else is on board.
         """
         if sensor in _FIRST_SENSORS:
             found: np.random.Generator = getattr(self, f"{sensor}_{source}" if source else sensor)
             return found
-        if (sensor, source) not in self._further:
+        if (sensor, source) not in self._named:
             digest = hashlib.sha256(f"{sensor}/{source}".encode()).digest()
             key = np.frombuffer(digest, dtype="<u4", count=_KEY_WORDS)
             child = np.random.SeedSequence(self._entropy, spawn_key=tuple(key.tolist()))
-            self._further[sensor, source] = np.random.default_rng(child)
-        return self._further[sensor, source]
+            self._named[sensor, source] = np.random.default_rng(child)
+        return self._named[sensor, source]
 
 
 def random_streams(seed: int, run: int) -> RandomStreams:

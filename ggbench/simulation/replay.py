@@ -17,12 +17,11 @@ from ..gravity.field import Field
 from ..ins.error_model import navigation_errors
 from ..ins.known_gravity import KnownGravity
 from ..ins.strapdown import TRACK, navigate_lanes
-from ..numerics.kernels import LANES
-from ..numerics.lanes import in_lanes, out_of_lanes, unfilled
+from ..numerics.lanes import in_lanes, out_of_lanes, place, unfilled
 from ..problem import Problem
 from ..sensors.aiding import Motion, corrected_motion
-from .equipment import Equipment
-from .formulation import Indicated, Readings, Schedule, follow, formulate
+from .formulation import InsSolution, MeasurementTimes, Readings, build_problems, propagate_errors
+from .sensor_suite import SensorSuite
 
 FED_BACK = 9
 """States that the mechanization is set right by: position, velocity, attitude. Biases and gravity
@@ -34,7 +33,8 @@ class Recording(NamedTuple):
 
     Attributes
     ----------
-    initial : (R, 15) what the INSs were set to. increments : (N, 6, LANES) [rad], [m/s].
+    initial : (R, 15) what the INSs were set to.
+    increments : (N, 6, LANES) [rad], [m/s].
     heights : (N, 1, LANES) of the altimeters, means over the intervals [m]; (0, 1, LANES) without.
     gains : of the altimeter.
     """
@@ -59,16 +59,17 @@ class Replays(Sequence["Replay"]):
 
     Parameters
     ----------
-    model, field, when, gravity : as :func:`.formulation.follow` and
-        :func:`.formulation.formulate` take them.
-    recordings : of each group of runs. runs : how many there are.
+    model, field, when, gravity : as :func:`.formulation.propagate_errors` and
+        :func:`.formulation.build_problems` take them.
+    recordings : of each group of runs.
+    runs : how many there are.
     """
 
     def __init__(
         self,
-        model: Equipment,
+        model: SensorSuite,
         field: Field,
-        when: Schedule,
+        when: MeasurementTimes,
         gravity: KnownGravity,
         recordings: Sequence[Recording],
         runs: int,
@@ -82,7 +83,8 @@ class Replays(Sequence["Replay"]):
     def __getitem__(self, run: Any) -> Any:
         if not 0 <= run < len(self):
             raise IndexError(f"there is no run {run} in a block of {len(self)}")
-        return Replay(*self._given, self._recordings[run // LANES].of_run(run % LANES))
+        group, lane = place(run)
+        return Replay(*self._given, self._recordings[group].of_run(lane))
 
 
 class Replay:
@@ -95,9 +97,9 @@ class Replay:
 
     def __init__(
         self,
-        model: Equipment,
+        model: SensorSuite,
         field: Field,
-        when: Schedule,
+        when: MeasurementTimes,
         gravity: KnownGravity,
         recording: Recording,
     ) -> None:
@@ -137,10 +139,10 @@ class Loop:
             recording.heights[begun:ended], recording.gains, replay.gravity, track,
         )  # fmt: skip
         some = when.between(first, last)
-        ins = Indicated.empty(1, last - first + 1, replay.model.dimension)
-        follow(replay.model, some, replay.gravity, track, increments, ins)
+        ins = InsSolution.empty(1, last - first + 1, replay.model.dimension)
+        propagate_errors(replay.model, some, replay.gravity, track, increments, ins)
         read = self._seen_from(ins.motion, some, slice(first, last + 1))
-        block = formulate(replay.model, replay.field, some, ins, read)
+        block = build_problems(replay.model, replay.field, some, ins, read)
         noise = self._problem.noise_cov
         self._part = dataclasses.replace(
             block,
@@ -150,7 +152,7 @@ class Loop:
         ).problem(0)
         return self._part
 
-    def _seen_from(self, ins: Motion, when: Schedule, epochs: slice) -> Readings:
+    def _seen_from(self, ins: Motion, when: MeasurementTimes, epochs: slice) -> Readings:
         """Return the readings of some epochs as they are from another track."""
         model, problem = self._replay.model, self._problem
         z, there = problem.measurements[np.newaxis, epochs], problem.present[np.newaxis, epochs]

@@ -36,7 +36,7 @@ from ..sensors.gradiometer.instrument import Gradiometer, readings
 from ..trajectory.truth import Trajectory
 from .aiding import aiding_readings
 from .error_free_flight import Flight
-from .formulation import Indicated, Readings, follow, formulate, motion_of
+from .formulation import InsSolution, Readings, build_problems, motion_of, propagate_errors
 from .random_streams import RandomStreams, random_streams
 from .replay import Recording, Replays
 
@@ -78,7 +78,8 @@ def simulate(flight: Flight, seed: int, run: int) -> tuple[Problem, Truth]:
 
     Parameters
     ----------
-    flight : the case. seed, run : the campaign's seed and the run's number.
+    flight : the case.
+    seed, run : the campaign's seed and the run's number.
     """
     block, truth = simulate_block(flight, seed, [run])
     return block.problem(0), Truth(truth.times, truth.error_state[0])
@@ -93,11 +94,12 @@ def simulate_block(
 
     Parameters
     ----------
-    flight : the case. seed, runs : the campaign's seed and the numbers of R runs, at least one.
+    flight : the case.
+    seed, runs : the campaign's seed and the numbers of R runs, at least one.
     """
     streams = [random_streams(seed, run) for run in runs]
     model, times, when = flight.model, flight.times, flight.schedule
-    ins = Indicated.empty(len(streams), len(times), model.dimension)
+    ins = InsSolution.empty(len(streams), len(times), model.dimension)
     imu_biases = np.empty((len(streams), len(times), 6))
     seen = _gradients(flight, streams)
     recordings: list[Recording] = []
@@ -105,11 +107,11 @@ def simulate_block(
     for some in groups(len(streams)):
         gravity = flight.added_gravity(flight.model_field, seen.of_runs(some))
         imu_biases[some], recorded = _navigate(flight, streams[some], gravity, scratch)
-        follow(model, when, gravity, scratch.track, scratch.increments, ins.of_runs(some))
+        propagate_errors(model, when, gravity, scratch.track, scratch.increments, ins.of_runs(some))
         if not model.remembers:
             recordings.append(recorded._replace(increments=recorded.increments.copy()))
     read, biases = _readings(flight, streams, seen, ins.motion)
-    problems = formulate(model, flight.model_field, when, ins, read)
+    problems = build_problems(model, flight.model_field, when, ins, read)
     if not model.remembers:
         gravity = flight.added_gravity(flight.model_field)
         replays = Replays(model, flight.model_field, when, gravity, recordings, len(streams))
@@ -154,7 +156,8 @@ def record(flight: Flight, seed: int, run: int) -> Record:
 
     Parameters
     ----------
-    flight : the case. seed, run : the campaign's seed and the run's number.
+    flight : the case.
+    seed, run : the campaign's seed and the run's number.
     """
     streams = [random_streams(seed, run)]
     seen = _gradients(flight, streams)
@@ -173,7 +176,9 @@ class _Gradients(NamedTuple):
 
     Attributes
     ----------
-    output : (R, G, g) [E]. missing : (R, G). biases : (R, K, g) at all epochs [E].
+    output : (R, G, g) [E].
+    missing : (R, G).
+    biases : (R, K, g) at all epochs [E].
     """
 
     output: np.ndarray
@@ -214,7 +219,8 @@ class _Scratch(NamedTuple):
 
     Attributes
     ----------
-    track : (N + 1, TRACK, LANES) what the INSs indicate. increments : (N, 6, LANES) of the IMUs.
+    track : (N + 1, TRACK, LANES) what the INSs indicate.
+    increments : (N, 6, LANES) of the IMUs.
     noise : (LANES, 2, N, 3) standard normal numbers, of angles and of velocities.
     """
 

@@ -1,46 +1,34 @@
-"""What a scenario file may say of the sensors beside the gradiometer.
+"""Tables of the aiding sensors: GNSS, velocity log, barometer, gravimeter.
 
-``[gnss]``, ``[velocity_log]``, ``[barometer]`` and ``[gravimeter]`` hold for the simulated truth
-and for what the estimators are told; ``[truth.gnss]`` and the like change them for the truth alone,
-and say what happens to readings that no estimator is told of; ``[model.gnss]`` and the like change
-them for the estimators alone. ``[further.<name>]`` has the keys of the table of its kind, which
-each class knows (:mod:`.further`).
+``[gnss]`` holds for the simulated truth and for the estimators. ``[truth.gnss]`` changes it for the
+truth alone, and adds errors that no estimator models; ``[model.gnss]`` changes it for estimators
+alone. ``[sensor.<name>]`` has the keys of the table of its kind (:mod:`.named_sensors`).
 """
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from .quantities import (
-    GravimeterBias,
-    GravimeterNoise,
-    HeightBias,
-    HeightNoise,
-    LogBias,
-    Moment,
-    Outlier,
-    PositionNoise,
-    ReadingPeriod,
-    Share,
-    TimeConstant,
-    VelocityNoise,
-)
-from .tables import Listed, Section
+from . import quantities as q
+from .tables import Listed, Section, changes
 
-Interval = Annotated[Listed[Moment], Field(min_length=2, max_length=2)]
+Interval = Annotated[Listed[q.Moment], Field(min_length=2, max_length=2)]
 
 _HOW_OUTLIERS_COME = ("outlier_share", "outlier_burst_s", "outlier_channels")
 """Keys of outliers that do not say how large they are."""
 
 
 class Interruptions(Section):
-    """Readings that do not come, or are wrong, of any sensor."""
+    """Missing readings and outliers of any sensor."""
 
-    outlier_share: Share = 0.0
-    dropout_share: Share = 0.0
+    outlier_share: q.Share = 0.0
+    """Probability that a reading of a channel is an outlier; needs the outliers' size."""
+    dropout_share: q.Share = 0.0
+    """Probability that a reading, with all channels, is missing; not behind a filter."""
     dropouts_s: Listed[Interval] = ()
+    """Pairs `[from, to]` between which all readings are missing; not behind a filter."""
 
     @model_validator(mode="after")
     def _check(self) -> Interruptions:
@@ -56,26 +44,23 @@ class Interruptions(Section):
         return self
 
 
-class GnssChange(Section):
-    """``[model.gnss]``: what the estimators believe of the GNSS receiver."""
+class PeriodicSpec(Section):
+    """A sensor that is read periodically."""
 
-    kind: ClassVar[str] = "gnss"
-    position_noise_m: PositionNoise | None = None
-    height_noise_m: PositionNoise | None = None
-    velocity_noise_mps: VelocityNoise | None = None
+    period_s: q.ReadingPeriod
+    """Time between readings; a whole multiple of `imu.period_s`."""
 
 
-class TrueGnss(GnssChange, Interruptions):
-    """``[truth.gnss]``: the receiver as it is; outages are ``dropouts_s``."""
-
-    outlier_m: Outlier = 0.0
-    outlier_mps: Outlier = 0.0
-
-
-class GnssSpec(GnssChange):
+class GnssSpec(PeriodicSpec):
     """``[gnss]``: position, velocity or both, each with white noise per axis."""
 
-    period_s: ReadingPeriod
+    kind: Literal["gnss"] = "gnss"
+    position_noise_m: q.PositionNoise | None = None
+    """White noise of each horizontal axis; with it, the receiver gives positions."""
+    height_noise_m: q.PositionNoise | None = None
+    """White noise of the height. Without it: `position_noise_m`."""
+    velocity_noise_mps: q.VelocityNoise | None = None
+    """White noise of each axis; with it, the receiver gives velocities."""
 
     @model_validator(mode="after")
     def _check(self) -> GnssSpec:
@@ -86,98 +71,121 @@ class GnssSpec(GnssChange):
         return self
 
 
-class LogChange(Section):
-    """``[model.velocity_log]``: what the estimators believe of the log."""
+@changes(GnssSpec, but=("kind", "period_s"))
+class GnssChange(Section):
+    """``[model.gnss]``: the GNSS receiver that the estimators assume."""
 
-    kind: ClassVar[str] = "velocity_log"
-    noise_mps: VelocityNoise | None = None
-    bias_mps: LogBias | None = None
-    bias_time_s: TimeConstant | None = None
+    kind: Literal["gnss"] = "gnss"
 
 
-class TrueLog(LogChange, Interruptions):
-    """``[truth.velocity_log]``: the log as it is."""
+class TrueGnss(GnssChange, Interruptions):
+    """``[truth.gnss]``: the true receiver; outages are ``dropouts_s``."""
 
-    outlier_mps: Outlier = 0.0
+    outlier_m: q.Outlier = 0.0
+    """Standard deviation of what an outlier adds to each axis of a position."""
+    outlier_mps: q.Outlier = 0.0
+    """Standard deviation of what an outlier adds to each axis of a velocity."""
 
 
-class LogSpec(LogChange):
-    """``[velocity_log]``: a Doppler or electromagnetic log, in axes of the body or of ENU.
+class LogSpec(PeriodicSpec):
+    """``[velocity_log]``: a Doppler or electromagnetic log, in axes of the body or of ENU."""
 
-    A bias with a time constant is a Gauss–Markov process (a current, for a log through the water);
-    without one it is constant.
-    """
-
-    period_s: ReadingPeriod
-    noise_mps: VelocityNoise
-    bias_mps: LogBias = 0.0
+    kind: Literal["velocity_log"] = "velocity_log"
+    noise_mps: q.VelocityNoise
+    """White noise of each channel."""
+    bias_mps: q.LogBias = 0.0
+    """Standard deviation of a bias of each channel; where estimators assume one, it is a state."""
+    bias_time_s: q.TimeConstant | None = None
+    """Correlation time of the bias (first-order Gauss–Markov). Without it: a constant."""
     frame: Literal["body", "local-level"] = "body"
+    """`"body"`: right, forward, up; `"local-level"`: east, north, up."""
     components: Annotated[Listed[Literal["x", "y", "z"]], Field(min_length=1)] = ("x", "y")
+    """Axes that are read."""
 
     @model_validator(mode="after")
     def _check(self) -> LogSpec:
-        if len(set(self.components)) != len(self.components):
-            raise ValueError("components names an axis twice")
+        self.require_distinct("components", "an axis")
         return self
 
 
-class BarometerChange(Section):
-    """``[model.barometer]``: what the estimators believe of the height."""
+@changes(LogSpec, but=("kind", "period_s", "frame", "components"))
+class LogChange(Section):
+    """``[model.velocity_log]``: the log that the estimators assume."""
 
-    kind: ClassVar[str] = "barometer"
-    noise_m: HeightNoise | None = None
-    bias_m: HeightBias | None = None
-    bias_time_s: TimeConstant | None = None
+    kind: Literal["velocity_log"] = "velocity_log"
+
+
+class TrueLog(LogChange, Interruptions):
+    """``[truth.velocity_log]``: the true log."""
+
+    outlier_mps: q.Outlier = 0.0
+    """Standard deviation of what an outlier adds to a reading."""
+
+
+class BarometerSpec(PeriodicSpec):
+    """``[barometer]``: a height, from air pressure or from a known sea level."""
+
+    kind: Literal["barometer"] = "barometer"
+    noise_m: q.HeightNoise
+    """White noise of the height."""
+    bias_m: q.HeightBias = 0.0
+    """Standard deviation of its bias; where estimators assume one, it is a state."""
+    bias_time_s: q.TimeConstant | None = None
+    """Correlation time of the bias (first-order Gauss–Markov). Without it: a constant."""
+
+
+@changes(BarometerSpec, but=("kind", "period_s"))
+class BarometerChange(Section):
+    """``[model.barometer]``: the barometer that the estimators assume."""
+
+    kind: Literal["barometer"] = "barometer"
 
 
 class TrueBarometer(BarometerChange, Interruptions):
-    """``[truth.barometer]``: the height as it is."""
+    """``[truth.barometer]``: the true barometer."""
 
-    outlier_m: Outlier = 0.0
-
-
-class BarometerSpec(BarometerChange):
-    """``[barometer]``: a height, of the air's pressure or of a known sea level."""
-
-    period_s: ReadingPeriod
-    noise_m: HeightNoise
-    bias_m: HeightBias = 0.0
+    outlier_m: q.Outlier = 0.0
+    """Standard deviation of what an outlier adds to a reading."""
 
 
-class GravimeterChange(Section):
-    """``[model.gravimeter]``: what the estimators believe of the gravimeter."""
-
-    kind: ClassVar[str] = "gravimeter"
-    noise_mgal: GravimeterNoise | None = None
-    bias_mgal: GravimeterBias | None = None
-    bias_time_s: TimeConstant | None = None
-
-
-class TrueGravimeter(GravimeterChange, Interruptions):
-    """``[truth.gravimeter]``: the gravimeter as it is."""
-
-    outlier_mgal: Outlier = 0.0
-
-
-class GravimeterSpec(GravimeterChange):
-    """``[gravimeter]``: the gravity disturbance, of its size (``scalar``) or as a vector.
+class GravimeterSpec(PeriodicSpec):
+    """``[gravimeter]``: the gravity disturbance, its size (``scalar``) or components.
 
     Reduced with the position and velocity that the INS indicates: their errors are in the reading.
     """
 
-    period_s: ReadingPeriod
-    noise_mgal: GravimeterNoise
-    bias_mgal: GravimeterBias = 0.0
+    kind: Literal["gravimeter"] = "gravimeter"
+    noise_mgal: q.GravimeterNoise
+    """White noise of each channel."""
+    bias_mgal: q.GravimeterBias = 0.0
+    """Standard deviation of a bias of each channel; where estimators assume one, it is a state."""
+    bias_time_s: q.TimeConstant | None = None
+    """Correlation time of the bias (first-order Gauss–Markov). Without it: a constant."""
     components: Annotated[Listed[Literal["scalar", "east", "north"]], Field(min_length=1)] = (
         "scalar",
     )
+    """`"scalar"`: the size of the disturbance; `"east"`, `"north"`: its components."""
 
     @model_validator(mode="after")
     def _check(self) -> GravimeterSpec:
-        if len(set(self.components)) != len(self.components):
-            raise ValueError("components names a component twice")
+        self.require_distinct("components", "a component")
         return self
 
 
+@changes(GravimeterSpec, but=("kind", "period_s", "components"))
+class GravimeterChange(Section):
+    """``[model.gravimeter]``: the gravimeter that the estimators assume."""
+
+    kind: Literal["gravimeter"] = "gravimeter"
+
+
+class TrueGravimeter(GravimeterChange, Interruptions):
+    """``[truth.gravimeter]``: the true gravimeter."""
+
+    outlier_mgal: q.Outlier = 0.0
+    """Standard deviation of what an outlier adds to a reading."""
+
+
+AidingSpec = GnssSpec | LogSpec | BarometerSpec | GravimeterSpec
 AIDING = ("gnss", "velocity_log", "barometer", "gravimeter")
 """The kinds of these sensors, and their tables, in the order of their channels and biases."""

@@ -1,6 +1,6 @@
-"""What a scenario file may say: its tables, keys, types and limits (pydantic models).
+"""Cases, campaigns and sweeps: pydantic models of a scenario's tables.
 
-A key carries its unit. Rules that tie several keys together are checked where the keys meet.
+A key carries its unit. A rule on several keys is checked in the table that holds them all.
 """
 
 from __future__ import annotations
@@ -11,18 +11,32 @@ import json
 import math
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    ValidationError,
+    WithJsonSchema,
+    model_validator,
+)
 
 from ..trajectory.manoeuvres import TrajectoryError
-from .aiding import AIDING, BarometerSpec, GnssSpec, GravimeterSpec, LogSpec
-from .further import Named, aiding_of, not_on_board, sensors_of, table_of, with_kinds
+from . import quantities as q
+from .aiding import AIDING, AidingSpec, BarometerSpec, GnssSpec, GravimeterSpec, LogSpec
 from .gradiometer import GradiometerSpec
 from .limits import MOST_RUNS, MOST_SEED
-from .quantities import Duration, Moment, PositionTarget, TimeLimit, VelocityTarget
+from .named_sensors import (
+    NamedSensors,
+    aiding_of,
+    not_on_board,
+    sensors_of,
+    table_of,
+    with_kinds,
+)
+from .rosters import expanded
 from .sensors import (
     AltimeterSpec,
     FieldSpec,
-    FurtherSpecs,
     ImuSpec,
     InitialErrorSpec,
     ModelSpec,
@@ -35,6 +49,7 @@ from .trajectory import TrajectorySpec
 
 Title = Annotated[str, Field(min_length=1)]
 CaseName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=60)]
+FreeTable = Annotated[Any, BeforeValidator(Table.of), WithJsonSchema({"type": "object"})]
 AxisName = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9.]*$", max_length=20)]
 _FIRST_REGULARIZATION = 1e-6
 """The whitening_regularization of cases that name none, for their identity."""
@@ -45,37 +60,60 @@ MOST_SAMPLES = 2_000_000
 
 
 class WindowsSpec(Section):
-    """``[windows]``: the parts of the flight over which errors are averaged, and what a lock is."""
+    """``[windows]``: windows of the flight over which errors are averaged, and the lock's limit."""
 
-    settled_from_s: Moment
-    last_s: Duration
-    lock_m: PositionTarget | None = None
-    """Spherical position error below which a run has locked on; without it nothing is judged."""
+    settled_from_s: q.Moment
+    """Start of the settled window, which lasts to the end."""
+    last_s: q.Duration
+    """Length of the window at the end of the flight."""
+    lock_m: q.PositionTarget | None = None
+    """Spherical position error of a lock. Without it, locks are not judged.
+
+    A run has *locked on* at the first epoch from which its error stays below this to the end. A
+    *false lock* ends outside it and reports to be inside with 95 %.
+    """
 
 
 class ReferenceSpec(Section):
-    """``case.reference``: published numbers of this case."""
+    """``case.reference``: published numbers of a case, compared with the results in reports."""
 
-    position_mrse_m: PositionTarget
-    velocity_mrse_mps: VelocityTarget
+    position_mrse_m: q.PositionTarget
+    """Published root-mean-square position error."""
+    velocity_mrse_mps: q.VelocityTarget
+    """Published root-mean-square velocity error."""
 
 
 class CampaignSpec(Section):
     """``[campaign]``: defaults of ``ggbench run``."""
 
     runs: Annotated[int, Field(ge=1, le=MOST_RUNS)] = 100
+    """Runs per case; all estimators and cases fly the same random numbers."""
     seed: Annotated[int, Field(ge=0, le=MOST_SEED)] = 1
+    """Seed of all runs."""
     assumption_runs: Annotated[int, Field(ge=1, le=MOST_RUNS)] = 100
+    """Runs per case of a study of `--assumptions`."""
     assumption_estimator: str = "ekf"
-    estimators: Annotated[Listed[str], Field(min_length=1)] = ("ins", "ekf")
-    time_limit_s: TimeLimit = 600.0
-    """Longest time of one run of one estimator [s]."""
+    """Estimator of the studies."""
+    estimators: Annotated[Listed[str], AfterValidator(expanded), Field(min_length=1)] = (
+        "ins",
+        "ekf",
+    )
+    """Estimators, with parameters: `"ekf[iterations=5]"`.
+
+    `"@NAME"` is a roster of `rosters.toml`, `"-ekf"` takes an estimator out of those before it.
+    """
+    time_limit_s: q.TimeLimit = 600.0
+    """Longest time of one run of one estimator."""
     league: bool = True
-    """Whether the league counts it: not a study whose flights are those of other scenarios."""
+    """Whether the league counts it; `false` for a study; its `provenance` is the reason."""
     tuning: bool = False
-    """Whether variants of one estimator are a grid to be tuned over, see :mod:`.report`."""
-    fewer_runs: Annotated[Any, BeforeValidator(Table.of)] = Table()
-    """Of estimators that cost much: how many runs they get at most, the first ones."""
+    """Whether the variants of an estimator are a grid for tuning.
+
+    The report chooses the best one in each case on the runs of even number, and compares it with
+    the plain one on those of odd number.
+    """
+    fewer_runs: FreeTable = Table()
+    """Most runs of expensive estimators, the first ones: `{ "rao-blackwellised" = 50 }`."""
 
     @model_validator(mode="after")
     def _check_fewer_runs(self) -> CampaignSpec:
@@ -93,24 +131,38 @@ class CampaignSpec(Section):
         return self
 
     def runs_of(self, study: str, runs: int, label: str = "") -> int:
-        """Return how many of so many runs an estimator gets in an assumption's study, or the cases.
+        """Return the number of runs of an estimator in an assumption's study, or in the cases ("").
 
-        The cases ("") take all, but for estimators of which fewer are asked.
+        Parameters
+        ----------
+        study : str
+            Name of the study; "" for the cases.
+        runs : int
+            Runs that are asked for.
+        label : str
+            The estimator; ``fewer_runs`` may limit it in the cases.
         """
         most = self.assumption_runs if study else dict(self.fewer_runs).get(label, runs)
         return min(runs, most)
 
 
 class AxisSpec(Section):
-    """One ``[[sweep.axis]]``: its values, and what each of them changes in a case."""
+    """``[[sweep.axis]]``: an axis of the grid, its values and the changes that each makes."""
 
     name: AxisName
+    """Short name, for names of cases."""
     label: Title
+    """Label of the axis in a figure."""
     unit: str = ""
+    """Unit of the values."""
     scale: Literal["linear", "log"] = "linear"
+    """Scale of the axis in figures."""
     values: Annotated[Listed[Finite | int], Field(min_length=2)]
+    """Increasing values; at least two."""
     key: Title | None = None
-    changes: Listed[Annotated[Any, BeforeValidator(Table.of)]] | None = None
+    """Dotted key that takes the value; or give `changes`."""
+    changes: Listed[FreeTable] | None = None
+    """List with a table of changes for each value; or give `key`."""
 
     @model_validator(mode="after")
     def _check(self) -> AxisSpec:
@@ -152,7 +204,8 @@ class SweepSpec(Section):
     """``[sweep]``: the axes of a grid of cases, and the errors a report aims at."""
 
     axis: Listed[AxisSpec] = ()
-    targets_m: Listed[PositionTarget] = ()
+    targets_m: Listed[q.PositionTarget] = ()
+    """Position errors for which the report finds the first axis's values."""
 
     @model_validator(mode="after")
     def _check(self) -> SweepSpec:
@@ -186,12 +239,12 @@ def require_no_gravimeter(tables: Any) -> None:
 
 
 def _changed(key: str, table: Any, change: Any) -> Any:
-    """Return a table of a case as a side has it, whose changes are the table of a key.
+    """Return a table of a case with the changes of one side, which a file has at ``key``.
 
     Raises
     ------
     ValueError
-        If the changes break a rule, or are of a table that is not there.
+        If the changes break a rule, or change a table that the case does not have.
     """
     if table is None:
         if change.model_dump(exclude_defaults=True):
@@ -212,10 +265,15 @@ def _changed(key: str, table: Any, change: Any) -> Any:
 
 
 class CaseSpec(Section):
-    """One case, fully resolved: the base of the file with the case's changes."""
+    """``[[case]]``: a flight to compare; any keys of the other tables, laid over those of the file.
+
+    The model holds a resolved case: the tables of the file with the case's changes.
+    """
 
     name: CaseName
+    """Letters, digits, `.`, `_`, `-`."""
     title: Title
+    """Title in tables and figures."""
     trajectory: TrajectorySpec
     imu: ImuSpec
     initial_error: InitialErrorSpec
@@ -226,7 +284,7 @@ class CaseSpec(Section):
     velocity_log: LogSpec | None = None
     barometer: BarometerSpec | None = None
     gravimeter: GravimeterSpec | None = None
-    further: FurtherSpecs = Named()
+    sensor: NamedSensors[AidingSpec] = NamedSensors()
     altimeter: AltimeterSpec | None = None
     truth: TruthSpec = TruthSpec()
     model: ModelSpec = ModelSpec()
@@ -241,7 +299,7 @@ class CaseSpec(Section):
         if not self.periods:
             raise ValueError(
                 "no sensor is on board: give at least one of gradiometer, "
-                f"{', '.join(AIDING)}, further"
+                f"{', '.join(AIDING)}, sensor"
             )
         felt = self.side("truth").field
         constant = any(self.truth.field.constant_disturbance_mgal)
@@ -272,10 +330,10 @@ class CaseSpec(Section):
             self.model.disturbance.require_integrable(
                 self.side("model").gradiometer, self.model.field.compensate
             )
-        true, told = self.side("truth").gradiometer, self.side("model").gradiometer
-        if true is not None and told is not None:
+        true, assumed = self.side("truth").gradiometer, self.side("model").gradiometer
+        if true is not None and assumed is not None:
             self.truth.gradiometer.require_possible(true)
-            told.require_tractable()
+            assumed.require_tractable()
         if felt.source == "normal":
             require_no_gravimeter(self)
         for name, period in self.periods.items():
@@ -334,26 +392,26 @@ class CaseSpec(Section):
             )
 
     def side(self, name: Literal["truth", "model"]) -> Side:
-        """Return sensors, field and initial errors as the truth or the model has them.
+        """Return sensors, field and initial errors of the truth or the model.
 
         Raises
         ------
         ValueError
-            If what it changes breaks a rule; the message names the table.
+            If its changes break a rule; the message names the table.
         """
         changes = getattr(self, name)
         tables: dict[str, Any] = {
             key: _changed(f"{name}.{key}", getattr(self, key), getattr(changes, key))
             for key in Side._fields
-            if key != "further"
+            if key != "sensor"
         }
-        further, of_further = dict(self.further), dict(changes.further)
-        for key in of_further:
-            if key not in further:
-                raise not_on_board(f"{name}.further.{key}")
-        tables["further"] = Named(
-            (key, _changed(f"{name}.further.{key}", table, of_further.get(key)))
-            for key, table in further.items()
+        named, of_named = dict(self.sensor), dict(changes.sensor)
+        for key in of_named:
+            if key not in named:
+                raise not_on_board(f"{name}.sensor.{key}")
+        tables["sensor"] = NamedSensors(
+            (key, _changed(f"{name}.sensor.{key}", table, of_named.get(key)))
+            for key, table in named.items()
         )
         return Side(**tables)
 

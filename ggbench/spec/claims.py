@@ -1,4 +1,4 @@
-"""What a source claims beyond errors of position and velocity: numbers to be judged."""
+"""Claims of a source beyond errors of position and velocity."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from . import quantities as q
 from .case import CaseName, Title
-from .quantities import Duration
 from .tables import Listed, Section
 
 GravityQuantity = Literal[
@@ -22,16 +22,21 @@ UNITS: dict[str, str] = {"position": "m", "velocity": "m/s"} | dict.fromkeys(
 
 
 class ClaimSpec(Section):
-    """``[[claim]]``: what knowing the gravity disturbance of a case is said to be worth.
+    """``[[claim]]``: a published error that disappears if the gravity disturbance is known.
 
-    An error that it causes, and that therefore disappears: the response of the INS to it alone.
+    It is the response of the INS to the gravity disturbance alone.
     """
 
     title: Title
+    """The claim in words."""
     case: CaseName
+    """The case whose gravity it is."""
     quantity: GravityQuantity
+    """Which error; attitudes are in minutes of arc."""
     published: Annotated[float, Field(gt=0.0, lt=1e9)]
-    until_s: Duration
+    """The number, in m, m/s or ′."""
+    until_s: q.Duration
+    """Time at which, or until which, it holds."""
 
     @property
     def unit(self) -> str:
@@ -40,18 +45,25 @@ class ClaimSpec(Section):
 
 
 class ComparisonSpec(Section):
-    """``[[comparison]]``: what a source says of two estimators without a number.
+    """``[[comparison]]``: a claim of a source about two estimators, without a number.
 
-    At each value of something that the source leaves open: ``{}`` in the labels stands for it.
+    It is judged at each value of a parameter that the source leaves open: ``{}`` in the labels.
     """
 
     title: Title
+    """The claim in words."""
     case: CaseName
+    """The case in which it is judged."""
     first: Title
+    """An estimator of the campaign; `{}` in its label stands for a value."""
     relation: Literal["larger", "smaller", "equal"]
+    """Relation of the first to the second."""
     quantity: Literal["error", "time"]
+    """The position error, run by run, or the time of a run."""
     second: Title
+    """Another estimator of the campaign."""
     values: Annotated[Listed[Title], Field(min_length=1)] = ("",)
+    """Texts for `{}`: values of a parameter that the source leaves open."""
 
     @model_validator(mode="after")
     def _uses_its_values(self) -> Self:

@@ -1,7 +1,7 @@
-"""What the file of a recorded flight may say: the estimators' side, and where the records are.
+"""The file of a recorded flight: tables of the estimators' side, and files of the records.
 
-The tables are those of a scenario, with the files of what was recorded. There is no truth in them:
-a reference, if there is one, is a file that estimators are not given.
+The tables are those of a scenario, with the files of the records. They hold no truth: estimators
+are not given the reference, if there is one.
 """
 
 from __future__ import annotations
@@ -14,24 +14,11 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from ..errors import GGBenchError
+from . import quantities as q
 from .aiding import AIDING, BarometerSpec, GnssSpec, GravimeterSpec, LogSpec
 from .case import WindowsSpec, require_no_gravimeter
-from .further import Named, sensors_of
 from .gradiometer import GradiometerSpec
-from .quantities import (
-    Angle,
-    Cosine,
-    Height,
-    Latitude,
-    Longitude,
-    Pitch,
-    Radians,
-    RecordGap,
-    RecordTolerance,
-    Roll,
-    TimeShift,
-    VelocityComponent,
-)
+from .named_sensors import NamedSensors, sensors_of
 from .scenario import ScenarioError, read_toml, strip_provenance, validate
 from .sensors import (
     AltimeterSpec,
@@ -53,10 +40,11 @@ class FlightError(GGBenchError):
 
 
 class Recording(Section):
-    """What every table with a recorded file has."""
+    """A table with a recorded file."""
 
     file: FileName
-    clock_offset_s: TimeShift = 0.0
+    """Path of the record, relative to the file of the flight."""
+    clock_offset_s: q.TimeShift = 0.0
     """Added to the file's times: it brings them to the clock of the INS."""
 
 
@@ -64,36 +52,55 @@ class ReadingsRecording(Recording):
     """A recorded file of readings."""
 
     outside: Literal["refuse", "drop"] = "refuse"
-    """What becomes of readings from before the first sample of the INS or behind the last."""
+    """Treatment of readings before the first sample of the INS or after the last."""
 
 
-class InsRecord(Recording):
-    """``[ins]``: the solution of an INS, as it ran on its own."""
+class InertialRecording(Recording):
+    """A record that has a row for each sample of the INS."""
+
+    max_gap_s: q.RecordGap | None = None
+    """Longest time between two rows. Without it: 1.5 periods."""
+    time_tolerance_s: q.RecordTolerance | None = None
+    """A reading this close to a sample is taken there. Without it: 0.1 periods; at most half."""
+
+
+class InsRecord(InertialRecording):
+    """``[ins]``: the free solution of an INS, without corrections."""
 
     frame: Frame
-    max_gap_s: RecordGap | None = None
-    time_tolerance_s: RecordTolerance | None = None
+    """Frame of the recorded velocities."""
 
 
 class StartSpec(Section):
     """``[imu_record.start]``: where the mechanization of recorded increments starts.
 
-    Radians, and C_nb row by row in place of the angles, are for those who keep a state to its last
-    bit, which degrees do not.
+    Radians, and C_nb in place of the angles, keep a state to its last bit; degrees do not.
     """
 
-    latitude_deg: Latitude | None = None
-    longitude_deg: Longitude | None = None
-    latitude_rad: Radians | None = None
-    longitude_rad: Radians | None = None
-    height_m: Height
-    velocity_east_mps: VelocityComponent
-    velocity_north_mps: VelocityComponent
-    velocity_up_mps: VelocityComponent
-    roll_deg: Roll | None = None
-    pitch_deg: Pitch | None = None
-    heading_deg: Angle | None = None
-    c_nb: Annotated[Listed[Cosine], Field(min_length=9, max_length=9)] | None = None
+    latitude_deg: q.Latitude | None = None
+    """Latitude at the start; or give `latitude_rad`."""
+    longitude_deg: q.Longitude | None = None
+    """Longitude at the start; or give `longitude_rad`."""
+    latitude_rad: q.Radians | None = None
+    """Latitude to its last bit, in place of `latitude_deg`."""
+    longitude_rad: q.Radians | None = None
+    """Longitude to its last bit, in place of `longitude_deg`."""
+    height_m: q.Height
+    """Height above the ellipsoid."""
+    velocity_east_mps: q.VelocityComponent
+    """Velocity at the start."""
+    velocity_north_mps: q.VelocityComponent
+    """Velocity at the start."""
+    velocity_up_mps: q.VelocityComponent
+    """Velocity at the start."""
+    roll_deg: q.Roll | None = None
+    """Roll, right side down; with `heading_deg` and `pitch_deg`, or give `c_nb`."""
+    pitch_deg: q.Pitch | None = None
+    """Pitch, nose up."""
+    heading_deg: q.Angle | None = None
+    """Heading, clockwise from north."""
+    c_nb: Annotated[Listed[q.Cosine], Field(min_length=9, max_length=9)] | None = None
+    """The rotation from right-forward-up to ENU, row by row, in place of the angles."""
 
     @model_validator(mode="after")
     def _check(self) -> StartSpec:
@@ -127,13 +134,12 @@ def _is_rotation(numbers: tuple[float, ...]) -> bool:
     return bool(np.abs(matrix @ matrix.T - np.eye(3)).max() < 1e-9 and np.linalg.det(matrix) > 0.0)
 
 
-class ImuRecord(Recording):
+class ImuRecord(InertialRecording):
     """``[imu_record]``: increments, or rates, of the inertial sensors, to be mechanised here."""
 
     axes: BodyAxes
+    """Axes of the body in which the record is."""
     start: StartSpec
-    max_gap_s: RecordGap | None = None
-    time_tolerance_s: RecordTolerance | None = None
 
 
 class RecordedGradiometer(GradiometerSpec, ReadingsRecording):
@@ -144,6 +150,7 @@ class RecordedGnss(GnssSpec, ReadingsRecording):
     """``[gnss]`` with its readings."""
 
     frame: Frame | None = None
+    """Frame of the recorded velocities."""
 
     @model_validator(mode="after")
     def _check_frame(self) -> RecordedGnss:
@@ -165,30 +172,35 @@ class RecordedGravimeter(GravimeterSpec, ReadingsRecording):
 
 
 class RecordedAltimeter(AltimeterSpec):
-    """``[altimeter]``: with its heights if the mechanization runs here; a solution has had them."""
+    """``[altimeter]``: with its heights if the mechanization runs here; ``[ins]`` has used them."""
 
     file: FileName | None = None
-    clock_offset_s: TimeShift = 0.0
+    """Path of the heights' record, relative to the file of the flight; with `[imu_record]`."""
+    clock_offset_s: q.TimeShift = 0.0
+    """Added to the file's times: it brings them to the clock of the INS."""
 
 
 class RecordedField(FieldSpec):
-    """``[field]``: the map that the estimators are told."""
+    """``[field]``: the map that the estimators assume."""
 
     compensate: bool = False
-    """Whether the mechanization adds the map's disturbance to normal gravity."""
+    """Whether the mechanization adds the disturbance of this map at the indicated position."""
 
 
 class ReferenceTrack(Recording):
-    """``[reference]``: positions, and what else is known, that no estimator is given."""
+    """``[reference]``: reference positions, velocities and attitudes, hidden from estimators."""
 
     frame: Frame | None = None
+    """Frame of the recorded velocities."""
 
 
 class FlightSpec(Section):
     """The file of a recorded flight."""
 
     title: str = ""
+    """Title in a line."""
     description: str = ""
+    """Purpose of the file; it opens the report."""
     ins: InsRecord | None = None
     imu_record: ImuRecord | None = None
     imu: ImuSpec
@@ -196,13 +208,14 @@ class FlightSpec(Section):
     field: RecordedField
     altimeter: RecordedAltimeter | None = None
     disturbance: DisturbanceSpec | None = None
-    """The gravity that the INS does not know, as states: ``[model.disturbance]`` of a scenario."""
     gradiometer: RecordedGradiometer | None = None
     gnss: RecordedGnss | None = None
     velocity_log: RecordedLog | None = None
     barometer: RecordedBarometer | None = None
     gravimeter: RecordedGravimeter | None = None
-    further: Named[RecordedGnss | RecordedLog | RecordedBarometer | RecordedGravimeter] = Named()
+    sensor: NamedSensors[RecordedGnss | RecordedLog | RecordedBarometer | RecordedGravimeter] = (
+        NamedSensors()
+    )
     reference: ReferenceTrack | None = None
     windows: WindowsSpec | None = None
 
@@ -216,7 +229,7 @@ class FlightSpec(Section):
         if not sensors_of(self):
             raise ValueError(
                 "no sensor is on board: give at least one of gradiometer, "
-                f"{', '.join(AIDING)}, further"
+                f"{', '.join(AIDING)}, sensor"
             )
         if self.field.gravity_disturbance:
             raise ValueError(
@@ -251,12 +264,12 @@ class FlightSpec(Section):
 
     @property
     def side(self) -> Side:
-        """Sensors, field and prior, as the estimators are told."""
+        """Sensors, field and prior that the estimators assume."""
         return Side(**{name: getattr(self, name) for name in Side._fields})
 
     @property
     def inertial(self) -> InsRecord | ImuRecord:
-        """Where the INS's record is."""
+        """The INS's record."""
         found = self.ins or self.imu_record
         assert found is not None  # checked above
         return found

@@ -1,8 +1,8 @@
-"""What a scenario file may say of the gradiometer.
+"""Tables of the gradiometer.
 
-``[gradiometer]`` holds for the simulated truth and for what the estimators are told;
-``[truth.gradiometer]`` changes it for the truth alone, and knows errors that no estimator is told
-of; ``[model.gradiometer]`` changes it for the estimators alone.
+``[gradiometer]`` holds for the simulated truth and for the estimators. ``[truth.gradiometer]``
+changes it for the truth alone, and adds errors that no estimator models; ``[model.gradiometer]``
+changes it for the estimators alone.
 """
 
 from __future__ import annotations
@@ -12,29 +12,9 @@ from typing import Annotated, Literal, get_args
 from pydantic import Field, model_validator
 
 from ..sensors.gradiometer.rotating import RotatingGradiometer, RotatingGradiometerError
-from .aiding import Interruptions
-from .quantities import (
-    Arcmin,
-    Baseline,
-    Burst,
-    ClockError,
-    DiskNoise,
-    Freedom,
-    Frequency,
-    GradiometerBias,
-    Jitter,
-    Latency,
-    Noise,
-    NoiseBehindFilter,
-    Outlier,
-    Ppm,
-    ReadingPeriod,
-    Regularization,
-    Spin,
-    TimeConstant,
-    Vibration,
-)
-from .tables import Listed, Section
+from . import quantities as q
+from .aiding import Interruptions, PeriodicSpec
+from .tables import Listed, Section, changes
 
 Component = Literal["xx", "xy", "xz", "yy", "yz", "zz", "xx-yy", "yy-zz", "zz-xx"]
 NOISES = ("noise_eotvos", "noise_density_eotvos_per_sqrt_hz")
@@ -44,39 +24,59 @@ NOISES = ("noise_eotvos", "noise_density_eotvos_per_sqrt_hz")
 class RotatingSpec(Section):
     """``[gradiometer.rotating]``: disks of accelerometers spinning about axes of the mount."""
 
-    baseline_m: Baseline
-    rotation_hz: Spin
+    baseline_m: q.Baseline
+    """Distance of opposite accelerometers."""
+    rotation_hz: q.Spin
+    """Turns per second; a reading lasts a whole number of half turns."""
     spin_axes: Annotated[Listed[Literal["x", "y", "z"]], Field(min_length=1)] = ("x", "y", "z")
-    accelerometer_noise_ng_per_sqrt_hz: DiskNoise | None = None
+    """Axes of the mount, a disk about each; for z it measures (xx − yy)/2 and xy."""
+    accelerometer_noise_ng_per_sqrt_hz: q.DiskNoise | None = None
     """White noise of each accelerometer, from which that of the channels follows."""
 
     @model_validator(mode="after")
     def _check(self) -> RotatingSpec:
-        if len(set(self.spin_axes)) != len(self.spin_axes):
-            raise ValueError("spin_axes names an axis twice")
+        self.require_distinct("spin_axes", "an axis")
         return self
 
 
-class GradiometerSpec(Section):
+class GradiometerSpec(PeriodicSpec):
     """``[gradiometer]``: instrument, noise (as RMS or as density), filter and its treatment."""
 
-    period_s: ReadingPeriod
     instrument: Literal["platform", "local-level", "strapdown"] = "platform"
-    noise_eotvos: Noise | None = None
-    noise_density_eotvos_per_sqrt_hz: Noise | None = None
-    bias_eotvos: GradiometerBias = 0.0
-    drift_eotvos_per_sqrt_h: GradiometerBias = 0.0
+    """How it is mounted, and so in which axes it reads."""
+    noise_eotvos: q.Noise | None = None
+    """RMS of a reading of a channel. Give this, the density, or that of rotating accelerometers."""
+    noise_density_eotvos_per_sqrt_hz: q.Noise | None = None
+    """Density D of the noise, whose RMS at a rate f is D √(f/2), in place of the RMS."""
+    bias_eotvos: q.GradiometerBias = 0.0
+    """Standard deviation of a bias of each channel; where estimators assume one, it is a state."""
+    drift_eotvos_per_sqrt_h: q.GradiometerBias = 0.0
+    """Random walk of the biases."""
     components: Annotated[Listed[Component], Field(min_length=1)] = (
         "xx", "xy", "xz", "yy", "yz", "zz",
     )  # fmt: skip
+    """Channels; `"xx-yy"` is (xx − yy)/2, and so on."""
     rotating: RotatingSpec | None = None
     filter: Literal["butterworth", "none"] = "none"
+    """Low-pass of the instrument."""
     filter_order: Annotated[int, Field(ge=1, le=12)] = 7
-    filter_cutoff_hz: Frequency = 0.2
+    """Order of the filter."""
+    filter_cutoff_hz: q.Frequency = 0.2
+    """Cut-off frequency of the filter, below the Nyquist frequency of the readings."""
     filter_treatment: Literal["whitened", "delayed"] = "whitened"
-    whitening_regularization: Regularization = 1e-2
-    noise_behind_filter_eotvos: NoiseBehindFilter = 0.0
-    latency_s: Latency = 0.0
+    """How the measurement model inverts the filter: whitened, or as a fixed delay."""
+    whitening_regularization: q.Regularization = 1e-2
+    """Amplitude below which the filter is not inverted.
+
+    Estimators tolerate noise behind the filter up to this share of the noise before it.
+    """
+    noise_behind_filter_eotvos: q.NoiseBehindFilter = 0.0
+    """RMS of further white noise of each channel, behind the filter or without one."""
+    latency_s: q.Latency = 0.0
+    """Age of a reading at its time stamp; the first ones are taken at the start.
+
+    With a filter, only the truth may have one.
+    """
 
     @model_validator(mode="after")
     def _check(self) -> GradiometerSpec:
@@ -94,11 +94,10 @@ class GradiometerSpec(Section):
                 )
             except RotatingGradiometerError as error:
                 raise ValueError(str(error)) from None
-        if len(set(self.components)) != len(self.components):
-            raise ValueError("components names a component twice")
+        self.require_distinct("components", "a component")
         if self.rotating is not None and self.components != get_args(Component)[:6]:
             raise ValueError(
-                "components must not be given beside [gradiometer.rotating]: its spin_axes say "
+                "components must not be given with [gradiometer.rotating]: its spin_axes say "
                 "what it measures"
             )
         nyquist = 0.5 / self.period_s
@@ -111,57 +110,78 @@ class GradiometerSpec(Section):
         return self
 
     def require_tractable(self) -> None:
-        """Raise ValueError if estimators that are told of it have no model of its readings."""
+        """Raise ValueError if estimators have no model of its readings."""
         if self.latency_s > 0.0 and self.filter != "none":
             raise ValueError(
-                f"gradiometer.latency_s is {self.latency_s:g} s in what the estimators are told, "
+                f"gradiometer.latency_s is {self.latency_s:g} s for the estimators, "
                 "and they have no model of readings that are both late and filtered: set "
                 'filter = "none", or give the latency in [truth.gradiometer] alone'
             )
 
 
+@changes(
+    GradiometerSpec,
+    but=(
+        "period_s", "instrument", "components", "rotating", "filter", "filter_order",
+        "filter_cutoff_hz", "filter_treatment", "whitening_regularization",
+    ),
+)  # fmt: skip
 class GradiometerChange(Section):
-    """``[model.gradiometer]``: what the estimators believe of the gradiometer."""
-
-    noise_eotvos: Noise | None = None
-    noise_density_eotvos_per_sqrt_hz: Noise | None = None
-    bias_eotvos: GradiometerBias | None = None
-    drift_eotvos_per_sqrt_h: GradiometerBias | None = None
-    noise_behind_filter_eotvos: NoiseBehindFilter | None = None
-    latency_s: Latency | None = None
+    """``[model.gradiometer]``: the gradiometer that the estimators assume."""
 
 
 class RotatingErrorsSpec(Section):
-    """``[truth.gradiometer.rotating]``: σ of what is wrong with a spinning disk, per run."""
+    """``[truth.gradiometer.rotating]``: errors of the spinning disks; no estimator models them."""
 
-    scale_factor_ppm: Ppm = 0.0
-    scale_factor_mismatch_ppm: Ppm = 0.0
-    baseline_error_ppm: Ppm = 0.0
-    misalignment_arcmin: Arcmin = 0.0
-    demodulation_phase_arcmin: Arcmin = 0.0
-    rotation_rate_error_ppm: Ppm = 0.0
-    vibration_mps2: Vibration = 0.0
+    scale_factor_ppm: q.Ppm = 0.0
+    """Standard deviation, drawn once per run: common to a disk's accelerometers."""
+    scale_factor_mismatch_ppm: q.Ppm = 0.0
+    """Standard deviation, drawn once per run: within and between the pairs of a disk."""
+    baseline_error_ppm: q.Ppm = 0.0
+    """Standard deviation, drawn once per run, relative to the baseline."""
+    misalignment_arcmin: q.Arcmin = 0.0
+    """Standard deviation, drawn once per run: tilt of the sensitive axes."""
+    demodulation_phase_arcmin: q.Arcmin = 0.0
+    """Standard deviation, drawn once per run: phase error of the demodulation."""
+    rotation_rate_error_ppm: q.Ppm = 0.0
+    """Standard deviation, drawn once per run, relative to the spin."""
+    vibration_mps2: q.Vibration = 0.0
+    """Amplitude of the specific force at one, two and three times the spin, per axis."""
 
 
 class TrueGradiometer(GradiometerChange, Interruptions):
-    """``[truth.gradiometer]``: the gradiometer as it is.
+    """``[truth.gradiometer]``: the true gradiometer.
 
     Scale factor, misalignment and clock error are drawn once per run, N(0, σ²); a scale factor may
     walk from there. A tilt of a level mount is a Gauss–Markov process about each horizontal axis.
-    Outliers strike readings one by one or in bursts, dropouts and timing jitter one by one.
+    Outliers strike single readings or come in bursts; dropouts and timing jitter are independent.
     """
 
-    scale_factor_ppm: Ppm = 0.0
-    scale_drift_ppm_per_sqrt_h: Ppm = 0.0
-    misalignment_arcmin: Arcmin = 0.0
-    tilt_arcmin: Arcmin = 0.0
-    tilt_time_s: TimeConstant | None = None
-    noise_freedom: Freedom | None = None
-    outlier_eotvos: Outlier = 0.0
-    outlier_burst_s: Burst = 0.0
+    scale_factor_ppm: q.Ppm = 0.0
+    """Standard deviation, drawn once per run and channel."""
+    scale_drift_ppm_per_sqrt_h: q.Ppm = 0.0
+    """Random walk of each channel's scale factor, from the value that was drawn."""
+    misalignment_arcmin: q.Arcmin = 0.0
+    """Standard deviation, drawn once per run and axis: of the mount, which turns the tensor."""
+    tilt_arcmin: q.Arcmin = 0.0
+    """Standard deviation of the tilt of a `"local-level"` mount about east and about north."""
+    tilt_time_s: q.TimeConstant | None = None
+    """Correlation time of the tilt (first-order Gauss–Markov); with `tilt_arcmin`."""
+    noise_freedom: q.Freedom | None = None
+    """Degrees of freedom of Student's t noise of equal deviation. Without it: normal noise."""
+    outlier_eotvos: q.Outlier = 0.0
+    """Standard deviation of what an outlier adds, drawn for each reading."""
+    outlier_burst_s: q.Burst = 0.0
+    """Mean duration of bursts, in which all readings are outliers; 0: single outliers.
+
+    Bursts come from a Markov chain of two states, whose share is `outlier_share`.
+    """
     outlier_channels: Literal["each", "all"] = "each"
-    clock_error_s: ClockError = 0.0
-    timing_jitter_s: Jitter = 0.0
+    """Whether outliers strike each channel independently, or all at once."""
+    clock_error_s: q.ClockError = 0.0
+    """Standard deviation, drawn once per run: of the time that orients a platform (only)."""
+    timing_jitter_s: q.Jitter = 0.0
+    """Standard deviation of the error of each reading's time."""
     rotating: RotatingErrorsSpec | None = None
 
     @model_validator(mode="after")

@@ -1,7 +1,7 @@
 """Limits that hold for scenario files, for options of the command and for what is stored."""
 
 SCENARIO_NAME = r"^[^/\\\x00]*[^/\\\x00.]$"
-"""What a scenario may be called: files and folders of its report are."""
+"""Pattern of a scenario's name, which files and folders of its report take."""
 MOST_RUNS = 1_000_000
 """Most runs of a case."""
 MOST_SEED = 2**63 - 1

@@ -1,7 +1,7 @@
-"""What a number of a scenario file may be: the limits of each kind of quantity.
+"""Limits of the numbers of a scenario file, by quantity.
 
-Beyond its limits a value has no meaning, and is refused. Beyond what is usual it has one, but is
-more often a slip or a unit taken for another: it is accepted, and the user is told.
+A value beyond its limits has no meaning and is refused. An unusual value is more often a slip or a
+wrong unit: it is accepted with a remark.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from pydantic import GetCoreSchemaHandler
+from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import PydanticCustomError, core_schema
 
 from .limits import FASTEST_MPS, HIGHEST_M, LOWEST_M
@@ -19,8 +19,8 @@ from .limits import FASTEST_MPS, HIGHEST_M, LOWEST_M
 class Within:
     """Limits of a number, both included; of a number that may also be 0, if ``or_zero``.
 
-    ``usual`` is the narrower range outside which a value other than 0 is odd. ``mistaken`` is a
-    unit that is easily taken for the right one, and what one of it is in that.
+    ``usual`` is the narrower range outside which a value other than 0 is unusual. ``mistaken`` is a
+    unit that is easily taken for the right one, and its factor to that.
     """
 
     lowest: float
@@ -31,12 +31,22 @@ class Within:
 
     def __str__(self) -> str:
         zero = "be 0 or " if self.or_zero else ""
-        return f"{zero}lie between {_short(self.lowest)} and {_short(self.highest)}"
+        return f"{zero}lie between {short(self.lowest)} and {short(self.highest)}"
 
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
     ) -> core_schema.CoreSchema:
         return core_schema.no_info_after_validator_function(self.held, handler(source))
+
+    def __get_pydantic_json_schema__(
+        self, source: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        found = {**handler(source), "minimum": self.lowest, "maximum": self.highest}
+        if self.usual is not None:
+            found["x-usual"] = list(self.usual)
+        if self.or_zero and not self.lowest <= 0.0 <= self.highest:
+            return {"anyOf": [{"const": 0}, found]}
+        return found
 
     def held(self, value: float) -> float:
         """Return the value. Raises PydanticCustomError, a ValueError, if it is outside."""
@@ -45,11 +55,11 @@ class Within:
             return value
         raise PydanticCustomError("limits", "must {limits}", {"limits": str(self)})
 
-    def oddity(self, value: float) -> str:
-        """Return what is usual if the value is not, else nothing."""
+    def usual_unless(self, value: float) -> str:
+        """Return the usual range in words, or nothing if the value lies in it."""
         if self.usual is None or value == 0.0 or self.usual[0] <= value <= self.usual[1]:
             return ""
-        usual = f"{_short(self.usual[0])} to {_short(self.usual[1])} is usual"
+        usual = f"{short(self.usual[0])} to {short(self.usual[1])} is usual"
         if self.mistaken is not None:
             unit, factor = self.mistaken
             if self.usual[0] <= factor * value <= self.usual[1]:
@@ -57,9 +67,9 @@ class Within:
         return usual
 
 
-def _short(number: float) -> str:
-    """A limit as people write it."""
-    return f"{number:g}".replace("e+0", "e").replace("e-0", "e-")
+def short(number: float) -> str:
+    """Return a limit as people write it."""
+    return f"{number:g}".replace("e+0", "e").replace("e+", "e").replace("e-0", "e-")
 
 
 # Where and how fast.
@@ -153,6 +163,6 @@ Density = Annotated[float, DENSITY]
 DensityFactor = Annotated[float, Within(1e-3, 10.0)]
 Wavelength = Annotated[float, Within(1e-3, 1000.0)]
 
-# What is aimed at, or published.
+# Targets and published numbers.
 PositionTarget = Annotated[float, Within(1e-6, 1e7)]
 VelocityTarget = Annotated[float, Within(1e-9, 1e5)]

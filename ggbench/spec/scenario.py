@@ -27,12 +27,14 @@ from pydantic import BaseModel, ValidationError
 
 from ..errors import GGBenchError
 from ..trajectory.terrain_following import terrain_path as shipped_or_own
+from . import rosters
 from . import sweep as sweep
 from .case import MOST_POINTS, CampaignSpec, CaseSpec, SweepSpec
 from .claims import ClaimSpec, ComparisonSpec
 from .limits import SCENARIO_NAME
-from .sentences import sentence, suggest
+from .sensors import merged
 from .sweep import Sweep
+from .validation_messages import sentence, suggest
 
 T = TypeVar("T", bound=BaseModel)
 C = TypeVar("C", ClaimSpec, ComparisonSpec)
@@ -64,7 +66,7 @@ class Scenario:
     assumptions : studies of single assumptions.
     campaign : defaults for running it.
     provenance : dotted key of the file to where its value comes from.
-    content_hash : SHA-256 of the file's content as parsed.
+    content_hash : SHA-256 of the file's content as parsed, without ``[campaign]``.
     source : the text of the file.
     notes : markdown that a report appends, from the file that ``notes`` names; may be empty.
     sweep : the grid on which the cases lie, if they do.
@@ -148,7 +150,8 @@ class Scenario:
 def shipped() -> list[str]:
     """Return the names of the scenarios that come with the package."""
     folder = importlib.resources.files("ggbench.scenarios")
-    return sorted(f.name[:-5] for f in folder.iterdir() if f.name.endswith(".toml"))
+    files = (f.name for f in folder.iterdir() if f.name.endswith(".toml"))
+    return sorted(name.removesuffix(".toml") for name in files if name != rosters.FILE)
 
 
 def load(name_or_path: str | Path) -> Scenario:
@@ -186,7 +189,7 @@ def from_text(source: str, name: str, notes: str) -> Scenario:
 
 
 def as_written(scenario: Scenario) -> Scenario:
-    """Return the whole scenario that the text of one says, whatever of it was selected.
+    """Return the whole scenario of a text, of which some cases were selected.
 
     Raises
     ------
@@ -244,7 +247,7 @@ def _read(file: Traversable, name: str, origin: str) -> Scenario:
     notes = ""
     if notes_name is not None:
         if not isinstance(notes_name, str) or Path(notes_name).name != notes_name:
-            raise ScenarioError(f"{origin}: notes must name a file beside the scenario")
+            raise ScenarioError(f"{origin}: notes must name a file next to the scenario")
         folder = importlib.resources.files("ggbench.scenarios")
         beside = file.parent if isinstance(file, Path) else folder
         notes = _text(beside / notes_name, f"{origin}: notes {notes_name}")
@@ -275,7 +278,9 @@ def parse(
     """Validate the content of a scenario file; ``origin`` names it in messages."""
     provenance: dict[str, str] = {}
     document = strip_provenance(document, "", provenance, origin)
-    content_hash = hashlib.sha256(json.dumps(document, sort_keys=True, default=str).encode())
+    # Who flies a scenario, and how often, is no part of it.
+    content = {key: value for key, value in document.items() if key != "campaign"}
+    content_hash = hashlib.sha256(json.dumps(content, sort_keys=True, default=str).encode())
     title = _take_text(document, "title", origin)
     description = _take_text(document, "description", origin)
     campaign = validate(CampaignSpec, document.pop("campaign", {}), f"{origin}: campaign")
@@ -288,7 +293,7 @@ def parse(
     if grid is not None:
         if studies:
             raise ScenarioError(
-                f"{origin}: [[assumption]] cannot stand beside [sweep]; make it an axis of the "
+                f"{origin}: [[assumption]] cannot be given with [sweep]; make it an axis of the "
                 "sweep, or a scenario of its own"
             )
         cases, laid_out = _spread(document, changes, grid, origin)
@@ -371,8 +376,8 @@ def _spread(
     laid_out, cells = sweep.lay_out(spec, titles)
     cases = []
     for cell in cells:
-        merged = reduce(_merge, cell.changes, _merge(base, bases.get(cell.base, {})))
-        named = merged | {"name": cell.name, "title": cell.title}
+        point = reduce(merged, cell.changes, merged(base, bases.get(cell.base, {})))
+        named = point | {"name": cell.name, "title": cell.title}
         cases.append(validate(CaseSpec, named, f"{origin}: sweep at {cell.title}"))
     return tuple(cases), laid_out
 
@@ -409,37 +414,12 @@ def _take_changes(document: dict[str, Any], key: str, origin: str) -> list[dict[
 def _resolve(
     base: dict[str, Any], change: dict[str, Any], label: str, study: dict[str, Any]
 ) -> CaseSpec:
-    merged = _merge(_merge(base, change), study)
-    flight = merged.get("trajectory")
+    case = merged(merged(base, change), study)
+    flight = case.get("trajectory")
     if isinstance(flight, Mapping) and isinstance(track := flight.get("file"), str) and track:
         # Tracks are found as terrains are: among the shipped data, or where their path says.
-        merged["trajectory"] = {**flight, "file": str(shipped_or_own(track))}
-    return validate(CaseSpec, merged, f"{label} '{change.get('name', '?')}'")
-
-
-def _merge(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
-    """Return ``base`` with ``change`` laid over it, table by table.
-
-    The ways to state the gradiometer's noise replace each other.
-    """
-    merged = dict(base)
-    for key, value in change.items():
-        if isinstance(value, Mapping) and isinstance(merged.get(key), Mapping):
-            merged[key] = _merge(merged[key], value)
-        else:
-            merged[key] = value
-    noises = ("noise_eotvos", "noise_density_eotvos_per_sqrt_hz")
-    for new, old in (noises, noises[::-1]):
-        if new in change and old in base and old not in change:
-            merged.pop(old)
-    of_disks = "accelerometer_noise_ng_per_sqrt_hz"
-    disks, changed_disks = merged.get("rotating"), change.get("rotating")
-    if isinstance(changed_disks, Mapping) and of_disks in changed_disks:
-        for noise in set(noises) - set(change):
-            merged.pop(noise, None)
-    elif isinstance(disks, Mapping) and any(noise in change for noise in noises):
-        merged["rotating"] = {key: value for key, value in disks.items() if key != of_disks}
-    return merged
+        case["trajectory"] = {**flight, "file": str(shipped_or_own(track))}
+    return validate(CaseSpec, case, f"{label} '{change.get('name', '?')}'")
 
 
 def strip_provenance(node: Any, path: str, provenance: dict[str, str], origin: str) -> Any:

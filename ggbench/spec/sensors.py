@@ -1,62 +1,22 @@
-"""What a scenario file may say of sensors and of the field, and what truth and model change in it.
+"""Tables of inertial sensors, field and prior, and their changes for truth and model.
 
-``[imu]``, ``[gradiometer]``, ``[field]`` and ``[initial_error]`` hold for the simulated truth and
-for what the estimators are told. ``[truth.imu]`` and the like change them for the truth alone, and
-know errors that no estimator is told of; ``[model.imu]`` and the like for the estimators alone.
+``[imu]``, ``[field]`` and ``[initial_error]`` hold for the simulated truth and for the estimators.
+``[truth.imu]`` and its like change them for the truth alone, and add errors that no estimator
+models; ``[model.imu]`` and its like change them for the estimators alone.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 from pydantic import Field, model_validator
 
-from .aiding import (
-    BarometerChange,
-    BarometerSpec,
-    GnssChange,
-    GnssSpec,
-    GravimeterChange,
-    GravimeterSpec,
-    LogChange,
-    LogSpec,
-    TrueBarometer,
-    TrueGnss,
-    TrueGravimeter,
-    TrueLog,
-)
-from .further import Named
+from . import aiding
+from . import quantities as q
 from .gradiometer import NOISES, GradiometerChange, GradiometerSpec, TrueGradiometer
-from .quantities import (
-    AccelerometerBias,
-    AccelerometerNoise,
-    AltimeterNoise,
-    Arcmin,
-    AttitudeError,
-    Damping,
-    Density,
-    DensityFactor,
-    Disturbance,
-    DisturbanceDistance,
-    DisturbanceSize,
-    GyroBias,
-    GyroNoise,
-    Height,
-    HeightError,
-    HeightSpacing,
-    Latitude,
-    Longitude,
-    MapNoise,
-    MapSpacing,
-    PositionError,
-    Ppm,
-    ReliefSmoothing,
-    SamplePeriod,
-    TimeConstant,
-    VelocityError,
-    Wavelength,
-)
-from .tables import Listed, Section
+from .named_sensors import NamedSensors
+from .tables import Listed, Section, changes
 
 FEWEST_STEPS = 10.0
 """Fewest IMU periods in a time constant: in fewer, discrete steps are no longer the process."""
@@ -65,14 +25,22 @@ FEWEST_STEPS = 10.0
 class ImuSpec(Section):
     """``[imu]``: the inertial sensors. A bias with a time constant is a Gauss–Markov process."""
 
-    period_s: SamplePeriod
-    gyro_bias_deg_per_h: GyroBias
-    gyro_noise_deg_per_sqrt_h: GyroNoise
-    accelerometer_bias_ug: AccelerometerBias
-    accelerometer_noise_ug_per_sqrt_hz: AccelerometerNoise
+    period_s: q.SamplePeriod
+    """Time between samples; the period of every other sensor is a whole multiple of it."""
+    gyro_bias_deg_per_h: q.GyroBias
+    """Standard deviation of the bias of each gyro."""
+    gyro_noise_deg_per_sqrt_h: q.GyroNoise
+    """White noise of each gyro: root of its power spectral density (angular random walk)."""
+    accelerometer_bias_ug: q.AccelerometerBias
+    """Standard deviation of the bias of each accelerometer."""
+    accelerometer_noise_ug_per_sqrt_hz: q.AccelerometerNoise
+    """White noise of each accelerometer: root of its power spectral density."""
     biases: Literal["drawn", "fixed"] = "drawn"
-    gyro_bias_time_s: TimeConstant | None = None
-    accelerometer_bias_time_s: TimeConstant | None = None
+    """`"drawn"`: normal, drawn once per run; `"fixed"`: of exactly that size, with random signs."""
+    gyro_bias_time_s: q.TimeConstant | None = None
+    """Correlation time of gyro biases (first-order Gauss–Markov). Without it: constant."""
+    accelerometer_bias_time_s: q.TimeConstant | None = None
+    """Correlation time of accelerometer biases (first-order Gauss–Markov). Without it: constant."""
 
     @model_validator(mode="after")
     def _check(self) -> ImuSpec:
@@ -92,31 +60,31 @@ class ImuSpec(Section):
         return self
 
 
+@changes(ImuSpec, but=("period_s", "biases"))
 class ImuChange(Section):
-    """``[model.imu]``: what the estimators believe of the inertial sensors."""
-
-    gyro_bias_deg_per_h: GyroBias | None = None
-    gyro_noise_deg_per_sqrt_h: GyroNoise | None = None
-    accelerometer_bias_ug: AccelerometerBias | None = None
-    accelerometer_noise_ug_per_sqrt_hz: AccelerometerNoise | None = None
-    gyro_bias_time_s: TimeConstant | None = None
-    accelerometer_bias_time_s: TimeConstant | None = None
+    """``[model.imu]``: the inertial sensors that the estimators assume."""
 
 
 class TrueImu(ImuChange):
-    """``[truth.imu]``: the inertial sensors as they are; errors drawn once per run, N(0, σ²)."""
+    """``[truth.imu]``: the true inertial sensors; errors drawn once per run, N(0, σ²)."""
 
-    gyro_scale_factor_ppm: Ppm = 0.0
-    accelerometer_scale_factor_ppm: Ppm = 0.0
-    gyro_misalignment_arcmin: Arcmin = 0.0
-    accelerometer_misalignment_arcmin: Arcmin = 0.0
+    gyro_scale_factor_ppm: q.Ppm = 0.0
+    """Standard deviation, drawn once per run and axis."""
+    accelerometer_scale_factor_ppm: q.Ppm = 0.0
+    """Standard deviation, drawn once per run and axis."""
+    gyro_misalignment_arcmin: q.Arcmin = 0.0
+    """Standard deviation, drawn once per run and axis."""
+    accelerometer_misalignment_arcmin: q.Arcmin = 0.0
+    """Standard deviation, drawn once per run and axis."""
 
 
 class AltimeterSpec(Section):
-    """``[altimeter]``: heights that damp the vertical channel of the INS, white noise of a PSD."""
+    """``[altimeter]``: heights with white noise that damp the vertical channel of the INS."""
 
-    noise_m_per_sqrt_hz: AltimeterNoise
-    time_constant_s: Damping = 100.0
+    noise_m_per_sqrt_hz: q.AltimeterNoise
+    """Root of the noise's power spectral density; over a time T the mean's error is this / √T."""
+    time_constant_s: q.Damping = 100.0
+    """Time constant of the damping."""
 
     def require_slower_than(self, period: float) -> None:
         """Raise ValueError if the damping is too quick for samples of a period [s]."""
@@ -131,105 +99,118 @@ class AltimeterSpec(Section):
 class InitialErrorSpec(Section):
     """``[initial_error]``: standard deviation of the INS error per axis at the start."""
 
-    position_m: PositionError
-    velocity_mps: VelocityError
-    attitude_arcmin: AttitudeError
-    height_m: HeightError | None = None
-    heading_arcmin: AttitudeError | None = None
+    position_m: q.PositionError
+    """Standard deviation per axis."""
+    velocity_mps: q.VelocityError
+    """Standard deviation per axis."""
+    attitude_arcmin: q.AttitudeError
+    """Standard deviation per axis."""
+    height_m: q.HeightError | None = None
+    """Standard deviation of the height. Without it: `position_m`."""
+    heading_arcmin: q.AttitudeError | None = None
+    """Standard deviation of the heading. Without it: `attitude_arcmin`."""
 
 
+@changes(InitialErrorSpec)
 class InitialErrorChange(Section):
-    """``[truth.initial_error]``, ``[model.initial_error]``."""
-
-    position_m: PositionError | None = None
-    velocity_mps: VelocityError | None = None
-    attitude_arcmin: AttitudeError | None = None
-    height_m: HeightError | None = None
-    heading_arcmin: AttitudeError | None = None
+    """The initial errors of one side: those drawn, or the prior that the estimators assume."""
 
 
 class MapErrorSpec(Section):
-    """``[field.error]``: what is wrong with a map, see :mod:`ggbench.gravity.degraded_map`."""
+    """``[field.error]``: errors of a map; on one side, they replace the others as a whole."""
 
-    resolution_km: Wavelength | None = None
-    density_factor: DensityFactor = 1.0
-    white_noise_eotvos: MapNoise = 0.0
-    correlated_noise_eotvos: MapNoise = 0.0
-    correlation_km: Wavelength = 10.0
+    resolution_km: q.Wavelength | None = None
+    """Standard deviation of a horizontal Gaussian that smooths the map."""
+    density_factor: q.DensityFactor = 1.0
+    """Factor of the whole disturbing field."""
+    white_noise_eotvos: q.MapNoise = 0.0
+    """RMS of independent noise at each node and in each component."""
+    correlated_noise_eotvos: q.MapNoise = 0.0
+    """RMS of Γ_UU of a random harmonic field (all components) at the lowest nodes."""
+    correlation_km: q.Wavelength = 10.0
+    """Distance at which its correlation has fallen to 1/e."""
     seed: Annotated[int, Field(ge=0, le=2**31)] = 1
+    """Seed of the noise: the errors are the same in all runs."""
 
 
 class FieldSpec(Section):
     """``[field]``: the gradient map over the normal field, and what the accelerometers feel."""
 
     source: str
-    south_deg: Latitude = 0.0
-    north_deg: Latitude = 0.0
-    west_deg: Longitude = 0.0
-    east_deg: Longitude = 0.0
-    lowest_m: Height = 0.0
-    highest_m: Height = 0.0
-    spacing_arcmin: MapSpacing = 1.25
-    height_spacing_m: HeightSpacing = 500.0
+    """`"normal"` (no map), a shipped name, or the path of a map (`*.nc`, `*.npz`)."""
+    south_deg: q.Latitude = 0.0
+    """Bound around the flight and the INS errors. A map's file has its own; else give all four."""
+    north_deg: q.Latitude = 0.0
+    """Bound of the map, as `south_deg`."""
+    west_deg: q.Longitude = 0.0
+    """Bound of the map, as `south_deg`."""
+    east_deg: q.Longitude = 0.0
+    """Bound of the map, as `south_deg`."""
+    lowest_m: q.Height = 0.0
+    """Lowest layer of nodes; of a shipped source it must be given."""
+    highest_m: q.Height = 0.0
+    """Highest layer of nodes; of a shipped source it must be given."""
+    spacing_arcmin: q.MapSpacing = 1.25
+    """Spacing of the nodes in latitude and longitude; too wide for the height, it is refused."""
+    height_spacing_m: q.HeightSpacing = 500.0
+    """Spacing of the layers of nodes."""
     land_correction: bool = True
-    relief_smoothing_deg: ReliefSmoothing = 0.0
-    density_kg_m3: Density = 2670.0
+    """Whether the geoid on land is turned into the height anomaly (EGM2008 sources)."""
+    relief_smoothing_deg: q.ReliefSmoothing = 0.0
+    """Standard deviation of a smoothing of the relief before it is used."""
+    density_kg_m3: q.Density = 2670.0
+    """Density of the ground (terrain sources)."""
     gravity_disturbance: bool = False
+    """Whether the true accelerometers feel the gravity disturbance; the INS need not know it."""
     error: MapErrorSpec | None = None
 
 
+@changes(FieldSpec, but=("gravity_disturbance",))
 class FieldChange(Section):
-    """``[truth.field]``, ``[model.field]``: another field than ``[field]``, in part or whole."""
-
-    source: str | None = None
-    south_deg: Latitude | None = None
-    north_deg: Latitude | None = None
-    west_deg: Longitude | None = None
-    east_deg: Longitude | None = None
-    lowest_m: Height | None = None
-    highest_m: Height | None = None
-    spacing_arcmin: MapSpacing | None = None
-    height_spacing_m: HeightSpacing | None = None
-    land_correction: bool | None = None
-    relief_smoothing_deg: ReliefSmoothing | None = None
-    density_kg_m3: Density | None = None
-    error: MapErrorSpec | None = None
+    """``[truth.field]``, ``[model.field]``: the field of one side."""
 
 
 class TrueField(FieldChange):
-    """``[truth.field]``: also says what disturbing gravity the accelerometers feel."""
+    """``[truth.field]``: the true field, and the gravity disturbance that accelerometers feel."""
 
     gravity_disturbance: bool | None = None
-    constant_disturbance_mgal: Annotated[Listed[Disturbance], Field(min_length=3, max_length=3)] = (
-        0.0,
-        0.0,
-        0.0,
-    )
-    """East, north, up: felt beside the map's."""
+    """Whether the true accelerometers feel the gravity disturbance."""
+    constant_disturbance_mgal: Annotated[
+        Listed[q.Disturbance], Field(min_length=3, max_length=3)
+    ] = (0.0, 0.0, 0.0)
+    """East, north, up: felt in addition to the map's; needs `gravity_disturbance = true`."""
 
 
 class ModelField(FieldChange):
-    """``[model.field]``: also says whether the INS takes its map's disturbance into account."""
+    """``[model.field]``: the estimators' map, and whether the INS compensates for it."""
 
     compensate: bool = False
+    """Whether the mechanization adds the disturbance of this map at the indicated position.
+
+    It needs a map and `gravity_disturbance = true`.
+    """
 
 
 class DisturbanceSpec(Section):
     """``[model.disturbance]``: the gravity that the INS does not know, as three states.
 
-    A Gauss–Markov process along the track, ENU, of a standard deviation and a distance over which
-    its correlation falls to 1/e; a constant without a distance. With ``integrate_gradients`` the
-    INS adds what the gradiometer's readings say it has changed by, and the states are what is left:
-    what it was at the start, and a random walk of the readings' noise.
+    A Gauss–Markov process along the track, ENU, with a deviation and a correlation distance
+    (to 1/e); a constant without a distance. With ``integrate_gradients`` the INS adds the change
+    that the gradiometer measures. The states are the rest: the disturbance at the start, and a
+    random walk from the readings' noise.
     """
 
-    horizontal_mgal: DisturbanceSize
-    vertical_mgal: DisturbanceSize | None = None
-    distance_km: DisturbanceDistance | None = None
+    horizontal_mgal: q.DisturbanceSize
+    """Standard deviation of the east and the north component."""
+    vertical_mgal: q.DisturbanceSize | None = None
+    """Standard deviation of the up component. Without it: `horizontal_mgal`."""
+    distance_km: q.DisturbanceDistance | None = None
+    """Correlation distance along the track (first-order Gauss–Markov). Without it: a constant."""
     integrate_gradients: bool = False
+    """Whether the INS integrates the gradients; excludes `distance_km` and `compensate`."""
 
     def require_integrable(self, gradiometer: GradiometerSpec | None, compensate: bool) -> None:
-        """Raise ValueError if gradients are to be integrated that are not there to be."""
+        """Raise ValueError if gradients are to be integrated and cannot be."""
         if not self.integrate_gradients:
             return
         said = "disturbance.integrate_gradients"
@@ -255,82 +236,96 @@ class DisturbanceSpec(Section):
             )
         if gradiometer.bias_eotvos > 0.0 or gradiometer.drift_eotvos_per_sqrt_h > 0.0:
             raise ValueError(
-                f"{said} has no states for what a bias of the gradiometer adds up to: "
-                "bias_eotvos and drift_eotvos_per_sqrt_h must be 0 in what the estimators are told"
+                f"{said} has no states for the integral of a gradiometer bias: "
+                "bias_eotvos and drift_eotvos_per_sqrt_h must be 0 for the estimators"
             )
 
 
-FurtherSpecs = Named[GnssSpec | LogSpec | BarometerSpec | GravimeterSpec]
-"""``[further.<name>]``: sensors beside those of the kinds' own tables."""
-
-
 class TruthSpec(Section):
-    """``[truth]``: what the simulation does, and no estimator is told."""
+    """``[truth]``: what the simulation does, and no estimator knows."""
 
     imu: TrueImu = TrueImu()
     gradiometer: TrueGradiometer = TrueGradiometer()
     field: TrueField = TrueField()
     initial_error: InitialErrorChange = InitialErrorChange()
-    gnss: TrueGnss = TrueGnss()
-    velocity_log: TrueLog = TrueLog()
-    barometer: TrueBarometer = TrueBarometer()
-    gravimeter: TrueGravimeter = TrueGravimeter()
-    further: Named[TrueGnss | TrueLog | TrueBarometer | TrueGravimeter] = Named()
+    gnss: aiding.TrueGnss = aiding.TrueGnss()
+    velocity_log: aiding.TrueLog = aiding.TrueLog()
+    barometer: aiding.TrueBarometer = aiding.TrueBarometer()
+    gravimeter: aiding.TrueGravimeter = aiding.TrueGravimeter()
+    sensor: NamedSensors[
+        aiding.TrueGnss | aiding.TrueLog | aiding.TrueBarometer | aiding.TrueGravimeter
+    ] = NamedSensors()
 
 
 class ModelSpec(Section):
-    """``[model]``: what the estimators are told where it is not the truth."""
+    """``[model]``: what the estimators assume where it is not the truth."""
 
     imu: ImuChange = ImuChange()
     gradiometer: GradiometerChange = GradiometerChange()
     field: ModelField = ModelField()
     initial_error: InitialErrorChange = InitialErrorChange()
     disturbance: DisturbanceSpec | None = None
-    gnss: GnssChange = GnssChange()
-    velocity_log: LogChange = LogChange()
-    barometer: BarometerChange = BarometerChange()
-    gravimeter: GravimeterChange = GravimeterChange()
-    further: Named[GnssChange | LogChange | BarometerChange | GravimeterChange] = Named()
+    gnss: aiding.GnssChange = aiding.GnssChange()
+    velocity_log: aiding.LogChange = aiding.LogChange()
+    barometer: aiding.BarometerChange = aiding.BarometerChange()
+    gravimeter: aiding.GravimeterChange = aiding.GravimeterChange()
+    sensor: NamedSensors[
+        aiding.GnssChange | aiding.LogChange | aiding.BarometerChange | aiding.GravimeterChange
+    ] = NamedSensors()
 
 
 class Side(NamedTuple):
-    """Sensors, field and initial errors as one side has them: the truth or the model."""
+    """Sensors, field and initial errors of one side: the truth or the model."""
 
     imu: ImuSpec
     gradiometer: GradiometerSpec | None
     field: FieldSpec
     initial_error: InitialErrorSpec
-    gnss: GnssSpec | None
-    velocity_log: LogSpec | None
-    barometer: BarometerSpec | None
-    gravimeter: GravimeterSpec | None
-    further: FurtherSpecs
+    gnss: aiding.GnssSpec | None
+    velocity_log: aiding.LogSpec | None
+    barometer: aiding.BarometerSpec | None
+    gravimeter: aiding.GravimeterSpec | None
+    sensor: NamedSensors[aiding.AidingSpec]
 
 
 S = TypeVar("S", bound=Section)
 
 
+def merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
+    """Return ``base`` with ``change`` laid over it, table by table.
+
+    The ways to state the gradiometer's noise replace each other.
+    """
+    found = dict(base)
+    for key, value in change.items():
+        inner: Any = found.get(key)
+        tables = isinstance(value, Mapping) and isinstance(inner, Mapping)
+        found[key] = merged(inner, value) if tables else value
+    for new, old in (NOISES, NOISES[::-1]):
+        if new in change and old in base and old not in change:
+            found.pop(old)
+    of_disks = "accelerometer_noise_ng_per_sqrt_hz"
+    disks, changed_disks = found.get("rotating"), change.get("rotating")
+    if isinstance(changed_disks, Mapping) and of_disks in changed_disks:
+        for noise in set(NOISES) - set(change):
+            found.pop(noise, None)
+    elif isinstance(disks, Mapping) and any(noise in change for noise in NOISES):
+        found["rotating"] = {key: value for key, value in disks.items() if key != of_disks}
+    return found
+
+
 def changed(spec: S, change: Section) -> S:
-    """Return a table with what is given in ``change`` laid over it.
+    """Return a table with the given keys of ``change`` laid over it.
 
     Raises
     ------
     ValueError
         (pydantic's) if the result breaks a rule of the table.
     """
-    known = type(spec).model_fields
-    given: dict[str, Any] = {
-        key: value
-        for key, value in change.model_dump(exclude_defaults=True).items()
-        if key in known and key != "rotating"
+    own = type(spec).model_fields.keys() - {"rotating"}
+    given = {
+        key: value for key, value in change.model_dump(exclude_defaults=True).items() if key in own
     }
     if not given:
         return spec
-    content = spec.model_dump(exclude_unset=True)
-    for new, old in (NOISES, NOISES[::-1]):
-        if new in given and old not in given:
-            content.pop(old, None)
-    if content.get("rotating") and any(noise in given for noise in NOISES):
-        # A stated noise of the channels replaces the one that follows from the accelerometers.
-        content["rotating"].pop("accelerometer_noise_ng_per_sqrt_hz", None)
-    return type(spec).model_validate(content | given)
+    return type(spec).model_validate(merged(spec.model_dump(exclude_unset=True), given))

@@ -129,7 +129,8 @@ class Plane:
 
     Attributes
     ----------
-    title : what they share, "" if there is nothing else; suffix : the same in names of files.
+    title : what they share, "" if there is nothing else.
+    suffix : the same in names of files.
     cases : (n, m) their names; m is 1 without a second axis.
     rows : summary rows of the settled window, by case and estimator.
     """

@@ -1,12 +1,14 @@
-"""What the tables of a scenario file are made of: the base of all models, and kinds of numbers."""
+"""Building blocks of the models: their base class, lists, free tables, tables of changes."""
 
 from __future__ import annotations
 
-from typing import Annotated, Any, TypeVar
+from collections.abc import Callable, Sequence
+from typing import Annotated, Any, TypeVar, get_type_hints
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import BaseModel, ConfigDict, Field, create_model, field_validator
 
 T = TypeVar("T")
+S = TypeVar("S", bound="Section")
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Listed = Annotated[tuple[T, ...], Field(strict=False)]
@@ -14,9 +16,14 @@ Listed = Annotated[tuple[T, ...], Field(strict=False)]
 
 
 class Section(BaseModel):
-    """Base of all tables of a scenario file: strict types, no unknown keys; hashable."""
+    """Base of all tables of a scenario file: strict types, no unknown keys; hashable.
 
-    model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
+    The docstring of a field is its description in ``ggbench keys`` and in the JSON schema.
+    """
+
+    model_config = ConfigDict(
+        strict=True, extra="forbid", frozen=True, use_attribute_docstrings=True
+    )
 
     @field_validator("*")
     @classmethod
@@ -24,9 +31,43 @@ class Section(BaseModel):
         # Equal tables share what a process keeps of them, so they must mean the same to a bit.
         return 0.0 if isinstance(value, float) and value == 0.0 else value
 
+    def require_distinct(self, key: str, item: str) -> None:
+        """Raise ValueError if a list, whose members are called ``item``, has a member twice."""
+        values = getattr(self, key)
+        if len(set(values)) != len(values):
+            raise ValueError(f"{key} names {item} twice")
+
+
+def changes(spec: type[Section], but: Sequence[str] = ()) -> Callable[[type[S]], type[S]]:
+    """Return a decorator that gives a table the keys of another one, all of them optional.
+
+    Types, limits and descriptions are those of the other table; the default of each key is None.
+
+    Parameters
+    ----------
+    spec : Section class
+        The table that is changed.
+    but : sequence of str
+        Keys that cannot be changed.
+    """
+    hints = get_type_hints(spec, include_extras=True)
+    fields: dict[str, Any] = {
+        key: (hints[key] | None, Field(default=None, description=field.description))
+        for key, field in spec.model_fields.items()
+        if key not in but
+    }
+
+    def decorated(table: type[S]) -> type[S]:
+        return create_model(
+            table.__name__, __base__=table, __module__=table.__module__, __doc__=table.__doc__,
+            **fields,
+        )  # fmt: skip
+
+    return decorated
+
 
 class Table(tuple[tuple[str, Any], ...]):
-    """A table whose keys nobody knows beforehand, hashable: its keys with their values, sorted."""
+    """A free table, hashable: its keys with their values, sorted."""
 
     @classmethod
     def of(cls, table: Any) -> Table:
@@ -42,7 +83,7 @@ class Table(tuple[tuple[str, Any], ...]):
         return cls((key, _hashable(table[key])) for key in sorted(table))
 
     def content(self) -> dict[str, Any]:
-        """Return what it was made of."""
+        """Return the nested dicts and lists that :meth:`of` was given."""
         return {key: _content(value) for key, value in self}
 
 

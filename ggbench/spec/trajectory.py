@@ -1,4 +1,4 @@
-"""What ``[trajectory]`` of a scenario file may say."""
+"""Tables of the trajectory: initial state, segments, or a track."""
 
 from __future__ import annotations
 
@@ -24,30 +24,7 @@ from ..trajectory.manoeuvres import (
     repeated,
 )
 from ..trajectory.terrain_following import TerrainFollowing, terrain_path
-from .quantities import (
-    Acceleration,
-    Angle,
-    AngularRate,
-    Bank,
-    Clearance,
-    Duration,
-    Height,
-    HeightDifference,
-    Incline,
-    InclineLimit,
-    Kilometres,
-    LargestAcceleration,
-    Latitude,
-    Longitude,
-    Pitch,
-    Radius,
-    Roll,
-    Smoothing,
-    Speed,
-    TrackAcceleration,
-    Turns,
-    VerticalSpeed,
-)
+from . import quantities as q
 from .tables import Listed, Section
 
 if TYPE_CHECKING:
@@ -64,7 +41,7 @@ _CHOICES: dict[str, tuple[tuple[str, ...], ...]] = {
     "speed": (("to_speed_mps",), ("acceleration_mps2",)),
     "terrain-following": (("terrain",), ("clearance_m",), ("duration_s", "distance_km")),
 }
-"""Of each group of keys a kind of segment needs exactly one."""
+"""Groups of keys; a kind of segment needs exactly one key of each of its groups."""
 _OPTIONS: dict[str, tuple[str, ...]] = {
     "rates": ("turn_rate_deg_per_s", "acceleration_mps2", "climb_rate_deg_per_s"),
     "cruise": (),
@@ -73,33 +50,54 @@ _OPTIONS: dict[str, tuple[str, ...]] = {
     "speed": (),
     "terrain-following": ("lowest_m", "max_climb_angle_deg", "max_vertical_acceleration_mps2"),
 }
-"""Keys that a kind of segment may have besides."""
+"""Further keys that a kind of segment may have."""
 
 
 class SegmentSpec(Section):
-    """One ``[[trajectory.segment]]``."""
+    """``[[trajectory.segment]]``: segments of the flight, which are flown in order."""
 
     kind: Kind = "rates"
-    duration_s: Duration | None = None
-    distance_km: Kilometres | None = None
-    turn_rate_deg_per_s: AngularRate = 0.0
-    acceleration_mps2: Acceleration = 0.0
-    climb_rate_deg_per_s: AngularRate = 0.0
-    to_height_m: Height | None = None
-    by_height_m: HeightDifference | None = None
-    climb_angle_deg: Incline | None = None
-    vertical_speed_mps: VerticalSpeed | None = None
-    max_vertical_acceleration_mps2: LargestAcceleration = 2.0
-    to_heading_deg: Angle | None = None
-    by_heading_deg: Turns | None = None
+    """The manoeuvre, which decides on the other keys of the segment."""
+    duration_s: q.Duration | None = None
+    """`rates`, `cruise`, `terrain-following`: duration; the last two may have `distance_km`."""
+    distance_km: q.Kilometres | None = None
+    """`cruise`, `terrain-following`: distance; or give `duration_s`."""
+    turn_rate_deg_per_s: q.AngularRate = 0.0
+    """`rates`: rate, positive to the right; `turn`: positive; or give `bank_deg` or `radius_m`."""
+    acceleration_mps2: q.Acceleration = 0.0
+    """`rates`: along the path; `speed`: positive."""
+    climb_rate_deg_per_s: q.AngularRate = 0.0
+    """`rates`: rate of the climb angle."""
+    to_height_m: q.Height | None = None
+    """`climb`: height to reach; or give `by_height_m`."""
+    by_height_m: q.HeightDifference | None = None
+    """`climb`: difference of height, positive upwards; or give `to_height_m`."""
+    climb_angle_deg: q.Incline | None = None
+    """`climb`: angle; or give `vertical_speed_mps`."""
+    vertical_speed_mps: q.VerticalSpeed | None = None
+    """`climb`: vertical speed; or give `climb_angle_deg`."""
+    max_vertical_acceleration_mps2: q.LargestAcceleration = 2.0
+    """`climb`, `terrain-following`: largest vertical acceleration."""
+    to_heading_deg: q.Angle | None = None
+    """`turn`: heading to reach; or give `by_heading_deg`."""
+    by_heading_deg: q.Turns | None = None
+    """`turn`: angle, positive to the right; or give `to_heading_deg`."""
     direction: Literal["left", "right", "shorter"] = "shorter"
-    bank_deg: Bank | None = None
-    radius_m: Radius | None = None
-    to_speed_mps: Speed | None = None
+    """`turn` with `to_heading_deg`: sense of rotation."""
+    bank_deg: q.Bank | None = None
+    """`turn`: bank angle of an aircraft; or give `turn_rate_deg_per_s` or `radius_m`."""
+    radius_m: q.Radius | None = None
+    """`turn`: radius; or give `turn_rate_deg_per_s` or `bank_deg`."""
+    to_speed_mps: q.Speed | None = None
+    """`speed`: speed to reach."""
     terrain: Annotated[str, Field(min_length=1)] | None = None
-    clearance_m: Clearance | None = None
-    lowest_m: Height | None = None
-    max_climb_angle_deg: InclineLimit = 10.0
+    """`terrain-following`: path of an elevation model, or `jacksboro_dem_3arcsec.npz` (shipped)."""
+    clearance_m: q.Clearance | None = None
+    """`terrain-following`: least height above the terrain."""
+    lowest_m: q.Height | None = None
+    """`terrain-following`: lowest height above the ellipsoid. Without it: no limit."""
+    max_climb_angle_deg: q.InclineLimit = 10.0
+    """`terrain-following`: largest climb angle."""
 
     @model_validator(mode="after")
     def _check(self) -> SegmentSpec:
@@ -193,20 +191,33 @@ _TRACK = ("max_gap_s", "max_acceleration_mps2", "smoothing_s")
 class TrajectorySpec(Section):
     """``[trajectory]``: initial state and segments of the true flight, or the file of a track."""
 
-    latitude_deg: Latitude | None = None
-    longitude_deg: Longitude | None = None
-    height_m: Height | None = None
-    speed_mps: Speed | None = None
-    heading_deg: Angle | None = None
-    pitch_deg: Pitch = 0.0
-    roll_deg: Roll = 0.0
+    latitude_deg: q.Latitude | None = None
+    """Latitude at the start; must be given with segments."""
+    longitude_deg: q.Longitude | None = None
+    """Longitude at the start; must be given with segments."""
+    height_m: q.Height | None = None
+    """Height at the start, above the ellipsoid; must be given with segments."""
+    speed_mps: q.Speed | None = None
+    """Speed at the start, along the path; must be given with segments."""
+    heading_deg: q.Angle | None = None
+    """Heading at the start, clockwise from north; must be given with segments."""
+    pitch_deg: q.Pitch = 0.0
+    """Added to the pitch throughout; of a track: where its file gives no attitude."""
+    roll_deg: q.Roll = 0.0
+    """Added to the roll throughout; of a track: where its file gives no attitude."""
     segment: Listed[SegmentSpec] = ()
     repeat: Annotated[int, Field(ge=1, le=1000)] = 1
+    """Number of times that all segments are flown."""
     vehicle: Literal["aircraft", "ship"] = "aircraft"
+    """An aircraft banks into its turns and pitches with its climb angle; a ship stays level."""
     file: Annotated[str, Field(min_length=1)] | None = None
-    max_gap_s: Duration | None = None
-    max_acceleration_mps2: TrackAcceleration = 50.0
-    smoothing_s: Smoothing = 0.0
+    """Name of a shipped track, or path of a track (CSV), in place of start and segments."""
+    max_gap_s: q.Duration | None = None
+    """Track: longest time between two rows. Without it: five median steps."""
+    max_acceleration_mps2: q.TrackAcceleration = 50.0
+    """Track: largest acceleration that its positions may need."""
+    smoothing_s: q.Smoothing = 0.0
+    """Track: period at which a smoothing spline halves the amplitude; 0: no smoothing."""
 
     @model_validator(mode="after")
     def _check(self) -> TrajectorySpec:
@@ -215,7 +226,7 @@ class TrajectorySpec(Section):
             for key in (*_START, "segment", "repeat"):
                 if key in given:
                     raise ValueError(
-                        f"'{key}' cannot stand beside 'file', which says where and how to fly; "
+                        f"'{key}' cannot be given with 'file', which says where and how to fly; "
                         "remove one of them"
                     )
             return self
@@ -310,7 +321,7 @@ class TrajectorySpec(Section):
 
 
 def file_versions(spec: TrajectorySpec) -> tuple[tuple[int, int], ...]:
-    """Return what changes when a file of the flight is written anew: time and size of each.
+    """Return time of change and size of each file of the flight.
 
     Raises
     ------

@@ -21,8 +21,10 @@ class CsvText:
 
     Attributes
     ----------
-    names : of the columns, in lower case. separator : between fields.
-    rows : the lines below. line : number of the line that names the columns, from 1.
+    names : of the columns, in lower case.
+    separator : between fields.
+    rows : the lines below.
+    line : number of the line that names the columns, from 1.
     """
 
     names: list[str]
@@ -38,7 +40,8 @@ class CsvText:
 
         Parameters
         ----------
-        content : of the file. wanted : which columns it is to have, as a message says it.
+        content : of the file.
+        wanted : which columns it is to have, as a message says it.
 
         Raises
         ------

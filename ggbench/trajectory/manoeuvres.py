@@ -280,7 +280,9 @@ def plan(
 
     Parameters
     ----------
-    start : of the flight. manoeuvres : in the order of the flight. dt : sampling interval [s].
+    start : of the flight.
+    manoeuvres : in the order of the flight.
+    dt : sampling interval [s].
     size : number of manoeuvres in the file, of which the others are repetitions (for messages).
 
     Returns

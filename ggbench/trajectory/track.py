@@ -74,7 +74,8 @@ def read_track(file: str, limits: TrackLimits) -> Track:
 
     Parameters
     ----------
-    file : path. limits : what the track may look like.
+    file : path.
+    limits : what the track may look like.
 
     Raises
     ------
@@ -278,7 +279,8 @@ def resample(
 
     Parameters
     ----------
-    track : as read. dt : sampling interval [s].
+    track : as read.
+    dt : sampling interval [s].
     pitch, roll : added to those of coordinated flight where the track gives none [rad].
     banks : whether the vehicle leans into its turns and pitches with its climb angle.
 

@@ -28,9 +28,11 @@ class Trajectory:
 
     Attributes
     ----------
-    times : (N + 1,) [s]. dt : interval [s].
+    times : (N + 1,) [s].
+    dt : interval [s].
     positions : (N + 1, 3) geodetic latitude, longitude [rad], height [m].
-    velocities : (N + 1, 3) ENU [m/s]. attitudes : (N + 1, 3, 3) C_nb.
+    velocities : (N + 1, 3) ENU [m/s].
+    attitudes : (N + 1, 3, 3) C_nb.
     """
 
     times: np.ndarray
@@ -77,7 +79,8 @@ def fly(
     position : (3,) latitude, longitude [rad], height [m].
     speed, heading : [m/s], clockwise from north [rad].
     pitch, roll : attitude in straight and level flight [rad].
-    segments : flown one after the other. dt : sampling interval [s].
+    segments : flown one after the other.
+    dt : sampling interval [s].
     banks : whether the vehicle leans into its turns and pitches with its climb angle.
     size : number of segments, of which those beyond it are repetitions (for messages).
 
@@ -111,7 +114,8 @@ def along(track: Track, dt: float, pitch: float, roll: float, banks: bool = True
 
     Parameters
     ----------
-    track : from :func:`.track.read_track`. dt : sampling interval [s].
+    track : from :func:`.track.read_track`.
+    dt : sampling interval [s].
     pitch, roll, banks : as in :func:`fly`, where the track has no attitudes.
 
     Raises

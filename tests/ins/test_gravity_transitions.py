@@ -16,8 +16,8 @@ from ggbench.ins import error_model, strapdown
 from ggbench.ins.known_gravity import NORMAL_GRAVITY, KnownGravity, of_readings
 from ggbench.numerics.lanes import in_lanes
 from ggbench.sensors.aiding import Motion
-from ggbench.simulation.equipment import equip
 from ggbench.simulation.instruments import GravityState
+from ggbench.simulation.sensor_suite import suite_of_case
 from ggbench.trajectory.truth import Trajectory
 
 SIZES = (2e-4, 3e-4, 1e-4)
@@ -52,15 +52,15 @@ def test_transitions_are_van_loans(distance, walk, wandering):
     motion = Motion(truth.positions, truth.velocities, truth.attitudes)
     plain = error_model.system_matrices(*motion, flight.delta_velocities, dt)
     times = (20.0, 50.0) if wandering else (math.inf, math.inf)
-    base = equip(flight.case, "model")
+    base = suite_of_case(flight.case, "model")
     imu = dataclasses.replace(base.imu, gyro_bias_time=times[0], accelerometer_bias_time=times[1])
-    equipment = dataclasses.replace(base, imu=imu, disturbance=GravityState(SIZES, distance, walk))
+    suite = dataclasses.replace(base, imu=imu, disturbance=GravityState(SIZES, distance, walk))
     epochs = np.array([10, 11, 40])
     gravity, tensors = NORMAL_GRAVITY, np.zeros((len(truth.times), 3, 3))
     if walk is not None:
         gravity, tensors = read_at(np.array([5, 12, 20]), truth)
-    transition, process_cov = equipment.system(motion, flight.delta_velocities, epochs, dt, gravity)
-    matrices, driving = equipment.complete(plain.copy())
+    transition, process_cov = suite.system(motion, flight.delta_velocities, epochs, dt, gravity)
+    matrices, driving = suite.complete(plain.copy())
     start = 0
     for k, end in enumerate(epochs):
         phi, q = np.eye(18), np.zeros((18, 18))

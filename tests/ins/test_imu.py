@@ -17,9 +17,9 @@ from ggbench.ins import error_model
 from ggbench.ins.imu import Imu, SensorErrors
 from ggbench.numerics.lanes import out_of_lanes, unfilled
 from ggbench.sensors.aiding import Motion
-from ggbench.simulation.equipment import equip
 from ggbench.simulation.random_streams import random_streams
 from ggbench.simulation.runs import simulate
+from ggbench.simulation.sensor_suite import suite_of_case
 from ggbench.spec.sensors import FEWEST_STEPS
 
 GYRO, ACCELEROMETER = 5e-6, 1e-3
@@ -98,10 +98,10 @@ def test_transitions_of_wandering_biases_are_van_loans(times):
         truth.positions, truth.velocities, truth.attitudes, flight.delta_velocities, dt
     )
     imu = Imu(GYRO, ACCELEROMETER, 1e-5, 1e-3, False, *times)
-    equipment = dataclasses.replace(equip(flight.case, "model"), imu=imu)
+    suite = dataclasses.replace(suite_of_case(flight.case, "model"), imu=imu)
     epochs = np.array([10, 11, 40])
     motion = Motion(truth.positions, truth.velocities, truth.attitudes)
-    transition, process_cov = equipment.system(motion, flight.delta_velocities, epochs, dt)
+    transition, process_cov = suite.system(motion, flight.delta_velocities, epochs, dt)
     decay = np.repeat([1.0 / times[0], 1.0 / times[1]], 3)
     power = np.repeat([GYRO**2 / times[0], ACCELEROMETER**2 / times[1]], 3) * 2.0
     noise = np.diag(np.r_[np.zeros(3), np.full(3, 1e-6), np.full(3, 1e-10), power])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from problems import LinearModel, block_of_runs, linear_problem
 
-from ggbench.engines.windows import section
+from ggbench.engines.window_search import section
 from ggbench.problem import AlongModel, Problem, jacobian_along, predict_along
 from ggbench.sensors.model import SensorModel
 

@@ -191,7 +191,7 @@ def test_the_paper_survives_noise_behind_its_filter_that_nobody_is_told_of(name)
     true = TrueGradiometer(noise_behind_filter_eotvos=0.01 * sigma)
     case = made.case.model_copy(update={"truth": TruthSpec(gradiometer=true)})
     noisy = dataclasses.replace(made, case=case)
-    estimator = registry.choose("ekf[engine=numba]").estimator
+    estimator = registry.choose("ekf").estimator
     errors, nees = [], []
     for each in (made, noisy):
         problems, truth = simulate_block(each, 23, range(40))
@@ -216,7 +216,7 @@ def test_a_filter_with_a_large_transient_misleads_nobody(treatment, cutoff):
     gradiometer = made.case.gradiometer.model_copy(update=changes)
     case = made.case.model_copy(update={"gradiometer": gradiometer})
     problems, truth = simulate_block(dataclasses.replace(made, case=case), 24, range(40))
-    found = registry.choose("ekf[engine=numba]").estimator.estimate_block(problems)
+    found = registry.choose("ekf").estimator.estimate_block(problems)
     judged, _ = evaluate_block(truth.error_state, found.mean, found.cov)
     assert judged.nees[:, 100:].mean() == pytest.approx(6.0, rel=0.15)
 

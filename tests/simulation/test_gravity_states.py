@@ -116,7 +116,7 @@ def test_the_bound_knows_the_states():
         (CONSTANT | STATES | INTEGRATED | {"gradiometer": None} | ON_BOARD, "none is on board"),
         (CONSTANT | STATES | INTEGRATED | {"gradiometer.instrument": "platform"}, "local-level"),
         (CONSTANT | STATES | INTEGRATED | {"gradiometer.filter": "butterworth"}, "without delay"),
-        (CONSTANT | STATES | INTEGRATED | {"gradiometer.bias_eotvos": 1.0}, "no states for what"),
+        (CONSTANT | STATES | INTEGRATED | {"gradiometer.bias_eotvos": 1.0}, "no states for th"),
         (CONSTANT | STATES | INTEGRATED | {"gradiometer.components": ["xx", "zz"]},
          "whole tensor, and xx, zz leave some of it open"),
         (CONSTANT | STATES | INTEGRATED | {"gradiometer.components": ["xx", "xy", "xz", "yz"]},

@@ -56,8 +56,8 @@ def test_a_case_survives_the_store():
         small_case({"truth.gradiometer.noise_density_eotvos_per_sqrt_hz": 0.1}),
         small_case({"field.source": "a.npz", "model.field.error": {"density_factor": 1.1}}),
         small_case(
-            SEVERAL | {"truth.further.stern.dropouts_s": [[1.0, 2.0]],
-                       "model.further.sea_level.bias_m": 0.0}
+            SEVERAL | {"truth.sensor.stern.dropouts_s": [[1.0, 2.0]],
+                       "model.sensor.sea_level.bias_m": 0.0}
         ),
     ]  # fmt: skip
     for case in cases:
@@ -340,7 +340,7 @@ BAD = {
         GRADIOMETER,
         "[gradiometer.rotating]\nbaseline_m = 0.5\nrotation_hz = 0.5\n"
         f'{GRADIOMETER}\ncomponents = ["zz"]',
-        r"gradiometer: components must not be given beside \[gradiometer.rotating\]",
+        r"gradiometer: components must not be given with \[gradiometer.rotating\]",
     ),
     "no whole number of half turns": (
         GRADIOMETER,

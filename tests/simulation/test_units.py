@@ -28,17 +28,17 @@ from small_cases import (
 )
 
 from ggbench.gravity import parker
-from ggbench.judging import locking
+from ggbench.judging import convergence
 from ggbench.judging.run_errors import window_mask
 from ggbench.maps import recipe
 from ggbench.sensors.aiding import Motion
 from ggbench.simulation import field_source
-from ggbench.simulation.equipment import Equipment
 from ggbench.simulation.error_free_flight import Flight
 from ggbench.simulation.runs import simulate
+from ggbench.simulation.sensor_suite import SensorSuite
 from ggbench.spec.aiding import AIDING
 from ggbench.spec.case import CampaignSpec, CaseSpec, SweepSpec, WindowsSpec
-from ggbench.spec.further import Named
+from ggbench.spec.named_sensors import NamedSensors
 from ggbench.spec.trajectory import SegmentSpec, TrajectorySpec
 
 EOTVOS = 1e-9 / u.s**2
@@ -85,7 +85,7 @@ E = 1e-9
 
 # Sensors and initial errors: what a flight has.
 
-Read = Callable[[Flight, Equipment], float]
+Read = Callable[[Flight, SensorSuite], float]
 Row = tuple[float, Read] | tuple[float, Read, dict[str, Any]]
 
 
@@ -102,12 +102,12 @@ def decay(state: int) -> Read:
     return lambda f, e: -1.0 / e.complete(np.zeros((1, 15, 15)))[0][0, state, state]
 
 
-def noise(f: Flight, e: Equipment) -> float:
+def noise(f: Flight, e: SensorSuite) -> float:
     """RMS of a reading, as R has it."""
     return E * math.sqrt(e.noise_cov[0, 0])
 
 
-def walk(f: Flight, e: Equipment) -> float:
+def walk(f: Flight, e: SensorSuite) -> float:
     """The root of what Q adds to a bias of the gradiometer in a second."""
     still = Motion(*(a[:11] for a in (f.trajectory.positions, f.trajectory.velocities)),
                    f.trajectory.attitudes[:11])  # fmt: skip
@@ -115,14 +115,14 @@ def walk(f: Flight, e: Equipment) -> float:
     return E * math.sqrt(q[0, 15, 15])
 
 
-def behind(f: Flight, e: Equipment) -> float:
+def behind(f: Flight, e: SensorSuite) -> float:
     """RMS of what is drawn, by the same numbers as a noise before the filter."""
     drawn = e.gradiometer.noise_behind(50, np.random.default_rng(1))
     unit = e.gradiometer.noise(50, np.random.default_rng(1)) / e.gradiometer.noise_eotvos
     return E * float(np.median(drawn / unit))
 
 
-def accelerometer(f: Flight, e: Equipment) -> float:
+def accelerometer(f: Flight, e: SensorSuite) -> float:
     """Root PSD of one of four whose signals a disk of baseline b adds up over T: √2 a / (b √T)."""
     return noise(f, e) * 0.5 / math.sqrt(2.0)
 
@@ -130,7 +130,7 @@ def accelerometer(f: Flight, e: Equipment) -> float:
 def channel(name: str) -> Read:
     """RMS of a reading of a channel, as R has it, the rate of whose sensor need not be known."""
 
-    def read(f: Flight, e: Equipment) -> float:
+    def read(f: Flight, e: SensorSuite) -> float:
         at = [c.name for c in e.channels].index(name)
         unit = 1e-5 if e.channels[at].unit == "mGal" else 1.0
         return unit * math.sqrt(e.noise_cov[at, at])
@@ -141,7 +141,7 @@ def channel(name: str) -> Read:
 def bias(block: str) -> Read:
     """σ of the bias of a sensor at the start."""
 
-    def read(f: Flight, e: Equipment) -> float:
+    def read(f: Flight, e: SensorSuite) -> float:
         states = {b.name: b for b in e.layout}[block]
         unit = 1e-5 if states.unit == "mGal" else 1.0
         return unit * math.sqrt(e.prior_cov[states.slice, states.slice][0, 0])
@@ -280,11 +280,11 @@ OF_THE_TRUTH: dict[str, Row] = {
 
 
 OWN = "a_"
-"""What the name of the further sensor of each kind begins with."""
+"""What the name of the named sensor of each kind begins with."""
 
 
 def keys_of(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
-    """Dotted keys of all numbers of a table, and of one further sensor of each kind."""
+    """Dotted keys of all numbers of a table, and of one named sensor of each kind."""
 
     def parts(annotation: Any) -> Iterator[Any]:
         yield annotation
@@ -292,9 +292,10 @@ def keys_of(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
             yield from parts(part)
 
     for name, field in model.model_fields.items():
-        if get_origin(field.annotation) is Named:
+        if get_origin(field.annotation) is NamedSensors:
             for table in get_args(get_args(field.annotation)[0]):
-                yield from keys_of(table, f"{prefix}{name}.{OWN}{table.kind}.")
+                kind = table.model_fields["kind"].default
+                yield from keys_of(table, f"{prefix}{name}.{OWN}{kind}.")
             continue
         found = list(parts(field.annotation))
         tables = [t for t in found if isinstance(t, type) and issubclass(t, BaseModel)]
@@ -307,8 +308,8 @@ def keys_of(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
 KEYS = {
     *keys_of(CaseSpec), *keys_of(CampaignSpec, "campaign."), *keys_of(SweepSpec, "sweep."),
 }  # fmt: skip
-FURTHER = {
-    f"{side}further.{OWN}{key}": (f"{side}{key}", row, sides)
+NAMED = {
+    f"{side}sensor.{OWN}{key}": (f"{side}{key}", row, sides)
     for rows, ways in (
         (SHARED, (("", ("true", "model")), ("truth.", ("true",)), ("model.", ("model",)))),
         (OF_THE_TRUTH, (("truth.", ("true",)),)),
@@ -317,7 +318,7 @@ FURTHER = {
     for side, sides in ways
     if key.partition(".")[0] in AIDING and f"{side}{key}" in KEYS
 }
-"""Keys of further sensors: that of the kind's own table, its row, and which sides have it."""
+"""Keys of named sensors: that of the kind's own table, its row, and which sides have it."""
 SENSORS = {
     **{key: (row, ("true", "model")) for key, row in SHARED.items()},
     **{f"truth.{key}": (row, ("true",)) for key, row in SHARED.items() if f"truth.{key}" in KEYS},
@@ -348,23 +349,23 @@ def test_sensors_and_initial_errors(key, rough):
         assert read(flight, getattr(flight, side)) == pytest.approx(si(key, value), rel=1e-9)
 
 
-@pytest.mark.parametrize("key", FURTHER)
-def test_further_sensors(key, rough):
-    """Each key is, of a further sensor, what it is in the own table of the sensor's kind."""
-    of_kind, (value, read, *rest), sides = FURTHER[key]
+@pytest.mark.parametrize("key", NAMED)
+def test_named_sensors(key, rough):
+    """Each key is, of a named sensor, what it is in the own table of the sensor's kind."""
+    of_kind, (value, read, *rest), sides = NAMED[key]
     kind = of_kind.split(".")[-2]
     context = dict(rest[0]) | ({"field": {"source": rough}} if "field" in rest[0] else {})
-    own = {name.replace(f"{kind}.", f"further.{OWN}{kind}."): x for name, x in context.items()}
-    flight = small_flight(own | {f"further.{OWN}{kind}.kind": kind, key: value})
+    own = {name.replace(f"{kind}.", f"sensor.{OWN}{kind}."): x for name, x in context.items()}
+    flight = small_flight(own | {f"sensor.{OWN}{kind}.kind": kind, key: value})
     for side in sides:
-        equipment = dataclasses.replace(
+        suite = dataclasses.replace(
             getattr(flight, side),
             aiding=tuple(
                 dataclasses.replace(s, label="") if s.label == f"{OWN}{kind}" else s
                 for s in getattr(flight, side).aiding
             ),
         )
-        assert read(flight, equipment) == pytest.approx(si(key, value), rel=1e-9)
+        assert read(flight, suite) == pytest.approx(si(key, value), rel=1e-9)
 
 
 def test_the_truth_draws_what_the_rows_read():
@@ -581,7 +582,7 @@ def test_windows():
     assert settled[0] == pytest.approx(si("settled_from_s", 40.0))
     assert last[0] == pytest.approx(times[-1] - si("last_s", 12.0) + 0.1)
     errors = si("lock_m", 30.0) * np.array([[0.999], [1.001]]) * np.ones((1, 1000))
-    found, _ = locking.judge(errors, np.full((2, 3), np.nan), times, windows.lock_m)
+    found, _ = convergence.judge(errors, np.full((2, 3), np.nan), times, windows.lock_m)
     assert np.isfinite(found).tolist() == [True, False]
 
 
@@ -596,7 +597,7 @@ WITHOUT_UNIT = {
     "truth.gradiometer.noise_freedom",
     *(f"truth.{name}.{what}_share" for name in ("gradiometer", *AIDING)
       for what in ("outlier", "dropout")), "trajectory.repeat",
-    *(f"truth.further.{OWN}{name}.{what}_share" for name in AIDING
+    *(f"truth.sensor.{OWN}{name}.{what}_share" for name in AIDING
       for what in ("outlier", "dropout")),
     "campaign.runs", "campaign.seed", "campaign.assumption_runs", "sweep.axis.values",
     *(f"{side}field.error.{key}" for side in SIDES for key in ("density_factor", "seed")),
@@ -613,8 +614,8 @@ def test_every_number_has_a_row():
         *(f"{side}field.{key}" for side in SIDES for key in FIELD),
         *(f"{side}field.error.{key}" for side in SIDES for key in ERROR),
         *(f"windows.{key}" for key in ("settled_from_s", "last_s", "lock_m")),
-        *ONLY_SHOWN, *IN_SECONDS, *FURTHER,
-        *(f"truth.further.{OWN}{name}.dropouts_s" for name in AIDING),
+        *ONLY_SHOWN, *IN_SECONDS, *NAMED,
+        *(f"truth.sensor.{OWN}{name}.dropouts_s" for name in AIDING),
     }  # fmt: skip
     assert rows | WITHOUT_UNIT == KEYS
     assert [key for key in rows if unit_of(key) is None] == []

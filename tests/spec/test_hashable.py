@@ -37,9 +37,9 @@ EVERYTHING = (
         "truth.gradiometer.dropouts_s": [[1.0, 2.0], [3.0, 4.0]],
         "truth.field.error": {"seed": 2},
         "model.field.error": {"seed": 3},
-        "truth.further.water_track.outlier_share": 0.1,
-        "truth.further.water_track.outlier_mps": 1.0,
-        "model.further.stern.position_noise_m": 9.0,
+        "truth.sensor.water_track.outlier_share": 0.1,
+        "truth.sensor.water_track.outlier_mps": 1.0,
+        "model.sensor.stern.position_noise_m": 9.0,
     }
 )
 """Changes of the small case that give it every table that a case may have."""
@@ -115,7 +115,7 @@ def test_cases_that_differ_in_any_key_are_two():
     others = list(variants(case))
     assert len(others) > 150
     assert case not in others
-    assert {"stern", "water_track"} < dict(case.further).keys()
+    assert {"stern", "water_track"} < dict(case.sensor).keys()
     assert len({case, *others}) == len({hash(item) for item in (case, *others)}) == 1 + len(others)
     again = small_case(EVERYTHING)
     assert again is not case

@@ -17,7 +17,7 @@ from ggbench.errors import GGBenchError
 from ggbench.simulation.error_free_flight import prepare
 from ggbench.spec import scenario
 from ggbench.spec.case import CampaignSpec, ReferenceSpec, SweepSpec
-from ggbench.spec.oddities import limits_of, oddities
+from ggbench.spec.unusual_values import limits_of, unusual_values
 
 SMALLEST = 5e-324
 ABSURD = {
@@ -168,25 +168,25 @@ ODD = SMALL.replace("speed_mps = 250.0", "speed_mps = 2500.0").replace(
     "attitude_arcmin = ", "attitude_arcmin = 0.00001 # "
 )
 SENTENCES = (
-    "trajectory.speed_mps = 2500 is odd (0.5 to 1000 is usual)",
-    "initial_error.attitude_arcmin = 1e-05 is odd (0.0001 to 300 is usual)",
+    "trajectory.speed_mps = 2500 is unusual (0.5 to 1000 is usual)",
+    "initial_error.attitude_arcmin = 1e-05 is unusual (0.0001 to 300 is usual)",
 )
 
 
 def test_odd_values_are_named():
     """Each once, however many cases have it; 0 where nothing is meant is not odd."""
-    assert oddities(scenario.parse(tomllib.loads(ODD), "odd", "odd")) == [
+    assert unusual_values(scenario.parse(tomllib.loads(ODD), "odd", "odd")) == [
         f"{sentence}, in case base and 1 more" for sentence in SENTENCES
     ]
     plain = SMALL.replace("gyro_bias_deg_per_h = ", "gyro_bias_deg_per_h = 0.0 # ")
-    assert oddities(scenario.parse(tomllib.loads(plain), "plain", "plain")) == []
+    assert unusual_values(scenario.parse(tomllib.loads(plain), "plain", "plain")) == []
 
 
 @pytest.mark.parametrize("name", scenario.shipped())
 def test_nothing_of_the_library_is_odd(name):
     """But for the speed of the one flight that is hypersonic, which is meant."""
-    meant = {"richeson2008": ["trajectory.speed_mps = 1800 is odd"]}
-    found = [sentence.partition(" (")[0] for sentence in oddities(scenario.load(name))]
+    meant = {"richeson2008": ["trajectory.speed_mps = 1800 is unusual"]}
+    found = [sentence.partition(" (")[0] for sentence in unusual_values(scenario.load(name))]
     assert found == meant.get(name, [])
 
 

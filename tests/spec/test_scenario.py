@@ -281,7 +281,7 @@ def test_notes_are_read_from_beside_the_file_and_nowhere_else(tmp_path):
     assert scenario.load(str(path)).notes == "Note well."
     for name in ('"../notes.md"', '"/etc/hostname"', "3"):
         path.write_text(f"notes = {name}\n" + SMALL)
-        with pytest.raises(ScenarioError, match="notes must name a file beside the scenario"):
+        with pytest.raises(ScenarioError, match="notes must name a file next to the scenario"):
             scenario.load(str(path))
     path.write_text('notes = "gone.md"\n' + SMALL)
     with pytest.raises(ScenarioError, match=r"small.toml: notes gone.md: cannot be read"):

@@ -19,33 +19,41 @@ from ggbench.simulation.error_free_flight import Flight, prepare
 from ggbench.simulation.field_source import map_recipe
 from ggbench.simulation.runs import simulate
 from ggbench.spec import scenario
-from ggbench.spec.case import CaseSpec
 from ggbench.spec.gradiometer import GradiometerChange, TrueGradiometer
 
 SAMPLES = 20_000
 """IMU samples beyond which one case of a scenario stands for all."""
+load = functools.cache(scenario.load)
 
 
-def chosen(name: str) -> list[CaseSpec]:
-    """The cases of a scenario, or one of a sweep or of long flights."""
-    loaded = scenario.load(name)
+def chosen(name: str) -> list[str]:
+    """The cases of a scenario, or the first of a sweep or of long flights."""
+    loaded = load(name)
     first = loaded.cases[0]
     long = first.trajectory.duration_s > SAMPLES * first.imu.period_s
-    return list(loaded.cases[:1] if long or loaded.sweep else loaded.cases)
+    return [case.name for case in (loaded.cases[:1] if long or loaded.sweep else loaded.cases)]
 
 
-CASES = [(name, case.name) for name in scenario.shipped() for case in chosen(name)]
+each_case = pytest.mark.parametrize(
+    ("name", "case"),
+    [
+        pytest.param(name, case, marks=pytest.mark.long if number else ())
+        for name in scenario.shipped()
+        for number, case in enumerate(chosen(name))
+    ],
+)
+"""The first case of a scenario is daily, its other cases are long."""
 
 
 @functools.cache
 def flown(name: str, case: str) -> Flight:
-    return prepare(over_the_normal_field(scenario.load(name).case(case)))
+    return prepare(over_the_normal_field(load(name).case(case)))
 
 
 @pytest.mark.parametrize("name", scenario.shipped())
 def test_a_shipped_scenario_names_estimators_that_exist(name):
     """A campaign of it can begin."""
-    loaded = scenario.load(name)
+    loaded = load(name)
     chosen = registry.choose_all(
         [*loaded.campaign.estimators, loaded.campaign.assumption_estimator]
     )
@@ -53,25 +61,24 @@ def test_a_shipped_scenario_names_estimators_that_exist(name):
     assert loaded.notes
 
 
-@pytest.mark.parametrize("name", scenario.shipped())
-def test_a_shipped_flight_stays_within_its_maps(name):
+@each_case
+def test_a_shipped_flight_stays_within_its_maps(name, case):
     """Truth's and model's map can be made as they are described, and cover the flight."""
-    for case in chosen(name):
-        positions = flown(name, case.name).trajectory.positions
-        where = positions * np.array([180.0 / np.pi, 180.0 / np.pi, 1.0])
-        for side in ("truth", "model"):
-            field = case.side(side).field
-            if field.source == "normal":
-                continue
-            recipe = map_recipe(field)
-            checked(recipe)
-            low = [recipe.south_deg, recipe.west_deg, recipe.min_height_m]
-            high = [recipe.north_deg, recipe.east_deg, recipe.max_height_m]
-            assert (where.min(axis=0) >= low).all(), case.name
-            assert (where.max(axis=0) <= high).all(), case.name
+    positions = flown(name, case).trajectory.positions
+    where = positions * np.array([180.0 / np.pi, 180.0 / np.pi, 1.0])
+    for side in ("truth", "model"):
+        field = load(name).case(case).side(side).field
+        if field.source == "normal":
+            continue
+        recipe = map_recipe(field)
+        checked(recipe)
+        low = [recipe.south_deg, recipe.west_deg, recipe.min_height_m]
+        high = [recipe.north_deg, recipe.east_deg, recipe.max_height_m]
+        assert (where.min(axis=0) >= low).all()
+        assert (where.max(axis=0) <= high).all()
 
 
-@pytest.mark.parametrize(("name", "case"), CASES)
+@each_case
 def test_a_shipped_case_is_simulated_as_it_is_told(name, case):
     """A run of finite numbers; where the model is right, z − h(true error) is noise of its R.
 

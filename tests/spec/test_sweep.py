@@ -158,7 +158,7 @@ BAD = {
     ),
     "an assumption beside it": (
         "[sweep]", '[[assumption]]\nname = "a"\ntitle = "b"\n[sweep]',
-        r"\[\[assumption\]\] cannot stand beside \[sweep\]",
+        r"\[\[assumption\]\] cannot be given with \[sweep\]",
     ),
     "a case without a name": ("[sweep]", '[[case]]\ntitle = "b"\n[sweep]', r"case\[0\]: needs"),
     "a limit of no time": ("[campaign]", "[campaign]\ntime_limit_s = 0.0", r"time_limit_s is 0.0"),
@@ -327,6 +327,7 @@ def test_a_report_for_any_number_of_axes(axes, tmp_path):
         assert "### altitude 10 km" in report
 
 
+@pytest.mark.long
 def test_a_sweep_from_file_to_report(tmp_path, monkeypatch):
     """Run and report, as a user does: every point has its row, every figure its file."""
     monkeypatch.chdir(tmp_path)

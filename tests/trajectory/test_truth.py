@@ -344,7 +344,7 @@ BAD: dict[str, tuple[list[dict[str, Any]], dict[str, Any], str]] = {
           "duration_s": 9.0}], {}, "cannot read gone.npz: No such file",
     ),
     "track's key": ([{"duration_s": 1.0}], {"smoothing_s": 5.0}, "'smoothing_s' belongs to"),
-    "both": ([{"duration_s": 1.0}], {"file": "a.csv"}, "cannot stand beside 'file'"),
+    "both": ([{"duration_s": 1.0}], {"file": "a.csv"}, "cannot be given with 'file'"),
 }  # fmt: skip
 
 

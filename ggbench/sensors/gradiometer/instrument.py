@@ -29,7 +29,7 @@ from ...gravity.ellipsoid import ROTATION_RATE
 from ...gravity.field import Field, gradients
 from ...numerics.kernels import compiled, inlined
 from ...numerics.vectors import like
-from .lowpass import LowPass
+from .lowpass import LowPass, Treatment
 
 COMPONENTS = ("xx", "xy", "xz", "yy", "yz", "zz")
 DIFFERENCES = ("xx-yy", "yy-zz", "zz-xx")
@@ -224,6 +224,9 @@ class Gradiometer:
     drift : root PSD of the bias's random walk [E/√s].
     noise_behind_filter : RMS of the white noise of each channel's output, behind the filter [E].
     latency : how long before the time that a reading bears it was taken [s].
+    period : time between two readings [s].
+    treatment : inversion of the filter in the measurement model.
+    regularisation : least noise behind the filter, in units of that before it, in the inversion.
     """
 
     noise_eotvos: float
@@ -234,6 +237,9 @@ class Gradiometer:
     drift: float = 0.0
     noise_behind_filter: float = 0.0
     latency: float = 0.0
+    period: float = 1.0
+    treatment: Treatment = "whitened"
+    regularisation: float = 1e-2
 
     @property
     def channels(self) -> np.ndarray:

@@ -32,17 +32,15 @@ same would lose half the digits where the cut-off is low.)
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
 
 import numpy as np
-from scipy.linalg import qr, solve_triangular
+from scipy.linalg import hankel, qr, solve_triangular
 
 from ...errors import GGBenchError
 from ...numerics.frozen import frozen
-from ...numerics.kernels import compiled
 
 Treatment = Literal["whitened", "delayed"]
 _MOST_ROUNDING = 1e-9
@@ -85,10 +83,18 @@ class LowPass:
 
     def apply(self, samples: np.ndarray) -> np.ndarray:
         """Filter ``samples`` (K,) or (..., K, m) along their time; the first ``order`` are kept."""
-        filtered = np.array(samples, dtype=float)
-        columns = filtered[:, np.newaxis] if filtered.ndim == 1 else filtered
-        _filter(*_difference_equation(self), columns.reshape(-1, *columns.shape[-2:]))
-        return filtered
+        from scipy.signal import lfilter  # takes half a second, and not every flight has a filter
+
+        samples = np.asarray(samples, dtype=float)
+        columns = samples[:, np.newaxis] if samples.ndim == 1 else samples
+        first, later = np.split(columns, [self.order], axis=-2)
+        if not later.size:
+            return samples.copy()
+        numerator, denominator = _difference_equation(self)
+        # The state of the filter's transposed direct form after equal inputs and outputs.
+        state = hankel((numerator - denominator)[1:]) @ first[..., ::-1, :]
+        later, _ = lfilter(numerator, denominator, later, axis=-2, zi=state)
+        return np.concatenate([first, later], axis=-2).reshape(samples.shape)
 
     def dc_delay(self) -> float:
         """Return the delay of a slow signal [samples]."""
@@ -100,41 +106,11 @@ class LowPass:
 
 @lru_cache(maxsize=16)
 def _difference_equation(lowpass: LowPass) -> tuple[np.ndarray, np.ndarray]:
-    """Return numerator and denominator, by the bilinear transform of Butterworth's poles.
+    """Return numerator and denominator (order + 1,)."""
+    from scipy.signal import butter
 
-    As :func:`scipy.signal.butter` does it (a test says so), whose package takes half a second to
-    load.
-    """
-    order, twice = lowpass.order, 2.0 * lowpass.rate_hz
-    warped = twice * math.tan(math.pi * lowpass.cutoff_hz / lowpass.rate_hz)
-    angles = math.pi * (2.0 * np.arange(order) + 1.0 + order) / (2.0 * order)
-    poles = warped * np.exp(1j * angles)
-    denominator = np.real(np.poly((twice + poles) / (twice - poles)))
-    gain = np.real(np.prod(warped / (twice - poles)))
-    numerator = gain * np.array([math.comb(order, k) for k in range(order + 1)], dtype=float)
+    numerator, denominator = butter(lowpass.order, lowpass.cutoff_hz, fs=lowpass.rate_hz)
     return numerator, denominator
-
-
-@compiled
-def _filter(numerator: np.ndarray, denominator: np.ndarray, samples: np.ndarray) -> None:
-    """Replace samples (R, K, m) by the difference equation's output, the first ones kept."""
-    order = numerator.shape[0] - 1
-    runs, count, columns = samples.shape
-    past = np.empty((order + 1, columns))
-    for run in range(runs):
-        own = samples[run]
-        # The inputs of the last steps, in a ring: outputs take their places in the samples.
-        for k in range(min(order, count)):
-            for c in range(columns):
-                past[k, c] = own[k, c]
-        for k in range(order, count):
-            for c in range(columns):
-                past[k % (order + 1), c] = own[k, c]
-                total = numerator[0] * own[k, c]
-                for lag in range(1, order + 1):
-                    total += numerator[lag] * past[(k - lag) % (order + 1), c]
-                    total -= denominator[lag] * own[k - lag, c]
-                own[k, c] = total
 
 
 def _rounding(lowpass: LowPass, count: int) -> float:
@@ -145,6 +121,8 @@ def _rounding(lowpass: LowPass, count: int) -> float:
     outputs. (How large L itself is says nothing: the start of a filter of high order is a true
     transient, as large as a polynomial through its first outputs makes it.)
     """
+    from scipy.signal import lfilter
+
     order = lowpass.order
     if count <= order:
         return 0.0
@@ -152,10 +130,8 @@ def _rounding(lowpass: LowPass, count: int) -> float:
     # The response to any later input is the last one's, shifted.
     inputs = np.eye(count, order + 1)
     outputs = lowpass.apply(inputs)
-    unit = np.eye(1, order + 1)[0]
-    pulse = np.eye(1, count, order).reshape(1, count, 1)
-    _filter(unit, denominator, pulse)
-    echo, past = np.abs(pulse[0, order:, 0]), np.abs(denominator) - unit
+    echo = np.abs(lfilter([1.0], denominator, np.eye(1, count - order)[0]))
+    past = np.append(0.0, np.abs(denominator[1:]))
     with np.errstate(all="ignore"):  # poles that rounding takes out of the unit circle
         errors = [
             _convolved(

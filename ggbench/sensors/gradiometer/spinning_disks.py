@@ -24,11 +24,14 @@ class SpinningDisks:
 
     Attributes
     ----------
-    instrument : one disk. spin_axes : of the disks, among x, y, z of the mount.
+    instrument : one disk.
+    spin_axes : of the disks, among x, y, z of the mount.
     scale_factor, scale_factor_mismatch : relative: of all four accelerometers; within the pairs and
-        between them. baseline : relative.
+        between them.
+    baseline : relative.
     misalignment : lean of the sensitive axes, radial and axial, within and between pairs [rad].
-    demodulation_phase : [rad]. rotation_rate : relative.
+    demodulation_phase : [rad].
+    rotation_rate : relative.
     vibration : amplitudes of the specific force at one, two and three times the spin, per axis
         [m/s²].
     """

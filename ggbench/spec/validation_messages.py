@@ -1,4 +1,4 @@
-"""What is wrong with a table of a file, in a sentence."""
+"""Sentences for the errors that pydantic finds in a table of a file."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from .further import Named
+from .aiding import AIDING
+from .named_sensors import NamedSensors
 
 
 def sentence(model: type[BaseModel], problem: Any) -> str:
@@ -27,6 +28,11 @@ def sentence(model: type[BaseModel], problem: Any) -> str:
         return f"'{key}' is missing"
     if kind == "value_error":
         return f"{key}: {problem['ctx']['error']}" if path else str(problem["ctx"]["error"])
+    if kind.startswith("union_tag"):
+        tag = found.get("kind")
+        said = "missing" if tag is None else repr(tag)
+        more = "; a flight has one gradiometer" if tag == "gradiometer" else ""
+        return f"{key}: kind is {said}; allowed: " + ", ".join(f'"{k}"' for k in AIDING) + more
     if isinstance(found, float) and math.isnan(found):
         return f"{key} is not a number (NaN)"
     wanted = problem["msg"].replace("Input should be ", "must be ").replace("input", "value")
@@ -36,6 +42,7 @@ def sentence(model: type[BaseModel], problem: Any) -> str:
         "float_type": "must be a plain number in the unit that the key names",
         "int_type": "must be a whole number",
         "model_type": "must be a table of keys",
+        "model_attributes_type": "must be a table of keys",
         "dict_type": "must be a table of keys",
         "tuple_type": "must be a list",
         "too_short": f"must have at least {least} items" if least > 1 else "must not be empty",
@@ -46,10 +53,10 @@ def sentence(model: type[BaseModel], problem: Any) -> str:
 
 
 def _without_kind(path: list[Any]) -> list[Any]:
-    """Return a path without what pydantic says of the kind of a further sensor, behind its name."""
-    if "further" not in path:
+    """Return a path without pydantic's mark of the kind of a named sensor, behind its name."""
+    if "sensor" not in path:
         return path
-    behind = path.index("further") + 2
+    behind = path.index("sensor") + 2
     return path[:behind] + path[behind + 1 :]
 
 
@@ -59,9 +66,10 @@ def _known_keys(model: type[BaseModel], path: Sequence[Any]) -> list[str]:
     while parts:
         annotation = model.model_fields[parts.pop(0)].annotation
         candidates = [annotation, *typing.get_args(annotation)]
-        if typing.get_origin(annotation) is Named:
+        if typing.get_origin(annotation) is NamedSensors:
             _, kind = parts.pop(0), parts.pop(0)
-            candidates = [t for t in typing.get_args(candidates[1]) if t.kind == kind]
+            tables = typing.get_args(candidates[1])
+            candidates = [t for t in tables if t.model_fields["kind"].default == kind]
         model = next(c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel))
     return list(model.model_fields)
 

@@ -1,4 +1,4 @@
-"""What of a scenario is allowed and yet odd: values far from what instruments and flights are."""
+"""Unusual values of a scenario: allowed, and yet far from real instruments and flights."""
 
 from __future__ import annotations
 
@@ -9,30 +9,24 @@ from typing import Any
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from .case import CaseSpec
-from .further import Named
+from .named_sensors import NamedSensors
 from .quantities import Within
 from .scenario import Scenario
 
 
-def oddities(scenario: Scenario) -> list[str]:
-    """Return a sentence for each odd value of the scenario's cases and studies, each value once."""
+def unusual_values(scenario: Scenario) -> list[str]:
+    """Return a sentence for each unusual value of the cases and studies, each value once."""
     cases = [("", case) for case in scenario.cases]
     cases += [(f"{study.name}/", case) for study in scenario.assumptions for case in study.cases]
     found: dict[tuple[str, float, str], list[str]] = {}
     for study, case in cases:
-        for key, value, usual in odd_values(case):
+        for key, value, usual in unusual_in(case):
             found.setdefault((key, value, usual), []).append(study + case.name)
     return [
-        f"{key} = {value:g} is odd ({usual}), in case {names[0]}"
+        f"{key} = {value:g} is unusual ({usual}), in case {names[0]}"
         + (f" and {len(names) - 1} more" if len(names) > 1 else "")
         for (key, value, usual), names in found.items()
     ]
-
-
-def odd_values(case: CaseSpec) -> Iterator[tuple[str, float, str]]:
-    """Yield the dotted key of each odd value of a case, the value, and what is usual."""
-    yield from _odd(case, "")
 
 
 def limits_of(field: FieldInfo) -> Within | None:
@@ -41,20 +35,21 @@ def limits_of(field: FieldInfo) -> Within | None:
     return next((kind for kind in kinds if isinstance(kind, Within)), None)
 
 
-def _odd(table: BaseModel, prefix: str) -> Iterator[tuple[str, float, str]]:
+def unusual_in(table: BaseModel, prefix: str = "") -> Iterator[tuple[str, float, str]]:
+    """Yield the dotted key of each unusual value, the value, and the usual range."""
     for name, field in type(table).model_fields.items():
         value, key = getattr(table, name), prefix + name
         if isinstance(value, BaseModel):
-            yield from _odd(value, f"{key}.")
-        elif isinstance(value, Named):
+            yield from unusual_in(value, f"{key}.")
+        elif isinstance(value, NamedSensors):
             for sensor, item in value:
-                yield from _odd(item, f"{key}.{sensor}.")
+                yield from unusual_in(item, f"{key}.{sensor}.")
         elif isinstance(value, tuple):
             for i, item in enumerate(value):
                 if isinstance(item, BaseModel):
-                    yield from _odd(item, f"{key}[{i}].")
+                    yield from unusual_in(item, f"{key}[{i}].")
         elif isinstance(value, float) and (limits := limits_of(field)) is not None:
-            usual = limits.oddity(value)
+            usual = limits.usual_unless(value)
             if usual:
                 yield key, value, usual
 

@@ -23,12 +23,13 @@ from ggbench.problem import Problem
 from ggbench.report import situations
 from ggbench.simulation.random_streams import random_streams
 from ggbench.simulation.runs import simulate, simulate_block
-from ggbench.spec import oddities, scenario
+from ggbench.spec import scenario
 from ggbench.spec.aiding import AIDING
 from ggbench.spec.case import CaseSpec
 from ggbench.spec.flight import FlightSpec
-from ggbench.spec.further import RESERVED
+from ggbench.spec.named_sensors import RESERVED
 from ggbench.spec.scenario import checked
+from ggbench.spec.unusual_values import unusual_in
 
 NAMES = ["bow_2", "sea_level", "stern", "water_track"]
 STERN = {key: value for key, value in SEVERAL.items() if ".stern." in key}
@@ -100,7 +101,7 @@ def test_a_bias_is_felt_by_its_own_sensor_alone():
 
 
 def test_sensors_change_no_random_number_of_others():
-    """Neither the first four of their kinds nor further ones: all readings are those to the bit."""
+    """Neither the first four of their kinds nor named ones: all readings are those to the bit."""
     alone, _ = simulate(small_flight(ON_BOARD), 1, 0)
     every, _ = simulate(small_flight(ON_BOARD | SEVERAL), 1, 0)
     assert np.array_equal(alone.track.positions, every.track.positions)
@@ -110,10 +111,10 @@ def test_sensors_change_no_random_number_of_others():
     struck = {"dropout_share": 0.3, "outlier_share": 0.3, "outlier_mps": 10.0}
     faults = {
         f"truth.{table}.{key}": x
-        for table in ("velocity_log", "further.water_track")
+        for table in ("velocity_log", "sensor.water_track")
         for key, x in struck.items()
     }
-    own = {key: x for key, x in faults.items() if ".further." in key}
+    own = {key: x for key, x in faults.items() if ".sensor." in key}
     # A bias is drawn from epoch to epoch: the barometer has those of all.
     log |= {key: x for key, x in ON_BOARD.items() if key.startswith("barometer")}
     alone, _ = simulate(small_flight({"gradiometer": None} | log | own), 1, 0)
@@ -121,7 +122,7 @@ def test_sensors_change_no_random_number_of_others():
     np.testing.assert_array_equal(readings(alone, "water_track"), readings(every, "water_track"))
 
 
-def test_a_further_sensors_streams_follow_from_its_name():
+def test_a_named_sensors_streams_follow_from_its_name():
     """The same in every process and version, and each source, sensor and run has its own."""
     drawn = {
         (seed, run, sensor, source): float(
@@ -146,10 +147,8 @@ def test_a_further_sensors_streams_follow_from_its_name():
 
 def test_two_receivers_alike_have_noise_of_their_own():
     """Of equal tables: uncorrelated within 4 deviations, 2400 readings."""
-    twin = {
-        key.replace("gnss.", "further.twin."): x for key, x in ON_BOARD.items() if "gnss" in key
-    }
-    flight = small_flight(ON_BOARD | twin | {"further.twin.kind": "gnss"})
+    twin = {key.replace("gnss.", "sensor.twin."): x for key, x in ON_BOARD.items() if "gnss" in key}
+    flight = small_flight(ON_BOARD | twin | {"sensor.twin.kind": "gnss"})
     block, truth = simulate_block(flight, 3, range(20))
     pairs = []
     for run in range(20):
@@ -172,8 +171,8 @@ def test_two_logs_alike_have_biases_outliers_and_dropouts_of_their_own():
     struck = {"dropout_share": 0.5, "outlier_share": 0.5, "outlier_mps": 1e6}
     faults = {f"truth.velocity_log.{key}": x for key, x in struck.items()}
     twin = {
-        key.replace("velocity_log", "further.twin"): x for key, x in (log | faults).items()
-    } | {"further.twin.kind": "velocity_log"}  # fmt: skip
+        key.replace("velocity_log", "sensor.twin"): x for key, x in (log | faults).items()
+    } | {"sensor.twin.kind": "velocity_log"}  # fmt: skip
     problem, truth = simulate(small_flight(log | faults | twin), 1, 0)
     blocks = {block.name: truth.error_state[:, block.slice] for block in problem.layout}
     apart = np.abs(blocks["velocity log bias"] - blocks["twin bias"])
@@ -189,12 +188,12 @@ def test_two_logs_alike_have_biases_outliers_and_dropouts_of_their_own():
 # What each side knows, and what strikes readings.
 
 
-def test_each_side_may_know_a_further_sensor_otherwise():
+def test_each_side_may_know_a_named_sensor_otherwise():
     """Noise and biases of each side are its own; the other sensors of the kind stay as they are."""
     changes = {
-        "truth.further.stern.position_noise_m": 50.0,
-        "model.further.water_track.bias_mps": 0.0,
-        "truth.further.sea_level.bias_m": 20.0,
+        "truth.sensor.stern.position_noise_m": 50.0,
+        "model.sensor.water_track.bias_mps": 0.0,
+        "truth.sensor.sea_level.bias_m": 20.0,
     }
     flight = small_flight(ON_BOARD | SEVERAL | changes)
     problem, truth = simulate(flight, 1, 0)
@@ -215,12 +214,12 @@ def test_each_side_may_know_a_further_sensor_otherwise():
 
 
 def test_faults_strike_the_sensor_whose_they_are():
-    """Outages, dropouts and outliers of a further sensor leave the other of its kind alone."""
+    """Outages, dropouts and outliers of a sensor leave the other of its kind alone."""
     faults = {
-        "truth.further.stern.dropouts_s": [[5.0, 9.0]],
-        "truth.further.sea_level.dropout_share": 0.5,
-        "truth.further.water_track.outlier_share": 0.5,
-        "truth.further.water_track.outlier_mps": 100.0,
+        "truth.sensor.stern.dropouts_s": [[5.0, 9.0]],
+        "truth.sensor.sea_level.dropout_share": 0.5,
+        "truth.sensor.water_track.outlier_share": 0.5,
+        "truth.sensor.water_track.outlier_mps": 100.0,
     }
     plain, _ = simulate(small_flight(ON_BOARD | SEVERAL), 1, 0)
     flight = small_flight(ON_BOARD | SEVERAL | faults)
@@ -246,7 +245,7 @@ def test_the_share_of_runs_with_any_reading_is_that_of_independent_sensors():
     """
     changes: dict[str, object] = {"gradiometer": None}
     for name, period, share in (("a", 2.0, 0.3), ("b", 2.0, 0.5), ("c", 1.5, 0.0)):
-        of = f"further.{name}"
+        of = f"sensor.{name}"
         changes |= {f"{of}.kind": "barometer", f"{of}.period_s": period, f"{of}.noise_m": 1.0}
         changes |= {f"truth.{of}.dropout_share": share}
     flight = small_flight(changes)
@@ -262,9 +261,9 @@ def test_the_share_of_runs_with_any_reading_is_that_of_independent_sensors():
 def test_two_receivers_alike_are_worth_one_of_less_noise():
     """The bound of two of σ is that of one of σ/√2, to rounding; both are better than one."""
     own = {key: x for key, x in ON_BOARD.items() if key.startswith("gnss")}
-    twin = {key.replace("gnss", "further.twin"): x for key, x in own.items()}
+    twin = {key.replace("gnss", "sensor.twin"): x for key, x in own.items()}
     better = {key: x / np.sqrt(2.0) for key, x in own.items() if "noise" in key}
-    two = small_flight(own | twin | {"further.twin.kind": "gnss"}).bound
+    two = small_flight(own | twin | {"sensor.twin.kind": "gnss"}).bound
     one = small_flight(own | better).bound
     for found, expected in ((two.filtering, one.filtering), (two.smoothing, one.smoothing)):
         sigma = np.sqrt(np.diagonal(expected, axis1=1, axis2=2))
@@ -278,41 +277,41 @@ def test_two_receivers_alike_are_worth_one_of_less_noise():
 # The file.
 
 
-def test_a_case_and_a_sweep_change_further_sensors_by_dotted_keys():
+def test_a_case_and_a_sweep_change_named_sensors_by_dotted_keys():
     """As they change any table; a case may also be the one that takes a sensor on board."""
-    text = SMALL + ('[further.stern]\nkind = "gnss"\nperiod_s = 2.0\nposition_noise_m = 2.0\n')
+    text = SMALL + ('[sensor.stern]\nkind = "gnss"\nperiod_s = 2.0\nposition_noise_m = 2.0\n')
     document = tomllib.loads(text)
-    document["case"][1]["further"] = {
+    document["case"][1]["sensor"] = {
         "stern": {"position_noise_m": 3.0},
         "bow": {"kind": "barometer", "period_s": 1.0, "noise_m": 1.0},
     }
     first, second = scenario.parse(document, "small", "small").cases[:2]
-    assert dict(first.further)["stern"].position_noise_m == 2.0
-    assert dict(second.further)["stern"].position_noise_m == 3.0
-    assert list(dict(second.further)) == ["bow", "stern"]
+    assert dict(first.sensor)["stern"].position_noise_m == 2.0
+    assert dict(second.sensor)["stern"].position_noise_m == 3.0
+    assert list(dict(second.sensor)) == ["bow", "stern"]
     document = tomllib.loads(text)
     axis = {"name": "noise", "label": "noise", "values": [1.0, 4.0]}
-    for key in ("further.stern.position_noise_m", "model.further.stern.position_noise_m"):
+    for key in ("sensor.stern.position_noise_m", "model.sensor.stern.position_noise_m"):
         document["sweep"] = {"axis": [axis | {"key": key}]}
         swept = scenario.parse(dict(document), "small", "small").cases[:2]
-        found = [dict(case.side("model").further)["stern"].position_noise_m for case in swept]
+        found = [dict(case.side("model").sensor)["stern"].position_noise_m for case in swept]
         assert found == [1.0, 4.0]
 
 
-def test_a_case_with_further_sensors_is_the_same_whatever_way_it_is_written():
+def test_a_case_with_named_sensors_is_the_same_whatever_way_it_is_written():
     """Order, defaults written out, and what a side changes in nothing make no other case."""
     case = small_case(SEVERAL)
     other = small_case(
         dict(reversed(SEVERAL.items()))
-        | {"further.bow_2.position_noise_m": 1.0, "truth.further.stern.dropout_share": 0.0}
+        | {"sensor.bow_2.position_noise_m": 1.0, "truth.sensor.stern.dropout_share": 0.0}
     )
     assert other != case  # a position besides
     same = small_case(
         dict(reversed(SEVERAL.items()))
         | {
-            "further.sea_level.bias_m": 2,
-            "further.water_track.components": ["x", "y"],
-            "truth.further.stern.dropout_share": 0.0,
+            "sensor.sea_level.bias_m": 2,
+            "sensor.water_track.components": ["x", "y"],
+            "truth.sensor.stern.dropout_share": 0.0,
         }
     )
     assert (same, hash(same), same.content_hash) == (case, hash(case), case.content_hash)
@@ -321,9 +320,9 @@ def test_a_case_with_further_sensors_is_the_same_whatever_way_it_is_written():
     hashes = {
         small_case(SEVERAL | {key: value}).content_hash
         for key, value in (
-            ("further.stern.position_noise_m", 2.5),
-            ("truth.further.stern.position_noise_m", 2.5),
-            ("model.further.stern.position_noise_m", 2.5),
+            ("sensor.stern.position_noise_m", 2.5),
+            ("truth.sensor.stern.position_noise_m", 2.5),
+            ("model.sensor.stern.position_noise_m", 2.5),
         )
     }
     assert len({case.content_hash, *hashes}) == 4
@@ -337,62 +336,62 @@ def test_names_of_tables_and_states_are_taken():
     assert {name for name in states if " " not in name} <= RESERVED
 
 
-def test_odd_values_and_situations_are_those_of_further_sensors_too():
-    odd = small_case(SEVERAL | {"further.water_track.noise_mps": 50.0})
-    assert [key for key, *_ in oddities.odd_values(odd)] == ["further.water_track.noise_mps"]
+def test_unusual_values_and_situations_are_those_of_named_sensors_too():
+    odd = small_case(SEVERAL | {"sensor.water_track.noise_mps": 50.0})
+    assert [key for key, *_ in unusual_in(odd)] == ["sensor.water_track.noise_mps"]
     for sensor, situation in (("stern", "outage"), ("sea_level", "readings")):
-        case = small_case(SEVERAL | {f"truth.further.{sensor}.dropout_share": 0.5})
+        case = small_case(SEVERAL | {f"truth.sensor.{sensor}.dropout_share": 0.5})
         assert situations.situation_of(case, "gains") == situation
 
 
-BAR = {"further.x.kind": "barometer", "further.x.period_s": 1.0, "further.x.noise_m": 1.0}
+BAR = {"sensor.x.kind": "barometer", "sensor.x.period_s": 1.0, "sensor.x.noise_m": 1.0}
 
 
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"further.x.period_s": 1.0}, 'further.x: kind is missing; allowed: "gnss", '),
-        (STERN | {"further.stern.kind": "gps"}, "further.stern: kind is 'gps'; allowed: \"gnss\""),
-        (STERN | {"further.stern.kind": 3}, "further.stern: kind is 3; allowed"),
-        (STERN | {"further.stern.kind": ["gnss"]}, r"further.stern: kind is \['gnss'\]; allowed"),
-        ({"further.x.kind": "gradiometer"}, "further.x: kind .*; a flight has one gradiometer"),
-        ({"further.x": 3}, "further.x: is 3 and must be a table of keys"),
-        ({"further": 3}, "further is 3 and must be a table of keys"),
-        ({"further.x.kind": "gnss"}, "'further.x.period_s' is missing"),
-        ({"further.x": {"kind": "gnss", "period_s": 1.0}}, "further.x: give position_noise_m"),
-        (BAR | {"further.x.position_noise_m": 1.0},
-         "unknown key 'further.x.position_noise_m'.*; known: noise_m, bias_m, bias_time_s, period"),
-        (BAR | {"further.x.noise_m": -1.0}, "further.x.noise_m is -1.0 and must lie between"),
-        (BAR | {"further.x.noise_m": "1 m"}, "further.x.noise_m is '1 m' and must be a plain num"),
-        (BAR | {"further.x.period_s": 0.33}, r"further.x.period_s \(0.33 s\) must be a whole mult"),
-        (BAR | {"further.X": {"kind": "barometer", "period_s": 1.0, "noise_m": 1.0}},
-         "further: X and x differ in capitals alone"),
-        *(({f"further.{name}": {"kind": "barometer", "period_s": 1.0, "noise_m": 1.0}}, said)
-          for name, said in (("9x", "further.9x: the name .* begin with a letter"),
-                             ("a-b", "further.a-b: the name .* underscores"),
+        ({"sensor.x.period_s": 1.0}, 'sensor.x: kind is missing; allowed: "gnss", '),
+        (STERN | {"sensor.stern.kind": "gps"}, "sensor.stern: kind is 'gps'; allowed: \"gnss\""),
+        (STERN | {"sensor.stern.kind": 3}, "sensor.stern: kind is 3; allowed"),
+        (STERN | {"sensor.stern.kind": ["gnss"]}, r"sensor.stern: kind is \['gnss'\]; allowed"),
+        ({"sensor.x.kind": "gradiometer"}, "sensor.x: kind .*; a flight has one gradiometer"),
+        ({"sensor.x": 3}, "sensor.x is 3 and must be a table of keys"),
+        ({"sensor": 3}, "sensor is 3 and must be a table of keys"),
+        ({"sensor.x.kind": "gnss"}, "'sensor.x.period_s' is missing"),
+        ({"sensor.x": {"kind": "gnss", "period_s": 1.0}}, "sensor.x: give position_noise_m"),
+        (BAR | {"sensor.x.position_noise_m": 1.0},
+         "unknown key 'sensor.x.position_noise_m'.*; known: period_s, kind, noise_m, b"),
+        (BAR | {"sensor.x.noise_m": -1.0}, "sensor.x.noise_m is -1.0 and must lie between"),
+        (BAR | {"sensor.x.noise_m": "1 m"}, "sensor.x.noise_m is '1 m' and must be a plain num"),
+        (BAR | {"sensor.x.period_s": 0.33}, r"sensor.x.period_s \(0.33 s\) must be a whole mult"),
+        (BAR | {"sensor.X": {"kind": "barometer", "period_s": 1.0, "noise_m": 1.0}},
+         "sensor: X and x differ in capitals alone"),
+        *(({f"sensor.{name}": {"kind": "barometer", "period_s": 1.0, "noise_m": 1.0}}, said)
+          for name, said in (("9x", "sensor.9x: the name .* begin with a letter"),
+                             ("a-b", "sensor.a-b: the name .* underscores"),
                              ("é", "without accents"),
-                             ("x\n", "the name of a further sensor must"),
-                             ("", "the name of a further sensor must"),
+                             ("x\n", "the name of a sensor must"),
+                             ("", "the name of a sensor must"),
                              ("x" * 31, "at most 30 characters"),
-                             ("gnss", "further.gnss: .* this one is taken"),
-                             ("IMU", "further.IMU: .* this one is taken"),
-                             ("gyro", "further.gyro: .* this one is taken"))),
-        ({"truth.further.x.dropout_share": 0.1},
-         "truth.further.x changes a sensor that is not on board"),
-        (BAR | {"model.further.y.noise_m": 0.1},
-         "model.further.y changes a sensor that is not on board"),
-        (BAR | {"truth.further.x.noise_mps": 1.0}, "unknown key 'truth.further.x.noise_mps'"),
-        (BAR | {"model.further.x.dropout_share": 0.1}, "unknown key 'model.further.x.dropout_"),
-        (BAR | {"model.further.x.kind": "gnss"},
-         "model.further.x.kind is 'gnss', and further.x.kind 'barometer'"),
-        (BAR | {"truth.further.x": 3}, "truth.further.x: is 3 and must be a table of keys"),
-        (BAR | {"truth.further": 3}, "truth.further is 3 and must be a table of keys"),
-        (BAR | {"truth.further.x.outlier_share": 0.1},
-         "truth.further.x: outlier_share and outlier_m go together"),
-        (STERN | {"further.stern.velocity_noise_mps": 1.0, "truth.further.stern.outlier_m": 1.0},
-         "truth.further.stern: outlier_share and outlier_m or outlier_mps go together"),
-        ({key.replace("gravimeter", "further.x"): x for key, x in GRAVIMETER.items()}
-         | {"further.x.kind": "gravimeter"}, "further.x needs a map"),
+                             ("gnss", "sensor.gnss: .* this one is taken"),
+                             ("IMU", "sensor.IMU: .* this one is taken"),
+                             ("gyro", "sensor.gyro: .* this one is taken"))),
+        ({"truth.sensor.x.dropout_share": 0.1},
+         "truth.sensor.x changes a sensor that is not on board"),
+        (BAR | {"model.sensor.y.noise_m": 0.1},
+         "model.sensor.y changes a sensor that is not on board"),
+        (BAR | {"truth.sensor.x.noise_mps": 1.0}, "unknown key 'truth.sensor.x.noise_mps'"),
+        (BAR | {"model.sensor.x.dropout_share": 0.1}, "unknown key 'model.sensor.x.dropout_"),
+        (BAR | {"model.sensor.x.kind": "gnss"},
+         "model.sensor.x.kind is 'gnss', and sensor.x.kind 'barometer'"),
+        (BAR | {"truth.sensor.x": 3}, "truth.sensor.x is 3 and must be a table of keys"),
+        (BAR | {"truth.sensor": 3}, "truth.sensor is 3 and must be a table of keys"),
+        (BAR | {"truth.sensor.x.outlier_share": 0.1},
+         "truth.sensor.x: outlier_share and outlier_m go together"),
+        (STERN | {"sensor.stern.velocity_noise_mps": 1.0, "truth.sensor.stern.outlier_m": 1.0},
+         "truth.sensor.stern: outlier_share and outlier_m or outlier_mps go together"),
+        ({key.replace("gravimeter", "sensor.x"): x for key, x in GRAVIMETER.items()}
+         | {"sensor.x.kind": "gravimeter"}, "sensor.x needs a map"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_refused_with_a_sentence(changes, said):

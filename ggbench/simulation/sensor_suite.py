@@ -1,4 +1,4 @@
-"""Sensors and prior of a case in SI units, as the truth has them or as the estimators know them."""
+"""Sensors and prior of a case in SI units: those of the truth, or those that estimators assume."""
 
 from __future__ import annotations
 
@@ -35,6 +35,7 @@ from ..spec.case import CaseSpec
 from ..spec.sensors import (
     AltimeterSpec,
     DisturbanceSpec,
+    InitialErrorSpec,
     Side,
     TrueImu,
     TruthSpec,
@@ -52,13 +53,15 @@ _LAYOUT = (
 
 
 @dataclass(frozen=True)
-class Equipment:
+class SensorSuite:
     """Sensors and prior of one side of a case.
 
     Attributes
     ----------
-    imu : the inertial sensors. gradiometer : None without one. aiding : the other sensors.
-    side : the tables of the scenario.
+    imu : the inertial sensors.
+    gradiometer : None without one.
+    aiding : the other sensors.
+    initial_error : table of the prior.
     altimeter : gains k₁ [1/s], k₂ [1/s²] and noise PSD [m²/Hz] of the altimeter, if there is one.
     disturbance : of the gravity that the INS does not know, if it is a state.
     compensates : whether the mechanization adds the gravity disturbance of its map.
@@ -67,7 +70,7 @@ class Equipment:
     imu: Imu
     gradiometer: Gradiometer | None
     aiding: tuple[AidingSensor, ...]
-    side: Side
+    initial_error: InitialErrorSpec
     altimeter: tuple[tuple[float, float], float] | None
     disturbance: GravityState | None = None
     compensates: bool = False
@@ -165,37 +168,34 @@ class Equipment:
         """
         variances: list[float] = []
         gradiometer = self.gradiometer
-        if gradiometer is not None and self.side.gradiometer is not None:
+        if gradiometer is not None:
             variance = gradiometer.noise_eotvos**2
-            if gradiometer.lowpass is None or self.side.gradiometer.filter_treatment == "delayed":
+            if gradiometer.lowpass is None or gradiometer.treatment == "delayed":
                 variance += gradiometer.noise_behind_filter**2
             variances += [variance] * self.gradients
         variances += [sigma**2 for sensor in self.aiding for sigma in sensor.noise]
         return np.diag(variances)
 
     def treatment(self, count: int) -> Prefilter:
-        """Return what these sensors make of ``count`` outputs of their filter.
+        """Return the treatment of ``count`` outputs of the gradiometer's filter.
 
         Raises
         ------
         GGBenchError
             If the low-pass cannot be computed.
         """
-        spec, gradiometer = self.side.gradiometer, self.gradiometer
-        if spec is None or gradiometer is None:
+        sensor = self.gradiometer
+        if sensor is None:
             return prefilter(None, count, "whitened", 0.0)
-        behind = gradiometer.noise_behind_filter / gradiometer.noise_eotvos
+        behind = sensor.noise_behind_filter / sensor.noise_eotvos
         return prefilter(
-            gradiometer.lowpass,
-            count,
-            spec.filter_treatment,
-            max(behind, spec.whitening_regularization),
+            sensor.lowpass, count, sensor.treatment, max(behind, sensor.regularisation)
         )
 
     @cached_property
     def prior_cov(self) -> np.ndarray:
         """Covariance (n, n) of the INS error at the start, biases included."""
-        initial = self.side.initial_error
+        initial = self.initial_error
         sigma = np.empty(self.dimension)
         sigma[POSITION] = initial.position_m
         if initial.height_m is not None:
@@ -209,10 +209,10 @@ class Equipment:
         sigma[ACCELEROMETER_BIAS] = max(self.imu.accelerometer_bias, 1e-12)
         if self.disturbance is not None:
             sigma[STATES : self.disturbed] = self.disturbance.sizes
-        if self.gradiometer is not None and self.side.gradiometer is not None:
+        if self.gradiometer is not None:
             # A bias that only walks starts from a hundredth of what one reading adds: states are
             # solved for in units of their prior, which must not be nothing against the walk.
-            walk = self.gradiometer.drift * math.sqrt(self.side.gradiometer.period_s)
+            walk = self.gradiometer.drift * math.sqrt(self.gradiometer.period)
             sigma[self.disturbed :] = max(self.gradiometer.bias_eotvos, 1e-2 * walk, 1e-9)
         for sensor, states in self._biased:
             sigma[states] = sensor.bias
@@ -220,7 +220,7 @@ class Equipment:
 
     @property
     def _biased(self) -> list[tuple[AidingSensor, slice]]:
-        """The sensors beside the gradiometer that have biases, and where those are."""
+        """The aiding sensors with biases, and the slices of these states."""
         biased = [sensor for sensor in self.aiding if sensor.bias > 0.0]
         behind = self.layout[len(self.layout) - len(biased) :]
         return [(sensor, block.slice) for sensor, block in zip(biased, behind, strict=True)]
@@ -253,8 +253,11 @@ class Equipment:
 
         Parameters
         ----------
-        motion : at the N + 1 IMU samples. delta_velocities : (N, 3) increments [m/s].
-        epochs : (K,) indices of samples. dt : [s]. gravity : as in :meth:`along`.
+        motion : at the N + 1 IMU samples.
+        delta_velocities : (N, 3) increments [m/s].
+        epochs : (K,) indices of samples.
+        dt : [s].
+        gravity : as in :meth:`along`.
         delays, rows : (K,) [s] and (K, 6, 15), output, as in :meth:`along`; both or none.
         """
         attitudes = motion.attitudes.reshape(-1, 9)
@@ -302,7 +305,9 @@ class Equipment:
         Parameters
         ----------
         track, increments : (N + 1, 15, LANES), (N, 6, LANES) of :func:`.strapdown.navigate_lanes`.
-        epochs : (K,) indices of samples. delays : (K,) [s], or (0,) for no rows. dt : [s].
+        epochs : (K,) indices of samples.
+        delays : (K,) [s], or (0,) for no rows.
+        dt : [s].
         gravity : what the mechanization adds to normal gravity.
         transition, process_cov : output.
         rows : (R, K, 6, 15) of :func:`.error_model.delayed_rows`, output.
@@ -333,35 +338,36 @@ class Equipment:
             process_cov[:, :, own, own] = (sensor.bias**2 * (1.0 - decay**2))[:, np.newaxis]
 
 
-def equip(case: CaseSpec, name: Literal["truth", "model"]) -> Equipment:
-    """Return the equipment of one side of a case."""
-    return equipment_of(
+def suite_of_case(case: CaseSpec, name: Literal["truth", "model"]) -> SensorSuite:
+    """Return the sensors and prior of one side of a case."""
+    return suite_of(
         case.side(name), case.altimeter, case.truth if name == "truth" else None,
         # Of both sides, so that the bound is that of an estimator which knows as much of it.
         case.model.disturbance, case.model.field.compensate,
     )  # fmt: skip
 
 
-def equipment_of(
+def suite_of(
     side: Side,
     altimeter: AltimeterSpec | None = None,
     truth: TruthSpec | None = None,
     disturbance: DisturbanceSpec | None = None,
     compensates: bool = False,
-) -> Equipment:
-    """Return the equipment that tables describe.
+) -> SensorSuite:
+    """Return the sensors and prior that tables describe.
 
     Parameters
     ----------
-    side : of sensors and prior. altimeter : that damps the mechanization, if there is one.
-    truth : errors that no estimator is told of, if they are those of the truth.
-    disturbance : of the gravity that the INS does not know, if it is a state.
+    side : tables of sensors and prior.
+    altimeter : damps the mechanization, if there is one.
+    truth : further errors of the true sensors; None for the estimators' ones.
+    disturbance : the unknown gravity, if it is a state.
     compensates : whether the mechanization adds the gravity disturbance of its map.
 
     Raises
     ------
     GGBenchError
-        If gradients are to be integrated of which the gradiometer does not tell enough.
+        If gradients are to be integrated and the gradiometer does not measure a whole tensor.
     """
     damping = None
     if altimeter is not None:
@@ -369,7 +375,7 @@ def equipment_of(
         damping = gains, altimeter.noise_m_per_sqrt_hz**2
     errors = TrueImu() if truth is None else truth.imu
     gradiometer = None if side.gradiometer is None else gradiometer_of(side.gradiometer)
-    return Equipment(
-        imu_of(side.imu, errors), gradiometer, on_board(side, truth), side, damping,
-        gravity_state(disturbance, gradiometer, side), compensates,
+    return SensorSuite(
+        imu_of(side.imu, errors), gradiometer, on_board(side, truth), side.initial_error, damping,
+        gravity_state(disturbance, gradiometer), compensates,
     )  # fmt: skip

@@ -1,0 +1,44 @@
+"""Sets of estimators that scenarios ask for by name, from ``scenarios/rosters.toml``."""
+
+from __future__ import annotations
+
+import importlib.resources
+import tomllib
+from collections.abc import Iterable, Mapping
+from functools import cache
+
+FILE = "rosters.toml"
+
+
+@cache
+def rosters() -> Mapping[str, tuple[str, ...]]:
+    """Return the texts of the estimators of each roster by its name."""
+    file = importlib.resources.files("ggbench.scenarios") / FILE
+    found = tomllib.loads(file.read_text(encoding="utf-8"))
+    return {name: tuple(texts) for name, texts in found.items()}
+
+
+def expanded(texts: Iterable[str]) -> tuple[str, ...]:
+    """Return a list of estimators with ``@NAME`` replaced by that roster, each estimator once.
+
+    ``-TEXT`` takes an estimator out of those before it.
+
+    Raises
+    ------
+    ValueError
+        If there is no such roster, or no such estimator to take out.
+    """
+    listed: dict[str, None] = {}
+    for text in texts:
+        if text.startswith("@"):
+            if text[1:] not in rosters():
+                known = ", ".join(f"@{name}" for name in rosters())
+                raise ValueError(f"there is no roster '{text}'; there are {known}")
+            listed |= dict.fromkeys(rosters()[text[1:]])
+        elif text.startswith("-"):
+            if text[1:] not in listed:
+                raise ValueError(f"'{text}' takes out an estimator that is not listed before it")
+            del listed[text[1:]]
+        else:
+            listed[text] = None
+    return tuple(listed)
