@@ -12,7 +12,14 @@ from ..simulation.runs import simulate
 from ..spec import scenario
 from . import demands
 from .demands import Refused
-from .references import gappy, graded, linear_problem, noisy_problem
+from .references import (
+    gappy,
+    graded,
+    linear_problem,
+    linear_sensor_problem,
+    noisy_problem,
+    with_sensor_model,
+)
 
 FLIGHT = ("wang2013", "0.01E-0.2Hz")
 """Scenario and case of the flight over a shipped map: 40 readings of six channels."""
@@ -76,39 +83,41 @@ def _on_both(ask: Callable[[Estimator, Problem, bool], object]) -> Callable[[Est
     """Return the questions of a demand that is made on a linear problem and on a flight."""
 
     def questions(estimator: Estimator) -> _Asked:
-        yield "on a linear problem", partial(ask, estimator, linear_problem(2), True)
+        yield "on a linear problem", partial(ask, estimator, linear_sensor_problem(2), True)
         yield "on a flight over a map", partial(ask, estimator, flight(), False)
 
     return questions
 
 
 def _exact(estimator: Estimator) -> _Asked:
-    if not estimator.exact:
-        yield "on a linear problem", partial(demands.near_exact, estimator, noisy_problem(0))
+    if not estimator.exact_if_linear_gaussian:
+        problem = with_sensor_model(noisy_problem(0))
+        yield "on a linear problem", partial(demands.near_exact, estimator, problem)
         return
     for seed in range(2):
         for epochs, m in ((40, 2), (40, 1), (2, 1)):
             where = f"on a linear problem of {epochs} readings of {m}"
-            yield where, partial(demands.as_exact, estimator, linear_problem(seed, epochs, m))
+            problem = linear_sensor_problem(seed, epochs, m)
+            yield where, partial(demands.as_exact, estimator, problem)
 
 
-def _exact_or_any(problem: Problem, where: str) -> Callable[[Estimator], _Asked]:
+def _exact_or_any(problem: Callable[[], Problem], where: str) -> Callable[[Estimator], _Asked]:
     """Return the question whether an estimator is exact on a problem, if it is at all."""
 
     def questions(estimator: Estimator) -> _Asked:
         ask: Callable[[Estimator, Problem], object]
-        ask = demands.as_exact if estimator.exact else demands.answer
-        yield where, partial(ask, estimator, problem)
+        ask = demands.as_exact if estimator.exact_if_linear_gaussian else demands.answer
+        yield where, partial(ask, estimator, problem())
 
     return questions
 
 
 def _short(estimator: Estimator) -> _Asked:
     ask: Callable[[Estimator, Problem], object]
-    ask = demands.as_exact if estimator.exact else demands.answer
+    ask = demands.as_exact if estimator.exact_if_linear_gaussian else demands.answer
     for m in (1, 2):
         where = f"on a linear problem of a single reading of {m}"
-        yield where, partial(ask, estimator, linear_problem(m, 1, m))
+        yield where, partial(ask, estimator, linear_sensor_problem(m, 1, m))
 
 
 CHECKS = (
@@ -150,7 +159,7 @@ CHECKS = (
     Check(
         "exact",
         "on a linear problem with Gaussian noises it finds the exact answer (or is near it, with "
-        "exact = False)",
+        "exact_if_linear_gaussian = False)",
         "there is one right answer to it; a filter that misses it has a mistake somewhere.",
         _exact,
     ),
@@ -159,7 +168,7 @@ CHECKS = (
         "a reading counts for as much as the noise that is told for its own epoch",
         "noise_cov may be (K, m, m): problem.noise_of(k) is R of epoch k.",
         _exact_or_any(
-            graded(linear_problem(6)),
+            lambda: graded(linear_sensor_problem(6)),
             "on a linear problem with noise that varies",
         ),
     ),
@@ -167,7 +176,10 @@ CHECKS = (
         "gaps",
         "a channel that delivers nothing changes nothing",
         "sensors fail: where present is false, the measurement, h and H are zero.",
-        _exact_or_any(gappy(linear_problem(3)), "on a linear problem with readings missing"),
+        _exact_or_any(
+            lambda: with_sensor_model(gappy(linear_problem(3))),
+            "on a linear problem with readings missing",
+        ),
     ),
     Check(
         "short",

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..judging import fixes as matchers
+from ..judging import fix_metrics as matchers
 from ..problem import Estimate, Estimator, Fixes, Problem
 from .references import changed, deviation, exact
 from .within import arrays_within
@@ -252,7 +252,10 @@ def as_exact(estimator: Estimator, problem: Problem) -> None:
     """
     found = answer(estimator, problem, gaussian=True)
     if found.cov is None:
-        raise Broken("an exact estimator has a covariance: say exact = False, or return one")
+        raise Broken(
+            "an exact estimator has a covariance: say exact_if_linear_gaussian = False, or return "
+            "one"
+        )
     mean_off, cov_off = deviation(found.mean, found.cov, *exact(problem, found))
     if not max(mean_off, cov_off) < EXACT:
         name = {"none": "the prior carried along", "filter": "the Kalman filter"}.get(
@@ -261,7 +264,7 @@ def as_exact(estimator: Estimator, problem: Problem) -> None:
         raise Broken(
             f"its mean is up to {mean_off:.2g}, its covariance {cov_off:.2g} "
             f"deviations of the posterior from {name}'s, allowed {EXACT:g}: there is a mistake, "
-            "or it is no exact estimator and says exact = False"
+            "or it is no exact estimator and says exact_if_linear_gaussian = False"
         )
 
 

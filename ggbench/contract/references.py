@@ -8,7 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from ..gravity.ellipsoid import metres_per_radian
+from ..gravity.field import Field
 from ..problem import Estimate, Problem, StateBlock
+from ..sensors.gradiometer.instrument import LOCAL_LEVEL
+from ..sensors.model import SensorModel, without_aiding
+from ..sensors.model_kernels import ModelArrays
 
 
 @dataclass(frozen=True)
@@ -130,6 +135,45 @@ def gappy(problem: Problem) -> Problem:
         model=LinearModel(model.rows * present[:, :, np.newaxis]),
         present=present,
     )
+
+
+_SLOPES = np.array([[1.0, 0.5, -0.25], [-0.5, 1.0, 0.75]])
+"""Change of the map's Γ_EN and Γ_EU for a metre to the east, north and up [E/m]."""
+_REACH = 2e3
+"""Distance from the middle of the map to its border [m], within which its field is linear."""
+
+
+def with_sensor_model(problem: Problem) -> Problem:
+    """Return a linear problem with the package's own model in the place of :class:`LinearModel`.
+
+    It reads Γ_EN and Γ_EU, of which the normal field has none, on a map whose field has constant
+    slopes: h(x) = −S B_k x, exactly linear, with B_k chosen so that this is H_k x. Problems of one
+    or two channels can be read so.
+    """
+    model = problem.model
+    assert isinstance(model, LinearModel)
+    epochs, m, n = model.rows.shape
+    metres = np.array([*metres_per_radian(np.zeros(3)), 1.0])  # per radian north and east
+    step = 2.0 * _REACH / metres
+    nodes = np.stack(np.meshgrid(*(np.arange(4.0) - 1.5,) * 3, indexing="ij"), axis=-1)
+    tensor = np.zeros((4, 4, 4, 6))
+    tensor[..., 1:3] = 2.0 * _REACH * nodes @ _SLOPES[:, [1, 0, 2]].T  # a spline of one cell
+    field = Field(-0.5 * step, step, tensor, np.zeros((4, 4, 4, 3)))
+    errors = np.zeros((epochs, 6, n))
+    errors[:, :3] = -np.linalg.pinv(_SLOPES[:m]) @ model.rows
+    places = np.zeros((epochs, 3))
+    aiding, _ = without_aiding(field, places)
+    arrays = ModelArrays(
+        n, LOCAL_LEVEL, np.eye(6)[1 : 1 + m], -1, field.origin, field.step,
+        field.tensor_coefficients, problem.times, places, np.tile(np.eye(3), (epochs, 1, 1)),
+        errors, np.zeros((epochs, m)), problem.present.any(axis=1).astype(float), aiding,
+    )  # fmt: skip
+    return changed(problem, model=SensorModel(arrays))
+
+
+def linear_sensor_problem(seed: int, epochs: int = 40, m: int = 2) -> Problem:
+    """Return :func:`linear_problem` with the package's own model: compiled estimators take it."""
+    return with_sensor_model(linear_problem(seed, epochs, m))
 
 
 def propagated(problem: Problem) -> tuple[np.ndarray, np.ndarray]:

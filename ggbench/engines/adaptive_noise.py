@@ -16,7 +16,7 @@ from ..numerics import lane_algebra
 from ..numerics.kernels import compiled
 from ..numerics.lanes import lanes
 from .iterated_update import Search
-from .whitened_readings import Readings, scale_equations
+from .whitened_measurements import Readings, scale_equations
 
 
 class AdaptiveNoise(NamedTuple):
@@ -71,8 +71,11 @@ def learn(
 
     Parameters
     ----------
-    present : (R, K, m) which channels there were. group, count, k : runs and epoch.
-    p : (n, n, lanes) P⁺. search : the update. reading : linearised after it, by the given noise.
+    present : (R, K, m) which channels there were.
+    group, count, k : runs and epoch.
+    p : (n, n, lanes) P⁺.
+    search : the update.
+    reading : linearised after it, by the given noise.
     """
     lane_algebra.products_of_rows(search.rows, search.rows.shape[0], p, search.hp)
     for r in range(count):

@@ -53,8 +53,10 @@ def updated_covs(
 
     Parameters
     ----------
-    covs : (J, n, n) before. rows : (J, m, n) H of a reading whose noise is white, R = I.
-    projected : (J, m, n) H P. s : (J, m, m) H P Hᵀ + I.
+    covs : (J, n, n) before.
+    rows : (J, m, n) H of a reading whose noise is white, R = I.
+    projected : (J, m, n) H P.
+    s : (J, m, m) H P Hᵀ + I.
     """
     gain = np.linalg.solve(s, projected).transpose(0, 2, 1)
     keep = np.eye(covs.shape[1]) - gain @ rows

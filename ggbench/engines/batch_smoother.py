@@ -16,7 +16,6 @@ import numpy as np
 from ..block import ProblemBlock
 from ..numerics import lane_algebra, lanes
 from ..numerics.kernels import compiled
-from ..sensors.model_kernels import ModelArrays
 from .robust_weights import NONE, number_of
 from .smoother_passes import (
     Costs,
@@ -25,6 +24,7 @@ from .smoother_passes import (
     costs_of,
     covariances,
     filter_epoch,
+    gather_motion,
     go_back,
     judge,
     path_of,
@@ -35,18 +35,12 @@ from .smoother_passes import (
     work_of,
 )
 from .step_rules import FIRST_DAMPING, LEAST_FELT, arrived, decide, is_last_step
-from .whitened_readings import linearise, noise_inverse, readings_of
+from .whitened_measurements import Batch, batch_of, linearise, readings_of
 
 
 @compiled
 def _smooth(
-    measurements: np.ndarray,
-    noise_inverse: np.ndarray,
-    transition: np.ndarray,
-    process_cov: np.ndarray,
-    prior_mean: np.ndarray,
-    prior_cov: np.ndarray,
-    model: ModelArrays,
+    batch: Batch,
     most: int,
     loss: int,
     threshold: float,
@@ -57,10 +51,9 @@ def _smooth(
     evaluations: np.ndarray,
 ) -> None:
     """Solve the problems of a block, see :func:`smoother`."""
-    runs, epochs = measurements.shape[0], measurements.shape[1]
-    n = prior_mean.shape[0]
-    expected = lanes.moving_states(transition, process_cov)
-    reading = readings_of(model, n, measurements.shape[2], loss != NONE)
+    runs, epochs, n = batch.transition.shape[:3]
+    expected = lanes.moving_states(batch.transition, batch.process_cov)
+    reading = readings_of(batch, loss != NONE)
     m = reading.rows.shape[0]
     path, work, damping_work = path_of(epochs, n, m), work_of(n, m), work_of(n, n)
     costs = costs_of()
@@ -73,12 +66,10 @@ def _smooth(
         active[:] = False
         active[:count] = True
         damping[:] = FIRST_DAMPING
-        lanes.spread(prior_mean.reshape((1, n)), work.x)
+        lanes.spread(batch.prior_mean, work.x)
         # The undisturbed motion from the prior's mean.
         for k in range(epochs):
-            path.moving[k] = lanes.gather(
-                transition, process_cov, group, k, expected, path.phi[k], path.q[k]
-            )
+            gather_motion(batch, group, k, expected, path)
             lane_algebra.move(path.phi[k], path.moving[k], work.x, work.scratch)
             lane_algebra.copy(work.x, path.trial[k])
         costs.motion[:] = 0.0
@@ -88,9 +79,7 @@ def _smooth(
             costs.explained[:] = 0.0
             costs.weighted[:] = 0.0
             for k in range(epochs):
-                linearise(
-                    model, measurements, noise_inverse, group, count, k, path.trial[k], reading
-                )
+                linearise(batch, group, count, k, path.trial[k], reading)
                 judge(path, reading, k, loss, threshold, costs)
                 for r in range(count):
                     if not active[r]:
@@ -125,17 +114,17 @@ def _smooth(
             damped = bool(felt.any())
             if damped and path.damping.gains.shape[0] == 0:
                 path = with_damping(path)
-            _filter(path, prior_mean, prior_cov, felt, work, damping_work)
+            _filter(batch, path, felt, work, damping_work)
             if active.any():
-                go_back(path, prior_cov, damped, work, damping_work, costs)
+                go_back(path, batch.prior_cov, damped, work, damping_work, costs)
                 for r in range(count):
                     linear[r] = _linear_cost(costs, unexplained[r], r)
                     active[r] &= not arrived(base[r], linear[r])
         if damped:  # what is kept of the filter is undamped
             felt[:] = 0.0
-            _filter(path, prior_mean, prior_cov, felt, work, damping_work)
+            _filter(batch, path, felt, work, damping_work)
         # The filter has gone along the final trajectories: one step more, too small to be judged.
-        go_back(path, prior_cov, False, work, damping_work, costs)
+        go_back(path, batch.prior_cov, False, work, damping_work, costs)
         for r in range(count):
             errors[first + r] = cost[r]
             if is_last_step(base[r], _linear_cost(costs, unexplained[r], r)):
@@ -146,25 +135,18 @@ def _smooth(
 
 @compiled
 def _linear_cost(costs: Costs, unexplained: float, r: int) -> float:
-    """Return what the linear problem of a run says that its trial costs."""
+    """Return the cost of a run's trial by its linear problem."""
     return 0.5 * (costs.motion[0, 0, r] + unexplained + costs.promised[0, 0, r])
 
 
 @compiled
-def _filter(
-    path: Path,
-    prior_mean: np.ndarray,
-    prior_cov: np.ndarray,
-    damping: np.ndarray,
-    work: Work,
-    damping_work: Work,
-) -> None:
+def _filter(batch: Batch, path: Path, damping: np.ndarray, work: Work, damping_work: Work) -> None:
     """Filter the linear problems of a group, each run with its own damping λ (lanes,)."""
     damped = bool(damping.any())
     if damped:
-        set_damping(path, damping, prior_cov)
-    lanes.spread(prior_mean.reshape((1, prior_mean.shape[0])), work.x)
-    lanes.spread(prior_cov, work.p)
+        set_damping(path, damping, batch.prior_cov)
+    lanes.spread(batch.prior_mean, work.x)
+    lanes.spread(batch.prior_cov, work.p)
     for k in range(path.rows.shape[0]):
         filter_epoch(path, k, damped, work, damping_work)
 
@@ -176,7 +158,8 @@ def smoother(
 
     Parameters
     ----------
-    block : the runs. most : limit of the steps.
+    block : the runs.
+    most : limit of the steps.
     loss, threshold : on each whitened component of a reading, see :mod:`.robust_weights`.
 
     Returns
@@ -188,8 +171,7 @@ def smoother(
     iterations, evaluations = np.zeros(runs, dtype=np.int64), np.zeros(runs, dtype=np.int64)
     error = np.zeros(runs)
     _smooth(
-        block.measurements, noise_inverse(block), block.transition, block.process_cov,
-        block.prior_mean, block.prior_cov, block.model, most, number_of(loss, threshold), threshold,
+        batch_of(block), most, number_of(loss, threshold), threshold,
         mean, cov, iterations, error, evaluations,
     )  # fmt: skip
     mean[(iterations == 0) & (error > 0.0)] = np.nan  # it gave up

@@ -32,7 +32,9 @@ def contour(values: np.ndarray, level: float, first: np.ndarray, cell: float) ->
 
     Parameters
     ----------
-    values : (a, b) of the field at first + cell · (i, j). first : (2,). cell : [m].
+    values : (a, b) of the field at first + cell · (i, j).
+    first : (2,).
+    cell : [m].
     """
     slopes = np.stack(np.gradient(values, cell), axis=-1)
     off = values - level

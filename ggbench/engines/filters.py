@@ -5,6 +5,8 @@ The same equations as filterpy's, which remain the reference: a test holds both 
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import objmode
 
@@ -13,15 +15,20 @@ from ..numerics import lane_algebra, lanes
 from ..numerics.kernels import compiled, interpreted
 from ..numerics.positive import nearest_root
 from ..numerics.vectors import load, splat, store
-from ..sensors.model_kernels import ModelArrays
-from .cautious_update import Caution, caution_of, reject, underweight, underweight_unwhitened
+from .innovation_gating import (
+    GateOptions,
+    gate_options,
+    reject,
+    underweight,
+    underweight_unwhitened,
+)
 from .robust_weights import NONE, number_of, reweigh_unwhitened
 from .sigma_points import SigmaPoints, read_sigma_points, sigma_points_of
-from .whitened_readings import (
+from .whitened_measurements import (
+    Batch,
     Readings,
+    batch_of,
     linearise,
-    noise_covs,
-    noise_inverse,
     readings_of,
     scatter_squares,
 )
@@ -29,14 +36,8 @@ from .whitened_readings import (
 
 @compiled
 def _extended(
-    measurements: np.ndarray,
-    noise_inverse: np.ndarray,
-    transition: np.ndarray,
-    process_cov: np.ndarray,
-    prior_mean: np.ndarray,
-    prior_cov: np.ndarray,
-    model: ModelArrays,
-    caution: Caution,
+    batch: Batch,
+    gating: GateOptions,
     mean: np.ndarray,
     cov: np.ndarray,
     nis: np.ndarray,
@@ -46,38 +47,37 @@ def _extended(
 
     And how many readings were ``rejected`` (R,).
     """
-    runs, epochs, m = measurements.shape
-    n = prior_mean.shape[0]
-    expected = lanes.moving_states(transition, process_cov)
+    runs, epochs, n = batch.transition.shape[:3]
+    expected = lanes.moving_states(batch.transition, batch.process_cov)
     phi, q = lanes.lanes(n, n), lanes.lanes(n, n)
     x, p, scratch = lanes.lanes(1, n), lanes.lanes(n, n), lanes.lanes(n, n)
-    reading = readings_of(model, n, m)
+    reading = readings_of(batch)
     m = reading.rows.shape[0]
     hp, gain, change = lanes.lanes(m, n), lanes.lanes(m, n), lanes.lanes(m, n)
     s, white = lanes.lanes(m, m), lanes.lanes(1, m)
     weighed, squared = lanes.lanes(m, m), lanes.lanes(1, 1)
     for first in lanes.starts(runs):
         count, group = lanes.count_from(first, runs), lanes.members(first, runs)
-        lanes.spread(prior_mean.reshape((1, n)), x)
-        lanes.spread(prior_cov, p)
+        lanes.spread(batch.prior_mean, x)
+        lanes.spread(batch.prior_cov, p)
         for k in range(epochs):
-            moving = lanes.gather(transition, process_cov, group, k, expected, phi, q)
+            moving = lanes.gather(batch.transition, batch.process_cov, group, k, expected, phi, q)
             lane_algebra.predict(phi, q, moving, x, p, scratch)
-            linearise(model, measurements, noise_inverse, group, count, k, x, reading)
+            linearise(batch, group, count, k, x, reading)
             lane_algebra.project(reading.rows, p, m, hp, s)
-            if caution.underweighting > 0.0:
-                underweight(s, m, caution.underweighting, weighed)
+            if gating.underweighting > 0.0:
+                underweight(s, m, gating.underweighting, weighed)
             lane_algebra.copy(reading.squared, squared)
             lane_algebra.factorise(s, m, s)
             lane_algebra.whiten(s, m, reading.innovation, white)
             lane_algebra.add_squares(white, m, reading.squared)
-            if caution.underweighting > 0.0:
+            if gating.underweighting > 0.0:
                 lane_algebra.factorise(weighed, m, s)
                 lane_algebra.whiten(s, m, reading.innovation, white)
             lane_algebra.solve_lower(s, m, hp, change)
-            if caution.limits.shape[0] > 0:
+            if gating.limits.shape[0] > 0:
                 lane_algebra.add_squares(white, m, squared)
-                reject(squared, caution.limits, first, count, k, change, rejected)
+                reject(squared, gating.limits, first, count, k, change, rejected)
             lane_algebra.correct(change, white, m, x)
             lane_algebra.solve_upper(s, m, change, gain)
             lane_algebra.joseph(gain, hp, reading.rows, m, p, scratch, change)
@@ -85,13 +85,26 @@ def _extended(
             lanes.scatter(x, p, first, count, k, mean, cov)
 
 
+class SigmaWeights(NamedTuple):
+    """Spread and weights of sigma points.
+
+    Attributes
+    ----------
+    spread : factor of the columns of the root of P.
+    centre_cov : weight of the centre in covariances.
+    weight : of every other point.
+    """
+
+    spread: float
+    centre_cov: float
+    weight: float
+
+
 @compiled
 def _moments(
     lower: np.ndarray,
     noise_cov: np.ndarray,
-    spread: float,
-    centre_cov: float,
-    weight: float,
+    weights: SigmaWeights,
     points: SigmaPoints,
     offset: np.ndarray,
     s: np.ndarray,
@@ -103,8 +116,9 @@ def _moments(
     is left, and the weights' sum is one.
     """
     m, n = points.odd.shape[0], points.odd.shape[1]
-    double, scale = splat(2.0 * weight), splat(2.0 * weight * spread)
-    middle = splat(centre_cov + 2.0 * weight * n - 2.0)
+    weight = weights.weight
+    double, scale = splat(2.0 * weight), splat(2.0 * weight * weights.spread)
+    middle = splat(weights.centre_cov + 2.0 * weight * n - 2.0)
     for c in range(m):
         total = splat(0.0)
         for q in range(n):
@@ -142,19 +156,11 @@ def _repaired(p: np.ndarray, r: int, lower: np.ndarray) -> np.ndarray:
 
 @compiled
 def _unscented(
-    measurements: np.ndarray,
-    noise_cov: np.ndarray,
-    noise_inverse: np.ndarray,
-    transition: np.ndarray,
-    process_cov: np.ndarray,
-    prior_mean: np.ndarray,
-    prior_cov: np.ndarray,
-    model: ModelArrays,
-    spread: float,
-    weights: np.ndarray,
+    batch: Batch,
+    weights: SigmaWeights,
     loss: int,
     threshold: float,
-    caution: Caution,
+    gating: GateOptions,
     mean: np.ndarray,
     cov: np.ndarray,
     nis: np.ndarray,
@@ -162,26 +168,25 @@ def _unscented(
     rejected: np.ndarray,
 ) -> None:
     """Fill the unscented Kalman filter's results; counts (R, 2) of repairs and of evaluations."""
-    runs, epochs, m = measurements.shape
-    n = prior_mean.shape[0]
-    expected = lanes.moving_states(transition, process_cov)
+    runs, epochs, m = batch.measurements.shape
+    model, n = batch.model, batch.prior_cov.shape[0]
+    expected = lanes.moving_states(batch.transition, batch.process_cov)
     phi, q = lanes.lanes(n, n), lanes.lanes(n, n)
     x, p, scratch = lanes.lanes(1, n), lanes.lanes(n, n), lanes.lanes(n, n)
     lower, inverse = lanes.lanes(n, n), lanes.lanes(1, n)
-    reading = readings_of(model, n, m)
+    reading = readings_of(batch)
     equations = reading.rows.shape[0]
     hp, linear = lanes.lanes(equations, n), lanes.lanes(equations, equations)
     s, white = lanes.lanes(m, m), lanes.lanes(1, max(m, equations))
     points = sigma_points_of(reading.b.shape[0], n, m, reading.slope.shape[0])
     offset, cross, reweighed = lanes.lanes(1, m), lanes.lanes(m, n), lanes.lanes(m + 1, m)
     h_cov, gain, squared = lanes.lanes(m, m), lanes.lanes(m, n), lanes.lanes(1, 1)
-    centre_cov, weight = weights[0], weights[1]
     for first in lanes.starts(runs):
         count, group = lanes.count_from(first, runs), lanes.members(first, runs)
-        lanes.spread(prior_mean.reshape((1, n)), x)
-        lanes.spread(prior_cov, p)
+        lanes.spread(batch.prior_mean, x)
+        lanes.spread(batch.prior_cov, p)
         for k in range(epochs):
-            moving = lanes.gather(transition, process_cov, group, k, expected, phi, q)
+            moving = lanes.gather(batch.transition, batch.process_cov, group, k, expected, phi, q)
             # The motion is linear: sigma points through Φ have the mean Φ x and the covariance
             # Φ P Φᵀ exactly.
             lane_algebra.predict(phi, q, moving, x, p, scratch)
@@ -190,14 +195,15 @@ def _unscented(
                 if not lane_algebra.is_positive(inverse, r):
                     counts[first + r, 0] += 1
                     _repaired(p, r, lower)
-            linearise(model, measurements, noise_inverse, group, count, k, x, reading)
-            read_sigma_points(model, group, count, k, x, lower, spread, reading, points)
+            linearise(batch, group, count, k, x, reading)
+            read_sigma_points(model, group, count, k, x, lower, weights.spread, reading, points)
             for r in range(count):
                 counts[first + r, 1] += 1 + 2 * points.counts[r]
             if model.bias >= 0:
-                _add_biases(lower, spread, model.bias, reading, points)
-            r_k = noise_cov[min(k, noise_cov.shape[0] - 1)]
-            _moments(lower, r_k, spread, centre_cov, weight, points, offset, s, cross)
+                _add_biases(lower, weights.spread, model.bias, reading, points)
+            at = min(k, batch.noise_cov.shape[0] - 1)
+            r_k = batch.noise_cov[at]
+            _moments(lower, r_k, weights, points, offset, s, cross)
             # The square of the innovation is judged as that of every filter is, linearised.
             lane_algebra.project(reading.rows, p, equations, hp, linear)
             lane_algebra.factorise(linear, equations, linear)
@@ -206,25 +212,25 @@ def _unscented(
             scatter_squares(reading, first, count, k, nis)
             _innovations(model.bias, x, reading, offset)
             if loss != NONE:
-                root = noise_inverse[min(k, noise_inverse.shape[0] - 1)]
+                root = batch.noise_inverse[at]
                 reweigh_unwhitened(s, reading.z, r_k, root, count, loss, threshold, reweighed)
-            if caution.underweighting > 0.0:
-                underweight_unwhitened(s, r_k, caution.underweighting, h_cov)
+            if gating.underweighting > 0.0:
+                underweight_unwhitened(s, r_k, gating.underweighting, h_cov)
             lane_algebra.factorise(s, m, s)
             lane_algebra.whiten(s, m, reading.z, white)
             lane_algebra.solve_lower(s, m, cross, cross)
-            if caution.limits.shape[0] > 0:
+            if gating.limits.shape[0] > 0:
                 squared[:] = 0.0
                 lane_algebra.add_squares(white, m, squared)
-                reject(squared, caution.limits, first, count, k, cross, rejected)
+                reject(squared, gating.limits, first, count, k, cross, rejected)
             lane_algebra.correct(cross, white, m, x)
             lane_algebra.add_products(cross, cross, -1.0, p, scratch)
             p, scratch = scratch, p
-            if caution.underweighting > 0.0:
+            if gating.underweighting > 0.0:
                 # P − K P_xzᵀ − P_xz Kᵀ + K P_zz Kᵀ with P_xz = K S and P_zz = S − β Cov h.
                 lane_algebra.solve_upper(s, m, cross, gain)
                 lane_algebra.product(h_cov, gain, m, cross)
-                lane_algebra.add_products(gain, cross, -caution.underweighting, p, scratch)
+                lane_algebra.add_products(gain, cross, -gating.underweighting, p, scratch)
                 p, scratch = scratch, p
             lane_algebra.triangular_root(p, lower, inverse)
             for r in range(count):
@@ -242,7 +248,7 @@ def _add_biases(
     lower: np.ndarray, spread: float, bias: int, reading: Readings, out: SigmaPoints
 ) -> None:
     """Add to what the points read the instrument's biases in them."""
-    scale = splat(spread) * load(reading.here.gain, 0, 0)
+    scale = splat(spread) * load(reading.context.gain, 0, 0)
     for c in range(reading.slope.shape[0]):
         for q in range(bias + c + 1):
             store(out.odd, c, q, load(out.odd, c, q) + scale * load(lower, bias + c, q))
@@ -254,7 +260,7 @@ def _innovations(bias: int, x: np.ndarray, reading: Readings, offset: np.ndarray
     for c in range(reading.z.shape[1]):
         total = load(reading.z, 0, c) - load(reading.predicted, 0, c) - load(offset, 0, c)
         if bias >= 0 and c < reading.slope.shape[0]:
-            total -= load(reading.here.gain, 0, 0) * load(x, 0, bias + c)
+            total -= load(reading.context.gain, 0, 0) * load(x, 0, bias + c)
         store(reading.z, 0, c, total)
 
 
@@ -265,7 +271,8 @@ def extended(
 
     Parameters
     ----------
-    block : the runs. gate, underweighting : see :mod:`.cautious_update`; 0 for none.
+    block : the runs.
+    gate, underweighting : see :mod:`.innovation_gating`; 0 for none.
 
     Returns
     -------
@@ -275,11 +282,8 @@ def extended(
     runs, epochs, n = block.runs, block.epochs, block.dimension
     mean, cov = np.empty((runs, epochs, n)), np.empty((runs, epochs, n, n))
     nis, rejected = np.empty((runs, epochs)), np.zeros(runs, dtype=np.int64)
-    _extended(
-        block.measurements, noise_inverse(block), block.transition, block.process_cov,
-        block.prior_mean, block.prior_cov, block.model, caution_of(block, gate, underweighting),
-        mean, cov, nis, rejected,
-    )  # fmt: skip
+    gating = gate_options(block, gate, underweighting)
+    _extended(batch_of(block), gating, mean, cov, nis, rejected)
     return mean, cov, nis, rejected
 
 
@@ -306,7 +310,7 @@ def unscented(
     spread : by how much the rows of the root of P are stretched.
     centre_cov, weight : of the centre in covariances, of all others. Weights in means add up to 1.
     loss, threshold : on each whitened component of a reading, see :mod:`.robust_weights`.
-    gate, underweighting : see :mod:`.cautious_update`; 0 for none. Not with a loss.
+    gate, underweighting : see :mod:`.innovation_gating`; 0 for none. Not with a loss.
 
     Returns
     -------
@@ -317,11 +321,9 @@ def unscented(
     mean, cov = np.empty((runs, epochs, n)), np.empty((runs, epochs, n, n))
     nis, counts = np.empty((runs, epochs)), np.zeros((runs, 2), dtype=np.int64)
     rejected = np.zeros(runs, dtype=np.int64)
-    number, caution = number_of(loss, threshold), caution_of(block, gate, underweighting)
+    number, gating = number_of(loss, threshold), gate_options(block, gate, underweighting)
+    weights = SigmaWeights(spread, centre_cov, weight)
     _unscented(
-        block.measurements, noise_covs(block), noise_inverse(block), block.transition,
-        block.process_cov, block.prior_mean, block.prior_cov, block.model, spread,
-        np.array([centre_cov, weight]), number, threshold, caution,
-        mean, cov, nis, counts, rejected,
-    )  # fmt: skip
+        batch_of(block), weights, number, threshold, gating, mean, cov, nis, counts, rejected
+    )
     return mean, cov, nis, counts, rejected

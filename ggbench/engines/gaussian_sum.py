@@ -7,29 +7,38 @@ remains the reference: a test holds both together.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from ..block import ProblemBlock
 from ..numerics import lane_algebra, lanes
-from ..numerics.kernels import LANES, compiled
-from ..sensors.model_kernels import ModelArrays
+from ..numerics.kernels import compiled
 from .banks import split_prior
 from .iterated_update import Rules, minimise, search_of, update
 from .robust_weights import NONE
-from .whitened_readings import linearise, noise_inverse, readings_of
+from .whitened_measurements import Batch, batch_of, linearise, readings_of
+
+
+class Hypotheses(NamedTuple):
+    """Gaussians of a mixture.
+
+    Attributes
+    ----------
+    weights : (J,) logarithms, up to a common constant.
+    means : (J, n).
+    covs : (J, n, n).
+    """
+
+    weights: np.ndarray
+    means: np.ndarray
+    covs: np.ndarray
 
 
 @compiled
 def _filter(
-    measurements: np.ndarray,
-    noise_inverse: np.ndarray,
-    transition: np.ndarray,
-    process_cov: np.ndarray,
-    model: ModelArrays,
-    first_weights: np.ndarray,
-    first_means: np.ndarray,
-    first_cov: np.ndarray,
+    batch: Batch,
+    prior: Hypotheses,
     rules: Rules,
     negligible: float,
     same: float,
@@ -41,39 +50,39 @@ def _filter(
     """Fill mean (R, K, n), cov (R, K, n, n), counts of h (R,) and mean numbers of hypotheses (R,).
 
     The mean is NaN from the epoch on at which no hypothesis has a finite likelihood.
+
+    Parameters
+    ----------
+    prior : J hypotheses of one covariance (1, n, n).
     """
-    runs, epochs, m = measurements.shape
-    most, n = first_means.shape
-    expected = lanes.moving_states(transition, process_cov)
+    runs, epochs = batch.measurements.shape[:2]
+    most, n = prior.means.shape
+    expected = lanes.moving_states(batch.transition, batch.process_cov)
     phi, q = lanes.lanes(n, n), lanes.lanes(n, n)
     x, p, scratch = lanes.lanes(1, n), lanes.lanes(n, n), lanes.lanes(n, n)
-    reading = readings_of(model, n, m, rules.loss != NONE)
+    reading = readings_of(batch, rules.loss != NONE)
     m = reading.rows.shape[0]
     search = search_of(n, m)
-    weights, means, covs = np.empty(most), np.empty((most, n)), np.empty((most, n, n))
-    group, told = np.empty(LANES, dtype=np.int64), np.zeros((LANES, 2), dtype=np.int64)
+    now = Hypotheses(np.empty(most), np.empty((most, n)), np.empty((most, n, n)))
     for run in range(runs):
-        group[:] = run
-        told[:] = 0
+        group = lanes.members(run, run + 1)
+        spent = np.zeros((len(group), 2), dtype=np.int64)
         count = most
         for j in range(most):
-            weights[j] = first_weights[j]
+            now.weights[j] = prior.weights[j]
             for a in range(n):
-                means[j, a] = first_means[j, a]
+                now.means[j, a] = prior.means[j, a]
                 for b in range(n):
-                    covs[j, a, b] = first_cov[a, b]
+                    now.covs[j, a, b] = prior.covs[0, a, b]
         total = 0
         for k in range(epochs):
-            moving = lanes.gather(transition, process_cov, group, k, expected, phi, q)
-            for first in range(0, count, LANES):
-                used = min(LANES, count - first)
-                _pack(means, covs, first, used, x, p)
+            moving = lanes.gather(batch.transition, batch.process_cov, group, k, expected, phi, q)
+            for first in lanes.starts(count):
+                used = lanes.count_from(first, count)
+                _pack(now, first, used, x, p)
                 lane_algebra.predict(phi, q, moving, x, p, scratch)
-                linearise(model, measurements, noise_inverse, group, used, k, x, reading)
-                minimise(
-                    model, measurements, noise_inverse, group, used, k, rules, x, p, reading,
-                    search, told,
-                )  # fmt: skip
+                linearise(batch, group, used, k, x, reading)
+                minimise(batch, group, used, k, rules, x, p, reading, search, spent)
                 update(rules, x, p, search, scratch)
                 if rules.iterations == 1:
                     lane_algebra.add_squares(search.white, m, reading.squared)
@@ -81,67 +90,59 @@ def _filter(
                         search.cost[r] = 0.5 * reading.squared[0, 0, r]
                 for r in range(used):
                     # The diagonal of a factor is inverted.
-                    weights[first + r] -= search.cost[r]
+                    now.weights[first + r] -= search.cost[r]
                     for c in range(m):
-                        weights[first + r] += math.log(search.s[c, c, r])
-                _unpack(x, p, first, used, means, covs)
-            count = _dropped(weights, means, covs, count, negligible)
+                        now.weights[first + r] += math.log(search.s[c, c, r])
+                _unpack(x, p, first, used, now)
+            count = _dropped(now, count, negligible)
             if count == 0:
                 mean[run, k:] = np.nan
                 cov[run, k:] = np.nan
                 break
-            count = _merged(weights, means, covs, count, same)
+            count = _merged(now, count, same)
             total += count
-            _moments(weights, means, covs, count, mean[run, k], cov[run, k])
-        counts[run], sizes[run] = told[:, 1].sum(), total / epochs
+            _moments(now, count, mean[run, k], cov[run, k])
+        counts[run], sizes[run] = spent[:, 1].sum(), total / epochs
 
 
 @compiled
-def _pack(
-    means: np.ndarray, covs: np.ndarray, first: int, used: int, x: np.ndarray, p: np.ndarray
-) -> None:
+def _pack(source: Hypotheses, first: int, used: int, x: np.ndarray, p: np.ndarray) -> None:
     """Fill lanes with hypotheses from ``first`` on; the last one repeats."""
-    n = means.shape[1]
-    for r in range(LANES):
+    n = source.means.shape[1]
+    for r in lanes.each():
         j = first + min(r, used - 1)
         for a in range(n):
-            x[0, a, r] = means[j, a]
+            x[0, a, r] = source.means[j, a]
             for b in range(n):
-                p[a, b, r] = covs[j, a, b]
+                p[a, b, r] = source.covs[j, a, b]
 
 
 @compiled
-def _unpack(
-    x: np.ndarray, p: np.ndarray, first: int, used: int, means: np.ndarray, covs: np.ndarray
-) -> None:
+def _unpack(x: np.ndarray, p: np.ndarray, first: int, used: int, out: Hypotheses) -> None:
     """Write the used lanes back."""
-    n = means.shape[1]
+    n = out.means.shape[1]
     for r in range(used):
         for a in range(n):
-            means[first + r, a] = x[0, a, r]
+            out.means[first + r, a] = x[0, a, r]
             for b in range(n):
-                covs[first + r, a, b] = p[a, b, r]
+                out.covs[first + r, a, b] = p[a, b, r]
 
 
 @compiled
-def _move(
-    weights: np.ndarray, means: np.ndarray, covs: np.ndarray, source: int, place: int
-) -> None:
-    """Copy a hypothesis to another place."""
-    n = means.shape[1]
-    weights[place] = weights[source]
+def _copy(source: Hypotheses, j: int, out: Hypotheses, place: int) -> None:
+    """Copy a hypothesis."""
+    n = source.means.shape[1]
+    out.weights[place] = source.weights[j]
     for a in range(n):
-        means[place, a] = means[source, a]
+        out.means[place, a] = source.means[j, a]
         for b in range(n):
-            covs[place, a, b] = covs[source, a, b]
+            out.covs[place, a, b] = source.covs[j, a, b]
 
 
 @compiled
-def _dropped(
-    weights: np.ndarray, means: np.ndarray, covs: np.ndarray, count: int, negligible: float
-) -> int:
+def _dropped(now: Hypotheses, count: int, negligible: float) -> int:
     """Keep the hypotheses that weigh something against the heaviest; return how many."""
-    largest = -math.inf
+    weights, largest = now.weights, -math.inf
     for j in range(count):
         if math.isfinite(weights[j]) and weights[j] > largest:
             largest = weights[j]
@@ -150,15 +151,13 @@ def _dropped(
         if weights[j] - largest > math.log(negligible):
             weights[j] -= largest
             if kept < j:
-                _move(weights, means, covs, j, kept)
+                _copy(now, j, now, kept)
             kept += 1
     return kept
 
 
 @compiled
-def _merged(
-    weights: np.ndarray, means: np.ndarray, covs: np.ndarray, count: int, same: float
-) -> int:
+def _merged(now: Hypotheses, count: int, same: float) -> int:
     """Merge hypotheses whose means are the same (Salmond 1990); return how many are left.
 
     From the heaviest on, each takes in the lighter ones within its deviations, so that mean and
@@ -166,6 +165,7 @@ def _merged(
     """
     if count == 1:
         return count
+    weights, means, covs = now.weights, now.means, now.covs
     n = means.shape[1]
     order = np.argsort(-weights[:count], kind="mergesort")
     leader = np.full(count, -1)
@@ -201,8 +201,7 @@ def _merged(
         return count
     heads = order[leader[order] == order]
     new = len(heads)
-    new_weights, new_means = np.empty(new), np.zeros((new, n))
-    new_covs = np.zeros((new, n, n))
+    merged = Hypotheses(np.empty(new), np.zeros((new, n)), np.zeros((new, n, n)))
     for place in range(new):
         first, total = heads[place], 0.0
         for j in range(count):
@@ -210,25 +209,21 @@ def _merged(
                 share = math.exp(weights[j] - weights[first])
                 total += share
                 for a in range(n):
-                    new_means[place, a] += share * means[j, a]
+                    merged.means[place, a] += share * means[j, a]
         for a in range(n):
-            new_means[place, a] /= total
+            merged.means[place, a] /= total
         for j in range(count):
             if leader[j] == first:
                 share = math.exp(weights[j] - weights[first]) / total
                 for a in range(n):
                     for b in range(n):
-                        apart = (means[j, a] - new_means[place, a]) * (
-                            means[j, b] - new_means[place, b]
+                        apart = (means[j, a] - merged.means[place, a]) * (
+                            means[j, b] - merged.means[place, b]
                         )
-                        new_covs[place, a, b] += share * (covs[j, a, b] + apart)
-        new_weights[place] = weights[first] + math.log(total)
+                        merged.covs[place, a, b] += share * (covs[j, a, b] + apart)
+        merged.weights[place] = weights[first] + math.log(total)
     for place in range(new):
-        weights[place] = new_weights[place]
-        for a in range(n):
-            means[place, a] = new_means[place, a]
-            for b in range(n):
-                covs[place, a, b] = new_covs[place, a, b]
+        _copy(merged, place, now, place)
     return new
 
 
@@ -244,15 +239,9 @@ def _root(matrix: np.ndarray, root: np.ndarray) -> None:
 
 
 @compiled
-def _moments(
-    weights: np.ndarray,
-    means: np.ndarray,
-    covs: np.ndarray,
-    count: int,
-    mean: np.ndarray,
-    cov: np.ndarray,
-) -> None:
+def _moments(now: Hypotheses, count: int, mean: np.ndarray, cov: np.ndarray) -> None:
     """Fill mean (n,) and covariance (n, n) of the mixture."""
+    weights, means, covs = now.weights, now.means, now.covs
     n = means.shape[1]
     total = 0.0
     mean[:] = 0.0
@@ -285,7 +274,8 @@ def gaussian_sum(
 
     Parameters
     ----------
-    block : the runs. spacing_m, most, width : of the prior's Gaussians, see :func:`.split_prior`.
+    block : the runs.
+    spacing_m, most, width : of the prior's Gaussians, see :func:`.split_prior`.
     rules : of each update.
     negligible : weight against the largest one below which a hypothesis is dropped.
     same : squared Mahalanobis distance below which two are one.
@@ -299,11 +289,8 @@ def gaussian_sum(
     weights, means, covs = split_prior(block.problem(0), spacing_m, most, width)
     scale = np.sqrt(np.diag(block.prior_cov))
     counts, sizes = np.zeros(runs, dtype=np.int64), np.zeros(runs)
-    _filter(
-        block.measurements, noise_inverse(block), block.transition, block.process_cov, block.model,
-        weights, means * scale, covs[0] * np.outer(scale, scale), rules, negligible, same,
-        mean, cov, counts, sizes,
-    )  # fmt: skip
+    prior = Hypotheses(weights, means * scale, covs[:1] * np.outer(scale, scale))
+    _filter(batch_of(block), prior, rules, negligible, same, mean, cov, counts, sizes)
     started = np.full(runs, len(weights))
     info = {"hypotheses": started, "mean_hypotheses": sizes, "map_evaluations": counts}
     return mean, cov, info

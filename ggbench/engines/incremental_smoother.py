@@ -21,32 +21,26 @@ import numpy as np
 
 from ..block import ProblemBlock
 from ..numerics import lane_algebra, lanes
-from ..numerics.kernels import LANES, compiled
-from ..sensors.model_kernels import ModelArrays
+from ..numerics.kernels import compiled
 from .robust_weights import NONE, number_of
 from .smoother_passes import (
     Path,
     costs_of,
     covariances,
     filter_epoch,
+    gather_motion,
     judge,
     path_of,
     resume,
     smooth_back,
     work_of,
 )
-from .whitened_readings import linearise, noise_inverse, readings_of
+from .whitened_measurements import Batch, batch_of, linearise, readings_of
 
 
 @compiled
 def _smooth(
-    measurements: np.ndarray,
-    noise_inverse: np.ndarray,
-    transition: np.ndarray,
-    process_cov: np.ndarray,
-    prior_mean: np.ndarray,
-    prior_cov: np.ndarray,
-    model: ModelArrays,
+    batch: Batch,
     limits: np.ndarray,
     leaving: np.ndarray,
     loss: int,
@@ -62,10 +56,9 @@ def _smooth(
     limits, leaving : see :func:`smoother`; empty without a window.
     mean, cov, relinearized : (R, K, n), (R, K, n, n), (R,) output.
     """
-    runs, epochs, m = measurements.shape
-    n = prior_mean.shape[0]
-    expected = lanes.moving_states(transition, process_cov)
-    reading = readings_of(model, n, m, loss != NONE)
+    runs, epochs, n = batch.transition.shape[:3]
+    expected = lanes.moving_states(batch.transition, batch.process_cov)
+    reading = readings_of(batch, loss != NONE)
     m = reading.rows.shape[0]
     path, work, undamped, costs = path_of(epochs, n, m), work_of(n, m), work_of(n, 0), costs_of()
     windowed = leaving.shape[0] > 0
@@ -77,11 +70,9 @@ def _smooth(
                 covariances(
                     path, path.trial, k - 1, oldest, leaving[k] - 1, first, count, mean, cov
                 )
-            path.moving[k] = lanes.gather(
-                transition, process_cov, group, k, expected, path.phi[k], path.q[k]
-            )
+            gather_motion(batch, group, k, expected, path)
             if k == 0:
-                lanes.spread(prior_mean.reshape((1, n)), work.x)
+                lanes.spread(batch.prior_mean, work.x)
             else:
                 lane_algebra.copy(path.trial[k - 1], work.x)
             lane_algebra.move(path.phi[k], path.moving[k], work.x, work.scratch)
@@ -91,14 +82,12 @@ def _smooth(
             for j in range(k, oldest - 1, -1):
                 fixed = j == oldest and oldest > 0
                 if j == k or (not fixed and _moved(path, j, limits, group, count, relinearized)):
-                    linearise(
-                        model, measurements, noise_inverse, group, count, j, path.trial[j], reading
-                    )
+                    linearise(batch, group, count, j, path.trial[j], reading)
                     judge(path, reading, j, loss, threshold, costs)
                     begin = j
             if begin == 0:
-                lanes.spread(prior_mean.reshape((1, n)), work.x)
-                lanes.spread(prior_cov, work.p)
+                lanes.spread(batch.prior_mean, work.x)
+                lanes.spread(batch.prior_cov, work.p)
             else:
                 resume(path, begin - 1, work)
             for j in range(begin, k + 1):
@@ -124,7 +113,7 @@ def _moved(
     states, trial = path.states[j], path.trial[j]
     n = limits.shape[1]
     some = False
-    for r in range(LANES):
+    for r in lanes.each():
         moved = False
         for i in range(n):
             moved |= abs(trial[0, i, r] - states[0, i, r]) >= limits[group[r], i]
@@ -166,9 +155,8 @@ def smoother(
     if leaving is None:
         leaving = np.empty(0, dtype=np.int64)
     _smooth(
-        block.measurements, noise_inverse(block), block.transition, block.process_cov,
-        block.prior_mean, block.prior_cov, block.model, limits, leaving,
-        number_of(loss, threshold), threshold, mean, cov, relinearized,
+        batch_of(block), limits, leaving, number_of(loss, threshold), threshold,
+        mean, cov, relinearized,
     )  # fmt: skip
     evaluations = relinearized + epochs
     return mean, cov, {"relinearized": relinearized, "map_evaluations": evaluations}

@@ -10,40 +10,31 @@ import numpy as np
 
 from ..block import ProblemBlock
 from ..numerics import lane_algebra, lanes
-from ..numerics.kernels import LANES, compiled
-from ..sensors.model_kernels import ModelArrays
+from ..numerics.kernels import compiled
 from .adaptive_noise import adaptive_noise_of, begin, believe, learn
 from .iterated_update import Rules, minimise, search_of, update
 from .robust_weights import NONE, number_of
-from .whitened_readings import linearise, noise_inverse, readings_of, scatter_squares
+from .whitened_measurements import Batch, batch_of, linearise, readings_of, scatter_squares
 
 _HALVINGS = 12
 
 
 @compiled
 def _iterated(
-    measurements: np.ndarray,
-    noise_inverse: np.ndarray,
-    transition: np.ndarray,
-    process_cov: np.ndarray,
-    prior_mean: np.ndarray,
-    prior_cov: np.ndarray,
-    model: ModelArrays,
+    batch: Batch,
     rules: Rules,
     memory: int,
-    present: np.ndarray,
     mean: np.ndarray,
     cov: np.ndarray,
     nis: np.ndarray,
     counts: np.ndarray,
 ) -> None:
     """Fill mean (R, K, n), cov (R, K, n, n), NIS (R, K); counts (R, 2) of linearisations and h."""
-    runs, epochs, m = measurements.shape
-    n = prior_mean.shape[0]
-    expected = lanes.moving_states(transition, process_cov)
+    runs, epochs, n = batch.transition.shape[:3]
+    expected = lanes.moving_states(batch.transition, batch.process_cov)
     phi, q = lanes.lanes(n, n), lanes.lanes(n, n)
     x, p, scratch = lanes.lanes(1, n), lanes.lanes(n, n), lanes.lanes(n, n)
-    reading = readings_of(model, n, m, rules.loss != NONE or memory > 0)
+    reading = readings_of(batch, rules.loss != NONE or memory > 0)
     m = reading.rows.shape[0]
     noise = adaptive_noise_of(m, memory)
     search = search_of(n, m)
@@ -51,14 +42,14 @@ def _iterated(
     hp, s, white = search.hp, search.s, search.white
     for first in lanes.starts(runs):
         count, group = lanes.count_from(first, runs), lanes.members(first, runs)
-        lanes.spread(prior_mean.reshape((1, n)), x)
-        lanes.spread(prior_cov, p)
-        told = np.zeros((LANES, 2), dtype=np.int64)
+        lanes.spread(batch.prior_mean, x)
+        lanes.spread(batch.prior_cov, p)
+        spent = np.zeros((len(group), 2), dtype=np.int64)
         begin(noise)
         for k in range(epochs):
-            moving = lanes.gather(transition, process_cov, group, k, expected, phi, q)
+            moving = lanes.gather(batch.transition, batch.process_cov, group, k, expected, phi, q)
             lane_algebra.predict(phi, q, moving, x, p, scratch)
-            linearise(model, measurements, noise_inverse, group, count, k, x, reading)
+            linearise(batch, group, count, k, x, reading)
             # The square of the innovation is that of every filter: linearised at the prediction,
             # with the given noise.
             lane_algebra.copy(reading.squared, unexplained)
@@ -70,19 +61,16 @@ def _iterated(
             lane_algebra.copy(unexplained, reading.squared)
             if memory > 0:
                 believe(noise, reading)
-            minimise(
-                model, measurements, noise_inverse, group, count, k, rules, x, p, reading, search,
-                told,
-            )  # fmt: skip
+            minimise(batch, group, count, k, rules, x, p, reading, search, spent)
             update(rules, x, p, search, scratch)
             lanes.scatter(x, p, first, count, k, mean, cov)
             if memory > 0:
                 reading.precision[:] = 1.0
-                linearise(model, measurements, noise_inverse, group, count, k, x, reading)
-                learn(noise, present, group, count, k, p, search, reading)
-                told[:, 1] += 1
+                linearise(batch, group, count, k, x, reading)
+                learn(noise, batch.present, group, count, k, p, search, reading)
+                spent[:, 1] += 1
         for r in range(count):
-            counts[first + r, 0], counts[first + r, 1] = told[r, 0], told[r, 1]
+            counts[first + r, 0], counts[first + r, 1] = spent[r, 0], spent[r, 1]
 
 
 def iterated(
@@ -92,7 +80,8 @@ def iterated(
 
     Parameters
     ----------
-    block : the runs. iterations : most linearisations of h per epoch.
+    block : the runs.
+    iterations : most linearisations of h per epoch.
     loss, threshold : on each whitened component of a reading, see :mod:`.robust_weights`.
     memory : readings from which the noise is estimated, see :mod:`.adaptive_noise`; 0 for none.
 
@@ -105,9 +94,5 @@ def iterated(
     mean, cov = np.empty((runs, epochs, n)), np.empty((runs, epochs, n, n))
     nis, counts = np.empty((runs, epochs)), np.zeros((runs, 2), dtype=np.int64)
     rules = Rules(iterations, _HALVINGS, number_of(loss, threshold), threshold, True)
-    _iterated(
-        block.measurements, noise_inverse(block), block.transition, block.process_cov,
-        block.prior_mean, block.prior_cov, block.model, rules, memory, block.present,
-        mean, cov, nis, counts,
-    )  # fmt: skip
+    _iterated(batch_of(block), rules, memory, mean, cov, nis, counts)
     return mean, cov, nis, counts

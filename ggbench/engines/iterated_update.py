@@ -13,12 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ..numerics import lane_algebra
-from ..numerics.kernels import LANES, compiled
-from ..numerics.lanes import lanes
+from ..numerics.kernels import compiled
+from ..numerics.lanes import each, flags, lanes, numbers
 from ..numerics.vectors import load, splat, store
-from ..sensors.model_kernels import ModelArrays
 from .robust_weights import NONE, ROUNDS, loss_of, reweigh, weight_of
-from .whitened_readings import Readings, linearise
+from .whitened_measurements import Batch, Readings, linearise
 
 _CONVERGED = 1e-6
 """Decrease of the cost below which an update has converged: a thousandth of a deviation."""
@@ -48,12 +47,16 @@ class Search(NamedTuple):
 
     Attributes
     ----------
-    start : (1, n, lanes) x⁻. dual : λ with x = x⁻ + P λ. step : of λ. tried : λ of a trial.
+    start : (1, n, lanes) x⁻.
+    dual : λ with x = x⁻ + P λ.
+    step : of λ.
+    tried : λ of a trial.
     rows, innovation : (equations, n, lanes), (1, equations, lanes) of the last linearisation,
         divided by the deviations that a loss makes of the noise; as seen from x⁻.
     hp, s, white, half, gain : scratch (equations, n), (equations, equations), (1, equations); after
         :func:`update` s is the root of H P Hᵀ + 1, as :func:`.lane_algebra.factorise` leaves it.
-    cost : (lanes,). seeking, trying : (lanes,) whether a run has not arrived; still halves.
+    cost : (lanes,).
+    seeking, trying : (lanes,) whether a run has not arrived; still halves.
     weights : (1, equations, lanes) that a loss gave the equations; ones without any.
     weight : (equations,) scratch.
     """
@@ -84,16 +87,14 @@ def search_of(n: int, equations: int) -> Search:
     return Search(
         lanes(1, n), lanes(1, n), lanes(1, n), lanes(1, n), lanes(equations, n),
         lanes(1, equations), lanes(equations, n), lanes(equations, equations), lanes(1, equations),
-        lanes(equations, n), lanes(equations, n), np.zeros(LANES), np.zeros(LANES, dtype=np.bool_),
-        np.zeros(LANES, dtype=np.bool_), weights, np.zeros(equations),
+        lanes(equations, n), lanes(equations, n), numbers(0.0), flags(), flags(), weights,
+        np.zeros(equations),
     )  # fmt: skip
 
 
 @compiled
 def minimise(
-    model: ModelArrays,
-    measurements: np.ndarray,
-    noise_inverse: np.ndarray,
+    batch: Batch,
     group: np.ndarray,
     count: int,
     k: int,
@@ -108,24 +109,25 @@ def minimise(
 
     Parameters
     ----------
-    model, measurements, noise_inverse, group, count, k : as :func:`.linearise` has them.
+    batch, group, count, k : as :func:`.linearise` has them.
     rules : of the search.
     x, p : (1, n, lanes), (n, n, lanes) of the prediction.
-    reading : linearised at x; overwritten. out : the search.
+    reading : linearised at x; overwritten.
+    out : the search.
     counts : (lanes, 2) to which linearisations and evaluations of h are added.
     """
     m = out.rows.shape[0]
     lane_algebra.copy(x, out.start)
     for j in range(x.shape[1]):
         store(out.dual, 0, j, splat(0.0))
-    for r in range(LANES):
+    for r in each():
         out.seeking[r] = r < count
         out.trying[r] = False
         out.cost[r] = _left(reading, r, rules)
         counts[r, 1] += 1
     for iteration in range(rules.iterations):
         _take(reading, x, p, rules, iteration == 0, out)
-        for r in range(LANES):
+        for r in each():
             counts[r, 0] += out.seeking[r]
         if rules.iterations == 1:
             return
@@ -136,9 +138,7 @@ def minimise(
         for j in range(x.shape[1]):
             store(out.step, 0, j, splat(0.0) - load(out.dual, 0, j))
         lane_algebra.correct(out.half, out.white, m, out.step)
-        _descend(
-            model, measurements, noise_inverse, group, count, k, rules, x, p, reading, out, counts,
-        )  # fmt: skip
+        _descend(batch, group, count, k, rules, x, p, reading, out, counts)
         if not out.seeking.any():
             return
 
@@ -172,7 +172,7 @@ def _take(
 ) -> None:
     """Take the equations of a reading at x, seen from x⁻, for the runs that still seek."""
     m, n = out.rows.shape[0], out.rows.shape[1]
-    for r in range(LANES):
+    for r in each():
         if out.seeking[r]:
             for c in range(m):
                 total = reading.innovation[0, c, r]
@@ -184,7 +184,7 @@ def _take(
         return
     lane_algebra.project(out.rows, p, m, out.hp, out.s)
     rounds = ROUNDS if rules.settled else 0
-    for r in range(LANES):
+    for r in each():
         if out.seeking[r]:
             if rules.settled or first:
                 reweigh(
@@ -203,9 +203,7 @@ def _take(
 
 @compiled
 def _descend(
-    model: ModelArrays,
-    measurements: np.ndarray,
-    noise_inverse: np.ndarray,
+    batch: Batch,
     group: np.ndarray,
     count: int,
     k: int,
@@ -226,7 +224,7 @@ def _descend(
     part = 1.0
     for _ in range(rules.halvings):
         for j in range(n):
-            for r in range(LANES):
+            for r in each():
                 # One that has found its x is evaluated there again.
                 moved = part * out.step[0, j, r] if out.trying[r] else 0.0
                 out.tried[0, j, r] = out.dual[0, j, r] + moved
@@ -235,8 +233,8 @@ def _descend(
             for j in range(n):
                 total += load(p, i, j) * load(out.tried, 0, j)
             store(x, 0, i, load(out.start, 0, i) + total)
-        linearise(model, measurements, noise_inverse, group, count, k, x, reading)
-        for r in range(LANES):
+        linearise(batch, group, count, k, x, reading)
+        for r in each():
             if out.trying[r]:
                 counts[r, 1] += 1
                 total = 0.0
@@ -256,6 +254,6 @@ def _descend(
         for j in range(n):
             total += load(p, i, j) * load(out.dual, 0, j)
         store(x, 0, i, load(out.start, 0, i) + total)
-    for r in range(LANES):
+    for r in each():
         if before[r] - out.cost[r] < _CONVERGED:
             out.seeking[r] = False

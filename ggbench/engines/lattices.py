@@ -10,12 +10,14 @@ class Lattice:
 
     Attributes
     ----------
-    base : (d,) where the box of masses begins. axes : (d, d) A, a column each.
+    base : (d,) where the box of masses begins.
+    axes : (d, d) A, a column each.
     masses : (cells of each axis); they add up to one.
 
     Parameters
     ----------
-    mean, cov : (d,), (d, d) of the Gaussian. steps : (d,) distance of the points along each state.
+    mean, cov : (d,), (d, d) of the Gaussian.
+    steps : (d,) distance of the points along each state.
     reach : at how many standard deviations the box ends.
     """
 

@@ -18,9 +18,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..numerics import lane_algebra, lanes
-from ..numerics.kernels import LANES, compiled
+from ..numerics.kernels import compiled
 from ..numerics.vectors import load, splat, store
-from ..sensors.model_kernels import ModelArrays
 from .iterated_smoother import CONVERGED, HALVINGS
 from .robust_weights import NONE, loss_of
 from .smoother_passes import (
@@ -30,12 +29,14 @@ from .smoother_passes import (
     costs_of,
     covariances,
     filter_epoch,
+    gather_motion,
     go_back,
     judge,
     path_of,
     work_of,
 )
-from .whitened_readings import (
+from .whitened_measurements import (
+    Batch,
     Readings,
     linearise,
     readings_of,
@@ -45,15 +46,9 @@ from .whitened_readings import (
 
 
 class Problems(NamedTuple):
-    """The problems of a block, as arrays of :class:`.block.ProblemBlock`."""
+    """A block of runs, and the loss of whitened residuals, see :mod:`.robust_weights`."""
 
-    measurements: np.ndarray
-    noise_inverse: np.ndarray
-    transition: np.ndarray
-    process_cov: np.ndarray
-    prior_mean: np.ndarray
-    prior_cov: np.ndarray
-    model: ModelArrays
+    batch: Batch
     loss: int
     threshold: float
 
@@ -64,10 +59,13 @@ class Searches(NamedTuple):
     Attributes
     ----------
     runs : (J,) whose they are.
-    states : (J, K, n). start : (J, n) λ of the state before the first epoch, prior_mean + P_0 λ.
+    states : (J, K, n).
+    start : (J, n) λ of the state before the first epoch, prior_mean + P_0 λ.
     motion : (J,) twice the cost of the motion.
     about : (J, K, n) where h was linearised last.
-    cost : (J,) of the trajectory. iterations : (J,) steps. evaluations : (J,) of h.
+    cost : (J,) of the trajectory.
+    iterations : (J,) steps.
+    evaluations : (J,) of h.
     converged : (J,) whether the last step gained too little.
     """
 
@@ -87,8 +85,10 @@ class _Slots(NamedTuple):
 
     Attributes
     ----------
-    lane, share : (lanes,) whose way, how far. group : (lanes,) runs.
-    left : (lanes,) Σ ρ of the residuals there. x : (1, n, lanes) scratch.
+    lane, share : (lanes,) whose way, how far.
+    group : (lanes,) runs.
+    left : (lanes,) Σ ρ of the residuals there.
+    x : (1, n, lanes) scratch.
     """
 
     lane: np.ndarray
@@ -99,20 +99,17 @@ class _Slots(NamedTuple):
 
 
 @compiled
-def _gather_motion(problems: Problems, group: np.ndarray, expected: int, path: Path) -> None:
-    """Fill Φ and Q of a group of runs (lanes,)."""
+def _gather_motion(batch: Batch, group: np.ndarray, expected: int, path: Path) -> None:
+    """Fill Φ and Q of a group of runs (lanes,) at all epochs."""
     for k in range(path.moving.shape[0]):
-        path.moving[k] = lanes.gather(
-            problems.transition, problems.process_cov, group, k, expected, path.phi[k], path.q[k]
-        )
+        gather_motion(batch, group, k, expected, path)
 
 
 @compiled
-def _begin(problems: Problems, work: Work) -> None:
+def _begin(batch: Batch, work: Work) -> None:
     """Begin a filter."""
-    n = problems.prior_mean.shape[0]
-    lanes.spread(problems.prior_mean.reshape((1, n)), work.x)
-    lanes.spread(problems.prior_cov, work.p)
+    lanes.spread(batch.prior_mean, work.x)
+    lanes.spread(batch.prior_cov, work.p)
 
 
 @compiled
@@ -129,17 +126,14 @@ def _linearise(
     costs.explained[:] = 0.0
     costs.weighted[:] = 0.0
     for k in range(path.moving.shape[0]):
-        linearise(
-            problems.model, problems.measurements, problems.noise_inverse, group, count, k,
-            path.trial[k], reading,
-        )  # fmt: skip
+        linearise(problems.batch, group, count, k, path.trial[k], reading)
         judge(path, reading, k, problems.loss, problems.threshold, costs)
 
 
 @compiled
-def _filter(problems: Problems, path: Path, work: Work) -> None:
+def _filter(batch: Batch, path: Path, work: Work) -> None:
     """Filter the linear problems of a group."""
-    _begin(problems, work)
+    _begin(batch, work)
     for k in range(path.moving.shape[0]):
         filter_epoch(path, k, False, work, work)
 
@@ -151,15 +145,13 @@ def _evaluate(problems: Problems, path: Path, count: int, reading: Readings, slo
     slots.left[:] = 0.0
     for k in range(path.moving.shape[0]):
         states, trial = path.states[k], path.trial[k]
-        for s in range(LANES):
+        for s in lanes.each():
             lane, share = slots.lane[s], slots.share[s]
             for j in range(n):
                 here = states[0, j, lane]
                 slots.x[0, j, s] = here + share * (trial[0, j, lane] - here)
-        take_readings(problems.model, problems.measurements, slots.group, k, reading)
-        whiten_residuals(
-            problems.model, problems.noise_inverse, slots.group, count, k, slots.x, reading
-        )
+        take_readings(problems.batch, slots.group, k, reading)
+        whiten_residuals(problems.batch, slots.group, count, k, slots.x, reading)
         _add_losses(problems, reading, slots.left)
 
 
@@ -173,7 +165,7 @@ def _left(costs: Costs, r: int) -> float:
 def _add_losses(problems: Problems, reading: Readings, left: np.ndarray) -> None:
     """Add Σ ρ of the residuals of a reading (lanes,)."""
     for c in range(reading.residual.shape[1]):
-        for r in range(LANES):
+        for r in lanes.each():
             residual = reading.residual[0, c, r]
             if problems.loss == NONE:
                 left[r] += 0.5 * residual * residual
@@ -200,14 +192,14 @@ def _mixed_motion(path: Path, costs: Costs, mixed: np.ndarray) -> None:
 @compiled
 def _deal(trying: np.ndarray, halved: np.ndarray, group: np.ndarray, slots: _Slots) -> int:
     """Give the slots the next shares of those that still try, as many to each; return how many."""
-    each, used = LANES // trying.sum(), 0
-    for r in range(LANES):
+    share, used = len(trying) // trying.sum(), 0
+    for r in lanes.each():
         if trying[r]:
-            for e in range(min(each, HALVINGS - halved[r])):
+            for e in range(min(share, HALVINGS - halved[r])):
                 slots.lane[used], slots.group[used] = r, group[r]
                 slots.share[used] = 0.5 ** (halved[r] + e)
                 used += 1
-    for s in range(used, LANES):
+    for s in range(used, len(trying)):
         slots.lane[s], slots.group[s], slots.share[s] = (
             slots.lane[0], slots.group[0], slots.share[0]
         )  # fmt: skip
@@ -217,7 +209,7 @@ def _deal(trying: np.ndarray, halved: np.ndarray, group: np.ndarray, slots: _Slo
 @compiled
 def _to_lanes(tracks: np.ndarray, which: np.ndarray, out: np.ndarray) -> None:
     """Fill (K, 1, n, lanes) with the tracks (J, K, n) of some searches (lanes,)."""
-    for r in range(LANES):
+    for r in lanes.each():
         for k in range(out.shape[0]):
             for j in range(out.shape[2]):
                 out[k, 0, j, r] = tracks[which[r], k, j]
@@ -235,28 +227,28 @@ def _out_of_lanes(values: np.ndarray, first: int, count: int, tracks: np.ndarray
 @compiled
 def search(problems: Problems, most: int, found: Searches) -> None:
     """Follow the searches to their ends, in at most so many steps each."""
-    searches, epochs, n = found.states.shape
-    expected = lanes.moving_states(problems.transition, problems.process_cov)
-    reading = readings_of(problems.model, n, problems.measurements.shape[2], problems.loss != NONE)
+    batch, (searches, epochs, n) = problems.batch, found.states.shape
+    expected = lanes.moving_states(batch.transition, batch.process_cov)
+    reading = readings_of(batch, problems.loss != NONE)
     m = reading.rows.shape[0]
     path, work, costs = path_of(epochs, n, m), work_of(n, m), costs_of()
     mixed, cost, moved = lanes.lanes(1, 1), lanes.numbers(0.0), lanes.numbers(0.0)
     share, before = lanes.numbers(0.0), lanes.numbers(0.0)
     slots = _Slots(
-        np.zeros(LANES, dtype=np.int64), lanes.numbers(0.0), np.zeros(LANES, dtype=np.int64),
-        lanes.numbers(0.0), lanes.lanes(1, n),
+        lanes.integers(), lanes.numbers(0.0), lanes.integers(), lanes.numbers(0.0),
+        lanes.lanes(1, n),
     )  # fmt: skip
-    seeking, trying = share != share, share != share
-    halved, group = np.zeros(LANES, dtype=np.int64), np.zeros(LANES, dtype=np.int64)
+    seeking, trying = lanes.flags(), lanes.flags()
+    halved, group = lanes.integers(), lanes.integers()
     for first in lanes.starts(searches):
         count, own = lanes.count_from(first, searches), lanes.members(first, searches)
-        for r in range(LANES):
+        for r in lanes.each():
             group[r], moved[r] = found.runs[own[r]], found.motion[own[r]]
         _to_lanes(found.states, own, path.states)
         _to_lanes(found.states, own, path.trial)
-        _gather_motion(problems, group, expected, path)
+        _gather_motion(batch, group, expected, path)
         _linearise(problems, group, count, path, reading, costs)
-        for r in range(LANES):
+        for r in lanes.each():
             cost[r] = 0.5 * moved[r] + _left(costs, r)
             seeking[r] = r < count and np.isfinite(cost[r])
         fresh = True  # whether the linear problems are those about the trajectories
@@ -267,12 +259,12 @@ def search(problems: Problems, most: int, found: Searches) -> None:
                 for k in range(epochs):
                     lane_algebra.copy(path.states[k], path.trial[k])
                 _linearise(problems, group, count, path, reading, costs)
-            _filter(problems, path, work)
-            go_back(path, problems.prior_cov, False, work, work, costs)
+            _filter(batch, path, work)
+            go_back(path, batch.prior_cov, False, work, work, costs)
             _mixed_motion(path, costs, mixed)
             # Most often the whole step is taken: its end is where h is to be linearised next.
             _linearise(problems, group, count, path, reading, costs)
-            for r in range(LANES):
+            for r in lanes.each():
                 before[r], share[r], halved[r] = cost[r], 0.0, 1
                 new = 0.5 * costs.motion[0, 0, r] + _left(costs, r)
                 if seeking[r] and new < cost[r]:
@@ -325,20 +317,20 @@ def _step(path: Path, share: float, r: int, about: np.ndarray) -> None:
 
 
 @compiled
-def undisturbed(problems: Problems, found: Searches) -> None:
+def undisturbed(batch: Batch, found: Searches) -> None:
     """Fill the undisturbed motions from prior_mean + P_0 λ, and what these cost."""
-    n = problems.prior_mean.shape[0]
+    n = batch.prior_cov.shape[0]
     x, moved = np.empty(n), np.empty(n)
     for job in range(found.runs.shape[0]):
         found.motion[job] = 0.0
         for i in range(n):
             away = 0.0
             for j in range(n):
-                away += problems.prior_cov[i, j] * found.start[job, j]
-            x[i] = problems.prior_mean[i] + away
+                away += batch.prior_cov[i, j] * found.start[job, j]
+            x[i] = batch.prior_mean[0, i] + away
             found.motion[job] += found.start[job, i] * away
         for k in range(found.states.shape[1]):
-            phi = problems.transition[found.runs[job], k]
+            phi = batch.transition[found.runs[job], k]
             for i in range(n):
                 moved[i] = 0.0
                 for j in range(n):
@@ -348,28 +340,25 @@ def undisturbed(problems: Problems, found: Searches) -> None:
 
 
 @compiled
-def filtered_tracks(problems: Problems, found: Searches) -> None:
+def filtered_tracks(batch: Batch, found: Searches) -> None:
     """Fill the smoothed tracks of an extended Kalman filter of all runs."""
     runs, epochs, n = found.states.shape
-    expected = lanes.moving_states(problems.transition, problems.process_cov)
-    reading = readings_of(problems.model, n, problems.measurements.shape[2])
+    expected = lanes.moving_states(batch.transition, batch.process_cov)
+    reading = readings_of(batch)
     m = reading.rows.shape[0]
     path, work, costs = path_of(epochs, n, m), work_of(n, m), costs_of()
     for first in lanes.starts(runs):
         count, group = lanes.count_from(first, runs), lanes.members(first, runs)
-        _gather_motion(problems, group, expected, path)
-        _begin(problems, work)
+        _gather_motion(batch, group, expected, path)
+        _begin(batch, work)
         for k in range(epochs):
             predicted = path.trial[k]
             lane_algebra.copy(work.x, predicted)
             lane_algebra.move(path.phi[k], path.moving[k], predicted, work.scratch)
-            linearise(
-                problems.model, problems.measurements, problems.noise_inverse, group, count, k,
-                predicted, reading,
-            )  # fmt: skip
+            linearise(batch, group, count, k, predicted, reading)
             judge(path, reading, k, NONE, np.inf, costs)
             filter_epoch(path, k, False, work, work)
-        go_back(path, problems.prior_cov, False, work, work, costs)
+        go_back(path, batch.prior_cov, False, work, work, costs)
         for r in range(count):
             found.motion[first + r] = costs.motion[0, 0, r]
             for j in range(n):
@@ -380,21 +369,21 @@ def filtered_tracks(problems: Problems, found: Searches) -> None:
 @compiled
 def answer(problems: Problems, found: Searches, mean: np.ndarray, cov: np.ndarray) -> None:
     """Fill mean (J, K, n) and smoothed covariance (J, K, n, n), linearised as the search was."""
-    searches, epochs, n = found.states.shape
-    expected = lanes.moving_states(problems.transition, problems.process_cov)
-    reading = readings_of(problems.model, n, problems.measurements.shape[2], problems.loss != NONE)
+    batch, (searches, epochs, n) = problems.batch, found.states.shape
+    expected = lanes.moving_states(batch.transition, batch.process_cov)
+    reading = readings_of(batch, problems.loss != NONE)
     m = reading.rows.shape[0]
     path, work, costs = path_of(epochs, n, m), work_of(n, m), costs_of()
-    group = np.zeros(LANES, dtype=np.int64)
+    group = lanes.integers()
     for first in lanes.starts(searches):
         count, own = lanes.count_from(first, searches), lanes.members(first, searches)
-        for r in range(LANES):
+        for r in lanes.each():
             group[r] = found.runs[own[r]]
         _to_lanes(found.states, own, path.states)
         _to_lanes(found.about, own, path.trial)
-        _gather_motion(problems, group, expected, path)
+        _gather_motion(batch, group, expected, path)
         _linearise(problems, group, count, path, reading, costs)
-        _filter(problems, path, work)
+        _filter(batch, path, work)
         last = epochs - 1
         covariances(path, path.states, last, 0, last, first, count, mean, cov)
 
@@ -407,33 +396,31 @@ def screen(
 
     Parameters
     ----------
-    along : (n, d) how the state before the first epoch follows coordinates. shown : (K,) whether.
+    along : (n, d) how the state before the first epoch follows coordinates.
+    shown : (K,) whether.
     places : (d, vectors, lanes) these coordinates, in the order of memory.
     """
-    runs, epochs, m = problems.measurements.shape
-    n, d = along.shape
-    reading = readings_of(problems.model, n, m)
+    batch, (n, d) = problems.batch, along.shape
+    runs, epochs = batch.measurements.shape[:2]
+    reading = readings_of(batch)
     x, left = lanes.lanes(1, n), lanes.numbers(0.0)
-    group = np.zeros(LANES, dtype=np.int64)
     for run in range(runs):
-        group[:] = run
-        base, gain = problems.prior_mean.copy(), along.copy()
+        group = lanes.members(run, run + 1)
+        base, gain = batch.prior_mean[0].copy(), along.copy()
         for k in range(epochs):
-            phi = problems.transition[run, k]
+            phi = batch.transition[run, k]
             base, gain = phi @ base, phi @ gain
             if not shown[k]:
                 continue
-            take_readings(problems.model, problems.measurements, group, k, reading)
-            for v in range(places.shape[1]):
+            take_readings(batch, group, k, reading)
+            for v, first in enumerate(lanes.starts(out.shape[1])):
                 for i in range(n):
                     total = splat(base[i])
                     for a in range(d):
                         total += splat(gain[i, a]) * load(places, a, v)
                     store(x, 0, i, total)
-                whiten_residuals(
-                    problems.model, problems.noise_inverse, group, LANES, k, x, reading
-                )
+                whiten_residuals(batch, group, len(group), k, x, reading)
                 left[:] = 0.0
                 _add_losses(problems, reading, left)
-                for r in range(min(LANES, out.shape[1] - v * LANES)):
-                    out[run, v * LANES + r] += left[r]
+                for r in range(lanes.count_from(first, out.shape[1])):
+                    out[run, first + r] += left[r]

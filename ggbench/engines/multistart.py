@@ -24,8 +24,8 @@ from .line_search import (
 )
 from .position_grid import states_in_metres
 from .robust_weights import number_of
-from .whitened_readings import noise_inverse
-from .windows import ITERATIONS, Search, best_apart, section
+from .whitened_measurements import batch_of
+from .window_search import ITERATIONS, Search, best_apart, section
 
 _SCREENED = 50
 """Number of epochs at which the cost of a start is looked at."""
@@ -91,7 +91,8 @@ def multistart(
 
     Parameters
     ----------
-    block : the runs. count, keep : of the positions across the prior, and of those refined.
+    block : the runs.
+    count, keep : of the positions across the prior, and of those refined.
     window, spacing_m : of :func:`window_search`; 0 epochs for none.
     most : limit of the steps from each start.
     loss, threshold : on each whitened component of a reading, see :mod:`.robust_weights`.
@@ -144,10 +145,7 @@ class _Smoother:
         self.runs = np.arange(block.runs)
         self.scale = np.sqrt(np.diag(block.prior_cov))
         self.evaluations = np.zeros(block.runs, dtype=int)
-        self._arrays = Problems(
-            block.measurements, noise_inverse(block), block.transition, block.process_cov,
-            block.prior_mean, block.prior_cov, block.model, number_of(loss, threshold), threshold,
-        )  # fmt: skip
+        self._arrays = Problems(batch_of(block), number_of(loss, threshold), threshold)
 
     def best_starts(self, count: int, keep: int) -> Searches:
         """Return undisturbed motions of lowest costs from positions across the prior."""
@@ -176,7 +174,7 @@ class _Smoother:
     def from_filter(self) -> Searches:
         """Return the smoothed track of an extended Kalman filter of each run."""
         found = self._begun(self.runs, np.zeros((self.block.runs, self.block.dimension)))
-        filtered_tracks(self._arrays, found)
+        filtered_tracks(self._arrays.batch, found)
         self.evaluations += self.block.epochs
         return found
 
@@ -226,7 +224,7 @@ class _Smoother:
     def _from_prior(self, runs: np.ndarray, starts: np.ndarray) -> Searches:
         """Return the undisturbed motions of runs (J,) from prior_mean + P_0 λ of starts (J, n)."""
         found = self._begun(runs, starts)
-        undisturbed(self._arrays, found)
+        undisturbed(self._arrays.batch, found)
         return found
 
     def _begun(self, runs: np.ndarray, starts: np.ndarray) -> Searches:

@@ -40,7 +40,8 @@ class Moves(NamedTuple):
 
     Attributes
     ----------
-    particles : N. resampling : the method.
+    particles : N.
+    resampling : the method.
     threshold : ESS over N below which the cloud is renewed.
     tempering : ESS over N that a stage of a reading leaves at least; a reading that would leave
         less is taken in by stages, each raising the likelihood to a power (Neal 2001; Oudjane &

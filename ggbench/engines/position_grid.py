@@ -17,9 +17,11 @@ class Axes(NamedTuple):
 
     Attributes
     ----------
-    variances : (d,) along them [m²]. gain : (n, d) [1/m] the regression of all states, in units of
-        the prior's standard deviations, on the coordinates along them.
-    states : which states are in metres. vectors : (d, d) the axes among these, in columns.
+    variances : (d,) along them [m²].
+    gain : (n, d) [1/m] the regression of all states, in units of the prior's standard deviations,
+        on the coordinates along them.
+    states : which states are in metres.
+    vectors : (d, d) the axes among these, in columns.
     """
 
     variances: np.ndarray
@@ -57,7 +59,8 @@ def grid(sigma: np.ndarray, spacing: float) -> np.ndarray:
 
     Parameters
     ----------
-    sigma : (d,) standard deviations along the axes [m]. spacing : of the points [m].
+    sigma : (d,) standard deviations along the axes [m].
+    spacing : of the points [m].
     """
     if not len(sigma):
         return np.zeros((1, 0))

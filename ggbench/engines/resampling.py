@@ -88,7 +88,8 @@ def residues(weights: np.ndarray, places: np.ndarray, ancestors: np.ndarray) -> 
 
     Parameters
     ----------
-    weights, ancestors : as in :func:`strata`. places : (M,) uniform numbers between 0 and 1.
+    weights, ancestors : as in :func:`strata`.
+    places : (M,) uniform numbers between 0 and 1.
     """
     size, count = weights.shape[0], ancestors.shape[0]
     copies, left = np.empty(size, dtype=np.int64), np.empty(size)

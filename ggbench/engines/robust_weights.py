@@ -66,8 +66,11 @@ def reweigh(
 
     Parameters
     ----------
-    spread : (m, m, lanes) of which the lower half is H P Hᵀ + 1. innovation : (1, m, lanes).
-    r : the run's lane. rounds : how many, at most. weight : (m,) output.
+    spread : (m, m, lanes) of which the lower half is H P Hᵀ + 1.
+    innovation : (1, m, lanes).
+    r : the run's lane.
+    rounds : how many, at most.
+    weight : (m,) output.
     """
     for c in range(m):
         deviation = math.sqrt(max(spread[c, c, r], 1.0))
@@ -117,9 +120,11 @@ def reweigh_unwhitened(
 
     Parameters
     ----------
-    s : (m, m, lanes), the lower half. innovation : (1, m, lanes).
+    s : (m, m, lanes), the lower half.
+    innovation : (1, m, lanes).
     noise_cov, noise_inverse : (m, m) R and the inverse of its lower root.
-    count : of the runs. scratch : (m + 1, m, lanes).
+    count : of the runs.
+    scratch : (m + 1, m, lanes).
     """
     m = s.shape[0]
     root = np.linalg.cholesky(noise_cov)

@@ -10,8 +10,8 @@ from ..numerics.kernels import compiled
 from ..numerics.lanes import lanes
 from ..numerics.vectors import load, splat, store
 from ..sensors.aiding_kernels import read_aiding_pairs
-from ..sensors.model_kernels import ModelArrays, Points, points_of, read
-from .whitened_readings import Readings
+from ..sensors.model_kernels import ModelArrays, PointScratch, point_scratch, read
+from .whitened_measurements import Readings
 
 _NEAR, _STRAIGHT = 0.01, 1e-7
 """Displacements [m], [rad] of the instrument over which h is a straight line."""
@@ -24,7 +24,8 @@ class SigmaPoints(NamedTuple):
     ----------
     shift : (moving, n, lanes) B_k d_q [m; rad].
     odd, even : (m, n, lanes) half the difference and half the sum of h(x ± d_q) − h(x) [E].
-    far : (lanes, n) which points are evaluated, of each run. counts : (lanes,) how many pairs.
+    far : (lanes, n) which points are evaluated, of each run.
+    counts : (lanes,) how many pairs.
     errors, found : (6, 2n, lanes), (g, 2n, lanes) where they are evaluated, and what the
         gradiometer reads there.
     chosen, points : scratch.
@@ -38,7 +39,7 @@ class SigmaPoints(NamedTuple):
     errors: np.ndarray
     found: np.ndarray
     chosen: np.ndarray
-    points: Points
+    points: PointScratch
 
 
 @compiled
@@ -48,7 +49,8 @@ def sigma_points_of(moving: int, n: int, m: int, g: int) -> SigmaPoints:
     size = chosen.shape[2]
     return SigmaPoints(
         lanes(moving, n), lanes(m, n), lanes(m, n), np.zeros((size, n), dtype=np.int64),
-        np.zeros(size, dtype=np.int64), lanes(6, 2 * n), lanes(g, 2 * n), chosen, points_of(2 * n),
+        np.zeros(size, dtype=np.int64), lanes(6, 2 * n), lanes(g, 2 * n), chosen,
+        point_scratch(2 * n),
     )  # fmt: skip
 
 
@@ -69,13 +71,14 @@ def read_sigma_points(
     Parameters
     ----------
     model, group, count, k : of a block, runs (lanes,) of which ``count`` differ, epoch.
-    x : (1, n, lanes). lower : (n, n, lanes) root of P. spread : by how much its columns are
-        stretched.
+    x : (1, n, lanes).
+    lower : (n, n, lanes) root of P.
+    spread : by how much its columns are stretched.
     reading : h(x), its slope and B_k.
     out : output; ``counts`` of pairs that were evaluated.
     """
     shift, odd, even, counts = out.shift, out.odd, out.even, out.counts
-    b, slope, gain = reading.b, reading.slope, reading.here.gain
+    b, slope, gain = reading.b, reading.slope, reading.context.gain
     moving, n, g = shift.shape[0], shift.shape[1], slope.shape[0]
     columns = b.shape[1]
     factor, zero = splat(spread), splat(0.0)
@@ -159,7 +162,7 @@ def _evaluate(
             # A point and its mirror image are neighbours.
             store(errors, i, 2 * s, centre + moved)
             store(errors, i, 2 * s + 1, centre - moved)
-    read(model, k, reading.here, errors, 2 * pairs, 2 * pairs * size, out.points, found)
+    read(model, k, reading.context, errors, 2 * pairs, 2 * pairs * size, out.points, found)
     for c in range(found.shape[0]):
         centre = load(reading.predicted, 0, c)
         for s in range(pairs):

@@ -17,10 +17,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..numerics import lane_algebra, lanes
-from ..numerics.kernels import LANES, compiled
+from ..numerics.kernels import compiled
 from ..numerics.vectors import load, splat, store
 from .robust_weights import NONE, loss_of, weight_of
-from .whitened_readings import Readings
+from .whitened_measurements import Batch, Readings
 
 
 class Updates(NamedTuple):
@@ -42,7 +42,8 @@ class Path(NamedTuple):
 
     Attributes
     ----------
-    moving : (K,) how many states Φ moves. phi, q : (K, n, n, lanes) their rows of Φ and Q.
+    moving : (K,) how many states Φ moves.
+    phi, q : (K, n, n, lanes) their rows of Φ and Q.
     rows, target : (K, m, n, lanes), (K, 1, m, lanes): H x = target + noise of unit variance.
     old_rows, old_target : those of the step before.
     states, trial : (K, 1, n, lanes) the trajectory and the one that is tried.
@@ -155,6 +156,14 @@ def costs_of() -> Costs:
 
 
 @compiled
+def gather_motion(batch: Batch, group: np.ndarray, k: int, expected: int, path: Path) -> None:
+    """Fill Φ and Q of a group of runs (lanes,) at an epoch; ``expected`` as in lanes.gather."""
+    path.moving[k] = lanes.gather(
+        batch.transition, batch.process_cov, group, k, expected, path.phi[k], path.q[k]
+    )
+
+
+@compiled
 def put_back(path: Path, k: int, r: int) -> None:
     """Give a run the linear problem of the step before, at an epoch."""
     for c in range(path.rows.shape[1]):
@@ -202,7 +211,7 @@ def judge(path: Path, reading: Readings, k: int, loss: int, threshold: float, co
 def _weigh(reading: Readings, loss: int, threshold: float, costs: Costs) -> None:
     """Multiply equations with the roots of their weights; add up twice their losses."""
     m, n = reading.rows.shape[0], reading.rows.shape[1]
-    for r in range(LANES):
+    for r in lanes.each():
         for c in range(m):
             residual = reading.innovation[0, c, r]
             costs.explained[0, 0, r] += 2.0 * loss_of(residual, loss, threshold)
@@ -406,7 +415,8 @@ def covariances(
     states : (K, 1, n, lanes) the trajectories.
     newest, oldest : epochs of the window.
     final : those from the oldest to this one are written.
-    first, count : the runs. mean, cov : (R, K, n), (R, K, n, n) output.
+    first, count : the runs.
+    mean, cov : (R, K, n), (R, K, n, n) output.
     """
     n = path.rows.shape[2]
     root, later, nothing = lanes.lanes(n, n), lanes.lanes(n, n), lanes.lanes(n, n)

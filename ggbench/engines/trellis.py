@@ -30,9 +30,11 @@ class Layer(NamedTuple):
 
     Attributes
     ----------
-    low : (d,) index of the first cell of their box. shape : (d,) of the box.
-    cells : (A,) flat indices in the box, increasing. forward : (A,) probability given the readings
-        up to the epoch. likelihood : (A,) of its reading, against the largest one.
+    low : (d,) index of the first cell of their box.
+    shape : (d,) of the box.
+    cells : (A,) flat indices in the box, increasing.
+    forward : (A,) probability given the readings up to the epoch.
+    likelihood : (A,) of its reading, against the largest one.
     kernels : of each axis, probabilities of the steps that lead here.
     base, axes : of the lattice.
     """
@@ -76,8 +78,9 @@ class Trellis:
 
     Parameters
     ----------
-    problem : of d states. steps : (d,) sizes of a cell. most : cells that are kept at an epoch,
-        those of the largest probabilities.
+    problem : of d states.
+    steps : (d,) sizes of a cell.
+    most : cells that are kept at an epoch, those of the largest probabilities.
     extra_noise : (K, m, m) what readings depend on beside the states, as noise.
     """
 

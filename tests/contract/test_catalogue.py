@@ -20,7 +20,7 @@ from ggbench.problem import Estimate, Estimator
 class Filter(Estimator):
     name = "filter"
     causality = "filter"
-    exact = True
+    exact_if_linear_gaussian = True
 
     def estimate(self, problem, rng):
         x, p = problem.prior_mean, problem.prior_cov
@@ -65,7 +65,11 @@ BROKEN = {
         f"{SIZE}        means += 5e-10 * size * np.tanh(0.1 * problem.measurements[-1, 0])\n{END}",
         "readings of the future though its causality is 'filter': readings after epoch 20",
     ),
-    "exact": ("exact = True", "exact = False", "on a linear problem: its mean is"),
+    "exact": (
+        "exact_if_linear_gaussian = True",
+        "exact_if_linear_gaussian = False",
+        "on a linear problem: its mean is",
+    ),
     "noise": ("problem.noise_of(k)", "problem.noise_of(0)", "deviations of the posterior from"),
     "gaps": (
         "            x = x + gain @ y\n",
@@ -131,7 +135,7 @@ def test_the_right_check_fails(tmp_path, name):
         ("Estimate(means, ", "Estimate(means + 0j, ", "estimate", "type complex128"),
         ("Estimate(means, ", "Estimate(means * np.nan, ", "estimate", "not finite at 40 epochs"),
         (END, f"        covs[-1, 2, 2] *= -1.0\n{END}", "covariance", "variance of state 2 at"),
-        (", covs, ", ", None, ", "exact", "say exact = False, or return one"),
+        (", covs, ", ", None, ", "exact", "say exact_if_linear_gaussian = False"),
         ('causality = "filter"', 'causality = "batch"', "causality", "declare 'filter'"),
         ('causality = "filter"', 'causality = "none"', "causality", "is 'none', and when readings"),
     ],

@@ -12,9 +12,9 @@ import os
 
 import numpy as np
 import pytest
-from problems import block_of_runs, compiled
+from oracles import reference
+from problems import block_of_runs, estimator
 
-from ggbench.campaign.registry import choose
 from ggbench.problem import Estimate, Problem
 from ggbench.spec import scenario
 
@@ -95,17 +95,17 @@ def test_filters_are_those_of_the_frameworks(label, name, case):
     with itself. There are such runs where the prior is as wide as the terrain's valleys alone.
     """
     block = block_of_runs(name, case, 0, RUNS)
-    reference = choose(label).estimator
-    estimates = compiled(label).estimate_block(block)
+    oracle = reference(label)
+    estimates = estimator(label).estimate_block(block)
     limit = ITERATED if label in SEARCHING else LIMIT
     chaotic = steps = 0
     for run in range(MORE_RUNS if label in MORE else block.runs):
         problem = block.problem(run)
-        expected = reference.estimate(problem, np.random.default_rng(0))
+        expected = oracle.estimate(problem)
         found = difference(estimates.estimate(run), expected, problem)
         if found < limit:
             continue
-        again = reference.estimate(nudged(problem), np.random.default_rng(0))
+        again = oracle.estimate(nudged(problem))
         own = difference(again, expected, problem)
         tipped = label in SEARCHING and found <= TIPPED.get(name, 0.0)
         steps += tipped
@@ -122,14 +122,14 @@ def test_incremental_solutions_are_gtsams(mode, name, case):
     block = block_of_runs(name, case, 0, RUNS)
     lag = max(20.0, WINDOW * np.diff(block.times).max())
     label = f"factor-graph[mode={mode},lag={lag}]"
-    reference, estimates = choose(label).estimator, compiled(label).estimate_block(block)
+    oracle, estimates = reference(label), estimator(label).estimate_block(block)
     limit = max(COARSER.get(name, 0.0), 1e-5)
     for run in range(INCREMENTAL_RUNS):
         problem = block.problem(run)
-        expected = reference.estimate(problem, np.random.default_rng(0))
+        expected = oracle.estimate(problem)
         apart = difference(estimates.estimate(run), expected, problem)
         if apart >= limit:
-            again = reference.estimate(nudged(problem), np.random.default_rng(0))
+            again = oracle.estimate(nudged(problem))
             own = difference(again, expected, problem)
             assert own > 0.1 * limit, f"run {run}: {apart:.1e}, and {own:.1e} of GTSAM itself"
             assert name in LOST or EVERYTHING
@@ -145,19 +145,19 @@ def test_the_batch_solution_is_gtsams(name, case, loss):
     """
     block = block_of_runs(name, case, 0, RUNS)
     label = BATCH if loss == "none" else f"factor-graph[mode=batch,loss={loss}]"
-    reference, estimates = choose(label).estimator, compiled(label).estimate_block(block)
+    oracle, estimates = reference(label), estimator(label).estimate_block(block)
     runs = RUNS if name == "wang2013" and loss == "none" else BATCH_RUNS
     for run in range(runs if loss == "none" else 1):
         problem = block.problem(run)
-        expected = reference.estimate(problem, np.random.default_rng(0))
+        expected = oracle.estimate(problem)
         found = estimates.estimate(run)
         error = expected.info["error"]
         assert abs(found.info["error"] - error) < 1e-4 + 1e-6 * error
         apart = difference(found, expected, problem)
         limit = COARSER.get(name, LIMIT)
-        if apart < limit or expected.info["iterations"] == reference.max_iterations:
+        if apart < limit or expected.info["iterations"] == oracle.estimator.max_iterations:
             continue
-        again = reference.estimate(nudged(problem), np.random.default_rng(0))
+        again = oracle.estimate(nudged(problem))
         own = difference(again, expected, problem)
         # Where the map is wrong, Gauss-Newton steps shrink slowly, and the search ends when the
         # cost falls by less than 1e-5, wherever it then is.

@@ -15,7 +15,7 @@ from ggbench.numerics.frozen import read_only
 
 pytestmark = pytest.mark.long
 
-REFERENCE = choose("factor-graph[mode=batch]").estimator
+REFERENCE = choose("gtsam[mode=batch]").estimator
 MOST = REFERENCE.max_iterations
 
 
@@ -53,9 +53,9 @@ def test_the_minimum_is_gtsams(name, case, runs):
 def test_the_minimum_with_a_loss_is_gtsams(loss):
     """Among outliers, where the estimate without a loss is another one; in as many steps."""
     block = block_of_runs("outliers", "outliers-5pc", 0, 2)
-    robust = choose(f"factor-graph[mode=batch,loss={loss},engine=numba]").estimator
+    robust = choose(f"factor-graph[mode=batch,loss={loss}]").estimator
     found, plain = robust.estimate_block(block), batch_smoother.smoother(block, MOST)
-    reference = choose(f"factor-graph[mode=batch,loss={loss}]").estimator
+    reference = choose(f"gtsam[mode=batch,loss={loss}]").estimator
     sigma = np.sqrt(np.diag(block.prior_cov))
     for run in range(block.runs):
         expected = reference.estimate(block.problem(run), np.random.default_rng(0))
@@ -75,7 +75,7 @@ def test_of_any_prior_and_any_noise_the_minimum_is_gtsams(most):
     """
     block = entangled(block_of_runs("wang2013", "0.01E-0.2Hz", 0, 1))
     mean, cov, counters = batch_smoother.smoother(block, most)
-    reference = choose(f"factor-graph[mode=batch,max_iterations={most}]").estimator
+    reference = choose(f"gtsam[mode=batch,max_iterations={most}]").estimator
     expected = reference.estimate(block.problem(0), np.random.default_rng(0))
     assert counters["error"][0] == pytest.approx(expected.info["error"], rel=1e-9)
     sigma = np.sqrt(np.diag(block.prior_cov))
@@ -159,7 +159,7 @@ def test_a_search_that_is_cut_short_while_it_is_damped_is_gtsams(most):
     odd = dataclasses.replace(block, measurements=measurements)
     mean, cov, counters = batch_smoother.smoother(odd, most)
     assert counters["map_evaluations"][0] > (1 + most) * block.epochs  # steps were refused
-    reference = choose(f"factor-graph[mode=batch,max_iterations={most}]").estimator
+    reference = choose(f"gtsam[mode=batch,max_iterations={most}]").estimator
     expected = reference.estimate(odd.problem(0), np.random.default_rng(0))
     assert counters["iterations"][0] == expected.info["iterations"] == most
     sigma = np.sqrt(np.diag(block.prior_cov))

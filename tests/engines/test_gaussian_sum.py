@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from oracles import reference
 from problems import block_of_runs
 
 from ggbench.block import block_of
@@ -14,7 +15,7 @@ from ggbench.spec import scenario
 
 pytestmark = pytest.mark.long  # to compile it takes ten times as long as to run it
 
-COMPILED = choose("gaussian-sum[engine=numba]").estimator
+COMPILED = choose("gaussian-sum").estimator
 
 
 @pytest.mark.parametrize(
@@ -36,10 +37,10 @@ def test_numpy_gives_the_same_answer(name, case, iterations, limit):
     """
     block = block_of_runs(name, case or scenario.load(name).cases[0].name, 0, 2)
     found = dataclasses.replace(COMPILED, iterations=iterations).estimate_block(block)
-    reference = choose(f"gaussian-sum[iterations={iterations}]").estimator
+    oracle = reference("gaussian-sum", iterations=iterations)
     sigma = np.sqrt(np.diag(block.prior_cov))
     for run in range(block.runs):
-        expected = reference.estimate(block.problem(run), np.random.default_rng(0))
+        expected = oracle.estimate(block.problem(run))
         for key in ("hypotheses", "mean_hypotheses"):
             assert found.info[key][run] == pytest.approx(expected.info[key])
         assert np.abs((found.mean[run] - expected.mean) / sigma).max() < limit
@@ -54,8 +55,7 @@ def test_with_a_loss_numpy_gives_the_same_answer(loss):
     plain = COMPILED.estimate_block(block)
     sigma = np.sqrt(np.diag(block.prior_cov))
     for run in range(block.runs):
-        reference = choose(f"gaussian-sum[loss={loss}]").estimator
-        expected = reference.estimate(block.problem(run), np.random.default_rng(0))
+        expected = reference("gaussian-sum", loss=loss).estimate(block.problem(run))
         assert np.abs((found.mean[run] - expected.mean) / sigma).max() < 1e-4
         assert np.abs((found.cov[run] - expected.cov) / np.outer(sigma, sigma)).max() < 1e-4
         assert np.abs((plain.mean[run] - expected.mean) / sigma).max() > 1e-2

@@ -6,7 +6,8 @@ import dataclasses
 
 import numpy as np
 import pytest
-from problems import block_of_runs, compiled, entangled, estimator, smoothed
+from oracles import reference
+from problems import block_of_runs, entangled, estimator, smoothed
 
 from ggbench.block import ProblemBlock
 
@@ -17,10 +18,10 @@ INCREMENTAL, LAGGED = "factor-graph", "factor-graph[mode=fixed-lag,lag=20]"
 
 def assert_gtsams(label: str, block: ProblemBlock, limit: float, least: int = 0) -> None:
     """Hold means and covariances to GTSAM's, in deviations of the prior."""
-    found = compiled(label).estimate_block(block)
+    found = estimator(label).estimate_block(block)
     sigma = np.sqrt(np.diag(block.prior_cov))
     for run in range(block.runs):
-        expected = estimator(label).estimate(block.problem(run), np.random.default_rng(0))
+        expected = reference(label).estimate(block.problem(run))
         assert (found.causality, found.lag) == (expected.causality, expected.lag)
         assert np.abs((found.mean[run] - expected.mean) / sigma).max() < limit
         assert np.abs((found.cov[run] - expected.cov) / np.outer(sigma, sigma)).max() < limit
@@ -56,8 +57,8 @@ def test_with_a_loss_nodes_are_gtsams(loss):
     block = block_of_runs("outliers", "outliers-5pc", 0, 1)
     label = f"factor-graph[mode=fixed-lag,lag=5,loss={loss}]"
     assert_gtsams(label, block, 1e-6, 10)
-    plain = compiled("factor-graph[mode=fixed-lag,lag=5]").estimate_block(block)
-    apart = compiled(label).estimate_block(block).mean - plain.mean
+    plain = estimator("factor-graph[mode=fixed-lag,lag=5]").estimate_block(block)
+    apart = estimator(label).estimate_block(block).mean - plain.mean
     assert np.abs(apart / np.sqrt(np.diag(block.prior_cov))).max() > 1e-2
 
 
@@ -75,7 +76,7 @@ def test_where_nothing_is_linearised_anew_a_window_is_the_linear_smoother(lag, a
         x = phi @ x
         readings.append(problem.model.predict(k, x))
     quiet = dataclasses.replace(block, measurements=np.array([readings]))
-    found = compiled(f"factor-graph[mode=fixed-lag,lag={lag:g}]").estimate_block(quiet)
+    found = estimator(f"factor-graph[mode=fixed-lag,lag={lag:g}]").estimate_block(quiet)
     mean, cov = smoothed(quiet.problem(0), ahead)
     sigma = np.sqrt(np.diag(block.prior_cov))
     assert np.abs((found.mean[0] - mean) / sigma).max() < 1e-9
@@ -85,7 +86,7 @@ def test_where_nothing_is_linearised_anew_a_window_is_the_linear_smoother(lag, a
 @pytest.mark.parametrize("mode", ["isam2", "fixed-lag"])
 def test_a_run_does_not_depend_on_its_neighbours(mode):
     """Alone, in three and in eleven (the last group not full), shifted by one: the same bits."""
-    estimate = compiled(f"factor-graph[mode={mode},relinearize_threshold=0.3]")
+    estimate = estimator(f"factor-graph[mode={mode},relinearize_threshold=0.3]")
     whole = estimate.estimate_block(block_of_runs("wang2013", "0.01E-0.2Hz", 0, 11))
     for first, last in ((0, 1), (4, 7), (1, 11)):
         part = estimate.estimate_block(block_of_runs("wang2013", "0.01E-0.2Hz", first, last))
@@ -105,7 +106,7 @@ def test_however_much_surer_later_readings_make_an_epoch_covariances_are_gtsams(
     in this run and had a negative eigenvalue.
     """
     block = block_of_runs("matching", "10km", 123, 124)
-    found = compiled(label).estimate_block(block)
+    found = estimator(label).estimate_block(block)
     expected = estimator(label).estimate(block.problem(0), np.random.default_rng(0))
     assert expected.cov is not None
     sigma = np.sqrt(np.diagonal(expected.cov, axis1=1, axis2=2))

@@ -7,12 +7,13 @@ import functools
 
 import numpy as np
 import pytest
-from problems import block_of_runs, compiled, estimator, rng
+from oracles import reference
+from problems import block_of_runs, estimator
 from scipy.stats import chi2
 from small_cases import GRAVIMETER, ON_BOARD, rough_map, small_flight
 
 from ggbench.block import ProblemBlock
-from ggbench.engines.cautious_update import gate_limits
+from ggbench.engines.innovation_gating import gate_limits
 from ggbench.engines.innovations import innovations_squared
 from ggbench.numerics.frozen import read_only
 from ggbench.simulation.runs import simulate_block
@@ -58,13 +59,13 @@ def test_filterpy_gives_the_same_answer(label, case, caution, several):
     whose compiled engine takes h for a line over a centimetre), and to 1e-9 in the covariance.
     """
     block = paper() if case == "0.001E-1Hz" else several
-    reference = dataclasses.replace(estimator(label), **caution)
-    found = dataclasses.replace(compiled(label), **caution).estimate_block(block)
+    oracle = reference(label, **caution)
+    found = dataclasses.replace(estimator(label), **caution).estimate_block(block)
     sigma = np.sqrt(np.diag(block.prior_cov))
     rejected = 0
     for run in range(block.runs):
         problem = block.problem(run)
-        expected = reference.estimate(problem, rng())
+        expected = oracle.estimate(problem)
         assert np.abs((found.mean[run] - expected.mean) / sigma).max() < 1e-8
         assert np.abs((found.cov[run] - expected.cov) / np.outer(sigma, sigma)).max() < 1e-9
         nis = innovations_squared(problem, expected.mean, expected.cov)
@@ -79,7 +80,7 @@ def test_filterpy_gives_the_same_answer(label, case, caution, several):
 @pytest.mark.parametrize("label", LABELS[:2])
 def test_neighbours_change_no_bit_of_a_run(label, caution, several):
     """Of eleven runs in two groups each is as it is alone: readings left out are its own."""
-    solver = dataclasses.replace(compiled(label), **caution)
+    solver = dataclasses.replace(estimator(label), **caution)
     alone = [solver.estimate_block(chosen(several, [run])) for run in range(3)]
     many = [2, 0, 0, 1, 2, 1, 1, 0, 2, 1, 0]
     together = solver.estimate_block(chosen(several, many))
@@ -120,14 +121,14 @@ def test_a_gate_leaves_out_an_outlier_and_nothing_else(label):
     model = block.model._replace(gain=read_only(gain), offset=read_only(offset))
     without = dataclasses.replace(block, measurements=measurements, present=present, model=model)
     sigma = np.sqrt(np.diag(block.prior_cov))
-    gated = dataclasses.replace(compiled(label), gate=1.0 - 1e-9).estimate_block(bad)
-    plain = compiled(label).estimate_block(without)
+    gated = dataclasses.replace(estimator(label), gate=1.0 - 1e-9).estimate_block(bad)
+    plain = estimator(label).estimate_block(without)
     assert gated.info["rejected"].tolist() == [0, 1, 0]
     assert np.abs((gated.mean - plain.mean) / sigma).max() < 1e-12
     assert np.abs((gated.cov - plain.cov) / np.outer(sigma, sigma)).max() < 1e-12
     assert gated.nis[place] > 1e5  # NIS is of what has come, believed or not
-    found = dataclasses.replace(estimator(label), gate=1.0 - 1e-9).estimate(bad.problem(1), rng())
-    expected = estimator(label).estimate(without.problem(1), rng())
+    found = reference(label, gate=1.0 - 1e-9).estimate(bad.problem(1))
+    expected = reference(label).estimate(without.problem(1))
     assert found.info["rejected"] == 1
     assert np.abs((found.mean - expected.mean) / sigma).max() < 1e-12
     assert np.abs((found.cov - expected.cov) / np.outer(sigma, sigma)).max() < 1e-12

@@ -1,14 +1,12 @@
-"""Cautious updates of eight runs at once, compiled: readings that are gated, or underweighted.
+"""Innovation gates and underweighted updates of eight runs at once, compiled.
 
-A gate leaves out a reading whose normalised innovation squared yᵀ S⁻¹ y is beyond a quantile of the
-χ² distribution that it should have (Bar-Shalom, Li & Kirubarajan 2001, sec. 5.4). Underweighting
-takes S = (1 + β) H P Hᵀ + R for the gain, since a wide prior and a field that bends make
-innovations larger than H P Hᵀ + R (Lear 1985; Carpenter & D'Souza 2018, NASA/TP-2018-219822). The
-covariance after it is what Joseph's form gives for a gain that is not the optimal one, with R.
+A gate leaves out a measurement whose normalised innovation squared yᵀ S⁻¹ y is beyond a quantile of
+the χ² distribution that it should have (Bar-Shalom, Li & Kirubarajan 2001, sec. 5.4).
+Underweighting takes S = (1 + β) H P Hᵀ + R for the gain, since a wide prior and a field that bends
+make innovations larger than H P Hᵀ + R (Lear 1985; Carpenter & D'Souza 2018,
+NASA/TP-2018-219822). The covariance after it is that of Joseph's form with R and this gain.
 
-With both, the gate has the S of the gain: what a reading is forgiven by one it is by the other.
-
-What :mod:`ggbench.estimators.cautious` does with one reading, which remains the reference.
+With both, the gate tests the innovation against the S of the gain.
 """
 
 from __future__ import annotations
@@ -23,8 +21,8 @@ from ..numerics.kernels import compiled
 from ..numerics.vectors import load, splat, store
 
 
-class Caution(NamedTuple):
-    """How cautious the updates of a block are.
+class GateOptions(NamedTuple):
+    """Gate limits and underweighting of a block's updates.
 
     Attributes
     ----------
@@ -36,21 +34,22 @@ class Caution(NamedTuple):
     underweighting: float
 
 
-def caution_of(block: ProblemBlock, gate: float, underweighting: float) -> Caution:
-    """Return what a gate of this probability (0: none) and a β mean for the runs of a block."""
+def gate_options(block: ProblemBlock, gate: float, underweighting: float) -> GateOptions:
+    """Return the options of a block for a gate's probability (0: none) and a β."""
     limits = gate_limits(gate, block.present)
-    return Caution(limits if gate else np.empty((0, 0)), underweighting)
+    return GateOptions(limits if gate else np.empty((0, 0)), underweighting)
 
 
 def gate_limits(gate: float, present: np.ndarray) -> np.ndarray:
-    """Return the largest yᵀ S⁻¹ y (...) of readings that pass a gate.
+    """Return the largest yᵀ S⁻¹ y (...) of measurements that pass a gate.
 
     The quantile of χ² with as many degrees of freedom as channels are present; ∞ where none is, or
     without a gate.
 
     Parameters
     ----------
-    gate : its probability; 0 for none. present : (..., m) which channels there are.
+    gate : its probability; 0 for none.
+    present : (..., m) which channels there are.
     """
     channels = np.count_nonzero(present, axis=-1)
     if not gate:
@@ -77,7 +76,8 @@ def underweight_unwhitened(
 
     Parameters
     ----------
-    s : (m, m, lanes) the covariance of h(x) plus R. noise_cov : (m, m) R.
+    s : (m, m, lanes) the covariance of h(x) plus R.
+    noise_cov : (m, m) R.
     spread : (m, m, lanes) output, the covariance of h(x).
     """
     beta = splat(underweighting)
@@ -99,12 +99,14 @@ def reject(
     half_gain: np.ndarray,
     rejected: np.ndarray,
 ) -> None:
-    """Take the gain of readings that do not pass the gate away, and count them.
+    """Set the gain of measurements beyond the gate to zero, and count them.
 
     Parameters
     ----------
-    squared : (1, 1, lanes) yᵀ S⁻¹ y. limits : (R, K). first, count, k : of a group; epoch.
-    half_gain : (m, n, lanes) L⁻¹ times the cross-covariance; zero afterwards where it is taken.
+    squared : (1, 1, lanes) yᵀ S⁻¹ y.
+    limits : (R, K).
+    first, count, k : of a group; epoch.
+    half_gain : (m, n, lanes) L⁻¹ times the cross-covariance; zero where a measurement is rejected.
     rejected : (R,) counts.
     """
     for r in range(count):

@@ -1,4 +1,4 @@
-"""Windows of readings: a search over where they were taken, and the refinement of what it finds.
+"""Search over the start of a window of measurements, and refinement of its best places.
 
 A window is a problem of its own: some epochs of another one, with what is known before them as its
 prior (:func:`section`). A matcher asks of many displacements of its start how well the map there
@@ -37,7 +37,7 @@ deepest points: hollows of a field are curved and long, and Gauss–Newton from 
 ends beside the lowest one."""
 ITERATIONS = 30
 """Limit of the steps to a place."""
-_MOST = 1_000_000
+MOST = 1_000_000
 """Points of a grid that fit in memory."""
 
 
@@ -94,24 +94,8 @@ def section(problem: Problem, first: int, stop: int, mean: np.ndarray, cov: np.n
     )
 
 
-def refusal(
-    problem: Problem, spacing_m: float, most: int, misfit: float, odds: float
-) -> str | None:
-    """Return why no windows of a problem can be searched with these settings, or None.
-
-    Parameters
-    ----------
-    spacing_m, most : as :class:`Search` has them. misfit : χ² per reading, odds : log odds, up to
-        which and from which on a fix is accepted.
-    """
-    if not 0.0 < spacing_m < np.inf:
-        return f"spacing_m must be positive and finite, and is {spacing_m:g}"
-    if not 1 <= most <= _MOST:
-        return f"most must be 1 to {_MOST}, and is {most}"
-    if not misfit > 0.0:
-        return f"misfit must be positive, and is {misfit:g}"
-    if not odds >= 0.0:
-        return f"odds must not be negative, and is {odds:g}"
+def without_position(problem: Problem) -> str | None:
+    """Return that a problem has no position in which windows can be searched, or None."""
     if not horizontal(problem, velocity=False):
         return "the problem has no two states in metres, a position to be found"
     return None
@@ -137,14 +121,15 @@ class Search:
     Parameters
     ----------
     problem : the window, or one that may grow to it.
-    spacing_m : step of the grid [m]. most : largest number of its points; where there would be
-        more, the step is made longer.
+    spacing_m : step of the grid [m].
+    most : largest number of its points; where there would be more, the step is made longer.
     criterion : by which places are compared.
     points : (J, d) displacements along the axes [m] that are to be compared instead of a grid's.
 
     Attributes
     ----------
-    points : (J, d) displacements along the axes [m], those on the map. spacing : the step used [m].
+    points : (J, d) displacements along the axes [m], those on the map.
+    spacing : the step used [m].
     evaluations : how often h was evaluated so far.
     """
 
@@ -333,7 +318,8 @@ def _lowest(steps: np.ndarray, values: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    steps : (J, d) where on the grid they are. values : (J,).
+    steps : (J, d) where on the grid they are.
+    values : (J,).
     """
     steps = steps - steps.min(axis=0)
     box = np.full(steps.max(axis=0) + 3, np.inf)  # a border, so that all have neighbours
@@ -350,8 +336,9 @@ class Place:
 
     Attributes
     ----------
-    mean, cov : (n,), (n, n) of the state. cost : minus the log of its probability density, without
-        the constant: ½ χ² of prior, motion and readings where no loss is used.
+    mean, cov : (n,), (n, n) of the state.
+    cost : minus the log of its probability density, without the constant: ½ χ² of prior, motion and
+        readings where no loss is used.
     log_share : the log of the probability of all trajectories about this one, without the constant
         (Laplace): −cost and ½ ln of the determinant of their covariance over the prior's.
     start : (n,) multipliers λ of the state before the window, as :class:`.IteratedSmoother` has it.
@@ -369,7 +356,8 @@ def refined(smoother: IteratedSmoother, starts: Sequence[np.ndarray], apart: flo
 
     Parameters
     ----------
-    smoother : of the window. starts : (n,) multipliers of each.
+    smoother : of the window.
+    starts : (n,) multipliers of each.
     apart : distance [m] at the window's end below which two places are one.
     """
     scale = smoother.scale

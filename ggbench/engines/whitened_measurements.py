@@ -1,4 +1,4 @@
-"""Readings of eight runs as whitened linear equations, compiled."""
+"""Whitened linear measurement equations of eight runs, compiled."""
 
 from __future__ import annotations
 
@@ -13,19 +13,55 @@ from ..numerics.lanes import gather_row, gather_rows, lanes
 from ..numerics.vectors import load, splat, store, with_sign
 from ..sensors.aiding_kernels import MOVED, column_of, linearise_aiding
 from ..sensors.model_kernels import (
-    Here,
+    EpochContext,
     ModelArrays,
-    Points,
-    arrive,
-    here_of,
+    PointScratch,
+    epoch_context,
     linearise_reading,
+    load_epoch,
     moving_errors,
-    points_of,
+    point_scratch,
     read,
 )
 
 _TINY = 1e-300
 """What keeps 0 / 0 from being NaN where a reading is missing."""
+
+
+class Batch(NamedTuple):
+    """A block of runs as the arrays that kernels take.
+
+    Attributes
+    ----------
+    model : arrays of h and H.
+    measurements : (R, K, m).
+    present : (R, K, m) which channels deliver.
+    noise_cov : (1 or K, m, m) R.
+    noise_inverse : (1 or K, m, m) inverse of the lower triangular root of R.
+    transition, process_cov : (R, K, n, n) Φ and Q.
+    prior_mean : (1, n).
+    prior_cov : (n, n).
+    """
+
+    model: ModelArrays
+    measurements: np.ndarray
+    present: np.ndarray
+    noise_cov: np.ndarray
+    noise_inverse: np.ndarray
+    transition: np.ndarray
+    process_cov: np.ndarray
+    prior_mean: np.ndarray
+    prior_cov: np.ndarray
+
+
+def batch_of(block: ProblemBlock) -> Batch:
+    """Return the arrays of a block."""
+    noise_cov = block.noise_cov.reshape(-1, *block.noise_cov.shape[-2:])
+    return Batch(
+        block.model, block.measurements, block.present, noise_cov,
+        np.linalg.inv(np.linalg.cholesky(noise_cov)), block.transition, block.process_cov,
+        block.prior_mean[np.newaxis], block.prior_cov,
+    )  # fmt: skip
 
 
 class Readings(NamedTuple):
@@ -38,7 +74,7 @@ class Readings(NamedTuple):
     aiding_slope : (e, 9, lanes) of the other channels, by the first states.
     b : (moving, 15, lanes) B_k, as many rows as there are errors that h depends on.
     errors : (6, 1, lanes) B_k x.
-    here : what the readings depend on; the gain is that of biases, too: zero where none came.
+    context : INS solution and gains; the gain is that of biases, too: zero where none came.
     z : (1, m, lanes) readings.
     predicted : (1, m, lanes) h(x), of the gradiometer without biases.
     rows, innovation : (equations, n, lanes), (1, equations, lanes): H δx = innovation + noise of
@@ -55,7 +91,7 @@ class Readings(NamedTuple):
     aiding_slope: np.ndarray
     b: np.ndarray
     errors: np.ndarray
-    here: Here
+    context: EpochContext
     z: np.ndarray
     predicted: np.ndarray
     rows: np.ndarray
@@ -64,24 +100,25 @@ class Readings(NamedTuple):
     squared: np.ndarray
     white: np.ndarray
     residual: np.ndarray
-    points: Points
+    points: PointScratch
     whole: bool
 
 
 @compiled
-def readings_of(model: ModelArrays, n: int, m: int, whole: bool = False) -> Readings:
-    """Return the arrays for readings of m channels and n states.
+def readings_of(batch: Batch, whole: bool = False) -> Readings:
+    """Return unfilled arrays for the readings of eight runs.
 
-    Of a ``whole`` reading each channel is an equation; else they are as few as say the same.
+    With ``whole`` each channel keeps an equation of its own; else equivalent ones are merged.
     """
+    model, m, n = batch.model, batch.measurements.shape[2], batch.prior_cov.shape[0]
     moving, g = moving_errors(model), model.channels.shape[0]
     equations = max(_gradient_equations(model, whole) + m - g, 3)
     precision = lanes(1, equations)
     precision[:] = 1.0
     return Readings(
         lanes(g, 6), lanes(m - g, MOVED), lanes(moving, model.rows.shape[3]), lanes(6, 1),
-        here_of(m), lanes(1, m), lanes(1, m), lanes(equations, n), lanes(1, equations), precision,
-        lanes(1, 1), lanes(g, moving), lanes(1, m), points_of(1), whole,
+        epoch_context(m), lanes(1, m), lanes(1, m), lanes(equations, n), lanes(1, equations),
+        precision, lanes(1, 1), lanes(g, moving), lanes(1, m), point_scratch(1), whole,
     )  # fmt: skip
 
 
@@ -97,31 +134,27 @@ def _gradient_equations(model: ModelArrays, whole: bool) -> int:
 
 @compiled
 def linearise(
-    model: ModelArrays,
-    measurements: np.ndarray,
-    noise_inverse: np.ndarray,
-    group: np.ndarray,
-    count: int,
-    k: int,
-    x: np.ndarray,
-    out: Readings,
+    batch: Batch, group: np.ndarray, count: int, k: int, x: np.ndarray, out: Readings
 ) -> None:
     """Fill the readings of a group at epoch ``k``, linearised at x.
 
     Parameters
     ----------
-    model, measurements : of a block; (R, K, m).
-    noise_inverse : (1 or K, m, m) of :func:`noise_inverse`.
-    group : (lanes,) runs, of which ``count`` differ. x : (1, n, lanes). out : output.
+    batch : of all runs.
+    group : (lanes,) runs, of which ``count`` differ.
+    k : epoch.
+    x : (1, n, lanes).
+    out : output.
     """
-    b, gain, predicted = out.b, out.here.gain, out.predicted
+    model = batch.model
+    b, context, predicted = out.b, out.context, out.predicted
     rows, residual, white, innovation = out.rows, out.residual, out.white, out.innovation
     g, moving, columns = out.slope.shape[0], b.shape[0], b.shape[1]
-    root = noise_inverse[min(k, noise_inverse.shape[0] - 1)]
-    take_readings(model, measurements, group, k, out)
+    root = batch.noise_inverse[min(k, batch.noise_inverse.shape[0] - 1)]
+    take_readings(batch, group, k, out)
     _displace(x, out)
-    if g > 0 and gain.any():
-        linearise_reading(model, k, out.here, out.errors, count, out.points, predicted, out.slope)
+    if g > 0 and context.gain.any():
+        linearise_reading(model, k, context, out.errors, count, out.points, predicted, out.slope)
     else:
         predicted[:] = 0.0
         out.slope[:] = 0.0
@@ -144,7 +177,7 @@ def linearise(
             store(rows, i, c, total)
         if model.bias >= 0:
             for c in range(i + 1):
-                value = load(gain, 0, 0) * splat(root[i, c])
+                value = load(context.gain, 0, 0) * splat(root[i, c])
                 store(rows, i, model.bias + c, value)
     if out.aiding_slope.shape[0] > 0:
         _linearise_others(model, root, group, count, k, x, equations, out)
@@ -153,41 +186,33 @@ def linearise(
 
 
 @inlined
-def take_readings(
-    model: ModelArrays, measurements: np.ndarray, group: np.ndarray, k: int, out: Readings
-) -> None:
+def take_readings(batch: Batch, group: np.ndarray, k: int, out: Readings) -> None:
     """Fill the readings of a group at epoch ``k`` and what they depend on, but for the states."""
-    gather_rows(model.rows, group, k, out.b.shape[0], out.b)
-    gather_row(measurements, group, k, out.z)
-    arrive(model, group, k, out.here)
+    gather_rows(batch.model.rows, group, k, out.b.shape[0], out.b)
+    gather_row(batch.measurements, group, k, out.z)
+    load_epoch(batch.model, group, k, out.context)
 
 
 @compiled
 def whiten_residuals(
-    model: ModelArrays,
-    noise_inverse: np.ndarray,
-    group: np.ndarray,
-    count: int,
-    k: int,
-    x: np.ndarray,
-    out: Readings,
+    batch: Batch, group: np.ndarray, count: int, k: int, x: np.ndarray, out: Readings
 ) -> None:
     """Fill ``out.residual``, z − h whitened by the given noise, at x: what needs no derivative.
 
     Of readings that :func:`take_readings` has filled; parameters as those of :func:`linearise`.
     """
-    predicted, residual = out.predicted, out.residual
+    model, predicted, residual = batch.model, out.predicted, out.residual
     g, m, width = out.slope.shape[0], residual.shape[1], residual.shape[2]
-    root = noise_inverse[min(k, noise_inverse.shape[0] - 1)]
+    root = batch.noise_inverse[min(k, batch.noise_inverse.shape[0] - 1)]
     _displace(x, out)
-    if g > 0 and out.here.gain.any():
+    if g > 0 and out.context.gain.any():
         by_channel = predicted.reshape((m, 1, width))[:g]
-        read(model, k, out.here, out.errors, 1, count, out.points, by_channel)
+        read(model, k, out.context, out.errors, 1, count, out.points, by_channel)
     else:
         predicted[:] = 0.0
     if m > g:
         linearise_aiding(
-            model.aiding, group, count, k, out.here.offset, x, predicted, out.aiding_slope
+            model.aiding, group, count, k, out.context.offset, x, predicted, out.aiding_slope
         )
     _subtract(model, x, m, out)
     for i in range(m - 1, -1, -1):
@@ -213,7 +238,7 @@ def _subtract(model: ModelArrays, x: np.ndarray, count: int, out: Readings) -> N
     for i in range(count):
         total = load(out.z, 0, i) - load(out.predicted, 0, i)
         if model.bias >= 0 and i < out.slope.shape[0]:
-            total -= load(out.here.gain, 0, 0) * load(x, 0, model.bias + i)
+            total -= load(out.context.gain, 0, 0) * load(x, 0, model.bias + i)
         store(out.residual, 0, i, total)
 
 
@@ -245,7 +270,7 @@ def _linearise_others(
     """
     slope, rows, innovation, aiding = out.aiding_slope, out.rows, out.innovation, model.aiding
     channels, first, columns = slope.shape[0], out.slope.shape[0], out.b.shape[1]
-    linearise_aiding(aiding, group, count, k, out.here.offset, x, out.predicted, slope)
+    linearise_aiding(aiding, group, count, k, out.context.offset, x, out.predicted, slope)
     for i in range(channels):
         place = equations + i
         for c in range(rows.shape[1]):
@@ -323,15 +348,5 @@ def _compress(out: Readings) -> None:
 def scatter_squares(reading: Readings, first: int, count: int, k: int, nis: np.ndarray) -> None:
     """Write the squares of the innovations of a group; NaN where there was no reading."""
     for r in range(count):
-        there = reading.here.there[0, 0, r] != 0.0
+        there = reading.context.there[0, 0, r] != 0.0
         nis[first + r, k] = reading.squared[0, 0, r] if there else np.nan
-
-
-def noise_inverse(block: ProblemBlock) -> np.ndarray:
-    """Return the inverse (1 or K, m, m) of the lower triangular root of R."""
-    return np.linalg.inv(np.linalg.cholesky(noise_covs(block)))
-
-
-def noise_covs(block: ProblemBlock) -> np.ndarray:
-    """Return R of all epochs, or of each: (1 or K, m, m)."""
-    return block.noise_cov.reshape(-1, *block.noise_cov.shape[-2:])

@@ -1,4 +1,4 @@
-"""From fixes to an estimate at every epoch, and the list of them.
+"""Fusion of a matcher's fixes with the INS, epoch by epoch, and the list of fixes.
 
 What a matcher makes of its fixes is one of three things, by the name of ``fusion``. Whichever it
 is, a reading is used once.
@@ -11,13 +11,13 @@ is, a reading is used once.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Literal
 
 import numpy as np
 
-from ..problem import Estimate, Estimator, Fixes, Problem
-from .windows import section
+from ..problem import Estimate, Fixes, Problem
+from .window_search import section
 
 Fusion = Literal["none", "kalman", "restart"]
 
@@ -96,7 +96,9 @@ class Fused:
 
     Parameters
     ----------
-    problem : the flight. fusion : what becomes of fixes. position : the states that a fix tells of.
+    problem : the flight.
+    fusion : what becomes of fixes.
+    position : the states that a fix tells of.
 
     Attributes
     ----------
@@ -126,12 +128,12 @@ class Fused:
             self._estimate.put(epoch, mean, cov)
             self.found, self._last = self.fusion == "restart", epoch
 
-    def followed(self, behind: Estimator, rng: np.random.Generator) -> Estimate:
+    def followed(self, behind: Callable[[Problem], Estimate]) -> Estimate:
         """Return the estimate; after the fix of ``fusion=restart`` a filter takes the readings."""
         if self.found and self._last + 1 < self.problem.epochs:
             start = self._estimate.at(self._last)
             rest = section(self.problem, self._last + 1, self.problem.epochs, *start)
-            found = behind.estimate(rest, rng)
+            found = behind(rest)
             assert found.cov is not None  # a Kalman filter has one
             self._estimate.put(self._last + 1, found.mean, found.cov)
         mean, cov = self._estimate.whole()
