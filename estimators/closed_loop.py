@@ -15,8 +15,8 @@ import numpy as np
 
 from ..block import block_of
 from ..engines import filters
+from ..parameters import Positive
 from ..problem import Causality, Estimate, Estimator, Problem
-from . import told_noise
 from .ukf import UnscentedKalmanFilter
 
 
@@ -28,13 +28,10 @@ class ClosedLoop(Estimator):
     ----------
     filter : ``ekf``, or ``ukf`` with cubature points.
     interval_s : time between two corrections of the mechanization [s]; at every epoch at most.
-    noise_scale : factor on the standard deviations of the readings of gravity and its gradients,
-        as the estimator is told them; see :mod:`ggbench.estimators.told_noise`.
     """
 
     filter: Literal["ekf", "ukf"] = "ekf"
-    interval_s: float = 60.0
-    noise_scale: float = 1.0
+    interval_s: Positive = 60.0
 
     name = "closed-loop"
 
@@ -44,11 +41,7 @@ class ClosedLoop(Estimator):
         return "filter"
 
     def skip(self, problem: Problem) -> str | None:
-        """Refuse problems whose inertial readings are not at hand, and intervals without length."""
-        if not 0.0 < self.interval_s < np.inf:
-            return f"interval_s must be positive and finite, and is {self.interval_s:g}"
-        if reason := told_noise.refusal(self.noise_scale):
-            return reason
+        """Refuse problems whose inertial measurements are not at hand."""
         if problem.replay is None:
             return (
                 "there is nothing to feed back to: the problem has no inertial readings, or its "
@@ -63,7 +56,7 @@ class ClosedLoop(Estimator):
         means, covs, nis = [], [], []
         evaluations = 0
         for last in self._ends(problem.times):
-            block = told_noise.told(block_of(loop.ahead(last)), self.noise_scale)
+            block = block_of(loop.ahead(last))
             if self.filter == "ekf":
                 mean, cov, squares, _ = filters.extended(block)
                 evaluations += block.epochs

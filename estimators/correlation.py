@@ -28,19 +28,21 @@ other states of the window are unknown, too.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field
 from scipy.special import softmax
 
 from ..engines.banks import mixture
-from ..engines.fixes import Fused, Fusion
+from ..engines.fix_fusion import Fused, Fusion
 from ..engines.iterated_smoother import IteratedSmoother
 from ..engines.position_grid import position_axes
-from ..engines.windows import Search, distinct, refined, refusal, section
+from ..engines.window_search import MOST, Search, distinct, refined, section, without_position
+from ..parameters import AtLeastOne, Positive
 from ..problem import Causality, Estimate, Estimator, Problem
 from ..reduced import horizontal
-from .ekf import ExtendedKalmanFilter
+from . import textbook
 
 _ITERATIONS = 5
 """Linearisations in each update of the filter that follows a fix."""
@@ -64,7 +66,7 @@ class Correlation(Estimator):
     window : number of epochs with readings that are matched at once.
     differenced : whether differences are matched, or the readings themselves.
     descending : whether the weights fall along the window, or are equal.
-    fusion : what becomes of fixes, see :mod:`ggbench.engines.fixes`.
+    fusion : what becomes of fixes, see :mod:`ggbench.engines.fix_fusion`.
     keep : how many candidates there are.
     spacing_m : step of the grid [m]; in the paper it is the map's.
     most : largest number of its points; where there would be more, the step is made longer.
@@ -76,15 +78,15 @@ class Correlation(Estimator):
 
     association: Literal["nearest", "reciprocal", "likelihood"] = "likelihood"
     candidates: Literal["basins", "nodes"] = "basins"
-    window: int = 20
+    window: Annotated[int, Field(ge=_LEAST)] = 20
     differenced: bool = True
     descending: bool = True
     fusion: Fusion = "kalman"
-    keep: int = 5
-    spacing_m: float = 370.0
-    most: int = 50_000
-    misfit: float = 3.0
-    odds: float = 3.0
+    keep: AtLeastOne = 5
+    spacing_m: Positive = 370.0
+    most: Annotated[int, Field(ge=1, le=MOST)] = 50_000
+    misfit: Annotated[float, Field(gt=0.0)] = 3.0
+    odds: Annotated[float, Field(ge=0.0)] = 3.0
 
     name = "correlation"
 
@@ -94,17 +96,13 @@ class Correlation(Estimator):
         return "filter"
 
     @property
-    def exact(self) -> bool:
+    def exact_if_linear_gaussian(self) -> bool:
         """Not exact: between its fixes it takes no reading."""
         return False
 
     def skip(self, problem: Problem) -> str | None:
-        """Refuse settings without a meaning, and problems without a horizontal position."""
-        if self.window < _LEAST:
-            return f"window must be at least {_LEAST}, and is {self.window}"
-        if self.keep < 1:
-            return f"keep must be at least 1, and is {self.keep}"
-        return refusal(problem, self.spacing_m, self.most, self.misfit, self.odds)
+        """Refuse problems without a horizontal position."""
+        return without_position(problem)
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
         """Match one window after the other; carry along what has been found."""
@@ -119,7 +117,7 @@ class Correlation(Estimator):
                 flight.add(last, fix.mean, fix.cov, fix.accepted, fix.statistic)
             if flight.found:
                 break
-        return flight.followed(ExtendedKalmanFilter(_ITERATIONS), rng)
+        return flight.followed(lambda rest: textbook.extended(rest, _ITERATIONS, "none", np.inf))
 
     def _match(self, part: Problem) -> _Fix | None:
         """Return the fix of a window; None where there is nothing to compare."""
@@ -206,7 +204,8 @@ class Sequences(Search):
 
     Attributes
     ----------
-    form : (m, W, W) the W of each channel. terms : number of terms of J.
+    form : (m, W, W) the W of each channel.
+    terms : number of terms of J.
     chi_squared : what J is to be multiplied with to be a χ² of so many terms: each has the variance
         of one reading, or two.
     """

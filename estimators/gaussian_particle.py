@@ -17,14 +17,15 @@ a narrow Gaussian beside the truth, and its weights are worse than those of the 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field
 from scipy.linalg import solve_triangular
 
 from ..engines.resampling import effective_size, moments, normalise, repaired
+from ..numerics.positive import MatrixSquareRoot
 from ..problem import Causality, Estimate, Estimator, Problem
-from .ukf import MatrixSquareRoot
 
 _MOST = 10_000_000
 """Particles that fit in memory."""
@@ -41,7 +42,7 @@ class GaussianParticle(Estimator):
         an extended Kalman filter or by one with cubature points.
     """
 
-    particles: int = 3000
+    particles: Annotated[int, Field(ge=2, le=_MOST)] = 3000
     proposal: Literal["prior", "ekf", "ukf"] = "prior"
 
     name = "gaussian-particle"
@@ -52,17 +53,16 @@ class GaussianParticle(Estimator):
         return "filter"
 
     @property
-    def exact(self) -> bool:
+    def exact_if_linear_gaussian(self) -> bool:
         """Not exact: moments of particles scatter."""
         return False
 
     def skip(self, problem: Problem) -> str | None:
-        """Refuse fewer particles than a covariance needs, and more than fit in memory."""
-        least = problem.dimension + 1
-        if not least <= self.particles <= _MOST:
+        """Refuse fewer particles than a covariance needs."""
+        if self.particles <= problem.dimension:
             return (
-                f"particles must be {least} to {_MOST}, one more than there are states at least, "
-                f"and is {self.particles}"
+                f"particles must be more than the {problem.dimension} states, and is "
+                f"{self.particles}"
             )
         return None
 

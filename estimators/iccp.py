@@ -18,12 +18,14 @@ record.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field
 
 from ..engines.contours import Contour, contour, feet, fitted_transform, track_metres
-from ..engines.fixes import Attempts, Carried
+from ..engines.fix_fusion import Attempts, Carried
+from ..parameters import Positive
 from ..problem import Causality, Estimate, Estimator, Problem
 from ..reduced import horizontal
 
@@ -55,12 +57,12 @@ class Iccp(Estimator):
     misfit : largest χ² per reading, of the residuals at rest, with which a fix is accepted.
     """
 
-    window: int = 20
+    window: Annotated[int, Field(ge=3)] = 20
     transform: Literal["rigid", "similarity"] = "rigid"
     fusion: Literal["none", "kalman"] = "kalman"
     channel: str = ""
-    cell_m: float = 25.0
-    misfit: float = 25.0
+    cell_m: Positive = 25.0
+    misfit: Annotated[float, Field(gt=0.0)] = 25.0
 
     name = "iccp"
 
@@ -70,18 +72,12 @@ class Iccp(Estimator):
         return "filter"
 
     @property
-    def exact(self) -> bool:
+    def exact_if_linear_gaussian(self) -> bool:
         """Not exact: of one channel, and of points that are taken as nearest."""
         return False
 
     def skip(self, problem: Problem) -> str | None:
-        """Refuse settings without a meaning, and problems without a track or such a channel."""
-        if self.window < 3:
-            return f"window must be at least 3, and is {self.window}"
-        if not 0.0 < self.cell_m < np.inf:
-            return f"cell_m must be positive and finite, and is {self.cell_m:g}"
-        if not self.misfit > 0.0:
-            return f"misfit must be positive, and is {self.misfit:g}"
+        """Refuse problems without a track or such a channel."""
         if problem.track is None:
             return "the problem has no track that the INS indicates"
         if len(horizontal(problem, velocity=True)) < 4:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,7 +34,9 @@ class InertialOnly(BlockEstimator):
         )  # fmt: skip
         return Estimate(mean[0], cov[0], self.causality)
 
-    def estimate_block(self, block: ProblemBlock) -> EstimateBlock:
+    def estimate_block(
+        self, block: ProblemBlock, rngs: Sequence[np.random.Generator] = ()
+    ) -> EstimateBlock:
         """Do the same for all runs of a block, side by side."""
         mean, cov = _propagated(
             block.prior_mean, block.prior_cov, block.transition, block.process_cov

@@ -21,28 +21,36 @@ They help, and not enough: see ``rao-blackwellised``, which draws three states i
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
-from ..block import DrawingEstimator, EstimateBlock, ProblemBlock
-from ..engines.particles import Filtered, Moves, filtered
+from ..engines.particles import Moves, filtered
 from ..engines.resampling import Resampling
-from ..problem import Causality, Estimate, Problem
+from ..parameters import NonNegative, Share
+from ..problem import Causality, Estimate, Estimator, Problem
 
 _MOST = 1_000_000
 """Particles that fit in memory."""
+Particles = Annotated[int, Field(ge=2, le=_MOST)]
+Tempering = Annotated[float, Field(ge=0.0, lt=1.0)]
 
 
 @dataclass(frozen=True)
-class CloudFilter(DrawingEstimator):
-    """What particle filters share: runs of a block one after the other, each with its generator."""
+class CloudFilter(Estimator):
+    """Base of the particle filters of one cloud."""
 
     @property
     def causality(self) -> Causality:
         """Measurements up to each epoch."""
         return "filter"
+
+    @property
+    def exact_if_linear_gaussian(self) -> bool:
+        """Not exact: the answer scatters with the random numbers."""
+        return False
 
     @property
     @abstractmethod
@@ -53,47 +61,20 @@ class CloudFilter(DrawingEstimator):
     def drawn(self, problem: Problem) -> int:
         """Return how many of the states, from the first on, are drawn."""
 
-    def skip(self, problem: Problem) -> str | None:
-        """Refuse parameters that mean nothing."""
+    def conflict(self) -> str | None:
+        """Refuse more particles than fit in memory, and stages whose copies stay copies."""
         moves = self.moves
-        if not 2 <= moves.particles <= _MOST:
-            return f"particles must be 2 to {_MOST}, and is {moves.particles}"
-        if moves.start < 1 or moves.start * moves.particles > _MOST:
+        if moves.start * moves.particles > _MOST:
             most = _MOST // moves.particles
             return f"start must be 1 to {most} with so many particles, and is {moves.start}"
-        if not 0.0 <= moves.threshold <= 1.0:
-            return f"threshold is a share, 0 to 1, and is {moves.threshold:g}"
-        if not 0.0 <= moves.tempering < 1.0:
-            return f"tempering is a share, 0 to 1, and is {moves.tempering:g}"
-        if not 0.0 <= moves.kernel <= 1.0:
-            return f"kernel is a bandwidth, 0 to 1, and is {moves.kernel:g}"
-        for name in ("jitter", "straight", "roughening", "regularisation"):
-            value = getattr(moves, name)
-            if not 0.0 <= value < np.inf:
-                return f"{name} must not be negative, and is {value:g}"
         if moves.tempering and not (moves.kernel or moves.roughening or moves.regularisation):
             return "tempering needs a kernel, roughening or regularisation: else copies stay copies"
-        return None
+        return super().conflict()
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
         """Filter one run of any model."""
-        found = self._filtered(problem, rng)
+        found = filtered(problem, self.drawn(problem), self.moves, rng)
         return Estimate(found.mean, found.cov, self.causality, info=found.info, nis=found.nis)
-
-    def estimate_block(
-        self, block: ProblemBlock, rngs: Sequence[np.random.Generator] = ()
-    ) -> EstimateBlock:
-        """Filter the runs of a block, one after the other."""
-        runs = zip(range(block.runs), rngs, strict=True)
-        found = [self._filtered(block.problem(run), rng) for run, rng in runs]
-        info = {name: np.array([one.info[name] for one in found]) for name in found[0].info}
-        return EstimateBlock(
-            np.stack([one.mean for one in found]), np.stack([one.cov for one in found]),
-            self.causality, nis=np.stack([one.nis for one in found]), info=info,
-        )  # fmt: skip
-
-    def _filtered(self, problem: Problem, rng: np.random.Generator) -> Filtered:
-        return filtered(problem, self.drawn(problem), self.moves, rng)
 
 
 @dataclass(frozen=True)
@@ -113,13 +94,13 @@ class ParticleFilter(CloudFilter):
         of Musso, Oudjane & Le Gland (2001).
     """
 
-    particles: int = 10_000
+    particles: Particles = 10_000
     resampling: Resampling = "systematic"
-    threshold: float = 0.5
-    tempering: float = 0.0
-    kernel: float = 0.0
-    roughening: float = 0.0
-    regularisation: float = 0.0
+    threshold: Share = 0.5
+    tempering: Tempering = 0.0
+    kernel: Share = 0.0
+    roughening: NonNegative = 0.0
+    regularisation: NonNegative = 0.0
 
     name = "particle"
 

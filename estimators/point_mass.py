@@ -17,11 +17,14 @@ where it is much wider.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 from scipy import fft, ndimage
 
 from ..engines.lattices import Lattice
+from ..parameters import Positive
 from ..problem import Causality, Estimate, Estimator, Problem
 
 _REACH = 5.0
@@ -48,8 +51,8 @@ class PointMass(Estimator):
     resolution : cells to a standard deviation, of the prior and of the peak, at least.
     """
 
-    step: float = 20.0
-    resolution: float = 2.0
+    step: Positive = 20.0
+    resolution: Annotated[float, Field(ge=1.0, le=20.0)] = 2.0
 
     name = "point-mass"
 
@@ -59,16 +62,12 @@ class PointMass(Estimator):
         return "filter"
 
     @property
-    def exact(self) -> bool:
+    def exact_if_linear_gaussian(self) -> bool:
         """Not exact: in the limit of small cells only."""
         return False
 
     def skip(self, problem: Problem) -> str | None:
         """Refuse more states than a grid can have, and grids that do not exist."""
-        if not 0.0 < self.step < np.inf:
-            return f"step must be positive and finite, and is {self.step:g}"
-        if not 1.0 <= self.resolution <= 20.0:
-            return f"resolution must be 1 to 20, and is {self.resolution:g}"
         n = problem.dimension
         if n > _MOST_STATES:
             return (

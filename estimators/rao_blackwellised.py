@@ -29,14 +29,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from ..engines.linear_states import POSITION, mixing
-from ..engines.particles import Filtered, Moves
+from ..engines.particles import Moves
 from ..engines.resampling import Resampling
+from ..parameters import AtLeastOne, NonNegative, Share
 from ..problem import Problem
-from . import told_noise
-from .particle import CloudFilter
+from .particle import CloudFilter, Particles, Tempering
 
 
 @dataclass(frozen=True)
@@ -55,19 +53,16 @@ class RaoBlackwellisedFilter(CloudFilter):
     straight : variance of h over the cloud, over that of the noise, which no straight line explains
         and below which the cloud counts as straight, and goes on as a Gaussian; 0: never.
     start : how many times N particles weigh the first reading, which has a whole prior to search.
-    noise_scale : factor on the standard deviations of the readings of gravity and its gradients,
-        as the estimator is told them; see :mod:`ggbench.estimators.told_noise`.
     """
 
-    particles: int = 4000
+    particles: Particles = 4000
     resampling: Resampling = "systematic"
-    threshold: float = 0.5
-    tempering: float = 0.25
-    kernel: float = 0.1
-    jitter: float = 0.25
-    straight: float = 0.25
-    start: int = 32
-    noise_scale: float = 1.0
+    threshold: Share = 0.5
+    tempering: Tempering = 0.25
+    kernel: Share = 0.1
+    jitter: NonNegative = 0.25
+    straight: NonNegative = 0.25
+    start: AtLeastOne = 32
 
     name = "rao-blackwellised"
 
@@ -80,12 +75,9 @@ class RaoBlackwellisedFilter(CloudFilter):
         )  # fmt: skip
 
     def skip(self, problem: Problem) -> str | None:
-        """Refuse parameters that mean nothing, and readings that bend with other states."""
-        return super().skip(problem) or told_noise.refusal(self.noise_scale) or mixing(problem)
+        """Refuse measurements that bend with other states than the position."""
+        return mixing(problem)
 
     def drawn(self, problem: Problem) -> int:
         """The position."""
         return POSITION
-
-    def _filtered(self, problem: Problem, rng: np.random.Generator) -> Filtered:
-        return super()._filtered(told_noise.told(problem, self.noise_scale), rng)

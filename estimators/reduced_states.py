@@ -18,20 +18,21 @@ from typing import Any, Literal
 
 import numpy as np
 
+from ..parameters import NonNegative
 from ..problem import Causality, Estimate, Estimator, Problem
 from ..reduced import Reduction, drifting, horizontal, reduced, walking
 from .ekf import ExtendedKalmanFilter
+from .filterpy_ukf import FilterpyUnscented
 from .gaussian_particle import GaussianParticle
 from .gaussian_sum import GaussianSum
 from .particle import ParticleFilter
 from .point_mass import PointMass
-from .ukf import UnscentedKalmanFilter
 from .unscented_particle import UnscentedParticle
 
 FILTERS: Mapping[str, Estimator] = MappingProxyType(
     {
         "ekf": ExtendedKalmanFilter(),
-        "ukf": UnscentedKalmanFilter(points="cubature"),
+        "ukf": FilterpyUnscented(points="cubature"),
         "gaussian-sum": GaussianSum(),
         "point-mass": PointMass(),
         "particle": ParticleFilter(particles=10_000),
@@ -62,9 +63,18 @@ class ReducedStates(Estimator):
         :mod:`.unscented_particle`; if not given, ``mixture``.
     """
 
-    filter: str = "ekf"
+    filter: Literal[
+        "ekf",
+        "ukf",
+        "gaussian-sum",
+        "point-mass",
+        "particle",
+        "gaussian-particle",
+        "unscented-particle",
+        "strong-tracking",
+    ] = "ekf"
     states: Literal["motion", "position"] = "motion"
-    noise: float = 1e-3
+    noise: NonNegative = 1e-3
     particles: int | None = None
     beta: float | None = None
     weights: Literal["mixture", "likelihood", "exact"] | None = None
@@ -77,22 +87,26 @@ class ReducedStates(Estimator):
         return "filter"
 
     @property
-    def exact(self) -> bool:
+    def exact_if_linear_gaussian(self) -> bool:
         """Not exact: of another problem."""
         return False
 
-    def skip(self, problem: Problem) -> str | None:
-        """Refuse what is no filter, no noise, or has no such states, and what the filter does."""
-        if self.filter not in FILTERS:
-            return f"filter must be one of {', '.join(FILTERS)}, and is {self.filter}"
-        if not 0.0 <= self.noise < np.inf:
-            return f"noise must be 0 or more and finite, and is {self.noise:g}"
+    def conflict(self) -> str | None:
+        """Refuse parameters that the filter does not have."""
         if self.particles is not None and "particles" not in vars(FILTERS[self.filter]):
             return f"{self.filter} has no particles"
         if self.beta is not None and self.filter != "strong-tracking":
             return f"{self.filter} has no beta: filter=strong-tracking has one"
         if self.weights is not None and "weights" not in vars(FILTERS[self.filter]):
             return f"{self.filter} has one way to weigh, and no weights"
+        try:
+            self._filter()
+        except ValueError as error:
+            return str(error)
+        return super().conflict()
+
+    def skip(self, problem: Problem) -> str | None:
+        """Refuse problems without such states, and those that the filter refuses."""
         blocks = {block.name for block in problem.layout}
         if not horizontal(problem, self.states == "motion") or len(blocks) < 2:
             return "the problem has no position and velocity errors among other states"

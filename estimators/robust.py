@@ -8,11 +8,16 @@ change, minimises the sum of ρ (Huber & Ronchetti 2009, ch. 7).
 
 from __future__ import annotations
 
-from typing import Literal
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field
 
+from ..block import BlockEstimator
 from ..engines.iterated_smoother import OfResiduals
+from ..parameters import NonNegative
+from ..problem import Causality, Estimator
 
 Loss = Literal["none", "huber", "cauchy"]
 
@@ -22,18 +27,66 @@ _ROUNDS = 50
 _SETTLED = 1e-8
 
 
-def threshold_of(loss: Loss, threshold: float | None) -> float:
-    """Return the threshold, or the default of the loss [standard deviations]."""
-    return THRESHOLDS[loss] if threshold is None else threshold
+@dataclass(frozen=True)
+class RobustLoss(Estimator):
+    """Parameters of a robust loss on each component of a whitened residual.
+
+    Parameters
+    ----------
+    loss : ``huber`` or ``cauchy`` weigh down the components of a measurement that fit neither the
+        prediction nor each other.
+    threshold : residual [standard deviations of the noise] from which the loss acts; if not
+        given, 1.345 for ``huber`` and 2.385 for ``cauchy``.
+    """
+
+    loss: Loss = field(default="none", kw_only=True)
+    threshold: Annotated[float, Field(gt=0.0)] | None = field(default=None, kw_only=True)
+
+    @property
+    def limit(self) -> float:
+        """The threshold, or the default of the loss [standard deviations]."""
+        return THRESHOLDS[self.loss] if self.threshold is None else self.threshold
+
+    def conflict(self) -> str | None:
+        """Refuse a threshold of no loss."""
+        if self.loss == "none" and self.threshold is not None:
+            return "threshold needs a loss: huber or cauchy"
+        return None
 
 
-def refusal(loss: Loss, threshold: float | None) -> str | None:
-    """Return why a threshold means nothing, or None if it does."""
-    if loss == "none" and threshold is not None:
-        return "threshold needs a loss: huber or cauchy"
-    if threshold is not None and not threshold > 0.0:
-        return f"threshold must be positive, and is {threshold:g}"
-    return None
+@dataclass(frozen=True)
+class GatedUpdate(RobustLoss, BlockEstimator):
+    """Parameters of a gate on innovations and of an underweighted gain.
+
+    Both are remedies against measurements that a linear update would take too much from, see
+    :mod:`ggbench.engines.innovation_gating`.
+
+    Parameters
+    ----------
+    gate : probability with which a measurement of the assumed noise passes; one whose innovation
+        is beyond that quantile of χ² is rejected. 0 is no gate.
+    underweighting : β of S = (1 + β) H P Hᵀ + R, for the gain alone; 0 is the optimal gain.
+    """
+
+    gate: Annotated[float, Field(ge=0.0, lt=1.0)] = field(default=0.0, kw_only=True)
+    underweighting: NonNegative = field(default=0.0, kw_only=True)
+
+    @property
+    def causality(self) -> Causality:
+        """Measurements up to each epoch."""
+        return "filter"
+
+    @property
+    def exact_if_linear_gaussian(self) -> bool:
+        """Not with a gate, which rejects some good measurements, nor with another gain."""
+        return not self.gate and not self.underweighting
+
+    def conflict(self) -> str | None:
+        """Refuse two remedies at once."""
+        if (self.gate or self.underweighting) and self.loss != "none":
+            name = "gate" if self.gate else "underweighting"
+            return f"{name} and a loss are two answers to the same measurements: choose one"
+        return super().conflict()
 
 
 def losses(residuals: np.ndarray, loss: Loss, threshold: float) -> np.ndarray:

@@ -25,13 +25,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import Field
 
 from ..engines.banks import Bank, fitting_spacing, updated_covs
-from ..engines.fixes import Attempts
+from ..engines.fix_fusion import Attempts
 from ..engines.position_grid import position_axes
+from ..parameters import AtLeastOne, Positive
 from ..problem import Causality, Estimate, Estimator, Problem
 
 _SPACINGS = 3.0
@@ -58,11 +60,11 @@ class Sitan(Estimator):
     """
 
     bank: Literal["none", "auto"] = "none"
-    sigma_m: float = 75.0
-    most: int = 4000
-    readings: int = 20
-    largest: float = 1.5
-    ratio: float = 1.3
+    sigma_m: Positive = 75.0
+    most: Annotated[int, Field(ge=1, le=_MOST)] = 4000
+    readings: AtLeastOne = 20
+    largest: Positive = 1.5
+    ratio: Annotated[float, Field(ge=1.0, allow_inf_nan=False)] = 1.3
 
     name = "sitan"
 
@@ -72,23 +74,9 @@ class Sitan(Estimator):
         return "filter"
 
     @property
-    def exact(self) -> bool:
+    def exact_if_linear_gaussian(self) -> bool:
         """One filter is; a bank keeps one of the cells it has cut the prior into."""
         return self.bank == "none"
-
-    def skip(self, problem: Problem) -> str | None:
-        """Refuse banks and decisions that mean nothing."""
-        if not 0.0 < self.sigma_m < np.inf:
-            return f"sigma_m must be positive and finite, and is {self.sigma_m:g}"
-        if not 1 <= self.most <= _MOST:
-            return f"most must be 1 to {_MOST}, and is {self.most}"
-        if self.readings < 1:
-            return f"readings must be at least 1, and is {self.readings}"
-        if not 0.0 < self.largest < np.inf:
-            return f"largest must be positive and finite, and is {self.largest:g}"
-        if not 1.0 <= self.ratio < np.inf:
-            return f"ratio must be at least 1 and finite, and is {self.ratio:g}"
-        return None
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
         """Run all filters until one is chosen, and that one from then on.

@@ -3,8 +3,7 @@
 The oldest way to aid an INS by a map (Golden 1980; Hollowell 1990): a window of readings is
 compared with what the map says along the INS's track, displaced to each point of a grid, and the
 best displacement is a fix. What is measured here are gradients, all channels at once, and
-everything else that is on board; so the words are those of :mod:`ggbench.engines.windows`, where
-the criteria are written down.
+everything else that is on board. The criteria are in :mod:`ggbench.engines.window_search`.
 
 A fix is honest about what it knows: from the best points of the grid the most probable states of
 the whole window are found, and the covariance is that of a position whose velocity, height,
@@ -16,55 +15,59 @@ when it has grown long.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
-from ..engines.fixes import Fused, Fusion
+from ..engines.fix_fusion import Fused, Fusion
 from ..engines.iterated_smoother import IteratedSmoother
-from ..engines.windows import Criterion, Place, Search, refined, refusal, section
-from ..problem import Causality, Estimate, Estimator, Problem
+from ..engines.window_search import (
+    MOST,
+    Criterion,
+    Place,
+    Search,
+    refined,
+    section,
+    without_position,
+)
+from ..parameters import AtLeastOne, Positive
+from ..problem import Causality, Estimate, Problem
 from ..reduced import horizontal
-from . import robust
-from .ekf import ExtendedKalmanFilter
-from .robust import Loss
+from . import robust, textbook
+from .robust import RobustLoss
 
 _ITERATIONS = 5
 """Linearisations in each update of the filter that follows a fix."""
 
 
 @dataclass(frozen=True)
-class Tercom(Estimator):
+class Tercom(RobustLoss):
     """Terrain contour matching by windows of readings.
 
     Parameters
     ----------
-    criterion : by which places are compared, see :class:`ggbench.engines.windows.Search`.
+    criterion : by which places are compared, see :class:`ggbench.engines.window_search.Search`.
     window : number of epochs with readings after which a fix is first tried.
     longest : number to which the window grows, ``window`` by ``window``, while its fix is refused;
         then its readings are given up, and the next one begins behind them.
-    fusion : what becomes of fixes, see :mod:`ggbench.engines.fixes`.
+    fusion : what becomes of fixes, see :mod:`ggbench.engines.fix_fusion`.
     spacing_m : step of the grid [m], a quarter of the field's correlation length.
     most : largest number of its points; where there would be more, the step is made longer.
     refine : how many of the best places are refined.
     misfit : largest χ² per reading with which a fix is accepted; 1 is expected.
     odds : least log odds of the best place against the second best with which it is accepted.
-    loss : ``huber`` or ``cauchy`` on each component of a reading in the refinement, and in the
-        filter of ``fusion=restart``; see :mod:`ggbench.estimators.robust`.
-    threshold : residual [standard deviations of the noise] from which the loss acts; if not
-        given, 1.345 for ``huber`` and 2.385 for ``cauchy``.
     """
 
     criterion: Criterion = "msd"
-    window: int = 20
+    window: AtLeastOne = 20
     longest: int = 60
     fusion: Fusion = "restart"
-    spacing_m: float = 250.0
-    most: int = 50_000
-    refine: int = 8
-    misfit: float = 3.0
-    odds: float = 10.0
-    loss: Loss = "none"
-    threshold: float | None = None
+    spacing_m: Positive = 250.0
+    most: Annotated[int, Field(ge=1, le=MOST)] = 50_000
+    refine: AtLeastOne = 8
+    misfit: Annotated[float, Field(gt=0.0)] = 3.0
+    odds: Annotated[float, Field(ge=0.0)] = 10.0
 
     name = "tercom"
 
@@ -74,21 +77,21 @@ class Tercom(Estimator):
         return "filter"
 
     @property
-    def exact(self) -> bool:
+    def exact_if_linear_gaussian(self) -> bool:
         """Not exact: between its fixes it takes no reading."""
         return False
 
-    def skip(self, problem: Problem) -> str | None:
-        """Refuse settings without a meaning, and problems without a horizontal position."""
-        for name in ("window", "refine"):
-            if getattr(self, name) < 1:
-                return f"{name} must be at least 1, and is {getattr(self, name)}"
+    def conflict(self) -> str | None:
+        """Refuse windows that are too short for their criterion, or never grow."""
         if self.criterion in ("ncc", "nccdm") and self.window < 3:
             return f"criterion={self.criterion} needs a window of at least 3, not {self.window}"
         if self.longest < self.window:
             return f"longest must be at least the window, {self.window}, and is {self.longest}"
-        flaw = refusal(problem, self.spacing_m, self.most, self.misfit, self.odds)
-        return flaw or robust.refusal(self.loss, self.threshold)
+        return super().conflict()
+
+    def skip(self, problem: Problem) -> str | None:
+        """Refuse problems without a horizontal position."""
+        return without_position(problem)
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
         """Try windows one after the other; carry along what has been found."""
@@ -97,7 +100,9 @@ class Tercom(Estimator):
         last = -1  # the last epoch whose readings are spent
         while len(left := read[read > last]) >= self.window and not flight.found:
             last = self._window(flight, left[: self.longest], last)
-        return flight.followed(ExtendedKalmanFilter(_ITERATIONS, self.loss, self.threshold), rng)
+        return flight.followed(
+            lambda rest: textbook.extended(rest, _ITERATIONS, self.loss, self.limit)
+        )
 
     def _window(self, flight: Fused, read: np.ndarray, last: int) -> int:
         """Try a fix from readings after epoch ``last``, from more of them while it is refused.
@@ -109,8 +114,7 @@ class Tercom(Estimator):
         problem, before = flight.problem, flight.before(last)
         longest = section(problem, last + 1, read[-1] + 1, *before)
         search = Search(longest, self.spacing_m, self.most, self.criterion)
-        threshold = robust.threshold_of(self.loss, self.threshold)
-        losses = robust.of_residuals(self.loss, threshold)
+        losses = robust.of_residuals(self.loss, self.limit)
         end = last
         for size in range(self.window, len(read) + 1, self.window):
             end = int(read[size - 1])

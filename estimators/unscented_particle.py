@@ -31,13 +31,15 @@ than it can gain.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field
 
 from ..engines.position_grid import position_axes
 from ..engines.resampling import effective_size, moments, normalise, repaired, resample
 from ..numerics.positive import nearest_root
+from ..parameters import Positive, Share
 from ..problem import Causality, Estimate, Estimator, Problem
 from .strong_tracking import faded, fading_factors, innovation_power
 
@@ -65,13 +67,13 @@ class UnscentedParticle(Estimator):
     rho, beta : ρ and β of :mod:`.strong_tracking`.
     """
 
-    particles: int = 400
+    particles: Annotated[int, Field(ge=1, le=_MOST)] = 400
     weights: Literal["mixture", "likelihood", "exact"] = "mixture"
-    width_m: float = 150.0
+    width_m: Positive = 150.0
     kappa: float | None = None
     strong_tracking: bool = False
-    rho: float = 0.95
-    beta: float = 1.0
+    rho: Share = 0.95
+    beta: Annotated[float, Field(ge=1.0)] = 1.0
 
     name = "unscented-particle"
 
@@ -81,23 +83,15 @@ class UnscentedParticle(Estimator):
         return "filter"
 
     @property
-    def exact(self) -> bool:
+    def exact_if_linear_gaussian(self) -> bool:
         """A mixture is, of any number, where nothing is faded."""
         return self.weights == "mixture" and not self.strong_tracking
 
     def skip(self, problem: Problem) -> str | None:
         """Refuse parameters that mean nothing, and a density that does not exist."""
-        if not 1 <= self.particles <= _MOST:
-            return f"particles must be 1 to {_MOST}, and is {self.particles}"
-        if not 0.0 < self.width_m < np.inf:
-            return f"width_m must be positive and finite, and is {self.width_m:g}"
         n = problem.dimension
         if self.kappa is not None and not 0.0 < n + self.kappa < np.inf:
             return f"n + kappa must be positive and finite, and is {n} + {self.kappa:g}"
-        if not 0.0 <= self.rho <= 1.0:
-            return f"rho must be 0 to 1, and is {self.rho:g}"
-        if not self.beta >= 1.0:
-            return f"beta must be at least 1, and is {self.beta:g}"
         if self.weights == "exact":
             ranks = [problem.noise_root(k).shape[1] for k in range(problem.epochs)]
             if min(ranks) < n:

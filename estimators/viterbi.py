@@ -22,11 +22,13 @@ several times less accurate there than a filter of all states that does.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field
 
 from ..engines.trellis import Trellis, cell_sides
+from ..parameters import Positive
 from ..problem import Causality, Estimate, Estimator, Problem, jacobian_along
 from ..reduced import Reduction, displacing, horizontal, reduced
 
@@ -57,9 +59,9 @@ class Viterbi(Estimator):
     """
 
     decode: Literal["path", "marginal", "forward"] = "path"
-    cell_m: float = 20.0
-    most: int = 200_000
-    drift: float = 4.0
+    cell_m: Positive = 20.0
+    most: Annotated[int, Field(ge=1000, le=_MOST)] = 200_000
+    drift: Positive = 4.0
 
     name = "viterbi"
 
@@ -69,18 +71,12 @@ class Viterbi(Estimator):
         return "filter" if self.decode == "forward" else "batch"
 
     @property
-    def exact(self) -> bool:
+    def exact_if_linear_gaussian(self) -> bool:
         """Not exact: of another problem."""
         return False
 
     def skip(self, problem: Problem) -> str | None:
         """Refuse cells that do not exist, and problems without a position that drifts."""
-        if not 0.0 < self.cell_m < np.inf:
-            return f"cell_m must be positive and finite, and is {self.cell_m:g}"
-        if not 1000 <= self.most <= _MOST:
-            return f"most must be 1000 to {_MOST}, and is {self.most}"
-        if not 0.0 < self.drift < np.inf:
-            return f"drift must be positive and finite, and is {self.drift:g}"
         if not horizontal(problem, velocity=True):
             return "the problem has no errors of position and velocity"
         reduction = self._reduction(problem)

@@ -10,7 +10,7 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Protocol, TypeGuard, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -48,7 +48,8 @@ class ProblemBlock:
     ----------
     times, noise_cov, prior_mean, prior_cov, layout, channels, map : as in
         :class:`.problem.Problem`.
-    measurements, present : (R, K, m). transition, process_cov : (R, K, n, n).
+    measurements, present : (R, K, m).
+    transition, process_cov : (R, K, n, n).
     model : arrays of h and H, the run as leading axis of those that differ from run to run.
     tracks : (R, K, 15) what the INS indicates, as :class:`.problem.Track` has it: positions,
         velocities, attitudes row by row; None if nobody says.
@@ -170,7 +171,8 @@ class EstimateBlock:
 
     Attributes
     ----------
-    mean : (R, K, n). cov : (R, K, n, n).
+    mean : (R, K, n).
+    cov : (R, K, n, n).
     causality, lag : as in :class:`.problem.Estimate`.
     nis : (R, K) normalised innovation squared, NaN where there was no reading; None unless the
         estimator is a filter.
@@ -194,65 +196,19 @@ class EstimateBlock:
 
 @dataclass(frozen=True)
 class BlockEstimator(Estimator):
-    """Base of the estimators that take many runs at once: what there is to write is a block's way.
-
-    Of one run it makes a block of one. An estimator that has another way, too, says by
-    ``takes_blocks`` which one its parameters choose, and extends ``estimate`` and ``skip``.
-    """
-
-    @property
-    def takes_blocks(self) -> bool:
-        """Whether it takes many runs at once, as its parameters are."""
-        return True
-
-    @abstractmethod
-    def estimate_block(self, block: ProblemBlock) -> EstimateBlock:
-        """Estimate the states of all runs of a block; no run may depend on its neighbours."""
-
-    def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
-        """Estimate the states of a block of one run.
-
-        Raises
-        ------
-        TypeError
-            If the problem's model is no :class:`CompiledModel`.
-        """
-        return self.estimate_block(block_of(problem)).estimate(0)
-
-    def skip(self, problem: Problem) -> str | None:
-        """Refuse the models that no compiled engine can take."""
-        if not isinstance(problem.model, CompiledModel):
-            return _without_arrays(problem.model)
-        return None
-
-
-@dataclass(frozen=True)
-class DrawingEstimator(BlockEstimator):
-    """Base of the estimators that take many runs at once and draw random numbers for each of them.
-
-    A run has a generator of its own, so that its estimate does not depend on which runs stand
-    beside it, nor on whether it came alone. Monte Carlo is not exact, unless a subclass says so.
-    """
-
-    @property
-    def exact(self) -> bool:
-        """Not exact: the answer scatters with the random numbers."""
-        return False
+    """Base of the estimators that take many runs at once; a single run is a block of one."""
 
     @abstractmethod
     def estimate_block(
         self, block: ProblemBlock, rngs: Sequence[np.random.Generator] = ()
     ) -> EstimateBlock:
-        """Estimate the states of all runs of a block.
+        """Estimate the states of all runs of a block; no run may depend on its neighbours.
 
         Parameters
         ----------
-        block : R runs. rngs : a generator of each run, from which all its randomness comes.
-
-        Raises
-        ------
-        ValueError
-            If there are not as many generators as runs.
+        block : R runs.
+        rngs : a generator of each run, from which all its randomness comes. One that draws nothing
+            ignores them.
         """
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
@@ -265,7 +221,8 @@ class DrawingEstimator(BlockEstimator):
         """
         return self.estimate_block(block_of(problem), (rng,)).estimate(0)
 
-
-def takes_blocks(estimator: Estimator) -> TypeGuard[BlockEstimator]:
-    """Return whether an estimator, as its parameters are, takes many runs at once."""
-    return isinstance(estimator, BlockEstimator) and bool(estimator.takes_blocks)
+    def skip(self, problem: Problem) -> str | None:
+        """Refuse the models that no compiled engine can take."""
+        if not isinstance(problem.model, CompiledModel):
+            return _without_arrays(problem.model)
+        return None

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from .numerics.frozen import freeze_arrays
 from .numerics.positive import ranked_root
+from .parameters import Positive, require_valid
 
 Causality = Literal["none", "filter", "fixed-lag", "batch"]
 
@@ -93,7 +94,8 @@ class Track:
     Attributes
     ----------
     positions : (K, 3) latitude, longitude [rad], ellipsoidal height [m].
-    velocities : (K, 3) ENU [m/s]. attitudes : (K, 3, 3) C_nb, from body to ENU.
+    velocities : (K, 3) ENU [m/s].
+    attitudes : (K, 3, 3) C_nb, from body to ENU.
     """
 
     positions: np.ndarray
@@ -167,7 +169,8 @@ class Problem:
     measurements : (K, m), without NaN.
     noise_cov : (m, m) R of all epochs, or (K, m, m) of each; see :meth:`noise_of`.
     transition, process_cov : (K, n, n).
-    prior_mean : (n,). prior_cov : (n, n), positive definite.
+    prior_mean : (n,).
+    prior_cov : (n, n), positive definite.
     model : h and H.
     layout : names, slices and units of the n states.
     present : (K, m) which measurements there are; all if not given.
@@ -305,12 +308,29 @@ class Estimator(ABC):
     """Base of all estimators: a frozen dataclass whose fields are its parameters.
 
     A parameter is a field with a default, typed ``int``, ``float``, ``bool``, ``str`` or a
-    ``Literal`` of strings; ``name[parameter=value]`` on the command line sets it. An estimator
-    whose causality is ``fixed-lag`` has a parameter ``lag`` [s]. One that takes many runs at once
-    is a :class:`.block.BlockEstimator`.
+    ``Literal`` of strings, with its limits as in :mod:`.parameters`; ``name[parameter=value]`` on
+    the command line sets it. An estimator whose causality is ``fixed-lag`` has a parameter ``lag``
+    [s]. One that takes many runs at once is a :class:`.block.BlockEstimator`.
+
+    Parameters
+    ----------
+    noise_scale : factor on the assumed standard deviations of gravity and gradient measurements.
+        The problem that ``estimate`` receives has that R already (:mod:`.estimation`).
+
+    Raises
+    ------
+    ValueError
+        If a parameter is beyond its limits, or contradicts another one (:meth:`conflict`).
     """
 
+    noise_scale: Positive = field(default=1.0, kw_only=True)
+
     name: ClassVar[str]
+
+    def __post_init__(self) -> None:
+        require_valid(self)
+        if reason := self.conflict():
+            raise ValueError(f"{self.name}: {reason}")
 
     @property
     @abstractmethod
@@ -318,17 +338,21 @@ class Estimator(ABC):
         """Which measurements an estimate at time t may depend on."""
 
     @property
-    def exact(self) -> bool:
+    def exact_if_linear_gaussian(self) -> bool:
         """Whether a linear problem with Gaussian noises gets its exact answer.
 
-        That of the Kalman filter, or of the smoother of its causality, to rounding. Particles and
-        grids have theirs only in the limit.
+        That is the answer of the Kalman filter, or of the smoother of its causality, to rounding.
+        Particles and grids reach it only in the limit.
         """
         return True
 
     @abstractmethod
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
         """Estimate the state at every epoch; all randomness comes from ``rng``."""
+
+    def conflict(self) -> str | None:
+        """Return why the parameters contradict each other, or None if they do not."""
+        return None
 
     def skip(self, problem: Problem) -> str | None:
         """Return why this estimator cannot take the problem, or None if it can."""

@@ -196,7 +196,8 @@ def walking(times: np.ndarray, density: float) -> np.ndarray:
 
     Parameters
     ----------
-    times : (K,) epochs [s]; the first step begins at zero. density : of the velocity [m²/s].
+    times : (K,) epochs [s]; the first step begins at zero.
+    density : of the velocity [m²/s].
     """
     return np.diff(times, prepend=0.0)[:, np.newaxis, np.newaxis] * density * np.eye(2)
 

@@ -26,6 +26,7 @@ from ggbench.contract.references import linear_problem as linear_problem
 from ggbench.contract.references import noisy_problem as noisy_problem
 from ggbench.contract.references import propagated as propagated
 from ggbench.contract.references import smoothed as smoothed
+from ggbench.parameters import parameters_of
 from ggbench.problem import Estimate, Estimator, Problem
 from ggbench.simulation import error_free_flight
 from ggbench.simulation.runs import Truth, simulate, simulate_block
@@ -43,17 +44,17 @@ PLUGIN_VARIABLE = "GGBENCH_TEST_ESTIMATOR"
 """Environment variable with estimators of one's own, ``my.py;my.py[size=3]``, to be tested too."""
 
 
+COMPILED_APART = ("gaussian-sum", "gauss-newton", "factor-graph")
+"""Names whose kernels take longer to compile than all of ``make test`` takes to run."""
 SLOW = (
     "closed-loop[filter=ukf]",
     "correlation[association=nearest]",
     "correlation[association=reciprocal]",
     "correlation[candidates=nodes]",
     "correlation[fusion=none]",
-    "factor-graph[loss=cauchy]",
-    "gauss-newton[engine=numba]",
-    "gauss-newton[loss=cauchy]",
-    "gaussian-sum[engine=numba]",
-    "gaussian-sum[loss=cauchy]",
+    "ekf[loss=cauchy]",
+    "ekf[loss=huber]",
+    "gtsam[loss=cauchy]",
     "gaussian-particle[proposal=ekf]",
     "gaussian-particle[proposal=ukf]",
     "iccp[fusion=none]",
@@ -67,20 +68,27 @@ SLOW = (
     "tercom[fusion=none]",
     "tercom[loss=cauchy]",
     "tercom[loss=huber]",
+    "ukf[loss=cauchy]",
+    "ukf[loss=huber]",
     "unscented-particle[weights=exact]",
     "unscented-particle[weights=likelihood]",
     "viterbi",
     "viterbi[decode=forward]",
     "viterbi[decode=marginal]",
 )
-"""Modes for whose family another stands in the tests that run every time; for ``viterbi``, whose
-grids are large, and for the compiled searches, tests of its own."""
+"""Modes for whose family another one is tested every time; ``viterbi``, whose grids are large, has
+tests of its own."""
+
+
+def is_slow(label: str) -> bool:
+    """Whether a label's tests are left to the long ones."""
+    return label in SLOW or label.startswith(COMPILED_APART)
 
 
 def each_label() -> list[Any]:
     """The same as parameters of a test, the slow ones marked as long."""
     long = pytest.mark.long
-    return [pytest.param(text, marks=long) if text in SLOW else text for text in labels()]
+    return [pytest.param(text, marks=long) if is_slow(text) else text for text in labels()]
 
 
 def labels() -> list[str]:
@@ -89,14 +97,12 @@ def labels() -> list[str]:
     for name, cls in registry.registered().items():
         modes = [
             f"{name}[{key}={choice}]"
-            for key, (annotation, default) in registry.parameters_of(cls).items()
+            for key, (annotation, default) in parameters_of(cls).items()
             if key != "resampling"  # a part with tests of its own, not a way to estimate
             if typing.get_origin(annotation) is typing.Literal
             for choice in typing.get_args(annotation)
             if choice != default
         ]
-        # The compiled engine of the graph knows one of its modes.
-        modes = [m.replace("factor-graph[engine", "factor-graph[mode=batch,engine") for m in modes]
         found += [name, *modes]
     return found + [text for text in os.environ.get(PLUGIN_VARIABLE, "").split(";") if text]
 
@@ -106,10 +112,12 @@ def estimator(label: str) -> Estimator:
     return registry.choose(label).estimator
 
 
-def compiled(label: str) -> Any:
-    """The compiled engine of a built-in estimator."""
-    name, _, rest = label.rstrip("]").partition("[")
-    return estimator(f"{name}[{','.join(filter(None, [rest, 'engine=numba']))}]")
+def refusal(label: str, problem: Problem) -> str:
+    """Why an estimator is refused: its parameters when it is made, else the problem."""
+    try:
+        return estimator(label).skip(problem) or ""
+    except registry.EstimatorError as error:
+        return str(error)
 
 
 def rng() -> np.random.Generator:

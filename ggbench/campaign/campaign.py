@@ -19,7 +19,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..block import takes_blocks
 from ..errors import GGBenchError
 from ..problem import Problem
 from ..results.store import (
@@ -32,14 +31,14 @@ from ..results.store import (
 )
 from ..simulation.runs import simulate
 from ..spec.case import CaseSpec
-from ..spec.oddities import oddities
 from ..spec.scenario import Scenario
+from ..spec.unusual_values import unusual_values
 from . import result_keys
 from .inputs import input_files
 from .records import lag_epochs, shared_arrays
 from .registry import choose, choose_all
-from .runner import Pairs, Task, flight_of
-from .texts import said
+from .runner import Pairs, Task, by_block_size, flight_of
+from .texts import exception_text
 
 TASK_RUNS = 128
 """Most runs of a task."""
@@ -115,7 +114,8 @@ class Plan:
 
         Parameters
         ----------
-        old : the folder's manifest. whole : the scenario with all of its cases.
+        old : the folder's manifest.
+        whole : the scenario with all of its cases.
         finished : keys under which there are results.
         """
         now = result_keys.environment() | {"seed": self.seed}
@@ -178,9 +178,9 @@ class Tasks:
         self._at_once: list[_Open] = []
         self._one_by_one: list[_Open] = []
         for cell in cells:
-            blocks = np.array([takes_blocks(choose(label).estimator) for label, _ in cell.pairs])
-            for chosen, where in ((self._at_once, blocks), (self._one_by_one, ~blocks)):
-                pairs = tuple(pair for pair, mine in zip(cell.pairs, where, strict=True) if mine)
+            sides = zip((self._at_once, self._one_by_one), by_block_size(cell.pairs), strict=True)
+            for chosen, pairs in sides:
+                where = [cell.pairs.index(pair) for pair in pairs]
                 chosen.append(cell._replace(pairs=pairs, missing=cell.missing[where]))
 
     def __iter__(self) -> Iterator[Task]:
@@ -240,6 +240,11 @@ class Campaign:
         # Once: a file that is edited later changes nothing of what is run and how it is stored.
         scenario = self.scenario.select(self.cases) if self.cases else self.scenario
         contents = {label: choose(label).content for label in self.labels}
+        for text, _ in self.scenario.campaign.fewer_runs:
+            if (label := choose(text).label) != text:
+                raise CampaignError(
+                    f"{self.scenario.name}: fewer_runs names '{text}'; write it as '{label}'"
+                )
         studied = choose(self.scenario.campaign.assumption_estimator)
         label = next((k for k, v in contents.items() if v == studied.content), studied.label)
         self.left_out: dict[str, str] = {}
@@ -263,7 +268,7 @@ class Campaign:
         """
         self._require_folder()
         left_out = self._leave_out()
-        remarks = [*oddities(self.plan.scenario), *left_out, *self._seeking(), *self._fewer()]
+        remarks = [*unusual_values(self.plan.scenario), *left_out, *self._seeking(), *self._fewer()]
         store = Store(self.folder, create=True, fresh=self.fresh)
         plan = self.plan
         if damaged := store.discard_damaged():
@@ -332,7 +337,7 @@ class Campaign:
                 try:
                     reason = estimator.skip(problem)
                 except Exception as error:
-                    reason = f"its skip raises {said(error)}"
+                    reason = f"its skip raises {exception_text(error)}"
                 if reason:
                     reasons.setdefault(label, f"{label} is left out: {reason}")
         self.left_out = {label: text.partition(": ")[2] for label, text in reasons.items()}

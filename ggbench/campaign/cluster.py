@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import GGBenchError
 from ..results.store import Result
-from .execution import Member, drive
+from .execution import WorkerSlot, drive
 from .runner import OtherSourceError, Task, failure
 
 if TYPE_CHECKING:
@@ -137,7 +137,7 @@ def run_here(task: Task, limit: float, stopped: str) -> list[Result]:
     served = hasattr(_mine, "member")
     if not served:
         try:
-            _mine.member = Member(limit)
+            _mine.member = WorkerSlot(limit)
         except OSError as error:
             raise ClusterError(f"a Dask worker cannot start a process: {error}") from None
     _mine.member.limit = limit

@@ -51,23 +51,23 @@ def in_processes(tasks: Iterable[Task], jobs: int, limit: float) -> Generator[li
     GGBenchError
         If a worker finds that it would run something else than was planned.
     """
-    crew: list[Member] = []
+    pool: list[WorkerSlot] = []
     source = iter(tasks)
     first = list(itertools.islice(source, jobs))
     try:
-        while len(crew) < len(first):
-            crew.append(Member(limit))
-        yield from drive(itertools.chain(first, source), crew)
+        while len(pool) < len(first):
+            pool.append(WorkerSlot(limit))
+        yield from drive(itertools.chain(first, source), pool)
     except OSError as error:
         raise ExecutionError(f"worker processes cannot be started: {error.strerror}") from None
     finally:
-        kill_surely([member.worker for member in crew])
+        kill_surely([member.worker for member in pool])
 
 
 def drive(
-    tasks: Iterable[Task], crew: Sequence[Member], stop: Callable[[], bool] = lambda: False
+    tasks: Iterable[Task], pool: Sequence[WorkerSlot], stop: Callable[[], bool] = lambda: False
 ) -> Generator[list[Result]]:
-    """Let a crew run tasks to their end, after which all of it is idle again.
+    """Let a pool run tasks to their end, after which all of it is idle again.
 
     Or until ``stop``, asked about once a second, says so. Tasks are taken as they are needed.
     """
@@ -75,13 +75,13 @@ def drive(
     results: list[Result] = []
     asked = stored = time.monotonic()
     while True:
-        for member in crew:
+        for member in pool:
             if member.idle and queue:
                 member.begin(queue.pop())
-        finished = not queue and not any(member.attempt for member in crew)
+        finished = not queue and not any(member.attempt for member in pool)
         start = time.monotonic()
         if results and (finished or len(results) >= _BATCH or start - stored >= _BATCH_S):
-            yield results  # stored while the crew is at work again
+            yield results  # stored while the pool is at work again
             results = []
             stored = start = time.monotonic()
         if finished:
@@ -90,16 +90,16 @@ def drive(
             asked = start
             if stop():
                 return
-        patience = max(0.0, min([_WAKE_S, *(m.deadline - start for m in crew)]))
+        patience = max(0.0, min([_WAKE_S, *(m.deadline - start for m in pool)]))
         if results:
             patience = min(patience, _BATCH_S)
-        wait([end for m in crew if not m.idle for end in m.worker.readable], patience)
+        wait([end for m in pool if not m.idle for end in m.worker.readable], patience)
         asleep = time.monotonic() - start - patience
         if asleep > _WAKE_S:  # Ctrl-Z, a closed laptop: no run's time
-            for member in crew:
+            for member in pool:
                 member.deadline += asleep
-        for member in crew:
-            come, again = member.attend()
+        for member in pool:
+            come, again = member.poll()
             results += come
             queue.again(again)
 
@@ -131,7 +131,7 @@ class _Queue:
         self._next.extendleft(reversed(attempts))
 
 
-def together(missing: Mapping[str, Collection[int]]) -> dict[tuple[str, ...], list[int]]:
+def group_by_missing(missing: Mapping[str, Collection[int]]) -> dict[tuple[str, ...], list[int]]:
     """Return runs by the labels that miss them, so that each run is simulated once for all.
 
     ``missing`` holds, by label, the runs that are missing.
@@ -146,7 +146,7 @@ def together(missing: Mapping[str, Collection[int]]) -> dict[tuple[str, ...], li
     return groups
 
 
-class Member:
+class WorkerSlot:
     """A worker with what it is at; what becomes of it when it dies or takes too long."""
 
     def __init__(self, limit: float) -> None:
@@ -170,7 +170,7 @@ class Member:
         self._left = {label: set(attempt.task.runs) for label in self._keys}
         self.worker.give(attempt.task)
 
-    def attend(self) -> tuple[list[Result], list[Attempt]]:
+    def poll(self) -> tuple[list[Result], list[Attempt]]:
         """Return the results that have come, and what must be tried again."""
         results: list[Result] = []
         again: list[Attempt] = []
@@ -178,7 +178,7 @@ class Member:
             for message in self.worker.receive():
                 self._take(message, results)
         except WorkerDiedError as death:
-            self._bury(str(death), results, again)
+            self._handle_death(str(death), results, again)
         if time.monotonic() > self.deadline:
             self._stop(results, again)
         return results, again
@@ -211,12 +211,12 @@ class Member:
         if not self._left[part.label]:
             del self._left[part.label]
 
-    def _bury(self, death: str, results: list[Result], again: list[Attempt]) -> None:
+    def _handle_death(self, death: str, results: list[Result], again: list[Attempt]) -> None:
         """See to what a worker that died was at, and start another one."""
         if self.attempt is None:
             self._false_starts += 1
             if self._false_starts == _MOST_FALSE_STARTS:
-                last = self.worker.printed.of_run().rpartition("\n")[2]
+                last = self.worker.output.of_run().rpartition("\n")[2]
                 raise ExecutionError(
                     f"worker processes end before they are ready: {death}"
                     + (f"; the last that they printed: {last}" if last else "")
@@ -255,7 +255,7 @@ class Member:
         """Return the attempts at what is left of the task."""
         assert self.attempt is not None
         attempts = []
-        for labels, runs in together(left).items():
+        for labels, runs in group_by_missing(left).items():
             pairs = tuple((label, self._keys[label]) for label in labels)
             for some in ([run] for run in runs) if one_by_one else [runs]:
                 task = replace(self.attempt.task, runs=some, estimators=pairs)
@@ -276,7 +276,7 @@ class Member:
 
     def _with_output(self, results: list[Result]) -> list[Result]:
         """Return the results of what has just ended; what failed, with what was printed in it."""
-        output = self.worker.printed.of_run()
+        output = self.worker.output.of_run()
         for result in results:
             if output and result.record["status"] != "ok":
                 result.record["output"] = output

@@ -17,7 +17,7 @@ from pydantic_core import from_json
 from ..engines.innovations import innovations_squared
 from ..gravity.field import Field
 from ..ins.system_matrix import STATES
-from ..judging import fixes, locking, run_errors
+from ..judging import convergence, fix_metrics, run_errors
 from ..judging.bounds import bound_for, squared_bounds
 from ..problem import Causality, Fixes, Problem
 from ..results.store import DETAILED_RUN, SERIES_RUNS, Result, kept_epochs
@@ -36,17 +36,19 @@ _SLACK = 0.1
 
 
 @dataclass(frozen=True)
-class Estimated:
+class TimedEstimates:
     """The estimates of R runs by one estimator, with what it took to make them.
 
     Attributes
     ----------
-    mean : (R, K, n). cov : (R, K, n, n) or None.
+    mean : (R, K, n).
+    cov : (R, K, n, n) or None.
     nis : (R, K) or None; then it is computed from mean and covariance.
     causality, lag : as :class:`ggbench.problem.Estimate` has them.
-    info : each run's remarks. evaluations : each run's points at which it evaluated the map.
+    info : each run's remarks.
+    evaluations : each run's points at which it evaluated the map.
     seconds : time of a run, of several at once their mean.
-    fixes : of a single run by a matcher, as :func:`.judging.fixes.checked` returns them.
+    fixes : of a single run by a matcher, as :func:`.judging.fix_metrics.checked` returns them.
     """
 
     mean: np.ndarray
@@ -67,11 +69,11 @@ def peak_memory_mb() -> float:
     return peak / (2.0**20 if platform.system() == "Darwin" else 2.0**10)
 
 
-def blank(choice: Choice, run: int, seed: int) -> dict[str, Any]:
+def new_record(choice: Choice, run: int, seed: int) -> dict[str, Any]:
     """Return what a record says of its run before it is known how it went."""
     return {
         "name": choice.estimator.name,
-        "parameters": choice.parameters,
+        "parameters": choice.spec.listed,
         "causality": choice.estimator.causality,
         "run": run,
         "seed": seed,
@@ -79,20 +81,22 @@ def blank(choice: Choice, run: int, seed: int) -> dict[str, Any]:
     }
 
 
-def judged(
+def evaluate_runs(
     blanks: Sequence[dict[str, Any]],
     key: str,
     flight: Flight,
     error_state: np.ndarray,
-    estimated: Estimated,
+    estimated: TimedEstimates,
     problem: Callable[[int], Problem],
 ) -> list[Result]:
     """Return the results of runs that were estimated; one that is no estimate has failed.
 
     Parameters
     ----------
-    blanks : what each run's record says already (:func:`blank`). key : of the results.
-    flight : the case. error_state : (R, K, n) the truth of the runs.
+    blanks : what each run's record says already (:func:`new_record`).
+    key : of the results.
+    flight : the case.
+    error_state : (R, K, n) the truth of the runs.
     problem : returns a run's problem, by its place in the block.
     """
     case, times, filters = flight.case, flight.times, estimated.causality == "filter"
@@ -107,7 +111,7 @@ def judged(
     ins = np.sqrt((error_state[:, -1, :3] ** 2).sum(axis=1)).tolist()
     locks: list[dict[str, Any]] = [{}] * len(blanks)
     if case.windows.lock_m is not None:
-        found = locking.judge(
+        found = convergence.judge(
             evaluation.position_error, evaluation.sigmas[:, -1, :3], times, case.windows.lock_m
         )
         locks = [
@@ -140,7 +144,7 @@ def judged(
         }
         record |= locks[r]
         if estimated.fixes is not None:
-            record["fixes"] = fixes.judge(estimated.fixes, error_state[r], times)
+            record["fixes"] = fix_metrics.judge(estimated.fixes, error_state[r], times)
         if outside[r]:
             record["remark"] = OUTSIDE
         series = detail = None
@@ -155,7 +159,7 @@ def judged(
 def _detail(
     flight: Flight,
     error_state: np.ndarray,
-    estimated: Estimated,
+    estimated: TimedEstimates,
     evaluation: run_errors.Evaluation,
     r: int,
 ) -> np.ndarray:
@@ -235,7 +239,9 @@ def shared_arrays(flight: Flight, seed: int, lags: Sequence[int]) -> dict[str, n
 
     Parameters
     ----------
-    flight : the case. seed : the campaign's. lags : fixed lags in use [epochs].
+    flight : the case.
+    seed : the campaign's.
+    lags : fixed lags in use [epochs].
     """
     arrays = {
         "times": flight.times,

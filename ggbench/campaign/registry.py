@@ -10,22 +10,20 @@ import difflib
 import hashlib
 import importlib.metadata
 import inspect
-import re
 import sys
 import types
 import typing
 from collections.abc import Iterable
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from pydantic import TypeAdapter, ValidationError
-
-from ..block import takes_blocks
 from ..errors import GGBenchError
+from ..estimator_spec import EstimatorSpec
+from ..parameters import parameters_of
 from ..problem import Causality, Estimator
-from .truth_kept import sought
+from .truth_isolation import suspicious_names
 
 GROUP = "ggbench.estimators"
 _SOURCE = "__ggbench_source__"
@@ -41,39 +39,39 @@ class EstimatorError(GGBenchError):
 
 @dataclass(frozen=True)
 class Choice:
-    """An estimator as chosen: its class with its parameters, and its label.
+    """An estimator as chosen: the instance, and the spec that names it.
 
     Attributes
     ----------
-    label : the text by which results name it, ``ukf[points=merwe]``.
+    spec : name and parameters that differ from the defaults.
     estimator : the instance.
     """
 
-    label: str
+    spec: EstimatorSpec
     estimator: Estimator
 
     @property
-    def content(self) -> dict[str, Any]:
-        """What its results depend on: class, all parameters, and a hash of its source file.
+    def label(self) -> str:
+        """The text by which results name it, ``ukf[points=merwe]``."""
+        return str(self.spec)
 
-        Of an estimator of another package the versions of that. If its file uses what only helps
-        to find truth, what it uses (:func:`.sought`).
+    @property
+    def content(self) -> dict[str, Any]:
+        """Return all that its results depend on: class, all parameters, a hash of its source file.
+
+        An estimator of another package has the versions of that. If its file uses names that only
+        help to find truth, these names (:func:`.suspicious_names`).
         """
         cls = type(self.estimator)
         source, seeks = _source_of(cls)
         libraries = _libraries_of(cls)
         return {
             "class": cls.__qualname__,
-            "parameters": {item.name: getattr(self.estimator, item.name) for item in fields(cls)},
+            "parameters": {name: getattr(self.estimator, name) for name in parameters_of(cls)},
             "source": source,
             **({"libraries": libraries} if libraries else {}),
             **({"seeks": list(seeks)} if seeks else {}),
         }
-
-    @property
-    def parameters(self) -> str:
-        """The parameters set by the user, ``points=merwe``; empty if all are defaults."""
-        return self.label.partition("[")[2].rstrip("]")
 
 
 def registered() -> dict[str, type[Estimator]]:
@@ -87,8 +85,12 @@ def registered() -> dict[str, type[Estimator]]:
     return {name: _load(point) for name, point in _points().items()}
 
 
+@cache
 def _points() -> dict[str, importlib.metadata.EntryPoint]:
-    """Return the entry points of the registered estimators by name, in order."""
+    """Return the entry points of the registered estimators by name, in order.
+
+    Kept: to read them from the files of every installed package takes 50 ms.
+    """
     points = importlib.metadata.entry_points(group=GROUP)
     return {point.name: point for point in sorted(points, key=lambda p: p.name)}
 
@@ -115,12 +117,11 @@ def choose(text: str) -> Choice:
         raise EstimatorError(
             f"{text!a} names an estimator with characters that are no Unicode: rename its file"
         )
-    match = re.fullmatch(r"\s*([^\[\]]+?)\s*(?:\[([^\[\]]*)\])?\s*", text)
-    if not match:
-        raise EstimatorError(
-            f"'{text}' does not name an estimator; write NAME or NAME[parameter=value,...]"
-        )
-    name, listed = match.group(1), match.group(2) or ""
+    try:
+        given = EstimatorSpec.parse(text)
+    except ValueError as error:
+        raise EstimatorError(str(error)) from None
+    name = given.name
     if name.endswith(".py"):
         cls = _from_file(Path(name))
     else:
@@ -134,28 +135,43 @@ def choose(text: str) -> Choice:
             )
         cls = _load(points[name])
     _require_interface(cls, name)
-    parameters = _parse(cls, name, listed)
-    shown = ",".join(f"{key}={raw}" for key, (raw, _) in parameters.items())
+    return Choice(*_made(cls, given))
+
+
+def _made(cls: type[Estimator], given: EstimatorSpec) -> tuple[EstimatorSpec, Estimator]:
+    """Return the spec and the instance of an estimator with the parameters that a text states."""
+    name, known = given.name, parameters_of(cls)
+    values = {key: parameter.default for key, parameter in known.items()}
+    for key, text in given.parameters.items():
+        if key not in known:
+            allowed = ", ".join(known) or "it has none"
+            raise EstimatorError(f"{name} has no parameter '{key}'; its parameters: {allowed}")
+        try:
+            values[key] = known[key].validate(text)
+        except ValueError:
+            raise EstimatorError(
+                f"{name}: parameter '{key}' is '{text}' and must be {known[key].allowed()}"
+            ) from None
+    defaults = {key: parameter.default for key, parameter in known.items()}
+    spec = EstimatorSpec.changed(name, values, defaults)
     try:
-        estimator = cls(**{key: value for key, (_, value) in parameters.items()})
+        estimator = cls(**values)
         causality = estimator.causality
-        takes_blocks(estimator)  # the last of what a campaign asks for before it runs anything
     except Exception as error:
-        raise EstimatorError(
-            f"{name} cannot be made with '{shown}': {type(error).__name__}: {error}"
-        ) from error
+        reason = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
+        raise EstimatorError(f"{name} cannot be made with '{spec.listed}': {reason}") from error
     if causality not in typing.get_args(Causality):
         raise EstimatorError(
             f"{name}: causality is {causality!r} and must be one of "
             f"{', '.join(typing.get_args(Causality))}"
         )
-    if causality == "fixed-lag" and "lag" not in parameters_of(cls):
+    if causality == "fixed-lag" and "lag" not in known:
         raise EstimatorError(f"{name}: a fixed-lag estimator needs a parameter 'lag' [s]")
-    return Choice(f"{name}[{shown}]" if shown else name, estimator)
+    return spec, estimator
 
 
-def text_of(estimator: Estimator) -> str:
-    """Return the text that names an estimator, ``ukf[points=merwe]``.
+def spec_of(estimator: Estimator) -> EstimatorSpec:
+    """Return the spec that names an estimator, ``ukf[points=merwe]``.
 
     Raises
     ------
@@ -177,19 +193,15 @@ def text_of(estimator: Estimator) -> str:
                 "runs one by one"
             )
         name = names[0]
-    changed = {
-        item.name: value
-        for item in fields(cls)
-        if (value := getattr(estimator, item.name)) != item.default
-    }
-    listed = ",".join(f"{key}={value}" for key, value in changed.items())
-    text = f"{name}[{listed}]" if listed else name
-    if choose(text).estimator != estimator:
+    known = parameters_of(cls)
+    values = {key: getattr(estimator, key) for key in known}
+    spec = EstimatorSpec.changed(name, values, {k: p.default for k, p in known.items()})
+    if choose(str(spec)).estimator != estimator:
         raise EstimatorError(
-            f"the text '{text}' does not give the estimator {estimator!r}: its file has changed "
+            f"the text '{spec}' does not give the estimator {estimator!r}: its file has changed "
             "since it was read, or a parameter is no plain number or text"
         )
-    return text
+    return spec
 
 
 def choose_all(texts: Iterable[str]) -> list[Choice]:
@@ -205,19 +217,6 @@ def choose_all(texts: Iterable[str]) -> list[Choice]:
         if all(choice.content != other.content for other in chosen):
             chosen.append(choice)
     return chosen
-
-
-def parameters_of(cls: type[Estimator]) -> dict[str, tuple[Any, Any]]:
-    """Return the (type, default) of each parameter of an estimator class."""
-    hints = typing.get_type_hints(cls)
-    return {item.name: (hints[item.name], item.default) for item in fields(cls)}
-
-
-def describe(annotation: Any) -> str:
-    """Return a parameter's type as a user reads it."""
-    if typing.get_origin(annotation) is typing.Literal:
-        return " | ".join(str(choice) for choice in typing.get_args(annotation))
-    return getattr(annotation, "__name__", str(annotation))
 
 
 def _require_interface(cls: type[Estimator], name: str) -> None:
@@ -251,28 +250,6 @@ def _is_unicode(text: str) -> bool:
     return True
 
 
-def _parse(cls: type[Estimator], name: str, listed: str) -> dict[str, tuple[str, Any]]:
-    known = parameters_of(cls)
-    parsed: dict[str, tuple[str, Any]] = {}
-    for item in filter(None, (part.strip() for part in listed.split(","))):
-        key, equals, raw = (part.strip() for part in item.partition("="))
-        if not equals:
-            raise EstimatorError(f"{name}: '{item}' is not of the form parameter=value")
-        if key not in known:
-            allowed = ", ".join(known) or "it has none"
-            raise EstimatorError(f"{name} has no parameter '{key}'; its parameters: {allowed}")
-        if key in parsed:
-            raise EstimatorError(f"{name}: parameter '{key}' is given twice")
-        annotation, _ = known[key]
-        try:
-            parsed[key] = (raw, TypeAdapter(annotation).validate_python(raw))
-        except ValidationError:
-            raise EstimatorError(
-                f"{name}: parameter '{key}' is '{raw}' and must be {describe(annotation)}"
-            ) from None
-    return parsed
-
-
 @cache
 def _source_of(cls: type[Estimator]) -> tuple[str, tuple[str, ...]]:
     """Return a hash of the file that defines a class, as it was when it was loaded, and its seeks.
@@ -289,7 +266,7 @@ def _source_of(cls: type[Estimator]) -> tuple[str, tuple[str, ...]]:
         if module.__package__:
             found |= {n for n in _used_by(cls) if n.startswith(f"{module.__package__}.")}
         contents += [_content(name) for name in sorted(found) if name in sys.modules]
-    seeks = {name for content in contents for name in sought(content)}
+    seeks = {name for content in contents for name in suspicious_names(content)}
     return hashlib.sha256(b"".join(contents)).hexdigest(), tuple(sorted(seeks))
 
 

@@ -1,7 +1,7 @@
 """Runs: simulate them, give them to every estimator, judge the estimates.
 
 This is what a worker process does; nothing here writes anything. Estimators that take many runs at
-once get them in blocks that fit into the processor's cache, the others run by run.
+once get them in blocks that fit into the processor's cache, the others in blocks of one run.
 """
 
 from __future__ import annotations
@@ -15,27 +15,28 @@ import json
 import os
 import time
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..block import DrawingEstimator, EstimateBlock, ProblemBlock, takes_blocks
+from .. import estimation
+from ..block import BlockEstimator, EstimateBlock, ProblemBlock
 from ..errors import GGBenchError
-from ..judging import fixes, run_errors
-from ..problem import CountingModel, Estimate, Estimator, MeasurementModel, Problem
+from ..judging import fix_metrics, run_errors
+from ..problem import CountingModel, Estimate, Estimator, Problem
 from ..results.store import Result
 from ..simulation.error_free_flight import Flight, prepare
-from ..simulation.runs import simulate, simulate_block
+from ..simulation.runs import simulate_block
 from ..spec.case import CaseSpec
 from . import result_keys
-from .records import Estimated, blank, judged, remarks
+from .records import TimedEstimates, evaluate_runs, new_record, remarks
 from .registry import Choice, choose
-from .texts import said, traced
-from .truth_kept import PutAway
+from .texts import exception_text, traceback_text
+from .truth_isolation import HiddenArray
 
 BLOCK_RUNS = 32
 """Runs that an estimator takes at once: their arrays stay in the processor's cache."""
@@ -46,7 +47,7 @@ LEAST_RUNS = 8
 
 
 class OtherSourceError(GGBenchError):
-    """What would run here is not what the campaign was planned with."""
+    """The worker's versions of results, libraries or estimators differ from the campaign's."""
 
 
 Pairs = tuple[tuple[str, str], ...]
@@ -59,7 +60,8 @@ class Task:
 
     Attributes
     ----------
-    case : the case. assumption : the study it belongs to, "" for the cases themselves.
+    case : the case.
+    assumption : the study it belongs to, "" for the cases themselves.
     runs, seed : the runs' numbers and the campaign's seed.
     estimators : (label, key) of each estimator to run.
     """
@@ -120,7 +122,9 @@ def _key(case: CaseSpec, label: str, seed: int) -> str:
 def _estimator_rng(seed: int, run: int, choice: Choice) -> np.random.Generator:
     """Return the estimator's own generator: reproducible, and no key to the simulation's."""
     content = choice.content
-    name = f"{content['class']}|{json.dumps(content['parameters'], sort_keys=True)}|{seed}|{run}"
+    # The assumed noise does not enter: estimators that differ in it alone draw the same numbers.
+    own = {key: value for key, value in content["parameters"].items() if key != "noise_scale"}
+    name = f"{content['class']}|{json.dumps(own, sort_keys=True)}|{seed}|{run}"
     digest = hashlib.sha256(name.encode()).digest()
     return np.random.default_rng(int.from_bytes(digest[:16], "little"))
 
@@ -140,22 +144,26 @@ def run_task(task: Task) -> Iterator[Started | list[Result]]:
     Raises
     ------
     OtherSourceError
-        If the package, a library, an estimator's source or a map file is not what the task's keys
-        were made with.
+        If a version, an estimator's source or a map file is not what the task's keys were made
+        with.
     """
     for label, key in task.estimators:
         if _key(task.case, label, task.seed) != key:
             raise OtherSourceError(
-                f"the source or version of ggbench, of a library, of {label} or of a map file "
+                f"the version of ggbench or of a library, the source of {label} or a map file "
                 f"is not what the campaign was started with; here: {result_keys.environment()}"
             )
-    at_once = tuple(pair for pair in task.estimators if takes_blocks(chosen(pair[0]).estimator))
-    one_by_one = tuple(pair for pair in task.estimators if pair not in at_once)
-    size = runs_at_once(task.case) if at_once else 1
-    for start in range(0, len(task.runs) if at_once else 0, size):
-        yield from _run_block(task, at_once, task.runs[start : start + size])
-    for run in task.runs if one_by_one else ():
-        yield from _run_one(task, one_by_one, run)
+    together, singly = by_block_size(task.estimators)
+    for pairs, size in ((together, runs_at_once(task.case)), (singly, 1)):
+        for start in range(0, len(task.runs) if pairs else 0, size):
+            yield from _run_block(task, pairs, task.runs[start : start + size])
+
+
+def by_block_size(pairs: Pairs) -> tuple[Pairs, Pairs]:
+    """Return those of the estimators that take many runs at once, and those that take one."""
+    # Not as chosen once: the process that plans campaigns may see a file change between them.
+    together = tuple(p for p in pairs if isinstance(choose(p[0]).estimator, BlockEstimator))
+    return together, tuple(pair for pair in pairs if pair not in together)
 
 
 def runs_at_once(case: CaseSpec) -> int:
@@ -169,40 +177,12 @@ def runs_at_once(case: CaseSpec) -> int:
     return size
 
 
-def _run_one(task: Task, pairs: Pairs, run: int) -> Iterator[Started | list[Result]]:
-    # Of no frame of these, while an estimator runs, truth or flight are a part.
-    reason, trace = "", ""
-    try:
-        problem, truth = _simulated(task, run)
-    except Exception as error:
-        reason, trace = f"simulation: {said(error)}", traced()
-    for label, key in pairs:
-        yield Started(label, (run,))
-        choice = chosen(label)
-        if reason:
-            yield [failure(task, run, label, key, reason, trace)]
-            continue
-        begun = blank(choice, run, task.seed) | {"cold": _is_cold(label)}
-        try:
-            estimated = _estimate(problem, choice, _estimator_rng(task.seed, run, choice))
-            results = _judged([begun], key, task.case, truth, estimated, lambda _: problem)
-        except (Exception, SystemExit) as error:
-            results = [Result(key, begun | {"reason": said(error), "traceback": traced()})]
-        yield results
-
-
-def _simulated(task: Task, run: int) -> tuple[Problem, PutAway]:
-    """Simulate a run; its truth is put away before any estimator sees the problem."""
-    problem, truth = simulate(flight_of(task.case), task.seed, run)
-    return problem, PutAway(truth.error_state[np.newaxis])
-
-
 def _run_block(task: Task, pairs: Pairs, runs: Sequence[int]) -> Iterator[Started | list[Result]]:
     """Run several runs at once; should that fail, one by one, so that it costs no other run."""
     try:
         block, truth = _simulated_block(task, runs)
     except Exception as error:
-        reason, trace = f"simulation: {said(error)}", traced()
+        reason, trace = f"simulation: {exception_text(error)}", traceback_text()
         for run in runs if len(runs) > 1 else ():
             yield from _run_block(task, pairs, (run,))
         for label, key in pairs if len(runs) == 1 else ():
@@ -213,39 +193,42 @@ def _run_block(task: Task, pairs: Pairs, runs: Sequence[int]) -> Iterator[Starte
         yield Started(label, runs)
         choice = chosen(label)
         cold = {"cold": _is_cold(label)}
-        blanks = [blank(choice, run, task.seed) | cold for run in runs]
+        blanks = [new_record(choice, run, task.seed) | cold for run in runs]
         try:
-            rngs = []
-            if isinstance(choice.estimator, DrawingEstimator):
-                rngs = [_estimator_rng(task.seed, run, choice) for run in runs]
-            estimated = _estimate_block(block, choice, rngs)
-            results = _judged(blanks, key, task.case, truth, estimated, block.problem)
+            rngs = [_estimator_rng(task.seed, run, choice) for run in runs]
+            estimated = _estimate(block, choice, rngs)
+            results = _evaluated(blanks, key, task.case, truth, estimated, block.problem)
         except (Exception, SystemExit) as error:
             if len(runs) > 1:
                 for run in runs:
                     yield from _run_block(task, ((label, key),), (run,))
                 continue
-            results = [Result(key, blanks[0] | {"reason": said(error), "traceback": traced()})]
+            results = [
+                Result(
+                    key,
+                    blanks[0] | {"reason": exception_text(error), "traceback": traceback_text()},
+                )
+            ]
         yield results
 
 
-def _simulated_block(task: Task, runs: Sequence[int]) -> tuple[ProblemBlock, PutAway]:
+def _simulated_block(task: Task, runs: Sequence[int]) -> tuple[ProblemBlock, HiddenArray]:
     """Simulate runs; their truth is put away before any estimator sees the problems."""
     block, truth = simulate_block(flight_of(task.case), task.seed, runs)
-    return block, PutAway(truth.error_state)
+    return block, HiddenArray(truth.error_state)
 
 
-def _judged(
+def _evaluated(
     blanks: Sequence[dict[str, Any]],
     key: str,
     case: CaseSpec,
-    truth: PutAway,
-    estimated: Estimated,
+    truth: HiddenArray,
+    estimated: TimedEstimates,
     problem: Callable[[int], Problem],
 ) -> list[Result]:
-    """Judge estimates (:func:`.records.judged`) beside the truth that was put away."""
+    """Judge estimates (:func:`.records.evaluate_runs`) beside the truth that was put away."""
     with truth.looked_at() as states:
-        return judged(blanks, key, flight_of(case), states, estimated, problem)
+        return evaluate_runs(blanks, key, flight_of(case), states, estimated, problem)
 
 
 def _is_cold(label: str) -> bool:
@@ -268,7 +251,7 @@ def failure(
     retry_above: float | None = None,
 ) -> Result:
     """Return the result of a run that has none, with the reason."""
-    record = blank(chosen(label), run, task.seed) | {"reason": reason}
+    record = new_record(chosen(label), run, task.seed) | {"reason": reason}
     if trace:
         record["traceback"] = trace
     return Result(key, record, retry_above=retry_above)
@@ -289,78 +272,71 @@ def _own_surroundings() -> Iterator[None]:
         os.chdir(folder)
 
 
-def _estimate(problem: Problem, choice: Choice, rng: np.random.Generator) -> Estimated:
-    """Let an estimator estimate one run, and see that it returns what it declares.
+def _estimate(
+    block: ProblemBlock, choice: Choice, rngs: Sequence[np.random.Generator]
+) -> TimedEstimates:
+    """Let an estimator estimate the runs of a block, and see that it returns what it declares.
 
     Raises
     ------
     TypeError, ValueError
-        If it is no Estimate, is of another causality than its estimator declares, has a wrong
-        shape, numbers that are complex, fixes that are none, or remarks that cannot be stored.
+        If it is no estimate, is of another causality than its estimator declares, has a wrong
+        shape, complex numbers, or remarks that cannot be stored.
     """
-    # New instances each time: what one estimator or run leaves in them cannot reach the next.
-    given = dataclasses.replace(problem, model=copy.copy(problem.model))
+    # A new instance each time: what one run leaves in it cannot reach the next.
     estimator = dataclasses.replace(choice.estimator)
-    before = _evaluations(given.model)
-    with _own_surroundings():
-        start = time.perf_counter()
-        estimate = estimator.estimate(given, rng)
-        seconds = time.perf_counter() - start
-    counted = _evaluations(given.model) - before
-    _require_declared(choice.estimator, estimate, Estimate, "estimate")
-    epochs, n = problem.epochs, problem.dimension
-    mean = run_errors.real_array("mean", estimate.mean, (epochs, n))
-    cov = estimate.cov
+    leading: tuple[int, ...] = ()
+    if isinstance(estimator, BlockEstimator):
+        found, seconds = _timed(partial(estimation.estimate_block, estimator, block, rngs))
+        _require_declared(estimator, found, EstimateBlock, "estimate_block")
+        leading = (block.runs,)
+        info, evaluations = _columns(found.info, block.runs)
+        fixes = None
+    else:
+        problem = block.problem(0)
+        problem = dataclasses.replace(problem, model=copy.copy(problem.model))
+        found, seconds = _timed(partial(estimation.estimate, estimator, problem, rngs[0]))
+        _require_declared(estimator, found, Estimate, "estimate")
+        info = [remarks(found.info)]
+        # An estimator that evaluates other models than the problem's counts for itself.
+        counted = problem.model.evaluations if isinstance(problem.model, CountingModel) else 0
+        own = info[0].get("map_evaluations", counted)
+        evaluations = [own if isinstance(own, int) else counted]
+        fixes = found.fixes
+    epochs, n = block.epochs, block.dimension
+    mean = run_errors.real_array("mean", found.mean, (*leading, epochs, n))
+    cov, nis = found.cov, found.nis
     if cov is not None:
-        cov = run_errors.real_array("cov", cov, (epochs, n, n))[None]
-    nis = estimate.nis
+        cov = run_errors.real_array("cov", cov, (*leading, epochs, n, n))
+        cov = cov.reshape(block.runs, epochs, n, n)
     if nis is not None:
-        nis = run_errors.real_array("nis", nis, (epochs,))[None]
-    info = remarks(estimate.info)
-    # Of one that asks other models than the problem's, what it says itself.
-    evaluations = info.get("map_evaluations", counted)
-    return Estimated(
-        mean[None], cov, nis, estimate.causality, estimate.lag, [info],
-        [evaluations if isinstance(evaluations, int) else counted], seconds,
-        None if estimate.fixes is None else fixes.checked(estimate.fixes, epochs),
+        nis = run_errors.real_array("nis", nis, (*leading, epochs)).reshape(block.runs, epochs)
+    return TimedEstimates(
+        mean.reshape(block.runs, epochs, n), cov, nis, found.causality, found.lag,
+        info, evaluations, seconds / block.runs,
+        None if fixes is None else fix_metrics.checked(fixes, epochs),
     )  # fmt: skip
 
 
-def _evaluations(model: MeasurementModel) -> int:
-    """Return at how many points a model was evaluated so far, 0 if it does not count them."""
-    return model.evaluations if isinstance(model, CountingModel) else 0
+def _timed(work: Callable[[], Any]) -> tuple[Any, float]:
+    """Return what an estimator returns, and how long it took [s]."""
+    with _own_surroundings():
+        start = time.perf_counter()
+        found = work()
+        return found, time.perf_counter() - start
 
 
-def _estimate_block(
-    block: ProblemBlock, choice: Choice, rngs: Sequence[np.random.Generator]
-) -> Estimated:
-    """Let an estimator estimate several runs at once, with a generator for each if it draws.
+def _columns(info: Mapping[str, Any], runs: int) -> tuple[list[dict[str, Any]], list[int]]:
+    """Return the remarks of each run of a block, and its evaluations of the map.
 
     Raises
     ------
-    TypeError, ValueError
-        As :func:`_estimate`, and if its info is not one number of each run.
+    ValueError
+        If the info is not one number of each run, or has no map_evaluations.
     """
-    estimator = dataclasses.replace(choice.estimator)
-    assert takes_blocks(estimator)  # run_task has asked
-    with _own_surroundings():
-        start = time.perf_counter()
-        if isinstance(estimator, DrawingEstimator):
-            estimate = estimator.estimate_block(block, rngs)
-        else:
-            estimate = estimator.estimate_block(block)
-        seconds = time.perf_counter() - start
-    _require_declared(choice.estimator, estimate, EstimateBlock, "estimate_block")
-    runs, epochs, n = block.runs, block.epochs, block.dimension
-    mean = run_errors.real_array("mean", estimate.mean, (runs, epochs, n))
-    cov, nis = estimate.cov, estimate.nis
-    if cov is not None:
-        cov = run_errors.real_array("cov", cov, (runs, epochs, n, n))
-    if nis is not None:
-        nis = run_errors.real_array("nis", nis, (runs, epochs))
-    for name, values in estimate.info.items():
+    for name, values in info.items():
         run_errors.require_plain(f"info {name}", values)
-    columns = {str(name): np.asarray(values) for name, values in estimate.info.items()}
+    columns = {str(name): np.asarray(values) for name, values in info.items()}
     for name, values in columns.items():
         if values.shape != (runs,) or values.dtype.kind not in "biuf":
             raise ValueError(f"the estimate's info must have a number of each run as its {name}")
@@ -368,11 +344,8 @@ def _estimate_block(
         raise ValueError("the estimate's info has no map_evaluations")
     evaluations = columns.pop("map_evaluations").astype(int).tolist()
     lists = [values.tolist() for values in columns.values()]
-    info = [dict(zip(columns, values, strict=True)) for values in zip(*lists, strict=True)]
-    return Estimated(
-        mean, cov, nis, estimate.causality, estimate.lag,
-        info or [{}] * runs, evaluations, seconds / runs,
-    )  # fmt: skip
+    found = [dict(zip(columns, values, strict=True)) for values in zip(*lists, strict=True)]
+    return found or [{}] * runs, evaluations
 
 
 def _require_declared(

@@ -14,14 +14,13 @@ from .execution import in_process, in_processes
 
 
 @dataclass(frozen=True)
-class Step:
+class CampaignProgress:
     """How far a campaign has come.
 
     Attributes
     ----------
     campaign, store : what is run, and the open folder with what is stored of it.
-    remarks : what its user should know: odd values, estimators left out, stored results that are
-        not used.
+    remarks : what its user should know: unusual values, estimators left out, unused results.
     total, done : number of results that were missing when it began, and of those since stored.
     new : those stored since the last step.
     """
@@ -34,7 +33,7 @@ class Step:
     new: Sequence[Result] = ()
 
 
-class Ended(NamedTuple):
+class CampaignOutcome(NamedTuple):
     """How a campaign ended: its open folder, whether it was stopped, what gave no result."""
 
     store: Store
@@ -46,8 +45,8 @@ def run(
     work: Campaign,
     jobs: int | None = None,
     cluster: str | None = None,
-    progress: Callable[[Step], None] = lambda step: None,
-) -> Ended:
+    progress: Callable[[CampaignProgress], None] = lambda step: None,
+) -> CampaignOutcome:
     """Run what a campaign's folder does not hold yet. Ctrl-C while runs are running ends it early.
 
     Parameters
@@ -68,7 +67,7 @@ def run(
     store, remarks = work.open()
     try:
         tasks = work.tasks(store)
-        step = Step(work, store, remarks, tasks.results)
+        step = CampaignProgress(work, store, remarks, tasks.results)
         progress(step)
         if tasks.results:
             results = _engine(tasks, jobs, cluster, work.limit)
@@ -81,8 +80,8 @@ def run(
             try:
                 execute(results, store, told)
             except KeyboardInterrupt:
-                return Ended(store, True, 0)
-        return Ended(store, False, work.missing(store))
+                return CampaignOutcome(store, True, 0)
+        return CampaignOutcome(store, False, work.missing(store))
     except BaseException:
         store.close()  # or nobody could use the folder as long as this process lives
         raise

@@ -1,15 +1,15 @@
-"""What exceptions say and estimators print, as a record can hold it and a terminal show it."""
+"""Texts of exceptions and output of estimators, fit for records and terminals."""
 
 from __future__ import annotations
 
 import traceback
 
 LONGEST_TEXT = 4000
-"""Most characters of an exception, a traceback, or of what was printed in a run."""
+"""Most characters of an exception, of a traceback, or of the output of a run."""
 
 
-def said(error: BaseException) -> str:
-    """Return an exception as a record can hold it and a terminal show it: printable, not long."""
+def exception_text(error: BaseException) -> str:
+    """Return the class and text of an exception, printable and cut."""
     try:
         text = str(error)
     except Exception:
@@ -17,8 +17,8 @@ def said(error: BaseException) -> str:
     return printable(f"{type(error).__name__}: {text}")
 
 
-def traced() -> str:
-    """Return the traceback of the exception being handled, its end if it is long."""
+def traceback_text() -> str:
+    """Return the end of the traceback of the exception being handled, printable."""
     try:
         return printable(traceback.format_exc()[-LONGEST_TEXT:])
     except Exception:  # as long as the exception's own text is part of it
@@ -26,6 +26,6 @@ def traced() -> str:
 
 
 def printable(text: str) -> str:
-    """Return a text with what a terminal would obey, or no file can hold, spelt out; and cut."""
+    """Return a text cut, with control characters and lone surrogates spelt out."""
     shown = (c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text[:LONGEST_TEXT])
     return "".join(shown)

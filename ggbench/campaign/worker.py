@@ -22,9 +22,9 @@ from collections.abc import Collection, Iterator
 from typing import TYPE_CHECKING, Any
 
 from ..errors import GGBenchError
-from . import leftovers
+from . import orphan_processes
+from .captured_output import CapturedOutput
 from .messages import GarbledError, Inbox, packed
-from .printed import Printed
 
 if TYPE_CHECKING:
     from ..results.store import Result
@@ -53,7 +53,7 @@ class Worker:
         self._inbox = Inbox()
         self._mark = uuid.uuid4().hex
         reading, writing = os.pipe()
-        self.printed = Printed(reading, _seam(self._mark))
+        self.output = CapturedOutput(reading, _seam(self._mark))
         try:
             with interrupts_held():
                 self._process = subprocess.Popen(
@@ -63,14 +63,14 @@ class Worker:
                     stdin=subprocess.DEVNULL,
                     stdout=writing,
                     stderr=writing,
-                    env=os.environ | ONE_THREAD | {leftovers.MARK: self._mark},
+                    env=os.environ | ONE_THREAD | {orphan_processes.MARK: self._mark},
                     # So that what an estimator starts ends with it, and reaches no terminal.
                     start_new_session=True,
                 )
                 _living.add(self)
         except BaseException:
             self._socket.close()
-            self.printed.close()
+            self.output.close()
             raise
         finally:
             theirs.close()
@@ -79,7 +79,7 @@ class Worker:
     @property
     def readable(self) -> list[int]:
         """What becomes readable when there is something to receive, or to read that was printed."""
-        return [self._socket.fileno(), *self.printed.readable]
+        return [self._socket.fileno(), *self.output.readable]
 
     def give(self, task: Any) -> None:
         """Give the worker a task. That it has died meanwhile is told by ``receive``."""
@@ -98,7 +98,7 @@ class Worker:
         """
         # Asked first. The pipe alone does not say so: a process that it started may still hold it.
         ended = self._process.poll() is not None
-        self.printed.read()
+        self.output.read()
         try:
             while True:
                 piece = self._socket.recv(_PIECE, socket.MSG_DONTWAIT)
@@ -133,7 +133,7 @@ class Worker:
     def _let_go(self) -> None:
         self._process.wait()
         self._socket.close()
-        self.printed.close()
+        self.output.close()
         _living.discard(self)
 
 
@@ -147,7 +147,7 @@ def kill(workers: Collection[Worker]) -> None:
 def _end(workers: Collection[Worker]) -> None:
     for worker in workers:
         worker._end_group()
-    leftovers.end_marked([worker._mark for worker in workers])
+    orphan_processes.kill_marked([worker._mark for worker in workers])
 
 
 def kill_surely(workers: Collection[Worker]) -> None:
@@ -198,7 +198,7 @@ def _end_with_parent(parent: int, mark: str) -> None:
     def watch() -> None:
         while os.getppid() == parent:
             time.sleep(_WATCH_S)
-        leftovers.end_marked([mark])
+        orphan_processes.kill_marked([mark])
         os.killpg(0, signal.SIGKILL)
 
     threading.Thread(target=watch, daemon=True).start()
@@ -206,9 +206,9 @@ def _end_with_parent(parent: int, mark: str) -> None:
 
 def main(descriptor: int, parent: int) -> None:
     """Run the tasks that arrive, until there will be no more."""
-    mark = os.environ[leftovers.MARK]
+    mark = os.environ[orphan_processes.MARK]
     _end_with_parent(parent, mark)
-    leftovers.adopt_orphans()
+    orphan_processes.adopt_orphans()
     output = os.dup(1)  # an estimator may close its own, or lead it elsewhere
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # so that a process that dies has said it
@@ -241,7 +241,7 @@ def main(descriptor: int, parent: int) -> None:
 
 def _end_run(results: list[Result], output: int, seam: bytes) -> None:
     """End what runs left running, which their records say, and what they print."""
-    if left := leftovers.end_descendants():
+    if left := orphan_processes.kill_descendants():
         remark = f"left {left} process{'es' * (left > 1)} running, ended with the run"
         for result in results:
             said = result.record.get("remark")

@@ -46,7 +46,7 @@ from ggbench.judging.summary import (
     window_figures,
     window_mask,
 )
-from ggbench.problem import Problem
+from ggbench.problem import Problem, jacobian_along, predict_along
 from ggbench.simulation.runs import Truth, simulate_block
 
 PAPER = CASES[:3]
@@ -57,18 +57,18 @@ FIRST = {CASES[2]: 0, CASES[3]: 60, CASES[4]: 120}
 RUNS = {CASES[2]: 60, CASES[3]: 60, CASES[4]: 60}
 """Run numbers by unfiltered case: 180 different flights of the INS in all."""
 FEWER_RUNS, MANY_RUNS = 3, 300
-BATCH, LAGGED = "factor-graph[mode=batch]", "factor-graph[mode=fixed-lag]"
-COMPILED_BATCH, COMPILED_EKF = "factor-graph[mode=batch,engine=numba]", "ekf[engine=numba]"
-CAUSAL = ("ekf", "ukf[points=julier]", "ukf[points=merwe]", "factor-graph[mode=isam2]")
+BATCH, LAGGED = "gtsam[mode=batch]", "gtsam[mode=fixed-lag]"
+COMPILED_BATCH, COMPILED_EKF = "factor-graph[mode=batch]", "ekf"
+CAUSAL = ("filterpy-ekf", "ukf", "ukf[points=merwe]", "gtsam")
 SIGMAS = float(norm.isf(5e-4))
 """Standard errors that a mean is allowed: false-alarm rate 5e-4 on one side."""
 
 
 def linearized(problem: Problem, truth: Truth) -> Problem:
     """The problem with h replaced by its tangent at the truth, and the same errors everywhere."""
-    x, h = truth.error_state, problem.model
-    rows = np.stack([h.jacobian(k, x[k]) for k in range(problem.epochs)])
-    noise = problem.measurements - np.stack([h.predict(k, x[k]) for k in range(problem.epochs)])
+    x, at = truth.error_state, np.arange(problem.epochs)
+    rows = jacobian_along(problem.model, at, x)
+    noise = problem.measurements - predict_along(problem.model, at, x)
     return changed(
         problem, model=LinearModel(rows), measurements=np.einsum("kmn,kn->km", rows, x) + noise
     )

@@ -42,7 +42,7 @@ def judged(name: str) -> tuple[np.ndarray, np.ndarray]:
 def judge(made: Flight, runs: int) -> tuple[np.ndarray, np.ndarray]:
     """The same of any flight, (runs,)."""
     block, truth = simulate_block(made, SEED, range(runs))
-    estimate = registry.choose("ekf[engine=numba]").estimator.estimate_block(block)
+    estimate = registry.choose("ekf").estimator.estimate_block(block)
     settled = made.times >= SETTLED_S
     found, flaws = evaluate_block(truth.error_state, estimate.mean, estimate.cov)
     assert not any(flaws)

@@ -14,10 +14,10 @@ from problems import estimator, rng
 from rough_field import LENGTH, constant_offset
 from scipy.stats import chi2, norm
 
-from ggbench.areas import information as info
-from ggbench.engines.windows import Search, section
-from ggbench.judging import locking
+from ggbench.engines.window_search import Search, section
+from ggbench.judging import convergence
 from ggbench.judging.summary import window_mask
+from ggbench.matchability import information as info
 from ggbench.problem import Problem
 from ggbench.simulation.error_free_flight import prepare
 from ggbench.simulation.runs import simulate_block
@@ -110,7 +110,7 @@ def flown(case: str, label: str, runs: int = 40) -> dict[str, np.ndarray]:
     off = truth.error_state[:, :, :3] - np.array([one.mean[:, :3] for one in found])
     error = np.linalg.norm(off, axis=2)
     sigmas = np.array([np.sqrt(np.diagonal(one.cov[-1])[:3]) for one in found])
-    locks, _ = locking.judge(error, sigmas, block.times, windows.lock_m)
+    locks, _ = convergence.judge(error, sigmas, block.times, windows.lock_m)
     false = np.zeros(runs, dtype=bool)
     for run, one in enumerate(found):
         if one.fixes is not None:

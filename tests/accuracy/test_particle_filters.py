@@ -15,7 +15,7 @@ from problems import estimator, rng
 
 from ggbench.engines import particles
 from ggbench.engines.particles import Moves, _Cloud, filtered
-from ggbench.engines.windows import section
+from ggbench.engines.window_search import section
 from ggbench.judging.statistics import nees_band
 from ggbench.problem import Problem
 
@@ -106,17 +106,18 @@ def settled_errors(case: str, moves: Moves) -> tuple[float, float]:
 def flown(case: str, runs: int) -> dict[str, np.ndarray]:
     """Of the default: final errors [m], settled mean squares [m²], NEES, least claim over bound."""
     block, truth = lost(case, runs)
-    rngs = [np.random.default_rng([4, run]) for run in range(runs)]
-    found = estimator("rao-blackwellised").estimate_block(block, rngs)
-    error = truth.error_state - found.mean
+    solve = estimator("rao-blackwellised").estimate
+    found = [solve(block.problem(run), np.random.default_rng([4, run])) for run in range(runs)]
+    error = truth.error_state - np.stack([estimate.mean for estimate in found])
+    covs = np.stack([estimate.cov for estimate in found])
     settled = block.times >= SETTLED
     square = (error[:, :, :3] ** 2).sum(axis=2)
-    white = np.linalg.solve(found.cov[:, settled, :6, :6], error[:, settled, :6, None])[..., 0]
+    white = np.linalg.solve(covs[:, settled, :6, :6], error[:, settled, :6, None])[..., 0]
     return {
         "last": np.sqrt(square[:, -1]),
         "squares": square[:, settled].mean(axis=1),
         "nees": (white * error[:, settled, :6]).sum(axis=2).mean(axis=1),
-        "least": (claims(found.cov) / bound_of(case)).min(axis=1),
+        "least": (claims(covs) / bound_of(case)).min(axis=1),
     }
 
 

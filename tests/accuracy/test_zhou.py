@@ -93,7 +93,7 @@ def test_the_estimate_is_consistent_where_heading_is_known():
     model = flight.case.model.model_copy(update={"imu": imu})
     told = prepare(flight.case.model_copy(update={"model": model}))
     block, truth = simulate_block(told, 4, range(8))
-    found = choose("ekf[engine=numba]").estimator.estimate_block(block)
+    found = choose("ekf").estimator.estimate_block(block)
     error = (truth.error_state - found.mean)[:, -1, 15:18]
     sigma = np.sqrt(np.diagonal(found.cov[:, -1], axis1=1, axis2=2))[:, 15:18]
     assert (np.abs(error) < 3.0 * sigma).all()

@@ -10,6 +10,7 @@ import pytest
 from campaigns import LABELS, assert_equal, plan, ran, records, small
 from problems import SMALL, LinearModel, changed
 
+from ggbench.block import ProblemBlock
 from ggbench.campaign import execution, registry, result_keys, runner, running
 from ggbench.campaign.campaign import CampaignError
 from ggbench.report import scenario_report
@@ -108,18 +109,24 @@ def naughty(tmp_path: Path, median: float = 0.0) -> str:
     return str(path)
 
 
-def test_results_do_not_depend_on_the_number_of_processes(tmp_path):
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory) -> Results:
+    """The small campaign, run to its end in this process."""
+    return ran(tmp_path_factory.mktemp("whole"))
+
+
+def test_results_do_not_depend_on_the_number_of_processes(whole, tmp_path):
     """The same seed gives the same records and series, in one process or in two."""
-    alone, together = ran(tmp_path, "one"), ran(tmp_path, "two", jobs=2)
+    alone, together = whole, ran(tmp_path, "two", jobs=2)
     expected = records(alone)
     assert len(expected) == 2 * len(LABELS) * 3
     assert {r["status"] for r in expected.values()} == {"ok"}
     assert_equal(alone, together)
 
 
-def test_runs_differ_and_cases_are_paired(tmp_path):
+def test_runs_differ_and_cases_are_paired(whole, tmp_path):
     """Another run or another seed is another draw; two cases share what they have in common."""
-    first, other = records(ran(tmp_path, "a")), records(ran(tmp_path, "b", seed=6))
+    first, other = records(whole), records(ran(tmp_path, "b", seed=6))
     final = "final_position_error_m"
     assert len({r["base", "ins", run][final] for r in (first, other) for run in range(3)}) == 6
     for run in range(3):
@@ -127,9 +134,9 @@ def test_runs_differ_and_cases_are_paired(tmp_path):
         assert first["base", "ekf", run][final] != first["noisy", "ekf", run][final]
 
 
-def test_results_do_not_depend_on_the_company(tmp_path):
+def test_results_do_not_depend_on_the_company(whole, tmp_path):
     """An estimator's records are the same whichever others run beside it, in whatever order."""
-    expected = records(ran(tmp_path, "all"))
+    expected = records(whole)
     mixed = records(ran(tmp_path, "some", labels=("ukf[points=merwe]", "ins")))
     assert mixed == {key: expected[key] for key in mixed}
 
@@ -194,23 +201,23 @@ def asking(tmp_path: Path) -> str:
 def test_points_at_which_the_map_was_evaluated_are_each_estimators_own(tmp_path):
     """A record counts what its own estimator asked in its own run, and nothing of the others'."""
     labels = [f"{asking(tmp_path)}[points={points}]" for points in (5, 7, 0)]
-    found = records(ran(tmp_path, labels=("ekf", "ins", *labels), runs=2))
+    found = records(ran(tmp_path, labels=("filterpy-ekf", "ins", *labels), runs=2))
     for case, label, run in found:
-        counts = dict(zip(labels, (12, 16, 2), strict=True)) | {"ekf": 40, "ins": 0}
+        counts = dict(zip(labels, (12, 16, 2), strict=True)) | {"filterpy-ekf": 40, "ins": 0}
         assert found[case, label, run]["map_evaluations"] == counts[label]
 
 
 def test_a_model_that_counts_nothing_has_no_evaluations(tmp_path, monkeypatch):
     """Any measurement model can be judged in a campaign: 0 points of one that does not count."""
-    real = runner.simulate
+    real = ProblemBlock.problem
 
-    def over_lines(*arguments):
-        problem, truth = real(*arguments)
+    def over_lines(block, run):
+        problem = real(block, run)
         rows = np.zeros((problem.epochs, problem.measurements.shape[1], problem.dimension))
-        return changed(problem, model=LinearModel(rows)), truth
+        return changed(problem, model=LinearModel(rows))
 
-    monkeypatch.setattr(runner, "simulate", over_lines)
-    for record in ran(tmp_path, labels=("ekf",), runs=1).records():
+    monkeypatch.setattr(ProblemBlock, "problem", over_lines)
+    for record in ran(tmp_path, labels=("filterpy-ekf",), runs=1).records():
         assert (record["status"], record["map_evaluations"]) == ("ok", 0)
 
 
@@ -264,9 +271,8 @@ def missing(work, store) -> set[tuple[str, str, int]]:
     }
 
 
-def test_a_campaign_goes_on_where_it_stopped(tmp_path):
+def test_a_campaign_goes_on_where_it_stopped(whole, tmp_path):
     """What is stored is not run again; more runs and more estimators are added to it."""
-    whole = ran(tmp_path, "whole")
     ran(tmp_path, "parts", labels=LABELS[:2], runs=1).store.close()
     work = plan(tmp_path, "parts", LABELS)
     store, remarks = work.open()

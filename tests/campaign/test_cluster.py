@@ -5,19 +5,24 @@ from __future__ import annotations
 import subprocess
 import time
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import psutil
 import pytest
 from campaigns import COMMAND, DEADLINE_S, DEADLY, assert_equal, command, stored
-from distributed import LocalCluster
 from problems import SMALL
 
 from ggbench.results.folder import Results
+
+if TYPE_CHECKING:
+    from distributed import LocalCluster
 
 
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[LocalCluster]:
     """A scheduler on this machine with two workers, each a process of its own."""
+    from distributed import LocalCluster  # slow, and not for all processes
+
     with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as running:
         yield running
 

@@ -43,7 +43,9 @@ def wait_for(happened: Callable[[], bool]) -> None:
         time.sleep(0.01)
 
 
-@pytest.mark.parametrize("second", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "second", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.long)]
+)
 def test_the_second_request_ends_what_swallows_the_first(second, tmp_path, started):
     """Whatever the command is at, and whatever became of the first request."""
     (tmp_path / "small.toml").write_text(SMALL)
@@ -95,7 +97,7 @@ def test_an_interrupt_while_workers_are_ended_ends_them_all(tmp_path, monkeypatc
     next(results)
     workers = [child for child in psutil.Process().children() if child not in others]
     assert len(workers) == 2
-    real, calls = worker.leftovers.end_marked, []
+    real, calls = worker.orphan_processes.kill_marked, []
 
     def interrupted(marks):
         calls.append(marks)
@@ -103,7 +105,7 @@ def test_an_interrupt_while_workers_are_ended_ends_them_all(tmp_path, monkeypatc
             raise KeyboardInterrupt
         real(marks)
 
-    monkeypatch.setattr(worker.leftovers, "end_marked", interrupted)
+    monkeypatch.setattr(worker.orphan_processes, "kill_marked", interrupted)
     with pytest.raises(KeyboardInterrupt):
         results.close()
     assert len(calls) == 3

@@ -14,8 +14,8 @@ from campaigns import DEADLINE_S, command, ran
 from command import invoke
 from problems import SMALL
 
+from ggbench.campaign.captured_output import CapturedOutput
 from ggbench.campaign.execution import ExecutionError
-from ggbench.campaign.printed import Printed
 from ggbench.report import scenario_report
 from ggbench.results.folder import Results
 
@@ -168,6 +168,7 @@ def test_what_a_run_prints_belongs_to_it(wild, capfd):
     assert "\x1b" not in shown.stdout and "\x1b" not in capfd.readouterr().out
 
 
+@pytest.mark.long
 def test_an_estimator_may_close_its_output(wild):
     """Runs after it go on, and so does the worker."""
     assert (tried(wild, "way=closed", "way=closed,fails=no").runs()["status"] == "ok").all()
@@ -189,7 +190,7 @@ def test_output_is_told_apart_however_it_arrives(size):
     seam = b"\0mark\0"
     stream = b"one" + seam + seam + b"\0mar three" + seam + b"four"
     reading, writing = os.pipe()
-    printed = Printed(reading, seam)
+    printed = CapturedOutput(reading, seam)
     for start in range(0, len(stream), size):
         os.write(writing, stream[start : start + size])
         printed.read()
@@ -201,7 +202,7 @@ def test_output_is_told_apart_however_it_arrives(size):
 def test_a_flood_is_not_kept_in_memory():
     """Of 40 MB only the end is held, and their number is told."""
     reading, writing = os.pipe()
-    printed = Printed(reading, b"\0mark\0")
+    printed = CapturedOutput(reading, b"\0mark\0")
 
     def flood() -> None:
         for _ in range(40):

@@ -28,7 +28,7 @@ def results(tmp_path_factory) -> Results:
     start, end = SMALL.index("[gradiometer]"), SMALL.index("[field]")
     text = SMALL[:start] + OUTAGE + SMALL[end:]
     scenario = small(folder, tables(ON_BOARD) + text[: text.index("[[case]]")] + CASE)
-    labels = ("ins", "ekf", "ekf[engine=numba]", "factor-graph[mode=fixed-lag,lag=3]")
+    labels = ("ins", "ekf", "ekf", "factor-graph[mode=fixed-lag,lag=3]")
     return ran(folder, labels=labels, runs=30, scenario=scenario)
 
 
@@ -42,7 +42,7 @@ def test_filters_of_all_engines_are_consistent_and_at_the_bound(results):
     """
     table = results.summary()
     settled = table[table["window"] == "settled"].set_index("label")
-    for label in ("ekf", "ekf[engine=numba]"):
+    for label in ("ekf", "ekf"):
         row = settled.loc[label]
         assert row["nees_lo"] < row["nees_mean"] < row["nees_hi"]
         assert row["nis_lo"] < row["nis_mean"] < row["nis_hi"]
@@ -63,13 +63,16 @@ def test_the_band_of_the_nis_counts_the_channels_that_come(results):
     assert row["nis_mean"] == pytest.approx(numbers / 40, rel=0.2)
 
 
+def test_without_a_gradiometer_there_is_no_gradient_along_the_track(results):
+    with pytest.raises(gg.GGBenchError, match="case base flies without a gradiometer"):
+        gg.Results(results.folder).plot_track_gradient()
+
+
+@pytest.mark.long
 def test_the_report_draws_what_there_is(results, tmp_path):
-    """No gradient along the track where no gradiometer is on board; asked for, a sentence."""
     text = scenario_report.write(results.folder, tmp_path).read_text()
     assert "error_over_time.png" in text
     assert "gradient.png" not in text
-    with pytest.raises(gg.GGBenchError, match="case base flies without a gradiometer"):
-        gg.Results(results.folder).plot_track_gradient()
 
 
 def test_a_lag_is_its_time_whatever_the_epochs(results):

@@ -97,7 +97,8 @@ def test_a_notebook_is_warned_of_an_estimate_outside_the_map(scenario):
         gg.estimate(problem, "ins")
 
 
-@pytest.mark.parametrize("runs", [pytest.param(1, marks=pytest.mark.long), 3])
+@pytest.mark.long
+@pytest.mark.parametrize("runs", [1, 3])
 def test_a_report_counts_the_runs_that_left_the_map(runs, scenario, tmp_path):
     labels = ("far.py[east_m=1e6]", "ins")
     results = ran(tmp_path, labels=labels, runs=runs, scenario=scenario, cases=("base",))

@@ -20,6 +20,7 @@ from ggbench.block import BlockEstimator, EstimateBlock, ProblemBlock
 from ggbench.campaign import records as recording
 from ggbench.campaign import registry, result_keys, runner
 from ggbench.engines.innovations import innovations_squared
+from ggbench.estimator_spec import EstimatorSpec
 from ggbench.results.store import DETAILED_RUN, MOST_KEPT, SERIES_RUNS, Result
 from ggbench.simulation.error_free_flight import Flight
 from ggbench.simulation.runs import simulate, simulate_block
@@ -74,6 +75,7 @@ def test_libraries_below_the_estimators_are_in_the_key(monkeypatch):
     used = {"scipy", "numba"}  # below the rooms
     for file in Path(ggbench.estimators.__file__).parent.glob("*.py"):
         used |= third_party(file)
+    used -= {"pydantic"}  # it checks parameters and computes nothing
     assert {"numpy", "gtsam", "filterpy"} < used
     case, content = small_case(), registry.choose("ins").content
 
@@ -103,12 +105,12 @@ def judged(
     mean = states.copy()
     mean[..., 1] -= left[:, None]
     cov = np.tile(np.eye(n), (runs, epochs, 1, 1))
-    made = recording.Estimated(
+    made = recording.TimedEstimates(
         mean, cov, np.zeros((runs, epochs)), causality, lag, [{}] * runs, [0] * runs, 0.5
     )
     problem, _ = simulate(flight, 1, 0)
-    blanks = [recording.blank(registry.choose("ekf"), run, 1) for run in range(runs)]
-    return recording.judged(blanks, "key", flight, states, made, lambda _: problem)
+    blanks = [recording.new_record(registry.choose("ekf"), run, 1) for run in range(runs)]
+    return recording.evaluate_runs(blanks, "key", flight, states, made, lambda _: problem)
 
 
 def test_a_run_has_diverged_if_the_ins_alone_ends_nearer():
@@ -155,10 +157,10 @@ def recorded(flight: Flight, runs: range, **changes: object) -> list[Result]:
         "causality": "filter", "lag": None, "info": [{"of": run} for run in runs],
         "evaluations": [10 + run for run in runs], "seconds": 0.5,
     }  # fmt: skip
-    made = recording.Estimated(**(given | changes))
-    blanks = [recording.blank(registry.choose("ekf"), run, 1) for run in runs]
+    made = recording.TimedEstimates(**(given | changes))
+    blanks = [recording.new_record(registry.choose("ekf"), run, 1) for run in runs]
     problems = [simulate(flight, 1, run)[0] for run in runs]
-    return recording.judged(blanks, "key", flight, states, made, problems.__getitem__)
+    return recording.evaluate_runs(blanks, "key", flight, states, made, problems.__getitem__)
 
 
 def test_series_and_details_are_what_their_columns_say():
@@ -255,7 +257,7 @@ def test_a_long_flight_keeps_an_even_choice_of_its_epochs():
 def test_an_estimators_first_run_in_a_process_is_cold(tmp_path, monkeypatch):
     """Each estimator's own first one, and no other."""
     monkeypatch.setattr(runner, "_warm", set())
-    labels = ("ekf", "ekf[iterations=2]")
+    labels = ("filterpy-ekf", "filterpy-ukf")
     for record in ran(tmp_path, labels=labels, runs=2).records():
         assert record["cold"] == ((record["case"], record["run"]) == ("base", 0))
 
@@ -313,7 +315,7 @@ class Zeros(BlockEstimator):
     name = "zeros"
     causality = "filter"
 
-    def estimate_block(self, block: ProblemBlock) -> EstimateBlock:
+    def estimate_block(self, block: ProblemBlock, rngs=()) -> EstimateBlock:
         mean = np.zeros((block.runs, block.epochs, block.dimension))
         counts = {"map_evaluations": np.arange(block.runs), "steps": 7 + np.arange(block.runs)}
         return EstimateBlock(mean, mean[..., None] + np.eye(block.dimension), "filter", info=counts)
@@ -324,7 +326,8 @@ def test_runs_of_a_block_share_its_time_and_keep_their_own_counts(monkeypatch):
     block, _ = simulate_block(small_flight(), 1, range(4))
     clock = SimpleNamespace(perf_counter=iter([0.0, 8.0]).__next__)
     monkeypatch.setattr(runner, "time", clock)
-    found = runner._estimate_block(block, registry.Choice("zeros", Zeros()), [])
+    choice = registry.Choice(EstimatorSpec("zeros"), Zeros())
+    found = runner._estimate(block, choice, [])
     assert found.seconds == 2.0
     assert list(found.evaluations) == [0, 1, 2, 3]
     assert list(found.info) == [{"steps": 7}, {"steps": 8}, {"steps": 9}, {"steps": 10}]
@@ -333,7 +336,7 @@ def test_runs_of_a_block_share_its_time_and_keep_their_own_counts(monkeypatch):
 def test_tasks_hold_every_run_once(tmp_path, monkeypatch):
     """However many runs a task may have, of estimators that take them at once or one by one."""
     monkeypatch.setattr("ggbench.campaign.campaign.TASK_RUNS", 4)
-    work = plan(tmp_path, "out", ("ins", "ekf[engine=numba]"), runs=11)
+    work = plan(tmp_path, "out", ("ins", "ekf"), runs=11)
     store, _ = work.open()
     tasks = work.tasks(store)
     found = [

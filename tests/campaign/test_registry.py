@@ -14,6 +14,7 @@ from problems import estimator, kalman, linear_problem, rng
 
 from ggbench.campaign import registry
 from ggbench.campaign.registry import EstimatorError, choose
+from ggbench.parameters import parameters_of
 from ggbench.problem import Estimator
 
 OWN = '''
@@ -23,7 +24,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ggbench.block import BlockEstimator
 from ggbench.problem import Estimate, Estimator
 
 
@@ -76,7 +76,7 @@ def test_an_entry_point_that_cannot_be_imported_is_named(monkeypatch):
     """Another package's broken estimator is an error that names it, and stops no other one."""
     broken = importlib.metadata.EntryPoint("broken", "no_such_module:Thing", registry.GROUP)
     whole = importlib.metadata.EntryPoint("ins", "ggbench.estimators.ins:InertialOnly", "")
-    monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: [broken, whole])
+    monkeypatch.setattr(registry, "_points", lambda: {"broken": broken, "ins": whole})
     said = r"'broken' \(no_such_module:Thing\) cannot be imported"
     for look in (lambda: choose("broken"), registry.registered):
         with pytest.raises(EstimatorError, match=said):
@@ -109,7 +109,7 @@ def test_an_entry_point_that_cannot_be_imported_is_named(monkeypatch):
 def test_parameters_are_read(text, label, parameters, values):
     """NAME[parameter=value,...] sets what it says and leaves the rest; its label is canonical."""
     choice = choose(text)
-    assert (choice.label, choice.parameters) == (label, parameters)
+    assert (choice.label, choice.spec.listed) == (label, parameters)
     for key, value in values.items():
         assert getattr(choice.estimator, key) == value
         assert type(getattr(choice.estimator, key)) is type(value)
@@ -126,14 +126,17 @@ def test_parameters_are_read(text, label, parameters, values):
         ("ukf[points=merwe]]", "does not name an estimator"),
         ("ekff", r"no estimator 'ekff' \(did you mean 'ekf'\?\); known: .*ekf.*ukf.*\.py file"),
         ("zzz", "no estimator 'zzz'; known: "),
-        ("ekf[gain=1]", "ekf has no parameter 'gain'; its parameters: iterations, loss, thr"),
-        ("ins[gain=1]", "ins has no parameter 'gain'; its parameters: it has none"),
+        ("ekf[gain=1]", "ekf has no parameter 'gain'; its parameters: iterations, noise_"),
+        ("ins[gain=1]", "ins has no parameter 'gain'; its parameters: noise_scale"),
         ("ukf[pionts=merwe]", "ukf has no parameter 'pionts'; its parameters: points, kappa, alph"),
         ("ukf[points]", "ukf: 'points' is not of the form parameter=value"),
         ("ukf[points=gauss]", r"'points' is 'gauss' and must be julier \| merwe"),
         ("ukf[points=]", r"'points' is '' and must be julier \| merwe"),
-        ("ukf[kappa=big]", "ukf: parameter 'kappa' is 'big' and must be float"),
-        ("factor-graph[max_iterations=2.5]", "'max_iterations' is '2.5' and must be int"),
+        ("ukf[kappa=big]", "ukf: parameter 'kappa' is 'big' and must be a number"),
+        (
+            "factor-graph[max_iterations=2.5]",
+            "'max_iterations' is '2.5' and must be a whole number",
+        ),
         ("ukf[alpha=1,alpha=2]", "ukf: parameter 'alpha' is given twice"),
     ],
 )
@@ -156,7 +159,7 @@ def test_an_estimator_is_one_file(own):
     sigma = np.sqrt(np.diagonal(cov, axis1=1, axis2=2))
     assert (np.abs(estimate.mean - mean) / sigma).max() < 1e-6
     assert choose(f"{own}[inflation=4]").estimator.inflation == 4.0
-    assert choose(f"{own}[inflation=4]").parameters == "inflation=4"
+    assert choose(f"{own}[inflation=4]").spec.listed == "inflation=4"
     with pytest.raises(EstimatorError, match="has no parameter 'size'; its parameters: inflation"):
         choose(f"{own}[size=4]")
 
@@ -220,10 +223,9 @@ UNUSABLE = {
     "no name": ('    name = "information"\n', ""),
     "unknown causality": ('causality = "filter"', 'causality = "psychic"'),
     "fixed lag without a lag": ('causality = "filter"', 'causality = "fixed-lag"'),
-    "blocks by an engine that it lacks": (
-        "(Estimator):\n",
-        "(BlockEstimator):\n    takes_blocks = property(lambda self: self.engine)\n"
-        "    estimate_block = None\n",
+    "a default beyond its limit": (
+        "inflation: float = 1.0",
+        "inflation: __import__('ggbench.parameters').parameters.Positive = -1.0",
     ),
 }
 
@@ -240,16 +242,17 @@ def test_a_class_that_breaks_the_interface_has_its_sentence(kind, tmp_path):
 
 def test_what_a_user_reads_of_a_parameter():
     """Types are shown as choices or plain names, beside their defaults."""
-    parameters = registry.parameters_of(type(estimator("ukf[points=merwe]")))
-    assert registry.describe(parameters["points"][0]) == "julier | merwe | cubature"
-    assert registry.describe(parameters["alpha"][0]) == "float"
-    assert parameters["alpha"][1] == 0.5
+    parameters = parameters_of(type(estimator("ukf[points=merwe]")))
+    assert parameters["points"].allowed() == "julier | merwe | cubature"
+    assert parameters["alpha"].allowed() == "a finite number, more than 0"
+    assert parameters["kappa"].allowed() == "a number"
+    assert parameters["alpha"].default == 0.5
 
 
 @pytest.mark.parametrize("text", ["ukf", "ukf[points=merwe]", "ekf[iterations=3,loss=huber]"])
 def test_the_text_of_an_estimator_names_what_is_not_default(text):
     """An instance is named as a user would name it, without its defaults."""
-    assert registry.text_of(choose(text).estimator) == text
+    assert str(registry.spec_of(choose(text).estimator)) == text
 
 
 def test_a_source_is_the_file_with_what_it_imports_from_beside_it(monkeypatch):

@@ -9,7 +9,7 @@ import pytest
 from campaigns import ran
 
 from ggbench.campaign.registry import choose
-from ggbench.campaign.truth_kept import PutAway, sought
+from ggbench.campaign.truth_isolation import HiddenArray, suspicious_names
 from ggbench.report import scenario_report
 
 SPY = """
@@ -17,7 +17,7 @@ import gc, sys
 from dataclasses import dataclass
 import numpy as np
 from ggbench.block import BlockEstimator, EstimateBlock
-from ggbench.problem import Estimate
+from ggbench.problem import Estimate, Estimator
 
 TRUE = {"Truth", "TruthBlock", "Flight", "Trajectory"}
 
@@ -31,25 +31,26 @@ def found(shape):
         frame = frame.f_back
     arrays = [s for s in seen if isinstance(s, np.ndarray) and s.shape[-2:] == shape]
     return sum(type(s).__name__ in TRUE for s in seen) + len(arrays)
-
-
+"""
+ONE_RUN = """
 @dataclass(frozen=True)
-class Spy(BlockEstimator):
-    blocks: bool = False
+class Spy(Estimator):
     name = "spy"
     causality = "filter"
-
-    @property
-    def takes_blocks(self):
-        return self.blocks
 
     def estimate(self, problem, rng):
         count = found((problem.epochs, problem.dimension))
         mean = np.zeros((problem.epochs, problem.dimension))
         cov = np.tile(problem.prior_cov, (problem.epochs, 1, 1))
         return Estimate(mean, cov, "filter", info={"found": count})
+"""
+MANY_RUNS = """
+@dataclass(frozen=True)
+class BlockSpy(BlockEstimator):
+    name = "spy"
+    causality = "filter"
 
-    def estimate_block(self, block):
+    def estimate_block(self, block, rngs):
         count = np.full(block.runs, found((block.epochs, block.dimension)))
         mean = np.zeros((block.runs, block.epochs, block.dimension))
         cov = np.broadcast_to(block.prior_cov, (*mean.shape, block.dimension))
@@ -58,14 +59,14 @@ class Spy(BlockEstimator):
 """
 
 
-@pytest.mark.parametrize("blocks", [pytest.param("no", marks=pytest.mark.long), "yes"])
-def test_truth_is_no_object_of_the_process_while_an_estimator_runs(blocks, tmp_path):
+@pytest.mark.parametrize("spy", [pytest.param(ONE_RUN, marks=pytest.mark.long), MANY_RUNS])
+def test_truth_is_no_object_of_the_process_while_an_estimator_runs(spy, tmp_path):
     """Neither frames nor the list of all objects lead to truth, flight or trajectory.
 
     Neither in the first run of a process nor later, when an earlier run has been judged.
     """
-    (tmp_path / "spy.py").write_text(SPY)
-    label = f"{tmp_path}/spy.py[blocks={blocks}]"
+    (tmp_path / "spy.py").write_text(f"{SPY}\n\n{spy}")
+    label = f"{tmp_path}/spy.py"
     results = ran(tmp_path, labels=("ekf", label), runs=3, jobs=1)
     records = [record for record in results.records() if record["name"] == "spy"]
     assert [record["status"] for record in records] == ["ok"] * 6
@@ -76,7 +77,7 @@ def test_what_is_put_away_leaves_nothing_behind():
     """The array comes back bit by bit, as often as it is asked for; where it was, it is not."""
     array = np.random.default_rng(1).normal(size=(2, 3, 5))
     expected = array.copy()
-    put_away = PutAway(array)
+    put_away = HiddenArray(array)
     assert np.isnan(array).all()
     for _ in range(2):
         with put_away.looked_at() as kept:
@@ -101,7 +102,7 @@ def test_what_is_put_away_leaves_nothing_behind():
     ],
 )
 def test_a_source_that_looks_around_is_recognised(source, names):
-    assert sought(source.encode()) == names
+    assert suspicious_names(source.encode()) == names
 
 
 def test_estimators_of_the_benchmark_do_not_look_around():

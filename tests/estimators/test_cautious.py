@@ -1,20 +1,15 @@
-"""Gated and underweighted updates: what they leave out, and what they claim."""
+"""The oracles of gated and underweighted updates: rejected measurements, and covariances."""
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
-from problems import LinearModel, deviation, estimator, linear_problem, noisy_problem, rng
+from oracles import reference
+from problems import LinearModel, deviation, linear_problem, noisy_problem, rng
 
 from ggbench.problem import Problem
 
 LABELS = ("ekf", "ukf", "ukf[points=cubature]")
-
-
-def cautious(label: str, **parameters: float):
-    return dataclasses.replace(estimator(label), **parameters)
 
 
 def underweighted(problem: Problem, beta: float) -> tuple[np.ndarray, np.ndarray]:
@@ -46,9 +41,9 @@ def test_an_underweighted_filter_claims_the_error_that_it_has(label, beta):
     With β → 0 that is the Kalman filter.
     """
     problem = linear_problem(seed=3)
-    found = cautious(label, underweighting=beta).estimate(problem, rng())
+    found = reference(label, underweighting=beta).estimate(problem, rng())
     assert max(deviation(found.mean, found.cov, *underweighted(problem, beta))) < 1e-9
-    plain = estimator(label).estimate(problem, rng())
+    plain = reference(label).estimate(problem, rng())
     same = max(deviation(found.mean, found.cov, plain.mean, plain.cov)) < 1e-9
     assert same == (beta < 1e-9)
     more = np.linalg.eigvalsh(found.cov[-1] - plain.cov[-1]) / np.trace(plain.cov[-1])
@@ -62,7 +57,7 @@ def test_a_gate_rejects_good_readings_as_often_as_it_says(label):
     Binomial, 200 ± 13; the limits are 4 deviations, a false alarm in 16,000 seeds.
     """
     problem = noisy_problem(seed=1, epochs=2000)
-    rejected = cautious(label, gate=0.9).estimate(problem, rng()).info["rejected"]
+    rejected = reference(label, gate=0.9).estimate(problem, rng()).info["rejected"]
     assert abs(rejected - 200.0) < 4.0 * 13.4
 
 
@@ -90,7 +85,7 @@ def test_a_gate_is_as_wide_as_the_innovations_that_the_gain_expects(label):
     for beta, expected, left in ((0.0, np.sqrt(2.0), 1.0 / 2.0), (1.0, np.sqrt(3.0), 5.0 / 9.0)):
         for size, rejected in ((1.9, 0), (2.0, 1)):
             problem = place(-size * expected)
-            solver = cautious(label, gate=0.95, underweighting=beta)
+            solver = reference(label, gate=0.95, underweighting=beta)
             found = solver.estimate(problem, rng())
             assert found.info["rejected"] == rejected
             assert (abs(found.mean[0, 0]) < 1e-12) == bool(rejected)
@@ -100,5 +95,5 @@ def test_a_gate_is_as_wide_as_the_innovations_that_the_gain_expects(label):
 def test_without_a_gate_nothing_is_said_of_rejected_readings():
     """It is an item of those that have one."""
     problem = linear_problem(0)
-    assert "rejected" not in estimator("ekf").estimate(problem, rng()).info
-    assert "rejected" in cautious("ekf", gate=0.99).estimate(problem, rng()).info
+    assert "rejected" not in reference("ekf").estimate(problem, rng()).info
+    assert "rejected" in reference("ekf", gate=0.99).estimate(problem, rng()).info

@@ -21,7 +21,6 @@ from conftest import flight
 from problems import (
     CASES,
     SEED,
-    SLOW,
     changed,
     conditioned,
     deviation,
@@ -29,6 +28,7 @@ from problems import (
     estimated,
     estimator,
     graded,
+    is_slow,
     labels,
     linear_problem,
     noisy_problem,
@@ -39,7 +39,7 @@ from problems import (
 
 from ggbench.campaign import registry, result_keys, runner
 from ggbench.contract import demands
-from ggbench.contract.references import gappy
+from ggbench.contract.references import gappy, linear_sensor_problem, with_sensor_model
 from ggbench.contract.within import arrays_within
 from ggbench.problem import Estimate, Estimator, Problem
 from ggbench.sensors.model import SensorModel
@@ -60,12 +60,13 @@ def kept(demand: Callable[..., Any], label: str, *arguments: Any) -> Any:
     try:
         return demand(estimator(label), *arguments)
     except demands.Refused as reason:
+        assert "compiled engine" not in str(reason)  # all problems here have the package's model
         pytest.skip(str(reason))
 
 
 def skip_unless_exact(label: str) -> None:
     """Skip a test of exactness for estimators that are exact in a limit only."""
-    if not estimator(label).exact:
+    if not estimator(label).exact_if_linear_gaussian:
         pytest.skip(f"{label} is not exact: statistics are asked of it instead")
 
 
@@ -78,6 +79,23 @@ def test_the_two_ways_to_the_exact_answer_agree():
     for ahead in (0, 3, 20, problem.epochs):
         difference = deviation(*smoothed(problem, ahead), *conditioned(problem, ahead))
         assert max(difference) < 1e-11
+
+
+@pytest.mark.parametrize(
+    "problem",
+    [linear_problem(0), linear_problem(1, 40, 1), gappy(linear_problem(3)), noisy_problem(0)],
+    ids=["two channels", "one channel", "gaps", "three states"],
+)
+def test_a_map_of_constant_slopes_makes_the_packages_model_linear(problem):
+    """The h and H are those of the linear model to rounding, up to 30 deviations of the prior."""
+    model, plain = with_sensor_model(problem).model, problem.model
+    sigma = np.sqrt(np.diag(problem.prior_cov))
+    states = 30.0 * sigma * np.random.default_rng(0).uniform(-1.0, 1.0, (7, len(sigma)))
+    for k in range(problem.epochs):
+        h, expected = model.predict(k, states), plain.predict(k, states)
+        np.testing.assert_allclose(h, expected, rtol=0.0, atol=2e-12)
+        rows, expected = model.jacobian(k, states) * sigma, plain.jacobian(k, states) * sigma
+        np.testing.assert_allclose(rows, expected, rtol=0.0, atol=1e-13)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -93,7 +111,7 @@ def test_exact_on_a_linear_gaussian_problem(label, epochs, m, seed):
     least squares; an estimator that says it is not exact is asked for statistics, below.
     """
     skip_unless_exact(label)
-    kept(demands.as_exact, label, linear_problem(seed, epochs, m))
+    kept(demands.as_exact, label, linear_sensor_problem(seed, epochs, m))
 
 
 @each_estimator
@@ -101,7 +119,7 @@ def test_exact_with_noise_that_is_singular_among_noisy_states(label):
     """Process noise may be singular along a mixture of states, not just in single ones (1e-9)."""
     skip_unless_exact(label)
     generator = np.random.default_rng(5)
-    problem = linear_problem(seed=5)
+    problem = linear_sensor_problem(seed=5)
     roots = np.zeros((problem.epochs, 5, 2))
     roots[:, :3] = 0.2 * generator.normal(size=(problem.epochs, 3, 2))
     roots *= np.sqrt(np.diag(problem.prior_cov))[:, None]
@@ -112,20 +130,22 @@ def test_exact_with_noise_that_is_singular_among_noisy_states(label):
 def test_exact_with_noise_that_differs_from_epoch_to_epoch(label):
     """A reading counts for as much as the noise that is told for its own epoch (1e-9)."""
     skip_unless_exact(label)
-    kept(demands.as_exact, label, graded(linear_problem(seed=6)))
+    kept(demands.as_exact, label, graded(linear_sensor_problem(seed=6)))
 
 
 @each_estimator
 def test_exact_where_readings_are_missing(label):
     """A channel that delivers nothing, and an epoch without any reading, change nothing (1e-9)."""
     skip_unless_exact(label)
-    kept(demands.as_exact, label, gappy(linear_problem(seed=3)))
+    kept(demands.as_exact, label, with_sensor_model(gappy(linear_problem(seed=3))))
 
 
 @pytest.mark.parametrize(
     "label",
     [
-        pytest.param(text, marks=pytest.mark.long) if text in (*SLOW, "point-mass") else text
+        pytest.param(text, marks=pytest.mark.long)
+        if is_slow(text) or text == "point-mass"
+        else text
         for text in labels()
     ],
 )
@@ -136,11 +156,11 @@ def test_near_the_exact_answer_where_noise_keeps_the_states_apart(label):
     within 30 %: a thousand particles that are resampled at half of their number have ESS of some
     hundreds, so an error of 0.06, and fail less than once in a million seeds. Seeds are fixed.
     """
-    if estimator(label).exact:
+    if estimator(label).exact_if_linear_gaussian:
         pytest.skip(f"{label} is exact, and held to that above")
     if label in BIASED:
         pytest.skip(f"{label} is wrong by its definition")
-    kept(demands.near_exact, label, noisy_problem(seed=0))
+    kept(demands.near_exact, label, with_sensor_model(noisy_problem(seed=0)))
 
 
 def every_case() -> Iterator[Any]:
@@ -150,7 +170,7 @@ def every_case() -> Iterator[Any]:
     """
     for label, case in itertools.product(labels(), CASES):
         quick = CASES[2:3] if "[" in label else CASES[1:3]
-        slow = label in SLOW or case not in quick
+        slow = is_slow(label) or case not in quick
         yield pytest.param(label, case, marks=pytest.mark.long if slow else ())
 
 
@@ -184,7 +204,7 @@ def first_answer(case: str, label: str) -> Estimate:
 @each_estimator
 def test_inputs_are_left_as_they_were(label, real):
     """The same problem goes to every estimator: none may change a byte of it, or of the model."""
-    problem = simulated("0.01E-0.2Hz")[0] if real else linear_problem(seed=1)
+    problem = simulated("0.01E-0.2Hz")[0] if real else linear_sensor_problem(seed=1)
     assert len(arrays_within(problem)) > len(ARRAYS)  # the model's arrays are among them
     kept(demands.inputs_kept, label, problem)
 
@@ -211,7 +231,7 @@ def test_no_estimate_depends_on_measurements_after_its_declared_reach(label, rea
     are the same to 1e-12 σ, the first that can see them is not, or a later one if it makes fixes.
     Without aiding none changes.
     """
-    problem = simulated("0.01E-0.2Hz")[0] if real else linear_problem(seed=2)
+    problem = simulated("0.01E-0.2Hz")[0] if real else linear_sensor_problem(seed=2)
     kept(demands.causal, label, problem, not real)
 
 
@@ -305,7 +325,7 @@ def test_a_campaign_gives_what_a_notebook_gives(case, tmp_path):
     for one, other in zip(numbers_of(given.model), numbers_of(usual.model), strict=True):
         np.testing.assert_array_equal(one, other, strict=True)
     # An engine that takes the model's arrays is within an estimator's reach in both.
-    compiled = estimator("ekf[engine=numba]")
+    compiled = estimator("ekf")
     one, other = (compiled.estimate(problem, rng()) for problem in (given, usual))
     np.testing.assert_array_equal(one.mean, other.mean)
 

@@ -13,8 +13,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from filterpy.kalman import JulierSigmaPoints, MerweScaledSigmaPoints
-from filterpy.kalman import UnscentedKalmanFilter as PlainUKF
 from problems import (
     CONSTANT,
     SEED,
@@ -23,6 +21,7 @@ from problems import (
     deviation,
     estimated,
     estimator,
+    is_slow,
     labels,
     linear_problem,
     rng,
@@ -30,51 +29,15 @@ from problems import (
     smoothed,
 )
 
-from ggbench.block import takes_blocks
-from ggbench.estimators.ukf import MatrixSquareRoot
+from ggbench.numerics.positive import MatrixSquareRoot
 from ggbench.problem import Problem
 from ggbench.simulation.error_free_flight import prepare
 from ggbench.simulation.runs import simulate
 from ggbench.spec import scenario
 from ggbench.spec.case import CaseSpec
 
-GRAPHS = [label for label in labels() if label.startswith("factor-graph")]
-ON_GTSAM = [label for label in GRAPHS if not takes_blocks(estimator(label))]
-
-
-@pytest.mark.parametrize("points", ["julier", "merwe"])
-@pytest.mark.parametrize("case", ["0.001E-1Hz", "0.01E-0.2Hz"])
-def test_vectorised_ukf_is_filterpys_point_by_point(case, points):
-    """Giving filterpy all sigma points at once changes its speed and not its answer (1e-8 σ).
-
-    Every epoch is one step of both from the same state, so that rounding does not add up.
-    """
-    problem, _ = simulated(case)
-    n, m = problem.dimension, problem.measurements.shape[1]
-    if points == "julier":
-        sigma_points = JulierSigmaPoints(n, kappa=3 - n)
-    else:
-        sigma_points = MerweScaledSigmaPoints(n, alpha=0.5, beta=2.0, kappa=0.0)
-    plain = PlainUKF(
-        dim_x=n,
-        dim_z=m,
-        dt=1.0,
-        fx=lambda x, dt, k: problem.transition[k] @ x,
-        hx=lambda x, k: problem.model.predict(k, x),
-        points=sigma_points,
-    )
-    plain.R = problem.noise_cov
-    ours = estimated(case, f"ukf[points={points}]")
-    mean, cov = np.empty((problem.epochs, n)), np.empty((problem.epochs, n, n))
-    for k in range(problem.epochs):
-        plain.x = ours.mean[k - 1] if k else problem.prior_mean
-        plain.P = ours.cov[k - 1] if k else problem.prior_cov
-        plain.Q = problem.process_cov[k]
-        plain.predict(k=k)
-        plain.update(problem.measurements[k], k=k)
-        mean[k], cov[k] = plain.x, plain.P
-    assert ours.info["covariance_repairs"] == 0
-    assert max(deviation(ours.mean, ours.cov, mean, cov)) < 1e-8
+ON_GTSAM = [label for label in labels() if label.startswith("gtsam")]
+GRAPHS = [label for label in labels() if label.startswith("factor-graph")] + ON_GTSAM
 
 
 def test_square_root_of_a_covariance_is_exact_and_triangular():
@@ -145,7 +108,7 @@ def test_ukf_survives_and_counts_the_loss_of_definiteness():
     """Where plain filterpy's P becomes indefinite, ours is repaired and the repairs counted."""
     settings = {-1.5: True, 1.0: False}
     for kappa, broken in settings.items():
-        estimate = estimator(f"ukf[kappa={kappa}]").estimate(parabola(), rng())
+        estimate = estimator(f"filterpy-ukf[kappa={kappa}]").estimate(parabola(), rng())
         assert np.isfinite(estimate.mean).all()
         assert (np.linalg.eigvalsh(estimate.cov)[:, 0] > 0.0).all()
         assert (estimate.info["covariance_repairs"] > 0) == broken
@@ -168,7 +131,7 @@ def test_fixed_lag_sees_its_whole_window(lag):
     Equal to Rauch-Tung-Striebel over windows of ⌊lag / period⌋ epochs, the window of the bound.
     """
     problem = linear_problem(seed=5, period=0.1)
-    graph = estimator(f"factor-graph[mode=fixed-lag,lag={lag}]")
+    graph = estimator(f"gtsam[mode=fixed-lag,lag={lag}]")
     assert graph.skip(problem) is None
     estimate = graph.estimate(problem, rng())
     expected = smoothed(problem, int(np.floor(lag / 0.1 + 1e-9)))
@@ -317,7 +280,7 @@ def test_an_incremental_graph_is_linearised_anew_at_every_reading():
             name: getattr(problem, name)[:epochs]
             for name in ("times", "measurements", "transition", "process_cov")
         }
-        batch = estimator("factor-graph[mode=batch]").estimate(changed(problem, **so_far), rng())
+        batch = estimator("gtsam[mode=batch]").estimate(changed(problem, **so_far), rng())
         sigma = np.sqrt(np.diag(batch.cov[-1]))
         assert np.abs((found.mean[epochs - 1] - batch.mean[-1]) / sigma).max() < 1e-3
 
@@ -328,7 +291,7 @@ def test_states_without_noise_are_constant_in_the_batch_answer(real):
     problem = simulated("0.01E-1Hz")[0] if real else linear_problem(3)
     constant = slice(9, 15) if real else CONSTANT
     assert not problem.process_cov[:, constant, constant].any()
-    batch = estimator("factor-graph[mode=batch]").estimate(problem, rng())
+    batch = estimator("gtsam[mode=batch]").estimate(problem, rng())
     sigma = np.sqrt(np.diag(problem.prior_cov))[constant]
     assert (np.ptp(batch.mean[:, constant], axis=0) / sigma).max() < 1e-12
     variances = np.diagonal(batch.cov, axis1=1, axis2=2)[:, constant]
@@ -364,10 +327,10 @@ def beyond_the_map() -> Problem:
     [
         # Of each family its default; and what has thousands of points beyond a map is slow there.
         pytest.param(text, marks=pytest.mark.long)
-        if "[" in text or text == "rao-blackwellised"
+        if "[" in text or text == "rao-blackwellised" or is_slow(text)
         else text
         for text in labels()
-        if text not in SLOW or text.endswith(("[loss=cauchy]", "[engine=numba]"))
+        if text not in SLOW or text.endswith("[loss=cauchy]")
     ],
 )
 def test_a_prior_beyond_the_map_crashes_nothing(label):

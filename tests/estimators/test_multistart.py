@@ -7,12 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from oracles import solver
+from oracles.gauss_newton import _Smoother
+from oracles.gaussian_sum import _merged
 from problems import (
     LinearModel,
     changed,
     deviation,
     estimated,
-    estimator,
     exact,
     graded,
     kalman,
@@ -25,8 +27,7 @@ from rough_field import LENGTH, rough_flight
 from scipy.stats import chi2
 
 from ggbench.engines.banks import split_prior
-from ggbench.estimators.gauss_newton import _Smoother
-from ggbench.estimators.gaussian_sum import _WIDTH, _merged
+from ggbench.estimators.gaussian_sum import WIDTH
 from ggbench.problem import Estimate, Problem, StateBlock
 
 RUNS = 10
@@ -42,7 +43,7 @@ def wide(lengths: float) -> list[tuple[Problem, np.ndarray]]:
 
 @functools.cache
 def answers(label: str, lengths: float) -> list[Estimate]:
-    return [estimator(label).estimate(problem, rng()) for problem, _ in wide(lengths)]
+    return [solver(label).estimate(problem, rng()) for problem, _ in wide(lengths)]
 
 
 def final_errors(label: str, lengths: float) -> np.ndarray:
@@ -56,7 +57,7 @@ def test_filters_of_a_linear_problem_are_kalmans(label):
     for seed in range(3):
         problem = linear_problem(seed)
         mean, cov, _, _ = kalman(problem)
-        found = estimator(label).estimate(problem, rng())
+        found = solver(label).estimate(problem, rng())
         assert max(deviation(found.mean, found.cov, mean, cov)) < 1e-9
 
 
@@ -71,7 +72,7 @@ def test_sharp_readings_of_a_wide_prior_do_no_harm(label, sharpness):
     """
     problem = linear_problem(0)
     problem = changed(problem, noise_cov=sharpness**2 * problem.noise_cov)
-    found = estimator(label).estimate(problem, rng())
+    found = solver(label).estimate(problem, rng())
     assert max(deviation(found.mean, found.cov, *exact(problem, found))) < 1e-4
 
 
@@ -79,8 +80,8 @@ def test_one_hypothesis_is_the_extended_kalman_filter():
     """A Gaussian sum of one is the EKF, plain or iterated (1e-6 σ)."""
     problem, _ = rough_flight(3, 200.0)
     for iterations in (1, 5):
-        one = estimator(f"gaussian-sum[iterations={iterations}]").estimate(problem, rng())
-        ekf = estimator(f"ekf[iterations={iterations}]").estimate(problem, rng())
+        one = solver(f"gaussian-sum[iterations={iterations}]").estimate(problem, rng())
+        ekf = solver(f"ekf[iterations={iterations}]").estimate(problem, rng())
         assert one.info["hypotheses"] == 1
         assert max(deviation(one.mean, one.cov, ekf.mean, ekf.cov)) < 1e-6
 
@@ -91,10 +92,10 @@ def test_cubature_points_are_the_scaled_set_without_scaling():
     And the paper's with κ = 0, which is told and not left out.
     """
     problem, _ = rough_flight(3, 500.0)
-    cubature = estimator("ukf[points=cubature]").estimate(problem, rng())
-    scaled = estimator("ukf[points=merwe,alpha=1,beta=0,kappa=0]").estimate(problem, rng())
+    cubature = solver("ukf[points=cubature]").estimate(problem, rng())
+    scaled = solver("ukf[points=merwe,alpha=1,beta=0,kappa=0]").estimate(problem, rng())
     assert max(deviation(cubature.mean, cubature.cov, scaled.mean, scaled.cov)) < 1e-9
-    papers = estimator("ukf[kappa=0]").estimate(problem, rng())
+    papers = solver("ukf[kappa=0]").estimate(problem, rng())
     assert max(deviation(cubature.mean, cubature.cov, papers.mean, papers.cov)) < 1e-9
 
 
@@ -116,7 +117,7 @@ def test_iterated_update_ends_in_a_minimum(lengths):
     """
     worse = 0
     for problem, _ in wide(lengths):
-        x = estimator("ekf[iterations=50]").estimate(problem, rng())
+        x = solver("ekf[iterations=50]").estimate(problem, rng())
         lowest = update_cost(problem, x.mean[0])
         start = update_cost(problem, problem.transition[0] @ problem.prior_mean)
         assert lowest < start
@@ -125,7 +126,7 @@ def test_iterated_update_ends_in_a_minimum(lengths):
             for side in (-0.1, 0.1):
                 step = side * sigma[axis] * np.eye(problem.dimension)[axis]
                 assert update_cost(problem, x.mean[0] + step) > lowest - 1e-6
-        plain = estimator("ekf").estimate(problem, rng()).mean[0]
+        plain = solver("ekf").estimate(problem, rng()).mean[0]
         worse += update_cost(problem, plain) > start
     if lengths == 3.0:
         assert worse > 0
@@ -264,7 +265,7 @@ def test_the_grid_of_gaussians_is_the_prior():
     """
     problem = correlated_prior()
     scale = np.sqrt(np.diag(problem.prior_cov))
-    weights, means, covs = split_prior(problem, 500.0, 10_000, _WIDTH)
+    weights, means, covs = split_prior(problem, 500.0, 10_000, WIDTH)
     assert len(weights) > 100
     away = means[:, :3] - (problem.prior_mean / scale)[:3]
     distance = np.linalg.solve(problem.prior_cov[:3, :3], (away * scale[:3]).T)
@@ -294,7 +295,7 @@ def test_the_grid_of_gaussians_is_the_prior():
 def test_grid_is_made_coarser_to_fit(spacing, most):
     """Never more hypotheses than asked for, and not far fewer where the spacing asks for more."""
     problem = correlated_prior()
-    count = len(split_prior(problem, spacing, most, _WIDTH)[0])
+    count = len(split_prior(problem, spacing, most, WIDTH)[0])
     assert most / 4 <= count <= most
 
 
@@ -328,9 +329,9 @@ def test_a_mixture_admits_that_it_does_not_know():
         model=Periodic(),
         layout=(StateBlock("position", slice(0, 1), "m"),),
     )
-    mixture = estimator("gaussian-sum[spacing_m=100]").estimate(problem, rng())
+    mixture = solver("gaussian-sum[spacing_m=100]").estimate(problem, rng())
     assert np.sqrt(mixture.cov[-1, 0, 0]) == pytest.approx(2000.0, rel=0.05)
-    assert np.sqrt(estimator("ekf").estimate(problem, rng()).cov[-1, 0, 0]) < 1.0
+    assert np.sqrt(solver("ekf").estimate(problem, rng()).cov[-1, 0, 0]) < 1.0
 
 
 @dataclass(frozen=True)
@@ -371,7 +372,7 @@ def test_hypotheses_weigh_as_much_as_bayes_gives_them(reading):
     density /= density.sum()
     mean = density @ x
     deviation = np.sqrt(density @ (x - mean) ** 2)
-    found = estimator("gaussian-sum[spacing_m=50,iterations=10]").estimate(problem, rng())
+    found = solver("gaussian-sum[spacing_m=50,iterations=10]").estimate(problem, rng())
     assert found.mean[0, 0] == pytest.approx(mean, abs=0.02 * deviation)
     assert np.sqrt(found.cov[0, 0, 0]) == pytest.approx(deviation, rel=0.02)
 
@@ -393,9 +394,7 @@ def test_many_hypotheses_of_a_linear_problem_are_kalmans(iterations):
         layout=(StateBlock("position", slice(0, 1), "m"),),
     )
     mean, cov, _, _ = kalman(problem)
-    found = estimator(f"gaussian-sum[spacing_m=300,iterations={iterations}]").estimate(
-        problem, rng()
-    )
+    found = solver(f"gaussian-sum[spacing_m=300,iterations={iterations}]").estimate(problem, rng())
     assert found.info["hypotheses"] > 20
     assert max(deviation(found.mean, found.cov, mean, cov)) < 0.03
 
@@ -447,4 +446,4 @@ def test_a_field_without_numbers_is_an_exception(label):
 
     problem, _ = rough_flight(0, 1500.0, epochs=3, m=2)
     with pytest.raises(FloatingPointError):
-        estimator(label).estimate(changed(problem, model=Nowhere()), rng())
+        solver(label).estimate(changed(problem, model=Nowhere()), rng())

@@ -11,6 +11,7 @@ from problems import (
     kalman,
     linear_problem,
     propagated,
+    refusal,
     rng,
     simulated,
 )
@@ -124,6 +125,9 @@ def test_every_filter_of_few_states_follows_a_flight(name):
     noise = 100.0 if name == "point-mass" else 0.01
     label = f"reduced[filter={name},states={states},noise={noise}]"
     solver = estimator(label)
+    if name == "gaussian-sum":  # compiled alone, and the rough field has no kernels
+        assert "needs the package's own model" in solver.skip(problem)
+        return
     assert solver.skip(problem) is None
     found = solver.estimate(problem, rng())
     assert found.mean.shape == truth.shape
@@ -148,21 +152,21 @@ def test_weights_are_those_of_the_filter():
 @pytest.mark.parametrize(
     ("setting", "reason"),
     [
-        ("filter=bootstrap", "filter must be one of ekf"),
-        ("noise=-1", "noise must be"),
-        ("noise=nan", "noise must be"),
-        ("noise=inf", "noise must be"),
+        ("filter=bootstrap", "parameter 'filter' is"),
+        ("noise=-1", "parameter 'noise' is"),
+        ("noise=nan", "parameter 'noise' is"),
+        ("noise=inf", "parameter 'noise' is"),
         ("particles=5", "ekf has no particles"),
-        ("filter=unscented-particle,particles=0", "particles must be 1"),
+        ("filter=unscented-particle,particles=0", "parameter 'particles' is"),
         ("filter=unscented-particle,beta=3", "has no beta"),
-        ("filter=strong-tracking,beta=0.5", "beta must be at least 1"),
+        ("filter=strong-tracking,beta=0.5", "parameter 'beta' is"),
         ("filter=particle,weights=exact", "has one way to weigh"),
         ("filter=point-mass", "a grid over 4 states"),
     ],
 )
 def test_settings_that_mean_nothing_are_refused(setting, reason):
     problem, _ = simulated("0.01E-1Hz-unfiltered")
-    assert reason in (estimator(f"reduced[{setting}]").skip(problem) or "")
+    assert reason in refusal(f"reduced[{setting}]", problem)
 
 
 def test_problems_without_such_states_are_refused():

@@ -7,13 +7,13 @@ import functools
 
 import numpy as np
 import pytest
-from filterpy.kalman import ExtendedKalmanFilter as PlainEKF
+from oracles import reference
+from oracles.ekf import _AdaptiveNoise
 from problems import LinearModel, changed, deviation, estimator, linear_problem, rng
 from rough_field import rough_flight
 from scipy.optimize import minimize
 
 from ggbench.estimators import robust
-from ggbench.estimators.ekf import _AdaptiveNoise
 from ggbench.problem import Problem
 
 WITH_LOSS = (
@@ -32,7 +32,8 @@ TAIL = 40
 
 
 def with_(label: str, **parameters: object):
-    return dataclasses.replace(estimator(label), **parameters)
+    """The oracle of a compiled estimator: the field of these tests has no kernels."""
+    return reference(label, **parameters)
 
 
 @functools.cache
@@ -58,26 +59,21 @@ def position_nees(solver, problems: list[tuple[Problem, np.ndarray]]) -> float:
     return float(np.mean(found))
 
 
-def test_plain_filter_is_filterpys_bit_for_bit():
-    """The choices that the EKF offers cost its plain form not a bit."""
+def test_the_textbook_filter_is_filterpys():
+    """On a model without kernels ``ekf`` has filterpy's answer, to rounding."""
     problem, _ = flights()[0]
-    plain = PlainEKF(dim_x=problem.dimension, dim_z=problem.measurements.shape[1])
-    plain.x, plain.P = problem.prior_mean.copy(), problem.prior_cov.copy()
-    plain.R = problem.noise_cov
+    framework = estimator("filterpy-ekf").estimate(problem, rng())
     ours = estimator("ekf").estimate(problem, rng())
-    for k in range(problem.epochs):
-        plain.F, plain.Q = problem.transition[k], problem.process_cov[k]
-        plain.predict()
-        plain.update(
-            problem.measurements[k],
-            lambda x, k: problem.model.jacobian(k, x),
-            lambda x, k: problem.model.predict(k, x),
-            args=(k,),
-            hx_args=(k,),
-        )
-        plain.P = 0.5 * (plain.P + plain.P.T)
-        assert plain.x.tobytes() == ours.mean[k].tobytes()
-        assert plain.P.tobytes() == ours.cov[k].tobytes()
+    assert max(deviation(ours.mean, ours.cov, framework.mean, framework.cov)) < 1e-8
+
+
+@pytest.mark.parametrize("loss", ["none", "huber", "cauchy"])
+def test_the_textbook_filter_is_the_oracle_of_iterated_and_robust_ones(loss):
+    problem, _ = rough_flight(1, 50.0, epochs=30)
+    solver = dataclasses.replace(estimator("ekf"), iterations=5, loss=loss)
+    ours, oracle = solver.estimate(problem, rng()), with_("ekf", iterations=5, loss=loss)
+    expected = oracle.estimate(problem)
+    assert max(deviation(ours.mean, ours.cov, expected.mean, expected.cov)) < 1e-8
 
 
 @pytest.mark.parametrize("loss", ["huber", "cauchy"])
@@ -85,7 +81,7 @@ def test_plain_filter_is_filterpys_bit_for_bit():
 def test_a_loss_that_never_acts_changes_nothing(label, loss):
     """With a threshold of ten million deviations a robust estimator is the one without a loss."""
     problem, _ = rough_flight(1, 50.0, epochs=30)
-    plain = estimator(label).estimate(problem, rng())
+    plain = with_(label).estimate(problem, rng())
     far = with_(label, loss=loss, threshold=1e7).estimate(problem, rng())
     assert max(deviation(far.mean, far.cov, plain.mean, plain.cov)) < 1e-5
 
@@ -109,16 +105,14 @@ def test_robust_beats_plain_under_outliers(label, loss):
 
 @functools.cache
 def plain_under_outliers(label):
-    return position_rms(estimator(label), flights(outliers=0.05))
+    return position_rms(with_(label), flights(outliers=0.05))
 
 
 @pytest.mark.parametrize("label", ["ekf", "ukf", "gaussian-sum", "gauss-newton[starts=1]"])
 def test_robustness_costs_little_without_outliers(label):
     """With Gaussian noise the error grows by less than 15 % (asymptotically 2.5 %)."""
     good = flights()
-    assert position_rms(with_(label, loss="huber"), good) < 1.15 * position_rms(
-        estimator(label), good
-    )
+    assert position_rms(with_(label, loss="huber"), good) < 1.15 * position_rms(with_(label), good)
 
 
 @pytest.mark.parametrize("label", ["ekf", "ukf", "gaussian-sum"])
@@ -138,7 +132,7 @@ def test_an_outlier_has_a_bounded_influence(label):
         moved = with_(label, loss="cauchy").estimate(bad, rng()).mean[k] - clean.mean[k]
         assert np.abs(moved / sigma).max() < 1.0
         if size >= 1e4:
-            moved = estimator(label).estimate(bad, rng()).mean[k] - clean.mean[k]
+            moved = with_(label).estimate(bad, rng()).mean[k] - clean.mean[k]
             assert np.abs(moved / sigma).max() > 10.0
 
 
@@ -161,7 +155,7 @@ def test_what_the_prior_explains_is_no_outlier(label, loss):
         model=LinearModel(rows),
         layout=(),
     )
-    plain = estimator("ekf").estimate(problem, rng())
+    plain = with_("ekf").estimate(problem, rng())
     found = with_(label, loss=loss).estimate(problem, rng())
     assert max(deviation(found.mean, found.cov, plain.mean, plain.cov)) < 0.1
 
@@ -273,10 +267,10 @@ def test_adaptive_noise_makes_a_wrong_noise_figure_harmless(factor):
     is also used: the error falls by a quarter. Noise larger than told leaves it as it was.
     """
     problems = flights(noise=0.1 * factor, claimed=0.1)
-    adaptive = estimator("ekf[noise_memory=50]")
+    adaptive = with_("ekf", noise_memory=50)
     assert 1.5 < position_nees(adaptive, problems) < 6.0
-    assert not 1.5 < position_nees(estimator("ekf"), problems) < 6.0
-    gain = position_rms(adaptive, problems) / position_rms(estimator("ekf"), problems)
+    assert not 1.5 < position_nees(with_("ekf"), problems) < 6.0
+    gain = position_rms(adaptive, problems) / position_rms(with_("ekf"), problems)
     assert gain < (0.9 if factor < 1.0 else 1.15)
 
 
@@ -315,7 +309,7 @@ def test_adaptive_noise_does_not_count_missing_readings():
         process_cov=phi[1::2] @ q[::2] @ phi[1::2].transpose(0, 2, 1) + q[1::2],
         model=Kept(),
     )
-    adaptive = estimator("ekf[noise_memory=20,loss=huber]")
+    adaptive = with_("ekf[noise_memory=20,loss=huber]")
     all_epochs, half = adaptive.estimate(dropped, rng()), adaptive.estimate(kept, rng())
     assert max(deviation(all_epochs.mean[1::2], all_epochs.cov[1::2], half.mean, half.cov)) < 1e-8
 
@@ -384,7 +378,7 @@ def test_the_usual_threshold_costs_five_percent_of_variance(loss):
     """Of Gaussian residuals r with ψ = w r: (E r ψ)² / E ψ² is the efficiency, and is 95 %."""
     r = np.linspace(-9.0, 9.0, 20_001)
     density = np.exp(-0.5 * r**2) / np.exp(-0.5 * r**2).sum()
-    psi = r * robust.weights(r, loss, robust.threshold_of(loss, None))
+    psi = r * robust.weights(r, loss, robust.THRESHOLDS[loss])
     assert (density @ (r * psi)) ** 2 / (density @ psi**2) == pytest.approx(0.95, abs=5e-4)
 
 
@@ -405,7 +399,7 @@ def test_a_filter_that_learns_the_noise_it_was_told_claims_what_it_claimed():
     To 10 % of the deviations over 400 epochs; without that share they would be half as large.
     """
     problem = linear_problem(0, epochs=800)
-    learning = estimator("ekf[noise_memory=200]").estimate(problem, rng())
-    told = estimator("ekf").estimate(problem, rng())
+    learning = with_("ekf[noise_memory=200]").estimate(problem, rng())
+    told = with_("ekf").estimate(problem, rng())
     ratio = np.sqrt(np.einsum("kii->ki", learning.cov) / np.einsum("kii->ki", told.cov))
     np.testing.assert_allclose(ratio[400:].mean(axis=0), 1.0, atol=0.1)

@@ -1,4 +1,4 @@
-"""What a worker process prints: caught, and its end kept until somebody asks."""
+"""Captured output of a worker process, of which the end of each run is kept."""
 
 from __future__ import annotations
 
@@ -14,15 +14,14 @@ _KEPT = 4 * LONGEST_TEXT
 """Bytes of which the last characters are made."""
 
 
-class Printed:
+class CapturedOutput:
     """The parent's end of the pipe to which a worker's standard output and error go.
-
-    The worker writes ``seam`` between runs: what was printed in a run is told from what was printed
-    in the next, however late it is read.
 
     Parameters
     ----------
     descriptor : of the pipe; it is closed with this object.
+    seam : bytes that the worker writes between runs, so that the output of a run is told apart from
+        that of the next however late it is read.
     """
 
     def __init__(self, descriptor: int, seam: bytes) -> None:
@@ -38,7 +37,7 @@ class Printed:
         return [] if self._descriptor is None else [self._descriptor]
 
     def read(self) -> None:
-        """Read what has been printed, or much of it."""
+        """Read the output that has come, or much of it."""
         for _ in range(_AT_ONCE):
             if self._descriptor is None:
                 return
@@ -51,12 +50,12 @@ class Printed:
             self._add(piece)
 
     def of_run(self) -> str:
-        """Return what was printed in the run that is over, or was when its process ended."""
+        """Return the output of the run that is over, or that its process ended in."""
         self.read()
         return self._over.popleft() if self._over else self._taken()
 
     def close(self) -> None:
-        """Let go of the pipe."""
+        """Close the pipe."""
         if self._descriptor is not None:
             os.close(self._descriptor)
             self._descriptor = None
@@ -77,7 +76,7 @@ class Printed:
         self._count += len(piece)
 
     def _taken(self) -> str:
-        """Return the end of what was printed since the last seam, and begin anew."""
+        """Return the end of the output since the last seam, and forget it."""
         found, count = self._end, self._count
         self._end, self._count = b"", 0
         text = found.decode(errors="replace").strip()

@@ -1,4 +1,4 @@
-"""Truth out of an estimator's reach: put away while one runs; and what tells that it was sought.
+"""Truth out of the reach of estimators, and names in their source that lead to it.
 
 This guards against mistakes: what an estimator finds by accident, or by looking through the objects
 of its process. It is no prison: code that runs in a process can read all of its memory. So an
@@ -21,7 +21,7 @@ _NAMES = {
 }  # fmt: skip
 
 
-class PutAway:
+class HiddenArray:
     """An array that is no object of this process until it is looked at.
 
     Parameters
@@ -43,7 +43,7 @@ class PutAway:
         yield np.frombuffer(self._memory, dtype=float, count=count).reshape(self._shape)
 
 
-def sought(source: bytes) -> list[str]:
+def suspicious_names(source: bytes) -> list[str]:
     """Return what a file uses that looks through the process that runs it, or simulates runs.
 
     ``import gc``, ``import inspect``, frames of the stack, the package's own simulation; sorted.

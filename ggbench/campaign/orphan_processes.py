@@ -1,0 +1,77 @@
+"""Killing of processes that an estimator starts and leaves running.
+
+A process that leaves its group is found by a mark in its initial environment, or by its parents.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import os
+import sys
+import time
+from collections.abc import Callable, Collection, Iterable
+
+import psutil
+
+MARK = "GGBENCH_WORKER"
+"""Variable of the environment by which a worker's descendants are known."""
+_ROUNDS = 200
+_ROUND_S = 0.005
+_DEAD = (psutil.STATUS_ZOMBIE, psutil.STATUS_DEAD)
+_ADOPT_ORPHANS = 36  # PR_SET_CHILD_SUBREAPER of prctl(2)
+
+
+def adopt_orphans() -> None:
+    """Become the parent of a child's children when the child ends; on Linux only."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_ADOPT_ORPHANS, 1, 0, 0, 0)
+
+
+def kill_marked(marks: Collection[str]) -> None:
+    """Kill all other processes whose initial environment has one of these marks."""
+    _kill(psutil.process_iter, lambda process: process.environ().get(MARK) in marks)
+
+
+def kill_descendants() -> int:
+    """Kill the running descendants of this process; return their number.
+
+    The helpers that multiprocessing starts once and keeps are left alone.
+    """
+    try:  # which takes no time if there is no child, running or not yet waited for
+        os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG | os.WNOWAIT)
+    except ChildProcessError:
+        return 0
+    tracker = sys.modules.get("multiprocessing.resource_tracker")
+    server = sys.modules.get("multiprocessing.forkserver")
+    helpers = {
+        getattr(getattr(tracker, "_resource_tracker", None), "_pid", None),
+        getattr(getattr(server, "_forkserver", None), "_forkserver_pid", None),
+    }
+    ended = _kill(
+        lambda: psutil.Process().children(recursive=True),
+        lambda process: process.pid not in helpers and process.status() not in _DEAD,
+    )
+    for pid in ended:
+        with contextlib.suppress(ChildProcessError):
+            os.waitpid(pid, os.WNOHANG)
+    return len(ended)
+
+
+def _kill(
+    processes: Callable[[], Iterable[psutil.Process]], chosen: Callable[[psutil.Process], bool]
+) -> set[int]:
+    """Kill the chosen processes until there are none; return their numbers."""
+    ended: set[int] = set()
+    for _ in range(_ROUNDS):  # a process that is just being started is found in the next round
+        found = False
+        for process in processes():
+            with contextlib.suppress(psutil.Error):  # it has ended, or is another user's
+                if process.pid != os.getpid() and chosen(process):
+                    found = True
+                    ended.add(process.pid)
+                    process.kill()
+        if not found:
+            break
+        time.sleep(_ROUND_S)
+    return ended

@@ -1,0 +1,68 @@
+"""The one way in which estimators are run: with the noise that they assume, one run or many.
+
+Measurements that are matched with a map err by more than the instrument's noise: by the map's own
+error, and by what a linearisation leaves. The usual remedy is a larger assumed R
+(``noise_scale``). It is applied here, and the innovations of a filter are normalised by it.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+
+from .block import BlockEstimator, EstimateBlock, ProblemBlock
+from .engines.innovations import innovations_squared
+from .problem import Estimate, Estimator, Problem
+
+_OF_THE_MAP = ("E", "mGal")
+"""Units of gradient and gravity channels; the names of sensors are the case's own."""
+
+Given = TypeVar("Given", Problem, ProblemBlock)
+
+
+def estimate(estimator: Estimator, problem: Problem, rng: np.random.Generator) -> Estimate:
+    """Return an estimator's answer to one run, with the noise that it assumes."""
+    assumed = with_scaled_noise(problem, estimator.noise_scale)
+    found = estimator.estimate(assumed, rng)
+    # What is returned may be anything: a campaign and the contract check it.
+    if assumed is problem or not isinstance(found, Estimate) or found.causality != "filter":
+        return found
+    if found.nis is not None or found.cov is None:
+        return found
+    # Another copy of the model: it counts evaluations, and these are not the estimator's.
+    asked = replace(assumed, model=copy.copy(assumed.model))
+    return replace(found, nis=innovations_squared(asked, found.mean, found.cov))
+
+
+def estimate_block(
+    estimator: BlockEstimator, block: ProblemBlock, rngs: Sequence[np.random.Generator] = ()
+) -> EstimateBlock:
+    """Return an estimator's answer to many runs, with the noise that it assumes."""
+    assumed = with_scaled_noise(block, estimator.noise_scale)
+    found = estimator.estimate_block(assumed, rngs)
+    if assumed is block or not isinstance(found, EstimateBlock) or found.causality != "filter":
+        return found
+    if found.nis is not None:
+        return found
+    nis = [
+        innovations_squared(assumed.problem(run), found.mean[run], found.cov[run])
+        for run in range(assumed.runs)
+    ]
+    return replace(found, nis=np.stack(nis))
+
+
+def with_scaled_noise(given: Given, noise_scale: float) -> Given:
+    """Return a problem, or a block of them, with R → D R D; itself with a scale of one.
+
+    D is diagonal: ``noise_scale`` for channels of gravity or its gradients (of all channels, if
+    the problem does not name them), and one for all others.
+    """
+    if noise_scale == 1.0:
+        return given
+    of_the_map = [channel.unit in _OF_THE_MAP for channel in given.channels] or True
+    scales = np.where(of_the_map, noise_scale, np.ones(given.noise_cov.shape[-1]))
+    return replace(given, noise_cov=given.noise_cov * np.outer(scales, scales))

@@ -1,0 +1,82 @@
+"""The text that names an estimator with its parameters, as one value.
+
+``ukf[points=merwe,alpha=0.1]`` is written by a user, stored with every run, and shown in tables
+and figures. It is taken apart here and nowhere else.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any, Self
+
+_FORM = re.compile(r"\s*([^\[\]]+?)\s*(?:\[([^\[\]]*)\])?\s*")
+
+
+@dataclass(frozen=True)
+class EstimatorSpec:
+    """An estimator's name and the parameters that differ from its defaults.
+
+    Attributes
+    ----------
+    name : the registered name, or the path of a Python file.
+    parameters : the text of each parameter by its name, in order.
+    """
+
+    name: str
+    parameters: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Return the spec that a text ``NAME`` or ``NAME[parameter=value,...]`` states.
+
+        Raises
+        ------
+        ValueError
+            If the text has another form, or names a parameter twice.
+        """
+        match = _FORM.fullmatch(text)
+        if not match:
+            raise ValueError(
+                f"'{text}' does not name an estimator; write NAME or NAME[parameter=value,...]"
+            )
+        parameters: dict[str, str] = {}
+        for item in filter(None, (part.strip() for part in (match[2] or "").split(","))):
+            key, equals, value = (part.strip() for part in item.partition("="))
+            if not equals:
+                raise ValueError(f"{match[1]}: '{item}' is not of the form parameter=value")
+            if key in parameters:
+                raise ValueError(f"{match[1]}: parameter '{key}' is given twice")
+            parameters[key] = value
+        return cls(match[1], MappingProxyType(parameters))
+
+    @classmethod
+    def changed(cls, name: str, values: Mapping[str, Any], defaults: Mapping[str, Any]) -> Self:
+        """Return the spec of complete parameter values, those that equal their default left out."""
+        texts = {key: _text(value) for key, value in values.items() if value != defaults[key]}
+        return cls(name, MappingProxyType(texts))
+
+    @property
+    def listed(self) -> str:
+        """The parameters, ``points=merwe,alpha=0.1``; empty if all are defaults."""
+        return ",".join(f"{key}={value}" for key, value in self.parameters.items())
+
+    def without(self, *keys: str) -> EstimatorSpec:
+        """Return the spec without some of its parameters."""
+        kept = {key: text for key, text in self.parameters.items() if key not in keys}
+        return EstimatorSpec(self.name, MappingProxyType(kept))
+
+    def __str__(self) -> str:
+        return f"{self.name}[{self.listed}]" if self.parameters else self.name
+
+
+def _text(value: Any) -> str:
+    """Return a parameter's value as a user writes it: ``3`` and not ``3.0``, ``false``."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float):
+        short = f"{value:g}"
+        return short if float(short) == value else repr(value)
+    return str(value)

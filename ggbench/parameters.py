@@ -1,0 +1,104 @@
+"""Parameters of estimators: the fields of a frozen dataclass, with types, limits and defaults.
+
+A limit is part of a field's type, ``Annotated[int, Field(ge=1)]``. It is checked when an estimator
+is made, and printed wherever parameters are listed.
+"""
+
+from __future__ import annotations
+
+import types
+import typing
+from collections.abc import Mapping
+from dataclasses import MISSING, fields
+from functools import cache
+from typing import Annotated, Any, NamedTuple
+
+from pydantic import Field, TypeAdapter, ValidationError
+
+AtLeastOne = Annotated[int, Field(ge=1)]
+NonNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+
+_WORDS = {int: "a whole number", float: "a number", bool: "true or false", str: "a text"}
+_LIMITS = {
+    "ge": "at least {:g}",
+    "gt": "more than {:g}",
+    "le": "at most {:.10g}",
+    "lt": "less than {:.10g}",
+}
+
+
+class Parameter(NamedTuple):
+    """Type and default of a parameter; the default of one that has none is ``MISSING``."""
+
+    annotation: Any
+    default: Any
+
+    def allowed(self) -> str:
+        """Return which values are allowed, in words."""
+        return _described(self.annotation)
+
+    def validate(self, value: object) -> Any:
+        """Return a value, or the text that states it, as the parameter's type.
+
+        Raises
+        ------
+        ValueError
+            If it is no such value or beyond a limit.
+        """
+        return _adapter(self.annotation).validate_python(value)
+
+
+def parameters_of(cls: type) -> Mapping[str, Parameter]:
+    """Return the parameters of an estimator class by name: its own, then those that it shares."""
+    hints = typing.get_type_hints(cls, include_extras=True)
+    ordered = sorted(fields(cls), key=lambda item: bool(item.kw_only))
+    return {item.name: Parameter(hints[item.name], item.default) for item in ordered}
+
+
+def require_valid(estimator: Any) -> None:
+    """Raise ValueError, with a sentence, for a parameter that is beyond its limits."""
+    cls: type = type(estimator)
+    for name, parameter in _checked(cls).items():
+        value = getattr(estimator, name)
+        try:
+            parameter.validate(value)
+        except ValidationError:
+            raise ValueError(
+                f"{estimator.name}: parameter '{name}' is '{value}' and must be "
+                f"{parameter.allowed()}"
+            ) from None
+
+
+@cache
+def _checked(cls: type) -> Mapping[str, Parameter]:
+    found = parameters_of(cls)
+    return {
+        name: parameter for name, parameter in found.items() if parameter.default is not MISSING
+    }
+
+
+@cache
+def _adapter(annotation: Any) -> TypeAdapter[Any]:
+    return TypeAdapter(annotation)
+
+
+def _described(annotation: Any) -> str:
+    origin, arguments = typing.get_origin(annotation), typing.get_args(annotation)
+    if origin is Annotated:
+        kind, *extras = arguments
+        given = [item for extra in extras for item in getattr(extra, "metadata", ())]
+        finite = any(getattr(item, "allow_inf_nan", None) is False for item in given)
+        limits = [
+            words.format(getattr(item, name))
+            for name, words in _LIMITS.items()
+            for item in given
+            if hasattr(item, name)
+        ]
+        return ", ".join(["a finite number" if finite else _described(kind), *limits])
+    if origin is typing.Literal:
+        return " | ".join(str(choice) for choice in arguments)
+    if origin in (typing.Union, types.UnionType):
+        return " or ".join(_described(one) for one in arguments if one is not type(None))
+    return _WORDS.get(annotation) or str(getattr(annotation, "__name__", annotation))
