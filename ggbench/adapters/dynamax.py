@@ -71,8 +71,10 @@ class DynamaxEstimator(Estimator):
         Parameters
         ----------
         parameters : of the problem in small units, with time-varying Q and R; the initial state is
-            that of the first epoch. emissions : (K, m) readings. inputs : (K,) numbers of the
-            epochs, which the functions of dynamics and emission take as their second argument.
+            that of the first epoch.
+        emissions : (K, m) readings.
+        inputs : (K,) numbers of the epochs, which the functions of dynamics and emission take as
+            their second argument.
         """
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:

@@ -51,7 +51,8 @@ class Transition(LinearGaussianTimeInvariantTransitionModel):
     Parameters
     ----------
     transition_matrix, covariance_matrix : (n, n) Φ_k and Q_k.
-    problem, epoch : whose they are. generator : of the noise that is drawn.
+    problem, epoch : whose they are.
+    generator : of the noise that is drawn.
     """
 
     problem: Problem = Property()
@@ -74,7 +75,8 @@ class Measurement(NonLinearGaussianMeasurement):
     Parameters
     ----------
     noise_covar : (m, m) R_k.
-    problem, epoch : whose it is. generator : of the noise that is drawn.
+    problem, epoch : whose it is.
+    generator : of the noise that is drawn.
     """
 
     problem: Problem = Property()

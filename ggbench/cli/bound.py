@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .fitting import FittedTable
+from .responsive_table import ResponsiveTable
 from .screen import console
 from .tables import require_suffix, write_csv
 
@@ -55,7 +55,7 @@ def bound(scenario_name: str, case: str | None, output: Path | None, figure: Pat
 def _print(bounds: pd.DataFrame, title: str) -> None:
     """Print the bounds at a few epochs, the first and the last among them."""
     kinds = ("east", "north", "up", "spherical", "all readings")
-    table = FittedTable(
+    table = ResponsiveTable(
         f"{title}: bound of the position and of the velocity",
         [
             ("time s", "name"),

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 _EXIT_FAILED = 1
 _LIMIT_S = 300.0
 _LONGEST_START_S = 3600.0
-"""In which the examiner must be there: at the first use it compiles."""
+"""In which the separate process must be there: at the first use it compiles."""
 _LOOK_EVERY_S = 0.2
 _INDENT = " " * 4
 _SHOWN = {"passed": ("passed", "green"), "failed": ("FAILED", "red"), "refused": ("not asked", "")}
@@ -101,7 +101,7 @@ def examined(
     """
     waiting = list(checks)
     while waiting:
-        with _examiner(estimator, [each.name for each in waiting]) as (process, answers):
+        with _isolated(estimator, [each.name for each in waiting]) as (process, answers):
             ready = _answer(process, answers, _LONGEST_START_S)
             if "prepared" in ready:
                 ready = _answer(process, answers, limit_s)
@@ -125,7 +125,7 @@ def examined(
 def _answer(
     process: subprocess.Popen[bytes], answers: Connection, limit_s: float
 ) -> dict[str, str]:
-    """Return what the examiner says next; ``lost`` and how, if it says nothing any more."""
+    """Return the next answer of the separate process; ``lost`` and how, if there is none."""
     begun = time.monotonic()
     while not answers.poll(_LOOK_EVERY_S):
         if process.poll() is not None and not answers.poll():
@@ -146,12 +146,19 @@ def _ended(code: int) -> str:
 
 
 @contextlib.contextmanager
-def _examiner(
+def _isolated(
     estimator: str, names: list[str]
 ) -> Iterator[tuple[subprocess.Popen[bytes], Connection]]:
     """Start a process that asks; whatever it has started ends with it."""
     answers, theirs = Pipe(duplex=False)
-    command = [sys.executable, "-P", "-m", "ggbench.cli.examiner", str(theirs.fileno()), estimator]
+    command = [
+        sys.executable,
+        "-P",
+        "-m",
+        "ggbench.cli.isolated_check",
+        str(theirs.fileno()),
+        estimator,
+    ]
     process = subprocess.Popen(
         [*command, *names], pass_fds=[theirs.fileno()], start_new_session=True,
         stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,

@@ -27,7 +27,8 @@ def tell_first_use(module: str, scope: str) -> None:
 
     Parameters
     ----------
-    module : that the command compiles early, ``ins/strapdown.py``. scope : how long it all takes.
+    module : that the command compiles early, ``ins/strapdown.py``.
+    scope : how long it all takes.
     """
     if not code_folder(PACKAGE / module).exists():
         click.echo(

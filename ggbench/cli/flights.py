@@ -10,7 +10,7 @@ import click
 
 from ..errors import GGBenchError
 from ..spec.limits import MOST_RUNS, MOST_SEED
-from .clocks import Clocks
+from .timing import Moment
 
 _EXIT_FAILED = 1
 
@@ -47,7 +47,7 @@ def estimate(flight: Path, estimators: tuple[str, ...], output: Path, seed: int)
     click.echo(f"{flight}: {recorded.problem}")
     found: dict[str, Estimate] = {}
     for choice in choices:
-        start = Clocks.now()
+        start = Moment.now()
         try:
             with warnings.catch_warnings(record=True) as said:
                 warnings.simplefilter("always")

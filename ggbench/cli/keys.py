@@ -1,88 +1,273 @@
-"""``ggbench keys``: what the tables and keys of a scenario file mean."""
+"""``ggbench keys``: tables and keys of a scenario file, read from its JSON schema."""
 
 from __future__ import annotations
 
 import difflib
+import json
 import re
 import textwrap
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Sequence
+from functools import cache
+from typing import Any, NamedTuple
 
 import click
 
 from ..errors import GGBenchError
 from .screen import console
 
-if TYPE_CHECKING:
-    from .key_tables import Key, KeyTable
-
+TOP = "file"
+"""The table of the keys at the top of a file, outside all tables."""
+NAMED = "sensor.<name>"
+REQUIRED, OPTIONAL = "must be given", "optional"
+_UNITS = {
+    "deg_per_sqrt_h": "°/√h", "deg_per_h": "°/h", "deg_per_s": "°/s", "deg": "°", "rad": "rad",
+    "arcmin": "′", "ug_per_sqrt_hz": "µg/√Hz", "ng_per_sqrt_hz": "ng/√Hz", "ug": "µg",
+    "eotvos_per_sqrt_hz": "E/√Hz", "eotvos_per_sqrt_h": "E/√h", "eotvos": "E", "mgal": "mGal",
+    "ppm_per_sqrt_h": "ppm/√h", "ppm": "ppm", "m_per_sqrt_hz": "m/√Hz", "mps2": "m/s²",
+    "mps": "m/s", "kg_m3": "kg/m³", "km": "km", "m": "m", "s": "s", "hz": "Hz",
+}  # fmt: skip
+"""Units by the ends of keys; the longest that fits counts."""
+_KINDS = {
+    "number": "number", "integer": "whole number", "boolean": "true or false", "string": "text",
+    "object": "table",
+}  # fmt: skip
 _MOST_NEAR = 3
+Schema = dict[str, Any]
 
 
 class KeyNameError(GGBenchError):
     """There is no table and no key of a name."""
 
 
+class Key(NamedTuple):
+    """A key of a table, in words; unit and limits of a number are "" without any."""
+
+    name: str
+    meaning: str
+    unit: str
+    kind: str
+    default: str
+    allowed: str
+    usual: str
+
+
+class KeyTable(NamedTuple):
+    """A table of a file by its dotted name; ``recorded`` keys are those of recorded flights."""
+
+    name: str
+    about: str
+    keys: tuple[Key, ...] = ()
+    recorded: tuple[Key, ...] = ()
+    listed: bool = False
+
+    @property
+    def heading(self) -> str:
+        """The table as a file writes it."""
+        if self.name == TOP:
+            return "top of the file"
+        return f"[[{self.name}]]" if self.listed else f"[{self.name}]"
+
+    def all_keys(self) -> tuple[Key, ...]:
+        """Return its keys, followed by those of recorded flights."""
+        return self.keys + self.recorded
+
+
+@cache
+def tables() -> dict[str, KeyTable]:
+    """Return all tables by their dotted names: those of scenarios, then of recorded flights."""
+    from ..spec.case import CampaignSpec, CaseSpec, SweepSpec
+    from ..spec.claims import ClaimSpec, ComparisonSpec
+    from ..spec.flight import FlightSpec
+    from ..spec.json_schema import TOP_TEXTS, models_schema
+
+    models = models_schema(CaseSpec, CampaignSpec, SweepSpec, ClaimSpec, ComparisonSpec, FlightSpec)
+    found = {TOP: KeyTable(TOP, "Texts about the scenario.", _keys(TOP_TEXTS))}
+    schemas: dict[str, Schema] = {}
+    for top, model, listed in (
+        ("", "CaseSpec", True), ("campaign", "CampaignSpec", False), ("sweep", "SweepSpec", False),
+        ("claim", "ClaimSpec", True), ("comparison", "ComparisonSpec", True),
+    ):  # fmt: skip
+        for path, schema, is_list in _below(models, top, model, listed):
+            name = {"": "case", "reference": "case.reference"}.get(path, path)
+            shared = re.sub(r"^(truth|model)\.", "", name)
+            # The errors of one side's map replace those of the case as a whole.
+            base = found.get(shared) if schemas.get(shared) is not schema else None
+            found[name] = KeyTable(name, _about(schema), _keys(schema, base), listed=is_list)
+            schemas[name] = schema
+    found["assumption"] = KeyTable(
+        "assumption", "A change that `--assumptions` studies on every case with published numbers.",
+        found["case"].keys, listed=True,
+    )  # fmt: skip
+    for path, schema, _ in _below(models, "", "FlightSpec"):
+        table = found.get(path or TOP, KeyTable(path, _about(schema)))
+        known = [key.name for key in table.keys]
+        recorded = tuple(key for key in _keys(schema) if key.name not in known)
+        found[table.name] = table._replace(recorded=recorded)
+    return {name: table for name, table in found.items() if table.all_keys()}
+
+
+def named(name: str) -> str:
+    """Return a dotted name as the tables have it: without brackets, sensors' names, numbers."""
+    plain = re.sub(r"\[\d+\]", "", name).strip("[] ")
+    return re.sub(r"^(truth\.|model\.)?sensor\.[^.]+", NAMED, plain)
+
+
+def find(name: str) -> list[tuple[KeyTable, Key]]:
+    """Return the key of a dotted name, or every key that is called so, each with its table."""
+    from ..spec.aiding import AIDING
+
+    table, _, key = named(name).rpartition(".")
+    names = AIDING if table == NAMED and key != "kind" else [table] if table else tables()
+    places = [tables()[place] for place in names if place in tables()]
+    return [(place, found) for place in places for found in place.all_keys() if found.name == key]
+
+
+def _below(
+    models: dict[str, Schema], name: str, model: str, listed: bool = False
+) -> Iterator[tuple[str, Schema, bool]]:
+    """Yield name and schema of a table and of those within it, and whether it is in a list."""
+    yield name, models[model], listed
+    for key, item in models[model]["properties"].items():
+        path = f"{name}.{key}".lstrip(".")
+        inner = item.get("$ref") or item.get("items", {}).get("$ref")
+        if inner:
+            yield from _below(models, path, inner.rpartition("/")[2], "items" in item)
+        elif path == "sensor":
+            kind = {
+                "enum": [*item["additionalProperties"]["discriminator"]["mapping"]],
+                "description": "Kind of the sensor; its other keys are those of its kind's table.",
+            }
+            about = "A sensor with a name of its own, of one of four kinds."
+            sensor = {"description": about, "properties": {"kind": kind}, "required": ["kind"]}
+            yield NAMED, sensor, False
+
+
+def _keys(schema: Schema, base: KeyTable | None = None) -> tuple[Key, ...]:
+    """Return the keys of a table that are no tables; ``base`` is the table that it changes."""
+    shared = () if base is None else [key.name for key in base.keys]
+    found = []
+    for name, item in schema["properties"].items():
+        if "$ref" in str(item) or "const" in item:  # a table, or the kind of a sensor
+            continue
+        if name in schema.get("required", ()):
+            default = REQUIRED
+        elif base is not None and name in shared and "default" not in item:
+            default = f"as in [{base.name}]"
+        else:
+            default = _written(item.get("default"))
+        value = _value(item)
+        while "items" in value:
+            value = _value(value["items"])
+        limits = [value[end] for end in ("minimum", "maximum") if end in value]
+        zero = "0 or " if "{'const': 0}" in str(item) else ""
+        meaning = " ".join(item.get("description", "").split())
+        allowed, usual = zero + _range(limits), _range(value.get("x-usual", ()))
+        found.append(Key(name, meaning, unit_of(name), _kind(item), default, allowed, usual))
+    return tuple(found)
+
+
+def unit_of(name: str) -> str:
+    """Return the unit that a key's name ends with; "" if with none."""
+    ends = [end for end in _UNITS if name.endswith(f"_{end}")]
+    return _UNITS[max(ends, key=len)] if ends else ""
+
+
+def _value(schema: Schema) -> Schema:
+    """Return the numbers among alternatives, or the schema itself."""
+    return next((each for each in schema.get("anyOf", ()) if each.get("type") == "number"), schema)
+
+
+def _kind(schema: Schema) -> str:
+    """Return in words what a value may be."""
+    schema = _value(schema)
+    if "enum" in schema:
+        return ", ".join(f'"{choice}"' for choice in schema["enum"])
+    if schema["type"] != "array":
+        return _KINDS[schema["type"]]
+    inner = _kind(schema["items"])
+    return "list of " + (inner if inner.startswith('"') else re.sub(r"^\w+", r"\g<0>s", inner))
+
+
+def _written(value: Any) -> str:
+    """Return a default as a file would have it."""
+    if value in (None, [], ""):
+        return OPTIONAL
+    return f"{value:g}" if isinstance(value, float) else json.dumps(value)
+
+
+def _range(ends: Sequence[float]) -> str:
+    from ..spec.quantities import short
+
+    return " to ".join(str(end) if isinstance(end, int) else short(end) for end in ends)
+
+
+def _about(schema: Schema) -> str:
+    """Return the purpose of a table: the first sentence of its description."""
+    text = " ".join(schema.get("description", "").split())
+    said = re.sub(r"^``\S+``: ", "", text).partition(". ")[0].replace("``", "`").rstrip(".")
+    return f"{said[:1].upper()}{said[1:]}."
+
+
 @click.command()
 @click.argument("name", metavar="[TABLE[.KEY]]", required=False)
-def keys(name: str | None) -> None:
+@click.option("--schema", is_flag=True, help="Print the JSON schema of scenario files.")
+def keys(name: str | None, schema: bool) -> None:
     """Explain the keys of a scenario file.
 
     Without an argument: its tables. With a table, as "imu" or "truth.gradiometer": its keys with
     unit, type, default and limits. With a key, as "imu.period_s" or "period_s": that key, in every
-    table that has it.
+    table that has it. Editors complete and check keys by the JSON schema.
     """
-    from . import key_tables
+    if schema:
+        from ..spec.json_schema import schema_text
 
+        click.echo(schema_text(), nl=False)
+        return
     if name is None:
-        for each in key_tables.tables().values():
+        for each in tables().values():
             _say(each.heading, each.about)
         _say("", "'ggbench keys TABLE' lists the keys of a table, as in: ggbench keys imu")
         return
-    table = key_tables.tables().get(key_tables.named(name))
-    found = key_tables.find(name)
-    if table is None and not found:
-        raise _unknown(name)
+    table = tables().get(named(name))
+    found = find(name)
     if table is not None:
-        _tell_table(table)
+        _say_table(table)
+    elif not found:
+        raise _unknown(name)
     else:
         for place, key in found:
-            _tell_key(key, f"{place.name}.", key in place.recorded)
+            _say_key(key, f"{place.name}.", key in place.recorded)
 
 
 def _unknown(name: str) -> KeyNameError:
-    from .key_tables import every_name, named
-
-    near = difflib.get_close_matches(named(name), every_name(), n=_MOST_NEAR, cutoff=0.7)
+    both = [(table.name, key.name) for table in tables().values() for key in table.all_keys()]
+    names = {*tables(), *(key for _, key in both), *(f"{table}.{key}" for table, key in both)}
+    near = difflib.get_close_matches(named(name), sorted(names), n=_MOST_NEAR, cutoff=0.7)
     meant = f"; did you mean {' or '.join(map(repr, near))}?" if near else "."
     return KeyNameError(
         f"a scenario file has no table and no key '{name}'{meant} 'ggbench keys' lists the tables"
     )
 
 
-def _tell_table(table: KeyTable) -> None:
-    from .key_tables import tables
-
+def _say_table(table: KeyTable) -> None:
     _say(table.heading, table.about)
-    for key in table.keys:
-        _tell_key(key)
-    for key in table.recorded:
-        _tell_key(key, recorded=True)
+    for key in table.all_keys():
+        _say_key(key, recorded=key in table.recorded)
     within = [t.heading for t in tables().values() if t.name.startswith(f"{table.name}.")]
     if within:
         _say("", f"Tables within it: {', '.join(within)}.")
 
 
-def _tell_key(key: Key, prefix: str = "", recorded: bool = False) -> None:
-    from .key_tables import REQUIRED
-
+def _say_key(key: Key, prefix: str = "", recorded: bool = False) -> None:
     facts = [", ".join(filter(None, (key.unit, key.kind)))]
-    facts.append(key.default if key.default == REQUIRED else f"default: {key.default}")
+    known = key.default in (REQUIRED, OPTIONAL)
+    facts.append(key.default if known else f"default: {key.default}")
     if key.allowed:
         facts.append(f"allowed: {key.allowed}" + (f", usual: {key.usual}" if key.usual else ""))
     if recorded:
         facts.append("in the file of a recorded flight alone")
     _say(prefix + key.name, "; ".join(facts))
-    _say("", f"{key.meaning[:1].upper()}{key.meaning[1:]}.")
+    _say("", key.meaning)
 
 
 def _say(head: str, text: str) -> None:

@@ -12,7 +12,7 @@ from rich.markup import escape
 
 from ..errors import GGBenchError
 from ..figures.numbers import counted
-from .fitting import FittedTable
+from .responsive_table import ResponsiveTable
 
 
 class LibraryError(GGBenchError):
@@ -25,8 +25,10 @@ class Outcome:
 
     Attributes
     ----------
-    scenario : its name. results : number of records in its folder.
-    failed, diverged : of these. interrupted : whether the user stopped it.
+    scenario : its name.
+    results : number of records in its folder.
+    failed, diverged : of these.
+    interrupted : whether the user stopped it.
     error : why it ended without all of its results, "" if it did not.
     seconds : how long it took.
     """
@@ -52,14 +54,16 @@ def run_all(
 
     Parameters
     ----------
-    names : of the scenarios. run_one : runs one of them. console : where to say what comes.
+    names : of the scenarios.
+    run_one : runs one of them.
+    console : where to say what comes.
 
     Returns
     -------
     An outcome for each scenario that was begun: an interrupt ends the last one.
     """
     from ..campaign.runner import forget_flights
-    from ..campaign.texts import said
+    from ..campaign.texts import exception_text
 
     outcomes = []
     for number, name in enumerate(names, 1):
@@ -70,7 +74,7 @@ def run_all(
         except KeyboardInterrupt:
             outcome = Outcome(name, interrupted=True)
         except Exception as error:  # whatever it is, the other scenarios are to be run
-            text = str(error) if isinstance(error, GGBenchError) else said(error)
+            text = str(error) if isinstance(error, GGBenchError) else exception_text(error)
             outcome = Outcome(name, error=text)
             console.out(f"{name} failed: {text}")
         outcomes.append(replace(outcome, seconds=time.monotonic() - start))
@@ -86,7 +90,7 @@ def print_outcomes(outcomes: Sequence[Outcome], output: Path, console: Console) 
 
     console.rule("The library", align="left")
     numbers = ("results", "failed", "diverged", "minutes")
-    table = FittedTable(
+    table = ResponsiveTable(
         "", [("scenario", "name"), *((heading, "number") for heading in numbers), ("", "text")]
     )
     for outcome in outcomes:

@@ -16,9 +16,7 @@ from ..figures.numbers import counted
 from ..spec.limits import MOST_RUNS, MOST_SEED
 from .bound import bound
 from .check import check
-from .clocks import Clocks
 from .compiling import tell_first_use, tell_maps
-from .fitting import FittedTable
 from .flights import estimate, record
 from .interrupts import requests_to_end
 from .keys import keys
@@ -26,7 +24,9 @@ from .maps import map_group
 from .new import new
 from .progress import Progress
 from .reports import report
+from .responsive_table import ResponsiveTable
 from .screen import console
+from .timing import Moment
 
 if TYPE_CHECKING:
     from ..results.folder import Results
@@ -81,9 +81,12 @@ main.add_command(report)
 def list_command() -> None:
     """List the scenarios and the estimators with their parameters."""
     from ..campaign import registry
+    from ..parameters import parameters_of
     from ..spec import scenario
 
-    table = FittedTable("Scenarios", [("scenario", "name"), ("title", "text"), ("cases", "text")])
+    table = ResponsiveTable(
+        "Scenarios", [("scenario", "name"), ("title", "text"), ("cases", "text")]
+    )
     for name in scenario.shipped():
         loaded = scenario.load(name)
         cases = ", ".join(case.name for case in loaded.cases)
@@ -92,13 +95,13 @@ def list_command() -> None:
             cases = f"{len(loaded.cases)}: {' × '.join(axes)}"
         table.add_row(name, escape(loaded.title), cases)
     table.print(console)
-    table = FittedTable(
+    table = ResponsiveTable(
         "Estimators", [("estimator", "name"), ("what it is", "text"), ("parameters", "text")]
     )
     for name, cls in registry.registered().items():
         parameters = [
-            f"{key}={default} ({registry.describe(annotation)})"
-            for key, (annotation, default) in registry.parameters_of(cls).items()
+            f"{key}={parameter.default} ({parameter.allowed()})"
+            for key, parameter in parameters_of(cls).items()
         ]
         summary = (cls.__doc__ or "").strip().splitlines()[0]
         table.add_row(name, escape(summary), escape("\n".join(parameters)))
@@ -117,19 +120,19 @@ def validate(file: str) -> None:
     with Progress(console, file):
         from ..campaign import registry
         from ..spec import scenario
-        from . import flown, preflight
+        from . import flight_limits, flight_summary
 
         loaded = scenario.load(file)
-        _note_oddities(loaded)
-        found = list(preflight.examined(loaded))
+        _note_unusual_values(loaded)
+        found = list(flight_limits.examined(loaded))
         registry.choose_all([*loaded.campaign.estimators, loaded.campaign.assumption_estimator])
     click.echo(
         f"{file} is valid: {counted(len(loaded.cases), 'case')}, "
         f"{counted(len(loaded.assumptions), 'assumption')}, "
         f"{counted(len(loaded.provenance), 'value')} with provenance"
     )
-    flown.print_flights(found, console)
-    for warning in flown.warnings(found):
+    flight_summary.print_flights(found, console)
+    for warning in flight_summary.warnings(found):
         click.echo(f"Warning: {warning}.")
 
 
@@ -177,7 +180,7 @@ def validate(file: str) -> None:
     "one_run",
     type=click.IntRange(0, MOST_RUNS),
     metavar="K",
-    help="Only run number K, in this process; tell its story and store nothing.",
+    help="Only run number K, in this process; show it and store nothing.",
 )
 def run(
     scenario_name: str | None,
@@ -238,24 +241,24 @@ class _Asked:
 
 
 def _repeat(name: str, asked: _Asked, number: int) -> bool:
-    """Run one run again and tell its story; return whether it went well."""
+    """Run one run again and show it; return whether it went well."""
     from ..campaign import registry
     from ..spec import scenario
-    from . import story
+    from . import run_view
 
     loaded = scenario.load(name)
     flown = tuple(loaded.find(case)[1] for case in asked.cases) or loaded.cases
-    _note_oddities(replace(loaded, cases=flown, assumptions=()))
+    _note_unusual_values(replace(loaded, cases=flown, assumptions=()))
     tell_maps(case.side(side).field for case in flown for side in ("truth", "model"))
     choices = registry.choose_all(asked.estimators or loaded.campaign.estimators)
     seed = loaded.campaign.seed if asked.seed is None else asked.seed
     labels = [choice.label for choice in choices]
-    return story.repeat(loaded, asked.cases, labels, seed, number, console)
+    return run_view.repeat_run(loaded, asked.cases, labels, seed, number, console)
 
 
 def _run_scenario(name: str, asked: _Asked, output: Path | None) -> Outcome:
     """Run a scenario, into results/SCENARIO without an output; return how it ended."""
-    start = Clocks.now()
+    start = Moment.now()
     with Progress(console, name) as progress:
         # All of it here: an interrupt is not to meet an import once runs are running.
         from ..campaign import campaign, running
@@ -334,11 +337,11 @@ def _finish(results: Results, interrupted: bool, took: str) -> Outcome:
     return outcome
 
 
-def _note_oddities(scenario: Scenario) -> None:
-    """Tell what of a scenario is allowed and yet odd."""
-    from ..spec.oddities import oddities
+def _note_unusual_values(scenario: Scenario) -> None:
+    """Write a remark on each unusual value of a scenario."""
+    from ..spec.unusual_values import unusual_values
 
-    for remark in oddities(scenario):
+    for remark in unusual_values(scenario):
         click.echo(f"Note: {remark}.")
 
 
@@ -347,19 +350,19 @@ def _note_oddities(scenario: Scenario) -> None:
 @click.option("--run", "number", type=click.IntRange(0), metavar="K", help="Run to show.")
 @click.option("-c", "--case", metavar="NAME", help="Case to show.")
 def show(folder: Path, number: int | None, case: str | None) -> None:
-    """Show what a results FOLDER holds and the story of one run.
+    """Show what a results FOLDER holds and one run of it.
 
     Without --run or --case: those that most deserve a look.
     """
     from ..results.folder import Results
-    from . import story
+    from . import run_view
 
     results = Results(folder)
-    chosen, which, reason = story.choose_run(results, case, number)
+    chosen, which, reason = run_view.choose_run(results, case, number)
     if number is None:
-        story.overview(results, console)
+        run_view.overview(results, console)
     console.out(f"Shown: {reason}")
-    story.tell(results, chosen, which, console)
+    run_view.show_run(results, chosen, which, console)
 
 
 @main.command()

@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from ..figures.numbers import counted
-from .fitting import FittedTable
+from .responsive_table import ResponsiveTable
 from .screen import console
 from .tables import require_suffix, write_csv
 
@@ -147,10 +147,10 @@ def build(output: Path, precision: str, compression: int, **options: Any) -> Non
     started = time.monotonic()
     made = plan.plan(inputs, wishes, _command(options))
     for option in ("density", "water_density"):
-        odd = DENSITY.oddity(options[option])
+        odd = DENSITY.usual_unless(options[option])
         if odd:
             name = option.replace("_", "-")
-            click.echo(f"Warning: --{name} {options[option]:g} kg/m³ is odd ({odd}).")
+            click.echo(f"Warning: --{name} {options[option]:g} kg/m³ is unusual ({odd}).")
     watched = plan.Watched(made.layers())
     netcdf.write_layers(output, made.nodes, watched, made.attributes, precision, compression)
     elapsed = time.monotonic() - started
@@ -255,11 +255,11 @@ def score(
     Fisher's information of a track through it allows; and A_min, how far the likeliest wrong place
     is from being taken for the right one. None of these has seen an error of a flight.
     """
-    from ..areas.information import Instrument
-    from ..areas.score import Bounds, Design
-    from ..areas.score import score as score_map
-    from ..areas.sources import named_map
     from ..gravity.field import Field
+    from ..matchability.information import Instrument
+    from ..matchability.score import Bounds, Design
+    from ..matchability.score import score as score_map
+    from ..matchability.sources import named_map
 
     require_suffix(output, ".csv")
     require_suffix(figure, ".png")
@@ -278,8 +278,8 @@ def score(
     if output is not None:
         write_csv(scored.table, output)
     if figure is not None:
-        from ..figures.map_score import map_score
         from ..figures.style import save
+        from ..matchability.figure import map_score
 
         save(map_score(scored, name), figure)
         click.echo(f"Wrote {figure}")
@@ -312,7 +312,7 @@ def _print_scored(scored: Any) -> None:
         f"σ [{unit}]", f"roughness [{unit}/km]", "class", "track √tr J⁻¹ [m]", "best heading [°]",
         "A_min [nepers]", "false fixes ≤",
     )  # fmt: skip
-    shown = FittedTable(
+    shown = ResponsiveTable(
         "best and worst cells by the accuracy of a track, over its headings",
         [
             ("latitude [°]", "name"),
@@ -366,7 +366,7 @@ def _print_rms(nodes: Any, rms: list[Any]) -> None:
 
     headings = [f"{name.upper()} [E]" for name in TENSOR]
     headings += [f"{name.upper()} [mGal]" for name in VECTOR]
-    table = FittedTable(
+    table = ResponsiveTable(
         "rms of the disturbing gradient and of the gravity disturbance",
         [("height [m]", "name"), *((heading, "number") for heading in headings)],
     )

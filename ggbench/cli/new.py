@@ -55,7 +55,7 @@ def scenario(name: str, track: Path | None, own_map: Path | None, output: Path) 
     flown = "A flight of my own" if tables else _SHIPPED
     path = _begun(".toml", name, output, tables, TITLE=_titled(name), DESCRIPTION=flown)
     shown = path.as_posix()
-    click.echo(f"Wrote {shown}. Look at its flights: ggbench validate {shown}")
+    click.echo(f"Wrote {shown}. LineStyle at its flights: ggbench validate {shown}")
     click.echo(f"Run it: ggbench run {shown} -n 10")
 
 

@@ -11,8 +11,8 @@ from ..figures.numbers import counted
 from ..judging.comparison import LOST, Comparison
 from ..judging.ranking import rows_of
 from ..spec.scenario import Scenario
-from .clocks import COLD
-from .fitting import FittedTable
+from .responsive_table import ResponsiveTable
+from .timing import COLD
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -41,7 +41,7 @@ def print_summary(
         rows = rows_of(summary, case, "settled")
         if not rows:
             continue
-        table = FittedTable(
+        table = ResponsiveTable(
             f"{case.title}: MRSE from {case.windows.settled_from_s:g} s on",
             [("estimator", "name"), *((heading, "number") for heading in _SUMMARY)],
         )
@@ -90,7 +90,7 @@ def _digits(value: float) -> str:
 def print_comparison(compared: Comparison, console: Console) -> None:
     """Print what got worse or better, and what only one of the two folders holds."""
     numbers = ("", "before", "after", "ratio", "95 % interval", "runs", "p", "verdict")
-    table = FittedTable(
+    table = ResponsiveTable(
         "", [("case", "name"), ("estimator", "name"), *((n, "number") for n in numbers)]
     )
     for row in compared.rows.to_dict("records"):

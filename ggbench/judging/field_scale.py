@@ -1,4 +1,4 @@
-"""How far the field along a track goes without forgetting itself."""
+"""Correlation length of the field along a track."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 
-from ..areas.statistics import correlation_length
 from ..gravity.ellipsoid import metres_along
 
 
@@ -14,7 +13,7 @@ def correlation_m(positions: np.ndarray, vertical: np.ndarray) -> float:
     """Return the correlation length ℓ [m] of the field along a track.
 
     The lag at which the autocorrelation of the vertical gradient, less its mean along the track,
-    first falls to 1/e (:func:`.areas.statistics.correlation_length`). NaN of fewer than three
+    first falls to 1/e (:func:`correlation_length`). NaN of fewer than three
     readings, of a field that does not change, or of a track that stands still.
 
     Parameters
@@ -28,3 +27,27 @@ def correlation_m(positions: np.ndarray, vertical: np.ndarray) -> float:
     step = float(np.hypot(*steps.T).mean())
     found = correlation_length((vertical - vertical.mean())[np.newaxis], step)
     return found if found > 0.0 else math.nan
+
+
+def correlation_length(g: np.ndarray, step_m: float) -> float:
+    """Return the lag along rows [m] at which the autocorrelation of a cell first falls to 1/e.
+
+    No mean is removed; the estimate is unbiased, a mean over the products of a lag, and linear
+    between lags. The length of the rows if it stays above 1/e; NaN if all is zero.
+
+    Parameters
+    ----------
+    g : (m, n) a scalar at the nodes of a grid, or (1, n) along a track.
+    step_m : distance of neighbours in a row [m].
+    """
+    n = g.shape[1]
+    zero = float(np.mean(g**2))
+    if zero == 0.0:
+        return math.nan
+    before = 1.0
+    for lag in range(1, n):
+        found = float(np.mean(g[:, lag:] * g[:, :-lag])) / zero
+        if found <= math.exp(-1.0):
+            return step_m * (lag - (math.exp(-1.0) - found) / (before - found))
+        before = found
+    return step_m * (n - 1)

@@ -93,7 +93,9 @@ def judge(
 
     Parameters
     ----------
-    problem : that was estimated. estimate : of it. truth : that the problem hides.
+    problem : that was estimated.
+    estimate : of it.
+    truth : that the problem hides.
     windows : parts of the flight to be judged besides the whole, as ``case.windows`` has them.
 
     Raises

@@ -1,7 +1,6 @@
 """Which estimator of a case is the best, and how two of them compare.
 
-Success goes first, then the median error of the runs that succeeded; what claims to know what it
-does not know is no answer, however near it is.
+Consistent estimators go first, then success, then the median error of the runs that succeeded.
 """
 
 from __future__ import annotations
@@ -20,9 +19,9 @@ from .success import EQUAL
 MOST_FAILED = 0.05
 """Largest share of failed runs with which an estimator can be the best of its case."""
 LEAST_COVERAGE = 0.8
-"""Share of epochs whose truth lies in the claimed 95 % region, below which none is honest."""
+"""Share of epochs whose truth lies in the claimed 95 % region, below which none is consistent."""
 MOST_FALSE = 0.05
-"""Largest share of runs that end sure of a wrong place, of an honest estimator."""
+"""Largest share of runs of a consistent estimator that end in a false fix."""
 UNCERTAIN = 1.1
 """Ratio of median errors up to which what cannot be told from the best one may be as good."""
 ORDER = {"filter": 0, "none": 1, "fixed-lag": 2, "batch": 3}
@@ -30,19 +29,19 @@ ORDER = {"filter": 0, "none": 1, "fixed-lag": 2, "batch": 3}
 AsGood = Literal["yes", "open", "no"]
 
 
-def honest(row: Mapping[str, Any]) -> bool:
-    """Return whether an estimator is found to know in a case what it claims to know.
+def consistent(row: Mapping[str, Any]) -> bool:
+    """Return whether an estimator is consistent in a case.
 
-    Its 95 % regions hold the truth in :data:`LEAST_COVERAGE` of the epochs or more, and it is
-    locked on a wrong place in :data:`MOST_FALSE` of the runs at most, or in a single one. By what
-    was found and not by the ends of intervals, which would let pass with few runs what fails with
-    many. What claims nothing is not found to lie.
+    Its 95 % regions hold the truth in :data:`LEAST_COVERAGE` of the epochs or more, and at most
+    :data:`MOST_FALSE` of the runs, or a single one, end in a false fix. Shares are compared and not
+    the ends of their intervals, with which few runs would pass where many fail. An estimator
+    without a covariance is not found inconsistent.
     """
     return not (row["coverage"] < LEAST_COVERAGE or often_false(row))
 
 
 def often_false(row: Mapping[str, Any]) -> bool:
-    """Return whether an estimator is locked on a wrong place too often to be honest."""
+    """Return whether an estimator ends in false fixes too often to be consistent."""
     share = row["false_lock_share"]
     return bool(share > MOST_FALSE and round(share * row["runs"]) > 1)
 
@@ -95,7 +94,7 @@ def best(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any] | None:
     Of those that succeed as often as the one that surely succeeds most (whose interval begins
     highest: one of few runs never lets in what is surely below one of many) the one whose errors,
     where it succeeds, have the least median ratio to the bound; of ratios that agree to three
-    digits the cheaper one. Honest ones (:func:`honest`) go before the others, those with
+    digits the cheaper one. Consistent ones (:func:`consistent`) go before the others, those with
     all runs before those that got fewer, whose medians are of other runs. An estimator that failed
     in more than :data:`MOST_FAILED` of its runs is none: its errors are of the runs that were kind
     to it.
@@ -113,7 +112,7 @@ def best(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any] | None:
     return min(
         often,
         key=lambda row: (
-            not honest(row), row["runs"] < most, _digits(row["ratio_median"]),
+            not consistent(row), row["runs"] < most, _digits(row["ratio_median"]),
             _digits(row["position_mrse_m"]), row["seconds_per_run"],
         ),
     )  # fmt: skip
@@ -131,7 +130,8 @@ def as_good(
 
     Parameters
     ----------
-    row, best : of the summary. pair : their comparison, as seen from the best one.
+    row, best : of the summary.
+    pair : their comparison, as seen from the best one.
     """
     if row["label"] == best["label"]:
         return "yes"
@@ -170,20 +170,20 @@ def pair_of(
         found = chosen[(chosen["first"] == one) & (chosen["second"] == other)]
         if len(found):
             row = found.iloc[0].to_dict()
-            return row if one == first else _turned(row)
+            return row if one == first else _swapped(row)
     return None
 
 
-def _turned(pair: dict[str, Any]) -> dict[str, Any]:
+def _swapped(pair: dict[str, Any]) -> dict[str, Any]:
     """Return a pair as seen from its second estimator."""
-    turned = pair | {"first": pair["second"], "second": pair["first"]} | success.turned(pair)
+    swapped = pair | {"first": pair["second"], "second": pair["first"]} | success.swapped(pair)
     if "first_only" in pair:
-        turned |= {"first_only": pair["second_only"], "second_only": pair["first_only"]}
+        swapped |= {"first_only": pair["second_only"], "second_only": pair["first_only"]}
     for quantity, unit in (("position", "m2"), ("velocity", "m2ps2")):
         if f"{quantity}_verdict" not in pair:
             continue
         ratio = 1.0 + pair[f"{quantity}_relative"]
-        turned |= {
+        swapped |= {
             f"{quantity}_difference_{unit}": -pair[f"{quantity}_difference_{unit}"],
             f"{quantity}_lo": -pair[f"{quantity}_hi"],
             f"{quantity}_hi": -pair[f"{quantity}_lo"],
@@ -191,4 +191,4 @@ def _turned(pair: dict[str, Any]) -> dict[str, Any]:
             f"{quantity}_win_rate": 1.0 - pair[f"{quantity}_win_rate"],
             f"{quantity}_verdict": success.opposite(pair[f"{quantity}_verdict"]),
         }
-    return turned
+    return swapped

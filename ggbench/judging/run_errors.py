@@ -117,7 +117,8 @@ def evaluate_block(
 
     Parameters
     ----------
-    error_state : (R, K, n) true INS error. mean : (R, K, n) estimates.
+    error_state : (R, K, n) true INS error.
+    mean : (R, K, n) estimates.
     cov : (R, K, n, n) their covariances, or None. The lower triangle of the judged part counts.
 
     Returns

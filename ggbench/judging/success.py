@@ -1,7 +1,7 @@
-"""Success first, then accuracy among successes: figures that a few lost runs cannot turn.
+"""Shares of success, and accuracy among the runs that succeeded.
 
-A mean squared error of two hundred runs is that of the one run that was lost. So a run is first
-asked whether it succeeded; how well it did is asked of those that did, by medians and logarithms.
+One diverged run can dominate the mean squared error of two hundred. So success is judged first;
+accuracy is judged among successes, by medians and logarithms.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.special import bdtr
 
-from .locking import median_interval, wilson
+from .convergence import median_interval, wilson
 from .statistics import ALPHA, BETTER, UNDECIDED, WORSE, mean_intervals
 
 if TYPE_CHECKING:
@@ -30,14 +30,14 @@ PAIRED_COLUMNS = (
     "error_ratio_lo", "error_ratio_hi", "sign_p", "verdict",
 )  # fmt: skip
 """Columns of a paired comparison, see :func:`compared`."""
-ALIKE = 1.05
+EQUIVALENCE_RATIO = 1.05
 """Ratio of errors within which two estimators are as good as each other."""
 FEWEST = 20
 """Runs in which two estimators must both have succeeded to be called as good as each other."""
-BOUNDS, OF_THE_INS = 10.0, 0.5
-"""How far from the truth a run may end: so many bounds, or that part of what is left of the INS."""
+BOUNDS, INS_FRACTION = 10.0, 0.5
+"""Success threshold on the final error: 10 × the bound or 0.5 × the INS error, the larger one."""
 EQUAL = "as good"
-"""Verdict: neither succeeds surely more often, and errors are surely within :data:`ALIKE`."""
+"""Verdict: no sure difference in success, errors surely within :data:`EQUIVALENCE_RATIO`."""
 
 
 Bounds = Mapping[tuple[str, str], Mapping[str, tuple[float, float]]]
@@ -49,13 +49,14 @@ def succeeded(runs: pd.DataFrame, bounds: Bounds) -> np.ndarray:
 
     Those that finished, did not diverge, and are at the end where they should be: where locks are
     judged, locked; elsewhere within :data:`BOUNDS` of the bound at the end (of its kind), or of
-    :data:`OF_THE_INS` of the INS's error there, root mean square over the runs of the case. To be
+    :data:`INS_FRACTION` of the INS's error there, root mean square over the runs of the case. To be
     no worse than the INS is no success: the INS itself succeeds where it need not be aided, and
     else by chance. Without a bound or an INS's error that criterion is left out.
 
     Parameters
     ----------
-    runs : of any cases and estimators. bounds : of each of them.
+    runs : of any cases and estimators.
+    bounds : of each of them.
     """
     ends = [
         bounds.get(cell, {}).get("last20", (math.nan,))[0]
@@ -65,7 +66,7 @@ def succeeded(runs: pd.DataFrame, bounds: Bounds) -> np.ndarray:
     flown = runs.dropna(subset=["final_ins_error_m"]).drop_duplicates(keys)
     drift = (flown["final_ins_error_m"] ** 2).groupby(flown["case"]).mean()
     unaided = np.sqrt(runs["case"].map(drift).to_numpy(dtype=float))
-    farthest = np.fmax(BOUNDS * np.array(ends, dtype=float), OF_THE_INS * unaided)
+    farthest = np.fmax(BOUNDS * np.array(ends, dtype=float), INS_FRACTION * unaided)
     near = ~(runs["final_position_error_m"].to_numpy(dtype=float) > farthest)
     judged = runs["false_lock"].notna().groupby(runs["case"]).transform("any").to_numpy(dtype=bool)
     there = np.where(judged, runs["lock_time_s"].notna().to_numpy(), near)
@@ -128,8 +129,8 @@ def compared(pairs: list[tuple[np.ndarray, ...]]) -> list[dict[str, float | int 
 
     - "better" or "worse", if it succeeds surely more or less often (p < 5 %); or if neither does,
       the interval of the ratio leaves 1 out, and the sign test says the same (p < 5 %);
-    - "as good", if neither does, the interval lies within :data:`ALIKE`, whatever it holds, and
-      there are :data:`FEWEST` runs or more;
+    - "as good", if neither does, the interval lies within :data:`EQUIVALENCE_RATIO`, whatever it
+      holds, and there are :data:`FEWEST` runs or more;
     - else "not distinguishable": too few runs to say any of these.
 
     Of estimators that do not differ at most 10 % are called better or worse: each of the two steps
@@ -185,7 +186,7 @@ def _verdict(
     low, high = ends
     if success_p < ALPHA:
         return BETTER if alone[0] > alone[1] else WORSE
-    if -math.log(ALIKE) <= low and high <= math.log(ALIKE):
+    if -math.log(EQUIVALENCE_RATIO) <= low and high <= math.log(EQUIVALENCE_RATIO):
         return EQUAL if runs >= FEWEST else UNDECIDED
     if sign_p < ALPHA:
         if high < 0.0 < lead:
@@ -200,7 +201,7 @@ def opposite(verdict: str) -> str:
     return {BETTER: WORSE, WORSE: BETTER}.get(verdict, verdict)
 
 
-def turned(pair: Mapping[str, Any]) -> dict[str, Any]:
+def swapped(pair: Mapping[str, Any]) -> dict[str, Any]:
     """Return those of :data:`PAIRED_COLUMNS` that differ as seen from a pair's second estimator."""
     ratio = {end: float(pair[f"error_ratio{end}"]) for end in ("", "_lo", "_hi")}
     inverse = {end: 1.0 / value if value else math.inf for end, value in ratio.items()}

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from . import success
-from .locking import COLUMNS as LOCKING_COLUMNS
-from .locking import figures
+from .convergence import COLUMNS as CONVERGENCE_COLUMNS
+from .convergence import figures
 from .run_errors import COVERAGE as COVERAGE
 from .run_errors import FIGURES as FIGURES
 from .run_errors import JUDGED as JUDGED
@@ -42,7 +42,7 @@ EXTRA_COLUMNS = (
     "label", "velocity_efficiency", "position_without_diverged_m", "position_median_m",
     "position_p95_m", "nis_mean", "coverage", "map_evaluations",
     "velocity_median_mps", "velocity_p95_mps", "nis_lo", "nis_hi", "coverage_lo", "coverage_hi",
-    *LOCKING_COLUMNS, *success.COLUMNS,
+    *CONVERGENCE_COLUMNS, *success.COLUMNS,
 )  # fmt: skip
 _QUANTITIES = {"position": "m2", "velocity": "m2ps2"}
 """Judged quantities, and the unit of their squared errors."""

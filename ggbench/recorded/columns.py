@@ -36,7 +36,8 @@ class Columns:
 
     Attributes
     ----------
-    path : of the file. values : (N,) of each column; NaN where one that may be empty is.
+    path : of the file.
+    values : (N,) of each column; NaN where one that may be empty is.
     first_line : number of the line of the first row; None of a file that has no lines.
     """
 
@@ -92,7 +93,8 @@ def read(
 
     Parameters
     ----------
-    path : of the file. required, optional : names of columns.
+    path : of the file.
+    required, optional : names of columns.
     may_be_empty : those in which a number may be missing.
 
     Raises

@@ -36,7 +36,9 @@ def corrected(problem: Problem, estimate: Estimate, start: float = 0.0) -> dict[
 
     Parameters
     ----------
-    problem : that was estimated. estimate : of it. start : what is added to the times [s].
+    problem : that was estimated.
+    estimate : of it.
+    start : what is added to the times [s].
 
     Returns
     -------

@@ -17,19 +17,19 @@ from ..gravity.meridians import turns
 from ..ins.error_model import navigation_errors
 from ..problem import Problem
 from ..sensors.aiding import Gnss, Motion, corrected_positions, position_error
-from ..simulation.equipment import Equipment, equipment_of
 from ..simulation.field_source import beside, is_file, make_field, map_files
 from ..simulation.formulation import (
-    Indicated,
+    InsSolution,
+    MeasurementTimes,
     Readings,
-    Schedule,
     added_gravity,
-    follow,
-    formulate,
+    build_problems,
+    propagate_errors,
     require_short_delays,
 )
 from ..simulation.replay import Replays
 from ..simulation.runs import Truth
+from ..simulation.sensor_suite import SensorSuite, suite_of
 from ..spec.flight import FlightError, FlightSpec, RecordedField, ReferenceTrack, load
 from . import columns as files
 from .inertial import Inertial, inertial
@@ -58,7 +58,8 @@ class RecordedFlight:
 
     Attributes
     ----------
-    path : of the flight's file. spec : what it says.
+    path : of the flight's file.
+    spec : what it says.
     problem : what estimators are given; its times are since the first sample of the INS [s].
     reference : errors of the INS against the reference track, if there is one: NaN where it says
         nothing, as of the biases. No estimator is given it.
@@ -83,7 +84,7 @@ class RecordedFlight:
         tables = {name: getattr(spec, name) for name in type(spec).model_fields}
         named = [("flight", self.path)] + [
             (role.replace("_", " "), folder / table.file)
-            for role, table in (tables | dict(spec.further)).items()
+            for role, table in (tables | dict(spec.sensor)).items()
             if getattr(table, "file", None)
         ]
         found = [(role, path.name, sha256_of(path, FlightError)) for role, path in named]
@@ -109,7 +110,7 @@ def read_flight(path: Path | str) -> RecordedFlight:
     path = Path(path)
     spec, folder = load(path), path.parent
     field = make_field(_told(spec, folder))
-    model = _equipment(spec, path)
+    model = _suite(spec, path)
     ins = inertial(spec, folder, model, field)
     field = beside(field, ins.longitude)
     series = read_series(spec, folder, model, ins.base)
@@ -128,10 +129,10 @@ def read_flight(path: Path | str) -> RecordedFlight:
     return RecordedFlight(path, spec, problem, reference, ins.base.start)
 
 
-def _equipment(spec: FlightSpec, path: Path) -> Equipment:
+def _suite(spec: FlightSpec, path: Path) -> SensorSuite:
     """Return the sensors and the prior, as the estimators are told."""
     try:
-        return equipment_of(
+        return suite_of(
             spec.side, spec.altimeter, disturbance=spec.disturbance,
             compensates=spec.field.compensate,
         )  # fmt: skip
@@ -149,7 +150,7 @@ def _told(spec: FlightSpec, folder: Path) -> RecordedField:
 
 def _problem(
     spec: FlightSpec,
-    model: Equipment,
+    model: SensorSuite,
     field: Field,
     ins: Inertial,
     series: dict[str, Series],
@@ -159,24 +160,23 @@ def _problem(
     at = {name: np.searchsorted(epochs, found.samples) for name, found in series.items()}
     read_at = [at[sensor.name] for sensor in model.aiding]
     gradient_at = at.get("gradiometer", np.zeros(0, dtype=np.int64))
-    period = 0.0 if spec.gradiometer is None else spec.gradiometer.period_s
     times = ins.base.times[epochs]
-    when = Schedule(times, epochs, ins.base.dt, gradient_at, read_at, period)
+    when = MeasurementTimes(times, epochs, ins.base.dt, gradient_at, read_at)
     try:
         require_short_delays(model, spec.damping_s, len(gradient_at))
     except GGBenchError as error:
         raise FlightError(f"{path}: {error}") from None
-    indicated = Indicated.empty(1, len(epochs), model.dimension)
+    indicated = InsSolution.empty(1, len(epochs), model.dimension)
     output, missing = np.zeros((1, 0, model.gradients)), np.zeros((1, 0), dtype=bool)
     if "gradiometer" in series:
         output, missing = gradients(spec, ins.base, series["gradiometer"])
     gravity = added_gravity(model, field, epochs[gradient_at], ins.base.count + 1, output, missing)
-    follow(model, when, gravity, ins.navigated(gravity), ins.increments, indicated)
+    propagate_errors(model, when, gravity, ins.navigated(gravity), ins.increments, indicated)
     motion = indicated.motion
     _require_over_map(field, motion.positions[0, 0], np.sqrt(np.diag(model.prior_cov)[:3]))
     read, present = others(model, series, read_at, motion)
     _require_receivers_near(model, series, at, np.where(present, read, np.nan)[0])
-    block = formulate(model, field, when, indicated, Readings(output, missing, read, present))
+    block = build_problems(model, field, when, indicated, Readings(output, missing, read, present))
     if ins.recording is not None and not model.remembers:
         replays = Replays(model, field, when, gravity, [ins.recording], 1)
         block = dataclasses.replace(block, replays=replays)
@@ -192,13 +192,14 @@ def _require_over_map(field: Field, position: np.ndarray, sigma: np.ndarray) -> 
 
 
 def _require_receivers_near(
-    model: Equipment, series: dict[str, Series], at: dict[str, np.ndarray], read: np.ndarray
+    model: SensorSuite, series: dict[str, Series], at: dict[str, np.ndarray], read: np.ndarray
 ) -> None:
     """Raise FlightError if the positions of a receiver are nowhere near the INS's.
 
     Parameters
     ----------
-    model : sensors as the estimators know them. series, at : their readings, and at which epochs.
+    model : sensors as the estimators know them.
+    series, at : their readings, and at which epochs.
     read : (K, e) the readings of all of them, NaN for none.
     """
     prior, first = 10.0 * float(np.sqrt(np.diag(model.prior_cov)[:3].sum())), 0

@@ -12,9 +12,9 @@ from ..ins.known_gravity import KnownGravity
 from ..ins.strapdown import TRACK, error_free_increments, navigate_lanes
 from ..numerics.lanes import in_lanes, unfilled
 from ..numerics.rotations import between
-from ..simulation.equipment import Equipment
 from ..simulation.field_source import beside
 from ..simulation.replay import Recording
+from ..simulation.sensor_suite import SensorSuite
 from ..spec.case import MOST_SAMPLES
 from ..spec.flight import FlightError, FlightSpec, ImuRecord, InsRecord, StartSpec
 from ..trajectory.truth import attitudes_of
@@ -58,7 +58,9 @@ class Inertial(NamedTuple):
 
     Attributes
     ----------
-    path : of the record. base : its samples. increments : (N, 6, LANES).
+    path : of the record.
+    base : its samples.
+    increments : (N, 6, LANES).
     longitude : of the first sample [rad]: in its turn longitudes of the flight are counted.
     solution : (N + 1, TRACK, LANES) its own; None if it is to be mechanised here.
     recording : of which it is mechanised; None of an INS's own solution.
@@ -96,12 +98,14 @@ class Inertial(NamedTuple):
         return track
 
 
-def inertial(spec: FlightSpec, folder: Path, model: Equipment, field: Field) -> Inertial:
+def inertial(spec: FlightSpec, folder: Path, model: SensorSuite, field: Field) -> Inertial:
     """Return what the INS of a recorded flight has recorded.
 
     Parameters
     ----------
-    spec : the flight. folder : of its files. model : sensors as the estimators know them.
+    spec : the flight.
+    folder : of its files.
+    model : sensors as the estimators know them.
     field : the map that they are told.
 
     Raises
@@ -152,7 +156,7 @@ def _of_solution(spec: FlightSpec, record: InsRecord, folder: Path, field: Field
     return Inertial(columns.path, base, increments, start, in_lanes(states[np.newaxis]))
 
 
-def _increments(spec: FlightSpec, record: ImuRecord, folder: Path, model: Equipment) -> Inertial:
+def _increments(spec: FlightSpec, record: ImuRecord, folder: Path, model: SensorSuite) -> Inertial:
     """Return recorded increments, or what rates add up to, and where the mechanization starts."""
     columns = files.read(folder / record.file, (), (*DELTAS, *RATES))
     kinds = [names for names in (DELTAS, RATES) if all(name in columns for name in names)]

@@ -39,7 +39,8 @@ class Recorded(NamedTuple):
     Attributes
     ----------
     positions : latitude, longitude [rad] without jumps at 180°, height [m].
-    velocities : ENU [m/s]. attitudes : C_nb (N, 3, 3).
+    velocities : ENU [m/s].
+    attitudes : C_nb (N, 3, 3).
     """
 
     positions: np.ndarray
@@ -114,8 +115,11 @@ def require_consistent(
 
     Parameters
     ----------
-    columns : the file. times : (N,) of its rows [s]. motion : of them.
-    frame : in which the user says the velocities are. noise : RMS of a position [m].
+    columns : the file.
+    times : (N,) of its rows [s].
+    motion : of them.
+    frame : in which the user says the velocities are.
+    noise : RMS of a position [m].
     """
     positions, velocities = motion.positions, motion.velocities
     assert velocities is not None
@@ -160,7 +164,8 @@ def _alternatives(
 
     Parameters
     ----------
-    positions : (N, 3). starts : first of the steps between them of each span.
+    positions : (N, 3).
+    starts : first of the steps between them of each span.
     moved, led : (S, 3) displacements of positions and of velocities in the spans [m].
     """
     moved, led = moved[:, :2], led[:, :2]

@@ -10,15 +10,15 @@ import numpy as np
 
 from ..gravity.meridians import turns
 from ..sensors.aiding import Gnss, Motion, position_error
-from ..simulation.equipment import Equipment
+from ..simulation.sensor_suite import SensorSuite
 from ..spec.flight import (
     FlightSpec,
     RecordedBarometer,
     RecordedGnss,
     RecordedLog,
 )
-from ..spec.further import sensors_of, table_of
 from ..spec.limits import FASTEST_MPS, HIGHEST_M, LOWEST_M
+from ..spec.named_sensors import sensors_of, table_of
 from . import columns as files
 from .columns import Columns
 from .motion import (
@@ -50,8 +50,10 @@ class Series(NamedTuple):
 
     Attributes
     ----------
-    samples : (G,) of the INS, to which they belong. values : (G, w) of its columns, NaN for none.
-    columns : the file. rows : (G,) of it.
+    samples : (G,) of the INS, to which they belong.
+    values : (G, w) of its columns, NaN for none.
+    columns : the file.
+    rows : (G,) of it.
     """
 
     samples: np.ndarray
@@ -60,7 +62,7 @@ class Series(NamedTuple):
     rows: np.ndarray
 
 
-def column_names(spec: FlightSpec, model: Equipment, sensor: str) -> tuple[str, ...]:
+def column_names(spec: FlightSpec, model: SensorSuite, sensor: str) -> tuple[str, ...]:
     """Return the columns that a sensor's file has, in the order of its channels."""
     table = sensors_of(spec)[sensor]
     if sensor == "gradiometer":
@@ -80,7 +82,7 @@ def column_names(spec: FlightSpec, model: Equipment, sensor: str) -> tuple[str, 
 
 
 def read_series(
-    spec: FlightSpec, folder: Path, model: Equipment, base: TimeBase
+    spec: FlightSpec, folder: Path, model: SensorSuite, base: TimeBase
 ) -> dict[str, Series]:
     """Return the readings of every sensor on board, the gradiometer's first.
 
@@ -92,7 +94,9 @@ def read_series(
     return {sensor: _read(spec, folder, model, base, sensor) for sensor in sensors_of(spec)}
 
 
-def _read(spec: FlightSpec, folder: Path, model: Equipment, base: TimeBase, sensor: str) -> Series:
+def _read(
+    spec: FlightSpec, folder: Path, model: SensorSuite, base: TimeBase, sensor: str
+) -> Series:
     table = sensors_of(spec)[sensor]
     names = column_names(spec, model, sensor)
     columns = files.read(folder / table.file, names, may_be_empty=names)
@@ -171,14 +175,16 @@ def gradients(spec: FlightSpec, base: TimeBase, series: Series) -> tuple[np.ndar
 
 
 def others(
-    model: Equipment, series: dict[str, Series], at: list[np.ndarray], ins: Motion
+    model: SensorSuite, series: dict[str, Series], at: list[np.ndarray], ins: Motion
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the readings of the other sensors (1, K, e), and which of them there are.
 
     Parameters
     ----------
-    model : sensors as the estimators know them. series : their readings.
-    at : at which of the epochs each is read. ins : what the INS indicates at the epochs (1, K, .).
+    model : sensors as the estimators know them.
+    series : their readings.
+    at : at which of the epochs each is read.
+    ins : what the INS indicates at the epochs (1, K, .).
     """
     width = sum(len(sensor.channels) for sensor in model.aiding)
     read = np.full((*ins.positions.shape[:2], width), np.nan)
@@ -209,8 +215,11 @@ def require_near(
 
     Parameters
     ----------
-    columns : the file. rows : (G,) of it. away : (G, 3) distances from the INS [m], NaN for none.
-    allowed : what the prior allows [m]. what : whose the positions are.
+    columns : the file.
+    rows : (G,) of it.
+    away : (G, 3) distances from the INS [m], NaN for none.
+    allowed : what the prior allows [m].
+    what : whose the positions are.
     """
     there = np.flatnonzero(np.isfinite(away[:, :2]).all(axis=1))
     if not len(there):

@@ -15,7 +15,7 @@ from ..simulation.field_source import is_file
 from ..simulation.runs import record as recorded
 from ..spec.aiding import GnssSpec
 from ..spec.flight import FlightError, FlightSpec, load
-from ..spec.further import sensors_of, table_of
+from ..spec.named_sensors import sensors_of, table_of
 from . import columns as files
 from .inertial import DELTAS
 from .motion import ATTITUDE, POSITION, angles_of, velocity_columns
@@ -34,8 +34,10 @@ def write_record(flight: Flight, seed: int, run: int, folder: Path, title: str =
 
     Parameters
     ----------
-    flight : the case. seed, run : the campaign's seed and the run's number.
-    folder : to write into; it must hold no files yet. title : of the flight.
+    flight : the case.
+    seed, run : the campaign's seed and the run's number.
+    folder : to write into; it must hold no files yet.
+    title : of the flight.
 
     Raises
     ------
@@ -101,7 +103,7 @@ def _tables(flight: Flight, initial: np.ndarray, title: str) -> dict[str, Any]:
         if table_of(name) == name:
             tables[name] = table
         else:
-            tables.setdefault("further", {})[name] = {"kind": spec.kind} | table
+            tables.setdefault("sensor", {})[name] = {"kind": spec.kind} | table
     tables["reference"] = {"file": "reference.csv", "frame": "ENU"}
     tables["windows"] = _content(case.windows)
     return tables

@@ -47,7 +47,8 @@ class TimeBase:
 
         Parameters
         ----------
-        columns : the file. times : (N,) of its rows, on the clock of the INS [s].
+        columns : the file.
+        times : (N,) of its rows, on the clock of the INS [s].
         outside : what becomes of readings outside the samples.
 
         Raises
@@ -132,8 +133,11 @@ def time_base(
 
     Parameters
     ----------
-    columns : the file. times : (N,) of its rows [s]. dt : interval of the samples [s].
-    max_gap : longest interval between two rows [s]. tolerance : of readings' times [s].
+    columns : the file.
+    times : (N,) of its rows [s].
+    dt : interval of the samples [s].
+    max_gap : longest interval between two rows [s].
+    tolerance : of readings' times [s].
     before : how many samples there are before the first row.
 
     Raises

@@ -89,7 +89,7 @@ from stonesoup.updater.particle import ParticleUpdater
 @dataclass(frozen=True)
 class Mine(StoneSoupEstimator):
     name = "mine"
-    exact = False
+    exact_if_linear_gaussian = False
     def start(self, prior, rng):
         points = rng.multivariate_normal(np.ravel(prior.state_vector), prior.covar, 1000)
         weights = np.full(len(points), -np.log(len(points)))

@@ -59,11 +59,11 @@ def test_a_wrong_record_is_exit_code_2_and_writes_nothing(tmp_path, log):
 
 
 @pytest.mark.long
-def test_further_sensors_are_recorded_and_reported_by_their_names(tmp_path):
+def test_named_sensors_are_recorded_and_reported_by_their_names(tmp_path):
     """A file, a table, columns of residuals and a row of the report for each of them."""
     (tmp_path / "small.toml").write_text(
-        SMALL + '[further.water_track]\nkind = "velocity_log"\nperiod_s = 1.0\nnoise_mps = 0.1\n'
-        '[further.stern]\nkind = "gnss"\nperiod_s = 2.0\nposition_noise_m = 2.0\n'
+        SMALL + '[sensor.water_track]\nkind = "velocity_log"\nperiod_s = 1.0\nnoise_mps = 0.1\n'
+        '[sensor.stern]\nkind = "gnss"\nperiod_s = 2.0\nposition_noise_m = 2.0\n'
     )
     done = invoke(["record", "small.toml", "--case", "base", "-o", "log"], tmp_path)
     assert (done.returncode, done.stderr) == (0, "")

@@ -1,26 +1,28 @@
-"""``ggbench keys`` and the documentation tell every key as the specification has it."""
+"""``ggbench keys``, the page of keys and the JSON schema say what the specification has."""
 
 from __future__ import annotations
 
 import importlib.util
+import json
 import re
 import tomllib
-from importlib import resources
 from pathlib import Path
 
+import jsonschema
 import pytest
 from click.testing import CliRunner
 from command import invoke
+from problems import SMALL
 
-from ggbench.cli import key_tables
-from ggbench.cli.key_tables import tables
+from ggbench.cli.keys import tables, unit_of
 from ggbench.cli.main import main
-from ggbench.spec.oddities import limits_of
+from ggbench.spec import json_schema
 from ggbench.spec.scenario import load, shipped
 from ggbench.spec.tables import Section
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = ROOT / "docs" / "scripts" / "key_tables.py"
+VALIDATOR = jsonschema.Draft7Validator(json_schema.scenario_schema())
 DIMENSIONLESS = {
     "c_nb", "density_factor", "dropout_share", "noise_freedom", "outlier_share", "published",
     "values", "whitening_regularization",
@@ -28,78 +30,22 @@ DIMENSIONLESS = {
 """Numbers without a unit, or with the unit of something else."""
 
 
-def written_keys(table: dict, name: str = "") -> set[tuple[str, str]]:
-    """The tables and keys that a scenario file writes, by the names that keys are told under."""
-    found = set()
-    for key, value in table.items():
-        path = f"{name}.{key}" if name else key
-        if isinstance(value, dict) and set(value) != {"value", "provenance"}:
-            found |= written_keys(value, path)
-        elif isinstance(value, list) and value and isinstance(value[0], dict):
-            for item in value:
-                found |= written_keys(item, path)
-        else:
-            found.add((name or key_tables.TOP, key))
-    return found
-
-
-def test_every_key_has_a_meaning_and_every_meaning_a_key():
-    """A key that is new cannot be left without words, nor words of one that is gone."""
-    keys = {(t.name, key.name) for t in tables().values() for key in t.all_keys()}
-    assert not [(t.name, k.name) for t in tables().values() for k in t.all_keys() if not k.meaning]
-    told = {re.sub(r"^(truth|model)\.", "", table): set() for table, _ in keys}
-    for table, key in keys:
-        told[re.sub(r"^(truth|model)\.", "", table)].add(key)
-    told["recorded"] = {key.name for t in tables().values() for key in t.recorded}
-    told["further"] = {"kind"}
-    text = resources.files("ggbench.cli").joinpath("key_meanings.toml").read_text(encoding="utf-8")
-
-    def surplus(texts: dict, name: str = "") -> list[str]:
-        found = []
-        for key, value in texts.items():
-            path = f"{name}.{key}" if name else key
-            if isinstance(value, dict) and "meaning" not in value:
-                found += surplus(value, path)
-            elif key not in told.get(name, ()):
-                found.append(path)
-        return found
-
-    texts = tomllib.loads(text)
-    assert set(texts.pop("about")) <= set(tables())
-    assert surplus(texts) == []
-
-
 def models(base: type[Section] = Section) -> set[type[Section]]:
     """Every model of the specification."""
     return {base}.union(*map(models, base.__subclasses__()))
 
 
-def test_the_specification_is_told_whole():
-    """Every number of every model stands in some table with its limits, and every other key."""
+def test_every_key_of_every_model_has_a_meaning():
+    """A new key stands in some table, and with words."""
     assert len(models()) > 30
-    told = {(key.name, key.allowed) for table in tables().values() for key in table.all_keys()}
-    names = {name for name, _ in told} | {part for name in tables() for part in name.split(".")}
+    known = {key.name for table in tables().values() for key in table.all_keys()}
+    known |= {part for name in tables() for part in name.split(".")}
     for model in models():
-        for name, field in model.model_fields.items():
-            assert name in names, f"{model.__name__}.{name}"
-            if (limits := limits_of(field)) is not None:
-                highest = {a.rpartition(" ")[2] for n, a in told if n == name and a}
-                assert limits.highest in map(float, highest), f"{model.__name__}.{name}"
-
-
-@pytest.mark.parametrize("name", shipped())
-def test_every_key_of_a_shipped_scenario_is_told(name):
-    """What the library's own files write, changes of cases and studies included, has its words."""
-    written = written_keys(tomllib.loads(load(name).source))
-    for table, key in written:
-        if table.startswith("campaign.") or table == "sweep.axis.changes":
-            continue  # labels of estimators; changes are of other tables
-        inner = re.sub(r"^(case|assumption|sweep\.axis\.changes)\.(?!reference$)", "", table)
-        inner = re.sub(r"^assumption\.reference$", "case.reference", inner)
-        inner = key_tables.named(inner)
-        if table in ("case", "assumption") and key not in ("name", "title"):
-            continue
-        assert key_tables.find(f"{inner}.{key}"), f"{inner}.{key}"
+        assert model.model_fields.keys() <= known, model.__name__
+    for table in tables().values():
+        assert table.about.endswith(".")
+        for key in table.all_keys():
+            assert key.meaning.endswith("."), f"{table.name}.{key.name}"
 
 
 def test_every_number_has_its_unit():
@@ -108,21 +54,63 @@ def test_every_number_has_its_unit():
         for key in table.all_keys():
             if key.kind.endswith(("number", "numbers")) and key.kind != "whole number":
                 assert bool(key.unit) != (key.name in DIMENSIONLESS), key.name
-    assert key_tables.unit_of("gyro_noise_deg_per_sqrt_h") == "°/√h"
-    assert key_tables.unit_of("acceleration_mps2") == "m/s²"
-    assert key_tables.unit_of("biases") == ""
+    assert unit_of("gyro_noise_deg_per_sqrt_h") == "°/√h"
+    assert unit_of("acceleration_mps2") == "m/s²"
+    assert unit_of("biases") == ""
 
 
-def test_the_pages_tables_are_the_specifications():
-    """docs/scenario_files.md holds what ``make keys`` writes, and every table but those alike."""
+def test_the_page_and_the_schema_are_the_specifications():
+    """docs/ holds what ``make keys`` writes, and the page every table but those alike."""
     spec = importlib.util.spec_from_file_location("docs_key_tables", SCRIPT)
     script = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(script)
     text = script.PAGE.read_text(encoding="utf-8")
     assert script.filled_in(text) == text, "run: make keys"
+    assert script.SCHEMA.read_text(encoding="utf-8") == json_schema.schema_text(), "run: make keys"
     shown = set(re.findall(r"<!-- keys: (\S+) -->", text))
     alike = {"truth.field.error", "model.field.error", "assumption"}
     assert shown == set(tables()) - alike
+
+
+def test_the_schema_is_printed(tmp_path):
+    printed = invoke(["keys", "--schema"], tmp_path)
+    assert printed.returncode == 0
+    jsonschema.Draft7Validator.check_schema(json.loads(printed.stdout))
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_the_schema_accepts_every_shipped_scenario(name):
+    """With provenance, changes of cases and assumptions, sweeps and claims."""
+    VALIDATOR.validate(tomllib.loads(load(name).source))
+
+
+SENSOR = '[sensor.stern]\nkind = "gnss"\nperiod_s = 2.0\nposition_noise_m = 2.0\n[windows]'
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "where"),
+    [
+        ("speed_mps = 250.0", "speed_mps = 9000.0", "trajectory.speed_mps"),
+        ("speed_mps = 250.0", "speeds_mps = 250.0", "trajectory"),
+        ("speed_mps = 250.0", 'speed_mps = "fast"', "trajectory.speed_mps"),
+        ("speed_mps = 250.0", "speed_mps = { value = 250.0 }", "trajectory.speed_mps"),
+        ("speed_mps = 250.0", 'speed_mps = { value = 250.0, provenance = "x" }', ""),
+        ("[windows]", "[window]", ""),
+        ("[windows]", "[truth.imu]\nbiases = 'fixed'\n[windows]", "truth.imu"),
+        ("[windows]", SENSOR, ""),
+        ("[windows]", f"[truth.sensor.stern]\ndropout_share = 0.1\n{SENSOR}", ""),
+        ("[windows]", SENSOR.replace("gnss", "gps"), "sensor.stern"),
+        ("[windows]", SENSOR.replace("2.0", "0.0"), "sensor.stern"),
+    ],
+)
+def test_the_schema_finds_what_loading_refuses(old, new, where, tmp_path):
+    """And at the place where it is; what loads is accepted."""
+    text = SMALL.replace(old, new, 1)
+    found = {".".join(map(str, e.path)) for e in VALIDATOR.iter_errors(tomllib.loads(text))}
+    (tmp_path / "small.toml").write_text(text)
+    done = invoke(["validate", "small.toml"], tmp_path)
+    assert (done.returncode == 0) == (found == set())
+    assert found <= {where}
 
 
 def test_without_an_argument_all_tables_are_listed(tmp_path):
@@ -149,8 +137,8 @@ def test_a_table_tells_its_keys(tmp_path):
     [
         ("imu.period_s", ["imu.period_s"]),
         ("trajectory.segment[2].bank_deg", ["trajectory.segment.bank_deg"]),
-        ("truth.further.stern.outlier_m", []),
-        ("further.stern.noise_mps", ["velocity_log.noise_mps"]),
+        ("truth.sensor.stern.outlier_m", []),
+        ("sensor.stern.noise_mps", ["velocity_log.noise_mps"]),
         ("lock_m", ["windows.lock_m"]),
         ("dropout_share", [f"truth.{s}.dropout_share" for s in ("gradiometer", "gnss")]),
     ],

@@ -399,11 +399,12 @@ def test_a_density_in_another_unit_is_asked_about():
     words = ["build", "-o", "map.nc", "--terrain", "dem.tif", "--highest", 620]
     output = run(*words, "--density", 2.67)
     assert (
-        "Warning: --density 2.67 kg/m³ is odd (500 to 4000 is usual; is it in g/cm³? then" in output
+        "Warning: --density 2.67 kg/m³ is unusual (500 to 4000 is usual; is it in g/cm³? then"
+        in output
     )
     assert "then give 2670)" in output
     output = run(*words, "--water-density", 1.03)
-    assert "Warning: --water-density 1.03 kg/m³ is odd" in output and "give 1030)" in output
+    assert "Warning: --water-density 1.03 kg/m³ is unusual" in output and "give 1030)" in output
     assert "Warning" not in run(*words, "--density", 2000)
 
 

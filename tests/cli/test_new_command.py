@@ -35,8 +35,8 @@ def test_an_estimator_begins_as_one_that_keeps_the_contract(tmp_path, name):
     theirs = estimator.estimate(flight(), generator())
     sigma = np.sqrt(np.diag(flight().prior_cov))
     np.testing.assert_allclose(theirs.mean / sigma, ours.mean / sigma, rtol=0, atol=1e-9)
-    said = registry.choose(f"{file}[iterations=0]").estimator.skip(flight())
-    assert said == "iterations must be positive: 0"
+    with pytest.raises(registry.EstimatorError, match="'iterations' is '0' and must be a whole"):
+        registry.choose(f"{file}[iterations=0]")
 
 
 def test_what_is_begun_is_as_tidy_as_the_package(tmp_path):

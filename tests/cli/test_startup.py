@@ -1,4 +1,4 @@
-"""What a command loads: a package that takes a tenth of a second or more only where it is used."""
+"""Modules that a command loads: slow packages only where they are used."""
 
 from __future__ import annotations
 
@@ -13,55 +13,70 @@ TABLES = {"pandas", "pyarrow"}
 STATISTICS = {"scipy.stats", "scipy.signal"}
 ESTIMATION = {"filterpy", "gtsam"}
 NUMBERS = {"numpy", "scipy", "numba", "pydantic"}
-_LOADED = "\nimport sys; print('loaded:', *sys.modules)"
+HELP = (["--help"], ["run", "--help"], ["map", "build", "--help"])
+STEPS = {
+    "help": "\n".join(f"command({arguments})" for arguments in HELP),
+    "package": "import ggbench; assert 'run' in dir(ggbench); ggbench.maps",
+    "worker": "import ggbench.campaign.runner",
+    "list": "command(['list'])",
+}
+"""Code of one process, step by step: each loads more than the one before."""
+RUN = "command(['run', 'wang2013', '--run', '0', '-c', '0.01E-1Hz-unfiltered', '-e', 'ekf'])"
+COMMAND = """
+import sys
+from ggbench.cli.main import main
+
+def command(arguments):
+    try:
+        main(arguments, standalone_mode=False)
+    except SystemExit as end:
+        assert not end.code
+"""
+_LOADED = "\nprint('loaded:', *sys.modules)\n"
 
 
-def loaded_by(*arguments: str) -> set[str]:
-    """Return the modules that a process has loaded at the end of a command."""
-    return loaded(
-        f"from ggbench.cli.main import main; main({list(arguments)}, standalone_mode=False)",
-    )
-
-
-def loaded(code: str) -> set[str]:
-    caught = f"try:\n    {code}\nexcept SystemExit as end:\n    assert not end.code"
+def loaded(*steps: str) -> list[set[str]]:
+    """Return the modules that a process has loaded after each of some steps."""
+    code = COMMAND + _LOADED.join((*steps, ""))
     output = subprocess.run(
-        [sys.executable, "-c", caught + _LOADED], capture_output=True, text=True, check=True
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
     ).stdout
-    return set(output.rpartition("loaded:")[2].split())
+    lines = [line for line in output.splitlines() if line.startswith("loaded: ")]
+    return [set(line.split()) for line in lines]
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["run", "--help"], ["map", "build", "--help"]])
-def test_help_needs_no_numbers(arguments):
-    """Help comes at once: it loads neither NumPy nor anything that stands on it."""
-    everything = NUMBERS | FIGURES | FILES | TABLES | ESTIMATION
-    assert not loaded_by(*arguments) & everything
+@pytest.fixture(scope="module")
+def after() -> dict[str, set[str]]:
+    """What is loaded after each step."""
+    return dict(zip(STEPS, loaded(*STEPS.values()), strict=True))
 
 
-def test_the_package_itself_needs_no_numbers():
-    """Its public names are there to be listed, and are loaded when they are used."""
-    everything = NUMBERS | FIGURES | FILES | TABLES | ESTIMATION
-    assert not loaded("import ggbench; assert 'run' in dir(ggbench); ggbench.maps") & everything
-    assert not loaded("import ggbench; ggbench.run, ggbench.Results") & (FIGURES | ESTIMATION)
+@pytest.mark.parametrize("step", ["help", "package"])
+def test_help_and_the_package_need_no_numbers(step, after):
+    """Help comes at once, and public names are loaded when they are used."""
+    assert not after[step] & (NUMBERS | FIGURES | FILES | TABLES | ESTIMATION)
 
 
-def test_a_list_needs_no_filters_and_no_tables():
-    """What estimators are is told without filterpy, whose import takes longer than the list."""
-    found = loaded_by("list")
+def test_a_name_of_the_package_loads_only_its_own():
+    (found,) = loaded("import ggbench; ggbench.run, ggbench.Results")
+    assert not found & (FIGURES | ESTIMATION)
+
+
+def test_a_list_needs_no_filters_and_no_tables(after):
+    """Estimators are described without filterpy, whose import takes longer than the list."""
+    assert "ggbench.estimators.ekf" in after["list"]
+    assert not after["list"] & (FIGURES | FILES | TABLES | STATISTICS | {"filterpy"})
+
+
+def test_a_run_loads_only_the_estimator_that_was_asked_for():
+    """One run of one filter needs no framework, no tables and no figures."""
+    (found,) = loaded(RUN)
     assert "ggbench.estimators.ekf" in found
-    assert not found & (FIGURES | FILES | TABLES | STATISTICS | {"filterpy"})
+    assert not found & (FIGURES | FILES | TABLES | ESTIMATION)
 
 
-def test_a_run_loads_the_estimator_that_was_asked_for():
-    """One run of one filter needs no other estimator's library, no tables and no figures."""
-    found = loaded_by("run", "wang2013", "--run", "0", "-c", "0.01E-1Hz-unfiltered", "-e", "ekf")
-    assert "filterpy" in found
-    assert not found & (FIGURES | FILES | TABLES | {"gtsam", "scipy.signal"})
-
-
-def test_a_worker_starts_without_what_its_tasks_may_not_need():
+def test_a_worker_starts_without_what_its_tasks_may_not_need(after):
     """A campaign starts many workers; what they import before their first task is the least."""
-    found = loaded("import ggbench.campaign.runner")
-    assert "ggbench.judging.run_errors" in found
-    assert "ggbench.judging.summary" not in found
-    assert not found & (FIGURES | FILES | TABLES | STATISTICS | ESTIMATION)
+    assert "ggbench.judging.run_errors" in after["worker"]
+    assert "ggbench.judging.summary" not in after["worker"]
+    assert not after["worker"] & (FIGURES | FILES | TABLES | STATISTICS | ESTIMATION)

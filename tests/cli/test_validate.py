@@ -19,8 +19,8 @@ from problems import SMALL
 from ggbench.campaign.campaign import CampaignError, check
 from ggbench.cli import compiling
 from ggbench.cli.compiling import Compiled
-from ggbench.cli.flown import absurdities
-from ggbench.cli.preflight import examined, flown_of
+from ggbench.cli.flight_limits import examined, flown_of
+from ggbench.cli.flight_summary import absurdities
 from ggbench.maps import recipe
 from ggbench.numerics.cache import CACHE_VARIABLE
 from ggbench.simulation.field_source import map_recipe

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from small_cases import small_case
 
-from ggbench.judging.ranking import as_good, best_causal, honest, pair_of, ranked, rows_of
+from ggbench.judging.ranking import as_good, best_causal, consistent, pair_of, ranked, rows_of
 
 
 def row(label: str, error: float, **changes: Any) -> dict[str, Any]:
@@ -73,15 +73,15 @@ def test_what_claims_to_know_what_it_does_not_is_not_the_best():
     By what was found: few runs let nobody pass whom many would not.
     """
     sound = row("sound", 3.0)
-    assert honest(sound) and honest(row("silent", 1.0, coverage=math.nan))
+    assert consistent(sound) and consistent(row("silent", 1.0, coverage=math.nan))
     liar = row("liar", 1.0, coverage=0.7)
-    assert not honest(row("few", 1.0, coverage=0.79, runs=20))
-    assert not honest(liar) and best(liar, sound) == "sound"
+    assert not consistent(row("few", 1.0, coverage=0.79, runs=20))
+    assert not consistent(liar) and best(liar, sound) == "sound"
     assert best(liar | {"coverage": 0.8}, sound) == "liar"
-    assert honest(row("once", 1.0, false_lock_share=0.1, runs=10))  # a single one may be chance
+    assert consistent(row("once", 1.0, false_lock_share=0.1, runs=10))  # a single one may be chance
     mistaken = row("mistaken", 1.0, false_lock_share=0.051)
-    assert not honest(mistaken) and best(mistaken, sound) == "sound"
-    assert best(liar, mistaken | {"ratio_median": 2.0}) == "liar"  # where nobody is honest
+    assert not consistent(mistaken) and best(mistaken, sound) == "sound"
+    assert best(liar, mistaken | {"ratio_median": 2.0}) == "liar"  # where nobody is consistent
 
 
 def test_one_of_few_runs_lets_in_nobody_who_succeeds_surely_less_often():
@@ -144,7 +144,7 @@ def test_blocks_of_a_ranking():
     assert found["worse"]["position_mrse_m"] == 9.0
 
 
-def test_a_pair_is_turned_in_all_of_its_figures():
+def test_a_pair_is_swapped_in_all_of_its_figures():
     """Seen from the second: counts, differences, intervals, ratios, wins and verdicts."""
     pair = {
         "case": "c", "window": "settled", "first": "a", "second": "b", "runs": 9,

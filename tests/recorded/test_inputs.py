@@ -29,8 +29,8 @@ def logs(tmp_path_factory) -> Path:
     flown = small_flight(GNSS_ONLY)
     recorded(folder / "increments", flown)
     as_solution(recorded(folder / "solution", flown), flown)
-    stern = {key.replace("gnss.", "further.stern."): value for key, value in GNSS_ONLY.items()}
-    recorded(folder / "further", GNSS_ONLY | stern | {"further.stern.kind": "gnss"})
+    stern = {key.replace("gnss.", "sensor.stern."): value for key, value in GNSS_ONLY.items()}
+    recorded(folder / "sensor", GNSS_ONLY | stern | {"sensor.stern.kind": "gnss"})
     recorded(folder / "gradiometer", {})
     recorded(folder / "filtered", {"gradiometer.filter": "butterworth"})
     recorded(folder / "altimeter", GNSS_ONLY | {"altimeter.noise_m_per_sqrt_hz": 1.0})
@@ -130,11 +130,11 @@ ROWS = {
     "receiver in radians": ("solution", "gnss",
                             _scale(np.pi / 180, "latitude_deg", "longitude_deg"),
                             "latitude and longitude are radians"),
-    "second receiver elsewhere": ("further", "stern", _scale(-1.0, "latitude_deg"),
+    "second receiver elsewhere": ("sensor", "stern", _scale(-1.0, "latitude_deg"),
                                   "the receiver is 7", "km away from the INS"),
-    "period of a further sensor": ("further", "stern", lambda t: t.iloc[::2], "2 s apart",
-                                   "further.stern.period_s is 1 s"),
-    "speed of a further sensor": ("further", "stern", _set(3, velocity_up_mps=9000.0), "line 5"),
+    "period of a named sensor": ("sensor", "stern", lambda t: t.iloc[::2], "2 s apart",
+                                   "sensor.stern.period_s is 1 s"),
+    "speed of a named sensor": ("sensor", "stern", _set(3, velocity_up_mps=9000.0), "line 5"),
     "reference elsewhere": ("solution", "reference",
                             lambda t: t.assign(longitude_deg=t.longitude_deg + 20.0), "km away"),
     "reference of another day": ("solution", "reference", _times(lambda t: t + 1e6),
@@ -190,19 +190,19 @@ KEYS = {
     "no frame of a reference": ("solution", {"reference.frame": None}, "say reference.frame"),
     "other frame of a reference": (
         "solution", {"reference.frame": "NED"}, "no column velocity_down_mps"),
-    "no kind": ("further", {"further.stern.kind": None}, 'further.stern: kind is missing; allowed'),
-    "unknown kind": ("further", {"further.stern.kind": "gps"}, "further.stern: kind is 'gps'"),
-    "no file of a further sensor": (
-        "further", {"further.stern.file": None}, "'further.stern.file' is missing"),
-    "no frame of a further sensor": (
-        "further", {"further.stern.frame": None}, "further.stern: frame is missing"),
-    "unknown key of a further sensor": (
-        "further", {"further.stern.noise_m": 1.0}, "unknown key 'further.stern.noise_m'"),
+    "no kind": ("sensor", {"sensor.stern.kind": None}, 'sensor.stern: kind is missing; allowed'),
+    "unknown kind": ("sensor", {"sensor.stern.kind": "gps"}, "sensor.stern: kind is 'gps'"),
+    "no file of a named sensor": (
+        "sensor", {"sensor.stern.file": None}, "'sensor.stern.file' is missing"),
+    "no frame of a named sensor": (
+        "sensor", {"sensor.stern.frame": None}, "sensor.stern: frame is missing"),
+    "unknown key of a named sensor": (
+        "sensor", {"sensor.stern.noise_m": 1.0}, "unknown key 'sensor.stern.noise_m'"),
     "name that is taken": (
-        "further", {"further.reference": {"kind": "barometer"}}, "further.reference: a further"),
+        "sensor", {"sensor.reference": {"kind": "barometer"}}, "sensor.reference: a sensor"),
     "gravimeter without a map": (
-        "further", {"further.g": {"kind": "gravimeter", "file": "g.csv", "period_s": 1.0,
-                                  "noise_mgal": 1.0}}, "further.g needs a map"),
+        "sensor", {"sensor.g": {"kind": "gravimeter", "file": "g.csv", "period_s": 1.0,
+                                  "noise_mgal": 1.0}}, "sensor.g needs a map"),
     "no INS": ("solution", {"ins": None}, "exactly one of [ins]", "[imu_record]"),
     "both": ("increments", {"ins": {"file": "x.csv", "frame": "ENU"}}, "exactly one of [ins]"),
     "no sensor": ("solution", {"gnss": None}, "no sensor is on board"),

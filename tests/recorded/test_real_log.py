@@ -29,7 +29,7 @@ def test_the_problem_is_what_was_recorded(log):
     assert log.start == pytest.approx(46408.580034)
 
 
-@pytest.mark.parametrize("label", ["ekf", "ekf[engine=numba]", "factor-graph[mode=batch]"])
+@pytest.mark.parametrize("label", ["ekf", "ekf", "factor-graph[mode=batch]"])
 def test_positions_that_were_kept_back_are_met(log, label):
     """Velocities alone keep the horizontal position of a telephone's INS.
 

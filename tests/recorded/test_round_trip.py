@@ -21,7 +21,7 @@ from ggbench.recorded.inertial import RATES
 from ggbench.simulation.runs import simulate
 
 LABELS = (
-    "ekf", "ekf[engine=numba]", "factor-graph[mode=batch]", "closed-loop[interval_s=5]",
+    "ekf", "ekf", "factor-graph[mode=batch]", "closed-loop[interval_s=5]",
 )  # fmt: skip
 SAME = 1e-9
 """In units of the prior's deviations: a receiver's degrees say where it is to 1e-9 m.
@@ -43,18 +43,18 @@ EVERYTHING = (
         "model.gnss.position_noise_m": 6.0,
     }
 )
-FURTHER = (
+NAMED = (
     ON_BOARD
     | GRAVIMETER
     | SEVERAL
     | {
-        "further.vector.kind": "gravimeter",
-        "further.vector.period_s": 1.0,
-        "further.vector.noise_mgal": 2.0,
-        "further.vector.components": ["east", "north"],
+        "sensor.vector.kind": "gravimeter",
+        "sensor.vector.period_s": 1.0,
+        "sensor.vector.noise_mgal": 2.0,
+        "sensor.vector.components": ["east", "north"],
         "truth.gnss.dropouts_s": [[5.0, 9.0]],
-        "truth.further.stern.dropout_share": 0.3,
-        "model.further.stern.position_noise_m": 2.5,
+        "truth.sensor.stern.dropout_share": 0.3,
+        "model.sensor.stern.position_noise_m": 2.5,
     }
 )
 DAMPED = {
@@ -104,14 +104,14 @@ def source(tmp_path_factory) -> dict[str, str]:
 
 @pytest.mark.parametrize(
     "name",
-    (*UNFED, "everything", "further", "damped", "disturbed", "GNSS"),
+    (*UNFED, "everything", "named", "damped", "disturbed", "GNSS"),
 )
 def test_estimates_from_the_log_are_those_of_the_campaign(name, tmp_path, source):
     """A filtered platform, a strapdown one with six sensors, outages and biases, ..."""
     flown = {
         "wang2013": lambda: flight("0.01E-1Hz"),
         "everything": lambda: small_flight(source | EVERYTHING),
-        "further": lambda: small_flight(source | FURTHER),
+        "named": lambda: small_flight(source | NAMED),
         "damped": lambda: small_flight(source | DAMPED),
         "disturbed": lambda: small_flight(source | DISTURBED),
         "integrated": lambda: small_flight(source | INTEGRATED),

@@ -1,4 +1,4 @@
-"""What flights are, and sentences about those that no vehicle flies."""
+"""Flights of a scenario in a line each, and warnings of those that no vehicle flies."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from rich.console import Console
 
 from ..figures.numbers import short, some
 from ..trajectory.manoeuvres import BANK_GRAVITY
-from .preflight import Examined, Flown
+from .flight_limits import Examined, Flown
 
 MOST_BANK_DEG = 45.0
 """A level turn then weighs 1.4 g; surveys turn at 15° to 30°, airliners at 30°."""

@@ -1,7 +1,6 @@
-"""The process that asks an estimator what ``ggbench check`` wants to know of it.
+"""Separate process in which ``ggbench check`` asks an estimator its checks.
 
-Apart from the command's own process: a file of a user's own may print without end, end its process
-or never return. Answers go through a pipe of their own.
+A user's file may print without end, end its process or never return. Answers go through a pipe.
 """
 
 from __future__ import annotations
@@ -30,6 +29,7 @@ def main(pipe: str, text: str, names: list[str]) -> None:
     from ..campaign import registry
     from ..contract.catalogue import CHECKS, flight
     from ..errors import GGBenchError
+    from ..estimator_spec import EstimatorSpec
 
     try:
         flight()  # which is compiled at the first use, and is no time of the estimator's
@@ -41,7 +41,7 @@ def main(pipe: str, text: str, names: list[str]) -> None:
         estimator = registry.choose(text).estimator
     except registry.EstimatorError as error:
         cause = error.__cause__
-        line = _line_of(cause, text.partition("[")[0]) if cause else ""
+        line = _line_of(cause, EstimatorSpec.parse(text).name) if cause else ""
         tell(cannot=f"{error}{f' ({line})' if line else ''}")
         return
     file = inspect.getsourcefile(type(estimator)) or ""
@@ -54,7 +54,7 @@ def main(pipe: str, text: str, names: list[str]) -> None:
 
 def _asked(ask: Callable[[], None], file: str) -> dict[str, str]:
     """Ask; return the verdict and a sentence."""
-    from ..campaign.texts import printable, said
+    from ..campaign.texts import exception_text, printable
     from ..contract.demands import Broken, Refused
 
     try:
@@ -66,7 +66,10 @@ def _asked(ask: Callable[[], None], file: str) -> dict[str, str]:
     except BaseException as error:
         where = "".join(f"{note}: " for note in getattr(error, "__notes__", ())[-1:])
         line = _line_of(error, file)
-        return {"verdict": "failed", "text": f"{where}{said(error)}{f' ({line})' if line else ''}"}
+        return {
+            "verdict": "failed",
+            "text": f"{where}{exception_text(error)}{f' ({line})' if line else ''}",
+        }
     return {"verdict": "passed", "text": ""}
 
 

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from ggbench.cli.clocks import Clocks, duration
+from ggbench.cli.timing import Moment, duration
 from ggbench.figures.numbers import counted
 
 BUSY_S = 0.2
@@ -16,13 +16,13 @@ _BUSY = f"import time\nwhile time.process_time() < {BUSY_S}: pass"
 
 def test_processor_time_of_workers_counts():
     """What processes used that this one has started and seen the end of is part of it."""
-    start = Clocks.now()
+    start = Moment.now()
     subprocess.run([sys.executable, "-c", _BUSY], check=True)
-    assert Clocks.now().processor - start.processor >= BUSY_S
+    assert Moment.now().processor - start.processor >= BUSY_S
 
 
 def test_both_times_are_told():
-    now = Clocks.now()
+    now = Moment.now()
     told = now._replace(wall=now.wall - 100.0, processor=now.processor - 7200.0).since()
     assert told.startswith("100 s, and 2.0 h of processor time")
 

@@ -1,4 +1,4 @@
-"""Time as people read it: on the wall, and of all processors together."""
+"""Wall-clock and processor times, as sentences."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ def duration(seconds: float) -> str:
     return f"{seconds / 3600.0:.1f} h"
 
 
-class Clocks(NamedTuple):
+class Moment(NamedTuple):
     """A moment [s]: on the wall, and the processor time of this process and of those it ended."""
 
     wall: float
     processor: float
 
     @classmethod
-    def now(cls) -> Clocks:
+    def now(cls) -> Moment:
         """Return this moment."""
         used = [resource.getrusage(w) for w in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
         return cls(time.monotonic(), sum(each.ru_utime + each.ru_stime for each in used))
@@ -37,9 +37,9 @@ class Clocks(NamedTuple):
     def since(self) -> str:
         """Return how much of both has passed."""
         now = self.now()
-        wall, processor = _told(now.wall - self.wall), _told(now.processor - self.processor)
+        wall, processor = _text(now.wall - self.wall), _text(now.processor - self.processor)
         return f"{wall}, and {processor} of processor time"
 
 
-def _told(seconds: float) -> str:
+def _text(seconds: float) -> str:
     return duration(seconds) if seconds >= _MINUTES_FROM_S else f"{short(seconds)} s"

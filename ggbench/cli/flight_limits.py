@@ -1,7 +1,7 @@
-"""What ``ggbench validate`` does: see that a scenario can be flown, and what its flights are.
+"""Checks of ``ggbench validate``: extremes of each flight, and its margins inside the map.
 
-Nothing is simulated for that, and no map is built that the scenario does not degrade: a map's
-recipe says where it ends. What is not clear from it is flown, as a run does it.
+Nothing is simulated, and no map is built unless the scenario degrades it: a map's recipe holds its
+borders. A flight that may leave its map is flown as in a run.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from ..gravity.ellipsoid import metres_along
 from ..gravity.meridians import turns
 from ..maps import recipe
 from ..recorded.motion import angles_of
-from ..simulation.equipment import equip
 from ..simulation.error_free_flight import trajectory_of
 from ..simulation.field_source import is_file, make_field, map_recipe
 from ..simulation.formulation import require_short_delays
 from ..simulation.instruments import faults, spinning_disks
+from ..simulation.sensor_suite import suite_of_case
 from ..spec.case import CaseSpec
 from ..spec.limits import FASTEST_MPS, HIGHEST_M, LOWEST_M
 from ..spec.scenario import Scenario
@@ -36,12 +36,14 @@ from .compiling import tell_maps
 
 @dataclass(frozen=True)
 class Flown:
-    """What a flight is, in numbers.
+    """Extremes of a flight.
 
     Attributes
     ----------
-    vehicle : ``aircraft`` or ``ship``. track : whether it follows a track of positions.
-    duration : [s]. length : over ground [m].
+    vehicle : ``aircraft`` or ``ship``.
+    track : whether it follows a track of positions.
+    duration : [s].
+    length : over ground [m].
     speeds, heights : lowest and highest [m/s, m above the ellipsoid].
     bank, bank_time : largest bank [rad], without the sign, and when it is first flown [s].
     pitch : largest pitch [rad], without the sign.
@@ -67,7 +69,8 @@ class Margin:
 
     Attributes
     ----------
-    border : least distance to a side of the map [m]. side : which one that is.
+    border : least distance to a side of the map [m].
+    side : name of that side.
     below, above : least distances to its lowest and its highest nodes [m].
     """
 
@@ -128,7 +131,7 @@ def _examined(study: str, case: CaseSpec) -> Examined:
         case.check_duration()
     bounds = [_bounds(case.side(name).field) for name in ("truth", "model")]
     for name in ("truth", "model"):
-        equip(case, name)
+        suite_of_case(case, name)
     faults(case.truth.gradiometer)
     spinning_disks(case)
     trajectory = _trajectory(case)
@@ -136,7 +139,7 @@ def _examined(study: str, case: CaseSpec) -> Examined:
     readings = {sensor: samples // stride for sensor, stride in case.strides.items()}
     if case.gradiometer is not None:
         altimeter = math.inf if case.altimeter is None else case.altimeter.time_constant_s
-        require_short_delays(equip(case, "model"), altimeter, readings["gradiometer"])
+        require_short_delays(suite_of_case(case, "model"), altimeter, readings["gradiometer"])
     margins = [_margin(trajectory, *ends) for ends in bounds if np.isfinite(ends).all()]
     nearest = min(margins, key=lambda m: min(m.border, m.below, m.above), default=None)
     return Examined(study, case, flown_of(case), nearest, readings)
@@ -196,7 +199,7 @@ def _margin(trajectory: Trajectory, lower: np.ndarray, upper: np.ndarray) -> Mar
 
 
 def flown_of(case: CaseSpec) -> Flown:
-    """Return what the flight of a case is.
+    """Return the extremes of the flight of a case.
 
     Raises
     ------

@@ -13,8 +13,8 @@ import pytest
 from campaigns import ran, small
 from problems import SMALL
 
-from ggbench.judging import fixes
-from ggbench.judging.locking import wilson
+from ggbench.judging import fix_metrics
+from ggbench.judging.convergence import wilson
 from ggbench.problem import Fixes
 from ggbench.report import scenario_report
 from ggbench.results import formats
@@ -33,7 +33,7 @@ def test_a_fix_is_judged_at_its_own_epoch_east_and_north():
     """Error and NEES of two dimensions by hand; an infinite statistic can be stored."""
     truth = np.zeros((5, 9))
     truth[1, :3], truth[3, :3] = (30.0, 20.0, 500.0), (4.0, 6.0, 500.0)
-    first, second = fixes.judge(FOUND, truth, TIMES)
+    first, second = fix_metrics.judge(FOUND, truth, TIMES)
     assert first == {
         "time_s": 20.0, "error_m": 20.0, "nees": 1.0,
         "statistic": -np.finfo(float).max, "accepted": False,
@@ -50,7 +50,7 @@ def test_the_nees_knows_of_correlations():
     truth = np.zeros((1, 2))
     for mean, wanted in (((7.0, 7.0), 98.0 / 199.0), ((7.0, -7.0), 98.0 / 1.0)):
         one = Fixes(np.array([0]), np.array([mean]), cov[None], np.array([True]), np.ones(1))
-        assert fixes.judge(one, truth, TIMES)[0]["nees"] == pytest.approx(wanted)
+        assert fix_metrics.judge(one, truth, TIMES)[0]["nees"] == pytest.approx(wanted)
 
 
 @pytest.mark.parametrize(
@@ -71,9 +71,9 @@ def test_the_nees_knows_of_correlations():
 )
 def test_what_is_no_fix_is_told(flaw, said):
     """In a sentence that names the part."""
-    fixes.checked(FOUND, 5)
+    fix_metrics.checked(FOUND, 5)
     with pytest.raises(ValueError, match="fixes") as told:
-        fixes.checked(replace(FOUND, **flaw), 5)
+        fix_metrics.checked(replace(FOUND, **flaw), 5)
     assert said in str(told.value)
 
 
@@ -93,8 +93,8 @@ TRIED = table(
 
 def test_runs_are_counted_by_the_first_fix_that_they_accept():
     """One right, one false, one refuses all, and a fourth tried none; other fixes do not count."""
-    found = fixes.figures(TRIED, 4, 50.0)
-    assert tuple(found) == fixes.COLUMNS
+    found = fix_metrics.figures(TRIED, 4, 50.0)
+    assert tuple(found) == fix_metrics.COLUMNS
     assert (found["fixes"], found["accepted"], found["false"]) == (6, 4, 2)
     for name, hits in (("right", 1), ("false", 1), ("none", 2)):
         wanted = wilson(hits, 4)
@@ -108,20 +108,20 @@ def test_runs_are_counted_by_the_first_fix_that_they_accept():
 def test_without_an_accepted_fix_there_are_no_errors_of_fixes():
     """Not zero."""
     for none in (table(), table((0, 1.0, 2.0, 3.0, False))):
-        found = fixes.figures(none.astype({"accepted": bool}), 3, 50.0)
+        found = fix_metrics.figures(none.astype({"accepted": bool}), 3, 50.0)
         assert (found["none_share"], found["accepted"]) == (1.0, 0)
         assert all(math.isnan(found[k]) for k in ("cep50_m", "nees", "right_time_median_s"))
 
 
 def test_the_operating_curve_goes_over_all_thresholds():
     """By falling statistics; equal ones come together, −∞ never; shares of all that is tried."""
-    false, right = fixes.operating_curve(TRIED, 50.0)
+    false, right = fix_metrics.operating_curve(TRIED, 50.0)
     assert right == pytest.approx(np.array([0, 1, 2, 2, 2, 2]) / 6.0)  # 30, 15, 13, 11, 1
     assert false == pytest.approx(np.array([0, 0, 0, 1, 2, 3]) / 6.0)
     tied = table((0, 1.0, 10.0, 5.0, True), (1, 1.0, 90.0, 5.0, True))
-    assert [v.tolist() for v in fixes.operating_curve(tied, 50.0)] == [[0.0, 0.5], [0.0, 0.5]]
+    assert [v.tolist() for v in fix_metrics.operating_curve(tied, 50.0)] == [[0.0, 0.5], [0.0, 0.5]]
     never = table((0, 1.0, 10.0, -np.finfo(float).max, False))
-    assert [v.tolist() for v in fixes.operating_curve(never, 50.0)] == [[0.0], [0.0]]
+    assert [v.tolist() for v in fix_metrics.operating_curve(never, 50.0)] == [[0.0], [0.0]]
 
 
 FIXER = '''
@@ -173,7 +173,7 @@ def test_a_campaign_keeps_and_counts_fixes(results):
     assert row["estimator"] == label and row["runs"] == 4
     assert (row["right_share"], row["false"], row["accepted"]) == (1.0, 4, 8)
     stored = pd.read_csv(results.folder / "fixes.csv")
-    assert stored.columns.tolist() == ["case", "estimator", "run", *fixes.ROWS]
+    assert stored.columns.tolist() == ["case", "estimator", "run", *fix_metrics.ROWS]
     assert stored["error_m"].tolist() == pytest.approx(tried["error_m"].tolist())
     times = results.arrays("base")["times"]
     assert sorted(set(stored["time_s"])) == pytest.approx(times[:3])

@@ -12,7 +12,7 @@ from campaigns import ran
 from command import invoke
 from problems import SMALL
 
-from ggbench.cli.story import told_info
+from ggbench.cli.run_view import info_text
 
 HALF_BLIND = """
 from dataclasses import dataclass
@@ -38,9 +38,10 @@ def folder(tmp_path_factory) -> Path:
     """Two campaigns that differ in an estimator's source; the second one's is worse."""
     path = tmp_path_factory.mktemp("story")
     (path / "small.toml").write_text(SMALL)
-    for name, factor in (("before", "1.0"), ("after", "0.3")):
+    # A process keeps the first source of a file that it runs: the other one needs a worker.
+    for name, factor, jobs in (("before", "1.0", "1"), ("after", "0.3", "0")):
         (path / "blurred.py").write_text(HALF_BLIND.replace("FACTOR", factor))
-        run = ["run", "small.toml", "-n", "30", "-s", "5", "-j", "1", "-o", name]
+        run = ["run", "small.toml", "-n", "30", "-s", "5", "-j", jobs, "-o", name]
         done = invoke([*run, "-e", "ekf", "-e", "blurred.py"], path)
         assert done.returncode == 0, done.stderr
     return path
@@ -117,7 +118,7 @@ def test_show_tells_what_an_estimator_said_of_its_run(folder):
     done = invoke(["show", "before", "--run", "7", "--case", "noisy"], folder)
     assert re.search(r"^ekf says: linearisations [0-9]+$", done.stdout, re.MULTILINE)
     assert "blurred.py says" not in done.stdout
-    said = told_info({"cost": 1 / 3, "converged": True, "per_epoch": list(range(99))})
+    said = info_text({"cost": 1 / 3, "converged": True, "per_epoch": list(range(99))})
     assert said.startswith("cost 0.3333; converged True; per epoch [0, 1, 2,")
     assert said.endswith("...") and len(said) < 120
 

@@ -1,4 +1,4 @@
-"""Fixes of matchers: right, false or refused, how far off, and how truly they say so.
+"""Metrics of matchers' fixes: right, false or refused, their errors and consistency.
 
 A fix is *right* if its horizontal error at its own epoch is below a limit (``windows.lock_m``), and
 *false* if it is accepted and is not. Fixes of one flight may share readings and errors, so shares
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..problem import Fixes
-from .locking import median_interval, wilson
+from .convergence import median_interval, wilson
 from .run_errors import real_array
 from .statistics import nees_band
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 HORIZONTAL = 2
 """Dimensions in which fixes are judged: east and north."""
 ROWS = ("time_s", "error_m", "nees", "statistic", "accepted")
-"""What a record holds of each fix."""
+"""Keys of each fix in a record."""
 COLUMNS = (
     "fixes", "accepted", "false", "right_share", "right_lo", "right_hi", "false_share", "false_lo",
     "false_hi", "none_share", "none_lo", "none_hi", "right_time_median_s", "right_time_lo",
@@ -65,14 +65,15 @@ def checked(fixes: Fixes, epochs: int) -> Fixes:
 
 
 def judge(fixes: Fixes, error_state: np.ndarray, times: np.ndarray) -> list[dict[str, Any]]:
-    """Return what a record holds of a run's fixes: of each :data:`ROWS`.
+    """Return the :data:`ROWS` of each of a run's fixes, as a record holds them.
 
     Their times [s], horizontal errors [m], NEES of these two errors, statistics (of an infinite one
     the largest number that can be stored) and whether they were accepted.
 
     Parameters
     ----------
-    fixes : as :func:`checked` returns them. error_state : (K, n) the true INS error.
+    fixes : as :func:`checked` returns them.
+    error_state : (K, n), the true INS error.
     times : (K,) [s].
     """
     off = error_state[fixes.epoch, :HORIZONTAL] - fixes.mean[:, :HORIZONTAL]
@@ -97,7 +98,8 @@ def figures(fixes: pd.DataFrame, runs: int, right_m: float) -> dict[str, float]:
 
     Parameters
     ----------
-    fixes : rows of ``run`` and :data:`ROWS`. runs : all runs, also those that tried none or failed.
+    fixes : rows of ``run`` and :data:`ROWS`.
+    runs : number of all runs, also those that tried none or failed.
     right_m : horizontal error [m] below which a fix is right.
     """
     accepted = fixes[fixes["accepted"]]
@@ -127,7 +129,8 @@ def operating_curve(fixes: pd.DataFrame, right_m: float) -> tuple[np.ndarray, np
 
     Parameters
     ----------
-    fixes : rows of :data:`ROWS`, one at least. right_m : as in :func:`figures`.
+    fixes : rows of :data:`ROWS`, one at least.
+    right_m : as in :func:`figures`.
     """
     possible = fixes[fixes["statistic"] > -np.finfo(float).max]
     ordered = possible.sort_values("statistic", ascending=False)

@@ -13,7 +13,7 @@ from campaigns import ran, small
 from problems import SMALL
 from scipy.stats import binom, chi2
 
-from ggbench.judging.locking import (
+from ggbench.judging.convergence import (
     COLUMNS,
     claimed_radius,
     figures,

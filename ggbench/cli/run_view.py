@@ -1,4 +1,4 @@
-"""The story of one run, for a terminal: what happened, error against time, how to repeat it."""
+"""View of one run in a terminal: figures, error against time, command that repeats it."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from ..figures.numbers import counted
 from ..judging.bounds import squared_bounds
 from ..results.store import kept_epochs
 from ..spec.scenario import Scenario
-from .clocks import COLD
-from .fitting import FittedTable
+from .responsive_table import ResponsiveTable
+from .timing import COLD
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -29,18 +29,20 @@ _BARS = "▁▂▃▄▅▆▇█"
 _WIDTH = 32
 _TIMES = 8
 _MOST_LISTED = 5
-_LONGEST_TOLD = 60
-"""Most characters of a value that an estimator says."""
+_LONGEST_VALUE = 60
+"""Characters of a value of ``Estimate.info`` that are shown."""
 
 
 @dataclass(frozen=True)
-class Told:
-    """What is known of one estimator in a run.
+class RunView:
+    """Result of one estimator in a run.
 
     Attributes
     ----------
-    label : the estimator. record : its record. series : (K', 4) its errors over time, or None.
-    command : what repeats it.
+    label : name of the estimator.
+    record : its record.
+    series : (K', 4), its errors over time, or None.
+    command : command that repeats it, "" for none.
     """
 
     label: str
@@ -56,8 +58,8 @@ def overview(results: Results, console: Console) -> None:
     failed, diverged = int((table["status"] != "ok").sum()), int(table["diverged"].sum())
     console.print(
         f"scenario {escape(manifest['scenario'])} {manifest['scenario_hash'][:16]}, seed "
-        f"{manifest['seed']}, {manifest['date'][:10]}, ggbench {manifest['ggbench']} source "
-        f"{manifest['source_hash']}\n{counted(len(table), 'result')} of up to "
+        f"{manifest['seed']}, {manifest['date'][:10]}, ggbench {manifest['ggbench']} results "
+        f"version {manifest['results_version']}\n{counted(len(table), 'result')} of up to "
         f"{counted(results.run_count, 'run')} per case: {failed} failed, {diverged} diverged"
     )
     for label, names in results.seeking.items():
@@ -113,10 +115,10 @@ def choose_run(results: Results, case: str | None, run: int | None = None) -> tu
     return row["case"], int(row["run"]), f"{reason} {row['estimator']}"
 
 
-def tell(results: Results, case_name: str, run: int, console: Console) -> None:
+def show_run(results: Results, case_name: str, run: int, console: Console) -> None:
     """Print one run of a case as it is stored."""
-    told = [
-        Told(
+    views = [
+        RunView(
             cell.estimator,
             record,
             results.series_of(case_name, cell.estimator, run),
@@ -129,10 +131,10 @@ def tell(results: Results, case_name: str, run: int, console: Console) -> None:
     arrays = results.arrays(case_name)
     title = results.scenario.case(case_name).title
     _print(title, run, arrays["times"][arrays["kept"]],
-           arrays["bound-filter"][arrays["kept"]], told, console)  # fmt: skip
+           arrays["bound-filter"][arrays["kept"]], views, console)  # fmt: skip
 
 
-def repeat(
+def repeat_run(
     scenario: Scenario,
     case_names: Sequence[str],
     labels: Sequence[str],
@@ -152,97 +154,96 @@ def repeat(
         )
         messages = run_task(Task(case, study, (run,), seed, pairs))
         found = {result.key: result for m in messages if isinstance(m, list) for result in m}
-        told = [Told(label, found[key].record, found[key].series, "") for label, key in pairs]
+        views = [RunView(label, found[key].record, found[key].series, "") for label, key in pairs]
         flight = flight_of(case)
         kept = kept_epochs(len(flight.times))
         bound = np.stack(squared_bounds(flight.bound.filtering), axis=-1)[kept]
-        _print(case.title, run, flight.times[kept], bound, told, console)
-        good &= all(item.record["status"] == "ok" for item in told)
+        _print(case.title, run, flight.times[kept], bound, views, console)
+        good &= all(view.record["status"] == "ok" for view in views)
     return good
 
 
 def _print(
-    title: str, run: int, times: np.ndarray, bound: np.ndarray, told: Sequence[Told],
+    title: str, run: int, times: np.ndarray, bound: np.ndarray, views: Sequence[RunView],
     console: Console,
 ) -> None:  # fmt: skip
     """Print the figures of a run, its errors against time, and how to repeat it."""
     console.print(f"\n[bold]{escape(title)}, run {run}[/]")
-    judged = any(item.record.get("false_lock") is not None for item in told)
+    judged = any(view.record.get("false_lock") is not None for view in views)
     headings = ["settled m", "m/s", "final m", "NEES", "diverged", "ms"]
-    headings += ["locked s"] * judged
-    table = FittedTable("", [("estimator", "name"), *((heading, "number") for heading in headings)])
-    for item in told:
-        record = item.record
+    headings += ["converged s"] * judged
+    table = ResponsiveTable(
+        "", [("estimator", "name"), *((heading, "number") for heading in headings)]
+    )
+    for view in views:
+        record = view.record
         if record["status"] != "ok":
-            table.add_row(item.label, "[red]failed[/]", *[""] * (len(headings) - 1))
+            table.add_row(view.label, "[red]failed[/]", *[""] * (len(headings) - 1))
             continue
         settled = record["windows"]["settled"]
         table.add_row(
-            item.label,
+            view.label,
             f"{settled['position_ms'] ** 0.5:.3g}",
             f"{settled['velocity_ms'] ** 0.5:.3g}",
             f"{record['final_position_error_m']:.3g}",
             f"{settled['nees']:.2f}",
             "[red]yes[/]" if record["diverged"] else "no",
             f"{1e3 * record['seconds']:.1f}{'*' if record.get('cold') else ''}",
-            *([_lock(record)] if judged else []),
+            *([_convergence(record)] if judged else []),
         )
     table.print(console)
-    if any(item.record["status"] == "ok" and item.record.get("cold") for item in told):
+    if any(view.record["status"] == "ok" and view.record.get("cold") for view in views):
         console.print(COLD, markup=False)
-    for item in told:
-        if item.record["status"] != "ok":
-            console.out(f"{item.label} failed: {item.record['reason']}")
-            if "traceback" in item.record:
-                console.out(item.record["traceback"].rstrip())
-            if "output" in item.record:
-                console.out(f"It had printed: {item.record['output']}")
-        if "remark" in item.record:
-            console.out(f"{item.label} {item.record['remark']}")
-        if item.record.get("info"):
-            console.out(f"{item.label} says: {told_info(item.record['info'])}")
-    _print_errors(times, bound, [item for item in told if item.series is not None], console)
-    commands = [item for item in told if item.command]
+    for view in views:
+        if view.record["status"] != "ok":
+            console.out(f"{view.label} failed: {view.record['reason']}")
+            if "traceback" in view.record:
+                console.out(view.record["traceback"].rstrip())
+            if "output" in view.record:
+                console.out(f"It had printed: {view.record['output']}")
+        if "remark" in view.record:
+            console.out(f"{view.label} {view.record['remark']}")
+        if view.record.get("info"):
+            console.out(f"{view.label} says: {info_text(view.record['info'])}")
+    _print_errors(times, bound, [view for view in views if view.series is not None], console)
+    commands = [view for view in views if view.command]
     if commands:
         console.print("To repeat it, without storing anything:")
-        for item in commands:
-            console.out(f"  {item.command}")
+        for view in commands:
+            console.out(f"  {view.command}")
 
 
-def told_info(info: Mapping[str, Any]) -> str:
-    """Return what an estimator said of its run (``Estimate.info``), in a line.
-
-    Numbers with four digits; of what is long, as a list per epoch, its beginning.
-    """
+def info_text(info: Mapping[str, Any]) -> str:
+    """Return ``Estimate.info`` as one line, numbers with four digits, long values cut."""
     words = []
     for name, value in info.items():
         text = f"{value:.4g}" if isinstance(value, float) else str(value)
-        cut = text if len(text) <= _LONGEST_TOLD else f"{text[:_LONGEST_TOLD]}..."
+        cut = text if len(text) <= _LONGEST_VALUE else f"{text[:_LONGEST_VALUE]}..."
         words.append(f"{name.replace('_', ' ')} {cut}")
     return "; ".join(words)
 
 
-def _lock(record: Mapping[str, Any]) -> str:
-    """Return since when a run is locked on, or that it falsely claims to be."""
+def _convergence(record: Mapping[str, Any]) -> str:
+    """Return when a run converged, or that it ends in a false fix."""
     if record.get("lock_time_s") is not None:
         return f"{record['lock_time_s']:g}"
-    return "[red]false lock[/]" if record.get("false_lock") else "never"
+    return "[red]false fix[/]" if record.get("false_lock") else "never"
 
 
 def _print_errors(
-    times: np.ndarray, bound: np.ndarray, told: Sequence[Told], console: Console
+    times: np.ndarray, bound: np.ndarray, views: Sequence[RunView], console: Console
 ) -> None:
     """Print position errors against time: as bars on one logarithmic scale, and as numbers."""
-    if not told:
+    if not views:
         return
-    curves = {item.label: item.series[:, 0] for item in told if item.series is not None}
+    curves = {view.label: view.series[:, 0] for view in views if view.series is not None}
     curves["bound (rms)"] = np.sqrt(bound[:, 0])
     logs = {label: np.log10(np.maximum(curve, 1e-12)) for label, curve in curves.items()}
     low = min(float(values.min()) for values in logs.values())
     high = max(float(values.max()) for values in logs.values())
     low = max(low, high - 4.0)  # one touch of zero would flatten all the rest
     shown = np.unique(np.linspace(0, len(times) - 1, _TIMES).round().astype(int))
-    table = FittedTable(
+    table = ResponsiveTable(
         f"position error in m against time; bars: {10.0**low:.2g} to {10.0**high:.2g} m, "
         f"logarithmic, {times[0]:g} to {times[-1]:g} s",
         [("seconds", "name"), ("", "number"), *((f"{times[k]:g}", "number") for k in shown)],

@@ -1,8 +1,9 @@
-"""Locking on: whether, when and how truly an estimator found where it is.
+"""Convergence of the position: whether and when, and false fixes.
 
-With a wide prior an estimator either finds its place in the field or follows a wrong one, and the
-mean error of the two says little. With ``windows.lock_m`` every run is judged by :func:`judge`, and
-:func:`figures` counts over runs.
+With a wide prior an estimator converges to the true place in the field or to a wrong one, and the
+mean error of both says little. With ``windows.lock_m`` every run is judged by :func:`judge`, and
+:func:`figures` counts over runs. Columns and keys of records say ``lock`` for convergence and
+``false_lock`` for a false fix at the end of a run.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ COLUMNS = (
     "lock_share", "lock_lo", "lock_hi", "false_lock_share", "false_lock_lo", "false_lock_hi",
     "lock_time_median_s", "lock_time_lo", "lock_time_hi",
 )  # fmt: skip
-"""Columns of a summary, NaN where locks are not judged."""
+"""Columns of a summary, NaN where convergence is not judged."""
 
 
 def claimed_radius(sigmas: np.ndarray) -> np.ndarray:
@@ -45,7 +46,7 @@ def claimed_radius(sigmas: np.ndarray) -> np.ndarray:
 def judge(
     position_error: np.ndarray, sigmas: np.ndarray, times: np.ndarray, lock_m: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return when each run locked on, and whether it claims at its end a lock that it has not.
+    """Return when each run converged, and whether it ends in a false fix.
 
     Parameters
     ----------
@@ -57,9 +58,9 @@ def judge(
 
     Returns
     -------
-    Times to lock [s] (R,): the first epoch from which the error stays below ``lock_m`` to the end
-    of the flight, NaN if there is none. False locks (R,): at the last epoch the error is not below
-    ``lock_m``, but the claimed radius (:func:`claimed_radius`) is.
+    Convergence times [s] (R,): the first epoch from which the error stays below ``lock_m`` to the
+    end of the flight, NaN if there is none. False fixes (R,): at the last epoch the error is not
+    below ``lock_m``, but the claimed radius (:func:`claimed_radius`) is.
     """
     below = position_error < lock_m
     lasting = np.logical_and.accumulate(below[:, ::-1], axis=1).sum(axis=1)
@@ -106,13 +107,14 @@ def median_interval(values: Sequence[float] | np.ndarray) -> tuple[float, float,
 def figures(lock_times: np.ndarray, false_locks: int, runs: int) -> dict[str, float]:
     """Return the figures of :data:`COLUMNS` over the runs of an estimator on a case.
 
-    Shares are of all runs: a run that failed has not locked, nor claimed to have. The median time
-    is of the runs that locked.
+    Shares are of all runs: a run that failed has neither converged nor ended in a false fix. The
+    median time is of the runs that converged.
 
     Parameters
     ----------
-    lock_times : (m,) times to lock [s] of finished runs, NaN of those that never did.
-    false_locks : how many of them claim a lock that they have not. runs : all runs.
+    lock_times : (m,) convergence times [s] of finished runs, NaN of those that did not converge.
+    false_locks : number of runs that end in a false fix.
+    runs : number of all runs.
     """
     times = lock_times[~np.isnan(lock_times)]
     found = (*wilson(len(times), runs), *wilson(false_locks, runs), *median_interval(times))
@@ -120,17 +122,18 @@ def figures(lock_times: np.ndarray, false_locks: int, runs: int) -> dict[str, fl
 
 
 def table(summary: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows of a summary in which locks were judged: one per case and estimator."""
+    """Return the rows of a summary with convergence judged: one per case and estimator."""
     rows = summary[(summary["window"] == "settled") & summary["lock_share"].notna()]
     return rows[["case", "label", "causality", "runs", *COLUMNS]].reset_index(drop=True)
 
 
 def share_by_time(lock_times: np.ndarray, runs: int, times: np.ndarray) -> np.ndarray:
-    """Return the share of runs (K,) that had locked on by each of the times.
+    """Return the share of runs (K,) that had converged by each of the times.
 
     Parameters
     ----------
-    lock_times : (m,) times to lock [s], NaN of runs that never did. runs : all of the runs.
+    lock_times : (m,) convergence times [s], NaN of runs that did not converge.
+    runs : number of all runs.
     times : (K,) increasing [s].
     """
     found = np.sort(lock_times[np.isfinite(lock_times)])
