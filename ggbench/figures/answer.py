@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.container import ErrorbarContainer
 
+from .line_styles import LineStyle, line_styles
 from .locking import Series
-from .looks import Look, looks
 from .style import Drawing, legend_below, plain_numbers, styled, subplots
 
 _WIDEST = 11.0
@@ -32,7 +32,7 @@ def over_cases(
     figure, (top, bottom) = subplots(
         2, 1, figsize=(max(width, 6.0), 5.2), sharex=True, height_ratios=(2.0, 3.0)
     )
-    drawn = looks(shares)
+    drawn = line_styles(shares)
     handles = {}
     for axis, figures in ((top, shares), (bottom, ratios)):
         for number, (label, line) in enumerate(figures.items()):
@@ -56,7 +56,7 @@ def over_cases(
     return figure
 
 
-def _points(axis: Axes, places: np.ndarray, line: Series, look: Look) -> ErrorbarContainer:
+def _points(axis: Axes, places: np.ndarray, line: Series, look: LineStyle) -> ErrorbarContainer:
     """Draw an estimator's figures with bars between their ends; return what a legend shows."""
     reach = np.abs(np.nan_to_num([line.value - line.low, line.high - line.value]))
     return axis.errorbar(

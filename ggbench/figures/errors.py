@@ -8,7 +8,7 @@ from textwrap import fill
 import numpy as np
 from matplotlib.axes import Axes
 
-from .looks import looks
+from .line_styles import line_styles
 from .style import BOUND, INS, Drawing, legend_below, plain_numbers, styled, subplots
 
 AXES = ("east", "north", "up")
@@ -30,7 +30,7 @@ def error_over_time(
     figure, grid = subplots(
         2, count, figsize=(max(4.0 * count + 0.6, 6.0), 5.8), sharex="col", squeeze=False
     )
-    drawn = looks(name for _, _, curves, _ in panels for name in curves)
+    drawn = line_styles(name for _, _, curves, _ in panels for name in curves)
     for column, (title, times, curves, bounds) in enumerate(panels):
         for row, quantity in enumerate(("position [m]", "velocity [m/s]")):
             axis: Axes = grid[row, column]
@@ -76,7 +76,7 @@ def component_errors(
     velocity).
     """
     claims = bool(np.isfinite(aided[:, 6:12]).any())
-    colour = looks([label])[label].color
+    colour = line_styles([label])[label].color
     figure, axes = subplots(3, 2, figsize=(8.0, 6.0), sharex=True)
     for axis in range(3):
         error, sigma = aided[:, first + axis], aided[:, 6 + first + axis]

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from .looks import looks
+from .line_styles import line_styles
 from .style import BOUND, INS, Drawing, plain_numbers, styled, subplots
 
 _MOST_POINTS = 2000
@@ -25,11 +25,12 @@ def ground_track(
     Parameters
     ----------
     times : (K,) [s].
-    ins : (K, 3) what it indicates, ENU [km, km, m]. tracks : of each estimator, the same.
+    ins : (K, 3) what it indicates, ENU [km, km, m].
+    tracks : of each estimator, the same.
     reference : the same, NaN where there is none.
     """
     figure, (plan, height) = subplots(1, 2, figsize=(9.0, 4.4), width_ratios=(3, 2))
-    drawn = looks(tracks)
+    drawn = line_styles(tracks)
     shown = [("INS", ins, {"color": INS, "lw": 1.5})]
     shown += [
         (label, track, {"color": drawn[label].color, "ls": drawn[label].ls, "lw": 1.2})
@@ -60,7 +61,7 @@ def deviations(times: np.ndarray, claimed: Mapping[str, np.ndarray]) -> Drawing:
     ``claimed`` : of each estimator (K, 6) σ of position [m] and velocity [m/s], ENU.
     """
     figure, axes = subplots(2, 1, figsize=(7.0, 5.0), sharex=True)
-    drawn = looks(claimed)
+    drawn = line_styles(claimed)
     step = 1 + len(times) // _MOST_POINTS
     for row, (first, unit) in enumerate(((0, "position [m]"), (3, "velocity [m/s]"))):
         for label, sigmas in claimed.items():
@@ -84,7 +85,8 @@ def whitened(
 
     Parameters
     ----------
-    times : (K,) [s]. label : of the estimator.
+    times : (K,) [s].
+    label : of the estimator.
     sensors : name, names of channels and whitened residuals (K, m), NaN for none, of each.
     """
     count = len(sensors)

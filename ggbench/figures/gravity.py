@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.axes import Axes
 
-from .looks import looks
+from .line_styles import line_styles
 from .style import BOUND, Drawing, plain_numbers, styled, subplots
 
 _ARCSECONDS = np.degrees(1.0) * 3600.0
@@ -41,11 +41,12 @@ def estimates(times: np.ndarray, true: np.ndarray, details: Mapping[str, np.ndar
 
     Parameters
     ----------
-    times : (K,) [s]. true : (K, 3) ENU [m/s²].
+    times : (K,) [s].
+    true : (K, 3) ENU [m/s²].
     details : (K, 18) of each estimator, see :meth:`.store.Store.detail`.
     """
     figure, axes = subplots(3, 1, figsize=(7.0, 6.5), sharex=True)
-    shown = looks(list(details))
+    shown = line_styles(list(details))
     for i, (axis, name) in enumerate(zip(axes, ("east", "north", "up"), strict=True)):
         axis.plot(times / 3600.0, _MGAL * true[:, i], color=BOUND, ls="--", lw=0.9, label="true")
         for label, detail in details.items():

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, NullLocator
 
 from . import style
-from .looks import Look, looks
+from .line_styles import LineStyle, line_styles
 from .numbers import short
 from .style import INS, Drawing, legend_below, plain_numbers, styled, subplots
 
@@ -57,7 +57,7 @@ def over_cases(rows: Sequence[Panels], labels: Sequence[str]) -> Drawing:
         len(rows), columns, figsize=(10.8, 3.3 * len(rows) + 0.1),
         squeeze=False,
     )  # fmt: skip
-    drawn = looks(labels)
+    drawn = line_styles(labels)
     for panels, axes in zip(rows, grid, strict=True):
         contents = (
             ("share locked", panels.shares),
@@ -92,7 +92,7 @@ def over_cases(rows: Sequence[Panels], labels: Sequence[str]) -> Drawing:
 
 def _over(
     axis: Axes, panels: Panels, series: Mapping[str, Series], labels: Sequence[str],
-    drawn: Mapping[str, Look],
+    drawn: Mapping[str, LineStyle],
 ) -> None:  # fmt: skip
     """Draw one figure of every estimator over the cases of a row."""
     places = np.arange(len(panels.names), dtype=float)
@@ -141,7 +141,7 @@ def against_time(
     """
     names = "time [s]", "share of runs locked"
     figure, grid = style.panels(len(panels), (3.6, 2.6), 5.5, names)
-    drawn = looks(labels)
+    drawn = line_styles(labels)
     handles = {}
     for axis, (title, times, curves) in zip(grid, panels, strict=True):
         for number, label in enumerate(label for label in labels if label in curves):
@@ -187,7 +187,7 @@ def against_cost(
     shown = list(dict.fromkeys(named.get(label, label) for label in labels))
     names = "time of a run [s]", "share of runs locked"
     figure, grid = style.panels(len(panels), (3.6, 3.4), 7.4, names)
-    drawn = looks(labels)
+    drawn = line_styles(labels)
     handles = {}
     for axis, panel in zip(grid, panels, strict=True):
         held = [label for label in labels if label in panel.seconds]

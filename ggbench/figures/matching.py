@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from . import style
-from .looks import looks
+from .line_styles import line_styles
 from .style import Drawing, legend_below, styled
 
 _FIRST = 0.01
@@ -40,7 +40,7 @@ def operating_curves(
     """
     names = "accepted and false", "accepted and right"
     figure, grid = style.panels(len(panels), (3.4, 3.0), 5.5, names, sharex=True)
-    drawn = looks(labels)
+    drawn = line_styles(labels)
     handles = {}
     for axis, (title, held) in zip(grid, panels, strict=True):
         for number, label in enumerate(label for label in labels if label in held):

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from .looks import looks
+from .line_styles import line_styles
 from .style import Drawing, legend_below, plain_numbers, styled, subplots
 
 Curve = tuple[np.ndarray, np.ndarray]
@@ -21,11 +21,12 @@ def against_width(shares: Mapping[str, Curve], ends: Ends, ratios: Mapping[str, 
 
     Parameters
     ----------
-    shares : estimator to its share of success. ends : of their intervals, which are bars.
+    shares : estimator to its share of success.
+    ends : of their intervals, which are bars.
     ratios : estimator to the median of error over bound.
     """
     figure, (left, right) = subplots(1, 2, figsize=(9.6, 4.0))
-    drawn = looks(shares)
+    drawn = line_styles(shares)
     handles = {}
     for number, (label, (width, share)) in enumerate(shares.items()):
         look = drawn[label]
@@ -59,7 +60,8 @@ def each_setting(
 
     Parameters
     ----------
-    titles : (n,) of the panels. panels : (n,) estimator to its share of success.
+    titles : (n,) of the panels.
+    panels : (n,) estimator to its share of success.
     columns : panels in a row.
     """
     rows = -(-len(panels) // columns)
@@ -68,7 +70,7 @@ def each_setting(
         sharex=True, sharey=True,
     )  # fmt: skip
     labels = list(dict.fromkeys(label for panel in panels for label in panel))
-    drawn, handles = looks(labels), {}
+    drawn, handles = line_styles(labels), {}
     for axis, title, panel in zip(grid.flat, titles, panels, strict=False):
         for number, (label, (width, share)) in enumerate(panel.items()):
             (handles[label],) = axis.plot(

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.ticker import NullFormatter
 
-from .looks import looks
+from .line_styles import line_styles
 from .style import BOUND, INS, Drawing, legend_below, plain_numbers, styled, subplots
 
 _MARKERS = "os^vDPX*"
@@ -21,9 +21,10 @@ class Line:
 
     Attributes
     ----------
-    title : what the line is called. colour : of the line; "" for one of a scale over all lines.
-    values, ratios : of the parameter and of the error over the bound (n,). interval : of the ratios
-        (2, n).
+    title : what the line is called.
+    colour : of the line; "" for one of a scale over all lines.
+    values, ratios : of the parameter and of the error over the bound (n,).
+    interval : of the ratios (2, n).
     """
 
     title: str
@@ -70,7 +71,7 @@ def over_parameter(name: str, panels: Sequence[Panel]) -> Drawing:
                 capsize=1.5, lw=max(3.2 - 0.4 * number, 1.0), elinewidth=0.9,
             )  # fmt: skip
         for label, ratio in panel.levels.items():
-            colour = INS if label == "ins" else looks([label])[label].color
+            colour = INS if label == "ins" else line_styles([label])[label].color
             handles[label] = axis.axhline(ratio, color=colour, lw=1.6, ls="-.")
         handles["Cramér–Rao bound"] = axis.axhline(1.0, color=BOUND, lw=1.0, ls="--")
         axis.set(title=panel.title, xscale="log", yscale="log", xlabel=name)

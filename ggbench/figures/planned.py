@@ -33,8 +33,9 @@ def planned_bound(bounds: pd.DataFrame, field: Field, title: str) -> Drawing:
 
     Parameters
     ----------
-    bounds : of :func:`ggbench.judging.planned.planned`. field : over which the flight goes; its
-        disturbing Γ_UU is drawn at the mean height of the track.
+    bounds : of :func:`ggbench.judging.planned.planned`.
+    field : over which the flight goes; its disturbing Γ_UU is drawn at the mean height of the
+        track.
     """
     figure = Drawing(figsize=(11.0, 5.2), layout="constrained")
     parts: Any = figure.subfigures(1, 2, width_ratios=(4, 5))

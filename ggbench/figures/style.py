@@ -94,7 +94,8 @@ def panels(
 
     Parameters
     ----------
-    size : of a panel [in]. least : width of the figure [in] at least.
+    size : of a panel [in].
+    least : width of the figure [in] at least.
     labels : of the abscissae, below the lowest panels, and of the ordinates, left of the first.
     """
     columns = min(count, 3)

@@ -17,7 +17,7 @@ from matplotlib.ticker import MaxNLocator
 
 from ..spec import sweep
 from ..spec.sweep import Axis
-from .looks import looks
+from .line_styles import line_styles
 from .numbers import short
 from .style import INS, Drawing, styled, subplots
 
@@ -202,7 +202,7 @@ def curves(
         if unaided is not None:
             low, high = np.fmin.reduce(unaided, axis=1), np.fmax.reduce(unaided, axis=1)
             axis.fill_between(across.values, low, high, fc=INS, ec=INS, lw=2.0, label="ins")
-        drawn = looks(line.label for line in lines)
+        drawn = line_styles(line.label for line in lines)
         shades = matplotlib.colormaps["viridis"](np.linspace(0.0, 0.93, len(lines)))
         for line, shade in zip(lines, shades, strict=True):
             colour: Any = shade if title else drawn[line.label].color

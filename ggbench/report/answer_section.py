@@ -112,7 +112,7 @@ def caveat(results: Results, summary: pd.DataFrame) -> str:
             f"of {counted(results.run_count, 'run')} only the first were given to some: {told}"
         )
     for label, why in results.manifest.get("left_out", {}).items():
-        parts.append(f"`{results.name_of(label)}` was not run: {why}")
+        parts.append(f"`{label}` was not run: {why}")
     return f"*Caveat*: {'; '.join(parts)}. Words and figures: [definitions]({DEFINITIONS})."
 
 

@@ -24,7 +24,8 @@ def claims_section(scenario: Scenario, summary: pd.DataFrame, pairs: pd.DataFram
 
     Parameters
     ----------
-    scenario : with its comparisons. summary : rows of :func:`.summary.summarize`.
+    scenario : with its comparisons.
+    summary : rows of :func:`.summary.summarize`.
     pairs : rows of :func:`ggbench.judging.summary.paired_table`.
     """
     parts = [_table(scenario, claim, summary, pairs) for claim in scenario.comparisons]

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 from ..judging.ranking import LEAST_COVERAGE, MOST_FAILED, MOST_FALSE, UNCERTAIN
-from ..judging.success import ALIKE, BOUNDS, FEWEST, OF_THE_INS
+from ..judging.success import BOUNDS, EQUIVALENCE_RATIO, FEWEST, INS_FRACTION
 from .tables import DEFINITIONS
 
 _TEXT = """\
@@ -76,8 +76,8 @@ is at most {uncertain:.0f} % larger, run by run. It must not fail in more than {
 runs.
 
 **Cost.** Median time of a run in one process, warmed up. *Map points*: positions at which a run
-evaluates the field. Compiled engines (`engine=numba`) take many runs at once; the last lines of a
-report say which were used, and tables leave it out of names where that is unambiguous.
+evaluates the field. Compiled estimators take many runs at once; `filterpy-ekf`, `filterpy-ukf` and
+`gtsam` are the frameworks, called from Python run by run.
 
 **σ/ℓ.** The standard deviation of the initial position per horizontal axis over the field's
 correlation length: the lag along the flown track at which the autocorrelation of the vertical
@@ -112,8 +112,8 @@ def text() -> str:
     """Return the page: a paragraph for each definition, which begins with its title in bold."""
     return _TEXT.format(
         coverage=100.0 * LEAST_COVERAGE, false=100.0 * MOST_FALSE, failed=100.0 * MOST_FAILED,
-        bounds=BOUNDS, part=100.0 * OF_THE_INS, alike=100.0 * (ALIKE - 1.0), fewest=FEWEST,
-        uncertain=100.0 * (UNCERTAIN - 1.0),
+        bounds=BOUNDS, part=100.0 * INS_FRACTION, alike=100.0 * (EQUIVALENCE_RATIO - 1.0),
+        fewest=FEWEST, uncertain=100.0 * (UNCERTAIN - 1.0),
     )  # fmt: skip
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple, TypeGuard
 
+from ..estimator_spec import EstimatorSpec
 from .league import STANDARD
 
 PARTICLES = "particles"
@@ -41,7 +42,9 @@ def families(estimators: Mapping[str, Any], parameter: str) -> list[Family]:
     for label, content in estimators.items():
         value = _settings(content).get(parameter)
         if _is_number(value):
-            found.setdefault(_without(label, parameter), {}).setdefault(float(value), label)
+            found.setdefault(str(EstimatorSpec.parse(label).without(parameter)), {}).setdefault(
+                float(value), label
+            )
     return [
         Family(title, *zip(*((held[value], value) for value in sorted(held)), strict=True))
         for title, held in found.items()
@@ -52,10 +55,10 @@ def families(estimators: Mapping[str, Any], parameter: str) -> list[Family]:
 def parameters(estimators: Mapping[str, Any]) -> list[str]:
     """Return the parameters, of any estimator, that labels name, in order of appearance."""
     names = [
-        part.partition("=")[0]
+        name
         for label in estimators
-        for part in _parts(label)
-        if _is_number(_settings(estimators[label]).get(part.partition("=")[0]))
+        for name in EstimatorSpec.parse(label).parameters
+        if _is_number(_settings(estimators[label]).get(name))
     ]
     return list(dict.fromkeys(names))
 
@@ -80,7 +83,9 @@ def kinds(labels: Iterable[str], rows: Mapping[str, Any]) -> dict[tuple[str, str
     """Return labels by their estimator's name and their causality, which ``rows`` have by label."""
     found: dict[tuple[str, str], list[str]] = {}
     for label in labels:
-        found.setdefault((label.partition("[")[0], rows[label]["causality"]), []).append(label)
+        found.setdefault((EstimatorSpec.parse(label).name, rows[label]["causality"]), []).append(
+            label
+        )
     return found
 
 
@@ -89,7 +94,10 @@ def plain_of(labels: Iterable[str]) -> str:
 
     That of the standard roster, or else the one that is asked for with the fewest parameters.
     """
-    return min(labels, key=lambda label: (label not in STANDARD, label.count("=")))
+    return min(
+        labels,
+        key=lambda label: (label not in STANDARD, len(EstimatorSpec.parse(label).parameters)),
+    )
 
 
 def of_the_best(estimators: Mapping[str, Any]) -> str:
@@ -106,13 +114,3 @@ def _settings(content: Any) -> Mapping[str, Any]:
 
 def _is_number(value: Any) -> TypeGuard[float]:
     return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _parts(label: str) -> list[str]:
-    return [part for part in label.removesuffix("]").partition("[")[2].split(",") if part]
-
-
-def _without(label: str, parameter: str) -> str:
-    name = label.partition("[")[0]
-    rest = [part for part in _parts(label) if part.partition("=")[0] != parameter]
-    return f"{name}[{','.join(rest)}]" if rest else name

@@ -24,7 +24,7 @@ from ..recorded.corrected import (
 )
 from ..recorded.flight import RecordedFlight
 from ..sensors.aiding import corrected_positions, position_error
-from ..spec.further import sensors_of
+from ..spec.named_sensors import sensors_of
 from .making_section import made_of
 from .tables import WINDOW_TITLES, markdown
 
@@ -46,7 +46,8 @@ def write(flight: RecordedFlight, estimates: Mapping[str, Estimate], output: Pat
 
     Parameters
     ----------
-    flight : as it was read. estimates : of each estimator, by its label, at least one.
+    flight : as it was read.
+    estimates : of each estimator, by its label, at least one.
     output : folder to write into.
 
     Returns

@@ -31,7 +31,9 @@ class GravitySection:
 
     Parameters
     ----------
-    results : the folder. arrays : of each case. pictures : folder of the report's figures.
+    results : the folder.
+    arrays : of each case.
+    pictures : folder of the report's figures.
     """
 
     def __init__(

@@ -17,18 +17,16 @@ import numpy as np
 import pandas as pd
 
 from ..errors import GGBenchError
+from ..estimator_spec import EstimatorSpec
 from ..figures.numbers import counted
-from ..judging.ranking import honest
+from ..judging.ranking import consistent
 from ..results import digest
 from ..results.digest import Digest
+from ..spec.rosters import rosters
 from .outcome import Outcome, comparable_ratio, outcome
 from .situations import NOTHING, SITUATIONS, situation_of
 
-STANDARD = (
-    "ekf", "ekf[iterations=5]", "ukf[points=cubature]", "gaussian-sum", "rao-blackwellised",
-    "tercom", "factor-graph", "factor-graph[mode=fixed-lag]", "factor-graph[mode=batch]",
-    "gauss-newton",
-)  # fmt: skip
+STANDARD = tuple(text for text in rosters()["standard"] if text != "ins")
 """The aided estimators that run in every scenario, or are missed with a reason."""
 SMOOTHERS = ("fixed-lag", "batch")
 COST_OF = "ekf"
@@ -46,8 +44,10 @@ class Flown:
 
     Attributes
     ----------
-    scenario : its name. found : what came out of it, estimators by their :func:`name_of`.
-    situation : key of :data:`SITUATIONS`. width : σ/ℓ; NaN where ℓ is not known.
+    scenario : its name.
+    found : what came out of it, estimators by their :func:`name_of`.
+    situation : key of :data:`SITUATIONS`.
+    width : σ/ℓ; NaN where ℓ is not known.
     """
 
     scenario: str
@@ -104,7 +104,8 @@ class Standing:
 
     Attributes
     ----------
-    label, causality : which. cases, scenarios : number of those that it ran.
+    label, causality : which.
+    cases, scenarios : number of those that it ran.
     good, open : share of them in which it is honest and as good as the best (or may be), and of
         those in which the runs are too few to tell; scenarios counting equally.
     honest : share of them in which it is honest.
@@ -112,7 +113,8 @@ class Standing:
     success, ratio : scenario to the mean share of success over its cases, and to the geometric
         mean of the median errors over the bound.
     lost : share of its runs that failed or diverged.
-    cost : median over cases of its time over the EKF's. ms : median time of a run [ms].
+    cost : median over cases of its time over the EKF's.
+    ms : median time of a run [ms].
     """
 
     label: str
@@ -146,7 +148,8 @@ class Advice:
 
     Attributes
     ----------
-    situation : key of :data:`SITUATIONS`. cases, scenarios : in which it was met.
+    situation : key of :data:`SITUATIONS`.
+    cases, scenarios : in which it was met.
     standings : of the causal estimators that ran in all of it, the best first.
     nobody : in how many of the cases no causal estimator is honest.
     choice : of those that are honest and as good as the best in all cases but :data:`EXCEPTIONS`
@@ -240,7 +243,9 @@ def _advice(situation: str, cases: Sequence[Flown]) -> Advice:
     if situation != NOTHING and able:
         near = ABOUT * min(_last(s.cost) for s in able)
         cheap = [s for s in able if _last(s.cost) <= near]
-        choice = min(cheap, key=lambda s: (s.label.count("="), _last(s.cost)))
+        choice = min(
+            cheap, key=lambda s: (len(EstimatorSpec.parse(s.label).parameters), _last(s.cost))
+        )
     nobody = sum(flown.found.nobody_honest for flown in cases)
     scenarios = list(dict.fromkeys(flown.scenario for flown in cases))
     return Advice(situation, cases, scenarios, found, nobody, choice)
@@ -273,7 +278,7 @@ def standing(label: str, cases: Iterable[Flown]) -> Standing:
         scenarios=len(held),
         good=mean(by_scenario(lambda f: float(f.good(label)), mean).values()),
         open=mean(by_scenario(lambda f: float(f.open(label)), mean).values()),
-        honest=mean(by_scenario(lambda f: float(honest(f.rows[label])), mean).values()),
+        honest=mean(by_scenario(lambda f: float(consistent(f.rows[label])), mean).values()),
         worst=min(rows, key=lambda row: (row["success_share"], row["success_lo"])),
         success=by_scenario(lambda f: f.rows[label]["success_share"], mean),
         ratio=by_scenario(lambda f: f.ratio(label), geometric_mean),
@@ -309,14 +314,11 @@ def _last(value: float) -> float:
 
 
 def name_of(label: str) -> str:
-    """Return the name by which the league knows an estimator: engines and lags are left out.
+    """Return the name by which the league knows an estimator: its label without the lag.
 
-    A fixed lag is as long as a scenario's readings ask for.
+    A fixed lag is as long as a scenario's measurements need.
     """
-    name, _, listed = label.removesuffix("]").partition("[")
-    parts = [p for p in listed.split(",") if p and p.partition("=")[0] not in ("engine", "lag")]
-    parts = [p for p in parts if (name, p) != ("factor-graph", "mode=isam2")]
-    return f"{name}[{','.join(parts)}]" if parts else name
+    return str(EstimatorSpec.parse(label).without("lag"))
 
 
 def read(reports: Path) -> tuple[League, list[str]]:

@@ -18,7 +18,8 @@ def draw(shown: Sequence[Standing], names: Sequence[str]) -> Drawing:
 
     Parameters
     ----------
-    shown : the estimators. names : of the scenarios.
+    shown : the estimators.
+    names : of the scenarios.
     """
     shares = np.array([[s.success.get(n, math.nan) for n in names] for s in shown])
     width, height = 0.78 * len(names) + 3.6, 0.31 * len(shown) + 1.9

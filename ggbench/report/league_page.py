@@ -60,7 +60,9 @@ class LeagueReport:
 
     Parameters
     ----------
-    league : the library. output : folder of the reports. remarks : what is left out, and why.
+    league : the library.
+    output : folder of the reports.
+    remarks : what is left out, and why.
     """
 
     def __init__(self, league: League, output: Path, remarks: Sequence[str] = ()) -> None:
@@ -284,15 +286,15 @@ class LeagueReport:
 
     def _making(self) -> str:
         manifests = [entry.digest.manifest for entry in self.league.entries]
-        head = ["scenario", "runs", "seed", "run on", "ggbench", "source", "scenario's hash",
-                "fewer runs"]  # fmt: skip
+        head = ["scenario", "runs", "seed", "run on", "ggbench", "results version",
+                "scenario's hash", "fewer runs"]  # fmt: skip
         rows = [_stamp(entry) for entry in self.league.entries]
         versions = {", ".join(f"{k} {v}" for k, v in m["versions"].items()) for m in manifests}
         machines = {
             f"{m['system']} on {m['architecture']}, {m['processors']} processors"
             for m in (manifest["machine"] for manifest in manifests)
         }
-        sources = {manifest["source_hash"] for manifest in manifests}
+        numbers = {manifest["results_version"] for manifest in manifests}
         studied = " --assumptions" if any(m["assumptions"] for m in manifests) else ""
         lines = [
             "Generated, not edited. To get it again:",
@@ -306,9 +308,9 @@ class LeagueReport:
             "",
             *(f"- {text}" for text in sorted(versions | machines)),
         ]
-        if len(sources) > 1:
+        if len(numbers) > 1:
             lines.append(
-                f"- The scenarios were run with {len(sources)} different sources of the package: "
+                f"- The scenarios were run with {len(numbers)} different versions of results: "
                 "what changed between them is part of their differences."
             )
         lines += [f"- {remark}" for remark in self.remarks]
@@ -325,7 +327,7 @@ def _stamp(entry: Entry) -> list[str]:
     m = entry.digest.manifest
     fewer = ", ".join(f"`{label}` {runs}" for label, runs in entry.fewer.items())
     return [m["scenario"], str(m["runs"]), str(m["seed"]), m["date"][:10], m["ggbench"],
-            m["source_hash"], m["scenario_hash"][:16], fewer]  # fmt: skip
+            str(m["results_version"]), m["scenario_hash"][:16], fewer]  # fmt: skip
 
 
 def _cell(ran: Sequence[Flown], label: str) -> str:

@@ -22,7 +22,7 @@ from ..figures.locking import (
     short_km,
 )
 from ..figures.style import save
-from ..judging import locking
+from ..judging import convergence
 from ..judging.ranking import rows_of
 from ..judging.statistics import ALPHA
 from ..results.folder import Results
@@ -52,12 +52,14 @@ class ConvergenceReport:
 
     Parameters
     ----------
-    results : the folder. summary : its summary. pictures : folder of the figures.
+    results : the folder.
+    summary : its summary.
+    pictures : folder of the figures.
     """
 
     def __init__(self, results: Results, summary: pd.DataFrame, pictures: Path) -> None:
         self.results, self.summary, self.pictures = results, summary, pictures
-        judged = set(locking.table(summary)["case"])
+        judged = set(convergence.table(summary)["case"])
         self.cases = [case for case in results.scenario.cases if case.name in judged]
         self.rows = {
             case.name: {
@@ -160,7 +162,7 @@ class ConvergenceReport:
         for case in self.cases:
             times = np.concatenate([[0.0], self.results.arrays(case.name)["times"]])
             shares = {
-                label: locking.share_by_time(
+                label: convergence.share_by_time(
                     self.results.lock_times(case.name, label),
                     self.rows[case.name][label]["runs"],
                     times,

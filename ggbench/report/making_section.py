@@ -23,12 +23,6 @@ def making_section(results: Results) -> str:
         flags += "".join(f" -c {shlex.quote(name)}" for name in cases)
     flags += " --assumptions" if m["assumptions"] else ""
     memory = results.runs()["peak_memory_mb"].max()
-    compiled = [
-        f"`{name}`"
-        for name, content in results.estimators.items()
-        if content["parameters"].get("engine") == "numba"
-    ]
-    engines = f"- on compiled engines, `engine=numba`: {', '.join(compiled)}"
     return "\n".join(
         [
             "Generated, not edited. To get it again:",
@@ -39,13 +33,12 @@ def making_section(results: Results) -> str:
             f"ggbench report {shlex.quote('results/' + m['scenario'])} -o reports",
             "```",
             "",
-            f"- ggbench {m['ggbench']}, source {m['source_hash']}, scenario "
-            f"{m['scenario_hash'][:16]}, seed {m['seed']}, run on {m['date'][:10]}",
+            f"- ggbench {m['ggbench']}, results version {m['results_version']}, "
+            f"scenario {m['scenario_hash'][:16]}, seed {m['seed']}, run on {m['date'][:10]}",
             *made_of(m.get("inputs", [])),
             f"- {versions}",
             f"- {machine['system']} on {machine['architecture']}, "
             f"{machine['processors']} processors; peak memory of a worker {memory:.0f} MB",
-            *([engines] if compiled else []),
         ]
     )
 

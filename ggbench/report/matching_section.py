@@ -11,7 +11,7 @@ import pandas as pd
 from ..figures.matching import Operation, operating_curves
 from ..figures.numbers import short
 from ..figures.style import save
-from ..judging import fixes
+from ..judging import fix_metrics
 from ..results.folder import Results
 from .shares import median_time, share
 from .tables import markdown
@@ -43,7 +43,8 @@ def matching_section(results: Results, pictures: Path) -> list[str]:
 
     Parameters
     ----------
-    results : the folder. pictures : folder of the figure.
+    results : the folder.
+    pictures : folder of the figure.
     """
     found = results.fix_figures()
     if found.empty:
@@ -82,7 +83,7 @@ def _figure(results: Results, found: pd.DataFrame, pictures: Path) -> str:
         for row in found[found["case"] == case.name].to_dict("records"):
             if limit is not None and row["fixes"]:
                 tried = results.fixes[case.name, row["estimator"]]
-                false, right = fixes.operating_curve(tried, limit)
+                false, right = fix_metrics.operating_curve(tried, limit)
                 at = (row["false"] / row["fixes"], (row["accepted"] - row["false"]) / row["fixes"])
                 held[row["estimator"]] = Operation(false, right, at)
         if held:

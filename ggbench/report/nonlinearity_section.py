@@ -12,7 +12,7 @@ import numpy as np
 from ..errors import GGBenchError
 from ..figures.nonlinearity import Curve, against_width, each_setting
 from ..figures.style import save
-from ..judging.locking import wilson_of
+from ..judging.convergence import wilson_of
 from ..results import digest
 from ..results.digest import Digest
 from ..spec.scenario import Scenario
@@ -176,7 +176,8 @@ class NonlinearityReport:
 
     Parameters
     ----------
-    held : the digest of the campaign. pictures : folder of the figures.
+    held : the digest of the campaign.
+    pictures : folder of the figures.
     """
 
     def __init__(self, held: Digest, pictures: Path) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 import pandas as pd
 
 from ..figures.numbers import capital, counted, short, some
-from ..judging.ranking import LEAST_COVERAGE, error_ratio, honest, often_false
+from ..judging.ranking import LEAST_COVERAGE, consistent, error_ratio, often_false
 from ..judging.statistics import BETTER
 from ..spec.scenario import Scenario
 from .outcome import Outcome, comparable_ratio, outcome
@@ -24,7 +24,8 @@ def answer(scenario: Scenario, summary: pd.DataFrame, pairs: pd.DataFrame) -> st
 
     Parameters
     ----------
-    scenario : with the cases that were run. summary : rows of :func:`.summary.summarize`.
+    scenario : with the cases that were run.
+    summary : rows of :func:`.summary.summarize`.
     pairs : rows of :func:`ggbench.judging.summary.paired_table`.
     """
     told = [outcome(case, summary, pairs) for case in scenario.cases]
@@ -51,7 +52,7 @@ def case_answer(found: Outcome) -> str:
     if found.ins:
         text += f"; {_GAINS[found.gain]}"
         text += f"{short(found.ins['position_median_m'])} m (median)"
-    if not honest(best):
+    if not consistent(best):
         who = "no causal estimator is honest here" if found.nobody_honest else "it is not honest"
         text += f"; **{who}**: {_dishonesty(best)}"
     return f"{text}{_others(found)}; {_lost(found.rows.values())}."
@@ -88,7 +89,7 @@ def _others(found: Outcome) -> str:
         row, pair = found.rows[label], found.pairs[label]
         if label == found.best["label"] or not math.isfinite(row["position_mrse_m"]):
             continue
-        if not honest(row) and honest(found.best):
+        if not consistent(row) and consistent(found.best):
             groups.setdefault("dishonest", []).append(f"`{label}` ({_lie(row)})")
         elif state == "yes":
             groups.setdefault("yes", []).append(f"`{label}`")

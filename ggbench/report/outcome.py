@@ -9,9 +9,9 @@ from typing import Any
 
 import pandas as pd
 
-from ..judging.ranking import AsGood, as_good, best_causal, honest, pair_of, rows_of
+from ..judging.ranking import AsGood, as_good, best_causal, consistent, pair_of, rows_of
 from ..judging.statistics import BETTER, UNDECIDED, WORSE
-from ..judging.success import ALIKE
+from ..judging.success import EQUIVALENCE_RATIO
 from ..spec.case import CaseSpec
 
 FEWEST_COMMON = 5
@@ -24,7 +24,8 @@ class Outcome:
 
     Attributes
     ----------
-    case : which. rows : its ranked summary rows by estimator.
+    case : which.
+    rows : its ranked summary rows by estimator.
     best, ins : the rows of the best causal estimator and of the INS, None without.
     beside : estimator to whether it is as good as the best, of causal ones.
     pairs : estimator to its comparison with the best, as seen from that one.
@@ -43,11 +44,11 @@ class Outcome:
     def nobody_honest(self) -> bool:
         """Whether no causal estimator that finished is honest."""
         causal = [row for row in self.rows.values() if row["causality"] == "filter"]
-        return not any(math.isfinite(r["position_mrse_m"]) and honest(r) for r in causal)
+        return not any(math.isfinite(r["position_mrse_m"]) and consistent(r) for r in causal)
 
     def good(self, label: str) -> bool:
         """Return whether an estimator is honest, and as good as the best or not told from it."""
-        return self.beside.get(label, "no") != "no" and honest(self.rows[label])
+        return self.beside.get(label, "no") != "no" and consistent(self.rows[label])
 
 
 def outcome(case: CaseSpec, summary: pd.DataFrame, pairs: pd.DataFrame) -> Outcome:
@@ -79,7 +80,8 @@ def comparable_ratio(
 
     Parameters
     ----------
-    row, best : of the summary. pair : their comparison, as seen from the best one.
+    row, best : of the summary.
+    pair : their comparison, as seen from the best one.
     """
     if (
         best is None
@@ -97,13 +99,14 @@ def gain(best: Mapping[str, Any], ins: Mapping[str, Any], pair: Mapping[str, Any
     """Return "gains", "nothing", "unproven" or "worse": the best causal estimator beside the INS.
 
     By their paired verdict. Where the runs are too few to say, it is nothing if medians of errors
-    lie within :data:`.success.ALIKE` of each other, and else a gain (or loss) is unproven.
+    lie within :data:`.success.EQUIVALENCE_RATIO` of each other, and else a gain (or loss) is
+    unproven.
     """
     verdict = pair["verdict"] if pair else UNDECIDED
     if verdict in (BETTER, WORSE):
         return "gains" if verdict == BETTER else "worse"
     ratio = ratio_of(ins["position_median_m"], best["position_median_m"])
-    if verdict == UNDECIDED and not 1.0 / ALIKE <= ratio <= ALIKE:
+    if verdict == UNDECIDED and not 1.0 / EQUIVALENCE_RATIO <= ratio <= EQUIVALENCE_RATIO:
         return "unproven"
     return "nothing"
 

@@ -10,7 +10,7 @@ from urllib.parse import quote
 import numpy as np
 import pandas as pd
 
-from ..figures.looks import looks
+from ..figures.line_styles import line_styles
 from ..figures.parameters import Line, Panel, over_parameter
 from ..figures.style import save
 from ..judging.ranking import rows_of
@@ -31,7 +31,9 @@ def parameter_section(results: Results, summary: pd.DataFrame, pictures: Path) -
 
     Parameters
     ----------
-    results : the folder. summary : its summary. pictures : folder of the figures.
+    results : the folder.
+    summary : its summary.
+    pictures : folder of the figures.
     """
     estimators = results.estimators
     held = {
@@ -70,7 +72,11 @@ def _of_case(case: CaseSpec, rows: Rows, found: Sequence[Family], beside: Sequen
     drawn = [
         line
         for family in found
-        if (line := _line(family.title, looks(family.labels)[family.labels[0]].color, family, rows))
+        if (
+            line := _line(
+                family.title, line_styles(family.labels)[family.labels[0]].color, family, rows
+            )
+        )
     ]
     levels = {
         label: rows[label][_RATIO[0]]

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterable
 
 import pandas as pd
 
+from ..estimator_spec import EstimatorSpec
 from ..figures.numbers import counted, short
 
 _QUANTITIES = (("position", "m", "m"), ("velocity", "mps", "m/s"))
 """Name, unit in columns, and unit in words."""
+
+
+FRAMEWORKS = ("filterpy-ekf", "filterpy-ukf", "gtsam")
+"""Estimators of other packages, as they are."""
 
 
 def beside_published(summary: pd.DataFrame) -> str:
@@ -75,23 +79,12 @@ def _whole_flight(summary: pd.DataFrame) -> str:
     return f"; over the whole flight nobody reaches {len(missed)} of these ({told} at best)"
 
 
-def frameworks(estimators: Mapping[str, Any]) -> str:
-    """Return whose times are those of a framework, where others are compiled; else nothing.
-
-    Parameters
-    ----------
-    estimators : name to what was run, as a manifest has it: its ``parameters`` are complete.
-    """
-    engines: dict[str, list[str]] = {}
-    for label, content in estimators.items():
-        if engine := content["parameters"].get("engine"):
-            engines.setdefault(engine, []).append(f"`{label}`")
-    compiled = engines.pop("numba", None)
-    if not (compiled and engines):
+def frameworks(labels: Iterable[str]) -> str:
+    """Return whose times are those of a framework, where others are compiled; else nothing."""
+    names = [f"`{label}`" for label in labels if EstimatorSpec.parse(label).name in FRAMEWORKS]
+    if not names:
         return ""
-    told = "; ".join(f"{', '.join(labels)} with {name}" for name, labels in engines.items())
     return (
-        f"Times are of different engines: {told}, called from Python run by run; "
-        f"{', '.join(compiled)} compiled, many runs at once. Every engine of an estimator gives "
-        "the same estimates."
+        f"Times differ in kind: {', '.join(names)} call a framework from Python run by run; the "
+        "other estimators are compiled and take many runs at once."
     )

@@ -11,7 +11,7 @@ import pandas as pd
 from scipy import stats
 
 from ..figures.numbers import short
-from ..judging.ranking import honest, rows_of
+from ..judging.ranking import consistent, rows_of
 from ..spec.case import CaseSpec
 from ..spec.scenario import Scenario
 from .shares import percent
@@ -87,7 +87,7 @@ def _cells(label: str, rows: Sequence[Mapping[str, Any]], what: str) -> list[str
         low, high = np.exp(_interval(logs))
         together = f"{short(math.exp(logs.mean()))} [{short(low)}, {short(high)}]"
     each = ", ".join(_of_map(row) for row in rows)
-    return [f"`{label}`", together, each, f"{sum(map(honest, rows))} of {len(rows)}"]
+    return [f"`{label}`", together, each, f"{sum(map(consistent, rows))} of {len(rows)}"]
 
 
 def _of_map(row: Mapping[str, Any]) -> str:

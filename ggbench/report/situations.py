@@ -8,7 +8,7 @@ from typing import Any
 
 from ..spec.aiding import GnssSpec
 from ..spec.case import CaseSpec
-from ..spec.further import table_of
+from ..spec.named_sensors import table_of
 
 NARROW, WIDE = 0.2, 1.0
 """σ/ℓ up to which a prior is narrow, and from which on it is wide. Where Kalman filters cease to
@@ -39,14 +39,15 @@ def situation_of(case: CaseSpec, gained: str, correlation_m: float = math.nan) -
 
     Parameters
     ----------
-    case : the case. gained : what aiding gains, of :func:`ggbench.report.outcome.gain`.
+    case : the case.
+    gained : what aiding gains, of :func:`ggbench.report.outcome.gain`.
     correlation_m : the field's correlation length along the track [m]; NaN where nobody knows it,
         and the prior is taken with the narrow ones.
     """
     if gained in ("nothing", "worse"):
         return NOTHING
     wrong = _set_apart(case)
-    receivers = ["gnss", *(name for name, spec in case.further if isinstance(spec, GnssSpec))]
+    receivers = ["gnss", *(name for name, spec in case.sensor if isinstance(spec, GnssSpec))]
     if any(
         key.startswith(f"truth.{table_of(name)}.dropout") for key in wrong for name in receivers
     ):

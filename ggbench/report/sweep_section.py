@@ -40,7 +40,8 @@ class SweepReport:
 
     Parameters
     ----------
-    scenario : with a sweep. summary : rows as :func:`.summary.summarize` returns them.
+    scenario : with a sweep.
+    summary : rows as :func:`.summary.summarize` returns them.
     pictures : folder of the figures.
     """
 

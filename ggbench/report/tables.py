@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from ..figures.numbers import counted, short
-from ..judging.ranking import ORDER, best_causal, honest, pair_of, rows_of
+from ..judging.ranking import ORDER, best_causal, consistent, pair_of, rows_of
 from ..judging.statistics import BETTER, UNDECIDED, WORSE
 from ..judging.success import EQUAL
 from ..judging.summary import WINDOWS, window_mask
@@ -144,11 +144,11 @@ def _over_bound(found: Outcome, label: str) -> str:
     ratio = comparable_ratio(row, best, found.pairs.get(label))
     mark = "~" if ratio != row["ratio_median"] else ""
     text = f"{mark}{short(ratio)}" if math.isfinite(ratio) else "–"
-    if best is not None and row["label"] == best["label"] and honest(row):
+    if best is not None and row["label"] == best["label"] and consistent(row):
         text = f"**{text}**"
     if row["success_share"] < 1.0:
         text += f" ({percent(row['success_share'])})"
-    return text if honest(row) else f"{text} †"
+    return text if consistent(row) else f"{text} †"
 
 
 def case_errors(case: CaseSpec, summary: pd.DataFrame) -> str:
@@ -331,7 +331,7 @@ def _errors(row: dict[str, Any]) -> list[str]:
     quartiles = (short(row[f"ratio_quartile_{end}"]) for end in ("lo", "hi"))
     succeeds = math.isfinite(row["ratio_median"])
     return [
-        f"`{row['label']}`" + ("" if honest(row) else " †"),
+        f"`{row['label']}`" + ("" if consistent(row) else " †"),
         share(row, "success_share", "success_lo", "success_hi"),
         _ended(row, "ratio_median") if succeeds else "–",
         " to ".join(quartiles) if succeeds else "–",

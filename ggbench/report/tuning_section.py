@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from ..figures.numbers import counted, short
-from ..judging.ranking import best, honest, pair_of, rows_of
+from ..judging.ranking import best, consistent, pair_of, rows_of
 from ..judging.statistics import BETTER, UNDECIDED, WORSE
 from ..results.folder import Results
 from ..spec.case import CaseSpec
@@ -51,7 +51,7 @@ class Tuned:
     @property
     def mends(self) -> bool:
         """Whether the plain estimator is not honest, and the chosen one is."""
-        return honest(self.chosen) and not honest(self.plain)
+        return consistent(self.chosen) and not consistent(self.plain)
 
 
 def tuned(results: Results) -> list[Tuned]:
@@ -156,7 +156,7 @@ def tuning_section(told: Sequence[Tuned], elsewhere: Sequence[Tuned] = ()) -> li
     parts = ["## Tuned and not", reading, _table(told)]
     if elsewhere:
         gains = Counter(each.gain for each in elsewhere)
-        lies = sum(not honest(each.chosen) for each in elsewhere)
+        lies = sum(not consistent(each.chosen) for each in elsewhere)
         parts += [
             "The error of a map is the same in all runs, so that those which judge above hold "
             "nothing out of it. Chosen over the first of the maps of an error, and flown over the "
@@ -188,10 +188,11 @@ def tuning_answer(told: Sequence[Tuned]) -> str:
         text = f"*{case}*: {gains[BETTER]} of {counted(len(of_case), 'estimator')}"
         if better:
             text += f" (most: {', '.join(_said(each) for each in better[:2])})"
-        mended, honest_before = sum(e.mends for e in of_case), sum(honest(e.plain) for e in of_case)
+        mended = sum(e.mends for e in of_case)
+        consistent_before = sum(consistent(e.plain) for e in of_case)
         if mended:
             text += f", {mended} become honest"
-        elif better and not honest_before and not any(honest(e.chosen) for e in of_case):
+        elif better and not consistent_before and not any(consistent(e.chosen) for e in of_case):
             text += ", none is honest with or without"
         if gains[WORSE]:
             text += f"; {counted(gains[WORSE], 'estimator')} worse"
@@ -217,7 +218,7 @@ def _said(each: Tuned) -> str:
     if shares[0] != shares[1]:
         text += f" success {shares[0]} → {shares[1]},"
     before, after = (short(r) if math.isfinite(r) else "–" for r in ratios)
-    mark = "" if honest(each.chosen) else ", not honest"
+    mark = "" if consistent(each.chosen) else ", not honest"
     return f"{text} {before} → {after} × the bound{mark}"
 
 
@@ -229,7 +230,7 @@ def _grids(results: Results, rows: Rows) -> dict[str, list[str]]:
 
 def _figures(row: Mapping[str, Any]) -> list[str]:
     """Return success and error over bound of an estimator, marked if it is not honest."""
-    mark = "" if honest(row) else " †"
+    mark = "" if consistent(row) else " †"
     if not math.isfinite(row["ratio_median"]):
         return [percent(row["success_share"]), f"–{mark}"]
     text = short(row["ratio_median"])

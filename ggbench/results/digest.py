@@ -32,7 +32,7 @@ from .store import StoreError
 FOLDER = "data"
 """Name of the folder, in that of a report's figures."""
 _KEPT = (
-    "ggbench", "source_hash", "versions", "scenario", "scenario_hash", "scenario_text", "notes",
+    "ggbench", "results_version", "versions", "scenario", "scenario_hash", "scenario_text", "notes",
     "seed", "runs", "date", "machine", "assumptions",
 )  # fmt: skip
 _PAIRED = ("case", "window", "first", "second", "runs", *success.PAIRED_COLUMNS)
@@ -85,10 +85,7 @@ def write(results: Results, folder: Path) -> None:
             label: min(int(counts.get((label, name), 0)) for name in names)
             for label in results.labels
         },
-        "left_out": {
-            results.name_of(label): reason
-            for label, reason in results.manifest.get("left_out", {}).items()
-        },
+        "left_out": results.manifest.get("left_out", {}),
         "correlation_m": {name: _scale(results, name) for name in names},
     }
     text = json.dumps(manifest, indent=1, ensure_ascii=False)

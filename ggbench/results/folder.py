@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 
 from ..errors import GGBenchError
-from ..judging import fixes, locking
+from ..judging import convergence, fix_metrics
 from ..judging.summary import (
     SUMMARY_COLUMNS,
     WINDOWS,
@@ -29,7 +29,6 @@ from ..judging.summary import (
 )
 from ..spec import scenario
 from ..spec.scenario import Scenario
-from .names import shown_names
 from .store import Store, StoreError, read_manifest
 
 RUN_COLUMNS = (
@@ -77,11 +76,7 @@ class Results:
         self.folder = Path(folder)
         self.store = store or Store(self.folder)
         self.manifest = read_manifest(self.folder)
-        self._names = shown_names(self.manifest["estimators"])
-        self.cells = [
-            Cell(**cell | {"estimator": self.name_of(cell["estimator"])})
-            for cell in self.manifest["cells"]
-        ]
+        self.cells = [Cell(**cell) for cell in self.manifest["cells"]]
         self._arrays: dict[str, dict[str, np.ndarray]] = {}
         self._halves: dict[int, tuple[pd.DataFrame, pd.DataFrame]] = {}
         self._keys = {(*cell[:2], cell.estimator): cell.key for cell in self.cells}
@@ -113,25 +108,14 @@ class Results:
 
     @property
     def labels(self) -> list[str]:
-        """The names of the estimators, in the order in which they were asked for.
-
-        Their labels without the engine, see :func:`.names.shown_names`.
-        """
+        """The labels of the estimators, in the order in which they were asked for."""
         return list(self.estimators)
 
     @cached_property
     def estimators(self) -> dict[str, dict[str, Any]]:
         """What the results of each estimator depend on: class, parameters, hash of its source."""
         held: dict[str, dict[str, Any]] = self.manifest["estimators"]
-        return {self.name_of(label): content for label, content in held.items()}
-
-    def name_of(self, label: str) -> str:
-        """Return the name of the estimator with a label, or the text itself if there is none."""
-        return self._names.get(label, label)
-
-    def _label_of(self, name: str) -> str:
-        """Return the label of the estimator with a name, or the text itself if there is none."""
-        return next((label for label, own in self._names.items() if own == name), name)
+        return held
 
     @property
     def seeking(self) -> dict[str, str]:
@@ -161,7 +145,7 @@ class Results:
     def _records_of(self, cell: Cell) -> Iterator[dict[str, Any]]:
         # A study that changes nothing of a case shares its records, of which there may be more.
         campaign = self.whole_scenario.campaign
-        runs = campaign.runs_of(cell.assumption, self.run_count, self._label_of(cell.estimator))
+        runs = campaign.runs_of(cell.assumption, self.run_count, cell.estimator)
         return self.store.records(cell.key, runs)
 
     def series(self, case: str, estimator: str) -> np.ndarray:
@@ -169,19 +153,19 @@ class Results:
 
         K' are the epochs that ``kept`` of the case's arrays names. Empty if there are none.
         """
-        key = self._keys.get(("", case, self.name_of(estimator)))
+        key = self._keys.get(("", case, estimator))
         found = np.empty((0, 0, 4)) if key is None else self.store.series(key, self.run_count)
         return found if not len(found) else self._of_length(found, case, "kept")
 
     def series_of(self, case: str, estimator: str, run: int) -> np.ndarray | None:
         """Return (K', 4) of one run, or None if it has none."""
-        key = self._keys.get(("", case, self.name_of(estimator)))
+        key = self._keys.get(("", case, estimator))
         found = None if key is None else self.store.series_of(key, run)
         return None if found is None else self._of_length(found, case, "kept")
 
     def detail(self, case: str, estimator: str, run: int) -> np.ndarray | None:
         """Return (K, 18) of a run kept in detail, see :meth:`.store.Store.detail`."""
-        key = self._keys.get(("", case, self.name_of(estimator)))
+        key = self._keys.get(("", case, estimator))
         found = None if key is None else self.store.detail(key, run)
         return None if found is None else self._of_length(found, case, "times")
 
@@ -201,7 +185,7 @@ class Results:
         """Return which rows of the table of runs are an estimator's on a case."""
         table = self._runs
         own = (table["assumption"] == "") & (table["case"] == case)
-        return own & (table["estimator"] == self.name_of(estimator))
+        return own & (table["estimator"] == estimator)
 
     def counters(self) -> pd.DataFrame:
         """Return what estimators counted of themselves: medians over the runs that finished.
@@ -220,21 +204,22 @@ class Results:
 
     @cached_property
     def fixes(self) -> dict[tuple[str, str], pd.DataFrame]:
-        """The fixes of matchers, by case and estimator: ``run`` and :data:`.judging.fixes.ROWS`.
+        """The fixes of matchers, by case and estimator.
 
-        A row for each that was tried, accepted or not, in a run that finished.
+        ``run`` and :data:`.judging.fix_metrics.ROWS` of each that was tried, accepted or not, in
+        a run that finished.
         """
         found = {}
         for cell in self.cells:
             told = [r for r in self._records_of(cell) if cell.assumption == "" and "fixes" in r]
             if told:
                 rows = [{"run": r["run"]} | fix for r in told for fix in r["fixes"]]
-                table = pd.DataFrame(rows, columns=["run", *fixes.ROWS])
+                table = pd.DataFrame(rows, columns=["run", *fix_metrics.ROWS])
                 found[cell.case, cell.estimator] = table.astype({"accepted": bool})
         return found
 
     def fix_figures(self) -> pd.DataFrame:
-        """Return the figures of fixes: case, estimator, runs, :data:`.judging.fixes.COLUMNS`.
+        """Return the figures of fixes: case, estimator, runs, :data:`.judging.fix_metrics.COLUMNS`.
 
         A row for each estimator that makes fixes, on each case with a limit ``lock_m``.
         """
@@ -244,7 +229,7 @@ class Results:
             if limit is not None:
                 runs = int(self._runs_of(case, estimator).sum())
                 named = {"case": case, "estimator": estimator, "runs": runs}
-                rows.append(named | fixes.figures(tried, runs, limit))
+                rows.append(named | fix_metrics.figures(tried, runs, limit))
         return pd.DataFrame(rows)
 
     def arrays(self, case: str) -> dict[str, np.ndarray]:
@@ -291,7 +276,7 @@ class Results:
             "--case",
             case,
             "-e",
-            self._label_of(cell.estimator),
+            cell.estimator,
             "--seed",
             str(self.manifest["seed"]),
         ]
@@ -444,7 +429,7 @@ def write_tables(results: Results) -> pd.DataFrame:
     write_csv("failures.csv", results.failures())
     if len(studies):
         write_csv("assumptions.csv", studies)
-    locks = locking.table(summary)
+    locks = convergence.table(summary)
     if len(locks):
         write_csv("convergence.csv", locks)
     if results.fixes:

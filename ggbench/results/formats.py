@@ -58,7 +58,7 @@ class _Manifest(_Part):
     cells: list[_Cell]
     shared: dict[str, str]
     ggbench: str
-    source_hash: str
+    results_version: int
     versions: dict[str, str]
     inputs: list[_Input] = []
     date: str

@@ -66,7 +66,7 @@ _PART = re.compile(rf"\.({'|'.join(map(re.escape, RESULT_FILES))})\.\d+\.part")
 _BUSY_S = 60.0
 _CHUNK = 1000
 """Records read at a time."""
-_MANIFEST_MARKS = (b'"format"', b'"source_hash"', b'"scenario_hash"')
+_MANIFEST_MARKS = (b'"format"', b'"results_version"', b'"scenario_hash"')
 
 
 class StoreError(GGBenchError):

@@ -7,8 +7,8 @@ import pytest
 from matplotlib.colors import to_rgba
 
 from ggbench.figures import answer, nonlinearity, style
+from ggbench.figures.line_styles import line_styles
 from ggbench.figures.locking import Series
-from ggbench.figures.looks import looks
 
 LABELS = ("ekf", "ukf[points=cubature]")
 
@@ -28,7 +28,7 @@ def test_success_stands_over_errors_case_by_case():
     for axis, given in ((top, shares), (bottom, ratios)):
         for container, label in zip(axis.containers, LABELS, strict=True):
             points, _, (bars,) = container
-            assert to_rgba(points.get_color()) == to_rgba(looks([label])[label].color)
+            assert to_rgba(points.get_color()) == to_rgba(line_styles([label])[label].color)
             assert points.get_ydata() == pytest.approx(given[label].value, nan_ok=True)
             assert np.round(points.get_xdata()).tolist() == [0.0, 1.0, 2.0]
             known = np.isfinite(given[label].value)
@@ -59,7 +59,9 @@ def curves(axis) -> list[tuple[list[float], list[float], str]]:
 
 
 def wanted(given) -> list[tuple[list[float], list[float], str]]:
-    return [(list(x), list(y), looks([label])[label].color) for label, (x, y) in given.items()]
+    return [
+        (list(x), list(y), line_styles([label])[label].color) for label, (x, y) in given.items()
+    ]
 
 
 def test_success_and_error_stand_against_the_width_of_the_prior():

@@ -51,7 +51,7 @@ def results(cases=CASES, asked: int = 100, **manifest: Any) -> Any:
     labels = {label: {"parameters": {}} for label in ("ekf", "ukf", "late", "ins")}
     return SimpleNamespace(
         scenario=SimpleNamespace(cases=cases), run_count=asked, estimators=labels,
-        manifest=manifest, name_of=lambda label: label.replace("[engine=numba]", ""),
+        manifest=manifest,
     )  # fmt: skip
 
 
@@ -68,7 +68,7 @@ def test_the_caveat_says_what_figures_are_not_of():
     fewer = SUMMARY.assign(runs=np.where(SUMMARY["label"] == "ukf", 40, 100))
     text = caveat(results(), fewer)
     assert "of 100 runs only the first were given to some: `ukf` 40. Words" in text
-    text = caveat(results(left_out={"tercom[engine=numba]": "it has no map"}), SUMMARY)
+    text = caveat(results(left_out={"tercom": "it has no map"}), SUMMARY)
     assert "; `tercom` was not run: it has no map. Words" in text
 
 

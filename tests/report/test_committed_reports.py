@@ -1,4 +1,4 @@
-"""The reports of this repository are of the code and of the scenarios beside them."""
+"""Committed reports: of this version of results, and of the scenarios as they are."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from ggbench.numerics.source import source_hash
+from ggbench.campaign.result_keys import RESULTS_VERSION
 from ggbench.spec import scenario
 
 REPORTS = Path(__file__).parents[2] / "reports"
@@ -22,12 +22,12 @@ def test_every_shipped_scenario_has_its_report():
 
 
 @pytest.mark.parametrize("path", MANIFESTS, ids=lambda path: path.parents[1].name)
-def test_a_report_is_of_the_code_and_the_scenario_beside_it(path):
-    """By the hashes that it carries; comments and docstrings are no part of the code's."""
+def test_a_report_is_of_this_version_of_results_and_of_its_scenario(path):
+    """The report carries the version and the scenario's hash; notes are copied."""
     manifest = json.loads(path.read_text(encoding="utf-8"))
-    assert manifest["source_hash"] == source_hash(), RUN_AGAIN
+    assert manifest["results_version"] == RESULTS_VERSION, RUN_AGAIN
     loaded = scenario.load(manifest["scenario"])
     assert manifest["scenario_hash"] == loaded.content_hash, RUN_AGAIN
     text = (REPORTS / f"{manifest['scenario']}.md").read_text(encoding="utf-8")
-    assert f"source {manifest['source_hash']}, scenario {manifest['scenario_hash'][:16]}" in text
+    assert f"results version {RESULTS_VERSION}, scenario {manifest['scenario_hash'][:16]}" in text
     assert loaded.notes.strip() in text, RUN_AGAIN

@@ -12,8 +12,8 @@ def test_the_definitions_are_those_of_the_code(tmp_path, monkeypatch):
     changed = {
         "LEAST_COVERAGE": (0.61, "is 61 % or more"), "MOST_FALSE": (0.07, "in 7 % of the runs"),
         "MOST_FAILED": (0.03, "at most 3 %"), "UNCERTAIN": (1.37, "at most 37 %"),
-        "ALIKE": (1.21, "within 21 %"), "FEWEST": (33, "over 33 runs"),
-        "BOUNDS": (7.0, "within 7 bounds"), "OF_THE_INS": (0.23, "23 % of the INS's error"),
+        "EQUIVALENCE_RATIO": (1.21, "within 21 %"), "FEWEST": (33, "over 33 runs"),
+        "BOUNDS": (7.0, "within 7 bounds"), "INS_FRACTION": (0.23, "23 % of the INS's error"),
     }  # fmt: skip
     for name, (value, _) in changed.items():
         monkeypatch.setattr(definitions, name, value)

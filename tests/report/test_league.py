@@ -98,7 +98,7 @@ def test_standings_are_ordered_by_good_then_success_error_and_cost():
 def test_holes_have_their_reasons():
     """What the manifest says of what was left out; or that the scenario does not ask for it."""
     whole = [INS, *(renamed(EKF, label) for label in league.STANDARD)]
-    told = {"tercom[engine=numba]": "it wants a map", "mine": "it is broken"}
+    told = {"tercom": "it wants a map", "mine": "it is broken"}
     held = League([entry("whole", whole), entry("some", [INS, EKF], left_out=told)])
     found = held.holes()
     assert list(found) == ["some"]
@@ -202,23 +202,19 @@ def test_the_width_of_the_prior_is_over_the_fields_scale():
     ("label", "name"),
     [
         ("ekf", "ekf"),
-        ("ekf[engine=numba]", "ekf"),
-        ("ekf[iterations=5,engine=numba]", "ekf[iterations=5]"),
-        ("factor-graph[mode=isam2]", "factor-graph"),
-        ("factor-graph[mode=isam2,loss=cauchy]", "factor-graph[loss=cauchy]"),
-        ("factor-graph[mode=fixed-lag,lag=60,engine=numba]", "factor-graph[mode=fixed-lag]"),
-        ("mine[mode=isam2]", "mine[mode=isam2]"),
+        ("ekf[iterations=5]", "ekf[iterations=5]"),
+        ("factor-graph[mode=fixed-lag,lag=60]", "factor-graph[mode=fixed-lag]"),
         ("tercom[window=60,longest=60]", "tercom[window=60,longest=60]"),
     ],
 )
-def test_the_league_knows_estimators_without_engine_and_lag(label, name):
-    """Nor a mode that is the default; everything else is another estimator."""
+def test_the_league_knows_estimators_without_lag(label, name):
+    """Everything else is another estimator."""
     assert league.name_of(label) == name
 
 
 def test_of_two_labels_of_one_name_the_first_counts():
     """In rows and in pairs: the second one's figures are nowhere."""
-    first = renamed(EKF, "ekf[engine=numba]")
+    first = renamed(EKF, "ekf[lag=5]")
     (flown,) = entry("s", [INS, first, records("ekf", 81.0 * SAME), records("ukf", SAME)]).cases
     assert list(flown.rows) == ["ekf", "ukf", "ins"]
     assert flown.rows["ekf"]["ratio_median"] == pytest.approx(MEDIAN)

@@ -180,7 +180,7 @@ def test_no_gap_is_without_its_reason(tmp_path):
     held = League(
         [
             entry("whole", [INS, *roster]),
-            entry("some", [INS, *roster[:4]], left_out={"tercom[engine=numba]": "no map"}),
+            entry("some", [INS, *roster[:4]], left_out={"tercom": "no map"}),
         ]
     )
     text = page(held, tmp_path)
@@ -234,18 +234,18 @@ def test_scenarios_are_listed_with_ins_best_and_bound(tmp_path):
     assert [float(cell) for cell in row[4:]] == pytest.approx(wanted, rel=0.01)
 
 
-def test_how_it_was_made_names_runs_sources_and_what_is_left_out(tmp_path):
-    """Fewer runs, two sources, and the remarks; assumptions are asked for if they were run."""
-    fewer = digest_of("b", [INS, EKF], source_hash="beef", assumptions=True,
+def test_how_it_was_made_names_runs_versions_and_what_is_left_out(tmp_path):
+    """Fewer runs, two versions of results, the remarks; assumptions if they were run."""
+    fewer = digest_of("b", [INS, EKF], results_version=2, assumptions=True,
                       done={"ins": RUNS, "ekf": 40})  # fmt: skip
     found = league.entry_of(fewer)
     assert isinstance(found, Entry)
     text = page(League([entry("a", [INS, EKF]), found]), tmp_path, "c is left out")
     making = section(text, "How this was made")
     rows = {row[0]: row for row in table(making)[1]}
-    assert rows["a"] == ["a", "60", "7", "2026-01-02", "1.0", "feed", "0123456789abcdef", ""]
-    assert (rows["b"][5], rows["b"][7]) == ("beef", "`ekf` 40")
-    assert "2 different sources" in making and "- c is left out" in making
+    assert rows["a"] == ["a", "60", "7", "2026-01-02", "1.0", "1", "0123456789abcdef", ""]
+    assert (rows["b"][5], rows["b"][7]) == ("2", "`ekf` 40")
+    assert "2 different versions of results" in making and "- c is left out" in making
     assert "ggbench run --all --assumptions -o results" in making
 
 

@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 from problems import SMALL
 
-from ggbench.judging.locking import wilson_of
+from ggbench.judging.convergence import wilson_of
 from ggbench.report import nonlinearity_section
 from ggbench.report.nonlinearity_section import (
     NonlinearityReport,
@@ -40,7 +40,7 @@ SCALES = {"base": 1000.0, "noisy": 900.0}
 """Correlation length in the settings: σ/ℓ is 0.1, 0.4, 1.6 and 0.111, 0.444, 1.78."""
 SHARES = {
     "ekf": {"base": (1.0, 0.97, 0.2), "noisy": (0.99, 0.95, 0.4)},
-    "search[engine=numba]": {"base": (1.0, 1.0, 0.98), "noisy": (1.0, 1.0, 0.96)},
+    "search": {"base": (1.0, 1.0, 0.98), "noisy": (1.0, 1.0, 0.96)},
     "poor": {"base": (0.5, 0.4, 0.3), "noisy": (0.9, 0.4, 0.3)},
 }
 RATIOS = {"base": (2.0, 3.0, 50.0), "noisy": (8.0, 12.0, 2.0)}

@@ -124,7 +124,7 @@ def test_figures_are_of_vega_lite(page):
     (layer,) = page.charts["chart-errors"]["vconcat"][1]["layer"]
     scale = layer["encoding"]["color"]["scale"]
     colours = dict(zip(scale["domain"], scale["range"], strict=True))
-    assert colours["ekf"] == "#1f77b4" and colours["bound: filter"] == "#000000"
+    assert colours["ekf"] == "#0072b2" and colours["bound: filter"] == "#000000"
     assert colours.keys() >= set(LABELS)
 
 

@@ -59,13 +59,9 @@ def test_without_a_filter_or_a_published_number_nothing_is_said():
     assert "; no run succeeds; no runs failed" in nobody
 
 
-def test_times_of_frameworks_are_told_beside_those_of_compiled_engines():
-    """Only where both are in one table; what has no engines is in neither list."""
-    held = {
-        "ekf": {"parameters": {"engine": "numba"}}, "ukf": {"parameters": {"engine": "filterpy"}},
-        "graph": {"parameters": {"engine": "gtsam"}}, "ins": {"parameters": {}},
-    }  # fmt: skip
-    text = frameworks(held)
-    assert "`ukf` with filterpy; `graph` with gtsam" in text and "`ekf` compiled" in text
-    assert "ins" not in text.split("engines:")[1].split("Every")[0]
-    assert frameworks({"ekf": held["ekf"]}) == frameworks({"ukf": held["ukf"]}) == ""
+def test_times_of_frameworks_are_set_apart_from_compiled_ones():
+    """Only where there are some."""
+    text = frameworks(["ins", "ekf", "filterpy-ukf[points=merwe]", "gtsam"])
+    assert "`filterpy-ukf[points=merwe]`, `gtsam` call a framework" in text
+    assert "ekf`" not in text
+    assert frameworks(["ins", "ekf", "mine.py"]) == ""

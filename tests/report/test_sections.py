@@ -15,7 +15,7 @@ import pytest
 from problems import SMALL
 from summaries import case
 
-from ggbench.judging.locking import COLUMNS
+from ggbench.judging.convergence import COLUMNS
 from ggbench.report import locking_section, sweep_section
 from ggbench.report.families import Family
 from ggbench.spec import scenario

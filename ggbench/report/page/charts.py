@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from matplotlib.colors import to_hex
 
+from ...figures.line_styles import line_styles
 from ...figures.locking import Series
-from ...figures.looks import looks
 from ...figures.style import BOUND
 
 Spec = dict[str, Any]
@@ -35,7 +35,9 @@ class Chart:
 
     Attributes
     ----------
-    name : by which the page knows it. spec : of Vega-Lite. caption : in plain text.
+    name : by which the page knows it.
+    spec : of Vega-Lite.
+    caption : in plain text.
     """
 
     name: str
@@ -49,9 +51,11 @@ class Places:
 
     Attributes
     ----------
-    names : of the cases. values : (n,) on a continuous axis, None: side by side.
+    names : of the cases.
+    values : (n,) on a continuous axis, None: side by side.
     groups : to which each belongs, of which one at a time is shown; empty: all are.
-    title : of the axis. scale : "linear" or "log", of values.
+    title : of the axis.
+    scale : "linear" or "log", of values.
     """
 
     names: Sequence[str]
@@ -162,7 +166,7 @@ def over_time(
         for label, curve in {**errors, **found}.items():
             position, velocity = ([_drawable(v) for v in column] for column in curve[kept].T)
             rows.append({"name": label, "case": title, "position": position, "velocity": velocity})
-    dashes = {label: look.ls for label, look in looks(labels).items()}
+    dashes = {label: look.ls for label, look in line_styles(labels).items()}
     dashes |= {b: _BOUND_LINES[k % len(_BOUND_LINES)] for k, b in enumerate(bounds)}
     read = [
         {"lookup": "case", "from": {"data": {"values": times}, "key": "case", "fields": ["time"]}},
@@ -201,12 +205,13 @@ def _figure(
 
     Parameters
     ----------
-    rows : the data, with ``name``. dashes : name to Matplotlib's line, in the legend's order.
-    choices : name of a parameter to its title and what may be chosen. chosen : which rows that
-        leaves, an expression of Vega's.
+    rows : the data, with ``name``.
+    dashes : name to Matplotlib's line, in the legend's order.
+    choices : name of a parameter to its title and what may be chosen.
+    chosen : which rows that leaves, an expression of Vega's.
     """
     names = list(dashes)
-    colours = {label: look.color for label, look in looks(names).items()}
+    colours = {label: look.color for label, look in line_styles(names).items()}
     colours |= dict.fromkeys((n for n in names if n.startswith("bound: ")), BOUND)
     scale: Spec = {"domain": names, "range": [to_hex(colours[name]) for name in names]}
     columns = max(1, min(3, _WIDTH // (7 * max(map(len, names)) + 40)))

@@ -11,6 +11,7 @@ from urllib.parse import quote
 import numpy as np
 import pandas as pd
 
+from ...estimator_spec import EstimatorSpec
 from ...figures import stored
 from ...figures.locking import Series
 from ...judging.ranking import rows_of
@@ -46,7 +47,8 @@ def write_report(
 
     Parameters
     ----------
-    folder : results of ``ggbench run``. output : folder to write to; made if it does not exist.
+    folder : results of ``ggbench run``.
+    output : folder to write to; made if it does not exist.
     described : name of an estimator to what it is, in a sentence.
     written : the report as markdown with its figures, if it has been written already.
 
@@ -84,7 +86,8 @@ def write_league(output: Path, described: Mapping[str, str]) -> Path:
 
     Parameters
     ----------
-    output : folder of the reports. described : as for :func:`write_report`.
+    output : folder of the reports.
+    described : as for :func:`write_report`.
 
     Raises
     ------
@@ -95,7 +98,7 @@ def write_league(output: Path, described: Mapping[str, str]) -> Path:
     league, _ = read_league(output)
     text = (output / league_page.FILE).read_text(encoding="utf-8")
     labels = [s.label for s in (*league.standings, *league.others)]
-    said = {label: described.get(label.partition("[")[0], "") for label in labels}
+    said = {label: described.get(EstimatorSpec.parse(label).name, "") for label in labels}
     charts = {league_page.FIGURE: chart} if (chart := _of_league(league)) else {}
     return writing.write(output / "league.html", text, output, charts, said)
 

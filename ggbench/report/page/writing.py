@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
+from ...estimator_spec import EstimatorSpec
 from ...files import written_whole
 from . import libraries
 from .charts import HINT, Chart
@@ -30,7 +31,8 @@ def write(
     Parameters
     ----------
     path : of the file.
-    text : the report, as markdown. pictures : folder to which its addresses of pictures belong.
+    text : the report, as markdown.
+    pictures : folder to which its addresses of pictures belong.
     charts : address of a picture in the report to the figure that stands in its place.
     more : figures that replace none; they stand behind the answer.
     estimators : name to what is said of each that is named in tables.
@@ -68,7 +70,7 @@ def said_of(
     """
     said = {}
     for label, content in estimators.items():
-        words = described.get(label.partition("[")[0], content.get("class", ""))
+        words = described.get(EstimatorSpec.parse(label).name, content.get("class", ""))
         settings = ", ".join(f"{key} = {value}" for key, value in content["parameters"].items())
         said[label] = f"{words} Parameters: {settings or 'none'}."
     return said
