@@ -8,15 +8,16 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: help paper sweep library bench bench-check areas agreement test test-long test-all coverage lint format typecheck keys pictures turbulence docs wheel-check browser lock clean
+.PHONY: help paper sweep library golden bench bench-check matching agreement test test-long test-all coverage lint format typecheck keys pictures turbulence docs wheel-check browser lock clean
 
 help:
 	@echo "make paper        run the scenario wang2013 and write its report to reports/"
 	@echo "make sweep        run the scenario noise_rate_sweep and write its report to reports/"
 	@echo "make library      run every scenario, or go on where that stopped; writes all of reports/"
+	@echo "make golden       write tests/golden.json, the numbers of every estimator on short flights"
 	@echo "make bench        measure the engines beside other packages; writes reports/speed.md"
 	@echo "make bench-check  check in a minute that the engines' ratios have not fallen"
-	@echo "make areas        fly over 128 cells of two maps; writes reports/matching_area.md (20 minutes)"
+	@echo "make matching     fly over 128 cells of two maps; writes reports/matching_area.md (20 minutes)"
 	@echo "make agreement    hold the compiled engines to the frameworks on every case (half an hour)"
 	@echo "make test         run the tests, on all processors"
 	@echo "make test-all     run these and the long ones: agreement on every scenario, loops of faults"
@@ -45,16 +46,19 @@ library: $(INSTALLED)
 	$(BIN)/ggbench run --all --assumptions -o results
 	$(BIN)/ggbench report --all results -o reports
 
+golden: $(INSTALLED)
+	$(BIN)/python tests/test_golden.py
+
 # Environments of other packages are made in build/speed; without a network it goes on without them.
 bench: $(INSTALLED)
-	PYTHONPATH=tests $(BIN)/python -m speed
+	PYTHONPATH=benchmarks:tests $(BIN)/python -m speed
 
 bench-check: $(INSTALLED)
-	PYTHONPATH=tests $(BIN)/python -m speed --check
+	PYTHONPATH=benchmarks:tests $(BIN)/python -m speed --check
 
-areas bench bench-check: export OPENBLAS_NUM_THREADS := 1
-areas: $(INSTALLED)
-	PYTHONPATH=tests $(BIN)/python -m matching_area
+matching bench bench-check: export OPENBLAS_NUM_THREADS := 1
+matching: $(INSTALLED)
+	PYTHONPATH=studies $(BIN)/python -m matching_area
 
 agreement: $(INSTALLED)
 	GGBENCH_TEST_AGREEMENT=all $(BIN)/python -m pytest -m "" tests/engines/test_agreement.py
@@ -98,7 +102,7 @@ format: $(INSTALLED)
 typecheck: $(INSTALLED)
 	rm -rf build/typecheck
 	mkdir -p build/typecheck/ggbench
-	cd build/typecheck/ggbench && ln -s $(addprefix ../../../,$(filter-out %/__pycache__,$(wildcard ggbench/*)) estimators scenarios) .
+	cd build/typecheck/ggbench && ln -s $(addprefix ../../../,$(filter-out %/__pycache__,$(wildcard ggbench/*)) estimators matchability scenarios) .
 	$(BIN)/mypy -p ggbench
 
 keys: $(INSTALLED)
@@ -108,7 +112,7 @@ pictures: $(INSTALLED)
 	$(BIN)/python docs/scripts/pictures.py
 
 turbulence: $(INSTALLED)
-	PYTHONPATH=tests $(BIN)/python -m turbulence
+	PYTHONPATH=studies $(BIN)/python -m turbulence
 
 # Everything that it reads is here: it needs no network.
 docs: $(INSTALLED)
@@ -152,4 +156,4 @@ lock:
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache
-	find ggbench estimators scenarios tests -name __pycache__ -prune -exec rm -rf {} +
+	find benchmarks ggbench estimators matchability scenarios studies tests -name __pycache__ -prune -exec rm -rf {} +

@@ -59,7 +59,7 @@ if TYPE_CHECKING:
     from .spec.scenario import Scenario as Scenario
 
 __version__ = VERSION
-cache.keep_apart()
+cache.use_versioned_numba_cache()
 
 _MODULES = {
     "Estimate": "problem",

@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from . import estimation
 from .campaign import campaign, registry, running
 from .campaign.campaign import CampaignError
 from .campaign.runner import flight_of
@@ -116,7 +117,8 @@ def estimate(problem: Problem, estimator: str | Estimator, seed: int = 0) -> Est
 
     Parameters
     ----------
-    problem : as :func:`simulate` gives it. estimator : itself, or the text that names it.
+    problem : as :func:`simulate` gives it.
+    estimator : itself, or the text that names it.
     seed : of the generator that it is given; most have no use for it.
 
     Raises
@@ -137,7 +139,7 @@ def estimate(problem: Problem, estimator: str | Estimator, seed: int = 0) -> Est
     if reason:
         raise registry.EstimatorError(f"{chosen.name} cannot take this problem: {reason}")
     rng = np.random.default_rng(_whole("seed", seed, 0, MOST_SEED))
-    found = chosen.estimate(problem, rng)
+    found = estimation.estimate(chosen, problem, rng)
     if not isinstance(found, Estimate):
         raise registry.EstimatorError(
             f"{chosen.name}: estimate() returned {_kind(found)} and must return an Estimate"
@@ -183,7 +185,8 @@ def corrected(problem: Problem, estimate: Estimate, start: float = 0.0) -> pd.Da
 
     Parameters
     ----------
-    problem : as :func:`read_flight` or :func:`simulate` gives it. estimate : of it.
+    problem : as :func:`read_flight` or :func:`simulate` gives it.
+    estimate : of it.
     start : what is added to the times [s].
 
     Returns
@@ -269,7 +272,7 @@ def run(
             _listed(cases, str, "cases") or chosen_cases, assumptions, time_limit, fresh,
         )  # fmt: skip
 
-        def told(step: running.Step) -> None:
+        def told(step: running.CampaignProgress) -> None:
             if step.done == 0:
                 for remark in step.remarks:
                     warnings.warn(remark, stacklevel=4)
@@ -348,7 +351,8 @@ class Results(folder.Results):
 
         Parameters
         ----------
-        case : its name. estimator : its label in the tables; by default the first that aids.
+        case : its name.
+        estimator : its label in the tables; by default the first that aids.
         quantity : ``position`` or ``velocity``.
 
         Raises
@@ -361,11 +365,11 @@ class Results(folder.Results):
         label = estimator
         if label is None:
             label = next((label for label in self.labels if label != "ins"), self.labels[0])
-        elif self.name_of(label) not in self.labels:
+        elif label not in self.labels:
             raise ResultsError(
                 f"{self.folder} holds no estimator '{label}'; it holds {', '.join(self.labels)}"
             )
-        return stored.component_errors(self, self._case(case), self.name_of(label), quantity)
+        return stored.component_errors(self, self._case(case), label, quantity)
 
     def plot_field(self, case: str | None = None) -> Figure:
         """Draw the map that a case flies over, at flight height, with the track.
@@ -408,7 +412,7 @@ def _estimator(item: str | Estimator) -> Estimator:
 
 
 def _text(item: str | Estimator) -> str:
-    return registry.text_of(item) if isinstance(item, Estimator) else item
+    return str(registry.spec_of(item)) if isinstance(item, Estimator) else item
 
 
 def _listed(items: Any, kind: Any, name: str) -> list[Any]:

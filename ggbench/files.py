@@ -18,7 +18,8 @@ def written_whole(path: Path, error: type[GGBenchError], what: str = "") -> Iter
     Parameters
     ----------
     path : of the file; its folder is made if need be.
-    error : raised, with a sentence, if it cannot be written. what : it is, in that sentence.
+    error : raised, with a sentence, if it cannot be written.
+    what : it is, in that sentence.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -44,7 +45,8 @@ def sha256_of(path: Path, error: type[GGBenchError], what: str = "") -> str:
     Parameters
     ----------
     path : of the file.
-    error : raised, with a sentence, if it cannot be read. what : it is, in that sentence.
+    error : raised, with a sentence, if it cannot be read.
+    what : it is, in that sentence.
     """
     try:
         with path.open("rb") as file:

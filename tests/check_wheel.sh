@@ -35,7 +35,7 @@ strangers = {t for t in top_level if t != "ggbench" and not t.endswith(".dist-in
 if strangers:
     sys.exit(f"check_wheel: at the top level of the wheel: {sorted(strangers)}")
 
-installed_as = {"docs": "ggbench/docs", "ggbench": "ggbench", "estimators": "ggbench/estimators", "scenarios": "ggbench/scenarios"}
+installed_as = {"docs": "ggbench/docs", "ggbench": "ggbench", "estimators": "ggbench/estimators", "matchability": "ggbench/matchability", "scenarios": "ggbench/scenarios"}
 wanted = {
     f"{package}/{path.relative_to(repo / folder).as_posix()}"
     for folder, package in installed_as.items()
@@ -56,7 +56,7 @@ EOF
     --constraint "$repo/requirements.lock" "$work"/dist/*.whl
 
 site_packages=$("$work/venv/bin/python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
-for name in docs estimators scenarios tests; do
+for name in benchmarks docs estimators matchability scenarios studies tests; do
     [[ ! -e $site_packages/$name ]] || fail "site-packages holds a top-level $name"
 done
 # docs/start.md says where it goes.

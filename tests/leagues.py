@@ -43,7 +43,7 @@ def digest_of(
     found = {
         "scenario": name, "scenario_text": source, "scenario_hash": "0123456789abcdef0",
         "notes": "", "seed": 7, "runs": asked, "date": "2026-01-02", "ggbench": "1.0",
-        "source_hash": "feed",
+        "results_version": 1,
         "versions": {"numpy": "2.0"}, "assumptions": False,
         "machine": {"system": "Linux", "architecture": "x86_64", "processors": 2},
         "cases": names, "left_out": {},

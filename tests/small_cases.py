@@ -44,22 +44,22 @@ ON_BOARD = {
 """Changes that take a receiver, a log and a barometer on board; none of them needs a map."""
 
 SEVERAL = {
-    "further.stern.kind": "gnss",
-    "further.stern.period_s": 2.0,
-    "further.stern.position_noise_m": 2.0,
-    "further.bow_2.kind": "gnss",
-    "further.bow_2.period_s": 0.5,
-    "further.bow_2.velocity_noise_mps": 0.1,
-    "further.water_track.kind": "velocity_log",
-    "further.water_track.period_s": 1.0,
-    "further.water_track.noise_mps": 0.05,
-    "further.water_track.bias_mps": 0.4,
-    "further.water_track.bias_time_s": 20.0,
-    "further.water_track.frame": "local-level",
-    "further.sea_level.kind": "barometer",
-    "further.sea_level.period_s": 1.5,
-    "further.sea_level.noise_m": 1.0,
-    "further.sea_level.bias_m": 2.0,
+    "sensor.stern.kind": "gnss",
+    "sensor.stern.period_s": 2.0,
+    "sensor.stern.position_noise_m": 2.0,
+    "sensor.bow_2.kind": "gnss",
+    "sensor.bow_2.period_s": 0.5,
+    "sensor.bow_2.velocity_noise_mps": 0.1,
+    "sensor.water_track.kind": "velocity_log",
+    "sensor.water_track.period_s": 1.0,
+    "sensor.water_track.noise_mps": 0.05,
+    "sensor.water_track.bias_mps": 0.4,
+    "sensor.water_track.bias_time_s": 20.0,
+    "sensor.water_track.frame": "local-level",
+    "sensor.sea_level.kind": "barometer",
+    "sensor.sea_level.period_s": 1.5,
+    "sensor.sea_level.noise_m": 1.0,
+    "sensor.sea_level.bias_m": 2.0,
 }
 """Changes that take two more receivers, a log and a barometer on board, in no order of names."""
 

@@ -35,11 +35,17 @@ def test_first_commands_are_make_targets():
 
 
 def test_table_is_the_reports():
-    """Every row of the README's table stands in the generated report, word for word."""
+    """Every row of the README's table stands in the generated report, word for word.
+
+    Without its last cell: `make paper` measures the times again.
+    """
     marked = re.search(r"<!-- the table.*?-->\n(.*?)<!-- end", README, re.DOTALL)
     rows = [line for line in marked.group(1).splitlines() if line.startswith("|")]
-    assert len(rows) > 8
-    assert "\n".join(rows) in REPORT
+    assert len(rows) > 8 and rows[0].endswith("| ms/run |")
+    untimed, report = (
+        "\n".join(line.rsplit("|", 2)[0] for line in lines) for lines in (rows, REPORT.splitlines())
+    )
+    assert untimed in report
 
 
 def test_the_answer_is_the_reports():

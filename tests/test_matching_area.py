@@ -12,7 +12,7 @@ import pytest
 from matching_area import __main__ as command
 from matching_area import association, design, findings, flying, indices, report
 
-from ggbench.areas.score import Bounds
+from ggbench.matchability.score import Bounds
 
 SEED = 11
 CELLS = 24

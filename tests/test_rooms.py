@@ -13,24 +13,26 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 FLOORS = (
-    ("errors",),
+    ("errors", "estimator_spec", "parameters"),
     ("files", "numerics"),
     ("gravity", "problem"),
     ("ins", "maps", "sensors"),
-    ("adapters", "areas", "trajectory", "block", "reduced"),
+    ("adapters", "trajectory", "block", "reduced"),
     ("spec", "engines"),
-    ("simulation",),
+    ("estimation", "simulation"),
     ("judging",),
     ("contract", "recorded", "results"),
     ("figures",),
-    ("campaign", "report"),
+    ("campaign", "matchability", "report"),
     ("api",),
     ("cli",),
 )
 """A room imports what stands above it in this list, and nothing beside it or below."""
 APART = {("api", "report")}
 """Nor these: a notebook draws the figures that a report draws, and writes no report."""
-ESTIMATORS_MAY = {"problem", "block", "engines", "numerics", "reduced", "estimators"}
+ESTIMATORS_MAY = {
+    "problem", "block", "parameters", "engines", "numerics", "reduced", "estimators"
+}  # fmt: skip
 
 
 def room_of(name: str) -> str:
@@ -66,12 +68,14 @@ def _imports_in(tree: ast.Module, package: tuple[str, ...]) -> Iterator[tuple[in
                     yield node.lineno, ".".join(alias.name.split(".")[1:]) or "ggbench"
 
 
-def violations(package: Path, estimators: Path) -> list[str]:
+def violations(root: Path) -> list[str]:
     """Imports that the table does not allow, as sentences."""
     floor = {room: n for n, rooms in enumerate(FLOORS) for room in rooms}
     found = []
-    for file in sorted(package.rglob("*.py")):
-        place = file.relative_to(package)
+    files = [*(root / "ggbench").rglob("*.py"), *(root / "matchability").rglob("*.py")]
+    for file in sorted(files):
+        place = file.relative_to(root)
+        place = place.relative_to("ggbench") if place.parts[0] == "ggbench" else place
         mine = place.parts[0].removesuffix(".py")
         if mine == "__init__":
             continue
@@ -84,7 +88,7 @@ def violations(package: Path, estimators: Path) -> list[str]:
                 other != mine and (floor[other] >= floor[mine] or (mine, other) in APART)
             ):
                 found.append(f"{place}:{line} imports {name}: {mine} may not know {other}")
-    for file in sorted(estimators.glob("*.py")):
+    for file in sorted((root / "estimators").glob("*.py")):
         for line, name in imported(file, ("estimators",)):
             if room_of(name) not in ESTIMATORS_MAY:
                 found.append(f"estimators/{file.name}:{line} imports {name}")
@@ -92,7 +96,7 @@ def violations(package: Path, estimators: Path) -> list[str]:
 
 
 def test_rooms_know_only_what_stands_above_them():
-    assert violations(ROOT / "ggbench", ROOT / "estimators") == []
+    assert violations(ROOT) == []
 
 
 @pytest.mark.parametrize(
@@ -108,18 +112,55 @@ def test_rooms_know_only_what_stands_above_them():
         ("ggbench/engines/filters.py", "from ..estimators import ekf\n"),
         ("ggbench/numerics/lanes.py", "from .. import block\n"),
         ("ggbench/attic.py", "import numpy\n"),
+        ("ggbench/judging/field_scale.py", "from ..matchability import statistics\n"),
+        ("matchability/score.py", "from ..cli import maps\n"),
         ("estimators/ekf.py", "from ..simulation.runs import simulate\n"),
         ("estimators/ins.py", "from ggbench.results import store\n"),
     ],
 )
 def test_an_import_that_climbs_is_seen(tmp_path, place, line):
     """The guard fails where it should: one planted line is one violation."""
-    for folder in ("ggbench", "estimators"):
+    for folder in ("ggbench", "estimators", "matchability"):
         shutil.copytree(ROOT / folder, tmp_path / folder, ignore=shutil.ignore_patterns("*.pyc"))
     file = tmp_path / place
     before = file.read_text(encoding="utf-8") if file.exists() else ""
     file.write_text(f"{before}\n{line}", encoding="utf-8")
-    assert len(violations(tmp_path / "ggbench", tmp_path / "estimators")) == 1
+    assert len(violations(tmp_path)) == 1
+
+
+def lane_counts(package: Path, estimators: Path) -> list[str]:
+    """Places outside ``numerics`` where code knows how many lanes there are."""
+    found = []
+    files = [*package.rglob("*.py"), *estimators.glob("*.py")]
+    for file in sorted(file for file in files if file.parent != package / "numerics"):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            names = {getattr(node, field, None) for field in ("id", "attr", "name")}
+            if "LANES" in names:
+                found.append(f"{file.name}:{node.lineno}")
+    return found
+
+
+def test_numerics_alone_knows_how_many_lanes_there_are():
+    assert lane_counts(ROOT / "ggbench", ROOT / "estimators") == []
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "from ..numerics.kernels import LANES\n",
+        "from ..numerics.kernels import LANES as WIDTH\n",
+        "from ..numerics import kernels\n\nSIZE = kernels.LANES\n",
+        "def zeros():\n    return [0] * LANES\n",
+    ],
+)
+@pytest.mark.parametrize("place", ["ggbench/engines/filters.py", "estimators/ekf.py"])
+def test_a_count_of_lanes_elsewhere_is_seen(tmp_path, place, line):
+    """The guard fails where it should."""
+    for folder in ("ggbench/engines", "ggbench/numerics", "estimators"):
+        shutil.copytree(ROOT / folder, tmp_path / folder, ignore=shutil.ignore_patterns("*.pyc"))
+    file = tmp_path / place
+    file.write_text(f"{file.read_text(encoding='utf-8')}\n{line}", encoding="utf-8")
+    assert len(lane_counts(tmp_path / "ggbench", tmp_path / "estimators")) == 1
 
 
 def test_rooms_are_entered_by_their_modules():
@@ -143,5 +184,5 @@ def test_every_room_is_installed():
         for file in (ROOT / "ggbench").rglob("__init__.py")
     }
     listed = project["tool"]["setuptools"]["packages"]
-    apart = {"ggbench.docs", "ggbench.estimators", "ggbench.scenarios"}
+    apart = {"ggbench.docs", "ggbench.estimators", "ggbench.matchability", "ggbench.scenarios"}
     assert sorted(listed) == sorted(rooms | apart)

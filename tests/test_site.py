@@ -86,7 +86,7 @@ def test_docstrings_keep_their_words(scripts):
 
     given = [
         "Say so.", "", "Parameters", "----------", "case : of (K, 3) numbers,", "    in E.",
-        "seed, run : as ever. jobs : how many.", "", "Raises", "------", "OneError, TwoError",
+        "seed, run : as ever.", "jobs : how many.", "", "Raises", "------", "OneError, TwoError",
         "    If so.", "", "Returns", "-------", "A row for each.",
     ]  # fmt: skip
     found = [line for line in docstrings.in_sphinx_words(given) if line.strip()]
