@@ -34,6 +34,9 @@ autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_typehints_format = "short"
 autodoc_preserve_defaults = True
+# Types with limits, by name: what they allow is in their module.
+_LIMITED = ("AtLeastOne", "NonNegative", "Positive", "Share")
+autodoc_type_aliases = {name: name for name in _LIMITED}
 
 # Types of other packages, and names that a docstring uses for what it explains in words.
 nitpick_ignore_regex = [
@@ -44,6 +47,10 @@ nitpick_ignore_regex = [
     (
         "py:class",
         r"(ndarray|ArrayLike|Generator|DataFrame|Figure|Path|Any)|Callable|Sequence|Mapping",
+    ),
+    (
+        "py:class",
+        "|".join(_LIMITED),
     ),
 ]
 

@@ -178,10 +178,11 @@ class Tasks:
         self._at_once: list[_Open] = []
         self._one_by_one: list[_Open] = []
         for cell in cells:
-            sides = zip((self._at_once, self._one_by_one), by_block_size(cell.pairs), strict=True)
-            for chosen, pairs in sides:
+            # Read again, not as this process chose it once: a file may change between campaigns.
+            sides = by_block_size(cell.pairs, choose)
+            for cells_of, pairs in zip((self._at_once, self._one_by_one), sides, strict=True):
                 where = [cell.pairs.index(pair) for pair in pairs]
-                chosen.append(cell._replace(pairs=pairs, missing=cell.missing[where]))
+                cells_of.append(cell._replace(pairs=pairs, missing=cell.missing[where]))
 
     def __iter__(self) -> Iterator[Task]:
         cells = [*self._at_once, *self._one_by_one]

@@ -13,7 +13,7 @@ import inspect
 import sys
 import types
 import typing
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, dataclass
 from functools import cache
 from pathlib import Path
@@ -21,7 +21,7 @@ from typing import Any
 
 from ..errors import GGBenchError
 from ..estimator_spec import EstimatorSpec
-from ..parameters import parameters_of
+from ..parameters import Parameter, parameters_of
 from ..problem import Causality, Estimator
 from .truth_isolation import suspicious_names
 
@@ -152,8 +152,7 @@ def _made(cls: type[Estimator], given: EstimatorSpec) -> tuple[EstimatorSpec, Es
             raise EstimatorError(
                 f"{name}: parameter '{key}' is '{text}' and must be {known[key].allowed()}"
             ) from None
-    defaults = {key: parameter.default for key, parameter in known.items()}
-    spec = EstimatorSpec.changed(name, values, defaults)
+    spec = _spec(name, values, known)
     try:
         estimator = cls(**values)
         causality = estimator.causality
@@ -168,6 +167,11 @@ def _made(cls: type[Estimator], given: EstimatorSpec) -> tuple[EstimatorSpec, Es
     if causality == "fixed-lag" and "lag" not in known:
         raise EstimatorError(f"{name}: a fixed-lag estimator needs a parameter 'lag' [s]")
     return spec, estimator
+
+
+def _spec(name: str, values: Mapping[str, Any], known: Mapping[str, Parameter]) -> EstimatorSpec:
+    """Return the spec of complete values of an estimator's known parameters."""
+    return EstimatorSpec.changed(name, values, {key: item.default for key, item in known.items()})
 
 
 def spec_of(estimator: Estimator) -> EstimatorSpec:
@@ -195,7 +199,7 @@ def spec_of(estimator: Estimator) -> EstimatorSpec:
         name = names[0]
     known = parameters_of(cls)
     values = {key: getattr(estimator, key) for key in known}
-    spec = EstimatorSpec.changed(name, values, {k: p.default for k, p in known.items()})
+    spec = _spec(name, values, known)
     if choose(str(spec)).estimator != estimator:
         raise EstimatorError(
             f"the text '{spec}' does not give the estimator {estimator!r}: its file has changed "

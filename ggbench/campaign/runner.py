@@ -153,16 +153,18 @@ def run_task(task: Task) -> Iterator[Started | list[Result]]:
                 f"the version of ggbench or of a library, the source of {label} or a map file "
                 f"is not what the campaign was started with; here: {result_keys.environment()}"
             )
-    together, singly = by_block_size(task.estimators)
+    together, singly = by_block_size(task.estimators, chosen)
     for pairs, size in ((together, runs_at_once(task.case)), (singly, 1)):
         for start in range(0, len(task.runs) if pairs else 0, size):
             yield from _run_block(task, pairs, task.runs[start : start + size])
 
 
-def by_block_size(pairs: Pairs) -> tuple[Pairs, Pairs]:
-    """Return those of the estimators that take many runs at once, and those that take one."""
-    # Not as chosen once: the process that plans campaigns may see a file change between them.
-    together = tuple(p for p in pairs if isinstance(choose(p[0]).estimator, BlockEstimator))
+def by_block_size(pairs: Pairs, find: Callable[[str], Choice]) -> tuple[Pairs, Pairs]:
+    """Return those of the estimators that take many runs at once, and those that take one.
+
+    ``find`` returns the estimator of a label.
+    """
+    together = tuple(p for p in pairs if isinstance(find(p[0]).estimator, BlockEstimator))
     return together, tuple(pair for pair in pairs if pair not in together)
 
 
