@@ -18,7 +18,8 @@ path, a path determines its velocity and its biases, and a copied path stays a c
 - While there are particles the position has an additional noise, of which the Kalman part knows
   (``jitter``), so that copies separate.
 - As soon as h is a straight line over the cloud, and the cloud has the shape of a Gaussian, it
-  becomes one, linear states included (``straight``).
+  becomes one, linear states included (``straight``). So does the prediction where a reading lies in
+  its tail, and leaves fewer than 4 √N effective particles: a Gaussian has tails, a cloud has none.
 
 Without these it claims, on flights that start 100 m off, to know the position ten times better than
 the Cramér–Rao bound allows, and is wrong by hundreds of metres.

@@ -26,6 +26,8 @@ from .straightness import bending, is_gaussian
 _LEAST_STEP, _BISECTIONS, _MOST_STAGES = 1e-16, 40, 60
 """Share of a reading that a stage takes at least; halvings (of its logarithm) by which a stage is
 found; stages in which a reading is taken in at most."""
+_FEWEST = 4.0
+"""Effective particles, over √N, which a reading leaves at least of a cloud that it belongs to."""
 _PER_STATE = 10.0
 """Effective particles per drawn state from which a regression on them says anything."""
 _PROBES = 100
@@ -71,13 +73,18 @@ class Cloud:
     mean (n,) and covariance (n, n).
     """
 
+    weights: np.ndarray
+    log: np.ndarray
+    trial: np.ndarray
+    total: float
+    gaussian: tuple[np.ndarray, np.ndarray] | None
+
     def __init__(
         self, problem: Problem, drawn: int, moves: Moves, rng: np.random.Generator
     ) -> None:
         self.problem, self.drawn, self.moves, self.rng = problem, drawn, moves, rng
         self.count = moves.particles
         self.to_draw = self.count * moves.start
-        self.gaussian: tuple[np.ndarray, np.ndarray] | None
         self.gaussian = problem.prior_mean, problem.prior_cov
         self.x, self.rest = problem.prior_mean[np.newaxis], np.empty((0, 0))
         self._level()
@@ -194,11 +201,15 @@ class Cloud:
         return np.asarray(np.linalg.solve(space.rows, found.whitened.T).T)
 
     def _depletes(self, residuals: np.ndarray, reading: _Reading) -> bool:
-        """Return whether a reading leaves too few particles to say anything; keep the weights."""
+        """Return whether a reading lies in the tail of the cloud; keep the weights.
+
+        There the cloud has too few particles, and a Gaussian of its moments has a tail. It is a
+        smaller share of the particles the more there are, so that the limit stays exact.
+        """
         before = self.weights.copy()
         size = self._weigh(residuals, reading.spread(self.rest) + reading.noise)
         self.weights = before
-        return size < _PER_STATE * self.drawn
+        return bool(size < _FEWEST * math.sqrt(self.count))
 
     def _weigh_by_stages(
         self, residuals: np.ndarray, reading: _Reading
