@@ -15,8 +15,8 @@ import pandas as pd
 from scipy.special import bdtrc
 
 from ..errors import GGBenchError
+from .run_errors import WINDOWS
 from .statistics import ALPHA, BETTER, UNDECIDED, WORSE, excess_p_value, holm, ratio_interval
-from .summary import WINDOWS
 
 SAME = "same"
 LOST = "lost runs"
@@ -90,7 +90,7 @@ def compare(
     ----------
     before, after : tables of runs, one row per run and estimator.
     threshold : relative excess of MRSE that is tolerated, ≥ 0.
-    window : one of :data:`ggbench.judging.summary.WINDOWS`.
+    window : one of :data:`ggbench.judging.run_errors.WINDOWS`.
 
     Raises
     ------

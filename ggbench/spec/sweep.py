@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .case import SweepSpec
+from .axes import SweepSpec
 
 if TYPE_CHECKING:
     import pandas as pd

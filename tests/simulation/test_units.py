@@ -37,7 +37,8 @@ from ggbench.simulation.error_free_flight import Flight
 from ggbench.simulation.runs import simulate
 from ggbench.simulation.sensor_suite import SensorSuite
 from ggbench.spec.aiding import AIDING
-from ggbench.spec.case import CampaignSpec, CaseSpec, SweepSpec, WindowsSpec
+from ggbench.spec.axes import SweepSpec
+from ggbench.spec.case import CampaignSpec, CaseSpec, WindowsSpec
 from ggbench.spec.named_sensors import NamedSensors
 from ggbench.spec.trajectory import SegmentSpec, TrajectorySpec
 

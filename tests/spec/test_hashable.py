@@ -18,7 +18,8 @@ from pydantic import BaseModel, ValidationError
 from small_cases import GRAVIMETER, ON_BOARD, ROTATING, SEVERAL, small_case
 
 from ggbench.spec import scenario
-from ggbench.spec.case import AxisSpec, CampaignSpec, CaseSpec, SweepSpec
+from ggbench.spec.axes import AxisSpec, SweepSpec
+from ggbench.spec.case import CampaignSpec, CaseSpec
 from ggbench.spec.tables import Section
 
 EVERYTHING = (

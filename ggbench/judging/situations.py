@@ -1,4 +1,4 @@
-"""What a case of the library is an example of."""
+"""Situations of cases, by their set-up; whether the assumed model is the true one."""
 
 from __future__ import annotations
 
@@ -11,41 +11,35 @@ from ..spec.case import CaseSpec
 from ..spec.named_sensors import table_of
 
 NARROW, WIDE = 0.2, 1.0
-"""σ/ℓ up to which a prior is narrow, and from which on it is wide. Where Kalman filters cease to
-find back is what the scenario ``nonlinearity`` is about."""
+"""σ/ℓ up to which a prior is narrow, and from which on it is wide."""
 LONG_S = 1800.0
 """Duration from which a flight is called long [s]."""
-NOTHING = "nothing"
 SITUATIONS = {
     "plain": f"Narrow prior, right model (σ/ℓ below {NARROW:g}, or not known)",
-    "between": f"A prior of the field's own scale (σ/ℓ of {NARROW:g} to {WIDE:g})",
+    "between": f"Prior of the field's own scale (σ/ℓ of {NARROW:g} to {WIDE:g})",
     "wide": f"Wide prior (σ/ℓ of {WIDE:g} or more)",
     "scalar": "No gradiometer on board",
     "long": f"Long flight ({LONG_S / 60.0:g} min or more), narrow prior",
-    "readings": "Outliers or gaps in the readings",
+    "readings": "Outliers or gaps in the measurements",
     "outage": "Satellite navigation that fails",
-    "map": "A map that is not the field",
-    "told": "A map that is not the field, its error told as biases that walk",
-    "gravity": "Gravity that the mechanization does not know",
-    "model": "Sensors, times or initial errors other than the estimators believe",
-    NOTHING: "Aiding gains nothing",
+    "map": "Map error that the model does not include",
+    "modelled-map": "Map error, modelled as walking biases",
+    "gravity": "Gravity disturbance that the mechanization does not compensate",
+    "model": "Sensors, times or initial errors other than assumed",
 }
 _BIASES = "model.gradiometer.bias_eotvos"
 _READINGS = ("outlier", "dropout", "noise_freedom")
 
 
-def situation_of(case: CaseSpec, gained: str, correlation_m: float = math.nan) -> str:
-    """Return the situation of a case: the first that fits, from its keys and from what came out.
+def situation_of(case: CaseSpec, correlation_m: float = math.nan) -> str:
+    """Return the situation of a case: the first that fits its keys, of :data:`SITUATIONS`.
 
     Parameters
     ----------
     case : the case.
-    gained : what aiding gains, of :func:`ggbench.report.outcome.gain`.
-    correlation_m : the field's correlation length along the track [m]; NaN where nobody knows it,
-        and the prior is taken with the narrow ones.
+    correlation_m : the field's correlation length along the track [m]; NaN where it is not known:
+        the prior then counts as narrow.
     """
-    if gained in ("nothing", "worse"):
-        return NOTHING
     wrong = _set_apart(case)
     receivers = ["gnss", *(name for name, spec in case.sensor if isinstance(spec, GnssSpec))]
     if any(
@@ -56,7 +50,7 @@ def situation_of(case: CaseSpec, gained: str, correlation_m: float = math.nan) -
         return "readings"
     wrong -= _OF_GRAVITY
     if any(key.split(".")[1] == "field" for key in wrong):
-        return "told" if _BIASES in wrong else "map"
+        return "modelled-map" if _BIASES in wrong else "map"
     if _unknown_gravity(case):
         return "gravity"
     if case.gradiometer is None:
@@ -70,7 +64,7 @@ def situation_of(case: CaseSpec, gained: str, correlation_m: float = math.nan) -
 
 
 def is_right_model(case: CaseSpec) -> bool:
-    """Return whether the estimators are told the truth's own model, in all that a case can say."""
+    """Return whether the assumed model is the true one, in all that a case can state."""
     return not (_set_apart(case) - _OF_GRAVITY) and not _unknown_gravity(case)
 
 
@@ -78,7 +72,7 @@ _OF_GRAVITY = {
     "truth.field.gravity_disturbance", "truth.field.constant_disturbance_mgal",
     "model.field.compensate",
 }  # fmt: skip
-"""What the accelerometers feel and the mechanization adds, which is no part of the map."""
+"""Gravity that the accelerometers feel or the mechanization adds: no part of the map."""
 
 
 def _set_apart(case: CaseSpec) -> set[str]:
@@ -88,7 +82,7 @@ def _set_apart(case: CaseSpec) -> set[str]:
 
 
 def _unknown_gravity(case: CaseSpec) -> bool:
-    """Return whether the truth's gravity is felt and nobody adds it."""
+    """Return whether the true gravity is felt and not compensated."""
     return case.side("truth").field.gravity_disturbance and not case.model.field.compensate
 
 
