@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from textwrap import fill
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -61,11 +61,12 @@ def over_cases(names: Sequence[str], panel: Panel) -> Drawing:
     )  # fmt: skip
     left: Axes = grid[0, 0]
     middle = np.arange(count, dtype=float)
-    drawn, handles = line_styles(curves), {}
+    drawn = line_styles(curves)
+    handles: dict[str, Any] = {}
     for number, (label, curve) in enumerate(curves.items()):
         at = middle + 0.7 * ((number + 0.5) / len(curves) - 0.5)
         look = drawn[label]
-        marks = {"color": look.color, "marker": look.marker, "fillstyle": _FILLED[look.ls],
+        marks: dict[str, Any] = {"color": look.color, "marker": look.marker, "fillstyle": _FILLED[look.ls],
                  "ms": 5.5, "ls": ""}  # fmt: skip
         left.hlines(at, curve.low, curve.high, color=look.color, lw=1.4)
         (handles[label],) = left.plot(curve.rms, at, **marks)
@@ -112,7 +113,7 @@ def over_axis(panels: Sequence[Panel], label: str, log: bool) -> Drawing:
         squeeze=False, height_ratios=(2.2, 1.0)[:rows],
     )  # fmt: skip
     drawn = line_styles(dict.fromkeys(key for panel in panels for key in panel.curves))
-    handles = {}
+    handles: dict[str, Any] = {}
     for column, panel in enumerate(panels):
         top: Axes = grid[0, column]
         for number, (name, curve) in enumerate(panel.curves.items()):
@@ -127,8 +128,12 @@ def over_axis(panels: Sequence[Panel], label: str, log: bool) -> Drawing:
                 grid[1, column].plot(panel.places, 100.0 * curve.success, lw=width, **look)
         (handles["bound of filters"],) = top.plot(panel.places, panel.bound, color=BOUND, lw=1.6)
         (handles["INS"],) = top.plot(panel.places, panel.ins, color=INS, lw=1.6, ls="--")
-        top.set(xscale="log" if log else "linear", yscale="log", title=fill(panel.title, 40))
-        grid[-1, column].set_xlabel(label)
+        top.set(
+            xscale="log" if log else "linear",
+            yscale="log",
+            title=fill(panel.title, 70 // len(panels)),
+        )
+    figure.supxlabel(label, fontsize="medium")
     grid[0, 0].set_ylabel("RMS position error [m]")
     if rows == 2:
         grid[1, 0].set(ylabel="success [%]", ylim=(-4.0, 104.0))

@@ -14,6 +14,8 @@ from ..figures.line_styles import line_styles
 from ..figures.style import BOUND
 
 Spec = dict[str, Any]
+_SHAPES = {"-": "circle", "--": "square", "-.": "triangle-up", ":": "diamond"}
+"""Shapes of the variants of a name, which share a colour."""
 _DASHES = {"-": [1, 0], "--": [6, 3], "-.": [6, 2, 1, 2], ":": [2, 2]}
 _LEGEND: Spec = {"title": None, "orient": "bottom", "symbolLimit": 0, "symbolSize": 90,
                  "symbolStrokeWidth": 3}  # fmt: skip
@@ -34,16 +36,19 @@ def by_case(labels: Sequence[str], on: Sequence[str]) -> Spec:
         {"mark": {"type": "rule", "strokeWidth": 1.3},
          "encoding": shared | {"x": x | {"field": "lo"}, "x2": {"field": "hi"}}},
         {"mark": {"type": "point", "filled": True, "size": 40},
-         "encoding": shared | {"tooltip": tip}},
+         "encoding": shared | {"shape": _shape(labels), "tooltip": tip}},
     ])  # fmt: skip
 
 
 def over_time(labels: Sequence[str], on: Sequence[str]) -> Spec:
-    """Return the figure of RMS errors over time: fields ``name, time, rms``."""
+    """Return the figure of RMS errors over time: fields ``name, time, rms``.
+
+    Bounds are the last labels.
+    """
     bounds = [label for label in labels if label.startswith("bound")]
     styles = line_styles([label for label in labels if label not in bounds])
-    dashes = [_DASHES[styles[k].ls] if k in styles else [1 + 3 * bounds.index(k), 2 * bounds.index(k)]
-              for k in labels]  # fmt: skip
+    dashes = [_DASHES[styles[label].ls] for label in styles]
+    dashes += [[1 + 3 * number, 2 * number] for number in range(len(bounds))]
     encoding = {
         "x": {"field": "time", "type": "quantitative", "title": "time [s]",
               "scale": {"nice": False, "zero": False}},
@@ -89,6 +94,13 @@ def _colour(labels: Sequence[str]) -> Spec:
     colours = [to_hex(styles[k].color if k in styles else BOUND) for k in labels]
     return {"field": "name", "type": "nominal", "legend": _LEGEND,
             "scale": {"domain": list(labels), "range": colours}}  # fmt: skip
+
+
+def _shape(labels: Sequence[str]) -> Spec:
+    styles = line_styles(label for label in labels if not label.startswith("bound"))
+    shapes = [_SHAPES[styles[k].ls] if k in styles else "stroke" for k in labels]
+    return {"field": "name", "type": "nominal", "legend": _LEGEND,
+            "scale": {"domain": list(labels), "range": shapes}}  # fmt: skip
 
 
 def _tip(field: str, title: str, form: str = "") -> Spec:

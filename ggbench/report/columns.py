@@ -112,8 +112,10 @@ COLUMNS: dict[str, Column] = {
                "Mean normalised squared error of position and velocity: 6 if consistent; with "
                "its 95 % band."),
     ),
-    "coverage": Column(
-        "coverage", "", "share", "Share of epochs with the truth inside the reported 95 % region."
+    **_with_interval(
+        "coverage", "coverage",
+        Column("coverage", "", "share",
+               "Share of epochs with the truth inside the reported 95 % region."),
     ),
     **_with_interval(
         "nis", "nis",

@@ -27,6 +27,8 @@ _MOST_POINTS = 40_000
 """Points of all figures over time together; of longer flights fewer epochs are drawn."""
 _LEAST_EPOCHS = 40
 """Fewest epochs of a figure over time; with more cases than that allows, no figure is drawn."""
+_SIZES = ((True, True), (False, True), (False, False))
+"""Whether a page has pairs, and all windows: the fullest first."""
 _DIGITS = 4
 """Digits of a number in the page."""
 _DROPPED = ("name", "parameters")
@@ -36,13 +38,19 @@ _DROPPED = ("name", "parameters")
 def write(results: Results, path: Path) -> Path:
     """Write the page of a results folder and return its path.
 
+    A page that would be too large has no pairs; if need be, figures of the settled window alone.
+
     Raises
     ------
     PageError
-        If the page would have more than :data:`MOST_BYTES`, or cannot be written.
+        If the page would have more than :data:`MOST_BYTES` even so, or cannot be written.
     """
-    content = text(results).encode()
-    if len(content) > MOST_BYTES:
+    content = b""
+    for most_tables in _SIZES:
+        content = text(results, *most_tables).encode()
+        if len(content) <= MOST_BYTES:
+            break
+    else:
         raise PageError(
             f"{path} would have {len(content) / 1e6:.1f} MB, more than the {MOST_BYTES / 1e6:g} MB "
             "of a page; report fewer cases or estimators"
@@ -52,13 +60,16 @@ def write(results: Results, path: Path) -> Path:
     return path
 
 
-def text(results: Results) -> str:
-    """Return the page."""
+def text(results: Results, with_pairs: bool = True, all_windows: bool = True) -> str:
+    """Return the page, if asked for without pairs or with the settled window alone."""
     loaded, cases, figures = results.scenario, results.cases(), results.figures()
+    pairs = results.pairs()
+    settled = figures["window"] == "settled"
     tables = {
-        "figures": figures.drop(columns=list(_DROPPED)).sort_values("window", key=_settled_first,
-                                                                    kind="stable"),
-        "pairs": results.pairs(),
+        "figures": pd.concat(
+            [figures[settled], figures[~settled & all_windows]]
+        ).drop(columns=list(_DROPPED)),
+        "pairs": pairs if with_pairs else pairs.iloc[:0],
         "cases": cases.drop(columns="title"),
     } | render.further_tables(results)  # fmt: skip
     data = {
@@ -94,10 +105,6 @@ def text(results: Results) -> str:
         manifest=results.manifest,
         data=data,
     )  # fmt: skip
-
-
-def _settled_first(window: pd.Series) -> pd.Series:
-    return window.map({"settled": 0, "whole": 1}).fillna(2)
 
 
 def _packed(table: pd.DataFrame) -> dict[str, Any]:

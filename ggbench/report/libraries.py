@@ -12,7 +12,6 @@ from typing import Any
 
 from ..errors import GGBenchError
 
-
 _PACKAGES = ("itables", "markdown_it", "vl_convert")
 
 

@@ -120,9 +120,7 @@ def write_definitions(output: Path) -> None:
 
 def definitions() -> str:
     """Return the page of definitions."""
-    return markdown(
-        "definitions.md.j2", columns=[columns.COLUMNS[key] for key in columns.DEFINED]
-    )
+    return markdown("definitions.md.j2", columns=[columns.COLUMNS[key] for key in columns.DEFINED])
 
 
 def page(results: Results, folder: Path) -> str:

@@ -39,9 +39,14 @@ def text(table: pd.DataFrame) -> str:
 
 
 def error_cell(row: Mapping[str, Any]) -> str:
-    """Return ``RMS (× bound), success †`` of a row of figures; success only below 100 %."""
+    """Return ``RMS (× bound), success †`` of a row of figures; success only below 100 %.
+
+    The INS has its RMS error, and a success rate if any run succeeds by chance.
+    """
     parts = columns.cell("rms_m", row["rms_m"])
-    if pd.notna(row["efficiency"]) and row["causality"] != "none":
+    if row["causality"] == "none":
+        return f"{parts}, {columns.share(row['success'])}" if row["success"] > 0.0 else parts
+    if pd.notna(row["efficiency"]):
         parts += f" (×{columns.ratio(row['efficiency'])})"
     if row["success"] < 1.0:
         parts += f", {columns.share(row['success'])}"

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -55,9 +54,7 @@ def few_cases(cases: pd.DataFrame, most: int = MOST_CASES) -> pd.DataFrame:
     return cases.iloc[np.unique(np.linspace(0, len(cases) - 1, most).round().astype(int))]
 
 
-def answer_table(
-    figures: pd.DataFrame, pairs: pd.DataFrame, cases: pd.DataFrame
-) -> pd.DataFrame:
+def answer_table(figures: pd.DataFrame, pairs: pd.DataFrame, cases: pd.DataFrame) -> pd.DataFrame:
     """Return the page's table: bound, INS, EKF, recommended and best smoother of each case."""
     causal = [case["recommended"] or case["best"] for case in cases.to_dict("records")]
     named = {"recommended": causal, "best smoother": cases["best_smoother"].tolist()}
@@ -72,9 +69,9 @@ def answer_table(
                "EKF": cells.of("ekf")}  # fmt: skip
         for key, labels in named.items():
             text = cells.of(labels[number])
-            if labels[number] == "ekf":
+            if labels[number] and cells.alike(labels[number], "ekf"):
                 text = "= EKF"
-            elif labels[number] and heads[key] == key:
+            if labels[number] not in ("", "ekf") and heads[key] == key:
                 text = f"`{labels[number]}` {text}"
             plain = key != "recommended" or case["recommended"] or text == columns.NONE
             row[heads[key]] = text if plain else f"*{text}*"
@@ -120,6 +117,14 @@ class _Cells:
             return f"{row['runs']} runs {symbol}".rstrip()
         return f"{columns.ratio(ratio)} × EKF ({runs} runs) {symbol}".rstrip()
 
+    def alike(self, label: str, other: str) -> bool:
+        """Return whether the cells of two estimators agree, errors within 1 %."""
+        one, two = self.rows.get(label), self.rows.get(other)
+        if one is None or two is None or one["runs"] != two["runs"]:
+            return False
+        same = (one["success"], one["consistency"]) == (two["success"], two["consistency"])
+        return same and 1.0 / ALIKE <= one["rms_m"] / two["rms_m"] <= ALIKE
+
     def _against(self, other: str, label: str) -> tuple[float | None, int]:
         for first, second, power in ((label, other, 1), (other, label, -1)):
             found = self.pairs[(self.pairs["first"] == first) & (self.pairs["second"] == second)]
@@ -128,9 +133,7 @@ class _Cells:
         return None, 0
 
 
-def families(
-    figures: pd.DataFrame, cases: pd.DataFrame, most: int = MOST_FAMILIES
-) -> list[str]:
+def families(figures: pd.DataFrame, cases: pd.DataFrame, most: int = MOST_FAMILIES) -> list[str]:
     """Return the estimators of a figure: the EKF, those that a table names, then the best ones.
 
     A family is a name with a causality; its estimator with the least mean logarithm of error
