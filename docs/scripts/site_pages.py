@@ -12,7 +12,7 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
-from ggbench.report import definitions
+from ggbench.report import render
 from ggbench.spec import scenario
 
 DOCS = Path(__file__).parents[1]
@@ -30,7 +30,7 @@ def write() -> None:
         page.parent.mkdir(parents=True, exist_ok=True)
         if source.name != "definitions.md":
             page.write_text(relinked(_text(source), source, page), encoding="utf-8")
-    definitions.write(GENERATED / "reports")
+    render.write_definitions(GENERATED / "reports")
     contents = ["# All reports", "```{toctree}", ":maxdepth: 1", "", "README", "definitions"]
     contents += sorted({page.stem for page in copies().values() if page.parent.name == "reports"})
     text = "\n".join(dict.fromkeys(contents)) + "\n```\n"

@@ -66,8 +66,10 @@ def over_cases(names: Sequence[str], panel: Panel) -> Drawing:
     for number, (label, curve) in enumerate(curves.items()):
         at = middle + 0.7 * ((number + 0.5) / len(curves) - 0.5)
         look = drawn[label]
-        marks: dict[str, Any] = {"color": look.color, "marker": look.marker, "fillstyle": _FILLED[look.ls],
-                 "ms": 5.5, "ls": ""}  # fmt: skip
+        marks: dict[str, Any] = {
+            "color": look.color, "marker": look.marker, "fillstyle": _FILLED[look.ls],
+            "ms": 5.5, "ls": "",
+        }  # fmt: skip
         left.hlines(at, curve.low, curve.high, color=look.color, lw=1.4)
         (handles[label],) = left.plot(curve.rms, at, **marks)
         if columns == 2:

@@ -98,7 +98,7 @@ def _colour(labels: Sequence[str]) -> Spec:
 
 def _shape(labels: Sequence[str]) -> Spec:
     styles = line_styles(label for label in labels if not label.startswith("bound"))
-    shapes = [_SHAPES[styles[k].ls] if k in styles else "stroke" for k in labels]
+    shapes = [_SHAPES[styles[k].ls] if k in styles else "cross" for k in labels]
     return {"field": "name", "type": "nominal", "legend": _LEGEND,
             "scale": {"domain": list(labels), "range": shapes}}  # fmt: skip
 

@@ -205,7 +205,26 @@ COLUMNS: dict[str, Column] = {
     "reason": Column("reason", definition="Reason of a failure."),
     "command": Column("command", definition="Command that repeats the run."),
     "assumption": Column("changed assumption", definition="Assumption that a study changes."),
+    "remark": Column("remark", definition="Remark on a run, such as an estimate off the map."),
     "fixes": Column("fixes", form="metres", definition="Position fixes that a matcher tried."),
+    "accepted": Column("accepted", form="metres", definition="Fixes that it accepted."),
+    "false": Column("false", form="metres", definition="Accepted fixes beyond the required error."),
+    **_with_interval(
+        "right_share", "right",
+        Column("right", "", "share", "Share of runs whose first accepted fix is right."),
+    ),
+    **_with_interval(
+        "false_share", "false", Column("false first", "", "share", "Share with a false one.")
+    ),
+    **_with_interval(
+        "none_share", "none", Column("without fix", "", "share", "Share without an accepted fix.")
+    ),
+    **_with_interval(
+        "right_time_median_s", "right_time",
+        Column("right after", "s", "metres", "Median time of the first right fix."),
+    ),
+    "cep50_m": Column("CEP 50", "m", "metres", "Horizontal error of half of the accepted fixes."),
+    "cep95_m": Column("CEP 95", "m", "metres", "Horizontal error of 95 % of the accepted fixes."),
 }  # fmt: skip
 """All columns of the tables, by their keys."""
 DEFINED = (

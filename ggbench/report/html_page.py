@@ -27,6 +27,7 @@ _MOST_POINTS = 40_000
 """Points of all figures over time together; of longer flights fewer epochs are drawn."""
 _LEAST_EPOCHS = 40
 """Fewest epochs of a figure over time; with more cases than that allows, no figure is drawn."""
+_WINDOWS = ("settled", "whole", "last20")
 _SIZES = ((True, True), (False, True), (False, False))
 """Whether a page has pairs, and all windows: the fullest first."""
 _DIGITS = 4
@@ -64,11 +65,10 @@ def text(results: Results, with_pairs: bool = True, all_windows: bool = True) ->
     """Return the page, if asked for without pairs or with the settled window alone."""
     loaded, cases, figures = results.scenario, results.cases(), results.figures()
     pairs = results.pairs()
-    settled = figures["window"] == "settled"
+    windows = _WINDOWS if all_windows else _WINDOWS[:1]
+    ordered = pd.concat([figures[figures["window"] == window] for window in windows])
     tables = {
-        "figures": pd.concat(
-            [figures[settled], figures[~settled & all_windows]]
-        ).drop(columns=list(_DROPPED)),
+        "figures": ordered.drop(columns=list(_DROPPED)),
         "pairs": pairs if with_pairs else pairs.iloc[:0],
         "cases": cases.drop(columns="title"),
     } | render.further_tables(results)  # fmt: skip

@@ -46,7 +46,7 @@ def published_table(figures: pd.DataFrame, titles: dict[str, str]) -> pd.DataFra
     wide = rows.pivot(index="estimator", columns=["case", "window"], values="rms_m")
     places = [(case, window) for case in cases for window in WINDOWS if (case, window) in wide]
     wide = wide[places].dropna()
-    order = wide.assign(merit=wide[places[-1]]).sort_values("merit").index
+    order = wide[places[-1]].sort_values().index
     groups = together([label for label in order if label != "ins"], wide)[:MOST_GROUPS]
 
     def at(key: str, causality: str) -> list[str]:

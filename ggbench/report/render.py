@@ -13,6 +13,7 @@ import jinja2
 import pandas as pd
 
 from ..errors import GGBenchError
+from ..figures.numbers import counted
 from ..results import digest
 from ..results.folder import Results, as_argument
 from . import columns, libraries, pictures, published, tables, views
@@ -21,6 +22,11 @@ from .conditions import conditions
 
 PAGE_VERSION = 2
 """Number in the first line of a page; pages of other numbers are of another layout."""
+_ON_GRAVITY = (
+    "Published improvements by a known gravity disturbance, and the largest error of an "
+    "otherwise perfect INS that the disturbance causes"
+)
+_ON_ESTIMATORS = "Claims of the source on pairs of estimators"
 TEMPLATES = Path(__file__).parent / "templates"
 
 
@@ -38,7 +44,9 @@ def environment(html: bool = False) -> jinja2.Environment:
         "metres": columns.metres, "ratio": columns.ratio, "share": columns.share,
         "table": tables.text,
     }  # fmt: skip
-    made.globals |= {"names": tables.names, "page_version": PAGE_VERSION}
+    made.globals |= {
+        "names": tables.names, "counted": counted, "page_version": PAGE_VERSION,
+    }  # fmt: skip
     return made
 
 
@@ -103,9 +111,18 @@ def further_tables(results: Results) -> dict[str, pd.DataFrame]:
         "gravity_claims": published.gravity_claims(results),
         "fixes": results.fix_figures(),
         "counters": results.counters(),
+        "remarks": _remarks(results),
         "failures": results.failures(),
     }
     return {name: table for name, table in found.items() if len(table)}
+
+
+def _remarks(results: Results) -> pd.DataFrame:
+    """Return the remarks on the runs of the cases, and the number of runs that each is on."""
+    runs = results.runs()
+    own = runs[(runs["assumption"] == "") & (runs["remark"] != "")]
+    counted = own.groupby(["case", "estimator", "remark"], sort=False)["run"].count()
+    return counted.rename("runs").reset_index()
 
 
 def write_definitions(output: Path) -> None:
@@ -126,10 +143,11 @@ def definitions() -> str:
 def page(results: Results, folder: Path) -> str:
     """Return the page of a scenario as markdown, and draw its figures into a folder."""
     loaded, cases = results.scenario, results.cases()
-    shown = views.few_cases(_of_parts(results, cases))
-    claims = published.gravity_claims(results)
+    flown = cases[cases["case"].isin(results.figures()["case"])]
+    shown = views.few_cases(_of_parts(results, flown))
+    claims, said = published.gravity_claims(results), _ON_GRAVITY
     if claims.empty:
-        claims = published.claimed(results)
+        claims, said = published.claimed(results), _ON_ESTIMATORS
     found = answer(results)
     return markdown(
         "scenario.md.j2",
@@ -142,7 +160,12 @@ def page(results: Results, folder: Path) -> str:
         folder=quote(loaded.name),
         table=tables.text(views.answer_table(results.figures(), results.pairs(), shown)),
         shown=len(shown),
+        seeking=results.seeking,
+        further=sorted(further_tables(results)),
+        failed=int(results.figures().groupby(["case", "estimator"])["failed"].first().sum()),
+        left_out=views.left_out(results.figures(), shown),
         total=len(cases),
+        claims_caption=said,
         claims=claims.iloc[: tables.MOST_ROWS],
         hidden_claims=max(0, len(claims) - tables.MOST_ROWS),
         conditions=conditions(loaded.cases, cases),

@@ -11,7 +11,7 @@ import pandas as pd
 from ..spec.scenario import Scenario
 from ..spec.sweep import largest_within
 from . import columns
-from .views import few_cases
+from .views import comparable, few_cases
 
 MOST_PARTS = 3
 """Parts of a grid that a figure shows."""
@@ -105,10 +105,11 @@ def _limit(value: float, unit: str) -> str:
 def recovered(figures: pd.DataFrame, cases: pd.DataFrame) -> list[tuple[str, float]]:
     """Return the largest σ/ℓ up to which each causal estimator succeeds in 95 % of the runs.
 
-    In every case of the grid with a smaller or an equal σ/ℓ; the widest first. An estimator
-    without such a case has 0.
+    On equal runs, and in every case of the grid with a smaller or an equal σ/ℓ; the widest
+    first. An estimator without such a case has 0.
     """
-    rows = figures[(figures["window"] == "settled") & (figures["causality"] == "filter")]
+    rows = comparable(figures)
+    rows = rows[rows["causality"] == "filter"]
     rows = rows.merge(cases[["case", "width"]], on="case").sort_values("width")
     found = []
     for label, own in rows.groupby("estimator", sort=False):

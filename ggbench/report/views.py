@@ -47,6 +47,13 @@ def comparable(figures: pd.DataFrame, window: str = "settled") -> pd.DataFrame:
     return rows
 
 
+def left_out(figures: pd.DataFrame, cases: pd.DataFrame) -> list[str]:
+    """Return the estimators that flew fewer runs than others of a case, and are not compared."""
+    rows = figures[(figures["window"] == "settled") & figures["case"].isin(cases["case"])]
+    kept = comparable(rows)["estimator"]
+    return [label for label in rows["estimator"].unique() if label not in set(kept)]
+
+
 def few_cases(cases: pd.DataFrame, most: int = MOST_CASES) -> pd.DataFrame:
     """Return at most so many cases, evenly spread in the order of the file, both ends included."""
     if len(cases) <= most:

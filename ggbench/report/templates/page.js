@@ -9,7 +9,7 @@ URL.revokeObjectURL(address);
 const HEADS = {
   figures: "All figures", pairs: "Pairs of estimators, run by run", cases: "Cases",
   studies: "Changed assumptions", claims: "Claims of the source", gravity_claims: "Claims on gravity",
-  fixes: "Fixes of matchers", counters: "Counters of estimators", failures: "Failed runs",
+  fixes: "Fixes of matchers", counters: "Counters of estimators", failures: "Failed runs", remarks: "Remarks on runs",
 };
 const HINT = "Click a name in the legend to switch it. Drag to move, turn the wheel to zoom, double-click to reset.";
 
@@ -119,7 +119,7 @@ function wrapped(text, letters) {
 
 const titles = Object.fromEntries(data.cases.map(({ case: name, title }) => [name, title]));
 const panel = document.getElementById("panel");
-const RELATED = ["fixes", "counters", "failures", "claims", "studies"];
+const RELATED = ["fixes", "counters", "remarks", "failures", "claims", "studies"];
 
 async function showAll() {
   const few = new Set(data.charts.shown);
