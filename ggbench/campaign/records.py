@@ -6,7 +6,7 @@ import json
 import math
 import platform
 import resource
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -62,6 +62,17 @@ class TimedEstimates:
     seconds: float
     fixes: Fixes | None = None
 
+    def of_runs(self, some: slice) -> TimedEstimates:
+        """Return the estimates of some of the runs."""
+        return replace(
+            self,
+            mean=self.mean[some],
+            cov=None if self.cov is None else self.cov[some],
+            nis=None if self.nis is None else self.nis[some],
+            info=self.info[some],
+            evaluations=self.evaluations[some],
+        )
+
 
 def peak_memory_mb() -> float:
     """Return the most memory [MiB] that this process has had in use."""
@@ -89,7 +100,7 @@ def evaluate_runs(
     error_state: np.ndarray,
     estimated: TimedEstimates,
     references: References,
-    problem: Callable[[int], Problem],
+    problems: Sequence[Problem],
 ) -> list[Result]:
     """Return the results of runs that were estimated; one that is no estimate has failed.
 
@@ -100,7 +111,7 @@ def evaluate_runs(
     flight : the case.
     error_state : (R, K, n) the truth of the runs.
     references : bound and oracle of the runs.
-    problem : returns a run's problem, by its place in the block.
+    problems : of the runs.
     """
     case, times, filters = flight.case, flight.times, estimated.causality == "filter"
     evaluation, flaws = run_errors.evaluate_block(error_state, estimated.mean, estimated.cov)
@@ -108,7 +119,8 @@ def evaluate_runs(
         evaluation.nis[:] = estimated.nis
     elif filters and estimated.cov is not None:
         for r in (r for r, flaw in enumerate(flaws) if not flaw):
-            evaluation.nis[r] = innovations_squared(problem(r), estimated.mean[r], estimated.cov[r])
+            mean, cov = estimated.mean[r], estimated.cov[r]
+            evaluation.nis[r] = innovations_squared(problems[r], mean, cov)
     means = run_errors.window_means(evaluation, times, case.windows).tolist()
     final = evaluation.position_error[:, -1].tolist()
     ins = np.sqrt((error_state[:, -1, :3] ** 2).sum(axis=1)).tolist()

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from .. import estimation
-from ..block import BlockEstimator, EstimateBlock, ProblemBlock
+from ..block import BlockEstimator, EstimateBlock, ProblemBlock, joined
 from ..errors import GGBenchError
 from ..judging import fix_metrics, run_errors
 from ..judging.references import CaseBound, References
@@ -167,10 +167,10 @@ def run_task(task: Task) -> Iterator[Started | list[Result]]:
 
 
 def _blocks(task: Task, size: int) -> Iterator[Sequence[int]]:
-    """Yield runs of a task that share track and map, so many at most."""
-    shared: dict[CaseSpec, list[int]] = {}
+    """Yield runs of a task that share their map, so many at most."""
+    shared: dict[int, list[int]] = {}
     for run in task.runs:
-        shared.setdefault(task.case.of_run(run), []).append(run)
+        shared.setdefault(run % task.case.draw.maps, []).append(run)
     for runs in shared.values():
         for start in range(0, len(runs), size):
             yield runs[start : start + size]
@@ -216,7 +216,7 @@ def _run_block(task: Task, pairs: Pairs, runs: Sequence[int]) -> Iterator[Starte
         try:
             rngs = [_estimator_rng(task.seed, run, choice) for run in runs]
             estimated = _estimate(block, choice, rngs)
-            results = _evaluated(blanks, key, task.case.of_run(runs[0]), truth, estimated, block)
+            results = _evaluated(blanks, key, task.case, truth, estimated, block)
         except (Exception, SystemExit) as error:
             if len(runs) > 1:
                 for run in runs:
@@ -233,11 +233,18 @@ def _run_block(task: Task, pairs: Pairs, runs: Sequence[int]) -> Iterator[Starte
 
 def _simulated_block(task: Task, runs: Sequence[int]) -> tuple[ProblemBlock, HiddenArray]:
     """Simulate runs; their truth is put away before any estimator sees the problems."""
-    case = task.case.of_run(runs[0])
-    if task.case.drawn:
+    if not task.case.drawn:
+        block, truth = simulate_block(flight_of(task.case), task.seed, runs)
+        return block, HiddenArray(truth.error_state)
+    cases = [task.case.of_run(run) for run in runs]
+    for case in cases:
         fly_unseen(case)
-    block, truth = simulate_block(flight_of(case), task.seed, runs)
-    return block, HiddenArray(truth.error_state)
+    pairs = [
+        simulate_block(flight_of(case), task.seed, [run])
+        for case, run in zip(cases, runs, strict=True)
+    ]
+    states = np.concatenate([truth.error_state for _, truth in pairs])
+    return joined([block for block, _ in pairs]), HiddenArray(states)
 
 
 def _evaluated(
@@ -249,10 +256,20 @@ def _evaluated(
     block: ProblemBlock,
 ) -> list[Result]:
     """Judge estimates (:func:`.records.evaluate_runs`) by the truth that was put away."""
-    flight = flight_of(case)
+    problems = [block.problem(r) for r in range(block.runs)]
+    whole = slice(0, block.runs)
+    parts = [slice(r, r + 1) for r in range(block.runs)] if case.drawn else [whole]
+    results = []
     with truth.looked_at() as states:
-        references = References(flight, case_bound(case), block, states)
-        return evaluate_runs(blanks, key, flight, states, estimated, references, block.problem)
+        for part in parts:
+            of_runs = case.of_run(blanks[part.start]["run"])
+            flight = flight_of(of_runs)
+            references = References(flight, case_bound(of_runs), problems[part], states[part])
+            results += evaluate_runs(
+                blanks[part], key, flight, states[part], estimated.of_runs(part), references,
+                problems[part],
+            )  # fmt: skip
+    return results
 
 
 def _is_cold(label: str) -> bool:

@@ -46,7 +46,7 @@ class Comparison:
         ``runs_before``, ``runs``: of how many runs these are, before and after. ``paired``:
         whether they are the same simulated problems. ``p``, ``p_better``: adjusted p-values of "not
         worse" and "not better". ``verdict``: "worse", "better", "same" (the same data, bit by bit)
-        or "not distinguishable".
+        or "undecided".
     only_before, only_after : what only one of the two holds, "case a" or "estimator ekf in case a".
     tests : number of rows in which anything could differ: what p-values are adjusted for.
     """

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -31,7 +31,8 @@ PAIRS = (
 """Columns of :func:`pairs`."""
 FEWEST = 20
 """Clusters of common runs that "equivalent" needs."""
-_WINDOW = "settled"
+ERRORS = "settled_position_ms"
+"""Column of a table of runs by which estimators are compared."""
 
 
 def kind(causality: str) -> str:
@@ -63,35 +64,57 @@ def pairs(runs: pd.DataFrame) -> pd.DataFrame:
     """
     import pandas as pd
 
-    runs = runs.assign(succeeded=succeeded(runs))
     rows: list[dict[str, Any]] = []
     for case, group in runs.groupby("case", sort=False):
-        kinds: dict[str, dict[str, pd.DataFrame]] = {}
+        kinds: dict[str, dict[str, Flown]] = {}
         for label, own in group.groupby("estimator", sort=False):
-            kinds.setdefault(kind(own["causality"].iloc[0]), {})[label] = own.set_index("run")
-        found = [
-            {"case": case, "first": one, "second": two} | compared(tables[one], tables[two])
-            for tables in kinds.values()
-            for one, two in itertools.combinations(tables, 2)
-        ]
-        rows += judged(found)
+            kinds.setdefault(kind(own["causality"].iloc[0]), {})[str(label)] = Flown.of(own)
+        rows += judged(
+            [
+                {"case": case, "first": one, "second": two} | compared(flown[one], flown[two])
+                for flown in kinds.values()
+                for one, two in itertools.combinations(flown, 2)
+            ]
+        )
     return pd.DataFrame(rows).reindex(columns=[*PAIRS])
 
 
-def compared(first: pd.DataFrame, second: pd.DataFrame) -> dict[str, Any]:
-    """Return the figures of a pair on common runs, with p-values that are not adjusted.
+class Flown(NamedTuple):
+    """What the runs of one estimator on one case are compared by.
 
-    Both tables have runs as their index.
+    Attributes
+    ----------
+    run : (R,) their numbers, increasing.
+    draw : (R,) the number of the cluster.
+    squares : (R,) mean squared position error in the settled window [m²], NaN if failed.
+    succeeded : (R,) whether they end within the required error.
     """
-    flown = first.index.intersection(second.index)
-    one, two = first.loc[flown], second.loc[flown]
-    only = (one["succeeded"] & ~two["succeeded"]).to_numpy()
-    other = (two["succeeded"] & ~one["succeeded"]).to_numpy()
-    lead = cluster_means(only.astype(float) - other, one["draw"].to_numpy())
-    name = f"{_WINDOW}_position_ms"
-    both = (one[name] > 0.0) & (two[name] > 0.0)  # NaN of a run that failed
-    draws = one.loc[both, "draw"].to_numpy()
-    found = log_ratio(one.loc[both, name].to_numpy(), two.loc[both, name].to_numpy(), draws)
+
+    run: np.ndarray
+    draw: np.ndarray
+    squares: np.ndarray
+    succeeded: np.ndarray
+
+    @classmethod
+    def of(cls, runs: pd.DataFrame) -> Flown:
+        """Return those of a table of runs of one estimator on one case."""
+        ordered = runs.sort_values("run")
+        run, draw, squares = (ordered[name].to_numpy() for name in ("run", "draw", ERRORS))
+        return cls(run, draw, squares, succeeded(ordered))
+
+    def among(self, runs: np.ndarray) -> Flown:
+        """Return those of some runs."""
+        kept = np.isin(self.run, runs)
+        return Flown(*(values[kept] for values in self))
+
+
+def compared(first: Flown, second: Flown) -> dict[str, Any]:
+    """Return the figures of a pair on common runs, with p-values that are not adjusted."""
+    one, two = first.among(second.run), second.among(first.run)
+    only, other = one.succeeded & ~two.succeeded, two.succeeded & ~one.succeeded
+    lead = cluster_means(only.astype(float) - other, one.draw)
+    both = (one.squares > 0.0) & (two.squares > 0.0)  # NaN of a run that failed
+    found = log_ratio(one.squares[both], two.squares[both], one.draw[both])
     return {
         "runs": int(both.sum()),
         "error_ratio": found.ratio,
@@ -103,7 +126,7 @@ def compared(first: pd.DataFrame, second: pd.DataFrame) -> dict[str, Any]:
         # Clusters count once: runs that share a map error succeed or fail together.
         "success_p": exact_p(int((lead > 0.0).sum()), int((lead < 0.0).sum())),
         "_lead": float(lead.sum()),
-        "_equivalent": found.p_equivalent < ALPHA and len(np.unique(draws)) >= FEWEST,
+        "_equivalent": found.p_equivalent < ALPHA and len(np.unique(one.draw[both])) >= FEWEST,
     }
 
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
 
-from ..block import ProblemBlock
 from ..ins.error_model import POSITION, VELOCITY
+from ..problem import MeasurementModel, Problem
+from ..sensors.model import SensorModel
 from ..simulation.bound import Bound
 from ..simulation.error_free_flight import Flight
 from ..spec.case import WindowsSpec
@@ -58,33 +60,34 @@ class CaseBound:
 
 
 class References:
-    """Bound and oracle of a block of runs.
+    """Bound and oracle of runs of one flight.
 
     Parameters
     ----------
     flight : of the runs.
     bound : of the flight.
-    block : the problems.
+    problems : of the R runs.
     error_state : (R, K, n) the truth.
     """
 
     def __init__(
-        self, flight: Flight, bound: CaseBound, block: ProblemBlock, error_state: np.ndarray
+        self, flight: Flight, bound: CaseBound, problems: Sequence[Problem], error_state: np.ndarray
     ) -> None:
         self.bound = bound
-        self._case, self._block, self._truth = flight.case, block, error_state
+        self._flight, self._problems, self._truth = flight, problems, error_state
 
     def windows(self, name: str) -> np.ndarray:
         """Return :data:`FIGURES` of each run and window (R, W, 4), for a kind of estimate."""
-        found = np.full((self._block.runs, len(WINDOWS), len(FIGURES)), np.nan)
+        found = np.full((len(self._problems), len(WINDOWS), len(FIGURES)), np.nan)
         found[:, :, :2] = self.bound.means(name)
-        if is_right_model(self._case):
+        case, times = self._flight.case, self._flight.times
+        if is_right_model(case):
             errors = self._truth - np.swapaxes(self._oracle(name), 0, 1)
             squares = np.stack(
                 [(errors[:, :, part] ** 2).sum(axis=2) for part in (POSITION, VELOCITY)], axis=2
             )
             for r, of_run in enumerate(squares):
-                found[r, :, 2:] = _window_means(of_run, self._block.times, self._case.windows)
+                found[r, :, 2:] = _window_means(of_run, times, case.windows)
         return found
 
     def _oracle(self, name: str) -> np.ndarray:
@@ -97,13 +100,13 @@ class References:
 
     @cached_property
     def _filtered(self) -> tuple[np.ndarray, np.ndarray]:
-        block, epochs = self._block, np.arange(self._block.epochs)
-        predicted = [
-            block.problem(r).model.predict_along(epochs, np.ascontiguousarray(state))
-            for r, state in enumerate(self._truth)
+        epochs = np.arange(len(self._flight.times))
+        residuals = [
+            problem.measurements - predictions(problem.model, epochs, state)
+            for problem, state in zip(self._problems, self._truth, strict=True)
         ]
-        residuals = block.measurements - np.stack(predicted)
-        return self.bound.bound.oracle(residuals, self._truth, block.transition)
+        transition = np.stack([problem.transition for problem in self._problems])
+        return self.bound.bound.oracle(np.stack(residuals), self._truth, transition)
 
 
 def parts(name: str) -> tuple[str, int | None]:
@@ -111,6 +114,13 @@ def parts(name: str) -> tuple[str, int | None]:
     if name.startswith("fixed-lag-"):
         return "fixed-lag", int(name.removeprefix("fixed-lag-"))
     return name, None
+
+
+def predictions(model: MeasurementModel, epochs: np.ndarray, states: np.ndarray) -> np.ndarray:
+    """Return h (K, m) at the epochs for a state of each (K, n)."""
+    if isinstance(model, SensorModel):
+        return model.predict_along(epochs, np.ascontiguousarray(states))
+    return np.stack([model.predict(k, state) for k, state in zip(epochs, states, strict=True)])
 
 
 def _window_means(squares: np.ndarray, times: np.ndarray, windows: WindowsSpec) -> np.ndarray:

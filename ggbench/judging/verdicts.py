@@ -6,11 +6,15 @@ compared on those of odd number.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+import itertools
+from collections.abc import Mapping, Set
+from typing import TYPE_CHECKING, NamedTuple
 
-from .pairs import compared, judged, kind
+import numpy as np
+
+from .pairs import Flown, compared, judged, kind
 from .statistics import ALPHA, root_ratio_intervals
-from .summary import CONSERVATIVE, CONSISTENT, figures, succeeded
+from .summary import CONSERVATIVE, CONSISTENT, figures
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -19,7 +23,6 @@ MOST_FAILED = 0.05
 """Share of failed runs above which an estimator is not compared."""
 RECOMMENDED_RATIO = 1.10
 """Ratio of RMS errors to the best estimator's within which one is recommended."""
-_ERRORS = "settled_position_ms"
 
 
 class Verdict(NamedTuple):
@@ -95,13 +98,10 @@ def verdict(runs: pd.DataFrame, of: str = "causal") -> Verdict:
     chosen_on = _settled(even)
     eligible = chosen_on[chosen_on.index.isin(consistent)] if consistent else chosen_on
     best = str(eligible["rms_m"].idxmin())
-    tables = {
-        str(label): own.set_index("run")
-        for label, own in odd.assign(succeeded=succeeded(odd)).groupby("estimator", sort=False)
-    }
-    near = _surely_near(tables, best, consistent)
+    flown = {str(label): Flown.of(own) for label, own in odd.groupby("estimator", sort=False)}
+    near = _surely_near(flown, best, consistent)
     cheapest = sorted(near, key=lambda label: float(table.loc[label, "seconds_per_run"]))
-    return Verdict(best, tuple(cheapest), len(consistent), _gain(runs, tables[best]))
+    return Verdict(best, tuple(cheapest), len(consistent), _gain(runs, flown[best]))
 
 
 def _settled(runs: pd.DataFrame) -> pd.DataFrame:
@@ -110,23 +110,18 @@ def _settled(runs: pd.DataFrame) -> pd.DataFrame:
     return table[table["window"] == "settled"].set_index("estimator")
 
 
-def _surely_near(tables: dict[str, pd.DataFrame], best: str, among: set[str]) -> list[str]:
-    """Return those of some estimators that are recommended, the best one's errors known."""
-    labels = [label for label in tables if label in among]
-    reference = tables[best]
+def _surely_near(flown: Mapping[str, Flown], best: str, among: Set[str]) -> list[str]:
+    """Return which of some estimators are recommended, given the best one."""
+    labels = [label for label in flown if label in among]
+    reference = flown[best]
     groups = []
     for label in labels:
-        both = tables[label].join(reference[[_ERRORS]], rsuffix="_best").dropna(
-            subset=[_ERRORS, f"{_ERRORS}_best"]
-        )  # fmt: skip
-        columns = (_ERRORS, f"{_ERRORS}_best", "draw")
-        groups.append(tuple(both[name].to_numpy(dtype=float) for name in columns))
-    intervals = root_ratio_intervals([(a, b, c) for a, b, c in groups])
+        own = flown[label]
+        both = np.isfinite(own.squares) & np.isfinite(reference.squares)
+        groups.append((own.squares[both], reference.squares[both], own.draw[both]))
     tests = {
-        (one, two): compared(tables[one], tables[two])
-        for one in labels
-        for two in labels
-        if one < two
+        (one, two): compared(flown[one], flown[two])
+        for one, two in itertools.combinations(labels, 2)
     }
     lower = set()
     for (one, two), pair in zip(tests, judged([*tests.values()]), strict=True):
@@ -134,16 +129,14 @@ def _surely_near(tables: dict[str, pd.DataFrame], best: str, among: set[str]) ->
             lower.add(one if tests[one, two]["_lead"] < 0.0 else two)
     return [
         label
-        for label, (_, _, high) in zip(labels, intervals, strict=True)
+        for label, (_, _, high) in zip(labels, root_ratio_intervals(groups), strict=True)
         if label not in lower and (label == best or high <= RECOMMENDED_RATIO)
     ]
 
 
-def _gain(runs: pd.DataFrame, best: pd.DataFrame) -> str:
+def _gain(runs: pd.DataFrame, best: Flown) -> str:
     """Return the verdict on the best estimator against the INS, on its runs."""
-    ins = runs[(runs["causality"] == "none") & runs["run"].isin(best.index)]
+    ins = runs[runs["causality"] == "none"]
     if ins.empty:
         return ""
-    unaided = ins.assign(succeeded=succeeded(ins)).set_index("run")
-    pair: dict[str, Any] = judged([compared(best, unaided)])[0]
-    return str(pair["verdict"])
+    return str(judged([compared(best, Flown.of(ins))])[0]["verdict"])

@@ -20,6 +20,7 @@ import pandas as pd
 from ..errors import GGBenchError
 from ..judging import cases, fix_metrics, pairs, summary
 from ..judging.run_errors import WINDOWS, window_mask
+from ..judging.verdicts import Verdict
 from ..spec import scenario
 from ..spec.scenario import Scenario
 from .store import Store, StoreError, read_manifest
@@ -309,7 +310,7 @@ class Results:
         return self._runs[self._runs["assumption"] == ""]
 
     @cached_property
-    def _verdicts(self) -> dict[str, dict[str, cases.Verdict]]:
+    def _verdicts(self) -> dict[str, dict[str, Verdict]]:
         """The verdicts by kind of estimators and case."""
         return cases.verdicts(self._cases_runs)
 

@@ -314,8 +314,12 @@ class CaseSpec(Section):
 
     def map_errors(self) -> dict[str, MapErrorSpec]:
         """Return the map errors by the side that states them, "" for both."""
-        fields = {"": self.field, "truth": self.truth.field, "model": self.model.field}
-        return {side: field.error for side, field in fields.items() if field.error is not None}
+        errors = {
+            "": self.field.error,
+            "truth": self.truth.field.error,
+            "model": self.model.field.error,
+        }
+        return {side: error for side, error in errors.items() if error is not None}
 
     @property
     def drawn(self) -> bool:

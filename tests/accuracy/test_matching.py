@@ -35,7 +35,7 @@ def efficient(runs: int) -> tuple[np.ndarray, np.ndarray]:
         problem = constant_offset(3, offset, 500.0, noise=1.0, vertical=1e-3, draws=draws)
         rows = [problem.model.jacobian(k, np.array(offset))[:, :2] for k in range(20)]
         known = info.information(np.array(rows))  # of a noise of one
-        fixes = estimator("tercom[refine=1]").estimate(problem, rng()).fixes
+        fixes = estimator("tercom-ekf[refine=1]").estimate(problem, rng()).fixes
         assert fixes.accepted.tolist() == [True]
         off = fixes.mean[0, :2] - offset[:2]
         white.append(np.linalg.cholesky(known).T @ off)
@@ -69,7 +69,9 @@ def false_fixes(window: int, noise: float, draws: int = 12) -> tuple[float, floa
     sigma, right = 2500.0, 0.5 * LENGTH
     grid = info.offsets(4.0 * sigma, 250.0)
     away = np.concatenate([grid, np.zeros((*grid.shape[:2], 1))], axis=-1)
-    matcher = f"tercom[window={window},longest={window},odds=0,misfit=1e9,spacing_m=400,refine=4]"
+    matcher = (
+        f"tercom-ekf[window={window},longest={window},odds=0,misfit=1e9,spacing_m=400,refine=4]"
+    )
     bounds, false = [], []
     for field in range(10):
         generator = np.random.default_rng([field, window])
@@ -123,8 +125,8 @@ def flown(case: str, label: str, runs: int = 40) -> dict[str, np.ndarray]:
 @pytest.mark.long
 @pytest.mark.parametrize("case", ["3km", "10km"])
 def test_the_oldest_method_is_as_good_as_the_best_filter_from_kilometres_away(case):
-    """Forty runs of ``tercom``: 95 % lock, 2.5 % of fixes false, 1.1 times ``gaussian-sum``."""
-    found, best = flown(case, "tercom"), flown(case, "gaussian-sum")
+    """Forty runs of ``tercom-ekf``: 95 % lock, 2.5 % of fixes false, 1.1 times ``gaussian-sum``."""
+    found, best = flown(case, "tercom-ekf"), flown(case, "gaussian-sum")
     assert np.isfinite(found["locks"]).mean() >= 0.95
     assert found["false"].mean() <= 0.025
     assert np.sqrt(found["squares"].mean()) < 1.1 * np.sqrt(best["squares"].mean())
