@@ -17,7 +17,7 @@ from problems import SMALL
 
 from ggbench.errors import GGBenchError
 from ggbench.judging import statistics
-from ggbench.judging.summary import SUMMARY_COLUMNS
+from ggbench.judging.summary import FIGURES
 from ggbench.report import render
 from ggbench.results.folder import Results
 from ggbench.results.store import RESULT_FILES, Result, Store, StoreError, require_ours
@@ -82,7 +82,7 @@ def test_what_a_campaign_leaves_at_once_is_its_own(tmp_path):
 
 FOREIGN = {
     "scenario.toml": "mine",
-    "summary.csv": "a,b",
+    "figures.csv": "a,b",
     "manifest.json": '{"name": "my web app", "format": 2}',
     "records.sqlite": "SQLite format 3",
 }
@@ -385,5 +385,5 @@ def test_a_results_folder_says_what_made_it(results):
     assert manifest["machine"]["processors"] >= 1
     assert manifest["date"].startswith("20")
     assert (results / "scenario.toml").read_text() == SMALL
-    header = (results / "summary.csv").read_text().splitlines()[0]
-    assert header == ",".join(SUMMARY_COLUMNS)
+    header = (results / "figures.csv").read_text().splitlines()[0]
+    assert header == ",".join(FIGURES)
