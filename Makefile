@@ -8,12 +8,13 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: help paper sweep library golden bench bench-check matching agreement test test-long test-all coverage lint format typecheck keys pictures turbulence docs wheel-check browser lock clean
+.PHONY: help paper sweep library reports golden bench bench-check matching agreement test test-long test-all coverage lint format typecheck keys pictures turbulence docs wheel-check browser lock clean
 
 help:
-	@echo "make paper        run the scenario wang2013 and write its report to reports/"
-	@echo "make sweep        run the scenario noise_rate_sweep and write its report to reports/"
-	@echo "make library      run every scenario, or go on where that stopped; writes all of reports/"
+	@echo "make paper        run the scenario wang2013; its report is in results/wang2013/report"
+	@echo "make sweep        run the scenario noise_rate_sweep; its report is in results/noise_rate_sweep/report"
+	@echo "make library      run every scenario, or go on where that stopped; then make reports"
+	@echo "make reports      renew the committed pages of reports/ from results/"
 	@echo "make golden       write tests/golden.json, the numbers of every estimator on short flights"
 	@echo "make bench        measure the engines beside other packages; writes reports/speed.md"
 	@echo "make bench-check  check in a minute that the engines' ratios have not fallen"
@@ -36,14 +37,17 @@ help:
 
 paper: $(INSTALLED)
 	$(BIN)/ggbench run wang2013 --assumptions --fresh -o results/wang2013
-	$(BIN)/ggbench report results/wang2013 -o reports
+	$(BIN)/ggbench report results/wang2013 -o results/wang2013/report
 
 sweep: $(INSTALLED)
 	$(BIN)/ggbench run noise_rate_sweep --fresh -o results/noise_rate_sweep
-	$(BIN)/ggbench report results/noise_rate_sweep -o reports
+	$(BIN)/ggbench report results/noise_rate_sweep -o results/noise_rate_sweep/report
 
 library: $(INSTALLED)
 	$(BIN)/ggbench run --all --assumptions -o results
+	$(MAKE) reports
+
+reports: $(INSTALLED)
 	$(BIN)/ggbench report --all results -o reports
 
 golden: $(INSTALLED)

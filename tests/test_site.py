@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from ggbench.report import definitions
+from ggbench.report import render
 from ggbench.spec import scenario
 
 ROOT = Path(__file__).parents[1]
@@ -72,7 +72,7 @@ def test_the_sites_definitions_are_those_of_the_reports(scripts, tmp_path, monke
 
     monkeypatch.setattr(site_pages, "GENERATED", tmp_path / "site")
     site_pages.write()
-    definitions.write(tmp_path)
+    render.write_definitions(tmp_path)
     written = (tmp_path / "site" / "reports" / "definitions.md").read_text(encoding="utf-8")
     assert written == (tmp_path / "definitions.md").read_text(encoding="utf-8")
     listed = (tmp_path / "site" / "reports" / "index.md").read_text(encoding="utf-8").splitlines()

@@ -12,7 +12,6 @@ from problems import SMALL, linear_problem
 from ggbench.campaign import execution, runner, running
 from ggbench.campaign import records as kept
 from ggbench.campaign.registry import choose
-from ggbench.report import scenario_report
 from ggbench.results.folder import Results
 from ggbench.simulation.runs import simulate
 
@@ -287,15 +286,6 @@ def test_time_series_are_kept_of_the_first_runs(many, tmp_path, monkeypatch):
         assert len(results.series("base", label)) == 3
         assert results.series_of("base", label, 3) is None
     assert (results.summary()["runs"] == 5).all()
-
-
-@pytest.mark.long
-def test_a_report_says_of_which_runs_its_series_are(many, tmp_path, monkeypatch):
-    for module in (kept, scenario_report):
-        monkeypatch.setattr(module, "SERIES_RUNS", 3)
-    results = ran(tmp_path, labels=("ekf", many), runs=5)
-    text = scenario_report.write(results.folder, tmp_path / "reports").read_text()
-    assert "the first 3 of 5 runs (tables are of all of them) against time" in text
 
 
 DICE = """

@@ -13,7 +13,7 @@ from problems import SMALL, LinearModel, changed
 from ggbench.block import ProblemBlock
 from ggbench.campaign import execution, registry, result_keys, runner, running
 from ggbench.campaign.campaign import CampaignError
-from ggbench.report import scenario_report
+from ggbench.report import render
 from ggbench.results.folder import Results
 from ggbench.simulation.runs import simulate
 from ggbench.spec.scenario import ScenarioError
@@ -237,8 +237,10 @@ def test_an_estimator_that_fails_in_some_runs(tmp_path, monkeypatch):
     row = table[(table["case"] == "base") & (table["estimator"] == "naughty")].iloc[0]
     assert (row["runs"], row["failed"]) == (4, 2)
     assert np.isfinite(row["position_mrse_m"])
-    text = scenario_report.write(results.folder, tmp_path / "reports").read_text()
-    assert "ArithmeticError: not this one" in text
+    text = render.write(results.folder, tmp_path / "reports")[0].read_text()
+    assert "4 runs failed" in text
+    failures = tmp_path / "reports" / "small" / "data" / "failures.csv"
+    assert failures.read_text().count("ArithmeticError: not this one") == 4
 
 
 def test_a_campaign_of_nothing_but_failures_is_summed_up(tmp_path):
@@ -341,7 +343,7 @@ def test_a_folder_is_joined_by_content(change, tmp_path):
     expected = ["base", "loud"] if change == "name" else ["base"]
     assert results.manifest["cases"] == expected
     assert len(results.runs()) == len(expected) * 2 * 3
-    assert "-n 3 " in scenario_report.write(results.folder, tmp_path / "reports").read_text()
+    assert "-n 3 " in render.write(results.folder, tmp_path / "reports")[0].read_text()
 
 
 def test_a_map_is_its_content(tmp_path):

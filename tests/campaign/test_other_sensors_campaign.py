@@ -11,7 +11,7 @@ from small_cases import ON_BOARD
 
 import ggbench as gg
 from ggbench.judging.statistics import nis_band
-from ggbench.report import scenario_report
+from ggbench.report import render
 from ggbench.results.folder import Results
 
 OUTAGE = "[truth.gnss]\ndropouts_s = [[5.0, 12.0]]\n"
@@ -70,9 +70,9 @@ def test_without_a_gradiometer_there_is_no_gradient_along_the_track(results):
 
 @pytest.mark.long
 def test_the_report_draws_what_there_is(results, tmp_path):
-    text = scenario_report.write(results.folder, tmp_path).read_text()
-    assert "error_over_time.png" in text
-    assert "gradient.png" not in text
+    text = render.write(results.folder, tmp_path)[0].read_text()
+    assert "|Gradiometer|none|" in text
+    assert "GNSS" in text and (tmp_path / "small" / "answer.png").exists()
 
 
 def test_a_lag_is_its_time_whatever_the_epochs(results):

@@ -17,8 +17,8 @@ from problems import SMALL
 
 from ggbench.errors import GGBenchError
 from ggbench.judging import statistics
-from ggbench.judging.summary import SUMMARY_COLUMNS
-from ggbench.report import scenario_report
+from ggbench.judging.summary import FIGURES
+from ggbench.report import render
 from ggbench.results.folder import Results
 from ggbench.results.store import RESULT_FILES, Result, Store, StoreError, require_ours
 
@@ -82,7 +82,7 @@ def test_what_a_campaign_leaves_at_once_is_its_own(tmp_path):
 
 FOREIGN = {
     "scenario.toml": "mine",
-    "summary.csv": "a,b",
+    "figures.csv": "a,b",
     "manifest.json": '{"name": "my web app", "format": 2}',
     "records.sqlite": "SQLite format 3",
 }
@@ -132,7 +132,7 @@ def test_a_report_stays_in_its_folder(results, tmp_path):
     for name in ("../escaped", "/escaped", "..", ".", ""):
         (folder / "manifest.json").write_text(json.dumps(manifest | {"scenario": name}))
         with pytest.raises(StoreError, match=r"manifest\.json is damaged: its scenario"):
-            scenario_report.write(folder, tmp_path / "deep" / "er")
+            render.write(folder, tmp_path / "deep" / "er")
 
 
 def test_what_a_folder_names_is_not_loaded(tmp_path, monkeypatch):
@@ -147,7 +147,7 @@ def test_what_a_folder_names_is_not_loaded(tmp_path, monkeypatch):
     manifest["estimators"]["trap.py"] = manifest["estimators"]["ins"]
     path.write_text(json.dumps(manifest))
     (tmp_path / "sprung").unlink(missing_ok=True)
-    scenario_report.write(tmp_path / "out", tmp_path / "reports")
+    render.write(tmp_path / "out", tmp_path / "reports")
     assert not (tmp_path / "sprung").exists()
 
 
@@ -355,7 +355,7 @@ def test_damaged_results_have_their_sentence(kind, results, tmp_path):
         (folder / file.name).write_bytes(file.read_bytes())
     damage(folder, kind)
     with pytest.raises(GGBenchError, match=DAMAGES[kind]) as caught:
-        scenario_report.write(folder, tmp_path / "reports")
+        render.write(folder, tmp_path / "reports")
     assert "\n" not in str(caught.value)
     assert not (folder / "sprung").exists()
 
@@ -385,5 +385,5 @@ def test_a_results_folder_says_what_made_it(results):
     assert manifest["machine"]["processors"] >= 1
     assert manifest["date"].startswith("20")
     assert (results / "scenario.toml").read_text() == SMALL
-    header = (results / "summary.csv").read_text().splitlines()[0]
-    assert header == ",".join(SUMMARY_COLUMNS)
+    header = (results / "figures.csv").read_text().splitlines()[0]
+    assert header == ",".join(FIGURES)
