@@ -3,7 +3,7 @@
 ``manifest.json``  what was run.
 ``figures.csv``    figures of the settled window.
 ``cases.csv``      the cases.
-``pairs.csv``      paired comparisons; without rows for a scenario that is no part of the league.
+``pairs.csv``      paired comparisons.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Digest:
     Attributes
     ----------
     manifest : mapping
-        What was run, when, on what; ``title`` and ``league`` are the scenario's.
+        What was run, when, on what; ``title`` is the scenario's.
     figures, cases, pairs : DataFrame
         Tables of :class:`.folder.Results`, figures of the settled window.
     """
@@ -66,17 +66,15 @@ def write(results: Results, folder: Path) -> None:
     """
     folder.mkdir(parents=True, exist_ok=True)
     figures, pairs = results.figures(), results.pairs()
-    league = results.scenario.campaign.league
     manifest = {key: results.manifest[key] for key in _KEPT} | {
         "title": results.scenario.title,
-        "league": league,
         "inputs": results.manifest.get("inputs", []),
     }
     text = json.dumps(manifest, indent=1, ensure_ascii=False)
     (folder / "manifest.json").write_text(text + "\n", encoding="utf-8")
     write_csv(figures[figures["window"] == "settled"], folder / "figures.csv")
     write_csv(results.cases(), folder / "cases.csv")
-    write_csv(pairs if league else pairs.iloc[:0], folder / "pairs.csv")
+    write_csv(pairs, folder / "pairs.csv")
 
 
 def write_csv(table: pd.DataFrame, path: Path) -> None:
@@ -94,7 +92,7 @@ def read(folder: Path) -> Digest:
     """
     try:
         manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
-        for key in (*_KEPT, "title", "league"):
+        for key in (*_KEPT, "title"):
             manifest[key]
         return Digest(manifest, *(_table(folder, name) for name in _FILES))
     except OSError as error:
