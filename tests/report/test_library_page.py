@@ -8,7 +8,6 @@ import pytest
 from reporting import cases, digest, figures, pairs
 
 from ggbench.report import library
-from ggbench.report.findings import findings
 from ggbench.results import digest as digests
 
 
@@ -30,16 +29,6 @@ def test_the_matrix_is_split_into_tables_that_fit():
     assert [table["estimator (5 runs)"].tolist() for table in apart] == [["`filter-3`"]] * 2
 
 
-def test_findings_count_cases_of_the_league_alone():
-    held = [digest("a"), digest("b", cases=cases(3, gain="worse", consistent=0, recommended=""))]
-    assert findings([*held, digest("c", league=False)]) == [
-        "Aiding reduces the error of the INS in 2 of 5 cases.",
-        "No causal estimator is consistent in 3 of 5 cases.",
-        "An estimator is recommended in 2 of 5 cases.",
-    ]
-    assert findings([]) == []
-
-
 def test_a_damaged_digest_is_named_and_left_out(tmp_path):
     (tmp_path / "ship" / "data").mkdir(parents=True)
     (tmp_path / "ship" / "data" / "manifest.json").write_text("{")
@@ -54,7 +43,7 @@ def test_texts_stay_texts(tmp_path):
     named = cases().assign(case=["10", "null"], recommended=["", "ekf"])
     for name, table in (("figures", figures()), ("cases", named), ("pairs", pairs())):
         digests.write_csv(table, tmp_path / f"{name}.csv")
-    manifest = dict.fromkeys((*digests._KEPT, "title", "league"), "")
+    manifest = dict.fromkeys((*digests._KEPT, "title"), "")
     (tmp_path / "manifest.json").write_text(json.dumps(manifest))
     found = digests.read(tmp_path)
     assert found.cases["case"].tolist() == ["10", "null"]
