@@ -49,7 +49,7 @@ CREATE TABLE IF NOT EXISTS shared (key TEXT PRIMARY KEY, arrays BLOB NOT NULL);
 """
 
 
-FORMAT = 4
+FORMAT = 5
 """Version of what a folder holds; another one is refused."""
 DATABASE_FILES = (
     "records.sqlite-journal", "records.sqlite-shm", "records.sqlite-wal", "records.sqlite",

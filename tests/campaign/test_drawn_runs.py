@@ -109,7 +109,7 @@ def test_a_block_never_mixes_maps(rough):
     case = small_case(rough | DRAWN)
     task = Task(case, "", tuple(range(1, 12)), 5, ())
     blocks = [list(runs) for runs in runner._blocks(task, 4)]
-    assert sorted(sum(blocks, [])) == list(range(1, 12))
+    assert sorted(run for runs in blocks for run in runs) == list(range(1, 12))
     for runs in blocks:
         assert len({run % 2 for run in runs}) == 1 and len(runs) <= 4
 
