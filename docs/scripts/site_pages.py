@@ -19,7 +19,7 @@ DOCS = Path(__file__).parents[1]
 ROOT = DOCS.parent
 GENERATED = DOCS / "generated"
 EXTRA = DOCS.parent / "build" / "extra"
-"""Files that the site has as they are: HTML pages of the reports, in ``pages``, if there are any."""
+"""Files that the site has as they are: HTML pages of the reports, in ``pages``."""
 _REPORTS, _DATA = ROOT / "reports", ROOT / "scenarios" / "data"
 _LINK = re.compile(r"\]\(([^)#\s]+)(#[^)\s]*)?\)")
 _PICTURE = re.compile(r"^!\[(.*?)\]\((.+?)\)$", re.MULTILINE)
@@ -34,7 +34,8 @@ def write() -> None:
         if source.name != "definitions.md":
             page.write_text(relinked(_text(source), source, page), encoding="utf-8")
     render.write_definitions(GENERATED / "reports")
-    contents = ["# All reports", *_interactive(), "```{toctree}", ":maxdepth: 1", "", "README", "definitions"]
+    contents = ["# All reports", *_interactive(), "```{toctree}", ":maxdepth: 1", ""]
+    contents += ["README", "definitions"]
     contents += sorted({page.stem for page in copies().values() if page.parent.name == "reports"})
     text = "\n".join(dict.fromkeys(contents)) + "\n```\n"
     (GENERATED / "reports" / "index.md").write_text(text, encoding="utf-8")
