@@ -19,7 +19,7 @@ DOCS = Path(__file__).parents[1]
 ROOT = DOCS.parent
 GENERATED = DOCS / "generated"
 EXTRA = DOCS.parent / "build" / "extra"
-"""Files that the site has as they are: HTML pages of the reports, in ``pages``."""
+"""Files that the site has as they are: the reports' HTML pages, in ``pages``, if any."""
 _REPORTS, _DATA = ROOT / "reports", ROOT / "scenarios" / "data"
 _LINK = re.compile(r"\]\(([^)#\s]+)(#[^)\s]*)?\)")
 _PICTURE = re.compile(r"^!\[(.*?)\]\((.+?)\)$", re.MULTILINE)

@@ -10,8 +10,8 @@ from ..results.digest import Digest
 
 
 def findings(digests: Sequence[Digest]) -> list[str]:
-    """Return what holds over the cases of all scenarios of the league, a sentence each."""
-    tables = [digest.cases for digest in digests if digest.manifest["league"]]
+    """Return what holds over the cases of all scenarios, a sentence each."""
+    tables = [digest.cases for digest in digests]
     cases = pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
     if cases.empty:
         return []

@@ -138,7 +138,7 @@ class Results:
     def _records_of(self, cell: Cell) -> Iterator[dict[str, Any]]:
         # A study that changes nothing of a case shares its records, of which there may be more.
         campaign = self.whole_scenario.campaign
-        runs = campaign.runs_of(cell.assumption, self.run_count, cell.estimator)
+        runs = campaign.runs_of(cell.assumption, self.run_count)
         return self.store.records(cell.key, runs)
 
     def series(self, case: str, estimator: str) -> np.ndarray:

@@ -44,7 +44,7 @@ from .sensors import (
     TruthSpec,
     changed,
 )
-from .tables import FreeTable, Listed, Section, Table, Title
+from .tables import Listed, Section, Title
 from .trajectory import TrajectorySpec
 
 CaseName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=60)]
@@ -100,46 +100,10 @@ class CampaignSpec(Section):
     """
     time_limit_s: q.TimeLimit = 600.0
     """Longest time of one run of one estimator."""
-    league: bool = True
-    """Whether the league counts it; `false` for a study; its `provenance` is the reason."""
-    tuning: bool = False
-    """Whether the variants of an estimator are a grid for tuning.
 
-    The report chooses the best one in each case on the runs of even number, and compares it with
-    the plain one on those of odd number.
-    """
-    fewer_runs: FreeTable = Table()
-    """Most runs of expensive estimators, the first ones: `{ "rao-blackwellised" = 50 }`."""
-
-    @model_validator(mode="after")
-    def _check_fewer_runs(self) -> CampaignSpec:
-        for label, most in self.fewer_runs:
-            if label not in self.estimators:
-                raise ValueError(
-                    f"fewer_runs names '{label}', which is not among the estimators: "
-                    f"{', '.join(self.estimators)}"
-                )
-            if isinstance(most, bool) or not isinstance(most, int) or not 1 <= most <= MOST_RUNS:
-                raise ValueError(
-                    f"fewer_runs of '{label}' must be a number of runs, 1 to {MOST_RUNS}, found "
-                    f"{most!r}"
-                )
-        return self
-
-    def runs_of(self, study: str, runs: int, label: str = "") -> int:
-        """Return the number of runs of an estimator in an assumption's study, or in the cases ("").
-
-        Parameters
-        ----------
-        study : str
-            Name of the study; "" for the cases.
-        runs : int
-            Runs that are asked for.
-        label : str
-            The estimator; ``fewer_runs`` may limit it in the cases.
-        """
-        most = self.assumption_runs if study else dict(self.fewer_runs).get(label, runs)
-        return min(runs, most)
+    def runs_of(self, study: str, runs: int) -> int:
+        """Return the number of runs in the cases (""), or in an assumption's study."""
+        return min(runs, self.assumption_runs) if study else runs
 
 
 def require_no_gravimeter(tables: Any) -> None:
@@ -314,11 +278,12 @@ class CaseSpec(Section):
 
     def map_errors(self) -> dict[str, MapErrorSpec]:
         """Return the map errors by the side that states them, "" for both."""
-        errors = {
-            "": self.field.error,
-            "truth": self.truth.field.error,
-            "model": self.model.field.error,
+        fields: dict[str, Any] = {
+            "": self.field,
+            "truth": self.truth.field,
+            "model": self.model.field,
         }
+        errors = {side: field.error for side, field in fields.items()}
         return {side: error for side, error in errors.items() if error is not None}
 
     @property

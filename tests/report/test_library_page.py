@@ -30,9 +30,9 @@ def test_the_matrix_is_split_into_tables_that_fit():
     assert [table["estimator (5 runs)"].tolist() for table in apart] == [["`filter-3`"]] * 2
 
 
-def test_findings_count_cases_of_the_league_alone():
+def test_findings_count_the_cases_of_all_scenarios():
     held = [digest("a"), digest("b", cases=cases(3, gain="worse", consistent=0, recommended=""))]
-    assert findings([*held, digest("c", league=False)]) == [
+    assert findings(held) == [
         "Aiding reduces the error of the INS in 2 of 5 cases.",
         "No causal estimator is consistent in 3 of 5 cases.",
         "An estimator is recommended in 2 of 5 cases.",
@@ -54,7 +54,7 @@ def test_texts_stay_texts(tmp_path):
     named = cases().assign(case=["10", "null"], recommended=["", "ekf"])
     for name, table in (("figures", figures()), ("cases", named), ("pairs", pairs())):
         digests.write_csv(table, tmp_path / f"{name}.csv")
-    manifest = dict.fromkeys((*digests._KEPT, "title", "league"), "")
+    manifest = dict.fromkeys((*digests._KEPT, "title"), "")
     (tmp_path / "manifest.json").write_text(json.dumps(manifest))
     found = digests.read(tmp_path)
     assert found.cases["case"].tolist() == ["10", "null"]
