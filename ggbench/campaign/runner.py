@@ -82,7 +82,7 @@ class Started:
     runs: Sequence[int]
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=64)
 def flight_of(case: CaseSpec) -> Flight:
     """Return the flight of a case, made once in each process; of one with draws, of run 0."""
     return prepare(case.of_run(0))

@@ -37,11 +37,11 @@ from problems import (
 from scipy.stats import chi2, norm
 
 from ggbench.judging.bounds import bound_for, squared_bounds
-from ggbench.judging.run_errors import evaluate_block
-from ggbench.judging.summary import (
+from ggbench.judging.run_errors import (
     WINDOWS,
     Evaluation,
     evaluate,
+    evaluate_block,
     has_diverged,
     window_figures,
     window_mask,

@@ -155,7 +155,7 @@ def test_an_estimator_that_fails_becomes_records(kind, tmp_path):
             assert record["name"] == "naughty"
             with pytest.raises(ValueError, match=FAULTS[kind]):
                 raise ValueError(record["reason"])
-    summary = results.summary()
+    summary = results.figures()
     counts = summary.groupby("estimator")["failed"].max()
     assert counts.to_dict() == {"naughty": 2, "ekf": 0}
 
@@ -233,10 +233,10 @@ def test_an_estimator_that_fails_in_some_runs(tmp_path, monkeypatch):
     statuses = [records(results)["base", label, run]["status"] for run in range(4)]
     assert sorted(statuses) == ["failed", "failed", "ok", "ok"]
     assert {r.get("reason") for r in results.records()} == {None, "ArithmeticError: not this one"}
-    table = results.summary()
+    table = results.figures()
     row = table[(table["case"] == "base") & (table["estimator"] == "naughty")].iloc[0]
     assert (row["runs"], row["failed"]) == (4, 2)
-    assert np.isfinite(row["position_mrse_m"])
+    assert np.isfinite(row["rms_m"])
     text = render.write(results.folder, tmp_path / "reports")[0].read_text()
     assert "4 runs failed" in text
     failures = tmp_path / "reports" / "small" / "data" / "failures.csv"
@@ -247,7 +247,7 @@ def test_a_campaign_of_nothing_but_failures_is_summed_up(tmp_path):
     """Even if every run of every estimator fails, there is a table, and it counts them."""
     label = f"{naughty(tmp_path)}[kind=nothing]"
     results = ran(tmp_path, labels=(label,), runs=2)
-    table = results.summary()
+    table = results.figures()
     assert table["failed"].tolist() == [2] * len(table)
 
 
@@ -290,7 +290,7 @@ def test_estimators_asked_for_before_stay_in_the_tables(tmp_path):
     ran(tmp_path, labels=LABELS[:2], runs=2).store.close()
     later = ran(tmp_path, labels=LABELS[2:], runs=1)
     assert later.labels == list(LABELS)
-    assert later.summary().groupby("label")["runs"].first().to_dict() == {
+    assert later.figures().groupby("estimator")["runs"].first().to_dict() == {
         "ins": 2, "ekf": 2, LABELS[2]: 1,
     }  # fmt: skip
 

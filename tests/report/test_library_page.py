@@ -8,7 +8,6 @@ import pytest
 from reporting import cases, digest, figures, pairs
 
 from ggbench.report import library
-from ggbench.report.findings import findings
 from ggbench.results import digest as digests
 
 
@@ -28,16 +27,6 @@ def test_the_matrix_is_split_into_tables_that_fit():
     assert sum(table.shape[0] * (table.shape[1] - 1) for table in tables) == 13 * 11
     apart = [table for table in tables if "estimator (5 runs)" in table]
     assert [table["estimator (5 runs)"].tolist() for table in apart] == [["`filter-3`"]] * 2
-
-
-def test_findings_count_the_cases_of_all_scenarios():
-    held = [digest("a"), digest("b", cases=cases(3, gain="worse", consistent=0, recommended=""))]
-    assert findings(held) == [
-        "Aiding reduces the error of the INS in 2 of 5 cases.",
-        "No causal estimator is consistent in 3 of 5 cases.",
-        "An estimator is recommended in 2 of 5 cases.",
-    ]
-    assert findings([]) == []
 
 
 def test_a_damaged_digest_is_named_and_left_out(tmp_path):

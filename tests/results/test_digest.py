@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 from campaigns import ran, small
 from problems import SMALL
 
+from ggbench.judging.field_scale import correlation_m
 from ggbench.results import digest
 from ggbench.results.folder import Results
 from ggbench.results.store import StoreError
 
-LABELS = ("ins", "ekf", "ukf[points=merwe]", "ukf[points=cubature]")
+LABELS = ("ins", "ekf", "ukf[points=merwe]")
 NAMED = SMALL.replace('name = "base"', 'name = "1e3"').replace('name = "noisy"', 'name = "null"')
 """The small scenario with cases whose names look like a number and like none."""
 
@@ -25,54 +28,96 @@ def results(tmp_path_factory) -> Results:
     return ran(path, labels=LABELS, scenario=small(path, NAMED))
 
 
-@pytest.fixture
-def folder(results, tmp_path) -> Path:
-    path = tmp_path / "small" / digest.FOLDER
+@pytest.fixture(scope="module")
+def folder(results, tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("written") / "small" / digest.FOLDER
     digest.write(results, path)
     return path
 
 
+def assert_alike(found: pd.DataFrame, wanted: pd.DataFrame) -> None:
+    """Texts are the same, numbers are to six digits; what is missing is missing in both."""
+    assert len(found) == len(wanted) > 0
+    assert list(found.columns) == list(wanted.columns)
+    for name in wanted:
+        if pd.api.types.is_numeric_dtype(wanted[name]):
+            held = found[name].to_numpy(dtype=float)
+            given = wanted[name].to_numpy(dtype=float)
+            assert np.allclose(held, given, rtol=6e-6, atol=0.0, equal_nan=True), name
+        else:
+            assert found[name].fillna("").tolist() == wanted[name].fillna("").tolist(), name
+
+
 def test_what_is_read_is_what_was_written(results, folder):
-    """Figures of the settled window and cases, to six digits, and what was run."""
-    held = digest.read(folder)
-    figures = results.figures()
-    settled = figures[figures["window"] == "settled"].reset_index(drop=True)
-    for found, given in ((held.figures, settled), (held.cases, results.cases())):
-        pd.testing.assert_frame_equal(found, given, rtol=6e-6, check_dtype=False)
+    """The settled figures, the cases and the pairs, to six digits, and what was run."""
+    held, figures = digest.read(folder), results.figures()
+    assert_alike(held.figures, figures[figures["window"] == "settled"])
+    assert_alike(held.cases, results.cases())
+    assert_alike(held.pairs, results.pairs())
     assert held.cases["case"].tolist() == ["1e3", "null"]
-    assert held.manifest["scenario_hash"] == results.manifest["scenario_hash"]
+    assert held.figures["recommended"].dtype == bool
     assert held.manifest["title"] == results.scenario.title
+    assert held.manifest["runs"] == 3 and held.manifest["seed"] == 5
+    assert held.manifest["results_version"] == results.manifest["results_version"]
+    assert held.cases["correlation_m"].isna().all()  # no map on board
 
 
-def test_pairs_are_those_that_a_page_may_need(results):
-    """Each has the INS, the EKF or an estimator that the case names; others are left out."""
-    named = {"recommended": "ekf", "best": "ekf", "best_smoother": ""}
-    cases = results.cases().assign(**named)
-    pairs = digest._telling(results.pairs(), cases)
-    lost = results.pairs().drop(pairs.index)
-    assert {*lost["first"], *lost["second"]} == {"ukf[points=merwe]", "ukf[points=cubature]"}
-    cases["best"] = "ukf[points=merwe]"
-    assert len(digest._telling(results.pairs(), cases)) == len(results.pairs())
+def test_the_length_is_that_of_the_gradients_along_the_track(results, folder, monkeypatch):
+    """Of the epochs at which they were read, each at its own place."""
+    real = results.arrays("1e3")
+    times = real["times"]
+    track = np.column_stack([0.0 * times + 0.5, 1.0 + 1e-5 * times, 0.0 * times + 1e3])
+    read = np.arange(2, len(times), 2)
+    vertical = np.random.default_rng(3).normal(size=len(read)).cumsum()
+    arrays = real | {"track": track, "gradient_times": times[read], "vertical": vertical}
+    monkeypatch.setattr(results, "arrays", lambda case: arrays)
+    digest.write(results, folder.parent / "other")
+    held = digest.read(folder.parent / "other")
+    wanted = correlation_m(track[read], vertical)
+    assert held.cases["correlation_m"].to_numpy() == pytest.approx(wanted, rel=1e-5)
+    assert wanted > 0.0
+
+
+def without(text: str, key: str) -> str:
+    return json.dumps({k: v for k, v in json.loads(text).items() if k != key})
 
 
 @pytest.mark.parametrize(
-    ("file", "content", "said"),
+    ("file", "change", "words"),
     [
-        ("manifest.json", "{", "is damaged"),
-        ("manifest.json", "{}", "is damaged: KeyError"),
-        ("cases.csv", "a,b\n1,2\n", "no column case"),
-        ("figures.csv", None, "cannot read .*figures.csv"),
+        ("manifest.json", None, "cannot read .*manifest.json: No such file"),
+        ("figures.csv", None, "cannot read .*figures.csv: No such file"),
+        ("cases.csv", None, "cannot read .*cases.csv: No such file"),
+        ("pairs.csv", None, "cannot read .*pairs.csv: No such file"),
+        ("manifest.json", lambda text: text[:99], "is damaged: JSONDecodeError"),
+        ("manifest.json", lambda text: "[]", "is damaged: TypeError"),
+        ("manifest.json", lambda text: without(text, "title"), "is damaged: KeyError.'title'"),
+        ("manifest.json", lambda text: without(text, "machine"), "KeyError.'machine'"),
+        ("figures.csv", lambda text: "", "is damaged: EmptyDataError"),
+        ("cases.csv", lambda text: text.replace("case,", "x,", 1), "cases.csv has no column case"),
     ],
 )
-def test_a_damaged_digest_has_its_sentence(folder, file, content, said):
-    (folder / file).unlink()
-    if content is not None:
-        (folder / file).write_text(content)
-    with pytest.raises(StoreError, match=said):
-        digest.read(folder)
+def test_a_damaged_digest_is_told_in_a_sentence(folder, tmp_path, file, change, words):
+    """Which folder, what of it, and how it is made anew."""
+    shutil.copytree(folder, tmp_path / "data")
+    path = tmp_path / "data" / file
+    if change is None:
+        path.unlink()
+    else:
+        path.write_text(change(path.read_text(encoding="utf-8")), encoding="utf-8")
+    with pytest.raises(StoreError, match=words) as told:
+        digest.read(tmp_path / "data")
+    if change is not None:
+        assert str(told.value).endswith("; 'ggbench report' writes it again")
 
 
-def test_the_digest_is_small_text(folder):
-    """Six digits, one line for each row, and a manifest without the scenario's text."""
-    assert "scenario_text" not in json.loads((folder / "manifest.json").read_text())
-    assert max(map(len, (folder / "figures.csv").read_text().splitlines())) < 800
+def test_pairs_are_those_that_a_page_may_need():
+    """Each has the INS, the EKF or an estimator that its case names; others are left out."""
+    pairs = pd.DataFrame(
+        [("a", "ukf", "tercom"), ("a", "ekf", "ukf"), ("b", "ukf", "tercom")],
+        columns=["case", "first", "second"],
+    )
+    names = {"recommended": ["", "ekf"], "best": ["ekf", "tercom"], "best_smoother": ["", ""]}
+    cases = pd.DataFrame({"case": ["a", "b"]} | names)
+    assert digest._telling(pairs, cases).index.tolist() == [1, 2]
+    assert digest._telling(pairs[:0], cases).empty

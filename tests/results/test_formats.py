@@ -47,7 +47,7 @@ def test_figures_may_be_undefined():
     """A covariance that cannot be inverted has no NEES, a flight without readings no NIS."""
     undefined = FIGURES | {"nees": np.nan, "nis": np.nan, "coverage": np.nan}
     windows = FINISHED["windows"] | {"settled": undefined}
-    assert flaw_of_record(FINISHED | {"windows": windows, "lock_time_s": None}) is None
+    assert flaw_of_record(FINISHED | {"windows": windows, "converged_s": None}) is None
 
 
 def test_one_spoilt_text_spoils_no_other():

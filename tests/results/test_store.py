@@ -62,7 +62,7 @@ def test_a_fresh_start_removes_all_that_a_campaign_leaves(tmp_path):
     """The manifest, too, and what was half written; a file of one's own stays."""
     folder = tmp_path / "out"
     folder.mkdir()
-    for name in (*RESULT_FILES, ".summary.csv.123.part", "notes.txt"):
+    for name in (*RESULT_FILES, ".figures.csv.123.part", "notes.txt"):
         (folder / name).touch()
     Store(folder, create=True, fresh=True).close()
     assert {path.name for path in folder.iterdir()} == {".lock", "records.sqlite", "notes.txt"}
@@ -369,7 +369,7 @@ def test_the_band_of_innovations_is_of_the_readings_that_are_expected(tmp_path):
     faults = "[truth.gradiometer]\ndropout_share = 0.5\ndropouts_s = [[12.0, 15.0]]\n\n[windows]"
     loaded = small(tmp_path, SMALL.replace("[windows]", faults, 1))
     results = ran(tmp_path, labels=("ekf",), runs=3, scenario=loaded)
-    rows = results.summary().set_index(["case", "window"]).loc["base"]
+    rows = results.figures().set_index(["case", "window"]).loc["base"]
     for window, readings in (("whole", 8), ("settled", 4)):
         band = tuple(rows.loc[window, ["nis_lo", "nis_hi"]])
         assert band == statistics.nis_band(3, readings, 6)

@@ -576,14 +576,14 @@ def test_errors_of_maps(side, monkeypatch, tmp_path):
 
 
 def test_windows():
-    """Which epochs count, and which errors are a lock."""
+    """Which epochs count, and which errors have converged."""
     times = np.arange(1, 1001) * 0.1
-    windows = WindowsSpec(settled_from_s=40.0, last_s=12.0, lock_m=30.0)
+    windows = WindowsSpec(settled_from_s=40.0, last_s=12.0, required_m=30.0)
     settled, last = (times[window_mask(times, windows, name)] for name in ("settled", "last20"))
     assert settled[0] == pytest.approx(si("settled_from_s", 40.0))
     assert last[0] == pytest.approx(times[-1] - si("last_s", 12.0) + 0.1)
-    errors = si("lock_m", 30.0) * np.array([[0.999], [1.001]]) * np.ones((1, 1000))
-    found, _ = convergence.judge(errors, np.full((2, 3), np.nan), times, windows.lock_m)
+    errors = si("required_m", 30.0) * np.array([[0.999], [1.001]]) * np.ones((1, 1000))
+    found, _ = convergence.judge(errors, np.full((2, 3), np.nan), times, windows.required_m)
     assert np.isfinite(found).tolist() == [True, False]
 
 
@@ -614,7 +614,7 @@ def test_every_number_has_a_row():
         *(f"trajectory.segment.{key}" for key in SEGMENT),
         *(f"{side}field.{key}" for side in SIDES for key in FIELD),
         *(f"{side}field.error.{key}" for side in SIDES for key in ERROR),
-        *(f"windows.{key}" for key in ("settled_from_s", "last_s", "lock_m")),
+        *(f"windows.{key}" for key in ("settled_from_s", "last_s", "required_m")),
         *ONLY_SHOWN, *IN_SECONDS, *NAMED,
         *(f"truth.sensor.{OWN}{name}.dropouts_s" for name in AIDING),
     }  # fmt: skip

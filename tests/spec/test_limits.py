@@ -68,7 +68,7 @@ ABSURD = {
     "truth.gradiometer.dropout_share": (SMALLEST, 1.0),
     "windows.settled_from_s": (SMALLEST, 1e9),
     "windows.last_s": (SMALLEST, 25.0, 1e9),
-    "windows.lock_m": (SMALLEST, 1e300),
+    "windows.required_m": (SMALLEST, 1e300),
 }
 """Values without meaning, of keys of the small scenario, whose flight lasts 20 s."""
 SEGMENTS = {
