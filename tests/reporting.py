@@ -76,8 +76,8 @@ def pairs(*rows: tuple[str, str, str, float, int, str]) -> pd.DataFrame:
     return pd.DataFrame(named, columns=[*PAIRS])
 
 
-def digest(name: str, title: str = "A title", league: bool = True, **tables: Any) -> Digest:
-    manifest = {"scenario": name, "title": title, "league": league}
+def digest(name: str, title: str = "A title", **tables: Any) -> Digest:
+    manifest = {"scenario": name, "title": title}
     settled = figures()[lambda table: table["window"] == "settled"]
     held = {"figures": settled, "cases": cases(), "pairs": pairs()} | tables
     return Digest(manifest, **held)

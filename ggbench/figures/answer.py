@@ -16,6 +16,8 @@ WIDTH = 7.3
 """Width of a figure [in], 800 pixels."""
 _FILLED = {"-": "full", "--": "none", "-.": "left", ":": "bottom"}
 """Filling of markers by the line of a variant."""
+_TITLES = 84
+"""Characters in a line of the titles of all panels."""
 _NAME = 30
 """Characters in a line of a case's name."""
 
@@ -130,12 +132,9 @@ def over_axis(panels: Sequence[Panel], label: str, log: bool) -> Drawing:
                 grid[1, column].plot(panel.places, 100.0 * curve.success, lw=width, **look)
         (handles["bound of filters"],) = top.plot(panel.places, panel.bound, color=BOUND, lw=1.6)
         (handles["INS"],) = top.plot(panel.places, panel.ins, color=INS, lw=1.6, ls="--")
-        top.set(
-            xscale="log" if log else "linear",
-            yscale="log",
-            title=fill(panel.title, 70 // len(panels)),
-        )
-    figure.supxlabel(label, fontsize="medium")
+        top.set(xscale="log" if log else "linear", yscale="log")
+        top.set_title(fill(panel.title, _TITLES // len(panels)), fontsize=9)
+        grid[-1, column].set_xlabel(fill(label, _TITLES // len(panels)))
     grid[0, 0].set_ylabel("RMS position error [m]")
     if rows == 2:
         grid[1, 0].set(ylabel="success [%]", ylim=(-4.0, 104.0))

@@ -137,8 +137,8 @@ COLUMNS: dict[str, Column] = {
     ),
     "recommended": Column(
         "recommended",
-        definition="Consistent, and not distinguishable from the best causal estimator; of these "
-        "the cheapest is named.",
+        definition="Consistent or conservative, succeeds as often as any other, and surely within "
+        "10 % of the least RMS error; of these the cheapest is named.",
     ),
     "seconds_per_run": Column("time a run", "s", "time", "Median time of a run, in one process."),
     "map_evaluations": Column(

@@ -35,24 +35,24 @@ def conditions(cases: Sequence[CaseSpec], shared: pd.DataFrame) -> pd.DataFrame:
         ("Initial uncertainty (1σ per axis)", _each(cases, _initial)),
         ("Flight", _flight(shared)),
         ("Gradiometer", _each(cases, _gradiometer)),
-        ("Other sensors", _each(cases, _others)),
+        ("Other sensors", _others(cases)),
         ("Map", _each(cases, _map)),
-        ("Estimators assume", _each(cases, _assumed)),
+        ("Truth differs from model in", _each(cases, _differences)),
     ]
     return pd.DataFrame([row for row in rows if row[1]], columns=["condition", "value"])
 
 
 def _each(cases: Sequence[CaseSpec], said: Callable[[CaseSpec], Sequence[str]]) -> str:
     """Return what is said of all cases, part by part: the few texts, or the first and the last."""
+    texts = [said(case) for case in cases]
     parts = []
-    for texts in itertools.zip_longest(*map(said, cases), fillvalue=""):
-        found = list(dict.fromkeys(texts))
-        if found == [""]:
-            continue
-        named = [text or "none" for text in found]
-        few = " or ".join(named)
-        parts.append(few if len(named) <= _MOST_VALUES else f"{named[0]} … {named[-1]}")
-    return ", ".join(parts)
+    for column in itertools.zip_longest(*filter(None, texts), fillvalue=""):
+        found = list(dict.fromkeys(filter(None, column)))
+        if found:
+            few = len(found) <= _MOST_VALUES
+            parts.append(" or ".join(found) if few else f"{found[0]} … {found[-1]}")
+    without = "" if all(texts) else "none or "
+    return without + ", ".join(parts) if parts else "none"
 
 
 def _ins(case: CaseSpec) -> list[str]:
@@ -86,7 +86,7 @@ def _flight(shared: pd.DataFrame) -> str:
 def _gradiometer(case: CaseSpec) -> list[str]:
     spec = case.side("truth").gradiometer
     if spec is None:
-        return ["none"]
+        return []
     noise = "noise of its disks"
     if spec.noise_eotvos is not None:
         noise = f"{spec.noise_eotvos:g} E"
@@ -97,8 +97,12 @@ def _gradiometer(case: CaseSpec) -> list[str]:
     return [noise, f"every {spec.period_s:g} s", channels, spec.instrument, low]
 
 
-def _others(case: CaseSpec) -> list[str]:
-    return [_aiding(spec) for spec in aiding_of(case).values()]
+def _others(cases: Sequence[CaseSpec]) -> str:
+    """Return the sensors of all cases, then those of some."""
+    held = [[_aiding(spec) for spec in aiding_of(case).values()] for case in cases]
+    every = [name for name in held[0] if all(name in names for names in held)]
+    some = [name for name in dict.fromkeys(itertools.chain(*held)) if name not in every]
+    return ", ".join([*every, *(f"in some cases {name}" for name in some[:_MOST_VALUES])])
 
 
 def _aiding(spec: Any) -> str:
@@ -124,15 +128,14 @@ def _map(case: CaseSpec) -> list[str]:
     return [f"`{assumed.source}`", "the true map" if same else "not the true map", felt]
 
 
-def _assumed(case: CaseSpec) -> list[str]:
+def _differences(case: CaseSpec) -> list[str]:
     changed = {
         key
         for side in (case.truth, case.model)
         for key, value in side.model_dump(exclude_defaults=True).items()
         if value
     }
-    named = " and ".join(sorted(changed)).replace("_", " ")
-    return [f"other models of {named}" if changed else "the true models"]
+    return [" and ".join(sorted(changed)).replace("_", " ") or "nothing"]
 
 
 def _range(values: pd.Series, unit: str) -> str:

@@ -3,7 +3,7 @@
 ``manifest.json``  what was run.
 ``figures.csv``    figures of the settled window.
 ``cases.csv``      the cases.
-``pairs.csv``      paired comparisons.
+``pairs.csv``      paired comparisons with the INS, the EKF and the estimators that a case names.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from .folder import Results
@@ -26,6 +27,9 @@ _KEPT = (
     "ggbench", "results_version", "versions", "scenario", "scenario_hash", "seed", "runs", "date",
     "machine", "assumptions",
 )  # fmt: skip
+_ALWAYS = ("ins", "ekf")
+_NAMING = ("recommended", "best", "best_smoother")
+"""Columns of cases that name estimators."""
 _FILES = ("figures", "cases", "pairs")
 _TEXTS = dict.fromkeys(
     ("case", "title", "estimator", "name", "parameters", "causality", "window", "consistency",
@@ -65,7 +69,7 @@ def write(results: Results, folder: Path) -> None:
         If it cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    figures, pairs = results.figures(), results.pairs()
+    figures, cases = results.figures(), results.cases()
     manifest = {key: results.manifest[key] for key in _KEPT} | {
         "title": results.scenario.title,
         "inputs": results.manifest.get("inputs", []),
@@ -73,8 +77,18 @@ def write(results: Results, folder: Path) -> None:
     text = json.dumps(manifest, indent=1, ensure_ascii=False)
     (folder / "manifest.json").write_text(text + "\n", encoding="utf-8")
     write_csv(figures[figures["window"] == "settled"], folder / "figures.csv")
-    write_csv(results.cases(), folder / "cases.csv")
-    write_csv(pairs, folder / "pairs.csv")
+    write_csv(cases, folder / "cases.csv")
+    write_csv(_telling(results.pairs(), cases), folder / "pairs.csv")
+
+
+def _telling(pairs: pd.DataFrame, cases: pd.DataFrame) -> pd.DataFrame:
+    """Return the pairs with the INS, the EKF, or an estimator that their case names."""
+    named = pairs[["case"]].merge(cases, on="case", how="left")[list(_NAMING)].to_numpy()
+    kept = [
+        bool({first, second} & {*_ALWAYS, *names})
+        for first, second, names in zip(pairs["first"], pairs["second"], named, strict=True)
+    ]
+    return pairs[np.array(kept, dtype=bool)]
 
 
 def write_csv(table: pd.DataFrame, path: Path) -> None:

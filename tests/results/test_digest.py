@@ -109,3 +109,15 @@ def test_a_damaged_digest_is_told_in_a_sentence(folder, tmp_path, file, change, 
         digest.read(tmp_path / "data")
     if change is not None:
         assert str(told.value).endswith("; 'ggbench report' writes it again")
+
+
+def test_pairs_are_those_that_a_page_may_need():
+    """Each has the INS, the EKF or an estimator that its case names; others are left out."""
+    pairs = pd.DataFrame(
+        [("a", "ukf", "tercom"), ("a", "ekf", "ukf"), ("b", "ukf", "tercom")],
+        columns=["case", "first", "second"],
+    )
+    names = {"recommended": ["", "ekf"], "best": ["ekf", "tercom"], "best_smoother": ["", ""]}
+    cases = pd.DataFrame({"case": ["a", "b"]} | names)
+    assert digest._telling(pairs, cases).index.tolist() == [1, 2]
+    assert digest._telling(pairs[:0], cases).empty
