@@ -17,7 +17,7 @@ _COLUMNS: dict[Quantity, tuple[int, str]] = {"position": (0, "m"), "velocity": (
 """First column of an error's components in a detailed run, and its unit."""
 
 
-_BOUNDS = {"bound-batch": "smoother"}
+_BOUNDS = {"bound-batch": "smoother", "bound-fixed-lag": "fixed lag"}
 """Words for bounds whose stored name is another."""
 
 
@@ -56,14 +56,15 @@ def errors_over_time(
     bounds = {
         bound_name(key): np.sqrt(value[kept])
         for key, value in stored.items()
-        if key.startswith("bound-")
+        if key.startswith("bound-") and key != "bound-unfiltered"
     }
     return stored["times"][kept], curves, bounds
 
 
 def bound_name(key: str) -> str:
     """Return the name of a bound in a legend, from its key among the arrays of a case."""
-    return f"bound, {_BOUNDS.get(key, key.removeprefix('bound-'))}"
+    kind = key.rstrip("-0123456789")
+    return f"bound, {_BOUNDS.get(kind, kind.removeprefix('bound-'))}"
 
 
 def component_errors(results: Results, case: str, label: str, quantity: Quantity) -> Drawing:
