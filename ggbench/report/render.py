@@ -195,14 +195,15 @@ def _published(results: Results, allowed: pd.DataFrame, folder: Path) -> dict[st
     references = published.referenced(figures)
     titles = {case.name: case.title for case in results.scenario.cases}
     starts = published.from_starts(results, figures, "ekf")
+    cases = results.cases()
     if len(starts):
-        cases = results.cases()
         labels = views.families(figures, cases[cases["case"].isin(references)])
         pictures.over_time(results, references, labels, folder / pictures.EXPLANATION)
     values = {
         "allowed": allowed,
         "table": published.published_table(figures, titles),
         "starts": starts,
+        "filtered": cases[cases["case"].isin(references) & cases["unfiltered_bound_m"].notna()],
         "picture": pictures.EXPLANATION,
         "caption": "RMS error and bound over time",
     }
