@@ -88,7 +88,7 @@ def flight_of(case: CaseSpec) -> Flight:
     return prepare(case.of_run(0))
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=BLOCK_RUNS)
 def case_bound(case: CaseSpec) -> CaseBound:
     """Return the bounds of a case without draws, made once in each process."""
     return CaseBound(flight_of(case))
