@@ -229,27 +229,6 @@ def test_a_requirement_is_unknown_where_nothing_has_run():
     assert math.isnan(largest_within(DECADES, np.array([math.nan, 1.0, 2.0]), 5.0))
 
 
-def power_law(loaded: Scenario, estimators: dict[str, float]) -> pd.DataFrame:
-    """A summary whose errors are bound × factor, the bound being 1 km/E · noise / √rate."""
-    rows = []
-    for name, point in loaded.sweep.points.items():
-        axes = zip(loaded.sweep.axes, point.indices, strict=True)
-        at = {axis.name: axis.values[i] for axis, i in axes}
-        bound = 1e3 * at["noise"] / math.sqrt(at.get("rate", 1.0))
-        for label, factor in estimators.items():
-            rows.append(
-                {
-                    "case": name, "label": label, "causality": "filter", "window": "settled",
-                    "runs": 10, "failed": 0, "diverged": int(factor > 2.0), "nees_lo": 4.0,
-                    "nees_hi": 8.0, "nees_mean": 6.0 * factor, "position_mrse_m": factor * bound,
-                    "position_mrse_lo": 0.9 * factor * bound, "seconds_per_run": 1.0,
-                    "position_mrse_hi": 1.1 * factor * bound, "position_bound_m": bound,
-                    "position_efficiency": factor,
-                }
-            )  # fmt: skip
-    return pd.DataFrame(rows)
-
-
 @pytest.mark.long
 def test_a_sweep_from_file_to_report(tmp_path, monkeypatch):
     """Run and report, as a user does: every point has its row, every figure its file."""
