@@ -93,10 +93,10 @@ class Bound:
         filtered, predicted = np.empty((2, *np.swapaxes(error_state, 0, 1).shape))
         state = np.zeros_like(error_state[:, 0])
         for k, gain in enumerate(self.gain):
-            state = (transition[:, k] @ state[:, :, np.newaxis])[:, :, 0]
+            state = _times(transition[:, k], state)
             predicted[k] = state
-            innovations = residuals[:, k] + (error_state[:, k] - state) @ self.jacobians[k].T
-            state = state + innovations @ gain.T
+            innovations = residuals[:, k] + _times(self.jacobians[k], error_state[:, k] - state)
+            state = state + _times(gain, innovations)
             filtered[k] = state
         return filtered, predicted
 
@@ -104,10 +104,18 @@ class Bound:
         """Return states (K, R, n) of the oracle given the measurements of ``lag`` ticks after."""
 
         def step_back(k: np.ndarray, after: np.ndarray) -> np.ndarray:
-            change = (after - predicted[k + 1]) @ self.smoother_gain[k].transpose(0, 2, 1)
-            return np.asarray(filtered[k] + change)
+            gain = self.smoother_gain[k][:, np.newaxis]
+            return np.asarray(filtered[k] + _times(gain, after - predicted[k + 1]))
 
         return self._smoothed(filtered, lag, step_back)
+
+
+def _times(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Return matrices (..., m, n) times vectors (..., n), each by itself.
+
+    One product of all vectors would round by their number: a run would depend on its block.
+    """
+    return np.asarray((matrices @ vectors[..., np.newaxis])[..., 0])
 
 
 def posterior_bound(

@@ -156,7 +156,7 @@ def test_an_estimator_that_fails_becomes_records(kind, tmp_path):
             with pytest.raises(ValueError, match=FAULTS[kind]):
                 raise ValueError(record["reason"])
     summary = results.figures()
-    counts = summary.groupby("estimator")["failed"].max()
+    counts = summary.groupby("name")["failed"].max()
     assert counts.to_dict() == {"naughty": 2, "ekf": 0}
 
 
@@ -234,7 +234,7 @@ def test_an_estimator_that_fails_in_some_runs(tmp_path, monkeypatch):
     assert sorted(statuses) == ["failed", "failed", "ok", "ok"]
     assert {r.get("reason") for r in results.records()} == {None, "ArithmeticError: not this one"}
     table = results.figures()
-    row = table[(table["case"] == "base") & (table["estimator"] == "naughty")].iloc[0]
+    row = table[(table["case"] == "base") & (table["name"] == "naughty")].iloc[0]
     assert (row["runs"], row["failed"]) == (4, 2)
     assert np.isfinite(row["rms_m"])
     text = render.write(results.folder, tmp_path / "reports")[0].read_text()

@@ -28,6 +28,7 @@ from small_cases import (
 )
 
 from ggbench.gravity import parker
+from ggbench.gravity.ellipsoid import metres_per_radian
 from ggbench.judging import convergence
 from ggbench.judging.run_errors import window_mask
 from ggbench.maps import recipe
@@ -572,6 +573,21 @@ def test_errors_of_maps(side, monkeypatch, tmp_path):
             assert found == pytest.approx(si(key, value), rel=1e-12), key
 
 
+def test_draws():
+    """The farthest of 1000 tracks from the declared start and heading is that of the limits."""
+    drawn = {"start_km": 2.0, "heading_deg": 30.0}
+    case = small_case(
+        {f"draw.{key}": value for key, value in drawn.items()} | {"draw.tracks": 1000}
+    )
+    declared = case.trajectory.start()
+    starts = [case.of_run(run).trajectory.start() for run in range(1000)]
+    metres = metres_per_radian(declared.position)
+    moved = [np.abs((s.position - declared.position)[:2] * metres).max() for s in starts]
+    turned = [abs(s.heading - declared.heading) for s in starts]
+    assert max(moved) == pytest.approx(si("start_km", 2.0), rel=0.01)
+    assert max(turned) == pytest.approx(si("heading_deg", 30.0), rel=0.01)
+
+
 # Judging.
 
 
@@ -600,6 +616,7 @@ WITHOUT_UNIT = {
       for what in ("outlier", "dropout")), "trajectory.repeat",
     *(f"truth.sensor.{OWN}{name}.{what}_share" for name in AIDING
       for what in ("outlier", "dropout")),
+    "draw.tracks", "draw.maps",
     "campaign.runs", "campaign.seed", "campaign.assumption_runs", "sweep.axis.values",
     *(f"{side}field.error.{key}" for side in SIDES for key in ("density_factor", "seed")),
 }  # fmt: skip
@@ -614,6 +631,7 @@ def test_every_number_has_a_row():
         *(f"trajectory.segment.{key}" for key in SEGMENT),
         *(f"{side}field.{key}" for side in SIDES for key in FIELD),
         *(f"{side}field.error.{key}" for side in SIDES for key in ERROR),
+        "draw.start_km", "draw.heading_deg",
         *(f"windows.{key}" for key in ("settled_from_s", "last_s", "required_m")),
         *ONLY_SHOWN, *IN_SECONDS, *NAMED,
         *(f"truth.sensor.{OWN}{name}.dropouts_s" for name in AIDING),
