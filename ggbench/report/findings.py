@@ -13,7 +13,7 @@ import pandas as pd
 
 from ..judging.summary import CONSERVATIVE, CONSISTENT, UNSAFE
 from ..results.digest import Digest
-from .columns import metres
+from .columns import metres, share
 
 SUITE = "suite"
 """Name of the scenario that the findings are of."""
@@ -64,8 +64,8 @@ def wide_prior(of: Figures) -> str:
     if not (linear <= 0.5 and mixture >= 0.9 and of.consistency(case, "ekf") == UNSAFE):
         return ""
     return (
-        f"With a prior of three correlation lengths the Gaussian sum succeeds in {mixture:.0%} of "
-        f"the runs and the EKF in {linear:.0%}. The covariance of the EKF does not show it."
+        "With a prior of three correlation lengths the Gaussian sum succeeds in "
+        f"{share(mixture)} of the runs and the EKF in {share(linear)}. The covariance of the EKF does not show it."
     )
 
 
@@ -78,7 +78,7 @@ def outliers(of: Figures) -> str:
     clean = of.rms("air-narrow", robust) / of.rms("air-narrow", "ekf") - 1.0
     return (
         f"With 20 % outliers the EKF's RMS error is {metres(plain)} m, with a Cauchy loss "
-        f"{metres(loss)} m. Without outliers the loss costs {clean:.0%}."
+        f"{metres(loss)} m. Without outliers the loss costs {share(clean)}."
     )
 
 
