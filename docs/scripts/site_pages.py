@@ -91,15 +91,18 @@ def gallery() -> str:
 def _gallery() -> Iterator[str]:
     yield "# Gallery of scenarios"
     yield (
-        "Every scenario that is shipped: what it is for, what came out, and its picture. "
-        "`ggbench run NAME` runs one again, and `ggbench report` writes its report. Words are "
-        "[defined](reports/definitions.md) once."
+        "Every shipped scenario with its purpose, and with the answer and figure of its report if "
+        "it has one. `ggbench run NAME` runs one again, `ggbench report` writes its report. Terms "
+        "are [defined](reports/definitions.md) once."
     )
     for name in scenario.shipped():
         loaded = scenario.load(name)
-        report = _text(_REPORTS / f"{name}.md")
         yield f"## {loaded.title}"
         yield loaded.description
+        if not (_REPORTS / f"{name}.md").exists():
+            yield f"`{name}`: [the scenario's file](scenarios/{name}.toml)"
+            continue
+        report = _text(_REPORTS / f"{name}.md")
         yield answer(report)
         picture = main_picture(report)
         if picture is not None:
