@@ -6,9 +6,8 @@ import itertools
 
 import numpy as np
 import pytest
-from conftest import difference, metres, square, third_derivatives
+from conftest import difference, metres, third_derivatives
 
-from ggbench.gravity.ellipsoid import EOTVOS
 from ggbench.gravity.field import (
     Field,
     OutsideMapError,
@@ -299,43 +298,3 @@ def test_real_field_is_curl_free(wang):
     print(f"curl {worst:.2e} of {largest:.2e} E/m")
     assert worst < 1e-5
     assert largest > 100.0 * worst
-
-
-def test_real_gravity_disturbance_has_the_tensor_for_gradient(wang):
-    """What accelerometers feel and what the gradiometer feels are the same potential's.
-
-    To 0.1 E of 30 E: the map blends latitude bands, whose weights the gradient of the blended
-    vector feels, and takes its UU from the trace.
-    """
-    field, normal = wang.field, Field.normal()
-    worst = 0.0
-    for position in track_positions(field, 100, seed=18):
-        to_radians = np.linalg.inv(metres(position))
-        vector = field.gravity_disturbance(*position)
-        slope = np.stack(
-            [
-                difference(
-                    lambda d, axis=axis, at=position, to=to_radians: field.gravity_disturbance(
-                        *(at + to @ (d * np.eye(3)[axis]))
-                    ),
-                    20.0,
-                )
-                for axis in range(3)
-            ],
-            axis=-1,
-        )
-        # The axes turn by d(east)/R and d(north)/R: add ω × g.
-        d_latitude, d_longitude = to_radians[0], to_radians[1]
-        for axis in range(3):
-            turn = np.array(
-                [
-                    -d_latitude[axis],
-                    d_longitude[axis] * np.cos(position[0]),
-                    d_longitude[axis] * np.sin(position[0]),
-                ]
-            )
-            slope[:, axis] += np.cross(turn, vector)
-        disturbing = square(field.tensor(*position) - normal.tensor(*position))
-        worst = max(worst, np.abs(slope / EOTVOS - disturbing).max())
-    print(f"gradient of the disturbance against the tensor {worst:.2e} E")
-    assert worst < 0.1
