@@ -69,7 +69,13 @@ def is_right_model(case: CaseSpec) -> bool:
     Gaps at known times are no error of the model.
     """
     wrong = {key for key in _set_apart(case) - _OF_GRAVITY if not key.endswith(".dropouts_s")}
-    return not wrong and not _unknown_gravity(case)
+    return not wrong and not _unknown_gravity(case) and not _assumes_white(case)
+
+
+def _assumes_white(case: CaseSpec) -> bool:
+    """Return whether coloured noise of a filter is assumed to be white."""
+    spec = case.gradiometer
+    return spec is not None and spec.filter != "none" and spec.filter_treatment == "delayed"
 
 
 _OF_GRAVITY = {

@@ -65,7 +65,8 @@ def wide_prior(of: Figures) -> str:
         return ""
     return (
         "With a prior of three correlation lengths the Gaussian sum succeeds in "
-        f"{share(mixture)} of the runs and the EKF in {share(linear)}. The covariance of the EKF does not show it."
+        f"{share(mixture)} of the runs and the EKF in {share(linear)}. The covariance of the EKF "
+        "does not show it."
     )
 
 

@@ -71,7 +71,6 @@ class Results:
         self.manifest = read_manifest(self.folder)
         self.cells = [Cell(**cell) for cell in self.manifest["cells"]]
         self._arrays: dict[str, dict[str, np.ndarray]] = {}
-        self._halves: dict[int, tuple[pd.DataFrame, pd.DataFrame]] = {}
         self._keys = {(*cell[:2], cell.estimator): cell.key for cell in self.cells}
 
     @cached_property

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from problems import SMALL
 
-from ggbench.judging.situations import SITUATIONS, situation_of
+from ggbench.judging.situations import SITUATIONS, is_right_model, situation_of
 from ggbench.spec import scenario
 from ggbench.spec.case import CaseSpec
 
@@ -100,3 +100,24 @@ def test_gravity_that_is_felt_and_not_compensated_makes_a_situation(
     field = spec.model.field.model_copy(update={"compensate": compensate})
     spec = spec.model_copy(update={"model": spec.model.model_copy(update={"field": field})})
     assert situation_of(spec) == situation
+
+
+@pytest.mark.parametrize(
+    ("changes", "right"),
+    [
+        ({}, True),
+        ({"filter": "butterworth", "filter_cutoff_hz": 0.2}, True),
+        ({"filter": "butterworth", "filter_cutoff_hz": 0.2, "filter_treatment": "delayed"}, False),
+        ({"filter_treatment": "delayed"}, True),
+    ],
+)
+def test_a_delayed_filter_leaves_noise_that_is_assumed_white(changes, right):
+    spec = case()
+    changed = spec.gradiometer.model_copy(update=changes)
+    assert is_right_model(spec.model_copy(update={"gradiometer": changed})) is right
+
+
+def test_gaps_at_known_times_are_no_error_of_the_model():
+    text = SMALL + "\n[truth.gradiometer]\ndropouts_s = [[5.0, 8.0]]\n"
+    spec = scenario.parse(scenario.tomllib.loads(text), "s", "s").cases[0]
+    assert is_right_model(spec) and situation_of(spec) == "readings"
