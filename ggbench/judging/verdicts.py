@@ -100,7 +100,8 @@ def verdict(runs: pd.DataFrame, of: str = "causal") -> Verdict:
     best = str(eligible["rms_m"].idxmin())
     flown = {str(label): Flown.of(own) for label, own in odd.groupby("estimator", sort=False)}
     near = _surely_near(flown, best, consistent)
-    cheapest = sorted(near, key=lambda label: float(table.loc[label, "seconds_per_run"]))
+    # To one digit: times differ between machines, and the first of equals is named.
+    cheapest = sorted(near, key=lambda label: float(f"{table.loc[label, 'seconds_per_run']:.0e}"))
     return Verdict(best, tuple(cheapest), len(consistent), _gain(runs, flown[best]))
 
 
