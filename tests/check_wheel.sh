@@ -40,7 +40,7 @@ wanted = {
     f"{package}/{path.relative_to(repo / folder).as_posix()}"
     for folder, package in installed_as.items()
     for path in (repo / folder).rglob("*")
-    if path.suffix in {".py", ".toml", ".npz", ".md", ".png", ".html", ".css", ".js"} or path.name == "py.typed"
+    if path.suffix in {".py", ".toml", ".npz", ".md", ".png", ".html", ".css", ".js", ".j2"} or path.name == "py.typed"
     if not {"generated", "scripts", "examples"} & {*path.relative_to(repo).parts}  # they make the site
 }
 if missing := wanted - names:
@@ -92,7 +92,7 @@ session = Session(Path.cwd(), {})
 for block in blocks(Path(sys.argv[1])):
     if not block.reason:
         session.take(block)
-size = Path("results/mine/my_scenario.html").stat().st_size
+size = Path("results/mine/report/my_scenario.html").stat().st_size
 print(f"a page of {size / 1e6:.1f} MB to share")
 EOF
 

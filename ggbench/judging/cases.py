@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..gravity.ellipsoid import metres_along
 from ..spec.case import CaseSpec
 from .field_scale import correlation_m
 from .references import DEFAULT_RATIO
@@ -94,9 +95,17 @@ def _row(spec: CaseSpec, arrays: Mapping[str, np.ndarray], figures: pd.DataFrame
         "draws": int(settled["draws"].max()) if len(settled) else 0,
         "epochs": len(arrays["times"]),
         "duration_s": float(arrays["times"][-1]),
-        "speed_mps": spec.trajectory.speed_mps,
+        "speed_mps": spec.trajectory.speed_mps or _mean_speed(track, arrays["times"]),
         "height_m": float(np.median(track[:, 2])),
     }
+
+
+def _mean_speed(track: np.ndarray, times: np.ndarray) -> float:
+    """Return the mean horizontal speed [m/s] along a track (K, 3), NaN of a single epoch."""
+    if len(times) < 2:
+        return math.nan
+    steps = np.diff(track[:, [1, 0]], axis=0) * metres_along(np.ascontiguousarray(track[:-1]))
+    return float(np.hypot(*steps.T).sum() / (times[-1] - times[0]))
 
 
 def _judged(verdicts: Mapping[str, Mapping[str, Verdict]], case: str) -> dict[str, Any]:
