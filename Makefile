@@ -8,14 +8,15 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: help paper sweep library golden bench bench-check matching agreement test test-long test-all coverage lint format typecheck keys pictures turbulence docs wheel-check browser lock clean
+.PHONY: help paper sweep library reports golden bench bench-check matching agreement test test-long test-all coverage lint format typecheck keys pictures turbulence docs wheel-check browser lock clean
 
 help:
-	@echo "make paper        run the scenario wang2013 and write its report to reports/"
-	@echo "make sweep        run the scenario noise_rate_sweep and write its report to reports/"
-	@echo "make library      run every scenario, or go on where that stopped; writes all of reports/"
+	@echo "make paper        run the scenario wang2013; its report is in results/wang2013/report"
+	@echo "make sweep        run the scenario noise_rate_sweep; its report is in results/noise_rate_sweep/report"
+	@echo "make library      run every scenario, or go on where that stopped; then make reports"
+	@echo "make reports      renew the committed pages of reports/ from results/"
 	@echo "make golden       write tests/golden.json, the numbers of every estimator on short flights"
-	@echo "make bench        measure the engines beside other packages; writes reports/speed.md"
+	@echo "make bench        compare the speed of the engines with other packages; writes reports/speed.md"
 	@echo "make bench-check  check in a minute that the engines' ratios have not fallen"
 	@echo "make matching     fly over 128 cells of two maps; writes reports/matching_area.md (20 minutes)"
 	@echo "make agreement    hold the compiled engines to the frameworks on every case (half an hour)"
@@ -27,7 +28,7 @@ help:
 	@echo "make typecheck    check the type annotations"
 	@echo "make keys         write the tables of docs/scenario_files.md from the specification"
 	@echo "make pictures     draw the pictures of docs/concepts"
-	@echo "make turbulence   fly the tracks of the scenario turbulence anew, by JSBSim"
+	@echo "make turbulence   fly the tracks of the scenario turbulence again, by JSBSim"
 	@echo "make docs         build the documentation into build/docs; a warning is an error"
 	@echo "make wheel-check  build the wheel, install it in an empty environment and use it"
 	@echo "make browser      install Chromium, with which pages are tested, where apt-get can"
@@ -36,14 +37,17 @@ help:
 
 paper: $(INSTALLED)
 	$(BIN)/ggbench run wang2013 --assumptions --fresh -o results/wang2013
-	$(BIN)/ggbench report results/wang2013 -o reports
+	$(BIN)/ggbench report results/wang2013 -o results/wang2013/report
 
 sweep: $(INSTALLED)
 	$(BIN)/ggbench run noise_rate_sweep --fresh -o results/noise_rate_sweep
-	$(BIN)/ggbench report results/noise_rate_sweep -o reports
+	$(BIN)/ggbench report results/noise_rate_sweep -o results/noise_rate_sweep/report
 
 library: $(INSTALLED)
 	$(BIN)/ggbench run --all --assumptions -o results
+	$(MAKE) reports
+
+reports: $(INSTALLED)
 	$(BIN)/ggbench report --all results -o reports
 
 golden: $(INSTALLED)
@@ -65,7 +69,7 @@ agreement: $(INSTALLED)
 
 # One thread of linear algebra per process: more only get into each other's way.
 test test-long coverage agreement: export OPENBLAS_NUM_THREADS := 1
-# Bytecode of the tests is kept, wherever Python is told to leave none, and out of the folders:
+# Bytecode of the tests is kept, wherever Python is set to leave none, and out of the folders:
 # to rewrite and compile them again costs each process five seconds.
 test test-long coverage agreement: export PYTHONDONTWRITEBYTECODE :=
 test test-long coverage agreement: export PYTHONPYCACHEPREFIX := $(CURDIR)/build/bytecode

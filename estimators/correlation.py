@@ -42,10 +42,7 @@ from ..engines.window_search import MOST, Search, distinct, refined, section, wi
 from ..parameters import AtLeastOne, Positive
 from ..problem import Causality, Estimate, Estimator, Problem
 from ..reduced import horizontal
-from . import textbook
 
-_ITERATIONS = 5
-"""Linearisations in each update of the filter that follows a fix."""
 _LEAST = 3
 """Readings that have two differences."""
 _FALL = 0.5
@@ -66,7 +63,7 @@ class Correlation(Estimator):
     window : number of epochs with readings that are matched at once.
     differenced : whether differences are matched, or the readings themselves.
     descending : whether the weights fall along the window, or are equal.
-    fusion : what becomes of fixes, see :mod:`ggbench.engines.fix_fusion`.
+    fusion : use of the fixes, see :mod:`ggbench.engines.fix_fusion`.
     keep : how many candidates there are.
     spacing_m : step of the grid [m]; in the paper it is the map's.
     most : largest number of its points; where there would be more, the step is made longer.
@@ -115,9 +112,7 @@ class Correlation(Estimator):
             fix = self._match(part)
             if fix is not None:
                 flight.add(last, fix.mean, fix.cov, fix.accepted, fix.statistic)
-            if flight.found:
-                break
-        return flight.followed(lambda rest: textbook.extended(rest, _ITERATIONS, "none", np.inf))
+        return flight.estimate()
 
     def _match(self, part: Problem) -> _Fix | None:
         """Return the fix of a window; None where there is nothing to compare."""

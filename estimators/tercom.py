@@ -15,7 +15,7 @@ when it has grown long.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 from pydantic import Field
@@ -51,7 +51,7 @@ class Tercom(RobustLoss):
     window : number of epochs with readings after which a fix is first tried.
     longest : number to which the window grows, ``window`` by ``window``, while its fix is refused;
         then its readings are given up, and the next one begins behind them.
-    fusion : what becomes of fixes, see :mod:`ggbench.engines.fix_fusion`.
+    fusion : use of the fixes, see :mod:`ggbench.engines.fix_fusion`.
     spacing_m : step of the grid [m], a quarter of the field's correlation length.
     most : largest number of its points; where there would be more, the step is made longer.
     refine : how many of the best places are refined.
@@ -62,7 +62,7 @@ class Tercom(RobustLoss):
     criterion: Criterion = "msd"
     window: AtLeastOne = 20
     longest: int = 60
-    fusion: Fusion = "restart"
+    fusion: Fusion = "kalman"
     spacing_m: Positive = 250.0
     most: Annotated[int, Field(ge=1, le=MOST)] = 50_000
     refine: AtLeastOne = 8
@@ -70,6 +70,7 @@ class Tercom(RobustLoss):
     odds: Annotated[float, Field(ge=0.0)] = 10.0
 
     name = "tercom"
+    _hands_over: ClassVar[bool] = False
 
     @property
     def causality(self) -> Causality:
@@ -95,12 +96,13 @@ class Tercom(RobustLoss):
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
         """Try windows one after the other; carry along what has been found."""
-        flight = Fused(problem, self.fusion, horizontal(problem, velocity=False))
+        position = horizontal(problem, velocity=False)
+        flight = Fused(problem, self.fusion, position, self._hands_over)
         read = np.flatnonzero(problem.present.any(axis=1))
         last = -1  # the last epoch whose readings are spent
         while len(left := read[read > last]) >= self.window and not flight.found:
             last = self._window(flight, left[: self.longest], last)
-        return flight.followed(
+        return flight.estimate(
             lambda rest: textbook.extended(rest, _ITERATIONS, self.loss, self.limit)
         )
 
@@ -137,3 +139,11 @@ class Tercom(RobustLoss):
             return False, -np.inf
         odds = places[1].cost - best if len(places) > 1 else np.inf
         return bool(odds > self.odds), float(odds)
+
+
+@dataclass(frozen=True)
+class TercomEkf(Tercom):
+    """TERCOM that hands over to an iterated EKF after its first accepted fix."""
+
+    name = "tercom-ekf"
+    _hands_over: ClassVar[bool] = True

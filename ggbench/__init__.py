@@ -22,8 +22,8 @@ truth, model           what is simulated; what the estimators are told: a scenar
                        something else
 map                    the disturbing field, gradient [E] and gravity [m/s²], on a grid of nodes
                        regular in latitude, longitude and height; the normal field is no part of it
-lock                   staying below a given position error to the end of the flight; a false lock
-                       claims to be there and is not
+converged              within the required position error to the end of the flight; a false fix ends
+                       outside and claims to be inside
 root PSD               square root of a white noise's power spectral density
 =====================  ============================================================================
 

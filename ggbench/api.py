@@ -4,7 +4,7 @@
     problem, truth = gg.simulate(scenario.case("0.01E-1Hz"), seed=1, run=0)
     estimate = gg.estimate(problem, "ukf[points=merwe]")
     gg.judge(problem, estimate, truth)
-    gg.run(scenario, ["ins", "ekf"], runs=20).summary()
+    gg.run(scenario, ["ins", "ekf"], runs=20).figures()
     problem, reference = gg.read_flight("flight.toml")
     gg.corrected(problem, gg.estimate(problem, "ekf"))
 
@@ -32,7 +32,7 @@ from .errors import GGBenchError
 from .judging.judgement import Judgement as Judgement
 from .judging.judgement import epochs_outside
 from .judging.judgement import judge as judge
-from .judging.ranking import rows_of
+from .judging.summary import ordered
 from .problem import Estimate, Estimator, Problem
 from .results import folder
 from .results.folder import ResultsError
@@ -94,7 +94,7 @@ def simulate(case: CaseSpec, seed: int = 1, run: int = 0) -> tuple[Problem, Trut
             f"a case is simulated, as scenario.case(name) gives it, and not {_kind(case)}"
         )
     seed, run = _whole("seed", seed, 0, MOST_SEED), _whole("run", run, 0, MOST_RUNS)
-    return simulation.simulate(flight_of(scenarios.checked(case)), seed, run)
+    return simulation.simulate(flight_of(scenarios.checked(case).of_run(run)), seed, run)
 
 
 def estimator(text: str) -> Estimator:
@@ -302,7 +302,7 @@ def run(
 class Results(folder.Results):
     """What a results folder holds: tables, and figures of its cases.
 
-    ``runs()``, ``summary()``, ``paired()`` and ``failures()`` are tables (pandas); each
+    ``runs()``, ``figures()``, ``pairs()``, ``cases()`` and ``failures()`` are tables (pandas); each
     ``plot_...()`` returns a Matplotlib figure, which a notebook shows and ``savefig`` writes. A
     case that is not named is the first.
 
@@ -326,9 +326,7 @@ class Results(folder.Results):
         )
 
     def plot_error_over_time(self, case: str | None = None) -> Figure:
-        """Draw the position and velocity errors over the runs against time, and the bounds.
-
-        Medians; quartiles of the best estimator and of the INS.
+        """Draw the RMS position and velocity errors over the runs against time, and the bounds.
 
         Raises
         ------
@@ -338,8 +336,8 @@ class Results(folder.Results):
         from .figures import stored  # not at the top: tables need no Matplotlib
 
         name = self._case(case)
-        ranked = rows_of(self.summary(), self.scenario.case(name), "settled")
-        return stored.error_over_time(self, {name: list(ranked)})
+        shown = [row["estimator"] for row in ordered(self.figures(), name)]
+        return stored.error_over_time(self, {name: shown})
 
     def plot_errors(
         self,

@@ -129,6 +129,41 @@ class ProblemBlock:
         )
 
 
+def joined(blocks: Sequence[ProblemBlock]) -> ProblemBlock:
+    """Return all runs of several blocks as one.
+
+    Raises
+    ------
+    ValueError
+        If they do not share epochs and map.
+    """
+    first = blocks[0]
+    if len(blocks) == 1:
+        return first
+    for block in blocks[1:]:
+        if not (
+            np.array_equal(block.times, first.times)
+            and np.array_equal(block.model.origin, first.model.origin)
+            and np.array_equal(block.model.coefficients, first.model.coefficients)
+        ):
+            raise ValueError("blocks of other epochs or maps cannot be joined")
+
+    def along(name: str) -> np.ndarray:
+        return np.concatenate([getattr(block, name) for block in blocks])
+
+    replays = [replay for block in blocks for replay in block.replays or ()]
+    return replace(
+        first,
+        measurements=along("measurements"),
+        transition=along("transition"),
+        process_cov=along("process_cov"),
+        model=ModelArrays.joined([block.model for block in blocks]),
+        present=along("present"),
+        tracks=None if first.tracks is None else along("tracks"),
+        replays=replays or None,
+    )
+
+
 def block_of(problem: Problem) -> ProblemBlock:
     """Return a block of one run.
 

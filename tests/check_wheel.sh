@@ -40,7 +40,7 @@ wanted = {
     f"{package}/{path.relative_to(repo / folder).as_posix()}"
     for folder, package in installed_as.items()
     for path in (repo / folder).rglob("*")
-    if path.suffix in {".py", ".toml", ".npz", ".md", ".png", ".html", ".css", ".js"} or path.name == "py.typed"
+    if path.suffix in {".py", ".toml", ".npz", ".md", ".png", ".html", ".css", ".js", ".j2"} or path.name == "py.typed"
     if not {"generated", "scripts", "examples"} & {*path.relative_to(repo).parts}  # they make the site
 }
 if missing := wanted - names:
@@ -77,7 +77,7 @@ for command in "list" "validate wang2013" "run wang2013 -n 2 -e ekf -o out" \
     "$ggbench" $command >"$work/output" 2>&1 ||
         { cat "$work/output" >&2; fail "\`ggbench $command\` failed"; }
 done
-[[ -s out/summary.csv ]] || fail "\`ggbench run\` wrote no out/summary.csv"
+[[ -s out/figures.csv ]] || fail "\`ggbench run\` wrote no out/figures.csv"
 
 echo "the session of docs/session.md"
 "$work/venv/bin/python" -m pip install --quiet --disable-pip-version-check \
@@ -92,7 +92,7 @@ session = Session(Path.cwd(), {})
 for block in blocks(Path(sys.argv[1])):
     if not block.reason:
         session.take(block)
-size = Path("results/mine/my_scenario.html").stat().st_size
+size = Path("results/mine/report/my_scenario.html").stat().st_size
 print(f"a page of {size / 1e6:.1f} MB to share")
 EOF
 

@@ -93,7 +93,7 @@ def test_a_run_is_the_commands(tmp_path):
     assert invoke([*arguments, "-e", "ins", "-e", "ekf"], tmp_path).returncode == 0
     called = gg.run(loaded, LABELS, runs=2, seed=3, jobs=0, output=tmp_path / "called")
     assert_equal(gg.Results(tmp_path / "out"), called)
-    assert (tmp_path / "called" / "summary.csv").exists()
+    assert (tmp_path / "called" / "figures.csv").exists()
 
 
 def test_one_run_is_the_campaigns(scenario):
@@ -128,14 +128,14 @@ def test_what_is_shown_takes_one_line(scenario, results):
 
 def test_tables_are_the_callers_own(results):
     """What somebody does to a table changes nothing of the results."""
-    before = results.runs(), results.summary()
-    for table in (results.runs(), results.summary()):
+    before = results.runs(), results.figures()
+    for table in (results.runs(), results.figures()):
         table["case"] = "mine"
     assert results.runs().equals(before[0])
-    assert results.summary().equals(before[1])
+    assert results.figures().equals(before[1])
     assert len(before[0]) == 2 * 2 * 2
     assert results.failures().empty
-    assert set(results.paired()["first"]) | set(results.paired()["second"]) == set(LABELS)
+    assert set(results.pairs()["first"]) | set(results.pairs()["second"]) == set(LABELS)
 
 
 def test_figures(results, tmp_path):
@@ -152,9 +152,9 @@ def test_figures(results, tmp_path):
         figure.savefig(tmp_path / f"{number}.pdf")
     lines = {line.get_label(): line for line in figures[0].axes[0].lines}
     series = results.series("noisy", "ekf")[:, :, 0]
-    assert np.allclose(lines["ekf"].get_ydata(), np.median(series, axis=0))
-    assert next(iter(lines)) == "ekf"  # the best first, which has quartiles, as the INS has
-    assert len(figures[0].axes[0].collections) == 2
+    assert np.allclose(lines["ekf"].get_ydata(), np.sqrt(np.mean(series**2, axis=0)))
+    assert {"ins", "ekf"} <= set(lines)
+    assert any(name.startswith("bound") for name in lines)
     detail = results.detail("base", "ekf", DETAILED_RUN)
     shown = figures[1].axes[1].lines[0].get_ydata()
     assert np.array_equal(shown, detail[:, 0])
@@ -180,7 +180,7 @@ def test_results_without_an_output_go_with_their_object(scenario):
     """A temporary folder lives as long as its results, and no longer."""
     results = gg.run(scenario, "ins", runs=1, jobs=0)
     folder = results.folder
-    assert (folder / "summary.csv").exists()
+    assert (folder / "figures.csv").exists()
     assert len(gg.Results(folder).runs()) == 2
     del results
     gc.collect()

@@ -19,6 +19,7 @@ from small_cases import rough_map
 
 from ggbench.campaign import registry, result_keys
 from ggbench.campaign.runner import Task, flight_of, run_task
+from ggbench.judging.references import CaseBound
 from ggbench.results.store import Result
 from ggbench.simulation.runs import simulate
 from ggbench.spec import scenario
@@ -52,6 +53,11 @@ VARIANTS = (
 LABELS = (*registry.registered(), *VARIANTS)
 CLOUDS = ("gaussian-particle", "particle", "rao-blackwellised")
 """Estimators that fly with fewer particles than they have by default."""
+CLOUDED = ("wide_prior/1km", "jacksboro_drone/5E")
+"""Cases that they fly. Elsewhere few particles survive: rounding decides which (of 1 E and less).
+
+Measured: on a second processor `particle` had other numbers on `wang2013/0.01E-1Hz`.
+"""
 TOO_LARGE = ("gnss_outage/all", "viterbi")
 """Its cells are as small as the fixes of the receiver are sure: too many."""
 RENEW = (
@@ -85,7 +91,8 @@ def fingerprint(name: str, label: str) -> list[float | None] | str:
     """
     flown = f"{label}[particles=500]" if label in CLOUDS else label
     case, choice = case_of(name), registry.choose(flown)
-    if (name, label) == TOO_LARGE or choice.estimator.skip(simulate(flight_of(case), SEED, 0)[0]):
+    left_out = (name, label) == TOO_LARGE or (label in CLOUDS and name not in CLOUDED)
+    if left_out or choice.estimator.skip(simulate(flight_of(case), SEED, 0)[0]):
         return "refused"
     key = result_keys.run_key(case, choice.content, SEED)
     task = Task(case, "", (0,), SEED, ((flown, key),))
@@ -133,7 +140,7 @@ def golden() -> dict[str, dict[str, Any]]:
 @pytest.mark.parametrize("costly", [False, pytest.param(True, marks=pytest.mark.long)])
 def test_numbers_are_those_of_this_version_of_results(name, costly):
     assert differences(name, of(costly), golden()[name]) == {}, RENEW
-    bound = [flight_of(case_of(name)).final_bound]
+    bound = [CaseBound(flight_of(case_of(name))).final_m]
     assert same(bound, golden()[name]["bound"]), RENEW
 
 
@@ -159,7 +166,7 @@ def test_a_change_of_a_hundred_thousandth_is_found():
 def renew() -> None:
     """Write the fingerprints of now."""
     found = {
-        name: {"bound": [float(f"{flight_of(case_of(name)).final_bound:.12g}")]}
+        name: {"bound": [float(f"{CaseBound(flight_of(case_of(name))).final_m:.12g}")]}
         | {label: fingerprint(name, label) for label in LABELS}
         for name in CASES
     }

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from ggbench.report import definitions
+from ggbench.report import render
 from ggbench.spec import scenario
 
 ROOT = Path(__file__).parents[1]
@@ -34,13 +34,16 @@ def test_the_gallery_shows_every_scenario(scripts):
     assert list(sections) == [found.title for found in loaded.values()]
     for name, found in loaded.items():
         section = sections[found.title]
-        report = (ROOT / "reports" / f"{name}.md").read_text(encoding="utf-8")
+        page = ROOT / "reports" / f"{name}.md"
         assert found.description in section
+        assert f"(scenarios/{name}.toml)" in section
+        if not page.exists():
+            continue
+        report = page.read_text(encoding="utf-8")
         answer = site_pages.answer(report)
         assert len(answer) > 40 and answer in section and f"\n{answer}\n" in report
         (picture,) = re.findall(r"^!\[.*\]\((.*)\)$", section, re.M)
         assert (ROOT / picture).is_file() and f"/{name}/" in picture
-        assert f"(scenarios/{name}.toml)" in section
 
 
 def test_a_report_without_an_answer_is_an_error(scripts):
@@ -55,14 +58,14 @@ def test_links_lead_from_the_site_where_they_led(scripts):
     import site_pages
 
     page = ROOT / "docs" / "howto" / "page.md"
-    text = "[a](../../reports/ship.md#rules) [b](own_map.md) [c](https://x.org/y) [d](#here)"
+    text = "[a](../../reports/suite.md#rules) [b](own_map.md) [c](https://x.org/y) [d](#here)"
     assert site_pages.relinked(text, page, page) == text.replace(
-        "../../reports/ship.md", "../generated/reports/ship.md"
+        "../../reports/suite.md", "../generated/reports/suite.md"
     )
-    report = ROOT / "reports" / "ship.md"
-    text = "[w](wang2013.md) ![p](ship/field.png) [n](no_such_file.md)"
+    report = ROOT / "reports" / "suite.md"
+    text = "[w](wang2013.md) ![p](suite/answer.png) [n](no_such_file.md)"
     assert site_pages.relinked(text, report, site_pages.copies()[report]) == (
-        "[w](wang2013.md) ![p](../../../reports/ship/field.png) [n](no_such_file.md)"
+        "[w](wang2013.md) ![p](../../../reports/suite/answer.png) [n](no_such_file.md)"
     )
 
 
@@ -72,7 +75,7 @@ def test_the_sites_definitions_are_those_of_the_reports(scripts, tmp_path, monke
 
     monkeypatch.setattr(site_pages, "GENERATED", tmp_path / "site")
     site_pages.write()
-    definitions.write(tmp_path)
+    render.write_definitions(tmp_path)
     written = (tmp_path / "site" / "reports" / "definitions.md").read_text(encoding="utf-8")
     assert written == (tmp_path / "definitions.md").read_text(encoding="utf-8")
     listed = (tmp_path / "site" / "reports" / "index.md").read_text(encoding="utf-8").splitlines()

@@ -132,7 +132,7 @@ def test_the_report_says_what_is_missing():
     raw = {"agreement": [], "seeds": 32, "false_alarms": 1e-4, "run": 3, "epochs": 20}
     text = clouds_report.section(found, raw)
     assert f"* theirs, 1000 particles: {why}." in text
-    assert "| 1000 | ours | 50.0 |" in text
+    assert "|1000|ours|50.0|" in text
 
 
 @pytest.mark.long

@@ -80,15 +80,15 @@ def test_amplitudes_are_those_of_the_spectral_density(tmp_path: Path) -> None:
     assert found == pytest.approx(np.full(3, np.sqrt(2.0 * density)), rel=0.35)
 
 
-def test_the_notes_tell_of_the_tracks_as_they_are() -> None:
+def test_the_data_are_described_as_they_are() -> None:
     """The table of accelerations, rolls and heights."""
-    told = {}
-    for line in scenario.load("turbulence").notes.splitlines():
+    rows = {}
+    for line in (DATA / "README.md").read_text(encoding="utf-8").splitlines():
         cells = [cell.strip() for cell in line.strip("|").split("|")]
         if cells[0] in INTENSITIES:
-            told[cells[0]] = [float(x) for cell in cells[1:] for x in re.findall(r"[\d.]+", cell)]
-    assert set(told) == set(INTENSITIES)
-    for intensity, figures in told.items():
+            rows[cells[0]] = [float(x) for cell in cells[1:] for x in re.findall(r"[\d.]+", cell)]
+    assert set(rows) == set(INTENSITIES)
+    for intensity, figures in rows.items():
         acceleration = flown(str(committed(intensity)))
         track = np.loadtxt(committed(intensity), delimiter=",", skiprows=1)
         found = [*np.sqrt((acceleration**2).mean(axis=0)), np.abs(acceleration[:, 2]).max(),

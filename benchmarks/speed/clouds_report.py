@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from ggbench.report.tables import markdown, short
+from ggbench.figures.numbers import short
+from ggbench.report.tables import markdown
 
 from . import clouds, export
 from .rounds import Measured

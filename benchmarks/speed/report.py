@@ -6,7 +6,8 @@ import os
 from pathlib import Path
 from typing import Any
 
-from ggbench.report.tables import markdown, short
+from ggbench.figures.numbers import short
+from ggbench.report.tables import markdown
 
 from . import clouds_report, figure, flops, long_flights, roster
 from .rounds import Measured

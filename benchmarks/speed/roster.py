@@ -17,7 +17,8 @@ from oracles import reference
 
 from ggbench.block import ProblemBlock
 from ggbench.campaign.registry import choose
-from ggbench.report.tables import markdown, short
+from ggbench.figures.numbers import short
+from ggbench.report.tables import markdown
 from ggbench.simulation.error_free_flight import prepare
 from ggbench.simulation.runs import simulate_block
 from ggbench.spec import scenario

@@ -26,9 +26,9 @@ print(gg.judge(problem, estimate, truth, case.windows))
 
 # %%
 results = gg.run(scenario, ["ins", "ekf"], runs=5, cases=[case.name])
-summary = results.summary()
-settled = summary[summary["window"] == "settled"]
-print(settled[["label", "position_mrse_m", "velocity_mrse_mps", "position_efficiency"]])
+figures = results.figures()
+settled = figures[figures["window"] == "settled"]
+print(settled[["estimator", "rms_m", "velocity_rms_mps", "efficiency", "success"]])
 
 # %% [markdown]
 # Every figure is a Matplotlib figure, which a notebook shows when it is a cell's last line.

@@ -54,6 +54,7 @@ nitpick_ignore_regex = [
     ),
 ]
 
+html_extra_path = [str(site_pages.EXTRA)]
 html_theme = "furo"
 html_title = f"ggbench {version}"
 html_show_sphinx = False

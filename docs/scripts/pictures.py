@@ -22,7 +22,7 @@ from ggbench.judging.convergence import claimed_radius
 
 PICTURES = Path(__file__).parents[1] / "pictures"
 NORTH, EAST, UP, ESTIMATED, WRONG = "tab:blue", "tab:red", "tab:green", "tab:blue", "tab:red"
-_LOCK_CASE, _LOCK_RUNS, _LONG = "1km", 20, 10
+_WIDE_CASE, _WIDE_RUNS, _LONG = "1km", 20, 10
 
 
 @styled()
@@ -105,27 +105,29 @@ def error_state() -> Drawing:
 
 
 @styled()
-def lock() -> Drawing:
-    """Three runs of a filter that is lost by a kilometre: locked, not locked, falsely locked."""
+def convergence() -> Drawing:
+    """Three runs of a filter with a prior of a kilometre: converged, not converged, false fix."""
     scenario = gg.load("wide_prior")
-    case = scenario.case(_LOCK_CASE)
+    case = scenario.case(_WIDE_CASE)
+    required = case.windows.required_m
+    assert required is not None
     found: dict[str, gg.Judgement] = {}
-    for run in range(_LOCK_RUNS):
+    for run in range(_WIDE_RUNS):
         problem, truth = gg.simulate(case, scenario.campaign.seed, run)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # that a filter which is lost believes to be elsewhere
+            warnings.simplefilter("ignore")  # that a filter believes to be outside its map
             judged = gg.judge(problem, gg.estimate(problem, "ekf"), truth)
-        found.setdefault(_kind_of_lock(judged, case.windows.lock_m), judged)
+        found.setdefault(_ending(judged, required), judged)
     figure = Drawing(figsize=(8.0, 3.2), layout="constrained")
     for axis, (kind, title) in zip(figure.subplots(1, 3, sharey=True), _KINDS.items(), strict=True):
         judged = found[kind]
         axis.semilogy(judged.times, judged.position_error, color=ESTIMATED, label="error")
         radius = claimed_radius(judged.sigmas[:, :3])
         axis.semilogy(judged.times, radius, color=ESTIMATED, ls=":", label="claimed with 95 %")
-        axis.axhline(case.windows.lock_m, color=WRONG, lw=1.0, label=f"{case.windows.lock_m:g} m")
+        axis.axhline(required, color=WRONG, lw=1.0, label=f"required: {required:g} m")
         plain_numbers(axis)
-        outside = np.flatnonzero(judged.position_error > case.windows.lock_m)
-        if kind == "lock":
+        outside = np.flatnonzero(judged.position_error > required)
+        if kind == "converged":
             axis.axvline(judged.times[outside[-1] + 1], color="0.4", ls="--", lw=1.0)
         axis.set(title=title, xlabel="time [s]")
     figure.axes[0].set_ylabel("position error [m]")
@@ -133,15 +135,15 @@ def lock() -> Drawing:
     return figure
 
 
-_KINDS = {"lock": "a lock", "none": "no lock, and no claim", "false": "a false lock"}
+_KINDS = {"converged": "converged", "none": "not converged, no claim", "false": "a false fix"}
 
 
-def _kind_of_lock(judged: gg.Judgement, lock_m: float) -> str:
+def _ending(judged: gg.Judgement, required_m: float) -> str:
     """What a run ends as, as reports define it; "" if it was never outside for long."""
-    outside = np.flatnonzero(judged.position_error > lock_m)
-    if judged.position_error[-1] < lock_m:
-        return "lock" if outside.size and outside[-1] > _LONG else ""
-    return "false" if claimed_radius(judged.sigmas[:, :3])[-1] < lock_m else "none"
+    outside = np.flatnonzero(judged.position_error > required_m)
+    if judged.position_error[-1] <= required_m:
+        return "converged" if outside.size and outside[-1] > _LONG else ""
+    return "false" if claimed_radius(judged.sigmas[:, :3])[-1] <= required_m else "none"
 
 
 @styled()
@@ -194,7 +196,12 @@ def _arrow(axis: Axes, start: ArrayLike, end: ArrayLike, colour: str, word: str)
     axis.annotate(word, end, xytext=beside, textcoords="offset points", color=colour)
 
 
-ALL = {"frames": frames, "error_state": error_state, "lock": lock, "prior_width": prior_width}
+ALL = {
+    "frames": frames,
+    "error_state": error_state,
+    "convergence": convergence,
+    "prior_width": prior_width,
+}
 
 
 def draw(folder: Path) -> None:

@@ -12,12 +12,14 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
-from ggbench.report import definitions
+from ggbench.report import render
 from ggbench.spec import scenario
 
 DOCS = Path(__file__).parents[1]
 ROOT = DOCS.parent
 GENERATED = DOCS / "generated"
+EXTRA = DOCS.parent / "build" / "extra"
+"""Files that the site has as they are: the reports' HTML pages, in ``pages``, if any."""
 _REPORTS, _DATA = ROOT / "reports", ROOT / "scenarios" / "data"
 _LINK = re.compile(r"\]\(([^)#\s]+)(#[^)\s]*)?\)")
 _PICTURE = re.compile(r"^!\[(.*?)\]\((.+?)\)$", re.MULTILINE)
@@ -26,17 +28,32 @@ _PICTURE = re.compile(r"^!\[(.*?)\]\((.+?)\)$", re.MULTILINE)
 def write() -> None:
     """Write all pages anew."""
     shutil.rmtree(GENERATED, ignore_errors=True)
+    shutil.rmtree(EXTRA, ignore_errors=True)
     for source, page in copies().items():
         page.parent.mkdir(parents=True, exist_ok=True)
         if source.name != "definitions.md":
             page.write_text(relinked(_text(source), source, page), encoding="utf-8")
-    definitions.write(GENERATED / "reports")
-    contents = ["# All reports", "```{toctree}", ":maxdepth: 1", "", "README", "definitions"]
+    render.write_definitions(GENERATED / "reports")
+    contents = ["# All reports", *_interactive(), "```{toctree}", ":maxdepth: 1", ""]
+    contents += ["README", "definitions"]
     contents += sorted({page.stem for page in copies().values() if page.parent.name == "reports"})
     text = "\n".join(dict.fromkeys(contents)) + "\n```\n"
     (GENERATED / "reports" / "index.md").write_text(text, encoding="utf-8")
+    pages = sorted(_REPORTS.glob("*.html"))
+    (EXTRA / "pages").mkdir(parents=True, exist_ok=True)
+    for source in pages:
+        shutil.copy(source, EXTRA / "pages")
     page = GENERATED / "gallery.md"
     page.write_text(relinked(gallery(), ROOT / "gallery.md", page), encoding="utf-8")
+
+
+def _interactive() -> list[str]:
+    """Return links to the HTML pages of the reports, if `make reports` has written them here."""
+    links = [
+        f'<a href="../../pages/{path.name}">{path.stem}</a>'
+        for path in sorted(_REPORTS.glob("*.html"))
+    ]
+    return [f"With all tables and figures: {', '.join(links)}.", ""] if links else []
 
 
 def copies() -> dict[Path, Path]:
@@ -74,15 +91,18 @@ def gallery() -> str:
 def _gallery() -> Iterator[str]:
     yield "# Gallery of scenarios"
     yield (
-        "Every scenario that is shipped: what it is for, what came out, and its picture. "
-        "`ggbench run NAME` runs one again, and `ggbench report` writes its report. Words are "
-        "[defined](reports/definitions.md) once."
+        "Every shipped scenario with its purpose, and with the answer and figure of its report if "
+        "it has one. `ggbench run NAME` runs one again, `ggbench report` writes its report. Terms "
+        "are [defined](reports/definitions.md) once."
     )
     for name in scenario.shipped():
         loaded = scenario.load(name)
-        report = _text(_REPORTS / f"{name}.md")
         yield f"## {loaded.title}"
         yield loaded.description
+        if not (_REPORTS / f"{name}.md").exists():
+            yield f"`{name}`: [the scenario's file](scenarios/{name}.toml)"
+            continue
+        report = _text(_REPORTS / f"{name}.md")
         yield answer(report)
         picture = main_picture(report)
         if picture is not None:

@@ -241,11 +241,6 @@ class Campaign:
         # Once: a file that is edited later changes nothing of what is run and how it is stored.
         scenario = self.scenario.select(self.cases) if self.cases else self.scenario
         contents = {label: choose(label).content for label in self.labels}
-        for text, _ in self.scenario.campaign.fewer_runs:
-            if (label := choose(text).label) != text:
-                raise CampaignError(
-                    f"{self.scenario.name}: fewer_runs names '{text}'; write it as '{label}'"
-                )
         studied = choose(self.scenario.campaign.assumption_estimator)
         label = next((k for k, v in contents.items() if v == studied.content), studied.label)
         self.left_out: dict[str, str] = {}
@@ -269,7 +264,7 @@ class Campaign:
         """
         self._require_folder()
         left_out = self._leave_out()
-        remarks = [*unusual_values(self.plan.scenario), *left_out, *self._seeking(), *self._fewer()]
+        remarks = [*unusual_values(self.plan.scenario), *left_out, *self._seeking()]
         store = Store(self.folder, create=True, fresh=self.fresh)
         plan = self.plan
         if damaged := store.discard_damaged():
@@ -306,10 +301,9 @@ class Campaign:
         for study, case, pairs in _each_once(self.plan.cells()):
             runs = self.scenario.campaign.runs_of(study, self.runs)
             missing = np.ones((len(pairs), runs), dtype=bool)
-            for row, (label, key) in zip(missing, pairs, strict=True):
+            for row, (_, key) in zip(missing, pairs, strict=True):
                 held = finished.get(key, np.empty(0, dtype=np.int64))
                 row[held[held < runs]] = False
-                row[self.scenario.campaign.runs_of(study, self.runs, label) :] = False
             cells.append(_Open(study, case, pairs, missing))
         return Tasks(cells, self.seed)
 
@@ -356,18 +350,6 @@ class Campaign:
             f"{label} uses {', '.join(content['seeks'])}: the report will tell its readers"
             for label, content in self.plan.estimators.items()
             if "seeks" in content
-        ]
-
-    def _fewer(self) -> list[str]:
-        """Return remarks on estimators that get fewer runs than the others."""
-        counts = {
-            label: self.scenario.campaign.runs_of("", self.runs, label)
-            for label in self.plan.estimators
-        }
-        return [
-            f"{label} gets the first {count} of {self.runs} runs: fewer_runs of the scenario"
-            for label, count in counts.items()
-            if count < self.runs
         ]
 
     def _share(self, store: Store, plan: Plan) -> None:

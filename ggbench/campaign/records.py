@@ -6,7 +6,7 @@ import json
 import math
 import platform
 import resource
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -18,7 +18,8 @@ from ..engines.innovations import innovations_squared
 from ..gravity.field import Field
 from ..ins.system_matrix import STATES
 from ..judging import convergence, fix_metrics, run_errors
-from ..judging.bounds import bound_for, squared_bounds
+from ..judging.bounds import squared_bounds
+from ..judging.references import FIGURES, CaseBound, References
 from ..problem import Causality, Fixes, Problem
 from ..results.store import DETAILED_RUN, SERIES_RUNS, Result, kept_epochs
 from ..sensors.gradiometer.instrument import COMPONENTS, Gradiometer
@@ -61,6 +62,17 @@ class TimedEstimates:
     seconds: float
     fixes: Fixes | None = None
 
+    def of_runs(self, some: slice) -> TimedEstimates:
+        """Return the estimates of some of the runs."""
+        return replace(
+            self,
+            mean=self.mean[some],
+            cov=None if self.cov is None else self.cov[some],
+            nis=None if self.nis is None else self.nis[some],
+            info=self.info[some],
+            evaluations=self.evaluations[some],
+        )
+
 
 def peak_memory_mb() -> float:
     """Return the most memory [MiB] that this process has had in use."""
@@ -87,7 +99,8 @@ def evaluate_runs(
     flight: Flight,
     error_state: np.ndarray,
     estimated: TimedEstimates,
-    problem: Callable[[int], Problem],
+    references: References,
+    problems: Sequence[Problem],
 ) -> list[Result]:
     """Return the results of runs that were estimated; one that is no estimate has failed.
 
@@ -97,7 +110,8 @@ def evaluate_runs(
     key : of the results.
     flight : the case.
     error_state : (R, K, n) the truth of the runs.
-    problem : returns a run's problem, by its place in the block.
+    references : bound and oracle of the runs.
+    problems : of the runs.
     """
     case, times, filters = flight.case, flight.times, estimated.causality == "filter"
     evaluation, flaws = run_errors.evaluate_block(error_state, estimated.mean, estimated.cov)
@@ -105,22 +119,21 @@ def evaluate_runs(
         evaluation.nis[:] = estimated.nis
     elif filters and estimated.cov is not None:
         for r in (r for r, flaw in enumerate(flaws) if not flaw):
-            evaluation.nis[r] = innovations_squared(problem(r), estimated.mean[r], estimated.cov[r])
+            mean, cov = estimated.mean[r], estimated.cov[r]
+            evaluation.nis[r] = innovations_squared(problems[r], mean, cov)
     means = run_errors.window_means(evaluation, times, case.windows).tolist()
     final = evaluation.position_error[:, -1].tolist()
     ins = np.sqrt((error_state[:, -1, :3] ** 2).sum(axis=1)).tolist()
-    locks: list[dict[str, Any]] = [{}] * len(blanks)
-    if case.windows.lock_m is not None:
-        found = convergence.judge(
-            evaluation.position_error, evaluation.sigmas[:, -1, :3], times, case.windows.lock_m
-        )
-        locks = [
-            {"lock_time_s": None if math.isnan(time) else time, "false_lock": false}
-            for time, false in zip(*(values.tolist() for values in found), strict=True)
-        ]
+    required = references.bound.required_m
+    converged, false = convergence.judge(
+        evaluation.position_error, evaluation.sigmas[:, -1, :3], times, required
+    )
+    bound = _bound_of(case, estimated.causality, estimated.lag)
+    compared = references.windows(bound).tolist()
     common = {
         "status": "ok",
-        "bound": _bound_of(case, estimated.causality, estimated.lag),
+        "bound": bound,
+        "required_m": required,
         "peak_memory_mb": peak_memory_mb(),
     }
     kept = kept_epochs(len(times))
@@ -139,10 +152,16 @@ def evaluate_runs(
             "map_evaluations": estimated.evaluations[r],
             "final_position_error_m": final[r],
             "final_ins_error_m": ins[r],
-            "diverged": run_errors.has_diverged(final[r], flight.final_bound, ins[r]),
-            "windows": run_errors.named_figures(means[r]),
+            "diverged": run_errors.has_diverged(final[r], references.bound.final_m, ins[r]),
+            "converged_s": None if math.isnan(converged[r]) else float(converged[r]),
+            "false_fix": bool(false[r]),
+            "windows": {
+                window: figures | dict(zip(FIGURES, values, strict=True))
+                for (window, figures), values in zip(
+                    run_errors.named_figures(means[r]).items(), compared[r], strict=True
+                )
+            },
         }
-        record |= locks[r]
         if estimated.fixes is not None:
             record["fixes"] = fix_metrics.judge(estimated.fixes, error_state[r], times)
         if outside[r]:
@@ -250,17 +269,19 @@ def shared_arrays(flight: Flight, seed: int, lags: Sequence[int]) -> dict[str, n
         "present": _some_expected(flight),
         "channels": flight.expected.sum(axis=1),
     }
-    bounds = {name: bound_for(flight.bound, name, None) for name in ("filter", "batch")}
-    for lag in lags:
-        bounds[f"fixed-lag-{lag}"] = bound_for(flight.bound, "fixed-lag", lag)
-    for name, cov in bounds.items():
-        arrays[f"bound-{name}"] = np.stack(squared_bounds(cov), axis=-1)
+    bound = CaseBound(flight)
+    for name in ("filter", "batch", *(f"fixed-lag-{lag}" for lag in lags)):
+        arrays[f"bound-{name}"] = bound.squares(name)
+    true = flight.true.gradiometer
+    if true is not None and true.lowpass is not None:
+        unfiltered = squared_bounds(flight.unfiltered_bound.filtering)
+        arrays["bound-unfiltered"] = np.stack(unfiltered, axis=-1)
     if flight.unknown_gravity.any():
         arrays["response"] = flight.gravity_response
     if flight.model.disturbance is not None:
-        arrays["gravity"] = np.hstack([flight.unknown_gravity, _known_gravity(flight.bound)])
-    if flight.true.gradiometer is not None:
-        arrays |= _gradient_signals(flight, flight.true.gradiometer, seed)
+        arrays["gravity"] = np.hstack([flight.unknown_gravity, _known_gravity(bound.bound)])
+    if true is not None:
+        arrays |= _gradient_signals(flight, true, seed)
     if flight.field.has_map:
         arrays |= _map_signals(flight.field, float(np.mean(arrays["track"][:, 2])))
     return arrays

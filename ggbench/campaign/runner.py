@@ -24,10 +24,11 @@ from typing import Any
 import numpy as np
 
 from .. import estimation
-from ..block import BlockEstimator, EstimateBlock, ProblemBlock
+from ..block import BlockEstimator, EstimateBlock, ProblemBlock, joined
 from ..errors import GGBenchError
 from ..judging import fix_metrics, run_errors
-from ..problem import CountingModel, Estimate, Estimator, Problem
+from ..judging.references import CaseBound, References
+from ..problem import CountingModel, Estimate, Estimator
 from ..results.store import Result
 from ..simulation.error_free_flight import Flight, prepare
 from ..simulation.runs import simulate_block
@@ -81,10 +82,16 @@ class Started:
     runs: Sequence[int]
 
 
-@lru_cache(maxsize=1024)
+@lru_cache(maxsize=64)
 def flight_of(case: CaseSpec) -> Flight:
-    """Return the flight of a case, made once in each process."""
-    return prepare(case)
+    """Return the flight of a case, made once in each process; of one with draws, of run 0."""
+    return prepare(case.of_run(0))
+
+
+@lru_cache(maxsize=BLOCK_RUNS)
+def case_bound(case: CaseSpec) -> CaseBound:
+    """Return the bounds of a case without draws, made once in each process."""
+    return CaseBound(flight_of(case))
 
 
 _flown: set[CaseSpec] = set()
@@ -155,8 +162,18 @@ def run_task(task: Task) -> Iterator[Started | list[Result]]:
             )
     together, singly = by_block_size(task.estimators, chosen)
     for pairs, size in ((together, runs_at_once(task.case)), (singly, 1)):
-        for start in range(0, len(task.runs) if pairs else 0, size):
-            yield from _run_block(task, pairs, task.runs[start : start + size])
+        for runs in _blocks(task, size) if pairs else ():
+            yield from _run_block(task, pairs, runs)
+
+
+def _blocks(task: Task, size: int) -> Iterator[Sequence[int]]:
+    """Yield runs of a task that share their map, so many at most."""
+    shared: dict[int, list[int]] = {}
+    for run in task.runs:
+        shared.setdefault(run % task.case.draw.maps, []).append(run)
+    for runs in shared.values():
+        for start in range(0, len(runs), size):
+            yield runs[start : start + size]
 
 
 def by_block_size(pairs: Pairs, find: Callable[[str], Choice]) -> tuple[Pairs, Pairs]:
@@ -172,7 +189,7 @@ def runs_at_once(case: CaseSpec) -> int:
     """Return how many runs of a case a block has; Φ, Q and P of all their epochs are its memory."""
     size = BLOCK_RUNS
     with contextlib.suppress(Exception):  # a flight that fails says so in every run's record
-        flight = flight_of(case)
+        flight = flight_of(case.of_run(0))
         matrices = 3 * len(flight.times) * flight.model.dimension**2 * np.dtype(float).itemsize
         while size > LEAST_RUNS and size * matrices > BLOCK_BYTES:
             size //= 2
@@ -199,7 +216,7 @@ def _run_block(task: Task, pairs: Pairs, runs: Sequence[int]) -> Iterator[Starte
         try:
             rngs = [_estimator_rng(task.seed, run, choice) for run in runs]
             estimated = _estimate(block, choice, rngs)
-            results = _evaluated(blanks, key, task.case, truth, estimated, block.problem)
+            results = _evaluated(blanks, key, task.case, truth, estimated, block)
         except (Exception, SystemExit) as error:
             if len(runs) > 1:
                 for run in runs:
@@ -216,8 +233,18 @@ def _run_block(task: Task, pairs: Pairs, runs: Sequence[int]) -> Iterator[Starte
 
 def _simulated_block(task: Task, runs: Sequence[int]) -> tuple[ProblemBlock, HiddenArray]:
     """Simulate runs; their truth is put away before any estimator sees the problems."""
-    block, truth = simulate_block(flight_of(task.case), task.seed, runs)
-    return block, HiddenArray(truth.error_state)
+    if not task.case.drawn:
+        block, truth = simulate_block(flight_of(task.case), task.seed, runs)
+        return block, HiddenArray(truth.error_state)
+    cases = [task.case.of_run(run) for run in runs]
+    for case in cases:
+        fly_unseen(case)
+    pairs = [
+        simulate_block(flight_of(case), task.seed, [run])
+        for case, run in zip(cases, runs, strict=True)
+    ]
+    states = np.concatenate([truth.error_state for _, truth in pairs])
+    return joined([block for block, _ in pairs]), HiddenArray(states)
 
 
 def _evaluated(
@@ -226,11 +253,23 @@ def _evaluated(
     case: CaseSpec,
     truth: HiddenArray,
     estimated: TimedEstimates,
-    problem: Callable[[int], Problem],
+    block: ProblemBlock,
 ) -> list[Result]:
-    """Judge estimates (:func:`.records.evaluate_runs`) beside the truth that was put away."""
+    """Judge estimates (:func:`.records.evaluate_runs`) by the truth that was put away."""
+    problems = [block.problem(r) for r in range(block.runs)]
+    whole = slice(0, block.runs)
+    parts = [slice(r, r + 1) for r in range(block.runs)] if case.drawn else [whole]
+    results = []
     with truth.looked_at() as states:
-        return evaluate_runs(blanks, key, flight_of(case), states, estimated, problem)
+        for part in parts:
+            of_runs = case.of_run(blanks[part.start]["run"])
+            flight = flight_of(of_runs)
+            references = References(flight, case_bound(of_runs), problems[part], states[part])
+            results += evaluate_runs(
+                blanks[part], key, flight, states[part], estimated.of_runs(part), references,
+                problems[part],
+            )  # fmt: skip
+    return results
 
 
 def _is_cold(label: str) -> bool:

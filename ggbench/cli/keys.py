@@ -75,7 +75,8 @@ class KeyTable(NamedTuple):
 @cache
 def tables() -> dict[str, KeyTable]:
     """Return all tables by their dotted names: those of scenarios, then of recorded flights."""
-    from ..spec.case import CampaignSpec, CaseSpec, SweepSpec
+    from ..spec.axes import SweepSpec
+    from ..spec.case import CampaignSpec, CaseSpec
     from ..spec.claims import ClaimSpec, ComparisonSpec
     from ..spec.flight import FlightSpec
     from ..spec.json_schema import TOP_TEXTS, models_schema

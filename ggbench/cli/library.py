@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -112,13 +112,10 @@ def print_outcomes(outcomes: Sequence[Outcome], output: Path, console: Console) 
     console.out(f"'{again}' writes the reports of what is done.")
 
 
-def report_all(
-    folder: Path, output: Path, console: Console, described: Mapping[str, str] | None = None
-) -> bool:
-    """Write the report of every results folder in a folder, and the league of all reports.
+def report_all(folder: Path, output: Path, console: Console) -> bool:
+    """Write the report of every results folder in a folder, and their front page.
 
-    The league has every scenario whose report, with its digest, stands in the output folder, of
-    whatever day. Of a campaign that is not finished there is a report, but it has no part in it.
+    The front page lists every scenario whose report is in the output folder, of whatever day.
 
     Returns
     -------
@@ -129,12 +126,10 @@ def report_all(
     LibraryError
         If the folder holds no results folders.
     ReportError
-        If none is finished, or nothing can be written.
+        If there is no report, or nothing can be written.
     """
-    from ..report import league_page, scenario_report
+    from ..report import library, render
 
-    if described is not None:
-        from ..report.page import reports
     try:
         found = sorted(path for path in folder.iterdir() if (path / "manifest.json").is_file())
     except OSError as error:
@@ -145,21 +140,16 @@ def report_all(
     remarks = list(unread)
     for path in chosen:
         try:
-            written = scenario_report.write(path, output)
-            console.out(f"Wrote {written}")
-            if described is not None:
-                paged = reports.write_report(path, output, described, written)
-                console.out(f"Wrote {paged}")
+            for written in render.write(path, output):
+                console.out(f"Wrote {written}")
         except GGBenchError as error:
             remarks.append(str(error))
-    good = not remarks
-    written, left_out = league_page.write(output)
-    console.out(f"Wrote {written}")
-    if described is not None:
-        console.out(f"Wrote {reports.write_league(output, described)}")
+    complete = not remarks
+    front, left_out = library.write(output)
+    console.out(f"Wrote {front}")
     for remark in dict.fromkeys([*remarks, *doubles, *left_out]):
         console.out(remark)
-    return good
+    return complete
 
 
 def _one_for_each(folders: Sequence[Path]) -> tuple[list[Path], list[str], list[str]]:

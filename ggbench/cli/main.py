@@ -308,15 +308,15 @@ def _run_library(asked: _Asked, output: Path) -> int:
 
 
 def _finish(results: Results, interrupted: bool, took: str) -> Outcome:
-    """Write the tables of what is stored, print the summary, say how to go on."""
+    """Write the tables of what is stored, print the figures, say how to go on."""
     from ..results.folder import as_argument, write_tables
     from .library import Outcome
-    from .terminal import print_summary
+    from .terminal import print_figures
 
-    summary = write_tables(results)
+    figures = write_tables(results)
     runs, failed = results.runs(), len(results.failures())
-    if len(summary):
-        print_summary(summary, runs, results.scenario, console)
+    if len(figures):
+        print_figures(figures, runs, results.scenario, console)
     outcome = Outcome(
         results.scenario.name, len(runs), failed, int(runs["diverged"].sum()), interrupted
     )

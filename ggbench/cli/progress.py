@@ -137,7 +137,7 @@ class Progress(progress.Progress):
             return ""
         case = self._cases[0]
         errors = ", ".join(f"{label} {self._mrse(case, label)}" for label in self._labels)
-        return f"MRSE of {case} in m: {errors}"
+        return f"RMS error of {case} in m: {errors}"
 
     def get_renderables(self) -> Iterator[RenderableType]:
         """Yield the bar, the functions being compiled, and the errors so far."""
@@ -150,7 +150,7 @@ class Progress(progress.Progress):
         if compiled:
             yield Text(compiled)
         table = ResponsiveTable(
-            "", [("MRSE so far [m]", "name"), *((case, "number") for case in self._cases)]
+            "", [("RMS error so far [m]", "name"), *((case, "number") for case in self._cases)]
         )
         for label in self._labels:
             table.add_row(label, *(self._mrse(case, label) for case in self._cases))

@@ -1,4 +1,4 @@
-"""``ggbench report``: what came out of a campaign, as markdown or as one page to share."""
+"""``ggbench report``: the pages of a campaign, or of all campaigns."""
 
 from __future__ import annotations
 
@@ -16,46 +16,26 @@ _EXIT_INCOMPLETE = 1
 @click.argument("folder", type=click.Path(path_type=Path), required=False)
 @click.option(
     "--all", "whole_library", is_flag=True,
-    help="Report every results folder in FOLDER [results] and the league of them all.",
-)  # fmt: skip
-@click.option(
-    "--html", "as_page", is_flag=True,
-    help="Write one HTML file to share, NAME.html, in place of markdown and figures; with --all "
-    "beside them, and league.html.",
+    help="Report every results folder in FOLDER [results], and write their front page.",
 )  # fmt: skip
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path),
-    help="Where to write [the folder itself; with --all: reports].",
+    help="Where to write [FOLDER/report; with --all: reports].",
 )  # fmt: skip
-def report(folder: Path | None, whole_library: bool, as_page: bool, output: Path | None) -> None:
-    """Write the report of a results FOLDER: markdown and figures, or one page."""
+def report(folder: Path | None, whole_library: bool, output: Path | None) -> None:
+    """Write the report of a results FOLDER: one page, its figure and all numbers as CSV.
+
+    With the extra 'page' installed, an HTML page with all tables is written next to it.
+    """
     if folder is None and not whole_library:
         raise click.UsageError("name a results FOLDER, or --all")
-    described = _described() if as_page else None
     if whole_library:
         from . import library
 
-        good = library.report_all(
-            folder or Path("results"), output or Path("reports"), console, described
-        )
-        sys.exit(0 if good else _EXIT_INCOMPLETE)
+        complete = library.report_all(folder or Path("results"), output or Path("reports"), console)
+        sys.exit(0 if complete else _EXIT_INCOMPLETE)
     assert folder is not None
-    if described is None:
-        from ..report import scenario_report
+    from ..report import render
 
-        path = scenario_report.write(folder, output or folder)
-    else:
-        from ..report.page import reports
-
-        path = reports.write_report(folder, output or folder, described)
-    click.echo(f"Wrote {path}")
-
-
-def _described() -> dict[str, str]:
-    """Return what each registered estimator is, for the page; its packages are asked for first."""
-    from ..campaign import registry
-    from ..report.page import libraries
-
-    libraries.require()
-    found = registry.registered()
-    return {name: (cls.__doc__ or "").strip().partition("\n")[0] for name, cls in found.items()}
+    for path in render.write(folder, output or folder / "report"):
+        click.echo(f"Wrote {path}")

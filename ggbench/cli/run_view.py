@@ -169,9 +169,7 @@ def _print(
 ) -> None:  # fmt: skip
     """Print the figures of a run, its errors against time, and how to repeat it."""
     console.print(f"\n[bold]{escape(title)}, run {run}[/]")
-    judged = any(view.record.get("false_lock") is not None for view in views)
-    headings = ["settled m", "m/s", "final m", "NEES", "diverged", "ms"]
-    headings += ["converged s"] * judged
+    headings = ["settled m", "m/s", "final m", "NEES", "diverged", "converged s", "ms"]
     table = ResponsiveTable(
         "", [("estimator", "name"), *((heading, "number") for heading in headings)]
     )
@@ -188,8 +186,8 @@ def _print(
             f"{record['final_position_error_m']:.3g}",
             f"{settled['nees']:.2f}",
             "[red]yes[/]" if record["diverged"] else "no",
+            _convergence(record),
             f"{1e3 * record['seconds']:.1f}{'*' if record.get('cold') else ''}",
-            *([_convergence(record)] if judged else []),
         )
     table.print(console)
     if any(view.record["status"] == "ok" and view.record.get("cold") for view in views):
@@ -225,9 +223,9 @@ def info_text(info: Mapping[str, Any]) -> str:
 
 def _convergence(record: Mapping[str, Any]) -> str:
     """Return when a run converged, or that it ends in a false fix."""
-    if record.get("lock_time_s") is not None:
-        return f"{record['lock_time_s']:g}"
-    return "[red]false fix[/]" if record.get("false_lock") else "never"
+    if record["converged_s"] is not None:
+        return f"{record['converged_s']:g}"
+    return "[red]false fix[/]" if record["false_fix"] else "never"
 
 
 def _print_errors(

@@ -9,7 +9,7 @@ from rich.console import Console
 
 from ..figures.numbers import counted
 from ..judging.comparison import LOST, Comparison
-from ..judging.ranking import rows_of
+from ..judging.summary import MARKS, ordered
 from ..spec.scenario import Scenario
 from .responsive_table import ResponsiveTable
 from .timing import COLD
@@ -22,44 +22,45 @@ _UNITS = {"position": "m", "velocity": "m/s", LOST: "lost"}
 _COLOURS = {"worse": "red", "better": "green"}
 
 
-_SUMMARY = ("m", "median", "95 %", "m/s", "/bound", "NEES", "fail/div", "ms/run")
+_HEADINGS = ("RMS m", "95 %", "× bound", "success", "NEES", "", "RMS m/s", "fail/div", "ms/run")
 
 
-def print_summary(
-    summary: pd.DataFrame, runs: pd.DataFrame, scenario: Scenario, console: Console
+def print_figures(
+    figures: pd.DataFrame, runs: pd.DataFrame, scenario: Scenario, console: Console
 ) -> None:
-    """Print the settled window of every case: causal estimators, best first, then smoothers.
+    """Print the settled window of every case: causal estimators by RMS error, then smoothers.
 
     Parameters
     ----------
-    summary, runs : the tables of a results folder.
+    figures, runs : tables of a results folder.
     """
     shown = scenario.cases[:_MOST_CASES]
     warm = set(runs[(runs["status"] == "ok") & ~runs["cold"]].groupby(["case", "estimator"]).groups)
     starred = False
     for case in shown:
-        rows = rows_of(summary, case, "settled")
+        rows = ordered(figures, case.name)
         if not rows:
             continue
         table = ResponsiveTable(
-            f"{case.title}: MRSE from {case.windows.settled_from_s:g} s on",
-            [("estimator", "name"), *((heading, "number") for heading in _SUMMARY)],
+            f"{case.title}: from {case.windows.settled_from_s:g} s on",
+            [("estimator", "name"), *((heading, "number") for heading in _HEADINGS)],
         )
         causal = True
-        for row in rows.values():
+        for row in rows:
             if causal and row["causality"] in ("fixed-lag", "batch"):
                 causal = False
                 table.add_section()
-            cold = row["runs"] > row["failed"] and (case.name, row["label"]) not in warm
+            cold = row["runs"] > row["failed"] and (case.name, row["estimator"]) not in warm
             starred |= cold
             table.add_row(
-                row["label"],
-                _digits(row["position_mrse_m"]),
-                _digits(row["position_median_m"]),
-                _digits(row["position_p95_m"]),
-                f"{row['velocity_mrse_mps']:.4f}",
-                f"{row['position_efficiency']:.3f}",
-                f"{row['nees_mean']:.2f}",
+                row["estimator"],
+                _digits(row["rms_m"]),
+                f"{_digits(row['rms_lo'])}-{_digits(row['rms_hi'])}",
+                f"{row['efficiency']:.3f}",
+                f"{100.0 * row['success']:.0f} %",
+                f"{row['nees']:.2f}",
+                MARKS.get(row["consistency"], "").strip(),
+                f"{row['velocity_rms_mps']:.4f}",
                 f"{row['failed']}/{row['diverged']}",
                 f"{1e3 * row['seconds_per_run']:.1f}{'*' if cold else ''}",
             )
@@ -68,10 +69,9 @@ def print_summary(
             table.add_row(
                 "paper",
                 _digits(case.reference.position_mrse_m),
-                "",
-                "",
+                *[""] * 5,
                 f"{case.reference.velocity_mrse_mps:.4f}",
-                *[""] * 4,
+                *[""] * 2,
                 style="dim",
             )
         table.print(console)
@@ -79,7 +79,7 @@ def print_summary(
         console.print(COLD, markup=False)
     more = len(scenario.cases) - len(shown)
     if more:
-        console.print(f"... and {counted(more, 'more case')}, in summary.csv and in the report")
+        console.print(f"... and {counted(more, 'more case')}, in figures.csv and in the report")
 
 
 def _digits(value: float) -> str:

@@ -1,12 +1,13 @@
 """Fusion of a matcher's fixes with the INS, epoch by epoch, and the list of fixes.
 
-What a matcher makes of its fixes is one of three things, by the name of ``fusion``. Whichever it
-is, a reading is used once.
+What a matcher makes of its fixes is one of two things, by the name of ``fusion``. Either way a
+measurement is used once.
 
-``none``     each fix knows the prior of the flight and the readings of its own window, and nothing
-             of the fixes before it: they are independent looks.
-``kalman``   a fix is an update of what is known: its prior is the estimate, carried along.
-``restart``  the first fix ends the search; a filter takes the readings behind it one by one.
+``none``    each fix has the flight's prior and the measurements of its own window: the fixes are
+            independent.
+``kalman``  a fix is an update: its prior is the estimate, carried along.
+
+A matcher may hand over: its first fix ends the search, and a filter takes the later measurements.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import numpy as np
 from ..problem import Estimate, Fixes, Problem
 from .window_search import section
 
-Fusion = Literal["none", "kalman", "restart"]
+Fusion = Literal["none", "kalman"]
 
 
 class Carried:
@@ -98,15 +99,19 @@ class Fused:
     ----------
     problem : the flight.
     fusion : what becomes of fixes.
-    position : the states that a fix tells of.
+    position : the states that a fix contains.
+    hands_over : whether the first accepted fix ends the search.
 
     Attributes
     ----------
-    found : whether no other fix is wanted: one was accepted that is followed by a filter.
+    found : whether the search has ended.
     """
 
-    def __init__(self, problem: Problem, fusion: Fusion, position: Sequence[int]) -> None:
+    def __init__(
+        self, problem: Problem, fusion: Fusion, position: Sequence[int], hands_over: bool = False
+    ) -> None:
         self.problem, self.fusion, self.found = problem, fusion, False
+        self._hands_over = hands_over
         self._estimate, self._unaided, self._attempts = (
             Carried(problem),
             Carried(problem),
@@ -126,11 +131,11 @@ class Fused:
         self._attempts.add(epoch, mean[at], cov[np.ix_(at, at)], accepted, statistic)
         if accepted:
             self._estimate.put(epoch, mean, cov)
-            self.found, self._last = self.fusion == "restart", epoch
+            self.found, self._last = self._hands_over, epoch
 
-    def followed(self, behind: Callable[[Problem], Estimate]) -> Estimate:
-        """Return the estimate; after the fix of ``fusion=restart`` a filter takes the readings."""
-        if self.found and self._last + 1 < self.problem.epochs:
+    def estimate(self, behind: Callable[[Problem], Estimate] | None = None) -> Estimate:
+        """Return the estimate, with what a filter makes of the measurements behind a hand-over."""
+        if behind is not None and self.found and self._last + 1 < self.problem.epochs:
             start = self._estimate.at(self._last)
             rest = section(self.problem, self._last + 1, self.problem.epochs, *start)
             found = behind(rest)

@@ -1,65 +1,151 @@
-"""The figure that a report begins with: who succeeds, and how near the bound, case by case."""
+"""Figures that answer a scenario's question: errors by case, or against the axis of a sweep."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from textwrap import fill
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.container import ErrorbarContainer
 
-from .line_styles import LineStyle, line_styles
-from .locking import Series
-from .style import Drawing, legend_below, plain_numbers, styled, subplots
+from .line_styles import line_styles
+from .style import BOUND, INS, Drawing, legend_below, plain_numbers, styled, subplots
 
-_WIDEST = 11.0
-"""Width of a figure [in] at most."""
+WIDTH = 7.3
+"""Width of a figure [in], 800 pixels."""
+_FILLED = {"-": "full", "--": "none", "-.": "left", ":": "bottom"}
+"""Filling of markers by the line of a variant."""
+_TITLES = 84
+"""Characters in a line of the titles of all panels."""
+_NAME = 30
+"""Characters in a line of a case's name."""
+
+
+class Curve(NamedTuple):
+    """RMS errors of an estimator [m] with the ends of their intervals, and success rates, (n,)."""
+
+    rms: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    success: np.ndarray
+
+
+class Panel(NamedTuple):
+    """Curves of a figure: title, abscissae (n,), curve by label, bound and INS (n,) [m]."""
+
+    title: str
+    places: np.ndarray
+    curves: Mapping[str, Curve]
+    bound: np.ndarray
+    ins: np.ndarray
 
 
 @styled()
-def over_cases(
-    names: Sequence[str], shares: Mapping[str, Series], ratios: Mapping[str, Series]
-) -> Drawing:
-    """Draw the share of success, and below it the error over the bound where it succeeds.
+def over_cases(names: Sequence[str], panel: Panel) -> Drawing:
+    """Draw RMS errors by case, a row for each, with the bound and the INS as lines.
+
+    A second column shows success rates if any is below 100 %.
 
     Parameters
     ----------
-    names : (n,) of the cases.
-    shares : estimator to its share of success with a 95 % interval.
-    ratios : estimator to the median of error over bound, and its quartiles.
+    names : sequence of str, length n
+        Titles of the cases, from the top.
+    panel : Panel
+        Errors of the cases; its abscissae are not used.
     """
-    width = min(1.8 + 0.13 * len(shares) * len(names) + 0.5 * len(names), _WIDEST)
-    figure, (top, bottom) = subplots(
-        2, 1, figsize=(max(width, 6.0), 5.2), sharex=True, height_ratios=(2.0, 3.0)
-    )
-    drawn = line_styles(shares)
-    handles = {}
-    for axis, figures in ((top, shares), (bottom, ratios)):
-        for number, (label, line) in enumerate(figures.items()):
-            shift = 0.8 * ((number + 0.5) / len(figures) - 0.5)
-            handles[label] = _points(axis, np.arange(len(names)) + shift, line, drawn[label])
-        for edge in range(1, len(names)):
-            axis.axvline(edge - 0.5, color="0.85", lw=0.8, zorder=0)
-        axis.grid(False, axis="x")
-    top.set(ylabel="share of success", ylim=(-0.06, 1.06))
-    top.yaxis.set_major_formatter(lambda value, _: f"{100.0 * value:.0f} %")
-    bottom.set(ylabel="error / bound of those\n(median, quartiles)", yscale="log")
-    bottom.axhline(1.0, color="black", lw=0.9, ls=":")
-    if not any(np.isfinite(line.value).any() for line in ratios.values()):
-        bottom.set_ylim(0.5, 2.0)  # where nobody succeeds there is nothing to scale by
-    plain_numbers(bottom)
-    bottom.set_xlim(-0.5, len(names) - 0.5)
-    long = max(map(len, names)) * len(names) > 9.0 * figure.get_size_inches()[0]
-    bottom.set_xticks(range(len(names)), names, rotation=35 if long else 0,
-                      ha="right" if long else "center", rotation_mode="anchor")  # fmt: skip
+    curves, count = panel.curves, len(names)
+    columns = _columns(panel)
+    row = 0.26 + 0.075 * len(curves)
+    figure, grid = subplots(
+        1, columns, figsize=(WIDTH, 0.9 + max(row, 0.4) * count), sharey=True, squeeze=False,
+        width_ratios=(2.6, 1.0)[:columns],
+    )  # fmt: skip
+    left: Axes = grid[0, 0]
+    middle = np.arange(count, dtype=float)
+    drawn = line_styles(curves)
+    handles: dict[str, Any] = {}
+    for number, (label, curve) in enumerate(curves.items()):
+        at = middle + 0.7 * ((number + 0.5) / len(curves) - 0.5)
+        look = drawn[label]
+        marks: dict[str, Any] = {
+            "color": look.color, "marker": look.marker, "fillstyle": _FILLED[look.ls],
+            "ms": 5.5, "ls": "",
+        }  # fmt: skip
+        left.hlines(at, curve.low, curve.high, color=look.color, lw=1.4)
+        (handles[label],) = left.plot(curve.rms, at, **marks)
+        if columns == 2:
+            grid[0, 1].plot(100.0 * curve.success, at, **marks)
+    for name, values, line in (("bound of filters", panel.bound, "-"), ("INS", panel.ins, "--")):
+        if np.isfinite(values).any():
+            colour = INS if name == "INS" else BOUND
+            handles[name] = left.vlines(
+                values, middle - 0.42, middle + 0.42, color=colour, ls=line, lw=1.8
+            )
+    left.set(xscale="log", xlabel="RMS position error [m], 95 % interval")
+    left.set_yticks(middle, [fill(name, _NAME) for name in names])
+    left.set_ylim(count - 0.5, -0.5)
+    plain_numbers(left, "x")
+    if columns == 2:
+        grid[0, 1].set(xlabel="success [%]", xlim=(-4.0, 104.0))
+    for axis in grid[0]:
+        axis.grid(False, axis="y")
+        for edge in range(1, count):
+            axis.axhline(edge - 0.5, color="0.85", lw=0.8, zorder=0)
     legend_below(figure, handles)
     return figure
 
 
-def _points(axis: Axes, places: np.ndarray, line: Series, look: LineStyle) -> ErrorbarContainer:
-    """Draw an estimator's figures with bars between their ends; return what a legend shows."""
-    reach = np.abs(np.nan_to_num([line.value - line.low, line.high - line.value]))
-    return axis.errorbar(
-        places, line.value, reach, ls="", color=look.color, marker=look.marker, ms=4.5,
-        elinewidth=1.0, capsize=0.0,
+@styled()
+def over_axis(panels: Sequence[Panel], label: str, log: bool) -> Drawing:
+    """Draw RMS errors against the axis of a sweep, with the bound and the INS as lines.
+
+    A second row shows success rates if any is below 100 %.
+
+    Parameters
+    ----------
+    panels : sequence of Panel
+        Parts of the sweep, from left to right.
+    label : str
+        Label of the abscissae.
+    log : bool
+        Whether the abscissae are logarithmic.
+    """
+    rows = max(map(_columns, panels))
+    figure, grid = subplots(
+        rows, len(panels), figsize=(WIDTH, 3.3 + 1.5 * (rows - 1)), sharex=True, sharey="row",
+        squeeze=False, height_ratios=(2.2, 1.0)[:rows],
     )  # fmt: skip
+    drawn = line_styles(dict.fromkeys(key for panel in panels for key in panel.curves))
+    handles: dict[str, Any] = {}
+    for column, panel in enumerate(panels):
+        top: Axes = grid[0, column]
+        for number, (name, curve) in enumerate(panel.curves.items()):
+            look = drawn[name]._asdict() | {"fillstyle": _FILLED[drawn[name].ls], "ms": 4.5}
+            # Thinner from line to line: equal curves stay visible at the sides.
+            width = max(3.0 - 0.4 * number, 1.0)
+            (handles[name],) = top.plot(panel.places, curve.rms, lw=width, **look)
+            top.fill_between(
+                panel.places, curve.low, curve.high, color=look["color"], alpha=0.15, lw=0.0
+            )
+            if rows == 2:
+                grid[1, column].plot(panel.places, 100.0 * curve.success, lw=width, **look)
+        (handles["bound of filters"],) = top.plot(panel.places, panel.bound, color=BOUND, lw=1.6)
+        (handles["INS"],) = top.plot(panel.places, panel.ins, color=INS, lw=1.6, ls="--")
+        top.set(xscale="log" if log else "linear", yscale="log")
+        top.set_title(fill(panel.title, _TITLES // len(panels)), fontsize=9)
+        grid[-1, column].set_xlabel(fill(label, _TITLES // len(panels)))
+    grid[0, 0].set_ylabel("RMS position error [m]")
+    if rows == 2:
+        grid[1, 0].set(ylabel="success [%]", ylim=(-4.0, 104.0))
+    plain_numbers(grid[0, 0])
+    if log:
+        for axis in grid[-1]:
+            plain_numbers(axis, "x")
+    legend_below(figure, handles)
+    return figure
+
+
+def _columns(panel: Panel) -> int:
+    """Return 2 if success rates are worth a panel, else 1."""
+    return 2 if any((curve.success < 1.0).any() for curve in panel.curves.values()) else 1

@@ -12,51 +12,49 @@ from .line_styles import line_styles
 from .style import BOUND, INS, Drawing, legend_below, plain_numbers, styled, subplots
 
 AXES = ("east", "north", "up")
-_TITLE = 42
-"""Characters of a title that fit above a panel."""
+_TITLE = 70
+"""Characters of titles that fit in a line above all panels."""
 
 
 @styled()
 def error_over_time(
     panels: Sequence[tuple[str, np.ndarray, Mapping[str, np.ndarray], Mapping[str, np.ndarray]]],
 ) -> Drawing:
-    """Draw spherical position and velocity errors over runs against time, beside the bounds.
+    """Draw RMS position and velocity errors over runs against time, and the bounds.
 
-    Each panel is (title, times (K,), curves, bounds): curves name to (3, K, 2), lower quartile,
-    median, upper quartile of position and velocity, bounds name to (K, 2). Quartiles are drawn of
-    the first curve and of the INS: those of all would hide each other.
+    Parameters
+    ----------
+    panels : sequence of (title, times, curves, bounds), at most three
+        Times (K,); RMS errors of position and velocity by label, and bounds by name, each (K, 2).
     """
     count = len(panels)
-    figure, grid = subplots(
-        2, count, figsize=(max(4.0 * count + 0.6, 6.0), 5.8), sharex="col", squeeze=False
-    )
+    figure, grid = subplots(2, count, figsize=(7.3, 5.2), sharex="col", squeeze=False)
     drawn = line_styles(name for _, _, curves, _ in panels for name in curves)
+    handles = {}
     for column, (title, times, curves, bounds) in enumerate(panels):
         for row, quantity in enumerate(("position [m]", "velocity [m/s]")):
             axis: Axes = grid[row, column]
-            for number, (name, (low, median, high)) in enumerate(curves.items()):
+            for number, (name, curve) in enumerate(curves.items()):
                 look = drawn[name]
-                axis.semilogy(
-                    times, median[:, row], ls=look.ls, color=look.color, lw=1.4, label=name
-                )
-                if number == 0 or name == "ins":
-                    axis.fill_between(
-                        times, low[:, row], high[:, row], color=look.color, alpha=0.18, lw=0.0
-                    )
+                # Thinner from line to line: equal curves stay visible at the sides.
+                (handles["INS" if name == "ins" else name],) = axis.semilogy(
+                    times, curve[:, row], ls=look.ls, color=look.color, label=name,
+                    lw=max(3.4 - 0.45 * number, 1.0),
+                )  # fmt: skip
             for number, (name, bound) in enumerate(bounds.items()):
-                axis.semilogy(
-                    times, bound[:, row], color=BOUND, lw=0.9, ls=("-", ":", "--")[number % 3],
+                (handles[name],) = axis.semilogy(
+                    times, bound[:, row], color=BOUND, lw=1.1, ls=("-", ":", "--")[number % 3],
                     label=name,
                 )  # fmt: skip
             plain_numbers(axis)
+            axis.tick_params(which="both", labelsize=8)
             if row == 0:
-                axis.set_title(fill(title, _TITLE))
+                axis.set_title(fill(title, _TITLE // count), fontsize=9)
             else:
                 axis.set_xlabel("time [s]")
             if column == 0:
-                axis.set_ylabel(f"spherical {quantity}")
-    handles, names = grid[0, 0].get_legend_handles_labels()
-    legend_below(figure, dict(zip(names, handles, strict=True)))
+                axis.set_ylabel(f"RMS {quantity}")
+    legend_below(figure, handles)
     return figure
 
 

@@ -17,14 +17,19 @@ _COLUMNS: dict[Quantity, tuple[int, str]] = {"position": (0, "m"), "velocity": (
 """First column of an error's components in a detailed run, and its unit."""
 
 
+_BOUNDS = {"bound-batch": "smoother", "bound-fixed-lag": "fixed lag"}
+"""Words for bounds whose stored name is another."""
+
+
 def error_over_time(results: Results, shown: Mapping[str, Sequence[str]]) -> Drawing:
-    """Draw the spherical errors over all runs against time, median and quartiles, and the bounds.
+    """Draw the RMS errors over all runs against time, and the bounds.
 
     Parameters
     ----------
-    results : the folder.
-    shown : name of each case, a panel, to its estimators; of one without a finished run there is no
-        line.
+    results : Results
+        The folder.
+    shown : mapping
+        Estimators by the name of a case; each case is a panel.
     """
     panels = []
     for name, labels in shown.items():
@@ -36,25 +41,30 @@ def error_over_time(results: Results, shown: Mapping[str, Sequence[str]]) -> Dra
 def errors_over_time(
     results: Results, case: str, labels: Iterable[str]
 ) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Return times (K',) [s], errors and bounds of a case at them.
+    """Return times (K',) [s], and RMS errors and bounds of a case at them, each (K', 2).
 
-    Errors by estimator (3, K', 2): lower quartile, median and upper quartile over all runs that are
-    stored, which a run that is lost does not turn; nothing of an estimator without a finished run.
-    Bounds by name (K', 2), root mean square. Position [m] and velocity [m/s], spherical.
+    Errors of position [m] and velocity [m/s] over the runs that are stored; an estimator without a
+    finished run has none.
     """
     curves = {}
     for label in labels:
         series = results.series(case, label)
         if len(series):
-            curves[label] = np.percentile(series[:, :, :2], [25.0, 50.0, 75.0], axis=0)
+            curves[label] = np.sqrt(np.mean(series[:, :, :2] ** 2, axis=0))
     stored = results.arrays(case)
     kept = stored["kept"]
     bounds = {
-        f"bound: {key.removeprefix('bound-').rstrip('-0123456789')}": np.sqrt(value[kept])
+        bound_name(key): np.sqrt(value[kept])
         for key, value in stored.items()
-        if key.startswith("bound-")
+        if key.startswith("bound-") and key != "bound-unfiltered"
     }
     return stored["times"][kept], curves, bounds
+
+
+def bound_name(key: str) -> str:
+    """Return the name of a bound in a legend, from its key among the arrays of a case."""
+    kind = key.rstrip("-0123456789")
+    return f"bound, {_BOUNDS.get(kind, kind.removeprefix('bound-'))}"
 
 
 def component_errors(results: Results, case: str, label: str, quantity: Quantity) -> Drawing:

@@ -15,8 +15,8 @@ import pandas as pd
 from scipy.special import bdtrc
 
 from ..errors import GGBenchError
+from .run_errors import WINDOWS
 from .statistics import ALPHA, BETTER, UNDECIDED, WORSE, excess_p_value, holm, ratio_interval
-from .summary import WINDOWS
 
 SAME = "same"
 LOST = "lost runs"
@@ -46,7 +46,7 @@ class Comparison:
         ``runs_before``, ``runs``: of how many runs these are, before and after. ``paired``:
         whether they are the same simulated problems. ``p``, ``p_better``: adjusted p-values of "not
         worse" and "not better". ``verdict``: "worse", "better", "same" (the same data, bit by bit)
-        or "not distinguishable".
+        or "undecided".
     only_before, only_after : what only one of the two holds, "case a" or "estimator ekf in case a".
     tests : number of rows in which anything could differ: what p-values are adjusted for.
     """
@@ -90,7 +90,7 @@ def compare(
     ----------
     before, after : tables of runs, one row per run and estimator.
     threshold : relative excess of MRSE that is tolerated, ≥ 0.
-    window : one of :data:`ggbench.judging.summary.WINDOWS`.
+    window : one of :data:`ggbench.judging.run_errors.WINDOWS`.
 
     Raises
     ------

@@ -1,8 +1,8 @@
 """Metrics of matchers' fixes: right, false or refused, their errors and consistency.
 
-A fix is *right* if its horizontal error at its own epoch is below a limit (``windows.lock_m``), and
-*false* if it is accepted and is not. Fixes of one flight may share readings and errors, so shares
-are of runs, by the first fix that each of them accepts.
+A fix is *right* if its horizontal error at its own epoch is below the case's required error, and
+*false* if it is accepted and is not. Fixes of one flight may share measurements and errors, so
+shares are of runs, by the first fix that each of them accepts.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..problem import Fixes
-from .convergence import median_interval, wilson
+from .convergence import median_interval
 from .run_errors import real_array
-from .statistics import nees_band
+from .statistics import nees_band, wilson
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -1,73 +1,63 @@
-"""How good estimators are: what the judgements of many runs say together.
+"""Figures of estimators over many runs: a row per case, estimator and window.
 
-A run is judged once, in the worker (:mod:`.judging.run_errors`); :func:`summarize` then turns the
-table of many runs into one row per case, estimator and window, and :func:`paired_table` sets the
-estimators beside each other, run by run.
+A run is judged once, in the worker (:mod:`.judging.run_errors`). Runs that share a drawn track or
+map error form a cluster; intervals are over clusters.
 """
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from . import success
-from .convergence import COLUMNS as CONVERGENCE_COLUMNS
-from .convergence import figures
-from .run_errors import COVERAGE as COVERAGE
-from .run_errors import FIGURES as FIGURES
-from .run_errors import JUDGED as JUDGED
-from .run_errors import WINDOWS as WINDOWS
-from .run_errors import Evaluation as Evaluation
-from .run_errors import evaluate as evaluate
-from .run_errors import has_diverged as has_diverged
-from .run_errors import window_figures as window_figures
-from .run_errors import window_mask as window_mask
-from .statistics import coverage_band, nees_band, nis_band, paired_all, root_mean_intervals
+from . import references
+from .convergence import median_interval
+from .run_errors import COVERAGE, JUDGED, WINDOWS
+from .run_errors import FIGURES as ERRORS
+from .statistics import (
+    coverage_band,
+    nees_band,
+    nis_band,
+    root_ratio_intervals,
+    share_interval,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
 
-SUMMARY_COLUMNS = (
-    "scenario", "case", "estimator", "parameters", "causality", "runs", "failed", "diverged",
-    "position_mrse_m", "position_mrse_lo", "position_mrse_hi",
-    "velocity_mrse_mps", "velocity_mrse_lo", "velocity_mrse_hi",
-    "window", "position_bound_m", "velocity_bound_mps", "position_efficiency",
-    "paper_position_m", "paper_velocity_mps", "nees_mean", "nees_lo", "nees_hi", "seconds_per_run",
+FIGURES = (
+    "case", "estimator", "name", "parameters", "causality", "window", "runs", "failed", "diverged",
+    "draws", "rms_m", "rms_lo", "rms_hi", "velocity_rms_mps", "velocity_rms_lo", "velocity_rms_hi",
+    "bound_m", "velocity_bound_mps", "efficiency", "efficiency_lo", "efficiency_hi", "times_ins",
+    "oracle_ratio", "oracle_lo", "oracle_hi", "success", "success_lo", "success_hi", "false_fixes",
+    "converged_s", "converged_lo", "converged_hi", "nees", "nees_lo", "nees_hi", "coverage",
+    "coverage_lo", "coverage_hi", "nis", "nis_lo", "nis_hi", "consistency", "recommended",
+    "seconds_per_run", "map_evaluations", "published_m", "published_mps",
 )  # fmt: skip
-EXTRA_COLUMNS = (
-    "label", "velocity_efficiency", "position_without_diverged_m", "position_median_m",
-    "position_p95_m", "nis_mean", "coverage", "map_evaluations",
-    "velocity_median_mps", "velocity_p95_mps", "nis_lo", "nis_hi", "coverage_lo", "coverage_hi",
-    *CONVERGENCE_COLUMNS, *success.COLUMNS,
+"""Columns of :func:`figures`."""
+CONSISTENT, CONSERVATIVE, OVERCONFIDENT, UNSAFE = (
+    "consistent", "conservative", "overconfident", "unsafe",
 )  # fmt: skip
-_QUANTITIES = {"position": "m2", "velocity": "m2ps2"}
-"""Judged quantities, and the unit of their squared errors."""
-_OF_A_WINDOW = {f"{window}_{name}": (window, name) for window in WINDOWS for name in FIGURES}
+LEAST_COVERAGE, UNSAFE_COVERAGE, MOST_FALSE = 0.90, 0.50, 0.05
+"""Coverage of 95 % below which an estimator is overconfident, and unsafe; share of false fixes."""
+_OF_A_WINDOW = {
+    f"{window}_{name}": (window, name)
+    for window in WINDOWS
+    for name in (*ERRORS, *references.FIGURES)
+}
 WINDOW_COLUMNS = tuple(_OF_A_WINDOW)
 """Columns of a table of runs that hold the figures of its windows."""
-NUMBERS = (
+_NUMBERS = (
     "seconds", "map_evaluations", "peak_memory_mb", "final_position_error_m", "final_ins_error_m",
-    "lock_time_s",
+    "required_m", "converged_s",
 )  # fmt: skip
 """Columns of a table of runs that hold numbers, NaN where a record has none."""
-_TRUTHS = ("diverged", "cold")
+_TRUTHS = ("diverged", "cold", "false_fix")
 _NEEDED = (
-    "case", "estimator", "name", "parameters", "causality", "run", "status", "diverged", "seconds",
-    "cold", "map_evaluations", "final_position_error_m", "final_ins_error_m", "lock_time_s",
-    "false_lock", *WINDOW_COLUMNS,
-)  # fmt: skip
-PAIRED_COLUMNS = (
-    "case", "window", "first", "second", "runs", "first_only", "second_only",
-    *(
-        f"{quantity}_{figure}"
-        for quantity, unit in _QUANTITIES.items()
-        for figure in (f"difference_{unit}", "lo", "hi", "relative", "win_rate", "verdict")
-    ),
-    *success.PAIRED_COLUMNS,
+    "case", "estimator", "name", "parameters", "causality", "run", "status", *_TRUTHS, *_NUMBERS,
+    *WINDOW_COLUMNS,
 )  # fmt: skip
 
 
@@ -76,18 +66,20 @@ def runs_table(
     columns: Iterable[str] = (),
     common: Mapping[str, Any] | None = None,
 ) -> pd.DataFrame:
-    """Return the table of the runs that records tell of, one row each, in their order.
+    """Return the table of the runs of some records, one row each, in their order.
 
     Parameters
     ----------
-    records : stored records.
-    columns : names of the first columns; those that a summary needs besides come after them.
-    common : columns that do not come from the records: a value for all or one for each.
+    records : list of dict
+        Stored records.
+    columns : list of str
+        Names of the first columns; those that figures need come after them.
+    common : dict
+        Columns that do not come from the records: a value for all, or one for each.
 
     Returns
     -------
-    Numbers that a record does not have are NaN; whether a lock is false is not known where none was
-    judged.
+    Numbers that a record does not have are NaN.
     """
     import pandas as pd  # not at the top: workers judge runs and make no tables
 
@@ -102,170 +94,147 @@ def runs_table(
             window, figure = _OF_A_WINDOW[name]
             values = [w[window][figure] if w else math.nan for w in windows]
             found[name] = np.array(values, dtype=float)
-        elif name in NUMBERS:
+        elif name in _NUMBERS:
             source = records if name == "seconds" else finished
             found[name] = np.array([record.get(name) for record in source], dtype=float)
         elif name in _TRUTHS:
             found[name] = np.array([record.get(name) is True for record in records], dtype=bool)
         else:
             found[name] = [record.get(name) for record in records]
-    false = [record.get("false_lock") for record in finished]
-    found["false_lock"] = pd.array(false, dtype="boolean")
     return pd.DataFrame(found, index=range(len(records)))
 
 
-def summarize(
+def succeeded(runs: pd.DataFrame) -> np.ndarray:
+    """Return which runs (R,) finished and ended within the required error."""
+    near = runs["final_position_error_m"] <= runs["required_m"]
+    return np.asarray(near & (runs["status"] == "ok"))
+
+
+def figures(
     runs: pd.DataFrame,
-    bounds: success.Bounds,
-    references: Mapping[str, tuple[float, float] | None],
-    scenario: str,
-    readings: Mapping[str, Mapping[str, tuple[int, float]]] | None = None,
+    published: Mapping[str, tuple[float, float]],
+    measurements: Mapping[str, Mapping[str, tuple[int, float]]] | None = None,
 ) -> pd.DataFrame:
-    """Return one row per case, estimator and window, with :data:`SUMMARY_COLUMNS` and more.
+    """Return one row per case, estimator and window, with :data:`FIGURES`.
 
     Parameters
     ----------
-    runs : table of runs (:func:`runs_table`), in any order.
-    bounds : of the cases and estimators (:data:`.success.Bounds`).
-    references : case to published position and velocity MRSE, or None.
-    scenario : name of the scenario.
-    readings : case to window to (epochs, channels): its epochs with a reading in one run, and the
-        mean number of channels then. Where absent, the mean NIS has no band.
-
-    Returns
-    -------
-    The documented columns first, then :data:`EXTRA_COLUMNS`. Rows in the order in which cases and
-    estimators first occur in ``bounds``.
+    runs : DataFrame
+        Table of runs (:func:`runs_table`) with a column ``draw``, the number of the cluster.
+    published : dict
+        Case to published RMS errors of position [m] and velocity [m/s].
+    measurements : dict
+        Case to window to (epochs, channels): its epochs with a measurement in one run, and the mean
+        number of channels then. Where absent, the mean NIS has no band.
     """
-    runs = runs.assign(succeeded=success.succeeded(runs, bounds))
+    import pandas as pd
+
     groups = {
         (str(case), str(label)): group
         for (case, label), group in runs.groupby(["case", "estimator"], sort=False)
     }
-    order = dict.fromkeys([*bounds, *groups])
-    judged = set(runs.loc[runs["false_lock"].notna(), "case"])
-    cells = {cell: groups[cell] for cell in order if cell in groups}
-    finished = {cell: group[group["status"] == "ok"] for cell, group in cells.items()}
-    intervals = _intervals(finished)
-    unaided = {
-        (case, window): math.sqrt(float(good[f"{window}_position_ms"].mean()))
-        for (case, _), good in finished.items()
-        if len(good) and good["causality"].iloc[0] == "none"
-        for window in WINDOWS
-    }
+    finished = {cell: group[group["status"] == "ok"] for cell, group in groups.items()}
+    ratios = _ratios(finished)
     rows = []
-    for (case, estimator), group in cells.items():
-        good = finished[case, estimator]
-        reference = references.get(case)
-        first = group.iloc[0]
-        sizes = (readings or {}).get(case, {})
-        # An estimator all of whose runs failed has not locked either.
-        locking = {}
-        if case in judged:
-            false = int(good["false_lock"].sum())
-            locking = figures(good["lock_time_s"].to_numpy(), false, len(group))
+    for cell, group in groups.items():
+        good, first = finished[cell], group.iloc[0]
+        case, label = cell
+        common = {
+            "case": case,
+            "estimator": label,
+            "name": first["name"],
+            "parameters": first["parameters"],
+            "causality": first["causality"],
+            "runs": len(group),
+            "failed": len(group) - len(good),
+            "diverged": int(good["diverged"].sum()),
+            "draws": group["draw"].nunique(),
+            "recommended": False,
+            "published_m": published.get(case, (math.nan, math.nan))[0],
+            "published_mps": published.get(case, (math.nan, math.nan))[1],
+        } | _of_the_end(group)
         for window in WINDOWS:
-            row: dict[str, Any] = {
-                "scenario": scenario,
-                "case": case,
-                "estimator": first["name"],
-                "parameters": first["parameters"],
-                "label": estimator,
-                "causality": first["causality"],
-                "runs": len(group),
-                "failed": len(group) - len(good),
-                "diverged": int(good["diverged"].sum()),
-                "window": window,
-                "paper_position_m": reference[0] if reference else math.nan,
-                "paper_velocity_mps": reference[1] if reference else math.nan,
-            }
-            bound = bounds.get((case, estimator), {}).get(window)
-            row |= _window_row(good, window, bound, sizes.get(window, (0, 0))) | locking
-            row |= intervals.get((case, estimator, window), {})
-            row |= success.figures(
-                group[f"{window}_position_ms"].to_numpy(dtype=float),
-                group[f"{window}_nees"].to_numpy(dtype=float),
-                group["succeeded"].to_numpy(dtype=bool),
-                bound[0] if bound else math.nan,
-                unaided.get((case, window), math.nan),
-            )
+            row = common | {"window": window}
+            if len(good):
+                sizes = (measurements or {}).get(case, {}).get(window, (0, 0))
+                row |= _window_row(good, window, sizes) | ratios[case, label, window]
+                row["consistency"] = consistency(row)
             rows.append(row)
-    import pandas as pd
-
-    return pd.DataFrame(rows).reindex(columns=[*SUMMARY_COLUMNS, *EXTRA_COLUMNS])
+    return _with_ins(pd.DataFrame(rows).reindex(columns=[*FIGURES]), finished)
 
 
-def _intervals(
+def _of_the_end(group: pd.DataFrame) -> dict[str, Any]:
+    """Return success, false fixes and convergence over all runs of an estimator on a case."""
+    hits = succeeded(group)
+    success = share_interval(hits, group["draw"].to_numpy())
+    when = median_interval(group.loc[hits, "converged_s"].dropna().to_numpy())
+    found = dict(zip(("success", "success_lo", "success_hi"), success, strict=True))
+    found |= dict(zip(("converged_s", "converged_lo", "converged_hi"), when, strict=True))
+    return found | {"false_fixes": float(group["false_fix"].mean())}
+
+
+_RATIOS = {
+    ("rms_m", "rms_lo", "rms_hi"): ("position_ms", ""),
+    ("velocity_rms_mps", "velocity_rms_lo", "velocity_rms_hi"): ("velocity_ms", ""),
+    ("efficiency", "efficiency_lo", "efficiency_hi"): ("position_ms", "bound_position_ms"),
+    ("oracle_ratio", "oracle_lo", "oracle_hi"): ("position_ms", "oracle_position_ms"),
+}
+"""Figures with their intervals: root of the ratio of two means; "" is one."""
+
+
+def _ratios(
     finished: Mapping[tuple[str, str], pd.DataFrame],
 ) -> dict[tuple[str, str, str], dict[str, float]]:
-    """Return the ends of the MRSE's intervals of every case, estimator and window.
-
-    All at once: cells with equal numbers of runs share their bootstrap samples.
-    """
+    """Return :data:`_RATIOS` of every case, estimator and window, with shared bootstrap draws."""
     names = [(*cell, window) for cell, good in finished.items() if len(good) for window in WINDOWS]
-    squares = [
-        finished[case, label][f"{window}_{quantity}_ms"].to_numpy()
-        for case, label, window in names
-        for quantity in _QUANTITIES
-    ]
-    ends = iter(root_mean_intervals(squares))
+    groups = []
+    for case, label, window in names:
+        good = finished[case, label]
+        right = np.isfinite(good[f"{window}_oracle_position_ms"].to_numpy())
+        for first, second in _RATIOS.values():
+            below = good[f"{window}_{second}"].to_numpy() if second else np.ones(len(good))
+            # Where the assumed model is not the true one, no bound says what can be reached.
+            below = np.where(right, below, math.nan) if second else below
+            groups.append((good[f"{window}_{first}"].to_numpy(), below, good["draw"].to_numpy()))
+    values = iter(root_ratio_intervals(groups))
     return {
         name: {
-            f"{quantity}_mrse_{end}": value
-            for quantity in _QUANTITIES
-            for end, value in zip(("lo", "hi"), next(ends), strict=True)
+            column: value
+            for columns in _RATIOS
+            for column, value in zip(columns, next(values), strict=True)
         }
         for name in names
     }
 
 
-def _window_row(
-    good: pd.DataFrame,
-    window: str,
-    bound: tuple[float, float] | None,
-    readings: tuple[int, float],
-) -> dict[str, Any]:
-    """Return the figures of one window over the runs that finished."""
-    if good.empty:
-        return {}
+def _window_row(good: pd.DataFrame, window: str, measurements: tuple[int, float]) -> dict[str, Any]:
+    """Return figures of one window over the runs that finished."""
 
     def column(key: str) -> np.ndarray:
         return good[f"{window}_{key}"].to_numpy()
 
-    position, velocity = column("position_ms"), column("velocity_ms")
-    position_mrse, velocity_mrse = (math.sqrt(float(np.mean(p))) for p in (position, velocity))
-    position_bound, velocity_bound = bound or (math.nan, math.nan)
-    kept = position[~good["diverged"].to_numpy()]
-    nees_lo, nees_hi = nees_band(len(good), JUDGED)
-    coverage_lo, coverage_hi = coverage_band(len(good), COVERAGE)
+    draws = good["draw"].nunique()
+    nees_lo, nees_hi = nees_band(draws, JUDGED)
+    coverage_lo, coverage_hi = coverage_band(draws, COVERAGE)
     innovations = column("nis")
-    present = innovations[~np.isnan(innovations)]  # a run may have no reading in the window
+    present = innovations[~np.isnan(innovations)]  # a run may have no measurement in the window
     nis = float(present.mean()) if len(present) else math.nan
     # Only a filter has innovations: without a mean there is no band.
-    nis_lo, nis_hi = nis_band(0 if math.isnan(nis) else len(good), *readings)
+    nis_lo, nis_hi = nis_band(0 if math.isnan(nis) else len(good), *measurements)
     return {
-        "position_mrse_m": position_mrse,
-        "velocity_mrse_mps": velocity_mrse,
-        "position_bound_m": position_bound,
-        "velocity_bound_mps": velocity_bound,
-        "position_efficiency": position_mrse / position_bound,
-        "nees_mean": float(column("nees").mean()),
+        "bound_m": math.sqrt(float(column("bound_position_ms").mean())),
+        "velocity_bound_mps": math.sqrt(float(column("bound_velocity_ms").mean())),
+        "nees": float(column("nees").mean()),
         "nees_lo": nees_lo,
         "nees_hi": nees_hi,
-        "seconds_per_run": _median_seconds(good),
-        "velocity_efficiency": velocity_mrse / velocity_bound,
-        "position_without_diverged_m": math.sqrt(kept.mean()) if len(kept) else math.nan,
-        "position_median_m": float(np.median(np.sqrt(position))),
-        "position_p95_m": float(np.percentile(np.sqrt(position), 95)),
-        "nis_mean": nis,
         "coverage": float(column("coverage").mean()),
-        "map_evaluations": float(good["map_evaluations"].mean()),
-        "velocity_median_mps": float(np.median(np.sqrt(velocity))),
-        "velocity_p95_mps": float(np.percentile(np.sqrt(velocity), 95)),
-        "nis_lo": nis_lo,
-        "nis_hi": nis_hi,
         "coverage_lo": coverage_lo,
         "coverage_hi": coverage_hi,
+        "nis": nis,
+        "nis_lo": nis_lo,
+        "nis_hi": nis_hi,
+        "seconds_per_run": _median_seconds(good),
+        "map_evaluations": float(good["map_evaluations"].mean()),
     }
 
 
@@ -275,78 +244,54 @@ def _median_seconds(good: pd.DataFrame) -> float:
     return float(np.median(seconds[warm] if warm.any() else seconds))
 
 
-def paired_table(runs: pd.DataFrame, bounds: success.Bounds) -> pd.DataFrame:
-    """Return every two estimators of a case beside each other, on the runs that both were given.
+def consistency(row: Mapping[str, Any]) -> str:
+    """Return whether an estimator's covariances are right, from its figures.
 
-    Parameters
-    ----------
-    runs : table of runs, one row per run and estimator; those of assumptions are left out.
-    bounds : of the cases and estimators, by which success is judged.
+    "unsafe": coverage below 50 %, or more than 5 % of the runs end in a false fix; "overconfident":
+    coverage below 90 %, or the mean NEES above its 95 % band; "conservative": it lies below;
+    "consistent" otherwise; "" without covariances.
 
-    Returns
-    -------
-    One row per case, window and pair of estimators, all in order of first appearance, with
-    :data:`PAIRED_COLUMNS`: ``runs`` both finished, ``first_only`` and ``second_only`` one of them;
-    then for position and velocity the figures of :func:`.statistics.paired`, of the first
-    against the second. Differences are over the runs that both finished; in the win rate a run that
-    failed loses against one that finished, and one that both failed does not count. A verdict on
-    squared errors is wrong in 5 % of the pairs that do not differ. Last come the figures of
-    :func:`.success.compared`: who succeeds more often, and is nearer where both do.
+    Of consistent estimators at most 2.5 % are called overconfident.
     """
-    cases = runs[runs["assumption"] == ""]
-    cases = cases.assign(given=True, succeeded=success.succeeded(cases, bounds))
-    rows: list[dict[str, Any]] = []
-    pairs: list[tuple[np.ndarray, np.ndarray]] = []
-    judged: list[tuple[np.ndarray, ...]] = []
-    errors = [f"{window}_{quantity}_ms" for window in WINDOWS for quantity in _QUANTITIES]
-    for case, group in cases.groupby("case", sort=False):
-        labels = list(dict.fromkeys(group["estimator"]))
-        wide = group.pivot(index=["seed", "run"], columns="estimator")
-        given, good = (wide[name].eq(True) for name in ("given", "succeeded"))
-        found = {name: wide[name].astype(float) for name in errors}
-        finished = np.logical_and.reduce([np.isfinite(found[name]) for name in errors])
-        places = {label: given.columns.get_loc(label) for label in labels}
-        for first, second in itertools.combinations(labels, 2):
-            one, two = places[first], places[second]
-            # Runs that both were given; of these, that both finished.
-            common = (given[first] & given[second]).to_numpy()
-            both = common & finished[:, one] & finished[:, two]
-            counts = {
-                "case": case,
-                "first": first,
-                "second": second,
-                "runs": int(both.sum()),
-                "first_only": int((common & finished[:, one] & ~both).sum()),
-                "second_only": int((common & finished[:, two] & ~both).sum()),
-            }
-            rows += [counts | {"window": window} for window in WINDOWS]
-            pairs += [
-                (found[name][first].to_numpy()[both], found[name][second].to_numpy()[both])
-                for name in errors
-            ]
-            judged += [
-                tuple(
-                    table[label].to_numpy()[common]
-                    for label in (first, second)
-                    for table in (found[f"{window}_position_ms"], good)
-                )
-                for window in WINDOWS
-            ]
-    for row, said in zip(rows, success.compared(judged), strict=True):
-        row |= said
-    paired = iter(paired_all(pairs))
-    for row, (quantity, unit) in itertools.product(rows, _QUANTITIES.items()):
-        pair = next(paired)
-        decided = row["runs"] + row["first_only"] + row["second_only"]
-        wins = row["first_only"] + (pair.win_rate * pair.runs if pair.runs else 0.0)
-        row |= {
-            f"{quantity}_difference_{unit}": pair.difference,
-            f"{quantity}_lo": pair.lo,
-            f"{quantity}_hi": pair.hi,
-            f"{quantity}_relative": pair.relative,
-            f"{quantity}_win_rate": wins / decided if decided else math.nan,
-            f"{quantity}_verdict": pair.verdict,
-        }
-    import pandas as pd
+    if math.isnan(row["nees"]):
+        return ""
+    if row["coverage"] < UNSAFE_COVERAGE or row["false_fixes"] > MOST_FALSE:
+        return UNSAFE
+    if row["coverage"] < LEAST_COVERAGE or row["nees"] > row["nees_hi"]:
+        return OVERCONFIDENT
+    return CONSERVATIVE if row["nees"] < row["nees_lo"] else CONSISTENT
 
-    return pd.DataFrame(rows, columns=PAIRED_COLUMNS)
+
+MARKS = {OVERCONFIDENT: " †", UNSAFE: " ‡"}
+"""What marks an estimator in a table."""
+
+
+def ordered(table: pd.DataFrame, case: str, window: str = "settled") -> list[dict[str, Any]]:
+    """Return the rows of a case and window: causal estimators by RMS error, then smoothers."""
+    chosen = table[(table["case"] == case) & (table["window"] == window)]
+    smoothers = chosen["causality"].isin(["fixed-lag", "batch"])
+    rows = chosen.assign(_last=smoothers).sort_values(["_last", "rms_m"], kind="stable")
+    found: list[dict[str, Any]] = rows.drop(columns="_last").to_dict("records")
+    return found
+
+
+def _with_ins(
+    table: pd.DataFrame, finished: Mapping[tuple[str, str], pd.DataFrame]
+) -> pd.DataFrame:
+    """Fill ``times_ins``: RMS errors over those of the INS, on the runs that both finished."""
+    unaided = {
+        case: good.set_index("run")
+        for (case, _), good in finished.items()
+        if len(good) and good["causality"].iloc[0] == "none"
+    }
+
+    def ratios() -> Iterator[float]:
+        for case, label, window in table[["case", "estimator", "window"]].itertuples(index=False):
+            own, ins = finished[case, label].set_index("run"), unaided.get(case)
+            common = [] if ins is None else own.index.intersection(ins.index)
+            name = f"{window}_position_ms"
+            below = 0.0 if ins is None or not len(common) else float(ins.loc[common, name].mean())
+            yield math.sqrt(own.loc[common, name].mean() / below) if below else math.nan
+
+    table["times_ins"] = [*ratios()]
+    return table

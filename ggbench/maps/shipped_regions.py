@@ -43,45 +43,73 @@ class Source:
 
     Attributes
     ----------
-    geoid, topography, coefficients : names of the data files.
-    lowest_height_m, highest_height_m : above the ellipsoid [m].
+    geoid, topography : names of the data files.
+    lowest_height_m : above the ellipsoid [m].
     provenance : where the data come from, in words.
     source_depth_m : depth below the ellipsoid of sources whose field would be as smooth [m]. Zero
         for land; at sea, half of the shortest wavelength that the data hold.
+    coefficients : name of their data file.
+    highest_height_m : above the ellipsoid [m].
     """
 
     geoid: str
     topography: str
-    coefficients: str
     lowest_height_m: float
-    highest_height_m: float
     provenance: str
     source_depth_m: float = 0.0
+    coefficients: str = "egm2008_degree120.npz"
+    highest_height_m: float = 30000.0
 
+
+_REBUILT = (
+    "rebuilt from the EGM2008 geoid (NGA) at 2.5 arc minutes and coefficients to degree 120, "
+)
+_LAND_RELIEF = "relief of 5 arc minutes (ITU-R P.1511-2)"
+_SEA_RELIEF = "ETOPO1 topography (NOAA)"
+# Whatever the depth of the sea, its field is no steeper than EGM2008 knows it: degree 2160 is a
+# wavelength of 10 arc minutes.
+_SEA_DEPTH_M = 9270.0
 
 SOURCES = {
     "egm2008_qinling": Source(
         geoid="egm2008_geoid_2.5min_qinling.npz",
         topography="itu_p1511_5min_qinling.npz",
-        coefficients="egm2008_degree120.npz",
         lowest_height_m=3000.0,
-        highest_height_m=30000.0,
-        provenance="rebuilt from the EGM2008 geoid (NGA) at 2.5 arc minutes and coefficients to "
-        "degree 120, relief of 5 arc minutes (ITU-R P.1511-2); some tenths of an E rms from "
-        "EGM2008's own field at 10 km",
+        provenance=f"{_REBUILT}{_LAND_RELIEF}; some tenths of an E rms from EGM2008's own field "
+        "at 10 km",
     ),
-    # For ships too. Between 1 and 4 km above the sea floor, yet no steeper than EGM2008 knows it:
-    # degree 2160 is a wavelength of 10 arc minutes.
+    # For ships too.
     "egm2008_south_china_sea": Source(
         geoid="egm2008_geoid_2.5min_south_china_sea.npz",
         topography="etopo1_6min_south_china_sea.npz",
-        coefficients="egm2008_degree120.npz",
         lowest_height_m=0.0,
-        highest_height_m=30000.0,
-        provenance="rebuilt from the EGM2008 geoid (NGA) at 2.5 arc minutes and coefficients to "
-        "degree 120, ETOPO1 topography (NOAA), South China Sea; 0.03 E rms from EGM2008's own "
-        "field",
-        source_depth_m=9270.0,
+        provenance=f"{_REBUILT}{_SEA_RELIEF}, South China Sea; 0.03 E rms from EGM2008's own field",
+        source_depth_m=_SEA_DEPTH_M,
+    ),
+    # Above Mont Blanc, 4.8 km.
+    "egm2008_alps": Source(
+        geoid="egm2008_geoid_2.5min_alps.npz",
+        topography="itu_p1511_5min_alps.npz",
+        lowest_height_m=5000.0,
+        provenance=f"{_REBUILT}{_LAND_RELIEF}, Alps; some tenths of an E rms from EGM2008's own "
+        "field at 10 km",
+    ),
+    # Half a kilometre above the highest ground.
+    "egm2008_great_plains": Source(
+        geoid="egm2008_geoid_2.5min_great_plains.npz",
+        topography="itu_p1511_5min_great_plains.npz",
+        lowest_height_m=2000.0,
+        provenance=f"{_REBUILT}{_LAND_RELIEF}, Great Plains; some hundredths of an E rms from "
+        "EGM2008's own field at 10 km",
+    ),
+    # For ships too.
+    "egm2008_mariana": Source(
+        geoid="egm2008_geoid_2.5min_mariana.npz",
+        topography="etopo1_6min_mariana.npz",
+        lowest_height_m=0.0,
+        provenance=f"{_REBUILT}{_SEA_RELIEF}, Mariana trench and arc; 0.02 E rms from EGM2008's "
+        "own field at 10 km",
+        source_depth_m=_SEA_DEPTH_M,
     ),
 }
 """The regions for which the package carries data, by the name that a recipe uses."""

@@ -16,9 +16,6 @@ from .shipped_regions import data_bytes, read_arrays
 
 Array = NDArray[np.float64]
 
-LOWEST_CLEARANCE_M = 50.0
-"""Least height of a map above the highest ground [m]: below, Parker's series grows too long."""
-
 
 @dataclass(frozen=True)
 class TerrainSource:
@@ -29,11 +26,14 @@ class TerrainSource:
     file : its data file.
     highest_height_m : up to which its edges leave the field good [m].
     provenance : where the data come from, in words.
+    clearance_m : least height of a map above the highest ground [m]: below, Parker's series grows
+        too long. It grows with the relief.
     """
 
     file: str
     highest_height_m: float
     provenance: str
+    clearance_m: float = 50.0
 
 
 TERRAINS = {
@@ -48,6 +48,13 @@ TERRAINS = {
         highest_height_m=3000.0,
         provenance="a terrain that is made up, of nine parallel valleys and a hill, its masses by "
         "Parker's series",
+    ),
+    "rocky_mountains": TerrainSource(
+        file="rocky_mountains_dem_234m.npz",
+        highest_height_m=6000.0,
+        provenance="terrain of cells of 234 m (Terrain Tiles, U.S. Geological Survey) of Rocky "
+        "Mountain National Park, Colorado, its masses by Parker's series",
+        clearance_m=150.0,
     ),
 }
 """Terrains by the name that a recipe uses."""
@@ -110,7 +117,8 @@ def terrain_extent_deg(name: str) -> tuple[tuple[float, float], tuple[float, flo
 
 def terrain_heights_m(name: str) -> tuple[float, float]:
     """Lowest and highest height [m] at which a terrain gives a field."""
-    return math.ceil(highest_ground_m(name) + LOWEST_CLEARANCE_M), TERRAINS[name].highest_height_m
+    source = TERRAINS[name]
+    return math.ceil(highest_ground_m(name) + source.clearance_m), source.highest_height_m
 
 
 def highest_ground_m(name: str) -> float:

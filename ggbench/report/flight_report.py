@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -25,8 +25,14 @@ from ..recorded.corrected import (
 from ..recorded.flight import RecordedFlight
 from ..sensors.aiding import corrected_positions, position_error
 from ..spec.named_sensors import sensors_of
-from .making_section import made_of
-from .tables import WINDOW_TITLES, markdown
+from .tables import markdown
+
+WINDOW_TITLES = {
+    "whole": "whole flight",
+    "settled": "settled window",
+    "last20": "end of the flight",
+}
+"""Titles of the windows of a table."""
 
 
 def folder_of(label: str) -> str:
@@ -275,3 +281,19 @@ def _by_sensor(problem: Problem, found: Residuals) -> list[tuple[str, list[str],
         names = [problem.channels[j].name.removeprefix("gradient ") for j in own]
         out.append((sensor.replace("_", " "), names, found.whitened[:, own]))
     return out
+
+
+def made_of(inputs: Sequence[Mapping[str, str]]) -> list[str]:
+    """Return a line that names the input files with the first digits of their SHA-256.
+
+    Of each its ``role``, ``name`` and ``sha256``, as :func:`ggbench.campaign.inputs.input_files`
+    has them; no line without any.
+    """
+    named = [f"{i['role']} `{_plain(i['name'])}` {i['sha256'][:16]}" for i in inputs]
+    line = f"- data, each with the first 16 digits of its SHA-256: {'; '.join(named)}"
+    return [line] if named else []
+
+
+def _plain(name: str) -> str:
+    """Return the name of a file as it can be written in code."""
+    return "".join(c if c.isprintable() and c != "`" else "?" for c in name)

@@ -1,19 +1,16 @@
-"""What the league needs of a campaign, as a few small text files beside its report.
+"""A campaign's tables as a few small text files, from which the library's page is made.
 
-A league is made from many campaigns, which need not have been run on one day or kept: what it needs
-of each is little, and stands beside the report that was made of it.
-
-``manifest.json``  what was run, as the results folder has it, and the field's correlation lengths.
-``settled.csv``    the summary's rows of the settled window.
-``pairs.csv``      the paired comparisons of that window: who succeeds, and is nearer.
+``manifest.json``  what was run.
+``figures.csv``    figures of the settled window.
+``cases.csv``      the cases.
+``pairs.csv``      paired comparisons with the INS, the EKF and the estimators that a case names.
 """
 
 from __future__ import annotations
 
 import io
 import json
-import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,46 +18,46 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ..judging import success
-from ..judging.field_scale import correlation_m
-from ..judging.summary import EXTRA_COLUMNS, SUMMARY_COLUMNS
-from ..spec import scenario
-from ..spec.scenario import Scenario
 from .folder import Results
 from .store import StoreError
 
 FOLDER = "data"
 """Name of the folder, in that of a report's figures."""
 _KEPT = (
-    "ggbench", "results_version", "versions", "scenario", "scenario_hash", "scenario_text", "notes",
-    "seed", "runs", "date", "machine", "assumptions",
+    "ggbench", "results_version", "versions", "scenario", "scenario_hash", "seed", "runs", "date",
+    "machine", "assumptions",
 )  # fmt: skip
-_PAIRED = ("case", "window", "first", "second", "runs", *success.PAIRED_COLUMNS)
+_ALWAYS = ("ins", "ekf")
+_NAMING = ("recommended", "best", "best_smoother")
+"""Columns of cases that name estimators."""
+_FILES = ("figures", "cases", "pairs")
 _TEXTS = dict.fromkeys(
-    ("scenario", "case", "estimator", "label", "parameters", "causality", "window", "first",
-     "second", "verdict"), str,
+    ("case", "title", "estimator", "name", "parameters", "causality", "window", "consistency",
+     "situation", "recommended", "best", "best_smoother", "gain", "first", "second", "verdict"),
+    str,
 )  # fmt: skip
 """Columns of text, whatever it looks like: a case may be named 10, or null."""
-_DIGITS = "%.6g"
+_FLAGS = {"figures": {"recommended": bool}}
+"""Types that a table has in place of those."""
+DIGITS = "%.6g"
 
 
 @dataclass(frozen=True, eq=False)
 class Digest:
-    """A campaign as the league knows it.
+    """A campaign as the library's page knows it.
 
     Attributes
     ----------
-    scenario : with the cases that were run.
-    manifest : what was run, when, on what; ``left_out`` has estimator to why it was not run.
-    summary, pairs : rows of the settled window.
-    correlation_m : case to the correlation length of the field along its track [m]; NaN without.
+    manifest : mapping
+        What was run, when, on what; ``title`` is the scenario's.
+    figures, cases, pairs : DataFrame
+        Tables of :class:`.folder.Results`, figures of the settled window.
     """
 
-    scenario: Scenario
     manifest: Mapping[str, Any]
-    summary: pd.DataFrame
+    figures: pd.DataFrame
+    cases: pd.DataFrame
     pairs: pd.DataFrame
-    correlation_m: Mapping[str, float]
 
 
 def write(results: Results, folder: Path) -> None:
@@ -72,45 +69,31 @@ def write(results: Results, folder: Path) -> None:
         If it cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    summary = results.summary()
-    pairs = pd.DataFrame(columns=_PAIRED)
-    if results.scenario.campaign.league:  # else nobody compares its estimators over scenarios
-        pairs = results.paired()
-    counts = summary.groupby(["label", "case"])["runs"].max()
-    names = [case.name for case in results.scenario.cases]
+    figures, cases = results.figures(), results.cases()
     manifest = {key: results.manifest[key] for key in _KEPT} | {
+        "title": results.scenario.title,
         "inputs": results.manifest.get("inputs", []),
-        "cases": names,
-        "done": {
-            label: min(int(counts.get((label, name), 0)) for name in names)
-            for label in results.labels
-        },
-        "left_out": results.manifest.get("left_out", {}),
-        "correlation_m": {name: _scale(results, name) for name in names},
     }
     text = json.dumps(manifest, indent=1, ensure_ascii=False)
     (folder / "manifest.json").write_text(text + "\n", encoding="utf-8")
-    for file, table in (
-        ("settled.csv", summary[summary["window"] == "settled"]),
-        ("pairs.csv", pairs.loc[pairs["window"] == "settled", list(_PAIRED)]),
-    ):
-        content = table.to_csv(index=False, float_format=_DIGITS)
-        (folder / file).write_text(content, encoding="utf-8")
+    write_csv(figures[figures["window"] == "settled"], folder / "figures.csv")
+    write_csv(cases, folder / "cases.csv")
+    write_csv(_telling(results.pairs(), cases), folder / "pairs.csv")
 
 
-def _scale(results: Results, case: str) -> float | None:
-    """Return the field's correlation length along the track of a case [m], None without any."""
-    arrays = results.arrays(case)
-    if "vertical" not in arrays:
-        return None
-    read = _rows_at(arrays["gradient_times"], arrays["times"])
-    found = correlation_m(arrays["track"][read], arrays["vertical"])
-    return None if math.isnan(found) else float(_DIGITS % found)
+def _telling(pairs: pd.DataFrame, cases: pd.DataFrame) -> pd.DataFrame:
+    """Return the pairs with the INS, the EKF, or an estimator that their case names."""
+    named = pairs[["case"]].merge(cases, on="case", how="left")[list(_NAMING)].to_numpy()
+    kept = [
+        bool({first, second} & {*_ALWAYS, *names})
+        for first, second, names in zip(pairs["first"], pairs["second"], named, strict=True)
+    ]
+    return pairs[np.array(kept, dtype=bool)]
 
 
-def _rows_at(wanted: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Return at which of the epochs the gradients were read; each has one."""
-    return np.searchsorted(times, wanted - 1e-6)
+def write_csv(table: pd.DataFrame, path: Path) -> None:
+    """Write a table with six significant digits."""
+    path.write_text(table.to_csv(index=False, float_format=DIGITS), encoding="utf-8")
 
 
 def read(folder: Path) -> Digest:
@@ -120,33 +103,25 @@ def read(folder: Path) -> Digest:
     ------
     StoreError
         If a file is missing or damaged.
-    ScenarioError
-        If this version cannot read the scenario.
     """
     try:
         manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
-        summary = _table(folder / "settled.csv", (*SUMMARY_COLUMNS, *EXTRA_COLUMNS))
-        pairs = _table(folder / "pairs.csv", _PAIRED)
-        for key in (*_KEPT, "done", "left_out"):
+        for key in (*_KEPT, "title"):
             manifest[key]
-        named = manifest["scenario_text"], manifest["scenario"], manifest["notes"]
-        lengths = {k: math.nan if v is None else v for k, v in manifest["correlation_m"].items()}
-        cases = manifest["cases"]
+        return Digest(manifest, *(_table(folder, name) for name in _FILES))
     except OSError as error:
         raise StoreError(f"cannot read {error.filename}: {error.strerror}") from None
-    except (ValueError, KeyError, AttributeError, TypeError) as error:
+    except (ValueError, KeyError, TypeError) as error:
         raise StoreError(
-            f"{folder} is damaged: {error!r}; the report's command writes it anew"
+            f"{folder} is damaged: {error!r}; 'ggbench report' writes it again"
         ) from None
-    loaded = scenario.from_text(*named).select(cases)
-    return Digest(loaded, manifest, summary, pairs, lengths)
 
 
-def _table(path: Path, columns: Iterable[str]) -> pd.DataFrame:
-    """Return a table that has these columns; raises OSError or ValueError if it has not."""
-    text = io.StringIO(path.read_text(encoding="utf-8"))
-    table = pd.read_csv(text, low_memory=False, dtype=_TEXTS, keep_default_na=False, na_values=[""])
-    missing = [name for name in columns if name not in table]
-    if missing:
-        raise ValueError(f"{path.name} has no column {missing[0]}")
-    return table
+def _table(folder: Path, name: str) -> pd.DataFrame:
+    text = io.StringIO((folder / f"{name}.csv").read_text(encoding="utf-8"))
+    types = _TEXTS | _FLAGS.get(name, {})
+    table = pd.read_csv(text, low_memory=False, dtype=types, keep_default_na=False, na_values=[""])
+    if "case" not in table:
+        raise ValueError(f"{name}.csv has no column case")
+    texts = [key for key in table if types.get(key) is str]
+    return table.fillna(dict.fromkeys(texts, ""))

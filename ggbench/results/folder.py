@@ -9,7 +9,7 @@ import importlib.util
 import io
 import itertools
 import shlex
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,15 +18,9 @@ import numpy as np
 import pandas as pd
 
 from ..errors import GGBenchError
-from ..judging import convergence, fix_metrics
-from ..judging.summary import (
-    SUMMARY_COLUMNS,
-    WINDOWS,
-    paired_table,
-    runs_table,
-    summarize,
-    window_mask,
-)
+from ..judging import cases, fix_metrics, pairs, summary
+from ..judging.run_errors import WINDOWS, window_mask
+from ..judging.verdicts import Verdict
 from ..spec import scenario
 from ..spec.scenario import Scenario
 from .store import Store, StoreError, read_manifest
@@ -35,11 +29,10 @@ RUN_COLUMNS = (
     "assumption", "case", "problem", "estimator", "name", "parameters", "causality", "seed",
     "run", "status", "reason", "remark", "command", "diverged", "seconds", "cold",
     "map_evaluations", "peak_memory_mb", "final_position_error_m", "final_ins_error_m", "bound",
-    "lock_time_s", "false_lock",
+    "required_m", "converged_s", "false_fix", "draw",
 )  # fmt: skip
 """Columns of the table of runs, before those of the windows."""
-_Bounds = dict[tuple[str, str], dict[str, tuple[float, float]]]
-_Readings = dict[str, dict[str, tuple[int, float]]]
+_Measurements = dict[str, dict[str, tuple[int, float]]]
 _PIECE = 5000
 """Records that are held at a time on their way into a table."""
 
@@ -78,7 +71,6 @@ class Results:
         self.manifest = read_manifest(self.folder)
         self.cells = [Cell(**cell) for cell in self.manifest["cells"]]
         self._arrays: dict[str, dict[str, np.ndarray]] = {}
-        self._halves: dict[int, tuple[pd.DataFrame, pd.DataFrame]] = {}
         self._keys = {(*cell[:2], cell.estimator): cell.key for cell in self.cells}
 
     @cached_property
@@ -145,7 +137,7 @@ class Results:
     def _records_of(self, cell: Cell) -> Iterator[dict[str, Any]]:
         # A study that changes nothing of a case shares its records, of which there may be more.
         campaign = self.whole_scenario.campaign
-        runs = campaign.runs_of(cell.assumption, self.run_count, cell.estimator)
+        runs = campaign.runs_of(cell.assumption, self.run_count)
         return self.store.records(cell.key, runs)
 
     def series(self, case: str, estimator: str) -> np.ndarray:
@@ -176,10 +168,10 @@ class Results:
             raise StoreError(f"a time series of case {case} in {self.folder} is damaged")
         return found
 
-    def lock_times(self, case: str, estimator: str) -> np.ndarray:
-        """Return the times to lock [s] (runs,) of finished runs, NaN of those that never did."""
+    def convergence_times(self, case: str, estimator: str) -> np.ndarray:
+        """Return convergence times [s] (runs,) of finished runs, NaN of those that never did."""
         own = self._runs_of(case, estimator) & (self._runs["status"] == "ok")
-        return self._runs.loc[own, "lock_time_s"].to_numpy(dtype=float)
+        return self._runs.loc[own, "converged_s"].to_numpy(dtype=float)
 
     def _runs_of(self, case: str, estimator: str) -> pd.Series:
         """Return which rows of the table of runs are an estimator's on a case."""
@@ -221,15 +213,14 @@ class Results:
     def fix_figures(self) -> pd.DataFrame:
         """Return the figures of fixes: case, estimator, runs, :data:`.judging.fix_metrics.COLUMNS`.
 
-        A row for each estimator that makes fixes, on each case with a limit ``lock_m``.
+        A row for each estimator that makes fixes, on each case.
         """
         rows = []
         for (case, estimator), tried in self.fixes.items():
-            limit = self.scenario.case(case).windows.lock_m
-            if limit is not None:
-                runs = int(self._runs_of(case, estimator).sum())
-                named = {"case": case, "estimator": estimator, "runs": runs}
-                rows.append(named | fix_metrics.figures(tried, runs, limit))
+            own = self._runs_of(case, estimator)
+            limit = float(self._runs.loc[own, "required_m"].median())
+            named = {"case": case, "estimator": estimator, "runs": int(own.sum())}
+            rows.append(named | fix_metrics.figures(tried, int(own.sum()), limit))
         return pd.DataFrame(rows)
 
     def arrays(self, case: str) -> dict[str, np.ndarray]:
@@ -251,7 +242,7 @@ class Results:
     def _runs(self) -> pd.DataFrame:
         tables = [table for cell in self.cells for table in self._tables_of(cell)]
         if not tables:
-            return runs_table([], RUN_COLUMNS)
+            return summary.runs_table([], RUN_COLUMNS)
         runs = pd.concat(tables, ignore_index=True)
         if runs["reason"].str.startswith(self.store.damaged).all():
             raise StoreError(runs["reason"].iloc[0])
@@ -263,11 +254,16 @@ class Results:
         records = self._records_of(cell)
         while piece := list(itertools.islice(records, _PIECE)):
             common = cell._asdict() | {
+                "draw": [self._draw(cell.case, record["run"]) for record in piece],
                 "reason": [record.get("reason", "") for record in piece],
                 "remark": [record.get("remark", "") for record in piece],
                 "command": [f"{command}{record['run']}" for record in piece],
             }
-            yield runs_table(piece, RUN_COLUMNS, common)
+            yield summary.runs_table(piece, RUN_COLUMNS, common)
+
+    def _draw(self, case: str, run: int) -> int:
+        """Return the number of the track or map error that a run shares with others."""
+        return self.scenario.case(case).draw.cluster(run)
 
     def command(self, cell: Cell, run: int) -> str:
         """Return the command that runs one run again, alone, in one process."""
@@ -283,122 +279,92 @@ class Results:
         name = as_argument(self.manifest["argument"])
         return f"ggbench run {name} {shlex.join([*words, '--run', str(run)])}"
 
-    def summary(self) -> pd.DataFrame:
-        """Return one row per case, estimator and window (:func:`.summary.summarize`).
+    def figures(self) -> pd.DataFrame:
+        """Return a row per case, estimator and window (:func:`.summary.figures`).
 
         The table is the caller's own.
         """
-        return self._summary.copy()
+        return self._figures.copy()
 
     @cached_property
-    def _summary(self) -> pd.DataFrame:
-        return self._summarized(self._runs)
+    def _figures(self) -> pd.DataFrame:
+        table = self.figures_of(self._cases_runs)
+        for verdicts in self._verdicts.values():
+            for case, verdict in verdicts.items():
+                chosen = (table["case"] == case) & table["estimator"].isin(verdict.recommended)
+                table.loc[chosen & (table["window"] == "settled"), "recommended"] = True
+        return table
 
-    def halves(self, most: int) -> tuple[pd.DataFrame, pd.DataFrame]:
-        """Return the summary of the runs of even and of odd number: to tune on, and to judge on.
+    def figures_of(self, runs: pd.DataFrame) -> pd.DataFrame:
+        """Return the figures of some rows of the table of runs, which recommend nothing."""
+        published = {
+            case.name: (case.reference.position_mrse_m, case.reference.velocity_mrse_mps)
+            for case in self.scenario.cases
+            if case.reference
+        }
+        return summary.figures(runs, published, self._measurements)
 
-        Of the first ``most`` runs.
-        """
-        if most not in self._halves:
-            first = self._runs[self._runs["run"] < most]
-            even = first["run"] % 2 == 0
-            self._halves[most] = self._summarized(first[even]), self._summarized(first[~even])
-        return self._halves[most]
-
-    def judged_pairs(self, case: str, labels: Collection[str], most: int) -> pd.DataFrame:
-        """Return the paired comparison of some estimators of a case on the runs that judge.
-
-        Those of odd number, of the first ``most`` (:meth:`halves`).
-        """
-        table = self._runs
-        own = (table["assumption"] == "") & (table["case"] == case) & (table["run"] < most)
-        # The INS says what is success.
-        asked = table["estimator"].isin([*labels, "ins"])
-        return paired_table(table[own & asked & (table["run"] % 2 == 1)], self._bounds[0])
-
-    def _summarized(self, table: pd.DataFrame) -> pd.DataFrame:
-        runs = table[table["assumption"] == ""]
-        bounds, readings = self._bounds
-        return summarize(runs, bounds, self._references(), self.scenario.name, readings)
+    @property
+    def _cases_runs(self) -> pd.DataFrame:
+        return self._runs[self._runs["assumption"] == ""]
 
     @cached_property
-    def _bounds(self) -> tuple[_Bounds, _Readings]:
-        """The bounds of every case and estimator by window, and the readings of every case.
+    def _verdicts(self) -> dict[str, dict[str, Verdict]]:
+        """The verdicts by kind of estimators and case."""
+        return cases.verdicts(self._cases_runs)
 
-        In the order in which the cases and estimators were asked for.
+    def pairs(self) -> pd.DataFrame:
+        """Return every two estimators of a kind in each case (:func:`.pairs.pairs`).
+
+        The table is the caller's own.
         """
-        loaded, table = self.scenario, self._runs
-        bounds: _Bounds = {(case.name, label): {} for case in loaded.cases for label in self.labels}
-        runs = table[table["assumption"] == ""]
-        finished = runs[runs["status"] == "ok"].drop_duplicates(["case", "estimator"], keep="last")
-        named = finished.set_index(["case", "estimator"])["bound"].to_dict()
-        readings: _Readings = {}
-        for case in loaded.cases:
-            used = [label for label in self.labels if (case.name, label) in named]
-            if not used:
-                continue
+        return self._pairs.copy()
+
+    @cached_property
+    def _pairs(self) -> pd.DataFrame:
+        return pairs.pairs(self._cases_runs)
+
+    def cases(self) -> pd.DataFrame:
+        """Return a row per case: set-up, bounds and verdicts (:func:`.cases.cases`)."""
+        arrays = {case.name: self.arrays(case.name) for case in self.scenario.cases}
+        return cases.cases(self.scenario.cases, arrays, self.figures(), self._verdicts)
+
+    @cached_property
+    def _measurements(self) -> _Measurements:
+        """Epochs with a measurement, and channels then, by case and window."""
+        found: _Measurements = {}
+        for case in self.scenario.cases:
             arrays = self.arrays(case.name)
-            readings[case.name] = {}
+            found[case.name] = {}
             for window in WINDOWS:
                 mask = window_mask(arrays["times"], case.windows, window)
                 some = float(arrays["present"][mask].sum())
                 numbers = float(arrays["channels"][mask].sum())
-                readings[case.name][window] = round(some), numbers / some if some else 0.0
-                for label in used:
-                    squared = arrays.get(f"bound-{named[case.name, label]}")
-                    if squared is None:
-                        raise StoreError(f"{self.folder} does not hold the bound of {label}")
-                    position, velocity = np.sqrt(squared[mask].mean(axis=0))
-                    bounds[case.name, label][window] = (float(position), float(velocity))
-        return bounds, readings
+                found[case.name][window] = round(some), numbers / some if some else 0.0
+        return found
 
     def studies(self) -> pd.DataFrame:
-        """Return each assumption's summary rows, and as ``""`` the same runs without it."""
-        loaded = self.scenario
+        """Return each assumption's figures, and as ``""`` those of the same runs without it."""
         table = self._runs
-        groups = {
-            study.name: table[table["assumption"] == study.name] for study in loaded.assumptions
-        }
         studied = table[table["assumption"] != ""]
         if studied.empty:
             return pd.DataFrame()
         estimator = next(cell.estimator for cell in self.cells if cell.assumption)
-        declared = table[
-            (table["assumption"] == "")
-            & (table["estimator"] == estimator)
-            & table["run"].isin(studied["run"].unique())
-        ]
+        same = table["run"].isin(studied["run"].unique()) & (table["estimator"] == estimator)
+        declared = table[(table["assumption"] == "") & same]
+        groups = {study.name: studied for study in self.scenario.assumptions} | {"": declared}
         frames = [
-            summarize(group, {}, self._references(), loaded.name).assign(assumption=name)
-            for name, group in [*groups.items(), ("", declared)]
-            if len(group)
+            self.figures_of(group[group["assumption"] == name]).assign(assumption=name)
+            for name, group in groups.items()
+            if (group["assumption"] == name).any()
         ]
         return pd.concat(frames, ignore_index=True)
-
-    def paired(self) -> pd.DataFrame:
-        """Return the paired comparison of every two estimators, in every case and window.
-
-        The table is the caller's own.
-        """
-        return self._paired.copy()
-
-    @cached_property
-    def _paired(self) -> pd.DataFrame:
-        return paired_table(self._runs, self._bounds[0])
 
     def failures(self) -> pd.DataFrame:
         """Return the runs that failed, each with its reason and the command that repeats it."""
         table = self._runs
         columns = ["assumption", "case", "estimator", "run", "reason", "command"]
         return table.loc[table["status"] != "ok", columns].reset_index(drop=True)
-
-    def _references(self) -> dict[str, tuple[float, float] | None]:
-        return {
-            case.name: (case.reference.position_mrse_m, case.reference.velocity_mrse_mps)
-            if case.reference
-            else None
-            for case in self.scenario.cases
-        }
 
 
 def as_argument(path: str) -> str:
@@ -407,36 +373,32 @@ def as_argument(path: str) -> str:
 
 
 def write_tables(results: Results) -> pd.DataFrame:
-    """Write the tables of a results folder into it; return the summary.
+    """Write the tables of a results folder into it; return the figures.
 
-    ``summary.csv`` (:data:`.summary.SUMMARY_COLUMNS`), ``paired.csv``, ``failures.csv``,
-    ``runs.parquet`` (the table of runs; without pyarrow ``runs.csv``), if assumptions were studied
-    ``assumptions.csv``, if locks were judged ``convergence.csv``, and if matchers made fixes
-    ``fixes.csv``.
+    ``figures.csv``, ``pairs.csv``, ``cases.csv``, ``failures.csv``, ``runs.parquet`` (the table of
+    runs; without pyarrow ``runs.csv``), if assumptions were studied ``assumptions.csv``, and if
+    matchers made fixes ``fixes.csv``.
 
     Raises
     ------
     StoreError
         If a file cannot be written.
     """
-    summary, studies = results.summary(), results.studies()
-
-    def write_csv(name: str, table: pd.DataFrame) -> None:
-        results.store.write(name, table.to_csv(index=False).encode())
-
-    write_csv("summary.csv", summary[list(SUMMARY_COLUMNS)])
-    write_csv("paired.csv", results.paired())
-    write_csv("failures.csv", results.failures())
-    if len(studies):
-        write_csv("assumptions.csv", studies)
-    locks = convergence.table(summary)
-    if len(locks):
-        write_csv("convergence.csv", locks)
+    figures = results.figures()
+    tables = {
+        "figures": figures,
+        "pairs": results.pairs(),
+        "cases": results.cases(),
+        "failures": results.failures(),
+        "assumptions": results.studies(),
+    }
     if results.fixes:
-        named = pd.concat(results.fixes, names=["case", "estimator"]).reset_index([0, 1])
-        write_csv("fixes.csv", named)
+        tables["fixes"] = pd.concat(results.fixes, names=["case", "estimator"]).reset_index([0, 1])
+    for name, table in tables.items():
+        if len(table) or name not in ("assumptions", "fixes"):
+            results.store.write(f"{name}.csv", table.to_csv(index=False).encode())
     _write_runs(results)
-    return summary
+    return figures
 
 
 def _write_runs(results: Results) -> None:

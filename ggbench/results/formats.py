@@ -77,6 +77,10 @@ class _Figures(TypedDict):
     nees: float
     nis: float
     coverage: float
+    bound_position_ms: _Positive
+    bound_velocity_ms: _Positive
+    oracle_position_ms: float
+    oracle_velocity_ms: float
 
 
 @with_config(_STRICT)
@@ -126,8 +130,9 @@ class _Finished(_Run):
     final_position_error_m: float
     final_ins_error_m: float
     windows: _Windows
-    lock_time_s: NotRequired[_Positive | None]
-    false_lock: NotRequired[bool | None]
+    required_m: _Positive
+    converged_s: _Positive | None
+    false_fix: bool
     fixes: NotRequired[list[_Fix]]
 
 
@@ -203,7 +208,7 @@ def flaw_of_arrays(arrays: dict[str, np.ndarray]) -> str | None:
         if name not in arrays:
             return f"it has no {name}"
         if name.startswith("bound-") and not re.fullmatch(
-            r"bound-(filter|batch|fixed-lag-\d+)", name
+            r"bound-(filter|batch|unfiltered|fixed-lag-\d+)", name
         ):
             return f"it has an unknown {name}"
         along = name if name == "kept" else "gradient_times" if name in gradients else "times"

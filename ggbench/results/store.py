@@ -49,7 +49,7 @@ CREATE TABLE IF NOT EXISTS shared (key TEXT PRIMARY KEY, arrays BLOB NOT NULL);
 """
 
 
-FORMAT = 4
+FORMAT = 5
 """Version of what a folder holds; another one is refused."""
 DATABASE_FILES = (
     "records.sqlite-journal", "records.sqlite-shm", "records.sqlite-wal", "records.sqlite",
@@ -57,8 +57,8 @@ DATABASE_FILES = (
 """The logs first: one that outlives its database would be replayed into the next."""
 RESULT_FILES = (
     *DATABASE_FILES, "scenario.toml",
-    "summary.csv", "assumptions.csv", "paired.csv", "failures.csv",
-    "convergence.csv", "fixes.csv", "runs.parquet", "runs.csv", "manifest.json",
+    "figures.csv", "pairs.csv", "cases.csv", "assumptions.csv", "failures.csv", "fixes.csv",
+    "runs.parquet", "runs.csv", "manifest.json",
 )  # fmt: skip
 """In the order of removal: as long as there is something of ours, the manifest says whose it is."""
 LOCK = ".lock"

@@ -7,7 +7,7 @@ points: of eight runs, where compiled estimators ask, or of one run, where a fra
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -78,6 +78,14 @@ class ModelArrays(NamedTuple):
         """Return the arrays of one run as a block of one."""
         return self.mapped(lambda array: array[np.newaxis])
 
+    @staticmethod
+    def joined(blocks: Sequence[ModelArrays]) -> ModelArrays:
+        """Return the arrays of all runs of several blocks, which share instrument and map."""
+        parts = iter(
+            [np.concatenate(arrays) for arrays in zip(*map(_of_runs, blocks), strict=True)]
+        )
+        return blocks[0].mapped(lambda _: next(parts))
+
     def mapped(self, change: Callable[[np.ndarray], np.ndarray]) -> ModelArrays:
         """Return the same with the arrays that differ from run to run changed."""
         aiding: dict[str, Any] = {
@@ -85,6 +93,13 @@ class ModelArrays(NamedTuple):
         }
         own: dict[str, Any] = {name: change(getattr(self, name)) for name in OF_A_RUN}
         return self._replace(**own, aiding=self.aiding._replace(**aiding))
+
+
+def _of_runs(model: ModelArrays) -> list[np.ndarray]:
+    """Return the arrays that differ from run to run, in the order of ``mapped``."""
+    found: list[np.ndarray] = []
+    model.mapped(lambda array: found.append(array) or array)  # type: ignore[func-returns-value]
+    return found
 
 
 OF_A_RUN = ("references", "attitudes", "rows", "offset", "gain")

@@ -7,6 +7,7 @@ over the same matrices.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,42 +17,105 @@ import numpy as np
 class Bound:
     """Covariance bounds (K, n, n) of the state at the measurement epochs.
 
-    ``ticks`` (K,) are the times of the epochs, in whole units.
+    Attributes
+    ----------
+    filtering, predicted : (K, n, n) given the measurements up to each epoch, and before its own.
+    gain : (K, n, m) Kalman gains that attain it.
+    jacobians : (K, m, n) H at the truth.
+    smoother_gain : (K, n, n) of the Rauch–Tung–Striebel recursion.
+    ticks : (K,) times of the epochs, in whole units.
     """
 
     filtering: np.ndarray
     predicted: np.ndarray
+    gain: np.ndarray
+    jacobians: np.ndarray
     smoother_gain: np.ndarray
     ticks: np.ndarray
 
     @property
     def smoothing(self) -> np.ndarray:
         """Bound given all measurements, (K, n, n)."""
-        return self.fixed_lag(int(self.ticks[-1] - self.ticks[0]))
+        return self.fixed_lag(self.whole)
+
+    @property
+    def whole(self) -> int:
+        """Lag [ticks] that holds all measurements."""
+        return int(self.ticks[-1] - self.ticks[0])
 
     def fixed_lag(self, lag: int) -> np.ndarray:
         """Bound given the measurements up to ``lag`` ticks after each epoch, (K, n, n)."""
-        epochs = len(self.filtering)
-        bound = self.filtering.copy()
+
+        def step_back(k: np.ndarray, after: np.ndarray) -> np.ndarray:
+            gain = self.smoother_gain[k]
+            change = gain @ (after - self.predicted[k + 1]) @ gain.transpose(0, 2, 1)
+            return self.filtering[k] + change
+
+        return self._smoothed(self.filtering, lag, step_back)
+
+    def _smoothed(
+        self, filtered: np.ndarray, lag: int, step_back: Callable[..., np.ndarray]
+    ) -> np.ndarray:
+        """Return what each epoch (K, ...) becomes by the measurements of ``lag`` ticks after it."""
+        epochs = len(filtered)
         if lag >= self.ticks[-1] - self.ticks[0]:
+            found = filtered.copy()
             for k in range(epochs - 2, -1, -1):
-                bound[k] = self._step_back(np.array([k]), bound[[k + 1]])[0]
-            return bound
-        # Start every epoch from the filtering bound at the end of its window, then step back.
+                found[k] = step_back(np.array([k]), found[[k + 1]])[0]
+            return found
+        # Start every epoch from the filter's at the end of its window, then step back.
         targets = np.arange(epochs)
         last = np.searchsorted(self.ticks, self.ticks + lag, side="right") - 1
-        bound = self.filtering[last].copy()
+        found = filtered[last].copy()
         for back in range(int((last - targets).max(initial=0))):
             now = last - 1 - back
             active = now >= targets
-            bound[active] = self._step_back(now[active], bound[active])
-        return bound
+            found[active] = step_back(now[active], found[active])
+        return found
 
-    def _step_back(self, k: np.ndarray, after: np.ndarray) -> np.ndarray:
-        """Smooth epochs ``k`` given the smoothed bounds of the epochs that follow them."""
-        gain = self.smoother_gain[k]
-        change = gain @ (after - self.predicted[k + 1]) @ gain.transpose(0, 2, 1)
-        return self.filtering[k] + change
+    def oracle(
+        self, residuals: np.ndarray, error_state: np.ndarray, transition: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return states of the Kalman filter linearised at the truth, filtered and predicted.
+
+        Its gains are those that attain the bound, its measurements those of the estimators.
+
+        Parameters
+        ----------
+        residuals : (R, K, m) measurements less h at the truth.
+        error_state : (R, K, n) true states.
+        transition : (R, K, n, n) of each run.
+
+        Returns
+        -------
+        Two arrays (K, R, n).
+        """
+        filtered, predicted = np.empty((2, *np.swapaxes(error_state, 0, 1).shape))
+        state = np.zeros_like(error_state[:, 0])
+        for k, gain in enumerate(self.gain):
+            state = _times(transition[:, k], state)
+            predicted[k] = state
+            innovations = residuals[:, k] + _times(self.jacobians[k], error_state[:, k] - state)
+            state = state + _times(gain, innovations)
+            filtered[k] = state
+        return filtered, predicted
+
+    def oracle_smoothed(self, filtered: np.ndarray, predicted: np.ndarray, lag: int) -> np.ndarray:
+        """Return states (K, R, n) of the oracle given the measurements of ``lag`` ticks after."""
+
+        def step_back(k: np.ndarray, after: np.ndarray) -> np.ndarray:
+            gain = self.smoother_gain[k][:, np.newaxis]
+            return np.asarray(filtered[k] + _times(gain, after - predicted[k + 1]))
+
+        return self._smoothed(filtered, lag, step_back)
+
+
+def _times(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Return matrices (..., m, n) times vectors (..., n), each by itself.
+
+    One product of all vectors would round by their number: a run would depend on its block.
+    """
+    return np.asarray((matrices @ vectors[..., np.newaxis])[..., 0])
 
 
 def posterior_bound(
@@ -75,7 +139,8 @@ def posterior_bound(
     epochs, _, n = jacobians.shape
     filtering = np.empty((epochs, n, n))
     predicted = np.empty((epochs, n, n))
-    gain = np.zeros((epochs, n, n))
+    gains = np.empty((epochs, n, len(noise_cov)))
+    smoother_gain = np.zeros((epochs, n, n))
     # Every state in units of its prior: the inverses below then see a healthy condition.
     scale = np.sqrt(np.diag(prior_cov))
     p = prior_cov / np.outer(scale, scale)
@@ -83,12 +148,15 @@ def posterior_bound(
         phi = transition[k] * scale / scale[:, None]
         prior = phi @ p @ phi.T + process_cov[k] / np.outer(scale, scale)
         if k > 0:
-            gain[k - 1] = np.linalg.solve(prior, phi @ p).T
+            smoother_gain[k - 1] = np.linalg.solve(prior, phi @ p).T
         h = jacobians[k] * scale
         k_gain = np.linalg.solve(h @ prior @ h.T + noise_cov, h @ prior).T
         keep = np.eye(n) - k_gain @ h
         p = keep @ prior @ keep.T + k_gain @ noise_cov @ k_gain.T
-        predicted[k], filtering[k] = prior, p
+        predicted[k], filtering[k], gains[k] = prior, p, k_gain
     units = np.outer(scale, scale)
     ticks = np.arange(epochs) if ticks is None else ticks
-    return Bound(filtering * units, predicted * units, gain * (scale[:, None] / scale), ticks)
+    return Bound(
+        filtering * units, predicted * units, gains * scale[:, None], jacobians,
+        smoother_gain * (scale[:, None] / scale), ticks,
+    )  # fmt: skip

@@ -13,12 +13,11 @@ import numpy as np
 from ..gravity.ellipsoid import metres_along
 from ..gravity.field import Field
 from ..ins import strapdown
-from ..ins.error_model import POSITION, STATES, navigation_errors
+from ..ins.error_model import STATES, navigation_errors
 from ..ins.known_gravity import KnownGravity
 from ..sensors.aiding import Motion
 from ..sensors.gradiometer.faults import Faults
-from ..sensors.gradiometer.instrument import inertial_from_local, readings
-from ..sensors.gradiometer.lowpass import prefilter
+from ..sensors.gradiometer.instrument import Gradiometer, inertial_from_local, readings
 from ..sensors.gradiometer.spinning_disks import SpinningDisks
 from ..sensors.model import SensorModel, model_arrays
 from ..spec.case import CaseSpec
@@ -228,26 +227,31 @@ class Flight:
 
     @cached_property
     def bound(self) -> Bound:
-        """Posterior Cramér–Rao bound of the unfiltered readings, H and Φ at the truth.
+        """Posterior Cramér–Rao bound of the measurements that estimators receive.
 
-        Of the true noise and its law, biases and initial errors, with the true field and latency
-        known; outliers and errors that no model has a state for are left out, so that it stays a
-        lower bound. Of readings that
-        drop out, for a while or by chance, only the expected share informs. The noise behind a
-        filter is left out, too; without a filter it is noise of the readings like the other.
+        H and Φ are those at the truth. Noise, biases, initial errors, field and latency are the
+        true ones. Filtered gradients are whitened, as estimators receive them. Outliers and errors
+        without a state are left out, so that it stays a lower bound. Measurements that drop out
+        count by their expected share.
         """
-        truth, true = self.trajectory, self.true
-        motion, at = self.motion_at_epochs, self.gradient_epochs
-        instrument = true.gradiometer
-        noise_cov = true.noise_cov.copy()
+        return self._bound_of(self.true.gradiometer)
+
+    @property
+    def unfiltered_bound(self) -> Bound:
+        """The bound of the same gradiometer without its low-pass and the noise behind that."""
+        instrument = self.true.gradiometer
         if instrument is not None and instrument.lowpass is not None:
-            instrument = dataclasses.replace(instrument, lowpass=None)
-            own = np.arange(true.gradients)
-            noise_cov[own, own] = instrument.noise_eotvos**2
+            instrument = dataclasses.replace(instrument, lowpass=None, noise_behind_filter=0.0)
+        return self._bound_of(instrument)
+
+    def _bound_of(self, instrument: Gradiometer | None) -> Bound:
+        truth, true = self.trajectory, dataclasses.replace(self.true, gradiometer=instrument)
+        motion, at = self.motion_at_epochs, self.gradient_epochs
+        noise_cov = true.noise_cov.copy()
         if instrument is not None and self.faults.information > 1.0:
             own, known = np.arange(true.gradients), 1.0 - 1.0 / self.faults.information
             noise_cov[own, own] -= known * instrument.noise_eotvos**2
-        delays = self.schedule.delays(dataclasses.replace(true, gradiometer=instrument))
+        delays = self.schedule.delays(true)
         rows = np.empty((len(self.epochs), 6, STATES))
         transition, process_cov = true.system(
             Motion.of(truth), self.delta_velocities,
@@ -267,7 +271,7 @@ class Flight:
                 attitudes,
                 delays,
                 rows,
-                prefilter(None, len(at), "whitened", 0.0),
+                true.treatment(len(at)),
                 at=at,
                 others=aiding_about(true, true.weighed(self.field), self.aiding_epochs, motion),
                 dimension=true.dimension,
@@ -298,13 +302,6 @@ class Flight:
             found[at, first:last] = sensor.faults.expected_share(times[at])[:, np.newaxis]
             first = last
         return found
-
-    @cached_property
-    def final_bound(self) -> float:
-        """Bound [m] on the spherical position error at the last epoch, whatever the causality."""
-        squared = float(np.trace(self.bound.filtering[-1, POSITION, POSITION]))
-        vars(self).pop("bound")  # up to tens of MB, and a worker keeps the flights of all cases
-        return math.sqrt(squared)
 
 
 def prepare(case: CaseSpec) -> Flight:

@@ -85,9 +85,13 @@ def gradiometer_of(spec: GradiometerSpec) -> Gradiometer:
     lowpass = None
     if spec.filter == "butterworth":
         lowpass = LowPass(spec.filter_order, spec.filter_cutoff_hz, rate)
+    behind = spec.noise_behind_filter_eotvos
+    if behind is None:
+        whitened = lowpass is not None and spec.filter_treatment == "whitened"
+        behind = spec.whitening_regularization * noise if whitened else 0.0
     return Gradiometer(
         noise, lowpass, channel_names(spec), spec.instrument, spec.bias_eotvos,
-        spec.drift_eotvos_per_sqrt_h / 60.0, spec.noise_behind_filter_eotvos,
+        spec.drift_eotvos_per_sqrt_h / 60.0, behind,
         spec.latency_s, spec.period_s, spec.filter_treatment, spec.whitening_regularization,
     )  # fmt: skip
 

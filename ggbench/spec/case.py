@@ -1,4 +1,4 @@
-"""Cases, campaigns and sweeps: pydantic models of a scenario's tables.
+"""Cases and campaigns: pydantic models of a scenario's tables.
 
 A key carries its unit. A rule on several keys is checked in the table that holds them all.
 """
@@ -6,23 +6,22 @@ A key carries its unit. A rule on several keys is checked in the table that hold
 from __future__ import annotations
 
 import hashlib
-import itertools
 import json
 import math
 from typing import Annotated, Any, Literal
 
 from pydantic import (
     AfterValidator,
-    BeforeValidator,
     Field,
     ValidationError,
-    WithJsonSchema,
     model_validator,
 )
 
 from ..trajectory.manoeuvres import TrajectoryError
+from . import draws
 from . import quantities as q
 from .aiding import AIDING, AidingSpec, BarometerSpec, GnssSpec, GravimeterSpec, LogSpec
+from .draws import DrawSpec
 from .gradiometer import GradiometerSpec
 from .limits import MOST_RUNS, MOST_SEED
 from .named_sensors import (
@@ -39,38 +38,35 @@ from .sensors import (
     FieldSpec,
     ImuSpec,
     InitialErrorSpec,
+    MapErrorSpec,
     ModelSpec,
     Side,
     TruthSpec,
     changed,
 )
-from .tables import Finite, Listed, Section, Table
+from .tables import Listed, Section, Title
 from .trajectory import TrajectorySpec
 
-Title = Annotated[str, Field(min_length=1)]
 CaseName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=60)]
-FreeTable = Annotated[Any, BeforeValidator(Table.of), WithJsonSchema({"type": "object"})]
-AxisName = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9.]*$", max_length=20)]
 _FIRST_REGULARIZATION = 1e-6
 """The whitening_regularization of cases that name none, for their identity."""
-MOST_POINTS = 10_000
-"""Most grid points of a sweep."""
 MOST_SAMPLES = 2_000_000
 """Most IMU samples of a flight (about 2 GB of intermediate matrices at a million)."""
 
 
 class WindowsSpec(Section):
-    """``[windows]``: windows of the flight over which errors are averaged, and the lock's limit."""
+    """``[windows]``: windows over which errors are averaged, and the required final error."""
 
     settled_from_s: q.Moment
     """Start of the settled window, which lasts to the end."""
     last_s: q.Duration
     """Length of the window at the end of the flight."""
-    lock_m: q.PositionTarget | None = None
-    """Spherical position error of a lock. Without it, locks are not judged.
+    required_m: q.PositionTarget | None = None
+    """Spherical position error within which a run must end to succeed.
 
-    A run has *locked on* at the first epoch from which its error stays below this to the end. A
-    *false lock* ends outside it and reports to be inside with 95 %.
+    Without it: three times the RMS filtering bound over the last window. A run has *converged* at
+    the first epoch from which its error stays within. A *false fix* ends outside and claims with
+    95 % to be inside.
     """
 
 
@@ -104,129 +100,10 @@ class CampaignSpec(Section):
     """
     time_limit_s: q.TimeLimit = 600.0
     """Longest time of one run of one estimator."""
-    league: bool = True
-    """Whether the league counts it; `false` for a study; its `provenance` is the reason."""
-    tuning: bool = False
-    """Whether the variants of an estimator are a grid for tuning.
 
-    The report chooses the best one in each case on the runs of even number, and compares it with
-    the plain one on those of odd number.
-    """
-    fewer_runs: FreeTable = Table()
-    """Most runs of expensive estimators, the first ones: `{ "rao-blackwellised" = 50 }`."""
-
-    @model_validator(mode="after")
-    def _check_fewer_runs(self) -> CampaignSpec:
-        for label, most in self.fewer_runs:
-            if label not in self.estimators:
-                raise ValueError(
-                    f"fewer_runs names '{label}', which is not among the estimators: "
-                    f"{', '.join(self.estimators)}"
-                )
-            if isinstance(most, bool) or not isinstance(most, int) or not 1 <= most <= MOST_RUNS:
-                raise ValueError(
-                    f"fewer_runs of '{label}' must be a number of runs, 1 to {MOST_RUNS}, found "
-                    f"{most!r}"
-                )
-        return self
-
-    def runs_of(self, study: str, runs: int, label: str = "") -> int:
-        """Return the number of runs of an estimator in an assumption's study, or in the cases ("").
-
-        Parameters
-        ----------
-        study : str
-            Name of the study; "" for the cases.
-        runs : int
-            Runs that are asked for.
-        label : str
-            The estimator; ``fewer_runs`` may limit it in the cases.
-        """
-        most = self.assumption_runs if study else dict(self.fewer_runs).get(label, runs)
-        return min(runs, most)
-
-
-class AxisSpec(Section):
-    """``[[sweep.axis]]``: an axis of the grid, its values and the changes that each makes."""
-
-    name: AxisName
-    """Short name, for names of cases."""
-    label: Title
-    """Label of the axis in a figure."""
-    unit: str = ""
-    """Unit of the values."""
-    scale: Literal["linear", "log"] = "linear"
-    """Scale of the axis in figures."""
-    values: Annotated[Listed[Finite | int], Field(min_length=2)]
-    """Increasing values; at least two."""
-    key: Title | None = None
-    """Dotted key that takes the value; or give `changes`."""
-    changes: Listed[FreeTable] | None = None
-    """List with a table of changes for each value; or give `key`."""
-
-    @model_validator(mode="after")
-    def _check(self) -> AxisSpec:
-        axis = f"axis '{self.name}'"
-        if any(b <= a for a, b in itertools.pairwise(self.values)):
-            raise ValueError(f"values of {axis} must increase strictly, found {[*self.values]}")
-        if self.scale == "log" and self.values[0] <= 0.0:
-            raise ValueError(
-                f"values of {axis} must be positive on a logarithmic scale, found {self.values[0]}"
-            )
-        if (self.key is None) == (self.changes is None):
-            raise ValueError(f"{axis} needs exactly one of 'key' and 'changes'")
-        if self.changes is not None and len(self.changes) != len(self.values):
-            raise ValueError(
-                f"{axis} has {len(self.values)} values and {len(self.changes)} changes; give one "
-                "change for each value"
-            )
-        for key in sorted(self.changed_keys()):
-            if key.partition(".")[0] in ("name", "title", "reference"):
-                raise ValueError(f"{axis} changes '{key}', which says nothing about the flight")
-        return self
-
-    def change(self, index: int) -> dict[str, Any]:
-        """Return what a value changes, as nested tables."""
-        if self.changes is not None:
-            return dict(self.changes[index].content())
-        assert self.key is not None  # checked above
-        change: Any = self.values[index]
-        for part in reversed(self.key.split(".")):
-            change = {part: change}
-        return dict(change)
-
-    def changed_keys(self) -> set[str]:
-        """Return the dotted keys that the axis changes."""
-        return {key for i in range(len(self.values)) for key in _dotted(self.change(i))}
-
-
-class SweepSpec(Section):
-    """``[sweep]``: the axes of a grid of cases, and the errors a report aims at."""
-
-    axis: Listed[AxisSpec] = ()
-    targets_m: Listed[q.PositionTarget] = ()
-    """Position errors for which the report finds the first axis's values."""
-
-    @model_validator(mode="after")
-    def _check(self) -> SweepSpec:
-        if not self.axis:
-            raise ValueError("needs at least one [[sweep.axis]]")
-        for one, other in itertools.combinations(self.axis, 2):
-            if one.name == other.name:
-                raise ValueError(f"axis '{one.name}' is defined twice")
-            for key, other_key in itertools.product(one.changed_keys(), other.changed_keys()):
-                if f"{key}.".startswith(f"{other_key}.") or f"{other_key}.".startswith(f"{key}."):
-                    raise ValueError(f"axes '{one.name}' and '{other.name}' both change {key}")
-        return self
-
-
-def _dotted(table: dict[str, Any]) -> list[str]:
-    """Return the dotted keys of nested tables."""
-    return [
-        f"{key}.{rest}" if rest else key
-        for key, value in table.items()
-        for rest in (_dotted(value) if isinstance(value, dict) else [""])
-    ]
+    def runs_of(self, study: str, runs: int) -> int:
+        """Return the number of runs in the cases (""), or in an assumption's study."""
+        return min(runs, self.assumption_runs) if study else runs
 
 
 def require_no_gravimeter(tables: Any) -> None:
@@ -279,6 +156,7 @@ class CaseSpec(Section):
     initial_error: InitialErrorSpec
     field: FieldSpec
     windows: WindowsSpec
+    draw: DrawSpec = DrawSpec()
     gradiometer: GradiometerSpec | None = None
     gnss: GnssSpec | None = None
     velocity_log: LogSpec | None = None
@@ -345,6 +223,13 @@ class CaseSpec(Section):
                 )
         if self.altimeter is not None:
             self.altimeter.require_slower_than(self.imu.period_s)
+        if self.draw.tracks > 1 and self.trajectory.file is not None:
+            raise ValueError("draw.tracks needs segments: a track of a file cannot be moved")
+        if self.draw.maps > 1 and not self.map_errors():
+            raise ValueError(
+                "draw.maps needs a map error: give [field.error], [truth.field.error] or "
+                "[model.field.error]"
+            )
         # A track may be gone when a results folder is read; simulation.prepare checks its duration.
         if not self.trajectory.files():
             self.check_duration()
@@ -390,6 +275,25 @@ class CaseSpec(Section):
                 f"windows.settled_from_s is {self.windows.settled_from_s:g} s and must not lie "
                 f"beyond the last reading, at {last:g} s"
             )
+
+    def map_errors(self) -> dict[str, MapErrorSpec]:
+        """Return the map errors by the side that states them, "" for both."""
+        fields: dict[str, Any] = {
+            "": self.field,
+            "truth": self.truth.field,
+            "model": self.model.field,
+        }
+        errors = {side: field.error for side, field in fields.items()}
+        return {side: error for side, error in errors.items() if error is not None}
+
+    @property
+    def drawn(self) -> bool:
+        """Whether its runs have tracks or map errors of their own."""
+        return self.draw.tracks > 1 or self.draw.maps > 1
+
+    def of_run(self, run: int) -> CaseSpec:
+        """Return the case with the track and the map errors of a run."""
+        return draws.of_run(self, run) if self.drawn else self
 
     def side(self, name: Literal["truth", "model"]) -> Side:
         """Return sensors, field and initial errors of the truth or the model.

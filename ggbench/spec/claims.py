@@ -7,8 +7,8 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from . import quantities as q
-from .case import CaseName, Title
-from .tables import Listed, Section
+from .case import CaseName
+from .tables import Listed, Section, Title
 
 GravityQuantity = Literal[
     "east position", "north position", "up position",

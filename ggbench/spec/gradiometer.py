@@ -66,12 +66,13 @@ class GradiometerSpec(PeriodicSpec):
     filter_treatment: Literal["whitened", "delayed"] = "whitened"
     """How the measurement model inverts the filter: whitened, or as a fixed delay."""
     whitening_regularization: q.Regularization = 1e-2
-    """Amplitude below which the filter is not inverted.
+    """Noise behind the filter, over the noise before it, that whitening assumes at least."""
+    noise_behind_filter_eotvos: q.NoiseBehindFilter | None = None
+    """RMS of further white noise of each channel, behind the filter or without one.
 
-    Estimators tolerate noise behind the filter up to this share of the noise before it.
+    Without it: what whitening assumes (`whitening_regularization` times the noise), and 0 where
+    nothing is whitened.
     """
-    noise_behind_filter_eotvos: q.NoiseBehindFilter = 0.0
-    """RMS of further white noise of each channel, behind the filter or without one."""
     latency_s: q.Latency = 0.0
     """Age of a reading at its time stamp; the first ones are taken at the start.
 

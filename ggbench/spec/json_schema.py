@@ -9,7 +9,8 @@ from pydantic import BaseModel
 from pydantic.json_schema import GenerateJsonSchema, models_json_schema
 from pydantic_core import core_schema
 
-from .case import CampaignSpec, CaseSpec, SweepSpec
+from .axes import SweepSpec
+from .case import CampaignSpec, CaseSpec
 from .claims import ClaimSpec, ComparisonSpec
 
 Schema = dict[str, Any]

@@ -19,8 +19,8 @@ T = TypeVar("T")
 RESERVED = frozenset(
     (
         *AIDING, "gradiometer", "sensor", "imu", "ins", "imu_record", "altimeter", "initial_error",
-        "field", "disturbance", "trajectory", "windows", "truth", "model", "reference", "name",
-        "title", "description", "gyro", "accelerometer",
+        "field", "draw", "disturbance", "trajectory", "windows", "truth", "model", "reference",
+        "name", "title", "description", "gyro", "accelerometer",
     )
 )  # fmt: skip
 """Names of tables, records and states, which no sensor of ``[sensor.<name>]`` may have."""

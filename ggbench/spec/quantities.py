@@ -165,4 +165,5 @@ Wavelength = Annotated[float, Within(1e-3, 1000.0)]
 
 # Targets and published numbers.
 PositionTarget = Annotated[float, Within(1e-6, 1e7)]
+Displacement = Annotated[float, Within(0.0, 1000.0)]
 VelocityTarget = Annotated[float, Within(1e-9, 1e5)]

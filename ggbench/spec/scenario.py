@@ -29,7 +29,8 @@ from ..errors import GGBenchError
 from ..trajectory.terrain_following import terrain_path as shipped_or_own
 from . import rosters
 from . import sweep as sweep
-from .case import MOST_POINTS, CampaignSpec, CaseSpec, SweepSpec
+from .axes import MOST_POINTS, SweepSpec
+from .case import CampaignSpec, CaseSpec
 from .claims import ClaimSpec, ComparisonSpec
 from .limits import SCENARIO_NAME
 from .sensors import merged

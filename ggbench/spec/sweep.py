@@ -1,8 +1,7 @@
 """Sweeps: a grid of cases, and what must be known about a sensor to reach an error.
 
 The axes of a ``[sweep]`` span a grid. Each of its points is an ordinary case, so that running,
-resuming and summarizing know nothing of sweeps; a :class:`Sweep` says which case lies where, and
-a :class:`Plane` arranges summary rows accordingly.
+resuming and summarizing know nothing of sweeps; a :class:`Sweep` says which case lies where.
 """
 
 from __future__ import annotations
@@ -11,14 +10,11 @@ import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from .case import SweepSpec
-
-if TYPE_CHECKING:
-    import pandas as pd
+from .axes import SweepSpec
 
 
 @dataclass(frozen=True)
@@ -121,61 +117,6 @@ def lay_out(spec: SweepSpec, bases: Mapping[str, str]) -> tuple[Sweep, list[Cell
             points[name] = Point(base, indices)
             cells.append(Cell(base, name, title, changes))
     return Sweep(axes, spec.targets_m, bases, points), cells
-
-
-@dataclass(frozen=True)
-class Plane:
-    """The cases that share everything but the first two axes (or the first, if it is the only one).
-
-    Attributes
-    ----------
-    title : what they share, "" if there is nothing else.
-    suffix : the same in names of files.
-    cases : (n, m) their names; m is 1 without a second axis.
-    rows : summary rows of the settled window, by case and estimator.
-    """
-
-    title: str
-    suffix: str
-    cases: np.ndarray
-    rows: pd.DataFrame
-
-    def of(self, label: str, column: str) -> np.ndarray:
-        """Return a column of the summary (n, m) for an estimator; NaN where it has no run."""
-        index = [(case, label) for case in self.cases.ravel()]
-        return np.array(self.rows[column].reindex(index), dtype=float).reshape(self.cases.shape)
-
-    def error(self, label: str) -> np.ndarray:
-        """Return the position MRSE (n, m) [m]."""
-        return self.of(label, "position_mrse_m")
-
-    def bound(self, label: str) -> np.ndarray:
-        """Return the bound (n, m) of an estimator's position MRSE [m]."""
-        return self.of(label, "position_bound_m")
-
-
-def planes(sweep: Sweep, summary: pd.DataFrame) -> list[Plane]:
-    """Return the grid as planes of its first two axes, without those in which nothing has run."""
-    settled = summary[summary["window"] == "settled"].set_index(["case", "label"])
-    names = {(point.base, point.indices): name for name, point in sweep.points.items()}
-    shape = [len(axis.values) for axis in sweep.axes[:2]]
-    others = sweep.axes[2:]
-    found = []
-    for base, title in sweep.bases.items():
-        for rest in itertools.product(*(range(len(axis.values)) for axis in others)):
-            places = list(zip(others, rest, strict=True))
-            parts = [title] if len(sweep.bases) > 1 else []
-            parts += [f"{axis.name} {axis.at(i)}" for axis, i in places]
-            marks = [base] if len(sweep.bases) > 1 else []
-            marks += [f"{axis.name}-{number(axis.values[i])}" for axis, i in places]
-            cases = np.array(
-                [names[base, (*plane, *rest)] for plane in np.ndindex(*shape)], dtype=object
-            ).reshape(shape[0], -1)
-            if not settled.index.isin(cases.ravel(), level="case").any():
-                continue
-            suffix = "".join(f"_{mark}" for mark in marks)
-            found.append(Plane(", ".join(parts), suffix, cases, settled))
-    return found
 
 
 def largest_within(axis: Axis, errors: np.ndarray, target: float) -> float:

@@ -5,7 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Annotated, Any, TypeVar, get_type_hints
 
-from pydantic import BaseModel, ConfigDict, Field, create_model, field_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    WithJsonSchema,
+    create_model,
+    field_validator,
+)
 
 T = TypeVar("T")
 S = TypeVar("S", bound="Section")
@@ -97,3 +105,7 @@ def _content(value: Any) -> Any:
     if isinstance(value, Table):
         return value.content()
     return list(map(_content, value)) if isinstance(value, tuple) else value
+
+
+FreeTable = Annotated[Any, BeforeValidator(Table.of), WithJsonSchema({"type": "object"})]
+Title = Annotated[str, Field(min_length=1)]

@@ -9,8 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from ggbench.judging.convergence import wilson
-from ggbench.judging.statistics import ALPHA, holm
+from ggbench.judging.statistics import ALPHA, holm, wilson
 
 from . import association as assoc
 from .indices import BASE, NEAR, WEAK, Index, columns, groups, logs

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from ggbench.figures.style import save
-from ggbench.judging.convergence import wilson
+from ggbench.judging.statistics import wilson
 
 from . import association as assoc
 from . import design, figures, findings, sections, words

@@ -4,9 +4,9 @@ Nearly all come from :func:`judged`: fixed seeds, the compiled EKF on 60 runs of
 others on the first of the same runs. What is compared with published numbers, and what has other
 data than the bound, comes from 300 runs of compiled engines (:func:`many`). Other tests hold these
 to the frameworks.
-A case with the low-pass and its twin without share their
-runs. Beside the EKF runs a Kalman filter that knows the Jacobians at the truth and gets the
-unfiltered data (:func:`linearized`): it attains the bound, so that
+A case with the low-pass and the one without share their
+runs. Next to the EKF runs a Kalman filter that knows the Jacobians at the truth
+(:func:`linearized`): it attains the bound, so that
 
     efficiency² = 1 + mean of (squared error of an estimator − of the linearized one) / bound²
 
@@ -37,11 +37,11 @@ from problems import (
 from scipy.stats import chi2, norm
 
 from ggbench.judging.bounds import bound_for, squared_bounds
-from ggbench.judging.run_errors import evaluate_block
-from ggbench.judging.summary import (
+from ggbench.judging.run_errors import (
     WINDOWS,
     Evaluation,
     evaluate,
+    evaluate_block,
     has_diverged,
     window_figures,
     window_mask,
@@ -51,11 +51,9 @@ from ggbench.simulation.runs import Truth, simulate_block
 
 PAPER = CASES[:3]
 FILTERED, UNFILTERED = CASES[:2], CASES[2:]
-TWIN = dict(zip(CASES, (CASES[3], CASES[4], CASES[2], CASES[3], CASES[4]), strict=True))
-"""The case whose linearized filter goes with a case: itself without the low-pass."""
-FIRST = {CASES[2]: 0, CASES[3]: 60, CASES[4]: 120}
-RUNS = {CASES[2]: 60, CASES[3]: 60, CASES[4]: 60}
-"""Run numbers by unfiltered case: 180 different flights of the INS in all."""
+FIRST = dict(zip(CASES, (60, 120, 0, 60, 120), strict=True))
+RUNS = 60
+"""Run numbers by case: 180 different flights of the INS in all, those of the unfiltered cases."""
 FEWER_RUNS, MANY_RUNS = 3, 300
 BATCH, LAGGED = "gtsam[mode=batch]", "gtsam[mode=fixed-lag]"
 COMPILED_BATCH, COMPILED_EKF = "factor-graph[mode=batch]", "ekf"
@@ -85,48 +83,46 @@ def squared_errors(mean: np.ndarray, truth: Truth, case: str) -> dict[str, dict[
     return window_figures(evaluation, truth.times, flight(case).case.windows)
 
 
-def judge(twin: str) -> list[tuple[str, str, int, dict]]:
-    """Judge the runs of an unfiltered case and of the filtered one that goes with it."""
+def judge(case: str) -> list[tuple[str, str, int, dict]]:
+    """Judge the runs of a case."""
     out = []
-    runs = range(FIRST[twin], FIRST[twin] + RUNS[twin])
-    for case in (case for case in CASES if TWIN[case] == twin):
-        made = flight(case)
-        block, truths = simulate_block(made, SEED, runs)
-        filtered = estimator(COMPILED_EKF).estimate_block(block)
-        of_block, flaws = evaluate_block(truths.error_state, filtered.mean, filtered.cov)
-        assert not any(flaws)
-        of_block = dataclasses.replace(of_block, nis=filtered.nis)
-        bound = squared_bounds(made.bound.filtering[-1:])[0][0]
-        for run in range(len(runs)):
-            problem, few = block.problem(run), run < FEWER_RUNS
-            truth = Truth(truths.times, truths.error_state[run])
-            if case == twin:
-                linear = linearized(problem, truth)
-                solutions = {"filter": kalman(linear)[0]}
-                if few:
-                    solutions["batch"] = smoothed(linear, problem.epochs)[0]
-                    solutions["fixed-lag"] = smoothed(linear, lag_epochs(case))[0]
-                for name, mean in solutions.items():
-                    out.append((case, name, run, squared_errors(mean, truth, case)))
-                final = {"error": truth.error_state[-1, :6], "cov": propagated(problem)[1][-1]}
-                out.append((case, "ins", run, final))
-            ins_error = float(np.linalg.norm(truth.error_state[-1, :3]))
-            evaluations = {COMPILED_EKF: Evaluation(*(a[run] for a in vars(of_block).values()))}
-            for label in (*CAUSAL, BATCH, LAGGED) if few else ():
-                estimate = estimator(label).estimate(problem, rng())
-                evaluations[label] = evaluate(problem, estimate, truth)
-            for label, evaluation in evaluations.items():
-                figures = window_figures(evaluation, truth.times, made.case.windows)
-                final_error = float(evaluation.position_error[-1])
-                figures["diverged"] = has_diverged(final_error, math.sqrt(bound), ins_error)
-                out.append((case, label, run, figures))
+    runs = range(FIRST[case], FIRST[case] + RUNS)
+    made = flight(case)
+    block, truths = simulate_block(made, SEED, runs)
+    filtered = estimator(COMPILED_EKF).estimate_block(block)
+    of_block, flaws = evaluate_block(truths.error_state, filtered.mean, filtered.cov)
+    assert not any(flaws)
+    of_block = dataclasses.replace(of_block, nis=filtered.nis)
+    bound = squared_bounds(made.bound.filtering[-1:])[0][0]
+    for run in range(len(runs)):
+        problem, few = block.problem(run), run < FEWER_RUNS
+        truth = Truth(truths.times, truths.error_state[run])
+        linear = linearized(problem, truth)
+        solutions = {"filter": kalman(linear)[0]}
+        if few:
+            solutions["batch"] = smoothed(linear, problem.epochs)[0]
+            solutions["fixed-lag"] = smoothed(linear, lag_epochs(case))[0]
+        for name, mean in solutions.items():
+            out.append((case, name, run, squared_errors(mean, truth, case)))
+        final = {"error": truth.error_state[-1, :6], "cov": propagated(problem)[1][-1]}
+        out.append((case, "ins", run, final))
+        ins_error = float(np.linalg.norm(truth.error_state[-1, :3]))
+        evaluations = {COMPILED_EKF: Evaluation(*(a[run] for a in vars(of_block).values()))}
+        for label in (*CAUSAL, BATCH, LAGGED) if few else ():
+            estimate = estimator(label).estimate(problem, rng())
+            evaluations[label] = evaluate(problem, estimate, truth)
+        for label, evaluation in evaluations.items():
+            figures = window_figures(evaluation, truth.times, made.case.windows)
+            final_error = float(evaluation.position_error[-1])
+            figures["diverged"] = has_diverged(final_error, math.sqrt(bound), ins_error)
+            out.append((case, label, run, figures))
     return out
 
 
 @functools.cache
 def judged() -> dict[tuple[str, str], list[dict]]:
     """The records of every case and estimator, by run; made on first use."""
-    done = [item for twin in RUNS for item in judge(twin)]
+    done = [item for case in CASES for item in judge(case)]
     results: dict[tuple[str, str], list[dict]] = {}
     for case, label, _, figures in sorted(done, key=lambda item: item[:3]):
         results.setdefault((case, label), []).append(figures)
@@ -156,7 +152,7 @@ def efficiency(
 ) -> tuple[float, float]:
     """MRSE over bound by comparison with the linearized estimator, and its standard error."""
     errors = column(case, label, window, key)
-    excess = errors - column(TWIN[case], causality, window, key)[: len(errors)]
+    excess = errors - column(case, causality, window, key)[: len(errors)]
     excess /= mean_squared_bound(case, window, key, causality)
     value = math.sqrt(1.0 + excess.mean())
     return value, float(excess.std(ddof=1)) / math.sqrt(len(excess)) / (2.0 * value)
@@ -189,7 +185,7 @@ each_error = pytest.mark.parametrize("key", ["position_ms", "velocity_ms"])
 each_case = pytest.mark.parametrize("case", CASES)
 
 
-@pytest.mark.parametrize("case", UNFILTERED)
+@each_case
 @each_window
 @each_error
 def test_the_bound_is_attained(case, window, key):
@@ -207,17 +203,15 @@ def test_the_bound_is_attained(case, window, key):
 @each_window
 @each_error
 def test_ekf_is_efficient(case, window, key):
-    """MRSE over bound: at most 1.05 unfiltered (1.10 at the end) and 1.15 behind the low-pass.
+    """RMS error over bound: at most 1.05, and 1.10 at the end.
 
-    The bound is that of unfiltered readings; a whitening that bears noise behind the filter gives
-    up some of what the filter all but stops. Nor below 0.98, for no estimator beats the bound. The
-    standard error of the ratio is below 0.005 (0.01 behind the low-pass, whose data are others than
-    those of the linearized filter), so that the verdict does not depend on the seed.
+    Behind the low-pass the bound is that of the filtered measurements. Nor below 0.98, for no
+    estimator beats the bound. The standard error of the ratio is below 0.005, so that the verdict
+    does not depend on the seed.
     """
     value, error = efficiency(case, COMPILED_EKF, window, key)
-    limit = 1.15 if case in FILTERED else 1.10 if window == "last20" else 1.05
-    assert error < (0.01 if case in FILTERED else 0.005)
-    assert 0.98 < value < limit
+    assert error < 0.005
+    assert 0.98 < value < (1.10 if window == "last20" else 1.05)
 
 
 @each_case
@@ -237,17 +231,9 @@ def test_causal_estimators_are_as_good_as_the_ekf(label, case, window, key):
 @each_error
 @pytest.mark.parametrize(("label", "causality"), [(BATCH, "batch"), (LAGGED, "fixed-lag")])
 def test_smoothers_are_efficient(label, causality, case, window, key):
-    """Batch and fixed-lag graph: without the low-pass within 1 % of their smoothing bounds.
-
-    Behind it the data differ from those of the linearized smoother, and the ratio of few runs has
-    a standard error of its own, which is allowed for: within 10 % (false alarms: 5e-4 at most).
-    """
-    value, error = efficiency(case, label, window, key, causality)
-    if case in UNFILTERED:
-        assert value == pytest.approx(1.0, abs=0.01)
-    else:
-        assert value + SIGMAS * error > 0.9
-        assert value - SIGMAS * error < 1.1
+    """Batch and fixed-lag graph: within 1 % of their smoothing bounds."""
+    value, _ = efficiency(case, label, window, key, causality)
+    assert value == pytest.approx(1.0, abs=0.01)
 
 
 @pytest.mark.long
@@ -287,22 +273,18 @@ def test_at_or_below_the_paper(case, key, published):
 def test_ekf_is_consistent(case, window):
     """The mean NEES of position and velocity is 6: P tells how large the errors are.
 
-    Unfiltered, in the χ² band of as many independent epochs as runs (false alarms: 1e-3 at most,
-    for a window has more); behind the low-pass, whose residual colour no P knows, within 15 %.
-    The share of epochs in the claimed 95 % region agrees.
+    In the χ² band of as many independent epochs as runs (false alarms: 1e-3 at most, for a window
+    has more). The share of epochs in the claimed 95 % region agrees.
     """
     nees = column(case, COMPILED_EKF, window, "nees")
-    if case in UNFILTERED:
-        low, high = chi2.ppf([5e-4, 1.0 - 5e-4], 6 * len(nees)) / len(nees)
-        assert low < nees.mean() < high
-    else:
-        assert nees.mean() == pytest.approx(6.0, rel=0.15)
+    low, high = chi2.ppf([5e-4, 1.0 - 5e-4], 6 * len(nees)) / len(nees)
+    assert low < nees.mean() < high
     coverage = column(case, COMPILED_EKF, window, "coverage")
     error = coverage.std(ddof=1) / math.sqrt(len(coverage))
     assert abs(coverage.mean() - 0.95) < SIGMAS * error
 
 
-@pytest.mark.parametrize("case", UNFILTERED)
+@each_case
 def test_innovations_are_white(case):
     """The mean NIS is the number of components, as of independent χ² variables (false alarms 1e-3).
 
@@ -319,7 +301,7 @@ def test_innovations_are_white(case):
 def test_no_run_fails_or_diverges(label, case):
     """Every run of every estimator ends with finite errors, and none has diverged."""
     records = judged()[case, label]
-    assert len(records) == (RUNS[TWIN[case]] if label == COMPILED_EKF else FEWER_RUNS)
+    assert len(records) == (RUNS if label == COMPILED_EKF else FEWER_RUNS)
     for record in records:
         assert not record["diverged"]
         assert all(
@@ -339,7 +321,7 @@ def test_pure_ins_drifts_as_predicted():
     errors = np.stack([record["error"] for record in flights])
     covs = np.stack([record["cov"][:6, :6] for record in flights])
     count = len(errors)
-    assert count == sum(RUNS.values())
+    assert count == RUNS * len(UNFILTERED)
     assert len(np.unique(errors[:, 0])) == count
     predicted = np.sqrt(np.diagonal(covs, axis1=1, axis2=2).mean(axis=0))
     assert predicted[:2] == pytest.approx(115.0, rel=0.02)

@@ -216,9 +216,9 @@ def test_they_keep_the_contract_and_join_a_campaign(tmp_path, library):
     run = "run wang2013 -n 2 -c 0.01E-1Hz -e ekf -e mine.py -o out -j 1"
     done = invoke(run.split(), tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
-    summary = Results(tmp_path / "out").summary()
+    summary = Results(tmp_path / "out").figures()
     theirs, ours = (
-        summary.loc[summary["label"] == label, ["position_mrse_m", "velocity_mrse_mps"]].to_numpy()
+        summary.loc[summary["estimator"] == label, ["rms_m", "velocity_rms_mps"]].to_numpy()
         for label in ("mine.py", "ekf")
     )
     assert len(theirs) == 3

@@ -12,7 +12,6 @@ from problems import SMALL, linear_problem
 from ggbench.campaign import execution, runner, running
 from ggbench.campaign import records as kept
 from ggbench.campaign.registry import choose
-from ggbench.report import scenario_report
 from ggbench.results.folder import Results
 from ggbench.simulation.runs import simulate
 
@@ -116,14 +115,14 @@ def test_a_block_of_long_flights_has_fewer_runs(tmp_path, monkeypatch):
     assert runner.runs_at_once(case) == 32
 
 
-@pytest.mark.parametrize("lock", ["", "lock_m = 100.0"])
-def test_records_of_a_block_are_those_of_single_runs(lock, many, tmp_path, monkeypatch):
+@pytest.mark.parametrize("required", ["", "required_m = 100.0"])
+def test_records_of_a_block_are_those_of_single_runs(required, many, tmp_path, monkeypatch):
     """Field by field, the judgement of runs at once is that of each alone, series and detail too.
 
     In blocks of three, the last of which is not full.
     """
     monkeypatch.setattr(runner, "BLOCK_RUNS", 3)
-    loaded = small(tmp_path, SMALL.replace("[windows]", f"[windows]\n{lock}", 1))
+    loaded = small(tmp_path, SMALL.replace("[windows]", f"[windows]\n{required}", 1))
     results = ran(tmp_path, labels=("ekf", many), runs=7, scenario=loaded)
     found = records(results)
     assert len(found) == 2 * 2 * 7
@@ -144,7 +143,7 @@ def test_records_of_a_block_are_those_of_single_runs(lock, many, tmp_path, monke
     assert results.detail("base", many, 0) == pytest.approx(
         results.detail("base", "ekf", 0), rel=1e-5, abs=1e-6, nan_ok=True
     )
-    pairs = results.paired()
+    pairs = results.pairs()
     assert (pairs["runs"] == 7).all()
 
 
@@ -286,16 +285,7 @@ def test_time_series_are_kept_of_the_first_runs(many, tmp_path, monkeypatch):
     for label in ("ekf", many):
         assert len(results.series("base", label)) == 3
         assert results.series_of("base", label, 3) is None
-    assert (results.summary()["runs"] == 5).all()
-
-
-@pytest.mark.long
-def test_a_report_says_of_which_runs_its_series_are(many, tmp_path, monkeypatch):
-    for module in (kept, scenario_report):
-        monkeypatch.setattr(module, "SERIES_RUNS", 3)
-    results = ran(tmp_path, labels=("ekf", many), runs=5)
-    text = scenario_report.write(results.folder, tmp_path / "reports").read_text()
-    assert "the first 3 of 5 runs (tables are of all of them) against time" in text
+    assert (results.figures()["runs"] == 5).all()
 
 
 DICE = """

@@ -13,7 +13,7 @@ from problems import SMALL, LinearModel, changed
 from ggbench.block import ProblemBlock
 from ggbench.campaign import execution, registry, result_keys, runner, running
 from ggbench.campaign.campaign import CampaignError
-from ggbench.report import scenario_report
+from ggbench.report import render
 from ggbench.results.folder import Results
 from ggbench.simulation.runs import simulate
 from ggbench.spec.scenario import ScenarioError
@@ -155,8 +155,8 @@ def test_an_estimator_that_fails_becomes_records(kind, tmp_path):
             assert record["name"] == "naughty"
             with pytest.raises(ValueError, match=FAULTS[kind]):
                 raise ValueError(record["reason"])
-    summary = results.summary()
-    counts = summary.groupby("estimator")["failed"].max()
+    summary = results.figures()
+    counts = summary.groupby("name")["failed"].max()
     assert counts.to_dict() == {"naughty": 2, "ekf": 0}
 
 
@@ -233,19 +233,22 @@ def test_an_estimator_that_fails_in_some_runs(tmp_path, monkeypatch):
     statuses = [records(results)["base", label, run]["status"] for run in range(4)]
     assert sorted(statuses) == ["failed", "failed", "ok", "ok"]
     assert {r.get("reason") for r in results.records()} == {None, "ArithmeticError: not this one"}
-    table = results.summary()
-    row = table[(table["case"] == "base") & (table["estimator"] == "naughty")].iloc[0]
+    table = results.figures()
+    row = table[(table["case"] == "base") & (table["name"] == "naughty")].iloc[0]
     assert (row["runs"], row["failed"]) == (4, 2)
-    assert np.isfinite(row["position_mrse_m"])
-    text = scenario_report.write(results.folder, tmp_path / "reports").read_text()
-    assert "ArithmeticError: not this one" in text
+    assert np.isfinite(row["rms_m"])
+    text = render.write(results.folder, tmp_path / "reports")[0].read_text()
+    failures = tmp_path / "reports" / "small" / "data" / "failures.csv"
+    count = sum(record["status"] == "failed" for record in results.records())
+    assert f"{count} runs failed" in text
+    assert failures.read_text().count("ArithmeticError: not this one") == count > 2
 
 
 def test_a_campaign_of_nothing_but_failures_is_summed_up(tmp_path):
     """Even if every run of every estimator fails, there is a table, and it counts them."""
     label = f"{naughty(tmp_path)}[kind=nothing]"
     results = ran(tmp_path, labels=(label,), runs=2)
-    table = results.summary()
+    table = results.figures()
     assert table["failed"].tolist() == [2] * len(table)
 
 
@@ -288,7 +291,7 @@ def test_estimators_asked_for_before_stay_in_the_tables(tmp_path):
     ran(tmp_path, labels=LABELS[:2], runs=2).store.close()
     later = ran(tmp_path, labels=LABELS[2:], runs=1)
     assert later.labels == list(LABELS)
-    assert later.summary().groupby("label")["runs"].first().to_dict() == {
+    assert later.figures().groupby("estimator")["runs"].first().to_dict() == {
         "ins": 2, "ekf": 2, LABELS[2]: 1,
     }  # fmt: skip
 
@@ -341,7 +344,7 @@ def test_a_folder_is_joined_by_content(change, tmp_path):
     expected = ["base", "loud"] if change == "name" else ["base"]
     assert results.manifest["cases"] == expected
     assert len(results.runs()) == len(expected) * 2 * 3
-    assert "-n 3 " in scenario_report.write(results.folder, tmp_path / "reports").read_text()
+    assert "-n 3 " in render.write(results.folder, tmp_path / "reports")[0].read_text()
 
 
 def test_a_map_is_its_content(tmp_path):

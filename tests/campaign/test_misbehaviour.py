@@ -16,7 +16,7 @@ from problems import SMALL
 
 from ggbench.campaign.captured_output import CapturedOutput
 from ggbench.campaign.execution import ExecutionError
-from ggbench.report import scenario_report
+from ggbench.report import render
 from ggbench.results.folder import Results
 
 SECONDS = f"86397.{os.getpid()}"
@@ -114,8 +114,9 @@ def test_processes_left_running_end_and_are_told(wild):
     assert (table["status"] == "ok").all()
     left = "left 1 process running, ended with the run"
     assert table["remark"].tolist() == [left] * 4 + [""] * 2
-    report = scenario_report.write(results.folder, wild / "reports").read_text()
-    assert f"`wild.py[way=orphan]` {left} (1 run)." in report
+    render.write(results.folder, wild / "reports")
+    remarks = next((wild / "reports").glob("*/data/remarks.csv")).read_text()
+    assert f'wild.py[way=orphan],"{left}",1' in remarks
 
 
 def test_processes_end_with_a_worker_that_is_killed(wild, started):

@@ -227,7 +227,7 @@ def test_a_request_to_end_is_an_interrupt(deadly, started):
     process.terminate()
     _, errors = process.communicate(timeout=DEADLINE_S)
     assert (process.returncode, errors) == (130, "")
-    assert (deadly / "out" / "summary.csv").exists()
+    assert (deadly / "out" / "figures.csv").exists()
 
 
 def test_each_worker_has_one_blas_thread(tmp_path, monkeypatch):

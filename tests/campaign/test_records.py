@@ -21,6 +21,7 @@ from ggbench.campaign import records as recording
 from ggbench.campaign import registry, result_keys, runner
 from ggbench.engines.innovations import innovations_squared
 from ggbench.estimator_spec import EstimatorSpec
+from ggbench.judging.references import CaseBound, References
 from ggbench.results.store import DETAILED_RUN, MOST_KEPT, SERIES_RUNS, Result
 from ggbench.simulation.error_free_flight import Flight
 from ggbench.simulation.runs import simulate, simulate_block
@@ -108,9 +109,10 @@ def judged(
     made = recording.TimedEstimates(
         mean, cov, np.zeros((runs, epochs)), causality, lag, [{}] * runs, [0] * runs, 0.5
     )
-    problem, _ = simulate(flight, 1, 0)
+    problems = [simulate(flight, 1, 0)[0]] * runs
     blanks = [recording.new_record(registry.choose("ekf"), run, 1) for run in range(runs)]
-    return recording.evaluate_runs(blanks, "key", flight, states, made, lambda _: problem)
+    compared = References(flight, CaseBound(flight), problems, states)
+    return recording.evaluate_runs(blanks, "key", flight, states, made, compared, problems)
 
 
 def test_a_run_has_diverged_if_the_ins_alone_ends_nearer():
@@ -160,7 +162,8 @@ def recorded(flight: Flight, runs: range, **changes: object) -> list[Result]:
     made = recording.TimedEstimates(**(given | changes))
     blanks = [recording.new_record(registry.choose("ekf"), run, 1) for run in runs]
     problems = [simulate(flight, 1, run)[0] for run in runs]
-    return recording.evaluate_runs(blanks, "key", flight, states, made, problems.__getitem__)
+    compared = References(flight, CaseBound(flight), problems, states)
+    return recording.evaluate_runs(blanks, "key", flight, states, made, compared, problems)
 
 
 def test_series_and_details_are_what_their_columns_say():
@@ -207,15 +210,15 @@ def test_series_are_of_the_first_runs():
     assert [result.series is not None for result in kept] == [True, False]
 
 
-def test_a_false_lock_is_claimed_at_the_end():
+def test_a_false_fix_is_claimed_at_the_end():
     """By the deviations of the last epoch, not by those of the first."""
-    flight = small_flight({"windows.lock_m": 5.0})
+    flight = small_flight({"windows.required_m": 5.0})
     epochs = len(flight.times)
     for first, last, false in ((1e-2, 1e4, False), (1e4, 1e-2, True)):
         variances = np.linspace(first, last, epochs)[None, :, None, None] * np.eye(15)
         mean = np.full((1, epochs, 15), 100.0)
         (result,) = recorded(flight, range(1), mean=mean, cov=variances)
-        assert (result.record["lock_time_s"], result.record["false_lock"]) == (None, false)
+        assert (result.record["converged_s"], result.record["false_fix"]) == (None, false)
 
 
 def test_figures_show_the_noise_that_the_detailed_run_had():
@@ -290,10 +293,10 @@ def test_a_lag_that_is_asked_for_later_gets_its_bound(tmp_path):
     for lag in (2, 5):
         results = ran(tmp_path, labels=(f"factor-graph[mode=fixed-lag,lag={lag}]",), runs=1)
         names = set(results.arrays("base"))
-        rows = results.summary().query("window == 'settled' and case == 'base'")
+        rows = results.figures().query("window == 'settled' and case == 'base'")
         results.store.close()
     assert {"bound-fixed-lag-2", "bound-fixed-lag-5"} <= names
-    bounds = rows.set_index("label")["position_bound_m"]
+    bounds = rows.set_index("estimator")["bound_m"]
     assert len(bounds) == 2 and bounds.iloc[1] < bounds.iloc[0]
 
 

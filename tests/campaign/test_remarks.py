@@ -10,7 +10,7 @@ from campaigns import plan, ran
 
 from ggbench.campaign import execution, running
 from ggbench.campaign.records import remarks
-from ggbench.report import scenario_report
+from ggbench.report import render
 from ggbench.results.folder import Results
 from ggbench.results.store import Result, Store
 
@@ -89,8 +89,10 @@ def test_a_damaged_record_does_not_hide_the_others(damaged, tmp_path):
     ]
     assert "records.sqlite is damaged: lone" in bad["reason"].iloc[0]
     results.store.close()
-    text = scenario_report.write(damaged, tmp_path / "reports").read_text()
-    assert "`ekf` failed in 1 run: a record in " in text
+    text = render.write(damaged, tmp_path / "reports")[0].read_text()
+    assert "1 run failed" in text
+    failures = tmp_path / "reports" / "small" / "data" / "failures.csv"
+    assert "a record in " in failures.read_text()
 
 
 def test_the_same_command_replaces_damaged_records(damaged, tmp_path):

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 from campaigns import ran
 
 from ggbench.campaign.registry import choose
 from ggbench.campaign.truth_isolation import HiddenArray, suspicious_names
-from ggbench.report import scenario_report
 
 SPY = """
 import gc, sys
@@ -111,15 +108,11 @@ def test_estimators_of_the_benchmark_do_not_look_around():
 
 
 @pytest.mark.long
-def test_readers_are_told_of_an_estimator_that_looks_around(tmp_path, monkeypatch):
-    """In the report, above all figures, and whichever estimators are asked for later."""
+def test_results_name_an_estimator_that_looks_around(tmp_path, monkeypatch):
+    """Whichever estimators are asked for later."""
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "spy.py").write_text(SPY)
+    (tmp_path / "spy.py").write_text(f"{SPY}\n\n{ONE_RUN}")
     results = ran(tmp_path, labels=("ins", "spy.py"), runs=1)
     results.store.close()
     results = ran(tmp_path, labels=("ekf",), runs=1)
-    assert json.loads((results.folder / "manifest.json").read_text())["estimators"]["spy.py"]
-    text = scenario_report.write(results.folder, tmp_path / "reports").read_text()
-    told = "Read with care: `spy.py` uses _getframe, f_back, f_locals, gc."
-    assert told in text
-    assert text.index(told) < text.index("|")
+    assert results.seeking["spy.py"].startswith("_getframe, f_back, f_locals, gc")

@@ -16,7 +16,7 @@ from campaigns import COMMAND, DEADLINE_S, stored
 from command import Outcome, invoke
 from problems import SMALL
 
-from ggbench.judging.summary import SUMMARY_COLUMNS
+from ggbench.judging.summary import FIGURES
 
 LAGGED = "factor-graph[mode=fixed-lag,lag="
 GOOD = {
@@ -158,14 +158,17 @@ def test_run_and_report(folder, tmp_path):
     done = call(run, tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert "12 of 12 runs" in done.stdout
-    assert "runs/s, 0 s left; MRSE of base in m: ins " in done.stdout
-    for title in ("as it is", "with ten times the noise"):
-        table = done.stdout[done.stdout.index(title) :]
-        places = [table.index(f"\n {name} ") for name in ("ekf", "ins", "factor-graph[mode=batch]")]
-        assert places == sorted(places)
+    assert "runs/s, 0 s left; RMS error of base in m: ins " in done.stdout
     assert "'ggbench report out'" in done.stdout
-    table = pd.read_csv(tmp_path / "out" / "summary.csv")
-    assert list(table.columns) == list(SUMMARY_COLUMNS)
+    table = pd.read_csv(tmp_path / "out" / "figures.csv")
+    for case, title in (("base", "as it is"), ("noisy", "with ten times the noise")):
+        shown = done.stdout[done.stdout.index(title) :]
+        own = table[(table["case"] == case) & (table["window"] == "settled")]
+        errors = own.set_index("estimator")["rms_m"][["ins", "ekf"]].sort_values()
+        names = [*errors.index, "factor-graph[mode=batch]"]
+        places = [shown.index(f"\n {name} ") for name in names]
+        assert places == sorted(places)
+    assert list(table.columns) == list(FIGURES)
     assert len(table) == 2 * 3 * 3
     assert (table["runs"] == 2).all()
     assert (table["failed"] == 0).all()
@@ -182,7 +185,7 @@ def test_run_and_report(folder, tmp_path):
     done = invoke(["report", "out", "-o", "text"], tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     text = (tmp_path / "text" / "small.md").read_text()
-    assert "`ekf`" in text and "Cramér–Rao" in text
+    assert "EKF" in text and "bound [m]" in text
     pictures = list((tmp_path / "text" / "small").glob("*.png"))
     assert pictures
     assert [p.name for p in pictures if f"small/{p.name}" not in text] == []
@@ -208,7 +211,7 @@ def test_a_failing_estimator_does_not_end_a_run(folder):
     run = ["run", "small.toml", "-n", "2", "-j", "0", "-e", "bad.py", "-e", "ekf", "-o", "bad"]
     done = invoke(run, folder)
     assert (done.returncode, done.stderr) == (0, "")
-    table = pd.read_csv(folder / "bad" / "summary.csv").set_index("estimator")
+    table = pd.read_csv(folder / "bad" / "figures.csv").set_index("name")
     assert table["failed"].to_dict() == {"bad": 2, "ekf": 0}
 
     alone = ["run", "small.toml", "-n", "1", "-j", "0", "-c", "base", "-e", "bad.py", "-o", "lost"]
@@ -259,7 +262,7 @@ def test_an_interrupt_leaves_results_that_can_be_reported(jobs, moment, folder, 
         assert count >= 4
         done = invoke(["report", "out"], tmp_path)
         assert (done.returncode, done.stderr) == (0, "")
-        assert (tmp_path / "out" / "small.md").exists()
+        assert (tmp_path / "out" / "report" / "small.md").exists()
     else:
         # Nothing may be finished yet: the same command goes on from there.
         done = invoke([*run[:3], "1", *run[4:]], tmp_path)

@@ -125,6 +125,6 @@ def test_the_report_says_what_there_is(tmp_path, log):
     done = invoke(["estimate", "log/flight.toml", "-e", "ins", "-e", "ekf", "-o", "out"], tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     report = (tmp_path / "out" / "report.md").read_text(encoding="utf-8")
-    assert "| gnss |" in report and "| `ekf` | filter |" in report
+    assert "|gnss|" in report and "|`ekf`|filter|" in report
     assert "reference" not in report
     assert not (tmp_path / "out" / "figures" / "errors.png").exists()

@@ -139,7 +139,7 @@ def test_a_table_tells_its_keys(tmp_path):
         ("trajectory.segment[2].bank_deg", ["trajectory.segment.bank_deg"]),
         ("truth.sensor.stern.outlier_m", []),
         ("sensor.stern.noise_mps", ["velocity_log.noise_mps"]),
-        ("lock_m", ["windows.lock_m"]),
+        ("required_m", ["windows.required_m"]),
         ("dropout_share", [f"truth.{s}.dropout_share" for s in ("gradiometer", "gnss")]),
     ],
 )

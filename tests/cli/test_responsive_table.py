@@ -14,7 +14,7 @@ from rich.console import Console
 from ggbench.cli import screen
 from ggbench.cli.progress import Progress
 from ggbench.cli.responsive_table import ResponsiveTable
-from ggbench.cli.terminal import print_comparison, print_summary
+from ggbench.cli.terminal import print_comparison, print_figures
 from ggbench.cli.timing import COLD
 from ggbench.judging.comparison import compare
 
@@ -80,19 +80,19 @@ def test_names_and_numbers_are_whole(console):
 
 def test_the_final_table_of_a_campaign(results, console):
     """Every estimator is named, every number is whole, and first runs alone carry a star."""
-    summary, runs = results.summary(), results.runs()
+    figures, runs = results.figures(), results.runs()
     runs.loc[runs["estimator"] == "ekf", "cold"] = True
-    print_summary(summary, runs, results.scenario, console)
+    print_figures(figures, runs, results.scenario, console)
     text = text_of(console)
     assert "…" not in text
-    settled = summary[summary["window"] == "settled"]
+    settled = figures[figures["window"] == "settled"]
     for row in settled.to_dict("records"):
-        assert f"{row['position_mrse_m']:.3f}" in text.split()
-        assert f"{row['nees_mean']:.2f}" in text.split()
-        cell = runs[(runs["case"] == row["case"]) & (runs["estimator"] == row["label"])]
+        assert f"{row['rms_m']:.3f}" in text.split()
+        assert f"{row['nees']:.2f}" in text.split()
+        cell = runs[(runs["case"] == row["case"]) & (runs["estimator"] == row["estimator"])]
         star = "*" if cell["cold"].all() else ""
         assert f"{1e3 * row['seconds_per_run']:.1f}{star}" in text.split()
-        assert star or row["label"] != "ekf"
+        assert star or row["estimator"] != "ekf"
     assert COLD in text.replace("\n", " ") or console.width < len(COLD)
     for label in LABELS:
         assert names_of(text).count(label) >= 2  # in either case

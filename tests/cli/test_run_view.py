@@ -87,22 +87,6 @@ def test_compare_folders_with_nothing_in_common(folder, tmp_path):
     assert "ins" in done.stderr
 
 
-@pytest.mark.long
-def test_a_report_sets_estimators_beside_each_other(folder, tmp_path):
-    """Each estimator against the best one, though the other one was asked for first."""
-    run = ["run", "small.toml", "-n", "30", "-s", "5", "-c", "base", "-o", str(tmp_path / "o")]
-    assert invoke([*run, "-j", "0", "-e", "blurred.py", "-e", "ekf"], folder).returncode == 0
-    assert invoke(["report", str(tmp_path / "o")], folder).returncode == 0
-    (row,) = [
-        line
-        for line in (tmp_path / "o" / "small.md").read_text().splitlines()
-        if line.startswith("| base | `blurred.py` | `ekf` | 30 | 0 | 0 |")
-    ]
-    cells = [cell.strip() for cell in row.strip("|").split("|")]
-    assert 1.0 < float(cells[6].split()[0]) < 2.0 and float(cells[7]) < 0.05
-    assert cells[8] == "worse"
-
-
 def test_show_tells_the_run_that_deserves_a_look(folder):
     """Without a number: the largest error, its figures, error against time, and the commands."""
     done = invoke(["show", "after"], folder)

@@ -56,7 +56,7 @@ def test_filterpy_gives_the_same_answer(label, case, caution, several):
     """With the same readings left out, and as near as without caution.
 
     To 1e-8 of the prior in the mean, where plain filters differ by 8e-10 (EKF) and 7e-9 (UKF,
-    whose compiled engine takes h for a line over a centimetre), and to 1e-9 in the covariance.
+    whose compiled engine takes h for a line over a centimetre), and to 3e-9 in the covariance.
     """
     block = paper() if case == "0.001E-1Hz" else several
     oracle = reference(label, **caution)
@@ -67,7 +67,7 @@ def test_filterpy_gives_the_same_answer(label, case, caution, several):
         problem = block.problem(run)
         expected = oracle.estimate(problem)
         assert np.abs((found.mean[run] - expected.mean) / sigma).max() < 1e-8
-        assert np.abs((found.cov[run] - expected.cov) / np.outer(sigma, sigma)).max() < 1e-9
+        assert np.abs((found.cov[run] - expected.cov) / np.outer(sigma, sigma)).max() < 3e-9
         nis = innovations_squared(problem, expected.mean, expected.cov)
         np.testing.assert_allclose(found.nis[run], nis, rtol=1e-6)
         if "gate" in caution:

@@ -26,26 +26,27 @@ def at_rest(seed: int, offset: tuple[float, float, float], sigma: float = 2000.0
 def test_a_constant_offset_is_found(criterion):
     """Without noise to 0.1 m, by every criterion that its grid leads to the right hollow."""
     problem = at_rest(3, (1234.0, -2345.0, 6.0))
-    found = settled(problem, f"tercom[criterion={criterion}]")
+    found = settled(problem, f"tercom-ekf[criterion={criterion}]")
     assert found.fixes.accepted.tolist() == [True]
     np.testing.assert_allclose(found.mean[-1, :2], [1234.0, -2345.0], atol=0.1)
 
 
-@pytest.mark.parametrize("fusion", ["kalman", "restart", "none"])
-def test_of_a_linear_problem_a_window_tells_what_its_readings_do(fusion):
+@pytest.mark.parametrize("label", ["tercom", "tercom-ekf", "tercom[fusion=none]"])
+def test_of_a_linear_problem_a_window_holds_what_its_measurements_do(label):
     """At the end of each window: Kalman's answer, to 1e-9; with ``none`` that of the window alone.
 
-    From the first fix on ``restart`` is the Kalman filter. So a reading is used once, and none is
-    lost. Before its first window's end an estimate is the prior, carried along.
+    From its first fix on ``tercom-ekf`` is the Kalman filter. So every measurement is used once.
+    Before its first window's end an estimate is the prior, carried along.
     """
     problem = noisy_problem(3)
-    found = settled(problem, f"tercom[fusion={fusion},window=8,longest=8]")
-    ends = [7, 15, 23, 31, 39] if fusion != "restart" else [7]
+    name, _, given = label.rstrip("]").partition("[")
+    found = settled(problem, f"{name}[window=8,longest=8{',' if given else ''}{given}]")
+    ends = [7, 15, 23, 31, 39] if name == "tercom" else [7]
     assert found.fixes.epoch.tolist() == ends and found.fixes.accepted.all()
-    held = ends if fusion != "restart" else list(range(7, 40))
+    held = ends if name == "tercom" else list(range(7, 40))
     for k in held:
         of = problem
-        if fusion == "none":
+        if given == "fusion=none":
             there = problem.present.copy()
             there[: k - 7] = False
             of = unread(problem, there)
@@ -107,7 +108,7 @@ def test_a_place_that_is_there_twice_is_refused(odds):
     problem = at_rest(3, (500.0, 700.0, 0.0), sigma=3000.0)
     model = problem.model
     twice = Twice(model.track, model.waves, model.cosine, model.sine)
-    found = settled(changed(problem, model=twice), f"tercom[odds={odds}]")
+    found = settled(changed(problem, model=twice), f"tercom-ekf[odds={odds}]")
     assert found.fixes.accepted.tolist() == [odds == 0]
     assert 0.0 <= found.fixes.statistic[0] < 10.0
     east, north = found.fixes.mean[0, :2]
@@ -120,7 +121,7 @@ def test_readings_that_fit_nowhere_make_no_fix():
     """Of another field than the map's: refused, whatever the odds, and the window grows."""
     problem = at_rest(3, (0.0, 0.0, 0.0))
     wrong = changed(problem, measurements=problem.measurements[::-1] + 30.0)
-    found = settled(wrong, "tercom[odds=0,window=10,longest=20]")
+    found = settled(wrong, "tercom-ekf[odds=0,window=10,longest=20]")
     assert found.fixes.epoch.tolist() == [9, 19]
     assert not found.fixes.accepted.any()
     assert (found.fixes.statistic == -np.inf).all()
@@ -135,7 +136,7 @@ def test_what_is_missing_is_no_match():
     gone = changed(
         problem, model=model, measurements=np.where(there, problem.measurements, 0.0), present=there
     )
-    found = settled(gone, "tercom[window=10]")
+    found = settled(gone, "tercom-ekf[window=10]")
     assert found.fixes.epoch.tolist() == [19]
     np.testing.assert_allclose(found.mean[-1, :2], [1234.0, -2345.0], atol=0.1)
 
@@ -163,7 +164,7 @@ class Gaps:
         ("tercom[most=0]", "parameter 'most' is"),
         ("tercom[refine=0]", "parameter 'refine' is"),
         ("tercom[misfit=0]", "parameter 'misfit' is"),
-        ("tercom[odds=-1]", "parameter 'odds' is"),
+        ("tercom-ekf[odds=-1]", "parameter 'odds' is"),
     ],
 )
 def test_settings_without_a_meaning_are_refused(label, said):

@@ -11,36 +11,33 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 
 from ggbench.campaign import registry
+from ggbench.figures import answer
+from ggbench.figures.answer import Curve, Panel
 from ggbench.figures.errors import component_errors, error_over_time
 from ggbench.figures.line_styles import line_styles
-from ggbench.figures.locking import Panels, Series, against_time, over_cases
 from ggbench.figures.style import BOUND, INS
-from ggbench.figures.sweeps import Curve, curves
 from ggbench.spec import scenario
-from ggbench.spec.sweep import Axis
 
 SHIPPED = {name: scenario.load(name).campaign.estimators for name in scenario.shipped()}
 TIMES = np.arange(1.0, 6.0)
 
 
 def over_time(labels: list[str]) -> Figure:
-    lines = {label: np.ones((3, 5, 2)) for label in labels}
+    lines = {label: np.ones((5, 2)) for label in labels}
     return error_over_time([("a case", TIMES, lines, {"bound": np.ones((5, 2))})])
 
 
-def locked_over_time(labels: list[str]) -> Figure:
-    return against_time([("a case", TIMES, dict.fromkeys(labels, TIMES / 5))], labels)
+def panel(labels: list[str]) -> Panel:
+    curves = dict.fromkeys(labels, Curve(*np.ones((4, 2))))
+    return Panel("a part", np.array([1.0, 2.0]), curves, np.ones(2), np.full(2, 9.0))
 
 
-def locked_over_cases(labels: list[str]) -> Figure:
-    series = {label: Series(*np.full((3, 2), 0.5)) for label in labels}
-    return over_cases([Panels("", ["a", "b"], None, series, series, series)], labels)
+def over_cases(labels: list[str]) -> Figure:
+    return answer.over_cases(["a", "b"], panel(labels))
 
 
 def over_an_axis(labels: list[str]) -> Figure:
-    axis = Axis("noise", "noise", "E", "log", (1.0, 2.0))
-    lines = [Curve(label, np.ones(2), np.ones((2, 2)), np.ones(2)) for label in labels]
-    return curves({"": lines}, None, axis)
+    return answer.over_axis([panel(labels)], "noise", log=False)
 
 
 def by_component(labels: list[str]) -> Figure:
@@ -59,9 +56,7 @@ def colours(figure: Figure, labels: list[str]) -> dict[str, tuple[float, ...]]:
     return found
 
 
-@pytest.mark.parametrize(
-    "draw", [over_time, locked_over_time, locked_over_cases, over_an_axis, by_component]
-)
+@pytest.mark.parametrize("draw", [over_time, over_cases, over_an_axis, by_component])
 def test_every_figure_draws_an_estimator_in_its_colour(draw):
     for labels in (["ekf", "gauss-newton", "mine"], ["mine", "ukf", "ekf"], ["ekf"]):
         found = colours(draw(labels), labels)

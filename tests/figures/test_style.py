@@ -21,7 +21,7 @@ EVERY_MODULE = """
 import importlib, pkgutil, ggbench
 for module in pkgutil.walk_packages(ggbench.__path__, "ggbench."):
     importlib.import_module(module.name)
-assert "ggbench.figures.style" in sys.modules and "ggbench.report.league_figure" in sys.modules
+assert "ggbench.figures.style" in sys.modules and "ggbench.report.pictures" in sys.modules
 """
 
 

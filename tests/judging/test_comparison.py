@@ -80,7 +80,7 @@ def test_rounding_is_not_worse():
     """Another order of summation changes every run a little, and nothing became worse."""
     before = squares(1)
     result = compare(campaign({"a": before}), campaign({"a": before * (1 + 1e-12)}), 0.0)
-    assert verdicts(result)["position"] == "not distinguishable"
+    assert verdicts(result)["position"] == "undecided"
     assert not result.worse
 
 
@@ -98,7 +98,7 @@ def test_ten_percent_worse_is_found():
     turned = compare(after, before, 0.05)
     assert verdicts(turned) == {"position": "better", "velocity": "better", LOST: "same"}
     assert not turned.worse
-    assert set(verdicts(compare(after, before, 0.2)).values()) == {"not distinguishable", "same"}
+    assert set(verdicts(compare(after, before, 0.2)).values()) == {"undecided", "same"}
 
 
 def test_the_window_is_the_one_asked_for():
@@ -138,7 +138,7 @@ def test_an_estimator_that_fails_always_is_worse():
     after = campaign({"a": squares(1, 20)}, lost=range(20))
     result = compare(before, after, 0.5)
     assert verdicts(result) == {
-        "position": "not distinguishable", "velocity": "not distinguishable", LOST: "worse",
+        "position": "undecided", "velocity": "undecided", LOST: "worse",
     }  # fmt: skip
     assert result.worse
     rows = result.rows.set_index("quantity")
@@ -152,7 +152,7 @@ def test_lost_runs_need_to_be_more_than_one(kind):
     """A single run that fails or diverges of 300 is no evidence; ten are."""
     before = campaign({"a": squares(1)})
     one = compare(before, campaign({"a": squares(1)}, **{kind: [7]}), 0.0)
-    assert verdicts(one)[LOST] == "not distinguishable"
+    assert verdicts(one)[LOST] == "undecided"
     assert not one.worse
     ten = compare(before, campaign({"a": squares(1)}, **{kind: range(10)}), 0.0)
     assert verdicts(ten)[LOST] == "worse"

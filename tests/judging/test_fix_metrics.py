@@ -14,9 +14,8 @@ from campaigns import ran, small
 from problems import SMALL
 
 from ggbench.judging import fix_metrics
-from ggbench.judging.convergence import wilson
+from ggbench.judging.statistics import wilson
 from ggbench.problem import Fixes
-from ggbench.report import scenario_report
 from ggbench.results import formats
 
 TIMES = np.arange(10.0, 60.0, 10.0)
@@ -160,7 +159,7 @@ def results(tmp_path_factory):
     """A campaign with a matcher whose fixes are known, and one whose fixes are broken."""
     path = tmp_path_factory.mktemp("fixes")
     (path / "fixer.py").write_text(FIXER)
-    text = SMALL.replace("last_s = 5.0", "last_s = 5.0\nlock_m = 1000.0")
+    text = SMALL.replace("last_s = 5.0", "last_s = 5.0\nrequired_m = 1000.0")
     labels = ("ins", "ekf", f"{path}/fixer.py", f"{path}/fixer.py[good=false]")
     return ran(path, labels=labels, runs=4, cases=("base",), scenario=small(path, text))
 
@@ -184,19 +183,6 @@ def test_broken_fixes_fail_their_run_alone(results):
     failed = results.failures()
     assert len(failed) == 4 and failed["estimator"].str.endswith("[good=false]").all()
     assert failed["reason"].str.contains("fixes.statistic has shape").all()
-
-
-@pytest.mark.long
-def test_the_report_tells_of_fixes(results, tmp_path):
-    """A row for the matcher, its figure, and the limit."""
-    text = scenario_report.write(results.folder, tmp_path).read_text()
-    section = text[text.index("## Fixes of the matchers") :].split("\n## ")[0]
-    assert "limit of a lock (1000 m)" in section
-    (row,) = [line for line in section.splitlines() if line.startswith("| base |")]
-    cells = [cell.strip() for cell in row.strip("|").split("|")]
-    assert cells[2] == "4" and cells[3].startswith("100 %") and cells[4].startswith("0 %")
-    assert cells[7:10] == ["12", "8", "4"]
-    assert (tmp_path / "small" / "fixes.png").stat().st_size > 5000
 
 
 def test_damaged_fixes_of_a_record_are_found(results):

@@ -150,6 +150,28 @@ def test_a_smoothed_hill_is_a_wider_hill(monkeypatch):
     assert np.abs(rough - expected).max() > 0.5 * scale
 
 
+def test_the_rocky_mountains_are_where_they_belong():
+    """The highest cell holds Longs Peak; at 5 km, half a kilometre above it, the field is rough."""
+    terrain = shipped_terrains._terrain("rocky_mountains")
+    row, column = np.unravel_index(terrain.height_m.argmax(), terrain.height_m.shape)
+    summit = terrain.latitudes_deg[row], terrain.longitudes_deg[column]
+    assert np.abs(np.subtract(summit, (40.2550, -105.6158))).max() < 0.5 * 0.00275
+    where = [np.radians(axis[20:-20:4]) for axis in (terrain.latitudes_deg, terrain.longitudes_deg)]
+    tensor, _ = terrain_disturbing_field("rocky_mountains", *where, [5000.0])
+    assert 50.0 < tensor[..., 5].std() < 75.0
+    assert np.abs(tensor[..., [0, 3, 5]].sum(axis=-1)).max() < 1e-6
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", shipped_terrains.TERRAINS)
+def test_parkers_series_serves_the_lowest_height_of_a_terrain(name):
+    """The clearance that is declared is enough: the series ends, and the field is finite."""
+    middle = [[np.radians(np.mean(bounds))] for bounds in shipped_terrains.terrain_extent_deg(name)]
+    lowest, highest = shipped_terrains.terrain_heights_m(name)
+    tensor, _ = terrain_disturbing_field(name, *middle, [lowest, highest])
+    assert np.isfinite(tensor).all()
+
+
 JACKSBORO = MapRecipe(
     "jacksboro", 36.2, 36.3, -84.3, -84.2, 1150.0, 1300.0,
     spacing_arcmin=0.05, height_spacing_m=50.0,

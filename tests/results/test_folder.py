@@ -14,13 +14,13 @@ import pytest
 from campaigns import ran, small
 from problems import SMALL
 
-from ggbench.judging import convergence
-from ggbench.judging.summary import SUMMARY_COLUMNS, WINDOWS, window_mask
+from ggbench.judging.run_errors import WINDOWS, window_mask
+from ggbench.judging.summary import FIGURES
 from ggbench.results.folder import Results, as_argument, write_tables
 from ggbench.results.store import MOST_KEPT, Result, Store, StoreError, kept_epochs
 
 STUDIED = (
-    SMALL.replace("last_s = 5.0", "last_s = 5.0\nlock_m = 6.0").replace(
+    SMALL.replace("last_s = 5.0", "last_s = 5.0\nrequired_m = 6.0").replace(
         "[campaign]", '[campaign]\nassumption_runs = 2\nassumption_estimator = "ekf"'
     )
     + """windows.settled_from_s = 12.0
@@ -72,7 +72,7 @@ def test_bounds_of_a_summary_are_of_their_window_and_causality(results):
 
     The four kinds are four bounds: of a filter, three epochs later, of all readings.
     """
-    rows = results.summary().set_index(["case", "label", "window"])
+    rows = results.figures().set_index(["case", "estimator", "window"])
     seen = set()
     for case in results.scenario.cases:
         arrays = results.arrays(case.name)
@@ -81,7 +81,7 @@ def test_bounds_of_a_summary_are_of_their_window_and_causality(results):
                 mask = window_mask(arrays["times"], case.windows, window)
                 wanted = np.sqrt(np.sum(arrays[f"bound-{kind}"][mask], axis=0) / mask.sum())
                 row = rows.loc[case.name, label, window]
-                found = row[["position_bound_m", "velocity_bound_mps"]].to_numpy(float)
+                found = row[["bound_m", "velocity_bound_mps"]].to_numpy(float)
                 assert found == pytest.approx(wanted)
                 seen.add(round(float(found[0]), 9))
     assert len(seen) == 2 * 3 * 3  # cases, windows, bounds
@@ -89,7 +89,7 @@ def test_bounds_of_a_summary_are_of_their_window_and_causality(results):
 
 def test_published_numbers_stand_beside_their_case(results):
     """Position and velocity of the case that has them, nothing of the other."""
-    rows = results.summary().groupby("case")[["paper_position_m", "paper_velocity_mps"]].first()
+    rows = results.figures().groupby("case")[["published_m", "published_mps"]].first()
     assert tuple(rows.loc["base"]) == (6.0, 0.3)
     assert rows.loc["noisy"].isna().all()
 
@@ -106,13 +106,11 @@ def test_a_study_is_set_beside_the_same_runs_without_it(results):
         assert len(runs[of_study & (runs["case"] == "base")]) == (2 if name else 3)
         own = runs[of_study & (runs["case"] == "base") & (runs["run"] < 2)]
         row = studies.loc[(name, "base", "settled")]
-        assert (row["runs"], row["label"], row["paper_position_m"]) == (2, "ekf", 6.0)
+        assert (row["runs"], row["estimator"], row["published_m"]) == (2, "ekf", 6.0)
         wanted = np.sqrt(own["settled_position_ms"].mean())
-        assert row["position_mrse_m"] == pytest.approx(wanted)
+        assert row["rms_m"] == pytest.approx(wanted)
     assert set(studies.loc["louder"].index.get_level_values("case")) == {"base"}
-    declared, same = (
-        studies.loc[name, "base"]["position_mrse_m"] for name in ("", "without-effect")
-    )
+    declared, same = (studies.loc[name, "base"]["rms_m"] for name in ("", "without-effect"))
     assert declared.tolist() == same.tolist()
 
 
@@ -129,15 +127,15 @@ def test_records_are_of_the_cases_or_of_one_study(results):
 
 def test_the_files_of_a_folder_are_its_tables(results, flown):
     """Row by row and column by column; what was not studied or judged has no file."""
-    tables = {"paired": results.paired(), "failures": results.failures(),
-              "assumptions": results.studies(), "convergence": convergence.table(results.summary()),
-              "summary": results.summary()[list(SUMMARY_COLUMNS)]}  # fmt: skip
+    tables = {"pairs": results.pairs(), "failures": results.failures(), "cases": results.cases(),
+              "assumptions": results.studies(), "figures": results.figures()}  # fmt: skip
+    assert tuple(tables["figures"].columns) == FIGURES
     for name, table in tables.items():
         file = pd.read_csv(results.folder / f"{name}.csv")
         assert (list(file.columns), len(file)) == (list(table.columns), len(table))
     runs = pd.read_parquet(results.folder / "runs.parquet")
     pd.testing.assert_frame_equal(runs, results.runs())
-    assert not {"assumptions.csv", "convergence.csv"} & {path.name for path in flown.iterdir()}
+    assert not {"assumptions.csv", "fixes.csv"} & {path.name for path in flown.iterdir()}
 
 
 def test_without_pyarrow_the_table_of_runs_is_csv(copied, monkeypatch):
@@ -161,10 +159,10 @@ def test_without_pyarrow_the_table_of_runs_is_csv(copied, monkeypatch):
 
 def test_tables_are_the_callers_own(results):
     """What is done to one does not come back with the next."""
-    for read in (results.runs, results.summary):
+    for read in (results.runs, results.figures, results.pairs, results.cases):
         table = read()
         table["case"] = "spoilt"
-        assert set(read()["case"]) == {"base", "noisy"}
+        assert set(read()["case"]) == {"base", "noisy"}, read
 
 
 def test_a_command_takes_any_path_as_its_scenario():
@@ -202,17 +200,17 @@ def test_counters_are_medians_over_an_estimators_own_runs(results, monkeypatch):
     ]
 
 
-def test_times_to_lock_are_the_estimators_own(results):
-    """Those of the records of one case and estimator, run by run; NaN of what never locked."""
+def test_convergence_times_are_the_estimators_own(results):
+    """Those of the records of one case and estimator, run by run; NaN of what never converged."""
     different = set()
     for case in results.scenario.cases:
         for label in KINDS:
             wanted = [
-                np.nan if record["lock_time_s"] is None else record["lock_time_s"]
+                np.nan if record["converged_s"] is None else record["converged_s"]
                 for record in results.records()
                 if (record["case"], record["estimator"]) == (case.name, label)
             ]
-            found = results.lock_times(case.name, label)
+            found = results.convergence_times(case.name, label)
             assert np.array_equal(found, wanted, equal_nan=True)
             different.add(found.tobytes())
     assert len(different) > 3
@@ -291,10 +289,10 @@ def test_as_many_runs_are_read_as_are_asked_for(tmp_path):
 
 def test_rows_are_in_the_order_in_which_they_were_asked_for(results):
     """Case by case as in the scenario, and in each the estimators as on the command line."""
-    rows = results.summary()[["case", "label", "window"]].itertuples(index=False, name=None)
+    rows = results.figures()[["case", "estimator", "window"]].itertuples(index=False, name=None)
     cases = [case.name for case in results.scenario.cases]
     assert list(rows) == [(c, label, w) for c in cases for label in KINDS for w in WINDOWS]
-    assert set(results.summary()["runs"]) == {3}  # a study's are not among them
+    assert set(results.figures()["runs"]) == {3}  # a study's are not among them
 
 
 def test_series_are_of_the_cases_and_not_of_a_study(results):
@@ -311,7 +309,7 @@ def test_cases_that_were_not_run_are_not_shown(tmp_path):
     results = ran(tmp_path, labels=("ins",), runs=1, scenario=small(tmp_path).select(["noisy"]))
     assert [case.name for case in results.scenario.cases] == ["noisy"]
     assert [case.name for case in results.whole_scenario.cases] == ["base", "noisy"]
-    assert set(results.summary()["case"]) == set(results.runs()["case"]) == {"noisy"}
+    assert set(results.figures()["case"]) == set(results.runs()["case"]) == {"noisy"}
 
 
 def test_estimators_that_look_for_truth_are_told_with_what_they_use(results):
@@ -386,59 +384,33 @@ def test_runs_beyond_those_asked_for_are_not_shown(results):
     fewer.manifest["runs"] = 2
     assert fewer.run_count == 2
     assert sorted(set(fewer.runs()["run"])) == [0, 1]
-    assert len(fewer.series("base", "ekf")) == len(fewer.lock_times("base", "ekf")) == 2
+    assert len(fewer.series("base", "ekf")) == len(fewer.convergence_times("base", "ekf")) == 2
 
 
 def test_a_file_is_replaced_and_not_overwritten(tmp_path):
     """Who has begun to read the one before reads it to its end."""
     store = Store(tmp_path / "out", create=True)
-    store.write("summary.csv", b"before")
-    with (tmp_path / "out" / "summary.csv").open("rb") as reader:
-        store.write("summary.csv", b"after")
+    store.write("figures.csv", b"before")
+    with (tmp_path / "out" / "figures.csv").open("rb") as reader:
+        store.write("figures.csv", b"after")
         assert reader.read() == b"before"
-    assert (tmp_path / "out" / "summary.csv").read_bytes() == b"after"
+    assert (tmp_path / "out" / "figures.csv").read_bytes() == b"after"
     store.close()
 
 
 def test_a_file_that_cannot_be_written_leaves_the_one_before(tmp_path, monkeypatch):
     """A full disk: a sentence, the old content, and nothing half written beside it."""
     store = Store(tmp_path / "out", create=True)
-    store.write("summary.csv", b"before")
+    store.write("figures.csv", b"before")
     before = sorted(path.name for path in (tmp_path / "out").iterdir())
 
     def full(descriptor: int) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(StoreError, match=r"cannot write .*summary\.csv: No space left on device"):
-        store.write("summary.csv", b"after")
+    with pytest.raises(StoreError, match=r"cannot write .*figures\.csv: No space left on device"):
+        store.write("figures.csv", b"after")
     monkeypatch.undo()
-    assert (tmp_path / "out" / "summary.csv").read_bytes() == b"before"
+    assert (tmp_path / "out" / "figures.csv").read_bytes() == b"before"
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == before
     store.close()
-
-
-def test_halves_are_the_runs_of_even_and_of_odd_number(results):
-    """To tune on and to judge on: no run is in both, and none is in neither."""
-    even, odd = (table.set_index(["case", "label", "window"]) for table in results.halves(3))
-    whole = results.summary().set_index(["case", "label", "window"])
-    assert (even["runs"] == 2).all() and (odd["runs"] == 1).all()
-    square = (2.0 * even["position_mrse_m"] ** 2 + odd["position_mrse_m"] ** 2) / 3.0
-    np.testing.assert_allclose(np.sqrt(square), whole["position_mrse_m"])
-    np.testing.assert_allclose(even["position_bound_m"], whole["position_bound_m"])
-    assert [set(table["runs"]) for table in results.halves(2)] == [{1}, {1}]
-
-
-def test_pairs_that_judge_are_of_the_runs_of_odd_number(results):
-    """Of the estimators that are asked for and the INS, in one case; of no study."""
-    case, label = results.scenario.cases[0].name, next(k for k in KINDS if k != "ins")
-    table = results.judged_pairs(case, [label], 3)
-    assert set(table["case"]) == {case}
-    assert {*table["first"], *table["second"]} == {label, "ins"} and set(table["runs"]) == {1}
-    runs = results.runs()
-    held = runs[(runs["case"] == case) & (runs["assumption"] == "") & (runs["run"] == 1)]
-    square = held.set_index("estimator")["settled_position_ms"]
-    row = table[table["window"] == "settled"].iloc[0]
-    assert row["position_win_rate"] == float(square[row["first"]] < square[row["second"]])
-    difference = square[row["first"]] - square[row["second"]]
-    assert row["position_difference_m2"] == pytest.approx(difference)

@@ -17,8 +17,8 @@ from problems import SMALL
 
 from ggbench.errors import GGBenchError
 from ggbench.judging import statistics
-from ggbench.judging.summary import SUMMARY_COLUMNS
-from ggbench.report import scenario_report
+from ggbench.judging.summary import FIGURES
+from ggbench.report import render
 from ggbench.results.folder import Results
 from ggbench.results.store import RESULT_FILES, Result, Store, StoreError, require_ours
 
@@ -62,7 +62,7 @@ def test_a_fresh_start_removes_all_that_a_campaign_leaves(tmp_path):
     """The manifest, too, and what was half written; a file of one's own stays."""
     folder = tmp_path / "out"
     folder.mkdir()
-    for name in (*RESULT_FILES, ".summary.csv.123.part", "notes.txt"):
+    for name in (*RESULT_FILES, ".figures.csv.123.part", "notes.txt"):
         (folder / name).touch()
     Store(folder, create=True, fresh=True).close()
     assert {path.name for path in folder.iterdir()} == {".lock", "records.sqlite", "notes.txt"}
@@ -82,7 +82,7 @@ def test_what_a_campaign_leaves_at_once_is_its_own(tmp_path):
 
 FOREIGN = {
     "scenario.toml": "mine",
-    "summary.csv": "a,b",
+    "figures.csv": "a,b",
     "manifest.json": '{"name": "my web app", "format": 2}',
     "records.sqlite": "SQLite format 3",
 }
@@ -132,7 +132,7 @@ def test_a_report_stays_in_its_folder(results, tmp_path):
     for name in ("../escaped", "/escaped", "..", ".", ""):
         (folder / "manifest.json").write_text(json.dumps(manifest | {"scenario": name}))
         with pytest.raises(StoreError, match=r"manifest\.json is damaged: its scenario"):
-            scenario_report.write(folder, tmp_path / "deep" / "er")
+            render.write(folder, tmp_path / "deep" / "er")
 
 
 def test_what_a_folder_names_is_not_loaded(tmp_path, monkeypatch):
@@ -147,7 +147,7 @@ def test_what_a_folder_names_is_not_loaded(tmp_path, monkeypatch):
     manifest["estimators"]["trap.py"] = manifest["estimators"]["ins"]
     path.write_text(json.dumps(manifest))
     (tmp_path / "sprung").unlink(missing_ok=True)
-    scenario_report.write(tmp_path / "out", tmp_path / "reports")
+    render.write(tmp_path / "out", tmp_path / "reports")
     assert not (tmp_path / "sprung").exists()
 
 
@@ -224,7 +224,7 @@ EDITS = {
     "scenario of something else": ("scenario_text", SMALL.replace("250.0", "251.0")),
     "cells spoilt": ("cells", [{"key": 1}]),
     "format of old": ("format", 2),
-    "format to come": ("format", 5),
+    "format to come": ("format", 6),
     "no runs": ("runs", 0),
     "seed below 0": ("seed", -1),
 }
@@ -308,8 +308,8 @@ DAMAGES = {
     "scenario spoilt": "scenario.* is not valid TOML",
     "scenario of something else": "is not the one that was run: its hash differs",
     "cells spoilt": "manifest.json is damaged: it has no cells.0.assumption",
-    "format of old": "manifest.json has format 2, and this version of ggbench reads format 4",
-    "format to come": "manifest.json has format 5, and this version of ggbench reads format 4",
+    "format of old": "manifest.json has format 2, and this version of ggbench reads format 5",
+    "format to come": "manifest.json has format 6, and this version of ggbench reads format 5",
     "no runs": "manifest.json is damaged: its runs is not what it should be",
     "seed below 0": "manifest.json is damaged: its seed is not what it should be",
     "arrays gone": "does not hold what the runs of case base share.*goes on from there",
@@ -355,7 +355,7 @@ def test_damaged_results_have_their_sentence(kind, results, tmp_path):
         (folder / file.name).write_bytes(file.read_bytes())
     damage(folder, kind)
     with pytest.raises(GGBenchError, match=DAMAGES[kind]) as caught:
-        scenario_report.write(folder, tmp_path / "reports")
+        render.write(folder, tmp_path / "reports")
     assert "\n" not in str(caught.value)
     assert not (folder / "sprung").exists()
 
@@ -369,7 +369,7 @@ def test_the_band_of_innovations_is_of_the_readings_that_are_expected(tmp_path):
     faults = "[truth.gradiometer]\ndropout_share = 0.5\ndropouts_s = [[12.0, 15.0]]\n\n[windows]"
     loaded = small(tmp_path, SMALL.replace("[windows]", faults, 1))
     results = ran(tmp_path, labels=("ekf",), runs=3, scenario=loaded)
-    rows = results.summary().set_index(["case", "window"]).loc["base"]
+    rows = results.figures().set_index(["case", "window"]).loc["base"]
     for window, readings in (("whole", 8), ("settled", 4)):
         band = tuple(rows.loc[window, ["nis_lo", "nis_hi"]])
         assert band == statistics.nis_band(3, readings, 6)
@@ -385,5 +385,5 @@ def test_a_results_folder_says_what_made_it(results):
     assert manifest["machine"]["processors"] >= 1
     assert manifest["date"].startswith("20")
     assert (results / "scenario.toml").read_text() == SMALL
-    header = (results / "summary.csv").read_text().splitlines()[0]
-    assert header == ",".join(SUMMARY_COLUMNS)
+    header = (results / "figures.csv").read_text().splitlines()[0]
+    assert header == ",".join(FIGURES)

@@ -11,7 +11,7 @@ from small_cases import rough_map, small_flight
 
 from ggbench.estimators.ekf import ExtendedKalmanFilter
 from ggbench.estimators.factor_graph import FactorGraph
-from ggbench.judging.summary import evaluate
+from ggbench.judging.run_errors import evaluate
 from ggbench.sensors.gradiometer.faults import Faults, biases
 from ggbench.sensors.gradiometer.instrument import COMPONENTS, Gradiometer, readings
 from ggbench.simulation.runs import simulate

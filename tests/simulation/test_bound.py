@@ -178,7 +178,7 @@ def test_bound_of_the_papers_flight_in_the_normal_field():
     """
     study = next(a for a in scenario.load("wang2013").assumptions if a.name == "normal-field")
     flight = prepare(next(c for c in study.cases if c.name == "0.01E-1Hz"))
-    last = flight.bound.filtering[flight.times > 180.0]
+    last = flight.unfiltered_bound.filtering[flight.times > 180.0]
     position = np.sqrt(np.trace(last[:, 0:3, 0:3], axis1=1, axis2=2).mean())
     assert position == pytest.approx(3.7, abs=0.05)
 
@@ -195,17 +195,28 @@ def test_readings_that_drop_out_inform_by_their_share():
     assert np.trace(noisy.filtering[-1]) > 1.01 * np.trace(whole.filtering[-1])
 
 
-def test_noise_behind_the_filter_never_raises_the_bound_of_a_filtered_instrument():
-    """It is left out there, so the bound stays one; without a filter it is noise as any other."""
-    behind = {"gradiometer.noise_behind_filter_eotvos": 0.01 * np.sqrt(3.0)}
-    filtered = {"gradiometer.filter": "butterworth"}
+def test_a_filter_and_the_noise_behind_it_raise_the_bound():
+    """In every direction of the state; the unfiltered bound has neither, whatever the treatment.
+
+    Without a filter, noise behind it is noise as any other.
+    """
     plain = small_flight().bound.filtering
-    for treatment in ("whitened", "delayed"):
-        changes = {"gradiometer.filter_treatment": treatment}
-        bound = small_flight(behind | filtered | changes).bound
-        np.testing.assert_array_equal(bound.filtering, plain)
+    scale = np.sqrt(np.diag(plain[0]))
+    units, below = np.outer(scale, scale), plain
+    for behind in (None, 0.001, 0.01 * np.sqrt(3.0)):
+        changes = {"gradiometer.filter": "butterworth"}
+        if behind is not None:
+            changes |= {"gradiometer.noise_behind_filter_eotvos": behind}
+        for treatment in ("delayed", "whitened"):
+            flown = small_flight(changes | {"gradiometer.filter_treatment": treatment})
+            np.testing.assert_array_equal(flown.unfiltered_bound.filtering, plain)
+        found = flown.bound.filtering
+        assert np.linalg.eigvalsh((found - below) / units).min() > -1e-9
+        assert np.trace(found[-1, :3, :3]) > 1.01 * np.trace(below[-1, :3, :3])
+        below = found
     twice = small_flight({"gradiometer.noise_eotvos": 0.02}).bound.filtering
-    np.testing.assert_allclose(small_flight(behind).bound.filtering, twice, rtol=1e-6)
+    alone = small_flight({"gradiometer.noise_behind_filter_eotvos": 0.01 * np.sqrt(3.0)})
+    np.testing.assert_allclose(alone.bound.filtering, twice, rtol=1e-6)
 
 
 @pytest.mark.parametrize(

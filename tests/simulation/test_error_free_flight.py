@@ -11,6 +11,7 @@ from small_cases import ROTATING, small_case, small_flight
 
 from ggbench.errors import GGBenchError
 from ggbench.gravity.ellipsoid import ROTATION_RATE
+from ggbench.judging.references import CaseBound
 from ggbench.simulation.error_free_flight import prepare
 from ggbench.simulation.runs import simulate
 from ggbench.spec.trajectory import TrajectorySpec
@@ -60,7 +61,7 @@ def test_the_final_bound_is_that_of_the_position_at_the_end():
     """All readings are known by then; what else there was is not kept, being large."""
     flight, other = small_flight(), small_flight()
     squared = np.trace(other.bound.smoothing[-1, :3, :3])
-    assert flight.final_bound == pytest.approx(np.sqrt(squared), rel=1e-12)
+    assert CaseBound(flight).final_m == pytest.approx(np.sqrt(squared), rel=1e-12)
     assert "bound" not in vars(flight)
 
 

@@ -12,7 +12,8 @@ from small_cases import ROTATING, residuals_at_the_truth, rough_map, small_case,
 
 from ggbench.errors import GGBenchError
 from ggbench.estimators.ekf import ExtendedKalmanFilter
-from ggbench.judging.summary import evaluate
+from ggbench.judging.references import CaseBound
+from ggbench.judging.run_errors import evaluate
 from ggbench.sensors.gradiometer.instrument import readings
 from ggbench.simulation.runs import simulate, simulate_block
 
@@ -127,7 +128,7 @@ def test_the_bound_knows_the_latency(rough, instrument):
     base = FAST | {"gradiometer.instrument": instrument}
     base |= rough if instrument == "local-level" else {}
     flights = [small_flight(base | changes) for changes in ({}, {KNOWN: 5.0}, {UNKNOWN: 5.0})]
-    on_time, known, unknown = (flight.final_bound for flight in flights)
+    on_time, known, unknown = (CaseBound(flight).final_m for flight in flights)
     assert known == unknown
     assert known > 1.2 * on_time
     problem, truth = simulate(flights[1], 7, 0)

@@ -19,8 +19,8 @@ from test_other_sensors import places
 
 from ggbench.campaign import records
 from ggbench.errors import GGBenchError
+from ggbench.judging import situations
 from ggbench.problem import Problem
-from ggbench.report import situations
 from ggbench.simulation.random_streams import random_streams
 from ggbench.simulation.runs import simulate, simulate_block
 from ggbench.spec import scenario
@@ -341,7 +341,7 @@ def test_unusual_values_and_situations_are_those_of_named_sensors_too():
     assert [key for key, *_ in unusual_in(odd)] == ["sensor.water_track.noise_mps"]
     for sensor, situation in (("stern", "outage"), ("sea_level", "readings")):
         case = small_case(SEVERAL | {f"truth.sensor.{sensor}.dropout_share": 0.5})
-        assert situations.situation_of(case, "gains") == situation
+        assert situations.situation_of(case) == situation
 
 
 BAR = {"sensor.x.kind": "barometer", "sensor.x.period_s": 1.0, "sensor.x.noise_m": 1.0}

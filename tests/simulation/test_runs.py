@@ -166,13 +166,11 @@ def test_errors_are_drawn_from_the_prior(short, source):
 
 @pytest.mark.parametrize("treatment", ["none", "whitened", "delayed"])
 def test_measurements_scatter_as_the_problem_says(wang, treatment):
-    """What h(true error) leaves of z is the instrument's noise after filter and treatment, W v.
+    """What h(true error) leaves of z is noise before and behind the filter, after the treatment.
 
-    Its power is that of W Wᵀ, by a normal approximation of the sum of 18000 squares (false-alarm
-    probability 1e-3). The problem claims R = σ² I: exact without a filter; whitened, it is generous
-    by the directions in which the filter passes less than the regularisation (one in nine of a
-    millionth, two in five of a hundredth), as there is no noise behind it; delayed, it claims
-    nothing.
+    Its power is that of W F Fᵀ Wᵀ + ρ² W Wᵀ, by a normal approximation of the sum of 18000 squares
+    (false-alarm probability 1e-3). The problem claims R = σ² I: exact without a filter, and
+    whitened, where ρ is the regularisation by default; delayed, it claims nothing.
     """
     kind = {"none": {"filter": "none"}}.get(treatment, {"filter_treatment": treatment})
     behind = changed(wang, gradiometer=kind)
@@ -183,19 +181,21 @@ def test_measurements_scatter_as_the_problem_says(wang, treatment):
             residual = problem.measurements[k] - problem.model.predict(k, state)
             total += residual @ np.linalg.solve(problem.noise_cov, residual)
     spec, lowpass = behind.case.gradiometer, behind.true.gradiometer.lowpass
-    chain = np.eye(problem.epochs)
+    power = np.eye(problem.epochs)
     if lowpass is not None:
-        chain = prefilter(
+        treated = prefilter(
             lowpass, problem.epochs, spec.filter_treatment, spec.whitening_regularization
-        ).apply(lowpass.apply(chain))
-    power = chain @ chain.T
+        )
+        before, after = (treated.apply(w) for w in (lowpass.apply(power), power))
+        rho = behind.true.gradiometer.noise_behind_filter / spec.noise_eotvos
+        assert rho == (spec.whitening_regularization if treatment == "whitened" else 0.0)
+        power = before @ before.T + rho**2 * (after @ after.T)
     sequences = 6 * runs
     deviation = np.sqrt(2.0 * sequences * (power**2).sum())
     assert abs(total - sequences * np.trace(power)) < 3.3 * deviation
     if treatment != "delayed":
-        inverted = treatment == "none" or spec.whitening_regularization < 1e-3
-        low, high = (0.85, 1.03) if inverted else (0.58, 0.65)
-        assert low < total / (sequences * problem.epochs) < high
+        np.testing.assert_allclose(power, np.eye(problem.epochs), atol=1e-6)
+        assert total / (sequences * problem.epochs) == pytest.approx(1.0, abs=0.035)
 
 
 def test_gravity_disturbance_drives_the_ins(wang):

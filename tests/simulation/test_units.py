@@ -28,6 +28,7 @@ from small_cases import (
 )
 
 from ggbench.gravity import parker
+from ggbench.gravity.ellipsoid import metres_per_radian
 from ggbench.judging import convergence
 from ggbench.judging.run_errors import window_mask
 from ggbench.maps import recipe
@@ -37,7 +38,8 @@ from ggbench.simulation.error_free_flight import Flight
 from ggbench.simulation.runs import simulate
 from ggbench.simulation.sensor_suite import SensorSuite
 from ggbench.spec.aiding import AIDING
-from ggbench.spec.case import CampaignSpec, CaseSpec, SweepSpec, WindowsSpec
+from ggbench.spec.axes import SweepSpec
+from ggbench.spec.case import CampaignSpec, CaseSpec, WindowsSpec
 from ggbench.spec.named_sensors import NamedSensors
 from ggbench.spec.trajectory import SegmentSpec, TrajectorySpec
 
@@ -571,18 +573,33 @@ def test_errors_of_maps(side, monkeypatch, tmp_path):
             assert found == pytest.approx(si(key, value), rel=1e-12), key
 
 
+def test_draws():
+    """The farthest of 1000 tracks from the declared start and heading is that of the limits."""
+    drawn = {"start_km": 2.0, "heading_deg": 30.0}
+    case = small_case(
+        {f"draw.{key}": value for key, value in drawn.items()} | {"draw.tracks": 1000}
+    )
+    declared = case.trajectory.start()
+    starts = [case.of_run(run).trajectory.start() for run in range(1000)]
+    metres = metres_per_radian(declared.position)
+    moved = [np.abs((s.position - declared.position)[:2] * metres).max() for s in starts]
+    turned = [abs(s.heading - declared.heading) for s in starts]
+    assert max(moved) == pytest.approx(si("start_km", 2.0), rel=0.01)
+    assert max(turned) == pytest.approx(si("heading_deg", 30.0), rel=0.01)
+
+
 # Judging.
 
 
 def test_windows():
-    """Which epochs count, and which errors are a lock."""
+    """Which epochs count, and which errors have converged."""
     times = np.arange(1, 1001) * 0.1
-    windows = WindowsSpec(settled_from_s=40.0, last_s=12.0, lock_m=30.0)
+    windows = WindowsSpec(settled_from_s=40.0, last_s=12.0, required_m=30.0)
     settled, last = (times[window_mask(times, windows, name)] for name in ("settled", "last20"))
     assert settled[0] == pytest.approx(si("settled_from_s", 40.0))
     assert last[0] == pytest.approx(times[-1] - si("last_s", 12.0) + 0.1)
-    errors = si("lock_m", 30.0) * np.array([[0.999], [1.001]]) * np.ones((1, 1000))
-    found, _ = convergence.judge(errors, np.full((2, 3), np.nan), times, windows.lock_m)
+    errors = si("required_m", 30.0) * np.array([[0.999], [1.001]]) * np.ones((1, 1000))
+    found, _ = convergence.judge(errors, np.full((2, 3), np.nan), times, windows.required_m)
     assert np.isfinite(found).tolist() == [True, False]
 
 
@@ -599,6 +616,7 @@ WITHOUT_UNIT = {
       for what in ("outlier", "dropout")), "trajectory.repeat",
     *(f"truth.sensor.{OWN}{name}.{what}_share" for name in AIDING
       for what in ("outlier", "dropout")),
+    "draw.tracks", "draw.maps",
     "campaign.runs", "campaign.seed", "campaign.assumption_runs", "sweep.axis.values",
     *(f"{side}field.error.{key}" for side in SIDES for key in ("density_factor", "seed")),
 }  # fmt: skip
@@ -613,7 +631,8 @@ def test_every_number_has_a_row():
         *(f"trajectory.segment.{key}" for key in SEGMENT),
         *(f"{side}field.{key}" for side in SIDES for key in FIELD),
         *(f"{side}field.error.{key}" for side in SIDES for key in ERROR),
-        *(f"windows.{key}" for key in ("settled_from_s", "last_s", "lock_m")),
+        "draw.start_km", "draw.heading_deg",
+        *(f"windows.{key}" for key in ("settled_from_s", "last_s", "required_m")),
         *ONLY_SHOWN, *IN_SECONDS, *NAMED,
         *(f"truth.sensor.{OWN}{name}.dropouts_s" for name in AIDING),
     }  # fmt: skip

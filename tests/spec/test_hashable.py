@@ -18,7 +18,8 @@ from pydantic import BaseModel, ValidationError
 from small_cases import GRAVIMETER, ON_BOARD, ROTATING, SEVERAL, small_case
 
 from ggbench.spec import scenario
-from ggbench.spec.case import AxisSpec, CampaignSpec, CaseSpec, SweepSpec
+from ggbench.spec.axes import AxisSpec, SweepSpec
+from ggbench.spec.case import CampaignSpec, CaseSpec
 from ggbench.spec.tables import Section
 
 EVERYTHING = (
@@ -30,7 +31,7 @@ EVERYTHING = (
         "imu.gyro_bias_time_s": 100.0,
         "altimeter.noise_m_per_sqrt_hz": 1.0,
         "initial_error.height_m": 9.0,
-        "windows.lock_m": 10.0,
+        "windows.required_m": 10.0,
         "model.disturbance.horizontal_mgal": 30.0,
         "field": {"source": "map.nc", "error": {"resolution_km": 2.0}},
         "truth.gradiometer.rotating.vibration_mps2": 0.1,

@@ -16,7 +16,8 @@ from ggbench.cli.main import main
 from ggbench.errors import GGBenchError
 from ggbench.simulation.error_free_flight import prepare
 from ggbench.spec import scenario
-from ggbench.spec.case import CampaignSpec, ReferenceSpec, SweepSpec
+from ggbench.spec.axes import SweepSpec
+from ggbench.spec.case import CampaignSpec, ReferenceSpec
 from ggbench.spec.unusual_values import limits_of, unusual_values
 
 SMALLEST = 5e-324
@@ -67,7 +68,7 @@ ABSURD = {
     "truth.gradiometer.dropout_share": (SMALLEST, 1.0),
     "windows.settled_from_s": (SMALLEST, 1e9),
     "windows.last_s": (SMALLEST, 25.0, 1e9),
-    "windows.lock_m": (SMALLEST, 1e300),
+    "windows.required_m": (SMALLEST, 1e300),
 }
 """Values without meaning, of keys of the small scenario, whose flight lasts 20 s."""
 SEGMENTS = {

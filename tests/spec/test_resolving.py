@@ -194,9 +194,9 @@ def test_everything_that_changes_a_result_changes_the_hash():
     changes = (
         {"truth.imu.gyro_bias_deg_per_h": 9.0}, {"model.imu.gyro_bias_deg_per_h": 9.0},
         {"truth.gradiometer.outlier_share": 0.1, "truth.gradiometer.outlier_eotvos": 3.0},
-        {"windows.last_s": 4.0}, {"windows.lock_m": 9.0}, {"altimeter.noise_m_per_sqrt_hz": 1.0},
-        {"trajectory.repeat": 2}, {"initial_error.height_m": 9.0}, {"imu.biases": "fixed"},
-        {"field.source": "x.nc"}, {"gradiometer.components": ["xx"]},
+        {"windows.last_s": 4.0}, {"windows.required_m": 9.0}, {"trajectory.repeat": 2},
+        {"altimeter.noise_m_per_sqrt_hz": 1.0}, {"initial_error.height_m": 9.0},
+        {"imu.biases": "fixed"}, {"field.source": "x.nc"}, {"gradiometer.components": ["xx"]},
     )  # fmt: skip
     hashes = [small_case(change).content_hash for change in changes]
     assert len({plain.content_hash, *hashes}) == 1 + len(changes)

@@ -15,7 +15,6 @@ from click.testing import CliRunner
 from problems import SMALL
 
 from ggbench.cli.main import main
-from ggbench.report import sweep_section
 from ggbench.simulation import error_free_flight
 from ggbench.simulation.error_free_flight import prepare
 from ggbench.spec import scenario, sweep
@@ -230,103 +229,6 @@ def test_a_requirement_is_unknown_where_nothing_has_run():
     assert math.isnan(largest_within(DECADES, np.array([math.nan, 1.0, 2.0]), 5.0))
 
 
-def power_law(loaded: Scenario, estimators: dict[str, float]) -> pd.DataFrame:
-    """A summary whose errors are bound × factor, the bound being 1 km/E · noise / √rate."""
-    rows = []
-    for name, point in loaded.sweep.points.items():
-        axes = zip(loaded.sweep.axes, point.indices, strict=True)
-        at = {axis.name: axis.values[i] for axis, i in axes}
-        bound = 1e3 * at["noise"] / math.sqrt(at.get("rate", 1.0))
-        for label, factor in estimators.items():
-            rows.append(
-                {
-                    "case": name, "label": label, "causality": "filter", "window": "settled",
-                    "runs": 10, "failed": 0, "diverged": int(factor > 2.0), "nees_lo": 4.0,
-                    "nees_hi": 8.0, "nees_mean": 6.0 * factor, "position_mrse_m": factor * bound,
-                    "position_mrse_lo": 0.9 * factor * bound, "seconds_per_run": 1.0,
-                    "position_mrse_hi": 1.1 * factor * bound, "position_bound_m": bound,
-                    "position_efficiency": factor,
-                }
-            )  # fmt: skip
-    return pd.DataFrame(rows)
-
-
-def test_the_report_answers_what_is_known(tmp_path):
-    """With errors in proportion to noise the report finds noise, efficiency and inconsistency."""
-    loaded = load(tmp_path, BASE + SWEEP.replace("0.01]", "0.01, 1.0]"))
-    summary = power_law(loaded, {"good": 1.0, "bad": 4.0})
-    report = sweep_section.SweepReport(loaded, summary, tmp_path)
-    text = "\n".join([report.answer(), *report.sections()])
-    # 8 m = 1000 m/E · noise / √rate: noise = 8e-3 · √rate, divided by the factor.
-    assert "| 8 m | `good` | 0.0057 [0.0051, 0.0063] | 0.008 [0.0073, 0.0089] |" in text
-    assert "| 8 m | `bad` | 0.0014 [0.0013, 0.0016] | 0.002 [0.0018, 0.0022] |" in text
-    assert "| 8 m | *bound: filter* | 0.0057 | 0.008 |" in text
-    assert "`good` reaches 8 m: 0.0057 E at 0.5 Hz, 0.008 E at 1 Hz.**" in text
-    assert "- `bad`: 4.000 in the median cell; largest 4.00 [3.60, 4.40]" in text
-    assert "above 1 in 6 of 6 cells" in text
-    assert "- `bad`: outside its band in 6 of 6 cells (6 above, 0 below)" in text
-    assert "- `good`: outside its band in 0 of 6 cells" in text
-    assert "6 diverged" in text
-    for name in ("answer", "errors", "curves", "efficiency", "nees"):
-        assert (tmp_path / f"{name}.png").stat().st_size > 10_000
-
-
-@pytest.mark.parametrize(
-    "left", [1, *(pytest.param(left, marks=pytest.mark.long) for left in (2, 5))]
-)
-def test_an_unfinished_grid_is_reported_as_far_as_it_is(left, tmp_path):
-    """Grid points without runs are counted and left white; nothing is claimed beyond them."""
-    loaded = load(tmp_path, BASE + SWEEP.replace("0.01]", "0.01, 1.0]"))
-    summary = power_law(loaded, {"ekf": 1.0})[:left]
-    text = "\n".join(sweep_section.SweepReport(loaded, summary, tmp_path).sections())
-    assert f"{6 - left} of 6 grid points have no finished run" in text
-    first = {1: "0.0001 [0.0001, 0.0001]", 2: "0.0001 [0.0001, 0.0001]", 5: "0.0057 [0.0051, 0.00"}
-    assert f"| 8 m | `ekf` | {first[left]}" in text
-    failed = summary.assign(failed=10, diverged=0)
-    numbers = [name for name in failed if name.startswith(("position", "nees", "seconds"))]
-    failed[numbers] = np.nan
-    text = "\n".join(sweep_section.SweepReport(loaded, failed, tmp_path).sections())
-    assert "No run has finished here." in text
-    assert f"{10 * left} of {10 * left} runs failed" in text
-
-
-@pytest.mark.long
-def test_each_bound_is_shown_once(tmp_path):
-    """Estimators of one causality share their bound, also where one of them has failed."""
-    loaded = load(tmp_path, BASE + SWEEP)
-    summary = power_law(loaded, {"lost": 1.0, "ekf": 1.0, "ukf": 1.1, "smoother": 1.0})
-    smoothed = summary["label"] == "smoother"
-    summary.loc[smoothed, "causality"] = "batch"
-    summary.loc[smoothed, "position_bound_m"] /= 2.0
-    numbers = [name for name in summary if name.startswith(("position", "nees", "seconds"))]
-    summary.loc[(summary["label"] == "lost") & (summary.index > 3), numbers] = np.nan
-    report = sweep_section.SweepReport(loaded, summary, tmp_path)
-    assert set(report._bounds(report.planes[0])) == {"bound: filter", "bound: batch"}
-    assert "with which `ekf` reaches" in report.answer()
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("axes", [pytest.param(1, marks=pytest.mark.long), 3])
-def test_a_report_for_any_number_of_axes(axes, tmp_path):
-    """One axis has a table and curves; a third has a plane, and figures, for each value."""
-    text = BASE + SWEEP + ALTITUDE
-    if axes == 1:
-        text = text[: text.index('[[sweep.axis]]\nname = "rate"')]
-    loaded = load(tmp_path, text)
-    summary = power_law(loaded, {"ekf": 1.0})
-    made = sweep_section.SweepReport(loaded, summary, tmp_path)
-    report = "\n".join([made.answer(), *made.sections()])
-    drawn = sorted(path.name for path in tmp_path.glob("*.png"))
-    if axes == 1:
-        assert drawn == ["curves.png"]
-        assert "| 0.01 | 10.0 | 10.0 | 1.00 | 6.00 |" in report
-        assert "reaches 8 m: 0.008 E.**" in report
-    else:
-        assert len(drawn) == 10
-        assert "curves_altitude-5.png" in drawn
-        assert "### altitude 10 km" in report
-
-
 @pytest.mark.long
 def test_a_sweep_from_file_to_report(tmp_path, monkeypatch):
     """Run and report, as a user does: every point has its row, every figure its file."""
@@ -337,14 +239,12 @@ def test_a_sweep_from_file_to_report(tmp_path, monkeypatch):
         assert result.exit_code == 0, result.output
     (path,) = tmp_path.glob("**/grid.md")
     text = path.read_text(encoding="utf-8")
-    assert "## What is needed" in text
-    assert "2 runs at each grid point." in text
-    assert "Without aiding (`ins`)" in text
+    assert "of noise" in text and "|RMS error [m]|case|bound|EKF|" in text
     assert "ggbench run grid.toml -n 2" in text
     for target in re.findall(r"\]\(([^)]+\.png)\)", text):
         assert (path.parent / target).exists()
-    summary = pd.read_csv(next(tmp_path.glob("**/summary.csv")))
-    assert set(summary["case"]) == set(scenario.load("grid.toml").sweep.points)
+    figures = pd.read_csv(path.parent / "grid" / "data" / "figures.csv")
+    assert set(figures["case"]) == set(scenario.load("grid.toml").sweep.points)
 
 
 def test_the_shipped_sweep_covers_what_an_engineer_asks():

@@ -1,0 +1,127 @@
+"""Cases of a campaign: their set-up, bounds and verdicts, a row each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..gravity.ellipsoid import metres_along
+from ..spec.case import CaseSpec
+from .field_scale import correlation_m
+from .references import DEFAULT_RATIO
+from .run_errors import window_mask
+from .situations import is_right_model, situation_of
+from .verdicts import Verdict, verdict
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+CASES = (
+    "case", "title", "right_model", "situation", "correlation_m", "width", "position_m",
+    "required_m", "bound_m", "smoothing_bound_m", "unfiltered_bound_m", "ins_m", "runs", "draws",
+    "epochs", "duration_s", "speed_mps", "height_m", "recommended", "best", "best_smoother", "gain",
+    "consistent",
+)  # fmt: skip
+"""Columns of :func:`cases`."""
+KINDS = ("causal", "smoother")
+
+
+def verdicts(runs: pd.DataFrame) -> dict[str, dict[str, Verdict]]:
+    """Return the verdicts on the estimators of each kind, by case."""
+    by_case = list(runs.groupby("case", sort=False))
+    return {kind: {str(case): verdict(own, kind) for case, own in by_case} for kind in KINDS}
+
+
+def cases(
+    specs: Sequence[CaseSpec],
+    arrays: Mapping[str, Mapping[str, np.ndarray]],
+    figures: pd.DataFrame,
+    verdicts: Mapping[str, Mapping[str, Verdict]],
+) -> pd.DataFrame:
+    """Return a row for each case, with :data:`CASES`.
+
+    Parameters
+    ----------
+    specs : list of CaseSpec
+        The cases.
+    arrays : dict
+        Case to the arrays that all of its runs share; of a case with draws they are of run 0.
+    figures : DataFrame
+        The figures of the campaign.
+    verdicts : dict
+        By kind of estimators and case.
+    """
+    import pandas as pd
+
+    rows = [
+        _row(spec, arrays[spec.name], figures[figures["case"] == spec.name])
+        | _judged(verdicts, spec.name)
+        for spec in specs
+    ]
+    return pd.DataFrame(rows).reindex(columns=[*CASES])
+
+
+def _row(spec: CaseSpec, arrays: Mapping[str, np.ndarray], figures: pd.DataFrame) -> dict[str, Any]:
+    settled = figures[figures["window"] == "settled"]
+    causal = settled[~settled["causality"].isin(["fixed-lag", "batch"])]
+    ins = settled.loc[settled["causality"] == "none", "rms_m"]
+    scale, track = field_correlation_m(arrays), arrays["track"]
+    mask = window_mask(arrays["times"], spec.windows, "settled")
+    last = window_mask(arrays["times"], spec.windows, "last20")
+
+    def bound(name: str, of: np.ndarray) -> float:
+        squares = arrays.get(f"bound-{name}")
+        return math.nan if squares is None else math.sqrt(float(squares[of, 0].mean()))
+
+    required = spec.windows.required_m
+    return {
+        "case": spec.name,
+        "title": spec.title,
+        "right_model": is_right_model(spec),
+        "situation": situation_of(spec, scale),
+        "correlation_m": scale,
+        "width": spec.initial_error.position_m / scale,
+        "position_m": spec.initial_error.position_m,
+        "required_m": DEFAULT_RATIO * bound("filter", last) if required is None else required,
+        # Of cases with draws the mean over them, which figures have.
+        "bound_m": float(causal["bound_m"].iloc[0]) if len(causal) else bound("filter", mask),
+        "smoothing_bound_m": bound("batch", mask),
+        "unfiltered_bound_m": bound("unfiltered", mask),
+        "ins_m": float(ins.iloc[0]) if len(ins) else math.nan,
+        "runs": int(settled["runs"].max()) if len(settled) else 0,
+        "draws": int(settled["draws"].max()) if len(settled) else 0,
+        "epochs": len(arrays["times"]),
+        "duration_s": float(arrays["times"][-1]),
+        "speed_mps": spec.trajectory.speed_mps or _mean_speed(track, arrays["times"]),
+        "height_m": float(np.median(track[:, 2])),
+    }
+
+
+def _mean_speed(track: np.ndarray, times: np.ndarray) -> float:
+    """Return the mean horizontal speed [m/s] along a track (K, 3), NaN of a single epoch."""
+    if len(times) < 2:
+        return math.nan
+    steps = np.diff(track[:, [1, 0]], axis=0) * metres_along(np.ascontiguousarray(track[:-1]))
+    return float(np.hypot(*steps.T).sum() / (times[-1] - times[0]))
+
+
+def _judged(verdicts: Mapping[str, Mapping[str, Verdict]], case: str) -> dict[str, Any]:
+    causal, smoothers = (verdicts[kind].get(case, Verdict()) for kind in KINDS)
+    return {
+        "recommended": causal.recommended[0] if causal.recommended else "",
+        "best": causal.best,
+        "best_smoother": smoothers.best,
+        "gain": causal.gain,
+        "consistent": causal.consistent,
+    }
+
+
+def field_correlation_m(arrays: Mapping[str, np.ndarray]) -> float:
+    """Return the field's correlation length along the track of a case [m], NaN without any."""
+    if "vertical" not in arrays:
+        return math.nan
+    read = np.searchsorted(arrays["times"], arrays["gradient_times"] - 1e-6)
+    return correlation_m(arrays["track"][read], arrays["vertical"])

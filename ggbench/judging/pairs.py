@@ -1,0 +1,183 @@
+"""Pairs of estimators on the runs that both finished: who has the smaller error, surely."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from .statistics import (
+    ALPHA,
+    BETTER,
+    EQUIVALENT,
+    UNDECIDED,
+    WORSE,
+    cluster_means,
+    exact_p,
+    holm,
+    log_ratio,
+)
+from .summary import succeeded
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+PAIRS = (
+    "case", "first", "second", "runs", "error_ratio", "lo", "hi", "p", "first_only", "second_only",
+    "success_p", "verdict",
+)  # fmt: skip
+"""Columns of :func:`pairs`."""
+FEWEST = 20
+"""Clusters of common runs that "equivalent" needs."""
+ERRORS = "settled_position_ms"
+"""Column of a table of runs by which estimators are compared."""
+
+
+def kind(causality: str) -> str:
+    """Return which estimators one is compared with: smoothers, or those that see the past alone."""
+    return "smoother" if causality in ("fixed-lag", "batch") else "causal"
+
+
+def pairs(runs: pd.DataFrame) -> pd.DataFrame:
+    """Return every two estimators of a kind in each case, with :data:`PAIRS`.
+
+    Parameters
+    ----------
+    runs : DataFrame
+        Table of runs with a column ``draw``, the number of the cluster.
+
+    Returns
+    -------
+    ``runs`` that both finished; the geometric mean of the ratio of their errors in the settled
+    window, with its 95 % interval; ``first_only``, ``second_only``: runs in which one alone ends
+    within the required error. p-values are adjusted by Holm's procedure over all tests of a case.
+    The verdict on the first:
+
+    - "better" or "worse", if it succeeds surely more or less often;
+    - "equivalent", if two one-sided tests at 5 % find the ratio within 5 %;
+    - "better" or "worse", if the ratio is surely below or above 1;
+    - "undecided" otherwise.
+
+    Of estimators that do not differ at most 5 % of the cases have any "better" or "worse".
+    """
+    import pandas as pd
+
+    rows: list[dict[str, Any]] = []
+    for case, group in runs.groupby("case", sort=False):
+        kinds: dict[str, dict[str, Flown]] = {}
+        for label, own in group.groupby("estimator", sort=False):
+            kinds.setdefault(kind(own["causality"].iloc[0]), {})[str(label)] = Flown.of(own)
+        rows += judged(
+            [
+                {"case": case, "first": one, "second": two} | compared(flown[one], flown[two])
+                for flown in kinds.values()
+                for one, two in itertools.combinations(flown, 2)
+            ]
+        )
+    return pd.DataFrame(rows).reindex(columns=[*PAIRS])
+
+
+class Flown(NamedTuple):
+    """What the runs of one estimator on one case are compared by.
+
+    Attributes
+    ----------
+    run : (R,) their numbers, increasing.
+    draw : (R,) the number of the cluster.
+    squares : (R,) mean squared position error in the settled window [m²], NaN if failed.
+    succeeded : (R,) whether they end within the required error.
+    """
+
+    run: np.ndarray
+    draw: np.ndarray
+    squares: np.ndarray
+    succeeded: np.ndarray
+
+    @classmethod
+    def of(cls, runs: pd.DataFrame) -> Flown:
+        """Return those of a table of runs of one estimator on one case."""
+        ordered = runs.sort_values("run")
+        run, draw, squares = (ordered[name].to_numpy() for name in ("run", "draw", ERRORS))
+        return cls(run, draw, squares, succeeded(ordered))
+
+    def among(self, runs: np.ndarray) -> Flown:
+        """Return those of some runs."""
+        kept = np.isin(self.run, runs)
+        return Flown(*(values[kept] for values in self))
+
+
+def compared(first: Flown, second: Flown) -> dict[str, Any]:
+    """Return the figures of a pair on common runs, with p-values that are not adjusted."""
+    one, two = first.among(second.run), second.among(first.run)
+    only, other = one.succeeded & ~two.succeeded, two.succeeded & ~one.succeeded
+    lead = cluster_means(only.astype(float) - other, one.draw)
+    both = (one.squares > 0.0) & (two.squares > 0.0)  # NaN of a run that failed
+    found = log_ratio(one.squares[both], two.squares[both], one.draw[both])
+    return {
+        "runs": int(both.sum()),
+        "error_ratio": found.ratio,
+        "lo": found.lo,
+        "hi": found.hi,
+        "p": found.p,
+        "first_only": int(only.sum()),
+        "second_only": int(other.sum()),
+        # Clusters count once: runs that share a map error succeed or fail together.
+        "success_p": exact_p(int((lead > 0.0).sum()), int((lead < 0.0).sum())),
+        "_lead": float(lead.sum()),
+        "_equivalent": found.p_equivalent < ALPHA and len(np.unique(one.draw[both])) >= FEWEST,
+    }
+
+
+def judged(found: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return pairs of one case with p-values adjusted over all of them, and their verdicts."""
+    adjusted = holm([pair[key] for pair in found for key in ("success_p", "p")])
+    rows = []
+    for pair, (success_p, p) in zip(found, adjusted.reshape(-1, 2).tolist(), strict=True):
+        lead, equivalent = pair["_lead"], pair["_equivalent"]
+        row = {key: value for key, value in pair.items() if not key.startswith("_")}
+        row |= {"success_p": success_p, "p": p}
+        row["verdict"] = UNDECIDED
+        if success_p < ALPHA and lead != 0.0:
+            row["verdict"] = BETTER if lead > 0.0 else WORSE
+        elif equivalent:
+            row["verdict"] = EQUIVALENT
+        elif p < ALPHA:
+            row["verdict"] = BETTER if row["error_ratio"] < 1.0 else WORSE
+        rows.append(row)
+    return rows
+
+
+def opposite(verdict: str) -> str:
+    """Return a verdict as seen from the other estimator of a pair."""
+    return {BETTER: WORSE, WORSE: BETTER}.get(verdict, verdict)
+
+
+def pair_of(table: pd.DataFrame, case: str, first: str, second: str) -> dict[str, Any] | None:
+    """Return the comparison of two estimators as seen from the first, None without one."""
+    chosen = table[table["case"] == case]
+    for one, other in ((first, second), (second, first)):
+        found = chosen[(chosen["first"] == one) & (chosen["second"] == other)]
+        if len(found):
+            row: dict[str, Any] = found.iloc[0].to_dict()
+            return row if one == first else _swapped(row)
+    return None
+
+
+def _swapped(pair: dict[str, Any]) -> dict[str, Any]:
+    """Return a pair as seen from its second estimator."""
+
+    def inverse(value: float) -> float:
+        return 1.0 / value if value else math.inf
+
+    return pair | {
+        "first": pair["second"],
+        "second": pair["first"],
+        "error_ratio": inverse(pair["error_ratio"]),
+        "lo": inverse(pair["hi"]),
+        "hi": inverse(pair["lo"]),
+        "first_only": pair["second_only"],
+        "second_only": pair["first_only"],
+        "verdict": opposite(pair["verdict"]),
+    }

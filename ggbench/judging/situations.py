@@ -1,0 +1,105 @@
+"""Situations of cases, by their set-up; whether the assumed model is the true one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from ..spec.aiding import GnssSpec
+from ..spec.case import CaseSpec
+from ..spec.named_sensors import table_of
+
+NARROW, WIDE = 0.2, 1.0
+"""σ/ℓ up to which a prior is narrow, and from which on it is wide."""
+LONG_S = 1800.0
+"""Duration from which a flight is called long [s]."""
+SITUATIONS = {
+    "plain": f"Narrow prior, right model (σ/ℓ below {NARROW:g}, or not known)",
+    "between": f"Prior of the field's own scale (σ/ℓ of {NARROW:g} to {WIDE:g})",
+    "wide": f"Wide prior (σ/ℓ of {WIDE:g} or more)",
+    "scalar": "No gradiometer on board",
+    "long": f"Long flight ({LONG_S / 60.0:g} min or more), narrow prior",
+    "readings": "Outliers or gaps in the measurements",
+    "outage": "Satellite navigation that fails",
+    "map": "Map error that the model does not include",
+    "modelled-map": "Map error, modelled as walking biases",
+    "gravity": "Gravity disturbance that the mechanization does not compensate",
+    "model": "Sensors, times or initial errors other than assumed",
+}
+_BIASES = "model.gradiometer.bias_eotvos"
+_READINGS = ("outlier", "dropout", "noise_freedom")
+
+
+def situation_of(case: CaseSpec, correlation_m: float = math.nan) -> str:
+    """Return the situation of a case: the first that fits its keys, of :data:`SITUATIONS`.
+
+    Parameters
+    ----------
+    case : the case.
+    correlation_m : the field's correlation length along the track [m]; NaN where it is not known:
+        the prior then counts as narrow.
+    """
+    wrong = _set_apart(case)
+    receivers = ["gnss", *(name for name, spec in case.sensor if isinstance(spec, GnssSpec))]
+    if any(
+        key.startswith(f"truth.{table_of(name)}.dropout") for key in wrong for name in receivers
+    ):
+        return "outage"
+    if any(word in key for key in wrong for word in _READINGS):
+        return "readings"
+    wrong -= _OF_GRAVITY
+    if any(key.split(".")[1] == "field" for key in wrong):
+        return "modelled-map" if _BIASES in wrong else "map"
+    if _unknown_gravity(case):
+        return "gravity"
+    if case.gradiometer is None:
+        return "scalar"
+    width = case.initial_error.position_m / correlation_m
+    if width >= NARROW:
+        return "wide" if width >= WIDE else "between"
+    if case.trajectory.duration_s >= LONG_S:
+        return "long"
+    return "model" if wrong else "plain"
+
+
+def is_right_model(case: CaseSpec) -> bool:
+    """Return whether the assumed model is the true one, in all that a case can state.
+
+    Gaps at known times are no error of the model.
+    """
+    wrong = {key for key in _set_apart(case) - _OF_GRAVITY if not key.endswith(".dropouts_s")}
+    return not wrong and not _unknown_gravity(case) and not _assumes_white(case)
+
+
+def _assumes_white(case: CaseSpec) -> bool:
+    """Return whether coloured noise of a filter is assumed to be white."""
+    spec = case.gradiometer
+    return spec is not None and spec.filter != "none" and spec.filter_treatment == "delayed"
+
+
+_OF_GRAVITY = {
+    "truth.field.gravity_disturbance", "truth.field.constant_disturbance_mgal",
+    "model.field.compensate",
+}  # fmt: skip
+"""Gravity that the accelerometers feel or the mechanization adds: no part of the map."""
+
+
+def _set_apart(case: CaseSpec) -> set[str]:
+    """Return the keys by which truth or model differ from what both share."""
+    changed = set(_set_keys(case.model_dump(exclude_defaults=True)))
+    return {key for key in changed if key.split(".")[0] in ("truth", "model")}
+
+
+def _unknown_gravity(case: CaseSpec) -> bool:
+    """Return whether the true gravity is felt and not compensated."""
+    return case.side("truth").field.gravity_disturbance and not case.model.field.compensate
+
+
+def _set_keys(table: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
+    """Yield the dotted keys of nested tables that are set to anything."""
+    for key, value in table.items():
+        if isinstance(value, Mapping):
+            yield from _set_keys(value, f"{prefix}{key}.")
+        elif value is not None:  # what is switched off, or set to zero, is set
+            yield f"{prefix}{key}"

@@ -1,0 +1,52 @@
+"""The numbers of a page's answer, for the sentences of its template."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pandas as pd
+
+from ..results.folder import Results
+from . import published, sweeps, views
+
+MOST_TITLES = 2
+"""Titles of cases that an answer lists."""
+
+
+def answer(results: Results) -> dict[str, Any]:
+    """Return what the template ``answer.j2`` states.
+
+    ``label`` is the estimator recommended in most cases, else the best in most; ``row`` its
+    figures in the ``lead`` case, the first in which it is that.
+    """
+    figures, cases = results.figures(), results.cases()
+    recommended = cases["recommended"][cases["recommended"] != ""]
+    key = "recommended" if len(recommended) else "best"
+    named = cases[key][cases[key] != ""]
+    found: dict[str, Any] = {
+        "total": len(cases),
+        "recommended": len(recommended),
+        "label": "",
+        "without": cases.loc[cases["recommended"] == "", "title"].tolist(),
+        "inconsistent": views.not_consistent(figures),
+        "targets": pd.DataFrame(),
+        "axis": "",
+        "recovered": [],
+        "allowed": published.allowed(figures),
+    }
+    if results.scenario.sweep is not None:
+        found["targets"] = sweeps.reached(results.scenario, figures, cases)
+        found["axis"] = results.scenario.sweep.axes[0].label
+        if sweeps.is_of_the_prior(results.scenario):
+            found["recovered"] = sweeps.recovered(figures, cases)
+    if named.empty:
+        return found
+    label = named.value_counts().index[0]
+    lead = cases[cases[key] == label].iloc[0]
+    settled = figures[(figures["window"] == "settled") & (figures["case"] == lead["case"])]
+    return found | {
+        "label": label,
+        "count": int((named == label).sum()),
+        "lead": lead.to_dict(),
+        "row": settled[settled["estimator"] == label].iloc[0].to_dict(),
+    }

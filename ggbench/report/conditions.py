@@ -1,0 +1,148 @@
+"""Conditions of a scenario in a few words, from its keys: the rows of a page's table."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import pandas as pd
+
+from ..figures.numbers import counted
+from ..spec.aiding import BarometerSpec, GnssSpec, GravimeterSpec, LogSpec
+from ..spec.case import CaseSpec
+from ..spec.named_sensors import aiding_of
+from .columns import significant
+
+_MOST_VALUES = 3
+"""Values of a condition that are listed; of more, the range or the number is given."""
+GRADES = ((0.002, "strategic"), (0.05, "navigation"), (1.0, "tactical"))
+"""Largest gyro bias of an INS grade [°/h]; a larger one is consumer grade."""
+
+
+def conditions(cases: Sequence[CaseSpec], shared: pd.DataFrame) -> pd.DataFrame:
+    """Return the table of conditions: what the truth of the cases has in common, or its range.
+
+    Parameters
+    ----------
+    cases : sequence of CaseSpec
+        Cases of the scenario.
+    shared : DataFrame
+        Table of cases, for speed, height and duration of the flights.
+    """
+    rows = [
+        ("INS", _each(cases, _ins)),
+        ("Initial uncertainty (1σ per axis)", _each(cases, _initial)),
+        ("Flight", _flight(shared)),
+        ("Gradiometer", _each(cases, _gradiometer)),
+        ("Other sensors", _others(cases)),
+        ("Map", _each(cases, _map)),
+        ("Truth differs from model in", _each(cases, _differences)),
+    ]
+    return pd.DataFrame([row for row in rows if row[1]], columns=["condition", "value"])
+
+
+def _each(cases: Sequence[CaseSpec], said: Callable[[CaseSpec], Sequence[str]]) -> str:
+    """Return what is said of all cases, part by part: the few texts, or the first and the last."""
+    texts = [said(case) for case in cases]
+    parts = []
+    for column in itertools.zip_longest(*filter(None, texts), fillvalue=""):
+        found = list(dict.fromkeys(filter(None, column)))
+        if found:
+            few = len(found) <= _MOST_VALUES
+            parts.append(" or ".join(found) if few else f"{found[0]} … {found[-1]}")
+    without = "" if all(texts) else "none or "
+    return without + ", ".join(parts) if parts else "none"
+
+
+def _ins(case: CaseSpec) -> list[str]:
+    imu = case.side("truth").imu
+    bias = imu.gyro_bias_deg_per_h
+    grade = next((name for most, name in GRADES if bias <= most), "consumer")
+    return [
+        f"{grade} grade",
+        f"gyros {bias:g} °/h and {imu.gyro_noise_deg_per_sqrt_h:g} °/√h",
+        f"accelerometers {imu.accelerometer_bias_ug:g} µg and "
+        f"{imu.accelerometer_noise_ug_per_sqrt_hz:g} µg/√Hz",
+    ]
+
+
+def _initial(case: CaseSpec) -> list[str]:
+    prior = case.initial_error
+    return [
+        _length(prior.position_m), f"{prior.velocity_mps:g} m/s", f"{prior.attitude_arcmin:g}′"
+    ]  # fmt: skip
+
+
+def _flight(shared: pd.DataFrame) -> str:
+    parts = (
+        _range(shared["duration_s"] / 60.0, "min"),
+        _range(shared["speed_mps"], "m/s"),
+        f"height {_range(shared['height_m'], 'm')}",
+    )
+    return ", ".join(parts)
+
+
+def _gradiometer(case: CaseSpec) -> list[str]:
+    spec = case.side("truth").gradiometer
+    if spec is None:
+        return []
+    noise = "noise of its disks"
+    if spec.noise_eotvos is not None:
+        noise = f"{spec.noise_eotvos:g} E"
+    elif spec.noise_density_eotvos_per_sqrt_hz is not None:
+        noise = f"{spec.noise_density_eotvos_per_sqrt_hz:g} E/√Hz"
+    channels = "rotating disks" if spec.rotating else counted(len(spec.components), "component")
+    low = f"low-pass {spec.filter_cutoff_hz:g} Hz" if spec.filter != "none" else "no low-pass"
+    return [noise, f"every {spec.period_s:g} s", channels, spec.instrument, low]
+
+
+def _others(cases: Sequence[CaseSpec]) -> str:
+    """Return the sensors of all cases, then those of some."""
+    held = [[_aiding(spec) for spec in aiding_of(case).values()] for case in cases]
+    every = [name for name in held[0] if all(name in names for names in held)]
+    some = [name for name in dict.fromkeys(itertools.chain(*held)) if name not in every]
+    return ", ".join([*every, *(f"in some cases {name}" for name in some[:_MOST_VALUES])])
+
+
+def _aiding(spec: Any) -> str:
+    every = f"every {spec.period_s:g} s"
+    if isinstance(spec, GravimeterSpec):
+        return f"gravimeter {spec.noise_mgal:g} mGal {every}"
+    if isinstance(spec, LogSpec):
+        return f"velocity log {spec.noise_mps:g} m/s {every}"
+    if isinstance(spec, BarometerSpec):
+        return f"height {spec.noise_m:g} m {every}"
+    assert isinstance(spec, GnssSpec)
+    noise = spec.position_noise_m
+    size = f"{noise:g} m" if noise is not None else f"{spec.velocity_noise_mps:g} m/s"
+    return f"GNSS {size} {every}"
+
+
+def _map(case: CaseSpec) -> list[str]:
+    true, assumed = case.side("truth").field, case.side("model").field
+    if assumed.source == "normal":
+        return ["normal field only"]
+    same = (assumed.source, assumed.error) == (true.source, true.error)
+    felt = "gravity disturbance felt" if true.gravity_disturbance else ""
+    return [f"`{assumed.source}`", "the true map" if same else "not the true map", felt]
+
+
+def _differences(case: CaseSpec) -> list[str]:
+    changed = {
+        key
+        for side in (case.truth, case.model)
+        for key, value in side.model_dump(exclude_defaults=True).items()
+        if value
+    }
+    return [" and ".join(sorted(changed)).replace("_", " ") or "nothing"]
+
+
+def _range(values: pd.Series, unit: str) -> str:
+    low, high = float(values.min()), float(values.max())
+    ends = dict.fromkeys((significant(low, 3), significant(high, 3)))
+    return f"{' to '.join(ends)} {unit}"
+
+
+def _length(metres: float) -> str:
+    return f"{metres / 1e3:g} km" if metres >= 1e3 else f"{metres:g} m"

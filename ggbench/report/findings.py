@@ -1,0 +1,145 @@
+"""Findings: sentences of the front page, each with its figures and a threshold.
+
+A finding is a function of the suite's figures. It returns its sentence, or nothing where its
+threshold is not met.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import pandas as pd
+
+from ..judging.summary import CONSERVATIVE, CONSISTENT, UNSAFE
+from ..results.digest import Digest
+from .columns import metres, share
+
+SUITE = "suite"
+"""Name of the scenario that the findings are of."""
+NARROW = ("air-narrow", "ship-narrow", "drone-narrow")
+"""Cases of the suite with a right model and a narrow prior."""
+FILTERS = ("ekf", "ekf[iterations=5]", "ukf", "factor-graph")
+
+
+class Figures:
+    """Figures of the suite's settled window by case and estimator."""
+
+    def __init__(self, table: pd.DataFrame) -> None:
+        self._rows = table.set_index(["case", "estimator"])
+
+    def value(self, case: str, estimator: str, column: str) -> float:
+        """Return a figure, NaN where it was not flown."""
+        if (case, estimator) not in self._rows.index:
+            return math.nan
+        return float(self._rows.loc[(case, estimator), column])
+
+    def rms(self, case: str, estimator: str) -> float:
+        """Return the RMS position error [m]."""
+        return self.value(case, estimator, "rms_m")
+
+    def consistency(self, case: str, estimator: str) -> str:
+        """Return the verdict on an estimator's covariances, "" where it was not flown."""
+        if (case, estimator) not in self._rows.index:
+            return ""
+        return str(self._rows.loc[(case, estimator), "consistency"])
+
+
+def narrow_prior(of: Figures) -> str:
+    """With the right model and a narrow prior the EKF is efficient; limits 0.9 and 1.1."""
+    ratios = [of.value(case, "ekf", "efficiency") for case in NARROW]
+    others = [of.rms(case, name) / of.rms(case, "ekf") for case in NARROW for name in FILTERS]
+    if not (all(0.9 <= r <= 1.1 for r in ratios) and all(0.97 <= r <= 1.03 for r in others)):
+        return ""
+    return (
+        f"With a narrow prior and the right model use the EKF: its RMS error is {min(ratios):.2f} "
+        f"to {max(ratios):.2f} × bound. The UKF and the factor graph agree with it within 3 %."
+    )
+
+
+def wide_prior(of: Figures) -> str:
+    """With a prior of three correlation lengths the EKF is unsafe and the Gaussian sum is not."""
+    case = "prior-3"
+    linear, mixture = (of.value(case, name, "success") for name in ("ekf", "gaussian-sum"))
+    if not (linear <= 0.5 and mixture >= 0.9 and of.consistency(case, "ekf") == UNSAFE):
+        return ""
+    return (
+        "With a prior of three correlation lengths the Gaussian sum succeeds in "
+        f"{share(mixture)} of the runs and the EKF in {share(linear)}. The covariance of the EKF "
+        "does not show it."
+    )
+
+
+def outliers(of: Figures) -> str:
+    """With 20 % outliers the Cauchy loss reduces the EKF's error by half or more."""
+    case, robust = "outliers", "ekf[loss=cauchy]"
+    plain, loss = of.rms(case, "ekf"), of.rms(case, robust)
+    if not plain >= 2.0 * loss:
+        return ""
+    clean = of.rms("air-narrow", robust) / of.rms("air-narrow", "ekf") - 1.0
+    return (
+        f"With 20 % outliers the EKF's RMS error is {metres(plain)} m, with a Cauchy loss "
+        f"{metres(loss)} m. Without outliers the loss costs {share(clean)}."
+    )
+
+
+def map_error(of: Figures) -> str:
+    """A map error that is not modelled at least doubles the error; modelled it is consistent."""
+    bound = of.value("map-error", "ekf", "bound_m")
+    plain, modelled = of.rms("map-error", "ekf"), of.rms("map-error-modelled", "ekf")
+    verdicts = of.consistency("map-error", "ekf"), of.consistency("map-error-modelled", "ekf")
+    known = verdicts[0] == UNSAFE and verdicts[1] in (CONSISTENT, CONSERVATIVE)
+    if not (plain >= 2.0 * modelled and known):
+        return ""
+    return (
+        f"A map error of 5 E over 1 km, not modelled, leaves the EKF {metres(plain)} m, where a "
+        f"right map allows {metres(bound)} m. Modelled as walking biases: {metres(modelled)} m, "
+        "consistent."
+    )
+
+
+def gravity(of: Figures) -> str:
+    """Gravity that a strategic INS does not know costs the EKF a factor of two or more."""
+    plain, bound = of.rms("gravity", "ekf"), of.value("gravity", "ekf", "bound_m")
+    if not plain >= 2.0 * bound:
+        return ""
+    return (
+        f"Gravity unknown to a strategic INS leaves the EKF {metres(plain)} m where "
+        f"{metres(bound)} m are possible, overconfident."
+    )
+
+
+def outage(of: Figures) -> str:
+    """After GNSS fails the gradiometer reduces the INS's error by half or more."""
+    ins, aided = of.rms("gnss-outage", "ins"), of.rms("gnss-outage", "ekf")
+    if not ins >= 2.0 * aided:
+        return ""
+    return (
+        f"Three hours after GNSS is jammed a gradiometer of 1 E leaves a ship {metres(aided)} m; "
+        f"without it the INS has {metres(ins)} m."
+    )
+
+
+def weak_field(of: Figures) -> str:
+    """Over a weak field aiding gains less than a fifth."""
+    ins, aided = of.rms("weak-field", "ins"), of.rms("weak-field", "ekf")
+    if not aided >= 0.8 * ins:
+        return ""
+    return (
+        f"Over the Great Plains a gradiometer of 1 E gains little: {metres(aided)} m for the "
+        f"INS's {metres(ins)} m."
+    )
+
+
+FINDINGS: tuple[Callable[[Figures], str], ...] = (
+    narrow_prior, wide_prior, outliers, map_error, gravity, outage, weak_field,
+)  # fmt: skip
+
+
+def findings(digests: Sequence[Digest]) -> list[str]:
+    """Return the findings that the suite's figures support."""
+    for found in digests:
+        if found.manifest["scenario"] == SUITE:
+            figures = Figures(found.figures)
+            return [sentence for finding in FINDINGS if (sentence := finding(figures))]
+    return []

@@ -1,0 +1,67 @@
+"""Packages of the extra ``page``, and their scripts that an HTML page embeds."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import importlib
+import importlib.util
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from ..errors import GGBenchError
+
+_PACKAGES = ("itables", "markdown_it", "vl_convert")
+
+
+class PageError(GGBenchError):
+    """An HTML page cannot be made."""
+
+
+def package(name: str) -> Any:
+    """Return a package of the extra ``page``.
+
+    Raises
+    ------
+    PageError
+        If it is not installed.
+    """
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise PageError(
+            f"a page needs the package {name} ({error}): pip install 'ggbench[page]'"
+        ) from None
+
+
+def installed() -> bool:
+    """Return whether the packages of the extra ``page`` are installed."""
+    return all(importlib.util.find_spec(name) for name in _PACKAGES)
+
+
+@cache
+def vega() -> str:
+    """Return the script of Vega, Vega-Lite and Vega-Embed, which sets ``window.vegaEmbed``."""
+    bundle = package("vl_convert").javascript_bundle("window.vegaEmbed = vegaEmbed;")
+    return _within_html(f"(() => {{{bundle}}})();")
+
+
+@cache
+def datatables() -> tuple[str, str]:
+    """Return the module of DataTables, its default export, and its style sheet."""
+    folder = Path(package("itables").__file__).parent / "html"
+    script = (folder / "dt_bundle.js").read_text(encoding="utf-8")
+    style = (folder / "dt_bundle.css").read_text(encoding="utf-8")
+    return _within_html(script), style
+
+
+def _within_html(script: str) -> str:
+    """Return a script that cannot end the element that holds it."""
+    return script.replace("</script", "<\\/script").replace("<!--", "<\\!--")
+
+
+def script_hash(script: str) -> str:
+    """Return the name of a script in a content security policy."""
+    digest = hashlib.sha256(script.encode()).digest()
+    return f"'sha256-{base64.b64encode(digest).decode()}'"

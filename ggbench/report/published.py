@@ -1,0 +1,179 @@
+"""Views of what a source publishes: errors next to the bound, windows, and claims."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ..results.folder import Results
+from . import columns
+from .views import comparable, together
+
+MOST_REFERENCES = 3
+"""Cases with published errors of which a page's table has columns."""
+MOST_GROUPS = 6
+"""Rows of estimators of that table."""
+STARTS_S = (0.0, 50.0, 75.0, 100.0, 150.0)
+"""Starts of windows for the table of window starts [s]."""
+WINDOWS = ("whole", "settled")
+_QUANTITIES = {
+    "east position": 0, "north position": 1, "up position": 2,
+    "east velocity": 3, "north velocity": 4, "up velocity": 5,
+    "pitch": 6, "roll": 7, "heading": 8,
+}  # fmt: skip
+"""Columns of an INS's response to the gravity disturbance."""
+_ARCMINUTES = math.degrees(1.0) * 60.0
+_NEAR = 1.25
+"""Largest ratio of a published improvement to the response at which it is of its size."""
+
+
+def referenced(figures: pd.DataFrame) -> list[str]:
+    """Return the cases with published errors that a table has room for."""
+    return figures.loc[figures["published_m"].notna(), "case"].unique().tolist()[:MOST_REFERENCES]
+
+
+def published_table(figures: pd.DataFrame, titles: dict[str, str]) -> pd.DataFrame:
+    """Return published errors, bounds and estimators: a column for each case and window.
+
+    Estimators that agree within 1 % in all columns share a row; the nearest ones come first.
+    """
+    cases = referenced(figures)
+    own = figures[figures["case"].isin(cases) & figures["window"].isin(WINDOWS)]
+    rows = pd.concat([comparable(own, window) for window in WINDOWS])
+    wide = rows.pivot(index="estimator", columns=["case", "window"], values="rms_m")
+    places = [(case, window) for case in cases for window in WINDOWS if (case, window) in wide]
+    wide = wide[places].dropna()
+    order = wide[places[-1]].sort_values().index
+    groups = together([label for label in order if label != "ins"], wide)[:MOST_GROUPS]
+
+    def at(key: str, causality: str) -> list[str]:
+        found = rows[rows["causality"] == causality]
+        held = found.groupby(["case", "window"])[key].first()
+        return [columns.cell("rms_m", held.get(place, math.nan)) for place in places]
+
+    found = allowed(own).set_index(["case", "window"])
+    published = [
+        f"{columns.metres(row.published_m)} ({'allowed' if row.allowed else 'below the bound'})"
+        for row in found.loc[places].itertuples()
+    ]
+    lines = [["*published*", *published], ["*bound, filter*", *at("bound_m", "filter")]]
+    if (rows["causality"] == "batch").any():
+        lines.append(["*bound, smoother*", *at("bound_m", "batch")])
+    shown = [["ins"], *groups] if "ins" in wide.index else groups
+    for group in shown:
+        cells = [columns.cell("rms_m", wide.loc[group[0], place]) for place in places]
+        lines.append([", ".join(f"`{label}`" for label in group), *cells])
+    heads = [f"{titles[case]}: {window}" for case, window in places]
+    return pd.DataFrame(lines, columns=["RMS error [m]", *heads])
+
+
+def allowed(figures: pd.DataFrame) -> pd.DataFrame:
+    """Return for each case with a published error whether the filtering bound lies below it.
+
+    Columns case, window, published_m, bound_m, allowed.
+    """
+    rows = figures[figures["published_m"].notna() & (figures["causality"] == "filter")]
+    rows = rows[rows["window"].isin(WINDOWS)].groupby(["case", "window"], sort=False).first()
+    table = rows[["published_m", "bound_m"]].reset_index()
+    return table.assign(allowed=table["bound_m"] <= table["published_m"])
+
+
+def from_starts(results: Results, figures: pd.DataFrame, label: str) -> pd.DataFrame:
+    """Return bound and RMS error of an estimator over windows from several starts to the end.
+
+    Empty where a flight is too short or too long for :data:`STARTS_S`.
+    """
+    lines: dict[str, list[float]] = {}
+    for case in referenced(figures):
+        arrays, series = results.arrays(case), results.series(case, label)
+        times = arrays["times"]
+        if not len(series) or not STARTS_S[-1] < times[-1] < 4.0 * STARTS_S[-1]:
+            return pd.DataFrame()
+        kept = times[arrays["kept"]]
+        title = results.scenario.case(case).title
+        lines[f"{title}: bound"] = [
+            float(np.sqrt(arrays["bound-filter"][times >= start, 0].mean())) for start in STARTS_S
+        ]
+        lines[f"{title}: `{label}`"] = [
+            float(np.sqrt((series[:, kept >= start, 0] ** 2).mean())) for start in STARTS_S
+        ]
+    shown = {name: [columns.metres(value) for value in held] for name, held in lines.items()}
+    return pd.DataFrame({"window from t₀ [s]": [f"{start:g}" for start in STARTS_S]} | shown)
+
+
+def gravity_claims(results: Results) -> pd.DataFrame:
+    """Return published improvements by a known gravity, and what the disturbance can cause."""
+    rows = []
+    for claim in results.scenario.claims:
+        if claim.case not in results.manifest["cases"]:
+            continue
+        arrays = results.arrays(claim.case)
+        if "response" not in arrays:
+            continue
+        values = np.abs(arrays["response"][:, _QUANTITIES[claim.quantity]])
+        values = values * (_ARCMINUTES if claim.unit == "′" else 1.0)
+        until = values[arrays["times"] <= claim.until_s + 1e-9]
+        largest = float(until.max()) if len(until) else 0.0
+        possible = claim.published <= _NEAR * largest
+        rows.append(
+            {
+                "claim": claim.title,
+                "published": f"{claim.published:g} {claim.unit}",
+                "largest response": f"{columns.metres(largest)} {claim.unit}",
+                "possible": "yes" if possible else "no",
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def claimed(results: Any) -> pd.DataFrame:
+    """Return the published claims on pairs of estimators, and their verdicts here.
+
+    A claim of *equal* holds if the pair is equivalent; a claim of *larger* or *smaller* holds if
+    the pair is worse or better. A claim on times compares medians.
+    """
+    judged = {"larger": "worse", "smaller": "better", "equal": "equivalent"}
+    figures, pairs = results.figures(), results.pairs()
+    settled = figures[figures["window"] == "settled"].set_index(["case", "estimator"])
+    rows = []
+    for claim in results.scenario.comparisons:
+        for value in claim.values:
+            first, second = claim.labels(value)
+            if not {(claim.case, first), (claim.case, second)} <= set(settled.index):
+                continue
+            if claim.quantity == "time":
+                one, two = (
+                    settled.loc[(claim.case, label), "seconds_per_run"] for label in (first, second)
+                )
+                ratio, found = one / two, _of_ratio(one / two)
+            else:
+                ratio, found = _pair(pairs, claim.case, first, second)
+            verdict = "open" if found in ("undecided", "") else "does not hold"
+            verdict = "holds" if found == judged[claim.relation] else verdict
+            title = f"{claim.title} ({value})" if value else claim.title
+            rows.append({"claim": title, "first": f"`{first}`", "second": f"`{second}`",
+                         "error_ratio": ratio, "holds": verdict})  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def _pair(pairs: pd.DataFrame, case: str, first: str, second: str) -> tuple[float, str]:
+    turned = {"better": "worse", "worse": "better"}
+    own = pairs[pairs["case"] == case].set_index(["first", "second"])
+    if (first, second) in own.index:
+        row = own.loc[(first, second)]
+        return float(row["error_ratio"]), str(row["verdict"])
+    if (second, first) in own.index:
+        row = own.loc[(second, first)]
+        verdict = str(row["verdict"])
+        return 1.0 / float(row["error_ratio"]), turned.get(verdict, verdict)
+    return float("nan"), ""
+
+
+def _of_ratio(ratio: float) -> str:
+    """Return the verdict of a ratio of two times, which are equal within 5 %."""
+    if 1.0 / 1.05 <= ratio <= 1.05:
+        return "equivalent"
+    return "better" if ratio < 1.0 else "worse"

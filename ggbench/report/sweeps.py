@@ -1,0 +1,121 @@
+"""Views of a sweep: the parts of its grid that a page shows, and what they reach."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from ..spec.scenario import Scenario
+from ..spec.sweep import largest_within
+from . import columns
+from .views import comparable, few_cases
+
+MOST_PARTS = 3
+"""Parts of a grid that a figure shows."""
+MOST_REACHED = 4
+"""Estimators of which a page states what they reach."""
+SUCCESS = 0.95
+"""Success rate at which a case counts as reached."""
+
+
+class Part(NamedTuple):
+    """Cases of a sweep along its first axis: title, names and abscissae (n,)."""
+
+    title: str
+    cases: list[str]
+    places: np.ndarray
+
+
+def is_of_the_prior(scenario: Scenario) -> bool:
+    """Return whether the only axis of a sweep is the initial position uncertainty."""
+    sweep = scenario.sweep
+    if sweep is None or len(sweep.axes) != 1:
+        return False
+    widths = {case.initial_error.position_m for case in scenario.cases}
+    return len(widths) == len(sweep.axes[0].values)
+
+
+def parts(scenario: Scenario, cases: pd.DataFrame) -> list[Part]:
+    """Return at most three parts of a grid: of its cases, at the middle of all further axes.
+
+    Abscissae are values of the first axis, or σ/ℓ where the axis is the initial uncertainty.
+    """
+    sweep = scenario.sweep
+    assert sweep is not None
+    middle = tuple(len(axis.values) // 2 for axis in sweep.axes[1:])
+    fixed = [axis.at(at) for axis, at in zip(sweep.axes[1:], middle, strict=True)]
+    widths = cases.set_index("case")["width"]
+    found = []
+    for base, title in sweep.bases.items():
+        along = sorted(
+            (point.indices[0], name)
+            for name, point in sweep.points.items()
+            if point.base == base and point.indices[1:] == middle and name in widths.index
+        )
+        names = [name for _, name in along]
+        if not names:
+            continue
+        places = np.array([sweep.axes[0].values[index] for index, _ in along])
+        if is_of_the_prior(scenario):
+            places = widths[names].to_numpy(dtype=float)
+        found.append(Part(", ".join(filter(None, [title, *fixed])), names, places))
+    kept = few_cases(pd.DataFrame({"part": range(len(found))}), MOST_PARTS)
+    return [found[number] for number in kept["part"]]
+
+
+def label_of(scenario: Scenario) -> str:
+    """Return the label of the abscissae of the parts."""
+    assert scenario.sweep is not None
+    if is_of_the_prior(scenario):
+        return "initial uncertainty over correlation length, σ/ℓ"
+    return scenario.sweep.axes[0].title
+
+
+def reached(scenario: Scenario, figures: pd.DataFrame, cases: pd.DataFrame) -> pd.DataFrame:
+    """Return for each target the largest value of the first axis that reaches it, part by part.
+
+    Of the bound and of the EKF.
+    """
+    assert scenario.sweep is not None
+    axis = scenario.sweep.axes[0]
+    settled = figures[figures["window"] == "settled"].set_index(["estimator", "case"])
+    rows = []
+    for target in sorted(scenario.sweep.targets_m):
+        for part in parts(scenario, cases):
+            if len(part.cases) < len(axis.values) or "ekf" not in settled.index.levels[0]:
+                continue
+            own = settled.loc["ekf"].reindex(part.cases)
+            ends = [
+                largest_within(axis, own[key].to_numpy(dtype=float), target)
+                for key in ("bound_m", "rms_m")
+            ]
+            rows.append([f"{target:g}", part.title, *(_limit(end, axis.unit) for end in ends)])
+    return pd.DataFrame(rows, columns=["RMS error [m]", "case", "bound", "EKF"])
+
+
+def _limit(value: float, unit: str) -> str:
+    if math.isinf(value):
+        return "any" if value > 0.0 else "none"
+    return columns.NONE if math.isnan(value) else f"{columns.ratio(value)} {unit}"
+
+
+def recovered(figures: pd.DataFrame, cases: pd.DataFrame) -> list[tuple[str, float]]:
+    """Return the largest σ/ℓ up to which each causal estimator succeeds in 95 % of the runs.
+
+    On equal runs, and in every case of the grid with a smaller or an equal σ/ℓ; the widest
+    first. An estimator without such a case has 0.
+    """
+    rows = comparable(figures)
+    rows = rows[rows["causality"] == "filter"]
+    rows = rows.merge(cases[["case", "width"]], on="case").sort_values("width")
+    found = []
+    for label, own in rows.groupby("estimator", sort=False):
+        failed = own.loc[own["success"] < SUCCESS, "width"]
+        below = own if failed.empty else own[own["width"] < failed.iloc[0]]
+        widest = float(below["width"].max()) if len(below) else 0.0
+        found.append((str(label), widest, float(own["seconds_per_run"].median())))
+    found.sort(key=lambda item: (-item[1], item[2]))
+    return [(label, widest) for label, widest, _ in found]

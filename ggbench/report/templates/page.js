@@ -1,0 +1,178 @@
+// Tabs, tables and figures of the page, from its data.
+
+const data = JSON.parse(document.getElementById("data").textContent);
+const source = document.getElementById("datatables").textContent;
+const address = URL.createObjectURL(new Blob([source], { type: "text/javascript" }));
+const { default: DataTable } = await import(address);
+URL.revokeObjectURL(address);
+
+const HEADS = {
+  figures: "All figures", pairs: "Pairs of estimators, run by run", cases: "Cases",
+  studies: "Changed assumptions", claims: "Claims of the source", gravity_claims: "Claims on gravity",
+  fixes: "Fixes of matchers", counters: "Counters of estimators", failures: "Failed runs", remarks: "Remarks on runs",
+};
+const HINT = "Click a name in the legend to switch it. Drag to move, turn the wheel to zoom, double-click to reset.";
+
+// The formats of ggbench/report/columns.py.
+function significant(value, digits) {
+  if (value === 0) return "0";
+  const rounded = Number(value.toPrecision(digits));
+  const exponent = Math.floor(Math.log10(Math.abs(rounded)));
+  if (exponent < -4 || exponent >= 6) return rounded.toExponential(digits - 1);
+  return rounded.toFixed(Math.max(0, digits - 1 - exponent));
+}
+const FORMS = {
+  count: (value) => String(value),
+  metres: (value) => significant(value, 3),
+  ratio: (value) => significant(value, 2),
+  share: (value) => {
+    const text = significant(100 * value, 2);
+    return text === "100" && value < 1 ? "> 99 %" : `${text} %`;
+  },
+  time: (value) => (value >= 1 ? `${significant(value, 1)} s` : `${significant(1e3 * value, 1)} ms`),
+  p: (value) => (value < 1e-3 ? "< 0.001" : significant(value, 2)),
+};
+function shown(value, form) {
+  if (value === null || value === "") return "–";
+  if (typeof value === "boolean") return value ? "yes" : "no";
+  return typeof value === "number" && FORMS[form] ? FORMS[form](value) : String(value);
+}
+
+// Rows of a table as arrays of values, of one case or of all.
+function rowsOf(name, wanted) {
+  const { columns, packed } = data.tables[name];
+  const values = packed.map(({ texts, values }) => (texts ? values.map((k) => texts[k]) : values));
+  const at = columns.indexOf("case");
+  const rows = (values[0] ?? []).map((_, row) => values.map((column) => column[row]));
+  return wanted === null || at < 0 ? rows : rows.filter((row) => row[at] === wanted);
+}
+function objectsOf(name, wanted) {
+  const { columns } = data.tables[name];
+  return rowsOf(name, wanted).map((row) => Object.fromEntries(columns.map((key, k) => [key, row[k]])));
+}
+
+const escaped = document.createElement("span");
+function plain(text) { escaped.textContent = text; return escaped.innerHTML; }
+
+function addTable(parent, name, wanted) {
+  const { columns } = data.tables[name];
+  const rows = rowsOf(name, wanted);
+  if (!rows.length) return;
+  const kept = columns.map((_, k) => k).filter((k) =>
+    !(wanted !== null && columns[k] === "case") && rows.some((row) => row[k] !== null && row[k] !== ""));
+  const head = document.createElement("h2");
+  head.textContent = HEADS[name] ?? name;
+  const table = document.createElement("table");
+  parent.append(head, table);
+  new DataTable(table, {
+    data: rows,
+    columns: kept.map((k) => ({
+      data: k,
+      title: plain(data.columns[columns[k]].head),
+      className: rows.some((row) => typeof row[k] === "number") ? "number" : "",
+      type: rows.some((row) => typeof row[k] === "number") ? "num" : "string",
+      // Sorted by the number itself, missing ones last.
+      render: (value, kind) => (kind === "sort" || kind === "type"
+        ? value ?? (rows.some((row) => typeof row[k] === "number") ? Infinity : "")
+        : plain(shown(value, data.columns[columns[k]].form))),
+    })),
+    paging: rows.length > 60, pageLength: 50, lengthChange: false, info: false, autoWidth: false, order: [],
+    deferRender: true,
+    layout: { topStart: rows.length > 4 ? "search" : null, topEnd: null, bottomEnd: rows.length > 60 ? "paging" : null },
+    language: { search: "", searchPlaceholder: "filter rows", zeroRecords: "no row" },
+    initComplete() {
+      kept.forEach((k, place) => {
+        const meaning = data.columns[columns[k]].definition;
+        if (meaning) table.querySelectorAll("thead th")[place].title = meaning;
+      });
+    },
+  });
+}
+
+// Drawn in the width that there is, with as many columns in the legend as fit.
+async function addChart(parent, spec, values, caption, height) {
+  const figure = document.createElement("figure");
+  const place = document.createElement("div");
+  place.className = "chart";
+  const words = document.createElement("figcaption");
+  words.textContent = `${caption} ${HINT}`;
+  figure.append(place, words);
+  parent.append(figure);
+  const width = place.clientWidth;
+  const columns = Math.max(1, Math.min(4, Math.floor(width / 230)));
+  const full = structuredClone(spec);
+  full.config.legend = { ...full.config.legend, columns, labelLimit: width / columns - 40 };
+  full.config.axisY = { labelLimit: Math.max(90, 0.4 * width) };
+  full.data = { values };
+  full.height = height;
+  await vegaEmbed(place, full, { mode: "vega-lite", renderer: "svg", actions: false });
+}
+
+function wrapped(text, letters) {
+  const lines = [""];
+  for (const word of text.split(" ")) {
+    if (lines.at(-1) && lines.at(-1).length + word.length >= letters) lines.push("");
+    lines[lines.length - 1] += (lines.at(-1) ? " " : "") + word;
+  }
+  return lines.join("\n");
+}
+
+const titles = Object.fromEntries(data.cases.map(({ case: name, title }) => [name, title]));
+const panel = document.getElementById("panel");
+const RELATED = ["fixes", "counters", "remarks", "failures", "claims", "studies"];
+
+async function showAll() {
+  const few = new Set(data.charts.shown);
+  const rows = objectsOf("figures", null)
+    .filter((row) => row.window === "settled" && few.has(row.case))
+    .map((row) => ({ name: row.estimator, case: titles[row.case], rms: row.rms_m, lo: row.rms_lo,
+      hi: row.rms_hi, success: row.success }));
+  for (const row of objectsOf("cases", null)) {
+    if (few.has(row.case)) rows.push({ name: data.charts.bound, case: titles[row.case], rms: row.bound_m });
+  }
+  const letters = Math.max(12, Math.floor(panel.clientWidth / 24));
+  for (const row of rows) row.case = wrapped(row.case, letters);
+  await addChart(panel, data.charts.byCase, rows, "RMS position error in the settled window, by case.",
+    Math.max(220, 80 * few.size));
+  for (const name of ["cases", ...Object.keys(data.tables).filter((name) => !["cases", "figures", "pairs"].includes(name))]) {
+    addTable(panel, name, null);
+  }
+}
+
+async function showCase(name) {
+  const held = data.curves[name];
+  if (held) {
+    const values = Object.entries(held.lines).flatMap(([label, line]) =>
+      line.map((rms, k) => ({ name: label, time: held.times[k], rms })));
+    await addChart(panel, data.charts.overTime, values, "RMS position error over time.", 320);
+  }
+  addTable(panel, "figures", name);
+  addTable(panel, "pairs", name);
+  for (const other of RELATED) {
+    if (data.tables[other]?.columns.includes("case")) addTable(panel, other, name);
+  }
+}
+
+async function select(tab) {
+  document.body.dataset.ready = "no";
+  for (const other of document.querySelectorAll("[role=tab]")) {
+    other.setAttribute("aria-selected", String(other === tab));
+  }
+  panel.replaceChildren();
+  const title = document.createElement("h2");
+  title.textContent = tab.textContent;
+  panel.append(title);
+  await (tab.dataset.case === undefined ? showAll() : showCase(tab.dataset.case));
+  document.body.dataset.ready = "yes";
+}
+
+const list = document.querySelector("[role=tablist]");
+for (const entry of [{ title: "All cases" }, ...data.cases]) {
+  const tab = document.createElement("button");
+  tab.setAttribute("role", "tab");
+  tab.textContent = entry.title;
+  if (entry.case !== undefined) tab.dataset.case = entry.case;
+  tab.addEventListener("click", () => select(tab));
+  list.append(tab);
+}
+await select(list.firstElementChild);

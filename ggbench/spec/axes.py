@@ -1,0 +1,98 @@
+"""Sweeps: the axes of a grid of cases."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, model_validator
+
+from . import quantities as q
+from .tables import Finite, FreeTable, Listed, Section, Title
+
+AxisName = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9.]*$", max_length=20)]
+MOST_POINTS = 10_000
+"""Most grid points of a sweep."""
+
+
+class AxisSpec(Section):
+    """``[[sweep.axis]]``: an axis of the grid, its values and the changes that each makes."""
+
+    name: AxisName
+    """Short name, for names of cases."""
+    label: Title
+    """Label of the axis in a figure."""
+    unit: str = ""
+    """Unit of the values."""
+    scale: Literal["linear", "log"] = "linear"
+    """Scale of the axis in figures."""
+    values: Annotated[Listed[Finite | int], Field(min_length=2)]
+    """Increasing values; at least two."""
+    key: Title | None = None
+    """Dotted key that takes the value; or give `changes`."""
+    changes: Listed[FreeTable] | None = None
+    """List with a table of changes for each value; or give `key`."""
+
+    @model_validator(mode="after")
+    def _check(self) -> AxisSpec:
+        axis = f"axis '{self.name}'"
+        if any(b <= a for a, b in itertools.pairwise(self.values)):
+            raise ValueError(f"values of {axis} must increase strictly, found {[*self.values]}")
+        if self.scale == "log" and self.values[0] <= 0.0:
+            raise ValueError(
+                f"values of {axis} must be positive on a logarithmic scale, found {self.values[0]}"
+            )
+        if (self.key is None) == (self.changes is None):
+            raise ValueError(f"{axis} needs exactly one of 'key' and 'changes'")
+        if self.changes is not None and len(self.changes) != len(self.values):
+            raise ValueError(
+                f"{axis} has {len(self.values)} values and {len(self.changes)} changes; give one "
+                "change for each value"
+            )
+        for key in sorted(self.changed_keys()):
+            if key.partition(".")[0] in ("name", "title", "reference"):
+                raise ValueError(f"{axis} changes '{key}', which says nothing about the flight")
+        return self
+
+    def change(self, index: int) -> dict[str, Any]:
+        """Return what a value changes, as nested tables."""
+        if self.changes is not None:
+            return dict(self.changes[index].content())
+        assert self.key is not None  # checked above
+        change: Any = self.values[index]
+        for part in reversed(self.key.split(".")):
+            change = {part: change}
+        return dict(change)
+
+    def changed_keys(self) -> set[str]:
+        """Return the dotted keys that the axis changes."""
+        return {key for i in range(len(self.values)) for key in _dotted(self.change(i))}
+
+
+class SweepSpec(Section):
+    """``[sweep]``: the axes of a grid of cases, and the errors a report aims at."""
+
+    axis: Listed[AxisSpec] = ()
+    targets_m: Listed[q.PositionTarget] = ()
+    """Position errors for which the report finds the first axis's values."""
+
+    @model_validator(mode="after")
+    def _check(self) -> SweepSpec:
+        if not self.axis:
+            raise ValueError("needs at least one [[sweep.axis]]")
+        for one, other in itertools.combinations(self.axis, 2):
+            if one.name == other.name:
+                raise ValueError(f"axis '{one.name}' is defined twice")
+            for key, other_key in itertools.product(one.changed_keys(), other.changed_keys()):
+                if f"{key}.".startswith(f"{other_key}.") or f"{other_key}.".startswith(f"{key}."):
+                    raise ValueError(f"axes '{one.name}' and '{other.name}' both change {key}")
+        return self
+
+
+def _dotted(table: dict[str, Any]) -> list[str]:
+    """Return the dotted keys of nested tables."""
+    return [
+        f"{key}.{rest}" if rest else key
+        for key, value in table.items()
+        for rest in (_dotted(value) if isinstance(value, dict) else [""])
+    ]

@@ -1,0 +1,78 @@
+"""Tracks and map errors that are drawn for the runs of a case."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+from pydantic import Field
+
+from ..gravity.ellipsoid import metres_per_radian
+from . import quantities as q
+from .tables import Section
+from .trajectory import TrajectorySpec
+
+if TYPE_CHECKING:
+    from .case import CaseSpec
+
+_SEED = 3737
+"""Seed of the tracks: those of a case are the same in all campaigns."""
+
+
+class DrawSpec(Section):
+    """``[draw]``: start, heading and map errors that are drawn instead of shared by all runs."""
+
+    tracks: Annotated[int, Field(ge=1, le=1000)] = 1
+    """Number of tracks; run r flies track r modulo this number."""
+    start_km: q.Displacement = 0.0
+    """Half the side of the square, about the start, in which tracks start."""
+    heading_deg: q.Turns = 0.0
+    """Largest angle by which a track is turned, to either side."""
+    maps: Annotated[int, Field(ge=1, le=1000)] = 1
+    """Number of map errors; run r has map error r modulo this number."""
+
+    def cluster(self, run: int) -> int:
+        """Return the number of the track or map error that a run shares with others."""
+        if self.maps > 1:
+            return run % self.maps
+        return run % self.tracks if self.tracks > 1 else run
+
+
+@lru_cache(maxsize=4096)
+def of_run(case: CaseSpec, run: int) -> CaseSpec:
+    """Return a case with the track and the map errors of a run."""
+    draw = case.draw
+    change: dict[str, Any] = {"draw": DrawSpec()}
+    if draw.tracks > 1:
+        change["trajectory"] = _moved(case.trajectory, draw, run % draw.tracks)
+    for side, error in case.map_errors().items() if draw.maps > 1 else ():
+        seeded = error.model_copy(update={"seed": error.seed + run % draw.maps})
+        tables = getattr(case, side) if side else case
+        field = tables.field.model_copy(update={"error": seeded})
+        change[side or "field"] = tables.model_copy(update={"field": field}) if side else field
+    return case.model_copy(update=change)
+
+
+def _moved(spec: TrajectorySpec, draw: DrawSpec, track: int) -> TrajectorySpec:
+    """Return a flight whose start and heading are those of a track."""
+    east, north, turn = np.random.default_rng([_SEED, track]).uniform(-1.0, 1.0, 3)
+    start, away = spec.start(), 1e3 * draw.start_km
+    by = turn * draw.heading_deg
+    metres = metres_per_radian(start.position)
+    moved = start.position[:2] + away * np.array([north, east]) / metres
+    latitude, longitude = np.degrees(moved).tolist()
+    return spec.model_copy(
+        update={
+            "latitude_deg": latitude,
+            "longitude_deg": longitude,
+            "heading_deg": math.degrees(start.heading) + by,
+            "segment": tuple(
+                s.model_copy(update={"to_heading_deg": s.to_heading_deg + by})
+                if s.to_heading_deg is not None
+                else s
+                for s in spec.segment
+            ),
+        }
+    )

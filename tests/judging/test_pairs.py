@@ -1,0 +1,227 @@
+"""Pairs and verdicts: equal runs, and false-alarm rates through the package's own functions."""
+
+from __future__ import annotations
+
+import functools
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from ggbench.judging.pairs import PAIRS, pair_of, pairs
+from ggbench.judging.run_errors import WINDOWS
+from ggbench.judging.summary import WINDOW_COLUMNS
+from ggbench.judging.verdicts import (
+    UnequalRunsError,
+    Verdict,
+    require_equal_runs,
+    verdict,
+    with_equal_runs,
+)
+
+
+def flown(
+    errors: dict[str, np.ndarray],
+    *,
+    case: str = "c",
+    draws: int = 10**6,
+    required: float = math.inf,
+    nees: dict[str, float] | None = None,
+) -> pd.DataFrame:
+    """A table of runs with these squared errors; "ins" is unaided, "batch..." smooths."""
+    table = _template(tuple((label, len(squares)) for label, squares in errors.items())).copy()
+    squares = np.concatenate([*errors.values()])
+    for window in WINDOWS:
+        table[f"{window}_position_ms"] = squares
+        table[f"{window}_nees"] = [(nees or {}).get(label, 6.0) for label in table["estimator"]]
+    return table.assign(
+        case=case,
+        draw=table["run"] % draws,
+        status=np.where(np.isfinite(squares), "ok", "failed"),
+        required_m=required,
+        final_position_error_m=np.sqrt(squares),
+    )
+
+
+@functools.cache
+def _template(cells: tuple[tuple[str, int], ...]) -> pd.DataFrame:
+    tables = []
+    for label, count in cells:
+        kind = "none" if label == "ins" else "batch" if label.startswith("batch") else "filter"
+        table = pd.DataFrame(dict.fromkeys(WINDOW_COLUMNS, 1.0), index=range(count))
+        table = table.assign(**{f"{window}_coverage": 0.95 for window in WINDOWS})
+        tables.append(
+            table.assign(
+                estimator=label,
+                name=label,
+                parameters="",
+                causality=kind,
+                run=range(count),
+                false_fix=False,
+                diverged=False,
+                cold=False,
+                converged_s=1.0,
+                map_evaluations=1.0,
+                seconds=0.001 * (1 + len(tables)),
+            )
+        )
+    return pd.concat(tables, ignore_index=True)
+
+
+def common(generator: np.random.Generator, runs: int, labels: tuple[str, ...]) -> dict:
+    """Squared errors of one law, half of whose variation the estimators share."""
+    shared = generator.chisquare(3, runs)
+    return {label: shared + generator.chisquare(3, runs) for label in labels}
+
+
+def test_pairs_are_of_a_kind_and_of_common_runs():
+    generator = np.random.default_rng(1)
+    errors = common(generator, 40, ("ins", "a", "b", "batch-a", "batch-b"))
+    errors["b"] = errors["b"][:30].copy()
+    errors["b"][3] = math.nan  # failed
+    table = pairs(flown(errors))
+    assert tuple(table.columns) == PAIRS
+    named = list(zip(table["first"], table["second"], strict=True))
+    assert named == [("ins", "a"), ("ins", "b"), ("a", "b"), ("batch-a", "batch-b")]
+    assert table["runs"].tolist() == [40, 29, 29, 40]
+    assert pair_of(table, "c", "a", "batch-a") is None
+
+
+def test_a_pair_reads_the_same_from_both_sides():
+    generator = np.random.default_rng(4)
+    first = generator.chisquare(3, 60)
+    errors = {"a": first, "b": 1.3 * first * generator.lognormal(0.0, 0.1, 60)}
+    table = pairs(flown(errors, required=2.0))
+    one, two = pair_of(table, "c", "a", "b"), pair_of(table, "c", "b", "a")
+    assert (one["verdict"], two["verdict"]) == ("better", "worse")
+    assert one["error_ratio"] * two["error_ratio"] == pytest.approx(1.0)
+    assert one["lo"] * two["hi"] == pytest.approx(1.0)
+    assert (one["first_only"], one["second_only"]) == (two["second_only"], two["first_only"])
+
+
+def test_success_comes_before_errors_and_a_failed_run_is_none():
+    """B has the smaller errors where it finishes, and fails in a third of the runs."""
+    generator = np.random.default_rng(5)
+    errors = common(generator, 90, ("a", "b"))
+    errors["b"] = 0.5 * errors["a"]
+    errors["b"][::3] = math.nan
+    row = pairs(flown(errors)).iloc[0]
+    assert (row["first_only"], row["second_only"], row["verdict"]) == (30, 0, "better")
+    assert row["error_ratio"] == pytest.approx(math.sqrt(2.0))
+
+
+def test_few_runs_are_undecided_and_never_equivalent():
+    errors = {"a": np.full(19, 4.0), "b": np.full(19, 4.0)}
+    assert pairs(flown(errors))["verdict"].tolist() == ["undecided"]
+    errors = {"a": np.full(20, 4.0), "b": np.full(20, 4.0)}
+    assert pairs(flown(errors))["verdict"].tolist() == ["equivalent"]
+    # 200 runs over two maps are two samples.
+    many = {label: np.tile(squares, 10) for label, squares in errors.items()}
+    assert pairs(flown(many, draws=2))["verdict"].tolist() == ["undecided"]
+
+
+@pytest.mark.parametrize("draws", [10**6, 20])
+def test_false_alarms_of_a_table(draws):
+    """Five estimators of one law: any "better" or "worse" in 5 % of the tables at most.
+
+    400 tables of 100 runs with success and errors judged: a standard error of 1.1 %, two of them.
+    """
+    generator, alarms = np.random.default_rng(37), 0
+    for _ in range(400):
+        shared = np.repeat(generator.chisquare(3, 20), 5) if draws == 20 else 0.0
+        order = np.argsort(np.arange(100) % 20, kind="stable")
+        errors = common(generator, 100, ("a", "b", "c", "d", "e"))
+        for squares in errors.values():
+            squares[order] += shared
+        table = pairs(flown(errors, draws=draws, required=3.0))
+        alarms += table["verdict"].isin(["better", "worse"]).any()
+    assert alarms / 400 < 0.072
+
+
+def test_power_of_a_table():
+    """A third more error is found among ten pairs in most tables of 100 runs."""
+    generator, found = np.random.default_rng(38), 0
+    for _ in range(40):
+        errors = common(generator, 100, ("a", "b", "c", "d", "e"))
+        errors["e"] = errors["a"] * 1.33**2
+        pair = pair_of(pairs(flown(errors)), "c", "a", "e")
+        found += pair["verdict"] == "better"
+    assert found >= 30
+
+
+def test_unequal_runs_are_rejected():
+    """The guard passes equal runs and fails on a planted case with one run less."""
+    errors = common(np.random.default_rng(2), 20, ("a", "b"))
+    require_equal_runs(flown(errors))
+    errors["b"] = errors["b"][:19]
+    with pytest.raises(UnequalRunsError, match=r"case c compares unequal runs: a 20, b 19"):
+        require_equal_runs(flown(errors))
+    assert set(with_equal_runs(flown(errors))["estimator"]) == {"a"}
+
+
+def test_estimators_that_fail_are_not_compared():
+    errors = common(np.random.default_rng(2), 20, ("a", "b"))
+    errors["b"] = 0.01 * errors["b"]
+    errors["b"][:2] = math.nan
+    assert verdict(flown(errors)).best == "a"
+
+
+def test_the_best_is_consistent_and_the_cheapest_near_one_is_recommended():
+    generator = np.random.default_rng(3)
+    base = generator.chisquare(3, 200)
+    errors = {
+        "ins": 100.0 * generator.chisquare(3, 200),
+        "cheap": 1.02**2 * base,
+        "best": base,
+        "overconfident": 0.5 * base,
+        "far": 1.5 * base,
+        "batch": 0.1 * base,
+    }
+    found = verdict(flown(errors, nees={"overconfident": 9.0}))
+    assert found == Verdict("best", ("cheap", "best"), 3, "better")
+    smoothers = verdict(flown(errors), "smoother")
+    assert (smoothers.best, smoothers.recommended) == ("batch", ("batch",))
+
+
+def test_where_none_is_consistent_the_least_bad_is_named_and_none_recommended():
+    base = np.random.default_rng(3).chisquare(3, 200)
+    found = verdict(flown({"a": base, "b": 2.0 * base}, nees={"a": 9.0, "b": 9.0}))
+    assert found == Verdict("a", (), 0, "")
+
+
+def test_who_succeeds_surely_less_often_is_not_recommended():
+    """B ends outside the required error in a tenth of the runs, with the same RMS error."""
+    base = np.full(200, 4.0)
+    runs = flown({"a": base, "b": base}, required=2.5)
+    outside = (runs["estimator"] == "b") & (runs["run"] % 10 < 2)
+    runs.loc[outside, "final_position_error_m"] = 9.0
+    assert verdict(runs).recommended == ("a",)
+
+
+@pytest.mark.long
+def test_false_alarms_of_a_recommendation():
+    """An estimator whose RMS error is 10 % above the best one's is recommended in 5 % at most.
+
+    400 cases of 200 runs: a standard error of 1.1 %, two of them.
+    """
+    generator, alarms = np.random.default_rng(39), 0
+    for _ in range(400):
+        shared = generator.chisquare(3, 200)
+        best, other = (shared * generator.lognormal(0.0, 0.1, 200) for _ in range(2))
+        found = verdict(flown({"best": best, "other": 1.1**2 * other}))
+        alarms += "other" in found.recommended
+    assert alarms / 400 < 0.072
+
+
+@pytest.mark.long
+def test_false_alarms_of_a_gain():
+    """The best of four estimators no better than the INS is called better in 5 % at most.
+
+    It is chosen on other runs than it is compared on. 400 cases of 100 runs.
+    """
+    generator, alarms = np.random.default_rng(40), 0
+    for _ in range(400):
+        errors = common(generator, 100, ("ins", "a", "b", "c", "d"))
+        alarms += verdict(flown(errors, required=3.0)).gain == "better"
+    assert alarms / 400 < 0.072

@@ -1,0 +1,26 @@
+"""The table of conditions: from the keys of every shipped scenario, short enough to be read."""
+
+from __future__ import annotations
+
+import pytest
+from reporting import cases
+
+from ggbench.report.conditions import conditions
+from ggbench.spec import scenario
+
+
+def test_conditions_are_those_of_the_scenario():
+    """What differs between cases is listed."""
+    loaded = scenario.load("wang2013")
+    table = conditions(loaded.cases, cases(7)).set_index("condition")["value"]
+    assert table["INS"].startswith("navigation grade, gyros 0.015 °/h")
+    assert table["Initial uncertainty (1σ per axis)"] == "5 m, 0.1 m/s, 1′"
+    assert table["Gradiometer"].startswith("0.01 E or 0.001 E, every 1 s or every 5 s")
+    assert table["Flight"] == "1.00 min, 50.0 m/s, height 1000 m"
+
+
+@pytest.mark.parametrize("name", scenario.shipped())
+def test_conditions_of_a_shipped_scenario_are_short(name):
+    table = conditions(scenario.load(name).cases, cases(2))
+    assert {"INS", "Flight", "Gradiometer", "Map"} <= set(table["condition"])
+    assert len(table) <= 8 and table["value"].str.len().max() < 260

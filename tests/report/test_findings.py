@@ -1,0 +1,78 @@
+"""Findings of the front page: each is printed where its figures support it, and only there."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from ggbench.report.findings import FILTERS, FINDINGS, NARROW, Figures, findings
+from ggbench.results import digest
+
+REPORTS = Path(__file__).parents[2] / "reports"
+ROWS = {
+    **{(case, name): {"rms_m": 70.0, "efficiency": 1.0} for case in NARROW for name in FILTERS},
+    ("air-narrow", "ekf[loss=cauchy]"): {"rms_m": 73.0},
+    ("prior-3", "ekf"): {"success": 0.05, "consistency": "unsafe"},
+    ("prior-3", "gaussian-sum"): {"success": 1.0},
+    ("outliers", "ekf"): {"rms_m": 800.0},
+    ("outliers", "ekf[loss=cauchy]"): {"rms_m": 90.0},
+    ("map-error", "ekf"): {"rms_m": 780.0, "bound_m": 15.0, "consistency": "unsafe"},
+    ("map-error-modelled", "ekf"): {"rms_m": 75.0, "consistency": "conservative"},
+    ("gravity", "ekf"): {"rms_m": 200.0, "bound_m": 80.0, "consistency": "unsafe"},
+    ("gnss-outage", "ekf"): {"rms_m": 190.0},
+    ("gnss-outage", "ins"): {"rms_m": 1700.0},
+    ("weak-field", "ekf"): {"rms_m": 200.0},
+    ("weak-field", "ins"): {"rms_m": 230.0},
+}
+BREAKS = [
+    ("narrow_prior", ("ship-narrow", "ekf"), {"efficiency": 1.2}),
+    ("narrow_prior", ("drone-narrow", "ukf"), {"rms_m": 75.0}),
+    ("wide_prior", ("prior-3", "ekf"), {"success": 0.6}),
+    ("wide_prior", ("prior-3", "gaussian-sum"), {"success": 0.8}),
+    ("wide_prior", ("prior-3", "ekf"), {"consistency": "consistent"}),
+    ("outliers", ("outliers", "ekf[loss=cauchy]"), {"rms_m": 500.0}),
+    ("map_error", ("map-error", "ekf"), {"rms_m": 100.0}),
+    ("map_error", ("map-error-modelled", "ekf"), {"consistency": "overconfident"}),
+    ("gravity", ("gravity", "ekf"), {"rms_m": 100.0}),
+    ("outage", ("gnss-outage", "ekf"), {"rms_m": 900.0}),
+    ("weak_field", ("weak-field", "ekf"), {"rms_m": 100.0}),
+]
+
+
+def figures(changed: tuple[str, str] | None = None, change: dict | None = None) -> Figures:
+    rows = [
+        {"case": case, "estimator": name}
+        | row
+        | ((change or {}) if (case, name) == changed else {})
+        for (case, name), row in ROWS.items()
+    ]
+    return Figures(pd.DataFrame(rows))
+
+
+@pytest.mark.parametrize("finding", FINDINGS, ids=lambda finding: finding.__name__)
+def test_a_finding_is_printed_where_its_figures_support_it(finding):
+    sentence = finding(figures())
+    assert sentence.endswith(".")
+    assert all(len(part.split()) <= 30 for part in sentence.split(". "))
+    assert finding(Figures(pd.DataFrame([{"case": "x", "estimator": "y"}]))) == ""
+
+
+@pytest.mark.parametrize(("name", "where", "change"), BREAKS)
+def test_a_finding_is_not_printed_where_they_do_not(name, where, change):
+    """Planted figures beyond its threshold silence a finding and no other."""
+    planted = figures(where, change)
+    silent = [finding.__name__ for finding in FINDINGS if not finding(planted)]
+    assert silent == [name]
+
+
+def test_the_committed_suite_supports_its_findings():
+    """Five at least stand on the front page."""
+    folder = REPORTS / "suite" / digest.FOLDER
+    if not folder.exists():
+        pytest.skip("the suite has no committed report")
+    found = findings([digest.read(folder)])
+    assert len(found) >= 5
+    page = (REPORTS / "README.md").read_text()
+    assert all(sentence in page for sentence in found)

@@ -1,0 +1,177 @@
+"""Pages of a small campaign: markdown, data and HTML are of the same numbers."""
+
+from __future__ import annotations
+
+import html
+import json
+import re
+import shutil
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from campaigns import ran, small
+from problems import SMALL
+
+from ggbench.report import columns, html_page, libraries, library, render
+from ggbench.results.folder import Results
+
+LABELS = ("ins", "ekf", "ukf", "factor-graph[mode=batch]")
+HOSTILE = "</script><script>alert(1)</script>"
+
+
+@pytest.fixture(scope="module")
+def output(tmp_path_factory) -> Path:
+    """A folder of the reports of a small campaign."""
+    folder = tmp_path_factory.mktemp("pages")
+    loaded = small(folder, SMALL.replace("as it is", f"as it is | {HOSTILE}"))
+    ran(folder, labels=LABELS, runs=6, scenario=loaded).store.close()
+    render.write(folder / "out", folder / "reports")
+    return folder / "reports"
+
+
+@pytest.fixture(scope="module")
+def page(output) -> str:
+    return (output / "small.md").read_text(encoding="utf-8")
+
+
+def scripts_of(text: str) -> list[str | None]:
+    """The types of the script elements of a page."""
+
+    class Parser(HTMLParser):
+        def handle_starttag(self, tag, attrs):
+            if tag == "script":
+                types.append(dict(attrs).get("type"))
+
+    types: list[str | None] = []
+    Parser().feed(text)
+    return types
+
+
+def data_of(page: Path) -> dict:
+    """The data of an HTML page."""
+
+    class Parser(HTMLParser):
+        found, inside = "", False
+
+        def handle_starttag(self, tag, attrs):
+            self.inside = ("id", "data") in attrs
+
+        def handle_data(self, data):
+            self.found += data if self.inside else ""
+            self.inside = False
+
+    parser = Parser()
+    parser.feed(page.read_text(encoding="utf-8"))
+    return json.loads(parser.found)
+
+
+def test_a_page_has_its_parts_in_order(page):
+    """Answer, figure, table, conditions, command; the notes' place is before the command."""
+    marks = ["<!-- ggbench page", "# A short flight", "**Answer.**", "](small/answer.png)",
+             "|case|bound [m]|", "## Published numbers", "## Conditions", "## Again",
+             "`ggbench run small.toml -n 6"]  # fmt: skip
+    places = [page.index(mark) for mark in marks]
+    assert places == sorted(places)
+
+
+def test_links_of_a_page_lead_somewhere(page, output):
+    links = re.findall(r"\]\(([^)#]+)\)", page)
+    assert len(links) >= 5
+    assert [link for link in links if not (output / link).exists()] == []
+
+
+def test_numbers_of_a_page_are_those_of_the_data(page, output):
+    """The table's cells, with their digits, come from figures.csv of the settled window."""
+    figures = pd.read_csv(output / "small" / "data" / "figures.csv")
+    assert set(figures["window"]) == {"settled"} and len(figures) == 2 * len(LABELS)
+    rows = figures.set_index(["case", "estimator"])
+    for case, title in (("base", "as it is"), ("noisy", "with ten times the noise")):
+        (line,) = [line for line in page.splitlines() if line.startswith(f"|{title}")]
+        ekf, ins = rows.loc[(case, "ekf")], rows.loc[(case, "ins")]
+        assert f"|{columns.metres(ekf['bound_m'])}|{columns.metres(ins['rms_m'])}" in line
+        assert f"|{columns.metres(ekf['rms_m'])} (×{columns.ratio(ekf['efficiency'])})" in line
+
+
+def test_the_answer_is_short(page):
+    """At most sixty words."""
+    (answer,) = [line for line in page.splitlines() if line.startswith("**Answer.**")]
+    assert 10 < len(re.findall(r"[\w.]+", answer)) <= 60
+
+
+def test_the_html_page_has_all_windows_and_their_numbers(output):
+    """Numbers of the page, which sort its tables, are those of the tables to four digits."""
+    data = data_of(output / "small.html")
+    results = Results(output.parent / "out")
+    for name, table in (("figures", results.figures()), ("cases", results.cases())):
+        held = data["tables"][name]
+        column = held["columns"].index("bound_m")
+        shown = np.array(held["packed"][column]["values"], dtype=float)
+        wanted = table["bound_m"].to_numpy()
+        assert np.sort(shown) == pytest.approx(np.sort(wanted), rel=1e-3, nan_ok=True)
+    windows = held_texts(data, "figures", "window")
+    assert windows == {"settled", "whole", "last20"}
+    assert set(data["curves"]) == {"base", "noisy"}
+    assert {case["title"] for case in data["cases"]} >= {"with ten times the noise"}
+    results.store.close()
+
+
+def held_texts(data: dict, table: str, column: str) -> set[str]:
+    held = data["tables"][table]
+    return set(held["packed"][held["columns"].index(column)]["texts"])
+
+
+def test_the_html_page_is_small_and_loads_nothing(output):
+    """Its policy allows the two scripts that it carries, and names in it are text."""
+    text = (output / "small.html").read_text(encoding="utf-8")
+    assert len(text.encode()) < html_page.MOST_BYTES
+    policy = html.unescape(text.partition("<title>")[0])
+    assert "default-src 'none'" in policy and len(re.findall(r"'sha256-[^']+'", policy)) == 2
+    executed = [tag for tag in scripts_of(text) if tag in (None, "module")]
+    assert len(executed) == 2
+    assert HOSTILE not in text.partition("</title>")[2].partition("<script")[0]
+    assert not re.findall(r"(?:src|href)=\"(?!#)[^\"]+\"", text.partition("<script")[0])
+
+
+def test_a_page_that_is_too_large_loses_pairs_then_windows(output, monkeypatch, tmp_path):
+    """What is left out is in the data; a page that is too large even so is refused."""
+    results = Results(output.parent / "out")
+    sizes = [len(html_page.text(results, *size).encode()) for size in html_page._SIZES]
+    assert sizes == sorted(sizes, reverse=True) and sizes[0] > sizes[2]
+    monkeypatch.setattr(html_page, "MOST_BYTES", sizes[2])
+    data = data_of(html_page.write(results, tmp_path / "page.html"))
+    assert held_texts(data, "figures", "window") == {"settled"}
+    monkeypatch.setattr(html_page, "MOST_BYTES", sizes[2] - 1)
+    with pytest.raises(libraries.PageError, match="report fewer cases or estimators"):
+        html_page.write(results, tmp_path / "page.html")
+    results.store.close()
+
+
+def test_a_page_warns_of_an_estimator_that_may_have_seen_the_truth(output, monkeypatch, tmp_path):
+    """Above all numbers."""
+    monkeypatch.setattr(Results, "seeking", {"spy.py": "gc"})
+    results = Results(output.parent / "out")
+    text = render.page(results, tmp_path / "small")
+    results.store.close()
+    assert 0 < text.index("**Read with care.** `spy.py` uses gc and may") < text.index("\n|")
+
+
+def test_without_the_extra_there_is_markdown_alone(output, monkeypatch, tmp_path):
+    monkeypatch.setattr(libraries, "_PACKAGES", ("no_such_package",))
+    assert render.write(output.parent / "out", tmp_path) == [tmp_path / "small.md"]
+
+
+def test_the_front_page_is_made_of_the_data_alone(output, tmp_path):
+    """Results folders need not be kept."""
+    shutil.copytree(output / "small" / "data", tmp_path / "small" / "data")
+    path, remarks = library.write(tmp_path)
+    assert remarks == [] and "- [small](small.md): A short flight" in path.read_text()
+    assert (tmp_path / "definitions.md").exists()
+
+
+def test_columns_of_the_data_are_documented(output):
+    listed = set(pd.read_csv(output / "columns.csv")["column"])
+    for name in ("figures", "cases", "pairs"):
+        assert set(pd.read_csv(output / "small" / "data" / f"{name}.csv")) <= listed

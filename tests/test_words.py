@@ -1,0 +1,120 @@
+"""Texts for users avoid the words of a list, and scenario notes are short."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+from doc_blocks import documents
+
+ROOT = Path(__file__).parent.parent
+SCENARIOS = ROOT / "scenarios"
+NOTES = sorted(SCENARIOS.glob("*_notes.md"))
+TOML = [path for path in sorted(SCENARIOS.glob("*.toml")) if path.stem != "rosters"]
+TEMPLATES = [
+    *sorted((ROOT / "ggbench" / "report" / "templates").glob("*.j2")),
+    *sorted((ROOT / "ggbench" / "cli" / "templates").glob("*.txt")),
+]
+DATA = sorted((SCENARIOS / "data").rglob("README.md"))
+CHANGELOG = ROOT / "CHANGELOG.md"
+SCANNED = [*documents(ROOT), CHANGELOG, ROOT / "CONTRIBUTING.md", *NOTES, *DATA, *TEMPLATES]
+
+INSTEAD = {
+    r"(?:dis)?honest\w*": "consistent",
+    "nobody": "no estimator",
+    "lost": "diverged, a false fix, not available",
+    "anew": "again",
+    "beside": "compared with, as well as",
+    "told": "modelled, assumed",
+    "parted": "separated",
+    "what is had": "what is",
+    "of who": "for estimators with",
+}
+"""Words that texts for users avoid, and what they say instead."""
+HEADINGS = ["Set-up", "Limits", "Why"], ["Set-up", "Limits"]
+"""Headings of the notes of a scenario; reasons are left out where they are obvious."""
+_AVOIDED = re.compile(rf"(?<![\w-])(?:{'|'.join(INSTEAD)})(?![\w-])", re.IGNORECASE)
+_FENCED = re.compile(r"^```.*?^```$", re.MULTILINE | re.DOTALL)
+_LITERAL = re.compile(r"`[^`\n]*`|\]\([^)]*\)")
+"""Code and links: names may contain any word."""
+_PARAGRAPH = re.compile(r"\n\s*\n|\n(?=- |\|)")
+_SENTENCE_END = re.compile(r"(?<=[.!?])\s+(?=[A-ZΓσ`\d])")
+
+
+def avoided(text: str) -> list[str]:
+    """Return the words of the list that a text contains outside of code and links."""
+    return _AVOIDED.findall(_LITERAL.sub("", _FENCED.sub("", text)))
+
+
+def long_sentences(text: str, most: int) -> list[str]:
+    """Return the sentences of a text with more words than ``most``."""
+    blocks = _PARAGRAPH.split(_FENCED.sub("", text))
+    sentences = [part for block in blocks for part in _SENTENCE_END.split(block.strip())]
+    return [sentence for sentence in sentences if len(sentence.split()) > most]
+
+
+def sections(notes: str) -> dict[str, str]:
+    """Return the text of each section by its heading."""
+    parts = re.split(r"^## (.*)\n", notes, flags=re.MULTILINE)
+    assert parts[0] == "", "notes begin with a heading"
+    return dict(zip(parts[1::2], parts[2::2], strict=True))
+
+
+def unfit_notes(notes: str) -> list[str]:
+    """Return the reasons for which the notes of a scenario are too long or of another form."""
+    found = sections(notes)
+    reasons = [] if list(found) in HEADINGS else [f"headings: {list(found)}"]
+    reasons += [f"long: {sentence}" for sentence in long_sentences(notes, 30)]
+    sizes = {"Set-up": 80, "Why": 80}
+    reasons += [f"{name}: over {most} words" for name, most in sizes.items()
+                if len(found.get(name, "").split()) > most]  # fmt: skip
+    if len(notes.split()) > 200:
+        reasons.append("over 200 words")
+    if len(re.findall(r"^- ", found.get("Limits", ""), re.MULTILINE)) > 3:
+        reasons.append("Limits: over three")
+    return reasons
+
+
+@pytest.mark.parametrize("path", SCANNED, ids=lambda path: str(path.relative_to(ROOT)))
+def test_a_text_avoids_the_words_of_the_list(path: Path) -> None:
+    assert avoided(path.read_text(encoding="utf-8")) == [], INSTEAD
+
+
+@pytest.mark.parametrize("path", NOTES, ids=lambda path: path.stem)
+def test_notes_of_a_scenario_are_short(path: Path) -> None:
+    assert unfit_notes(path.read_text(encoding="utf-8")) == []
+
+
+@pytest.mark.parametrize("path", TOML, ids=lambda path: path.stem)
+def test_titles_and_descriptions_are_short(path: Path) -> None:
+    """Titles of cases: at most eight words, numbers left out."""
+    document = tomllib.loads(path.read_text(encoding="utf-8"))
+    changes = [*document.get("case", []), *document.get("assumption", [])]
+    titles = [change["title"] for change in changes]
+    claims = [claim["title"] for key in ("claim", "comparison") for claim in document.get(key, [])]
+    assert avoided("\n".join([document["title"], document["description"], *titles, *claims])) == []
+    assert len(document["title"].split()) <= 12
+    assert len(document["description"].split()) <= 60
+    assert [title for title in titles if len(re.sub(r"[\d.]+ ", "", title).split()) > 8] == []
+    assert len(set(titles)) == len(titles)
+
+
+def test_the_changelog_is_short() -> None:
+    assert len(CHANGELOG.read_text(encoding="utf-8").split()) <= 2500
+
+
+def test_the_checks_find_what_they_look_for() -> None:
+    """Negative controls: a planted word, sentence, heading and bullet are found."""
+    text = "Nobody is honest. Closest is `lost`, [told](anew.md) so.\n```sh\nlost\n```\n"
+    assert avoided(text) == ["Nobody", "honest", "told"]
+    assert avoided("Untold, losing, 5E-told-50E, besides, partly.") == []
+    assert long_sentences("One two three. Four five.\n\n- Six\n- Seven eight nine.", 2) == [
+        "One two three.", "- Seven eight nine."]  # fmt: skip
+    fit = "## Set-up\n\nA flight.\n\n## Limits\n\n- One.\n"
+    assert unfit_notes(fit) == []
+    assert unfit_notes(fit.replace("Limits", "Bounds")) != []
+    assert unfit_notes(fit + "- Two.\n- Three.\n- Four.\n") == ["Limits: over three"]
+    assert unfit_notes(fit.replace("A flight.", "A flight. " * 41)) == ["Set-up: over 80 words"]
+    assert unfit_notes(fit + "\n## Why\n\n" + 31 * "so " + "\n")[0].startswith("long: so")
