@@ -272,14 +272,14 @@ def run(
             _listed(cases, str, "cases") or chosen_cases, assumptions, time_limit, fresh,
         )  # fmt: skip
 
-        def told(step: running.CampaignProgress) -> None:
+        def reported(step: running.CampaignProgress) -> None:
             if step.done == 0:
                 for remark in step.remarks:
                     warnings.warn(remark, stacklevel=4)
             if progress is not None:
                 progress(step.done, step.total)
 
-        ended = running.run(work, processes, cluster, told)
+        ended = running.run(work, processes, cluster, reported)
         results = Results(work.folder, ended.store)
         if kept is not None:
             # At the latest when the process ends.

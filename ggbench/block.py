@@ -148,8 +148,11 @@ def joined(blocks: Sequence[ProblemBlock]) -> ProblemBlock:
         ):
             raise ValueError("blocks of other epochs or maps cannot be joined")
 
+    def concatenated(*arrays: np.ndarray) -> np.ndarray:
+        return np.concatenate(arrays)
+
     def along(name: str) -> np.ndarray:
-        return np.concatenate([getattr(block, name) for block in blocks])
+        return concatenated(*(getattr(block, name) for block in blocks))
 
     replays = [replay for block in blocks for replay in block.replays or ()]
     return replace(
@@ -157,7 +160,7 @@ def joined(blocks: Sequence[ProblemBlock]) -> ProblemBlock:
         measurements=along("measurements"),
         transition=along("transition"),
         process_cov=along("process_cov"),
-        model=ModelArrays.joined([block.model for block in blocks]),
+        model=first.model.mapped(concatenated, *(block.model for block in blocks[1:])),
         present=along("present"),
         tracks=None if first.tracks is None else along("tracks"),
         replays=replays or None,

@@ -82,10 +82,14 @@ class Started:
     runs: Sequence[int]
 
 
-@lru_cache(maxsize=64)
 def flight_of(case: CaseSpec) -> Flight:
     """Return the flight of a case, made once in each process; of one with draws, of run 0."""
-    return prepare(case.of_run(0))
+    return _flight(case.of_run(0))
+
+
+@lru_cache(maxsize=64)
+def _flight(case: CaseSpec) -> Flight:
+    return prepare(case)
 
 
 @lru_cache(maxsize=BLOCK_RUNS)
@@ -112,7 +116,8 @@ def fly_unseen(case: CaseSpec) -> None:
 
 def forget_flights() -> None:
     """Let go of the flights of this process: a library of scenarios has many, and large ones."""
-    flight_of.cache_clear()
+    _flight.cache_clear()
+    case_bound.cache_clear()
 
 
 @lru_cache(maxsize=1024)
@@ -189,7 +194,7 @@ def runs_at_once(case: CaseSpec) -> int:
     """Return how many runs of a case a block has; Φ, Q and P of all their epochs are its memory."""
     size = BLOCK_RUNS
     with contextlib.suppress(Exception):  # a flight that fails says so in every run's record
-        flight = flight_of(case.of_run(0))
+        flight = flight_of(case)
         matrices = 3 * len(flight.times) * flight.model.dimension**2 * np.dtype(float).itemsize
         while size > LEAST_RUNS and size * matrices > BLOCK_BYTES:
             size //= 2

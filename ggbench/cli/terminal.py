@@ -9,7 +9,7 @@ from rich.console import Console
 
 from ..figures.numbers import counted
 from ..judging.comparison import LOST, Comparison
-from ..judging.summary import MARKS, ordered
+from ..judging.summary import MARKS, SMOOTHERS, ordered
 from ..spec.scenario import Scenario
 from .responsive_table import ResponsiveTable
 from .timing import COLD
@@ -47,7 +47,7 @@ def print_figures(
         )
         causal = True
         for row in rows:
-            if causal and row["causality"] in ("fixed-lag", "batch"):
+            if causal and row["causality"] in SMOOTHERS:
                 causal = False
                 table.add_section()
             cold = row["runs"] > row["failed"] and (case.name, row["estimator"]) not in warm

@@ -17,11 +17,6 @@ def some(said: Sequence[str], separator: str = ", ", most: int = 6) -> str:
     return separator.join(said[:most]) + (f" and {more} more" if more > 0 else "")
 
 
-def capital(text: str) -> str:
-    """Return a text as a sentence begins."""
-    return text[:1].upper() + text[1:]
-
-
 def short(value: float) -> str:
     """Return a number with three digits at most, as cells and sentences show it."""
     if value == 0.0 or not 1e-3 <= abs(value) < 1e5:

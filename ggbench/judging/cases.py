@@ -14,6 +14,7 @@ from .field_scale import correlation_m
 from .references import DEFAULT_RATIO
 from .run_errors import window_mask
 from .situations import is_right_model, situation_of
+from .summary import SMOOTHERS
 from .verdicts import Verdict, verdict
 
 if TYPE_CHECKING:
@@ -29,10 +30,15 @@ CASES = (
 KINDS = ("causal", "smoother")
 
 
-def verdicts(runs: pd.DataFrame) -> dict[str, dict[str, Verdict]]:
-    """Return the verdicts on the estimators of each kind, by case."""
+def verdicts(runs: pd.DataFrame, figures: pd.DataFrame) -> dict[str, dict[str, Verdict]]:
+    """Return the verdicts on the estimators of each kind, by case, from runs and their figures."""
     by_case = list(runs.groupby("case", sort=False))
-    return {kind: {str(case): verdict(own, kind) for case, own in by_case} for kind in KINDS}
+    return {
+        kind: {
+            str(case): verdict(own, figures[figures["case"] == case], kind) for case, own in by_case
+        }
+        for kind in KINDS
+    }
 
 
 def cases(
@@ -66,7 +72,7 @@ def cases(
 
 def _row(spec: CaseSpec, arrays: Mapping[str, np.ndarray], figures: pd.DataFrame) -> dict[str, Any]:
     settled = figures[figures["window"] == "settled"]
-    causal = settled[~settled["causality"].isin(["fixed-lag", "batch"])]
+    causal = settled[~settled["causality"].isin(SMOOTHERS)]
     ins = settled.loc[settled["causality"] == "none", "rms_m"]
     scale, track = field_correlation_m(arrays), arrays["track"]
     mask = window_mask(arrays["times"], spec.windows, "settled")

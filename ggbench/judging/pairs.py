@@ -19,7 +19,7 @@ from .statistics import (
     holm,
     log_ratio,
 )
-from .summary import succeeded
+from .summary import SMOOTHERS, succeeded
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -37,7 +37,7 @@ ERRORS = "settled_position_ms"
 
 def kind(causality: str) -> str:
     """Return which estimators one is compared with: smoothers, or those that see the past alone."""
-    return "smoother" if causality in ("fixed-lag", "batch") else "causal"
+    return "smoother" if causality in SMOOTHERS else "causal"
 
 
 def pairs(runs: pd.DataFrame) -> pd.DataFrame:

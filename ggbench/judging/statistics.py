@@ -281,13 +281,12 @@ def ratio_interval(
     """
     if min(len(before_ms), len(after_ms)) == 0 or not np.any(before_ms):
         return math.nan, math.nan, math.nan
+    if paired:
+        return root_ratio_intervals([(after_ms, before_ms, np.arange(len(before_ms)))])[0]
     value = math.sqrt(float(np.mean(after_ms)) / float(np.mean(before_ms)))
     if min(len(before_ms), len(after_ms)) < 2:
         return value, math.nan, math.nan
-    if paired:
-        before, after = _resampled_means(np.column_stack([before_ms, after_ms])).T
-    else:
-        before, after = _resampled_means(before_ms), _resampled_means(after_ms, _SEED + 1)
+    before, after = _resampled_means(before_ms), _resampled_means(after_ms, _SEED + 1)
     with np.errstate(divide="ignore", invalid="ignore"):  # a sample of zeros
         low, high = np.percentile(np.sqrt(after / before), _ENDS)
     return value, float(low), float(high)

@@ -40,6 +40,8 @@ FIGURES = (
 CONSISTENT, CONSERVATIVE, OVERCONFIDENT, UNSAFE = (
     "consistent", "conservative", "overconfident", "unsafe",
 )  # fmt: skip
+SMOOTHERS = ("fixed-lag", "batch")
+"""Causalities of estimators that see later measurements."""
 LEAST_COVERAGE, UNSAFE_COVERAGE, MOST_FALSE = 0.90, 0.50, 0.05
 """Coverage of 95 % below which an estimator is overconfident, and unsafe; share of false fixes."""
 _OF_A_WINDOW = {
@@ -269,7 +271,7 @@ MARKS = {OVERCONFIDENT: " †", UNSAFE: " ‡"}
 def ordered(table: pd.DataFrame, case: str, window: str = "settled") -> list[dict[str, Any]]:
     """Return the rows of a case and window: causal estimators by RMS error, then smoothers."""
     chosen = table[(table["case"] == case) & (table["window"] == window)]
-    smoothers = chosen["causality"].isin(["fixed-lag", "batch"])
+    smoothers = chosen["causality"].isin(SMOOTHERS)
     rows = chosen.assign(_last=smoothers).sort_values(["_last", "rms_m"], kind="stable")
     found: list[dict[str, Any]] = rows.drop(columns="_last").to_dict("records")
     return found

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from .pairs import Flown, compared, judged, kind
+from .pairs import ERRORS, Flown, compared, judged, kind
 from .statistics import ALPHA, root_ratio_intervals
-from .summary import CONSERVATIVE, CONSISTENT, figures
+from .summary import CONSERVATIVE, CONSISTENT
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -71,7 +71,7 @@ def with_equal_runs(runs: pd.DataFrame) -> pd.DataFrame:
     return pd.concat(kept) if kept else runs.iloc[:0]
 
 
-def verdict(runs: pd.DataFrame, of: str = "causal") -> Verdict:
+def verdict(runs: pd.DataFrame, figures: pd.DataFrame, of: str = "causal") -> Verdict:
     """Return the verdict on the estimators of a kind in one case.
 
     An estimator is *recommended* if it is consistent or conservative, does not succeed surely less
@@ -82,6 +82,8 @@ def verdict(runs: pd.DataFrame, of: str = "causal") -> Verdict:
     ----------
     runs : DataFrame
         Table of runs of one case with a column ``draw``, the number of the cluster.
+    figures : DataFrame
+        Their figures (:func:`.summary.figures`).
     of : str
         "causal" or "smoother".
     """
@@ -93,22 +95,15 @@ def verdict(runs: pd.DataFrame, of: str = "causal") -> Verdict:
     even, odd = (aided[aided["run"] % 2 == rest] for rest in (0, 1))
     if odd.empty:  # a single run chooses and compares nothing
         return Verdict()
-    table = _settled(aided)
+    squares = even.groupby("estimator", sort=False)[ERRORS].mean()
+    table = figures[figures["window"] == "settled"].set_index("estimator").loc[squares.index]
     consistent = set(table.index[table["consistency"].isin([CONSISTENT, CONSERVATIVE])])
-    chosen_on = _settled(even)
-    eligible = chosen_on[chosen_on.index.isin(consistent)] if consistent else chosen_on
-    best = str(eligible["rms_m"].idxmin())
+    best = str((squares[squares.index.isin(consistent)] if consistent else squares).idxmin())
     flown = {str(label): Flown.of(own) for label, own in odd.groupby("estimator", sort=False)}
     near = _surely_near(flown, best, consistent)
     # To one digit: times differ between machines, and the first of equals is named.
     cheapest = sorted(near, key=lambda label: float(f"{table.loc[label, 'seconds_per_run']:.0e}"))
     return Verdict(best, tuple(cheapest), len(consistent), _gain(runs, flown[best]))
-
-
-def _settled(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return the figures of the settled window by estimator."""
-    table = figures(runs, {})
-    return table[table["window"] == "settled"].set_index("estimator")
 
 
 def _surely_near(flown: Mapping[str, Flown], best: str, among: Set[str]) -> list[str]:

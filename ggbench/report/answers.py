@@ -9,9 +9,6 @@ import pandas as pd
 from ..results.folder import Results
 from . import published, sweeps, views
 
-MOST_TITLES = 2
-"""Titles of cases that an answer lists."""
-
 
 def answer(results: Results) -> dict[str, Any]:
     """Return what the template ``answer.j2`` states.

@@ -16,7 +16,7 @@ from ..results.digest import Digest
 from .columns import metres, share
 
 SUITE = "suite"
-"""Name of the scenario that the findings are of."""
+"""Name of the scenario of the findings, whose cases are the columns of the matrix."""
 NARROW = ("air-narrow", "ship-narrow", "drone-narrow")
 """Cases of the suite with a right model and a narrow prior."""
 FILTERS = ("ekf", "ekf[iterations=5]", "ukf", "factor-graph")

@@ -11,15 +11,13 @@ from ..errors import GGBenchError
 from ..results import digest
 from ..results.digest import Digest
 from . import columns
-from .findings import findings
+from .findings import SUITE, findings
 from .render import ReportError, markdown, write_definitions
 from .tables import MOST_COLUMNS, MOST_ROWS, error_cell
 from .views import require_equal_runs
 
 FILE = "README.md"
 """Name of the page."""
-SUITE = "suite"
-"""Name of the scenario whose cases are the columns of the matrix."""
 
 
 def write(output: Path) -> tuple[Path, list[str]]:

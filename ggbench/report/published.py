@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ..judging.pairs import pair_of
+from ..judging.statistics import BETTER, EQUIVALENCE_RATIO, EQUIVALENT, UNDECIDED, WORSE
 from ..results.folder import Results
 from . import columns
 from .views import comparable, together
@@ -135,7 +137,7 @@ def claimed(results: Any) -> pd.DataFrame:
     A claim of *equal* holds if the pair is equivalent; a claim of *larger* or *smaller* holds if
     the pair is worse or better. A claim on times compares medians.
     """
-    judged = {"larger": "worse", "smaller": "better", "equal": "equivalent"}
+    judged = {"larger": WORSE, "smaller": BETTER, "equal": EQUIVALENT}
     figures, pairs = results.figures(), results.pairs()
     settled = figures[figures["window"] == "settled"].set_index(["case", "estimator"])
     rows = []
@@ -150,8 +152,11 @@ def claimed(results: Any) -> pd.DataFrame:
                 )
                 ratio, found = one / two, _of_ratio(one / two)
             else:
-                ratio, found = _pair(pairs, claim.case, first, second)
-            verdict = "open" if found in ("undecided", "") else "does not hold"
+                pair = pair_of(pairs, claim.case, first, second)
+                ratio, found = (
+                    (math.nan, "") if pair is None else (pair["error_ratio"], pair["verdict"])
+                )
+            verdict = "open" if found in (UNDECIDED, "") else "does not hold"
             verdict = "holds" if found == judged[claim.relation] else verdict
             title = f"{claim.title} ({value})" if value else claim.title
             rows.append({"claim": title, "first": f"`{first}`", "second": f"`{second}`",
@@ -159,21 +164,8 @@ def claimed(results: Any) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _pair(pairs: pd.DataFrame, case: str, first: str, second: str) -> tuple[float, str]:
-    turned = {"better": "worse", "worse": "better"}
-    own = pairs[pairs["case"] == case].set_index(["first", "second"])
-    if (first, second) in own.index:
-        row = own.loc[(first, second)]
-        return float(row["error_ratio"]), str(row["verdict"])
-    if (second, first) in own.index:
-        row = own.loc[(second, first)]
-        verdict = str(row["verdict"])
-        return 1.0 / float(row["error_ratio"]), turned.get(verdict, verdict)
-    return float("nan"), ""
-
-
 def _of_ratio(ratio: float) -> str:
-    """Return the verdict of a ratio of two times, which are equal within 5 %."""
-    if 1.0 / 1.05 <= ratio <= 1.05:
-        return "equivalent"
-    return "better" if ratio < 1.0 else "worse"
+    """Return the verdict of a ratio of two times, equal within what errors are."""
+    if 1.0 / EQUIVALENCE_RATIO <= ratio <= EQUIVALENCE_RATIO:
+        return EQUIVALENT
+    return BETTER if ratio < 1.0 else WORSE

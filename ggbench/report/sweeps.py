@@ -15,8 +15,6 @@ from .views import comparable, few_cases
 
 MOST_PARTS = 3
 """Parts of a grid that a figure shows."""
-MOST_REACHED = 4
-"""Estimators of which a page states what they reach."""
 SUCCESS = 0.95
 """Success rate at which a case counts as reached."""
 

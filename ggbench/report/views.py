@@ -11,6 +11,8 @@ import numpy as np
 import pandas as pd
 
 from ..estimator_spec import EstimatorSpec
+from ..judging.pairs import pair_of
+from ..judging.verdicts import UnequalRunsError
 from . import columns
 from .tables import error_cell
 
@@ -20,11 +22,6 @@ MOST_FAMILIES = 6
 """Families of estimators of a figure."""
 ALIKE = 1.01
 """Ratio of errors up to which estimators share a row."""
-SMOOTHERS = ("fixed-lag", "batch")
-
-
-class UnequalRunsError(ValueError):
-    """Estimators of one comparison flew different runs."""
 
 
 def require_equal_runs(rows: pd.DataFrame) -> None:
@@ -107,9 +104,10 @@ class _Cells:
 
     def __init__(self, case: str, figures: pd.DataFrame, pairs: pd.DataFrame) -> None:
         own = figures[(figures["case"] == case) & (figures["window"] == "settled")]
+        self.case = case
         self.rows = {row["estimator"]: row for row in own.to_dict("records")}
         self.most = own["runs"].max() if len(own) else 0
-        self.pairs = pairs[pairs["case"] == case]
+        self.pairs = pairs
 
     def of(self, label: str) -> str:
         """Return the error of an estimator; with fewer runs, its ratio to the EKF's."""
@@ -133,11 +131,10 @@ class _Cells:
         return same and 1.0 / ALIKE <= one["rms_m"] / two["rms_m"] <= ALIKE
 
     def _against(self, other: str, label: str) -> tuple[float | None, int]:
-        for first, second, power in ((label, other, 1), (other, label, -1)):
-            found = self.pairs[(self.pairs["first"] == first) & (self.pairs["second"] == second)]
-            if len(found) and found["error_ratio"].notna().all():
-                return float(found["error_ratio"].iloc[0]) ** power, int(found["runs"].iloc[0])
-        return None, 0
+        pair = pair_of(self.pairs, self.case, label, other)
+        if pair is None or pd.isna(pair["error_ratio"]):
+            return None, 0
+        return float(pair["error_ratio"]), int(pair["runs"])
 
 
 def families(figures: pd.DataFrame, cases: pd.DataFrame, most: int = MOST_FAMILIES) -> list[str]:

@@ -288,12 +288,17 @@ class Results:
 
     @cached_property
     def _figures(self) -> pd.DataFrame:
-        table = self.figures_of(self._cases_runs)
+        table = self._unjudged.copy()
         for verdicts in self._verdicts.values():
             for case, verdict in verdicts.items():
                 chosen = (table["case"] == case) & table["estimator"].isin(verdict.recommended)
                 table.loc[chosen & (table["window"] == "settled"), "recommended"] = True
         return table
+
+    @cached_property
+    def _unjudged(self) -> pd.DataFrame:
+        """The figures of the cases before any estimator is recommended."""
+        return self.figures_of(self._cases_runs)
 
     def figures_of(self, runs: pd.DataFrame) -> pd.DataFrame:
         """Return the figures of some rows of the table of runs, which recommend nothing."""
@@ -311,7 +316,7 @@ class Results:
     @cached_property
     def _verdicts(self) -> dict[str, dict[str, Verdict]]:
         """The verdicts by kind of estimators and case."""
-        return cases.verdicts(self._cases_runs)
+        return cases.verdicts(self._cases_runs, self._unjudged)
 
     def pairs(self) -> pd.DataFrame:
         """Return every two estimators of a kind in each case (:func:`.pairs.pairs`).
@@ -325,9 +330,16 @@ class Results:
         return pairs.pairs(self._cases_runs)
 
     def cases(self) -> pd.DataFrame:
-        """Return a row per case: set-up, bounds and verdicts (:func:`.cases.cases`)."""
+        """Return a row per case: set-up, bounds and verdicts (:func:`.cases.cases`).
+
+        The table is the caller's own.
+        """
+        return self._cases.copy()
+
+    @cached_property
+    def _cases(self) -> pd.DataFrame:
         arrays = {case.name: self.arrays(case.name) for case in self.scenario.cases}
-        return cases.cases(self.scenario.cases, arrays, self.figures(), self._verdicts)
+        return cases.cases(self.scenario.cases, arrays, self._figures, self._verdicts)
 
     @cached_property
     def _measurements(self) -> _Measurements:

@@ -7,7 +7,7 @@ points: of eight runs, where compiled estimators ask, or of one run, where a fra
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -78,28 +78,20 @@ class ModelArrays(NamedTuple):
         """Return the arrays of one run as a block of one."""
         return self.mapped(lambda array: array[np.newaxis])
 
-    @staticmethod
-    def joined(blocks: Sequence[ModelArrays]) -> ModelArrays:
-        """Return the arrays of all runs of several blocks, which share instrument and map."""
-        parts = iter(
-            [np.concatenate(arrays) for arrays in zip(*map(_of_runs, blocks), strict=True)]
-        )
-        return blocks[0].mapped(lambda _: next(parts))
+    def mapped(self, change: Callable[..., np.ndarray], *others: ModelArrays) -> ModelArrays:
+        """Return the same with the arrays that differ from run to run changed.
 
-    def mapped(self, change: Callable[[np.ndarray], np.ndarray]) -> ModelArrays:
-        """Return the same with the arrays that differ from run to run changed."""
+        ``change`` is given an array, and behind it that of each of the others.
+        """
+        models = (self, *others)
         aiding: dict[str, Any] = {
-            name: change(getattr(self.aiding, name)) for name in aiding_kernels.OF_A_RUN
+            name: change(*(getattr(model.aiding, name) for model in models))
+            for name in aiding_kernels.OF_A_RUN
         }
-        own: dict[str, Any] = {name: change(getattr(self, name)) for name in OF_A_RUN}
+        own: dict[str, Any] = {
+            name: change(*(getattr(model, name) for model in models)) for name in OF_A_RUN
+        }
         return self._replace(**own, aiding=self.aiding._replace(**aiding))
-
-
-def _of_runs(model: ModelArrays) -> list[np.ndarray]:
-    """Return the arrays that differ from run to run, in the order of ``mapped``."""
-    found: list[np.ndarray] = []
-    model.mapped(lambda array: found.append(array) or array)  # type: ignore[func-returns-value]
-    return found
 
 
 OF_A_RUN = ("references", "attitudes", "rows", "offset", "gain")

@@ -9,14 +9,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from ggbench.judging import verdicts
 from ggbench.judging.pairs import PAIRS, pair_of, pairs
 from ggbench.judging.run_errors import WINDOWS
-from ggbench.judging.summary import WINDOW_COLUMNS
+from ggbench.judging.summary import WINDOW_COLUMNS, figures
 from ggbench.judging.verdicts import (
     UnequalRunsError,
     Verdict,
     require_equal_runs,
-    verdict,
     with_equal_runs,
 )
 
@@ -67,6 +67,11 @@ def _template(cells: tuple[tuple[str, int], ...]) -> pd.DataFrame:
             )
         )
     return pd.concat(tables, ignore_index=True)
+
+
+def verdict(runs: pd.DataFrame, of: str = "causal") -> Verdict:
+    """The verdict on a table of runs, from its own figures."""
+    return verdicts.verdict(runs, figures(runs, {}), of)
 
 
 def common(generator: np.random.Generator, runs: int, labels: tuple[str, ...]) -> dict:

@@ -64,6 +64,7 @@ def test_what_is_read_is_what_was_written(results, folder):
 
 def test_the_length_is_that_of_the_gradients_along_the_track(results, folder, monkeypatch):
     """Of the epochs at which they were read, each at its own place."""
+    results = Results(results.folder)  # one that holds no table of cases yet
     real = results.arrays("1e3")
     times = real["times"]
     track = np.column_stack([0.0 * times + 0.5, 1.0 + 1e-5 * times, 0.0 * times + 1e3])
