@@ -5,24 +5,30 @@ attitude and biases are a linear problem, which a Kalman filter solves exactly, 
 particles with one and the same covariance. So particles need only three dimensions instead of
 fifteen (Schön, Gustafsson & Nordlund 2005; Gustafsson et al. 2002 for terrain navigation).
 
-That alone does not cure the textbook filter's depletion (see ``particle``): a particle is a path,
-a path tells its velocity and its biases, and a copied path stays a copy. Three things do:
+That alone does not cure the depletion of the textbook filter (see ``particle``): a particle is a
+path, a path determines its velocity and its biases, and a copied path stays a copy. Four things do:
 
-- The first reading leaves a few of thousands of particles, perhaps none at the right of several
-  places that look alike. So many more of them weigh it (``start``), and readings that still leave
-  too few are taken in by stages (``tempering``), each of which leaves a quarter of the cloud and
-  blurs it by a ``kernel`` before the next.
-- While the cloud still has several modes or bends with the field, the position has a noise that the
-  Kalman part is told of (``jitter``), so that copies part.
-- As soon as h is a straight line over the whole cloud, to within the noise of a reading, prior,
-  reading and so the posterior are Gaussians. Instead of being resampled the cloud then becomes the
-  Gaussian of its mean and covariance, linear states included: velocity and biases that were tied
-  to paths are a covariance again, and nothing is claimed that the readings have not told. A Kalman
-  filter, linearised statistically over a hundred points, carries it; should h bend over it again,
-  particles are drawn from it.
+- As long as h is a straight line over all that is possible, to within the noise of a reading, the
+  posterior is a Gaussian, and a Kalman filter carries it, linearised statistically over a hundred
+  points.
+- Where h bends over the Gaussian, particles are drawn from it. The reading that comes then has a
+  whole prior to search: many more particles than usual weigh it (``start``). A reading that leaves
+  too few of them is taken in by stages (``tempering``), between which Metropolis–Hastings steps
+  move the particles. These stages are exact (see :mod:`ggbench.engines.annealing`).
+- While there are particles the position has an additional noise, of which the Kalman part knows
+  (``jitter``), so that copies separate.
+- As soon as h is a straight line over the cloud, and the cloud has the shape of a Gaussian, it
+  becomes one, linear states included (``straight``). So does the prediction where a reading lies in
+  its tail, and leaves fewer than 4 √N effective particles: a Gaussian has tails, a cloud has none.
 
-Without these it claims, on flights where it started 100 m off, to know the position ten times
-better than the Cramér–Rao bound allows, and is wrong by hundreds of metres.
+Without these it claims, on flights that start 100 m off, to know the position ten times better than
+the Cramér–Rao bound allows, and is wrong by hundreds of metres.
+
+The posterior is exact in the limit of many particles N: jitter falls as N^{−1/2}, and the bending
+that counts as straight as N^{−1}. Priors of 600 m and 1 km, two and three states, against a grid:
+the mean is 0.03 to 0.08 standard deviations off with 4000 particles (rms), and 0.015 to 0.05 with
+16,000. What remains is sampling noise. Where modes stay alike for minutes, each resampling lets
+their weights drift: the shares of two valleys after 80 readings need 30,000 particles.
 """
 
 from __future__ import annotations
@@ -30,7 +36,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..engines.linear_states import POSITION, mixing
-from ..engines.particles import Moves
+from ..engines.moves import Moves
 from ..engines.resampling import Resampling
 from ..parameters import AtLeastOne, NonNegative, Share
 from ..problem import Problem
@@ -43,25 +49,24 @@ class RaoBlackwellisedFilter(CloudFilter):
 
     Parameters
     ----------
-    particles : their number N. Until it is straight a cloud costs 0.4 µs per particle and epoch.
+    particles : their number N. While there are particles, one costs 0.4 µs per epoch.
     resampling : ``systematic``, ``stratified`` or ``residual``.
-    threshold : effective sample size over N below which the cloud is renewed.
-    tempering : a reading that would leave less than this share of N effective is taken in by
-        stages; 0 takes each reading at once.
-    kernel : bandwidth, 0 to 1, of the kernel of Liu & West (2001) after resampling.
-    jitter : noise of the position [m²/s], told to the Kalman part, while the cloud is not straight.
-    straight : variance of h over the cloud, over that of the noise, which no straight line explains
-        and below which the cloud counts as straight, and goes on as a Gaussian; 0: never.
-    start : how many times N particles weigh the first reading, which has a whole prior to search.
+    threshold : effective sample size over N below which the cloud is resampled.
+    tempering : a reading of a Gaussian's draws that would leave less than this share of N effective
+        is taken in by stages; 0 takes each reading at once.
+    jitter : noise of the position [m²/s] of 4000 particles, which the Kalman part knows; in
+        proportion to N^{−1/2}.
+    straight : variance of h over 4000 particles, over that of the noise, which no straight line
+        explains and below which a Gaussian goes on; in proportion to N^{−1}; 0: never.
+    start : how many times N particles weigh the first reading over which h bends.
     """
 
     particles: Particles = 4000
     resampling: Resampling = "systematic"
     threshold: Share = 0.5
     tempering: Tempering = 0.25
-    kernel: Share = 0.1
     jitter: NonNegative = 0.25
-    straight: NonNegative = 0.25
+    straight: NonNegative = 0.02
     start: AtLeastOne = 32
 
     name = "rao-blackwellised"
@@ -70,8 +75,8 @@ class RaoBlackwellisedFilter(CloudFilter):
     def moves(self) -> Moves:
         """As the parameters say."""
         return Moves(
-            self.particles, self.resampling, self.threshold, self.tempering, self.kernel,
-            self.jitter, self.straight, self.start,
+            self.particles, self.resampling, self.threshold, self.tempering,
+            jitter=self.jitter, straight=self.straight, start=self.start,
         )  # fmt: skip
 
     def skip(self, problem: Problem) -> str | None:

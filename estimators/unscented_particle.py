@@ -12,6 +12,9 @@ three ways, and only two of them are sound:
     every particle is a Kalman filter and the answer exact, whatever their number. This is the
     Gaussian-sum particle filter of Kotecha & Djurić (2003b). It works here, because the posterior
     *is* a few narrow Gaussians: some hundreds, spread over a prior of a kilometre, find the hill.
+    Where h bends over one particle (``width_m``) more particles do not make it exact. With priors
+    of 600 m and 1 km the mean is 0.04 to 0.15 standard deviations off a grid's posterior, in one
+    problem 0.26 off, with a σ of 0.42 times the right one.
 ``exact``
     Van der Merwe's own: a state is drawn from the filter's N(μ, S) and weighted by
     p(z | x) p(x | x') / N(x; μ, S). Of an INS the density p(x | x') does not exist, for its process

@@ -18,7 +18,7 @@ AMPLITUDE = 10.0
 class RoughModel:
     """Components of a stationary Gaussian random field (sum of waves) along a track.
 
-    The position is that of the track plus the first three states.
+    The position is that of the track plus the first d states; waves (·, d), d is mostly 3.
     """
 
     track: np.ndarray
@@ -27,15 +27,15 @@ class RoughModel:
     sine: np.ndarray
 
     def predict(self, k: int, x: np.ndarray) -> np.ndarray:
-        phase = (self.track[k] + np.asarray(x)[..., :3]) @ self.waves.T
+        phase = (self.track[k] + np.asarray(x)[..., : self.waves.shape[1]]) @ self.waves.T
         return np.cos(phase) @ self.cosine + np.sin(phase) @ self.sine
 
     def jacobian(self, k: int, x: np.ndarray) -> np.ndarray:
-        x = np.asarray(x)
-        phase = (self.track[k] + x[..., :3]) @ self.waves.T
+        x, d = np.asarray(x), self.waves.shape[1]
+        phase = (self.track[k] + x[..., :d]) @ self.waves.T
         slope = np.cos(phase)[..., None] * self.sine - np.sin(phase)[..., None] * self.cosine
         rows = np.zeros((*x.shape[:-1], slope.shape[-1], x.shape[-1]))
-        rows[..., :3] = np.swapaxes(slope, -1, -2) @ self.waves
+        rows[..., :d] = np.swapaxes(slope, -1, -2) @ self.waves
         return rows
 
 
@@ -133,4 +133,41 @@ def constant_offset(
         prior_cov=np.diag([sigma**2, sigma**2, vertical**2]),
         model=model,
         layout=(StateBlock("position error ENU", slice(0, 3), "m"),),
+    )
+
+
+def drifting_position(seed: int, axes: int, sigma: float) -> Problem:
+    """Return a problem that a grid solves: a position, and the velocity along its first axis.
+
+    Twenty readings of three components, one a second at 50 m/s, with a noise of 3 in a field of 10
+    whose correlation length is 1500 m. The position has a prior of ``sigma`` [m] per axis.
+    """
+    rng, epochs, m, noise = np.random.default_rng([seed, 31]), 20, 3, 3.0
+    track = np.zeros((epochs, axes))
+    track[:, 0] = 50.0 * np.arange(epochs)
+    waves = rng.normal(size=(60, axes)) / 1500.0
+    model = RoughModel(track, waves, *(AMPLITUDE / np.sqrt(60) * rng.normal(size=(2, 60, m))))
+    n = axes + 1
+    step, q = np.eye(n), 0.01 * np.eye(n)
+    step[0, axes] = 1.0
+    q[axes, axes] = 1e-4
+    prior = np.diag([sigma**2] * axes + [2.0**2])
+    x = np.sqrt(np.diag(prior)) * rng.standard_normal(n)
+    measurements = np.empty((epochs, m))
+    for k in range(epochs):
+        x = step @ x + np.sqrt(np.diag(q)) * rng.standard_normal(n)
+        measurements[k] = model.predict(k, x) + noise * rng.standard_normal(m)
+    return Problem(
+        times=np.arange(1.0, epochs + 1.0),
+        measurements=measurements,
+        noise_cov=noise**2 * np.eye(m),
+        transition=np.tile(step, (epochs, 1, 1)),
+        process_cov=np.tile(q, (epochs, 1, 1)),
+        prior_mean=np.zeros(n),
+        prior_cov=prior,
+        model=model,
+        layout=(
+            StateBlock("position error", slice(0, axes), "m"),
+            StateBlock("velocity error", slice(axes, n), "m/s"),
+        ),
     )

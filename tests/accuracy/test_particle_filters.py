@@ -14,7 +14,9 @@ from lost_runs import lost, wide
 from problems import estimator, rng
 
 from ggbench.engines import particles
-from ggbench.engines.particles import Moves, _Cloud, filtered
+from ggbench.engines.cloud import Cloud
+from ggbench.engines.moves import Moves
+from ggbench.engines.particles import filtered
 from ggbench.engines.window_search import section
 from ggbench.judging.statistics import nees_band
 from ggbench.problem import Problem
@@ -57,7 +59,7 @@ def test_no_epoch_claims_a_tenth_of_the_bound_and_without_cures_some_do():
     assert (claimed(Moves(ALIVE.particles), problem) < 0.1 * bound).mean() > 0.05
 
 
-class _Untold(_Cloud):
+class _Untold(Cloud):
     """Jitter that the Kalman part is not told of: it takes each jump for what velocity has done."""
 
     density = 0.25
@@ -83,7 +85,7 @@ def test_jitter_that_the_kalman_part_is_not_told_of_is_taken_for_velocity(monkey
     untold 45 m and 7 m/s; not even the NEES shows it, for the jumps widen the cloud as much.
     """
     told = settled_errors("0.1km", ALIVE._replace(straight=0.0))
-    monkeypatch.setattr(particles, "_Cloud", _Untold)
+    monkeypatch.setattr(particles, "Cloud", _Untold)
     untold = settled_errors("0.1km", ALIVE._replace(straight=0.0, jitter=0.0))
     assert untold[0] > 3.0 * told[0]
     assert untold[1] > 10.0 * told[1]

@@ -1,0 +1,180 @@
+"""A reading taken in by exact stages: draws of a Gaussian become draws of its posterior.
+
+One reading may be far sharper than what was known before it. So it is taken in by powers of its
+likelihood that rise from 0 to 1 (Neal 2001; Del Moral, Doucet & Jasra 2006). Each power leaves a
+share of the draws effective. They are resampled, and moved by Metropolis–Hastings steps, which
+leave the distribution of that power as it is. Nothing is blurred: the answer is exact in the limit
+of many draws, however many modes it has.
+
+A step is γ times the difference of two other draws, γ = 2.38 / √(2r) (ter Braak 2006). Such
+differences are as wide as a mode is, and as long as modes lie apart.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from ..numerics.kernels import compiled
+from .resampling import Resampling, effective_size, normalise, resample, unique
+
+_LEAST_SHARE, _BISECTIONS, _MOST_STAGES = 1e-16, 20, 60
+"""Share of a reading that a stage takes at least; halvings (of its logarithm) by which a stage is
+found; stages after which all that is left of a reading is taken at once."""
+_STEPS = 5
+"""Metropolis–Hastings steps after each stage."""
+
+
+class Whitening(NamedTuple):
+    """Coordinates y = W r of a reading r = h(p) + C l + noise.
+
+    Attributes
+    ----------
+    rows : W (m, m), by which the noise has the covariance one.
+    linear : λ (m,), the diagonal of C P_l Cᵀ, which the linear states l cause, and which is a
+        diagonal in these coordinates.
+    log_noise : ln |2π R| of the noise.
+    """
+
+    rows: np.ndarray
+    linear: np.ndarray
+    log_noise: float
+
+
+def whitening(noise: np.ndarray, spread: np.ndarray) -> Whitening:
+    """Return the coordinates for R (m, m) and C P_l Cᵀ (m, m)."""
+    inverse = np.linalg.inv(np.linalg.cholesky(noise))
+    linear, axes = np.linalg.eigh(inverse @ spread @ inverse.T)
+    log_noise = float(np.linalg.slogdet(2.0 * np.pi * noise)[1])
+    return Whitening(axes.T @ inverse, np.maximum(linear, 0.0), log_noise)
+
+
+class Annealed(NamedTuple):
+    """Draws after a reading, and how they came about.
+
+    Attributes
+    ----------
+    normals : (N, r) draws, of which the prior is standard normal.
+    whitened : (N, m) their y.
+    evidence : ln p(z) of the reading.
+    size : effective sample size that the reading at once would have left.
+    stages : between the prior and the posterior.
+    fewest : least number of different draws that a resampling left.
+    """
+
+    normals: np.ndarray
+    whitened: np.ndarray
+    evidence: float
+    size: float
+    stages: int
+    fewest: int
+
+
+@compiled
+def _raise(
+    whitened: np.ndarray, linear: np.ndarray, before: float, after: float, out: np.ndarray
+) -> None:
+    """Fill (N,) with what log weights gain as the power β of the likelihood is raised.
+
+    Integrated over the linear states it is exp(−½ Σ [β y² / (1 + β λ) + ln(1 + β λ)]), but for
+    |2π R|^{−β/2}.
+    """
+    m, constant = whitened.shape[1], 0.0
+    factors = np.empty(m)
+    for c in range(m):
+        above, below = 1.0 + after * linear[c], 1.0 + before * linear[c]
+        factors[c] = after / above - before / below
+        constant += math.log(above / below)
+    for i in range(whitened.shape[0]):
+        total = constant
+        for c in range(m):
+            total += factors[c] * whitened[i, c] * whitened[i, c]
+        out[i] = -0.5 * total
+
+
+def annealed(
+    normals: np.ndarray,
+    read: Callable[[np.ndarray], np.ndarray],
+    space: Whitening,
+    count: int,
+    least: float,
+    resampling: Resampling,
+    rng: np.random.Generator,
+) -> Annealed:
+    """Return draws of the posterior after a reading.
+
+    Parameters
+    ----------
+    normals : (M, r) draws of the prior, standard normal.
+    read : returns y (·, m) of draws (·, r).
+    space : of y.
+    count : number N of the draws that are wanted.
+    least : effective sample size that a stage leaves.
+    resampling : the method.
+    """
+    whitened = read(normals)
+    power, stages, evidence, fewest = 0.0, 0, -0.5 * space.log_noise, count
+    size = math.nan
+    while power < 1.0:
+        before = power
+        wanted = least if stages < _MOST_STAGES else 0.0
+        weights, gained, power, at_once = _stage(whitened, space.linear, before, wanted)
+        size = at_once if before == 0.0 else size
+        evidence += gained
+        stages += power < 1.0
+        ancestors = resample(resampling, weights, rng, count)
+        fewest = min(fewest, unique(ancestors))
+        normals, whitened = normals[ancestors], whitened[ancestors]
+        for _ in range(_STEPS):
+            _step(normals, whitened, read, space.linear, power, rng)
+    return Annealed(normals, whitened, evidence, size, stages, fewest)
+
+
+def _stage(
+    whitened: np.ndarray, linear: np.ndarray, before: float, least: float
+) -> tuple[np.ndarray, float, float, float]:
+    """Return weights (M,) of the next power, ln of their mean, that power, and the ESS of 1."""
+    logs, weights = np.empty(len(whitened)), np.empty(len(whitened))
+
+    def weigh(after: float) -> tuple[float, float]:
+        _raise(whitened, linear, before, after, logs)
+        total = normalise(logs, weights)
+        return total - math.log(len(logs)), float(effective_size(weights))
+
+    gained, at_once = weigh(1.0)
+    if at_once >= least:
+        return weights, gained, 1.0, at_once
+    low, high = math.log(_LEAST_SHARE), math.log(1.0 - before)
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        if weigh(before + math.exp(middle))[1] >= least:
+            low = middle
+        else:
+            high = middle
+    after = before + math.exp(low)
+    gained, _ = weigh(after)
+    return weights, gained, after, at_once
+
+
+def _step(
+    normals: np.ndarray,
+    whitened: np.ndarray,
+    read: Callable[[np.ndarray], np.ndarray],
+    linear: np.ndarray,
+    power: float,
+    rng: np.random.Generator,
+) -> None:
+    """Move draws (N, r), and their y (N, m), by one Metropolis–Hastings step each."""
+    count, rank = normals.shape
+    others = normals[rng.permutation(count)]
+    trial = normals + 2.38 / math.sqrt(2.0 * max(rank, 1)) * (others - np.roll(others, 1, axis=0))
+    there = read(trial)
+    here_logs, there_logs = np.empty(count), np.empty(count)
+    _raise(whitened, linear, 0.0, power, here_logs)
+    _raise(there, linear, 0.0, power, there_logs)
+    gain = there_logs - here_logs + 0.5 * ((normals**2).sum(axis=1) - (trial**2).sum(axis=1))
+    taken = rng.exponential(size=count) > -gain
+    normals[taken], whitened[taken] = trial[taken], there[taken]

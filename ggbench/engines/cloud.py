@@ -1,0 +1,384 @@
+"""A cloud of particles, of which some states may be Kalman filtered, from reading to reading.
+
+A row of the cloud is (p_i, l_i): d states that are drawn, and the mean of the others. Prediction,
+the start and kernels all draw from a Gaussian of joint covariance J over the states and keep what
+of l the draw does not tell: p = G e, l = J_lp G⁺ᵀ e, P_l = J_ll − J_lp J_pp⁺ J_pl, where G Gᵀ =
+J_pp has the rank that J_pp has. In the prediction J = Φ_l P_l Φ_lᵀ + Q, whose cross-block is not
+zero: the noise of an interval moves p and l together.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ..numerics.kernels import compiled
+from ..numerics.positive import ranked_root
+from ..problem import Problem
+from .annealing import annealed, whitening
+from .linear_states import POSITION
+from .moves import Moves, regularise, roughen
+from .resampling import effective_size, moments, normalise, repaired, resample, unique
+from .straightness import bending, is_gaussian
+
+_LEAST_STEP, _BISECTIONS, _MOST_STAGES = 1e-16, 40, 60
+"""Share of a reading that a stage takes at least; halvings (of its logarithm) by which a stage is
+found; stages in which a reading is taken in at most."""
+_FEWEST = 4.0
+"""Effective particles, over √N, which a reading leaves at least of a cloud that it belongs to."""
+_PER_STATE = 10.0
+"""Effective particles per drawn state from which a regression on them says anything."""
+_PROBES = 100
+"""Points with the exact moments of a Gaussian, by which it is seen whether h is straight there."""
+_CHUNK = 8192
+"""Particles whose readings are asked for at once: more of them leave the processor's cache."""
+
+
+@compiled
+def _log_likelihoods(
+    residuals: np.ndarray, inverse: np.ndarray, log: np.ndarray, out: np.ndarray
+) -> None:
+    """Fill log (N,) − ½ |W r_i|² of residuals (N, m); W (m, m) is lower triangular."""
+    m = residuals.shape[1]
+    for i in range(residuals.shape[0]):
+        total = 0.0
+        for c in range(m):
+            white = 0.0
+            for d in range(c + 1):
+                white += inverse[c, d] * residuals[i, d]
+            total += white * white
+        out[i] = log[i] - 0.5 * total
+
+
+class _Reading(NamedTuple):
+    """A reading of epoch k: its m channels, slope ∂h/∂l (m, n − d) and noise (m, m)."""
+
+    k: int
+    there: np.ndarray
+    slope: np.ndarray
+    noise: np.ndarray
+
+    def spread(self, rest: np.ndarray) -> np.ndarray:
+        """Return the covariance (m, m) of the reading from that of the linear states."""
+        return np.asarray(self.slope @ rest @ self.slope.T)
+
+
+class Cloud:
+    """N weighted particles (N, n), log weights (N,), and P_l (n − d, n − d) of them all.
+
+    Their ``evidence`` is ln p(z) of all readings so far, ``total`` the ln Σ of their weights. Until
+    the first reading that bends, and again where it has become one, the cloud is a ``gaussian``,
+    mean (n,) and covariance (n, n).
+    """
+
+    weights: np.ndarray
+    log: np.ndarray
+    trial: np.ndarray
+    total: float
+    gaussian: tuple[np.ndarray, np.ndarray] | None
+
+    def __init__(
+        self, problem: Problem, drawn: int, moves: Moves, rng: np.random.Generator
+    ) -> None:
+        self.problem, self.drawn, self.moves, self.rng = problem, drawn, moves, rng
+        self.count = moves.particles
+        self.to_draw = self.count * moves.start
+        self.gaussian = problem.prior_mean, problem.prior_cov
+        self.x, self.rest = problem.prior_mean[np.newaxis], np.empty((0, 0))
+        self._level()
+        self.poor, self.on_trial = False, 0.0
+        self.sizes: list[float] = []
+        self.resamplings = self.stages = self.evaluations = 0
+        self.fewest, self.evidence = self.count, 0.0
+
+    def predict(self, k: int) -> None:
+        """Carry the cloud to epoch k."""
+        problem, d = self.problem, self.drawn
+        phi, noise = problem.transition[k], problem.process_cov[k]
+        if self.gaussian:
+            mean, cov = self.gaussian
+            self.gaussian = phi @ mean, phi @ cov @ phi.T + noise
+            return
+        joint = phi[:, d:] @ self.rest @ phi[:, d:].T + noise
+        moved = range(min(d, POSITION))
+        joint[moved, moved] += self.moves.noise_density * (problem.times[k] - problem.times[k - 1])
+        steps = self._steps(joint)
+        self.x = self.x @ phi.T
+        self.x += self.rng.standard_normal((len(self.x), len(steps))) @ steps
+
+    def update(self, k: int) -> float:
+        """Weigh the cloud by the reading of epoch k; return its NIS, NaN where it is none."""
+        reading = self._reading(k)
+        exact = self.moves.tempering > 0.0 and not self.moves.blurs
+        residuals = np.empty((0, len(reading.noise)))
+        if not self.gaussian:
+            residuals = self._residuals(reading)
+            if exact and self._depletes(residuals, reading):
+                self.gaussian = self._moments()
+        if self.gaussian and self.moves.most_bending:
+            self._draw(_PROBES)
+            residuals = self._residuals(reading)
+            if self._bending(residuals, reading) < self.moves.most_bending:
+                return self._update_gaussian(residuals, reading)
+        if self.gaussian and exact:
+            residuals, share = self._anneal(reading), 1.0
+        else:
+            residuals, share = self._weigh_by_stages(residuals, reading)
+        straight = self._has_become_gaussian(residuals, reading)
+        self._correct(residuals, reading, share)
+        if straight:
+            self.gaussian = self._moments()
+        return math.nan
+
+    def moments(self) -> tuple[np.ndarray, np.ndarray, bool]:
+        """Return mean (n,) and covariance (n, n) of the states, and whether it was repaired."""
+        mean, cov = self.gaussian or self._moments()
+        return mean, *repaired(cov, self.problem.prior_cov)
+
+    def renew_if_poor(self) -> None:
+        """Renew the cloud where a reading has left too few of its particles any weight."""
+        if self.poor and not self.gaussian:
+            self._renew()
+        self.poor = False
+
+    def _reading(self, k: int) -> _Reading:
+        there = self.problem.present[k]
+        noise = self.problem.noise_of(k)[np.ix_(there, there)]
+        slope = np.zeros((len(noise), self.problem.dimension - self.drawn))
+        if self.drawn < self.problem.dimension:
+            point = self.gaussian[0] if self.gaussian else self.x[0]
+            slope = self.problem.model.jacobian(k, point)[there, self.drawn :]
+            self.evaluations += 1
+        return _Reading(k, there, slope, noise)
+
+    def _moments(self) -> tuple[np.ndarray, np.ndarray]:
+        mean, cov = moments(self.weights, self.x)
+        cov[self.drawn :, self.drawn :] += self.rest
+        return mean, cov
+
+    def _update_gaussian(self, residuals: np.ndarray, reading: _Reading) -> float:
+        """Update the Gaussian by a reading, linearised statistically; return its NIS.
+
+        By regression on points that have its moments (Särkkä & Svensson 2023, ch. 9).
+        """
+        assert self.gaussian
+        (mean, cov), n = self.gaussian, self.x.shape[1]
+        innovation, joint = moments(self.weights, np.hstack([self.x, residuals]))
+        innovation = innovation[n:]
+        spread = joint[n:, n:] + reading.spread(self.rest) + reading.noise
+        across = -joint[:n, n:]
+        across[self.drawn :] += self.rest @ reading.slope.T
+        gain = np.linalg.solve(spread, across.T).T
+        self.gaussian = mean + gain @ innovation, cov - gain @ spread @ gain.T
+        squared = float(innovation @ np.linalg.solve(spread, innovation))
+        self.evidence -= 0.5 * (squared + np.linalg.slogdet(2.0 * np.pi * spread)[1])
+        return squared
+
+    def _anneal(self, reading: _Reading) -> np.ndarray:
+        """Draw the posterior of the Gaussian by exact stages; return the residuals (N, m)."""
+        assert self.gaussian
+        mean, cov = self.gaussian
+        steps = self._steps(cov)
+        space = whitening(reading.noise, reading.spread(self.rest))
+
+        def read(normals: np.ndarray) -> np.ndarray:
+            self.x = mean + normals @ steps
+            return self._residuals(reading) @ space.rows.T
+
+        found = annealed(
+            self._balanced(self.to_draw, len(steps)), read, space, self.count,
+            self.moves.tempering * self.count, self.moves.resampling, self.rng,
+        )  # fmt: skip
+        self.x, self.gaussian, self.to_draw = mean + found.normals @ steps, None, self.count
+        self._level()
+        self.sizes.append(found.size)
+        self.stages += found.stages
+        self.resamplings += found.stages + 1
+        self.fewest = min(self.fewest, found.fewest)
+        self.evidence += found.evidence
+        return np.asarray(np.linalg.solve(space.rows, found.whitened.T).T)
+
+    def _depletes(self, residuals: np.ndarray, reading: _Reading) -> bool:
+        """Return whether a reading lies in the tail of the cloud; keep the weights.
+
+        There the cloud has too few particles, and a Gaussian of its moments has a tail. It is a
+        smaller share of the particles the more there are, so that the limit stays exact.
+        """
+        before = self.weights.copy()
+        size = self._weigh(residuals, reading.spread(self.rest) + reading.noise)
+        self.weights = before
+        return bool(size < _FEWEST * math.sqrt(self.count))
+
+    def _weigh_by_stages(
+        self, residuals: np.ndarray, reading: _Reading
+    ) -> tuple[np.ndarray, float]:
+        """Weigh the cloud, by stages if a kernel parts copies between them.
+
+        Return the residuals (N, m), and which share of the reading is left to correct by.
+        """
+        if self.gaussian:
+            self._draw(self.to_draw)
+            self.gaussian, self.to_draw = None, self.count
+            residuals = self._residuals(reading)
+        least = self.moves.tempering * self.count if self.moves.blurs else 0.0
+        left, stages = 1.0, 0
+        while True:
+            spread, noise = reading.spread(self.rest), reading.noise
+            size, step = self._weigh(residuals, spread + noise / left), left
+            if left == 1.0:
+                self.sizes.append(size)
+            if size < least and stages < _MOST_STAGES:
+                step = self._step(residuals, spread, noise, left)
+                self._weigh(residuals, spread + noise / step)
+            self.log, self.trial = self.trial, self.log
+            self._count_evidence(spread + noise / step, noise, step)
+            if step == left:
+                break
+            self._correct(residuals, reading, step)
+            left, stages = left - step, stages + 1
+            self.stages += 1
+            self._renew()
+            residuals = self._residuals(reading)
+        poor = effective_size(self.weights) < self.moves.threshold * self.count
+        self.poor = poor or len(self.x) > self.count
+        return residuals, left
+
+    def _residuals(self, reading: _Reading) -> np.ndarray:
+        """Return what is left of a reading (N, m) at all particles."""
+        self.evaluations += len(self.x)
+        k, there = reading.k, reading.there
+        residuals, read = np.empty((len(self.x), len(there))), self.problem.measurements[k]
+        for first in range(0, len(self.x), _CHUNK):
+            some = slice(first, first + _CHUNK)
+            np.subtract(read, self.problem.model.predict(k, self.x[some]), out=residuals[some])
+        return residuals if there.all() else np.ascontiguousarray(residuals[:, there])
+
+    def _weigh(self, residuals: np.ndarray, innovation: np.ndarray) -> float:
+        """Put log weights after a share of a reading on trial; return the ESS that they leave."""
+        _log_likelihoods(residuals, _inverse_root(innovation), self.log, self.trial)
+        self.on_trial = normalise(self.trial, self.weights)
+        return float(effective_size(self.weights))
+
+    def _count_evidence(self, innovation: np.ndarray, noise: np.ndarray, step: float) -> None:
+        """Add what a share of a reading has added to ln p(z).
+
+        The share of a density N(r; 0, R) is its power, which is N(r; 0, R / share) but for a factor
+        that depends on R alone.
+        """
+        m = len(noise)
+        of_power = (1.0 - step) * np.linalg.slogdet(2.0 * np.pi * noise)[1] - m * math.log(step)
+        density = -np.linalg.slogdet(2.0 * np.pi * innovation)[1]
+        self.evidence += float(self.on_trial - self.total + 0.5 * (density + of_power))
+        self.total = self.on_trial
+
+    def _step(
+        self, residuals: np.ndarray, spread: np.ndarray, noise: np.ndarray, most: float
+    ) -> float:
+        """Return which share of a reading leaves as many effective particles as it should."""
+        least = self.moves.tempering * self.count
+        low, high = math.log(_LEAST_STEP), math.log(most)
+        for _ in range(_BISECTIONS):
+            middle = 0.5 * (low + high)
+            if self._weigh(residuals, spread + noise / math.exp(middle)) >= least:
+                low = middle
+            else:
+                high = middle
+        return math.exp(low)
+
+    def _correct(self, residuals: np.ndarray, reading: _Reading, share: float) -> None:
+        """Update the linear states by a share of a reading.
+
+        One gain for all particles, P_l in Joseph's form.
+        """
+        if not reading.slope.any():
+            return
+        slope, noise = reading.slope, reading.noise / share
+        gain = np.linalg.solve(reading.spread(self.rest) + noise, slope @ self.rest).T
+        self.x[:, self.drawn :] += residuals @ gain.T
+        keep = np.eye(len(self.rest)) - gain @ slope
+        self.rest = keep @ self.rest @ keep.T + gain @ noise @ gain.T
+
+    def _bending(self, residuals: np.ndarray, reading: _Reading) -> float:
+        """Return how much h bends over the weighted cloud, over the noise."""
+        d = self.drawn
+        # Of what the drawn states alone make of h.
+        alone = residuals + self.x[:, d:] @ reading.slope.T
+        return bending(self.weights, self.x[:, :d], alone @ _inverse_root(reading.noise).T)
+
+    def _has_become_gaussian(self, residuals: np.ndarray, reading: _Reading) -> bool:
+        """Return whether h is straight over the cloud, and the cloud shaped like a Gaussian."""
+        most = self.moves.most_bending
+        return (
+            most > 0.0
+            and bool(effective_size(self.weights) >= _PER_STATE * self.drawn)
+            and self._bending(residuals, reading) < most
+            and is_gaussian(self.weights, self.x[:, : self.drawn])
+        )
+
+    def _renew(self) -> None:
+        """Replace the cloud by one of equal weights."""
+        moves = self.moves
+        self.resamplings += 1
+        ancestors = resample(moves.resampling, self.weights, self.rng, self.count)
+        self.fewest = min(self.fewest, unique(ancestors))
+        self.x = self.x[ancestors]
+        if moves.roughening:
+            roughen(self.x, self.drawn, moves, self.rng)
+        if moves.regularisation:
+            regularise(self.x, moves, self.rng)
+        if moves.kernel:
+            self._blur()
+        self._level()
+
+    def _level(self) -> None:
+        """Give all particles the same weight."""
+        count = len(self.x)
+        self.log, self.trial = np.zeros(count), np.empty(count)
+        self.weights = np.full(count, 1.0 / count)
+        self.total = math.log(count)
+
+    def _draw(self, count: int) -> None:
+        """Draw the cloud from the Gaussian, whose mean and covariance it then has exactly.
+
+        Second-order exact sampling (Pham 2001): the draw adds no error to either.
+        """
+        assert self.gaussian
+        mean, cov = self.gaussian
+        steps = self._steps(cov)
+        self.x = mean + self._balanced(count, len(steps)) @ steps
+        self._level()
+
+    def _blur(self) -> None:
+        """Move all particles by the kernel of Liu and West, and P_l with them."""
+        b = self.moves.kernel
+        mean, cov = moments(np.full(self.count, 1.0 / self.count), self.x)
+        cov *= b * b
+        cov[self.drawn :, self.drawn :] += self.rest
+        steps = self._steps(cov)
+        self.x = mean + math.sqrt(1.0 - b * b) * (self.x - mean)
+        self.x += self.rng.standard_normal((self.count, len(steps))) @ steps
+
+    def _steps(self, joint: np.ndarray) -> np.ndarray:
+        """Return (r, n) what r normal numbers make of a particle, and keep the rest as P_l."""
+        d = self.drawn
+        root, inverse = ranked_root(joint[:d, :d])
+        told = inverse.T @ joint[:d, d:]
+        rest = joint[d:, d:] - told.T @ told
+        self.rest = 0.5 * (rest + rest.T)
+        return np.hstack([root.T, told])
+
+    def _balanced(self, count: int, rank: int) -> np.ndarray:
+        """Return normal numbers (N, r) whose mean is zero and whose covariance is one, exactly."""
+        noise = self.rng.standard_normal((count, rank))
+        if count <= rank or rank == 0:
+            return noise
+        noise -= noise.mean(axis=0)
+        root = np.linalg.cholesky(noise.T @ noise / count)
+        return np.asarray(np.linalg.solve(root, noise.T).T)
+
+
+def _inverse_root(cov: np.ndarray) -> np.ndarray:
+    """Return the inverse of the lower triangular root of a covariance (m, m)."""
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(cov)))
