@@ -168,7 +168,8 @@ class Tasks:
     """What a campaign has still to run: its tasks, made when they are asked for.
 
     A range of runs of all cases comes before the next one, and estimators that do not take many
-    runs at once go through it run by run: an interrupted campaign has runs of all cases.
+    runs at once go through it run by run: an interrupted campaign has runs of all cases. Where each
+    run has a flight of its own, all estimators go through a range at once: it is made only once.
     """
 
     def __init__(self, cells: Sequence[_Open], seed: int) -> None:
@@ -179,7 +180,7 @@ class Tasks:
         self._one_by_one: list[_Open] = []
         for cell in cells:
             # Read again, not as this process chose it once: a file may change between campaigns.
-            sides = by_block_size(cell.pairs, choose)
+            sides = (cell.pairs, ()) if cell.case.drawn else by_block_size(cell.pairs, choose)
             for cells_of, pairs in zip((self._at_once, self._one_by_one), sides, strict=True):
                 where = [cell.pairs.index(pair) for pair in pairs]
                 cells_of.append(cell._replace(pairs=pairs, missing=cell.missing[where]))

@@ -28,7 +28,7 @@ from ..block import BlockEstimator, EstimateBlock, ProblemBlock, joined
 from ..errors import GGBenchError
 from ..judging import fix_metrics, run_errors
 from ..judging.references import CaseBound, References
-from ..problem import CountingModel, Estimate, Estimator
+from ..problem import CountingModel, Estimate, Estimator, Problem
 from ..results.store import Result
 from ..simulation.error_free_flight import Flight, prepare
 from ..simulation.runs import simulate_block
@@ -165,10 +165,8 @@ def run_task(task: Task) -> Iterator[Started | list[Result]]:
                 f"the version of ggbench or of a library, the source of {label} or a map file "
                 f"is not what the campaign was started with; here: {result_keys.environment()}"
             )
-    together, singly = by_block_size(task.estimators, chosen)
-    for pairs, size in ((together, runs_at_once(task.case)), (singly, 1)):
-        for runs in _blocks(task, size) if pairs else ():
-            yield from _run_block(task, pairs, runs)
+    for runs in _blocks(task, runs_at_once(task.case)):
+        yield from _run_block(task, task.estimators, runs)
 
 
 def _blocks(task: Task, size: int) -> Iterator[Sequence[int]]:
@@ -202,7 +200,7 @@ def runs_at_once(case: CaseSpec) -> int:
 
 
 def _run_block(task: Task, pairs: Pairs, runs: Sequence[int]) -> Iterator[Started | list[Result]]:
-    """Run several runs at once; should that fail, one by one, so that it costs no other run."""
+    """Simulate several runs at once; should that fail, one by one: it costs no other run."""
     try:
         block, truth = _simulated_block(task, runs)
     except Exception as error:
@@ -214,26 +212,40 @@ def _run_block(task: Task, pairs: Pairs, runs: Sequence[int]) -> Iterator[Starte
             yield [failure(task, runs[0], label, key, reason, trace)]
         return
     for label, key in pairs:
-        yield Started(label, runs)
-        choice = chosen(label)
-        cold = {"cold": _is_cold(label)}
-        blanks = [new_record(choice, run, task.seed) | cold for run in runs]
-        try:
-            rngs = [_estimator_rng(task.seed, run, choice) for run in runs]
-            estimated = _estimate(block, choice, rngs)
-            results = _evaluated(blanks, key, task.case, truth, estimated, block)
-        except (Exception, SystemExit) as error:
-            if len(runs) > 1:
-                for run in runs:
-                    yield from _run_block(task, ((label, key),), (run,))
-                continue
-            results = [
-                Result(
-                    key,
-                    blanks[0] | {"reason": exception_text(error), "traceback": traceback_text()},
-                )
-            ]
-        yield results
+        at_once = isinstance(chosen(label).estimator, BlockEstimator)
+        size = len(runs) if at_once else 1
+        for start in range(0, len(runs), size):
+            part = slice(start, start + size)
+            yield from _run_estimator(task, label, key, runs[part], block, truth, part)
+
+
+def _run_estimator(
+    task: Task,
+    label: str,
+    key: str,
+    runs: Sequence[int],
+    block: ProblemBlock,
+    truth: HiddenArray,
+    part: slice,
+) -> Iterator[Started | list[Result]]:
+    """Let an estimator run ``runs``, a part of a simulated block; should that fail, one by one."""
+    yield Started(label, runs)
+    choice = chosen(label)
+    cold = {"cold": _is_cold(label)}
+    blanks = [new_record(choice, run, task.seed) | cold for run in runs]
+    problems = [block.problem(r) for r in range(part.start, part.stop)]
+    try:
+        rngs = [_estimator_rng(task.seed, run, choice) for run in runs]
+        estimated = _estimate(block, problems, choice, rngs)
+        results = _evaluated(blanks, key, task.case, truth, part, estimated, problems)
+    except (Exception, SystemExit) as error:
+        if len(runs) > 1:
+            for run in runs:
+                yield from _run_block(task, ((label, key),), (run,))
+            return
+        record = blanks[0] | {"reason": exception_text(error), "traceback": traceback_text()}
+        results = [Result(key, record)]
+    yield results
 
 
 def _simulated_block(task: Task, runs: Sequence[int]) -> tuple[ProblemBlock, HiddenArray]:
@@ -257,22 +269,22 @@ def _evaluated(
     key: str,
     case: CaseSpec,
     truth: HiddenArray,
+    part: slice,
     estimated: TimedEstimates,
-    block: ProblemBlock,
+    problems: Sequence[Problem],
 ) -> list[Result]:
-    """Judge estimates (:func:`.records.evaluate_runs`) by the truth that was put away."""
-    problems = [block.problem(r) for r in range(block.runs)]
-    whole = slice(0, block.runs)
-    parts = [slice(r, r + 1) for r in range(block.runs)] if case.drawn else [whole]
+    """Judge estimates (:func:`.records.evaluate_runs`) of a part of the runs that truth is of."""
+    count = len(problems)
+    alike = [slice(r, r + 1) for r in range(count)] if case.drawn else [slice(0, count)]
     results = []
-    with truth.looked_at() as states:
-        for part in parts:
-            of_runs = case.of_run(blanks[part.start]["run"])
+    with truth.looked_at() as whole:
+        for some in alike:
+            of_runs, states = case.of_run(blanks[some.start]["run"]), whole[part][some]
             flight = flight_of(of_runs)
-            references = References(flight, case_bound(of_runs), problems[part], states[part])
+            references = References(flight, case_bound(of_runs), problems[some], states)
             results += evaluate_runs(
-                blanks[part], key, flight, states[part], estimated.of_runs(part), references,
-                problems[part],
+                blanks[some], key, flight, states, estimated.of_runs(some), references,
+                problems[some],
             )  # fmt: skip
     return results
 
@@ -319,9 +331,12 @@ def _own_surroundings() -> Iterator[None]:
 
 
 def _estimate(
-    block: ProblemBlock, choice: Choice, rngs: Sequence[np.random.Generator]
+    block: ProblemBlock,
+    problems: Sequence[Problem],
+    choice: Choice,
+    rngs: Sequence[np.random.Generator],
 ) -> TimedEstimates:
-    """Let an estimator estimate the runs of a block, and see that it returns what it declares.
+    """Let an estimator estimate a block, or one of its problems, and see that it keeps its word.
 
     Raises
     ------
@@ -339,8 +354,7 @@ def _estimate(
         info, evaluations = _columns(found.info, block.runs)
         fixes = None
     else:
-        problem = block.problem(0)
-        problem = dataclasses.replace(problem, model=copy.copy(problem.model))
+        problem = dataclasses.replace(problems[0], model=copy.copy(problems[0].model))
         found, seconds = _timed(partial(estimation.estimate, estimator, problem, rngs[0]))
         _require_declared(estimator, found, Estimate, "estimate")
         info = [remarks(found.info)]
@@ -349,17 +363,17 @@ def _estimate(
         own = info[0].get("map_evaluations", counted)
         evaluations = [own if isinstance(own, int) else counted]
         fixes = found.fixes
-    epochs, n = block.epochs, block.dimension
+    count, epochs, n = len(problems), block.epochs, block.dimension
     mean = run_errors.real_array("mean", found.mean, (*leading, epochs, n))
     cov, nis = found.cov, found.nis
     if cov is not None:
         cov = run_errors.real_array("cov", cov, (*leading, epochs, n, n))
-        cov = cov.reshape(block.runs, epochs, n, n)
+        cov = cov.reshape(count, epochs, n, n)
     if nis is not None:
-        nis = run_errors.real_array("nis", nis, (*leading, epochs)).reshape(block.runs, epochs)
+        nis = run_errors.real_array("nis", nis, (*leading, epochs)).reshape(count, epochs)
     return TimedEstimates(
-        mean.reshape(block.runs, epochs, n), cov, nis, found.causality, found.lag,
-        info, evaluations, seconds / block.runs,
+        mean.reshape(count, epochs, n), cov, nis, found.causality, found.lag,
+        info, evaluations, seconds / count,
         None if fixes is None else fix_metrics.checked(fixes, epochs),
     )  # fmt: skip
 
