@@ -30,6 +30,9 @@ from .problem import (
 from .sensors.model import SensorModel
 from .sensors.model_kernels import ModelArrays
 
+FEWEST_STATES = 3
+"""States that kernels take at least: the tiles of :mod:`.numerics.lane_algebra` are 3 × 3."""
+
 
 @runtime_checkable
 class CompiledModel(MeasurementModel, Protocol):
@@ -199,6 +202,31 @@ def block_of(problem: Problem) -> ProblemBlock:
     )
 
 
+def _with_idle_states(problem: Problem) -> Problem:
+    """Return a problem of as many states as kernels take at least, the added ones without effect.
+
+    They have unit variance and stay as they are; no measurement depends on them.
+    """
+    n, more = problem.dimension, max(FEWEST_STATES - problem.dimension, 0)
+    if not more or not isinstance(problem.model, SensorModel):
+        return problem
+    idle = (*[(0, 0)] * (problem.transition.ndim - 2), (0, more), (0, more))
+    transition, prior_cov = np.pad(problem.transition, idle), np.pad(problem.prior_cov, (0, more))
+    for i in range(n, n + more):
+        transition[..., i, i] = prior_cov[i, i] = 1.0
+    arrays = problem.model.arrays
+    rows = np.pad(arrays.rows, (*[(0, 0)] * (arrays.rows.ndim - 1), (0, more)))
+    return replace(
+        problem,
+        transition=transition,
+        process_cov=np.pad(problem.process_cov, idle),
+        prior_mean=np.pad(problem.prior_mean, (0, more)),
+        prior_cov=prior_cov,
+        model=SensorModel(arrays._replace(dimension=n + more, rows=rows)),
+        layout=(*problem.layout, StateBlock("idle", slice(n, n + more), "1")),
+    )
+
+
 def _without_arrays(model: MeasurementModel) -> str:
     return f"a compiled engine needs the package's own model, not {type(model).__name__}"
 
@@ -257,7 +285,12 @@ class BlockEstimator(Estimator):
         TypeError
             If the problem's model is no :class:`CompiledModel`.
         """
-        return self.estimate_block(block_of(problem), (rng,)).estimate(0)
+        found = self.estimate_block(block_of(_with_idle_states(problem)), (rng,)).estimate(0)
+        n = problem.dimension
+        if found.mean.shape[-1] == n:
+            return found
+        cov = None if found.cov is None else found.cov[:, :n, :n]
+        return replace(found, mean=found.mean[:, :n], cov=cov)
 
     def skip(self, problem: Problem) -> str | None:
         """Refuse the models that no compiled engine can take."""

@@ -53,6 +53,20 @@ def test_where_nothing_is_left_out_the_answer_is_that_of_the_whole(seed):
     assert max(deviation(found.mean, found.cov, mean, cov)) > 0.1
 
 
+def test_two_states_go_through_the_kernels_as_through_a_framework():
+    """The kernels' tiles have three rows: with two states they once wrote outside their arrays."""
+    problem, _ = simulated("0.01E-0.2Hz")
+    of_two = reduced(
+        problem, horizontal(problem, velocity=False), walking(problem.times, 1.0)
+    ).problem
+    assert of_two.dimension == 2 and isinstance(of_two.model, SensorModel)
+    found, expected = (
+        estimator(label).estimate(of_two, rng()) for label in ("ekf", "filterpy-ekf")
+    )
+    assert found.mean.shape == (problem.epochs, 2) and found.cov is not None
+    assert max(deviation(found.mean, found.cov, expected.mean, expected.cov)) < 1e-6
+
+
 def test_states_left_out_keep_their_prior():
     """Carried along without a reading, and without correlation with those that are estimated."""
     problem = linear_problem(1)
