@@ -243,12 +243,12 @@ def test_smoothers_are_efficient(label, causality, case, window, key):
 def test_the_batch_solution_is_efficient_behind_the_low_pass(case, window, key):
     """Over many runs its mean squared error is at most 1.35 times the smoothing bound.
 
-    Neither end of the band is beyond that, or below 0.75 (false alarms: 5e-4 each at the limits).
+    Neither end of the band is beyond that, or below 0.65 (false alarms: 5e-4 each at the limits).
     """
     ratios = many(case, COMPILED_BATCH)[window][key]
     ratios = ratios / mean_squared_bound(case, window, key, "batch")
     assert upper_end(ratios) < 1.35
-    assert -upper_end(-ratios) > 0.75
+    assert -upper_end(-ratios) > 0.65
 
 
 @pytest.mark.parametrize("case", PAPER)

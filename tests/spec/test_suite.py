@@ -44,8 +44,8 @@ def test_every_case_declares_its_required_error():
 @pytest.mark.long
 @pytest.mark.parametrize("case", SUITE.cases, ids=lambda case: case.name)
 def test_tracks_stay_on_their_map(case):
-    """Forty of the 200 tracks, and the farthest start; a flight off its map is refused."""
-    runs = {*range(40), max(range(200), key=lambda run: distance(case, run))}
+    """Six of the 200 tracks, and the farthest start; a flight off its map is refused."""
+    runs = {*range(6), max(range(200), key=lambda run: distance(case, run))}
     for run in runs:
         prepare(case.of_run(run))
 
