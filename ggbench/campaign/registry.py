@@ -23,6 +23,7 @@ from ..errors import GGBenchError
 from ..estimator_spec import EstimatorSpec
 from ..parameters import Parameter, parameters_of
 from ..problem import Causality, Estimator
+from ..spec.rosters import expanded
 from .truth_isolation import suspicious_names
 
 GROUP = "ggbench.estimators"
@@ -211,13 +212,19 @@ def spec_of(estimator: Estimator) -> EstimatorSpec:
 def choose_all(texts: Iterable[str]) -> list[Choice]:
     """Return the estimators that texts name, each content once, under its first label.
 
+    ``@NAME`` stands for the estimators of a roster.
+
     Raises
     ------
     EstimatorError
-        As :func:`choose`.
+        As :func:`choose`, or if there is no such roster.
     """
     chosen: list[Choice] = []
-    for choice in map(choose, texts):
+    try:
+        listed = expanded(texts)
+    except ValueError as error:
+        raise EstimatorError(f"{error}") from None
+    for choice in map(choose, listed):
         if all(choice.content != other.content for other in chosen):
             chosen.append(choice)
     return chosen

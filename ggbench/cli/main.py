@@ -144,7 +144,7 @@ def validate(file: str) -> None:
 )  # fmt: skip
 @click.option(
     "-e", "--estimator", "estimators", multiple=True, metavar="NAME[param=value,...]",
-    help="Estimator to run: a name or a .py file; repeat for more. Default: the scenario's.",
+    help="A name, a .py file or a roster (@core); repeat for more. Default: the scenario's.",
 )  # fmt: skip
 @click.option(
     "-n", "--runs", type=click.IntRange(1, MOST_RUNS), help="Runs per case [the scenario's]."

@@ -281,3 +281,11 @@ def test_of_two_texts_of_one_content_the_first_is_chosen():
     texts = ["ukf", "ekf", "ukf[points=julier]", "ukf[points=merwe]"]
     labels = [choice.label for choice in registry.choose_all(texts)]
     assert labels == ["ukf", "ekf", "ukf[points=merwe]"]
+
+
+def test_a_roster_stands_for_its_estimators():
+    """Each once, under its own name; an unknown one is a sentence with those that exist."""
+    labels = [choice.label for choice in registry.choose_all(["@core", "ekf"])]
+    assert "gaussian-sum" in labels and labels.count("ekf") == 1
+    with pytest.raises(EstimatorError, match="no roster '@cores'; there are @standard"):
+        registry.choose_all(["@cores"])
