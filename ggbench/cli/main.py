@@ -371,9 +371,9 @@ def show(folder: Path, number: int | None, case: str | None) -> None:
 @click.option(
     "--threshold",
     type=click.FloatRange(0.0),
-    default=0.0,
+    default=0.01,
     show_default=True,
-    help="Relative increase of an error that is still accepted; 0.05: five percent.",
+    help="Relative increase of an error that is still accepted; 0.01: one percent.",
 )
 @click.option(
     "--window",
