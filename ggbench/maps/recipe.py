@@ -302,17 +302,20 @@ def read(path: Path | str, crop: Area | None = None) -> GradientMap:
     path = Path(path)
     if path.suffix != ".npz":
         return netcdf_reader.read(path, crop)
-    names = [item.name for item in dataclasses.fields(GradientMap)]
+    fields = dataclasses.fields(GradientMap)
+    names = [item.name for item in fields if item.default_factory is dataclasses.MISSING]
+    optional = [item.name for item in fields if item.name not in names]
     try:
         content = path.read_bytes()
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             unpacked = sum(entry.file_size for entry in archive.infolist())
+            stored = {entry.filename.removesuffix(".npy") for entry in archive.infolist()}
         if unpacked > checks.MOST_BYTES_READ:
             raise MapError(
                 f"{path} unpacks to {unpacked / 1e9:.3g} GB; at most "
                 f"{checks.MOST_BYTES_READ / 1e9:.3g} GB can be read"
             )
-        arrays = read_arrays(content, names)
+        arrays = read_arrays(content, [*names, *(key for key in optional if key in stored)])
     except OSError as error:
         raise MapError(f"cannot read the map {path}: {error.strerror}") from None
     except MapError:
@@ -343,8 +346,13 @@ def read(path: Path | str, crop: Area | None = None) -> GradientMap:
         if key.endswith("_step") and value <= 0:
             raise MapError(f"{path} is not a gradient map: {key} must be positive, not {value}")
     checks.require_possible(str(path), tensor, disturbance)
+    errors = {key: arrays[key] for key in optional if key in arrays}
+    for key, value in errors.items():
+        if value.shape != (9,) or value.dtype.kind != "f" or (value < 0.0).any():
+            raise MapError(f"{path} is not a gradient map: {key} must be nine numbers or NaN")
     return GradientMap(
         **{key: float(value) for key, value in scalars.items()},
+        **errors,
         tensor=tensor.astype(float),
         gravity_disturbance=disturbance.astype(float),
         provenance=checks.clean_text(str(arrays["provenance"])),
