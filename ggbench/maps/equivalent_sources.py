@@ -1,9 +1,9 @@
 """Point masses that reproduce survey lines, found by damped least squares.
 
-The masses lie on a regular grid at one depth below the flights (Dampney 1969, doi:10.1190/1.1439996).
-Whatever field they make is harmonic above them, so that all components of one map belong together.
-Each line and component has an unknown constant: processed gradients have no mean along a line. The
-constants are eliminated, which leaves the deviations from the mean of a line on both sides.
+The masses lie on a regular grid at one depth below the flights (Dampney 1969,
+doi:10.1190/1.1439996). Their field is harmonic above them, so that all components of a map belong
+together. Each line and component has an unknown constant, for processed gradients have no mean
+along a line. The constants are eliminated: both sides are deviations from the mean of a line.
 
 The area is taken for flat: over 50 km the Earth falls by 50 m from a plane, over 20 km by 8 m.
 """
@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 WIDEST_M = 150e3
 """Widest survey: beyond it the Earth is not flat."""
-MOST_SOURCES = 4000
+MOST_SOURCES = 5000
 """Most masses: the time to find them grows with the third power of their number."""
 _MGAL = 1e5  # in a metre per square second
 _BLOCK = 0.3  # of the depth: the field hardly changes over it, and noise is averaged

@@ -1,11 +1,13 @@
 """The standard error of a map of survey lines, and how it is correlated along a track.
 
-A reading of a line in the map and one of a line held back have the same noise. With n the noise's
-autocovariance, the residuals of lines held back have n plus that of the map's error there; the
-residuals of the lines in the map have n less that of the map's error, for the map has taken up so
-much of the noise (exactly so of an optimal map: Rasmussen & Williams 2006, section 2.2). Half of the
-difference is the map's error without the noise: the mean of its variance on the lines of the survey
-and as far from them as the next line. The distance at which it falls to 1/e is kept, too.
+A line in the map and a line held back have the same noise. With N the noise's autocovariance:
+
+- the residuals of lines held back have N plus the autocovariance of the map's error there;
+- those of lines in the map have N less that of its error, as the map has taken up so much of the
+  noise (exactly so of an optimal map: Rasmussen & Williams 2006, section 2.2).
+
+Half of the difference is free of noise. It is the mean of the error's autocovariance on the lines
+of the survey and as far from them as the next line. The distance at which it falls to 1/e is kept.
 
 Components that no line measured get the error of an isotropic field, in which the variances of EE,
 EN, EU, NN, NU and UU are as 3 : 1 : 4 : 3 : 4 : 8.
@@ -54,8 +56,9 @@ def map_error(fit: SurveyFit) -> tuple[Array, Array]:
     isotropic = _isotropic()
     shares = np.diag(measured @ isotropic @ measured.T)
     scale = np.mean(np.clip(np.diag(covariance[0]), 0.0, None) / shares)
-    there = np.diag(isotropic) * (np.abs(measured @ isotropic).max(axis=0) > 0.0)
-    variance = np.where(there > 0.0, scale * np.diag(isotropic), np.nan)
+    of_gravity = np.arange(9) >= 6
+    alike = of_gravity == (fit.lines.quantity == "disturbance")
+    variance = np.where(alike, scale * np.diag(isotropic), np.nan)
     of_components = np.einsum("ck,lcd,dk->lk", mixing, covariance, mixing)
     variance[known] = np.clip(of_components[0, known], 0.0, None)
     metres = np.mean([_step(fit, index) for index in fit.held_back])

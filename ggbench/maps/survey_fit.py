@@ -1,4 +1,4 @@
-"""Lines held back from a map: the choice of its settings, and its residuals where it was not fitted.
+"""Lines held back from a map: they choose its settings, and show its residuals.
 
 Whole lines are held back, every fifth one at a time, for neighbouring samples share their noise.
 Ties are never held back: they cross the others, and level them.
@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 FOLDS = 5
 _DEPTHS = (1.6, 2.2, 3.0)  # distances between lines
 _SPACING = 0.6  # of the depth
-_USUAL_SOURCES = 2500  # at most, unless the user sets a spacing: a minute for each depth
+_USUAL_SOURCES = 3500  # at most, unless the user sets a spacing: a minute or two for each depth
 _NARROWEST_M = 10.0  # distance between lines
 _DAMPINGS = (0.03, 0.1, 0.3, 1.0)
 

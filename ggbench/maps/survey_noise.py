@@ -1,8 +1,8 @@
 """Coloured noise of a survey's readings: a vector autoregression of lines held back from the map.
 
-The residuals of lines held back hold the noise of the readings and the error of the map there. Their
-model is n_k = Σ A_i n_{k−i} + e_k, e ~ N(0, C), fitted by least squares to all lines at once
-(Lütkepohl 2005, section 3.2). The order is that under which lines held back from the fit are
+The residuals of lines held back hold the noise of the readings and the error of the map there.
+Their model is n_k = Σ A_i n_{k−i} + e_k, e ~ N(0, C), fitted by least squares to all lines at once
+(Lütkepohl 2005, section 3.2). The order is that under which lines held back from this fit are
 likeliest.
 """
 
@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve
 
 from ..files import written_whole
 from ..gravity.gradient_map import MapError
@@ -73,7 +74,7 @@ def autoregression(series: Sequence[Array], order: int) -> Autoregression:
     usable = [rows for rows in series if len(rows) > order]
     lagged = np.concatenate([_lagged(rows, order) for rows in usable])
     targets = np.concatenate([rows[order:] for rows in usable])
-    solution = np.linalg.lstsq(lagged, targets, rcond=None)[0]
+    solution = solve(lagged.T @ lagged, lagged.T @ targets, assume_a="pos")
     left = targets - lagged @ solution
     count = targets.shape[1]
     model = Autoregression(

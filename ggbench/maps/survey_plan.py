@@ -41,7 +41,7 @@ class SurveyInputs:
     axes: str = "east-north-up"
     quantity: Quantity = "gradient"
     leave_out: tuple[str, ...] = ()
-    wanted: Wanted = Wanted()
+    wanted: Wanted = dataclasses.field(default_factory=Wanted)
 
 
 def fit_survey(inputs: SurveyInputs, progress: Callable[[str], None]) -> SurveyFit:

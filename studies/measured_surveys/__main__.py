@@ -1,6 +1,7 @@
-"""``python -m measured_surveys ARCHIVE``: write scenarios/data/measured from galileoQC's archive.
+"""``python -m measured_surveys [ARCHIVE]``: write scenarios/data/measured.
 
-ARCHIVE is galileoqc-1.0.16.tar.gz, the source archive on PyPI. Needs the extra ``terrain``.
+ARCHIVE is galileoqc-1.0.16.tar.gz, the source archive on PyPI: the lines are taken from it, which
+needs the extra ``terrain``. Without it only maps and noise are made again, from the lines shipped.
 """
 
 from __future__ import annotations
@@ -12,29 +13,40 @@ import tempfile
 from pathlib import Path
 
 from .surveys import EAST_VICTORIA, FOSTERVILLE, VINTON, east_victoria, fosterville, vinton
-from .writing import write
+from .writing import write, write_map
 
 SHA256 = "b9f0de6f1c086c1d47b02300a67bb9514435f6ed739ec79da217c6d1bdf1ea06"
 
 
+SURVEYS = {
+    "vinton2008": (VINTON, vinton),
+    "fosterville2019": (FOSTERVILLE, fosterville),
+    "east_victoria2023": (EAST_VICTORIA, east_victoria),
+}
+MAPS = {"vinton2008": ("repeat", "140"), "fosterville2019": ("even",)}
+"""Maps, and the lines that they must not know: those of 6 July; those that are flown."""
+
+
 def main() -> None:
-    """Write a table for each survey."""
+    """Write a table for each survey, then maps and noise."""
     parser = argparse.ArgumentParser(prog="measured_surveys", description=__doc__)
-    parser.add_argument("archive", type=Path)
+    parser.add_argument("archive", type=Path, nargs="?")
     parser.add_argument("--output", type=Path, default=Path("scenarios/data/measured"))
     options = parser.parse_args()
-    with options.archive.open("rb") as file:
+    if options.archive is not None:
+        _write_lines(options.archive, options.output)
+    for name, leave_out in MAPS.items():
+        write_map(options.output, name, leave_out)
+
+
+def _write_lines(published: Path, folder: Path) -> None:
+    with published.open("rb") as file:
         if hashlib.file_digest(file, "sha256").hexdigest() != SHA256:
-            raise SystemExit(f"{options.archive} is not galileoqc-1.0.16.tar.gz as published")
-    surveys = {
-        "vinton2008": (VINTON, vinton),
-        "fosterville2019": (FOSTERVILLE, fosterville),
-        "east_victoria2023": (EAST_VICTORIA, east_victoria),
-    }
-    with tempfile.TemporaryDirectory() as folder, tarfile.open(options.archive) as archive:
-        for name, (member, table) in surveys.items():
-            archive.extract(member, folder, filter="data")
-            write(options.output / f"{name}.csv.gz", table(Path(folder) / member))
+            raise SystemExit(f"{published} is not galileoqc-1.0.16.tar.gz as published")
+    with tempfile.TemporaryDirectory() as unpacked, tarfile.open(published) as archive:
+        for name, (member, table) in SURVEYS.items():
+            archive.extract(member, unpacked, filter="data")
+            write(folder / f"{name}.csv.gz", table(Path(unpacked) / member))
 
 
 if __name__ == "__main__":
