@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from ggbench.maps.survey_error import map_error
+from ggbench.maps.survey_fit import Wanted
 from ggbench.maps.survey_noise import noise_of, write_noise
 from ggbench.maps.survey_plan import SurveyInputs, fit_survey, provenance_of
 
@@ -28,12 +29,12 @@ def write(path: Path, table: pd.DataFrame) -> None:
     path.write_bytes(gzip.compress(text.encode("ascii"), compresslevel=9, mtime=0))
 
 
-def write_map(folder: Path, name: str, leave_out: tuple[str, ...]) -> None:
+def write_map(folder: Path, name: str, leave_out: tuple[str, ...], wanted: Wanted) -> None:
     """Write the point masses of a shipped survey's lines, and the noise of its readings.
 
     The lines are read from the folder, as anybody has them.
     """
-    inputs = SurveyInputs(folder / f"{name}.csv.gz", {}, leave_out=leave_out)
+    inputs = SurveyInputs(folder / f"{name}.csv.gz", {}, leave_out=leave_out, wanted=wanted)
     fit = fit_survey(inputs, print)
     lines, sources = fit.lines, fit.sources
     error, distance = map_error(fit)

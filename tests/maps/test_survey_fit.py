@@ -101,7 +101,7 @@ def test_nothing_of_the_day_of_the_repeats_enters_the_map_or_its_noise():
 def test_the_standard_error_is_that_of_the_map():
     """Against the true field on the lines and half-way between, over three surveys of fixed seeds.
 
-    The mean ratio lies between 0.6 and 1.5 in each component.
+    The mean ratio lies between 0.8 and 1.6 in each component (found: 1.22 to 1.46).
     """
     ratios = []
     for seed in range(3):
@@ -116,8 +116,7 @@ def test_the_standard_error_is_that_of_the_map():
         error -= error.mean(axis=0)  # of each column: a line has no mean
         ratios.append(claimed / np.sqrt(np.mean(error**2, axis=(0, 1))))
     mean = np.mean(ratios, axis=0)
-    print(mean)
-    assert ((mean > 0.6) & (mean < 1.5)).all(), mean
+    assert ((mean > 0.8) & (mean < 1.6)).all(), mean
 
 
 def test_components_that_no_line_measured_err_as_an_isotropic_field(noisy):
