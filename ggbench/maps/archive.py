@@ -6,6 +6,7 @@ import dataclasses
 import io
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -72,9 +73,9 @@ def read(path: Path) -> GradientMap:
     for key, value in errors.items():
         if value.shape != (9,) or value.dtype.kind != "f" or (value < 0.0).any():
             raise MapError(f"{path} is not a gradient map: {key} must be nine numbers or NaN")
+    found: dict[str, Any] = {key: float(value) for key, value in scalars.items()} | errors
     return GradientMap(
-        **{key: float(value) for key, value in scalars.items()},
-        **errors,
+        **found,
         tensor=tensor.astype(float),
         gravity_disturbance=disturbance.astype(float),
         provenance=checks.clean_text(str(arrays["provenance"])),

@@ -17,7 +17,7 @@ from .equivalent_sources import EquivalentSources, Plane
 from .netcdf import Errors, Nodes
 from .shipped_regions import data_bytes, read_arrays
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 _MARGIN_DEG = 0.05  # around the lines: there a map is continued by the masses at their edge
 _LEAST_CLEARANCE = 0.25  # of the depth of the masses: below, each of them is seen

@@ -15,6 +15,8 @@ EN, EU, NN, NU and UU are as 3 : 1 : 4 : 3 : 4 : 8.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -96,8 +98,8 @@ def _fall(covariance: Array) -> float:
     if not covariance[0] > 0.0:
         return float("nan")
     share = covariance / covariance[0]
-    below = np.flatnonzero(share <= 1.0 / np.e)
+    below = np.flatnonzero(share <= 1.0 / math.e)
     if not below.size:
         return float("nan")
     last = int(below[0])
-    return float(last - (1.0 / np.e - share[last]) / (share[last - 1] - share[last]))
+    return float(last - (1.0 / math.e - share[last]) / (share[last - 1] - share[last]))
