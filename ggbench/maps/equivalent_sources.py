@@ -80,7 +80,9 @@ class Plane:
         cosine = math.cos(math.radians(self.latitude_deg))
         return math.radians(meridian), math.radians(prime_vertical * cosine)
 
-    def place(self, latitude_deg: Array, longitude_deg: Array) -> tuple[Array, Array]:
+    def place(
+        self, latitude_deg: NDArray[np.floating], longitude_deg: NDArray[np.floating]
+    ) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
         """Return east and north of places [m]."""
         north, east = self.metres_per_degree
         return (

@@ -52,7 +52,7 @@ SURVEYS = {
 
 def survey_disturbing_field(
     name: str, latitude: Array, longitude: Array, height: Array
-) -> tuple[Array, Array]:
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the field of a survey's masses on latitude x longitude x height.
 
     Returns

@@ -92,7 +92,7 @@ def fit(
         matrix, right = (sum(both) for both in zip(*parts, equations.of(ties), strict=True))
         for damping in dampings:
             settings = Settings(depth, spacing, damping)
-            found = {}
+            found: dict[int, Array] = {}
             for fold, part in zip(folds, parts, strict=True):
                 sources = equations.solved(matrix - part[0], right - part[1], damping)
                 found |= {index: residuals(sources, lines, index) for index in fold}
