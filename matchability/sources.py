@@ -1,4 +1,4 @@
-"""Maps by name: a file, or a shipped region or terrain of which just enough is built."""
+"""Maps by name: a file, or a shipped region, terrain or survey of which just enough is built."""
 
 from __future__ import annotations
 
@@ -15,11 +15,18 @@ from ..gravity.meridians import Area
 from ..maps.recipe import (
     SPACING_PER_CLEARANCE,
     SPACING_PER_HEIGHT,
+    SPACING_PER_MASS,
     MapRecipe,
     load_or_build,
     read,
 )
 from ..maps.shipped_regions import SOURCES, extent_deg
+from ..maps.shipped_surveys import (
+    SURVEYS,
+    highest_mass_m,
+    survey_extent_deg,
+    survey_heights_m,
+)
 from ..maps.shipped_terrains import (
     TERRAINS,
     highest_ground_m,
@@ -28,6 +35,7 @@ from ..maps.shipped_terrains import (
 )
 from .score import Bounds, Design, cells_between
 
+_NAMES = {*SOURCES, *TERRAINS, *SURVEYS}
 _LAYERS = 2
 """Layers of nodes below the height of the flights, and above it."""
 _WIDEST_STEP_M = 500.0
@@ -49,6 +57,8 @@ class _Shipped(NamedTuple):
     """Height from which the limits of the spacings count [m]."""
     share: float
     """Largest horizontal spacing as a share of the height above ``ground``."""
+    vertical: float = 1.0
+    """The same vertically, of what is no region."""
 
 
 def named_map(name: str, design: Design, bounds: Bounds) -> tuple[GradientMap, float]:
@@ -69,11 +79,11 @@ def named_map(name: str, design: Design, bounds: Bounds) -> tuple[GradientMap, f
     MapError
         If there is no such map, or a shipped region has no map of that height or size.
     """
-    if name not in SOURCES and name not in TERRAINS:
+    if name not in _NAMES:
         if not name.endswith((".nc", ".npz")):
             raise MapError(
                 f"{name} is no map: give a file *.nc or *.npz of 'ggbench map build', or one of "
-                f"{', '.join(sorted([*SOURCES, *TERRAINS]))}"
+                f"{', '.join(sorted(_NAMES))}"
             )
         found = read(Path(name))
         return found, found.height0 if design.height_m is None else design.height_m
@@ -99,6 +109,11 @@ def _shipped(name: str) -> _Shipped:
             *terrain_extent_deg(name), terrain_heights_m(name), highest_ground_m(name),
             SPACING_PER_CLEARANCE,
         )  # fmt: skip
+    if name in SURVEYS:
+        return _Shipped(
+            *survey_extent_deg(name), survey_heights_m(name), highest_mass_m(name),
+            SPACING_PER_MASS, SPACING_PER_MASS,
+        )  # fmt: skip
     files = SOURCES[name]
     heights = files.lowest_height_m, files.highest_height_m
     return _Shipped(*extent_deg(files), heights, -files.source_depth_m, SPACING_PER_HEIGHT)
@@ -113,9 +128,13 @@ def _recipe(
     """
     (lowest, highest), ground = source.heights, source.ground
     step = _WIDEST_STEP_M
-    if name in TERRAINS:
-        # The lowest layer is at least one step above the ground, also where it is moved below.
-        room = min((height - ground) / (_LAYERS + 1), (highest - ground) / (2 * _LAYERS + 1))
+    if name not in SOURCES:
+        # The lowest layer is high enough for its step, also where it is moved below.
+        share = source.vertical
+        room = share * min(
+            (height - ground) / (_LAYERS * share + 1),
+            (highest - ground) / (2 * _LAYERS * share + 1),
+        )
         step = min(step, _SHRINK * room)
     bottom = min(max(lowest, height - _LAYERS * step), highest - 2 * _LAYERS * step)
     spacing = _spacing_arcmin(source.share * (bottom + _LAYERS * step - ground))

@@ -62,6 +62,7 @@ def copies() -> dict[Path, Path]:
     return reports | {
         _DATA / "README.md": GENERATED / "data.md",
         _DATA / "comma2k19" / "README.md": GENERATED / "comma2k19.md",
+        _DATA / "measured" / "README.md": GENERATED / "measured.md",
     }
 
 

@@ -3,24 +3,29 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 
-from ..figures.numbers import counted
+from . import survey_maps
+from .map_score import score
 from .responsive_table import ResponsiveTable
 from .screen import console
-from .tables import require_suffix, write_csv
 
 _FILE = click.Path(path_type=Path)
 _DEGREE = click.IntRange(2)
+_SOURCES = (
+    "terrain", "coefficients", "land_correction", "geoid", "anomaly", "disturbance", "lines",
+)  # fmt: skip
 
 
 @click.group("map")
 def map_group() -> None:
     """Build gravity-gradient maps from data of your own, and look at them."""
+
+
+map_group.add_command(score)
 
 
 @map_group.command()
@@ -62,6 +67,7 @@ def map_group() -> None:
     help="Degree up to which the other data hold the field; the terrain adds what is shorter "
     "[the highest degree of the coefficients].",
 )  # fmt: skip
+@survey_maps.options
 @click.option(
     "--south",
     type=float,
@@ -100,25 +106,46 @@ def build(output: Path, precision: str, compression: int, **options: Any) -> Non
       --coefficients ... --terrain ...   both: the terrain adds only what is shorter than degree N
       --geoid | --anomaly | --disturbance GRID [--coefficients ...]
                                          remove, compute, restore (EGM2008 to degree 120)
+      --lines SURVEY [--leave-out ...]   point masses that reproduce the lines of a survey
     """  # noqa: D301
     from ..gravity.gradient_map import MapError
     from ..maps import netcdf, plan
-    from ..maps.nodes import Wishes
-    from ..spec.quantities import DENSITY
+
+    if output.suffix != ".nc":
+        raise MapError(f"the map file {output} must be named *.nc: it is a netCDF file.")
+    for key in _SOURCES:
+        if options[key] is not None and options[key].resolve() == output.resolve():
+            raise MapError(f"the map file {output} would overwrite what it is made of.")
+    started = time.monotonic()
+    wishes = _wishes(options)
+    survey_maps.require_alone(options, [key for key in _SOURCES if key != "lines"])
+    if options["lines"] is not None:
+        made = survey_maps.planned(options, wishes, _command(options))
+    else:
+        made = plan.plan(_inputs(options), wishes, _command(options))
+    _warn_of_densities(options)
+    watched = plan.Watched(made.layers())
+    netcdf.write_layers(
+        output, made.nodes, watched, made.attributes, precision, compression, made.errors
+    )
+    elapsed = time.monotonic() - started
+    for remark in made.remarks:
+        click.echo(f"Note: {remark}.")
+    _describe(made.nodes, made.attributes)
+    _print_rms(made.nodes, watched.rms)
+    click.echo(f"Wrote {output}, {output.stat().st_size / 1e6:.1f} MB, in {elapsed:.1f} s.")
+
+
+def _inputs(options: dict[str, Any]) -> Any:
+    """What a map of terrain, coefficients and grids is to be made of."""
+    from ..gravity.gradient_map import MapError
+    from ..maps.plan import Inputs
 
     grids = [kind for kind in ("geoid", "anomaly", "disturbance") if options[kind] is not None]
     if len(grids) > 1:
         raise MapError(f"--{' and --'.join(grids)} are two grids of one field: give one of them.")
-    seconds, minutes = options["spacing_arcsec"], options["spacing_arcmin"]
-    if seconds is not None and minutes is not None:
-        raise MapError("--spacing-arcsec and --spacing-arcmin are the same: give one of them.")
-    if output.suffix != ".nc":
-        raise MapError(f"the map file {output} must be named *.nc: it is a netCDF file.")
-    for key in ("terrain", "coefficients", "land_correction", *grids):
-        if options[key] is not None and options[key].resolve() == output.resolve():
-            raise MapError(f"the map file {output} would overwrite what it is made of.")
     kind = grids[0] if grids else "geoid"
-    inputs = plan.Inputs(
+    return Inputs(
         terrain=options["terrain"],
         coefficients=options["coefficients"],
         grid=options[kind],
@@ -133,8 +160,18 @@ def build(output: Path, precision: str, compression: int, **options: Any) -> Non
         order=options["order"],
         geoid_height_m=options["geoid_height"],
     )
+
+
+def _wishes(options: dict[str, Any]) -> Any:
+    """Bounds and spacings of a map."""
+    from ..gravity.gradient_map import MapError
+    from ..maps.nodes import Wishes
+
+    seconds, minutes = options["spacing_arcsec"], options["spacing_arcmin"]
+    if seconds is not None and minutes is not None:
+        raise MapError("--spacing-arcsec and --spacing-arcmin are the same: give one of them.")
     spacing = minutes / 60.0 if minutes is not None else None
-    wishes = Wishes(
+    return Wishes(
         south_deg=options["south"],
         north_deg=options["north"],
         west_deg=options["west"],
@@ -144,21 +181,16 @@ def build(output: Path, precision: str, compression: int, **options: Any) -> Non
         spacing_deg=seconds / 3600.0 if seconds is not None else spacing,
         height_spacing_m=options["height_spacing"],
     )
-    started = time.monotonic()
-    made = plan.plan(inputs, wishes, _command(options))
+
+
+def _warn_of_densities(options: dict[str, Any]) -> None:
+    from ..spec.quantities import DENSITY
+
     for option in ("density", "water_density"):
         odd = DENSITY.usual_unless(options[option])
         if odd:
             name = option.replace("_", "-")
             click.echo(f"Warning: --{name} {options[option]:g} kg/m³ is unusual ({odd}).")
-    watched = plan.Watched(made.layers())
-    netcdf.write_layers(output, made.nodes, watched, made.attributes, precision, compression)
-    elapsed = time.monotonic() - started
-    for remark in made.remarks:
-        click.echo(f"Note: {remark}.")
-    _describe(made.nodes, made.attributes)
-    _print_rms(made.nodes, watched.rms)
-    click.echo(f"Wrote {output}, {output.stat().st_size / 1e6:.1f} MB, in {elapsed:.1f} s.")
 
 
 @map_group.command()
@@ -195,145 +227,6 @@ def show(file: Path, output: Path | None, height: float | None) -> None:
         source = attributes.get("source", "")
         save(map_components(nodes, chosen[0], float(nodes.height_m[drawn]), source), output)
         click.echo(f"Wrote {output}")
-
-
-@map_group.command()
-@click.argument("name", metavar="MAP")
-@click.option("--height", type=float, help="Of the flights above the ellipsoid [m; the lowest].")
-@click.option("--cell-deg", type=float, default=0.5, show_default=True, help="Side of a cell [°].")
-@click.option(
-    "--instrument",
-    type=click.Choice(["tensor", "uu", "gravity"]),
-    default="tensor",
-    show_default=True,
-    help="Six components, the vertical gradient alone, or a gravimeter.",
-)
-@click.option(
-    "--noise", type=float, default=1.0, show_default=True, help="Of a reading [E; mGal of gravity]."
-)
-@click.option("--spacing", type=float, help="Between nodes of the statistics [m; a cell's 50th].")
-@click.option(
-    "--per-km2", type=float, default=1.0, show_default=True,
-    help="Readings on a square kilometre, of the information.",
-)  # fmt: skip
-@click.option("--track-km", type=float, help="Length of tracks through a cell [its shorter side].")
-@click.option("--readings", type=int, default=51, show_default=True, help="Of each track.")
-@click.option(
-    "--sigma-km", type=float, default=5.0, show_default=True,
-    help="To what the position is known before, per axis: A_min looks to three times as far.",
-)  # fmt: skip
-@click.option("--right-km", type=float, help="How far off a fix is right [half of --sigma-km].")
-@click.option("--south", type=float, help="Bounds of the cells [deg]; default: the whole map.")
-@click.option("--north", type=float)
-@click.option("--west", type=float)
-@click.option("--east", type=float)
-@click.option("-o", "--output", type=_FILE, help="CSV file to write, a row for each cell.")
-@click.option("--figure", type=_FILE, help="PNG file to draw.")
-def score(
-    name: str,
-    height: float | None,
-    cell_deg: float,
-    instrument: Any,
-    noise: float,
-    spacing: float | None,
-    per_km2: float,
-    track_km: float | None,
-    readings: int,
-    sigma_km: float,
-    right_km: float | None,
-    south: float | None,
-    north: float | None,
-    west: float | None,
-    east: float | None,
-    output: Path | None,
-    figure: Path | None,
-) -> None:
-    """Score the cells of a MAP: where is it worth matching.
-
-    MAP is a file *.nc or *.npz, or the name of a shipped region or terrain. Each cell gets the
-    statistics of the literature and their index by principal components; the accuracy that
-    Fisher's information of a track through it allows; and A_min, how far the likeliest wrong place
-    is from being taken for the right one. None of these has seen an error of a flight.
-    """
-    from ..gravity.field import Field
-    from ..matchability.information import Instrument
-    from ..matchability.score import Bounds, Design
-    from ..matchability.score import score as score_map
-    from ..matchability.sources import named_map
-
-    require_suffix(output, ".csv")
-    require_suffix(figure, ".png")
-
-    def metres(km: float | None) -> float | None:
-        return None if km is None else 1e3 * km
-
-    bounds = Bounds(south, north, west, east)
-    design = Design(
-        height, cell_deg, Instrument(instrument, noise), spacing, per_km2, metres(track_km),
-        readings, 1e3 * sigma_km, metres(right_km),
-    )  # fmt: skip
-    found, height = named_map(name, design, bounds)
-    scored = score_map(Field.from_map(found), replace(design, height_m=height), bounds, name)
-    _print_scored(scored)
-    if output is not None:
-        write_csv(scored.table, output)
-    if figure is not None:
-        from ..figures.style import save
-        from ..matchability.figure import map_score
-
-        save(map_score(scored, name), figure)
-        click.echo(f"Wrote {figure}")
-
-
-_SHOWN_CELLS = 5
-
-
-def _print_scored(scored: Any) -> None:
-    """Print the design, the components, and the best and worst cells by a track's accuracy."""
-    design, table = scored.design, scored.table
-    console.out(
-        f"{counted(len(table), 'cell')} of {design.cell_deg:g}° at {design.height_m:g} m: "
-        f"{design.instrument.kind}, {design.instrument.noise:g} {design.instrument.unit}; nodes "
-        f"{design.spacing_m:.0f} m apart; tracks of {design.track_m / 1e3:.3g} km with "
-        f"{counted(design.readings, 'reading')}; position known to "
-        f"{design.sigma_m / 1e3:g} km, a fix right within {design.right_m / 1e3:g} km"
-    )
-    if scored.components is None:
-        console.out("Too few cells for principal components: no index, no classes.")
-    else:
-        shares = ", ".join(f"{100.0 * share:.0f} %" for share in scored.components.explained)
-        console.out(
-            f"principal components explain {shares}; the index has the first "
-            f"{scored.components.kept}"
-        )
-    ordered = table.sort_values("track_m")
-    unit = design.instrument.unit
-    numbers = (
-        f"σ [{unit}]", f"roughness [{unit}/km]", "class", "track √tr J⁻¹ [m]", "best heading [°]",
-        "A_min [nepers]", "false fixes ≤",
-    )  # fmt: skip
-    shown = ResponsiveTable(
-        "best and worst cells by the accuracy of a track, over its headings",
-        [
-            ("latitude [°]", "name"),
-            ("longitude [°]", "name"),
-            *((heading, "number") for heading in numbers),
-        ],
-    )
-    best = min(_SHOWN_CELLS, len(ordered))
-    for number, (_, row) in enumerate(ordered.iterrows()):
-        if best <= number < len(ordered) - _SHOWN_CELLS:
-            continue
-        shown.add_row(
-            f"{0.5 * (row['south_deg'] + row['north_deg']):.3f}",
-            f"{0.5 * (row['west_deg'] + row['east_deg']):.3f}",
-            f"{row['deviation']:.3g}", f"{1e3 * row['roughness']:.3g}", row["grade"] or "-",
-            f"{row['track_m']:.3g}", f"{row['best_heading_deg']:g}", f"{row['ambiguity']:.3g}",
-            f"{row['false_fix']:.2g}",
-        )  # fmt: skip
-        if number == best - 1 < len(ordered) - 1:
-            shown.add_section()
-    shown.print(console)
 
 
 def _describe(nodes: Any, attributes: dict[str, str]) -> None:
@@ -381,7 +274,8 @@ def _command(options: dict[str, Any]) -> str:
     defaults = {p.name: p.default for p in build.params}
     words = [
         f"--{key.replace('_', '-')} {value.name if isinstance(value, Path) else value}"
-        for key, value in options.items()
+        for key, values in options.items()
+        for value in (values if isinstance(values, tuple) else (values,))
         if value is not None and value != defaults[key]
     ]
     return " ".join(["ggbench map build", *words])

@@ -24,7 +24,7 @@ from .ellipsoid import (
     normal_gradient_of,
     normal_gradient_slopes_of,
 )
-from .gradient_map import GradientMap
+from .gradient_map import GradientMap, unknown
 from .spline import (
     TENSOR_WORK,
     spline_at,
@@ -215,6 +215,7 @@ class Field:
     tensor_coefficients : (n0, n1, n2, 6) B-spline coefficients [E]; size 0 for no map.
     disturbance_coefficients : (n0, n1, n2, 3) of the gravity disturbance vector, ENU [m/s²].
     constant_disturbance : (3,) ENU [m/s²], what is added to it everywhere and is in no map.
+    standard_error : (9,) that the map states of the tensor [E] and the disturbance; NaN: none.
     """
 
     origin: np.ndarray
@@ -222,6 +223,7 @@ class Field:
     tensor_coefficients: np.ndarray
     disturbance_coefficients: np.ndarray
     constant_disturbance: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    standard_error: np.ndarray = field(default_factory=unknown)
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -246,6 +248,7 @@ class Field:
             ),
             tensor,
             disturbance,
+            standard_error=gradient_map.standard_error,
         )
 
     @property

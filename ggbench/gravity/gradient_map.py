@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,11 @@ from numpy.typing import NDArray
 from ..errors import GGBenchError
 
 Array = NDArray[np.float64]
+
+
+def unknown() -> Array:
+    """Return nine values that are not known."""
+    return np.full(9, np.nan)
 
 
 class MapError(GGBenchError):
@@ -28,6 +33,8 @@ class GradientMap:
     gravity_disturbance : gravity vector without the normal field, (n_lat, n_lon, n_h, 3) [m/s²],
         ENU; its gradient is the tensor.
     provenance : where the map comes from, in words.
+    standard_error : of the tensor [E] and the gravity disturbance [m/s²], (9,); NaN: not known.
+    error_distance : along a track, at which the error's correlation is 1/e, (9,) [m]; or NaN.
     """
 
     latitude0: float
@@ -39,3 +46,5 @@ class GradientMap:
     tensor: Array
     gravity_disturbance: Array
     provenance: str
+    standard_error: Array = field(default_factory=unknown)
+    error_distance: Array = field(default_factory=unknown)

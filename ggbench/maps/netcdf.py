@@ -26,6 +26,8 @@ from ..numerics.source import VERSION
 Array = NDArray[np.floating]
 Layer = tuple[NDArray[Any], NDArray[Any]]
 """Tensor (n_lat, n_lon, 6) [E] and gravity disturbance (n_lat, n_lon, 3) [m/s²] at one height."""
+Errors = tuple[NDArray[np.float64], NDArray[np.float64]]
+"""Standard errors of the nine components, and the distances of their correlation [m]; or NaN."""
 
 TENSOR = ("ee", "en", "eu", "nn", "nu", "uu")
 VECTOR = ("e", "n", "u")
@@ -34,6 +36,8 @@ ENU = "East-North-Up"
 FRAME = f"geodetic {ENU} (ENU) on the WGS84 ellipsoid"
 CONTENT = "disturbing field: normal field of WGS84 removed"
 FEWEST_NODES = 4  # per axis, what a cubic spline needs
+ERROR_KEYS = ("standard_error", "error_distance_m")
+"""Attributes of a component: in its unit; along a track, where the correlation is 1/e."""
 _CHUNK = 256
 AXES: dict[str, dict[str, Any]] = {
     "height": {
@@ -88,6 +92,7 @@ def write_layers(
     attributes: Mapping[str, str],
     dtype: str = "float32",
     compression: int = 1,
+    errors: Errors | None = None,
 ) -> None:
     """Write a map in one stroke: a reader sees a whole file or none.
 
@@ -99,6 +104,7 @@ def write_layers(
     attributes : global attributes: title, source, history, ...
     dtype : ``float32`` (1e-5 E on a field of 100 E) or ``float64``.
     compression : of zlib, 0 (none) to 9.
+    errors : standard errors of the map, if they are known.
 
     Raises
     ------
@@ -106,7 +112,7 @@ def write_layers(
         If the file cannot be written.
     """
     with written_whole(path, MapError, "the map ") as temporary:
-        _write(temporary, nodes, layers, attributes, dtype, compression)
+        _write(temporary, nodes, layers, attributes, dtype, compression, errors)
 
 
 def write(path: Path, gradient_map: GradientMap, dtype: str = "float64") -> None:
@@ -123,7 +129,9 @@ def write(path: Path, gradient_map: GradientMap, dtype: str = "float64") -> None
         for i in range(n_h)
     )
     attributes = {"title": "Gravity-gradient map", "source": gradient_map.provenance}
-    write_layers(path, nodes, layers, attributes, dtype)
+    known = np.isfinite(gradient_map.standard_error).any()
+    errors = (gradient_map.standard_error, gradient_map.error_distance) if known else None
+    write_layers(path, nodes, layers, attributes, dtype, errors=errors)
 
 
 def _write(
@@ -133,6 +141,7 @@ def _write(
     attributes: Mapping[str, str],
     dtype: str,
     compression: int,
+    errors: Errors | None,
 ) -> None:
     import netCDF4
 
@@ -165,9 +174,9 @@ def _write(
             "chunksizes": (1, _chunk(n_lat), _chunk(n_lon)),
             "fill_value": False,
         }
-        for name, attrs in variables().items():
+        for index, (name, attrs) in enumerate(variables().items()):
             variable = file.createVariable(name, dtype, tuple(axes), **options)
-            variable.setncatts({**attrs, "grid_mapping": "crs"})
+            variable.setncatts({**attrs, **_error_of(errors, index), "grid_mapping": "crs"})
         count = 0
         for index, (tensor, disturbance) in enumerate(_ahead(layers)):
             for prefix, names, values in (
@@ -185,6 +194,12 @@ def _write(
             count += 1
         if count != n_h:
             raise MapError(f"the map has {n_h} heights, but {count} layers were computed.")
+
+
+def _error_of(errors: Errors | None, index: int) -> dict[str, float]:
+    """What a variable says of its standard error."""
+    found = {} if errors is None else dict(zip(ERROR_KEYS, (e[index] for e in errors), strict=True))
+    return {key: float(value) for key, value in found.items() if np.isfinite(value)}
 
 
 def _chunk(count: int) -> int:

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..gravity.gradient_map import GradientMap, MapError
+from ..gravity.gradient_map import GradientMap, MapError, unknown
 from ..gravity.meridians import Area
 from . import checks
-from .netcdf import AXES, ENU, FEWEST_NODES, TENSOR, VECTOR, Layer, Nodes, variables
+from .netcdf import AXES, ENU, ERROR_KEYS, FEWEST_NODES, TENSOR, VECTOR, Layer, Nodes, variables
 
 Array = NDArray[np.floating]
 
@@ -54,6 +54,7 @@ def read(path: Path, crop: Area | None = None) -> GradientMap:
         disturbance = _read_components(path, file, "disturbance", VECTOR, keep, slices)
         checks.require_possible(str(path), tensor, disturbance)
         provenance = _text(file, "source") or path.name
+        errors = [_errors(path, file, key) for key in ERROR_KEYS]
     first, step = {}, {}
     for name, values in nodes.items():
         first[name], step[name] = values[keep[name].start], _step(values)
@@ -67,6 +68,8 @@ def read(path: Path, crop: Area | None = None) -> GradientMap:
         tensor=tensor,
         gravity_disturbance=disturbance,
         provenance=provenance,
+        standard_error=errors[0],
+        error_distance=errors[1],
     )
 
 
@@ -247,6 +250,24 @@ def _read_components(
         if not np.isfinite(out[..., component]).all() or _has_fill(variable, values):
             raise MapError(f"{path}: {prefix}_{name} has missing values or such as are no numbers.")
     return out
+
+
+def _errors(path: Path, file: Any, key: str) -> NDArray[np.float64]:
+    """An attribute of the nine components, (9,); NaN where a file does not have it."""
+    found = unknown()
+    for index, name in enumerate(variables()):
+        variable = file.variables[name]
+        if key in variable.ncattrs():
+            try:
+                found[index] = float(variable.getncattr(key))
+            except (TypeError, ValueError):
+                found[index] = -1.0
+            if not 0.0 <= found[index] < math.inf:
+                raise MapError(
+                    f"{path}: {name} has {key} = {_text(variable, key)!r}; it must be a number of "
+                    "at least 0."
+                )
+    return found
 
 
 def _fills(variable: Any) -> dict[str, NDArray[Any]]:

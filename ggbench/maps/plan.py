@@ -21,7 +21,7 @@ from ..numerics.source import VERSION
 from .gravity_grid import elevation_at, read_grid
 from .gravity_model import read_model
 from .ground import Ground
-from .netcdf import TENSOR, VECTOR, Layer, Nodes, described
+from .netcdf import TENSOR, VECTOR, Errors, Layer, Nodes, described
 from .nodes import EVERYWHERE, Reach, Wishes, nodes_for
 from .parts import FILTER_ORDER, HarmonicPart, Part, ResidualPart, TerrainPart, summed
 from .shipped_regions import disturbing_coefficients
@@ -68,12 +68,13 @@ class Inputs:
 
 @dataclasses.dataclass(frozen=True)
 class Plan:
-    """A map that can be computed."""
+    """A map that can be computed, with its standard errors if they are known."""
 
     parts: tuple[Part, ...]
     nodes: Nodes
     attributes: dict[str, str]
     remarks: tuple[str, ...]
+    errors: Errors | None = None
 
     def layers(self) -> Iterator[Layer]:
         """Yield the layers of the map, from the lowest up."""
@@ -118,8 +119,8 @@ class _Sources:
         self.parameters: dict[str, Any] = {}
         if not (inputs.terrain or inputs.coefficients or inputs.grid):
             raise MapError(
-                "a map is made of something: give --terrain, --coefficients, --geoid, --anomaly or "
-                "--disturbance."
+                "a map is made of something: give --terrain, --coefficients, --geoid, --anomaly, "
+                "--disturbance or --lines."
             )
         if inputs.land_correction and (inputs.grid is None or inputs.grid_kind != "geoid"):
             raise MapError("--land-correction turns a geoid into height anomalies: give --geoid.")

@@ -10,30 +10,34 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import hashlib
-import io
 import json
 import math
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..files import written_whole
 from ..gravity.ellipsoid import SEMI_MAJOR_AXIS
 from ..gravity.gradient_map import GradientMap, MapError
 from ..gravity.meridians import Area
 from ..numerics.cache import cache_folder, exclusive_lock
 from ..numerics.source import MAP_ROOMS, rooms_hash
-from . import checks, netcdf, netcdf_reader
+from . import archive, netcdf, netcdf_reader
 from .shipped_regions import (
     SOURCES,
     check_relief_smoothing,
     data_bytes,
     disturbing_field,
     extent_deg,
-    read_arrays,
+)
+from .shipped_surveys import (
+    SURVEYS,
+    highest_mass_m,
+    survey_disturbing_field,
+    survey_errors,
+    survey_extent_deg,
+    survey_heights_m,
 )
 from .shipped_terrains import (
     TERRAINS,
@@ -49,6 +53,8 @@ SPACING_PER_HEIGHT = 0.25
 """Widest horizontal spacing of nodes, per height above the sources of a region."""
 SPACING_PER_CLEARANCE = 0.6
 """The same of a terrain, per height above its highest ground."""
+SPACING_PER_MASS = 0.35
+"""The same of a survey, per height above its highest mass, also vertically: 0.1 E rms."""
 _FEWEST_NODES = 4  # per axis, what a cubic spline needs
 _MOST_NODES = 5_000_000  # in all: about half a gigabyte
 _MARGIN_NODES = 2  # lowest layers, which serve as the margin of an interpolation in height
@@ -63,7 +69,8 @@ class MapRecipe:
 
     Attributes
     ----------
-    source : a key of :data:`SOURCES` or of :data:`ggbench.maps.shipped_terrains.TERRAINS`.
+    source : a key of :data:`SOURCES`, of :data:`ggbench.maps.shipped_terrains.TERRAINS` or of
+        :data:`ggbench.maps.shipped_surveys.SURVEYS`.
     south_deg, north_deg, west_deg, east_deg : bounds [deg], longitudes in any turn.
     min_height_m, max_height_m : bounds [m above the ellipsoid].
     spacing_arcmin : in latitude and in longitude. At most a quarter of the height above the
@@ -132,12 +139,20 @@ def build(recipe: MapRecipe) -> GradientMap:
     longitude = west + step * np.arange(n_lon)
     height = recipe.min_height_m + recipe.height_spacing_m * np.arange(n_h)
     smoothing = recipe.relief_smoothing_deg
+    errors: dict[str, Array] = {}
     relief = f"relief smoothed by {smoothing} deg" if smoothing > 0.0 else "relief not smoothed"
     if recipe.source in TERRAINS:
         tensor, gravity_disturbance = terrain_disturbing_field(
             recipe.source, latitude, longitude, height, recipe.density_kg_m3, smoothing
         )
         made = f"{TERRAINS[recipe.source].provenance}; {recipe.density_kg_m3:g} kg/m³, {relief}"
+    elif recipe.source in SURVEYS:
+        tensor, gravity_disturbance = survey_disturbing_field(
+            recipe.source, latitude, longitude, height
+        )
+        made = SURVEYS[recipe.source].provenance
+        error, distance = survey_errors(recipe.source)
+        errors = {"standard_error": error, "error_distance": distance}
     else:
         tensor, gravity_disturbance = disturbing_field(
             recipe.source, latitude, longitude, height, recipe.land_correction, smoothing
@@ -156,6 +171,7 @@ def build(recipe: MapRecipe) -> GradientMap:
         tensor=tensor,
         gravity_disturbance=gravity_disturbance,
         provenance=made,
+        **errors,
     )
 
 
@@ -170,7 +186,7 @@ def checked(recipe: MapRecipe) -> MapRecipe:
     Raises MapError, as :func:`build` does, if it cannot be followed.
     """
     # Comparisons are such that NaN fails.
-    known = [*SOURCES, *TERRAINS]
+    known = [*SOURCES, *TERRAINS, *SURVEYS]
     if recipe.source not in known:
         raise MapError(
             f"Unknown map source {recipe.source!r}; allowed: {', '.join(sorted(known))}, normal, "
@@ -181,20 +197,17 @@ def checked(recipe: MapRecipe) -> MapRecipe:
         if not 0.0 < getattr(recipe, name) < math.inf:
             raise MapError(f"{name} = {getattr(recipe, name)} must be positive and finite.")
 
-    if recipe.source in TERRAINS:
-        latitudes, longitudes = terrain_extent_deg(recipe.source)
-        heights = terrain_heights_m(recipe.source)
-        if not recipe.land_correction:
-            raise MapError(f"land_correction has no meaning for a terrain, {recipe.source!r}.")
-    else:
-        files = SOURCES[recipe.source]
-        latitudes, longitudes = extent_deg(files)
-        heights = files.lowest_height_m, files.highest_height_m
-        if recipe.density_kg_m3 != MapRecipe.density_kg_m3:
-            raise MapError(
-                f"density_kg_m3 belongs to a terrain ({', '.join(TERRAINS)}), not to "
-                f"{recipe.source!r}."
-            )
+    if recipe.source not in SOURCES and not recipe.land_correction:
+        raise MapError(
+            f"land_correction has no meaning for {recipe.source!r}, which is no region of EGM2008."
+        )
+    if recipe.source in SURVEYS and recipe.relief_smoothing_deg != 0.0:
+        raise MapError(f"relief_smoothing_deg has no meaning for a survey, {recipe.source!r}.")
+    latitudes, longitudes, heights = _reach_of(recipe.source)
+    if recipe.source not in TERRAINS and recipe.density_kg_m3 != MapRecipe.density_kg_m3:
+        raise MapError(
+            f"density_kg_m3 belongs to a terrain ({', '.join(TERRAINS)}), not to {recipe.source!r}."
+        )
     bounds = Area(west=recipe.west_deg, east=recipe.east_deg).about(0.5 * sum(longitudes))
     assert bounds.west is not None and bounds.east is not None  # as both were given
     recipe = dataclasses.replace(recipe, west_deg=bounds.west, east_deg=bounds.east)
@@ -224,6 +237,16 @@ def checked(recipe: MapRecipe) -> MapRecipe:
     return recipe
 
 
+def _reach_of(source: str) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]]:
+    """Latitudes, longitudes [deg] and heights [m], each from and to, which a source can give."""
+    if source in TERRAINS:
+        return *terrain_extent_deg(source), terrain_heights_m(source)
+    if source in SURVEYS:
+        return *survey_extent_deg(source), survey_heights_m(source)
+    files = SOURCES[source]
+    return *extent_deg(files), (files.lowest_height_m, files.highest_height_m)
+
+
 def _check_spacings(recipe: MapRecipe) -> None:
     """Raise MapError if the nodes lie too far apart for the height above the sources."""
     if recipe.source in TERRAINS:
@@ -232,6 +255,12 @@ def _check_spacings(recipe: MapRecipe) -> None:
         vertical_share = 1.0
         vertical_rule = f"the height above the highest ground, {ground:g} m"
         rule = f"{share:g} of {vertical_rule}"
+    elif recipe.source in SURVEYS:
+        depth = deepest = -highest_mass_m(recipe.source)
+        share = vertical_share = SPACING_PER_MASS
+        rule = vertical_rule = (
+            f"{share:g} of the height above the highest point mass, {-depth:.0f} m"
+        )
     else:
         depth = SOURCES[recipe.source].source_depth_m
         deepest, share = 0.5 * depth, SPACING_PER_HEIGHT
@@ -282,6 +311,8 @@ def data_names(recipe: MapRecipe) -> tuple[str, ...]:
     """Return the names of the shipped files of which a map is built."""
     if recipe.source in TERRAINS:
         return (TERRAINS[recipe.source].file,)
+    if recipe.source in SURVEYS:
+        return (SURVEYS[recipe.source].file,)
     files = SOURCES[recipe.source]
     return files.geoid, files.topography, files.coefficients
 
@@ -302,53 +333,7 @@ def read(path: Path | str, crop: Area | None = None) -> GradientMap:
     path = Path(path)
     if path.suffix != ".npz":
         return netcdf_reader.read(path, crop)
-    names = [item.name for item in dataclasses.fields(GradientMap)]
-    try:
-        content = path.read_bytes()
-        with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            unpacked = sum(entry.file_size for entry in archive.infolist())
-        if unpacked > checks.MOST_BYTES_READ:
-            raise MapError(
-                f"{path} unpacks to {unpacked / 1e9:.3g} GB; at most "
-                f"{checks.MOST_BYTES_READ / 1e9:.3g} GB can be read"
-            )
-        arrays = read_arrays(content, names)
-    except OSError as error:
-        raise MapError(f"cannot read the map {path}: {error.strerror}") from None
-    except MapError:
-        raise
-    except Exception as error:  # whatever a damaged archive makes of itself
-        raise MapError(
-            f"{path} is not a gradient map: {error}; it must hold the arrays {', '.join(names)}"
-        ) from None
-    tensor, disturbance = arrays["tensor"], arrays["gravity_disturbance"]
-    shape = tensor.shape
-    grids = (
-        len(shape) == 4
-        and min(shape[:3]) >= _FEWEST_NODES
-        and shape[3] == 6
-        and disturbance.shape == (*shape[:3], 3)
-        and all(a.dtype.kind == "f" and np.isfinite(a).all() for a in (tensor, disturbance))
-    )
-    if not grids:
-        raise MapError(
-            f"{path} is not a gradient map: tensor must be (n_lat, n_lon, n_h, 6) and "
-            f"gravity_disturbance (n_lat, n_lon, n_h, 3), finite numbers at no less than "
-            f"{_FEWEST_NODES} nodes per axis; found {shape} and {disturbance.shape}"
-        )
-    scalars = {key: arrays[key] for key in names if key.endswith(("0", "_step"))}
-    for key, value in scalars.items():
-        if value.shape != () or value.dtype.kind not in "fi" or not np.isfinite(value):
-            raise MapError(f"{path} is not a gradient map: {key} must be one finite number")
-        if key.endswith("_step") and value <= 0:
-            raise MapError(f"{path} is not a gradient map: {key} must be positive, not {value}")
-    checks.require_possible(str(path), tensor, disturbance)
-    return GradientMap(
-        **{key: float(value) for key, value in scalars.items()},
-        tensor=tensor.astype(float),
-        gravity_disturbance=disturbance.astype(float),
-        provenance=checks.clean_text(str(arrays["provenance"])),
-    )
+    return archive.read(path)
 
 
 def write(path: Path | str, gradient_map: GradientMap) -> None:
@@ -365,11 +350,6 @@ def write(path: Path | str, gradient_map: GradientMap) -> None:
     if path.suffix == ".nc":
         netcdf.write(path, gradient_map)
     elif path.suffix == ".npz":
-        _write_archive(path, gradient_map)
+        archive.write(path, gradient_map)
     else:
         raise MapError(f"the map file {path} must be named *.nc or *.npz")
-
-
-def _write_archive(path: Path, gradient_map: GradientMap) -> None:
-    with written_whole(path, MapError, "the map ") as temporary, temporary.open("wb") as file:
-        np.savez(file, allow_pickle=False, **vars(gradient_map))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from ..maps.netcdf import file_key
 from ..maps.netcdf_reader import source_files
 from ..maps.recipe import MapRecipe, content_key, data_names, load_or_build, read
 from ..maps.shipped_regions import data_bytes
+from ..maps.survey_lines import COMPONENTS
 from ..sensors.aiding import MGAL
 from ..spec.sensors import FieldSpec, MapErrorSpec
 
@@ -55,6 +56,23 @@ def make_field(spec: FieldSpec, constant: tuple[float, ...] = ()) -> Field:
 @lru_cache(maxsize=8)
 def _with_constant(found: Field, constant: tuple[float, ...]) -> Field:
     return dataclasses.replace(found, constant_disturbance=np.array(constant) / MGAL)
+
+
+def channel_errors(spec: FieldSpec, channels: Sequence[str]) -> tuple[float, ...]:
+    """Return the standard error that a map states of a gradiometer's channels [E].
+
+    Raises
+    ------
+    MapError
+        If it states none.
+    """
+    error = make_field(spec).standard_error[:6]
+    if not np.isfinite(error).all():
+        raise MapError(
+            f'model.field.standard_error: the map "{spec.source}" states no standard error; '
+            "'ggbench map build --lines' stores it"
+        )
+    return tuple(float(np.linalg.norm(COMPONENTS[name] * error)) for name in channels)
 
 
 def beside(found: Field, longitude: float) -> Field:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -41,6 +41,7 @@ from ..spec.sensors import (
     TruthSpec,
 )
 from .aiding import on_board
+from .field_source import channel_errors
 from .instruments import GravityState, gradiometer_of, gravity_state, imu_of
 
 _LAYOUT = (
@@ -65,6 +66,7 @@ class SensorSuite:
     altimeter : gains k₁ [1/s], k₂ [1/s²] and noise PSD [m²/Hz] of the altimeter, if there is one.
     disturbance : of the gravity that the INS does not know, if it is a state.
     compensates : whether the mechanization adds the gravity disturbance of its map.
+    map_error : of the gradiometer's channels [E], what is added to their noise; () for none.
     """
 
     imu: Imu
@@ -74,6 +76,7 @@ class SensorSuite:
     altimeter: tuple[tuple[float, float], float] | None
     disturbance: GravityState | None = None
     compensates: bool = False
+    map_error: tuple[float, ...] = ()
 
     def weighed(self, field: Field) -> DisturbanceMap:
         """Return of which map of gravity a gravimeter's readings are functions of the position.
@@ -172,7 +175,8 @@ class SensorSuite:
             variance = gradiometer.noise_eotvos**2
             if gradiometer.lowpass is None or gradiometer.treatment == "delayed":
                 variance += gradiometer.noise_behind_filter**2
-            variances += [variance] * self.gradients
+            errors = self.map_error or (0.0,) * self.gradients
+            variances += [variance + error**2 for error in errors]
         variances += [sigma**2 for sensor in self.aiding for sigma in sensor.noise]
         return np.diag(variances)
 
@@ -339,12 +343,23 @@ class SensorSuite:
 
 
 def suite_of_case(case: CaseSpec, name: Literal["truth", "model"]) -> SensorSuite:
-    """Return the sensors and prior of one side of a case."""
-    return suite_of(
+    """Return the sensors and prior of one side of a case.
+
+    Raises
+    ------
+    MapError
+        If the map's standard error is to be assumed, and the map states none.
+    """
+    found = suite_of(
         case.side(name), case.altimeter, case.truth if name == "truth" else None,
         # Of both sides, so that the bound is that of an estimator which knows as much of it.
         case.model.disturbance, case.model.field.compensate,
     )  # fmt: skip
+    if name == "truth" or not case.model.field.standard_error:
+        return found
+    assert found.gradiometer is not None  # the scenario checks it
+    error = channel_errors(case.side("model").field, found.gradiometer.components)
+    return replace(found, map_error=error)
 
 
 def suite_of(

@@ -199,6 +199,8 @@ class CaseSpec(Section):
                     'model.field.compensate needs a map: source = "normal" has no disturbance to '
                     "add"
                 )
+        if self.model.field.standard_error:
+            self._require_components()
         if self.model.disturbance is not None:
             if self.model.disturbance.integrate_gradients and not felt.gravity_disturbance:
                 raise ValueError(
@@ -234,6 +236,17 @@ class CaseSpec(Section):
         if not self.trajectory.files():
             self.check_duration()
         return self
+
+    def _require_components(self) -> None:
+        """Raise ValueError if no channel has the axes of a map's standard error."""
+        said, model = "model.field.standard_error", self.side("model")
+        if model.field.source == "normal":
+            raise ValueError(f'{said} needs a map: source = "normal" has no error')
+        if model.gradiometer is None or model.gradiometer.instrument != "local-level":
+            raise ValueError(
+                f"{said} is of components east, north and up: it needs a gradiometer with "
+                'instrument = "local-level"'
+            )
 
     @property
     def periods(self) -> dict[str, float]:

@@ -189,6 +189,11 @@ class ModelField(FieldChange):
 
     It needs a map and `gravity_disturbance = true`.
     """
+    standard_error: bool = False
+    """Whether the standard error that the map states is added to the noise of the gradiometer.
+
+    As white noise of each channel. Maps of survey lines state it; needs `"local-level"`.
+    """
 
 
 class DisturbanceSpec(Section):

@@ -1,0 +1,153 @@
+"""``ggbench map score``: where on a map matching is worth while."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import click
+
+from ..figures.numbers import counted
+from .responsive_table import ResponsiveTable
+from .screen import console
+from .tables import require_suffix, write_csv
+
+_FILE = click.Path(path_type=Path)
+_SHOWN_CELLS = 5
+
+
+@click.command()
+@click.argument("name", metavar="MAP")
+@click.option("--height", type=float, help="Of the flights above the ellipsoid [m; the lowest].")
+@click.option("--cell-deg", type=float, default=0.5, show_default=True, help="Side of a cell [°].")
+@click.option(
+    "--instrument",
+    type=click.Choice(["tensor", "uu", "gravity"]),
+    default="tensor",
+    show_default=True,
+    help="Six components, the vertical gradient alone, or a gravimeter.",
+)
+@click.option(
+    "--noise", type=float, default=1.0, show_default=True, help="Of a reading [E; mGal of gravity]."
+)
+@click.option("--spacing", type=float, help="Between nodes of the statistics [m; a cell's 50th].")
+@click.option(
+    "--per-km2", type=float, default=1.0, show_default=True,
+    help="Readings on a square kilometre, of the information.",
+)  # fmt: skip
+@click.option("--track-km", type=float, help="Length of tracks through a cell [its shorter side].")
+@click.option("--readings", type=int, default=51, show_default=True, help="Of each track.")
+@click.option(
+    "--sigma-km", type=float, default=5.0, show_default=True,
+    help="To what the position is known before, per axis: A_min looks to three times as far.",
+)  # fmt: skip
+@click.option("--right-km", type=float, help="How far off a fix is right [half of --sigma-km].")
+@click.option("--south", type=float, help="Bounds of the cells [deg]; default: the whole map.")
+@click.option("--north", type=float)
+@click.option("--west", type=float)
+@click.option("--east", type=float)
+@click.option("-o", "--output", type=_FILE, help="CSV file to write, a row for each cell.")
+@click.option("--figure", type=_FILE, help="PNG file to draw.")
+def score(
+    name: str,
+    height: float | None,
+    cell_deg: float,
+    instrument: Any,
+    noise: float,
+    spacing: float | None,
+    per_km2: float,
+    track_km: float | None,
+    readings: int,
+    sigma_km: float,
+    right_km: float | None,
+    south: float | None,
+    north: float | None,
+    west: float | None,
+    east: float | None,
+    output: Path | None,
+    figure: Path | None,
+) -> None:
+    """Score the cells of a MAP: where is it worth matching.
+
+    MAP is a file *.nc or *.npz, or the name of a shipped region or terrain. Each cell gets the
+    statistics of the literature and their index by principal components; the accuracy that
+    Fisher's information of a track through it allows; and A_min, how far the likeliest wrong place
+    is from being taken for the right one. None of these has seen an error of a flight.
+    """
+    from ..gravity.field import Field
+    from ..matchability.information import Instrument
+    from ..matchability.score import Bounds, Design
+    from ..matchability.score import score as score_map
+    from ..matchability.sources import named_map
+
+    require_suffix(output, ".csv")
+    require_suffix(figure, ".png")
+
+    def metres(km: float | None) -> float | None:
+        return None if km is None else 1e3 * km
+
+    bounds = Bounds(south, north, west, east)
+    design = Design(
+        height, cell_deg, Instrument(instrument, noise), spacing, per_km2, metres(track_km),
+        readings, 1e3 * sigma_km, metres(right_km),
+    )  # fmt: skip
+    found, height = named_map(name, design, bounds)
+    scored = score_map(Field.from_map(found), replace(design, height_m=height), bounds, name)
+    _print_scored(scored)
+    if output is not None:
+        write_csv(scored.table, output)
+    if figure is not None:
+        from ..figures.style import save
+        from ..matchability.figure import map_score
+
+        save(map_score(scored, name), figure)
+        click.echo(f"Wrote {figure}")
+
+
+def _print_scored(scored: Any) -> None:
+    """Print the design, the components, and the best and worst cells by a track's accuracy."""
+    design, table = scored.design, scored.table
+    console.out(
+        f"{counted(len(table), 'cell')} of {design.cell_deg:g}° at {design.height_m:g} m: "
+        f"{design.instrument.kind}, {design.instrument.noise:g} {design.instrument.unit}; nodes "
+        f"{design.spacing_m:.0f} m apart; tracks of {design.track_m / 1e3:.3g} km with "
+        f"{counted(design.readings, 'reading')}; position known to "
+        f"{design.sigma_m / 1e3:g} km, a fix right within {design.right_m / 1e3:g} km"
+    )
+    if scored.components is None:
+        console.out("Too few cells for principal components: no index, no classes.")
+    else:
+        shares = ", ".join(f"{100.0 * share:.0f} %" for share in scored.components.explained)
+        console.out(
+            f"principal components explain {shares}; the index has the first "
+            f"{scored.components.kept}"
+        )
+    ordered = table.sort_values("track_m")
+    unit = design.instrument.unit
+    numbers = (
+        f"σ [{unit}]", f"roughness [{unit}/km]", "class", "track √tr J⁻¹ [m]", "best heading [°]",
+        "A_min [nepers]", "false fixes ≤",
+    )  # fmt: skip
+    shown = ResponsiveTable(
+        "best and worst cells by the accuracy of a track, over its headings",
+        [
+            ("latitude [°]", "name"),
+            ("longitude [°]", "name"),
+            *((heading, "number") for heading in numbers),
+        ],
+    )
+    best = min(_SHOWN_CELLS, len(ordered))
+    for number, (_, row) in enumerate(ordered.iterrows()):
+        if best <= number < len(ordered) - _SHOWN_CELLS:
+            continue
+        shown.add_row(
+            f"{0.5 * (row['south_deg'] + row['north_deg']):.3f}",
+            f"{0.5 * (row['west_deg'] + row['east_deg']):.3f}",
+            f"{row['deviation']:.3g}", f"{1e3 * row['roughness']:.3g}", row["grade"] or "-",
+            f"{row['track_m']:.3g}", f"{row['best_heading_deg']:g}", f"{row['ambiguity']:.3g}",
+            f"{row['false_fix']:.2g}",
+        )  # fmt: skip
+        if number == best - 1 < len(ordered) - 1:
+            shown.add_section()
+    shown.print(console)

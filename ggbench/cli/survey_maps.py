@@ -1,0 +1,137 @@
+"""The options of ``ggbench map build`` for maps of survey lines, and what follows from them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+_FILE = click.Path(path_type=Path)
+_OPTIONS = (
+    click.option(
+        "--lines", type=_FILE, metavar="SURVEY",
+        help="Survey lines: Geosoft *.xyz, ASEG-GDF2 *.dat with *.dfn, *.csv, also .gz.",
+    ),
+    click.option(
+        "--column", multiple=True, metavar="NAME=COLUMN",
+        help="What the file calls line, kind, time_s, latitude_deg, longitude_deg, height_m, or a "
+        "component; may be repeated.",
+    ),
+    click.option(
+        "--components", metavar="LIST", help="Components to use, as in xx,xy,xz,yy,yz [all]."
+    ),
+    click.option(
+        "--axes", type=click.Choice(["east-north-up", "east-north-down", "north-east-down"]),
+        default="east-north-up", show_default=True, help="x, y, z of the file's components.",
+    ),
+    click.option(
+        "--quantity", type=click.Choice(["gradient", "disturbance"]), default="gradient",
+        show_default=True, help="Gradients [E], or the gravity disturbance [mGal].",
+    ),
+    click.option(
+        "--leave-out", multiple=True, metavar="LINES",
+        help="Lines that neither the map nor the noise may know: a name, a pattern such as '*.1', "
+        "or a kind such as repeat; may be repeated.",
+    ),
+    click.option(
+        "--depth", type=click.FloatRange(0, min_open=True),
+        help="Of the point masses below the flights [m]; by default depth, spacing and damping are "
+        "chosen on lines that are held back.",
+    ),
+    click.option(
+        "--source-spacing", type=click.FloatRange(0, min_open=True), help="Between masses [m]."
+    ),
+    click.option(
+        "--damping", type=click.FloatRange(0, min_open=True),
+        help="Of the masses, relative to the mean diagonal of the normal equations.",
+    ),
+    click.option(
+        "--noise", type=_FILE, metavar="JSON",
+        help="Write a model of the readings' coloured noise, too, from lines that are held back.",
+    ),
+)  # fmt: skip
+_WITH_LINES = (
+    "column", "components", "leave_out", "depth", "source_spacing", "damping", "noise",
+)  # fmt: skip
+
+
+def options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a command with the options of survey lines."""
+    for option in reversed(_OPTIONS):
+        command = option(command)
+    return command
+
+
+def require_alone(options: dict[str, Any], others: Sequence[str]) -> None:
+    """Raise MapError if survey lines are mixed with other sources, or their options lack them."""
+    from ..gravity.gradient_map import MapError
+
+    if options["lines"] is None:
+        given = [key for key in _WITH_LINES if options[key]]
+        if given:
+            raise MapError(f"--{given[0].replace('_', '-')} goes with --lines.")
+        return
+    mixed = [key for key in others if options[key] is not None]
+    if mixed:
+        raise MapError(
+            f"--lines and --{mixed[0].replace('_', '-')} are two sources: a map of survey lines is "
+            "made of nothing else."
+        )
+
+
+def planned(options: dict[str, Any], wishes: Any, command: str) -> Any:
+    """Return the plan of a map of survey lines; write the model of their noise, if asked for."""
+    from ..gravity.gradient_map import MapError
+    from ..maps.survey_fit import Wanted
+    from ..maps.survey_plan import SurveyInputs, fit_survey, plan_survey
+
+    if options["noise"] is not None and options["noise"].suffix != ".json":
+        raise MapError(f"the file of noise {options['noise']} must be named *.json.")
+    unequal = [text for text in options["column"] if "=" not in text]
+    if unequal:
+        raise MapError(f"--column {unequal[0]} must be written NAME=COLUMN.")
+    inputs = SurveyInputs(
+        lines=options["lines"],
+        columns=dict(text.split("=", 1) for text in options["column"]),
+        components=tuple(filter(None, (options["components"] or "").replace(" ", "").split(","))),
+        axes=options["axes"],
+        quantity=options["quantity"],
+        leave_out=options["leave_out"],
+        wanted=Wanted(options["depth"], options["source_spacing"], options["damping"]),
+    )
+    fit = fit_survey(inputs, click.echo)
+    click.echo(f"Chosen: {fit.settings}.")
+    made = plan_survey(inputs, fit, wishes, command)
+    _print_errors(made.errors, fit.lines.quantity)
+    if options["noise"] is not None:
+        _write_noise(options["noise"], inputs, fit)
+    return made
+
+
+def _print_errors(errors: Any, quantity: str) -> None:
+    """Print the map's standard error and its correlation."""
+    names, factor, unit = ("EE", "EN", "EU", "NN", "NU", "UU", "E", "N", "U"), 1.0, "E"
+    shown = range(6)
+    if quantity == "disturbance":
+        shown, factor, unit = range(6, 9), 1e5, "mGal"
+    text = ", ".join(
+        f"{names[k]} {factor * errors[0][k]:.2f} {unit} over {errors[1][k]:.0f} m" for k in shown
+    )
+    click.echo(f"Standard error of the map, and the distance of its correlation: {text}.")
+
+
+def _write_noise(path: Path, inputs: Any, fit: Any) -> None:
+    from ..maps.survey_noise import noise_of, write_noise
+    from ..maps.survey_plan import provenance_of
+
+    model, interval, scores = noise_of(fit)
+    for order, score in scores.items():
+        click.echo(
+            f"noise of order {order}: log-likelihood {score:.4f} a sample of lines held back"
+        )
+    write_noise(
+        path, model, fit.lines.components, interval, provenance_of(inputs, fit, model.order)
+    )
+    click.echo(f"Wrote {path}, order {model.order}, largest root {model.largest_root():.3f}.")

@@ -1,0 +1,238 @@
+"""Point masses that reproduce survey lines, found by damped least squares.
+
+The masses lie on a regular grid at one depth below the flights (Dampney 1969,
+doi:10.1190/1.1439996). Their field is harmonic above them, so that all components of a map belong
+together. Each line and component has an unknown constant, for processed gradients have no mean
+along a line. The constants are eliminated: both sides are deviations from the mean of a line.
+
+The area is taken for flat: over 50 km the Earth falls by 50 m from a plane, over 20 km by 8 m.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.linalg.blas import dsyrk
+from scipy.spatial import cKDTree
+
+from ..gravity.ellipsoid import radii_of_curvature
+from ..gravity.gradient_map import MapError
+from ..gravity.point_masses import fields, responses
+from .netcdf import Layer, Nodes
+from .survey_lines import COMPONENTS, SurveyLines
+
+Array = NDArray[np.float64]
+
+WIDEST_M = 150e3
+"""Widest survey: beyond it the Earth is not flat."""
+MOST_SOURCES = 5000
+"""Most masses: the time to find them grows with the third power of their number."""
+_MGAL = 1e5  # in a metre per square second
+_BLOCK = 0.3  # of the depth: the field hardly changes over it, and noise is averaged
+_REACH = 2.0  # depths: masses farther from every sample are left out
+_NEAREST = 16  # samples whose mean height is that of the flights above a mass
+
+
+class Settings(NamedTuple):
+    """Depth of the masses below the flights, their spacing [m], and the relative damping."""
+
+    depth_m: float
+    spacing_m: float
+    damping: float
+
+    def __str__(self) -> str:
+        return (
+            f"point masses {self.spacing_m:.0f} m apart, {self.depth_m:.0f} m below the flights, "
+            f"damping {self.damping:.2g}"
+        )
+
+
+@dataclass(frozen=True)
+class Plane:
+    """East and north [m] from a point, on a plane that touches the ellipsoid there."""
+
+    latitude_deg: float
+    longitude_deg: float
+
+    @classmethod
+    def under(cls, lines: SurveyLines) -> Plane:
+        """Return the plane under the middle of some lines. Raises MapError if they are too wide."""
+        middles = [0.5 * (v.min() + v.max()) for v in (lines.latitude_deg, lines.longitude_deg)]
+        plane = cls(*map(float, middles))
+        widest = max(float(np.ptp(axis)) for axis in plane.metres(lines)[:2])
+        if widest > WIDEST_M:
+            raise MapError(
+                f"the survey is {widest / 1e3:.0f} km wide; at most {WIDEST_M / 1e3:.0f} km can be "
+                "taken for flat: leave lines out, or make several maps."
+            )
+        return plane
+
+    @property
+    def metres_per_degree(self) -> tuple[float, float]:
+        """Of latitude and of longitude."""
+        meridian, prime_vertical = radii_of_curvature(math.radians(self.latitude_deg))
+        cosine = math.cos(math.radians(self.latitude_deg))
+        return math.radians(meridian), math.radians(prime_vertical * cosine)
+
+    def place(
+        self, latitude_deg: NDArray[np.floating], longitude_deg: NDArray[np.floating]
+    ) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+        """Return east and north of places [m]."""
+        north, east = self.metres_per_degree
+        return (
+            (longitude_deg - self.longitude_deg) * east,
+            (latitude_deg - self.latitude_deg) * north,
+        )
+
+    def metres(self, lines: SurveyLines) -> Array:
+        """Return east, north and height of samples, (3, N) [m]."""
+        return np.array([*self.place(lines.latitude_deg, lines.longitude_deg), lines.height_m])
+
+
+@dataclass(frozen=True)
+class EquivalentSources:
+    """Point masses below an area.
+
+    Attributes
+    ----------
+    plane : of their coordinates.
+    places : east, north, up, (3, m) [m].
+    masses : (m,) [1e9 kg].
+    """
+
+    plane: Plane
+    places: Array
+    masses: Array
+
+    def along(self, lines: SurveyLines, samples: NDArray[np.int64]) -> Array:
+        """Return what the masses make of the components of some samples, (n, components)."""
+        return self._fields(self.plane.metres(lines)[:, samples]) @ weights_of(lines).T
+
+    def layers(self, nodes: Nodes) -> Iterator[Layer]:
+        """Yield tensor [E] and gravity disturbance [m/s²] on latitude x longitude per height."""
+        east, north = self.plane.place(nodes.latitude_deg, nodes.longitude_deg)
+        for height in nodes.height_m:
+            points = np.array([axis.ravel() for axis in np.meshgrid(east, north, height)])
+            found = self._fields(points).reshape(north.size, east.size, 9)
+            yield found[..., :6], found[..., 6:]
+
+    def _fields(self, points: Array) -> Array:
+        found = np.empty((points.shape[1], 9))
+        fields(points, self.places, self.masses, found)
+        return found
+
+
+def weights_of(lines: SurveyLines) -> Array:
+    """Return what measured components are of six gradients [E] and gravity [m/s²], (c, 9)."""
+    weights = np.zeros((len(lines.components), 9))
+    if lines.quantity == "disturbance":
+        weights[0, 8] = -_MGAL
+    else:
+        weights[:, :6] = [COMPONENTS[name] for name in lines.components]
+    return weights
+
+
+class Equations:
+    """Normal equations of each line, for masses at one depth and spacing.
+
+    Samples are averaged over blocks of three tenths of the depth.
+
+    Raises
+    ------
+    MapError
+        If there are more masses than can be solved for.
+    """
+
+    def __init__(self, lines: SurveyLines, depth_m: float, spacing_m: float) -> None:
+        self.lines = lines
+        self.plane = Plane.under(lines)
+        points = self.plane.metres(lines)
+        self.places = _grid(points, depth_m, spacing_m)
+        self._points = points
+        self._block_m = _BLOCK * depth_m
+
+    def of(self, chosen: Sequence[int]) -> tuple[Array, Array]:
+        """Return the upper triangle of the matrix, and the right-hand side, of some lines."""
+        count = self.places.shape[1]
+        matrix, right = np.zeros((count, count), order="F"), np.zeros(count)
+        weights = weights_of(self.lines)
+        for index in chosen:
+            samples = self.lines.samples(index)
+            points, values = self._points[:, samples], self.lines.values[samples]
+            step = np.median(np.hypot(*np.diff(points[:2], axis=1)))
+            size = max(1, int(self._block_m / max(step, 1e-3)))
+            points, values = _blocks(points.T, size).T, _blocks(values, size)
+            design = np.empty((len(weights), points.shape[1], count))
+            responses(points, self.places, weights, design)
+            design -= design.mean(axis=1, keepdims=True)
+            rows = design.reshape(-1, count)
+            # The upper triangle alone, in place: half the work.
+            matrix = dsyrk(1.0, rows.T, 1.0, matrix, overwrite_c=True)
+            right += rows.T @ (values - values.mean(axis=0)).T.ravel()
+        return matrix, right
+
+    def solved(self, matrix: Array, right: Array, damping: float) -> EquivalentSources:
+        """Return the masses. ``damping`` is relative to the mean of the diagonal."""
+        damped = matrix.copy(order="F")
+        damped[np.diag_indices_from(damped)] += damping * np.trace(matrix) / len(matrix)
+        try:
+            factor = cho_factor(damped, overwrite_a=True, check_finite=False)
+        except LinAlgError:
+            raise MapError(
+                f"a damping of {damping:g} leaves the masses undetermined: raise it."
+            ) from None
+        masses = cho_solve(factor, right, check_finite=False)
+        return EquivalentSources(self.plane, self.places, masses)
+
+
+def residuals(sources: EquivalentSources, lines: SurveyLines, index: int) -> Array:
+    """Return reading minus map of a line, without their mean over it, (n, components)."""
+    samples = lines.samples(index)
+    found: Array = lines.values[samples] - sources.along(lines, samples)
+    return found - found.mean(axis=0)
+
+
+def metres_along(lines: SurveyLines, index: int) -> Array:
+    """Return the distance of each sample of a line from its first one, along the track [m]."""
+    east, north, _ = Plane.under(lines).metres(lines)[:, lines.samples(index)]
+    steps = np.hypot(np.diff(east), np.diff(north))
+    distance: Array = np.concatenate([[0.0], np.cumsum(steps)])
+    return distance
+
+
+def _grid(points: Array, depth_m: float, spacing_m: float) -> Array:
+    """Places of masses, (3, m): a grid under the flights, none far from every sample."""
+    axes = [
+        np.arange(axis.min() - depth_m, axis.max() + depth_m + spacing_m, spacing_m)
+        for axis in points[:2]
+    ]
+    if axes[0].size * axes[1].size > 100 * MOST_SOURCES:
+        raise MapError(_too_many(axes[0].size * axes[1].size, spacing_m))
+    grid = np.array([axis.ravel() for axis in np.meshgrid(*axes)])
+    distance, near = cKDTree(points[:2].T).query(grid.T, min(_NEAREST, points.shape[1]))
+    within = distance[:, 0] <= _REACH * depth_m
+    if within.sum() > MOST_SOURCES:
+        raise MapError(_too_many(int(within.sum()), spacing_m))
+    height = points[2][near].mean(axis=1) - depth_m
+    return np.array([*grid[:, within], height[within]])
+
+
+def _too_many(count: int, spacing_m: float) -> str:
+    return (
+        f"a source spacing of {spacing_m:g} m gives {count} masses; at most {MOST_SOURCES} are "
+        "allowed: widen --source-spacing, or leave lines out."
+    )
+
+
+def _blocks(values: Array, size: int) -> Array:
+    """Means of blocks of consecutive rows; the last block may be shorter."""
+    starts = np.arange(0, len(values), size)
+    counts = np.diff([*starts, len(values)])
+    means: Array = np.add.reduceat(values, starts, axis=0) / counts[:, np.newaxis]
+    return means

@@ -1,0 +1,105 @@
+"""The standard error of a map of survey lines, and how it is correlated along a track.
+
+A line in the map and a line held back have the same noise. With N the noise's autocovariance:
+
+- the residuals of lines held back have N plus the autocovariance of the map's error there;
+- those of lines in the map have N less that of its error, as the map has taken up so much of the
+  noise (exactly so of an optimal map: Rasmussen & Williams 2006, section 2.2).
+
+Half of the difference is free of noise. It is the mean of the error's autocovariance on the lines
+of the survey and as far from them as the next line. The distance at which it falls to 1/e is kept.
+
+Components that no line measured get the error of an isotropic field, in which the variances of EE,
+EN, EU, NN, NU and UU are as 3 : 1 : 4 : 3 : 4 : 8.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .equivalent_sources import metres_along, weights_of
+from .survey_fit import SurveyFit
+
+Array = NDArray[np.float64]
+
+_LAGS = 60  # samples, in which the correlation must have fallen
+_TRACE = np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+
+
+def _isotropic() -> Array:
+    """Covariance (9, 9) of an isotropic harmonic field; variance 1 of UU and of gravity upward."""
+    angle = 2.0 * np.pi * (np.arange(16) + 0.5) / 16.0
+    c, s, one = np.cos(angle), np.sin(angle), np.ones(16)
+    real = np.array([-c * c, -c * s, 0 * c, -s * s, 0 * c, one, 0 * c, 0 * c, one])
+    odd = np.array([0 * c, 0 * c, c, 0 * c, s, 0 * c, c, s, 0 * c])
+    covariance: Array = (real @ real.T + odd @ odd.T) / angle.size
+    covariance[:6, 6:] = covariance[6:, :6] = 0.0  # of other wavelengths
+    return covariance
+
+
+def map_error(fit: SurveyFit) -> tuple[Array, Array]:
+    """Return the standard error of the nine components of a map, and its correlation distance.
+
+    Returns
+    -------
+    (9,) of the tensor [EE, EN, EU, NN, NU, UU] [E] and of gravity [m/s²]; (9,) [m]. NaN of gravity
+    where gradients were measured, and of gradients where gravity was.
+    """
+    measured = weights_of(fit.lines)
+    basis = np.vstack([measured, _TRACE]) if fit.lines.quantity == "gradient" else measured
+    # What the components of the map are of those that were measured: zz is −xx − yy.
+    mixing = np.linalg.lstsq(basis.T, np.eye(9), rcond=None)[0]
+    known = np.abs(basis.T @ mixing - np.eye(9)).max(axis=0) < 1e-9
+    mixing = mixing[: len(measured)]
+    covariance = _autocovariance(fit)
+    isotropic = _isotropic()
+    shares = np.diag(measured @ isotropic @ measured.T)
+    scale = np.mean(np.clip(np.diag(covariance[0]), 0.0, None) / shares)
+    of_gravity = np.arange(9) >= 6
+    alike = of_gravity == (fit.lines.quantity == "disturbance")
+    variance = np.where(alike, scale * np.diag(isotropic), np.nan)
+    of_components = np.einsum("ck,lcd,dk->lk", mixing, covariance, mixing)
+    variance[known] = np.clip(of_components[0, known], 0.0, None)
+    metres = np.mean([_step(fit, index) for index in fit.held_back])
+    distance = np.full(9, np.nan)
+    distance[known] = [metres * _fall(of_components[:, k]) for k in np.flatnonzero(known)]
+    mean = metres * _fall(np.einsum("lcc->l", covariance / shares[:, np.newaxis]))
+    return np.sqrt(variance), np.where(np.isfinite(variance) & ~known, mean, distance)
+
+
+def _autocovariance(fit: SurveyFit) -> Array:
+    """The map's error along a line, (lags, components, components): half of the difference."""
+    counts = [len(found) for found in fit.held_back.values()]
+    lags = min(_LAGS, min(counts) // 2)
+    return 0.5 * (_lagged(fit.held_back, lags) - _lagged(fit.fitted, lags))
+
+
+def _lagged(found: dict[int, Array], lags: int) -> Array:
+    """Autocovariance of lines at lags from zero, (lags, components, components), symmetric."""
+    out = []
+    for lag in range(lags):
+        total = sum(rows[: len(rows) - lag].T @ rows[lag:] for rows in found.values())
+        count = sum(len(rows) - lag for rows in found.values())
+        out.append(0.5 * (total + np.transpose(total)) / count)
+    return np.array(out)
+
+
+def _step(fit: SurveyFit, index: int) -> float:
+    """Mean distance between samples of a line [m]."""
+    distance = metres_along(fit.lines, index)
+    return float(distance[-1] / (len(distance) - 1))
+
+
+def _fall(covariance: Array) -> float:
+    """Lag at which an autocovariance first falls to 1/e of its value at zero; NaN: never."""
+    if not covariance[0] > 0.0:
+        return float("nan")
+    share = covariance / covariance[0]
+    below = np.flatnonzero(share <= 1.0 / math.e)
+    if not below.size:
+        return float("nan")
+    last = int(below[0])
+    return float(last - (1.0 / math.e - share[last]) / (share[last - 1] - share[last]))

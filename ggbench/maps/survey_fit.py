@@ -1,0 +1,145 @@
+"""Lines held back from a map: they choose its settings, and show its residuals.
+
+Whole lines are held back, every fifth one at a time, for neighbouring samples share their noise.
+Ties are never held back: they cross the others, and level them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..gravity.gradient_map import MapError
+from .equivalent_sources import (
+    Equations,
+    EquivalentSources,
+    Plane,
+    Settings,
+    metres_along,
+    residuals,
+)
+from .survey_lines import TIE, SurveyLines
+
+Array = NDArray[np.float64]
+
+FOLDS = 5
+_DEPTHS = (1.6, 2.2, 3.0)  # distances between lines
+_SPACING = 0.6  # of the depth
+_USUAL_SOURCES = 3500  # at most, unless the user sets a spacing: a minute or two for each depth
+_NARROWEST_M = 10.0  # distance between lines
+_DAMPINGS = (0.03, 0.1, 0.3, 1.0)
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """Settings that a user asks for; None: chosen on lines that are held back."""
+
+    depth_m: float | None = None
+    spacing_m: float | None = None
+    damping: float | None = None
+
+
+@dataclass(frozen=True)
+class SurveyFit:
+    """Point masses of survey lines, with what they leave of lines that they were not fitted to.
+
+    Attributes
+    ----------
+    lines : of the survey.
+    settings, sources : of the map, which all lines make.
+    held_back : reading minus map of each line but ties, the map made without it and others, by the
+        line's index, without its mean.
+    scores : RMS residual of lines held back, for each setting that was tried.
+    """
+
+    lines: SurveyLines
+    settings: Settings
+    sources: EquivalentSources
+    held_back: dict[int, Array]
+    scores: dict[Settings, float]
+
+    @cached_property
+    def fitted(self) -> dict[int, Array]:
+        """Reading minus map of the same lines, the map made of all."""
+        return {index: residuals(self.sources, self.lines, index) for index in self.held_back}
+
+
+def fit(
+    lines: SurveyLines, wanted: Wanted, progress: Callable[[str], None] = lambda _: None
+) -> SurveyFit:
+    """Return the map of all lines, with the settings whose residuals on lines held back are least.
+
+    ``progress`` is called with a sentence for each setting.
+
+    Raises
+    ------
+    MapError
+        If there are fewer than two lines that can be held back.
+    """
+    folds = _folds(lines)
+    ties = [index for index, kind in enumerate(lines.kinds) if kind == TIE]
+    best: SurveyFit | None = None
+    scores: dict[Settings, float] = {}
+    depths, dampings = _candidates(lines, wanted)
+    for depth, spacing in depths:
+        equations = Equations(lines, depth, spacing)
+        parts = [equations.of(fold) for fold in folds]
+        matrix, right = (sum(both) for both in zip(*parts, equations.of(ties), strict=True))
+        for damping in dampings:
+            settings = Settings(depth, spacing, damping)
+            found: dict[int, Array] = {}
+            for fold, part in zip(folds, parts, strict=True):
+                sources = equations.solved(matrix - part[0], right - part[1], damping)
+                found |= {index: residuals(sources, lines, index) for index in fold}
+            rows = np.concatenate(list(found.values()))
+            scores[settings] = float(np.sqrt(np.mean(rows**2)))
+            progress(f"{settings}: {scores[settings]:.3f} {lines.unit} on lines held back")
+            if best is None or scores[settings] < scores[best.settings]:
+                sources = equations.solved(matrix, right, damping)
+                best = SurveyFit(lines, settings, sources, found, scores)
+    assert best is not None
+    return best
+
+
+def _folds(lines: SurveyLines) -> list[list[int]]:
+    """Every fifth line that is no tie, in the order of the file."""
+    others = [i for i, kind in enumerate(lines.kinds) if kind != TIE]
+    if len(others) < 2:
+        raise MapError(
+            f"{len(others)} lines are no ties; at least 2 are needed, so that one can be held back "
+            "to choose the settings and to find the map's standard error."
+        )
+    return [others[first::FOLDS] for first in range(min(FOLDS, len(others)))]
+
+
+def _candidates(
+    lines: SurveyLines, wanted: Wanted
+) -> tuple[list[tuple[float, float]], tuple[float, ...]]:
+    """Pairs of depth and spacing, and dampings, to try."""
+    east, north, _ = Plane.under(lines).metres(lines)
+    area = float(np.ptp(east) * np.ptp(north))
+    depths = [wanted.depth_m] if wanted.depth_m else _depths(lines, area)
+    narrowest = math.sqrt(area / _USUAL_SOURCES)
+    pairs = [(d, wanted.spacing_m or round(max(_SPACING * d, narrowest), -1)) for d in depths]
+    return pairs, (wanted.damping,) if wanted.damping else _DAMPINGS
+
+
+def _depths(lines: SurveyLines, area: float) -> list[float]:
+    """Depths to try, from the typical distance between lines: their area by their length."""
+    length = sum(
+        float(metres_along(lines, index)[-1])
+        for index, kind in enumerate(lines.kinds)
+        if kind != TIE
+    )
+    distance = area / max(length, 1.0)
+    if distance < _NARROWEST_M:
+        raise MapError(
+            "the lines cover no area, so that no depth follows from their distance: give --depth "
+            "and --source-spacing."
+        )
+    return [round(factor * distance, -1) for factor in _DEPTHS]

@@ -1,0 +1,156 @@
+"""Lines of an airborne gravity survey, in ggbench's own axes, and how they are selected.
+
+:mod:`.survey_files` reads them. Components have the names of the gradiometer's channels: ``xx`` is
+east-east, ``xz`` east-up, ``xx-yy`` half the difference of xx and yy.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..gravity.gradient_map import MapError
+
+Array = NDArray[np.float64]
+Quantity = Literal["gradient", "disturbance"]
+
+COMPONENTS = {
+    "xx": (1.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    "xy": (0.0, 1.0, 0.0, 0.0, 0.0, 0.0),
+    "xz": (0.0, 0.0, 1.0, 0.0, 0.0, 0.0),
+    "yy": (0.0, 0.0, 0.0, 1.0, 0.0, 0.0),
+    "yz": (0.0, 0.0, 0.0, 0.0, 1.0, 0.0),
+    "zz": (0.0, 0.0, 0.0, 0.0, 0.0, 1.0),
+    "xx-yy": (0.5, 0.0, 0.0, -0.5, 0.0, 0.0),
+    "yy-zz": (0.0, 0.0, 0.0, 0.5, 0.0, -0.5),
+    "zz-xx": (-0.5, 0.0, 0.0, 0.0, 0.0, 0.5),
+}
+"""What each component is of the tensor [EE, EN, EU, NN, NU, UU]."""
+DISTURBANCE = "disturbance"
+"""The component of scalar gravity [mGal]: positive where gravity is stronger than normal."""
+AXES = {
+    "east-north-up": {"x": ("x", 1), "y": ("y", 1), "z": ("z", 1)},
+    "east-north-down": {"x": ("x", 1), "y": ("y", 1), "z": ("z", -1)},
+    "north-east-down": {"x": ("y", 1), "y": ("x", 1), "z": ("z", -1)},
+}
+"""Axes of a file: which of ours, and in which direction, each of them is."""
+PRIMARY, TIE = "primary", "tie"
+
+
+@dataclasses.dataclass(frozen=True)
+class SurveyLines:
+    """Samples of survey lines, in the order of flight within each line.
+
+    Attributes
+    ----------
+    names, kinds : of the lines; a kind is ``primary``, ``tie``, ``repeat`` or a word of the file.
+    line : index of each sample's line, (N,).
+    time_s : of each sample, (N,).
+    latitude_deg, longitude_deg, height_m : of each sample, (N,); above the ellipsoid.
+    components : names, see :data:`COMPONENTS`, or only :data:`DISTURBANCE`.
+    values : (N, len(components)) [E], axes east, north, up; or [mGal].
+    dropped : how many samples were left out because a value was missing.
+    """
+
+    names: tuple[str, ...]
+    kinds: tuple[str, ...]
+    line: NDArray[np.int64]
+    time_s: Array
+    latitude_deg: Array
+    longitude_deg: Array
+    height_m: Array
+    components: tuple[str, ...]
+    values: Array
+    dropped: int = 0
+
+    @property
+    def quantity(self) -> Quantity:
+        """What was measured."""
+        return "disturbance" if self.components == (DISTURBANCE,) else "gradient"
+
+    @property
+    def unit(self) -> str:
+        """Unit of the values."""
+        return "mGal" if self.quantity == "disturbance" else "E"
+
+    def samples(self, index: int) -> NDArray[np.int64]:
+        """Return the numbers of the samples of a line."""
+        return np.flatnonzero(self.line == index)
+
+    def only(self, lines: Sequence[int]) -> SurveyLines:
+        """Return some of the lines, in their order here, and nothing of the others."""
+        kept = sorted(lines)
+        samples = np.isin(self.line, kept)
+        return dataclasses.replace(
+            self,
+            names=tuple(self.names[i] for i in kept),
+            kinds=tuple(self.kinds[i] for i in kept),
+            line=np.searchsorted(kept, self.line[samples]),
+            time_s=self.time_s[samples],
+            latitude_deg=self.latitude_deg[samples],
+            longitude_deg=self.longitude_deg[samples],
+            height_m=self.height_m[samples],
+            values=self.values[samples],
+        )
+
+    def chosen(self, patterns: Sequence[str]) -> list[int]:
+        """Return the lines that patterns name: a name, a pattern such as ``*.1``, or a kind.
+
+        Raises
+        ------
+        MapError
+            If a pattern names no line.
+        """
+        found: set[int] = set()
+        for pattern in patterns:
+            those = {
+                index
+                for index, (name, kind) in enumerate(zip(self.names, self.kinds, strict=True))
+                if kind == pattern or fnmatchcase(name, pattern)
+            }
+            if not those:
+                raise MapError(
+                    f"no line is called {pattern!r}, and none is of that kind; the "
+                    f"{len(self.names)} lines are {_some(self.names)}; kinds: "
+                    f"{', '.join(sorted(set(self.kinds)))}."
+                )
+            found |= those
+        return sorted(found)
+
+    def without(self, patterns: Sequence[str]) -> SurveyLines:
+        """Return the lines that no pattern names, see :meth:`chosen`.
+
+        Raises
+        ------
+        MapError
+            If a pattern names no line, or nothing is left.
+        """
+        out = self.chosen(patterns)
+        if len(out) == len(self.names):
+            raise MapError("all lines are left out: there is nothing to make a map of.")
+        return self.only([index for index in range(len(self.names)) if index not in set(out)])
+
+
+def in_our_axes(component: str, axes: str) -> tuple[str, int]:
+    """Return what a component of a file's axes is called in ours, and its sign.
+
+    ``xz`` of axes north, east, down is ``yz`` with the opposite sign; ``xx-yy`` there is ``xx-yy``
+    with the opposite sign.
+    """
+    turn = AXES[axes]
+    if "-" in component:
+        first, second = (f"{turn[pair[0]][0]}" * 2 for pair in component.split("-"))
+        straight = f"{first}-{second}"
+        return (straight, 1) if straight in COMPONENTS else (f"{second}-{first}", -1)
+    letters, signs = zip(*(turn[letter] for letter in component), strict=True)
+    return "".join(sorted(letters)), signs[0] * signs[1]
+
+
+def _some(names: Sequence[str]) -> str:
+    """The first names and the last one, in words."""
+    return ", ".join(names) if len(names) <= 8 else f"{', '.join(names[:6])}, ... {names[-1]}"

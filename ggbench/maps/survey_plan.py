@@ -1,0 +1,131 @@
+"""From survey lines to the plan of a map."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ..files import sha256_of
+from ..gravity.gradient_map import MapError
+from ..numerics.source import VERSION
+from .netcdf import described
+from .nodes import Reach, Wishes, nodes_for
+from .plan import Plan
+from .survey_error import map_error
+from .survey_files import read_lines
+from .survey_fit import SurveyFit, Wanted, fit
+from .survey_lines import Quantity
+
+_STEP_M = 10.0  # to which default heights are rounded
+
+
+@dataclasses.dataclass(frozen=True)
+class SurveyInputs:
+    """What a map of survey lines is to be made of; see ``ggbench map build --help``.
+
+    Attributes
+    ----------
+    lines : file of the survey.
+    columns, components, axes, quantity : of the file, see :func:`.survey_files.read_lines`.
+    leave_out : names, patterns or kinds of lines that the map must not know.
+    wanted : settings that are not to be chosen.
+    """
+
+    lines: Path
+    columns: dict[str, str]
+    components: tuple[str, ...] = ()
+    axes: str = "east-north-up"
+    quantity: Quantity = "gradient"
+    leave_out: tuple[str, ...] = ()
+    wanted: Wanted = dataclasses.field(default_factory=Wanted)
+
+
+def fit_survey(inputs: SurveyInputs, progress: Callable[[str], None]) -> SurveyFit:
+    """Return the map of a survey's lines, without those that are left out.
+
+    Raises
+    ------
+    MapError
+        If the file cannot be used, or a line that is to be left out is not in it.
+    """
+    lines = read_lines(
+        inputs.lines, inputs.columns, inputs.components, inputs.axes, inputs.quantity
+    )
+    return fit(lines.without(inputs.leave_out), inputs.wanted, progress)
+
+
+def plan_survey(inputs: SurveyInputs, fit: SurveyFit, wishes: Wishes, command: str) -> Plan:
+    """Return the plan of a map of survey lines.
+
+    Raises
+    ------
+    MapError
+        If bounds cannot be served.
+    """
+    lines = fit.lines
+    reach, wishes = _reach(fit), _with_heights(fit, wishes)
+    nodes, remarks = nodes_for([reach], wishes)
+    left_out = f", without {', '.join(inputs.leave_out)}" if inputs.leave_out else ""
+    errors = map_error(fit)
+    rms = np.sqrt(np.mean(np.concatenate(list(fit.held_back.values())) ** 2, axis=0))
+    found = ", ".join(
+        f"{name} {value:.2f}" for name, value in zip(lines.components, rms, strict=True)
+    )
+    remarks.append(f"residuals of lines held back, noise included: {found} {lines.unit}")
+    if lines.dropped:
+        remarks.append(f"{lines.dropped} samples with missing values are left out")
+    attributes = {
+        "title": f"Gravity-gradient map: {inputs.lines.name}",
+        "source": f"survey lines {inputs.lines.name}{left_out}: {len(lines.names)} lines, "
+        f"{len(lines.line)} samples of {', '.join(lines.components)}; {fit.settings}",
+        "history": f"ggbench {VERSION}: {command}",
+        "source_files": described({inputs.lines.name: sha256_of(inputs.lines, MapError)}),
+        "parameters": described(
+            {
+                **fit.settings._asdict(),
+                "left_out": list(inputs.leave_out),
+                "components": list(lines.components),
+                "line_means": "removed",
+                "held_back_rms": [round(float(value), 3) for value in rms],
+            }
+        ),
+        "comment": "disturbing field of survey lines: normal field of WGS84 removed, and what is "
+        "longer than the lines or was corrected for",
+    }
+    return Plan((fit.sources,), nodes, attributes, tuple(remarks), errors)
+
+
+def _reach(fit: SurveyFit) -> Reach:
+    """The area of the lines; beyond it, what the masses at its edge make."""
+    lines = fit.lines
+    sides = (lines.latitude_deg, lines.longitude_deg)
+    good = np.array([limit for side in sides for limit in (side.min(), side.max())])
+    top = float(fit.sources.places[2].max())
+    widened = good + np.array([-1.0, 1.0, -1.0, 1.0])  # degrees, more than is ever of use
+    return Reach(widened, good, top + 0.25 * fit.settings.depth_m, lines.height_m.min(), top)
+
+
+def _with_heights(fit: SurveyFit, wishes: Wishes) -> Wishes:
+    """Return wishes whose heights are those of the flights, unless the user says otherwise."""
+    lowest, highest = fit.lines.height_m.min(), fit.lines.height_m.max()
+    if wishes.lowest_m is None:
+        wishes = dataclasses.replace(wishes, lowest_m=_STEP_M * math.floor(lowest / _STEP_M))
+    if wishes.highest_m is None:
+        room = highest + 0.5 * fit.settings.depth_m
+        wishes = dataclasses.replace(wishes, highest_m=_STEP_M * math.ceil(room / _STEP_M))
+    return wishes
+
+
+def provenance_of(inputs: SurveyInputs, fit: SurveyFit, order: int) -> str:
+    """Return in a sentence what a model of noise was fitted to."""
+    left_out: Sequence[str] = inputs.leave_out
+    return (
+        f"ggbench {VERSION}: vector autoregression of order {order}, chosen and fitted on "
+        f"{len(fit.held_back)} lines of {inputs.lines.name} held back from the map (not ties"
+        + (f", not {', '.join(left_out)}" if left_out else "")
+        + f"); {fit.settings}"
+    )

@@ -1,0 +1,1 @@
+"""The measured surveys that ggbench ships, made from the published archive."""

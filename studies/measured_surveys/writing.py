@@ -1,0 +1,61 @@
+"""What is shipped of a survey: a table, the masses of its map, the noise of its readings."""
+
+from __future__ import annotations
+
+import gzip
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from ggbench.maps.survey_error import map_error
+from ggbench.maps.survey_fit import Wanted
+from ggbench.maps.survey_noise import noise_of, write_noise
+from ggbench.maps.survey_plan import SurveyInputs, fit_survey, provenance_of
+
+DECIMALS = {"time_s": 2, "latitude_deg": 6, "longitude_deg": 6, "height_m": 1}
+_USUAL = 2  # 0.01 E, 0.01 mGal, 0.01 m/s
+
+
+def write(path: Path, table: pd.DataFrame) -> None:
+    """Write a table, each number with the decimals that mean something."""
+    written = pd.DataFrame(index=table.index)
+    for name, values in table.items():
+        if values.dtype.kind == "f":
+            decimals = DECIMALS.get(str(name), _USUAL)
+            values = [f"{value:.{decimals}f}" for value in np.round(values, decimals) + 0.0]
+        written[name] = values
+    text = written.to_csv(index=False, lineterminator="\n")
+    path.write_bytes(gzip.compress(text.encode("ascii"), compresslevel=9, mtime=0))
+
+
+def write_map(folder: Path, name: str, leave_out: tuple[str, ...], wanted: Wanted) -> None:
+    """Write the point masses of a shipped survey's lines, and the noise of its readings.
+
+    The lines are read from the folder, as anybody has them.
+    """
+    inputs = SurveyInputs(folder / f"{name}.csv.gz", {}, leave_out=leave_out, wanted=wanted)
+    fit = fit_survey(inputs, print)
+    lines, sources = fit.lines, fit.sources
+    error, distance = map_error(fit)
+    np.savez_compressed(
+        folder / f"{name}_masses.npz",
+        plane=np.array([sources.plane.latitude_deg, sources.plane.longitude_deg]),
+        places=sources.places.round(1),
+        masses=sources.masses.astype(np.float32),
+        standard_error=error.round(7),
+        error_distance=distance.round(1),
+        bounds=np.array(
+            [
+                lines.latitude_deg.min(), lines.latitude_deg.max(),
+                lines.longitude_deg.min(), lines.longitude_deg.max(),
+            ]
+        ),
+        depth_m=np.array(fit.settings.depth_m),
+    )  # fmt: skip
+    model, interval, scores = noise_of(fit)
+    print({order: round(score, 4) for order, score in scores.items()})
+    write_noise(
+        folder / f"{name}_noise.json", model, lines.components, interval,
+        provenance_of(inputs, fit, model.order),
+    )  # fmt: skip

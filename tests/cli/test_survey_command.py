@@ -1,0 +1,76 @@
+"""`ggbench map build --lines` as a user meets it: a map with its error, noise, and mistakes."""
+
+from __future__ import annotations
+
+import json
+
+import netCDF4
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from made_surveys import survey
+
+from ggbench.cli.main import main
+from ggbench.maps.recipe import Path, read, write
+
+SETTINGS = ["--depth", "600", "--source-spacing", "500", "--damping", "0.1"]
+COLUMNS = ("time_s", "latitude_deg", "longitude_deg", "height_m")
+
+
+@pytest.fixture(autouse=True)
+def inside(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    lines = survey(noise=1.0, repeats=(2, 5))
+    rows = ["line,kind,time_s,latitude_deg,longitude_deg,height_m," + ",".join(lines.components)]
+    for n, line in enumerate(lines.line):
+        at = [getattr(lines, key)[n] for key in COLUMNS]
+        numbers = [f"{value:.7f}" for value in (*at, *lines.values[n])]
+        rows.append(",".join([lines.names[line], lines.kinds[line], *numbers]))
+    Path("s.csv").write_text("\n".join(rows))
+
+
+def run(*words, code=0):
+    result = CliRunner().invoke(main, ["map", "build", *map(str, words)])
+    assert result.exit_code == code, (result.output, result.exception)
+    return " ".join(result.output.split())
+
+
+def test_a_map_is_stored_with_its_error_and_the_noise_of_the_readings():
+    said = run("--lines", "s.csv", "--leave-out", "repeat", *SETTINGS, "-o", "m.nc",
+               "--noise", "n.json")  # fmt: skip
+    assert "Chosen: point masses 500 m apart, 600 m below the flights, damping 0.1" in said
+    assert "without repeat: 12 lines" in said
+    made = read("m.nc")
+    assert np.isfinite(made.standard_error[:6]).all() and np.isnan(made.standard_error[6:]).all()
+    with netCDF4.Dataset("m.nc") as file:
+        assert file["gradient_uu"].standard_error == pytest.approx(made.standard_error[5])
+        assert json.loads(file.parameters)["left_out"] == ["repeat"]
+    write("again.npz", made)
+    np.testing.assert_array_equal(read("again.npz").standard_error, made.standard_error)
+    write("again.nc", made)
+    np.testing.assert_array_equal(read("again.nc").error_distance, made.error_distance)
+    noise = json.loads(Path("n.json").read_text())
+    assert noise["components"] == ["xx", "xy", "xz", "yy", "yz"]
+    assert "12 lines of s.csv" in noise["provenance"] and "not repeat" in noise["provenance"]
+
+
+@pytest.mark.parametrize(
+    "words, said",
+    [
+        (["--leave-out", "11x"], "no line is called '11x'"),
+        (["--components", "xx,zx"], "allowed are xx, xy"),
+        (["--components", "zz"], "no column 'zz'"),
+        (["--column", "xx"], "must be written NAME=COLUMN"),
+        (["--quantity", "disturbance"], "no column 'disturbance'"),
+        (["--terrain", "dem.asc"], "--lines and --terrain are two sources"),
+        (["--noise", "n.txt"], "must be named *.json"),
+        (["--depth", "500", "--lowest", "-700"], "lies below the sources"),
+    ],
+)
+def test_a_mistake_gets_a_sentence(words, said):
+    assert said in run("--lines", "s.csv", *SETTINGS, "-o", "m.nc", *words, code=2)
+
+
+def test_options_of_lines_need_lines():
+    said = run("--terrain", "dem.asc", "--leave-out", "1", "-o", "m.nc", code=2)
+    assert "--leave-out goes with --lines" in said

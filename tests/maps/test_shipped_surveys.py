@@ -1,0 +1,110 @@
+"""The measured surveys of the package: their maps, and what is flown over them."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from importlib.resources import files
+
+import numpy as np
+import pytest
+
+from ggbench.gravity.field import Field
+from ggbench.gravity.gradient_map import MapError
+from ggbench.maps.equivalent_sources import EquivalentSources, Plane, residuals
+from ggbench.maps.recipe import MapRecipe, build
+from ggbench.maps.shipped_surveys import SURVEYS, _stored, survey_errors
+from ggbench.maps.survey_files import read_lines
+from ggbench.maps.survey_fit import Wanted, fit
+
+DATA = files("ggbench.scenarios") / "data" / "measured"
+FLOWN = {"vinton2008": ["repeat"], "fosterville2019": ["even"]}
+LEFT_OUT = {"vinton2008": ["repeat", "140"], "fosterville2019": ["even"]}
+MOST_BYTES = 4_000_000
+LIMITS = {
+    "vinton2008": {"xx": 11.4, "xz": 9.0, "xy": 9.7, "yy": 11.2, "yz": 8.6},
+    "fosterville2019": {"xy": 4.5, "xx-yy": 4.4},
+}
+"""RMS of readings less the map on lines that it does not know [E]."""
+
+
+def sources(name):
+    stored = _stored(name)
+    return EquivalentSources(Plane(*stored["plane"]), stored["places"], stored["masses"])
+
+
+def test_all_measured_data_are_small():
+    assert sum(len(path.read_bytes()) for path in DATA.iterdir()) < MOST_BYTES
+
+
+@pytest.mark.parametrize("name", SURVEYS)
+def test_the_map_predicts_lines_that_it_does_not_know(name):
+    """As a control, a map of masses of the opposite sign leaves more than the readings have."""
+    lines = read_lines(DATA / f"{name}.csv.gz")
+    flown = lines.chosen(FLOWN[name])
+    right = sources(name)
+    wrong = dataclasses.replace(right, masses=-right.masses)
+    rms, control = (
+        np.sqrt(np.mean(np.concatenate([residuals(s, lines, i) for i in flown]) ** 2, axis=0))
+        for s in (right, wrong)
+    )
+    limits = [LIMITS[name][component] for component in lines.components]
+    assert (rms < limits).all(), rms
+    readings = lines.values[np.isin(lines.line, flown)].std(axis=0)
+    assert (rms < 0.97 * readings).all()
+    assert (control > readings).all()
+
+
+@pytest.mark.parametrize("name", SURVEYS)
+def test_the_map_of_a_recipe_is_the_field_of_the_masses(name):
+    """To 0.15 E rms along a line, which the nodes allow; it knows its standard error."""
+    lines = read_lines(DATA / f"{name}.csv.gz")
+    at = lines.samples(5)[20:120]
+    latitude, longitude = lines.latitude_deg[at], lines.longitude_deg[at]
+    recipe = MapRecipe(
+        name, latitude.min() - 0.01, latitude.max() + 0.01, longitude.min() - 0.01,
+        longitude.max() + 0.01, np.floor(lines.height_m[at].min() - 60.0),
+        lines.height_m[at].max() + 60.0, 0.06, 60.0,
+    )  # fmt: skip
+    made = build(recipe)
+    here = np.radians(latitude), np.radians(longitude), lines.height_m[at]
+    found = Field.from_map(made).tensor(*here) - Field.normal().tensor(*here)
+    points = sources(name).plane.metres(lines)[:, at]
+    error = found - sources(name)._fields(points)[:, :6]
+    assert np.sqrt(np.mean(error**2)) < 0.15
+    np.testing.assert_array_equal(made.standard_error, survey_errors(name)[0])
+    assert (made.standard_error[:6] > 0.5).all() and (made.standard_error[:6] < 8.0).all()
+
+
+def test_a_recipe_that_a_survey_cannot_follow_gets_a_sentence():
+    inside = {"south_deg": 30.1, "north_deg": 30.15, "west_deg": -93.62, "east_deg": -93.58}
+    for change, said in (
+        ({"min_height_m": -290.0, "max_height_m": 300.0}, "lies outside what source 'vinton2008'"),
+        ({"min_height_m": 60.0, "max_height_m": 300.0, "spacing_arcmin": 0.2}, "too wide"),
+        ({"min_height_m": 0.0, "max_height_m": 500.0, "land_correction": False}, "no meaning"),
+        ({"min_height_m": 0.0, "max_height_m": 500.0, "density_kg_m3": 2000.0}, "to a terrain"),
+    ):
+        usual = {"spacing_arcmin": 0.06, "height_spacing_m": 60.0}
+        with pytest.raises(MapError, match=said):
+            build(MapRecipe("vinton2008", **(inside | usual | change)))
+
+
+@pytest.mark.parametrize("name", SURVEYS)
+def test_the_noise_is_of_the_components_that_were_measured(name):
+    noise = json.loads((DATA / f"{name}_noise.json").read_text())
+    lines = read_lines(DATA / f"{name}.csv.gz")
+    assert noise["components"] == list(lines.components)
+    assert noise["interval_s"] == 1.0
+    assert all(word in noise["provenance"] for word in LEFT_OUT[name])
+
+
+@pytest.mark.long
+def test_the_shipped_masses_are_what_the_lines_give():
+    """A minute: the masses of Vinton Dome again, from the lines of 3 to 5 July."""
+    lines = read_lines(DATA / "vinton2008.csv.gz").without(LEFT_OUT["vinton2008"])
+    again = fit(lines, Wanted(360.0, 240.0, 0.3)).sources
+    stored = sources("vinton2008")
+    np.testing.assert_allclose(again.places, stored.places, atol=0.051)
+    np.testing.assert_allclose(
+        again.masses, stored.masses, rtol=0.0, atol=1e-3 * np.abs(stored.masses).max()
+    )
