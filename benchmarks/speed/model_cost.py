@@ -27,7 +27,7 @@ def _linearise_all(model: ModelArrays, errors: np.ndarray) -> float:
     """Linearise h of the eight runs of a block at every epoch."""
     channels = model.channels.shape[0]
     predicted, slope = lanes.lanes(1, channels), lanes.lanes(channels, 6)
-    context, points, group = epoch_context(channels), point_scratch(1), lanes.members(0, LANES)
+    context, points, group = epoch_context(model), point_scratch(1), lanes.members(0, LANES)
     total = 0.0
     for k in range(errors.shape[0]):
         load_epoch(model, group, k, context)
@@ -42,7 +42,7 @@ def _predict_all(model: ModelArrays, errors: np.ndarray) -> float:
     channels, vectors = model.channels.shape[0], errors.shape[2]
     out, context, points = (
         lanes.lanes(channels, vectors),
-        epoch_context(channels),
+        epoch_context(model),
         point_scratch(vectors),
     )
     group = lanes.members(0, LANES)

@@ -117,7 +117,7 @@ def readings_of(batch: Batch, whole: bool = False) -> Readings:
     precision[:] = 1.0
     return Readings(
         lanes(g, 6), lanes(m - g, MOVED), lanes(moving, model.rows.shape[3]), lanes(6, 1),
-        epoch_context(m), lanes(1, m), lanes(1, m), lanes(equations, n), lanes(1, equations),
+        epoch_context(model), lanes(1, m), lanes(1, m), lanes(equations, n), lanes(1, equations),
         precision, lanes(1, 1), lanes(g, moving), lanes(1, m), point_scratch(1), whole,
     )  # fmt: skip
 

@@ -36,14 +36,18 @@ class ModelArrays(NamedTuple):
     """The measurement model as arrays: all that the kernels of h and H are given.
 
     The first g channels are the gradiometer's, if there is one: h(k, x) = offset_k + gain_k ·
-    (S reading(reference_k − B_k x) + b). The others are those of :class:`.Aiding`. For many runs at
-    once (a block) the arrays that differ from run to run have the run as leading axis.
+    (Σ_i S_ki reading(reference_{k−lag_i} − B_k x) + b), where i counts the readings that the
+    whitening of coloured noise combines. Without any it is one, S_k0 = S and lag_0 = 0. The others
+    are those of :class:`.Aiding`. For many runs at once (a block) the arrays that differ from run
+    to run have the run as leading axis.
 
     Attributes
     ----------
     dimension : number of states n.
     instrument : index of :data:`.instrument.INSTRUMENTS`.
     channels : (g, 6) S, from the tensor in the mount to the gradiometer's channels.
+    combined : (1 or K, T, g, 6) S_ki, of all epochs or of each.
+    lags : (1 or K, T) by how many epochs each of the T readings is earlier; −1 where there is none.
     bias : index of the first of the g biases b among the states; −1 for none.
     origin, step, coefficients : the map, see :class:`.field.Field`.
     times : (K,) t_k − τ_k [s].
@@ -58,6 +62,8 @@ class ModelArrays(NamedTuple):
     dimension: int
     instrument: int
     channels: np.ndarray
+    combined: np.ndarray
+    lags: np.ndarray
     bias: int
     origin: np.ndarray
     step: np.ndarray
@@ -106,7 +112,7 @@ class EpochContext(NamedTuple):
 
     Attributes
     ----------
-    references : (1, 3, lanes) positions [rad, rad, m].
+    references : (T, 3, lanes) positions at the readings that are combined [rad, rad, m].
     attitudes : (1, 9, lanes) C_nb, row by row.
     offset : (1, m, lanes) in units of the channels.
     gain : (1, 1, lanes) of the gradiometer.
@@ -136,10 +142,12 @@ class PointScratch(NamedTuple):
 
 
 @compiled
-def epoch_context(m: int) -> EpochContext:
-    """Return an unfilled context of m channels."""
-    new = lanes.lanes
-    return EpochContext(new(1, 3), new(1, 9), new(1, m), new(1, 1), new(1, 1))
+def epoch_context(model: ModelArrays) -> EpochContext:
+    """Return an unfilled context of a block."""
+    new, m = lanes.lanes, model.offset.shape[2]
+    return EpochContext(
+        new(model.lags.shape[1], 3), new(1, 9), new(1, m), new(1, 1), new(1, 1)
+    )
 
 
 @compiled
@@ -152,7 +160,10 @@ def point_scratch(count: int) -> PointScratch:
 @compiled
 def load_epoch(model: ModelArrays, group: np.ndarray, k: int, out: EpochContext) -> None:
     """Fill the context of a group of runs (lanes,) of a block at epoch ``k``."""
-    lanes.gather_row(model.references, group, k, out.references)
+    lags = model.lags[min(k, model.lags.shape[0] - 1)]
+    for i in range(lags.shape[0]):
+        if lags[i] >= 0:
+            lanes.gather_row(model.references, group, k - lags[i], out.references[i : i + 1])
     lanes.gather_row(model.offset, group, k, out.offset)
     for r in range(group.shape[0]):
         out.gain[0, 0, r] = model.gain[group[r], k]
@@ -255,9 +266,40 @@ def read(
     points : scratch for S.
     out : (g, S, lanes) output.
     """
+    at = min(k, model.lags.shape[0] - 1)
+    for i in range(model.lags.shape[1]):
+        if model.lags[at, i] >= 0:
+            _add_reading(
+                model, k - model.lags[at, i], i, model.combined[at, i], context, errors, vectors,
+                count, points, out,
+            )  # fmt: skip
+
+
+@compiled
+def _add_reading(
+    model: ModelArrays,
+    epoch: int,
+    i: int,
+    channels: np.ndarray,
+    context: EpochContext,
+    errors: np.ndarray,
+    vectors: int,
+    count: int,
+    points: PointScratch,
+    out: np.ndarray,
+) -> None:
+    """Add the gradients that are read at an epoch to h of points; the first also the offset.
+
+    Parameters
+    ----------
+    epoch : at which they are read.
+    i : number of these readings among those that are combined.
+    channels : (g, 6) S_ki.
+    model, context, errors, vectors, count, points, out : as in :func:`read`.
+    """
     places, tensors, reference = points.places, points.tensors, context.references
     latitude, longitude, height = (
-        load(reference, 0, 0), load(reference, 0, 1), load(reference, 0, 2),
+        load(reference, i, 0), load(reference, i, 1), load(reference, i, 2),
     )  # fmt: skip
     for s in range(vectors):
         place = _displaced(
@@ -272,7 +314,7 @@ def read(
             places.reshape((3, size)), count, model.origin, model.step, model.coefficients,
             tensors.reshape((24, size)),
         )  # fmt: skip
-    gain, turned = load(context.gain, 0, 0), ROTATION_RATE * model.times[k]
+    gain, turned = load(context.gain, 0, 0), ROTATION_RATE * model.times[epoch]
     for s in range(vectors):
         sine, cosine = sine_cosine(_near_zero(load(places, 0, s)))
         ee, nn, nu, uu = normal_gradient_of(sine, cosine, load(places, 2, s))
@@ -286,14 +328,21 @@ def read(
         elif model.instrument == STRAPDOWN:
             t = rotated(_body_matrix(_attitude(context), _attitude_error(errors, s)), t)
         for c in range(out.shape[0]):
-            store(out, c, s, load(context.offset, 0, c) + gain * _combined(model.channels[c], t))
+            before = load(context.offset, 0, c) if i == 0 else load(out, c, s)
+            store(out, c, s, before + gain * _combined(channels[c], t))
 
 
 @inlined
-def _put_column(channels: np.ndarray, t: Tensor, factor: float, j: int, out: np.ndarray) -> None:
-    """Fill column ``j`` of a slope (m, 6, lanes) with a factor times the channels of a tensor."""
+def _put_column(
+    channels: np.ndarray, t: Tensor, factor: float, i: int, j: int, out: np.ndarray
+) -> None:
+    """Add a factor times the channels of a tensor to column ``j`` of a slope (m, 6, lanes).
+
+    The first of the readings that are combined, of number ``i`` = 0, fills it.
+    """
     for c in range(channels.shape[0]):
-        store(out, c, j, factor * _combined(channels[c], t))
+        value = factor * _combined(channels[c], t)
+        store(out, c, j, value if i == 0 else load(out, c, j) + value)
 
 
 @compiled
@@ -322,9 +371,38 @@ def linearise_reading(
     out : (g, 6, lanes) output [E/m; E/rad], by the error; the last three columns of a strapdown
         instrument only.
     """
+    at = min(k, model.lags.shape[0] - 1)
+    for i in range(model.lags.shape[1]):
+        if model.lags[at, i] >= 0:
+            _add_linearised(
+                model, k - model.lags[at, i], i, model.combined[at, i], context, errors, count,
+                points, predicted, out,
+            )  # fmt: skip
+
+
+@compiled
+def _add_linearised(
+    model: ModelArrays,
+    epoch: int,
+    i: int,
+    channels: np.ndarray,
+    context: EpochContext,
+    errors: np.ndarray,
+    count: int,
+    points: PointScratch,
+    predicted: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Add the gradients that are read at an epoch to h and its derivative.
+
+    Parameters
+    ----------
+    epoch, i, channels : as in :func:`_add_reading`.
+    model, context, errors, count, points, predicted, out : as in :func:`linearise_reading`.
+    """
     places, found, reference = points.places, points.tensors, context.references
     latitude, longitude, height, per_north, per_east = _displaced(
-        load(reference, 0, 0), load(reference, 0, 1), load(reference, 0, 2),
+        load(reference, i, 0), load(reference, i, 1), load(reference, i, 2),
         load(errors, 0, 0), load(errors, 1, 0), load(errors, 2, 0),
     )  # fmt: skip
     if model.coefficients.size > 0:
@@ -349,7 +427,7 @@ def linearise_reading(
     gain, error = load(context.gain, 0, 0), _attitude_error(errors, 0)
     if model.instrument != LOCAL_LEVEL:
         if model.instrument == PLATFORM:
-            turned = longitude + ROTATION_RATE * model.times[k]
+            turned = longitude + ROTATION_RATE * model.times[epoch]
             sine_a, cosine_a = sine_cosine(_near_zero(turned))
             c = inertial_matrix(sine, cosine, sine_a, cosine_a)
             # The local level turns for a metre to the east and to the north.
@@ -361,17 +439,17 @@ def linearise_reading(
         if model.instrument == STRAPDOWN:
             # The mount turns with the body, so the tensor turns against it.
             j = left_jacobian(error[0], error[1], error[2])
-            for i in range(3):
-                turn = turn_of(t, -j[i], -j[3 + i], -j[6 + i])
-                _put_column(model.channels, rotated(c, turn), gain, 3 + i, out)
+            for axis in range(3):
+                turn = turn_of(t, -j[axis], -j[3 + axis], -j[6 + axis])
+                _put_column(channels, rotated(c, turn), gain, i, 3 + axis, out)
         t = rotated(c, t)
-    for m in range(model.channels.shape[0]):
-        value = load(context.offset, 0, m) + gain * _combined(model.channels[m], t)
-        store(predicted, 0, m, value)
+    for m in range(channels.shape[0]):
+        before = load(context.offset, 0, m) if i == 0 else load(predicted, 0, m)
+        store(predicted, 0, m, before + gain * _combined(channels[m], t))
     # The error's metres are measured at the reference, the slope's at the displaced point.
-    _put_column(model.channels, d_e, -gain * east / per_east, 0, out)
-    _put_column(model.channels, d_n, -gain * north / per_north, 1, out)
-    _put_column(model.channels, d_u, -gain, 2, out)
+    _put_column(channels, d_e, -gain * east / per_east, i, 0, out)
+    _put_column(channels, d_n, -gain * north / per_north, i, 1, out)
+    _put_column(channels, d_u, -gain, i, 2, out)
 
 
 @inlined
@@ -400,7 +478,7 @@ def predict(model: ModelArrays, k: int, states: np.ndarray) -> np.ndarray:
     g = model.channels.shape[0]
     if g == 0 or model.gain[0, k] == 0.0:
         return out
-    context, vectors = epoch_context(m), lanes.starts(count).shape[0]
+    context, vectors = epoch_context(model), lanes.starts(count).shape[0]
     points = point_scratch(vectors)
     errors, found = lanes.lanes(6, vectors), lanes.lanes(g, vectors)
     load_epoch(model, lanes.members(0, 1), k, context)
@@ -440,7 +518,7 @@ def jacobian(model: ModelArrays, k: int, states: np.ndarray, out: np.ndarray) ->
     g = model.channels.shape[0]
     if g == 0 or model.gain[0, k] == 0.0:
         return
-    context, errors, points = epoch_context(m), lanes.lanes(6, 1), point_scratch(1)
+    context, errors, points = epoch_context(model), lanes.lanes(6, 1), point_scratch(1)
     predicted, slope = lanes.lanes(1, g), lanes.lanes(g, 6)
     load_epoch(model, lanes.members(0, 1), k, context)
     for first in lanes.starts(states.shape[0]):

@@ -29,7 +29,7 @@ from .aiding import aiding_about
 from .bound import Bound, posterior_bound
 from .field_source import beside, make_field
 from .formulation import MeasurementTimes, added_gravity, require_short_delays
-from .instruments import faults, spinning_disks
+from .instruments import faults, gradiometer_of, spinning_disks
 from .sensor_suite import SensorSuite, suite_of_case
 
 
@@ -46,6 +46,8 @@ class Flight:
     model_field : the field that the estimators assume.
     epochs : (K,) indices of the measurement epochs, of whatever sensor, among the INS samples.
     noise_free : (G, 6) tensors in the gradiometer's mount at the truth when it reads them [E].
+    measured : (G, g) readings that were measured there [E], NaN where one is missing; None where
+        they are simulated.
     """
 
     case: CaseSpec
@@ -56,6 +58,7 @@ class Flight:
     model_field: Field
     epochs: np.ndarray
     noise_free: np.ndarray
+    measured: np.ndarray | None = None
 
     @property
     def times(self) -> np.ndarray:
@@ -244,6 +247,13 @@ class Flight:
             instrument = dataclasses.replace(instrument, lowpass=None, noise_behind_filter=0.0)
         return self._bound_of(instrument)
 
+    @property
+    def absent(self) -> np.ndarray:
+        """Which readings (G,) of the gradiometer are missing in all runs."""
+        if self.measured is not None:
+            return np.asarray(np.isnan(self.measured).any(axis=1))
+        return self.faults.in_dropouts(self.times[self.gradient_epochs])
+
     def _bound_of(self, instrument: Gradiometer | None) -> Bound:
         truth, true = self.trajectory, dataclasses.replace(self.true, gradiometer=instrument)
         motion, at = self.motion_at_epochs, self.gradient_epochs
@@ -276,6 +286,7 @@ class Flight:
                 others=aiding_about(true, true.weighed(self.field), self.aiding_epochs, motion),
                 dimension=true.dimension,
                 bias=true.gradient_bias,
+                whitening=true.whitening(self.times[at], self.absent),
             )
         )
         epochs = len(self.epochs)
@@ -297,6 +308,7 @@ class Flight:
         found = np.zeros((len(times), len(true.channels)))
         at, first = self.gradient_epochs, true.gradients
         found[at, :first] = self.faults.expected_share(times[at])[:, np.newaxis]
+        found[at[self.absent], :first] = 0.0
         for sensor, at in zip(true.aiding, self.aiding_epochs, strict=True):
             last = first + len(sensor.channels)
             found[at, first:last] = sensor.faults.expected_share(times[at])[:, np.newaxis]
@@ -332,7 +344,7 @@ def prepare(case: CaseSpec) -> Flight:
         for sensor, stride in case.strides.items()
     }
     epochs = functools.reduce(np.union1d, read_at.values())
-    noise_free = np.zeros((0, 6))
+    noise_free, measured = np.zeros((0, 6)), None
     if case.gradiometer is not None:
         at = read_at["gradiometer"]
         taken, attitudes = trajectory.times[at], trajectory.attitudes[at]
@@ -341,13 +353,34 @@ def prepare(case: CaseSpec) -> Flight:
             taken = np.maximum(taken - true.gradiometer.latency_s, 0.0)
             positions, attitudes = trajectory.at(taken)
         noise_free = readings(field, positions, taken, attitudes, case.gradiometer.instrument)
+        if case.gradiometer.readings == "measured":
+            measured = _measured(case, positions)
         altimeter = math.inf if case.altimeter is None else case.altimeter.time_constant_s
         require_short_delays(suite_of_case(case, "model"), altimeter, len(at))
     for assumed in (field, model_field):
         assumed.tensor(*trajectory.positions[epochs].T)  # raises if the flight leaves the map
     return Flight(
-        case, trajectory, delta_angles, delta_velocities, field, model_field, epochs, noise_free
-    )
+        case, trajectory, delta_angles, delta_velocities, field, model_field, epochs, noise_free,
+        measured,
+    )  # fmt: skip
+
+
+def _measured(case: CaseSpec, positions: np.ndarray) -> np.ndarray:
+    """Return the readings (G, g) [E] that were measured at the true positions (G, 3).
+
+    A survey delivers the disturbing field: the normal field's gradient at the surveyed position,
+    which its processing took away, is added again.
+    """
+    spec = case.gradiometer
+    assert spec is not None
+    instrument = gradiometer_of(spec)
+    try:
+        disturbing = case.trajectory.survey_line().measured(
+            instrument.components, case.trajectory.middle_s, spec.period_s
+        )
+    except TrajectoryError as error:
+        raise TrajectoryError(f"survey lines {case.trajectory.file}: {error}") from None
+    return disturbing + Field.normal().tensor(*positions.T) @ instrument.channels.T
 
 
 @lru_cache(maxsize=8)
@@ -416,11 +449,7 @@ def trajectory_of(spec: TrajectorySpec, dt: float) -> Trajectory:
             start.position, start.speed, start.heading, pitch, roll, spec.manoeuvres(), dt,
             banks=banks, size=len(spec.segment),
         )  # fmt: skip
-    from ..trajectory.track import (
-        read_track,  # not at the top: it loads slowly, few flights have a track
-    )
-
-    track = read_track(spec.file, spec.track_limits())
+    track = spec.track()
     try:
         return along(track, dt, pitch, roll, banks)
     except TrajectoryError as error:

@@ -28,8 +28,10 @@ from . import quantities as q
 from .tables import Listed, Section
 
 if TYPE_CHECKING:
-    from ..trajectory.track import TrackLimits
+    from ..trajectory.survey_lines import SurveyLine
+    from ..trajectory.track import Track
 
+LineName = Annotated[str, Field(min_length=1)]
 _PLAN_STEP = 0.5  # of the plan whose duration counts before the IMU's rate is known [s]
 
 Kind = Literal["rates", "cruise", "climb", "turn", "speed", "terrain-following"]
@@ -185,7 +187,7 @@ class SegmentSpec(Section):
 
 
 _START = ("latitude_deg", "longitude_deg", "height_m", "speed_mps", "heading_deg")
-_TRACK = ("max_gap_s", "max_acceleration_mps2", "smoothing_s")
+_TRACK = ("max_gap_s", "max_acceleration_mps2", "smoothing_s", "lines", "middle_s")
 
 
 class TrajectorySpec(Section):
@@ -211,7 +213,14 @@ class TrajectorySpec(Section):
     vehicle: Literal["aircraft", "ship"] = "aircraft"
     """An aircraft banks into its turns and pitches with its climb angle; a ship stays level."""
     file: Annotated[str, Field(min_length=1)] | None = None
-    """Name of a shipped track, or path of a track (CSV), in place of start and segments."""
+    """Name of a shipped track, or path of a track (CSV), in place of start and segments.
+
+    With `lines` it holds survey lines and their readings (CSV, also packed by gzip).
+    """
+    lines: Listed[LineName] = ()
+    """Survey lines of the file: run r flies line r modulo their number."""
+    middle_s: q.Duration | None = None
+    """Survey lines: length of the middle of each line that is flown. Without it: the whole line."""
     max_gap_s: q.Duration | None = None
     """Track: longest time between two rows. Without it: five median steps."""
     max_acceleration_mps2: q.TrackAcceleration = 50.0
@@ -229,6 +238,15 @@ class TrajectorySpec(Section):
                         f"'{key}' cannot be given with 'file', which says where and how to fly; "
                         "remove one of them"
                     )
+            if self.lines:
+                self.require_distinct("lines", "a line")
+                if len(self.lines) > 1 and self.middle_s is None:
+                    raise ValueError(
+                        "middle_s is missing: results need equal flights of all lines, so that "
+                        "only the middle of each is flown"
+                    )
+            elif self.middle_s is not None:
+                raise ValueError("'middle_s' belongs to survey lines; it needs 'lines'")
             return self
         for key in _TRACK:
             if key in given:
@@ -257,11 +275,7 @@ class TrajectorySpec(Section):
             A ValueError: if a segment cannot be flown, or a file cannot be used.
         """
         if self.file is not None:
-            from ..trajectory.track import (
-                read_track,  # not at the top: it loads slowly, few flights have one
-            )
-
-            return float(read_track(self.file, self.track_limits()).times[-1])
+            return float(self.track().times[-1])
         if all(segment.kind == "rates" for segment in self.segment):
             return sum(s.duration_s for s in self.segment if s.duration_s) * self.repeat
         return _duration(self, file_versions(self))
@@ -284,11 +298,40 @@ class TrajectorySpec(Section):
         """Return all segments, repetitions included."""
         return list(repeated([segment.manoeuvre() for segment in self.segment], self.repeat))
 
-    def track_limits(self) -> TrackLimits:
-        """Return what a track may look like."""
-        from ..trajectory.track import TrackLimits
+    def track(self) -> Track:
+        """Return the track of the file: of survey lines that of the first.
 
-        return TrackLimits(self.max_gap_s, self.max_acceleration_mps2, self.smoothing_s)
+        Raises
+        ------
+        TrajectoryError
+            If the file cannot be used.
+        """
+        from ..trajectory.track import (  # not at the top: it loads slowly, few flights have one
+            TrackLimits,
+            read_track,
+        )
+
+        assert self.file is not None
+        limits = TrackLimits(self.max_gap_s, self.max_acceleration_mps2, self.smoothing_s)
+        if not self.lines:
+            return read_track(self.file, limits)
+        try:
+            return self.survey_line().track(limits, self.middle_s)
+        except TrajectoryError as error:
+            raise TrajectoryError(f"survey lines {self.file}: {error}") from None
+
+    def survey_line(self) -> SurveyLine:
+        """Return the first of its survey lines, which is the one that is flown.
+
+        Raises
+        ------
+        TrajectoryError
+            If the file cannot be used, or has no such line.
+        """
+        from ..trajectory.survey_lines import line_named
+
+        assert self.file is not None
+        return line_named(self.file, self.lines[0])
 
     def files(self) -> list[Path]:
         """Return the files on whose content the flight depends."""
