@@ -9,14 +9,8 @@ import numpy as np
 
 from ggbench.numerics import lanes
 from ggbench.numerics.kernels import LANES, compiled
-from ggbench.sensors.model_kernels import (
-    ModelArrays,
-    epoch_context,
-    linearise_reading,
-    load_epoch,
-    point_scratch,
-    read,
-)
+from ggbench.sensors.model_arrays import ModelArrays, epoch_context, load_epoch, point_scratch
+from ggbench.sensors.model_kernels import linearise_reading, read
 from ggbench.simulation.runs import simulate_block
 
 from . import export

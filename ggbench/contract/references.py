@@ -13,7 +13,7 @@ from ..gravity.field import Field
 from ..problem import Estimate, Problem, StateBlock
 from ..sensors.gradiometer.instrument import LOCAL_LEVEL
 from ..sensors.model import SensorModel, without_aiding
-from ..sensors.model_kernels import ModelArrays
+from ..sensors.model_arrays import ModelArrays
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,8 @@ from .aiding_kernels import Aiding
 from .coloured_noise import Whitening
 from .gradiometer.instrument import INSTRUMENTS, STRAPDOWN, Gradiometer, readings_along
 from .gradiometer.lowpass import Prefilter
-from .model_kernels import ModelArrays, jacobian, jacobians, predict, predictions
+from .model_arrays import ModelArrays
+from .model_kernels import jacobian, jacobians, predict, predictions
 
 NO_GRADIOMETER = Gradiometer(1.0, None, (), "local-level")
 """An instrument without channels."""

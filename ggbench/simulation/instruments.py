@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from pathlib import Path
 from typing import NamedTuple
 
 from ..errors import GGBenchError
+from ..files import sha256_of
 from ..gravity.ellipsoid import EOTVOS
 from ..ins.imu import Imu, SensorErrors
 from ..sensors.aiding import MGAL
-from ..sensors.coloured_noise import VectorAutoregression, read_noise
+from ..sensors.coloured_noise import ColouredNoiseError, VectorAutoregression, read_noise
 from ..sensors.gradiometer.faults import Faults
 from ..sensors.gradiometer.instrument import Gradiometer, noise_rms, parse_components
 from ..sensors.gradiometer.lowpass import LowPass
@@ -104,6 +107,21 @@ def gradiometer_of(spec: GradiometerSpec) -> Gradiometer:
         spec.drift_eotvos_per_sqrt_h / 60.0, behind,
         spec.latency_s, spec.period_s, spec.filter_treatment, spec.whitening_regularization, colour,
     )  # fmt: skip
+
+
+def noise_files(case: CaseSpec) -> Iterator[tuple[Path, str]]:
+    """Yield path and SHA-256 of each model of coloured noise that a case names, once.
+
+    Raises
+    ------
+    ColouredNoiseError
+        If one cannot be read.
+    """
+    specs = [case.side(name).gradiometer for name in ("truth", "model")]
+    names = dict.fromkeys(spec.coloured_noise for spec in specs if spec is not None)
+    for name in filter(None, names):
+        path = shipped_or_own(name)
+        yield path, sha256_of(path, ColouredNoiseError)
 
 
 def _colour(spec: GradiometerSpec) -> VectorAutoregression | None:

@@ -1,9 +1,9 @@
 """Survey lines with the gradients that were measured on them, from a CSV file.
 
 The first line of the file names the columns: line, kind, time_s, latitude_deg, longitude_deg,
-height_m (above the ellipsoid) and the components xx_eotvos, xy_eotvos, … in axes east, north, up. A
-row is a sample; the rows of a line follow one another, at one interval throughout the file. Readings
-are of the disturbing field. An empty one is missing.
+height_m (above the ellipsoid) and components in axes east, north, up, as xx or xx_eotvos; other
+columns are passed over. A row is a sample; the rows of a line follow one another, at one interval.
+Readings are of the disturbing field. An empty one is missing.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..sensors.gradiometer.instrument import COMPONENTS, DIFFERENCES
 from .csv_text import CsvText
 from .manoeuvres import Array, TrajectoryError
 from .track import Track, TrackLimits, part_of, track_of
@@ -24,7 +25,8 @@ from .track_file import FEWEST_ROWS
 
 _PLACES = ("time_s", "latitude_deg", "longitude_deg", "height_m")
 _UNIT = "_eotvos"
-_WANTED = f"line, kind, {', '.join(_PLACES)}, xx{_UNIT}, xy{_UNIT}, …"
+_COMPONENTS = (*COMPONENTS, *DIFFERENCES)
+_WANTED = f"line, kind, {', '.join(_PLACES)}, and of {', '.join(_COMPONENTS)} what was measured"
 _LARGEST = 500_000_000  # file, unpacked [bytes]
 _TIMING = 1e-3
 """By how much samples may be off the interval of a file [s]."""
@@ -98,8 +100,8 @@ class SurveyLine:
         for name in components:
             if name not in self.readings:
                 raise TrajectoryError(
-                    f"has no column {name}{_UNIT}, which gradiometer.components names; its columns "
-                    f"of gradients: {', '.join(key + _UNIT for key in self.readings)}"
+                    f"has no column {name}, which gradiometer.components names; its components: "
+                    f"{', '.join(self.readings)}"
                 )
         stride = round(period / self.interval)
         if stride < 1 or abs(stride * self.interval - period) > _TIMING:
@@ -139,10 +141,14 @@ def _read_lines(file: str, time: int, size: int) -> Mapping[str, SurveyLine]:
             raise TrajectoryError(
                 f"line {text.line} must name a column {name} once; wanted: {_WANTED}"
             )
-    components = [name for name in text.names if name.endswith(_UNIT)]
+    components = {
+        name.removesuffix(_UNIT): at
+        for at, name in enumerate(text.names)
+        if name.removesuffix(_UNIT) in _COMPONENTS
+    }
     if not components:
         raise TrajectoryError(f"line {text.line} names no column of gradients; wanted: {_WANTED}")
-    columns = {name: text.names.index(name) for name in (*_PLACES, *components)}
+    columns = {name: text.names.index(name) for name in _PLACES} | components
     numbers = text.numbers(columns, may_be_empty=frozenset(components))
     cells = [row.split(text.separator) for row in text.rows]
     names, kinds = (
@@ -159,9 +165,7 @@ def _read_lines(file: str, time: int, size: int) -> Mapping[str, SurveyLine]:
                 f"line {row}: {name} has {stop - start} rows; a line needs at least {FEWEST_ROWS}"
             )
         places = {key: numbers[key][start:stop] for key in _PLACES}
-        readings = {
-            key.removesuffix(_UNIT): numbers[key][start:stop] for key in components
-        }
+        readings = {key: numbers[key][start:stop] for key in components}
         line = SurveyLine(name, kinds[start], row, places, readings)
         _require_even(line)
         found[name] = line
