@@ -189,7 +189,8 @@ class VectorAutoregression:
             follows = k > 0 and times[k] - times[k - 1] < (1.0 + _TIMING) * self.interval
             since = -1 if gone else since + 1 if follows else 0
             known[k] = min(since, self.order)
-        weights = np.where((known < 0)[:, np.newaxis, np.newaxis, np.newaxis], 0.0, self._rows[known])
+        weights = self._rows[known]
+        weights[known < 0] = 0.0
         return Whitening(weights)
 
     def simulate(self, white: np.ndarray) -> np.ndarray:

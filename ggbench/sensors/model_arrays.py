@@ -125,9 +125,7 @@ class PointScratch(NamedTuple):
 def epoch_context(model: ModelArrays) -> EpochContext:
     """Return an unfilled context of a block."""
     new, m = lanes.lanes, model.offset.shape[2]
-    return EpochContext(
-        new(model.lags.shape[1], 3), new(1, 9), new(1, m), new(1, 1), new(1, 1)
-    )
+    return EpochContext(new(model.lags.shape[1], 3), new(1, 9), new(1, m), new(1, 1), new(1, 1))
 
 
 @compiled

@@ -7,6 +7,7 @@ points: of eight runs, where compiled estimators ask, or of one run, where a fra
 from __future__ import annotations
 
 import math
+
 import numpy as np
 
 from ..gravity.ellipsoid import ROTATION_RATE, metres_per_radian_of, normal_gradient_of
@@ -26,8 +27,14 @@ from .gradiometer.instrument import (
     sum_of,
     turn_of,
 )
-from .model_arrays import EpochContext, ModelArrays, PointScratch, epoch_context, load_epoch, point_scratch
-
+from .model_arrays import (
+    EpochContext,
+    ModelArrays,
+    PointScratch,
+    epoch_context,
+    load_epoch,
+    point_scratch,
+)
 
 _TURN = 2.0 * math.pi
 
@@ -363,7 +370,7 @@ def predictions(model: ModelArrays, at: np.ndarray, states: np.ndarray) -> np.nd
 @compiled
 def jacobian(model: ModelArrays, k: int, states: np.ndarray, out: np.ndarray) -> None:
     """Fill H (N, m, n) of states (N, n) at an epoch; ``model`` is a block of one run."""
-    rows, m, moving = model.rows[0, k], model.offset.shape[2], moving_errors(model)
+    rows, moving = model.rows[0, k], moving_errors(model)
     out[:] = 0.0
     for i in range(states.shape[0]):
         aiding_jacobian(model.aiding, k, states[i], out[i])

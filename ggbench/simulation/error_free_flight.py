@@ -29,7 +29,8 @@ from .aiding import aiding_about
 from .bound import Bound, posterior_bound
 from .field_source import beside, make_field
 from .formulation import MeasurementTimes, added_gravity, require_short_delays
-from .instruments import faults, gradiometer_of, spinning_disks
+from .instruments import faults, spinning_disks
+from .measured import measured_readings
 from .sensor_suite import SensorSuite, suite_of_case
 
 
@@ -353,8 +354,7 @@ def prepare(case: CaseSpec) -> Flight:
             taken = np.maximum(taken - true.gradiometer.latency_s, 0.0)
             positions, attitudes = trajectory.at(taken)
         noise_free = readings(field, positions, taken, attitudes, case.gradiometer.instrument)
-        if case.gradiometer.readings == "measured":
-            measured = _measured(case, positions)
+        measured = measured_readings(case, positions)
         altimeter = math.inf if case.altimeter is None else case.altimeter.time_constant_s
         require_short_delays(suite_of_case(case, "model"), altimeter, len(at))
     for assumed in (field, model_field):
@@ -363,24 +363,6 @@ def prepare(case: CaseSpec) -> Flight:
         case, trajectory, delta_angles, delta_velocities, field, model_field, epochs, noise_free,
         measured,
     )  # fmt: skip
-
-
-def _measured(case: CaseSpec, positions: np.ndarray) -> np.ndarray:
-    """Return the readings (G, g) [E] that were measured at the true positions (G, 3).
-
-    A survey delivers the disturbing field: the normal field's gradient at the surveyed position,
-    which its processing took away, is added again.
-    """
-    spec = case.gradiometer
-    assert spec is not None
-    instrument = gradiometer_of(spec)
-    try:
-        disturbing = case.trajectory.survey_line().measured(
-            instrument.components, case.trajectory.middle_s, spec.period_s
-        )
-    except TrajectoryError as error:
-        raise TrajectoryError(f"survey lines {case.trajectory.file}: {error}") from None
-    return disturbing + Field.normal().tensor(*positions.T) @ instrument.channels.T
 
 
 @lru_cache(maxsize=8)

@@ -315,8 +315,9 @@ class TrajectorySpec(Section):
         limits = TrackLimits(self.max_gap_s, self.max_acceleration_mps2, self.smoothing_s)
         if not self.lines:
             return read_track(self.file, limits)
+        line = self.survey_line()
         try:
-            return self.survey_line().track(limits, self.middle_s)
+            return line.track(limits, self.middle_s)
         except TrajectoryError as error:
             raise TrajectoryError(f"survey lines {self.file}: {error}") from None
 
