@@ -324,7 +324,9 @@ def _gradient_signals(flight: Flight, true: Gradiometer, seed: int) -> dict[str,
     # Coloured noise is of the channels that there are: another one shows white noise of its RMS.
     instrument = replace(true, components=COMPONENTS, colour=None)
     at = flight.epochs[flight.gradient_epochs]
-    enu, count = flight.field.tensor(*flight.trajectory.positions[at].T), len(at)
+    there, count = ~flight.absent, len(at)
+    enu = np.full((count, len(COMPONENTS)), np.nan)
+    enu[there] = flight.field.tensor(*flight.trajectory.positions[at[there]].T)
     arrays = {"gradient_times": flight.trajectory.times[at], "vertical": enu[:, vertical]}
     noise = instrument.noise(count, streams.gradiometer)[:, vertical]
     behind = instrument.noise_behind(count, streams.behind_filter)[:, vertical]

@@ -345,7 +345,7 @@ def prepare(case: CaseSpec) -> Flight:
         for sensor, stride in case.strides.items()
     }
     epochs = functools.reduce(np.union1d, read_at.values())
-    noise_free, measured = np.zeros((0, 6)), None
+    noise_free, measured, needed = np.zeros((0, 6)), None, epochs
     if case.gradiometer is not None:
         at = read_at["gradiometer"]
         taken, attitudes = trajectory.times[at], trajectory.attitudes[at]
@@ -353,12 +353,20 @@ def prepare(case: CaseSpec) -> Flight:
         if true.gradiometer is not None and true.gradiometer.latency_s > 0.0:
             taken = np.maximum(taken - true.gradiometer.latency_s, 0.0)
             positions, attitudes = trajectory.at(taken)
-        noise_free = readings(field, positions, taken, attitudes, case.gradiometer.instrument)
-        measured = measured_readings(case, positions)
+        measured, there = measured_readings(case, positions), np.ones(len(at), dtype=bool)
+        if measured is not None:
+            # Where nothing was measured, as in a turn, no map is needed.
+            there = ~np.isnan(measured).any(axis=1)
+            if case.gravimeter is None:
+                needed = np.setdiff1d(epochs, at[~there])
+        noise_free = np.zeros((len(at), 6))
+        noise_free[there] = readings(
+            field, positions[there], taken[there], attitudes[there], case.gradiometer.instrument
+        )
         altimeter = math.inf if case.altimeter is None else case.altimeter.time_constant_s
         require_short_delays(suite_of_case(case, "model"), altimeter, len(at))
     for assumed in (field, model_field):
-        assumed.tensor(*trajectory.positions[epochs].T)  # raises if the flight leaves the map
+        assumed.tensor(*trajectory.positions[needed].T)  # raises if the flight leaves the map
     return Flight(
         case, trajectory, delta_angles, delta_velocities, field, model_field, epochs, noise_free,
         measured,

@@ -225,7 +225,7 @@ class CaseSpec(Section):
             self.altimeter.require_slower_than(self.imu.period_s)
         if self.draw.tracks > 1 and self.trajectory.file is not None:
             raise ValueError("draw.tracks needs segments: a track of a file cannot be moved")
-        if self.draw.maps > 1 and len(self.trajectory.lines) > 1:
+        if self.draw.maps > 1 and len(self.trajectory.drawn_lines) > 1:
             raise ValueError("draw.maps and several trajectory.lines exclude each other")
         measured = self.gradiometer is not None and self.gradiometer.readings == "measured"
         if measured and not self.trajectory.lines:
@@ -297,11 +297,11 @@ class CaseSpec(Section):
     @property
     def drawn(self) -> bool:
         """Whether its runs have tracks, survey lines or map errors of their own."""
-        return max(self.draw.tracks, self.draw.maps, len(self.trajectory.lines)) > 1
+        return max(self.draw.tracks, self.draw.maps, len(self.trajectory.drawn_lines)) > 1
 
     def cluster(self, run: int) -> int:
         """Return the number of the track, line or map error that a run shares with others."""
-        shared = max(self.draw.maps, self.draw.tracks, len(self.trajectory.lines))
+        shared = max(self.draw.maps, self.draw.tracks, len(self.trajectory.drawn_lines))
         if self.draw.maps > 1:
             shared = self.draw.maps
         return run % shared if shared > 1 else run

@@ -41,7 +41,7 @@ def of_run(case: CaseSpec, run: int) -> CaseSpec:
     change: dict[str, Any] = {"draw": DrawSpec()}
     if draw.tracks > 1:
         change["trajectory"] = _moved(case.trajectory, draw, run % draw.tracks)
-    if lines := case.trajectory.lines:
+    if lines := case.trajectory.drawn_lines:
         line = lines[run % len(lines)]
         change["trajectory"] = case.trajectory.model_copy(update={"lines": (line,)})
     for side, error in case.map_errors().items() if draw.maps > 1 else ():

@@ -187,7 +187,9 @@ class SegmentSpec(Section):
 
 
 _START = ("latitude_deg", "longitude_deg", "height_m", "speed_mps", "heading_deg")
-_TRACK = ("max_gap_s", "max_acceleration_mps2", "smoothing_s", "lines", "middle_s")
+_TRACK = (
+    "max_gap_s", "max_acceleration_mps2", "smoothing_s", "lines", "middle_s", "made_up_turns",
+)  # fmt: skip
 
 
 class TrajectorySpec(Section):
@@ -219,6 +221,8 @@ class TrajectorySpec(Section):
     """
     lines: Listed[LineName] = ()
     """Survey lines of the file: run r flies line r modulo their number."""
+    made_up_turns: bool = False
+    """Survey lines: each run flies all of them, by their times, with turns made up between."""
     middle_s: q.Duration | None = None
     """Survey lines: length of the middle of each line that is flown. Without it: the whole line."""
     max_gap_s: q.Duration | None = None
@@ -240,13 +244,16 @@ class TrajectorySpec(Section):
                     )
             if self.lines:
                 self.require_distinct("lines", "a line")
-                if len(self.lines) > 1 and self.middle_s is None:
+                if len(self.drawn_lines) > 1 and self.middle_s is None:
                     raise ValueError(
                         "middle_s is missing: results need equal flights of all lines, so that "
                         "only the middle of each is flown"
                     )
-            elif self.middle_s is not None:
-                raise ValueError("'middle_s' belongs to survey lines; it needs 'lines'")
+                if self.made_up_turns and self.middle_s is not None:
+                    raise ValueError("made_up_turns flies whole lines; remove middle_s")
+            elif self.middle_s is not None or self.made_up_turns:
+                key = "made_up_turns" if self.made_up_turns else "middle_s"
+                raise ValueError(f"'{key}' belongs to survey lines; it needs 'lines'")
             return self
         for key in _TRACK:
             if key in given:
@@ -264,6 +271,11 @@ class TrajectorySpec(Section):
                 "of bank_deg"
             )
         return self
+
+    @property
+    def drawn_lines(self) -> tuple[str, ...]:
+        """The survey lines of which a run flies one; none where it flies all."""
+        return () if self.made_up_turns else self.lines
 
     @property
     def duration_s(self) -> float:
@@ -322,17 +334,23 @@ class TrajectorySpec(Section):
             raise TrajectoryError(f"survey lines {self.file}: {error}") from None
 
     def survey_line(self) -> SurveyLine:
-        """Return the first of its survey lines, which is the one that is flown.
+        """Return the survey line that is flown: the first, or all of them as one.
 
         Raises
         ------
         TrajectoryError
             If the file cannot be used, or has no such line.
         """
+        from ..trajectory.made_up_turns import all_lines
         from ..trajectory.survey_lines import line_named
 
         assert self.file is not None
-        return line_named(self.file, self.lines[0])
+        if not self.made_up_turns:
+            return line_named(self.file, self.lines[0])
+        try:
+            return all_lines([line_named(self.file, name) for name in self.lines])
+        except TrajectoryError as error:
+            raise TrajectoryError(f"survey lines {self.file}: {error}") from None
 
     def files(self) -> list[Path]:
         """Return the files on whose content the flight depends."""

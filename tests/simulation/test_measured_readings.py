@@ -127,6 +127,52 @@ def test_a_missing_reading_is_no_reading(folder, keys, tmp_path):
     np.testing.assert_allclose(problem.measurements[10:], expected, atol=1e-9)
 
 
+def test_all_lines_are_flown_by_their_times_with_turns_between(folder, keys, tmp_path):
+    """Readings on lines only, the turns smooth, of the speeds of the lines' ends; one cluster."""
+    rows = (folder / "lines.csv").read_text().splitlines()
+    lines = read_lines(str(folder / "lines.csv")).values()
+    day = {"trajectory.lines": [*LINES][::-1], "trajectory.made_up_turns": True,
+           "trajectory.smoothing_s": 4.0}  # fmt: skip
+    whole = {key: value for key, value in keys.items() if key != "trajectory.middle_s"}
+    sooner = [row.split(",") for row in rows[1:]]  # lines 200 s apart instead of 1000 s
+    for cells in sooner:
+        cells[3] = str(float(cells[3]) % 1000.0 + 200.0 * (float(cells[3]) // 1000.0))
+    path = tmp_path / "day.csv"
+    path.write_text("\n".join([rows[0], *(",".join(cells) for cells in sooner)]))
+    case = small_case(whole | day | {"trajectory.file": str(path)})
+    flight = prepare(case)
+    assert flight.times[-1] == 2 * 200.0 + SECONDS + 2
+    begun = [0.0, 200.0, 400.0]
+    on = [(flight.times >= t) & (flight.times <= t + SECONDS + n) for n, t in enumerate(begun)]
+    np.testing.assert_array_equal(~flight.absent, np.logical_or.reduce(on))
+    *_, last = lines
+    normal = Field.normal().tensor(*flight.trajectory.positions[flight.epochs].T)[:, [0, 2]]
+    read = np.stack([last.readings[name] for name in ("xx", "xz")], axis=-1)
+    np.testing.assert_allclose((flight.measured - normal)[on[2]], read, rtol=0.0, atol=1e-9)
+    speeds = np.linalg.norm(flight.trajectory.velocities, axis=1)
+    assert 50.0 < speeds.min() < speeds.max() < 66.0  # the lines are flown with 60 m/s
+    steps = np.diff(flight.trajectory.velocities, axis=0) / flight.trajectory.dt
+    assert np.linalg.norm(steps, axis=1).max() < 6.0  # 3.6 on a radius of a kilometre
+    assert not case.drawn
+    assert [case.cluster(run) for run in range(3)] == [0, 1, 2]
+
+
+def test_a_turn_without_time_is_refused(folder, keys, tmp_path):
+    """Lines that overlap, and lines too far apart for the time between them."""
+    whole = {key: value for key, value in keys.items() if key != "trajectory.middle_s"}
+    rows = [row.split(",") for row in (folder / "lines.csv").read_text().splitlines()]
+    for later, said in ((10.0, "must last two or more intervals"), (30.0, "is too long for its")):
+        moved = [rows[0]] + [
+            [*row[:3], str(float(row[3]) % 1000.0 + later * (float(row[3]) // 1000.0)), *row[4:]]
+            for row in rows[1:]
+        ]
+        path = tmp_path / f"{later:g}.csv"
+        path.write_text("\n".join(",".join(row) for row in moved))
+        day = {"trajectory.file": str(path), "trajectory.made_up_turns": True}
+        with pytest.raises(GGBenchError, match=said):
+            prepare(small_case(whole | day))
+
+
 def test_no_model_is_the_right_one_of_what_was_measured(keys):
     """And the page says that readings are measured."""
     case = small_case(keys)
