@@ -29,7 +29,7 @@ from .tables import Listed, Section
 
 if TYPE_CHECKING:
     from ..trajectory.survey_lines import SurveyLine
-    from ..trajectory.track import Track
+    from ..trajectory.track import Track, TrackLimits
 
 LineName = Annotated[str, Field(min_length=1)]
 _PLAN_STEP = 0.5  # of the plan whose duration counts before the IMU's rate is known [s]
@@ -310,6 +310,12 @@ class TrajectorySpec(Section):
         """Return all segments, repetitions included."""
         return list(repeated([segment.manoeuvre() for segment in self.segment], self.repeat))
 
+    def track_limits(self) -> TrackLimits:
+        """Return what a track may look like."""
+        from ..trajectory.track import TrackLimits
+
+        return TrackLimits(self.max_gap_s, self.max_acceleration_mps2, self.smoothing_s)
+
     def track(self) -> Track:
         """Return the track of the file: of survey lines that of the first.
 
@@ -318,18 +324,16 @@ class TrajectorySpec(Section):
         TrajectoryError
             If the file cannot be used.
         """
-        from ..trajectory.track import (  # not at the top: it loads slowly, few flights have one
-            TrackLimits,
-            read_track,
+        from ..trajectory.track import (
+            read_track,  # not at the top: it loads slowly, few flights have one
         )
 
         assert self.file is not None
-        limits = TrackLimits(self.max_gap_s, self.max_acceleration_mps2, self.smoothing_s)
         if not self.lines:
-            return read_track(self.file, limits)
+            return read_track(self.file, self.track_limits())
         line = self.survey_line()
         try:
-            return line.track(limits, self.middle_s)
+            return line.track(self.track_limits(), self.middle_s)
         except TrajectoryError as error:
             raise TrajectoryError(f"survey lines {self.file}: {error}") from None
 

@@ -74,8 +74,10 @@ def _turn(before: SurveyLine, after: SurveyLine) -> SurveyLine:
     leaving, coming = ((ends[-1] - ends[0]) / ((_ENDS - 1) * step) for ends in (tail, head))
     speeds = math.hypot(*leaving[:2]), math.hypot(*coming[:2])
     length = 0.5 * (speeds[0] + speeds[1]) * time
-    headings = (math.atan2(velocity[1], velocity[0]) for velocity in (leaving, coming))
-    curve = _curve_of(length, _Curve(tail[-1, :2], head[0, :2], *headings, 0.0, _RADIUS_M))
+    headings = [math.atan2(velocity[1], velocity[0]) for velocity in (leaving, coming)]
+    curve = _curve_of(
+        length, _Curve(tail[-1, :2], head[0, :2], headings[0], headings[1], 0.0, _RADIUS_M)
+    )
     if curve is None:
         raise TrajectoryError(
             f"{name} is too long for its {time:g} s, in which {length:.0f} m are flown"
