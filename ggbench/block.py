@@ -28,7 +28,7 @@ from .problem import (
     Track,
 )
 from .sensors.model import SensorModel
-from .sensors.model_kernels import ModelArrays
+from .sensors.model_arrays import ModelArrays
 
 FEWEST_STATES = 3
 """States that kernels take at least: the tiles of :mod:`.numerics.lane_algebra` are 3 × 3."""
@@ -138,7 +138,7 @@ def joined(blocks: Sequence[ProblemBlock]) -> ProblemBlock:
     Raises
     ------
     ValueError
-        If they do not share epochs and map.
+        If they do not share epochs and map, or the gaps in coloured readings.
     """
     first = blocks[0]
     if len(blocks) == 1:
@@ -148,8 +148,9 @@ def joined(blocks: Sequence[ProblemBlock]) -> ProblemBlock:
             np.array_equal(block.times, first.times)
             and np.array_equal(block.model.origin, first.model.origin)
             and np.array_equal(block.model.coefficients, first.model.coefficients)
+            and np.array_equal(block.model.combined, first.model.combined)
         ):
-            raise ValueError("blocks of other epochs or maps cannot be joined")
+            raise ValueError("blocks of other epochs, maps or gaps cannot be joined")
 
     def concatenated(*arrays: np.ndarray) -> np.ndarray:
         return np.concatenate(arrays)

@@ -10,7 +10,7 @@ import numpy as np
 from ggbench.gravity.ellipsoid import EVEN_ZONALS
 from ggbench.problem import Problem
 from ggbench.sensors.model import SensorModel
-from ggbench.sensors.model_kernels import ModelArrays
+from ggbench.sensors.model_arrays import ModelArrays
 from ggbench.simulation.error_free_flight import Flight, prepare
 from ggbench.simulation.runs import simulate
 from ggbench.spec import scenario

@@ -9,14 +9,8 @@ import numpy as np
 
 from ggbench.numerics import lanes
 from ggbench.numerics.kernels import LANES, compiled
-from ggbench.sensors.model_kernels import (
-    ModelArrays,
-    epoch_context,
-    linearise_reading,
-    load_epoch,
-    point_scratch,
-    read,
-)
+from ggbench.sensors.model_arrays import ModelArrays, epoch_context, load_epoch, point_scratch
+from ggbench.sensors.model_kernels import linearise_reading, read
 from ggbench.simulation.runs import simulate_block
 
 from . import export
@@ -27,7 +21,7 @@ def _linearise_all(model: ModelArrays, errors: np.ndarray) -> float:
     """Linearise h of the eight runs of a block at every epoch."""
     channels = model.channels.shape[0]
     predicted, slope = lanes.lanes(1, channels), lanes.lanes(channels, 6)
-    context, points, group = epoch_context(channels), point_scratch(1), lanes.members(0, LANES)
+    context, points, group = epoch_context(model), point_scratch(1), lanes.members(0, LANES)
     total = 0.0
     for k in range(errors.shape[0]):
         load_epoch(model, group, k, context)
@@ -42,7 +36,7 @@ def _predict_all(model: ModelArrays, errors: np.ndarray) -> float:
     channels, vectors = model.channels.shape[0], errors.shape[2]
     out, context, points = (
         lanes.lanes(channels, vectors),
-        epoch_context(channels),
+        epoch_context(model),
         point_scratch(vectors),
     )
     group = lanes.members(0, LANES)

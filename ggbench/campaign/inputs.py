@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from ..simulation.field_source import map_files
+from ..simulation.instruments import noise_files
 from ..spec.case import CaseSpec
 
 
@@ -15,7 +16,7 @@ def input_files(cases: Iterable[CaseSpec]) -> list[dict[str, str]]:
 
     Raises
     ------
-    MapError, TrajectoryError
+    MapError, TrajectoryError, ColouredNoiseError
         If one cannot be read.
     """
     found: dict[tuple[str, str, str], None] = {}
@@ -24,6 +25,9 @@ def input_files(cases: Iterable[CaseSpec]) -> list[dict[str, str]]:
             found |= dict.fromkeys(map_files(case.side(side).field))
         flown = zip(case.trajectory.files(), case.trajectory.file_hashes(), strict=True)
         for path, key in flown:
-            role = "track" if str(path) == case.trajectory.file else "terrain of the flight"
+            role = "track" if not case.trajectory.lines else "survey lines"
+            role = role if str(path) == case.trajectory.file else "terrain of the flight"
             found[role, path.name, key] = None
+        for path, key in noise_files(case):
+            found["model of coloured noise", path.name, key] = None
     return [{"role": role, "name": name, "sha256": key} for role, name, key in found]

@@ -17,6 +17,7 @@ from typing import Any
 
 from ..numerics.source import VERSION
 from ..simulation.field_source import map_content
+from ..simulation.instruments import noise_files
 from ..spec.case import CaseSpec
 
 RESULTS_VERSION = 1
@@ -54,14 +55,24 @@ def problem_key(case: CaseSpec, seed: int) -> str:
     placeless: dict[str, Any] = {
         "field": case.field.model_copy(update={"source": "map"}),
         "trajectory": case.trajectory.placeless(),
+        "gradiometer": _placeless(case.gradiometer),
     }
     for name in ("truth", "model"):
         side = getattr(case, name)
         field = side.field.model_copy(update={"source": None})
-        placeless[name] = side.model_copy(update={"field": field})
+        change = {"field": field, "gradiometer": _placeless(side.gradiometer)}
+        placeless[name] = side.model_copy(update=change)
     maps = [_map_content(case.side(name).field) for name in ("truth", "model")]
     content = case.model_copy(update=placeless).content_hash
-    return _hash([content, *maps, *case.trajectory.file_hashes(), seed])
+    noises = [key for _, key in noise_files(case)]
+    return _hash([content, *maps, *case.trajectory.file_hashes(), *noises, seed])
+
+
+def _placeless(gradiometer: Any) -> Any:
+    """Return a table of the gradiometer without the place of its model of coloured noise."""
+    if gradiometer is None or gradiometer.coloured_noise is None:
+        return gradiometer
+    return gradiometer.model_copy(update={"coloured_noise": "noise"})
 
 
 def case_key(case: CaseSpec, seed: int) -> str:

@@ -13,7 +13,7 @@ from ..gravity.field import Field
 from ..problem import Estimate, Problem, StateBlock
 from ..sensors.gradiometer.instrument import LOCAL_LEVEL
 from ..sensors.model import SensorModel, without_aiding
-from ..sensors.model_kernels import ModelArrays
+from ..sensors.model_arrays import ModelArrays
 
 
 @dataclass(frozen=True)
@@ -164,7 +164,8 @@ def with_sensor_model(problem: Problem) -> Problem:
     places = np.zeros((epochs, 3))
     aiding, _ = without_aiding(field, places)
     arrays = ModelArrays(
-        n, LOCAL_LEVEL, np.eye(6)[1 : 1 + m], -1, field.origin, field.step,
+        n, LOCAL_LEVEL, np.eye(6)[1 : 1 + m], np.eye(6)[np.newaxis, np.newaxis, 1 : 1 + m],
+        np.zeros((1, 1), dtype=int), -1, field.origin, field.step,
         field.tensor_coefficients, problem.times, places, np.tile(np.eye(3), (epochs, 1, 1)),
         errors, np.zeros((epochs, m)), problem.present.any(axis=1).astype(float), aiding,
     )  # fmt: skip

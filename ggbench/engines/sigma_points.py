@@ -10,7 +10,8 @@ from ..numerics.kernels import compiled
 from ..numerics.lanes import lanes
 from ..numerics.vectors import load, splat, store
 from ..sensors.aiding_kernels import read_aiding_pairs
-from ..sensors.model_kernels import ModelArrays, PointScratch, point_scratch, read
+from ..sensors.model_arrays import ModelArrays, PointScratch, point_scratch
+from ..sensors.model_kernels import read
 from .whitened_measurements import Readings
 
 _NEAR, _STRAIGHT = 0.01, 1e-7

@@ -12,17 +12,15 @@ from ..numerics.kernels import compiled, inlined
 from ..numerics.lanes import gather_row, gather_rows, lanes
 from ..numerics.vectors import load, splat, store, with_sign
 from ..sensors.aiding_kernels import MOVED, column_of, linearise_aiding
-from ..sensors.model_kernels import (
+from ..sensors.model_arrays import (
     EpochContext,
     ModelArrays,
     PointScratch,
     epoch_context,
-    linearise_reading,
     load_epoch,
-    moving_errors,
     point_scratch,
-    read,
 )
+from ..sensors.model_kernels import linearise_reading, moving_errors, read
 
 _TINY = 1e-300
 """What keeps 0 / 0 from being NaN where a reading is missing."""
@@ -117,7 +115,7 @@ def readings_of(batch: Batch, whole: bool = False) -> Readings:
     precision[:] = 1.0
     return Readings(
         lanes(g, 6), lanes(m - g, MOVED), lanes(moving, model.rows.shape[3]), lanes(6, 1),
-        epoch_context(m), lanes(1, m), lanes(1, m), lanes(equations, n), lanes(1, equations),
+        epoch_context(model), lanes(1, m), lanes(1, m), lanes(equations, n), lanes(1, equations),
         precision, lanes(1, 1), lanes(g, moving), lanes(1, m), point_scratch(1), whole,
     )  # fmt: skip
 

@@ -15,6 +15,7 @@ NARROW, WIDE = 0.2, 1.0
 LONG_S = 1800.0
 """Duration from which a flight is called long [s]."""
 SITUATIONS = {
+    "measured": "Readings that were measured",
     "plain": f"Narrow prior, right model (σ/ℓ below {NARROW:g}, or not known)",
     "between": f"Prior of the field's own scale (σ/ℓ of {NARROW:g} to {WIDE:g})",
     "wide": f"Wide prior (σ/ℓ of {WIDE:g} or more)",
@@ -40,6 +41,8 @@ def situation_of(case: CaseSpec, correlation_m: float = math.nan) -> str:
     correlation_m : the field's correlation length along the track [m]; NaN where it is not known:
         the prior then counts as narrow.
     """
+    if _is_measured(case):
+        return "measured"
     wrong = _set_apart(case)
     receivers = ["gnss", *(name for name, spec in case.sensor if isinstance(spec, GnssSpec))]
     if any(
@@ -66,10 +69,17 @@ def situation_of(case: CaseSpec, correlation_m: float = math.nan) -> str:
 def is_right_model(case: CaseSpec) -> bool:
     """Return whether the assumed model is the true one, in all that a case can state.
 
-    Gaps at known times are no error of the model.
+    Gaps at known times are no error of the model. Of measured readings nobody knows the truth.
     """
+    if _is_measured(case):
+        return False
     wrong = {key for key in _set_apart(case) - _OF_GRAVITY if not key.endswith(".dropouts_s")}
     return not wrong and not _unknown_gravity(case) and not _assumes_white(case)
+
+
+def _is_measured(case: CaseSpec) -> bool:
+    """Return whether the gradiometer's readings were measured."""
+    return case.gradiometer is not None and case.gradiometer.readings == "measured"
 
 
 def _assumes_white(case: CaseSpec) -> bool:

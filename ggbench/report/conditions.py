@@ -92,6 +92,10 @@ def _gradiometer(case: CaseSpec) -> list[str]:
         noise = f"{spec.noise_eotvos:g} E"
     elif spec.noise_density_eotvos_per_sqrt_hz is not None:
         noise = f"{spec.noise_density_eotvos_per_sqrt_hz:g} E/√Hz"
+    elif spec.coloured_noise is not None:
+        noise = "coloured noise"
+    if spec.readings == "measured":
+        noise = "measured readings"
     channels = "rotating disks" if spec.rotating else counted(len(spec.components), "component")
     low = f"low-pass {spec.filter_cutoff_hz:g} Hz" if spec.filter != "none" else "no low-pass"
     return [noise, f"every {spec.period_s:g} s", channels, spec.instrument, low]

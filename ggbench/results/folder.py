@@ -263,7 +263,7 @@ class Results:
 
     def _draw(self, case: str, run: int) -> int:
         """Return the number of the track or map error that a run shares with others."""
-        return self.scenario.case(case).draw.cluster(run)
+        return self.scenario.case(case).cluster(run)
 
     def command(self, cell: Cell, run: int) -> str:
         """Return the command that runs one run again, alone, in one process."""

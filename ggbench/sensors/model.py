@@ -8,9 +8,11 @@ from ..gravity.field import Field
 from ..numerics.frozen import frozen, read_only
 from . import aiding_kernels
 from .aiding_kernels import Aiding
+from .coloured_noise import Whitening
 from .gradiometer.instrument import INSTRUMENTS, STRAPDOWN, Gradiometer, readings_along
 from .gradiometer.lowpass import Prefilter
-from .model_kernels import ModelArrays, jacobian, jacobians, predict, predictions
+from .model_arrays import ModelArrays
+from .model_kernels import jacobian, jacobians, predict, predictions
 
 NO_GRADIOMETER = Gradiometer(1.0, None, (), "local-level")
 """An instrument without channels."""
@@ -32,6 +34,7 @@ def model_arrays(
     others: tuple[Aiding, np.ndarray] | None = None,
     dimension: int | None = None,
     bias: int | None = None,
+    whitening: Whitening | None = None,
 ) -> ModelArrays:
     """Return the measurement model along an INS track, or along the tracks of a block of runs.
 
@@ -51,6 +54,8 @@ def model_arrays(
     others : the channels of the other sensors, and their offset (..., K, e); none if not given.
     dimension : number of states; if not given, those of ``rows`` and the gradiometer's biases.
     bias : the first state that is one of them, −1 for none; if not given, that behind ``rows``.
+    whitening : of the G readings, if their noise is coloured; they have no low-pass then, and come
+        without delay.
     """
     if others is None:
         others = without_aiding(field, positions)
@@ -102,6 +107,7 @@ def model_arrays(
         dimension,
         instrument,
         read_only(channels),
+        *_combined(channels, whitening, at, len(times)),
         bias,
         field.origin,
         field.step,
@@ -122,6 +128,31 @@ def model_arrays(
     )
 
 
+def _combined(
+    channels: np.ndarray, whitening: Whitening | None, at: np.ndarray, epochs: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return which readings h combines, and how: ``combined`` and ``lags`` of the arrays.
+
+    Parameters
+    ----------
+    channels : (g, 6) of the instrument.
+    whitening : of the G readings, None for white noise.
+    at : (G,) at which of the epochs they are.
+    epochs : number of epochs.
+    """
+    if whitening is None:
+        return read_only(channels[np.newaxis, np.newaxis]), _immutable(np.zeros((1, 1), dtype=int))
+    taps = whitening.weights.shape[1]
+    lags = np.full((epochs, taps), -1)
+    lags[:, 0] = 0
+    combined = np.zeros((epochs, taps, *channels.shape))
+    combined[at] = whitening.weights @ channels
+    for tap in range(1, taps):
+        used = np.flatnonzero(whitening.weights[:, tap].any(axis=(1, 2)))
+        lags[at[used], tap] = at[used] - at[used - tap]
+    return read_only(combined), _immutable(lags)
+
+
 def without_aiding(field: Field, positions: np.ndarray) -> tuple[Aiding, np.ndarray]:
     """Return the channels of no sensor at INS positions (..., K, 3), and their offsets."""
     epochs = positions.shape[:-1]
@@ -133,7 +164,7 @@ def without_aiding(field: Field, positions: np.ndarray) -> tuple[Aiding, np.ndar
 
 def _immutable(indices: np.ndarray) -> np.ndarray:
     """Return a copy of integers that nobody can change."""
-    return np.frombuffer(indices.tobytes(), indices.dtype)
+    return np.frombuffer(indices.tobytes(), indices.dtype).reshape(indices.shape)
 
 
 class SensorModel:
@@ -144,6 +175,8 @@ class SensorModel:
     as the instrument's output, p̂_k the INS position (and attitude) at t_k − τ_k, B_k x the error
     there, b the biases among the states, if there are any, and g_k the chain's gain. Without a
     filter this is L(p̂_k − B_k x) + b, where τ_k is the latency of the readings, if they have one.
+    Coloured noise is whitened: h combines L at the last few readings, each at the INS position then
+    less the position error of now, which hardly changes in a few seconds.
     Outside the map the field at its border is continued. The
     other channels are those of :class:`.Aiding`. Where a reading is missing, h and H are zero.
 
@@ -159,6 +192,8 @@ class SensorModel:
         aiding = arrays.aiding
         self.arrays = arrays._replace(
             channels=frozen(arrays.channels),
+            combined=frozen(arrays.combined),
+            lags=_immutable(arrays.lags),
             times=frozen(arrays.times),
             aiding=aiding._replace(gravity=frozen(aiding.gravity), bias=_immutable(aiding.bias)),
         ).mapped(frozen)

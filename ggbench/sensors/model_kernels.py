@@ -7,20 +7,17 @@ points: of eight runs, where compiled estimators ask, or of one run, where a fra
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..gravity.ellipsoid import ROTATION_RATE, metres_per_radian_of, normal_gradient_of
 from ..gravity.field import Tensor, gradient_of
-from ..gravity.spline import TENSOR_WORK, spline_tensor_slopes, spline_tensors
+from ..gravity.spline import spline_tensor_slopes, spline_tensors
 from ..numerics import lanes
 from ..numerics.kernels import compiled, inlined
 from ..numerics.rotations import Matrix, left_jacobian, multiply, sine_cosine, small_turn, transpose
 from ..numerics.vectors import load, store
-from . import aiding_kernels
-from .aiding_kernels import Aiding, aiding_jacobian, predict_aiding
+from .aiding_kernels import aiding_jacobian, predict_aiding
 from .gradiometer.instrument import (
     LOCAL_LEVEL,
     PLATFORM,
@@ -30,143 +27,16 @@ from .gradiometer.instrument import (
     sum_of,
     turn_of,
 )
-
-
-class ModelArrays(NamedTuple):
-    """The measurement model as arrays: all that the kernels of h and H are given.
-
-    The first g channels are the gradiometer's, if there is one: h(k, x) = offset_k + gain_k ·
-    (S reading(reference_k − B_k x) + b). The others are those of :class:`.Aiding`. For many runs at
-    once (a block) the arrays that differ from run to run have the run as leading axis.
-
-    Attributes
-    ----------
-    dimension : number of states n.
-    instrument : index of :data:`.instrument.INSTRUMENTS`.
-    channels : (g, 6) S, from the tensor in the mount to the gradiometer's channels.
-    bias : index of the first of the g biases b among the states; −1 for none.
-    origin, step, coefficients : the map, see :class:`.field.Field`.
-    times : (K,) t_k − τ_k [s].
-    references : (K, 3) INS positions then [rad, rad, m].
-    attitudes : (K, 3, 3) INS attitudes C_nb then; only a strapdown instrument has any.
-    rows : (K, 6, 15) B_k, see :class:`SensorModel`.
-    offset : (K, m) in units of the channels.
-    gain : (K,) of the gradiometer; zero where its reading is missing.
-    aiding : the other channels.
-    """
-
-    dimension: int
-    instrument: int
-    channels: np.ndarray
-    bias: int
-    origin: np.ndarray
-    step: np.ndarray
-    coefficients: np.ndarray
-    times: np.ndarray
-    references: np.ndarray
-    attitudes: np.ndarray
-    rows: np.ndarray
-    offset: np.ndarray
-    gain: np.ndarray
-    aiding: Aiding
-
-    def of_run(self, run: int) -> ModelArrays:
-        """Return the arrays of one run of a block."""
-        return self.mapped(lambda array: array[run])
-
-    def as_block(self) -> ModelArrays:
-        """Return the arrays of one run as a block of one."""
-        return self.mapped(lambda array: array[np.newaxis])
-
-    def mapped(self, change: Callable[..., np.ndarray], *others: ModelArrays) -> ModelArrays:
-        """Return the same with the arrays that differ from run to run changed.
-
-        ``change`` is given an array, and behind it that of each of the others.
-        """
-        models = (self, *others)
-        aiding: dict[str, Any] = {
-            name: change(*(getattr(model.aiding, name) for model in models))
-            for name in aiding_kernels.OF_A_RUN
-        }
-        own: dict[str, Any] = {
-            name: change(*(getattr(model, name) for model in models)) for name in OF_A_RUN
-        }
-        return self._replace(**own, aiding=self.aiding._replace(**aiding))
-
-
-OF_A_RUN = ("references", "attitudes", "rows", "offset", "gain")
-"""The arrays that differ from run to run, beside those of the aiding sensors."""
-
+from .model_arrays import (
+    EpochContext,
+    ModelArrays,
+    PointScratch,
+    epoch_context,
+    load_epoch,
+    point_scratch,
+)
 
 _TURN = 2.0 * math.pi
-
-
-class EpochContext(NamedTuple):
-    """INS solution and channel gains of eight runs at an epoch.
-
-    Attributes
-    ----------
-    references : (1, 3, lanes) positions [rad, rad, m].
-    attitudes : (1, 9, lanes) C_nb, row by row.
-    offset : (1, m, lanes) in units of the channels.
-    gain : (1, 1, lanes) of the gradiometer.
-    there : (1, 1, lanes) one where any channel delivers a measurement.
-    """
-
-    references: np.ndarray
-    attitudes: np.ndarray
-    offset: np.ndarray
-    gain: np.ndarray
-    there: np.ndarray
-
-
-class PointScratch(NamedTuple):
-    """Scratch for S vectors of points at which h is evaluated.
-
-    Attributes
-    ----------
-    places : (3, S, lanes) latitude, longitude [rad], height [m].
-    tensors : (24, S, lanes) tensors and their slopes.
-    work : scratch of the spline.
-    """
-
-    places: np.ndarray
-    tensors: np.ndarray
-    work: np.ndarray
-
-
-@compiled
-def epoch_context(m: int) -> EpochContext:
-    """Return an unfilled context of m channels."""
-    new = lanes.lanes
-    return EpochContext(new(1, 3), new(1, 9), new(1, m), new(1, 1), new(1, 1))
-
-
-@compiled
-def point_scratch(count: int) -> PointScratch:
-    """Return scratch for ``count`` vectors of points, at least one."""
-    new = lanes.lanes
-    return PointScratch(new(3, count), new(24, count), np.empty(TENSOR_WORK))
-
-
-@compiled
-def load_epoch(model: ModelArrays, group: np.ndarray, k: int, out: EpochContext) -> None:
-    """Fill the context of a group of runs (lanes,) of a block at epoch ``k``."""
-    lanes.gather_row(model.references, group, k, out.references)
-    lanes.gather_row(model.offset, group, k, out.offset)
-    for r in range(group.shape[0]):
-        out.gain[0, 0, r] = model.gain[group[r], k]
-        there = out.gain[0, 0, r] != 0.0
-        present = model.aiding.present[group[r], k]
-        for c in range(present.shape[0]):
-            there = there or present[c] != 0.0
-        out.there[0, 0, r] = 1.0 if there else 0.0
-    if model.instrument == STRAPDOWN:
-        for r in range(group.shape[0]):
-            attitude = model.attitudes[group[r], k]
-            for i in range(3):
-                for j in range(3):
-                    out.attitudes[0, 3 * i + j, r] = attitude[i, j]
 
 
 @inlined
@@ -255,9 +125,40 @@ def read(
     points : scratch for S.
     out : (g, S, lanes) output.
     """
+    at = min(k, model.lags.shape[0] - 1)
+    for i in range(model.lags.shape[1]):
+        if model.lags[at, i] >= 0:
+            _add_reading(
+                model, k - model.lags[at, i], i, model.combined[at, i], context, errors, vectors,
+                count, points, out,
+            )  # fmt: skip
+
+
+@compiled
+def _add_reading(
+    model: ModelArrays,
+    epoch: int,
+    i: int,
+    channels: np.ndarray,
+    context: EpochContext,
+    errors: np.ndarray,
+    vectors: int,
+    count: int,
+    points: PointScratch,
+    out: np.ndarray,
+) -> None:
+    """Add the gradients that are read at an epoch to h of points; the first also the offset.
+
+    Parameters
+    ----------
+    epoch : at which they are read.
+    i : number of these readings among those that are combined.
+    channels : (g, 6) S_ki.
+    model, context, errors, vectors, count, points, out : as in :func:`read`.
+    """
     places, tensors, reference = points.places, points.tensors, context.references
     latitude, longitude, height = (
-        load(reference, 0, 0), load(reference, 0, 1), load(reference, 0, 2),
+        load(reference, i, 0), load(reference, i, 1), load(reference, i, 2),
     )  # fmt: skip
     for s in range(vectors):
         place = _displaced(
@@ -272,7 +173,7 @@ def read(
             places.reshape((3, size)), count, model.origin, model.step, model.coefficients,
             tensors.reshape((24, size)),
         )  # fmt: skip
-    gain, turned = load(context.gain, 0, 0), ROTATION_RATE * model.times[k]
+    gain, turned = load(context.gain, 0, 0), ROTATION_RATE * model.times[epoch]
     for s in range(vectors):
         sine, cosine = sine_cosine(_near_zero(load(places, 0, s)))
         ee, nn, nu, uu = normal_gradient_of(sine, cosine, load(places, 2, s))
@@ -286,14 +187,21 @@ def read(
         elif model.instrument == STRAPDOWN:
             t = rotated(_body_matrix(_attitude(context), _attitude_error(errors, s)), t)
         for c in range(out.shape[0]):
-            store(out, c, s, load(context.offset, 0, c) + gain * _combined(model.channels[c], t))
+            before = load(context.offset, 0, c) if i == 0 else load(out, c, s)
+            store(out, c, s, before + gain * _combined(channels[c], t))
 
 
 @inlined
-def _put_column(channels: np.ndarray, t: Tensor, factor: float, j: int, out: np.ndarray) -> None:
-    """Fill column ``j`` of a slope (m, 6, lanes) with a factor times the channels of a tensor."""
+def _put_column(
+    channels: np.ndarray, t: Tensor, factor: float, i: int, j: int, out: np.ndarray
+) -> None:
+    """Add a factor times the channels of a tensor to column ``j`` of a slope (m, 6, lanes).
+
+    The first of the readings that are combined, of number ``i`` = 0, fills it.
+    """
     for c in range(channels.shape[0]):
-        store(out, c, j, factor * _combined(channels[c], t))
+        value = factor * _combined(channels[c], t)
+        store(out, c, j, value if i == 0 else load(out, c, j) + value)
 
 
 @compiled
@@ -322,9 +230,38 @@ def linearise_reading(
     out : (g, 6, lanes) output [E/m; E/rad], by the error; the last three columns of a strapdown
         instrument only.
     """
+    at = min(k, model.lags.shape[0] - 1)
+    for i in range(model.lags.shape[1]):
+        if model.lags[at, i] >= 0:
+            _add_linearised(
+                model, k - model.lags[at, i], i, model.combined[at, i], context, errors, count,
+                points, predicted, out,
+            )  # fmt: skip
+
+
+@compiled
+def _add_linearised(
+    model: ModelArrays,
+    epoch: int,
+    i: int,
+    channels: np.ndarray,
+    context: EpochContext,
+    errors: np.ndarray,
+    count: int,
+    points: PointScratch,
+    predicted: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Add the gradients that are read at an epoch to h and its derivative.
+
+    Parameters
+    ----------
+    epoch, i, channels : as in :func:`_add_reading`.
+    model, context, errors, count, points, predicted, out : as in :func:`linearise_reading`.
+    """
     places, found, reference = points.places, points.tensors, context.references
     latitude, longitude, height, per_north, per_east = _displaced(
-        load(reference, 0, 0), load(reference, 0, 1), load(reference, 0, 2),
+        load(reference, i, 0), load(reference, i, 1), load(reference, i, 2),
         load(errors, 0, 0), load(errors, 1, 0), load(errors, 2, 0),
     )  # fmt: skip
     if model.coefficients.size > 0:
@@ -349,7 +286,7 @@ def linearise_reading(
     gain, error = load(context.gain, 0, 0), _attitude_error(errors, 0)
     if model.instrument != LOCAL_LEVEL:
         if model.instrument == PLATFORM:
-            turned = longitude + ROTATION_RATE * model.times[k]
+            turned = longitude + ROTATION_RATE * model.times[epoch]
             sine_a, cosine_a = sine_cosine(_near_zero(turned))
             c = inertial_matrix(sine, cosine, sine_a, cosine_a)
             # The local level turns for a metre to the east and to the north.
@@ -361,17 +298,17 @@ def linearise_reading(
         if model.instrument == STRAPDOWN:
             # The mount turns with the body, so the tensor turns against it.
             j = left_jacobian(error[0], error[1], error[2])
-            for i in range(3):
-                turn = turn_of(t, -j[i], -j[3 + i], -j[6 + i])
-                _put_column(model.channels, rotated(c, turn), gain, 3 + i, out)
+            for axis in range(3):
+                turn = turn_of(t, -j[axis], -j[3 + axis], -j[6 + axis])
+                _put_column(channels, rotated(c, turn), gain, i, 3 + axis, out)
         t = rotated(c, t)
-    for m in range(model.channels.shape[0]):
-        value = load(context.offset, 0, m) + gain * _combined(model.channels[m], t)
-        store(predicted, 0, m, value)
+    for m in range(channels.shape[0]):
+        before = load(context.offset, 0, m) if i == 0 else load(predicted, 0, m)
+        store(predicted, 0, m, before + gain * _combined(channels[m], t))
     # The error's metres are measured at the reference, the slope's at the displaced point.
-    _put_column(model.channels, d_e, -gain * east / per_east, 0, out)
-    _put_column(model.channels, d_n, -gain * north / per_north, 1, out)
-    _put_column(model.channels, d_u, -gain, 2, out)
+    _put_column(channels, d_e, -gain * east / per_east, i, 0, out)
+    _put_column(channels, d_n, -gain * north / per_north, i, 1, out)
+    _put_column(channels, d_u, -gain, i, 2, out)
 
 
 @inlined
@@ -400,7 +337,7 @@ def predict(model: ModelArrays, k: int, states: np.ndarray) -> np.ndarray:
     g = model.channels.shape[0]
     if g == 0 or model.gain[0, k] == 0.0:
         return out
-    context, vectors = epoch_context(m), lanes.starts(count).shape[0]
+    context, vectors = epoch_context(model), lanes.starts(count).shape[0]
     points = point_scratch(vectors)
     errors, found = lanes.lanes(6, vectors), lanes.lanes(g, vectors)
     load_epoch(model, lanes.members(0, 1), k, context)
@@ -433,14 +370,14 @@ def predictions(model: ModelArrays, at: np.ndarray, states: np.ndarray) -> np.nd
 @compiled
 def jacobian(model: ModelArrays, k: int, states: np.ndarray, out: np.ndarray) -> None:
     """Fill H (N, m, n) of states (N, n) at an epoch; ``model`` is a block of one run."""
-    rows, m, moving = model.rows[0, k], model.offset.shape[2], moving_errors(model)
+    rows, moving = model.rows[0, k], moving_errors(model)
     out[:] = 0.0
     for i in range(states.shape[0]):
         aiding_jacobian(model.aiding, k, states[i], out[i])
     g = model.channels.shape[0]
     if g == 0 or model.gain[0, k] == 0.0:
         return
-    context, errors, points = epoch_context(m), lanes.lanes(6, 1), point_scratch(1)
+    context, errors, points = epoch_context(model), lanes.lanes(6, 1), point_scratch(1)
     predicted, slope = lanes.lanes(1, g), lanes.lanes(g, 6)
     load_epoch(model, lanes.members(0, 1), k, context)
     for first in lanes.starts(states.shape[0]):

@@ -30,6 +30,7 @@ from .bound import Bound, posterior_bound
 from .field_source import beside, make_field
 from .formulation import MeasurementTimes, added_gravity, require_short_delays
 from .instruments import faults, spinning_disks
+from .measured import measured_readings
 from .sensor_suite import SensorSuite, suite_of_case
 
 
@@ -46,6 +47,8 @@ class Flight:
     model_field : the field that the estimators assume.
     epochs : (K,) indices of the measurement epochs, of whatever sensor, among the INS samples.
     noise_free : (G, 6) tensors in the gradiometer's mount at the truth when it reads them [E].
+    measured : (G, g) readings that were measured there [E], NaN where one is missing; None where
+        they are simulated.
     """
 
     case: CaseSpec
@@ -56,6 +59,7 @@ class Flight:
     model_field: Field
     epochs: np.ndarray
     noise_free: np.ndarray
+    measured: np.ndarray | None = None
 
     @property
     def times(self) -> np.ndarray:
@@ -244,6 +248,13 @@ class Flight:
             instrument = dataclasses.replace(instrument, lowpass=None, noise_behind_filter=0.0)
         return self._bound_of(instrument)
 
+    @property
+    def absent(self) -> np.ndarray:
+        """Which readings (G,) of the gradiometer are missing in all runs."""
+        if self.measured is not None:
+            return np.asarray(np.isnan(self.measured).any(axis=1))
+        return self.faults.in_dropouts(self.times[self.gradient_epochs])
+
     def _bound_of(self, instrument: Gradiometer | None) -> Bound:
         truth, true = self.trajectory, dataclasses.replace(self.true, gradiometer=instrument)
         motion, at = self.motion_at_epochs, self.gradient_epochs
@@ -276,6 +287,7 @@ class Flight:
                 others=aiding_about(true, true.weighed(self.field), self.aiding_epochs, motion),
                 dimension=true.dimension,
                 bias=true.gradient_bias,
+                whitening=true.whitening(self.times[at], self.absent),
             )
         )
         epochs = len(self.epochs)
@@ -297,6 +309,7 @@ class Flight:
         found = np.zeros((len(times), len(true.channels)))
         at, first = self.gradient_epochs, true.gradients
         found[at, :first] = self.faults.expected_share(times[at])[:, np.newaxis]
+        found[at[self.absent], :first] = 0.0
         for sensor, at in zip(true.aiding, self.aiding_epochs, strict=True):
             last = first + len(sensor.channels)
             found[at, first:last] = sensor.faults.expected_share(times[at])[:, np.newaxis]
@@ -332,7 +345,7 @@ def prepare(case: CaseSpec) -> Flight:
         for sensor, stride in case.strides.items()
     }
     epochs = functools.reduce(np.union1d, read_at.values())
-    noise_free = np.zeros((0, 6))
+    noise_free, measured, needed = np.zeros((0, 6)), None, epochs
     if case.gradiometer is not None:
         at = read_at["gradiometer"]
         taken, attitudes = trajectory.times[at], trajectory.attitudes[at]
@@ -340,14 +353,24 @@ def prepare(case: CaseSpec) -> Flight:
         if true.gradiometer is not None and true.gradiometer.latency_s > 0.0:
             taken = np.maximum(taken - true.gradiometer.latency_s, 0.0)
             positions, attitudes = trajectory.at(taken)
-        noise_free = readings(field, positions, taken, attitudes, case.gradiometer.instrument)
+        measured, there = measured_readings(case, positions), np.ones(len(at), dtype=bool)
+        if measured is not None:
+            # Where nothing was measured, as in a turn, no map is needed.
+            there = ~np.isnan(measured).any(axis=1)
+            if case.gravimeter is None:
+                needed = np.setdiff1d(epochs, at[~there])
+        noise_free = np.zeros((len(at), 6))
+        noise_free[there] = readings(
+            field, positions[there], taken[there], attitudes[there], case.gradiometer.instrument
+        )
         altimeter = math.inf if case.altimeter is None else case.altimeter.time_constant_s
         require_short_delays(suite_of_case(case, "model"), altimeter, len(at))
     for assumed in (field, model_field):
-        assumed.tensor(*trajectory.positions[epochs].T)  # raises if the flight leaves the map
+        assumed.tensor(*trajectory.positions[needed].T)  # raises if the flight leaves the map
     return Flight(
-        case, trajectory, delta_angles, delta_velocities, field, model_field, epochs, noise_free
-    )
+        case, trajectory, delta_angles, delta_velocities, field, model_field, epochs, noise_free,
+        measured,
+    )  # fmt: skip
 
 
 @lru_cache(maxsize=8)
@@ -416,11 +439,7 @@ def trajectory_of(spec: TrajectorySpec, dt: float) -> Trajectory:
             start.position, start.speed, start.heading, pitch, roll, spec.manoeuvres(), dt,
             banks=banks, size=len(spec.segment),
         )  # fmt: skip
-    from ..trajectory.track import (
-        read_track,  # not at the top: it loads slowly, few flights have a track
-    )
-
-    track = read_track(spec.file, spec.track_limits())
+    track = spec.track()
     try:
         return along(track, dt, pitch, roll, banks)
     except TrajectoryError as error:

@@ -21,6 +21,7 @@ from ..ins.strapdown import TRACK
 from ..numerics.lanes import in_lanes, out_of_lanes
 from ..numerics.rotations import between
 from ..sensors.aiding import Motion
+from ..sensors.coloured_noise import Whitening
 from ..sensors.model import model_arrays
 from .aiding import aiding_about
 from .sensor_suite import SensorSuite
@@ -222,8 +223,11 @@ def build_problems(
     gradients = np.zeros((*ins.states.shape[:2], model.gradients))
     there = np.zeros(gradients.shape, dtype=bool)
     there[:, at] = ~read.missing[:, :, np.newaxis]
+    output, whitening = treatment.apply(read.gradients), _whitening(model, times[at], read.missing)
+    if whitening is not None:
+        output = whitening.apply(output)
     # Zero where a reading is missing, as the model predicts it then, whatever the state.
-    gradients[:, at] = np.where(there[:, at], treatment.apply(read.gradients), 0.0)
+    gradients[:, at] = np.where(there[:, at], output, 0.0)
     aiding, offset = aiding_about(model, model.weighed(field), when.aiding, motion)
     offset += ins.integrated @ aiding.gravity.T
     # Zero where nothing is delivered, as h is then.
@@ -254,6 +258,7 @@ def build_problems(
             (aiding, offset),
             model.dimension,
             model.gradient_bias,
+            whitening,
         ),
         layout=model.layout,
         present=np.concatenate([there, read.present], axis=2),
@@ -261,6 +266,20 @@ def build_problems(
         tracks=ins.states,
         map=field,
     )
+
+
+def _whitening(model: SensorSuite, times: np.ndarray, missing: np.ndarray) -> Whitening | None:
+    """Return the whitening of the readings of R runs, all of which miss the same ones (R, G).
+
+    Raises
+    ------
+    GGBenchError
+        If the noise is coloured and they do not.
+    """
+    found = model.whitening(times, missing[0])
+    if found is not None and (missing != missing[0]).any():
+        raise GGBenchError("coloured noise is whitened only where all runs miss the same readings")
+    return found
 
 
 def require_short_delays(model: SensorSuite, altimeter: float, count: int) -> None:

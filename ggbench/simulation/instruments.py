@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from pathlib import Path
 from typing import NamedTuple
 
 from ..errors import GGBenchError
+from ..files import sha256_of
 from ..gravity.ellipsoid import EOTVOS
 from ..ins.imu import Imu, SensorErrors
 from ..sensors.aiding import MGAL
+from ..sensors.coloured_noise import ColouredNoiseError, VectorAutoregression, read_noise
 from ..sensors.gradiometer.faults import Faults
 from ..sensors.gradiometer.instrument import Gradiometer, noise_rms, parse_components
 from ..sensors.gradiometer.lowpass import LowPass
@@ -21,6 +25,7 @@ from ..spec.sensors import (
     ImuSpec,
     TrueImu,
 )
+from ..trajectory.terrain_following import terrain_path as shipped_or_own
 
 STANDARD_GRAVITY = 9.80665
 """The g of accelerometer data sheets [m/s²]."""
@@ -72,11 +77,19 @@ def imu_of(spec: ImuSpec, errors: TrueImu) -> Imu:
 
 
 def gradiometer_of(spec: GradiometerSpec) -> Gradiometer:
-    """Return the gradiometer of a table."""
-    rate = 1.0 / spec.period_s
+    """Return the gradiometer of a table.
+
+    Raises
+    ------
+    GGBenchError
+        If its model of coloured noise cannot be read, or is of other channels or another period.
+    """
+    rate, colour = 1.0 / spec.period_s, _colour(spec)
     noise = spec.noise_eotvos
     if spec.noise_density_eotvos_per_sqrt_hz is not None:
         noise = noise_rms(spec.noise_density_eotvos_per_sqrt_hz, rate)
+    elif colour is not None:
+        noise = colour.rms
     elif noise is None:
         assert spec.rotating is not None  # the scenario checks it
         assert spec.rotating.accelerometer_noise_ng_per_sqrt_hz is not None
@@ -92,8 +105,42 @@ def gradiometer_of(spec: GradiometerSpec) -> Gradiometer:
     return Gradiometer(
         noise, lowpass, channel_names(spec), spec.instrument, spec.bias_eotvos,
         spec.drift_eotvos_per_sqrt_h / 60.0, behind,
-        spec.latency_s, spec.period_s, spec.filter_treatment, spec.whitening_regularization,
+        spec.latency_s, spec.period_s, spec.filter_treatment, spec.whitening_regularization, colour,
     )  # fmt: skip
+
+
+def noise_files(case: CaseSpec) -> Iterator[tuple[Path, str]]:
+    """Yield path and SHA-256 of each model of coloured noise that a case names, once.
+
+    Raises
+    ------
+    ColouredNoiseError
+        If one cannot be read.
+    """
+    specs = [case.side(name).gradiometer for name in ("truth", "model")]
+    names = dict.fromkeys(spec.coloured_noise for spec in specs if spec is not None)
+    for name in filter(None, names):
+        path = shipped_or_own(name)
+        yield path, sha256_of(path, ColouredNoiseError)
+
+
+def _colour(spec: GradiometerSpec) -> VectorAutoregression | None:
+    """Return the model of coloured noise that a table names, if it names one."""
+    if spec.coloured_noise is None:
+        return None
+    colour, components = read_noise(shipped_or_own(spec.coloured_noise)), channel_names(spec)
+    said = f"the noise model {spec.coloured_noise}"
+    if colour.components != components:
+        raise GGBenchError(
+            f"{said} has components {', '.join(colour.components)}, and the gradiometer has "
+            f"{', '.join(components)}: they must be the same, in the same order"
+        )
+    if abs(colour.interval - spec.period_s) > 1e-6 * spec.period_s:
+        raise GGBenchError(
+            f"{said} has interval_s {colour.interval:g}, and gradiometer.period_s is "
+            f"{spec.period_s:g}: they must be the same"
+        )
+    return colour
 
 
 def channel_names(spec: GradiometerSpec) -> tuple[str, ...]:

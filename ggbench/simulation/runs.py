@@ -193,6 +193,11 @@ class _Gradients(NamedTuple):
 def _gradients(flight: Flight, streams: Sequence[RandomStreams]) -> _Gradients:
     """Return what the gradiometers of R runs deliver; of no readings without one."""
     runs, width = len(streams), flight.model.gradients
+    if flight.measured is not None:
+        # What was measured is the same in all runs; nothing is known of its biases.
+        output = np.tile(np.nan_to_num(flight.measured), (runs, 1, 1))
+        unknown = np.zeros((runs, len(flight.times), width))
+        return _Gradients(output, np.tile(flight.absent, (runs, 1)), unknown)
     if flight.true.gradiometer is not None:
         output, biases = _gradiometer_output(flight, flight.true.gradiometer, streams)
         return _Gradients(output, _missing(flight, streams), biases)

@@ -29,6 +29,7 @@ from ..ins.transitions import transitions_lanes
 from ..numerics.lanes import in_lanes
 from ..problem import Channel, StateBlock
 from ..sensors.aiding import AidingSensor, Motion
+from ..sensors.coloured_noise import Whitening
 from ..sensors.gradiometer.instrument import Gradiometer
 from ..sensors.gradiometer.lowpass import Prefilter, prefilter
 from ..spec.case import CaseSpec
@@ -93,13 +94,14 @@ class SensorSuite:
 
     @property
     def remembers(self) -> bool:
-        """Whether filtered or late readings, or what is integrated, depend on the track before.
+        """Whether filtered, late or whitened readings, or integrals, depend on the track before.
 
         Feedback would change that track.
         """
-        if self.gradiometer is not None and self.gradiometer.lowpass is not None:
+        sensor = self.gradiometer
+        if sensor is not None and (sensor.lowpass is not None or sensor.colour is not None):
             return True
-        return self.integrates or (self.gradiometer is not None and self.gradiometer.latency > 0.0)
+        return self.integrates or (sensor is not None and sensor.latency > 0.0)
 
     @property
     def gradients(self) -> int:
@@ -168,6 +170,7 @@ class SensorSuite:
         """Covariance (m, m) of the measurements' noise as the filter's treatment leaves it.
 
         Whitening takes the noise behind the filter into account by itself, see :meth:`treatment`.
+        Coloured noise is what :meth:`whitening` leaves of it.
         """
         variances: list[float] = []
         gradiometer = self.gradiometer
@@ -176,7 +179,9 @@ class SensorSuite:
             if gradiometer.lowpass is None or gradiometer.treatment == "delayed":
                 variance += gradiometer.noise_behind_filter**2
             errors = self.map_error or (0.0,) * self.gradients
-            variances += [variance + error**2 for error in errors]
+            colour = gradiometer.colour
+            own = [variance] * self.gradients if colour is None else [*colour.deviations**2]
+            variances += [of + error**2 for of, error in zip(own, errors, strict=True)]
         variances += [sigma**2 for sensor in self.aiding for sigma in sensor.noise]
         return np.diag(variances)
 
@@ -195,6 +200,18 @@ class SensorSuite:
         return prefilter(
             sensor.lowpass, count, sensor.treatment, max(behind, sensor.regularisation)
         )
+
+    def whitening(self, times: np.ndarray, missing: np.ndarray) -> Whitening | None:
+        """Return the whitening of the gradiometer's readings, None if their noise is white.
+
+        Parameters
+        ----------
+        times : (G,) of the readings [s].
+        missing : (G,) which of them there are not.
+        """
+        if self.gradiometer is None or self.gradiometer.colour is None:
+            return None
+        return self.gradiometer.colour.whitening(times, missing)
 
     @cached_property
     def prior_cov(self) -> np.ndarray:

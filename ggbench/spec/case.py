@@ -227,6 +227,14 @@ class CaseSpec(Section):
             self.altimeter.require_slower_than(self.imu.period_s)
         if self.draw.tracks > 1 and self.trajectory.file is not None:
             raise ValueError("draw.tracks needs segments: a track of a file cannot be moved")
+        if self.draw.maps > 1 and len(self.trajectory.drawn_lines) > 1:
+            raise ValueError("draw.maps and several trajectory.lines exclude each other")
+        measured = self.gradiometer is not None and self.gradiometer.readings == "measured"
+        if measured and not self.trajectory.lines:
+            raise ValueError(
+                'gradiometer.readings = "measured" needs survey lines: give trajectory.file and '
+                "trajectory.lines"
+            )
         if self.draw.maps > 1 and not self.map_errors():
             raise ValueError(
                 "draw.maps needs a map error: give [field.error], [truth.field.error] or "
@@ -246,6 +254,11 @@ class CaseSpec(Section):
             raise ValueError(
                 f"{said} is of components east, north and up: it needs a gradiometer with "
                 'instrument = "local-level"'
+            )
+        if model.gradiometer.coloured_noise is not None:
+            raise ValueError(
+                f"{said} goes with white noise: coloured noise from held-back lines includes the "
+                "errors of the map"
             )
 
     @property
@@ -301,8 +314,15 @@ class CaseSpec(Section):
 
     @property
     def drawn(self) -> bool:
-        """Whether its runs have tracks or map errors of their own."""
-        return self.draw.tracks > 1 or self.draw.maps > 1
+        """Whether its runs have tracks, survey lines or map errors of their own."""
+        return max(self.draw.tracks, self.draw.maps, len(self.trajectory.drawn_lines)) > 1
+
+    def cluster(self, run: int) -> int:
+        """Return the number of the track, line or map error that a run shares with others."""
+        shared = max(self.draw.maps, self.draw.tracks, len(self.trajectory.drawn_lines))
+        if self.draw.maps > 1:
+            shared = self.draw.maps
+        return run % shared if shared > 1 else run
 
     def of_run(self, run: int) -> CaseSpec:
         """Return the case with the track and the map errors of a run."""

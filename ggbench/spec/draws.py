@@ -33,12 +33,6 @@ class DrawSpec(Section):
     maps: Annotated[int, Field(ge=1, le=1000)] = 1
     """Number of map errors; run r has map error r modulo this number."""
 
-    def cluster(self, run: int) -> int:
-        """Return the number of the track or map error that a run shares with others."""
-        if self.maps > 1:
-            return run % self.maps
-        return run % self.tracks if self.tracks > 1 else run
-
 
 @lru_cache(maxsize=4096)
 def of_run(case: CaseSpec, run: int) -> CaseSpec:
@@ -47,6 +41,9 @@ def of_run(case: CaseSpec, run: int) -> CaseSpec:
     change: dict[str, Any] = {"draw": DrawSpec()}
     if draw.tracks > 1:
         change["trajectory"] = _moved(case.trajectory, draw, run % draw.tracks)
+    if lines := case.trajectory.drawn_lines:
+        line = lines[run % len(lines)]
+        change["trajectory"] = case.trajectory.model_copy(update={"lines": (line,)})
     for side, error in case.map_errors().items() if draw.maps > 1 else ():
         seeded = error.model_copy(update={"seed": error.seed + run % draw.maps})
         tables = getattr(case, side) if side else case

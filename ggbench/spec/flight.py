@@ -238,6 +238,11 @@ class FlightSpec(Section):
             )
         if self.gradiometer is not None:
             self.gradiometer.require_tractable()
+            if self.gradiometer.readings != "simulated":
+                raise ValueError(
+                    "gradiometer.readings is of a simulated flight: those of this one are in "
+                    "gradiometer.file"
+                )
         if self.disturbance is not None:
             self.disturbance.require_integrable(self.gradiometer, self.field.compensate)
             if self.disturbance.integrate_gradients and self.ins is not None:

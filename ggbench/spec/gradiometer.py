@@ -7,7 +7,7 @@ changes it for the estimators alone.
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import Field, model_validator
 
@@ -17,8 +17,8 @@ from .aiding import Interruptions, PeriodicSpec
 from .tables import Listed, Section, changes
 
 Component = Literal["xx", "xy", "xz", "yy", "yz", "zz", "xx-yy", "yy-zz", "zz-xx"]
-NOISES = ("noise_eotvos", "noise_density_eotvos_per_sqrt_hz")
-"""The two ways to state the gradiometer's noise; one replaces the other."""
+NOISES = ("noise_eotvos", "noise_density_eotvos_per_sqrt_hz", "coloured_noise")
+"""The ways to state the gradiometer's noise; one replaces the others."""
 
 
 class RotatingSpec(Section):
@@ -48,6 +48,10 @@ class GradiometerSpec(PeriodicSpec):
     """RMS of a reading of a channel. Give this, the density, or that of rotating accelerometers."""
     noise_density_eotvos_per_sqrt_hz: q.Noise | None = None
     """Density D of the noise, whose RMS at a rate f is D √(f/2), in place of the RMS."""
+    coloured_noise: Annotated[str, Field(min_length=1)] | None = None
+    """A vector autoregression (JSON) in place of the RMS: a shipped name, or the path of a file."""
+    readings: Literal["simulated", "measured"] = "simulated"
+    """Whether readings are simulated, or those of the survey lines that `[trajectory]` flies."""
     bias_eotvos: q.GradiometerBias = 0.0
     """Standard deviation of a bias of each channel; where estimators assume one, it is a state."""
     drift_eotvos_per_sqrt_h: q.GradiometerBias = 0.0
@@ -81,8 +85,8 @@ class GradiometerSpec(PeriodicSpec):
 
     @model_validator(mode="after")
     def _check(self) -> GradiometerSpec:
-        noises = [self.noise_eotvos, self.noise_density_eotvos_per_sqrt_hz]
-        said = "noise_eotvos (RMS) and noise_density_eotvos_per_sqrt_hz"
+        noises: list[Any] = [getattr(self, key) for key in NOISES]
+        said = "noise_eotvos (RMS), noise_density_eotvos_per_sqrt_hz and coloured_noise"
         if self.rotating is not None:
             noises.append(self.rotating.accelerometer_noise_ng_per_sqrt_hz)
             said += " and rotating.accelerometer_noise_ng_per_sqrt_hz"
@@ -101,6 +105,20 @@ class GradiometerSpec(PeriodicSpec):
                 "components must not be given with [gradiometer.rotating]: its spin_axes say "
                 "what it measures"
             )
+        if self.coloured_noise is not None:
+            self._require_plain("coloured_noise")
+            if self.bias_eotvos > 0.0 or self.drift_eotvos_per_sqrt_h > 0.0:
+                raise ValueError(
+                    "coloured_noise is whitened without states of biases: bias_eotvos and "
+                    "drift_eotvos_per_sqrt_h must be 0"
+                )
+        if self.readings == "measured":
+            self._require_plain('readings = "measured"')
+            if self.instrument != "local-level":
+                raise ValueError(
+                    'readings = "measured" are east, north and up: instrument = "local-level", '
+                    f'found "{self.instrument}"'
+                )
         nyquist = 0.5 / self.period_s
         if self.filter != "none" and self.filter_cutoff_hz >= nyquist:
             raise ValueError(
@@ -109,6 +127,17 @@ class GradiometerSpec(PeriodicSpec):
                 'use filter = "none" or read faster'
             )
         return self
+
+    def _require_plain(self, key: str) -> None:
+        """Raise ValueError if there is more than a key can go with."""
+        for other, wrong in (
+            ("filter", self.filter != "none"),
+            ("latency_s", self.latency_s > 0.0),
+            ("noise_behind_filter_eotvos", self.noise_behind_filter_eotvos is not None),
+            ('instrument = "strapdown"', self.instrument == "strapdown"),
+        ):
+            if wrong:
+                raise ValueError(f"{key} and {other} exclude each other")
 
     def require_tractable(self) -> None:
         """Raise ValueError if estimators have no model of its readings."""
@@ -123,7 +152,7 @@ class GradiometerSpec(PeriodicSpec):
 @changes(
     GradiometerSpec,
     but=(
-        "period_s", "instrument", "components", "rotating", "filter", "filter_order",
+        "period_s", "instrument", "components", "readings", "rotating", "filter", "filter_order",
         "filter_cutoff_hz", "filter_treatment", "whitening_regularization",
     ),
 )  # fmt: skip
@@ -199,6 +228,18 @@ class TrueGradiometer(GradiometerChange, Interruptions):
 
     def require_possible(self, spec: GradiometerSpec) -> None:
         """Raise ValueError if an instrument, as it is in truth, cannot have these errors."""
+        if spec.readings == "measured" and self.model_dump(exclude_defaults=True):
+            raise ValueError(
+                "truth.gradiometer: measured readings have the errors that they have; remove its "
+                "keys"
+            )
+        if spec.coloured_noise is not None and (
+            self.dropout_share > 0.0 or self.noise_freedom is not None
+        ):
+            raise ValueError(
+                "truth.gradiometer: dropout_share and noise_freedom need white noise; "
+                "gradiometer.coloured_noise is coloured"
+            )
         if spec.filter != "none" and (self.dropouts_s or self.dropout_share > 0.0):
             raise ValueError(
                 "truth.gradiometer: readings can only drop out of an instrument without a filter; "

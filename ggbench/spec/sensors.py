@@ -239,6 +239,10 @@ class DisturbanceSpec(Section):
             raise ValueError(
                 f'{said} needs readings without delay: gradiometer.filter = "none" and no latency_s'
             )
+        if gradiometer.coloured_noise is not None:
+            raise ValueError(
+                f"{said} makes a walk of white noise: gradiometer.coloured_noise must not be given"
+            )
         if gradiometer.bias_eotvos > 0.0 or gradiometer.drift_eotvos_per_sqrt_h > 0.0:
             raise ValueError(
                 f"{said} has no states for the integral of a gradiometer bias: "
@@ -306,9 +310,9 @@ def merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]
         inner: Any = found.get(key)
         tables = isinstance(value, Mapping) and isinstance(inner, Mapping)
         found[key] = merged(inner, value) if tables else value
-    for new, old in (NOISES, NOISES[::-1]):
-        if new in change and old in base and old not in change:
-            found.pop(old)
+    if any(noise in change for noise in NOISES):
+        for noise in set(NOISES) - set(change):
+            found.pop(noise, None)
     of_disks = "accelerometer_noise_ng_per_sqrt_hz"
     disks, changed_disks = found.get("rotating"), change.get("rotating")
     if isinstance(changed_disks, Mapping) and of_disks in changed_disks:

@@ -28,8 +28,10 @@ from . import quantities as q
 from .tables import Listed, Section
 
 if TYPE_CHECKING:
-    from ..trajectory.track import TrackLimits
+    from ..trajectory.survey_lines import SurveyLine
+    from ..trajectory.track import Track, TrackLimits
 
+LineName = Annotated[str, Field(min_length=1)]
 _PLAN_STEP = 0.5  # of the plan whose duration counts before the IMU's rate is known [s]
 
 Kind = Literal["rates", "cruise", "climb", "turn", "speed", "terrain-following"]
@@ -185,7 +187,9 @@ class SegmentSpec(Section):
 
 
 _START = ("latitude_deg", "longitude_deg", "height_m", "speed_mps", "heading_deg")
-_TRACK = ("max_gap_s", "max_acceleration_mps2", "smoothing_s")
+_TRACK = (
+    "max_gap_s", "max_acceleration_mps2", "smoothing_s", "lines", "middle_s", "made_up_turns",
+)  # fmt: skip
 
 
 class TrajectorySpec(Section):
@@ -211,7 +215,16 @@ class TrajectorySpec(Section):
     vehicle: Literal["aircraft", "ship"] = "aircraft"
     """An aircraft banks into its turns and pitches with its climb angle; a ship stays level."""
     file: Annotated[str, Field(min_length=1)] | None = None
-    """Name of a shipped track, or path of a track (CSV), in place of start and segments."""
+    """Name of a shipped track, or path of a track (CSV), in place of start and segments.
+
+    With `lines` it holds survey lines and their readings (CSV, also packed by gzip).
+    """
+    lines: Listed[LineName] = ()
+    """Survey lines of the file: run r flies line r modulo their number."""
+    made_up_turns: bool = False
+    """Survey lines: each run flies all of them, by their times, with turns made up between."""
+    middle_s: q.Duration | None = None
+    """Survey lines: length of the middle of each line that is flown. Without it: the whole line."""
     max_gap_s: q.Duration | None = None
     """Track: longest time between two rows. Without it: five median steps."""
     max_acceleration_mps2: q.TrackAcceleration = 50.0
@@ -229,6 +242,18 @@ class TrajectorySpec(Section):
                         f"'{key}' cannot be given with 'file', which says where and how to fly; "
                         "remove one of them"
                     )
+            if self.lines:
+                self.require_distinct("lines", "a line")
+                if len(self.drawn_lines) > 1 and self.middle_s is None:
+                    raise ValueError(
+                        "middle_s is missing: results need equal flights of all lines, so that "
+                        "only the middle of each is flown"
+                    )
+                if self.made_up_turns and self.middle_s is not None:
+                    raise ValueError("made_up_turns flies whole lines; remove middle_s")
+            elif self.middle_s is not None or self.made_up_turns:
+                key = "made_up_turns" if self.made_up_turns else "middle_s"
+                raise ValueError(f"'{key}' belongs to survey lines; it needs 'lines'")
             return self
         for key in _TRACK:
             if key in given:
@@ -248,6 +273,11 @@ class TrajectorySpec(Section):
         return self
 
     @property
+    def drawn_lines(self) -> tuple[str, ...]:
+        """The survey lines of which a run flies one; none where it flies all."""
+        return () if self.made_up_turns else self.lines
+
+    @property
     def duration_s(self) -> float:
         """Length of the flight [s].
 
@@ -257,11 +287,7 @@ class TrajectorySpec(Section):
             A ValueError: if a segment cannot be flown, or a file cannot be used.
         """
         if self.file is not None:
-            from ..trajectory.track import (
-                read_track,  # not at the top: it loads slowly, few flights have one
-            )
-
-            return float(read_track(self.file, self.track_limits()).times[-1])
+            return float(self.track().times[-1])
         if all(segment.kind == "rates" for segment in self.segment):
             return sum(s.duration_s for s in self.segment if s.duration_s) * self.repeat
         return _duration(self, file_versions(self))
@@ -289,6 +315,46 @@ class TrajectorySpec(Section):
         from ..trajectory.track import TrackLimits
 
         return TrackLimits(self.max_gap_s, self.max_acceleration_mps2, self.smoothing_s)
+
+    def track(self) -> Track:
+        """Return the track of the file: of survey lines that of the first.
+
+        Raises
+        ------
+        TrajectoryError
+            If the file cannot be used.
+        """
+        from ..trajectory.track import (
+            read_track,  # not at the top: it loads slowly, few flights have one
+        )
+
+        assert self.file is not None
+        if not self.lines:
+            return read_track(self.file, self.track_limits())
+        line = self.survey_line()
+        try:
+            return line.track(self.track_limits(), self.middle_s)
+        except TrajectoryError as error:
+            raise TrajectoryError(f"survey lines {self.file}: {error}") from None
+
+    def survey_line(self) -> SurveyLine:
+        """Return the survey line that is flown: the first, or all of them as one.
+
+        Raises
+        ------
+        TrajectoryError
+            If the file cannot be used, or has no such line.
+        """
+        from ..trajectory.made_up_turns import all_lines
+        from ..trajectory.survey_lines import line_named
+
+        assert self.file is not None
+        if not self.made_up_turns:
+            return line_named(self.file, self.lines[0])
+        try:
+            return all_lines([line_named(self.file, name) for name in self.lines])
+        except TrajectoryError as error:
+            raise TrajectoryError(f"survey lines {self.file}: {error}") from None
 
     def files(self) -> list[Path]:
         """Return the files on whose content the flight depends."""

@@ -151,8 +151,8 @@ def heights(name: str, latitude: Array, longitude: Array) -> Array:
 
 
 def terrain_path(name: str) -> Path:
-    """Return where a terrain lies: among the shipped data, or where its path says."""
-    if Path(name).name == name:
+    """Return where a file lies: among the shipped data, or where its path says."""
+    if not Path(name).is_absolute() and ".." not in Path(name).parts:
         shipped = importlib.resources.files("ggbench.scenarios") / "data" / name
         if isinstance(shipped, Path) and shipped.is_file():
             return shipped

@@ -104,13 +104,39 @@ def _read_track(file: str, limits: TrackLimits, time: int, size: int) -> Track:
         raise TrajectoryError(f"cannot read the track {file}: {error.strerror}") from None
     try:
         columns, first = parse(content)
-        return _track(columns, first, limits)
+        return track_of(columns, first, limits)
     except TrajectoryError as error:
         raise TrajectoryError(f"track {file}: {error}") from None
 
 
-def _track(columns: dict[str, Array], first: int, limits: TrackLimits) -> Track:
-    """Check the columns of a track and make it smooth; ``first`` is the line of its first row."""
+def part_of(track: Track, start: float, end: float) -> Track:
+    """Return the part of a track between two of its times [s], as a track from 0."""
+
+    def moved(spline: CubicSpline) -> CubicSpline:
+        return CubicSpline(track.times - start, spline(track.times))
+
+    angles = [
+        None if angle is None else PchipInterpolator(track.times - start, angle(track.times))
+        for angle in track.angles
+    ]
+    inside = (track.times >= start) & (track.times <= end)
+    return Track(track.times[inside] - start, tuple(map(moved, track.position)), tuple(angles))
+
+
+def track_of(columns: dict[str, Array], first: int, limits: TrackLimits) -> Track:
+    """Return the track of columns, checked and smooth.
+
+    Parameters
+    ----------
+    columns : name to numbers (N,).
+    first : line of the file with the first row.
+    limits : what the track may look like.
+
+    Raises
+    ------
+    TrajectoryError
+        With a sentence that names the line, what was found and what is allowed.
+    """
     for key, (low, high, unit) in _RANGES.items():
         if key in columns:
             bad = (columns[key] < low) | (columns[key] > high)

@@ -26,6 +26,7 @@ from small_cases import (
     small_case,
     small_flight,
 )
+from small_noise import survey
 
 from ggbench.gravity import parker
 from ggbench.gravity.ellipsoid import metres_per_radian
@@ -484,6 +485,12 @@ def test_tracks(key):
     assert getattr(limits, TRACK[key]) == pytest.approx(si(key, 3.5))
 
 
+def test_the_middle_of_survey_lines(tmp_path):
+    path = survey(tmp_path / "lines.csv")
+    spec = TrajectorySpec(file=path, lines=("30",), middle_s=7.0)
+    assert spec.duration_s == pytest.approx(si("trajectory.middle_s", 7.0))
+
+
 @pytest.mark.parametrize(
     ("key", "row"), [*SEGMENT.items(), *SEGMENT_TWICE.items()], ids=lambda x: str(x)[:30]
 )
@@ -625,7 +632,7 @@ WITHOUT_UNIT = {
 def test_every_number_has_a_row():
     """A key that is new names its unit, and has a row above, or is said to have none."""
     rows = {
-        *SENSORS, *TRAJECTORY, *TRACK,
+        *SENSORS, *TRAJECTORY, *TRACK, "trajectory.middle_s",
         *(f"truth.{name}.dropouts_s" for name in ("gradiometer", *AIDING)),
         "truth.field.constant_disturbance_mgal",
         *(f"trajectory.segment.{key}" for key in SEGMENT),

@@ -102,8 +102,8 @@ def test_map_errors_are_those_of_consecutive_seeds(side):
 )
 def test_runs_that_share_a_draw_are_one_cluster(changes, clusters):
     """Of the map error where one is drawn, else of the track, else each run its own."""
-    draw = small_case(changes).draw
-    assert [draw.cluster(run) for run in range(8)] == clusters
+    case = small_case(changes)
+    assert [case.cluster(run) for run in range(8)] == clusters
 
 
 @pytest.mark.parametrize(

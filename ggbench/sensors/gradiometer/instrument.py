@@ -29,6 +29,7 @@ from ...gravity.ellipsoid import ROTATION_RATE
 from ...gravity.field import Field, gradients
 from ...numerics.kernels import compiled, inlined
 from ...numerics.vectors import like
+from ..coloured_noise import VectorAutoregression
 from .lowpass import LowPass, Treatment
 
 COMPONENTS = ("xx", "xy", "xz", "yy", "yz", "zz")
@@ -216,7 +217,7 @@ class Gradiometer:
 
     Attributes
     ----------
-    noise_eotvos : RMS of the white noise of each channel, before the filter [E].
+    noise_eotvos : RMS of the noise of each channel, before the filter [E].
     lowpass : the instrument's filter, or None.
     components : names of its channels.
     instrument : how it is mounted, one of :data:`INSTRUMENTS`.
@@ -227,6 +228,7 @@ class Gradiometer:
     period : time between two readings [s].
     treatment : inversion of the filter in the measurement model.
     regularisation : least noise behind the filter, in units of that before it, in the inversion.
+    colour : the noise, if it is coloured; ``noise_eotvos`` is its RMS over the channels then.
     """
 
     noise_eotvos: float
@@ -240,6 +242,7 @@ class Gradiometer:
     period: float = 1.0
     treatment: Treatment = "whitened"
     regularisation: float = 1e-2
+    colour: VectorAutoregression | None = None
 
     @property
     def channels(self) -> np.ndarray:
@@ -259,7 +262,9 @@ class Gradiometer:
         return np.asarray(readings @ (_TRACELESS @ np.linalg.pinv(self.channels @ _TRACELESS)).T)
 
     def noise(self, count: int, rng: np.random.Generator) -> np.ndarray:
-        """Return white noise (count, m) of its channels, before the filter [E]."""
+        """Return noise (count, m) of its channels, before the filter [E]."""
+        if self.colour is not None:
+            return self.colour.simulate(self._white(count, rng))
         return self.noise_eotvos * self._white(count, rng)
 
     def noise_behind(self, count: int, rng: np.random.Generator) -> np.ndarray:

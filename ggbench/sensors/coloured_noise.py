@@ -1,0 +1,315 @@
+"""Coloured noise of the gradiometer's channels: a vector autoregression, and its whitening.
+
+n_k = Σ_i A_i n_{k−i} + e_k, where the e_k are independent with a covariance Σ across the channels.
+A reading z_k = h_k + n_k is whitened by what the model predicts of its noise,
+
+    w_k = V (z_k − Σ_i A_i z_{k−i}) = V (h_k − Σ_i A_i h_{k−i}) + V e_k,
+
+with V = D C⁻¹, Σ = C Cᵀ (Cholesky) and D the diagonal of C. The noise of w then has the covariance
+D² at every reading: each channel keeps its unit and is cleared of what the channels before it tell
+of its noise. At the start of a stretch of readings without a gap less is known of the noise before:
+the best linear predictor of as many readings as there are takes the place of the A_i, and its own
+root that of C. That is exact for a stationary process: the likelihood of w is that of z.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..errors import GGBenchError
+from ..files import written_whole
+from ..numerics.frozen import freeze_arrays, frozen
+
+FORMAT = "ggbench coloured noise 1"
+"""What the file of a noise model says of itself."""
+_KEYS = (
+    "format", "components", "interval_s", "coefficients", "innovation_cov_eotvos2", "provenance",
+)  # fmt: skip
+_MOST_ORDER = 64
+_TIMING = 1e-3
+"""By how much readings may be off the model's interval [intervals]."""
+
+
+class ColouredNoiseError(GGBenchError):
+    """A model of coloured noise is none, or its file cannot be read."""
+
+
+class Whitening(NamedTuple):
+    """The whitening of G readings of m channels, each with up to p earlier ones.
+
+    Attributes
+    ----------
+    weights : (G, p + 1, m, m) of a reading and of those before it; zero where there is none.
+    """
+
+    weights: np.ndarray
+
+    def apply(self, readings: np.ndarray) -> np.ndarray:
+        """Return w (..., G, m) of readings (..., G, m)."""
+        white = np.einsum("gij,...gj->...gi", self.weights[:, 0], readings)
+        for lag in range(1, self.weights.shape[1]):
+            earlier = readings[..., : max(readings.shape[-2] - lag, 0), :]
+            weights = self.weights[lag:, lag]
+            white[..., lag:, :] += np.einsum("gij,...gj->...gi", weights, earlier)
+        return np.asarray(white)
+
+
+@dataclass(frozen=True, eq=False)
+class VectorAutoregression:
+    """A stationary vector autoregression of order p over the m channels of a gradiometer.
+
+    Attributes
+    ----------
+    components : names of the channels.
+    interval : between readings [s].
+    coefficients : (p, m, m) A_i; p may be 0.
+    innovation_cov : (m, m) Σ [E²].
+    provenance : where the model comes from, in words.
+
+    Raises
+    ------
+    ColouredNoiseError
+        If shapes do not fit, Σ is no covariance, or the process is not stable.
+    """
+
+    components: tuple[str, ...]
+    interval: float
+    coefficients: np.ndarray
+    innovation_cov: np.ndarray
+    provenance: str = ""
+
+    def __post_init__(self) -> None:
+        m, shape = len(self.components), self.coefficients.shape
+        if m == 0 or len(set(self.components)) != m:
+            raise ColouredNoiseError("components must be names of channels, each once")
+        if not 0.0 < self.interval < np.inf:
+            raise ColouredNoiseError(f"interval_s is {self.interval:g} and must be positive")
+        if len(shape) != 3 or shape[1:] != (m, m) or shape[0] > _MOST_ORDER:
+            raise ColouredNoiseError(
+                f"coefficients have shape {shape} and must be at most {_MOST_ORDER} matrices of "
+                f"{m} by {m}, as there are {m} components"
+            )
+        cov = self.innovation_cov
+        if cov.shape != (m, m) or not (np.isfinite(cov).all() and _is_covariance(cov)):
+            raise ColouredNoiseError(
+                f"innovation_cov_eotvos2 must be a covariance of {m} components: {m} by {m}, "
+                "symmetric and positive definite"
+            )
+        if not (np.isfinite(self.coefficients).all() and self.spectral_radius < 1.0):
+            raise ColouredNoiseError(
+                f"the autoregression is not stable: its spectral radius is "
+                f"{self.spectral_radius:.4g} and must be below 1"
+            )
+        freeze_arrays(self)
+
+    @property
+    def order(self) -> int:
+        """Number of earlier readings p that the noise remembers."""
+        return len(self.coefficients)
+
+    @cached_property
+    def _companion(self) -> np.ndarray:
+        """The matrix (p m, p m) that takes p values of the process, the last first, a step on."""
+        m = len(self.components)
+        found = np.eye(self.order * m, k=-m)
+        found[:m] = np.hstack([*self.coefficients])
+        return found
+
+    @cached_property
+    def spectral_radius(self) -> float:
+        """The largest modulus of the process's poles; below 1 it is stable."""
+        if self.order == 0:
+            return 0.0
+        if not np.isfinite(self.coefficients).all():
+            return np.inf
+        return float(np.abs(np.linalg.eigvals(self._companion)).max())
+
+    def autocovariance(self, lags: int) -> np.ndarray:
+        """Return Γ_l = E[n_k n_{k−l}ᵀ] (lags + 1, m, m) [E²] up to a lag."""
+        m, p = len(self.components), self.order
+        found = np.zeros((max(lags + 1, p), m, m))
+        if p == 0:
+            found[0] = self.innovation_cov
+        else:
+            from scipy.linalg import solve_discrete_lyapunov  # not every flight needs it
+
+            driven = np.zeros((p * m, p * m))
+            driven[:m, :m] = self.innovation_cov
+            joint = solve_discrete_lyapunov(self._companion, driven)
+            found[:p] = joint[:m].reshape(m, p, m).swapaxes(0, 1)
+            for lag in range(p, lags + 1):
+                before = found[lag - 1 :: -1][:p]
+                found[lag] = np.einsum("iab,ibc->ac", self.coefficients, before)
+        return found[: lags + 1]
+
+    @cached_property
+    def stationary_cov(self) -> np.ndarray:
+        """Covariance (m, m) of the noise itself [E²]."""
+        return frozen(self.autocovariance(0)[0])
+
+    @property
+    def rms(self) -> float:
+        """RMS of the noise over the channels [E]."""
+        return float(np.sqrt(np.diag(self.stationary_cov).mean()))
+
+    @cached_property
+    def deviations(self) -> np.ndarray:
+        """Standard deviations D (m,) of whitened readings [E]."""
+        return frozen(np.diag(np.linalg.cholesky(self.innovation_cov)))
+
+    @cached_property
+    def _rows(self) -> np.ndarray:
+        """Weights (p + 1, p + 1, m, m) of a reading with 0, …, p earlier ones, and of those."""
+        m, p = len(self.components), self.order
+        rows = np.zeros((p + 1, p + 1, m, m))
+        covariance = self.autocovariance(p)
+        for known in range(p + 1):
+            predictor, left = self.coefficients, self.innovation_cov
+            if known < p:
+                predictor, left = _predictor(covariance, known)
+            scaled = self.deviations[:, np.newaxis] * np.linalg.inv(np.linalg.cholesky(left))
+            rows[known, 0] = scaled
+            rows[known, 1 : known + 1] = -scaled @ predictor
+        return rows
+
+    def whitening(self, times: np.ndarray, missing: np.ndarray) -> Whitening:
+        """Return the whitening of readings at times (G,) [s], some of them missing (G,).
+
+        A stretch ends where a reading is missing, or comes later than the interval.
+        """
+        known, since = np.zeros(len(times), dtype=int), -1
+        for k, gone in enumerate(missing):
+            follows = k > 0 and times[k] - times[k - 1] < (1.0 + _TIMING) * self.interval
+            since = -1 if gone else since + 1 if follows else 0
+            known[k] = min(since, self.order)
+        weights = self._rows[known]
+        weights[known < 0] = 0.0
+        return Whitening(weights)
+
+    def simulate(self, white: np.ndarray) -> np.ndarray:
+        """Return noise (K, m) [E] of a stationary process, of standard normal numbers (K, m)."""
+        noise, rows, p = np.zeros(white.shape), self._rows, self.order
+        inverse = np.linalg.inv(rows[:, 0])
+        for k, drawn in enumerate(white):
+            known = min(k, p)
+            before = noise[k - known : k][::-1]
+            told = np.einsum("iab,ib->a", rows[known, 1 : known + 1], before)
+            noise[k] = inverse[known] @ (self.deviations * drawn - told)
+        return noise
+
+    def write(self, path: Path) -> None:
+        """Write the model to a JSON file.
+
+        Raises
+        ------
+        ColouredNoiseError
+            If it cannot be written.
+        """
+        content = {
+            "format": FORMAT,
+            "components": list(self.components),
+            "interval_s": self.interval,
+            "coefficients": self.coefficients.tolist(),
+            "innovation_cov_eotvos2": self.innovation_cov.tolist(),
+            "provenance": self.provenance,
+        }
+        with written_whole(path, ColouredNoiseError, "the noise model ") as temporary:
+            temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+
+def read_noise(path: Path) -> VectorAutoregression:
+    """Return the model of a JSON file; the last few are kept.
+
+    Raises
+    ------
+    ColouredNoiseError
+        With a sentence that names the file, what was found and what is allowed.
+    """
+    try:
+        status = path.stat()
+    except OSError as error:
+        raise ColouredNoiseError(f"cannot read the noise model {path}: {error.strerror}") from None
+    return _read(path, status.st_mtime_ns, status.st_size)
+
+
+@lru_cache(maxsize=16)
+def _read(path: Path, time: int, size: int) -> VectorAutoregression:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ColouredNoiseError(f"cannot read the noise model {path}: {error.strerror}") from None
+    except (ValueError, RecursionError):
+        raise ColouredNoiseError(f"the noise model {path} is no JSON text") from None
+    try:
+        return _model(content)
+    except ColouredNoiseError as error:
+        raise ColouredNoiseError(f"the noise model {path}: {error}") from None
+
+
+def _model(content: Any) -> VectorAutoregression:
+    """Return the model of the content of a file."""
+    if not isinstance(content, Mapping) or content.get("format") != FORMAT:
+        raise ColouredNoiseError(f'must be an object with "format": "{FORMAT}"')
+    for key in _KEYS:
+        if key not in content:
+            raise ColouredNoiseError(f"has no {key}; its keys are {', '.join(_KEYS)}")
+    names = content["components"]
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise ColouredNoiseError("components must be a list of names")
+    m = len(names)
+    coefficients = _numbers("coefficients", content["coefficients"])
+    if coefficients.size == 0:
+        coefficients = np.zeros((0, m, m))
+    return VectorAutoregression(
+        tuple(names),
+        float(_numbers("interval_s", content["interval_s"]).sum()),
+        coefficients,
+        _numbers("innovation_cov_eotvos2", content["innovation_cov_eotvos2"]),
+        str(content["provenance"]),
+    )
+
+
+def _numbers(key: str, found: Any) -> np.ndarray:
+    """Return nested lists of numbers as an array."""
+    try:
+        return np.array(found, dtype=float)
+    except (ValueError, TypeError):
+        raise ColouredNoiseError(f"{key} must be numbers, as many in every row") from None
+
+
+def _is_covariance(cov: np.ndarray) -> bool:
+    """Return whether a matrix is symmetric, to rounding, and positive definite."""
+    if not np.allclose(cov, cov.T, rtol=1e-9, atol=0.0):
+        return False
+    return bool(np.linalg.eigvalsh(cov).min() > 0.0)
+
+
+def _predictor(covariance: np.ndarray, known: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the best linear predictor (known, m, m) of earlier values, and what it leaves (m, m).
+
+    Parameters
+    ----------
+    covariance : (p + 1, m, m) Γ of the process.
+    known : how many values before are known.
+    """
+    m = covariance.shape[1]
+    if known == 0:
+        return np.zeros((0, m, m)), covariance[0]
+    # Of n_{k−1}, …, n_{k−known}: E[n_{k−i} n_{k−j}ᵀ] is Γ of the lag j − i.
+    among = np.block(
+        [
+            [covariance[j - i] if j >= i else covariance[i - j].T for j in range(known)]
+            for i in range(known)
+        ]
+    )
+    across = np.hstack([*covariance[1 : known + 1]])
+    gains = np.linalg.solve(among, across.T).T
+    left = covariance[0] - gains @ across.T
+    return gains.reshape(m, known, m).swapaxes(0, 1), 0.5 * (left + left.T)

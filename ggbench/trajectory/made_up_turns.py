@@ -1,0 +1,166 @@
+"""All lines of a survey as one flight: in the order of their times, with turns made up between.
+
+A turn goes straight on, turns, goes over and turns to the same side, and comes in straight. It is
+so long that an aircraft fills the time between two lines at the speeds of their ends. Nothing was
+measured on it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from ..gravity.ellipsoid import metres_per_radian
+from .manoeuvres import Array, TrajectoryError
+from .survey_lines import SurveyLine
+
+_ENDS = 5
+"""Over how many samples the velocity at the end of a line is taken."""
+_FINE = 4001
+"""By how many points a turn is drawn."""
+_RADIUS_M, _TIGHTEST_M = 1000.0, 200.0
+"""Radius of turns, where there is time for it, and the least [m]."""
+_HALVINGS = 50
+_TIMING = 1e-3
+_AXES = ("latitude_deg", "longitude_deg", "height_m")
+
+
+def all_lines(lines: Sequence[SurveyLine]) -> SurveyLine:
+    """Return lines as one, with samples in the turns whose readings are missing.
+
+    Raises
+    ------
+    TrajectoryError
+        If lines overlap in time, their samples do not fit together, or a turn cannot be flown in
+        its time.
+    """
+    ordered = sorted(lines, key=lambda line: float(line.places["time_s"][0]))
+    parts = ordered[:1]
+    for before, after in pairwise(ordered):
+        parts += [_turn(before, after), after]
+
+    def joined(tables: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
+        return {key: np.concatenate([table[key] for table in tables]) for key in tables[0]}
+
+    first, last = ordered[0], ordered[-1]
+    return SurveyLine(
+        f"{first.name} to {last.name}", first.kind, first.row,
+        joined([part.places for part in parts]), joined([part.readings for part in parts]),
+    )  # fmt: skip
+
+
+def _turn(before: SurveyLine, after: SurveyLine) -> SurveyLine:
+    """Return the samples between two lines as a line without readings."""
+    name, step = f"the turn from line {before.name} to line {after.name}", before.interval
+    ended = float(before.places["time_s"][-1])
+    time = float(after.places["time_s"][0]) - ended
+    count = round(time / step)
+    if count < 2 or max(abs(count * step - time), abs(after.interval - step)) > _TIMING:
+        raise TrajectoryError(
+            f"{name} lasts {time:g} s, and must last two or more intervals of {step:g} s"
+        )
+    origin = np.array([before.places[key][-1] for key in _AXES])
+    north, east = metres_per_radian(np.array([math.radians(origin[0]), 0.0, origin[2]]))
+    scale = np.array([math.radians(north), math.radians(east), 1.0])
+    tail, head = (
+        (np.stack([line.places[key][rows] for key in _AXES], axis=-1) - origin) * scale
+        for line, rows in ((before, slice(-_ENDS, None)), (after, slice(_ENDS)))
+    )
+    leaving, coming = ((ends[-1] - ends[0]) / ((_ENDS - 1) * step) for ends in (tail, head))
+    speeds = math.hypot(*leaving[:2]), math.hypot(*coming[:2])
+    length = 0.5 * (speeds[0] + speeds[1]) * time
+    headings = [math.atan2(velocity[1], velocity[0]) for velocity in (leaving, coming)]
+    curve = _curve_of(
+        length, _Curve(tail[-1, :2], head[0, :2], headings[0], headings[1], 0.0, _RADIUS_M)
+    )
+    if curve is None:
+        raise TrajectoryError(
+            f"{name} is too long for its {time:g} s, in which {length:.0f} m are flown"
+        )
+    # The speed changes evenly from that of the one end to that of the other, so does the height.
+    share = np.arange(1, count) / count
+    flown = (speeds[0] * share + 0.5 * (speeds[1] - speeds[0]) * share**2) * time
+    points = np.column_stack([curve.points(flown * curve.length / length), share * head[0, 2]])
+    places = dict(zip(_AXES, (origin + points / scale).T, strict=True))
+    places["time_s"] = ended + step * np.arange(1, count)
+    nothing = {key: np.full(count - 1, np.nan) for key in before.readings}
+    return SurveyLine(name, before.kind, before.row, places, nothing)
+
+
+@dataclass(frozen=True)
+class _Curve:
+    """A way between two points (2,) [m] with given headings there [rad, from the first axis].
+
+    Straight on, a turn, straight over, a turn to the same side, straight on.
+    """
+
+    start: Array
+    end: Array
+    leaving: float
+    coming: float
+    straight: float
+    radius: float
+
+    @cached_property
+    def _turns(self) -> tuple[float, float, float, float]:
+        """Side, first angle, distance between the turns and last angle of the shorter way."""
+        ways = []
+        for side in (1.0, -1.0):
+            centres = [
+                point + sign * self.straight * _unit(heading)
+                + self.radius * _unit(heading + 0.5 * side * math.pi)
+                for point, heading, sign in (
+                    (self.start, self.leaving, 1.0), (self.end, self.coming, -1.0)
+                )
+            ]  # fmt: skip
+            across = centres[1] - centres[0]
+            over = math.atan2(across[1], across[0])
+            first = side * (over - self.leaving) % math.tau
+            last = side * (self.coming - over) % math.tau
+            ways.append((side, first, math.hypot(*across), last))
+        return min(ways, key=lambda way: self.radius * (way[1] + way[3]) + way[2])
+
+    @property
+    def length(self) -> float:
+        """Its length [m]."""
+        _, first, between, last = self._turns
+        return 2.0 * self.straight + self.radius * (first + last) + between
+
+    def points(self, at: Array) -> Array:
+        """Return its points (N, 2) at distances (N,) from the start."""
+        side, first, between, last = self._turns
+        fine = np.linspace(0.0, self.length, _FINE)
+        begun = self.straight + self.radius * first + between
+        turned = np.clip(fine - self.straight, 0.0, self.radius * first)
+        turned += np.clip(fine - begun, 0.0, self.radius * last)
+        heading = self.leaving + side * turned / self.radius
+        middle = 0.5 * (heading[1:] + heading[:-1])
+        steps = fine[1] * np.stack([np.cos(middle), np.sin(middle)], axis=-1)
+        path = self.start + np.vstack([np.zeros(2), np.cumsum(steps, axis=0)])
+        # What the sum has rounded is spread over the way.
+        path += np.linspace(0.0, 1.0, _FINE)[:, np.newaxis] * (self.end - path[-1])
+        return np.stack([np.interp(at, fine, path[:, axis]) for axis in range(2)], axis=-1)
+
+
+def _curve_of(length: float, curve: _Curve) -> _Curve | None:
+    """Return a way of a length [m] by longer straights or tighter turns; None if there is none."""
+    while curve.length > length:
+        curve = replace(curve, radius=0.8 * curve.radius)
+        if curve.radius < _TIGHTEST_M:
+            return None
+    low, high = 0.0, length
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        low, high = (
+            (middle, high) if replace(curve, straight=middle).length < length else (low, middle)
+        )
+    return replace(curve, straight=low)
+
+
+def _unit(heading: float) -> Array:
+    return np.array([math.cos(heading), math.sin(heading)])

@@ -1,0 +1,217 @@
+"""Survey lines with the gradients that were measured on them, from a CSV file.
+
+The first line of the file names the columns: line, kind, time_s, latitude_deg, longitude_deg,
+height_m (above the ellipsoid) and components in axes east, north, up, as xx or xx_eotvos; other
+columns are passed over. A row is a sample; the rows of a line follow one another, at one interval.
+Readings are of the disturbing field. An empty one is missing.
+"""
+
+from __future__ import annotations
+
+import gzip
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from ..sensors.gradiometer.instrument import COMPONENTS, DIFFERENCES
+from .csv_text import CsvText
+from .manoeuvres import Array, TrajectoryError
+from .track import Track, TrackLimits, part_of, track_of
+from .track_file import FEWEST_ROWS
+
+_PLACES = ("time_s", "latitude_deg", "longitude_deg", "height_m")
+_UNIT = "_eotvos"
+_COMPONENTS = (*COMPONENTS, *DIFFERENCES)
+_WANTED = f"line, kind, {', '.join(_PLACES)}, and of {', '.join(_COMPONENTS)} what was measured"
+_LARGEST = 500_000_000  # file, unpacked [bytes]
+_TIMING = 1e-3
+"""By how much samples may be off the interval of a file [s]."""
+_MOST_NAMED = 12
+
+
+@dataclass(frozen=True)
+class SurveyLine:
+    """A line of a survey.
+
+    Attributes
+    ----------
+    name, kind : as the file has them.
+    row : number of the file's line with the first sample.
+    places : name of the column to its numbers (N,): time_s, latitude_deg, longitude_deg, height_m.
+    readings : component to gradients of the disturbing field, ENU (N,) [E]; NaN where missing.
+    """
+
+    name: str
+    kind: str
+    row: int
+    places: Mapping[str, Array]
+    readings: Mapping[str, Array]
+
+    @property
+    def interval(self) -> float:
+        """Time between two samples [s]."""
+        times = self.places["time_s"]
+        return float(np.round((times[-1] - times[0]) / (len(times) - 1), 6))
+
+    def middle(self, duration: float | None) -> slice:
+        """Return the samples in the middle of the line that last so long [s]; all without one.
+
+        Raises
+        ------
+        TrajectoryError
+            If the line is shorter, or the duration is no multiple of the interval.
+        """
+        count = len(self.places["time_s"]) - 1
+        if duration is None:
+            return slice(0, count + 1)
+        steps = round(duration / self.interval)
+        if abs(steps * self.interval - duration) > _TIMING:
+            raise TrajectoryError(
+                f"middle_s is {duration:g} and must be a multiple of the interval of the samples, "
+                f"{self.interval:g} s"
+            )
+        if steps > count:
+            raise TrajectoryError(
+                f"line {self.name} lasts {count * self.interval:g} s, and middle_s is {duration:g}"
+            )
+        first = (count - steps) // 2
+        return slice(first, first + steps + 1)
+
+    def track(self, limits: TrackLimits, duration: float | None) -> Track:
+        """Return the track of the middle of the line, smoothed as a part of the whole of it."""
+        whole = track_of(dict(self.places), self.row, limits)
+        part, times = self.middle(duration), self.places["time_s"]
+        return part_of(whole, times[part.start] - times[0], times[part.stop - 1] - times[0])
+
+    def measured(self, components: Sequence[str], duration: float | None, period: float) -> Array:
+        """Return the readings (G, m) of the middle of the line, at multiples of a period [s].
+
+        The first is a period after the start; NaN where one is missing.
+
+        Raises
+        ------
+        TrajectoryError
+            If the file has no such component, or samples at other times.
+        """
+        for name in components:
+            if name not in self.readings:
+                raise TrajectoryError(
+                    f"has no column {name}, which gradiometer.components names; its components: "
+                    f"{', '.join(self.readings)}"
+                )
+        stride = round(period / self.interval)
+        if stride < 1 or abs(stride * self.interval - period) > _TIMING:
+            raise TrajectoryError(
+                f"has a sample every {self.interval:g} s, and gradiometer.period_s is {period:g}: "
+                "it must be a multiple"
+            )
+        part = self.middle(duration)
+        read = np.stack([self.readings[name] for name in components], axis=-1)
+        return np.asarray(read[part][stride::stride])
+
+
+def read_lines(file: str) -> Mapping[str, SurveyLine]:
+    """Return the lines of a file (CSV, or CSV packed by gzip) by name.
+
+    Raises
+    ------
+    TrajectoryError
+        With a sentence that names the file, the line, what was found and what is allowed.
+    """
+    try:
+        status = Path(file).stat()
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not a path"
+        raise TrajectoryError(f"cannot read the survey lines {file}: {reason}") from None
+    try:
+        return _read_lines(file, status.st_mtime_ns, status.st_size)
+    except TrajectoryError as error:
+        raise TrajectoryError(f"survey lines {file}: {error}") from None
+
+
+@lru_cache(maxsize=4)
+def _read_lines(file: str, time: int, size: int) -> Mapping[str, SurveyLine]:
+    text = CsvText.of(_unpacked(Path(file)), _WANTED)
+    for name in ("line", "kind", *_PLACES):
+        if text.names.count(name) != 1:
+            raise TrajectoryError(
+                f"line {text.line} must name a column {name} once; wanted: {_WANTED}"
+            )
+    components = {
+        name.removesuffix(_UNIT): at
+        for at, name in enumerate(text.names)
+        if name.removesuffix(_UNIT) in _COMPONENTS
+    }
+    if not components:
+        raise TrajectoryError(f"line {text.line} names no column of gradients; wanted: {_WANTED}")
+    columns = {name: text.names.index(name) for name in _PLACES} | components
+    numbers = text.numbers(columns, may_be_empty=frozenset(components))
+    cells = [row.split(text.separator) for row in text.rows]
+    names, kinds = (
+        [row[text.names.index(key)].strip() for row in cells] for key in ("line", "kind")
+    )
+    found: dict[str, SurveyLine] = {}
+    starts = [n for n in range(len(names)) if n == 0 or names[n] != names[n - 1]]
+    for start, stop in zip(starts, [*starts[1:], len(names)], strict=True):
+        name, row = names[start], text.line + 1 + start
+        if name in found:
+            raise TrajectoryError(f"line {row}: the rows of {name} do not follow one another")
+        if stop - start < FEWEST_ROWS:
+            raise TrajectoryError(
+                f"line {row}: {name} has {stop - start} rows; a line needs at least {FEWEST_ROWS}"
+            )
+        places = {key: numbers[key][start:stop] for key in _PLACES}
+        readings = {key: numbers[key][start:stop] for key in components}
+        line = SurveyLine(name, kinds[start], row, places, readings)
+        _require_even(line)
+        found[name] = line
+    return found
+
+
+def _unpacked(file: Path) -> bytes:
+    """Return the content of a file, which may be packed."""
+    try:
+        content = file.read_bytes()
+        if content[:2] == b"\x1f\x8b":
+            content = gzip.decompress(content)
+    except OSError as error:
+        raise TrajectoryError(f"cannot be read: {error.strerror or error}") from None
+    except (EOFError, zlib.error) as error:
+        raise TrajectoryError(f"cannot be unpacked: {error}") from None
+    if len(content) > _LARGEST:
+        raise TrajectoryError(f"has {len(content) / 1e6:.0f} MB; at most {_LARGEST / 1e6:g} may be")
+    return content
+
+
+def _require_even(line: SurveyLine) -> None:
+    """Raise TrajectoryError unless the samples of a line come at one interval."""
+    times = line.places["time_s"]
+    off = np.abs(times - times[0] - line.interval * np.arange(len(times)))
+    if not line.interval > 0.0 or off.max() > _TIMING:
+        n = int(np.argmax(off > _TIMING))
+        raise TrajectoryError(
+            f"line {line.row + n}: time_s is {times[n]:.10g}, and the samples of line {line.name} "
+            f"must come every {line.interval:g} s; fill a gap with rows without readings"
+        )
+
+
+def line_named(file: str, name: str) -> SurveyLine:
+    """Return a line of a file.
+
+    Raises
+    ------
+    TrajectoryError
+        If the file cannot be used, or has no line of that name.
+    """
+    lines = read_lines(file)
+    if name not in lines:
+        named = ", ".join([*lines][:_MOST_NAMED])
+        more = f" and {len(lines) - _MOST_NAMED} more" if len(lines) > _MOST_NAMED else ""
+        raise TrajectoryError(
+            f"survey lines {file}: there is no line '{name}'; its lines: {named}{more}"
+        )
+    return lines[name]

@@ -1,0 +1,268 @@
+"""Readings that were measured: the lines of a survey are flown, and deliver what they had."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from small_cases import blank_map, small_case
+from small_noise import LINES, NOISE, SECONDS, survey
+
+from ggbench.campaign import result_keys, runner
+from ggbench.campaign.inputs import input_files
+from ggbench.campaign.runner import Task
+from ggbench.errors import GGBenchError
+from ggbench.gravity.ellipsoid import metres_per_radian
+from ggbench.gravity.field import Field
+from ggbench.judging.situations import is_right_model, situation_of
+from ggbench.maps.recipe import write
+from ggbench.report.conditions import _gradiometer
+from ggbench.simulation.error_free_flight import prepare
+from ggbench.simulation.runs import simulate, simulate_block
+from ggbench.trajectory.survey_lines import read_lines
+
+MIDDLE = 20.0
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Survey lines, a noise model and a map of nothing, by which readings are not touched."""
+    found = Path(tmp_path_factory.mktemp("measured"))
+    survey(found / "lines.csv")
+    NOISE.write(found / "noise.json")
+    write(found / "map.npz", blank_map())
+    return found
+
+
+@pytest.fixture
+def keys(folder: Path) -> dict[str, Any]:
+    start = dict.fromkeys(
+        f"trajectory.{key}"
+        for key in ("latitude_deg", "longitude_deg", "height_m", "speed_mps", "heading_deg")
+    )
+    return start | {
+        "trajectory.segment": None,
+        "trajectory.file": str(folder / "lines.csv"),
+        "trajectory.lines": list(LINES),
+        "trajectory.middle_s": MIDDLE,
+        "gradiometer.readings": "measured",
+        "gradiometer.instrument": "local-level",
+        "gradiometer.components": ["xx", "xz"],
+        "field.source": str(folder / "map.npz"),
+    }
+
+
+def test_a_reading_reaches_the_problem_as_it_was_measured(folder, keys):
+    """The middle of a line, less the normal field at its places; the INS's errors do not touch it.
+
+    The truth is the surveyed track, and the map of nothing predicts the normal field.
+    """
+    case = small_case(keys).of_run(1)
+    line = read_lines(str(folder / "lines.csv"))["20.1"]
+    flight = prepare(case)
+    part = line.middle(MIDDLE)
+    assert (part.start, part.stop) == (3, 24)  # the middle of 27 samples
+    normal = Field.normal().tensor(*flight.trajectory.positions[flight.epochs].T)[:, [0, 2]]
+    one, other = (simulate(flight, 5, run)[0].measurements for run in (1, 4))
+    np.testing.assert_array_equal(one, other)
+    read = np.stack([line.readings[name][part][1:] for name in ("xx", "xz")], axis=-1)
+    np.testing.assert_allclose(one - normal, read, rtol=0.0, atol=1e-9)
+    surveyed = np.stack([line.places[key] for key in ("latitude_deg", "longitude_deg")], axis=-1)
+    off = flight.trajectory.positions[flight.epochs, :2] - np.radians(surveyed[part][1:])
+    assert np.abs(off * metres_per_radian(flight.trajectory.positions[0])).max() < 0.01
+    assert line.kind == "repeat"
+
+
+def test_coloured_noise_is_whitened_behind_it(folder, keys):
+    """What estimators receive is the whitening of the same readings."""
+    white = prepare(small_case(keys).of_run(0))
+    noise = {"gradiometer.noise_eotvos": None,
+             "gradiometer.coloured_noise": str(folder / "noise.json")}  # fmt: skip
+    flight = prepare(small_case(keys | noise).of_run(0))
+    whitening = NOISE.whitening(flight.times, flight.absent)
+    np.testing.assert_array_equal(
+        simulate(flight, 5, 0)[0].measurements,
+        whitening.apply(simulate(white, 5, 0)[0].measurements),
+    )
+
+
+def test_runs_fly_the_lines_in_equal_shares(keys):
+    """Run r flies line r modulo their number; that is its cluster; results are of a block, too."""
+    case = small_case(keys)
+    flown = [case.of_run(run).trajectory.lines for run in range(9)]
+    assert Counter(flown) == {(name,): 3 for name in LINES}
+    assert [case.cluster(run) for run in range(6)] == [0, 1, 2, 0, 1, 2]
+    assert case.drawn
+    task = Task(case, "", (0, 1, 2, 3), 5, ())
+    block, _ = runner._simulated_block(task, task.runs)
+    for run in task.runs:
+        alone = simulate_block(prepare(case.of_run(run)), 5, [run])[0]
+        np.testing.assert_array_equal(block.measurements[run], alone.measurements[0])
+    assert not np.array_equal(block.measurements[0], block.measurements[1])
+    np.testing.assert_array_equal(block.measurements[0], block.measurements[3])
+    assert not np.array_equal(block.tracks[0], block.tracks[3])
+
+
+def test_a_missing_reading_is_no_reading(folder, keys, tmp_path):
+    """An empty cell: nothing is present, the bound counts without it, whitening begins anew."""
+    rows = (folder / "lines.csv").read_text().splitlines()
+    gap = 1 + 2 + 10  # of the first line: the tenth reading of the flight
+    cells = rows[gap].split(",")
+    rows[gap] = ",".join([*cells[:7], "", *cells[8:]])
+    (tmp_path / "gap.csv").write_text("\n".join(rows))
+    with_gap = keys | {"trajectory.file": str(tmp_path / "gap.csv"), "trajectory.lines": ["10"]}
+    noise = {"gradiometer.noise_eotvos": None,
+             "gradiometer.coloured_noise": str(folder / "noise.json")}  # fmt: skip
+    flight = prepare(small_case(with_gap | noise))
+    problem, _ = simulate(flight, 5, 0)
+    assert np.flatnonzero(~problem.present.all(axis=1)).tolist() == [9]
+    np.testing.assert_array_equal(problem.measurements[9], 0.0)
+    np.testing.assert_array_equal(flight.bound.jacobians[9], 0.0)
+    assert np.isfinite(problem.measurements).all()
+    again = NOISE.whitening(flight.times[10:], np.zeros(10, dtype=bool))
+    expected = again.apply(flight.measured[10:])
+    np.testing.assert_allclose(problem.measurements[10:], expected, atol=1e-9)
+
+
+def test_all_lines_are_flown_by_their_times_with_turns_between(folder, keys, tmp_path):
+    """Readings on lines only, the turns smooth, of the speeds of the lines' ends; one cluster."""
+    rows = (folder / "lines.csv").read_text().splitlines()
+    lines = read_lines(str(folder / "lines.csv")).values()
+    day = {"trajectory.lines": [*LINES][::-1], "trajectory.made_up_turns": True,
+           "trajectory.smoothing_s": 4.0}  # fmt: skip
+    whole = {key: value for key, value in keys.items() if key != "trajectory.middle_s"}
+    sooner = [row.split(",") for row in rows[1:]]  # lines 200 s apart instead of 1000 s
+    for cells in sooner:
+        cells[3] = str(float(cells[3]) % 1000.0 + 200.0 * (float(cells[3]) // 1000.0))
+    path = tmp_path / "day.csv"
+    path.write_text("\n".join([rows[0], *(",".join(cells) for cells in sooner)]))
+    case = small_case(whole | day | {"trajectory.file": str(path)})
+    flight = prepare(case)
+    assert flight.times[-1] == 2 * 200.0 + SECONDS + 2
+    begun = [0.0, 200.0, 400.0]
+    on = [(flight.times >= t) & (flight.times <= t + SECONDS + n) for n, t in enumerate(begun)]
+    np.testing.assert_array_equal(~flight.absent, np.logical_or.reduce(on))
+    *_, last = lines
+    normal = Field.normal().tensor(*flight.trajectory.positions[flight.epochs].T)[:, [0, 2]]
+    read = np.stack([last.readings[name] for name in ("xx", "xz")], axis=-1)
+    np.testing.assert_allclose((flight.measured - normal)[on[2]], read, rtol=0.0, atol=1e-9)
+    speeds = np.linalg.norm(flight.trajectory.velocities, axis=1)
+    assert 50.0 < speeds.min() < speeds.max() < 66.0  # the lines are flown with 60 m/s
+    steps = np.diff(flight.trajectory.velocities, axis=0) / flight.trajectory.dt
+    assert np.linalg.norm(steps, axis=1).max() < 6.0  # 3.6 on a radius of a kilometre
+    assert not case.drawn
+    assert [case.cluster(run) for run in range(3)] == [0, 1, 2]
+
+
+def test_a_turn_without_time_is_refused(folder, keys, tmp_path):
+    """Lines that overlap, and lines too far apart for the time between them."""
+    whole = {key: value for key, value in keys.items() if key != "trajectory.middle_s"}
+    rows = [row.split(",") for row in (folder / "lines.csv").read_text().splitlines()]
+    for later, said in ((10.0, "must last two or more intervals"), (30.0, "is too long for its")):
+        moved = [rows[0]] + [
+            [*row[:3], str(float(row[3]) % 1000.0 + later * (float(row[3]) // 1000.0)), *row[4:]]
+            for row in rows[1:]
+        ]
+        path = tmp_path / f"{later:g}.csv"
+        path.write_text("\n".join(",".join(row) for row in moved))
+        day = {"trajectory.file": str(path), "trajectory.made_up_turns": True}
+        with pytest.raises(GGBenchError, match=said):
+            prepare(small_case(whole | day))
+
+
+def test_no_model_is_the_right_one_of_what_was_measured(keys):
+    """And the page says that readings are measured."""
+    case = small_case(keys)
+    assert not is_right_model(case)
+    assert situation_of(case, 1000.0) == "measured"
+    assert _gradiometer(case)[0] == "measured readings"
+    simulated = small_case(keys | {"gradiometer.readings": "simulated"})
+    assert is_right_model(simulated)
+
+
+def test_a_key_is_of_the_content_of_the_files(folder, keys, tmp_path):
+    """Copies elsewhere make the same problem, another noise model another one; all are listed."""
+    for name in ("lines.csv", "noise.json"):
+        (tmp_path / name).write_bytes((folder / name).read_bytes())
+    noise = {"gradiometer.noise_eotvos": None}
+
+    def key(place: Path, change: dict[str, Any] | None = None) -> str:
+        files = {"trajectory.file": str(place / "lines.csv"),
+                 "gradiometer.coloured_noise": str(place / "noise.json")}  # fmt: skip
+        case = small_case(keys | noise | files | (change or {}))
+        assert {file["name"] for file in input_files([case])} >= {"lines.csv", "noise.json"}
+        return result_keys.problem_key(case, 5)
+
+    assert key(folder) == key(tmp_path)
+    assert key(folder) != key(folder, {"trajectory.lines": [*LINES[:2]]})
+    (tmp_path / "noise.json").write_text((folder / "noise.json").read_text() + "\n")
+    assert key(folder) != key(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"gradiometer.components": ["xx", "xy"]}, "has no column xy"),
+        ({"trajectory.lines": ["31.1"]}, "there is no line '31.1'; its lines: 10, 20.1, 30"),
+        ({"trajectory.lines": ["10", "10"]}, "lines names a line twice"),
+        ({"trajectory.lines": []}, "'middle_s' belongs to survey lines"),
+        ({"trajectory.middle_s": 26.0}, f"line 10 lasts {SECONDS} s, and middle_s is 26"),
+        ({"trajectory.middle_s": 19.5}, "must be a multiple of the interval"),
+        ({"gradiometer.period_s": 1.5}, "has a sample every 1 s, and gradiometer.period_s is 1.5"),
+        ({"gradiometer.instrument": "platform"}, 'instrument = "local-level", found "platform"'),
+        ({"gradiometer.latency_s": 0.5}, "exclude each other"),
+        ({"truth.gradiometer.noise_eotvos": 1.0}, "have the errors that they have"),
+        ({"trajectory.file": "gone.csv"}, "cannot read"),
+        ({"draw.maps": 2, "model.field.error.white_noise_eotvos": 1.0}, "exclude each other"),
+    ],
+)
+def test_what_cannot_be_flown_is_refused_in_a_sentence(keys, changes, said):
+    with pytest.raises(GGBenchError) as raised:
+        prepare(small_case(keys | changes))
+    assert said in str(raised.value)
+    assert str(raised.value).count("survey lines /") < 2
+
+
+def test_lines_of_unequal_lengths_are_not_flown_whole(keys):
+    """Results need equal epochs: one line may be flown whole, several by their middles."""
+    whole = {key: value for key, value in keys.items() if key != "trajectory.middle_s"}
+    flight = prepare(small_case(whole | {"trajectory.lines": ["20.1"]}))
+    assert len(flight.times) == SECONDS + 1
+    with pytest.raises(GGBenchError, match="middle_s is missing"):
+        small_case(whole)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda rows: [rows[0].replace("kind", "sort"), *rows[1:]], "must name a column kind once"),
+        (lambda rows: [*rows[:9], *rows[30:], *rows[9:30]], "do not follow one"),
+        (lambda rows: [*rows[:5], *rows[7:]], "must come every"),
+        (lambda rows: rows[:4], "a line needs at least 5"),
+        (lambda rows: [row.rsplit(",", 3)[0] for row in rows], "names no column of gradients"),
+        (lambda rows: [*rows[:3], rows[3].replace("10000", "high"), *rows[4:]], "line 4: height_m"),
+    ],
+)
+def test_a_bad_file_of_lines_is_refused_in_a_sentence(folder, keys, tmp_path, change, said):
+    path = tmp_path / "bad.csv"
+    path.write_text("\n".join(change((folder / "lines.csv").read_text().splitlines())))
+    with pytest.raises(GGBenchError) as raised:
+        prepare(small_case(keys | {"trajectory.file": str(path), "trajectory.lines": ["10"]}))
+    assert said in str(raised.value)
+    assert str(path) in str(raised.value)
+
+
+def test_a_packed_file_is_read_as_it_is(folder, tmp_path):
+    import gzip
+
+    packed = tmp_path / "lines.csv.gz"
+    packed.write_bytes(gzip.compress((folder / "lines.csv").read_bytes()))
+    one, other = read_lines(str(folder / "lines.csv")), read_lines(str(packed))
+    assert [*one] == [*other] == [*LINES]
+    np.testing.assert_array_equal(one["30"].readings["xz"], other["30"].readings["xz"])
+    packed.write_bytes(packed.read_bytes()[:-20])
+    with pytest.raises(GGBenchError, match="cannot be unpacked"):
+        read_lines(str(packed))
