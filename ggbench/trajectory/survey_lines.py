@@ -11,7 +11,7 @@ from __future__ import annotations
 import gzip
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -29,7 +29,9 @@ _COMPONENTS = (*COMPONENTS, *DIFFERENCES)
 _WANTED = f"line, kind, {', '.join(_PLACES)}, and of {', '.join(_COMPONENTS)} what was measured"
 _LARGEST = 500_000_000  # file, unpacked [bytes]
 _TIMING = 1e-3
-"""By how much samples may be off the interval of a file [s]."""
+"""By how much a duration may be off a multiple of the interval [s]."""
+_JITTER = 0.05
+"""By how much samples may be off the interval of their line [intervals]."""
 _MOST_NAMED = 12
 
 
@@ -53,9 +55,27 @@ class SurveyLine:
 
     @property
     def interval(self) -> float:
-        """Time between two samples [s]."""
-        times = self.places["time_s"]
-        return float(np.round((times[-1] - times[0]) / (len(times) - 1), 6))
+        """Usual time between two samples [s]; their mean would follow a clock that drifts."""
+        return float(np.round(np.median(np.diff(self.places["time_s"])), 6))
+
+    def at_one_interval(self) -> SurveyLine:
+        """Return the line with times at one interval: what a clock is off is dropped.
+
+        Raises
+        ------
+        TrajectoryError
+            If the samples do not come at one interval.
+        """
+        times, interval = self.places["time_s"], self.interval
+        even = times[0] + interval * np.arange(len(times))
+        off = np.abs(times - even)
+        if not interval > 0.0 or off.max() > _JITTER * interval:
+            n = int(np.argmax(off > _JITTER * interval))
+            raise TrajectoryError(
+                f"line {self.row + n}: time_s is {times[n]:.10g}, and the samples of line "
+                f"{self.name} must come every {interval:g} s; fill a gap with rows without readings"
+            )
+        return replace(self, places={**self.places, "time_s": even})
 
     def middle(self, duration: float | None) -> slice:
         """Return the samples in the middle of the line that last so long [s]; all without one.
@@ -166,9 +186,7 @@ def _read_lines(file: str, time: int, size: int) -> Mapping[str, SurveyLine]:
             )
         places = {key: numbers[key][start:stop] for key in _PLACES}
         readings = {key: numbers[key][start:stop] for key in components}
-        line = SurveyLine(name, kinds[start], row, places, readings)
-        _require_even(line)
-        found[name] = line
+        found[name] = SurveyLine(name, kinds[start], row, places, readings)
     return found
 
 
@@ -187,25 +205,13 @@ def _unpacked(file: Path) -> bytes:
     return content
 
 
-def _require_even(line: SurveyLine) -> None:
-    """Raise TrajectoryError unless the samples of a line come at one interval."""
-    times = line.places["time_s"]
-    off = np.abs(times - times[0] - line.interval * np.arange(len(times)))
-    if not line.interval > 0.0 or off.max() > _TIMING:
-        n = int(np.argmax(off > _TIMING))
-        raise TrajectoryError(
-            f"line {line.row + n}: time_s is {times[n]:.10g}, and the samples of line {line.name} "
-            f"must come every {line.interval:g} s; fill a gap with rows without readings"
-        )
-
-
 def line_named(file: str, name: str) -> SurveyLine:
-    """Return a line of a file.
+    """Return a line of a file, its samples at one interval.
 
     Raises
     ------
     TrajectoryError
-        If the file cannot be used, or has no line of that name.
+        If the file cannot be used, has no line of that name, or the line has gaps.
     """
     lines = read_lines(file)
     if name not in lines:
@@ -214,4 +220,7 @@ def line_named(file: str, name: str) -> SurveyLine:
         raise TrajectoryError(
             f"survey lines {file}: there is no line '{name}'; its lines: {named}{more}"
         )
-    return lines[name]
+    try:
+        return lines[name].at_one_interval()
+    except TrajectoryError as error:
+        raise TrajectoryError(f"survey lines {file}: {error}") from None
