@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ggbench.sensors.coloured_noise import VectorAutoregression
+from ggbench.gravity.coloured_noise import VectorAutoregression
 
 NOISE = VectorAutoregression(
     ("xx", "xz"),

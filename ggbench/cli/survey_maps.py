@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -123,15 +124,13 @@ def _print_errors(errors: Any, quantity: str) -> None:
 
 
 def _write_noise(path: Path, inputs: Any, fit: Any) -> None:
-    from ..maps.survey_noise import noise_of, write_noise
+    from ..maps.survey_noise import noise_of
     from ..maps.survey_plan import provenance_of
 
-    model, interval, scores = noise_of(fit)
+    model, scores = noise_of(fit)
     for order, score in scores.items():
         click.echo(
             f"noise of order {order}: log-likelihood {score:.4f} a sample of lines held back"
         )
-    write_noise(
-        path, model, fit.lines.components, interval, provenance_of(inputs, fit, model.order)
-    )
-    click.echo(f"Wrote {path}, order {model.order}, largest root {model.largest_root():.3f}.")
+    replace(model, provenance=provenance_of(inputs, fit, model.order)).write(path)
+    click.echo(f"Wrote {path}, order {model.order}, largest root {model.spectral_radius:.3f}.")

@@ -8,67 +8,41 @@ likeliest.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve
 
-from ..files import written_whole
+from ..gravity.coloured_noise import VectorAutoregression
 from ..gravity.gradient_map import MapError
 from .survey_fit import FOLDS, SurveyFit
 
 Array = NDArray[np.float64]
 
-FORMAT = "ggbench coloured noise 1"
 ORDERS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 20)
+_DECIMALS = 7  # of what is stored; a file is the same on all machines
 _SAMPLES_PER_COEFFICIENT = 10  # fewer leave an order untried
 _GAP = 1.5  # intervals: a longer one ends a series
 
 
-@dataclass(frozen=True)
-class Autoregression:
-    """A vector autoregression.
-
-    Attributes
-    ----------
-    coefficients : A_1 ... A_p, (p, m, m).
-    covariance : C, (m, m).
-    """
-
-    coefficients: Array
-    covariance: Array
-
-    @property
-    def order(self) -> int:
-        """The order p."""
-        return len(self.coefficients)
-
-    def innovations(self, series: Array) -> Array:
-        """Return e_k of a series (n, m), from its sample p on, (n − p, m)."""
-        lagged = _lagged(series, self.order)
-        found: Array = series[self.order :] - lagged @ np.concatenate(
-            [a.T for a in self.coefficients]
-        )
-        return found
-
-    def largest_root(self) -> float:
-        """Return the largest root's modulus; below 1 the noise is stationary."""
-        order, count, _ = self.coefficients.shape
-        matrix = np.eye(order * count, k=-count)
-        matrix[:count] = np.hstack(list(self.coefficients))
-        return float(np.abs(np.linalg.eigvals(matrix)).max())
+def innovations(model: VectorAutoregression, series: Array) -> Array:
+    """Return e_k of a series (n, m), from its sample p on, (n − p, m)."""
+    lagged = _lagged(series, model.order)
+    found: Array = series[model.order :] - lagged @ np.concatenate(
+        [a.T for a in model.coefficients]
+    )
+    return found
 
 
-def autoregression(series: Sequence[Array], order: int) -> Autoregression:
+def autoregression(
+    series: Sequence[Array], order: int, components: Sequence[str], interval: float = 1.0
+) -> VectorAutoregression:
     """Return the autoregression of an order that fits some series (n, m) best.
 
     Raises
     ------
-    MapError
+    ColouredNoiseError
         If it is not stationary, or there are too few samples.
     """
     usable = [rows for rows in series if len(rows) > order]
@@ -77,20 +51,16 @@ def autoregression(series: Sequence[Array], order: int) -> Autoregression:
     solution = solve(lagged.T @ lagged, lagged.T @ targets, assume_a="pos")
     left = targets - lagged @ solution
     count = targets.shape[1]
-    model = Autoregression(
-        np.array([block.T for block in np.split(solution, order)]),
-        left.T @ left / (len(left) - order * count),
+    return VectorAutoregression(
+        tuple(components),
+        interval,
+        np.array([block.T for block in np.split(solution, order)]).round(_DECIMALS),
+        (left.T @ left / (len(left) - order * count)).round(_DECIMALS),
     )
-    if not model.largest_root() < 1.0:
-        raise MapError(
-            f"the noise's autoregression of order {order} is not stationary: its largest root is "
-            f"{model.largest_root():.4f}. Are the lines too short, or have they a trend?"
-        )
-    return model
 
 
-def noise_of(fit: SurveyFit) -> tuple[Autoregression, float, dict[int, float]]:
-    """Return the noise of lines held back, the interval [s], and a score of each order.
+def noise_of(fit: SurveyFit) -> tuple[VectorAutoregression, dict[int, float]]:
+    """Return the noise of lines held back, and a score of each order.
 
     The score is the mean log-likelihood of a sample of lines that the model was not fitted to.
 
@@ -103,7 +73,7 @@ def noise_of(fit: SurveyFit) -> tuple[Autoregression, float, dict[int, float]]:
     series = {index: _series(fit, index, interval) for index in fit.held_back}
     folds = [list(series)[first::FOLDS] for first in range(min(FOLDS, len(series)))]
     longest = max(ORDERS)
-    count = fit.lines.values.shape[1]
+    names, count = fit.lines.components, len(fit.lines.components)
     samples = sum(len(rows) for found in series.values() for rows in found)
     scores = {}
     for order in ORDERS:
@@ -112,32 +82,17 @@ def noise_of(fit: SurveyFit) -> tuple[Autoregression, float, dict[int, float]]:
         total, number = 0.0, 0
         for fold in folds:
             others = [rows for i in series if i not in fold for rows in series[i]]
-            model = autoregression(others, order)
+            model = autoregression(others, order, names, interval)
             held = [r for i in fold for r in series[i] if len(r) > longest]
-            found = np.concatenate([model.innovations(r)[longest - order :] for r in held])
+            found = np.concatenate([innovations(model, r)[longest - order :] for r in held])
             total += _log_likelihood(model, found)
             number += len(found)
         scores[order] = total / number
     if not scores:
         raise MapError(f"{samples} samples are too few for a model of the noise.")
     best = max(scores, key=lambda order: scores[order])
-    return autoregression([r for found in series.values() for r in found], best), interval, scores
-
-
-def write_noise(
-    path: Path, model: Autoregression, components: Sequence[str], interval_s: float, provenance: str
-) -> None:
-    """Write a model of noise as JSON. Raises MapError if it cannot be written."""
-    content = {
-        "format": FORMAT,
-        "components": list(components),
-        "interval_s": interval_s,
-        "coefficients": model.coefficients.round(7).tolist(),
-        "innovation_cov_eotvos2": model.covariance.round(7).tolist(),
-        "provenance": provenance,
-    }
-    with written_whole(path, MapError, "the noise ") as temporary:
-        temporary.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", "utf-8")
+    rows = [r for found in series.values() for r in found]
+    return autoregression(rows, best, names, interval), scores
 
 
 def _interval(fit: SurveyFit) -> float:
@@ -162,8 +117,8 @@ def _lagged(series: Array, order: int) -> Array:
     return np.hstack([series[order - lag : len(series) - lag] for lag in range(1, order + 1)])
 
 
-def _log_likelihood(model: Autoregression, innovations: Array) -> float:
+def _log_likelihood(model: VectorAutoregression, errors: Array) -> float:
     """Of innovations, in nepers."""
-    _, log_det = np.linalg.slogdet(2.0 * np.pi * model.covariance)
-    squared = np.einsum("ni,ni->", innovations, np.linalg.solve(model.covariance, innovations.T).T)
-    return float(-0.5 * (len(innovations) * log_det + squared))
+    _, log_det = np.linalg.slogdet(2.0 * np.pi * model.innovation_cov)
+    squared = np.einsum("ni,ni->", errors, np.linalg.solve(model.innovation_cov, errors.T).T)
+    return float(-0.5 * (len(errors) * log_det + squared))

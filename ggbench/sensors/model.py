@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..gravity.coloured_noise import Whitening
 from ..gravity.field import Field
 from ..numerics.frozen import frozen, read_only
 from . import aiding_kernels
 from .aiding_kernels import Aiding
-from .coloured_noise import Whitening
 from .gradiometer.instrument import INSTRUMENTS, STRAPDOWN, Gradiometer, readings_along
 from .gradiometer.lowpass import Prefilter
 from .model_arrays import ModelArrays

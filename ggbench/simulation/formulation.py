@@ -14,6 +14,7 @@ import numpy as np
 
 from ..block import ProblemBlock
 from ..errors import GGBenchError
+from ..gravity.coloured_noise import Whitening
 from ..gravity.field import Field
 from ..ins.error_model import POSITION, STATES, VELOCITY
 from ..ins.known_gravity import NORMAL_GRAVITY, KnownGravity, of_map, of_readings
@@ -21,7 +22,6 @@ from ..ins.strapdown import TRACK
 from ..numerics.lanes import in_lanes, out_of_lanes
 from ..numerics.rotations import between
 from ..sensors.aiding import Motion
-from ..sensors.coloured_noise import Whitening
 from ..sensors.model import model_arrays
 from .aiding import aiding_about
 from .sensor_suite import SensorSuite

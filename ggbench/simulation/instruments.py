@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 from ..errors import GGBenchError
 from ..files import sha256_of
+from ..gravity.coloured_noise import ColouredNoiseError, VectorAutoregression, read_noise
 from ..gravity.ellipsoid import EOTVOS
 from ..ins.imu import Imu, SensorErrors
 from ..sensors.aiding import MGAL
-from ..sensors.coloured_noise import ColouredNoiseError, VectorAutoregression, read_noise
 from ..sensors.gradiometer.faults import Faults
 from ..sensors.gradiometer.instrument import Gradiometer, noise_rms, parse_components
 from ..sensors.gradiometer.lowpass import LowPass

@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from ..gravity.coloured_noise import Whitening
 from ..gravity.field import DisturbanceMap, Field
 from ..ins.error_model import (
     ACCELEROMETER_BIAS,
@@ -29,7 +30,6 @@ from ..ins.transitions import transitions_lanes
 from ..numerics.lanes import in_lanes
 from ..problem import Channel, StateBlock
 from ..sensors.aiding import AidingSensor, Motion
-from ..sensors.coloured_noise import Whitening
 from ..sensors.gradiometer.instrument import Gradiometer
 from ..sensors.gradiometer.lowpass import Prefilter, prefilter
 from ..spec.case import CaseSpec

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import pandas as pd
 
 from ggbench.maps.survey_error import map_error
 from ggbench.maps.survey_fit import Wanted
-from ggbench.maps.survey_noise import noise_of, write_noise
+from ggbench.maps.survey_noise import noise_of
 from ggbench.maps.survey_plan import SurveyInputs, fit_survey, provenance_of
 
 DECIMALS = {"time_s": 2, "latitude_deg": 6, "longitude_deg": 6, "height_m": 1}
@@ -53,9 +54,7 @@ def write_map(folder: Path, name: str, leave_out: tuple[str, ...], wanted: Wante
         ),
         depth_m=np.array(fit.settings.depth_m),
     )  # fmt: skip
-    model, interval, scores = noise_of(fit)
+    model, scores = noise_of(fit)
     print({order: round(score, 4) for order, score in scores.items()})
-    write_noise(
-        folder / f"{name}_noise.json", model, lines.components, interval,
-        provenance_of(inputs, fit, model.order),
-    )  # fmt: skip
+    noise = replace(model, provenance=provenance_of(inputs, fit, model.order))
+    noise.write(folder / f"{name}_noise.json")

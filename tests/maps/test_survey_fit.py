@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 from importlib.resources import files
 
@@ -11,12 +10,13 @@ import numpy as np
 import pytest
 from made_surveys import field, survey
 
+from ggbench.gravity.coloured_noise import ColouredNoiseError, VectorAutoregression
 from ggbench.gravity.gradient_map import MapError
 from ggbench.maps.equivalent_sources import Plane
 from ggbench.maps.survey_error import map_error
 from ggbench.maps.survey_files import read_lines
 from ggbench.maps.survey_fit import Wanted, fit
-from ggbench.maps.survey_noise import Autoregression, autoregression, noise_of, write_noise
+from ggbench.maps.survey_noise import autoregression, innovations, noise_of
 
 WANTED = Wanted(500.0, 300.0)
 VINTON = files("ggbench.scenarios") / "data" / "measured" / "vinton2008.csv.gz"
@@ -93,9 +93,9 @@ def test_nothing_of_the_day_of_the_repeats_enters_the_map_or_its_noise():
     assert np.array_equal(masses, again[0])
     assert np.array_equal(errors, again[1], equal_nan=True)
     assert np.array_equal(noise[0].coefficients, again[2][0].coefficients)
-    assert np.array_equal(noise[0].covariance, again[2][0].covariance)
+    assert np.array_equal(noise[0].innovation_cov, again[2][0].innovation_cov)
     assert not np.array_equal(masses, other[0])
-    assert not np.array_equal(noise[0].covariance, other[2][0].covariance)
+    assert not np.array_equal(noise[0].innovation_cov, other[2][0].innovation_cov)
 
 
 def test_the_standard_error_is_that_of_the_map():
@@ -129,7 +129,9 @@ def test_components_that_no_line_measured_err_as_an_isotropic_field(noisy):
 
 # --- noise -------------------------------------------------------------------------------------
 
-TRUE = Autoregression(
+TRUE = VectorAutoregression(
+    ("xx", "xz"),
+    1.0,
     np.array([[[0.9, 0.1], [0.0, 0.7]], [[-0.3, 0.0], [0.1, -0.2]]]),
     np.array([[2.0, 0.5], [0.5, 1]]),
 )
@@ -138,7 +140,7 @@ TRUE = Autoregression(
 def drawn(count, lines, rng):
     out = []
     for _ in range(lines):
-        steps = rng.multivariate_normal(np.zeros(2), TRUE.covariance, count)
+        steps = rng.multivariate_normal(np.zeros(2), TRUE.innovation_cov, count)
         series = np.zeros((count, 2))
         for k in range(2, count):
             series[k] = steps[k] + sum(
@@ -151,36 +153,27 @@ def drawn(count, lines, rng):
 def test_an_autoregression_is_found_again():
     """Within 4 standard errors of 1/√N: false alarm 6e-5 a coefficient; innovations are white."""
     series = drawn(450, 10, np.random.default_rng(2))
-    found = autoregression(series, 2)
+    found = autoregression(series, 2, TRUE.components)
     np.testing.assert_allclose(found.coefficients, TRUE.coefficients, atol=4.0 / math.sqrt(4000))
-    np.testing.assert_allclose(found.covariance, TRUE.covariance, rtol=0.1, atol=0.1)
-    rest = found.innovations(series[0])
+    np.testing.assert_allclose(found.innovation_cov, TRUE.innovation_cov, rtol=0.1, atol=0.1)
+    rest = innovations(found, series[0])
     assert np.abs(np.corrcoef(rest[1:].T, rest[:-1].T)[:2, 2:]).max() < 0.2
 
 
 def test_noise_that_is_not_stationary_is_refused():
     walk = 1.02 ** np.arange(400.0)[:, np.newaxis] + np.random.default_rng(1).normal(size=(400, 1))
-    with pytest.raises(MapError, match="not stationary"):
-        autoregression([walk], 1)
+    with pytest.raises(ColouredNoiseError, match="not stable"):
+        autoregression([walk], 1, ["xx"])
 
 
-def test_the_file_of_noise_says_what_the_model_is(tmp_path, noisy):
-    model, interval, scores = noise_of(noisy)
+def test_the_noise_is_of_the_likeliest_order(noisy):
+    model, scores = noise_of(noisy)
     assert model.order == max(scores, key=scores.get)
-    path = tmp_path / "noise.json"
-    write_noise(path, model, noisy.lines.components, interval, "made up")
-    content = json.loads(path.read_text())
-    assert list(content) == [
-        "format", "components", "interval_s", "coefficients", "innovation_cov_eotvos2",
-        "provenance",
-    ]  # fmt: skip
-    assert content["format"] == "ggbench coloured noise 1"
-    assert content["components"] == ["xx", "xy", "xz", "yy", "yz"]
-    np.testing.assert_allclose(content["coefficients"], model.coefficients, atol=1e-6)
-    np.testing.assert_allclose(content["innovation_cov_eotvos2"], model.covariance, atol=1e-6)
+    assert model.components == ("xx", "xy", "xz", "yy", "yz")
+    assert model.interval == 1.0
 
 
 def test_white_noise_of_the_readings_is_found(noisy):
     """The residuals of 1 E of white noise: innovations of 1 to 1.4 E, the map's error included."""
-    sigma = np.sqrt(np.diag(noise_of(noisy)[0].covariance))
+    sigma = np.sqrt(np.diag(noise_of(noisy)[0].innovation_cov))
     assert ((sigma > 0.9) & (sigma < 1.4)).all()

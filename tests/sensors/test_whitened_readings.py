@@ -92,7 +92,7 @@ def test_readings_are_whitened_as_they_come(coloured):
 @pytest.mark.parametrize("spread", [1.0, 4.0])
 def test_white_noise_in_a_file_is_white_noise(coloured, tmp_path, spread):
     """A negative control: of order zero the problem is that of noise_eotvos, bit by bit."""
-    from ggbench.sensors.coloured_noise import VectorAutoregression
+    from ggbench.gravity.coloured_noise import VectorAutoregression
 
     path = tmp_path / "white.json"
     VectorAutoregression(

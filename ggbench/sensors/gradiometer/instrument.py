@@ -25,11 +25,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...gravity.coloured_noise import VectorAutoregression
 from ...gravity.ellipsoid import ROTATION_RATE
 from ...gravity.field import Field, gradients
 from ...numerics.kernels import compiled, inlined
 from ...numerics.vectors import like
-from ..coloured_noise import VectorAutoregression
 from .lowpass import LowPass, Treatment
 
 COMPONENTS = ("xx", "xy", "xz", "yy", "yz", "zz")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from small_noise import NOISE
 
-from ggbench.sensors.coloured_noise import (
+from ggbench.gravity.coloured_noise import (
     ColouredNoiseError,
     VectorAutoregression,
     Whitening,
