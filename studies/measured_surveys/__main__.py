@@ -26,7 +26,7 @@ SURVEYS = {
     "east_victoria2023": (EAST_VICTORIA, east_victoria),
 }
 MAPS = {
-    "vinton2008": (("repeat", "140"), Wanted(360.0, 240.0, 0.3)),
+    "vinton2008": (("repeat", "140"), Wanted(500.0, 300.0, 0.2)),
     "fosterville2019": (("even",), Wanted(640.0, 530.0, 0.3)),
 }
 """Maps: the lines that they must not know, those of 6 July and those that are flown; and what
