@@ -255,6 +255,23 @@ def test_a_bad_file_of_lines_is_refused_in_a_sentence(folder, keys, tmp_path, ch
     assert str(path) in str(raised.value)
 
 
+def test_a_clock_may_drift_and_lines_that_are_not_flown_may_have_gaps(folder, keys, tmp_path):
+    """Times are put at the interval; a line with a gap is refused only where it is flown."""
+    rows = [row.split(",") for row in (folder / "lines.csv").read_text().splitlines()]
+    at = rows[0].index("time_s")
+    for number, row in enumerate(rows[1:]):
+        row[at] = str(float(row[at]) + 0.02 * (number // 12 % 3))
+    gap = [number for number, row in enumerate(rows) if row[0] == "30"][5]
+    path = tmp_path / "drift.csv"
+    path.write_text("\n".join(",".join(row) for number, row in enumerate(rows) if number != gap))
+    moved = keys | {"trajectory.file": str(path)}
+    off, straight = (prepare(small_case(k | {"trajectory.lines": ["10"]})) for k in (moved, keys))
+    np.testing.assert_array_equal(off.times, straight.times)
+    np.testing.assert_array_equal(off.measured, straight.measured)
+    with pytest.raises(GGBenchError, match="line 30 must come every 1 s"):
+        prepare(small_case(moved | {"trajectory.lines": ["30"]}))
+
+
 def test_a_packed_file_is_read_as_it_is(folder, tmp_path):
     import gzip
 
