@@ -42,7 +42,7 @@ def flown(name: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_measured_gradients_reduce_an_uncertainty_of_hundreds_of_metres():
-    """Median horizontal RMS error over a line; the INS alone errs by half a kilometre at the end."""
+    """Median over the lines of the horizontal RMS error; the INS ends half a kilometre off."""
     assert np.median(flown("0.3km")[0]) <= 52.0
 
 
