@@ -90,6 +90,7 @@ def page(found: Found) -> str:
         design=design,
         findings=findings,
         weak=design.weak(design.REGIONS[0]),
+        weak_noises=[f"{region.weak.noise:g}" for region in design.REGIONS],
     )
 
 
