@@ -72,11 +72,12 @@ def test_implementations_that_were_timed_agree(committed):
 
 def test_a_page_names_what_was_not_timed_and_is_not_made_without_an_engine(committed):
     def without(name):
-        table = committed["implementations"].copy()
-        own = table["implementation"] == name
-        table.loc[own, [name for name in table if "_ms_" in name]] = np.nan
-        table.loc[own, "not_timed_because"] = "no network"
-        return committed | {"implementations": table}
+        measured, turns = committed["implementations"].copy(), committed["rounds"]
+        measured.loc[measured["implementation"] == name, "not_timed_because"] = "no network"
+        return committed | {
+            "implementations": measured,
+            "rounds": turns[turns["implementation"] != name],
+        }
 
     text = page.page(without("Stone Soup"))
     assert "Not timed: Stone Soup (ekf), because no network." in text

@@ -55,6 +55,7 @@ def bench(options: argparse.Namespace) -> None:
     )  # fmt: skip
     tables = {
         "implementations": pd.DataFrame([item.row() for item in found]),
+        "rounds": pd.DataFrame([row for item in found for row in item.rows()]),
         "estimators": roster.measure(options.roster_rounds),
         "streams": streams.measure(options.most),
         "machine": machine.describe(before, versions(found)),

@@ -14,7 +14,7 @@ from ggbench.figures.style import Drawing, legend_below, save, styled, subplots
 from ggbench.report import render
 
 FOLDER = "speed"
-TABLES = ("implementations", "estimators", "streams", "machine")
+TABLES = ("implementations", "rounds", "estimators", "streams", "machine")
 LABELS = {"ekf": "ekf", "ukf": "ukf", "batch": "factor-graph[mode=batch]"}
 """The compiled engine of each family."""
 TEXT = {"not_timed_because": object}
@@ -27,13 +27,13 @@ SHOWN = (
     "factor-graph[mode=batch]", "gauss-newton", "particle", "tercom", "correlation",
 )  # fmt: skip
 """Estimators on the page; estimators.csv has all."""
-TIME, DIFFERENCE = "processor_best_ms_per_run", "largest_difference_prior_sd"
+DIFFERENCE = "largest_difference_prior_sd"
 
 
 def write(output: Path) -> Path:
     """Write ``speed.md`` and its figure from the tables; return the page."""
     tables = read(output / FOLDER)
-    save(figure(tables["implementations"]), output / FOLDER / "answer.png")
+    save(figure(tables["rounds"]), output / FOLDER / "answer.png")
     path = output / "speed.md"
     path.write_text(page(tables), encoding="utf-8")
     return path
@@ -65,9 +65,9 @@ def page(tables: dict[str, pd.DataFrame]) -> str:
     return render.markdown(
         "speed.md.j2",
         Path(__file__).parent,
-        engines=_engines(measured),
+        engines=_engines(tables["rounds"]),
         differences=_differences(measured),
-        implementations=_by_family(measured),
+        implementations=_by_family(tables["rounds"], measured),
         estimators=_of_estimators(estimators),
         flights=list(estimators["flight"].unique()),
         stream=_stream(tables["streams"]),
@@ -77,25 +77,31 @@ def page(tables: dict[str, pd.DataFrame]) -> str:
     )
 
 
-def _times(measured: pd.DataFrame, column: str = TIME) -> pd.DataFrame:
-    """Return times by implementation (rows) and family (columns)."""
-    return measured.pivot(index="implementation", columns="family", values=column)
+def _best(rounds: pd.DataFrame) -> pd.DataFrame:
+    """Return the best processor time [ms] by implementation (rows) and family (columns)."""
+    best = rounds.groupby(["implementation", "family"])["processor_ms_per_run"].min().unstack()
+    return best.reindex(columns=list(LABELS)).drop(COMPILED[2], errors="ignore")
 
 
-def _engines(measured: pd.DataFrame) -> dict[str, dict[str, str]]:
+def _ratios(rounds: pd.DataFrame, column: str = "processor_ms_per_run") -> pd.DataFrame:
+    """Return how many times the engine's time each takes: the median of the rounds' ratios."""
+    times = rounds.pivot(index=["family", "round"], columns="implementation", values=column)
+    return times.div(times[COMPILED[1]], axis=0).groupby("family").median().T
+
+
+def _engines(rounds: pd.DataFrame) -> dict[str, dict[str, str]]:
     """Return for each family the time of its engine, and how it compares and scales."""
-    busy, wall = _times(measured), _times(measured, "wall_best_ms_per_run")
+    best, ratios, wall = _best(rounds), _ratios(rounds), _ratios(rounds, "wall_ms_per_run")
     found = {}
     for family, rival in {"ekf": "filterpy", "ukf": "filterpy", "batch": "gtsam"}.items():
-        one = busy.loc[COMPILED[1], family]
-        values = {
-            "ms": one,
-            "times": busy.loc[rival, family] / one,
-            "two": wall.loc[COMPILED[1], family] / wall.loc[COMPILED[2], family],
-            "free": 2.0 * one / busy.loc[COMPILED[2], family],
-        }
-        if np.isnan([*values.values()]).any():
+        if {rival, *COMPILED.values()} - set(ratios[family].dropna().index):
             raise GGBenchError(f"no page: {rival} or {LABELS[family]} was not timed ({family})")
+        values = {
+            "ms": best.loc[COMPILED[1], family],
+            "times": ratios.loc[rival, family],
+            "two": 1.0 / wall.loc[COMPILED[2], family],
+            "free": 2.0 / ratios.loc[COMPILED[2], family],
+        }
         found[family] = {name: short(value) for name, value in values.items()}
     return found
 
@@ -110,14 +116,13 @@ def _differences(measured: pd.DataFrame) -> dict[str, str]:
     }
 
 
-def _by_family(measured: pd.DataFrame) -> pd.DataFrame:
+def _by_family(rounds: pd.DataFrame, measured: pd.DataFrame) -> pd.DataFrame:
     """Return ms/run of each implementation on one thread, and how many times the engine's."""
-    times = _times(measured).drop(COMPILED[2]).dropna(how="all")
-    ratios = times / times.loc[COMPILED[1]]
+    times, ratios = _best(rounds), _ratios(rounds)
     largest = measured.groupby("implementation")[DIFFERENCE].max()
     table = pd.DataFrame({"implementation": times.index}, index=times.index)
     for family, title in TITLES.items():
-        cells = zip(times[family], ratios[family], strict=True)
+        cells = zip(times[family], ratios.loc[times.index, family], strict=True)
         table[f"{title} [ms/run] (× ggbench)"] = [
             "–" if np.isnan(time) else f"{short(time)} (×{short(ratio)})" for time, ratio in cells
         ]
@@ -171,9 +176,9 @@ def _stream(streams: pd.DataFrame) -> dict[str, Any]:
 
 
 @styled()
-def figure(measured: pd.DataFrame) -> Drawing:
+def figure(rounds: pd.DataFrame) -> Drawing:
     """Return the times of all implementations on one thread, by family."""
-    times = _times(measured).drop(COMPILED[2]).dropna(how="all")
+    times = _best(rounds)
     times = times.loc[times.min(axis=1).sort_values(ascending=False).index]
     drawing, axes = subplots(figsize=(7.2, 3.0))
     places = np.arange(len(times))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 import re
-import statistics
 import subprocess
 import sys
 from dataclasses import dataclass, field
@@ -47,16 +46,24 @@ class Measured:
     versions: dict[str, str] = field(default_factory=dict)
     turns: list[dict[str, Any]] = field(default_factory=list)
 
+    def rows(self) -> list[dict[str, Any]]:
+        """Return the rows of the table of rounds."""
+        return [
+            {
+                "family": self.entry.family,
+                "implementation": self.entry.title,
+                "round": number,
+                "processor_ms_per_run": 1e3 * turn["cpu_seconds"] / turn["runs"],
+                "wall_ms_per_run": 1e3 * turn["seconds"] / turn["runs"],
+            }
+            for number, turn in enumerate(self.turns, start=1)
+        ]
+
     def row(self) -> dict[str, Any]:
         """Return the row of the table of implementations."""
-        wall = [1e3 * turn["seconds"] / turn["runs"] for turn in self.turns] or [float("nan")]
-        busy = [1e3 * turn["cpu_seconds"] / turn["runs"] for turn in self.turns] or [float("nan")]
         return {
             "family": self.entry.family,
             "implementation": self.entry.title,
-            "processor_best_ms_per_run": min(busy),
-            "wall_best_ms_per_run": min(wall),
-            "wall_median_ms_per_run": statistics.median(wall),
             "largest_difference_prior_sd": self.difference,
             "first_call_s": self.first_call,
             "peak_memory_mb": self.peak / 1e6,
