@@ -1,4 +1,4 @@
-"""Texts for users avoid the words of a list, and scenario notes are short."""
+"""Texts for users avoid the words of a list; scenario notes and pages are short."""
 
 from __future__ import annotations
 
@@ -16,10 +16,22 @@ TOML = [path for path in sorted(SCENARIOS.glob("*.toml")) if path.stem != "roste
 TEMPLATES = [
     *sorted((ROOT / "ggbench" / "report" / "templates").glob("*.j2")),
     *sorted((ROOT / "ggbench" / "cli" / "templates").glob("*.txt")),
+    *sorted((ROOT / "benchmarks").rglob("*.j2")),
+    *sorted((ROOT / "studies").rglob("*.j2")),
 ]
 DATA = sorted((SCENARIOS / "data").rglob("README.md"))
 CHANGELOG = ROOT / "CHANGELOG.md"
-SCANNED = [*documents(ROOT), CHANGELOG, ROOT / "CONTRIBUTING.md", *NOTES, *DATA, *TEMPLATES]
+MEASURED = [ROOT / "reports" / "speed.md", ROOT / "reports" / "matching_area.md"]
+"""Pages of the benchmark and of the study."""
+SCANNED = [
+    *documents(ROOT),
+    CHANGELOG,
+    ROOT / "CONTRIBUTING.md",
+    *NOTES,
+    *DATA,
+    *TEMPLATES,
+    *MEASURED,
+]
 
 INSTEAD = {
     r"(?:dis)?honest\w*": "consistent",
@@ -77,6 +89,19 @@ def unfit_notes(notes: str) -> list[str]:
     return reasons
 
 
+def unfit_page(text: str) -> list[str]:
+    """Return the reasons for which a page of measurements is too long or of another form."""
+    reasons = [f"long: {sentence}" for sentence in long_sentences(text, 25)]
+    answer = re.search(r"^\*\*Answer\.\*\* (.*)$", text, re.MULTILINE)
+    if answer is None or len(answer[1].split()) > 60:
+        reasons.append("no answer of at most 60 words")
+    if len(text.split()) > 450:
+        reasons.append("over 450 words")
+    if len(re.findall(r"^!\[", text, re.MULTILINE)) != 1:
+        reasons.append("not one figure")
+    return reasons
+
+
 @pytest.mark.parametrize("path", SCANNED, ids=lambda path: str(path.relative_to(ROOT)))
 def test_a_text_avoids_the_words_of_the_list(path: Path) -> None:
     assert avoided(path.read_text(encoding="utf-8")) == [], INSTEAD
@@ -101,6 +126,11 @@ def test_titles_and_descriptions_are_short(path: Path) -> None:
     assert len(set(titles)) == len(titles)
 
 
+@pytest.mark.parametrize("path", MEASURED, ids=lambda path: path.stem)
+def test_a_page_of_measurements_is_one_page(path: Path) -> None:
+    assert unfit_page(path.read_text(encoding="utf-8")) == []
+
+
 def test_the_changelog_is_short() -> None:
     assert len(CHANGELOG.read_text(encoding="utf-8").split()) <= 2500
 
@@ -112,6 +142,11 @@ def test_the_checks_find_what_they_look_for() -> None:
     assert avoided("Untold, losing, 5E-told-50E, besides, partly.") == []
     assert long_sentences("One two three. Four five.\n\n- Six\n- Seven eight nine.", 2) == [
         "One two three.", "- Seven eight nine."]  # fmt: skip
+    page = "**Answer.** Yes.\n\n![a](b.png)\n"
+    assert unfit_page(page) == []
+    assert unfit_page(page.replace("Yes", 61 * "yes ")) != []
+    assert unfit_page(page + 450 * "Word. ") == ["over 450 words"]
+    assert unfit_page(page + "\n![c](d.png)\n") == ["not one figure"]
     fit = "## Set-up\n\nA flight.\n\n## Limits\n\n- One.\n"
     assert unfit_notes(fit) == []
     assert unfit_notes(fit.replace("Limits", "Bounds")) != []
