@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import tomllib
 from pathlib import Path
@@ -153,3 +154,32 @@ def test_the_checks_find_what_they_look_for() -> None:
     assert unfit_notes(fit + "- Two.\n- Three.\n- Four.\n") == ["Limits: over three"]
     assert unfit_notes(fit.replace("A flight.", "A flight. " * 41)) == ["Set-up: over 80 words"]
     assert unfit_notes(fit + "\n## Why\n\n" + 31 * "so " + "\n")[0].startswith("long: so")
+
+
+def docstrings(source: str) -> str:
+    """Return the docstrings of a file, those of attributes among them."""
+    found = []
+    for node in ast.walk(ast.parse(source)):
+        body = getattr(node, "body", None)
+        for child in body if isinstance(body, list) else []:
+            if isinstance(child, ast.Expr) and isinstance(child.value, ast.Constant):
+                found.append(str(child.value.value))
+    return "\n\n".join(found)
+
+
+@pytest.mark.parametrize("room", ["ggbench", "estimators", "matchability", "scenarios"])
+def test_docstrings_avoid_the_words(room):
+    files = sorted((ROOT / room).rglob("*.py"))
+    assert files
+    found = {
+        str(file.relative_to(ROOT)): words
+        for file in files
+        if (words := avoided(docstrings(file.read_text(encoding="utf-8"))))
+    }
+    assert found == {}
+
+
+def test_a_docstring_with_such_a_word_is_found():
+    """A negative control: of a module, a function and an attribute; names in code are not."""
+    source = '"""Made anew."""\n\nlost = 1\n"""Nobody."""\n\ndef f(told):\n    """Told `lost`."""\n'
+    assert avoided(docstrings(source)) == ["anew", "Nobody", "Told"]

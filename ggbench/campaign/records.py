@@ -214,7 +214,7 @@ def _narrowed(array: np.ndarray) -> np.ndarray:
 
 
 def _bound_of(case: CaseSpec, causality: Causality, lag: float | None) -> str:
-    """Return the name of the bound that an estimate is set beside.
+    """Return the name of the bound that an estimate is compared with.
 
     An estimate without aiding has the filtering bound: what aiding could give.
     """
