@@ -1,7 +1,7 @@
 """A Kalman filter whose corrections are fed back: the INS is set right as the flight goes on.
 
-The other filters estimate the error of an INS that nobody corrects, which is linear only as long as
-that error is small. Here the mechanization starts anew from what the filter believes, every so
+The other filters estimate the error of an INS that is not corrected, linear only as long as
+that error is small. Here the mechanization starts again from what the filter believes, every so
 often, so that the error that is estimated stays small, whatever the open loop would have drifted to
 (Groves 2013, sec. 14.1.1: closed-loop integration).
 """

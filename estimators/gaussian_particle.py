@@ -1,6 +1,6 @@
 """Gaussian particle filter: the posterior is a Gaussian, and particles only find its moments.
 
-Each epoch draws particles anew from a Gaussian, weighs them by the reading, and keeps nothing but
+Each epoch draws particles again from a Gaussian, weighs them by the reading, and keeps nothing but
 their mean and covariance (Kotecha & Djurić 2003a). Nothing is resampled, and no particle outlives
 its epoch: what impoverishes a bootstrap filter, copies that nearly noiseless dynamics never part,
 cannot happen. The dynamics are linear, so that the Gaussian is predicted exactly.
@@ -9,9 +9,9 @@ Two things go wrong instead. A wide prior over hills is no Gaussian, and one mea
 all hills that look alike. And where a reading is sharper than the prediction by a factor of ten in
 each of three directions, a few of 3000 particles carry all the weight: their covariance has fewer
 directions than the state, and the filter claims to know what it does not. Such a covariance is
-repaired and counted, but what it has forgotten is lost. A proposal that has seen the reading
+repaired and counted, but what it has forgotten stays forgotten. A proposal that has the reading
 (``ekf``, ``ukf``) helps as far as the reading is linear over the prediction; where it is not, it is
-a narrow Gaussian beside the truth, and its weights are worse than those of the prediction.
+a narrow Gaussian off the truth, and its weights are worse than those of the prediction.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ scale it is a similarity (Zhang, Yang & Li 2019).
 
 The nearest contour is the right one only where the INS is off by less than the field's hills are
 wide: it is a tracker, not a search, and was found several times worse than Kalman filters of the
-same single channel, where these are not lost. A contour is of one number, so of several channels
+same single channel, where these are kept. A contour is of one number, so of several channels
 one is used, and the estimate says which. The literature gives no covariance; that of least squares
 at the solution is declared here, times the misfit, with what a wrong height and velocity do to it.
 It knows nothing of the wrong contours that a track may come to rest on. The method is here for the

@@ -1,12 +1,12 @@
-"""Filters of two or four states: what the literature runs, beside filters of the whole INS.
+"""Filters of two or four states: what the literature runs, next to filters of the whole INS.
 
 Much of the literature on matching gravity gradients estimates position and velocity alone, or the
 position alone, and takes all else as known. Then tilt and biases of the accelerometers, which turn
 into velocity within minutes and swing back within an hour and a half, are not in the model: a
 declared noise has to stand for them, and the answer depends on it. Too small a noise, and the
-filter is sure of a place that it has left; too large, and it forgets what readings have told.
+filter is sure of a place that it has left; too large, and it forgets what readings have shown.
 
-The other states keep their prior, so that the estimate can be judged beside those of the whole.
+The other states keep their prior, so that the estimate can be compared with those of the whole.
 """
 
 from __future__ import annotations

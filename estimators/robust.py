@@ -2,7 +2,7 @@
 
 A loss ρ takes the place of half the square of each residual r, in standard deviations of the
 measurement noise: Huber's grows linearly beyond its threshold, Cauchy's with the logarithm. Least
-squares with the weights w(r) = ρ'(r) / r, found anew from its own residuals until they no longer
+squares with the weights w(r) = ρ'(r) / r, found again from its own residuals until they no longer
 change, minimises the sum of ρ (Huber & Ronchetti 2009, ch. 7).
 """
 

@@ -8,16 +8,16 @@ extended Kalman filter where it does not.
 
 One plane can hold for a region up to a hill's width. From a wider prior, AFTI/SITAN (Boozer &
 Fellerhoff 1988) acquires with a bank: filters on a grid, each with an uncertainty that a plane can
-hold for, all running beside each other until the residuals of one have been what they should be,
+hold for, all running in parallel until the residuals of one have been what they should be,
 and smaller than those of any other place, for some readings. Then that one goes on alone, and
 tracks. It differs from the Gaussian sum (``gaussian-sum``) in that filters are neither merged nor
-weighed: none is believed before one of them is, which is believed wholly. Its decisions are told
+weighed: none is believed before one of them is, which is believed wholly. It reports its decisions
 as fixes, whose statistic is how many times larger the residuals of any other place are.
 
 Over hills, a single filter was found not to differ from the extended Kalman filter where the prior
 is a tenth of a hill's width, to have smaller errors in most runs at a third of it, and to find its
 place more often, though in less than half of the runs, at the width itself; from three on it is
-lost. The bank was found to lock as often as the Gaussian sum, which knows its place from the first
+away. The bank was found to lock as often as the Gaussian sum, which knows its place from the first
 readings on, where the bank waits for its decision.
 """
 

@@ -5,10 +5,10 @@ compared with what the map says along the INS's track, displaced to each point o
 best displacement is a fix. What is measured here are gradients, all channels at once, and
 everything else that is on board. The criteria are in :mod:`ggbench.engines.window_search`.
 
-A fix is honest about what it knows: from the best points of the grid the most probable states of
+A fix reports what it knows: from the best points of the grid the most probable states of
 the whole window are found, and the covariance is that of a position whose velocity, height,
 attitude and biases are not known either. It is believed only if its residuals are those of noise
-and if no other place is nearly as probable. Where it is not, the window grows, and begins anew
+and if no other place is nearly as probable. Where it is not, the window grows, and begins again
 when it has grown long.
 """
 

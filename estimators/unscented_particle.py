@@ -26,8 +26,8 @@ three ways, and only two of them are sound:
     linear and the noise of full rank, the mean is a third of a deviation off the Kalman filter's.
 
 ``strong_tracking`` (see :mod:`.strong_tracking`) fades the past of each particle until its
-innovations look white. A filter whose model is too sure of itself becomes honest by that. Where the
-model is right it takes chance for error and forgets what readings have told, which costs far more
+innovations look white. An overconfident filter becomes consistent by that. Where the
+model is right it takes chance for error and forgets what readings have shown, which costs far more
 than it can gain.
 """
 

@@ -8,7 +8,7 @@ covariance.
 
 Nothing is linearised, so a wide prior does no harm, but the state is the position alone. The drift
 of an INS is a velocity error that lasts; here it is a random walk whose steps are as large as that
-error is believed to be, which the readings must hold at every step anew. A batch of all readings
+error is believed to be, which the readings must hold at every step again. A batch of all readings
 looks at a drift from both sides; the forward pass alone lags behind it. Attitude, biases of the
 gradiometer and whatever else a reading depends on count as noise.
 
@@ -54,7 +54,7 @@ class Viterbi(Estimator):
     most : largest number of cells; where the prior would need more, they are made larger east and
         north. Each takes 40 bytes at every epoch at which it may be the true one.
     drift : factor on the steps that the INS's error may take, by its prior. A drift that lasts
-        is followed at every step anew: with a walk of no more than its own size, the forward pass
+        is followed at every step again: with a walk of no more than its own size, the forward pass
         lags by a reading's deviation.
     """
 

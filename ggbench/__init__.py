@@ -18,7 +18,7 @@ mount                  what holds the gradiometer: a platform, a local level, or
 channel                a number that is measured: of a gradiometer a component of the tensor in the
                        axes of its mount, or a linear combination of the six; of a receiver, a
                        log, a barometer, a gravimeter a component of what it delivers
-truth, model           what is simulated; what the estimators are told: a scenario may tell them
+truth, model           what is simulated; what the estimators assume: a scenario may give them
                        something else
 map                    the disturbing field, gradient [E] and gravity [m/s²], on a grid of nodes
                        regular in latitude, longitude and height; the normal field is no part of it

@@ -345,7 +345,7 @@ class Results(folder.Results):
         estimator: str | None = None,
         quantity: Quantity = "position",
     ) -> Figure:
-        """Draw the ENU errors of run 0 with their claimed ±3σ, beside the pure INS's if it was run.
+        """Draw the ENU errors of run 0 with their reported ±3σ, with the pure INS's if it was run.
 
         Parameters
         ----------

@@ -55,7 +55,7 @@ class ProblemBlock:
     transition, process_cov : (R, K, n, n).
     model : arrays of h and H, the run as leading axis of those that differ from run to run.
     tracks : (R, K, 15) what the INS indicates, as :class:`.problem.Track` has it: positions,
-        velocities, attitudes row by row; None if nobody says.
+        velocities, attitudes row by row; None if unknown.
     replays : of each run, as :class:`.problem.Problem` has it.
     """
 
@@ -93,7 +93,7 @@ class ProblemBlock:
         return len(self.prior_mean)
 
     def until(self, stop: int) -> ProblemBlock:
-        """Return the problems of the epochs before ``stop``, which nobody flies anew."""
+        """Return the problems of the epochs before ``stop``, which are not flown again."""
         model = self.model.mapped(lambda array: read_only(array[:, :stop]))
         return replace(
             self,

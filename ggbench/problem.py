@@ -120,20 +120,20 @@ class ClosedLoop(Protocol):
 
         Returns
         -------
-        The same estimates (K', n) as errors of the INS that nobody corrects: of the problem whose
+        The same estimates (K', n) as errors of the INS that is not corrected: of the problem whose
         flight it is.
         """
 
 
 class Replay(Protocol):
-    """The inertial readings of a flight, to be mechanised anew with feedback."""
+    """The inertial readings of a flight, to be mechanised again with feedback."""
 
     def start(self, problem: Problem) -> ClosedLoop:
         """Return a closed loop that stands at the start of the problem whose flight it is."""
 
 
 class GravityMap(Protocol):
-    """The field that the estimators are told, at any position."""
+    """The field that the estimators assume, at any position."""
 
     @property
     def lower(self) -> np.ndarray:
@@ -174,10 +174,10 @@ class Problem:
     model : h and H.
     layout : names, slices and units of the n states.
     present : (K, m) which measurements there are; all if not given.
-    channels : what the m measurements are; ``()`` if nobody says.
+    channels : what the m measurements are; ``()`` if unknown.
     track : what the INS indicates, if the states are its errors.
     map : the field that h looks readings up in, if it is one.
-    replay : the flight to be navigated anew, with an estimator's corrections fed back; None where
+    replay : the flight to be navigated again, with an estimator's corrections fed back; None where
         the inertial readings are not at hand.
     """
 

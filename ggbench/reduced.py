@@ -4,7 +4,7 @@ An estimator of few states, as much of the literature has, is an estimator of an
 dynamics are those of the chosen states with all others at their prior's mean, and the noise that it
 declares has to stand for what the others do. A reduced problem says so and is a problem like any
 other; :meth:`Reduction.embedded` brings an estimate of it back among all states, where it can be
-judged beside estimators of the whole.
+compared with estimators of the whole.
 """
 
 from __future__ import annotations

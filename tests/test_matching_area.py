@@ -1,4 +1,4 @@
-"""The study of matching areas: its statistics, its flights, and no trust in what is chance."""
+"""The study of matching areas: its statistics, its flights, and no trust in chance."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from matching_area import __main__ as command
-from matching_area import association, design, findings, flying, indices, report
+from matching_area import association, design, findings, flying, indices, page
 
 from ggbench.matchability.score import Bounds
 
@@ -18,10 +18,11 @@ SEED = 11
 CELLS = 24
 FIXES = 40
 ROOT = Path(__file__).parents[1]
+TRACKS = ROOT / "reports" / page.FOLDER / page.TRACKS
 
 
 def synthetic(seed=SEED, skill=1.0):
-    """A table in which the flight's bound tells the error, roughness some of it, entropy nothing.
+    """A table whose errors follow the bound; roughness knows some of it, entropy nothing.
 
     With ``skill`` 0 errors and fixes have nothing to do with any index.
     """
@@ -64,8 +65,8 @@ def synthetic(seed=SEED, skill=1.0):
 
 
 @pytest.fixture(scope="module")
-def told():
-    return report.Found.of(synthetic(), 600)
+def found():
+    return page.Found.of(synthetic(), 600)
 
 
 def test_spearmans_correlation_is_that_of_ranks():
@@ -75,40 +76,6 @@ def test_spearmans_correlation_is_that_of_ranks():
     textbook = 1.0 - 6.0 * np.sum((x - y) ** 2) / (5 * 24)
     found = association.spearman(np.stack([np.exp(x), -x, np.ones(5)], axis=1), y**3)
     np.testing.assert_allclose(found, [textbook, -textbook, np.nan], atol=1e-12)
-
-
-def test_partial_correlation_takes_away_what_comes_through_a_third():
-    """X and y that have only z in common: correlated, and not if z is held.
-
-    Five deviations of 1/√n: a false alarm in 2 million.
-    """
-    rng = np.random.default_rng(SEED)
-    z, own, other = rng.normal(size=(3, 4000))
-    x, y = z + own, z + other
-    order, partial = association.spearman_and_partial(np.stack([x, x + y, z], axis=1), y, 2)
-    assert order[0] > 0.4
-    assert abs(partial[0]) < 5.0 / np.sqrt(4000)
-    assert partial[1] > 0.5
-    assert np.isnan(partial[2])
-
-
-def test_the_area_under_a_curve_is_the_share_of_pairs_in_order():
-    good = np.array([True, True, False, False, False])
-    x = np.array([5.0, 2.0, 1.0, 2.0, 3.0])
-    # Of six pairs 5 beats all three, 2 beats one, ties with one, and loses to one.
-    found = association.auc(np.stack([x, -x, np.zeros(5)], axis=1), good)
-    np.testing.assert_allclose(found, [4.5 / 6.0, 1.5 / 6.0, 0.5])
-    assert np.isnan(association.auc(x[:, np.newaxis], np.ones(5, dtype=bool))[0])
-
-
-def test_within_a_cell_an_index_that_knows_no_heading_says_nothing():
-    cells = np.repeat(np.arange(50), 4)
-    rng = np.random.default_rng(SEED)
-    of_cell, of_track = rng.normal(size=50)[cells], rng.normal(size=200)
-    found = association.within(
-        np.stack([of_cell, of_track, of_cell + 3.0 * of_track], axis=1), of_cell - of_track, cells
-    )
-    np.testing.assert_allclose(found, [np.nan, -1.0, -1.0], atol=1e-12)
 
 
 def test_the_interval_is_over_cells_and_not_over_tracks():
@@ -180,52 +147,49 @@ def test_the_ceiling_is_what_a_perfect_index_reaches():
     assert association.ceiling(truth + first, truth + second) == pytest.approx(reached, abs=0.04)
 
 
-def test_the_report_names_the_index_that_the_table_was_made_with(told):
-    """The bound made the errors: it is trusted, better than roughness, and the first sentence."""
-    near = told.near
+def test_the_page_names_the_index_that_the_table_was_made_with(found):
+    """The bound made the errors: it is trusted, better than roughness, and in the answer."""
+    near = found.near
     assert near.trusted[0] == near.at("bound_m")
     assert near.beyond(near.at("bound_m")) == near.beyond(near.at("track_m")) == "better"
     assert near.beyond(near.at("entropy")) == "worse"
     assert near.at("entropy") not in near.trusted
-    text = report.text(told)
-    assert text.splitlines()[2].startswith("**Trust the bound of the flight: its")
-    assert re.search(r"Do not choose by .*difference entropy", text)
+    text = page.page(found)
+    assert "**Answer.** Trust the bound of the flight: its" in text
+    assert re.search(r"Not trusted: .*difference entropy", text)
     assert "nan" not in text.lower()
 
 
-def test_predictions_of_false_fixes_that_hold_are_told_so(told):
+def test_predictions_of_false_fixes_that_hold_are_shown_to_hold(found):
     """The fixes were drawn with the predicted shares: all bins are within a factor of three.
 
     Four standard deviations in all: a false alarm in 16,000.
     """
-    assert "within a factor of 3 of what was found in 4 of 4 bins" in report.text(told)
-    for row in told.compared:
-        if row.title.startswith("all"):
-            deviation = np.sqrt(row.predicted * (1.0 - row.predicted) / row.fixes)
-            assert abs(row.observed - row.predicted) < 4.0 * deviation
+    assert "within a factor of 3 in 4 of 4 bins" in page.page(found)
+    whole = found.tables["false_fixes"].iloc[-1]
+    deviation = np.sqrt(whole.predicted_share * (1.0 - whole.predicted_share) / whole.fixes)
+    assert abs(whole.found_share - whole.predicted_share) < 4.0 * deviation
     wrong = synthetic()
     wrong[["weak_union", "weak_spill"]] /= 5.0
-    assert "in 4 of 4 bins" not in report.text(dataclasses.replace(
-        told, compared=findings.false_fixes(indices.completed(wrong))
-    ))  # fmt: skip
+    compared = found.tables | {"false_fixes": findings.false_fixes(indices.completed(wrong))}
+    assert "in 4 of 4 bins" not in page.page(dataclasses.replace(found, tables=compared))
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_errors_by_chance_make_no_index_trustworthy(seed):
-    """The negative control: no index is trusted, and none is told from roughness.
+    """The negative control: no index is trusted, and none differs from roughness.
 
     Holm's false-alarm rate is 5 % for each seed (1 of 24 when it was tried); trust needs a
-    correlation of one half besides, which is ten standard deviations.
+    correlation of one half as well, which is ten standard deviations.
     """
     found = findings.accuracy(indices.completed(synthetic(seed, skill=0.0)), 1000)
     assert found.trusted == []
-    assert {found.beyond(i) for i in range(len(found.indices))} == {"no"}
+    assert {found.beyond(i) for i in range(len(found.indices))} == {"no", "–"}
 
 
-def test_the_report_says_so_where_nothing_is_to_be_trusted():
-    text = report.text(report.Found.of(synthetic(skill=0.0), 100))
-    assert "Trust none of these indices" in text.splitlines()[2]
-    assert "no index is to be trusted for the share of right fixes" in text
+def test_the_page_trusts_nothing_where_nothing_is_to_be_trusted():
+    text = page.page(page.Found.of(synthetic(skill=0.0), 100))
+    assert "**Answer.** Trust none of these indices." in text
 
 
 def test_cells_lie_apart_and_within_their_map():
@@ -236,24 +200,24 @@ def test_cells_lie_apart_and_within_their_map():
             assert region.map.south < cell.south < cell.north < region.map.north
             assert region.map.west < cell.west < cell.east < region.map.east
         for one in cells:
-            beside = [
+            near = [
                 other for other in cells
                 if abs(other.south - one.south) < 0.999 * design.CELL_DEG
                 and abs(other.west - one.west) < 0.999 * design.CELL_DEG
             ]  # fmt: skip
-            assert beside == [one]
+            assert near == [one]
 
 
-def test_the_committed_report_is_of_the_committed_table():
-    """Its answer and its table of accuracies follow from tracks.csv beside it."""
-    table = pd.read_csv(ROOT / "reports" / report.FOLDER / report.TABLE)
-    assert table.groupby(["region", "cell"]).ngroups >= 100
-    committed = (ROOT / "reports" / f"{report.FOLDER}.md").read_text(encoding="utf-8")
-    committed = committed.replace("| ", "|").replace(" |", "|")
-    found = report.Found.of(table, 2)
-    for row in found.compared:
-        assert f"|{row.title}|{row.tracks}|{row.fixes}|" in committed
-    for i, index in enumerate(found.near.indices):
+def test_the_committed_page_is_of_the_committed_table():
+    """Its tables of false fixes and of accuracies follow from tracks.csv."""
+    tracks = pd.read_csv(TRACKS)
+    assert tracks.groupby(["region", "cell"]).ngroups >= 100
+    committed = (ROOT / "reports" / f"{page.FOLDER}.md").read_text(encoding="utf-8")
+    found = page.Found.of(tracks, 2)
+    for row in found.tables["false_fixes"].itertuples():
+        assert f"|{row.tracks}|{row.fixes}|" in committed
+    for i in found.near.trusted:
+        index = found.near.indices[i]
         assert f"|{index.title}|{found.near.order.value[i]:.2f} (" in committed
 
 
@@ -263,25 +227,34 @@ def test_the_study_finds_what_a_bound_and_a_union_bound_promise():
     Predicted false fixes between 2 and 50 % are met within a factor of three. The table is
     committed: another one, flown with another seed, would fail if the study's verdict fell.
     """
-    table = pd.read_csv(ROOT / "reports" / report.FOLDER / report.TABLE)
+    table = pd.read_csv(TRACKS)
     near = findings.accuracy(indices.completed(table), 500)
     bound = [index.title for index in near.indices].index("bound of the flight")
     assert near.order.value[bound] > 0.85 and near.order.low[bound] > 0.75
-    judged = [row for row in findings.false_fixes(indices.completed(table)) if row.judged]
+    judged = findings.false_fixes(indices.completed(table)).query("judged")
     assert len(judged) >= 3
-    for row in judged:
-        assert 0.02 < row.predicted < 0.5
-        assert row.predicted / 3.0 < row.observed < 3.0 * row.predicted
+    assert judged["predicted_share"].between(0.02, 0.5).all()
+    assert judged["predicted_over_found"].between(1.0 / 3.0, 3.0).all()
 
 
 def test_choosing_a_heading_gains_what_the_headings_differ_by():
     """By the bound, which made the errors, it is the choice of hindsight."""
-    gain = findings.heading_gain(indices.completed(synthetic()))
-    best, by_bound = gain["the best in hindsight"], gain["bound of the flight"]
-    assert by_bound == pytest.approx(best)
+    gain = findings.heading_gain(indices.completed(synthetic())).set_index("heading_by")
+    best, by_bound = gain.loc["the best in hindsight"], gain.loc["bound of the flight"]
+    np.testing.assert_allclose(by_bound, best)
     # Of four normal numbers the largest is 1.03 deviations above their mean.
-    assert best[1] < np.exp(-0.3 * 0.5 * 1.03) < best[2]
-    assert best[0] < gain["CRLB along the track"][0] < gain["least ambiguity"][0]
+    assert best["lo"] < np.exp(-0.3 * 0.5 * 1.03) < best["hi"]
+    ratio = gain["error_over_mean_heading"]
+    assert best.iloc[0] < ratio["CRLB along the track"] < ratio["least ambiguity"]
+
+
+def test_the_best_third_by_the_bound_has_the_smallest_errors():
+    """By entropy, which is noise, thirds differ little."""
+    thirds = findings.thirds(indices.completed(synthetic()), 50)
+    median = thirds.pivot(index="index", columns="third", values="median_error_m")
+    ratio = median["worst"] / median["best"]
+    assert ratio["bound of the flight"] > 1.5
+    assert ratio["difference entropy"] < 1.2
 
 
 @pytest.mark.long

@@ -1,10 +1,15 @@
-"""The rivals of the speed benchmark solve the same problem: their h and H are ggbench's."""
+"""Implementations that are compared solve the same problem, and the page is of its tables."""
+
+from pathlib import Path
 
 import numpy as np
 import pytest
-from speed import export, flops, numpy_model, rounds
+from speed import export, numpy_model, page, rounds
+
+from ggbench.errors import GGBenchError
 
 RUNS = (0, 7)
+REPORTS = Path(__file__).parents[1] / "reports"
 
 
 @pytest.fixture(scope="module")
@@ -46,82 +51,41 @@ def test_the_jacobian_in_numpy_is_ggbenchs(both, spread):
             np.testing.assert_allclose(scaled, 0.0, atol=1e-9)
 
 
-class Counted:
-    """A number that counts the additions and multiplications it takes part in."""
-
-    count = 0
-
-    def __init__(self, value=1.0):
-        self.value = value
-
-    def operate(self, other):
-        Counted.count += 1
-        return Counted()
-
-    __add__ = __sub__ = __mul__ = __truediv__ = operate
-
-    def sqrt(self):
-        return self.operate(self)
+@pytest.fixture(scope="module")
+def committed():
+    return page.read(REPORTS / page.FOLDER)
 
 
-def counted(*shape):
-    return np.array([Counted() for _ in range(int(np.prod(shape)))], dtype=object).reshape(shape)
+def test_the_committed_page_is_of_the_committed_tables(committed):
+    assert page.page(committed) == (REPORTS / "speed.md").read_text(encoding="utf-8")
 
 
-def cholesky(matrix):
-    n = len(matrix)
-    lower = counted(n, n)
-    for j in range(n):
-        for i in range(j, n):
-            total = matrix[i, j]
-            for k in range(j):
-                total = total - lower[i, k] * lower[j, k]
-            lower[i, j] = total.sqrt() if i == j else total / lower[j, j]
-    return lower
+def test_implementations_that_were_timed_agree(committed):
+    """Largest difference in prior deviations: 1e-6 of filters, 1e-4 of batch smoothers."""
+    measured = committed["implementations"]
+    timed = measured[measured["not_timed_because"].isna()]
+    batch = timed["family"] == "batch"
+    assert set(measured["family"]) == set(page.LABELS)
+    assert timed.loc[~batch, page.DIFFERENCE].max() <= 1e-6
+    assert timed.loc[batch, page.DIFFERENCE].max() <= 1e-4
 
 
-def solve(lower, right):
-    """Two triangular systems, column by column."""
-    for column in right.T:
-        for _ in range(2):
-            for i in range(len(lower)):
-                total = column[i]
-                for k in range(i):
-                    total = total - lower[i, k] * column[k]
-                column[i] = total / lower[i, i]
-    return right
+def test_a_page_names_what_was_not_timed_and_is_not_made_without_an_engine(committed):
+    def without(name):
+        measured, turns = committed["implementations"].copy(), committed["rounds"]
+        measured.loc[measured["implementation"] == name, "not_timed_because"] = "no network"
+        return committed | {
+            "implementations": measured,
+            "rounds": turns[turns["implementation"] != name],
+        }
 
-
-def update(x, p, y, s, cross):
-    gain = solve(cholesky(s), cross.T.copy()).T
-    return x + gain @ y, p - gain @ cross.T
-
-
-def test_the_operations_of_the_filters_are_those_of_their_equations():
-    n, m = 15, 6
-    points = 2 * n + 1
-    phi, p, q, x = counted(n, n), counted(n, n), counted(n, n), counted(n)
-    h, r, y = counted(m, n), counted(m, m), counted(m)
-
-    Counted.count = 0
-    x, p = phi @ x, phi @ p @ phi.T + q
-    cross = (h @ p).T
-    update(x, p, y, h @ cross + r, cross)
-    # The formula rounds 2n − 1 up to 2n: a few per cent.
-    assert Counted.count == pytest.approx(flops.ekf(n, m, 1), rel=0.05)
-
-    weights = counted(points)
-    Counted.count = 0
-    cholesky(p), cholesky(p)
-    sigmas = counted(points, n) @ phi.T
-    x = weights @ sigmas
-    p = (sigmas.T * weights) @ sigmas + q
-    readings = counted(points, m)
-    weights @ readings
-    s = (readings.T * weights) @ readings + r
-    cross = sigmas.T @ readings
-    update(x, p, y, s, cross)
-    assert Counted.count == pytest.approx(flops.ukf(n, m, 1), rel=0.06)
+    text = page.page(without("Stone Soup"))
+    assert "Not timed: Stone Soup (ekf), because no network." in text
+    assert "|Stone Soup|" not in text
+    with pytest.raises(GGBenchError, match="filterpy or ekf was not timed"):
+        page.page(without("filterpy"))
+    with pytest.raises(GGBenchError, match="make bench writes it"):
+        page.read(REPORTS / "no_such_folder")
 
 
 @pytest.mark.long
@@ -133,7 +97,7 @@ def test_what_gives_another_answer_is_not_timed(both, tmp_path):
         rounds.Entry("ggbench:no_such_filter", "one that cannot start", "ekf"),
     ]
     found = rounds.measure(
-        entries, tmp_path / "unused.npz", tmp_path, rounds.within(arrays.scale, {"ekf": 1e-9}),
+        entries, tmp_path / "unused.npz", tmp_path, arrays.scale, {"ekf": 1e-9},
         rounds=1, seconds=0.0,
     )  # fmt: skip
     assert [len(item.turns) for item in found] == [1, 0, 0]

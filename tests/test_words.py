@@ -1,7 +1,8 @@
-"""Texts for users avoid the words of a list, and scenario notes are short."""
+"""Texts for users avoid the words of a list; scenario notes and pages are short."""
 
 from __future__ import annotations
 
+import ast
 import re
 import tomllib
 from pathlib import Path
@@ -16,10 +17,22 @@ TOML = [path for path in sorted(SCENARIOS.glob("*.toml")) if path.stem != "roste
 TEMPLATES = [
     *sorted((ROOT / "ggbench" / "report" / "templates").glob("*.j2")),
     *sorted((ROOT / "ggbench" / "cli" / "templates").glob("*.txt")),
+    *sorted((ROOT / "benchmarks").rglob("*.j2")),
+    *sorted((ROOT / "studies").rglob("*.j2")),
 ]
 DATA = sorted((SCENARIOS / "data").rglob("README.md"))
 CHANGELOG = ROOT / "CHANGELOG.md"
-SCANNED = [*documents(ROOT), CHANGELOG, ROOT / "CONTRIBUTING.md", *NOTES, *DATA, *TEMPLATES]
+MEASURED = [ROOT / "reports" / "speed.md", ROOT / "reports" / "matching_area.md"]
+"""Pages of the benchmark and of the study."""
+SCANNED = [
+    *documents(ROOT),
+    CHANGELOG,
+    ROOT / "CONTRIBUTING.md",
+    *NOTES,
+    *DATA,
+    *TEMPLATES,
+    *MEASURED,
+]
 
 INSTEAD = {
     r"(?:dis)?honest\w*": "consistent",
@@ -77,6 +90,19 @@ def unfit_notes(notes: str) -> list[str]:
     return reasons
 
 
+def unfit_page(text: str) -> list[str]:
+    """Return the reasons for which a page of measurements is too long or of another form."""
+    reasons = [f"long: {sentence}" for sentence in long_sentences(text, 25)]
+    answer = re.search(r"^\*\*Answer\.\*\* (.*)$", text, re.MULTILINE)
+    if answer is None or len(answer[1].split()) > 60:
+        reasons.append("no answer of at most 60 words")
+    if len(text.split()) > 450:
+        reasons.append("over 450 words")
+    if len(re.findall(r"^!\[", text, re.MULTILINE)) != 1:
+        reasons.append("not one figure")
+    return reasons
+
+
 @pytest.mark.parametrize("path", SCANNED, ids=lambda path: str(path.relative_to(ROOT)))
 def test_a_text_avoids_the_words_of_the_list(path: Path) -> None:
     assert avoided(path.read_text(encoding="utf-8")) == [], INSTEAD
@@ -101,6 +127,11 @@ def test_titles_and_descriptions_are_short(path: Path) -> None:
     assert len(set(titles)) == len(titles)
 
 
+@pytest.mark.parametrize("path", MEASURED, ids=lambda path: path.stem)
+def test_a_page_of_measurements_is_one_page(path: Path) -> None:
+    assert unfit_page(path.read_text(encoding="utf-8")) == []
+
+
 def test_the_changelog_is_short() -> None:
     assert len(CHANGELOG.read_text(encoding="utf-8").split()) <= 2500
 
@@ -112,9 +143,43 @@ def test_the_checks_find_what_they_look_for() -> None:
     assert avoided("Untold, losing, 5E-told-50E, besides, partly.") == []
     assert long_sentences("One two three. Four five.\n\n- Six\n- Seven eight nine.", 2) == [
         "One two three.", "- Seven eight nine."]  # fmt: skip
+    page = "**Answer.** Yes.\n\n![a](b.png)\n"
+    assert unfit_page(page) == []
+    assert unfit_page(page.replace("Yes", 61 * "yes ")) != []
+    assert unfit_page(page + 450 * "Word. ") == ["over 450 words"]
+    assert unfit_page(page + "\n![c](d.png)\n") == ["not one figure"]
     fit = "## Set-up\n\nA flight.\n\n## Limits\n\n- One.\n"
     assert unfit_notes(fit) == []
     assert unfit_notes(fit.replace("Limits", "Bounds")) != []
     assert unfit_notes(fit + "- Two.\n- Three.\n- Four.\n") == ["Limits: over three"]
     assert unfit_notes(fit.replace("A flight.", "A flight. " * 41)) == ["Set-up: over 80 words"]
     assert unfit_notes(fit + "\n## Why\n\n" + 31 * "so " + "\n")[0].startswith("long: so")
+
+
+def docstrings(source: str) -> str:
+    """Return the docstrings of a file, those of attributes among them."""
+    found = []
+    for node in ast.walk(ast.parse(source)):
+        body = getattr(node, "body", None)
+        for child in body if isinstance(body, list) else []:
+            if isinstance(child, ast.Expr) and isinstance(child.value, ast.Constant):
+                found.append(str(child.value.value))
+    return "\n\n".join(found)
+
+
+@pytest.mark.parametrize("room", ["ggbench", "estimators", "matchability", "scenarios"])
+def test_docstrings_avoid_the_words(room):
+    files = sorted((ROOT / room).rglob("*.py"))
+    assert files
+    found = {
+        str(file.relative_to(ROOT)): words
+        for file in files
+        if (words := avoided(docstrings(file.read_text(encoding="utf-8"))))
+    }
+    assert found == {}
+
+
+def test_a_docstring_with_such_a_word_is_found():
+    """A negative control: of a module, a function and an attribute; names in code are not."""
+    source = '"""Made anew."""\n\nlost = 1\n"""Nobody."""\n\ndef f(told):\n    """Told `lost`."""\n'
+    assert avoided(docstrings(source)) == ["anew", "Nobody", "Told"]

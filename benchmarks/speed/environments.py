@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 BENCHMARKS = Path(__file__).resolve().parent.parent
-OPTIONAL = ("stonesoup", "dynamax", "particles")
+OPTIONAL = ("stonesoup", "dynamax")
 
 ONE_THREAD = {
     "OMP_NUM_THREADS": "1",

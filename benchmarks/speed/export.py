@@ -1,4 +1,4 @@
-"""The problem of the speed benchmark, taken out of ggbench as plain arrays."""
+"""The problem of the speed benchmark as plain arrays."""
 
 from __future__ import annotations
 
@@ -44,11 +44,6 @@ def model_arrays_of(problem: Problem) -> ModelArrays:
     return model.arrays
 
 
-def noise_roots(problem: Problem) -> np.ndarray:
-    """Return G (K, n, r) of all epochs, whose Q have one rank r."""
-    return np.stack([problem.noise_root(k) for k in range(problem.epochs)])
-
-
 def arrays(runs: Sequence[int]) -> Arrays:
     """Return some runs as arrays."""
     found = problems(runs)
@@ -64,7 +59,6 @@ def arrays(runs: Sequence[int]) -> Arrays:
         noise_cov=first.noise_cov,
         transition=stack(found, "transition"),
         process_cov=stack(found, "process_cov"),
-        noise_roots=np.stack([noise_roots(problem) for problem in found]),
         prior_mean=first.prior_mean,
         prior_cov=first.prior_cov,
         reading_times=model.times,

@@ -6,6 +6,13 @@ import os
 import platform
 from pathlib import Path
 
+import pandas as pd
+
+
+def load() -> float:
+    """Return how many processes wanted a core in the last minute, on average."""
+    return os.getloadavg()[0]
+
 
 def processor() -> str:
     """Return the processor's name."""
@@ -17,13 +24,14 @@ def processor() -> str:
     return platform.processor() or platform.machine()
 
 
-def describe() -> dict[str, object]:
-    """Return processor, usable cores, load and system."""
+def describe(load_before: float, versions: dict[str, str]) -> pd.DataFrame:
+    """Return a table of ``property`` and ``value``: processor, load, system, versions."""
     usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    return {
-        "processor": processor(),
-        "architecture": platform.machine(),
+    found = {
+        "processor": f"{processor()} ({platform.machine()})",
         "cores": usable,
         "system": f"{platform.system()} {platform.release()}",
-        "load": os.getloadavg()[0],
-    }
+        "load_average_before": f"{load_before:.1f}",
+        "load_average_after": f"{load():.1f}",
+    } | versions
+    return pd.DataFrame(found.items(), columns=["property", "value"])

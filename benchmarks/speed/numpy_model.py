@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import NdBSpline
 
-from .problem_file import Arrays, Linear
+from .problem_file import Arrays
 
 SEMI_MAJOR_AXIS = 6378137.0
 FLATTENING = 1.0 / 298.257223563
@@ -122,21 +122,6 @@ def normal_slopes(
         sin_psi,
         cos_psi,
     )
-
-
-class LinearModel:
-    """h and H of one run whose readings are linear."""
-
-    def __init__(self, arrays: Linear, run: int) -> None:
-        self.design = arrays.design[run]
-
-    def predict_all(self, k: int, states: np.ndarray) -> np.ndarray:
-        """Return h (N, m) of N states (N, n)."""
-        return np.asarray(states @ self.design[k].T)
-
-    def jacobian(self, k: int, x: np.ndarray) -> np.ndarray:
-        """Return H (m, n)."""
-        return self.design[k]
 
 
 class NumpyModel:
@@ -299,8 +284,3 @@ class NumpyModel:
                 [0.0, cos_l, sin_l],
             ]
         )
-
-
-def model_of(arrays: Arrays | Linear, run: int) -> NumpyModel | LinearModel:
-    """Return the h of one run that takes many states."""
-    return LinearModel(arrays, run) if isinstance(arrays, Linear) else NumpyModel(arrays, run)

@@ -1,4 +1,4 @@
-"""The estimation problem as plain arrays in a file, for programs that know nothing of ggbench."""
+"""The estimation problem as plain arrays in a file, for programs without ggbench."""
 
 from __future__ import annotations
 
@@ -20,7 +20,6 @@ class Arrays(NamedTuple):
     noise_cov: np.ndarray  # (m, m)
     transition: np.ndarray  # (R, K, n, n)
     process_cov: np.ndarray  # (R, K, n, n)
-    noise_roots: np.ndarray  # (R, K, n, r) G of the rank of process_cov = G Gᵀ
     prior_mean: np.ndarray  # (n,)
     prior_cov: np.ndarray  # (n, n)
     reading_times: np.ndarray  # (K,) t − τ
@@ -44,32 +43,12 @@ class Arrays(NamedTuple):
         return np.sqrt(np.diag(self.prior_cov))
 
 
-class Linear(NamedTuple):
-    """R runs whose readings are linear: those of :class:`Arrays`, with H in place of its h."""
-
-    times: np.ndarray  # (K,)
-    measurements: np.ndarray  # (R, K, m)
-    noise_cov: np.ndarray  # (m, m)
-    transition: np.ndarray  # (R, K, n, n)
-    process_cov: np.ndarray  # (R, K, n, n)
-    noise_roots: np.ndarray  # (R, K, n, r)
-    prior_mean: np.ndarray  # (n,)
-    prior_cov: np.ndarray  # (n, n)
-    design: np.ndarray  # (R, K, m, n) z_k = H_k x_k + N(0, noise_cov)
-
-    @property
-    def runs(self) -> int:
-        """Number of runs R."""
-        return len(self.measurements)
-
-
-def save(path: Path, arrays: Arrays | Linear) -> None:
+def save(path: Path, arrays: Arrays) -> None:
     """Write the arrays as an .npz file."""
     np.savez(path, **arrays._asdict())
 
 
-def load(path: Path) -> Arrays | Linear:
-    """Read what :func:`save` wrote."""
+def load(path: Path) -> Arrays:
+    """Return what :func:`save` wrote."""
     with np.load(path) as file:
-        kind = Linear if "design" in file else Arrays
-        return kind(**{name: file[name] for name in kind._fields})
+        return Arrays(**{name: file[name] for name in Arrays._fields})

@@ -1,4 +1,4 @@
-"""Stone Soup's EKF, UKF and particle filter, all points through h in one call; h and H in NumPy."""
+"""Stone Soup's EKF and UKF, all points through h in one call; h and H in NumPy."""
 
 from __future__ import annotations
 
@@ -10,18 +10,14 @@ from stonesoup.base import Property
 from stonesoup.models.measurement.nonlinear import NonLinearGaussianMeasurement
 from stonesoup.models.transition.linear import LinearGaussianTimeInvariantTransitionModel
 from stonesoup.predictor.kalman import KalmanPredictor, UnscentedKalmanPredictor
-from stonesoup.predictor.particle import ParticlePredictor
-from stonesoup.resampler.particle import ESSResampler
 from stonesoup.types.array import StateVector, StateVectors
 from stonesoup.types.detection import Detection
 from stonesoup.types.hypothesis import SingleHypothesis
-from stonesoup.types.state import GaussianState, ParticleState
+from stonesoup.types.state import GaussianState
 from stonesoup.updater.kalman import ExtendedKalmanUpdater, UnscentedKalmanUpdater
-from stonesoup.updater.particle import ParticleUpdater
 
-from . import numpy_model
 from .numpy_model import NumpyModel
-from .problem_file import Arrays, Linear
+from .problem_file import Arrays
 
 START = datetime.datetime(2020, 1, 1)
 
@@ -98,64 +94,3 @@ class Ukf(Ekf):
     def updater(self, measurement_model: Any) -> Any:
         """Return the updater of one epoch."""
         return UnscentedKalmanUpdater(measurement_model, alpha=1.0, beta=0.0)
-
-
-class Errors(LinearGaussianTimeInvariantTransitionModel):
-    """The dynamics of one epoch, their noise drawn by its root G, which is given.
-
-    The library's own way, of the same law, decomposes Q in every call and draws fifteen numbers for
-    nine: four times the time.
-    """
-
-    root: np.ndarray = Property()
-    generator: Any = Property()
-
-    def rvs(self, num_samples: int = 1, **kwargs: Any) -> StateVectors:
-        """Return noises (n, N)."""
-        normal = self.generator.standard_normal((num_samples, self.root.shape[1]))
-        return (self.root @ normal.T).view(StateVectors)
-
-
-class Bootstrap:
-    """ParticlePredictor, ParticleUpdater, and ESSResampler below ESS = N/2.
-
-    The cloud is resampled after its moments are taken. The seed is the run's number.
-    """
-
-    runs_per_call = 1
-
-    def __init__(self, arrays: Arrays | Linear, count: int) -> None:
-        self.arrays, self.count = arrays, count
-        self.models = [numpy_model.model_of(arrays, run) for run in range(arrays.runs)]
-        self.prior_root = np.linalg.cholesky(arrays.prior_cov)
-        self.checked_runs = arrays.runs
-
-    def solve(self, run: int) -> np.ndarray:
-        """Return the means (1, K, n) of a run."""
-        a, rng = self.arrays, np.random.default_rng(run)
-        np.random.seed(run)  # noqa: NPY002  (the library resamples by the global generator)
-        mapping = tuple(range(len(a.prior_mean)))
-        start = a.prior_mean + rng.standard_normal((self.count, len(mapping))) @ self.prior_root.T
-        state: Any = ParticleState(
-            StateVectors(start.T), log_weight=np.full(self.count, -np.log(self.count)),
-            timestamp=START,
-        )  # fmt: skip
-        resampler = ESSResampler()
-        means = np.empty((len(a.times), len(mapping)))
-        covs = np.empty((len(a.times), len(mapping), len(mapping)))
-        for k, time in enumerate(a.times):
-            timestamp = START + datetime.timedelta(seconds=float(time))
-            transition = Errors(
-                transition_matrix=a.transition[run, k], covariance_matrix=a.process_cov[run, k],
-                root=a.noise_roots[run, k], generator=rng,
-            )  # fmt: skip
-            model = Gradiometer(
-                ndim_state=len(mapping), mapping=mapping, noise_covar=a.noise_cov,
-                model=self.models[run], epoch=k,
-            )  # fmt: skip
-            prediction = ParticlePredictor(transition).predict(state, timestamp=timestamp)
-            detection = Detection(StateVector(a.measurements[run, k]), timestamp=timestamp)
-            state = ParticleUpdater(model).update(SingleHypothesis(prediction, detection))
-            means[k], covs[k] = np.asarray(state.mean)[:, 0], state.covar
-            state = resampler.resample(state)
-        return means[None]

@@ -5,10 +5,8 @@ from __future__ import annotations
 import contextlib
 import json
 import re
-import statistics
 import subprocess
 import sys
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -25,9 +23,8 @@ class Entry:
     Attributes
     ----------
     key : how :mod:`.worker` names it.
-    title : how the report names it.
-    family : ``ekf``, ``ukf``, ``batch``, or how many particles: with whose results it must agree;
-        empty: no results.
+    title : how the page names it.
+    family : ``ekf``, ``ukf`` or ``batch``: with whose means it must agree.
     environment : the optional environment it runs in; empty for the benchmark's own.
     """
 
@@ -39,67 +36,39 @@ class Entry:
 
 @dataclass
 class Measured:
-    """What came out. Without ``turns`` it was not timed, and ``refusal`` says why."""
+    """Times of an implementation; without ``turns`` it was not timed, and ``refusal`` says why."""
 
     entry: Entry
     refusal: str = ""
-    difference: float | None = None
+    difference: float = float("nan")
     first_call: float = float("nan")
-    loaded: int = 0
-    peak: int = 0
+    peak: float = float("nan")
     versions: dict[str, str] = field(default_factory=dict)
     turns: list[dict[str, Any]] = field(default_factory=list)
 
-    @property
-    def seconds(self) -> list[float]:
-        """Seconds per run in every round."""
-        return [turn["seconds"] / turn["runs"] for turn in self.turns]
+    def rows(self) -> list[dict[str, Any]]:
+        """Return the rows of the table of rounds."""
+        return [
+            {
+                "family": self.entry.family,
+                "implementation": self.entry.title,
+                "round": number,
+                "processor_ms_per_run": 1e3 * turn["cpu_seconds"] / turn["runs"],
+                "wall_ms_per_run": 1e3 * turn["seconds"] / turn["runs"],
+            }
+            for number, turn in enumerate(self.turns, start=1)
+        ]
 
-    @property
-    def best(self) -> float:
-        """The best round's seconds per run."""
-        return min(self.seconds)
-
-    @property
-    def median(self) -> float:
-        """The median of the rounds' seconds per run."""
-        return statistics.median(self.seconds)
-
-    @property
-    def processor(self) -> float:
-        """The best round's processor seconds per run, which other work on the machine leaves be."""
-        return min(turn["cpu_seconds"] / turn["runs"] for turn in self.turns)
-
-    @property
-    def cores(self) -> float:
-        """Processor seconds per second."""
-        return sum(t["cpu_seconds"] for t in self.turns) / sum(t["seconds"] for t in self.turns)
-
-
-Judge = Callable[[Entry, np.ndarray, np.ndarray], tuple[float, str]]
-"""Of an entry, its means and its family's: how far they are apart, and what is wrong, if it is."""
-
-
-def within(scale: np.ndarray, tolerances: dict[str, float]) -> Judge:
-    """Return the judge of implementations that give the same numbers.
-
-    Parameters
-    ----------
-    scale : standard deviations (n,) of the prior.
-    tolerances : the largest difference of means, in these deviations, for each family.
-    """
-
-    def judge(entry: Entry, means: np.ndarray, expected: np.ndarray) -> tuple[float, str]:
-        difference = float(np.abs((means - expected) / scale).max())
-        allowed = tolerances[entry.family]
-        if difference <= allowed:
-            return difference, ""
-        return difference, (
-            f"its means differ by {difference:.1e} deviations of the prior, "
-            f"{allowed:.0e} are allowed"
-        )
-
-    return judge
+    def row(self) -> dict[str, Any]:
+        """Return the row of the table of implementations."""
+        return {
+            "family": self.entry.family,
+            "implementation": self.entry.title,
+            "largest_difference_prior_sd": self.difference,
+            "first_call_s": self.first_call,
+            "peak_memory_mb": self.peak / 1e6,
+            "not_timed_because": self.refusal,
+        }
 
 
 class Died(Exception):
@@ -107,7 +76,7 @@ class Died(Exception):
 
 
 class _Process:
-    """A worker and the lines between it and us."""
+    """A worker, and the lines of JSON to and from it."""
 
     def __init__(self, entry: Entry, problem: Path, folder: Path) -> None:
         python = environments.python_of(entry.environment, folder)
@@ -151,43 +120,52 @@ def plain(error: Exception) -> str:
     return said.replace(f"{Path.cwd()}/", "").replace(f"{Path.home()}/", "~/").rstrip(".")
 
 
+def disagreement(difference: float, allowed: float) -> str:
+    """Return why an implementation is not timed; empty if its means agree."""
+    if difference <= allowed:
+        return ""
+    return f"its means differ by {difference:.1e} prior deviations, {allowed:.0e} are allowed"
+
+
 def measure(
     entries: list[Entry],
     problem: Path,
     folder: Path,
-    judge: Judge,
+    scale: np.ndarray,
+    tolerances: dict[str, float],
     rounds: int,
     seconds: float,
 ) -> list[Measured]:
-    """Start every implementation, compare its means, and time those that agree in turn.
+    """Return all implementations; those whose means agree are timed in turn.
 
     Parameters
     ----------
     entries : the first of each family is the reference of its means.
-    problem : the file that the problem is in.
-    folder : where optional environments, means and what processes say are kept.
-    judge : whether an implementation's means are those of its family.
+    problem : file of the problem.
+    folder : of optional environments, means and messages of the processes.
+    scale : (n,) standard deviations of the prior.
+    tolerances : largest difference of means for each family, in these deviations.
     rounds, seconds : how often each is asked, and for how long.
     """
     found, running = [Measured(entry) for entry in entries], []
     references: dict[str, np.ndarray] = {}
     try:
         for item in found:
-            entry = item.entry
-            print(f"preparing {entry.title}", file=sys.stderr)
+            family = item.entry.family
+            print(f"preparing {item.entry.key}", file=sys.stderr)
             try:
-                process = _Process(entry, problem, folder)
+                process = _Process(item.entry, problem, folder)
                 running.append((item, process))
                 ready = process.answer()
             except (environments.EnvironmentFailed, Died) as error:
                 item.refusal = plain(error)
                 continue
             item.first_call, item.versions = ready["first_call"], ready["versions"]
-            item.loaded, item.peak = ready["loaded"], ready["peak"]
-            if entry.family:
-                means = np.load(process.means)
-                expected = references.setdefault(entry.family, means)
-                item.difference, item.refusal = judge(entry, means, expected)
+            item.peak = ready["peak"]
+            means = np.load(process.means)
+            expected = references.setdefault(family, means)
+            item.difference = float(np.abs((means - expected) / scale).max())
+            item.refusal = disagreement(item.difference, tolerances[family])
         for turn in range(rounds):
             print(f"round {turn + 1} of {rounds}", file=sys.stderr)
             for item, process in running:
@@ -196,8 +174,6 @@ def measure(
                         item.turns.append(process.ask(seconds))
                     except Died as error:
                         item.refusal, item.turns = f"it ended while timed: {plain(error)}", []
-                        continue
-                    item.peak = item.turns[-1]["peak"]
     finally:
         for _, process in running:
             process.stop()

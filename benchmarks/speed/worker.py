@@ -1,8 +1,8 @@
 """A process that solves the problem with one implementation, when it is asked to.
 
 ``python -m speed.worker IMPLEMENTATION PROBLEM.npz MEANS.npy``; requests and answers are lines of
-JSON. It first answers with its versions and memory once it has solved the first runs and written
-their means; then to {"seconds": s} by solving for about that long, with what that took.
+JSON. Its first answer, with versions and memory, follows when it has solved the first runs and
+written their means. It answers {"seconds": s} with the time that some runs took, about s seconds.
 """
 
 from __future__ import annotations
@@ -23,17 +23,16 @@ import numpy as np
 from . import problem_file
 
 CHECKED_RUNS = 4
-"""Runs whose means are compared, of an implementation that does not say ``checked_runs`` itself."""
+"""Runs whose means are compared."""
 PACKAGES = (
-    "ggbench", "filterpy", "gtsam", "stonesoup", "dynamax", "particles", "jax", "numba", "numpy",
+    "ggbench", "filterpy", "gtsam", "stonesoup", "dynamax", "jax", "numba", "numpy",
 )  # fmt: skip
 
 
 def implementation(name: str, problem: Path) -> Any:
     """Return what solves the problem: ``runs_per_call`` and ``solve(run)``.
 
-    ``rival:Class`` is a class of the module ``rival_rival`` that is made of the problem, with
-    ``rival:Class:N`` of the problem and the number N of its particles.
+    ``rival:Class`` is a class of the module ``rival_rival`` that takes the problem.
     """
     kind, _, which = name.partition(":")
     if kind == "ggbench":
@@ -45,18 +44,8 @@ def implementation(name: str, problem: Path) -> Any:
 
         threads, _, label = which.partition(":")
         return rival_ggbench.Compiled(label, int(threads))
-    if kind == "dgemm":
-        from . import flops
-
-        return flops.Dgemm()
-    if kind == "calls":
-        from . import calls
-
-        return calls.Calls(which)
     module = importlib.import_module(f"{__package__}.rival_{kind}")
-    solver, _, particles = which.partition(":")
-    numbers = [int(particles)] if particles else []
-    return getattr(module, solver)(problem_file.load(problem), *numbers)
+    return getattr(module, which)(problem_file.load(problem))
 
 
 def peak_memory() -> int:
@@ -86,15 +75,13 @@ def main(name: str, problem: str, means: str) -> None:
     answers = os.fdopen(os.dup(1), "w", buffering=1)
     os.dup2(2, 1)  # whatever a library prints is no answer
     solver = implementation(name, Path(problem))
-    loaded = peak_memory()
-    checked = getattr(solver, "checked_runs", CHECKED_RUNS)
-    runs = max(checked, solver.runs_per_call)
+    runs = max(CHECKED_RUNS, solver.runs_per_call)
     start = time.perf_counter()
     solver.solve(0)
     first = time.perf_counter() - start
     found = [solver.solve(run) for run in range(0, runs, solver.runs_per_call)]
-    np.save(means, np.concatenate(found)[:checked])
-    ready = {"first_call": first, "loaded": loaded, "peak": peak_memory(), "versions": versions()}
+    np.save(means, np.concatenate(found)[:CHECKED_RUNS])
+    ready = {"first_call": first, "peak": peak_memory(), "versions": versions()}
     print(json.dumps(ready), file=answers)
     turn = 0
     for line in sys.stdin:
@@ -110,7 +97,6 @@ def main(name: str, problem: str, means: str) -> None:
             "runs": calls * solver.runs_per_call,
             "seconds": spent,
             "cpu_seconds": time.process_time() - busy,
-            "peak": peak_memory(),
         }
         print(json.dumps(answer), file=answers)
 

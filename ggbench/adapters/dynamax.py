@@ -48,7 +48,7 @@ LIBRARIES = ("dynamax", "jax", "jaxlib")
 """Distributions whose version its results depend on."""
 _SMALL = 1e-4
 """Units of states and readings, in deviations of prior and noise. dynamax adds 1e-9 to the diagonal
-of what it inverts, which is to be nothing beside variances of 1e8."""
+of what it inverts, which is to be negligible next to variances of 1e8."""
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ class CapturedOutput:
     Parameters
     ----------
     descriptor : of the pipe; it is closed with this object.
-    seam : bytes that the worker writes between runs, so that the output of a run is told apart from
+    seam : bytes that the worker writes between runs, which separates the output of a run from
         that of the next however late it is read.
     """
 

@@ -44,7 +44,7 @@ def on_cluster(tasks: Iterable[Task], address: str, limit: float) -> Generator[l
     Raises
     ------
     ClusterError
-        If Dask is not installed, the scheduler cannot be reached or is lost, or a worker has
+        If Dask is not installed, the scheduler cannot be reached or goes away, or a worker has
         another version or source than this process.
     """
     try:
@@ -116,7 +116,7 @@ def _on(client: Client, tasks: Iterable[Task], limit: float) -> Generator[list[R
             yield results
     except (CancelledError, CommClosedError, OSError) as error:
         raise ClusterError(
-            f"the connection to the Dask scheduler is lost ({type(error).__name__}: {error}); the "
+            f"the connection to the Dask scheduler broke ({type(error).__name__}: {error}); the "
             "same command goes on from what is stored"
         ) from None
     except ModuleNotFoundError as error:
@@ -129,7 +129,7 @@ def _on(client: Client, tasks: Iterable[Task], limit: float) -> Generator[list[R
 def run_here(task: Task, limit: float, stopped: str) -> list[Result]:
     """Run a task in this thread's own process, on a worker of the cluster.
 
-    ``stopped`` names the event that says that nobody waits for it any more.
+    ``stopped`` names the event that says that its result is no longer awaited.
     """
     from distributed import Event
 

@@ -222,7 +222,7 @@ class WorkerSlot:
                     + (f"; the last that they printed: {last}" if last else "")
                 )
         else:
-            # Between two runs it died of nobody's fault, or of what all of them share.
+            # Between two runs it died by chance, or of what all of them share.
             blamed = {label: set(runs) for label, runs in self._left.items()}
             if self._current is not None:
                 blamed = {self._current.label: set(self._current.runs)}

@@ -214,7 +214,7 @@ def _narrowed(array: np.ndarray) -> np.ndarray:
 
 
 def _bound_of(case: CaseSpec, causality: Causality, lag: float | None) -> str:
-    """Return the name of the bound that an estimate is set beside.
+    """Return the name of the bound that an estimate is compared with.
 
     An estimate without aiding has the filtering bound: what aiding could give.
     """
@@ -318,21 +318,21 @@ def _known_gravity(bound: Bound) -> np.ndarray:
 def _gradient_signals(flight: Flight, true: Gradiometer, seed: int) -> dict[str, np.ndarray]:
     """Return Γ_UU when it is read, and with the noise of the detailed run.
 
-    Of measured readings that tell the whole tensor what was measured, in place of that noise.
+    Where the whole tensor was measured, the measurement is in place of that noise.
     """
     streams, vertical = random_streams(seed, DETAILED_RUN), COMPONENTS.index("zz")
     # Coloured noise is of the channels that there are: another one shows white noise of its RMS.
     instrument = replace(true, components=COMPONENTS, colour=None)
-    at = flight.epochs[flight.gradient_epochs]
-    there, count = ~flight.absent, len(at)
-    enu = np.full((count, len(COMPONENTS)), np.nan)
-    enu[there] = flight.field.tensor(*flight.trajectory.positions[at[there]].T)
+    at, measured = flight.epochs[flight.gradient_epochs], flight.measured
+    if measured is not None:  # a map need not reach as far as turns without measurements
+        at, measured = at[~flight.absent], measured[~flight.absent]
+    enu, count = flight.field.tensor(*flight.trajectory.positions[at].T), len(at)
     arrays = {"gradient_times": flight.trajectory.times[at], "vertical": enu[:, vertical]}
     noise = instrument.noise(count, streams.gradiometer)[:, vertical]
     behind = instrument.noise_behind(count, streams.behind_filter)[:, vertical]
     arrays["noisy"] = arrays["vertical"] + noise
-    if flight.measured is not None and true.whole:
-        arrays["noisy"] = true.tensors(flight.measured)[:, vertical]
+    if measured is not None and true.whole:
+        arrays["noisy"] = true.tensors(measured)[:, vertical]
         return arrays
     if instrument.lowpass is None:
         arrays["noisy"] += behind

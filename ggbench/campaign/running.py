@@ -55,7 +55,7 @@ def run(
     jobs : number of worker processes, by default one for each processor; 0: none, all runs are run
         in this process, without time limit.
     cluster : address of the Dask scheduler to run on instead.
-    progress : is told of every step, first when the folder is open.
+    progress : is called at every step, first when the folder is open.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def run(
                 return CampaignOutcome(store, True, 0)
         return CampaignOutcome(store, False, work.missing(store))
     except BaseException:
-        store.close()  # or nobody could use the folder as long as this process lives
+        store.close()  # or no other process could use the folder as long as this process lives
         raise
 
 

@@ -2,7 +2,7 @@
 
 This guards against mistakes: what an estimator finds by accident, or by looking through the objects
 of its process. It is no prison: code that runs in a process can read all of its memory. So an
-estimator whose source looks where only truth is to be found is told beside its results.
+estimator whose source looks where only truth is to be found is named with its results.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from collections.abc import Iterator
 import numpy as np
 
 _MODULES = ("gc", "inspect", "ggbench.simulation", "ggbench.campaign.runner")
-"""What an estimator has no honest use for: it looks through a process, or simulates runs."""
+"""What an estimator has no use for: it looks through a process, or simulates runs."""
 _NAMES = {
     "_getframe", "_current_frames", "f_back", "f_locals", "tb_frame", "gi_frame", "get_referrers",
 }  # fmt: skip

@@ -82,7 +82,7 @@ class Worker:
         return [self._socket.fileno(), *self.output.readable]
 
     def give(self, task: Any) -> None:
-        """Give the worker a task. That it has died meanwhile is told by ``receive``."""
+        """Give the worker a task. ``receive`` says if it has died meanwhile."""
         with contextlib.suppress(OSError):
             self._socket.sendall(packed(task))
 
@@ -188,7 +188,7 @@ def interrupts_held() -> Iterator[None]:
 
 
 def _seam(mark: str) -> bytes:
-    """Return what parts the output of a run from that of the next; nobody prints it by mistake."""
+    """Return what separates the outputs of two runs; no one prints it by mistake."""
     return f"\0{mark}\0".encode()
 
 

@@ -125,7 +125,7 @@ def examined(
 def _answer(
     process: subprocess.Popen[bytes], answers: Connection, limit_s: float
 ) -> dict[str, str]:
-    """Return the next answer of the separate process; ``lost`` and how, if there is none."""
+    """Return the next answer of the separate process; or how it ended, if there is none."""
     begun = time.monotonic()
     while not answers.poll(_LOOK_EVERY_S):
         if process.poll() is not None and not answers.poll():

@@ -50,7 +50,7 @@ def tell_maps(fields: Iterable[FieldSpec]) -> None:
     for wanted in recipes:
         try:
             wanted = recipe.checked(wanted)
-        except GGBenchError:  # which is told where its case is flown
+        except GGBenchError:  # which is reported where its case is flown
             continue
         if not recipe.cached_path(wanted).exists():
             click.echo(

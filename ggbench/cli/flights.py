@@ -67,7 +67,7 @@ def estimate(flight: Path, estimators: tuple[str, ...], output: Path, seed: int)
     if not found:
         raise GGBenchError("no estimator gave an estimate: nothing is written")
     path = flight_report.write(recorded, found, output)
-    click.echo(f"Wrote {path}, and tracks and residuals in the folders beside it.")
+    click.echo(f"Wrote {path}, and tracks and residuals in the folders next to it.")
     sys.exit(0 if len(found) == len(choices) else _EXIT_FAILED)
 
 

@@ -70,7 +70,7 @@ def estimator(name: str, output: Path) -> None:
     path = _begun(".py", name, output, Template=called, TITLE=_titled(name))
     shown = path.as_posix()
     click.echo(f"Wrote {shown}. Check it: ggbench check {shown}")
-    click.echo(f"Run it beside another: ggbench run wang2013 -n 3 -e {shown} -e ekf")
+    click.echo(f"Compare it with another: ggbench run wang2013 -n 3 -e {shown} -e ekf")
 
 
 def _titled(name: str) -> str:

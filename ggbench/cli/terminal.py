@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 
 from ..figures.numbers import counted
-from ..judging.comparison import LOST, Comparison
+from ..judging.comparison import UNFINISHED, Comparison
 from ..judging.summary import MARKS, SMOOTHERS, ordered
 from ..spec.scenario import Scenario
 from .responsive_table import ResponsiveTable
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _MOST_CASES = 12
-_UNITS = {"position": "m", "velocity": "m/s", LOST: "lost"}
+_UNITS = {"position": "m", "velocity": "m/s", UNFINISHED: "fail/div"}
 _COLOURS = {"worse": "red", "better": "green"}
 
 
@@ -94,7 +94,7 @@ def print_comparison(compared: Comparison, console: Console) -> None:
         "", [("case", "name"), ("estimator", "name"), *((n, "number") for n in numbers)]
     )
     for row in compared.rows.to_dict("records"):
-        if row["quantity"] == LOST and not row["before"] and not row["after"]:
+        if row["quantity"] == UNFINISHED and not row["before"] and not row["after"]:
             continue
         study = f"{row['assumption']}/" if row["assumption"] else ""
         colour = _COLOURS.get(row["verdict"])

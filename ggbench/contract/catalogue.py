@@ -141,7 +141,7 @@ CHECKS = (
     Check(
         "repeatable",
         "the same problem and generator give the same answer, bit for bit",
-        "a result that nobody can make again counts for nothing.",
+        "a result that cannot be made again counts for nothing.",
         _on_both(lambda estimator, problem, _: demands.repeatable(estimator, problem)),
     ),
     Check(
@@ -165,7 +165,7 @@ CHECKS = (
     ),
     Check(
         "noise",
-        "a reading counts for as much as the noise that is told for its own epoch",
+        "a reading counts for as much as the noise that is declared for its own epoch",
         "noise_cov may be (K, m, m): problem.noise_of(k) is R of epoch k.",
         _exact_or_any(
             lambda: graded(linear_sensor_problem(6)),

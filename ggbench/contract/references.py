@@ -113,7 +113,7 @@ def changed(problem: Problem, **changes: Any) -> Problem:
 
 
 def graded(problem: Problem) -> Problem:
-    """The problem with noise that is told for each epoch, up to three times as large or small."""
+    """The problem with noise declared for each epoch, up to three times as large or small."""
     factors = 9.0 ** np.sin(np.arange(1.0, problem.epochs + 1.0))
     return changed(problem, noise_cov=problem.noise_cov * factors[:, None, None])
 
@@ -215,7 +215,7 @@ def kalman(problem: Problem) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.nda
 def smoothed(problem: Problem, ahead: int) -> tuple[np.ndarray, np.ndarray]:
     """Each epoch given the measurements up to ``ahead`` epochs later: Rauch, Tung & Striebel."""
     x_f, p_f, x_p, p_p = kalman(problem)
-    # The inverse in units of the prior: kilometres beside microradians would spoil it.
+    # The inverse in units of the prior: kilometres and microradians together would spoil it.
     units = np.sqrt(np.diag(problem.prior_cov))
     right = problem.transition[1:] @ p_f[:-1] / units[:, None]
     gains = np.linalg.solve(p_p[1:] / np.outer(units, units), right) / units[:, None]

@@ -2,10 +2,10 @@
 
 Each node has a point about which its reading is linearised. With every epoch a node is added,
 linearised where the newest estimate predicts it; nodes whose estimate has moved from their point by
-a threshold or more are linearised anew where the estimate is; and the linear problem is solved
+a threshold or more are linearised again where the estimate is; and the linear problem is solved
 exactly. These are the rules of GTSAM's ISAM2 (Kaess et al. 2012) without a wildfire threshold,
 which remains the reference. Where ISAM2 eliminates the part of its Bayes tree that a change
-reaches, a filter goes on from the oldest node that was linearised anew, and multipliers go back
+reaches, a filter goes on from the oldest node that was linearised again, and multipliers go back
 through all nodes.
 
 In a sliding window (GTSAM's IncrementalFixedLagSmoother) a node leaves when a reading comes that is
@@ -140,7 +140,7 @@ def smoother(
     Parameters
     ----------
     block : the runs.
-    limits : (R, n) changes of a state from which its node is linearised anew.
+    limits : (R, n) changes of a state from which its node is linearised again.
     leaving : (K,) the oldest node of the window when an epoch has come; those before it are final.
         None: no window, and every node is final as the newest.
     loss, threshold : on each whitened component of a reading, see :mod:`.robust_weights`.

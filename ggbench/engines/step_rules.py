@@ -17,7 +17,7 @@ RELATIVE_DECREASE, ABSOLUTE_DECREASE = 1e-10, 1e-5
 """Decrease of the cost at which the search ends: far above its rounding errors, by which two
 engines would else take a different number of steps."""
 _ROUNDING = 1e-6
-"""Change of the cost that may be due to rounding in h: up to 5e-8 with 0.001 E of noise beside
+"""Change of the cost that may be due to rounding in h: up to 5e-8 with 0.001 E of noise and
 3000 E; less than what ends the search."""
 _NOTHING = 1e-13
 """Relative change of the cost that may be due to rounding in the linear problem."""

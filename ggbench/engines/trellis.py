@@ -81,7 +81,7 @@ class Trellis:
     problem : of d states.
     steps : (d,) sizes of a cell.
     most : cells that are kept at an epoch, those of the largest probabilities.
-    extra_noise : (K, m, m) what readings depend on beside the states, as noise.
+    extra_noise : (K, m, m) what readings depend on other than the states, as noise.
     """
 
     def __init__(

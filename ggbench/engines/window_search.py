@@ -34,7 +34,7 @@ _AROUND = 2
 _DEEPEST = 2
 """A hollow is looked at in steps of a fifth, to two steps to all sides, and begun with from its two
 deepest points: hollows of a field are curved and long, and Gauss–Newton from a point at their edge
-ends beside the lowest one."""
+ends next to the lowest one."""
 ITERATIONS = 30
 """Limit of the steps to a place."""
 MOST = 1_000_000
@@ -109,7 +109,7 @@ class Search:
     leave the map (by more than a step) are left out when they do: there is nothing to compare.
 
     Readings are taken one epoch after the other. All are in standard deviations of their noise, so
-    that channels of different units may stand beside each other; what is missing counts for
+    that channels of different units can be compared; what is missing counts for
     nothing. With r = z − h(d) of N readings, and z', h' less the mean of h over the grid at that
     epoch (the normal field and whatever all places have in common):
 
@@ -291,7 +291,7 @@ class Search:
         within = Search(self.problem, self.spacing, self._most, self.criterion, points)
         within.take(self._epoch)
         self.evaluations += within.evaluations
-        # Points beyond the map are gone: whose hollow a point is of is found anew.
+        # Points beyond the map are gone: whose hollow a point is of is found again.
         away = within.points[:, np.newaxis] - hollows
         own = np.argmin(np.sum(away**2, axis=-1), axis=1)
         steps = np.round((within.points - hollows[own]) / fine).astype(int)

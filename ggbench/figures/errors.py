@@ -1,4 +1,4 @@
-"""Figures of errors over time: of many runs beside the bounds, of one run by its components."""
+"""Figures of errors over time: of many runs with the bounds, of one run by its components."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Longitudes: the same meridian counted in another turn, and areas that may cross the date line.
 
 A longitude of 275.7° is one of −84.3°, and east of 179° comes 181°, which is −179°. Whatever is
-laid beside something else is counted within half a turn of it: :func:`turns` decides that.
+compared with something else is counted within half a turn of it: :func:`turns` decides that.
 """
 
 from __future__ import annotations

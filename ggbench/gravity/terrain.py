@@ -15,7 +15,7 @@ from .meridians import turns
 
 FEWEST_NODES = 4  # per axis, what a cubic spline needs
 LOWEST_M, HIGHEST_M = -12000.0, 9000.0  # the Earth has nothing beyond
-_ON_NODE = 1e-6  # of a step: a bound that rounding puts beside a node
+_ON_NODE = 1e-6  # of a step: a bound that rounding puts next to a node
 
 
 class TerrainError(GGBenchError):

@@ -121,7 +121,7 @@ def _from_projected(
     )
     south, north = southern.max(), northern.min()
     west, east = western.max(), eastern.min()
-    # Spacings as in the middle of the raster, so that no detail is lost.
+    # Spacings as in the middle of the raster, so that all detail is kept.
     middle = (n_rows - 1) / 2, (n_columns - 1) / 2
     d_row, d_column = (
         np.ravel(to_degrees(middle[0] + step, middle[1] + 1.0 - step))

@@ -13,7 +13,7 @@ from ..numerics.lanes import members
 
 @dataclass(frozen=True)
 class SensorErrors:
-    """Errors of a sensor triad that no estimator is told of: σ of what is drawn once per run.
+    """Errors of a sensor triad that no estimator knows: σ of what is drawn once per run.
 
     Attributes
     ----------

@@ -2,7 +2,7 @@
 
 A gradiometer needs no map for it: while it moves by v dt, the disturbance changes by T v dt, T the
 disturbing part of the gradient that it reads, and the local level turns under it. What it was at
-the start nobody says, so that this remains unknown, and the readings' noise adds a random walk to
+the start is not known, so that this remains unknown, and the readings' noise adds a random walk to
 it (Jekeli 2006, Precision free-inertial navigation with gravity compensation by an onboard
 gradiometer)::
 

@@ -1,4 +1,4 @@
-"""The Cramér–Rao bound that an estimate is set beside, by what it may know."""
+"""The Cramér–Rao bound that an estimate is compared with, by what it may know."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ..simulation.bound import Bound
 def bound_for(bound: Bound, causality: str, lag_epochs: int | None) -> np.ndarray:
     """Return the covariance bound (K, n, n) that an estimate of this causality cannot beat.
 
-    An estimate without aiding is set beside the filtering bound: what aiding could give.
+    An estimate without aiding is compared with the filtering bound: what aiding could give.
     """
     if causality == "batch":
         return bound.smoothing

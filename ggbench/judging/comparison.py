@@ -1,4 +1,4 @@
-"""Two campaigns beside each other: what became worse, what better, and what cannot be told.
+"""Two campaigns compared: what became worse, what better, and what is undecided.
 
 Every verdict of a comparison belongs to one family of tests, so that the more cases and estimators
 are compared, the stronger the evidence that each of them needs.
@@ -19,7 +19,7 @@ from .run_errors import WINDOWS
 from .statistics import ALPHA, BETTER, UNDECIDED, WORSE, excess_p_value, holm, ratio_interval
 
 SAME = "same"
-LOST = "lost runs"
+UNFINISHED = "failed or diverged"
 ROW_COLUMNS = (
     "assumption", "case", "estimator", "quantity", "before", "after", "ratio", "lo", "hi",
     "runs_before", "runs", "paired", "p", "p_better", "verdict",
@@ -42,7 +42,7 @@ class Comparison:
     rows : three rows per assumption, case and estimator that both hold, with :data:`ROW_COLUMNS`.
         Quantity "position" [m] and "velocity" [m/s]: ``before`` and ``after`` are MRSE,
         ``ratio`` their quotient with its 95 % interval ``lo``, ``hi`` (:func:`ratio_interval`).
-        Quantity "lost runs": the number of runs that failed or diverged, without a ratio.
+        Quantity "failed or diverged": the number of such runs, without a ratio.
         ``runs_before``, ``runs``: of how many runs these are, before and after. ``paired``:
         whether they are the same simulated problems. ``p``, ``p_better``: adjusted p-values of "not
         worse" and "not better". ``verdict``: "worse", "better", "same" (the same data, bit by bit)
@@ -71,12 +71,12 @@ def compare(
     the runs that finished in both. Other problems give independent samples, compared on equally
     many runs, the first ones of the larger: of squared errors, which are skewed, unequal samples
     raise false alarms (30 against 300 runs: in one of three comparisons of ten rows). Where runs
-    were lost, errors thus say nothing of them; the row "lost runs" does, over all runs of either.
+    failed or diverged, errors say nothing of them; the row of that name does, over all runs.
 
     An estimator of which each campaign has one set of parameters that the other lacks is compared
     under both its labels.
 
-    Errors are worse if MRSE grew by more than ``threshold`` (:func:`excess_p_value`); lost runs if
+    Errors are worse if MRSE grew by more than ``threshold`` (:func:`excess_p_value`); failures if
     there are more (one-sided exact tests, McNemar's of pairs and Fisher's of independent samples,
     whatever the threshold): with a p-value below 0.05 after Holm's procedure over all rows in which
     anything differs. The probability that :attr:`Comparison.worse` is true
@@ -119,7 +119,7 @@ def compare(
     )
     # What could not have been found, whatever its margins, takes part in no family of tests.
     open_rows = (rows["verdict"] != SAME) & ~(
-        (rows["quantity"] == LOST) & (rows["before"] + rows["after"] == 0.0)
+        (rows["quantity"] == UNFINISHED) & (rows["before"] + rows["after"] == 0.0)
     )
     for column, verdict in (("p", WORSE), ("p_better", BETTER)):
         rows.loc[open_rows, column] = holm(rows.loc[open_rows, column])
@@ -190,7 +190,7 @@ def _rows(
                 "verdict": SAME if runs and one.equals(two) else UNDECIDED,
             }
         )
-    return [*rows, _lost_runs(before, after, paired)]
+    return [*rows, _unfinished_runs(before, after, paired)]
 
 
 def _problems(runs: pd.DataFrame) -> set[tuple[str, int]]:
@@ -198,12 +198,12 @@ def _problems(runs: pd.DataFrame) -> set[tuple[str, int]]:
     return set(zip(runs["problem"], runs.index.get_level_values("seed"), strict=True))
 
 
-def _lost_runs(before: pd.DataFrame, after: pd.DataFrame, paired: bool) -> dict[str, Any]:
+def _unfinished_runs(before: pd.DataFrame, after: pd.DataFrame, paired: bool) -> dict[str, Any]:
     """Return the row of the runs that failed or diverged."""
     lost = [(runs["status"] != "ok") | runs["diverged"].astype(bool) for runs in (before, after)]
     old, new = (int(runs.sum()) for runs in lost)
     if paired:
-        # McNemar's exact test, on the runs that only one of the two lost.
+        # McNemar's exact test, on the runs that only one of the two failed.
         one, other = lost[0].align(lost[1], join="inner")
         only_old, only_new = int((one & ~other).sum()), int((other & ~one).sum())
         p, p_better = (
@@ -217,7 +217,7 @@ def _lost_runs(before: pd.DataFrame, after: pd.DataFrame, paired: bool) -> dict[
         p = float(hypergeom.sf(new - 1, runs, old + new, len(after)))
         p_better = float(hypergeom.sf(old - 1, runs, old + new, len(before)))
     return {
-        "quantity": LOST,
+        "quantity": UNFINISHED,
         "before": float(old),
         "after": float(new),
         "ratio": math.nan,

@@ -1,4 +1,4 @@
-"""One estimate beside its truth: its errors over time and in windows of the flight."""
+"""One estimate compared with its truth: its errors over time and in windows of the flight."""
 
 from __future__ import annotations
 

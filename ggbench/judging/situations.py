@@ -69,7 +69,7 @@ def situation_of(case: CaseSpec, correlation_m: float = math.nan) -> str:
 def is_right_model(case: CaseSpec) -> bool:
     """Return whether the assumed model is the true one, in all that a case can state.
 
-    Gaps at known times are no error of the model. Of measured readings nobody knows the truth.
+    Gaps at known times are no error of the model. The truth of measured readings is not known.
     """
     if _is_measured(case):
         return False

@@ -27,7 +27,7 @@ _TO_SI = {
 _METRES = {"m", "metre", "metres", "meter", "meters"}
 _LARGEST = {"geoid": 150.0, "anomaly": 0.02, "disturbance": 0.02}  # [m], [m/s²]
 _FEWEST = 16  # nodes per axis
-_ON_NODE = 1e-6  # of a step: a bound that rounding puts beside a node
+_ON_NODE = 1e-6  # of a step: a bound that rounding puts next to a node
 
 
 def read_grid(

@@ -216,7 +216,7 @@ class _Sources:
             raise MapError(
                 f"{path} spans {lat[-1] - lat[0]:.3g}° x {lon[-1] - lon[0]:.3g}°; with harmonics "
                 f"to degree {coefficients.degree}, {margin:.3g}° along each edge is "
-                "lost and nothing is left: it must be larger, or the harmonics of higher degree."
+                "cut off and nothing is left: it must be larger, or the harmonics of higher degree."
             )
         self.parts.append(ResidualPart(Residual(grid, coefficients, narrower * TAPER_DEG)))
         height = grid.height_m

@@ -34,10 +34,10 @@ compiled = _decorator()
 inlined = _decorator(forceinline=True)
 """Arithmetic that becomes part of the loops which call it, and is vectorised with them."""
 copied = _decorator(inline="always")
-"""A part of a kernel that is compiled anew where it is used: sizes that are constants there make
+"""A part of a kernel that is compiled again where it is used: sizes that are constants there make
 loops of known length, which become vector instructions without a remainder."""
 interpreted = _decorator(nogil=False)
-"""A part that calls the interpreter, which no thread runs beside another one."""
+"""A part that calls the interpreter, which one thread runs at a time."""
 
 LANES = 8
 """Runs that go through a kernel together, in the lanes of vector registers: the last index."""

@@ -130,7 +130,7 @@ def read_flight(path: Path | str) -> RecordedFlight:
 
 
 def _suite(spec: FlightSpec, path: Path) -> SensorSuite:
-    """Return the sensors and the prior, as the estimators are told."""
+    """Return the sensors and the prior, as the estimators assume them."""
     try:
         return suite_of(
             spec.side, spec.altimeter, disturbance=spec.disturbance,
@@ -141,7 +141,7 @@ def _suite(spec: FlightSpec, path: Path) -> SensorSuite:
 
 
 def _told(spec: FlightSpec, folder: Path) -> RecordedField:
-    """Return the map that the estimators are told; a file's path is relative to the flight's."""
+    """Return the map that the estimators assume; a file's path is relative to the flight's."""
     told = spec.field
     if is_file(told.source):
         told = told.model_copy(update={"source": str(folder / told.source)})

@@ -106,7 +106,7 @@ def inertial(spec: FlightSpec, folder: Path, model: SensorSuite, field: Field) -
     spec : the flight.
     folder : of its files.
     model : sensors as the estimators know them.
-    field : the map that they are told.
+    field : the map that they assume.
 
     Raises
     ------
@@ -184,7 +184,7 @@ def _increments(spec: FlightSpec, record: ImuRecord, folder: Path, model: Sensor
             )
         deltas, base = values, TimeBase(base.start, base.dt, len(values), base.tolerance)
     else:
-        # Summed up to each row, then taken at the samples: nothing that was felt is lost.
+        # Summed up to each row, then taken at the samples: nothing that was felt is left out.
         since = times - base.start
         means = 0.5 * (values[1:] + values[:-1]) * np.diff(since)[:, np.newaxis]
         summed = np.concatenate([np.zeros((1, 6)), np.cumsum(means, axis=0)])

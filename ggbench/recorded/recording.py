@@ -1,4 +1,4 @@
-"""Simulated runs written as recorded flights: what estimators are told, and no more."""
+"""Simulated runs written as recorded flights: what estimators receive, and no more."""
 
 from __future__ import annotations
 

@@ -34,10 +34,10 @@ class ReportError(GGBenchError):
     """A report cannot be written."""
 
 
-def environment(html: bool = False) -> jinja2.Environment:
-    """Return the environment of the templates, with the formats of numbers as filters."""
+def environment(html: bool = False, templates: Path = TEMPLATES) -> jinja2.Environment:
+    """Return the environment of a folder of templates, with the formats of numbers as filters."""
     made = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(TEMPLATES), autoescape=html,
+        loader=jinja2.FileSystemLoader(templates), autoescape=html,
         undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
     made.filters |= {
@@ -50,9 +50,9 @@ def environment(html: bool = False) -> jinja2.Environment:
     return made
 
 
-def markdown(template: str, **values: Any) -> str:
+def markdown(template: str, templates: Path = TEMPLATES, **values: Any) -> str:
     """Return a markdown page, without empty lines in a row."""
-    text = environment().get_template(template).render(values)
+    text = environment(templates=templates).get_template(template).render(values)
     return re.sub(r"\n{3,}", "\n\n", text).strip() + "\n"
 
 

@@ -86,7 +86,7 @@ class Result(NamedTuple):
     detail : (K, 18) float32, errors and their σ of a run kept in detail, see :meth:`Store.detail`;
         or None.
     retry_above : None if the result is final; else the time limit [s] above which a run that was
-        lost to its surroundings (it died, it was too slow) is worth another attempt.
+        that its surroundings ended (it died, it was too slow) is worth another attempt.
     """
 
     key: str
@@ -332,7 +332,7 @@ class Store:
         return np.frombuffer(blob, dtype="<f4").reshape(-1, columns).astype(float)
 
     def write_manifest(self, manifest: Mapping[str, Any]) -> None:
-        """Write the manifest, and beside it the scenario's text for a human reader."""
+        """Write the manifest, and next to it the scenario's text for a human reader."""
         self.write("manifest.json", (json.dumps(manifest, indent=1) + "\n").encode())
         self.write("scenario.toml", manifest["scenario_text"].encode())
 
@@ -361,7 +361,7 @@ class Store:
 def require_ours(folder: Path) -> None:
     """Raise StoreError if a folder exists and holds anything but what a campaign left there.
 
-    Ours is one with our database or a manifest of ours (whatever else somebody put beside them),
+    Ours is one with our database or a manifest of ours (whatever else is next to them),
     or with nothing but what a campaign makes first.
     """
     try:

@@ -1,1 +1,1 @@
-"""What is on board beside the INS, and the measurement model h and H of its readings."""
+"""What is on board other than the INS, and the measurement model h and H of its readings."""

@@ -1,4 +1,4 @@
-"""The sensors beside the gradiometer: what they deliver, and how it depends on the INS's errors.
+"""Sensors other than the gradiometer: what they deliver, and how it depends on the INS's errors.
 
 Each is given the motion and what the INS indicates of it, and says
 
@@ -77,7 +77,7 @@ class AidingSensor(ABC):
     noise : (e,) RMS of each channel's white noise [unit of the channel].
     bias : σ of each channel's bias [unit of the channel]; zero for none.
     bias_time : correlation time of the bias, a Gauss–Markov process [s]; ∞ for a constant.
-    faults : outliers and dropouts, which no estimator is told of.
+    faults : outliers and dropouts, which no estimator assumes.
     label : a name of its own, of one of several of a kind; "" for none.
     """
 

@@ -20,8 +20,8 @@ from ..numerics.rotations import sine_cosine
 from ..numerics.vectors import load, splat, store
 
 MOVED, INS_STATES = 9, 15
-"""Position, velocity and attitude error: the states on which these readings depend, beside those
-that come after the INS's own: gravity, and biases."""
+"""Position, velocity and attitude error: the states on which these readings depend. Others come
+after the INS's own: gravity, and biases."""
 
 
 class Aiding(NamedTuple):
@@ -38,7 +38,7 @@ class Aiding(NamedTuple):
     state : the first of three states d that are what the map lacks of it; −1 for none.
     places : (K, 3) INS positions at the epochs [rad, rad, m].
     present : (K, e) one, or zero where a channel delivers nothing.
-    map : the gravity disturbance of the field that the estimators are told.
+    map : the gravity disturbance of the field that the estimators assume.
     """
 
     rows: np.ndarray

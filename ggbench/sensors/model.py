@@ -163,7 +163,7 @@ def without_aiding(field: Field, positions: np.ndarray) -> tuple[Aiding, np.ndar
 
 
 def _immutable(indices: np.ndarray) -> np.ndarray:
-    """Return a copy of integers that nobody can change."""
+    """Return a read-only copy of integers."""
     return np.frombuffer(indices.tobytes(), indices.dtype).reshape(indices.shape)
 
 

@@ -84,7 +84,7 @@ class ModelArrays(NamedTuple):
 
 
 OF_A_RUN = ("references", "attitudes", "rows", "offset", "gain")
-"""The arrays that differ from run to run, beside those of the aiding sensors."""
+"""The arrays that differ from run to run, as do those of the aiding sensors."""
 
 
 class EpochContext(NamedTuple):

@@ -45,7 +45,7 @@ def make_field(spec: FieldSpec, constant: tuple[float, ...] = ()) -> Field:
     MapError
         If the map cannot be made; the message says why and what is allowed.
     """
-    # A map of the user's own may be written anew while this process lives.
+    # A map of the user's own may be written again while this process lives.
     own = Path(spec.source)
     version = own.stat().st_mtime_ns if is_file(spec.source) and own.exists() else 0
     # What the accelerometers feel is no part of the map.

@@ -1,6 +1,6 @@
 """The mechanization with feedback: an estimator's corrections re-base the INS as it goes.
 
-The error model is linear about what the INS indicates. Where an INS that nobody corrects has
+The error model is linear about what the INS indicates. Where an INS that is not corrected has
 drifted far, the squares of its errors are beyond what sensors see; one that is set right every
 minute errs by little. Nothing here knows the truth: what is replayed are the IMU's own readings.
 """
@@ -88,7 +88,7 @@ class Replays(Sequence["Replay"]):
 
 
 class Replay:
-    """What is needed to navigate a run anew, from any epoch on.
+    """What is needed to navigate a run again, from any epoch on.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ class Loop:
 
         Returns
         -------
-        The same estimates (K', n) as errors of the INS that nobody corrects.
+        The same estimates (K', n) as errors of the INS that is not corrected.
         """
         track = self._part.track
         assert track is not None

@@ -2,7 +2,7 @@
 
 A run adds random errors to a :class:`~.error_free_flight.Flight`. The random streams of a run are
 spawned from (seed, run), one per error source, so that two cases that differ in one source share
-all the others. What the truth has and what the estimators are told may differ: sensors, prior and
+all the others. What the truth has and what the estimators assume may differ: sensors, prior and
 map each exist twice, see :mod:`ggbench.spec.sensors`.
 """
 
@@ -210,7 +210,7 @@ def _readings(
 ) -> tuple[Readings, np.ndarray]:
     """Return what the sensors of R runs deliver, and biases at all epochs.
 
-    Of the sensors beside the gradiometer those that the model knows.
+    Of the sensors other than the gradiometer those that the model knows.
     """
     others = aiding_readings(
         flight.true.aiding, flight.model.aiding, flight.field, flight.times, flight.aiding_epochs,

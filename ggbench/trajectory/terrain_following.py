@@ -160,7 +160,7 @@ def terrain_path(name: str) -> Path:
 
 
 def _version(name: str) -> tuple[int, int]:
-    """Return what changes when a file is written anew."""
+    """Return what changes when a file is written again."""
     try:
         status = terrain_path(name).stat()
     except OSError as error:

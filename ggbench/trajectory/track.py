@@ -318,7 +318,7 @@ def resample(
     Raises
     ------
     TrajectoryError
-        If the heading cannot be told from the velocity.
+        If the velocity gives no heading.
     """
     times = np.arange(math.floor(track.times[-1] / dt + 1e-9) + 1) * dt
     if len(times) < 2:

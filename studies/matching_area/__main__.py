@@ -1,4 +1,4 @@
-"""``python -m matching_area``: fly the study and write its report, or the report alone."""
+"""``python -m matching_area``: fly the study and write its page, or the page alone."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import pandas as pd
 from ggbench.errors import GGBenchError
 from ggbench.files import written_whole
 
-from . import report
+from . import page
 from .design import REGIONS, Region
 from .flying import Runs, jobs, rows_of_cell
 
@@ -51,15 +51,15 @@ def write(table: pd.DataFrame, path: Path) -> None:
 def main() -> int:
     """Read the command line."""
     parser = argparse.ArgumentParser(prog="matching_area", description=__doc__)
-    parser.add_argument("--report", action="store_true", help="only the report, from the table")
+    parser.add_argument("--report", action="store_true", help="only the page, from the table")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--output", type=Path, default=Path("reports"))
     options = parser.parse_args()
-    path = options.output / report.FOLDER / report.TABLE
+    path = options.output / page.FOLDER / page.TRACKS
     try:
         if not options.report:
             write(fly(REGIONS, Runs(), options.processes), path)
-        print(report.write(pd.read_csv(path), options.output))
+        print(page.write(pd.read_csv(path), options.output))
     except GGBenchError as error:
         print(f"Error: {error}", file=sys.stderr)
         return 1

@@ -1,4 +1,4 @@
-"""How well an index orders tracks: correlations of ranks, areas under curves, over cells.
+"""How well an index orders tracks: correlations of ranks with intervals over cells.
 
 Columns of values (n, p) are indices, rows tracks, larger is taken for better. Tracks through one
 cell share its map, so that a sample of the bootstrap draws cells, within each region, and takes all
@@ -41,51 +41,6 @@ def spearman(x: Array, y: Array) -> Array:
     return correlation(rankdata(x, axis=0), rankdata(y))
 
 
-def spearman_and_partial(x: Array, y: Array, third: int) -> tuple[Array, Array]:
-    """Return Spearman's correlations (p,), and the partial ones with column ``third`` held.
-
-    (r_xy − r_xz r_yz) / √((1 − r_xz²)(1 − r_yz²)) of ranks; NaN of a column with the ranks of the
-    third, as of itself.
-    """
-    ranks = rankdata(x, axis=0)
-    xy = correlation(ranks, rankdata(y))
-    xz, yz = correlation(ranks, ranks[:, third]), xy[third]
-    left = (1.0 - xz**2) * (1.0 - yz**2)
-    partial = np.full_like(xy, np.nan)
-    np.divide(xy - xz * yz, np.sqrt(np.maximum(left, 0.0)), out=partial, where=left > 1e-12)
-    return xy, partial
-
-
-def within(x: Array, y: Array, groups: NDArray[np.intp]) -> Array:
-    """Return the correlations (p,) of what is left of columns and outcome by the means of groups.
-
-    NaN of a column that is the same within each group, as all are that know no heading.
-    """
-    of = np.unique(groups, return_inverse=True)[1]
-    count = np.bincount(of)
-
-    def left(values: Array) -> Array:
-        rest = values - (np.bincount(of, values) / count)[of]
-        return np.where(np.abs(rest) < 1e-9 * np.abs(values).max(), 0.0, rest)
-
-    columns = np.stack([left(column) for column in x.T], axis=1)
-    return correlation(columns, left(y))
-
-
-def auc(x: Array, good: NDArray[np.bool_]) -> Array:
-    """Return the areas (p,) under the ROC curves of columns (n, p) for an outcome (n,).
-
-    The share of pairs, a good one and another, that the index orders rightly, ties by half (Mann &
-    Whitney 1947); NaN if all are alike.
-    """
-    hits = int(good.sum())
-    pairs = hits * (len(good) - hits)
-    if pairs == 0:
-        return np.full(x.shape[1], np.nan)
-    sums = rankdata(x, axis=0)[good].sum(axis=0)
-    return np.asarray((sums - 0.5 * hits * (hits + 1)) / pairs)
-
-
 class Groups(NamedTuple):
     """Which rows (n,) of a table are of which region and cell."""
 
@@ -108,7 +63,7 @@ class Groups(NamedTuple):
 
 
 class Spread(NamedTuple):
-    """Numbers of indices, and how far another choice of cells would have put them.
+    """Statistics of indices, with intervals over the choice of cells.
 
     Attributes
     ----------
@@ -124,7 +79,7 @@ class Spread(NamedTuple):
     samples: Array
 
     def part(self, which: slice) -> Spread:
-        """Return what is said of some of the numbers."""
+        """Return the same of some of the indices."""
         regions = {
             name: (value[which], low[which], high[which])
             for name, (value, low, high) in self.regions.items()
@@ -197,15 +152,3 @@ def thirds(values: Array) -> NDArray[np.intp]:
     """Return to which third each of some values (n,) belongs: 0, the lowest, to 2."""
     limits = np.quantile(values, [1.0 / 3.0, 2.0 / 3.0])
     return np.searchsorted(limits, values, side="right")
-
-
-def ridge(x: Array, y: Array, penalty: float = 1.0) -> Callable[[Array], Array]:
-    """Return a regression of y (n,) on columns (n, p), standardised, their weights penalised.
-
-    Indices of one map resemble each other: without a penalty their weights would be noise.
-    """
-    mean, spread = x.mean(axis=0), x.std(axis=0)
-    scaled = (x - mean) / spread
-    normal = scaled.T @ scaled + penalty * np.eye(x.shape[1])
-    weights = np.linalg.solve(normal, scaled.T @ (y - y.mean()))
-    return lambda new: y.mean() + (new - mean) / spread @ weights

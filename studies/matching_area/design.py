@@ -32,7 +32,7 @@ class Region:
     ----------
     name : in the table. title : in words. source : of the map. map : its bounds.
     height_m : of the flights. weak : what reads the field on flights that are to fail.
-    side : cells along each axis, spread evenly, none beside another.
+    side : cells along each axis, spread evenly, no two adjacent.
     margin_deg : between the bounds of the map and the first cells.
     """
 

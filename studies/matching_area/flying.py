@@ -1,4 +1,4 @@
-"""What is said of each track before it is flown, and what comes out when it is."""
+"""Predictions for each track before it is flown, and the outcome of its flights."""
 
 from __future__ import annotations
 

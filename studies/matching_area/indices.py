@@ -1,4 +1,4 @@
-"""The indices that are compared, and the table of the study read as columns of them."""
+"""The indices that are compared, as columns of the table of tracks."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Index(NamedTuple):
 
 
 BASE = Index("roughness", "roughness", 1.0)
-"""What every other one has to beat."""
+"""The index that all others are compared with."""
 COMPONENT = "index"
 OF_MAPS = (
     Index("deviation", "standard deviation", 1.0),
@@ -50,7 +50,7 @@ WEAK = (
     Index("weak_expected", "predicted false fixes"),
     Index("weak_bound_m", "bound of the flight"),
 )
-"""For locking on: what is said of the instrument and the prior that are flown."""
+"""For right fixes: predictions for the instrument and the prior that are flown."""
 
 
 def completed(table: pd.DataFrame) -> pd.DataFrame:
@@ -75,18 +75,6 @@ def completed(table: pd.DataFrame) -> pd.DataFrame:
 def columns(table: pd.DataFrame, indices: tuple[Index, ...]) -> Array:
     """Return the indices (n, p) of the tracks, turned so that larger is taken for better."""
     return np.stack([i.sign * table[i.column].to_numpy(float) for i in indices], axis=1)
-
-
-def logs(table: pd.DataFrame, indices: tuple[Index, ...]) -> Array:
-    """Return the same of logarithms, of all but the principal components: those are of logs."""
-    return np.stack(
-        [
-            i.sign * (values if i.column == COMPONENT else np.log(np.maximum(values, 1e-300)))
-            for i in indices
-            for values in [table[i.column].to_numpy(float)]
-        ],
-        axis=1,
-    )
 
 
 def groups(table: pd.DataFrame) -> Groups:

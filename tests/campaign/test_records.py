@@ -330,7 +330,8 @@ def test_runs_of_a_block_share_its_time_and_keep_their_own_counts(monkeypatch):
     clock = SimpleNamespace(perf_counter=iter([0.0, 8.0]).__next__)
     monkeypatch.setattr(runner, "time", clock)
     choice = registry.Choice(EstimatorSpec("zeros"), Zeros())
-    found = runner._estimate(block, choice, [])
+    problems = [block.problem(run) for run in range(4)]
+    found = runner._estimate(block, problems, choice, [])
     assert found.seconds == 2.0
     assert list(found.evaluations) == [0, 1, 2, 3]
     assert list(found.info) == [{"steps": 7}, {"steps": 8}, {"steps": 9}, {"steps": 10}]

@@ -70,7 +70,11 @@ def mixed(problem: Problem, mixing: np.ndarray, noise_cov: np.ndarray | None = N
         present=problem.present @ (mixing.T != 0.0),
         channels=(),
         model=SensorModel(
-            arrays._replace(channels=mixing @ arrays.channels, offset=arrays.offset @ mixing.T)
+            arrays._replace(
+                channels=mixing @ arrays.channels,
+                combined=mixing @ arrays.combined,
+                offset=arrays.offset @ mixing.T,
+            )
         ),
     )
 

@@ -11,12 +11,12 @@ import pytest
 from scipy.stats import binomtest, fisher_exact
 
 from ggbench.judging.comparison import (
-    LOST,
     ROW_COLUMNS,
+    UNFINISHED,
     Comparison,
     ComparisonError,
     _groups,
-    _lost_runs,
+    _unfinished_runs,
     compare,
 )
 from ggbench.judging.summary import WINDOWS
@@ -71,7 +71,7 @@ def test_the_same_campaign_is_the_same():
     assert not result.worse
     assert result.rows["paired"].all()
     assert (result.only_before, result.only_after) == ((), ())
-    ratios = result.rows[result.rows["quantity"] != LOST]
+    ratios = result.rows[result.rows["quantity"] != UNFINISHED]
     assert (ratios[["ratio", "lo", "hi"]] == 1.0).all(axis=None)
     assert (ratios["runs"] == 299).all()
 
@@ -96,7 +96,7 @@ def test_ten_percent_worse_is_found():
     assert row["ratio"] == pytest.approx(row["after"] / row["before"])
     assert not compare(before, after, 0.2).worse
     turned = compare(after, before, 0.05)
-    assert verdicts(turned) == {"position": "better", "velocity": "better", LOST: "same"}
+    assert verdicts(turned) == {"position": "better", "velocity": "better", UNFINISHED: "same"}
     assert not turned.worse
     assert set(verdicts(compare(after, before, 0.2)).values()) == {"undecided", "same"}
 
@@ -129,22 +129,22 @@ def test_runs_that_only_one_campaign_has():
         turned = compare(after, before, 0.0).rows.set_index("quantity")
         assert tuple(turned.loc["position", ["before", "after"]]) == pytest.approx((mrse, mrse))
         assert rows.loc["position", "runs_before"] == rows.loc["position", "runs"] == 100
-        assert (rows.loc[LOST, "runs_before"], rows.loc[LOST, "runs"]) == (300, 100)
+        assert (rows.loc[UNFINISHED, "runs_before"], rows.loc[UNFINISHED, "runs"]) == (300, 100)
 
 
 def test_an_estimator_that_fails_always_is_worse():
-    """No ratio is left, and the lost runs tell."""
+    """No ratio is left, and the failed runs show it."""
     before = campaign({"a": squares(1, 20)})
     after = campaign({"a": squares(1, 20)}, lost=range(20))
     result = compare(before, after, 0.5)
     assert verdicts(result) == {
-        "position": "undecided", "velocity": "undecided", LOST: "worse",
+        "position": "undecided", "velocity": "undecided", UNFINISHED: "worse",
     }  # fmt: skip
     assert result.worse
     rows = result.rows.set_index("quantity")
-    assert tuple(rows.loc[LOST, ["before", "after"]]) == (0, 20)
+    assert tuple(rows.loc[UNFINISHED, ["before", "after"]]) == (0, 20)
     assert math.isnan(rows.loc["position", "ratio"])
-    assert verdicts(compare(after, before, 0.5))[LOST] == "better"
+    assert verdicts(compare(after, before, 0.5))[UNFINISHED] == "better"
 
 
 @pytest.mark.parametrize("kind", ["lost", "diverged"])
@@ -152,10 +152,10 @@ def test_lost_runs_need_to_be_more_than_one(kind):
     """A single run that fails or diverges of 300 is no evidence; ten are."""
     before = campaign({"a": squares(1)})
     one = compare(before, campaign({"a": squares(1)}, **{kind: [7]}), 0.0)
-    assert verdicts(one)[LOST] == "undecided"
+    assert verdicts(one)[UNFINISHED] == "undecided"
     assert not one.worse
     ten = compare(before, campaign({"a": squares(1)}, **{kind: range(10)}), 0.0)
-    assert verdicts(ten)[LOST] == "worse"
+    assert verdicts(ten)[UNFINISHED] == "worse"
 
 
 @pytest.mark.parametrize(("old", "new"), [(3, 20), (9, 4), (0, 5), (6, 6)])
@@ -165,12 +165,12 @@ def test_evidence_of_lost_runs_is_that_of_exact_tests(old, new):
         next(iter(_groups(campaign({"a": squares(1, runs)}, lost=lost)).values()))
         for runs, lost in ((40, range(old)), (90, range(2, 2 + new)))
     )
-    found = _lost_runs(before, after, paired=False)
+    found = _unfinished_runs(before, after, paired=False)
     table = [[new, 90 - new], [old, 40 - old]]
     assert (found["before"], found["after"]) == (old, new)
     assert found["p"] == pytest.approx(fisher_exact(table, alternative="greater").pvalue)
     assert found["p_better"] == pytest.approx(fisher_exact(table, alternative="less").pvalue)
-    pairs = _lost_runs(before, after, paired=True)
+    pairs = _unfinished_runs(before, after, paired=True)
     one, other = set(range(old)), set(range(2, 2 + new))
     differing = len(one ^ other)
     for name, count in (("p", len(other - one)), ("p_better", len(one - other))):
@@ -183,7 +183,7 @@ def test_infinite_errors_are_lost_runs():
     errors = squares(1)
     errors[:10] = np.inf
     result = compare(campaign({"a": squares(1)}), campaign({"a": errors}, diverged=range(10)), 0.0)
-    assert verdicts(result) == {"position": "same", "velocity": "same", LOST: "worse"}
+    assert verdicts(result) == {"position": "same", "velocity": "same", UNFINISHED: "worse"}
 
 
 @pytest.mark.parametrize(
