@@ -129,7 +129,10 @@ def _map(case: CaseSpec) -> list[str]:
         return ["normal field only"]
     same = (assumed.source, assumed.error) == (true.source, true.error)
     felt = "gravity disturbance felt" if true.gravity_disturbance else ""
-    return [f"`{assumed.source}`", "the true map" if same else "not the true map", felt]
+    said = "the true map" if same else "not the true map"
+    if case.gradiometer is not None and case.gradiometer.readings == "measured":
+        said = "with its real errors"
+    return [f"`{assumed.source}`", said, felt]
 
 
 def _differences(case: CaseSpec) -> list[str]:
