@@ -19,6 +19,7 @@ from ggbench.gravity.ellipsoid import EOTVOS
 from ggbench.gravity.field import Field
 from ggbench.gravity.spline import spline_at
 from ggbench.maps.shipped_regions import SOURCES
+from ggbench.maps.shipped_surveys import SURVEYS
 from ggbench.maps.shipped_terrains import TERRAINS
 from ggbench.simulation.error_free_flight import prepare
 from ggbench.simulation.field_source import map_recipe
@@ -102,7 +103,7 @@ def test_the_tensor_is_the_gradient_of_the_gravity(name, case):
 def test_every_source_is_tested():
     """No map that ggbench can build is left out: each source belongs to a shipped field."""
     flown = {scenario.load(name).case(case).field.source for name, case in fields()}
-    assert flown == {*SOURCES, *TERRAINS}
+    assert flown == {*SOURCES, *TERRAINS, *SURVEYS}
 
 
 @pytest.mark.parametrize(("name", "case"), DAILY)
