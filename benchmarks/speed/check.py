@@ -83,7 +83,7 @@ def guards() -> list[Guard]:
         ("gauss-newton", 4.0),
     ]  # fmt: skip
     return [
-        Guard("h of one state, compiled against NumPy", 2.5,
+        Guard("h of one state, compiled against NumPy", 1.5,
               lambda: Calls("numpy-h"), lambda: Calls("compiled-h")),
         Guard("h of 31 states, compiled against NumPy", 6.0,
               lambda: Calls("numpy-h31"), lambda: Calls("compiled-h31")),
