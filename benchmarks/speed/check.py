@@ -80,7 +80,7 @@ def guards() -> list[Guard]:
         ("ekf", 20.0), ("ekf[iterations=5]", 20.0), ("ekf[noise_memory=20]", 35.0), ("ukf", 20.0),
         ("ukf[loss=cauchy]", 25.0), ("gaussian-sum", 10.0), ("factor-graph", 9.0),
         ("factor-graph[mode=fixed-lag]", 14.0), ("factor-graph[mode=batch]", 40.0),
-        ("gauss-newton", 4.0),
+        ("gauss-newton", 2.0),
     ]  # fmt: skip
     return [
         Guard("h of one state, compiled against NumPy", 1.5,
