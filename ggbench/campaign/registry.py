@@ -212,7 +212,7 @@ def spec_of(estimator: Estimator) -> EstimatorSpec:
 def choose_all(texts: Iterable[str]) -> list[Choice]:
     """Return the estimators that texts name, each content once, under its first label.
 
-    ``@NAME`` stands for the estimators of a roster.
+    ``@NAME`` means the estimators of a roster.
 
     Raises
     ------

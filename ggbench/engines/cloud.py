@@ -364,10 +364,10 @@ class Cloud:
         """Return (r, n) what r normal numbers make of a particle, and keep the rest as P_l."""
         d = self.drawn
         root, inverse = ranked_root(joint[:d, :d])
-        told = inverse.T @ joint[:d, d:]
-        rest = joint[d:, d:] - told.T @ told
+        known = inverse.T @ joint[:d, d:]
+        rest = joint[d:, d:] - known.T @ known
         self.rest = 0.5 * (rest + rest.T)
-        return np.hstack([root.T, told])
+        return np.hstack([root.T, known])
 
     def _balanced(self, count: int, rank: int) -> np.ndarray:
         """Return normal numbers (N, r) whose mean is zero and whose covariance is one, exactly."""

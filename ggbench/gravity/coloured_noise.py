@@ -200,8 +200,8 @@ class VectorAutoregression:
         for k, drawn in enumerate(white):
             known = min(k, p)
             before = noise[k - known : k][::-1]
-            told = np.einsum("iab,ib->a", rows[known, 1 : known + 1], before)
-            noise[k] = inverse[known] @ (self.deviations * drawn - told)
+            predicted = np.einsum("iab,ib->a", rows[known, 1 : known + 1], before)
+            noise[k] = inverse[known] @ (self.deviations * drawn - predicted)
         return noise
 
     def write(self, path: Path) -> None:

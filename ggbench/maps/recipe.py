@@ -55,7 +55,6 @@ SPACING_PER_CLEARANCE = 0.6
 """The same of a terrain, per height above its highest ground."""
 SPACING_PER_MASS = 0.35
 """The same of a survey, per height above its highest mass, also vertically: 0.1 E rms."""
-_FEWEST_NODES = 4  # per axis, what a cubic spline needs
 _MOST_NODES = 5_000_000  # in all: about half a gigabyte
 _MARGIN_NODES = 2  # lowest layers, which serve as the margin of an interpolation in height
 
@@ -229,10 +228,10 @@ def checked(recipe: MapRecipe) -> MapRecipe:
 
     _check_spacings(recipe)
     counts = _node_counts(recipe)
-    if min(counts) < _FEWEST_NODES or math.prod(counts) > _MOST_NODES:
+    if min(counts) < netcdf.FEWEST_NODES or math.prod(counts) > _MOST_NODES:
         raise MapError(
             f"Bounds and spacings give {counts} nodes in latitude, longitude and height: at least "
-            f"{_FEWEST_NODES} in each and at most {_MOST_NODES} in all are allowed."
+            f"{netcdf.FEWEST_NODES} in each and at most {_MOST_NODES} in all are allowed."
         )
     return recipe
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import csv
 import io
+import os
 import re
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -135,3 +137,22 @@ def _numbers(column: pd.Series, key: str, first: int, may_be_empty: bool) -> Arr
             hint = "; a date or a time of day is not understood, give seconds"
         raise TrajectoryError(f"line {first + n}: {key} is {found} and must be a number{hint}")
     return values
+
+
+def status_of(file: str, what: str) -> os.stat_result:
+    """Return size and times of a file.
+
+    Parameters
+    ----------
+    file : path. what : what it holds, for the message.
+
+    Raises
+    ------
+    TrajectoryError
+        If there is none.
+    """
+    try:
+        return Path(file).stat()
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not a path"
+        raise TrajectoryError(f"cannot read the {what} {file}: {reason}") from None

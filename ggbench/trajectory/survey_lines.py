@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from ..sensors.gradiometer.instrument import COMPONENTS, DIFFERENCES
-from .csv_text import CsvText
+from .csv_text import CsvText, status_of
 from .manoeuvres import Array, TrajectoryError
 from .track import Track, TrackLimits, part_of, track_of
 from .track_file import FEWEST_ROWS
@@ -142,11 +142,7 @@ def read_lines(file: str) -> Mapping[str, SurveyLine]:
     TrajectoryError
         With a sentence that names the file, the line, what was found and what is allowed.
     """
-    try:
-        status = Path(file).stat()
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not a path"
-        raise TrajectoryError(f"cannot read the survey lines {file}: {reason}") from None
+    status = status_of(file, "survey lines")
     try:
         return _read_lines(file, status.st_mtime_ns, status.st_size)
     except TrajectoryError as error:

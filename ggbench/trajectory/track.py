@@ -14,6 +14,7 @@ from scipy.linalg import solveh_banded
 
 from ..gravity.ellipsoid import radii_of_curvature
 from ..numerics.kernels import compiled
+from .csv_text import status_of
 from .manoeuvres import BANK_GRAVITY, Array, TrajectoryError
 from .track_file import parse
 
@@ -82,11 +83,7 @@ def read_track(file: str, limits: TrackLimits) -> Track:
     TrajectoryError
         With a sentence that names the file, the line, what was found and what is allowed.
     """
-    try:
-        status = Path(file).stat()
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not a path"
-        raise TrajectoryError(f"cannot read the track {file}: {reason}") from None
+    status = status_of(file, "track")
     if not stat.S_ISREG(status.st_mode):
         raise TrajectoryError(f"cannot read the track {file}: it is no file")
     if status.st_size > _LARGEST:

@@ -59,8 +59,8 @@ def test_whitened_noise_is_white_from_the_first_reading_on():
     w, covariance = matrix(whitened(NOISE, [False] * count)), joint(NOISE, count)
     variances = np.tile(NOISE.deviations**2, count)
     np.testing.assert_allclose(w @ covariance @ w.T, np.diag(variances), atol=1e-12)
-    told = np.log(variances).sum() - 2.0 * np.linalg.slogdet(w)[1]
-    assert told == pytest.approx(np.linalg.slogdet(covariance)[1], abs=1e-10)
+    found = np.log(variances).sum() - 2.0 * np.linalg.slogdet(w)[1]
+    assert found == pytest.approx(np.linalg.slogdet(covariance)[1], abs=1e-10)
 
 
 def test_one_autoregression_per_channel_does_not_whiten():

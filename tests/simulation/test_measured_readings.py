@@ -107,7 +107,7 @@ def test_runs_fly_the_lines_in_equal_shares(keys):
 
 
 def test_a_missing_reading_is_no_reading(folder, keys, tmp_path):
-    """An empty cell: nothing is present, the bound counts without it, whitening begins anew."""
+    """An empty cell: nothing is present, the bound counts without it, whitening begins again."""
     rows = (folder / "lines.csv").read_text().splitlines()
     gap = 1 + 2 + 10  # of the first line: the tenth reading of the flight
     cells = rows[gap].split(",")
