@@ -80,8 +80,8 @@ def test_named_sensors_are_recorded_and_reported_by_their_names(tmp_path):
     assert len(set(columns)) == len(columns)
     assert {"stern_position_E_m", "water_track_velocity_right_mps"} < set(columns)
     report = (tmp_path / "out" / "report.md").read_text(encoding="utf-8")
-    assert "| stern | position E, position N, position U | 10 |" in report
-    assert "| water track |" in report
+    assert "|stern|position E, position N, position U|10|" in report
+    assert "|water track|" in report
     assert "water_track.csv" in report
 
 

@@ -156,7 +156,8 @@ def test_the_batch_solution_is_gtsams(name, case, loss):
         error = expected.info["error"]
         assert abs(found.info["error"] - error) < 1e-4 + 1e-6 * error
         apart = difference(found, expected, problem)
-        limit = COARSER.get(name, LIMIT)
+        # Weights of a loss converge linearly, so that two searches end a little farther apart.
+        limit = max(COARSER.get(name, LIMIT), LIMIT if loss == "none" else 1e-5)
         if apart < limit or expected.info["iterations"] == oracle.estimator.max_iterations:
             continue
         again = oracle.estimate(nudged(problem))
