@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.linalg import solve_banded
 
 from ..numerics.kernels import compiled, copied, inlined
 
@@ -16,26 +15,27 @@ from ..numerics.kernels import compiled, copied, inlined
 def spline_coefficients(values: np.ndarray, axis: int) -> np.ndarray:
     """Return uniform cubic B-spline coefficients that interpolate ``values`` along ``axis``.
 
-    n nodes (n >= 4) give n + 2 coefficients; the two end conditions are not-a-knot (the third
-    derivative is continuous across the second and the last but one node).
+    n nodes (n >= 4) give n + 2 coefficients c; the two end conditions are not-a-knot (the third
+    derivative is continuous across the second and the last but one node). With
+    c[i−1] + 4 c[i] + c[i+1] = 6 d[i], they are c[2] = (8 d[2] − d[1] − d[3]) / 6 and its mirror
+    image; what lies between is tridiagonal.
     """
     data = np.moveaxis(values, axis, 0)
-    n = data.shape[0]
-    right = np.zeros((n + 2, *data.shape[1:]))
-    right[1:-1] = data
-    band = np.zeros((9, n + 2))  # LAPACK's band storage, four diagonals on either side
-
-    def put(row: int, column: int, value: float) -> None:
-        band[4 + row - column, column] = value
-
-    for offset, weight in enumerate((1.0, -4.0, 6.0, -4.0, 1.0)):
-        put(0, offset, weight)
-        put(n + 1, n - 3 + offset, weight)
-    for row in range(1, n + 1):
-        for column, weight in zip(range(row - 1, row + 2), (1 / 6, 4 / 6, 1 / 6), strict=True):
-            put(row, column, weight)
-    solved = solve_banded((4, 4), band, right.reshape(n + 2, -1))
-    return np.ascontiguousarray(np.moveaxis(solved.reshape(right.shape), 0, axis))
+    n = len(data)
+    found = np.empty((n + 2, *data.shape[1:]))
+    found[2] = (8.0 * data[1] - data[0] - data[2]) / 6.0
+    found[n - 1] = (8.0 * data[n - 2] - data[n - 1] - data[n - 3]) / 6.0
+    factors = np.zeros(n + 2)
+    for i in range(3, n - 1):
+        factors[i] = 1.0 / (4.0 - factors[i - 1])
+        found[i] = (6.0 * data[i - 1] - found[i - 1]) * factors[i]
+    for i in range(n - 2, 2, -1):
+        found[i] -= factors[i] * found[i + 1]
+    for end, inner in ((0, 1), (n + 1, -1)):
+        one, two, three = end + inner, end + 2 * inner, end + 3 * inner
+        found[one] = 6.0 * data[two - 1] - 4.0 * found[two] - found[three]
+        found[end] = 6.0 * data[one - 1] - 4.0 * found[one] - found[two]
+    return np.ascontiguousarray(np.moveaxis(found, 0, axis))
 
 
 @inlined
