@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import (
@@ -43,9 +44,11 @@ from .sensors import (
     Side,
     TruthSpec,
     changed,
+    merged,
 )
 from .tables import Listed, Section, Title
 from .trajectory import TrajectorySpec
+from .validation_messages import ScenarioError, validate
 
 CaseName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=60)]
 _FIRST_REGULARIZATION = 1e-6
@@ -260,6 +263,46 @@ class CaseSpec(Section):
                 f"{said} goes with white noise: coloured noise from held-back lines includes the "
                 "errors of the map"
             )
+
+    def changed(self, key: str, value: Any) -> CaseSpec:
+        """Return the case with another value of a key, held to the rules of a file.
+
+        ``case.changed("gradiometer.noise_eotvos", 1.0)``; a table may be given as a mapping.
+
+        Parameters
+        ----------
+        key : str
+            Dotted key as in ``[[case]]``.
+        value : object
+            Its new value.
+
+        Raises
+        ------
+        ScenarioError
+            If there is no such key, or the case would break a rule.
+        """
+        change: Any = value
+        for part in reversed(key.split(".")):
+            change = {part: change}
+        whole = merged(self.model_dump(warnings=False), change)
+        return validate(CaseSpec, whole, f"case '{self.name}' with {key} = {value!r}")
+
+    def model_copy(
+        self, *, update: Mapping[str, Any] | None = None, deep: bool = False
+    ) -> CaseSpec:
+        """Return a copy with other tables, which are not validated.
+
+        Raises
+        ------
+        ScenarioError
+            If ``update`` names no table: a dotted key is for :meth:`changed`.
+        """
+        for key in update or {}:
+            if key not in type(self).model_fields:
+                raise ScenarioError(
+                    f"a case has no table '{key}'; case.changed('{key}', value) changes a key"
+                )
+        return super().model_copy(update=update, deep=deep)
 
     @property
     def periods(self) -> dict[str, float]:

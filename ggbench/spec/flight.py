@@ -19,7 +19,7 @@ from .aiding import AIDING, BarometerSpec, GnssSpec, GravimeterSpec, LogSpec
 from .case import WindowsSpec, require_no_gravimeter
 from .gradiometer import GradiometerSpec
 from .named_sensors import NamedSensors, sensors_of
-from .scenario import ScenarioError, read_toml, strip_provenance, validate
+from .scenario import read_toml, strip_provenance
 from .sensors import (
     AltimeterSpec,
     DisturbanceSpec,
@@ -29,6 +29,7 @@ from .sensors import (
     Side,
 )
 from .tables import Listed, Section
+from .validation_messages import ScenarioError, validate
 
 FileName = Annotated[str, Field(min_length=1)]
 Frame = Literal["ENU", "NED"]

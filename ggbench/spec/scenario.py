@@ -23,9 +23,6 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pydantic import BaseModel, ValidationError
-
-from ..errors import GGBenchError
 from ..trajectory.terrain_following import terrain_path as shipped_or_own
 from . import rosters
 from . import sweep as sweep
@@ -35,16 +32,12 @@ from .claims import ClaimSpec, ComparisonSpec
 from .limits import SCENARIO_NAME
 from .sensors import merged
 from .sweep import Sweep
-from .validation_messages import sentence, suggest
+from .validation_messages import ScenarioError as ScenarioError
+from .validation_messages import suggest, validate
 
-T = TypeVar("T", bound=BaseModel)
 C = TypeVar("C", ClaimSpec, ComparisonSpec)
 _MOST_NAMED = 20
 """Most cases that a message lists."""
-
-
-class ScenarioError(GGBenchError):
-    """A scenario file cannot be found, read or accepted."""
 
 
 @dataclass(frozen=True)
@@ -444,19 +437,3 @@ def strip_provenance(node: Any, path: str, provenance: dict[str, str], origin: s
         key: strip_provenance(item, f"{path}.{key}" if path else key, provenance, origin)
         for key, item in node.items()
     }
-
-
-def validate(model: type[T], content: Any, label: str) -> T:
-    """Return a table of a file.
-
-    Raises
-    ------
-    ScenarioError
-        With a sentence that begins with the label, names the key, and says what is allowed.
-    """
-    try:
-        return model.model_validate(content)
-    except ValidationError as error:
-        problems = error.errors()
-        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-        raise ScenarioError(f"{label}: {sentence(model, problems[0])}{more}") from None

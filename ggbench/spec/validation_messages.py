@@ -7,12 +7,35 @@ import math
 import re
 import typing
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, TypeVar
 
-from pydantic import BaseModel
+from pydantic import BaseModel, ValidationError
 
+from ..errors import GGBenchError
 from .aiding import AIDING
 from .named_sensors import NamedSensors
+
+T = TypeVar("T", bound=BaseModel)
+
+
+class ScenarioError(GGBenchError):
+    """A scenario file cannot be found, read or accepted."""
+
+
+def validate(model: type[T], content: Any, label: str) -> T:
+    """Return a table of a file.
+
+    Raises
+    ------
+    ScenarioError
+        With a sentence that begins with the label, names the key, and says what is allowed.
+    """
+    try:
+        return model.model_validate(content)
+    except ValidationError as error:
+        problems = error.errors()
+        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+        raise ScenarioError(f"{label}: {sentence(model, problems[0])}{more}") from None
 
 
 def sentence(model: type[BaseModel], problem: Any) -> str:
