@@ -8,11 +8,12 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: help paper sweep library reports golden bench bench-check matching agreement test test-long test-all coverage lint format typecheck keys pictures turbulence docs wheel-check browser lock clean
+.PHONY: help paper sweep suite library reports golden bench bench-check matching agreement test test-long test-all coverage lint format typecheck keys pictures turbulence docs wheel-check browser lock clean
 
 help:
 	@echo "make paper        fly the paper's three cases, 10 runs each; the report is in results/wang2013/report"
 	@echo "make sweep        run the scenario noise_rate_sweep; its report is in results/noise_rate_sweep/report"
+	@echo "make suite        run the standard suite; writes the stored runs of ggbench score (an hour)"
 	@echo "make library      run every scenario, or go on where that stopped; then make reports"
 	@echo "make reports      renew the committed pages of reports/ from results/"
 	@echo "make golden       write tests/golden.json, the numbers of every estimator on short flights"
@@ -26,7 +27,7 @@ help:
 	@echo "make lint         check style and format"
 	@echo "make format       apply style fixes and format"
 	@echo "make typecheck    check the type annotations"
-	@echo "make keys         write the tables of docs/scenario_files.md from the specification"
+	@echo "make keys         write the tables of docs/scenario_files.md and the JSON schemas"
 	@echo "make pictures     draw the pictures of docs/concepts"
 	@echo "make turbulence   fly the tracks of the scenario turbulence again, by JSBSim"
 	@echo "make docs         build the documentation into build/docs; a warning is an error"
@@ -45,6 +46,10 @@ paper: $(INSTALLED)
 sweep: $(INSTALLED)
 	$(BIN)/ggbench run noise_rate_sweep --fresh -o results/noise_rate_sweep
 	$(BIN)/ggbench report results/noise_rate_sweep -o results/noise_rate_sweep/report
+
+suite: $(INSTALLED)
+	$(BIN)/ggbench run suite -o results/suite
+	$(BIN)/python -m ggbench.score.stored_runs results/suite scenarios/data/suite_runs.npz
 
 library: $(INSTALLED)
 	$(BIN)/ggbench run --all --assumptions -o results

@@ -24,7 +24,7 @@ FLOORS = (
     ("contract", "recorded", "results"),
     ("figures",),
     ("campaign", "matchability", "report"),
-    ("api",),
+    ("api", "score"),
     ("cli",),
 )
 """A room imports what stands above it in this list, and nothing beside it or below."""

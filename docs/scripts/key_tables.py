@@ -1,4 +1,4 @@
-"""Writes the key tables of ``docs/scenario_files.md`` and ``docs/scenario.schema.json``.
+"""Writes the key tables of ``docs/scenario_files.md`` and the JSON schemas of files.
 
 ``make keys`` runs it after a change of the specification; a test compares both. Each table of keys
 stands between ``<!-- keys: TABLE -->`` and ``<!-- end of keys -->``, the list of all tables between
@@ -12,10 +12,12 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from ggbench.cli.keys import REQUIRED, Key, KeyTable, tables
+from ggbench.score import card
 from ggbench.spec.json_schema import schema_text
 
 PAGE = Path(__file__).parents[1] / "scenario_files.md"
 SCHEMA = Path(__file__).parents[1] / "scenario.schema.json"
+CARD_SCHEMA = Path(__file__).parents[1] / "card.schema.json"
 
 
 def filled_in(text: str) -> str:
@@ -76,3 +78,4 @@ def _code(text: str) -> str:
 if __name__ == "__main__":
     PAGE.write_text(filled_in(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
     SCHEMA.write_text(schema_text(), encoding="utf-8")
+    CARD_SCHEMA.write_text(card.schema_text(), encoding="utf-8")

@@ -14,6 +14,7 @@ from rich.markup import escape
 from ..errors import GGBenchError
 from ..figures.numbers import counted
 from ..spec.limits import MOST_RUNS, MOST_SEED
+from .advise import advise
 from .bound import bound
 from .check import check
 from .compiling import tell_first_use, tell_maps
@@ -25,6 +26,7 @@ from .new import new
 from .progress import Progress
 from .reports import report
 from .responsive_table import ResponsiveTable
+from .score import score
 from .screen import console
 from .timing import Moment
 
@@ -68,6 +70,7 @@ def main() -> None:
 
 
 main.add_command(map_group)
+main.add_command(advise)
 main.add_command(bound)
 main.add_command(check)
 main.add_command(keys)
@@ -75,6 +78,7 @@ main.add_command(new)
 main.add_command(estimate)
 main.add_command(record)
 main.add_command(report)
+main.add_command(score)
 
 
 @main.command("list")

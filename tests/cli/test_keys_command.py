@@ -16,6 +16,7 @@ from problems import SMALL
 
 from ggbench.cli.keys import tables, unit_of
 from ggbench.cli.main import main
+from ggbench.score import card
 from ggbench.spec import json_schema
 from ggbench.spec.scenario import load, shipped
 from ggbench.spec.tables import Section
@@ -67,6 +68,7 @@ def test_the_page_and_the_schema_are_the_specifications():
     text = script.PAGE.read_text(encoding="utf-8")
     assert script.filled_in(text) == text, "run: make keys"
     assert script.SCHEMA.read_text(encoding="utf-8") == json_schema.schema_text(), "run: make keys"
+    assert script.CARD_SCHEMA.read_text(encoding="utf-8") == card.schema_text(), "run: make keys"
     shown = set(re.findall(r"<!-- keys: (\S+) -->", text))
     alike = {"truth.field.error", "model.field.error", "assumption"}
     assert shown == set(tables()) - alike

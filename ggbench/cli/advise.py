@@ -1,0 +1,129 @@
+"""``ggbench advise``: which estimator and which instrument for one's own case."""
+
+from __future__ import annotations
+
+import math
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from ..spec.limits import MOST_RUNS
+from .compiling import tell_first_use
+from .progress import Progress
+from .responsive_table import ResponsiveTable
+from .screen import console
+from .timing import Moment
+
+if TYPE_CHECKING:
+    from ..score.advice import Advice
+
+_EXIT_OUT_OF_REACH = 1
+_SMALL = 0.005
+"""Relative gain of the bound below which a cause does not limit the accuracy."""
+
+
+@click.command()
+@click.argument("scenario_name", metavar="SCENARIO")
+@click.option("-c", "--case", metavar="NAME", help="Case to advise on [the first].")
+@click.option(
+    "--target", type=click.FloatRange(0.0, min_open=True), metavar="M",
+    help="RMS position error that is wanted, in metres.",
+)  # fmt: skip
+@click.option(
+    "-n", "--runs", type=click.IntRange(2, MOST_RUNS), default=20, show_default=True,
+    help="Runs of each estimator.",
+)  # fmt: skip
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path), help="Results folder [results/advise/NAME]."
+)
+@click.option("-j", "--jobs", type=click.IntRange(0), help="Worker processes [all processors].")
+def advise(
+    scenario_name: str,
+    case: str | None,
+    target: float | None,
+    runs: int,
+    output: Path | None,
+    jobs: int | None,
+) -> None:
+    """Advise on a case of your own SCENARIO: a name or a path.
+
+    Flies a few runs of the estimators that the suite recommends. Says which one to use, its error
+    and cost, what limits the accuracy, and which gradiometer reaches a target.
+
+    Exit code 1 if no gradiometer reaches the target.
+    """
+    start = Moment.now()
+    tell_first_use("ins/strapdown.py", "in a minute or two")
+    with Progress(console, scenario_name) as progress:
+        from ..score import advice as advices
+        from ..spec import scenario
+
+        loaded = scenario.load(scenario_name)
+        flown = loaded.cases[0] if case is None else loaded.case(case)
+        folder = output or Path("results") / "advise" / loaded.name
+        found = advices.advise(loaded, flown, folder, target, runs, jobs, progress.tell)
+    _print(found)
+    reached = target is None or _print_target(found, target)
+    click.echo(f"It took {start.since()}.")
+    sys.exit(0 if reached else _EXIT_OUT_OF_REACH)
+
+
+def _print(found: Advice) -> None:
+    """Print the estimators, the recommended one, and what limits the accuracy."""
+    from ..report import columns
+    from ..score import advice as advices
+
+    headings = ("RMS m", "× bound", "success", "", "ms/run")
+    table = ResponsiveTable(
+        f"{found.case.title}: bound {columns.metres(found.bound_m)} m",
+        [("estimator", "name"), *((heading, "number") for heading in headings)],
+    )
+    rows = advices.table(found)
+    for row in rows.to_dict("records"):
+        table.add_row(
+            row["estimator"],
+            columns.cell("rms_m", row["rms_m"]),
+            columns.cell("efficiency", row["efficiency"]),
+            columns.cell("success", row["success"]),
+            columns.SYMBOLS.get(row["consistency"], ""),
+            f"{1e3 * row['seconds_per_run']:.1f}",
+        )
+    table.print(console)
+    label, surely = advices.recommended(found)
+    own = rows[rows["estimator"] == label]
+    if len(own):
+        what = "Use" if surely else "No estimator is recommended; the best is"
+        row = own.iloc[0]
+        console.out(
+            f"{what} {label}: RMS error {columns.metres(row['rms_m'])} m, "
+            f"{1e3 * row['seconds_per_run']:.1f} ms per run."
+        )
+    table = ResponsiveTable(
+        "What limits the accuracy: each cause halved",
+        [("cause", "text"), ("bound m", "number"), ("change", "number")],
+    )
+    for limit in found.limits:
+        change = f"−{100.0 * limit.gain:.0f} %" if limit.gain > _SMALL else "none"
+        table.add_row(limit.cause, columns.metres(limit.bound_m), change)
+    table.print(console)
+
+
+def _print_target(found: Advice, target: float) -> bool:
+    """Print which gradiometer reaches a target; return whether any does."""
+    from ..report import columns
+
+    if found.bound_m <= target:
+        console.out(f"The bound allows {target:g} m with the sensors as they are.")
+    if not found.unit:
+        console.out("The case has no gradiometer whose noise could be changed.")
+        return found.bound_m <= target
+    if math.isnan(found.noise):
+        console.out(f"No gradiometer reaches {target:g} m here: change the track, map or INS.")
+        return False
+    console.out(
+        f"For {target:g} m the gradiometer's noise may be {columns.metres(found.noise)} "
+        f"{found.unit} at most, at the rate of the case."
+    )
+    return True

@@ -1,0 +1,155 @@
+"""``ggbench score``: an estimator against the stored runs of the standard suite."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+from rich.console import Console
+
+from ..figures.numbers import counted
+from ..spec.limits import MOST_RUNS, MOST_SEED
+from .compiling import tell_first_use
+from .progress import Progress
+from .responsive_table import Kind, ResponsiveTable
+from .screen import console
+from .timing import Moment
+
+if TYPE_CHECKING:
+    from ..score.card import Card
+    from ..score.scoring import Score
+
+_EXIT_WORSE, _EXIT_INTERRUPTED = 1, 130
+_MOST_LISTED = 5
+_COLOURS = {"better": "green", "worse": "red"}
+
+
+@click.command()
+@click.argument("estimator", metavar="ESTIMATOR", required=False)
+@click.option("--quick", is_flag=True, help="Fly 20 runs of each case.")
+@click.option(
+    "-n", "--runs", type=click.IntRange(2, MOST_RUNS), help="Runs of each case [all stored ones]."
+)
+@click.option(
+    "-s", "--seed", type=click.IntRange(0, MOST_SEED),
+    help="Seed of new tracks, maps and noises, for both sides [the public one].",
+)  # fmt: skip
+@click.option(
+    "-c", "--case", "cases", multiple=True, metavar="NAME", help="Case to fly; repeat for more."
+)
+@click.option(
+    "--judge", type=click.Choice(["all", "odd", "even"]), default="all", show_default=True,
+    help="Judge runs of this number only: tune on even ones, report odd ones.",
+)  # fmt: skip
+@click.option(
+    "--check", "checked", type=click.Path(path_type=Path), metavar="CARD",
+    help="Fly a card again; exit code 1 if it is not reproduced.",
+)  # fmt: skip
+@click.option(
+    "--against", "before", type=click.Path(path_type=Path), metavar="CARD",
+    help="Compare with an older card; exit code 1 if a question is surely worse.",
+)  # fmt: skip
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path), help="Folder [results/score/ESTIMATOR]."
+)
+@click.option("-j", "--jobs", type=click.IntRange(0), help="Worker processes [all processors].")
+def score(
+    estimator: str | None,
+    quick: bool,
+    runs: int | None,
+    seed: int | None,
+    cases: tuple[str, ...],
+    judge: str,
+    checked: Path | None,
+    before: Path | None,
+    output: Path | None,
+    jobs: int | None,
+) -> None:
+    """Score an ESTIMATOR, a .py file or a name, in the standard suite.
+
+    The runs of the other estimators are stored. Writes card.json, card.md and card.html.
+
+    Exit code 1 if a card is not reproduced or is surely worse than an older one.
+    """
+    if quick and runs:
+        raise click.UsageError("--quick flies 20 runs of each case: give it or -n")
+    if checked and (quick or runs or cases or seed is not None or before):
+        raise click.UsageError("--check flies a card's runs: no --quick, -n, -s, -c, --against")
+    start = Moment.now()
+    tell_first_use("ins/strapdown.py", "in a minute or two")
+    from ..score import card as cards
+    from ..score import page, scoring
+
+    old = cards.read(checked) if checked else None
+    if old is not None:
+        estimator, runs, seed = estimator or old.estimator.label, old.runs, old.seed
+        cases, judge = tuple(question.case for question in old.questions), old.judged
+    if estimator is None:
+        raise click.UsageError("name an ESTIMATOR, or a card by --check")
+    previous = cards.read(before) if before else None
+    if quick:
+        runs = scoring.QUICK_RUNS
+    folder = output or Path("results") / "score" / (re.sub(r"\W+", "-", estimator).strip("-"))
+    with Progress(console, "suite") as progress:
+        half: Any = judge  # one of the choices
+        found = scoring.score(estimator, folder, runs, seed, half, cases, jobs, progress.tell)
+    if found.card is None:
+        click.echo(
+            f"Interrupted. The runs that finished are in {folder}; the same command goes on."
+        )
+        sys.exit(_EXIT_INTERRUPTED)
+    print_card(found.card, console)
+    _print_failures(found)
+    if old is None:
+        cards.write(found.card, folder / "card.json")
+        written = [folder / "card.json", *page.write(found.card, found.failures, folder)]
+        click.echo(f"It took {start.since()}. Wrote {', '.join(map(str, written))}.")
+    sys.exit(_verdict(found.card, old, previous))
+
+
+def print_card(card: Card, console: Console) -> None:
+    """Print a card: a row for each question, and the verdicts in a sentence."""
+    from ..score import page
+
+    kinds: tuple[Kind, ...] = ("name", "number", "number", "number", "number", "name", "number")
+    table = ResponsiveTable(
+        f"{card.estimator.label}, {counted(card.runs, 'run')} of each case, seed {card.seed}",
+        [*zip(page.HEAD, kinds, strict=True)],
+    )
+    for row in page.rows(card):
+        cells = [f"[{_COLOURS[cell]}]{cell}[/]" if cell in _COLOURS else cell for cell in row]
+        table.add_row(*cells)
+    table.print(console)
+    for question in card.questions:
+        if question.skipped:
+            console.out(f"{question.title}: skipped, {question.skipped}")
+    console.out(page.headline(card))
+
+
+def _print_failures(found: Score) -> None:
+    """Print the runs that failed or diverged, each with the command that repeats it."""
+    for row in found.failures.head(_MOST_LISTED).itertuples():
+        console.out(f"{row.case}, run {row.run}: {row.reason or 'diverged'}\n  {row.command}")
+    more = len(found.failures) - _MOST_LISTED
+    if more > 0:
+        console.out(f"... and {counted(more, 'more run')} that failed or diverged")
+
+
+def _verdict(card: Card, old: Card | None, previous: Card | None) -> int:
+    """Print whether a card is reproduced or has become worse; return the exit code."""
+    from ..score import cards_compared
+
+    if old is not None:
+        said = cards_compared.differences(old, card)
+        click.echo("The card is reproduced." if not said else "The card is not reproduced:")
+    elif previous is not None:
+        said = cards_compared.worse(previous, card)
+        click.echo("No question is worse." if not said else "Worse than the older card:")
+    else:
+        return 0
+    for sentence in said:
+        click.echo(f"  {sentence}")
+    return _EXIT_WORSE if said else 0

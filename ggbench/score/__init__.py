@@ -1,0 +1,1 @@
+"""How good an estimator is: its runs of the standard suite against stored runs of the others."""

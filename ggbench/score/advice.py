@@ -1,0 +1,213 @@
+"""Advice on a user's own case: estimator, accuracy, what limits it, instrument for a target."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from ..campaign import campaign, running
+from ..judging.bounds import squared_bounds
+from ..judging.run_errors import window_mask
+from ..results.folder import Results, write_tables
+from ..simulation.error_free_flight import prepare
+from ..spec.case import CaseSpec
+from ..spec.scenario import Scenario
+from .stored_runs import ScoreError, read
+
+RUNS = 20
+_FINEST, _COARSEST = 1e-6, 1e4
+"""Noise of a gradiometer between which one is sought for a target, in its own unit."""
+_STEPS = 14
+"""Halvings of that range on a logarithmic scale: to 0.2%."""
+_NOISES = ("noise_eotvos", "noise_density_eotvos_per_sqrt_hz")
+_SENSORS = {"gravimeter": "noise_mgal", "gnss": "position_noise_m", "velocity_log": "noise_mps"}
+
+
+@dataclass(frozen=True)
+class Limit:
+    """What the bound gains if one cause of error is halved.
+
+    Attributes
+    ----------
+    cause : in words.
+    bound_m : Cramér–Rao bound then [m].
+    gain : relative decrease of the bound.
+    """
+
+    cause: str
+    bound_m: float
+    gain: float
+
+
+@dataclass(frozen=True)
+class Advice:
+    """What ``ggbench advise`` found.
+
+    Attributes
+    ----------
+    case : the case.
+    bound_m : Cramér–Rao bound of the RMS position error in the settled window [m].
+    limits : causes of error, the one that gains most first.
+    noise : noise of the gradiometer that reaches the target, NaN if none does or none is sought.
+    unit : of that noise; "" without a gradiometer.
+    results : the runs that were flown.
+    """
+
+    case: CaseSpec
+    bound_m: float
+    limits: tuple[Limit, ...]
+    noise: float
+    unit: str
+    results: Results
+
+
+def bound_of(case: CaseSpec) -> float:
+    """Return the Cramér–Rao bound of the RMS position error in the settled window [m]."""
+    flight = prepare(case.of_run(0))
+    squares, _ = squared_bounds(flight.bound.filtering)
+    return math.sqrt(float(squares[window_mask(flight.times, case.windows, "settled")].mean()))
+
+
+def estimators() -> list[str]:
+    """Return the INS and the estimators that are recommended in some case of the suite."""
+    recommended = read().header["recommended"].values()
+    found = [kinds[kind]["label"] for kind in ("causal", "smoother") for kinds in recommended]
+    return ["ins", *dict.fromkeys(label for label in found if label)]
+
+
+def advise(
+    scenario: Scenario,
+    case: CaseSpec,
+    folder: Path,
+    target_m: float | None = None,
+    runs: int = RUNS,
+    jobs: int | None = None,
+    progress: Callable[[running.CampaignProgress], None] = lambda step: None,
+) -> Advice:
+    """Fly a few runs of a case, and compute what its bound gains.
+
+    Parameters
+    ----------
+    scenario : that the case is of.
+    case : the case.
+    folder : results folder of the runs.
+    target_m : RMS position error that is wanted [m].
+    runs : number of runs.
+    jobs : number of worker processes, by default one for each processor.
+    progress : called at every step.
+
+    Raises
+    ------
+    GGBenchError
+        If the case cannot be flown.
+    """
+    bound = bound_of(case)
+    limits = [
+        Limit(cause, halved, 1.0 - halved / bound)
+        for cause, change in _halved(case)
+        if (halved := bound_of(change)) > 0.0
+    ]
+    key = _noise_key(case)
+    noise = math.nan
+    if target_m is not None and key:
+        noise = needed(case, key, target_m)
+    work = campaign.planned(scenario, folder, estimators(), runs, cases=[case.name])
+    ended = running.run(work, jobs, None, progress)
+    results = Results(folder, ended.store)
+    write_tables(results)
+    ended.store.close()
+    if ended.interrupted:
+        raise KeyboardInterrupt
+    if results.figures().empty:
+        raise ScoreError(f"no run of case {case.name} gave a result")
+    ranked = tuple(sorted(limits, key=lambda limit: -limit.gain))
+    unit = {_NOISES[0]: "E", _NOISES[1]: "E/√Hz"}.get(key.partition(".")[2], "")
+    return Advice(case, bound, ranked, noise, unit, results)
+
+
+def _noise_key(case: CaseSpec) -> str:
+    """Return the key of the gradiometer's noise, "" if none can be changed by a number."""
+    spec = case.gradiometer
+    names = [name for name in _NOISES if spec is not None and getattr(spec, name) is not None]
+    return f"gradiometer.{names[0]}" if names else ""
+
+
+def _value(case: CaseSpec, key: str) -> float:
+    found: object = case
+    for name in key.split("."):
+        found = getattr(found, name)
+    assert isinstance(found, float | int)
+    return float(found)
+
+
+def _scaled(case: CaseSpec, keys: list[str], factor: float) -> CaseSpec:
+    for key in keys:
+        case = case.changed(key, factor * _value(case, key))
+    return case
+
+
+def _halved(case: CaseSpec) -> Iterator[tuple[str, CaseSpec]]:
+    """Yield each cause of error with the case in which it is half as large."""
+    if key := _noise_key(case):
+        yield "noise of the gradiometer", _scaled(case, [key], 0.5)
+    for sensor, name in _SENSORS.items():
+        spec = getattr(case, sensor)
+        if spec is not None and getattr(spec, name) is not None:
+            words = sensor.replace("_", " ").replace("gnss", "GNSS receiver")
+            yield f"noise of the {words}", _scaled(case, [f"{sensor}.{name}"], 0.5)
+    if case.model.field.standard_error is not None:
+        yield "error of the map", _scaled(case, ["model.field.standard_error"], 0.5)
+    prior = [f"initial_error.{name}" for name in ("position_m", "velocity_mps", "attitude_arcmin")]
+    yield "initial uncertainty", _scaled(case, prior, 0.5)
+    imu = [
+        f"imu.{name}"
+        for name in (
+            "gyro_bias_deg_per_h", "gyro_noise_deg_per_sqrt_h", "accelerometer_bias_ug",
+            "accelerometer_noise_ug_per_sqrt_hz",
+        )
+        if _value(case, f"imu.{name}") > 0.0
+    ]  # fmt: skip
+    yield "errors of the inertial sensors", _scaled(case, imu, 0.5)
+
+
+def needed(case: CaseSpec, key: str, target_m: float) -> float:
+    """Return the largest noise of the gradiometer with which the bound reaches a target.
+
+    Parameters
+    ----------
+    case : the case.
+    key : dotted key of the noise.
+    target_m : RMS position error that is wanted [m].
+
+    Returns
+    -------
+    NaN if no noise between 1e-6 and 1e4 does.
+    """
+    low, high = math.log(_FINEST), math.log(_COARSEST)
+    if bound_of(case.changed(key, _FINEST)) > target_m:
+        return math.nan
+    for _ in range(_STEPS):
+        middle = 0.5 * (low + high)
+        if bound_of(case.changed(key, math.exp(middle))) <= target_m:
+            low = middle
+        else:
+            high = middle
+    return math.exp(low)
+
+
+def recommended(advice: Advice) -> tuple[str, bool]:
+    """Return the causal estimator to use, and whether it is recommended or only the best."""
+    row = advice.results.cases().iloc[0]
+    return (row["recommended"], True) if row["recommended"] else (row["best"], False)
+
+
+def table(advice: Advice) -> pd.DataFrame:
+    """Return the settled figures of the estimators that were flown, by RMS error."""
+    figures = advice.results.figures()
+    settled = figures[figures["window"] == "settled"]
+    return settled.iloc[np.argsort(settled["rms_m"].to_numpy(), kind="stable")]

@@ -1,0 +1,107 @@
+"""The pages of a card: markdown and HTML, of one table."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+
+from ..files import written_whole
+from ..report import columns, tables
+from ..report.render import TEMPLATES, environment, markdown
+from .card import Card, Opponent, Question
+from .stored_runs import ScoreError
+
+HEAD = ("question", "bound [m]", "scored", "EKF", "against EKF", "recommended", "against it")
+MOST_FAILURES = 10
+"""Failed runs that a page lists."""
+VERDICTS = ("better", "as good", "worse", "undecided")
+
+
+def headline(card: Card) -> str:
+    """Return what a card says in two sentences: verdicts against the EKF and the recommended."""
+    said = []
+    for role, name in (("ekf", "the EKF"), ("", "the recommended estimators")):
+        counts = card.verdicts(role)
+        if sum(counts.values()):
+            parts = [f"{word} in {counts[word]}" for word in VERDICTS if counts[word]]
+            said.append(f"Against {name}: {', '.join(parts)} of {sum(counts.values())} questions.")
+    wrong = [q for q in card.questions if q.consistency in columns.SYMBOLS]
+    if wrong:
+        said.append(f"Overconfident or unsafe in {len(wrong)}.")
+    return " ".join(said)
+
+
+def rows(card: Card) -> list[tuple[str, ...]]:
+    """Return a row of texts for each question that was flown, with the columns of :data:`HEAD`."""
+    return [_row(question) for question in card.questions if not question.skipped]
+
+
+def _row(question: Question) -> tuple[str, ...]:
+    by_role = {other.role: other for other in question.against}
+    ekf = by_role["ekf"]
+    rival = by_role.get("recommended") or by_role.get("best")
+    return (
+        question.title,
+        _metres(question.bound_m),
+        _scored(question),
+        _metres(ekf.rms_m),
+        ekf.verdict,
+        _named(rival),
+        rival.verdict if rival else columns.NONE,
+    )
+
+
+def _scored(question: Question) -> str:
+    text = _metres(question.rms_m)
+    if question.efficiency is not None:
+        text += f" (×{columns.ratio(question.efficiency)})"
+    if question.success is not None and question.success < 1.0:
+        text += f", {columns.share(question.success)}"
+    return f"{text} {columns.SYMBOLS.get(question.consistency, '')}".rstrip()
+
+
+def _named(rival: Opponent | None) -> str:
+    if rival is None:
+        return columns.NONE
+    text = f"{rival.label} {_metres(rival.rms_m)}"
+    return text if rival.role == "recommended" else f"({text})"
+
+
+def _metres(value: float | None) -> str:
+    return columns.NONE if value is None else columns.metres(value)
+
+
+def write(card: Card, failures: pd.DataFrame, folder: Path) -> list[Path]:
+    """Write ``card.md`` and ``card.html`` into a folder and return their paths.
+
+    Parameters
+    ----------
+    card : the card.
+    failures : table of failed and diverged runs: case, run, reason, command.
+    folder : where to write.
+
+    Raises
+    ------
+    ScoreError
+        If they cannot be written.
+    """
+    values = {
+        "card": card,
+        "headline": headline(card),
+        "head": HEAD,
+        "rows": rows(card),
+        "hidden": max(0, len(failures) - MOST_FAILURES),
+        "failures": failures[["case", "run", "reason", "command"]].iloc[:MOST_FAILURES],
+    }
+    table = tables.markdown(HEAD, values["rows"])
+    style = (TEMPLATES / "page.css").read_text(encoding="utf-8")
+    html = environment(html=True).get_template("card.html.j2")
+    texts = {
+        "card.md": markdown("card.md.j2", table=table, **values),
+        "card.html": html.render(style=style, **values),
+    }
+    for name, text in texts.items():
+        with written_whole(folder / name, ScoreError) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+    return [folder / name for name in texts]

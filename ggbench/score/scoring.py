@@ -1,0 +1,280 @@
+"""Scoring: an estimator flies the suite and is compared, run by run, with the stored runs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from ..campaign import campaign, running
+from ..campaign.registry import Choice, choose
+from ..campaign.result_keys import RESULTS_VERSION
+from ..campaign.runner import flight_of
+from ..judging.pairs import Flown, compared, judged, kind
+from ..judging.summary import succeeded
+from ..judging.verdicts import require_equal_runs
+from ..results.folder import Results, write_tables
+from ..simulation.runs import simulate
+from ..spec import scenario
+from ..spec.scenario import Scenario
+from . import card as cards
+from .card import Card, CardEstimator, Judged, Opponent, Question, Role, rounded
+from .stored_runs import REFERENCE, SUITE, ScoreError, StoredRuns, read
+
+QUICK_RUNS = 20
+"""Runs of a case in a quick score: one of each map error."""
+_HALVES: Mapping[Judged, tuple[int, ...]] = {"all": (0, 1), "even": (0,), "odd": (1,)}
+_OWN = "(scored)"
+
+
+@dataclass(frozen=True)
+class Score:
+    """What a score ended with.
+
+    Attributes
+    ----------
+    card : the card, None if the score was interrupted.
+    failures : runs that failed or diverged: case, run, reason, and the command that repeats it.
+    """
+
+    card: Card | None
+    failures: pd.DataFrame
+
+
+def score(
+    estimator: str,
+    folder: Path,
+    runs: int | None = None,
+    seed: int | None = None,
+    judged_runs: Judged = "all",
+    cases: Sequence[str] = (),
+    jobs: int | None = None,
+    progress: Callable[[running.CampaignProgress], None] = lambda step: None,
+) -> Score:
+    """Fly the suite with an estimator and return its card.
+
+    Parameters
+    ----------
+    estimator : text that names it.
+    folder : results folder of its runs; what it holds is not flown again.
+    runs : number in each case, by default that of the stored runs.
+    seed : of the runs. With another seed than the public one the opponents are flown too.
+    judged_runs : which of the runs are judged: all, or those of odd or even number.
+    cases : names of those to fly, by default all.
+    jobs : number of worker processes, by default one for each processor.
+    progress : called at every step.
+
+    Raises
+    ------
+    GGBenchError
+        If the estimator or a case is named wrongly, it takes no case, or the stored runs
+        are of another version.
+    """
+    stored, suite = read(), scenario.load(SUITE)
+    _require_version(stored, suite)
+    suite = suite.select(cases) if cases else suite
+    header = stored.header
+    public = seed is None or seed == header["seed"]
+    count = int(header["runs"]) if runs is None else runs
+    if public and count > header["runs"]:
+        raise ScoreError(f"{count} runs are asked for; of each case {header['runs']} are stored")
+    choice = choose(estimator)
+    used_seed = int(header["seed"]) if seed is None else seed
+    skipped = _skipped(choice, suite, used_seed)
+    taken = [case.name for case in suite.cases if case.name not in skipped]
+    if not taken:
+        raise ScoreError(f"{choice.label} takes no case: {next(iter(skipped.values()))}")
+    opponents = _opponents(stored, kind(choice.estimator.causality))
+    labels = [choice.label]
+    if not public:
+        labels += [other for name in taken for other in opponents[name].values()]
+    work = campaign.planned(suite, folder, [*dict.fromkeys(labels)], count, used_seed, cases=taken)
+    ended = running.run(work, jobs, None, progress)
+    try:
+        results = Results(folder, ended.store)
+        write_tables(results)
+        flown = results.runs()
+        flown = flown[(flown["run"] < count) & flown["case"].isin(taken)]
+        own = flown[flown["estimator"] == choice.label]
+        unfinished = own[(own["status"] != "ok") | own["diverged"]]
+        failures = unfinished[["case", "run", "reason", "command"]].reset_index(drop=True)
+        if ended.interrupted:
+            return Score(None, failures)
+        if ended.missing:
+            raise ScoreError(f"{ended.missing} runs gave no result; the same command goes on")
+        others = stored.runs if public else flown
+        half = _HALVES[judged_runs]
+        matches = {
+            name: _Match(
+                own[own["case"] == name],
+                others[others["case"] == name],
+                opponents[name],
+                count,
+                half,
+            )
+            for name in taken
+        }
+        questions = _questions(suite, results, matches, skipped)
+    finally:
+        ended.store.close()
+    content = choice.content
+    seconds = own[own["status"] == "ok"].groupby("case")["seconds"].median()
+    return Score(
+        Card(
+            format=cards.FORMAT,
+            ggbench=results.manifest["ggbench"],
+            results_version=RESULTS_VERSION,
+            suite=suite.content_hash,
+            seed=used_seed,
+            public=public,
+            runs=count,
+            judged=judged_runs,
+            estimator=CardEstimator(
+                label=choice.label,
+                name=choice.estimator.name,
+                parameters=content["parameters"],
+                source=content["source"],
+                seeks=content.get("seeks", []),
+            ),
+            questions=questions,
+            seconds_per_run={str(case): rounded(value) for case, value in seconds.items()},
+        ),
+        failures,
+    )
+
+
+def _require_version(stored: StoredRuns, suite: Scenario) -> None:
+    """Raise ScoreError unless the stored runs are of this suite and version of results."""
+    header = stored.header
+    if (header["scenario_hash"], header["results_version"]) != (
+        suite.content_hash,
+        RESULTS_VERSION,
+    ):
+        raise ScoreError(
+            "the stored runs are of another suite or version of results; 'make suite' renews them"
+        )
+
+
+def _skipped(choice: Choice, suite: Scenario, seed: int) -> dict[str, str]:
+    """Return why an estimator cannot take cases, by case."""
+    found = {}
+    for case in suite.cases:
+        problem, _ = simulate(flight_of(case.of_run(0)), seed, 0)
+        if reason := choice.estimator.skip(problem):
+            found[case.name] = reason
+    return found
+
+
+def _opponents(stored: StoredRuns, side: str) -> dict[str, dict[Role, str]]:
+    """Return the estimators to compare with, by case and role."""
+    found: dict[str, dict[Role, str]] = {}
+    for case, rivals in stored.header["recommended"].items():
+        rival = rivals[side]
+        found[case] = {"ekf": REFERENCE}
+        if rival["label"]:
+            found[case]["recommended" if rival["recommended"] else "best"] = rival["label"]
+    return found
+
+
+@dataclass(frozen=True)
+class _Match:
+    """An estimator's runs of a case, those of all others, and whom it is compared with.
+
+    Attributes
+    ----------
+    own, others : tables of runs.
+    opponents : label by role.
+    count : runs that are flown.
+    half : remainders modulo 2 of the runs that are judged.
+    """
+
+    own: pd.DataFrame
+    others: pd.DataFrame
+    opponents: Mapping[Role, str]
+    count: int
+    half: tuple[int, ...]
+
+    def chosen(self, label: str | None = None) -> pd.DataFrame:
+        """Return the runs that are judged, of an opponent or of the estimator itself."""
+        runs = self.own if label is None else self.others[self.others["estimator"] == label]
+        return runs[(runs["run"] < self.count) & (runs["run"] % 2).isin(self.half)]
+
+
+def _questions(
+    suite: Scenario, results: Results, matches: Mapping[str, _Match], skipped: Mapping[str, str]
+) -> list[Question]:
+    """Return the questions with their verdicts, by Holm over all of them."""
+    pairs: list[dict[str, Any]] = []
+    for name, match in matches.items():
+        own = match.chosen()
+        for label in dict.fromkeys(match.opponents.values()):
+            theirs = match.chosen(label)
+            require_equal_runs(pd.concat([own.assign(estimator=_OWN), theirs]))
+            pairs.append({"case": name, "label": label} | compared(Flown.of(own), Flown.of(theirs)))
+    found = {(pair["case"], pair["label"]): pair for pair in judged(pairs)}
+    judged_runs = pd.concat([match.chosen() for match in matches.values()])
+    figures = results.figures_of(judged_runs)
+    settled = figures[figures["window"] == "settled"].set_index("case")
+    questions = []
+    for case in suite.cases:
+        if case.name in skipped:
+            questions.append(Question(case=case.name, title=case.title, skipped=skipped[case.name]))
+            continue
+        match = matches[case.name]
+        against = [
+            _opponent(role, match.chosen(label), found[case.name, label])
+            for role, label in match.opponents.items()
+        ]
+        questions.append(_question(case.name, case.title, settled.loc[case.name], match, against))
+    return questions
+
+
+def _question(
+    name: str, title: str, row: pd.Series, match: _Match, against: list[Opponent]
+) -> Question:
+    own = match.own.sort_values("run")
+    numbers: dict[str, Any] = {
+        key: rounded(row[key])
+        for key in (
+            "rms_m",
+            "rms_lo",
+            "rms_hi",
+            "bound_m",
+            "efficiency",
+            "success",
+            "nees",
+            "coverage",
+        )
+    }
+    return Question(
+        case=name,
+        title=title,
+        runs=int(row["runs"]),
+        failed=int(row["failed"]),
+        diverged=int(row["diverged"]),
+        consistency=row["consistency"] if isinstance(row["consistency"], str) else "",
+        against=against,
+        errors_m=[rounded(math.sqrt(square)) for square in own["settled_position_ms"]],
+        succeeded=succeeded(own).tolist(),
+        **numbers,
+    )
+
+
+def _opponent(role: Role, runs: pd.DataFrame, pair: Mapping[str, Any]) -> Opponent:
+    finished = runs.loc[runs["status"] == "ok", "settled_position_ms"]
+    return Opponent(
+        label=pair["label"],
+        role=role,
+        runs=pair["runs"],
+        rms_m=rounded(math.sqrt(finished.mean())) if len(finished) else None,
+        error_ratio=rounded(pair["error_ratio"]),
+        lo=rounded(pair["lo"]),
+        hi=rounded(pair["hi"]),
+        only_scored=pair["first_only"],
+        only_other=pair["second_only"],
+        verdict=cards.verdict_of(pair["verdict"]),
+    )

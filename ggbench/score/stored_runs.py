@@ -1,0 +1,190 @@
+"""Runs of the standard suite that are shipped: what every estimator of the roster achieved.
+
+They are written from a results folder by ``make suite`` and read as a table of runs, so that an
+estimator is compared with others that are not flown again.
+"""
+
+from __future__ import annotations
+
+import importlib.resources
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.resources.abc import Traversable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ..errors import GGBenchError
+from ..files import written_whole
+from ..judging.run_errors import WINDOWS
+from ..judging.summary import runs_table
+from ..results.folder import RUN_COLUMNS, Results
+from ..spec import scenario
+
+SUITE = "suite"
+FILE = "data/suite_runs.npz"
+REFERENCE = "ekf"
+"""The estimator that every other one is compared with."""
+_OF_A_WINDOW = ("position_ms", "velocity_ms", "nees", "coverage")
+FIGURES = (
+    "final_position_error_m", *(f"{window}_{name}" for window in WINDOWS for name in _OF_A_WINDOW)
+)  # fmt: skip
+"""Numbers of a run of an estimator that are stored, to seven digits."""
+_BOUNDS = ("bound_position_ms", "bound_velocity_ms", "oracle_position_ms")
+SHARED = (
+    "required_m", "final_ins_error_m", *(f"{window}_{n}" for window in WINDOWS for n in _BOUNDS)
+)  # fmt: skip
+"""Numbers of a run that estimators of one bound share."""
+FLAGS = ("diverged", "false_fix")
+
+
+class ScoreError(GGBenchError):
+    """An estimator cannot be scored, or a card cannot be used."""
+
+
+@dataclass(frozen=True)
+class StoredRuns:
+    """The runs of the roster in the suite.
+
+    Attributes
+    ----------
+    header : ``scenario_hash``, ``results_version``, ``ggbench``, ``seed``, ``runs``; ``estimators``
+        with name, parameters, causality and bound of each; ``recommended``, by case and kind of
+        estimators; ``seconds``, by case and estimator.
+    runs : table of runs as a results folder has it, NaN where nothing is stored.
+    """
+
+    header: Mapping[str, Any]
+    runs: pd.DataFrame
+
+    def rival(self, case: str, kind: str) -> str:
+        """Return the recommended estimator of a kind, or else its best, "" for none.
+
+        Parameters
+        ----------
+        case : name of the case.
+        kind : "causal" or "smoother".
+        """
+        return str(self.header["recommended"][case][kind]["label"])
+
+
+def write(results: Results, path: Path) -> None:
+    """Write the runs of a results folder of the suite.
+
+    Raises
+    ------
+    ScoreError
+        If estimators have not flown the same runs, or the file cannot be written.
+    """
+    runs, figures, cases = results.runs(), results.figures(), results.cases()
+    names, labels = [case.name for case in results.scenario.cases], results.labels
+    count = len(runs["run"].unique())
+    if len(runs) != len(names) * len(labels) * count:
+        raise ScoreError(
+            f"{results.folder} holds {len(runs)} runs; {len(labels)} estimators in {len(names)} "
+            f"cases of {count} runs each would be {len(labels) * len(names) * count}"
+        )
+    ordered = runs.set_index(["case", "estimator", "run"]).sort_index()
+    index = pd.MultiIndex.from_product([names, labels, range(count)], names=ordered.index.names)
+    table = ordered.loc[index]
+    shape = (len(names), len(labels), count, -1)
+    bound_of = {label: table.xs(label, level="estimator")["bound"].iloc[0] for label in labels}
+    kinds = sorted(set(bound_of.values()))
+    owners = [labels.index(next(name for name in labels if bound_of[name] == k)) for k in kinds]
+    flags = [table["status"] == "ok", *(table[name] for name in FLAGS)]
+    settled = figures[figures["window"] == "settled"].set_index(["case", "estimator"])
+    header = {
+        "scenario_hash": results.manifest["scenario_hash"],
+        "results_version": results.manifest["results_version"],
+        "ggbench": results.manifest["ggbench"],
+        "seed": results.manifest["seed"],
+        "runs": count,
+        "cases": names,
+        "bounds": kinds,
+        "estimators": {
+            label: {
+                key: str(table.xs(label, level="estimator")[key].iloc[0])
+                for key in ("name", "parameters", "causality", "bound")
+            }
+            for label in labels
+        },
+        "recommended": {row.case: _recommended(row) for row in cases.itertuples()},
+        # One digit: the times of one machine.
+        "seconds": {
+            name: {
+                label: float(f"{settled['seconds_per_run'][name, label]:.0e}") for label in labels
+            }
+            for name in names
+        },
+    }
+    shared = table[list(SHARED)].to_numpy(np.float32).reshape(shape)
+    with written_whole(path, ScoreError) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(
+            file,
+            header=np.frombuffer(json.dumps(header).encode(), np.uint8),
+            figures=table[list(FIGURES)].to_numpy(np.float32).reshape(shape),
+            flags=np.stack(flags, axis=-1).reshape(shape),
+            shared=shared[:, owners],
+        )
+
+
+def _recommended(row: Any) -> dict[str, dict[str, Any]]:
+    """Return the estimator to compare with by kind, and whether it is recommended."""
+    return {
+        "causal": {"label": row.recommended or row.best, "recommended": bool(row.recommended)},
+        "smoother": {"label": row.best_smoother, "recommended": False},
+    }
+
+
+def read(file: Traversable | Path | None = None) -> StoredRuns:
+    """Return the shipped runs, or those of a file.
+
+    Raises
+    ------
+    ScoreError
+        If the file cannot be read, or its runs are of another suite or version of results.
+    """
+    if file is None:
+        file = importlib.resources.files("ggbench.scenarios") / FILE
+    try:
+        with file.open("rb") as opened, np.load(opened) as stored:
+            header = json.loads(stored["header"].tobytes())
+            parts = {name: stored[name] for name in ("figures", "flags", "shared")}
+    except (OSError, ValueError, KeyError) as error:
+        raise ScoreError(f"cannot read the stored runs in {file}: {error}") from None
+    return StoredRuns(header, _table(header, **parts))
+
+
+def _table(
+    header: Mapping[str, Any], figures: np.ndarray, flags: np.ndarray, shared: np.ndarray
+) -> pd.DataFrame:
+    """Return the table of runs of arrays (cases, estimators, runs, columns)."""
+    suite = scenario.load(SUITE)
+    labels, count = list(header["estimators"]), int(header["runs"])
+    numbers, tables = range(count), []
+    for c, name in enumerate(header["cases"]):
+        draws = [suite.case(name).cluster(run) for run in numbers]
+        for e, label in enumerate(labels):
+            held = header["estimators"][label]
+            columns = dict(zip(FIGURES, figures[c, e].T.astype(float), strict=True))
+            own = shared[c, header["bounds"].index(held["bound"])]
+            columns |= dict(zip(SHARED, own.T.astype(float), strict=True))
+            columns |= dict(zip(FLAGS, flags[c, e, :, 1:].T, strict=True))
+            columns |= {
+                "assumption": "", "case": name, "estimator": label, "seed": header["seed"],
+                "run": numbers, "draw": draws, "reason": "", "remark": "", "command": "",
+                "problem": "", "cold": False, "seconds": header["seconds"][name][label],
+                "status": np.where(flags[c, e, :, 0], "ok", "failed"), **held,
+            }  # fmt: skip
+            tables.append(pd.DataFrame(columns))
+    found = pd.concat(tables, ignore_index=True)
+    return found.reindex(columns=list(runs_table([], RUN_COLUMNS).columns))
+
+
+if __name__ == "__main__":
+    import sys
+
+    write(Results(Path(sys.argv[1])), Path(sys.argv[2]))

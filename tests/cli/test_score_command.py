@@ -1,0 +1,87 @@
+"""``ggbench score``: a card from a file, checked, reproduced, compared; bad input in a sentence."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import pytest
+from command import invoke
+
+CASES = ["-c", "air-narrow", "-c", "one-channel", "-n", "20", "-j", "0"]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A folder with a filter from the template and its card."""
+    place = tmp_path_factory.mktemp("score")
+    assert invoke(["new", "estimator", "my_filter"], place).returncode == 0
+    done = invoke(["score", "my_filter.py", *CASES], place, columns=160)
+    assert (done.returncode, done.stderr) == (0, "")
+    (place / "said.txt").write_text(done.stdout, encoding="utf-8")
+    return place
+
+
+def test_a_filter_from_the_template_gets_its_card(folder):
+    """The screen has a row for each question and the verdicts; three files are written."""
+    said = (folder / "said.txt").read_text(encoding="utf-8")
+    for words in ("Aircraft over the Alps, narrow prior", "Against the EKF: as good in 2 of 2",
+                  "my_filter.py, 20 runs of each case, seed 3700"):  # fmt: skip
+        assert words in said
+    written = folder / "results" / "score" / "my_filter-py"
+    card = json.loads((written / "card.json").read_text(encoding="utf-8"))
+    assert [asked["case"] for asked in card["questions"]] == ["air-narrow", "one-channel"]
+    for name in ("card.md", "card.html"):
+        text = (written / name).read_text(encoding="utf-8")
+        assert "Scorecard of" in text and "as good" in text
+
+
+def test_its_card_is_reproduced_and_no_worse(folder):
+    """Flown again in another folder; and a card that was changed is not reproduced."""
+    card = folder / "results" / "score" / "my_filter-py" / "card.json"
+    done = invoke(["score", "--check", str(card), "-o", "again", "-j", "0"], folder)
+    assert done.returncode == 0, done.stdout
+    assert "The card is reproduced." in done.stdout
+    same = invoke(["score", "my_filter.py", *CASES, "--against", str(card)], folder)
+    assert same.returncode == 0
+    assert "No question is worse." in same.stdout
+    changed = json.loads(card.read_text(encoding="utf-8"))
+    changed["questions"][0]["errors_m"][3] *= 1.01
+    (folder / "changed.json").write_text(json.dumps(changed))
+    done = invoke(["score", "--check", "changed.json", "-o", "again", "-j", "0"], folder)
+    assert done.returncode == 1
+    assert "air-narrow: 1 of 20 runs differ, first run 3" in done.stdout
+
+
+def test_a_filter_that_became_worse_is_found(folder):
+    """The filter's variance is divided by nine; the exit code is 1."""
+    card = folder / "results" / "score" / "my_filter-py" / "card.json"
+    shutil.copy(folder / "my_filter.py", folder / "worse.py")
+    text = (folder / "worse.py").read_text(encoding="utf-8")
+    assert "noise = problem.noise_of(k)" in text
+    changed = text.replace("noise = problem.noise_of(k)", "noise = problem.noise_of(k) / 9.0")
+    (folder / "worse.py").write_text(changed, encoding="utf-8")
+    done = invoke(["score", "worse.py", *CASES, "--against", str(card)], folder)
+    assert done.returncode == 1
+    assert "Worse than the older card:" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ([], "name an ESTIMATOR"),
+        (["ekv"], "ekv"),
+        (["missing.py"], "missing.py"),
+        (["ekf", "--quick", "-n", "30"], "--quick flies 20 runs"),
+        (["ekf", "-n", "201"], "201 runs are asked for; of each case 200 are stored"),
+        (["ekf", "-c", "air"], "has no case 'air'"),
+        (["--check", "none.json"], "cannot read the card none.json"),
+        (["--check", "none.json", "--quick"], "--check flies a card's runs"),
+        (["ekf", "--against", "none.json"], "cannot read the card none.json"),
+    ],
+)
+def test_bad_input_is_a_sentence(arguments, said, tmp_path):
+    done = invoke(["score", *arguments], tmp_path)
+    assert done.returncode == 2
+    assert said in done.stderr
+    assert "Traceback" not in done.stderr
