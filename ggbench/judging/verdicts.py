@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from .pairs import ERRORS, Flown, compared, judged, kind
-from .statistics import ALPHA, root_ratio_intervals
+from .statistics import ALPHA, BETTER, root_ratio_intervals
 from .summary import CONSERVATIVE, CONSISTENT
 
 if TYPE_CHECKING:
@@ -76,7 +76,8 @@ def verdict(runs: pd.DataFrame, figures: pd.DataFrame, of: str = "causal") -> Ve
 
     An estimator is *recommended* if it is consistent or conservative, does not succeed surely less
     often than another one, and its RMS error is surely within 10 % of the best one's. These
-    comparisons are on the runs of odd number.
+    comparisons are on the runs of odd number. None is where the best one is not surely better than
+    the INS.
 
     Parameters
     ----------
@@ -100,10 +101,11 @@ def verdict(runs: pd.DataFrame, figures: pd.DataFrame, of: str = "causal") -> Ve
     consistent = set(table.index[table["consistency"].isin([CONSISTENT, CONSERVATIVE])])
     best = str((squares[squares.index.isin(consistent)] if consistent else squares).idxmin())
     flown = {str(label): Flown.of(own) for label, own in odd.groupby("estimator", sort=False)}
-    near = _surely_near(flown, best, consistent)
+    gain = _gain(runs, flown[best])
+    near = _surely_near(flown, best, consistent) if gain in ("", BETTER) else []
     # To one digit: times differ between machines, and the first of equals is named.
     cheapest = sorted(near, key=lambda label: float(f"{table.loc[label, 'seconds_per_run']:.0e}"))
-    return Verdict(best, tuple(cheapest), len(consistent), _gain(runs, flown[best]))
+    return Verdict(best, tuple(cheapest), len(consistent), gain)
 
 
 def _surely_near(flown: Mapping[str, Flown], best: str, among: Set[str]) -> list[str]:

@@ -40,7 +40,7 @@ class Column:
 
 
 def _with_interval(key: str, stem: str, column: Column) -> dict[str, Column]:
-    """Return a column and the two ends of its 95 % interval, ``<stem>_lo`` and ``<stem>_hi``."""
+    """Return a column and the two ends of its 95% interval, ``<stem>_lo`` and ``<stem>_hi``."""
     ends = {
         f"{stem}_{end}": Column(f"{column.heading}, {name} end", column.unit, column.form)
         for end, name in (("lo", "lower"), ("hi", "upper"))
@@ -110,20 +110,20 @@ COLUMNS: dict[str, Column] = {
         "nees", "nees",
         Column("NEES", "", "ratio",
                "Mean normalised squared error of position and velocity: 6 if consistent; with "
-               "its 95 % band."),
+               "its 95% band."),
     ),
     **_with_interval(
         "coverage", "coverage",
         Column("coverage", "", "share",
-               "Share of epochs with the truth inside the reported 95 % region."),
+               "Share of epochs with the truth inside the reported 95% region."),
     ),
     **_with_interval(
         "nis", "nis",
-        Column("NIS", "", "ratio", "Mean normalised squared innovation, with its 95 % band."),
+        Column("NIS", "", "ratio", "Mean normalised squared innovation, with its 95% band."),
     ),
     "false_fixes": Column(
         "false fixes", "", "share",
-        "Share of runs that end outside the required error and report to be inside with 95 %.",
+        "Share of runs that end outside the required error and report to be inside with 95%.",
     ),
     **_with_interval(
         "converged_s", "converged",
@@ -137,8 +137,8 @@ COLUMNS: dict[str, Column] = {
     ),
     "recommended": Column(
         "recommended",
-        definition="Consistent or conservative, succeeds as often as any other, and surely within "
-        "10 % of the least RMS error; of these the cheapest is named.",
+        definition="Consistent or conservative, surely better than the INS, succeeds as often as "
+        "any other, and surely within 10% of the least RMS error; of these the cheapest is named.",
     ),
     "seconds_per_run": Column("time a run", "s", "time", "Median time of a run, in one process."),
     "map_evaluations": Column(
@@ -165,7 +165,7 @@ COLUMNS: dict[str, Column] = {
     "success_p": Column("p of success", "", "p", "P-value of equal success rates, by Holm."),
     "verdict": Column(
         "verdict",
-        definition="The first is better or worse (5 %), equivalent (within 5 %), or undecided.",
+        definition="The first is better or worse (5%), equivalent (within 5%), or undecided.",
     ),
     "right_model": Column(
         "right model", definition="Whether the estimators assume the true models."
@@ -224,7 +224,7 @@ COLUMNS: dict[str, Column] = {
         Column("right after", "s", "metres", "Median time of the first right fix."),
     ),
     "cep50_m": Column("CEP 50", "m", "metres", "Horizontal error of half of the accepted fixes."),
-    "cep95_m": Column("CEP 95", "m", "metres", "Horizontal error of 95 % of the accepted fixes."),
+    "cep95_m": Column("CEP 95", "m", "metres", "Horizontal error of 95% of the accepted fixes."),
 }  # fmt: skip
 """All columns of the tables, by their keys."""
 DEFINED = (
@@ -268,9 +268,9 @@ def ratio(value: float) -> str:
 
 
 def share(value: float) -> str:
-    """Return a share in per cent with two significant digits; 100 % is every run."""
+    """Return a share in per cent with two significant digits; 100% is every run."""
     text = significant(100.0 * value, 2)
-    return "> 99 %" if text == "100" and value < 1.0 else f"{text} %"
+    return ">99%" if text == "100" and value < 1.0 else f"{text}%"
 
 
 def duration(value: float) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import pandas as pd
@@ -31,13 +31,13 @@ def conditions(cases: Sequence[CaseSpec], shared: pd.DataFrame) -> pd.DataFrame:
         Table of cases, for speed, height and duration of the flights.
     """
     rows = [
-        ("INS", _each(cases, _ins)),
-        ("Initial uncertainty (1σ per axis)", _each(cases, _initial)),
+        ("INS", _ins(cases)),
+        ("Initial 1σ per axis", _initial(cases)),
         ("Flight", _flight(shared)),
         ("Gradiometer", _each(cases, _gradiometer)),
         ("Other sensors", _others(cases)),
         ("Map", _each(cases, _map)),
-        ("Truth differs from model in", _each(cases, _differences)),
+        ("Not as assumed", _each(cases, _differences)),
     ]
     return pd.DataFrame([row for row in rows if row[1]], columns=["condition", "value"])
 
@@ -55,23 +55,34 @@ def _each(cases: Sequence[CaseSpec], said: Callable[[CaseSpec], Sequence[str]]) 
     return without + ", ".join(parts) if parts else "none"
 
 
-def _ins(case: CaseSpec) -> list[str]:
-    imu = case.side("truth").imu
-    bias = imu.gyro_bias_deg_per_h
-    grade = next((name for most, name in GRADES if bias <= most), "consumer")
-    return [
-        f"{grade} grade",
-        f"gyros {bias:g} °/h and {imu.gyro_noise_deg_per_sqrt_h:g} °/√h",
-        f"accelerometers {imu.accelerometer_bias_ug:g} µg and "
-        f"{imu.accelerometer_noise_ug_per_sqrt_hz:g} µg/√Hz",
-    ]
+def _ins(cases: Sequence[CaseSpec]) -> str:
+    imus = [case.side("truth").imu for case in cases]
+    grades = dict.fromkeys(_grade(imu.gyro_bias_deg_per_h) for imu in imus)
+    return (
+        f"{' or '.join(grades)} grade, gyros {_span(imu.gyro_bias_deg_per_h for imu in imus)} °/h, "
+        f"{_span(imu.gyro_noise_deg_per_sqrt_h for imu in imus)} °/√h, accelerometers "
+        f"{_span(imu.accelerometer_bias_ug for imu in imus)} µg, "
+        f"{_span(imu.accelerometer_noise_ug_per_sqrt_hz for imu in imus)} µg/√Hz"
+    )
 
 
-def _initial(case: CaseSpec) -> list[str]:
-    prior = case.initial_error
-    return [
-        _length(prior.position_m), f"{prior.velocity_mps:g} m/s", f"{prior.attitude_arcmin:g}′"
-    ]  # fmt: skip
+def _grade(bias: float) -> str:
+    return next((name for most, name in GRADES if bias <= most), "consumer")
+
+
+def _initial(cases: Sequence[CaseSpec]) -> str:
+    priors = [case.initial_error for case in cases]
+    return (
+        f"{_span(prior.position_m for prior in priors)} m, "
+        f"{_span(prior.velocity_mps for prior in priors)} m/s, "
+        f"{_span(prior.attitude_arcmin for prior in priors)}′"
+    )
+
+
+def _span(values: Iterable[float]) -> str:
+    """Return a value, or the least and the largest."""
+    found = sorted(values)
+    return "–".join(dict.fromkeys((f"{found[0]:g}", f"{found[-1]:g}")))
 
 
 def _flight(shared: pd.DataFrame) -> str:
@@ -126,10 +137,10 @@ def _aiding(spec: Any) -> str:
 def _map(case: CaseSpec) -> list[str]:
     true, assumed = case.side("truth").field, case.side("model").field
     if assumed.source == "normal":
-        return ["normal field only"]
+        return ["normal field"]
     same = (assumed.source, assumed.error) == (true.source, true.error)
-    felt = "gravity disturbance felt" if true.gravity_disturbance else ""
-    said = "the true map" if same else "not the true map"
+    felt = "disturbance felt" if true.gravity_disturbance else ""
+    said = "exact" if same else "with errors"
     if case.gradiometer is not None and case.gradiometer.readings == "measured":
         said = "with its real errors"
     return [f"`{assumed.source}`", said, felt]
@@ -149,7 +160,3 @@ def _range(values: pd.Series, unit: str) -> str:
     low, high = float(values.min()), float(values.max())
     ends = dict.fromkeys((significant(low, 3), significant(high, 3)))
     return f"{' to '.join(ends)} {unit}"
-
-
-def _length(metres: float) -> str:
-    return f"{metres / 1e3:g} km" if metres >= 1e3 else f"{metres:g} m"

@@ -40,7 +40,7 @@ def referenced(figures: pd.DataFrame) -> list[str]:
 def published_table(figures: pd.DataFrame, titles: dict[str, str]) -> pd.DataFrame:
     """Return published errors, bounds and estimators: a column for each case and window.
 
-    Estimators that agree within 1 % in all columns share a row; the nearest ones come first.
+    Estimators that agree within 1% in all columns share a row; the nearest ones come first.
     """
     cases = referenced(figures)
     own = figures[figures["case"].isin(cases) & figures["window"].isin(WINDOWS)]

@@ -101,7 +101,7 @@ def _limit(value: float, unit: str) -> str:
 
 
 def recovered(figures: pd.DataFrame, cases: pd.DataFrame) -> list[tuple[str, float]]:
-    """Return the largest σ/ℓ up to which each causal estimator succeeds in 95 % of the runs.
+    """Return the largest σ/ℓ up to which each causal estimator succeeds in 95% of the runs.
 
     On equal runs, and in every case of the grid with a smaller or an equal σ/ℓ; the widest
     first. An estimator without such a case has 0.

@@ -123,7 +123,7 @@ class _Cells:
         return f"{columns.ratio(ratio)} × EKF ({runs} runs) {symbol}".rstrip()
 
     def alike(self, label: str, other: str) -> bool:
-        """Return whether the cells of two estimators agree, errors within 1 %."""
+        """Return whether the cells of two estimators agree, errors within 1%."""
         one, two = self.rows.get(label), self.rows.get(other)
         if one is None or two is None or one["runs"] != two["runs"]:
             return False
@@ -163,7 +163,7 @@ def families(figures: pd.DataFrame, cases: pd.DataFrame, most: int = MOST_FAMILI
 
 
 def together(labels: Sequence[str], values: pd.DataFrame) -> list[list[str]]:
-    """Return groups of estimators whose numbers agree within 1 %, in the order given.
+    """Return groups of estimators whose numbers agree within 1%, in the order given.
 
     Parameters
     ----------

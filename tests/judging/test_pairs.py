@@ -195,6 +195,14 @@ def test_where_none_is_consistent_the_least_bad_is_named_and_none_recommended():
     assert found == Verdict("a", (), 0, "")
 
 
+def test_where_the_best_is_no_better_than_the_ins_none_is_recommended():
+    """A matcher that refuses every fix repeats the INS, consistently; control: half its error."""
+    base = np.random.default_rng(3).chisquare(3, 200)
+    idle = verdict(flown({"ins": base, "idle": base}))
+    assert idle == Verdict("idle", (), 1, "equivalent")
+    assert verdict(flown({"ins": base, "aided": 0.25 * base})).recommended == ("aided",)
+
+
 def test_who_succeeds_surely_less_often_is_not_recommended():
     """B ends outside the required error in a tenth of the runs, with the same RMS error."""
     base = np.full(200, 4.0)

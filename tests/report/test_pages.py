@@ -92,13 +92,15 @@ def test_numbers_of_a_page_are_those_of_the_data(page, output):
         (line,) = [line for line in page.splitlines() if line.startswith(f"|{title}")]
         ekf, ins = rows.loc[(case, "ekf")], rows.loc[(case, "ins")]
         assert f"|{columns.metres(ekf['bound_m'])}|{columns.metres(ins['rms_m'])}" in line
-        assert f"|{columns.metres(ekf['rms_m'])} (×{columns.ratio(ekf['efficiency'])})" in line
+        cell = f"{columns.metres(ekf['rms_m'])} (×{columns.ratio(ekf['efficiency'])})"
+        # In italics where no estimator is surely better than the INS.
+        assert f"|{cell}" in line or f"|*{cell}*|" in line
 
 
 def test_the_answer_is_short(page):
-    """At most sixty words."""
+    """At most seventy words."""
     (answer,) = [line for line in page.splitlines() if line.startswith("**Answer.**")]
-    assert 10 < len(re.findall(r"[\w.]+", answer)) <= 60
+    assert 10 < len(re.findall(r"[\w.]+", answer)) <= 70
 
 
 def test_the_html_page_has_all_windows_and_their_numbers(output):

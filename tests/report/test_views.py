@@ -43,7 +43,7 @@ def test_cells_have_error_ratio_success_and_symbol():
     row = figure("c0", "ekf", "settled", 6.0)
     assert tables.error_cell(row) == "6.00 (×1.5)"
     assert tables.error_cell(row | {"success": 0.5, "consistency": "unsafe"}) == (
-        "6.00 (×1.5), 50 % ‡"
+        "6.00 (×1.5), 50% ‡"
     )
     assert tables.error_cell(row | {"efficiency": float("nan")}) == "6.00"
     assert tables.error_cell(figure("c0", "ins", "settled", 100.0)) == "100"

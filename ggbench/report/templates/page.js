@@ -27,7 +27,7 @@ const FORMS = {
   ratio: (value) => significant(value, 2),
   share: (value) => {
     const text = significant(100 * value, 2);
-    return text === "100" && value < 1 ? "> 99 %" : `${text} %`;
+    return text === "100" && value < 1 ? ">99%" : `${text}%`;
   },
   time: (value) => (value >= 1 ? `${significant(value, 1)} s` : `${significant(1e3 * value, 1)} ms`),
   p: (value) => (value < 1e-3 ? "< 0.001" : significant(value, 2)),
