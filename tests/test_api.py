@@ -149,7 +149,8 @@ def test_figures(results, tmp_path):
     ]
     for number, figure in enumerate(figures):
         assert isinstance(figure, Figure)
-        figure.savefig(tmp_path / f"{number}.pdf")
+        if number in (0, 3):  # lines, and a map
+            figure.savefig(tmp_path / f"{number}.png", dpi=30)
     lines = {line.get_label(): line for line in figures[0].axes[0].lines}
     series = results.series("noisy", "ekf")[:, :, 0]
     assert np.allclose(lines["ekf"].get_ydata(), np.sqrt(np.mean(series**2, axis=0)))

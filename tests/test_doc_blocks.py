@@ -16,6 +16,8 @@ from ggbench.cli.main import main
 
 ROOT = Path(__file__).parents[1]
 PAGES = [path.relative_to(ROOT).as_posix() for path in documents(ROOT)]
+LARGE = ("docs/howto/own_flight.md", "docs/howto/own_sensor.md")
+"""Pages whose quick blocks fly, too."""
 BASE = next(b for b in blocks(ROOT / "docs" / "scenario_files.md") if b.said.startswith("file: "))
 
 
@@ -31,7 +33,10 @@ def tried(page: str, folder: Path, long: bool) -> None:
             pytest.fail(f"{page}:{block.line}: {type(error).__name__}: {error}")
 
 
-@pytest.mark.parametrize("page", PAGES)
+@pytest.mark.parametrize(
+    "page",
+    [pytest.param(page, marks=pytest.mark.long if page in LARGE else ()) for page in PAGES],
+)
 def test_quick_blocks_do_what_they_show(page, tmp_path):
     """Files are read, parts of scenarios accepted, short commands run."""
     tried(page, tmp_path, long=False)

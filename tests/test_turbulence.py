@@ -27,7 +27,13 @@ def flying() -> ModuleType:
     return importlib.import_module("turbulence.flying")
 
 
-@pytest.mark.parametrize("intensity", INTENSITIES)
+@pytest.mark.parametrize(
+    "intensity",
+    [
+        pytest.param(name, marks=() if name == "severe" else pytest.mark.long)
+        for name in INTENSITIES
+    ],
+)
 def test_the_tracks_are_what_jsbsim_flies(intensity: str, flying: ModuleType) -> None:
     kept = np.loadtxt(committed(intensity), delimiter=",", skiprows=1)
     assert committed(intensity).read_text().splitlines()[0] == ",".join(flying.COLUMNS)
@@ -37,6 +43,7 @@ def test_the_tracks_are_what_jsbsim_flies(intensity: str, flying: ModuleType) ->
     assert np.all(np.abs(kept[: len(again)] - again) <= size)
 
 
+@pytest.mark.long
 def test_other_gusts_make_another_track(flying: ModuleType) -> None:
     kept = np.loadtxt(committed("light"), delimiter=",", skiprows=1)
     assert np.abs(kept[:301, 3] - flying.track("light", 30.0, seed=1)[:, 3]).max() > 1.0
@@ -61,6 +68,7 @@ def test_the_noise_of_vibrating_disks_is_that_of_the_track(intensity: str) -> No
     assert told.noise_eotvos == pytest.approx(found, rel=0.15)
 
 
+@pytest.mark.long
 def test_amplitudes_are_those_of_the_spectral_density(tmp_path: Path) -> None:
     """A level flight that heaves with a known density; 24 degrees of freedom at each frequency."""
     rate, duration = 50.0, 300.0

@@ -45,6 +45,7 @@ def claimed(moves: Moves, problem: Problem) -> np.ndarray:
     return claims(filtered(problem, 3, moves, rng()).cov)
 
 
+@pytest.mark.long
 def test_no_epoch_claims_a_tenth_of_the_bound_and_without_cures_some_do():
     """Depletion is a claim to know what nobody can: guard, and the guard's own test.
 
@@ -123,6 +124,7 @@ def flown(case: str, runs: int) -> dict[str, np.ndarray]:
     }
 
 
+@pytest.mark.long
 def test_the_default_finds_where_it_is():
     """From a kilometre away it locks on, at most twice the bound off; hardly a run does not."""
     found = flown("1km", 1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from thinning import thinned
 
 from ggbench.campaign.registry import choose
 from ggbench.sensors.aiding import Motion
@@ -69,7 +70,7 @@ def test_what_the_disturbance_can_do_within_two_hours(flight, column, factor, at
     assert response.max() == pytest.approx(largest, rel=0.05)
 
 
-@pytest.mark.parametrize(
+@thinned(
     ("name", "east", "north"),
     [
         ("estimated-1s", 4.7, 3.7),
@@ -100,6 +101,7 @@ def test_the_estimate_is_consistent_where_heading_is_known():
     assert np.abs(MGAL * (truth.error_state[0, -1, 15:18]) - TRUE).max() < 1e-9
 
 
+@pytest.mark.long
 def test_a_turn_does_not_tell_it_from_tilt():
     """Both are fixed to the Earth: after the second leg most of the east part's σ is left."""
     flight = prepare(LOADED.case("estimated-10s"))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from campaigns import assert_equal, plan, ran, records, small
 from problems import SMALL, linear_problem
+from thinning import thinned
 
 from ggbench.campaign import execution, runner, running
 from ggbench.campaign import records as kept
@@ -171,7 +172,7 @@ def test_innovations_that_an_engine_delivers_are_those_of_the_record(many, tmp_p
     assert np.isnan(results.series("base", label)[:, :2, 3]).all()
 
 
-@pytest.mark.parametrize(
+@thinned(
     ("way", "reason"),
     [
         ("nan mean", "ValueError: the estimate's mean is not finite from epoch 3 on"),
@@ -179,6 +180,7 @@ def test_innovations_that_an_engine_delivers_are_those_of_the_record(many, tmp_p
         ("indefinite", "ValueError: the estimate's cov is not positive definite at epoch 4"),
         ("raise", "ArithmeticError: not this one"),
     ],
+    every=2,
 )
 def test_a_run_that_fails_in_a_block_fails_alone(way, reason, many, tmp_path):
     """What is wrong with one run is its record; the runs beside it are as if it were not."""
@@ -195,7 +197,7 @@ def test_a_run_that_fails_in_a_block_fails_alone(way, reason, many, tmp_path):
         )
 
 
-@pytest.mark.parametrize(
+@thinned(
     ("way", "reason"),
     [
         ("nothing", r"TypeError: estimate_block\(\) returned NoneType, not an EstimateBlock"),
@@ -241,6 +243,7 @@ def test_a_death_in_a_block_costs_its_own_run_only(way, reason, many, tmp_path):
     assert failed["reason"].tolist() == [reason]
 
 
+@pytest.mark.long
 def test_an_interrupted_block_goes_on_with_the_runs_that_are_missing(many, tmp_path, monkeypatch):
     """Runs that are stored are not run again, whichever they are, and the end is the same."""
     labels = ("filterpy-ekf", many)

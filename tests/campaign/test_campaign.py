@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 from campaigns import LABELS, assert_equal, plan, ran, records, small
 from problems import SMALL, LinearModel, changed
+from thinning import thinned
 
 from ggbench.block import ProblemBlock
 from ggbench.campaign import execution, registry, result_keys, runner, running
@@ -141,7 +142,13 @@ def test_results_do_not_depend_on_the_company(whole, tmp_path):
     assert mixed == {key: expected[key] for key in mixed}
 
 
-@pytest.mark.parametrize("kind", FAULTS)
+QUICK = ("returns nan", "wrong shape", "negative variance", "masked")
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [pytest.param(kind, marks=() if kind in QUICK else pytest.mark.long) for kind in FAULTS],
+)
 def test_an_estimator_that_fails_becomes_records(kind, tmp_path):
     """What an estimator does wrong is the reason in its record; the others are not touched."""
     label = f"{naughty(tmp_path)}[kind={kind}]"
@@ -160,7 +167,7 @@ def test_an_estimator_that_fails_becomes_records(kind, tmp_path):
     assert counts.to_dict() == {"naughty": 2, "ekf": 0}
 
 
-@pytest.mark.parametrize("kind", HARMLESS)
+@thinned("kind", HARMLESS)
 def test_what_is_odd_but_harmless_does_not_stop_a_campaign(kind, tmp_path):
     """Lists for arrays, remarks that no file can hold: accepted or recorded, never a crash."""
     label = f"{naughty(tmp_path)}[kind={kind}]"
@@ -221,6 +228,7 @@ def test_a_model_that_counts_nothing_has_no_evaluations(tmp_path, monkeypatch):
         assert (record["status"], record["map_evaluations"]) == ("ok", 0)
 
 
+@pytest.mark.long
 def test_an_estimator_that_fails_in_some_runs(tmp_path, monkeypatch):
     """Failed runs are counted and left out; the finished ones are judged and reported."""
     monkeypatch.chdir(tmp_path)  # a whole path would be too long for the figures of the report
@@ -310,7 +318,16 @@ SAME_CONTENT = {
 }
 
 
-@pytest.mark.parametrize("change", SAME_CONTENT)
+@pytest.mark.parametrize(
+    "change",
+    [
+        pytest.param(
+            change,
+            marks=pytest.mark.long if change in ("title", "description", "a reference") else (),
+        )
+        for change in SAME_CONTENT
+    ],
+)
 def test_stored_runs_are_known_by_their_content(change, tmp_path):
     """Names, titles, order, other cases: what does not change a result does not run it again."""
     ran(tmp_path, runs=1).store.close()
@@ -326,9 +343,8 @@ def test_stored_runs_are_known_by_their_content(change, tmp_path):
     }
 
 
-@pytest.mark.parametrize(
-    "change", ["noise_eotvos = 0.2", pytest.param("name", marks=pytest.mark.long)]
-)
+@pytest.mark.long
+@pytest.mark.parametrize("change", ["noise_eotvos = 0.2", "name"])
 def test_a_folder_is_joined_by_content(change, tmp_path):
     """After an edit of one case, a command for the other one reports what is still true.
 
@@ -379,7 +395,7 @@ OTHER_CONTENT = {
 }
 
 
-@pytest.mark.parametrize("change", OTHER_CONTENT)
+@thinned("change", OTHER_CONTENT, every=2)
 def test_runs_of_other_content_are_neither_used_nor_lost(change, tmp_path, monkeypatch):
     """Whatever a result depends on is in its key: if it changes, the run is run again.
 
@@ -418,6 +434,7 @@ def test_runs_of_other_content_are_neither_used_nor_lost(change, tmp_path, monke
     assert {key: found[key] for key in expected} == expected
 
 
+@pytest.mark.long
 def test_a_worker_runs_nothing_but_what_was_planned(tmp_path):
     """An estimator's file that changes while a campaign runs ends it; nothing is stored wrongly."""
     label = naughty(tmp_path)

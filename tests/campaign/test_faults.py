@@ -18,6 +18,7 @@ from collections.abc import Callable
 import psutil
 import pytest
 from campaigns import DEADLINE_S, assert_equal, command, finish, ran, stored
+from command import invoke
 from problems import SMALL
 
 from ggbench.cli.main import main
@@ -165,7 +166,7 @@ def killed_at_write(number: int, arguments: list[str]) -> int:
 @pytest.mark.parametrize(
     ("options", "stride"),
     [
-        ((), 20),
+        ((), 40),
         pytest.param((), 1, marks=pytest.mark.long),
         pytest.param(("--fresh",), 1, marks=pytest.mark.long),
     ],
@@ -179,6 +180,8 @@ def test_a_power_cut_between_any_two_writes(options, stride, tmp_path, monkeypat
     monkeypatch.chdir(tmp_path)
     whole = ran(tmp_path, "whole", ("ins", "ekf"), runs=2)
     run = ["run", "small.toml", "-s", "5", "-n", "2", "-j", "0"]
+    # What a child would import each time is loaded here, once.
+    assert invoke([*run, "-o", str(tmp_path / "first")], tmp_path).returncode == 0
     number, code = len(options), -signal.SIGKILL
     while code != 0:
         folder = tmp_path / f"out{number}"

@@ -88,6 +88,7 @@ def test_two_requests_at_any_moments_leave_nothing_alive(signals, tmp_path, star
         assert not alive
 
 
+@pytest.mark.long
 def test_an_interrupt_while_workers_are_ended_ends_them_all(tmp_path, monkeypatch):
     """In a notebook, where the process lives on: the interrupt comes through, no worker stays."""
     work = plan(tmp_path, "out", ("ins",), runs=40)

@@ -119,6 +119,7 @@ def test_processes_left_running_end_and_are_told(wild):
     assert f'wild.py[way=orphan],"{left}",1' in remarks
 
 
+@pytest.mark.long
 def test_processes_end_with_a_worker_that_is_killed(wild, started):
     """The command is killed in the middle of a run: what the estimator had started ends, too."""
     text = WILD.replace("        if self.fails:", "        if self.way != 'good': time.sleep(1e6)\n"

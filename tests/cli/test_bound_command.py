@@ -55,6 +55,7 @@ def test_less_noise_is_a_smaller_bound():
         assert better[name].iloc[-1] < worse[name].iloc[-1]
 
 
+@pytest.mark.long
 def test_a_track_and_a_map_of_ones_own(tmp_path):
     """Along the track that the user plans, over the user's map, with any name of a case."""
     rough_map(tmp_path / "rough.nc")

@@ -13,6 +13,7 @@ import pytest
 from click.testing import CliRunner
 from command import invoke
 from problems import SMALL
+from thinning import thinned
 
 from ggbench.cli.keys import tables, unit_of
 from ggbench.cli.main import main
@@ -80,7 +81,7 @@ def test_the_schema_is_printed(tmp_path):
     jsonschema.Draft7Validator.check_schema(json.loads(printed.stdout))
 
 
-@pytest.mark.parametrize("name", shipped())
+@thinned("name", shipped())
 def test_the_schema_accepts_every_shipped_scenario(name):
     """With provenance, changes of cases and assumptions, sweeps and claims."""
     VALIDATOR.validate(tomllib.loads(load(name).source))

@@ -182,6 +182,7 @@ def test_a_terrain_map_says_all_about_itself(monkeypatch):
     assert picture.std() > 0.05
 
 
+@pytest.mark.long
 def test_a_sum_is_finer_than_its_coefficients():
     """The terrain adds to the harmonics what is beyond them, and no more than it has."""
     write_gfc(Path("model.gfc"), 180)

@@ -10,6 +10,7 @@ from command import invoke
 from problems import SMALL
 from rich.cells import cell_len
 from rich.console import Console
+from thinning import thinned
 
 from ggbench.cli import screen
 from ggbench.cli.progress import Progress
@@ -18,7 +19,7 @@ from ggbench.cli.terminal import print_comparison, print_figures
 from ggbench.cli.timing import COLD
 from ggbench.judging.comparison import compare
 
-WIDTHS = (60, 80, 120)
+WIDTHS = (60, *(pytest.param(width, marks=pytest.mark.long) for width in (80, 120)))
 LABELS = (
     "ins",
     "ekf",
@@ -113,7 +114,7 @@ def test_a_comparison(results, console):
     assert text.count("verdict") == 1
 
 
-@pytest.mark.parametrize("width", WIDTHS)
+@thinned("width", WIDTHS)
 @pytest.mark.parametrize(
     "arguments",
     [["list"], ["show", "out"], ["bound", "small.toml"], ["compare", "out", "out"]],

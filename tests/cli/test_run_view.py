@@ -68,9 +68,10 @@ def test_compare_in_the_other_direction_and_below_the_threshold(folder):
     assert "worse" not in done.stdout.split("Runs are")[0]
 
 
+@pytest.mark.long
 def test_compare_another_parameter(folder):
     """An estimator with another parameter is compared with itself, under both labels."""
-    run = ["run", "small.toml", "-n", "30", "-s", "5", "-j", "0", "-c", "base"]
+    run = ["run", "small.toml", "-n", "10", "-s", "5", "-j", "0", "-c", "base"]
     for name, blur in (("low", "0.9"), ("high", "0.1")):
         assert invoke([*run, "-o", name, "-e", f"blurred.py[blur={blur}]"], folder).returncode == 0
     done = invoke(["compare", "low", "high"], folder)

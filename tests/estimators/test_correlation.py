@@ -78,8 +78,15 @@ def fixed(problem: Problem, label: str) -> Fixes:
 
 
 @pytest.mark.parametrize("association", ["nearest", "reciprocal", "likelihood"])
-@pytest.mark.parametrize("differenced", ["true", "false"])
-@pytest.mark.parametrize("descending", ["true", "false"])
+@pytest.mark.parametrize(
+    ("differenced", "descending"),
+    [
+        ("true", "true"),
+        pytest.param("true", "false", marks=pytest.mark.long),
+        pytest.param("false", "true", marks=pytest.mark.long),
+        ("false", "false"),
+    ],
+)
 def test_without_noise_a_constant_offset_is_found(association, differenced, descending):
     """To 0.1 m (σ 1 km); J is zero there and the other candidates weigh nothing."""
     truth = np.array([731.0, -1204.0])
@@ -132,7 +139,7 @@ def test_j_is_the_weighted_sum_of_the_paper(differenced, descending):
         assert value == pytest.approx(total / weights, rel=1e-9)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(n, marks=pytest.mark.long) for n in (1, 2))])
 def test_likelihood_weighs_two_basins_as_the_posterior_does(seed):
     """A field that repeats itself, but for a slope: mean, covariance and odds are the integral's.
 
@@ -213,7 +220,11 @@ def drifting(seed: int, sigma: float = 500.0) -> tuple[Problem, np.ndarray]:
 
 @pytest.mark.parametrize(
     "settings",
-    ["candidates=nodes,keep=1", "candidates=nodes,keep=1,differenced=false", "candidates=basins"],
+    [
+        pytest.param("candidates=nodes,keep=1", marks=pytest.mark.long),
+        "candidates=nodes,keep=1,differenced=false",
+        pytest.param("candidates=basins", marks=pytest.mark.long),
+    ],
 )
 def test_the_covariance_of_a_fix_knows_of_drift_and_bias(settings):
     """Mean NEES of 60 fixes, two states each, in its 99.9 % band: one false alarm in a thousand.

@@ -91,6 +91,7 @@ def test_a_rigid_track_cannot_be_stretched():
     assert np.linalg.norm(found.fixes.mean[0] - truth[-1, :2]) > 10.0
 
 
+@pytest.mark.long
 def test_from_another_hill_it_does_not_come_back():
     """From two correlation lengths away the nearest contours are wrong ones, and it does not know.
 

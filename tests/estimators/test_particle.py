@@ -26,6 +26,7 @@ from problems import (
     simulated,
 )
 from small_cases import GRAVIMETER, ON_BOARD, rough_map, small_flight
+from thinning import thinned
 
 from ggbench.engines.moves import Moves
 from ggbench.engines.particles import Filtered, filtered
@@ -71,6 +72,7 @@ def test_a_hundred_thousand_particles_are_as_near_as_ten_thousand_have_to_be():
             assert apart(found, problem) < 0.1
 
 
+@pytest.mark.long
 def test_a_bootstrap_filter_has_kalmans_answer_in_the_limit_of_many_particles():
     """On a linear problem of full rank: 0.3 σ with 1000 particles, 0.1 σ with 10,000, as N^−1/2.
 
@@ -121,6 +123,7 @@ def test_every_way_to_resample_leads_there():
     assert len({found.mean.tobytes() for found in answers}) == 3
 
 
+@pytest.mark.long
 def test_evidence_is_kalmans_where_it_is_known():
     """Log p(z) of linear problems: without drawn states to rounding, else as N^−1/2.
 
@@ -164,7 +167,7 @@ def test_with_all_states_drawn_the_filter_is_the_bootstrap_filter():
     np.testing.assert_array_equal(found.mean, engine.mean)
 
 
-@pytest.mark.parametrize("drawn", [1, 2])
+@thinned("drawn", [1, 2])
 def test_drawing_fewer_states_comes_nearer_to_kalman(drawn):
     """With noise that correlates over the split and readings of both parts, as it should be.
 
@@ -333,6 +336,7 @@ def test_a_channel_that_is_missing_is_as_good_as_none():
         np.testing.assert_allclose(one.mean, other.mean, atol=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("label", ["particle[particles=200]", "rao-blackwellised[particles=200]"])
 def test_a_generator_alone_decides_a_runs_numbers(label):
     """The same bits with the same generator, and others with another one."""
@@ -348,13 +352,14 @@ def test_a_generator_alone_decides_a_runs_numbers(label):
 
 def test_evaluations_are_those_that_the_model_counts():
     """Of particles and of Jacobians: what an estimator says is what its problem's model saw."""
-    problem = lost("0.3km", 3)[0].problem(0)
+    problem, _ = simulated("0.01E-0.2Hz")
     for label in ("particle[particles=300]", "rao-blackwellised[particles=300]"):
         before = problem.model.evaluations
         found = estimator(label).estimate(problem, rng())
         assert found.info["map_evaluations"] == problem.model.evaluations - before
 
 
+@pytest.mark.long
 def test_innovations_are_judged_once_the_cloud_is_straight():
     """NIS is no χ² of a cloud with several modes: NaN for the first reading, and of a plain cloud.
 
@@ -421,7 +426,7 @@ def test_all_sensors_are_as_good_as_a_linear_problem(sensors, tmp_path):
     ],
 )
 def test_settings_that_mean_nothing_are_refused_with_a_reason(label, reason):
-    assert reason in refusal(label, lost("0.3km", 3)[0].problem(0))
+    assert reason in refusal(label, simulated("0.01E-0.2Hz")[0])
 
 
 def test_readings_that_bend_with_other_states_are_refused():

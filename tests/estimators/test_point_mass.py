@@ -24,7 +24,7 @@ def distance(estimate: Estimate, mean: np.ndarray, cov: np.ndarray) -> float:
 @pytest.mark.parametrize(
     ("n", "noise"),
     [
-        pytest.param(n, noise, marks=pytest.mark.long if (n, noise) == (3, "full") else ())
+        pytest.param(n, noise, marks=pytest.mark.long if n == 3 else ())
         for n in (1, 2, 3)
         for noise in ("full", "singular", "none")
     ],
@@ -62,7 +62,8 @@ def truth(noise: float, resolution: float = 4.0) -> Estimate:
     return PointMass(step=20.0, resolution=resolution).estimate(two_states(noise), rng())
 
 
-@pytest.mark.parametrize("noise", [pytest.param(1.0, marks=pytest.mark.long), 10.0])
+@pytest.mark.long
+@pytest.mark.parametrize("noise", [1.0, 10.0])
 def test_a_finer_grid_changes_nothing(noise):
     """Two cells to a deviation, and four: means within 0.05 deviations rms of each other."""
     coarse, fine = truth(noise, 2.0), truth(noise, 4.0)
@@ -75,7 +76,7 @@ def test_a_finer_grid_changes_nothing(noise):
     ("label", "limit"),
     [
         ("gaussian-sum", 0.1),
-        ("unscented-particle[particles=5000]", 0.1),
+        pytest.param("unscented-particle[particles=5000]", 0.1, marks=pytest.mark.long),
         ("gaussian-particle", 0.15),
         pytest.param("particle[particles=100000]", 0.1, marks=pytest.mark.long),
     ],
@@ -91,6 +92,7 @@ def test_other_filters_are_held_to_it(label, limit):
     assert distance(found, grid.mean, grid.cov) < limit
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("count", [10_000, pytest.param(100_000, marks=pytest.mark.long)], ids=str)
 def test_log_evidence_of_particles_is_the_grids(count):
     """To 0.3, so that models can be compared by it: 0.15 off with 10^4, 0.035 with 10^5 (measured).

@@ -16,6 +16,7 @@ from problems import (
     simulated,
 )
 from rough_field import rough_flight
+from thinning import thinned
 
 from ggbench.estimators.reduced_states import FILTERS
 from ggbench.problem import Estimate, Fixes, Problem
@@ -128,7 +129,7 @@ def test_declared_noise_is_that_of_white_velocities_and_accelerations():
             np.testing.assert_allclose(whole[k], composed, rtol=1e-12)
 
 
-@pytest.mark.parametrize("name", FILTERS)
+@thinned("name", FILTERS)
 def test_every_filter_of_few_states_follows_a_flight(name):
     """Over the rough field its position ends within 300 m, where the prior's was off by 500 m.
 

@@ -12,6 +12,7 @@ from oracles.ekf import _AdaptiveNoise
 from problems import LinearModel, changed, deviation, estimator, linear_problem, rng
 from rough_field import rough_flight
 from scipy.optimize import minimize
+from thinning import thinned
 
 from ggbench.estimators import robust
 from ggbench.problem import Problem
@@ -26,7 +27,15 @@ WITH_LOSS = (
     "factor-graph[mode=batch]",
     "factor-graph[mode=isam2]",
 )
-SLOW = ("factor-graph[mode=isam2]", "factor-graph[mode=fixed-lag]", "factor-graph[mode=batch]")
+SLOW = (
+    "ekf[iterations=5]",
+    "ukf[points=cubature]",
+    "gaussian-sum",
+    "gauss-newton[starts=1]",
+    "factor-graph[mode=isam2]",
+    "factor-graph[mode=fixed-lag]",
+    "factor-graph[mode=batch]",
+)
 RUNS = 6
 TAIL = 40
 
@@ -76,7 +85,7 @@ def test_the_textbook_filter_is_the_oracle_of_iterated_and_robust_ones(loss):
     assert max(deviation(ours.mean, ours.cov, expected.mean, expected.cov)) < 1e-8
 
 
-@pytest.mark.parametrize("loss", ["huber", "cauchy"])
+@thinned("loss", ["huber", "cauchy"], every=2)
 @pytest.mark.parametrize("label", WITH_LOSS)
 def test_a_loss_that_never_acts_changes_nothing(label, loss):
     """With a threshold of ten million deviations a robust estimator is the one without a loss."""
@@ -108,14 +117,24 @@ def plain_under_outliers(label):
     return position_rms(with_(label), flights(outliers=0.05))
 
 
-@pytest.mark.parametrize("label", ["ekf", "ukf", "gaussian-sum", "gauss-newton[starts=1]"])
+@pytest.mark.parametrize(
+    "label",
+    [
+        "ekf",
+        "ukf",
+        *(
+            pytest.param(label, marks=pytest.mark.long)
+            for label in ("gaussian-sum", "gauss-newton[starts=1]")
+        ),
+    ],
+)
 def test_robustness_costs_little_without_outliers(label):
     """With Gaussian noise the error grows by less than 15 % (asymptotically 2.5 %)."""
     good = flights()
     assert position_rms(with_(label, loss="huber"), good) < 1.15 * position_rms(with_(label), good)
 
 
-@pytest.mark.parametrize("label", ["ekf", "ukf", "gaussian-sum"])
+@thinned("label", ["ekf", "ukf", "gaussian-sum"])
 def test_an_outlier_has_a_bounded_influence(label):
     """However far off one component is, the answer after it moves by less than one deviation.
 
@@ -241,8 +260,15 @@ def test_a_reading_informs_as_much_as_it_weighs(label):
     )
 
 
-@pytest.mark.parametrize("correlated", [False, True])
-@pytest.mark.parametrize("loss", ["huber", "cauchy"])
+@pytest.mark.parametrize(
+    ("loss", "correlated"),
+    [
+        pytest.param("huber", True, marks=pytest.mark.long),
+        pytest.param("huber", False, marks=pytest.mark.long),
+        pytest.param("cauchy", True, marks=pytest.mark.long),
+        ("cauchy", False),
+    ],
+)
 def test_robust_gauss_newton_is_gtsams_robust_graph(loss, correlated):
     """Two ways to the same minimum: reweighted Kalman smoothing and GTSAM's m-estimators.
 

@@ -9,6 +9,7 @@ import pytest
 from oracles import reference
 from problems import LinearModel, changed, estimator, linear_problem, rng
 from rough_field import rough_flight
+from thinning import thinned
 
 from ggbench.campaign.registry import EstimatorError
 from ggbench.problem import Channel, Problem, StateBlock
@@ -92,7 +93,7 @@ def test_a_lag_has_to_reach_over_the_longest_gap():
         assert reason in found if reason else found is None
 
 
-@pytest.mark.parametrize(
+@thinned(
     ("label", "searches"),
     [
         ("gtsam[mode=batch,max_iterations=2]", 1),
@@ -100,6 +101,7 @@ def test_a_lag_has_to_reach_over_the_longest_gap():
         ("gauss-newton[max_iterations=2,refine=2]", 4),
         ("gauss-newton[max_iterations=2,starts=1]", 2),
     ],
+    every=2,
 )
 def test_a_search_ends_at_its_limit(label, searches):
     """Two steps of each search, and no more, where it would take many."""

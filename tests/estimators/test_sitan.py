@@ -9,6 +9,7 @@ import pytest
 from problems import changed, deviation, estimator, kalman, noisy_problem, propagated, refusal, rng
 from rough_field import rough_flight
 from test_multistart import Periodic
+from thinning import thinned
 
 from ggbench.estimators.sitan import _Filters
 from ggbench.problem import Problem, StateBlock
@@ -75,7 +76,7 @@ def test_what_a_plane_leaves_of_a_bowl_is_noise():
     assert noise[0, 0, 0] == pytest.approx(1e-4 + 0.5 * (v - v**2) * sigma**4)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@thinned("seed", range(3))
 def test_a_bank_finds_where_one_filter_is_lost(seed):
     """A prior of one and a half correlation lengths: found to 100 m, and tells when.
 

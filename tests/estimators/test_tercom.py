@@ -7,6 +7,7 @@ import pytest
 from problems import changed, deviation, estimator, kalman, noisy_problem, propagated, refusal, rng
 from rough_field import RoughModel, constant_offset, rough_flight
 from scipy.stats import chi2
+from thinning import thinned
 
 from ggbench.problem import Estimate, Problem
 
@@ -22,7 +23,13 @@ def at_rest(seed: int, offset: tuple[float, float, float], sigma: float = 2000.0
     return constant_offset(seed, offset, sigma)
 
 
-@pytest.mark.parametrize("criterion", CRITERIA)
+@pytest.mark.parametrize(
+    "criterion",
+    [
+        pytest.param(criterion, marks=() if criterion in ("msd", "nccdm") else pytest.mark.long)
+        for criterion in CRITERIA
+    ],
+)
 def test_a_constant_offset_is_found(criterion):
     """Without noise to 0.1 m, by every criterion that its grid leads to the right hollow."""
     problem = at_rest(3, (1234.0, -2345.0, 6.0))
@@ -102,7 +109,7 @@ class Twice(RoughModel):
         return x
 
 
-@pytest.mark.parametrize("odds", [10, 0])
+@thinned("odds", [10, 0])
 def test_a_place_that_is_there_twice_is_refused(odds):
     """Two places that fit alike are no fix, unless any odds will do; then it is one of both."""
     problem = at_rest(3, (500.0, 700.0, 0.0), sigma=3000.0)
@@ -117,6 +124,7 @@ def test_a_place_that_is_there_twice_is_refused(odds):
         np.testing.assert_array_equal(found.mean, np.zeros_like(found.mean))
 
 
+@pytest.mark.long
 def test_readings_that_fit_nowhere_make_no_fix():
     """Of another field than the map's: refused, whatever the odds, and the window grows."""
     problem = at_rest(3, (0.0, 0.0, 0.0))

@@ -122,7 +122,7 @@ def relative(estimate: Estimate, problem: Problem) -> float:
     return float(np.sqrt(np.mean((estimate.mean - mean) ** 2 / variance)))
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(n, marks=pytest.mark.long) for n in (1, 2))])
 def test_readings_that_count_twice_bias_the_answer(seed):
     """With the ratio of densities the answer nears the Kalman filter's, without it does not.
 
@@ -276,11 +276,11 @@ def walk(seed: int, told: float, epochs: int = 400) -> Problem:
 def test_strong_tracking_whitens_the_innovations_of_a_wrong_model():
     """Told a hundredth of the process noise, innovations correlate; fading takes most of that away.
 
-    Over five walks of 400 steps. A white sequence of 780 numbers has a correlation of 0.036 rms at
-    random, 0.016 in the mean of five: the limits are ten of those apart.
+    Over three walks of 400 steps. A white sequence of 780 numbers has a correlation of 0.036 rms at
+    random, 0.021 in the mean of three: the limits are eight of those apart.
     """
     right, plain, fading = [], [], []
-    for seed in range(5):
+    for seed in range(3):
         for told, found in ((1.0, right), (0.01, plain)):
             problem = walk(seed, told)
             found.append(

@@ -82,7 +82,7 @@ def test_what_a_reading_depends_on_beside_the_position_is_noise():
     assert np.median(wider) > 1.1
 
 
-@pytest.mark.parametrize("vertical", [0.01, 200.0])
+@pytest.mark.parametrize("vertical", [0.01, pytest.param(200.0, marks=pytest.mark.long)])
 def test_a_height_that_is_known_is_no_state(vertical):
     """The estimate of one that no reading can tell more of is the INS's, epoch by epoch."""
     problem, _ = rough_flight(3, 100.0, epochs=10, noise=1.0, vertical=vertical)

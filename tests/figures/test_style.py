@@ -13,6 +13,7 @@ import matplotlib
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from thinning import thinned
 
 from ggbench.figures.field import gradient_along_track
 from ggbench.figures.style import FigureError, save
@@ -53,7 +54,7 @@ def test_no_module_changes_matplotlib():
     assert changed_by(EVERY_MODULE) == set()
 
 
-@pytest.mark.parametrize(
+@thinned(
     ("code", "found"),
     [
         ("matplotlib.rcParams |= {'font.size': 9}", {"font.size"}),
@@ -92,6 +93,7 @@ def test_the_users_settings_have_no_say(tmp_path):
     assert dict(matplotlib.rcParams) == before
 
 
+@pytest.mark.long
 def test_a_notebook_shows_a_figure():
     """A figure is a picture by itself, without pyplot, and can be kept."""
     figure = gradient()

@@ -83,6 +83,7 @@ def test_gravity_and_gradient_agree_with_shtools(model):
     assert relative < 1e-9
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("latitude_deg", [0.0, 68.0, 89.5])
 def test_degree_2190_is_summed_without_underflow(latitude_deg):
     """Towards the poles sectorial functions fall below 1e-308 before they grow with the degree.
@@ -111,6 +112,7 @@ def test_degree_2190_is_summed_without_underflow(latitude_deg):
     assert abs(found - expected) < 1e-9 * scale
 
 
+@pytest.mark.long
 def test_many_circles_are_the_same_as_few():
     """Synthesis goes block by block: where a block ends must not matter."""
     model = random_model(300, 5)

@@ -138,6 +138,7 @@ def vertical(flight: Any, runs: int) -> tuple[np.ndarray, np.ndarray]:
     return np.linalg.solve(root, errors.T).T, np.sqrt(np.diag(covariance))
 
 
+@pytest.mark.long
 def test_noise_of_the_altimeter_scatters_the_vertical_channel_as_q_says():
     """200 runs with no other error: covariance of height and vertical velocity at the end.
 

@@ -10,6 +10,7 @@ from conftest import mechanization_jacobian, metres
 from scipy.linalg import block_diag, expm
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
+from thinning import thinned
 
 from ggbench.ins import adjoint, error_model, strapdown
 from ggbench.ins.noise import noise_roots
@@ -65,7 +66,7 @@ def test_every_entry_of_f_against_the_mechanization():
     is part of F, so nothing is frozen.
     """
     resolution = []
-    for state in random_states(200, seed=1):
+    for state in random_states(80, seed=1):
         numeric, rounding = mechanization_jacobian(*state)
         matrix = system_matrix(*state[:4])
         tolerance = 1e-7 * np.abs(numeric) + rounding
@@ -325,7 +326,7 @@ def test_open_loop_error_is_the_propagated_initial_error(flown):
     assert (np.abs(unexplained[:-1] / unexplained[1:] - 4.0) < 0.5).all()
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.05, 0.35, 3.1, 3.093, 0.02])
+@thinned("delay", [0.0, 0.05, 0.35, 3.1, 3.093, 0.02])
 def test_delayed_rows(flown, delay):
     """B x(t) is the position and attitude error of the run at t − τ, also between samples."""
     truth = flown[0]
@@ -384,6 +385,7 @@ def test_delay_does_not_reach_before_the_start(flown):
     )
 
 
+@pytest.mark.long
 def test_process_noise_is_the_scatter_of_real_runs(flown):
     """Errors of INS runs that differ in IMU noise alone have covariance Q, all 9 by 9 of it.
 

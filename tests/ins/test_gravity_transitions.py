@@ -10,6 +10,7 @@ import pytest
 from conftest import metres
 from scipy.linalg import block_diag, expm
 from small_cases import small_flight
+from thinning import thinned
 
 from ggbench.gravity.ellipsoid import EOTVOS, normal_gradient
 from ggbench.ins import error_model, strapdown
@@ -36,7 +37,7 @@ def read_at(samples: np.ndarray, truth: Trajectory) -> tuple[KnownGravity, np.nd
     return of_readings(in_lanes(readings), samples, len(truth.times)), tensors
 
 
-@pytest.mark.parametrize("wandering", [False, True], ids=["constant biases", "wandering biases"])
+@thinned("wandering", [False, True], ids=["constant biases", "wandering biases"], every=2)
 @pytest.mark.parametrize(
     ("distance", "walk"),
     [(2e3, None), (math.inf, None), (math.inf, 1e-7)],

@@ -187,6 +187,7 @@ def deviations(flight, runs: int) -> np.ndarray:
     return np.linalg.solve(root, (errors / scale).T).T
 
 
+@pytest.mark.long
 def test_errors_of_an_ins_with_wandering_biases_are_those_claimed():
     """All 15 states of 200 runs with biases that wander within seconds, against prior, Φ and Q.
 

@@ -194,6 +194,7 @@ def test_closure_of_the_papers_flight(wang):
     np.testing.assert_allclose(wang.delta_velocities[0] / 0.05, [0, 0, 9.77], atol=0.1)
 
 
+@pytest.mark.long
 def test_closure_of_a_four_hour_flight():
     """Four hours of turns both ways, climbs, descents and speed changes close to 1 m.
 

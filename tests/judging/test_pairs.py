@@ -126,14 +126,16 @@ def test_few_runs_are_undecided_and_never_equivalent():
     assert pairs(flown(many, draws=2))["verdict"].tolist() == ["undecided"]
 
 
-@pytest.mark.parametrize("draws", [10**6, 20])
-def test_false_alarms_of_a_table(draws):
+@pytest.mark.parametrize("tables", [60, pytest.param(400, marks=pytest.mark.long)])
+@pytest.mark.parametrize("draws", [20, pytest.param(10**6, marks=pytest.mark.long)])
+def test_false_alarms_of_a_table(draws, tables):
     """Five estimators of one law: any "better" or "worse" in 5 % of the tables at most.
 
-    400 tables of 100 runs with success and errors judged: a standard error of 1.1 %, two of them.
+    Tables of 100 runs with success and errors judged: of 60 tables the rate has a standard error
+    of 2.8 %, of 400 tables 1.1 %; two of them.
     """
     generator, alarms = np.random.default_rng(37), 0
-    for _ in range(400):
+    for _ in range(tables):
         shared = np.repeat(generator.chisquare(3, 20), 5) if draws == 20 else 0.0
         order = np.argsort(np.arange(100) % 20, kind="stable")
         errors = common(generator, 100, ("a", "b", "c", "d", "e"))
@@ -141,7 +143,7 @@ def test_false_alarms_of_a_table(draws):
             squares[order] += shared
         table = pairs(flown(errors, draws=draws, required=3.0))
         alarms += table["verdict"].isin(["better", "worse"]).any()
-    assert alarms / 400 < 0.072
+    assert alarms / tables < 0.05 + 2.0 * math.sqrt(0.05 * 0.95 / tables)
 
 
 def test_power_of_a_table():

@@ -19,6 +19,7 @@ from problems import (
     smoothed,
 )
 from small_cases import small_flight
+from thinning import thinned
 
 from ggbench.judging.references import CaseBound, References, predictions
 from ggbench.judging.run_errors import WINDOWS, evaluate_block, window_mask
@@ -97,7 +98,7 @@ def compared(case: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return squares, references.windows("filter"), found.nis
 
 
-@pytest.mark.parametrize("case", [CASES[0], CASES[2], CASES[3]])
+@thinned("case", [CASES[0], CASES[2], CASES[3]])
 def test_an_ekf_with_a_narrow_prior_is_the_oracle(case):
     """The mean logarithm of EKF over oracle is below 1 %: the same runs hide nothing.
 

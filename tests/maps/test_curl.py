@@ -33,7 +33,6 @@ DAILY = (
     ("parallel_valleys", "1E"),
     ("ship", "1E"),
     ("wang2013", "0.01E-1Hz"),
-    ("wide_prior", "1km"),
 )
 """Cases whose maps other daily tests need, too."""
 

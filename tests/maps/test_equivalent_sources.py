@@ -16,6 +16,7 @@ from ggbench.maps.netcdf import Nodes
 from ggbench.maps.survey_fit import Wanted, fit
 
 WANTED = Wanted(500.0, 300.0, 1e-3)
+COMPONENTS = ("ee", "en", "eu", "nn", "nu", "uu", "e", "n", "u")
 
 
 @pytest.fixture(scope="module")
@@ -24,14 +25,18 @@ def quiet():
     return fit(survey(), WANTED)
 
 
-def test_the_field_is_that_of_choclo():
+@pytest.mark.parametrize(
+    "names", [("eu", "u"), pytest.param(COMPONENTS, marks=pytest.mark.long)], ids=len
+)
+def test_the_field_is_that_of_choclo(names):
     rng = np.random.default_rng(1)
     points, places = rng.normal(0.0, 500.0, (3, 4)), rng.normal(0.0, 500.0, (3, 7))
     places[2] -= 2000.0
     masses = rng.normal(0.0, 10.0, 7)
     found = np.empty((4, 9))
     fields(points, places, masses, found)
-    for k, name in enumerate(("ee", "en", "eu", "nn", "nu", "uu", "e", "n", "u")):
+    for name in names:
+        k = COMPONENTS.index(name)
         kernel = getattr(point, f"gravity_{name}")
         expected = [
             sum(kernel(*at, *place, 1e9 * m) for place, m in zip(places.T, masses, strict=True))

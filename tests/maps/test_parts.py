@@ -67,6 +67,7 @@ def test_a_smooth_terrain_adds_nothing_to_the_harmonics(level):
     assert rms(residual) < 0.02 * rms(whole)
 
 
+@pytest.mark.long
 def test_gravity_of_a_smooth_terrain_is_not_counted_twice():
     """What holds for the tensor holds for the gravity disturbance, the plate under it included."""
     whole, residual = (fields(1200.0, True, False, degree)[1] for degree in (None, DEGREE))
@@ -179,6 +180,7 @@ def test_terrain_explains_what_egm2008_has_beyond_degree_120():
         assert 0.8 < ratio < 1.7
 
 
+@pytest.mark.long
 def test_of_a_terrain_too_wide_for_a_plane_what_lies_around_the_map_is_used():
     """A hill in a plain of 16 by 20 degrees is worth the same as in one of four."""
     hill = 800.0 * np.exp(-(X**2 + Y**2) / (2 * 0.2**2))

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from field_derivatives import derivatives_at
+from thinning import thinned
 
 from ggbench.gravity.ellipsoid import EOTVOS
 from ggbench.gravity.gradient_map import MapError
@@ -27,6 +28,8 @@ from ggbench.maps.shipped_terrains import TERRAINS
 ROOT = Path(__file__).parents[2]
 MOST_BYTES = 500_000
 SHIFT = math.radians(0.02)
+DAILY = ("egm2008_south_china_sea",)
+"""Of the region from the surface of the sea up."""
 FILES = sorted(
     {name for source in SOURCES.values() for name in (source.geoid, source.topography)}
     | {source.coefficients for source in SOURCES.values()}
@@ -49,7 +52,7 @@ def rms_uu(source: str, height: float) -> float:
 # --- the field -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("source", SOURCES)
+@thinned("source", SOURCES)
 def test_the_trace_vanishes_from_the_lowest_height_up(source):
     heights = [SOURCES[source].lowest_height_m, 1e4, SOURCES[source].highest_height_m]
     tensor, _ = disturbing_field(source, *inner_axes(source, 15), heights)
@@ -57,7 +60,10 @@ def test_the_trace_vanishes_from_the_lowest_height_up(source):
     assert np.abs(tensor[..., [0, 3, 5]].sum(axis=-1)).max() < 1e-9
 
 
-@pytest.mark.parametrize("source", SOURCES)
+@pytest.mark.parametrize(
+    "source",
+    [pytest.param(source, marks=() if source in DAILY else pytest.mark.long) for source in SOURCES],
+)
 def test_the_tensor_is_the_gradient_of_gravity_and_free_of_curl(source):
     """To 0.3 % of its rms, at the lowest height and at 10 km; so are third derivatives.
 
@@ -91,6 +97,7 @@ def test_the_tensor_is_the_gradient_of_gravity_and_free_of_curl(source):
         assert np.std(elsewhere) > 1e-2 * np.std(sizes)
 
 
+@pytest.mark.long
 def test_the_regions_differ_in_character():
     """At 10 km: the plains are weak, the Alps strong; the trench decays least with height."""
     at_ten = {name: rms_uu(name, 1e4) for name in SOURCES}

@@ -26,6 +26,14 @@ LIMITS = {
     "fosterville2019": {"xy": 4.5, "xx-yy": 4.4},
 }
 """RMS of readings less the map on lines that it does not know [E]."""
+one_is_quick = pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=() if name == "vinton2008" else pytest.mark.long)
+        for name in SURVEYS
+    ],
+)
+"""The smaller survey is tested every time."""
 
 
 def sources(name):
@@ -37,7 +45,7 @@ def test_all_measured_data_are_small():
     assert sum(len(path.read_bytes()) for path in DATA.iterdir()) < MOST_BYTES
 
 
-@pytest.mark.parametrize("name", SURVEYS)
+@one_is_quick
 def test_the_map_predicts_lines_that_it_does_not_know(name):
     """As a control, a map of masses of the opposite sign leaves more than the readings have."""
     lines = read_lines(DATA / f"{name}.csv.gz")
@@ -55,7 +63,7 @@ def test_the_map_predicts_lines_that_it_does_not_know(name):
     assert (control > readings).all()
 
 
-@pytest.mark.parametrize("name", SURVEYS)
+@one_is_quick
 def test_the_map_of_a_recipe_is_the_field_of_the_masses(name):
     """To 0.15 E rms along a line, which the nodes allow; it knows its standard error."""
     lines = read_lines(DATA / f"{name}.csv.gz")

@@ -85,6 +85,7 @@ def test_the_field_is_parkers_of_the_stored_terrain(small_terrain):
     assert np.abs(trace).max() < 1e-6
 
 
+@pytest.mark.long
 def test_the_field_is_linear_in_the_density(small_terrain):
     """Ground of twice the density has twice the field; the default is 2670 kg/m³.
 
@@ -105,6 +106,7 @@ def test_the_field_is_linear_in_the_density(small_terrain):
         np.testing.assert_array_equal(fields[2670.0][part], plain[part])
 
 
+@pytest.mark.long
 def test_a_spline_of_the_maps_spacing_stands_for_the_field(small_terrain):
     """At 1200 m, 124 m above the summit, a map of 0.05′ and 50 m errs by less than 0.05 E rms.
 

@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 from small_cases import blank_map
+from thinning import thinned
 
 from ggbench.gravity.degraded_map import MapDegradation, degrade
 from ggbench.gravity.field import Field
@@ -116,7 +117,7 @@ def test_noise_only_scales_what_knows_of_it(field, scored):
         np.testing.assert_array_equal(noisy.table[name], scored.table[name])
 
 
-@pytest.mark.parametrize("kind", ["uu", "gravity"])
+@thinned("kind", ["uu", "gravity"])
 def test_a_single_channel_says_less_than_all(field, scored, kind):
     alone = score(field, dataclasses.replace(DESIGN, instrument=info.Instrument(kind, 1.0)))
     assert (alone.table["track_m"] > scored.table["track_m"]).all()

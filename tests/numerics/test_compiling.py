@@ -109,6 +109,7 @@ def test_nothing_is_compiled_for_a_constant(tmp_path):
     assert sorted(place.run("with_constants()")[-1].split()) == ["long", "with_constants"]
 
 
+@pytest.mark.long
 def test_a_function_may_need_itself_for_other_arguments(tmp_path):
     """It is locked once by its process, which does not wait for itself."""
     place = Place(tmp_path / "here", 1.0)

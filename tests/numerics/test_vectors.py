@@ -6,7 +6,7 @@ import math
 from fractions import Fraction
 
 import numpy as np
-import pytest
+from thinning import thinned
 
 from ggbench.gravity.ellipsoid import (
     metres_per_radian_of,
@@ -73,7 +73,7 @@ def both(formula):
     return of_vectors, of_numbers
 
 
-@pytest.mark.parametrize("formula", [arithmetic, field, turns])
+@thinned("formula", [arithmetic, field, turns])
 def test_a_formula_gives_the_same_of_eight_numbers_at_once(formula):
     """To rounding: products and sums of vectors are fused."""
     of_vectors, of_numbers = both(formula)

@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 from recorded_flights import GNSS_ONLY, as_solution, edit, edit_rows, recorded, table_of
 from small_cases import blank_map, small_flight
+from thinning import thinned
 
 import ggbench as gg
 from ggbench.maps.recipe import write
@@ -168,7 +169,7 @@ ROWS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", ROWS)
+@thinned("name", ROWS, every=2)
 def test_a_wrong_record_is_refused_with_a_sentence(name, logs, tmp_path):
     """The file, the line where there is one, what was found and what to do."""
     log, file, change, *said = ROWS[name]

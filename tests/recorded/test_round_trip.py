@@ -14,6 +14,7 @@ import pytest
 from conftest import flight
 from recorded_flights import GNSS_ONLY, RUN, SEED, as_solution, edit, edit_rows, recorded, table_of
 from small_cases import GRAVIMETER, ON_BOARD, SEVERAL, rough_map, small_flight
+from thinning import thinned
 
 import ggbench as gg
 from ggbench.recorded.flight import read_flight
@@ -102,7 +103,7 @@ def source(tmp_path_factory) -> dict[str, str]:
     return {"field.source": rough_map(tmp_path_factory.mktemp("map") / "rough.nc")}
 
 
-@pytest.mark.parametrize(
+@thinned(
     "name",
     (*UNFED, "everything", "named", "damped", "disturbed", "GNSS"),
 )

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import pytest
 from reporting import cases
+from thinning import thinned
 
 from ggbench.report.conditions import conditions
 from ggbench.spec import scenario
@@ -19,7 +19,7 @@ def test_conditions_are_those_of_the_scenario():
     assert table["Flight"] == "1.00 min, 50.0 m/s, height 1000 m"
 
 
-@pytest.mark.parametrize("name", scenario.shipped())
+@thinned("name", scenario.shipped())
 def test_conditions_of_a_shipped_scenario_are_short(name):
     table = conditions(scenario.load(name).cases, cases(2))
     assert {"INS", "Flight", "Gradiometer", "Map"} <= set(table["condition"])

@@ -137,6 +137,7 @@ def test_the_html_page_is_small_and_loads_nothing(output):
     assert not re.findall(r"(?:src|href)=\"(?!#)[^\"]+\"", text.partition("<script")[0])
 
 
+@pytest.mark.long
 def test_a_page_that_is_too_large_loses_pairs_then_windows(output, monkeypatch, tmp_path):
     """What is left out is in the data; a page that is too large even so is refused."""
     results = Results(output.parent / "out")

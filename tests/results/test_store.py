@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from campaigns import LABELS, plan, ran, small
 from problems import SMALL
+from thinning import thinned
 
 from ggbench.errors import GGBenchError
 from ggbench.judging import statistics
@@ -343,7 +344,7 @@ def test_a_folder_is_known_by_its_database_alone(results, tmp_path):
     require_ours(tmp_path)
 
 
-@pytest.mark.parametrize("kind", DAMAGES)
+@thinned("kind", DAMAGES)
 def test_damaged_results_have_their_sentence(kind, results, tmp_path):
     """Whatever a folder's files have become, reporting it ends with one line that names the file.
 

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from thinning import thinned
 
 from ggbench.gravity.ellipsoid import metres_along
 from ggbench.gravity.field import Field
@@ -154,7 +155,7 @@ def test_a_tilt_of_a_second_of_arc_is_five_milligals():
     np.testing.assert_allclose(row * tilt, found[:, 0], rtol=1e-3)
 
 
-@pytest.mark.parametrize("times", [np.arange(1.0, 261.0), np.cumsum(np.tile([0.5, 2.0], 130))])
+@thinned("times", [np.arange(1.0, 261.0), np.cumsum(np.tile([0.5, 2.0], 130))])
 def test_biases_keep_their_size_and_forget_within_their_time(times):
     """A Gauss–Markov process: σ at all epochs, correlation e^(−Δt/T), whatever the epochs.
 

@@ -8,6 +8,7 @@ from laws import likely
 from scipy.spatial.transform import Rotation
 from scipy.stats import binom, chi2
 from small_cases import rough_map, small_flight
+from thinning import thinned
 
 from ggbench.estimators.ekf import ExtendedKalmanFilter
 from ggbench.estimators.factor_graph import FactorGraph
@@ -217,7 +218,7 @@ def test_the_walk_that_is_claimed_begins_with_the_flight():
         np.testing.assert_allclose(claimed[:, channel, channel], expected, rtol=1e-9)
 
 
-@pytest.mark.parametrize("drift", [0.0, 3.0])
+@thinned("drift", [0.0, 3.0])
 def test_the_walk_that_is_claimed_is_the_walk_that_is_flown(drift):
     """Prior, Φ and Q of the bias states are those of the simulated biases.
 

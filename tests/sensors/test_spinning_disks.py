@@ -137,6 +137,7 @@ def test_vibration_in_step_passes_through_a_mismatch():
     assert 10.0 < np.abs(both).max() < 1e4
 
 
+@pytest.mark.long
 def test_errors_of_the_disks_are_drawn_anew_in_each_run():
     """60 runs: one scale factor each for three disks, N(0, σ²); false-alarm probability 1e-3."""
     key = "truth.gradiometer.rotating.scale_factor_ppm"

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from small_cases import ON_BOARD, ROTATING, over_the_normal_field, rough_map, small_flight
+from thinning import thinned
 
 from ggbench.block import ProblemBlock
 from ggbench.gravity.field import Field
@@ -105,13 +106,19 @@ def assert_runs_are_the_same_in_any_block(flight: Flight) -> None:
     assert (together.measurements[0] != together.measurements[1]).any()
 
 
-@pytest.mark.parametrize("what", FAULTS)
+@thinned("what", FAULTS)
 def test_a_run_is_the_same_in_any_block(what):
     """With every kind of error that a run can have: its lane and its neighbours do not matter."""
     assert_runs_are_the_same_in_any_block(small_flight(FAULTS[what]))
 
 
-@pytest.mark.parametrize("name", sorted(scenario.shipped()))
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.long if number % 6 != 1 else ())
+        for number, name in enumerate(sorted(scenario.shipped()))
+    ],
+)
 def test_a_run_of_a_shipped_scenario_is_the_same_in_any_block(name):
     """In the first ten epochs of its first case, over the normal field, as maps take their time."""
     flight = prepare(over_the_normal_field(scenario.load(name).cases[0]))

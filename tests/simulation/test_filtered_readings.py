@@ -9,6 +9,7 @@ import pytest
 from conftest import flight
 from scipy.stats import chi2
 from small_cases import QUIET, small_flight
+from thinning import thinned
 
 from ggbench.campaign import registry
 from ggbench.campaign.records import shared_arrays
@@ -96,7 +97,7 @@ def test_biases_go_through_the_filter(treatment):
     )
 
 
-@pytest.mark.parametrize("behind", [1e-4, 1e-3, 0.01, 0.1])
+@thinned("behind", [1e-4, 1e-3, 0.01, 0.1])
 @pytest.mark.parametrize("filtered", [True, False])
 def test_who_is_told_has_white_residuals_of_the_claimed_noise(behind, filtered):
     """What h(true error) leaves of the readings is N(0, R), uncorrelated from epoch to epoch.
@@ -174,7 +175,7 @@ def test_a_delayed_reading_is_compared_with_how_the_vehicle_lay(treatment):
     assert np.abs(problem.model.arrays.attitudes - lay).max() < 0.003
 
 
-@pytest.mark.parametrize("name", ["0.01E-1Hz", "0.001E-1Hz"])
+@thinned("name", ["0.01E-1Hz", "0.001E-1Hz"])
 def test_the_paper_survives_noise_behind_its_filter_that_nobody_is_told_of(name):
     """By default a hundredth of the noise before the filter costs the EKF of 40 flights 2 %.
 
@@ -203,7 +204,7 @@ def test_the_paper_survives_noise_behind_its_filter_that_nobody_is_told_of(name)
     assert nees[1] == pytest.approx(nees[0], rel=0.1)
 
 
-@pytest.mark.parametrize("cutoff", [0.1, 0.4])
+@thinned("cutoff", [0.1, 0.4], every=2)
 @pytest.mark.parametrize("treatment", ["whitened", "delayed"])
 def test_a_filter_with_a_large_transient_misleads_nobody(treatment, cutoff):
     """Whose start answers noise with tens of it: the NEES of 40 flights of the EKF stays 6.

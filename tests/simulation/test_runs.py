@@ -13,6 +13,7 @@ import pytest
 from conftest import flight
 from scipy.stats import chi2
 from small_cases import QUIET, small_flight
+from thinning import thinned
 
 from ggbench.problem import Problem
 from ggbench.sensors.gradiometer.lowpass import prefilter
@@ -134,7 +135,7 @@ SOURCES: dict[str, dict[str, Any]] = {
 }
 
 
-@pytest.mark.parametrize("source", SOURCES)
+@thinned("source", SOURCES)
 def test_errors_are_drawn_from_the_prior(short, source):
     """Initial errors, biases and IMU noise of 300 runs are what prior, Φ and Q say.
 
@@ -164,7 +165,7 @@ def test_errors_are_drawn_from_the_prior(short, source):
         assert ((low < each) & (each < high)).all(), each / runs
 
 
-@pytest.mark.parametrize("treatment", ["none", "whitened", "delayed"])
+@thinned("treatment", ["none", "whitened", "delayed"])
 def test_measurements_scatter_as_the_problem_says(wang, treatment):
     """What h(true error) leaves of z is noise before and behind the filter, after the treatment.
 
@@ -382,7 +383,7 @@ PLANTED = {
 }
 
 
-@pytest.mark.parametrize("plant", PLANTED)
+@thinned("plant", PLANTED, every=4)
 def test_a_planted_truth_is_found(run, plant):
     """The walk of the test above finds truth in every place where one might hide it."""
     flight, problem, truth = run

