@@ -26,7 +26,7 @@ GOOD = {
     "validate": ["validate", "small.toml"],
     "validate shipped": ["validate", "wang2013"],
 }
-PROCESSES = ("unknown scenario",)
+PROCESSES = ("unknown scenario", "version")
 """Commands that are run as processes; the others, for their number, inside this one."""
 BAD = {
     "unknown scenario": (["run", "wang2012"], "did you mean 'wang2013'"),
