@@ -143,27 +143,38 @@ def _harmonic_noise(
     """
     n_lat, n_lon, n_h = grid.tensor.shape[:3]
     pad_lat, pad_lon = _plane_shape(grid, degradation, north, east)
+    # Of a real field half of the spectrum says all.
     k_n = 2.0 * np.pi * np.fft.fftfreq(pad_lat, north)[:, np.newaxis]
-    k_e = 2.0 * np.pi * np.fft.fftfreq(pad_lon, east)[np.newaxis, :]
+    k_e = 2.0 * np.pi * np.fft.rfftfreq(pad_lon, east)[np.newaxis, :]
     k = np.hypot(k_n, k_e)
     # The square root of the spectrum of exp(−d²/ℓ²), scaled to unit variance.
     shape = np.exp(-((k * degradation.correlation_m) ** 2) / 8.0)
     shape[0, 0] = 0.0
-    shape *= math.sqrt(k.size / np.sum(shape**2))
-    vertical = np.fft.fft2(rng.standard_normal(k.shape)) * shape
+    twice = np.full(k.shape[1], 2.0)
+    twice[0] = 1.0
+    twice[-1] = 2.0 if pad_lon % 2 else 1.0
+    shape *= math.sqrt(pad_lat * pad_lon / np.sum(twice * shape**2))
+    vertical = np.fft.rfft2(rng.standard_normal((pad_lat, pad_lon))) * shape
     with np.errstate(divide="ignore", invalid="ignore"):
         potential = np.where(k > 0.0, vertical / k**2, 0.0)
     potential *= degradation.correlated_noise_eotvos * EOTVOS
     # Of the highest wave number there is no odd derivative on a grid.
-    slopes = [1j * k_e, 1j * k_n, -k]
+    odd = k_n.copy()
+    if pad_lat % 2 == 0:
+        odd[pad_lat // 2] = 0.0
+    slopes = [1j * k_e, 1j * odd, -k]
     tensor, gravity = np.empty((n_lat, n_lon, n_h, 6)), np.empty((n_lat, n_lon, n_h, 3))
+
+    def on_nodes(spectrum: Array) -> Array:
+        return np.fft.irfft2(spectrum, (pad_lat, pad_lon))[:n_lat, :n_lon]
+
     for layer in range(n_h):
         continued = potential * np.exp(-k * grid.height_step * layer)
         first = [continued * slope for slope in slopes]
         for i in range(3):
-            gravity[:, :, layer, i] = np.fft.ifft2(first[i]).real[:n_lat, :n_lon]
+            gravity[:, :, layer, i] = on_nodes(first[i])
         pairs = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
         for column, (i, j) in enumerate(pairs):
-            second = np.fft.ifft2(first[i] * slopes[j]).real[:n_lat, :n_lon]
-            tensor[:, :, layer, column] = second / EOTVOS
+            second = -(k_n**2) * continued if i == j == 1 else first[i] * slopes[j]
+            tensor[:, :, layer, column] = on_nodes(second) / EOTVOS
     return tensor, gravity
