@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+from rich.markup import escape
 
 from .responsive_table import ResponsiveTable
 from .screen import console
@@ -14,15 +15,20 @@ from .tables import require_suffix, write_csv
 if TYPE_CHECKING:
     import pandas as pd
 
+    from ..spec.scenario import Scenario
+
 _SHOWN_EPOCHS = 8
 
 
 @click.command()
 @click.argument("scenario_name", metavar="SCENARIO")
 @click.option("-c", "--case", metavar="NAME", help="Case to plan [the first].")
+@click.option("--all", "every", is_flag=True, help="The settled window of all cases, a row each.")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="CSV file to write.")
 @click.option("--figure", type=click.Path(path_type=Path), help="PNG file to draw.")
-def bound(scenario_name: str, case: str | None, output: Path | None, figure: Path | None) -> None:
+def bound(
+    scenario_name: str, case: str | None, every: bool, output: Path | None, figure: Path | None
+) -> None:
     """Print the Cramér–Rao bound along the track of a SCENARIO.
 
     SCENARIO is the name of a shipped one or a path; its track may be a CSV file of your own
@@ -36,7 +42,12 @@ def bound(scenario_name: str, case: str | None, output: Path | None, figure: Pat
 
     require_suffix(output, ".csv")
     require_suffix(figure, ".png")
+    if every and (case or figure):
+        raise click.UsageError("--all is of all cases: no -c, --figure")
     loaded = scenario.load(scenario_name)
+    if every:
+        _print_all(loaded, output)
+        return
     flown = loaded.cases[0] if case is None else loaded.find(case)[1]
     flight = prepare(flown)
     bounds = planned(flight)
@@ -50,6 +61,29 @@ def bound(scenario_name: str, case: str | None, output: Path | None, figure: Pat
 
         save(planned_bound(bounds, flight.field, title), figure)
         click.echo(f"Wrote {figure}")
+
+
+def _print_all(loaded: Scenario, output: Path | None) -> None:
+    """Print, and write if asked for, the bounds of the settled window of every case."""
+    import pandas as pd
+
+    from ..judging.planned import bound_of
+
+    rows = [
+        (case.name, case.title, bound_of(case), bound_of(case, smoothed=True))
+        for case in loaded.cases
+    ]
+    table = ResponsiveTable(
+        f"{loaded.name}: bound of the RMS position error in the settled window"
+        + (", of run 0" if any(case.drawn for case in loaded.cases) else ""),
+        [("case", "name"), ("title", "text"), ("filter m", "number"), ("smoother m", "number")],
+    )
+    for name, title, filtering, smoothing in rows:
+        table.add_row(name, escape(title), f"{filtering:.3g}", f"{smoothing:.3g}")
+    table.print(console)
+    if output is not None:
+        columns = ["case", "title", "bound_m", "smoothing_bound_m"]
+        write_csv(pd.DataFrame(rows, columns=columns), output)
 
 
 def _print(bounds: pd.DataFrame, title: str) -> None:

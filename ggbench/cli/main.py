@@ -23,6 +23,7 @@ from .interrupts import requests_to_end
 from .keys import keys
 from .maps import map_group
 from .new import new
+from .plan import plan
 from .progress import Progress
 from .reports import report
 from .responsive_table import ResponsiveTable
@@ -76,6 +77,7 @@ main.add_command(check)
 main.add_command(keys)
 main.add_command(new)
 main.add_command(estimate)
+main.add_command(plan)
 main.add_command(record)
 main.add_command(report)
 main.add_command(score)

@@ -111,3 +111,35 @@ def _plan(figure: SubFigure, bounds: pd.DataFrame, field: Field) -> None:
     axis.set_xlabel("longitude [°]")
     axis.set_ylabel("latitude [°]")
     axis.grid(visible=False)
+
+
+@styled()
+def planned_tracks(tracks: pd.DataFrame, title: str) -> Drawing:
+    """Draw the bound of tracks: an arrow at each start for each heading, coloured by the bound.
+
+    Parameters
+    ----------
+    tracks : of :func:`ggbench.judging.planned.tracks`.
+    title : of the case.
+    """
+    able = tracks[tracks["reason"] == ""]
+    heading = np.radians(able["heading_deg"].to_numpy())
+    figure = Drawing(figsize=(6.4, 5.6), layout="constrained")
+    axis = figure.subplots()
+    bounds = able["bound_m"].to_numpy()
+    smallest, largest = (bounds.min(), bounds.max()) if len(bounds) else (1.0, 1.0)
+    arrows = axis.quiver(
+        able["east_km"], able["north_km"], np.sin(heading), np.cos(heading), bounds,
+        norm=LogNorm(smallest, max(largest, 1.001 * smallest)), cmap="plasma", angles="xy",
+        width=0.006, scale=12.0,
+    )  # fmt: skip
+    figure.colorbar(
+        arrows, ax=axis, label="bound of the RMS position error [m]",
+        ticks=LogLocator(subs=(1.0, 2.0, 5.0)), format=lambda value, _: f"{value:g}",
+    ).minorticks_off()  # fmt: skip
+    axis.margins(0.25)
+    axis.set_aspect("equal", adjustable="datalim")
+    axis.set_xlabel("start, east [km]")
+    axis.set_ylabel("start, north [km]")
+    axis.set_title(f"Where to fly: {title}", fontsize=9, wrap=True)
+    return figure

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..simulation.error_free_flight import Flight
+from ..errors import GGBenchError
+from ..simulation.error_free_flight import Flight, prepare
+from ..spec import draws
+from ..spec.case import CaseSpec
+from .bounds import squared_bounds
+from .run_errors import window_mask
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -43,3 +50,51 @@ def planned(flight: Flight) -> pd.DataFrame:
         columns[f"{name}_{unit}"] = np.sqrt(filtering[:, part].sum(axis=1))
         columns[f"{name}_smoothed_{unit}"] = np.sqrt(smoothing[:, part].sum(axis=1))
     return pd.DataFrame(columns)
+
+
+def bound_of(case: CaseSpec, smoothed: bool = False) -> float:
+    """Return the Cramér–Rao bound of the RMS position error in the settled window [m].
+
+    Parameters
+    ----------
+    case : the case; of one with draws, run 0.
+    smoothed : for a smoother, which uses all readings, instead of a filter.
+    """
+    flight = prepare(case.of_run(0))
+    squares, _ = squared_bounds(flight.bound.smoothing if smoothed else flight.bound.filtering)
+    return math.sqrt(float(squares[window_mask(flight.times, case.windows, "settled")].mean()))
+
+
+def tracks(
+    case: CaseSpec, places_km: Iterable[tuple[float, float]], turns_deg: Iterable[float]
+) -> pd.DataFrame:
+    """Return the bounds of a flight with other starts and headings, the smallest bound first.
+
+    Parameters
+    ----------
+    case : with a flight of segments.
+    places_km : to the east and north of its start [km].
+    turns_deg : by which it is turned about each start [deg].
+
+    Returns
+    -------
+    ``east_km``, ``north_km``, ``heading_deg``, ``bound_m`` (:func:`bound_of`), and ``reason`` of
+    those that cannot be flown, which come last.
+    """
+    import pandas as pd
+
+    rows = []
+    turns = list(turns_deg)
+    for east, north in places_km:
+        for turn in turns:
+            flown = draws.moved(case.trajectory, east, north, turn)
+            bound, reason = math.nan, ""
+            try:
+                bound = bound_of(case.model_copy(update={"trajectory": flown}))
+            except GGBenchError as error:
+                reason = str(error)
+            heading = math.degrees(flown.start().heading) % 360.0
+            rows.append((east, north, heading, bound, reason))
+    columns = ["east_km", "north_km", "heading_deg", "bound_m", "reason"]
+    table = pd.DataFrame(rows, columns=columns)
+    return table.sort_values("bound_m", kind="stable", ignore_index=True)

@@ -11,10 +11,8 @@ import numpy as np
 import pandas as pd
 
 from ..campaign import campaign, running
-from ..judging.bounds import squared_bounds
-from ..judging.run_errors import window_mask
+from ..judging.planned import bound_of
 from ..results.folder import Results, write_tables
-from ..simulation.error_free_flight import prepare
 from ..spec.case import CaseSpec
 from ..spec.scenario import Scenario
 from .stored_runs import ScoreError, read
@@ -64,13 +62,6 @@ class Advice:
     noise: float
     unit: str
     results: Results
-
-
-def bound_of(case: CaseSpec) -> float:
-    """Return the Cramér–Rao bound of the RMS position error in the settled window [m]."""
-    flight = prepare(case.of_run(0))
-    squares, _ = squared_bounds(flight.bound.filtering)
-    return math.sqrt(float(squares[window_mask(flight.times, case.windows, "settled")].mean()))
 
 
 def estimators() -> list[str]:

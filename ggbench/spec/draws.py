@@ -54,19 +54,30 @@ def of_run(case: CaseSpec, run: int) -> CaseSpec:
 
 def _moved(spec: TrajectorySpec, draw: DrawSpec, track: int) -> TrajectorySpec:
     """Return a flight whose start and heading are those of a track."""
-    east, north, turn = np.random.default_rng([_SEED, track]).uniform(-1.0, 1.0, 3)
-    start, away = spec.start(), 1e3 * draw.start_km
-    by = turn * draw.heading_deg
+    east, north, turn = np.random.default_rng([_SEED, track]).uniform(-1.0, 1.0, 3).tolist()
+    return moved(spec, draw.start_km * east, draw.start_km * north, draw.heading_deg * turn)
+
+
+def moved(spec: TrajectorySpec, east_km: float, north_km: float, turn_deg: float) -> TrajectorySpec:
+    """Return a flight of segments with another start, turned about it.
+
+    Parameters
+    ----------
+    spec : the flight.
+    east_km, north_km : from its start to the new one [km].
+    turn_deg : by which all headings grow [deg].
+    """
+    start = spec.start()
     metres = metres_per_radian(start.position)
-    moved = start.position[:2] + away * np.array([north, east]) / metres
-    latitude, longitude = np.degrees(moved).tolist()
+    place = start.position[:2] + 1e3 * np.array([north_km, east_km]) / metres
+    latitude, longitude = np.degrees(place).tolist()
     return spec.model_copy(
         update={
             "latitude_deg": latitude,
             "longitude_deg": longitude,
-            "heading_deg": math.degrees(start.heading) + by,
+            "heading_deg": math.degrees(start.heading) + turn_deg,
             "segment": tuple(
-                s.model_copy(update={"to_heading_deg": s.to_heading_deg + by})
+                s.model_copy(update={"to_heading_deg": s.to_heading_deg + turn_deg})
                 if s.to_heading_deg is not None
                 else s
                 for s in spec.segment

@@ -1,0 +1,111 @@
+"""``ggbench plan``: where and on which heading to fly, by the Cramér–Rao bound."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from ..figures.numbers import counted
+from .compiling import tell_first_use
+from .responsive_table import ResponsiveTable
+from .screen import console
+from .tables import require_suffix, write_csv
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_EXIT_OUT_OF_REACH = 1
+_SHOWN = 10
+
+
+@click.command()
+@click.argument("scenario_name", metavar="SCENARIO")
+@click.option("-c", "--case", metavar="NAME", help="Case to plan [the first].")
+@click.option(
+    "--headings", type=click.IntRange(1, 72), default=8, show_default=True,
+    help="Number of headings, evenly spread.",
+)  # fmt: skip
+@click.option(
+    "--grid", type=click.IntRange(1, 15), default=1, show_default=True,
+    help="Number of starts along each side of a square about the start.",
+)  # fmt: skip
+@click.option(
+    "--step", type=click.FloatRange(0.0, 1000.0, min_open=True), default=5.0, show_default=True,
+    metavar="KM", help="Distance of neighbouring starts.",
+)  # fmt: skip
+@click.option(
+    "--target", type=click.FloatRange(0.0, min_open=True), metavar="M",
+    help="RMS position error that is wanted: how many tracks allow it.",
+)  # fmt: skip
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="CSV file to write.")
+@click.option("--figure", type=click.Path(path_type=Path), help="PNG file to draw.")
+def plan(
+    scenario_name: str,
+    case: str | None,
+    headings: int,
+    grid: int,
+    step: float,
+    target: float | None,
+    output: Path | None,
+    figure: Path | None,
+) -> None:
+    """Rank tracks for the flight of a SCENARIO by the bound of the RMS position error.
+
+    The flight is moved to other starts and turned to other headings. No estimator has smaller
+    errors than the bound; of wrong places that look alike it knows nothing.
+
+    Exit code 1 if no track allows the target.
+    """
+    tell_first_use("trajectory/truth.py", "in seconds")
+    from ..judging.planned import tracks
+    from ..spec import scenario
+
+    require_suffix(output, ".csv")
+    require_suffix(figure, ".png")
+    loaded = scenario.load(scenario_name)
+    flown = loaded.cases[0] if case is None else loaded.case(case)
+    if flown.trajectory.file is not None:
+        raise click.UsageError("the track of a file cannot be moved: give [trajectory] segments")
+    offsets = [step * (k - 0.5 * (grid - 1)) for k in range(grid)]
+    places = [(east, north) for north in offsets for east in offsets]
+    found = tracks(flown, places, [360.0 * k / headings for k in range(headings)])
+    _print(found, f"{loaded.name}, {flown.title}", target)
+    if output is not None:
+        write_csv(found, output)
+    if figure is not None:
+        from ..figures.planned import planned_tracks
+        from ..figures.style import save
+
+        save(planned_tracks(found, flown.title), figure)
+        click.echo(f"Wrote {figure}")
+    reached = target is None or bool((found["bound_m"] <= target).any())
+    sys.exit(0 if reached else _EXIT_OUT_OF_REACH)
+
+
+def _print(found: pd.DataFrame, title: str, target: float | None) -> None:
+    """Print the best tracks and the worst one, and what cannot be flown."""
+    able = found[found["reason"] == ""]
+    table = ResponsiveTable(
+        f"{title}: the best of {counted(len(found), 'track')}",
+        [("heading °", "number"), ("east km", "number"), ("north km", "number"),
+         ("bound m", "number")],
+    )  # fmt: skip
+    for row in able.head(_SHOWN).itertuples():
+        table.add_row(
+            f"{row.heading_deg:.0f}", f"{row.east_km:g}", f"{row.north_km:g}", f"{row.bound_m:.3g}"
+        )
+    table.print(console)
+    if len(able):
+        console.out(f"The worst track has a bound of {able['bound_m'].iloc[-1]:.3g} m.")
+    unable = found[found["reason"] != ""]
+    if len(unable):
+        console.out(
+            f"{counted(len(unable), 'track')} cannot be flown, the first because: "
+            f"{unable['reason'].iloc[0]}"
+        )
+    if target is not None:
+        count = int((able["bound_m"] <= target).sum())
+        console.out(f"{counted(count, 'track')} of {len(found)} allow {target:g} m.")
