@@ -151,8 +151,8 @@ def _halved(case: CaseSpec) -> Iterator[tuple[str, CaseSpec]]:
         if spec is not None and getattr(spec, name) is not None:
             words = sensor.replace("_", " ").replace("gnss", "GNSS receiver")
             yield f"noise of the {words}", _scaled(case, [f"{sensor}.{name}"], 0.5)
-    if case.model.field.standard_error is not None:
-        yield "error of the map", _scaled(case, ["model.field.standard_error"], 0.5)
+    if case.model.field.standard_error:
+        yield "error of the map (removed)", case.changed("model.field.standard_error", False)
     prior = [f"initial_error.{name}" for name in ("position_m", "velocity_mps", "attitude_arcmin")]
     yield "initial uncertainty", _scaled(case, prior, 0.5)
     imu = [
