@@ -41,16 +41,17 @@ from .numerics.source import VERSION
 
 if TYPE_CHECKING:
     from . import maps as maps
-    from .api import Judgement as Judgement
-    from .api import Results as Results
-    from .api import corrected as corrected
-    from .api import estimate as estimate
-    from .api import estimator as estimator
-    from .api import judge as judge
-    from .api import load as load
-    from .api import read_flight as read_flight
-    from .api import run as run
-    from .api import simulate as simulate
+    from .api.problems import Judgement as Judgement
+    from .api.problems import corrected as corrected
+    from .api.problems import estimate as estimate
+    from .api.problems import estimator as estimator
+    from .api.problems import judge as judge
+    from .api.problems import load as load
+    from .api.problems import read_flight as read_flight
+    from .api.problems import simulate as simulate
+    from .api.results import Results as Results
+    from .api.running import run as run
+    from .api.running import sweep as sweep
     from .errors import GGBenchError as GGBenchError
     from .problem import Estimate as Estimate
     from .problem import Estimator as Estimator
@@ -65,19 +66,20 @@ _MODULES = {
     "Estimate": "problem",
     "Estimator": "problem",
     "GGBenchError": "errors",
-    "Judgement": "api",
+    "Judgement": "api.problems",
     "Problem": "problem",
-    "Results": "api",
+    "Results": "api.results",
     "Scenario": "spec.scenario",
     "Truth": "simulation.runs",
-    "corrected": "api",
-    "estimate": "api",
-    "estimator": "api",
-    "judge": "api",
-    "load": "api",
-    "read_flight": "api",
-    "run": "api",
-    "simulate": "api",
+    "corrected": "api.problems",
+    "estimate": "api.problems",
+    "estimator": "api.problems",
+    "judge": "api.problems",
+    "load": "api.problems",
+    "read_flight": "api.problems",
+    "run": "api.running",
+    "simulate": "api.problems",
+    "sweep": "api.running",
 }
 """Where the public names are; each module is loaded when one of them is first used."""
 

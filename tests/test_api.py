@@ -20,6 +20,8 @@ import ggbench as gg
 from ggbench.campaign import registry
 from ggbench.judging.run_errors import WINDOWS
 from ggbench.results.store import DETAILED_RUN
+from ggbench.spec import scenario as scenarios
+from ggbench.spec import written
 
 LABELS = ["ins", "ekf"]
 LAZY = '''
@@ -351,3 +353,65 @@ def test_a_map_is_read_as_it_was_written(suffix, tmp_path):
     found = gg.maps.read(str(tmp_path / f"map{suffix}"))
     assert np.array_equal(found.tensor, made.tensor)
     assert found.latitude0 == pytest.approx(made.latitude0, abs=1e-15)
+
+
+def test_a_case_that_was_changed_is_run(tmp_path):
+    """``case.changed`` gives a case that run takes, alone or with others, with equal results."""
+    case = small(tmp_path).cases[1]
+    better = case.changed("gradiometer.noise_eotvos", 0.1 * case.gradiometer.noise_eotvos)
+    results = gg.run([case, better.changed("name", "better")], "ekf", 4, jobs=0)
+    rms = results.summary().set_index("case")["rms_m"]
+    assert list(rms.index) == [case.name, "better"]
+    alone = gg.run(case, "ekf", 4, jobs=0).summary()["rms_m"].iloc[0]
+    assert alone == pytest.approx(rms[case.name], rel=1e-9)
+
+
+def test_a_sweep_has_a_case_for_each_combination(tmp_path):
+    case = small(tmp_path).cases[0]
+    values = {"gradiometer.noise_eotvos": [0.01, 1.0], "initial_error.position_m": [1.0, 5.0]}
+    results = gg.sweep(case, values, ["ins", "ekf"], 2, jobs=0)
+    titles = [found.title for found in results.scenario.cases]
+    assert titles == [
+        f"noise_eotvos {noise}, position_m {prior}" for noise in (0.01, 1.0) for prior in (1.0, 5.0)
+    ]
+    assert len(results.summary()) == 8
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda case: gg.run([], "ekf"), "at least one case"),
+        (lambda case: gg.run([1], "ekf"), "cases must be a list of cases"),
+        (lambda case: gg.run([case, case], "ekf"), "defined twice"),
+        (lambda case: gg.sweep(case, {}, "ekf", 2), "at least one key"),
+        (lambda case: gg.sweep(case, {"a.b": [1]}, "ekf", 2), "unknown key 'a'"),
+        (lambda case: case.changed("gradiometer.noise", 1.0), "unknown key 'gradiometer.noise'"),
+        (lambda case: case.model_copy(update={"gradiometer.noise_eotvos": 1.0}), "case.changed"),
+    ],
+)
+def test_bad_cases_are_refused_in_a_sentence(call, said, tmp_path):
+    with pytest.raises(gg.GGBenchError, match=said):
+        call(small(tmp_path).cases[0])
+
+
+def test_every_shipped_case_is_read_as_it_is_written():
+    """A scenario made of cases in Python has the same cases."""
+    for name in scenarios.shipped()[::3]:
+        cases = gg.load(name).cases[:5]
+        assert written.of_cases(cases).cases == cases
+
+
+def test_what_a_notebook_shows(tmp_path):
+    """Reprs fit a line, tables are HTML, a judgement is drawn and is a table."""
+    scenario = small(tmp_path)
+    case = scenario.cases[0]
+    problem, truth = gg.simulate(case)
+    estimate = gg.estimate(problem, "ekf")
+    judged = gg.judge(problem, estimate, truth)
+    for shown in (scenario, case, problem, truth, estimate, judged):
+        assert "\n" not in repr(shown) and len(repr(shown)) < 160
+    assert "<table>" in scenario._repr_html_()
+    table = judged.to_frame()
+    np.testing.assert_array_equal(table["east_m"], judged.components[:, 0])
+    assert len(table) == problem.epochs
+    assert len(judged.plot().axes) == 6

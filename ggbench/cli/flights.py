@@ -34,7 +34,7 @@ def estimate(flight: Path, estimators: tuple[str, ...], output: Path, seed: int)
 
     Writes corrected tracks with standard deviations, residuals, and a report with figures.
     """
-    from .. import api
+    from ..api import problems
     from ..campaign import registry
     from ..problem import Estimate
     from ..recorded.flight import read_flight
@@ -51,7 +51,7 @@ def estimate(flight: Path, estimators: tuple[str, ...], output: Path, seed: int)
         try:
             with warnings.catch_warnings(record=True) as said:
                 warnings.simplefilter("always")
-                estimated = api.estimate(recorded.problem, choice.estimator, seed)
+                estimated = problems.estimate(recorded.problem, choice.estimator, seed)
                 flight_report.require_usable(recorded.problem, estimated)
         except GGBenchError as error:
             click.echo(f"ggbench: {choice.label}: {error}", err=True)

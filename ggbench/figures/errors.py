@@ -98,3 +98,28 @@ def component_errors(
     for axis in axes[-1]:
         axis.set_xlabel("time [s]")
     return figure
+
+
+@styled()
+def with_deviations(times: np.ndarray, components: np.ndarray, sigmas: np.ndarray) -> Drawing:
+    """Draw ENU errors of position and velocity over time with their reported ±3σ.
+
+    Parameters
+    ----------
+    times : (K,) [s].
+    components : (K, 6) errors of position [m] and velocity [m/s].
+    sigmas : (K, 6) their reported standard deviations, NaN without covariances.
+    """
+    figure, axes = subplots(3, 2, figsize=(8.0, 6.0), sharex=True)
+    for column in range(6):
+        axis = axes[column % 3, column // 3]
+        sigma = sigmas[:, column]
+        axis.fill_between(times, -3 * sigma, 3 * sigma, alpha=0.2, label="±3σ")
+        axis.plot(times, components[:, column], lw=1.2, label="error")
+        axis.set_ylabel(f"{AXES[column % 3]} [{('m', 'm/s')[column // 3]}]")
+    axes[0, 0].set_title("position")
+    axes[0, 1].set_title("velocity")
+    axes[0, 0].legend()
+    for axis in axes[-1]:
+        axis.set_xlabel("time [s]")
+    return figure

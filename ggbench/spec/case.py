@@ -264,6 +264,9 @@ class CaseSpec(Section):
                 "errors of the map"
             )
 
+    def __repr__(self) -> str:
+        return f"CaseSpec({self.name}: {self.title!r})"
+
     def changed(self, key: str, value: Any) -> CaseSpec:
         """Return the case with another value of a key, held to the rules of a file.
 

@@ -19,6 +19,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
+from html import escape
 from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -87,6 +88,11 @@ class Scenario:
     def __repr__(self) -> str:
         cases = "1 case" if len(self.cases) == 1 else f"{len(self.cases)} cases"
         return f"Scenario({self.name}: {self.title!r}, {cases})"
+
+    def _repr_html_(self) -> str:
+        cells = ((escape(case.name), escape(case.title)) for case in self.cases[:_MOST_NAMED])
+        rows = "".join(f"<tr><td>{name}</td><td>{title}</td></tr>" for name, title in cells)
+        return f"<p>{escape(repr(self))}</p><table>{rows}</table>"
 
     @cached_property
     def _named(self) -> dict[str, CaseSpec]:

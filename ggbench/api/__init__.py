@@ -1,0 +1,12 @@
+"""What a notebook or a script calls; ``import ggbench as gg`` has it all by ``gg.NAME``.
+
+    scenario = gg.load("wang2013")
+    problem, truth = gg.simulate(scenario.case("0.01E-1Hz"), seed=1, run=0)
+    estimate = gg.estimate(problem, "ukf[points=merwe]")
+    gg.judge(problem, estimate, truth)
+    gg.run(scenario, ["ins", "ekf"], runs=20).figures()
+    problem, reference = gg.read_flight("flight.toml")
+    gg.corrected(problem, gg.estimate(problem, "ekf"))
+
+Whatever is wrong ends in a :class:`~ggbench.errors.GGBenchError` whose message is a sentence.
+"""

@@ -1,0 +1,54 @@
+"""Arguments of the functions for Python: what they must be, and the sentences otherwise."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Sequence
+from typing import Any
+
+from ..errors import GGBenchError
+from ..spec.case import CaseSpec
+
+
+class ArgumentError(GGBenchError):
+    """A function was called with something that it cannot use."""
+
+
+def listed(items: Any, kind: Any, name: str) -> list[Any]:
+    """Return one thing of a kind, or a sequence of them, as a list.
+
+    Raises
+    ------
+    ArgumentError
+        If it is neither.
+    """
+    if isinstance(items, kind):
+        return [items]
+    if not isinstance(items, Sequence) or not all(isinstance(item, kind) for item in items):
+        wanted = {str: "texts", CaseSpec: "cases"}.get(kind, "texts or estimators")
+        raise ArgumentError(f"{name} must be a list of {wanted}, and is {items!r}")
+    return list(items)
+
+
+def whole(name: str, value: Any, least: int, most: int) -> int:
+    """Return a whole number within limits, or raise ArgumentError."""
+    try:
+        number = operator.index(value)
+    except TypeError:
+        raise ArgumentError(f"{name} is {value!r} and must be a whole number") from None
+    if not least <= number <= most:
+        raise ArgumentError(f"{name} is {number} and must lie between {least} and {most}")
+    return number
+
+
+def number(name: str, value: Any) -> float:
+    """Return a number, or raise ArgumentError."""
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        raise ArgumentError(f"{name} is {value!r} and must be a number") from None
+
+
+def kind(value: Any) -> str:
+    """Return of which type something is, as a message says it."""
+    return f"an object of type {type(value).__name__}"

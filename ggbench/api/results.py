@@ -1,0 +1,127 @@
+"""Results of a campaign for a notebook: tables, and figures of its cases."""
+
+from __future__ import annotations
+
+from html import escape
+from typing import TYPE_CHECKING
+
+from ..judging.summary import ordered
+from ..results import folder
+from ..results.folder import ResultsError
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+    from ..figures.stored import Quantity
+
+_MOST_NAMED = 4
+_SUMMARY = ("case", "estimator", "runs", "failed", "rms_m", "efficiency", "success", "consistency")
+"""Columns of a short table of figures."""
+
+
+class Results(folder.Results):
+    """What a results folder holds: tables, and figures of its cases.
+
+    ``runs()``, ``figures()``, ``pairs()``, ``cases()`` and ``failures()`` are tables (pandas); each
+    ``plot_...()`` returns a Matplotlib figure, which a notebook shows and ``savefig`` writes. A
+    case that is not named is the first.
+
+    Parameters
+    ----------
+    folder : of ``ggbench run``, or the ``output`` of :func:`run`.
+
+    Raises
+    ------
+    StoreError
+        If it is no results folder or is damaged.
+    """
+
+    def __repr__(self) -> str:
+        cases = ", ".join(self.manifest["cases"][:_MOST_NAMED])
+        if len(self.manifest["cases"]) > _MOST_NAMED:
+            cases = f"{len(self.manifest['cases'])} cases"
+        return (
+            f"Results({self.manifest['scenario']}: {cases}; {', '.join(self.labels)}; runs 0 to "
+            f"{self.run_count - 1}; in {self.folder})"
+        )
+
+    def summary(self) -> pd.DataFrame:
+        """Return the settled figures of :data:`_SUMMARY`, a row for each case and estimator."""
+        figures = self.figures()
+        return figures.loc[figures["window"] == "settled", list(_SUMMARY)].reset_index(drop=True)
+
+    def _repr_html_(self) -> str:
+        return f"<p>{escape(repr(self))}</p>{self.summary().to_html(index=False)}"
+
+    def plot_error_over_time(self, case: str | None = None) -> Figure:
+        """Draw the RMS position and velocity errors over the runs against time, and the bounds.
+
+        Raises
+        ------
+        ScenarioError
+            If there is no such case.
+        """
+        from ..figures import stored  # not at the top: tables need no Matplotlib
+
+        name = self._case(case)
+        shown = [row["estimator"] for row in ordered(self.figures(), name)]
+        return stored.error_over_time(self, {name: shown})
+
+    def plot_errors(
+        self,
+        case: str | None = None,
+        estimator: str | None = None,
+        quantity: Quantity = "position",
+    ) -> Figure:
+        """Draw the ENU errors of run 0 with their reported ±3σ, with the pure INS's if it was run.
+
+        Parameters
+        ----------
+        case : its name.
+        estimator : its label in the tables; by default the first that aids.
+        quantity : ``position`` or ``velocity``.
+
+        Raises
+        ------
+        ScenarioError, ResultsError
+            If there is no such case or estimator, or run 0 has failed.
+        """
+        from ..figures import stored
+
+        label = estimator
+        if label is None:
+            label = next((label for label in self.labels if label != "ins"), self.labels[0])
+        elif label not in self.labels:
+            raise ResultsError(
+                f"{self.folder} holds no estimator '{label}'; it holds {', '.join(self.labels)}"
+            )
+        return stored.component_errors(self, self._case(case), label, quantity)
+
+    def plot_field(self, case: str | None = None) -> Figure:
+        """Draw the map that a case flies over, at flight height, with the track.
+
+        Raises
+        ------
+        ScenarioError, ResultsError
+            If there is no such case, or it has no map.
+        """
+        from ..figures import stored
+
+        return stored.field_map(self, self._case(case))
+
+    def plot_track_gradient(self, case: str | None = None) -> Figure:
+        """Draw the vertical gradient along the track: true, with the noise, and filtered.
+
+        Raises
+        ------
+        ScenarioError
+            If there is no such case.
+        """
+        from ..figures import stored
+
+        return stored.track_gradient(self, self._case(case))
+
+    def _case(self, name: str | None) -> str:
+        """Return the name of a case that was run, the first one's for None."""
+        return self.scenario.cases[0].name if name is None else self.scenario.case(name).name

@@ -1,0 +1,176 @@
+"""Campaigns from Python: a scenario, cases that were changed, or a sweep over values."""
+
+from __future__ import annotations
+
+import itertools
+import shutil
+import tempfile
+import warnings
+import weakref
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from ..campaign import campaign, registry, running
+from ..campaign.campaign import CampaignError
+from ..problem import Estimator
+from ..results import folder
+from ..results.store import Store
+from ..spec import scenario as scenarios
+from ..spec import written
+from ..spec.case import CaseSpec
+from ..spec.limits import MOST_RUNS, MOST_SEED
+from ..spec.scenario import Scenario
+from .arguments import ArgumentError, listed, number, whole
+from .problems import load
+from .results import Results
+
+_LONGEST_S = 1e9
+
+
+def run(
+    scenario: Scenario | CaseSpec | Sequence[CaseSpec] | str | Path,
+    estimators: Sequence[str | Estimator] | str | Estimator = (),
+    runs: int | None = None,
+    *,
+    seed: int | None = None,
+    cases: Sequence[str] | str = (),
+    assumptions: bool = False,
+    output: Path | str | None = None,
+    jobs: int | None = None,
+    cluster: str | None = None,
+    time_limit: float | None = None,
+    fresh: bool = False,
+    progress: Callable[[int, int], object] | None = None,
+) -> Results:
+    """Run a scenario with estimators, as ``ggbench run`` does, and return the results.
+
+    Parameters
+    ----------
+    scenario : itself, its name, the path of its file, or cases, perhaps changed.
+    estimators : texts, or estimators whose classes are registered or come from a file; by default
+        the scenario's. One that cannot take the scenario is left out with a warning.
+    runs, seed : number of runs per case, and the seed; by default the scenario's.
+    cases : names of those to run; by default all.
+    assumptions : also study the scenario's assumptions.
+    output : folder that keeps the results. What it holds already is not run again, and the same
+        call goes on where it was stopped. By default a temporary one, gone with the results object.
+    jobs : number of worker processes, by default one for each processor; 0: none, all runs are run
+        in this process, without time limit.
+    cluster : address of a Dask scheduler to run on instead.
+    time_limit : longest time of one run of one estimator [s]; by default the scenario's.
+    fresh : discard what the folder holds.
+    progress : called with the numbers of results stored, and to be stored, by this call.
+
+    Raises
+    ------
+    GGBenchError
+        If something is named wrongly, a case cannot be flown, the folder cannot be used, or runs
+        gave no result at all. A run that fails is no error: ``failures()`` of the results has it.
+    KeyboardInterrupt
+        If it is stopped; an ``output`` keeps what has finished.
+    """
+    count = None if runs is None else whole("runs", runs, 1, MOST_RUNS)
+    start = None if seed is None else whole("seed", seed, 0, MOST_SEED)
+    processes = None if jobs is None else whole("jobs", jobs, 0, MOST_RUNS)
+    if cluster and jobs is not None:
+        raise ArgumentError("jobs are of this machine and a cluster is others: give one of them")
+    if time_limit is not None and not 0.0 < number("time_limit", time_limit) <= _LONGEST_S:
+        raise ArgumentError(f"time_limit is {time_limit} s and must lie above 0, to {_LONGEST_S:g}")
+    loaded, chosen_cases = _scenario(scenario)
+    texts = [_text(item) for item in listed(estimators, str | Estimator, "estimators")]
+    kept = None if output is not None else tempfile.mkdtemp(prefix="ggbench-")
+    try:
+        work = campaign.planned(
+            loaded, Path(kept or str(output)), texts, count, start,
+            listed(cases, str, "cases") or chosen_cases, assumptions, time_limit, fresh,
+        )  # fmt: skip
+
+        def reported(step: running.CampaignProgress) -> None:
+            if step.done == 0:
+                for remark in step.remarks:
+                    warnings.warn(remark, stacklevel=4)
+            if progress is not None:
+                progress(step.done, step.total)
+
+        ended = running.run(work, processes, cluster, reported)
+        results = Results(work.folder, ended.store)
+        if kept is not None:
+            # At the latest when the process ends.
+            weakref.finalize(results, shutil.rmtree, kept, ignore_errors=True)
+    except BaseException:
+        if kept is not None:
+            shutil.rmtree(kept, ignore_errors=True)
+        raise
+    folder.write_tables(results)
+    # From here on it is only read: another call may go on in the folder.
+    ended.store.close()
+    results.store = Store(work.folder)
+    if ended.interrupted:
+        raise KeyboardInterrupt
+    if ended.missing:
+        raise CampaignError(f"{ended.missing} runs gave no result; the same call goes on")
+    return results
+
+
+def sweep(
+    case: CaseSpec,
+    values: Mapping[str, Sequence[Any]],
+    estimators: Sequence[str | Estimator] | str | Estimator,
+    runs: int,
+    **options: Any,
+) -> Results:
+    """Run a case with every combination of some values and return the results.
+
+    ``gg.sweep(case, {"gradiometer.noise_eotvos": [0.1, 1.0]}, "ekf", 20)``
+
+    Parameters
+    ----------
+    case : the case.
+    values : dotted key to its values (:meth:`.CaseSpec.changed`).
+    estimators, runs : as in :func:`run`.
+    options : further arguments of :func:`run`.
+
+    Returns
+    -------
+    Results whose cases are named ``point-0``, ``point-1``, ... in the order of the combinations;
+    their titles state the values.
+
+    Raises
+    ------
+    GGBenchError
+        As :func:`run`; or if a case with these values breaks a rule.
+    """
+    keys = list(values)
+    if not keys or not all(values.values()):
+        raise ArgumentError("a sweep needs at least one key, and each at least one value")
+    points = []
+    for number_of, combination in enumerate(itertools.product(*values.values())):
+        point = case
+        for key, value in zip(keys, combination, strict=True):
+            point = point.changed(key, value)
+        said = ", ".join(f"{k.split('.')[-1]} {v}" for k, v in zip(keys, combination, strict=True))
+        points.append(point.changed("name", f"point-{number_of}").changed("title", said))
+    return run(points, estimators, runs, **options)
+
+
+def _scenario(
+    given: Scenario | CaseSpec | Sequence[CaseSpec] | str | Path,
+) -> tuple[Scenario, tuple[str, ...]]:
+    """Return a whole scenario and, if only some of its cases are given, their names."""
+    if isinstance(given, CaseSpec):
+        return written.of_cases([given]), ()
+    if isinstance(given, Scenario):
+        complete = scenarios.as_written(given)
+        names = tuple(case.name for case in given.cases)
+        return complete, () if len(names) == len(complete.cases) else names
+    if isinstance(given, Sequence) and not isinstance(given, str):
+        cases = listed(given, CaseSpec, "cases")
+        if not cases:
+            raise ArgumentError("a campaign needs at least one case")
+        return written.of_cases(cases), ()
+    return load(given), ()
+
+
+def _text(item: str | Estimator) -> str:
+    return str(registry.spec_of(item)) if isinstance(item, Estimator) else item
