@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import keyword
+import math
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,6 +17,8 @@ _TEMPLATES = Path(__file__).parent / "templates"
 """Texts, and no modules of the package: what is made of them is imported elsewhere."""
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
 _LONGEST = 60
+_FLIGHT_S = 130.0
+"""Duration of a flight over a map of one's own."""
 _TAKEN = {"Estimate", "Estimator", "Problem", "Template"}
 """Names that the file of an estimator has in use."""
 _SHIPPED = "An aircraft with a gravity gradiometer over the Qinling mountains"
@@ -46,16 +49,21 @@ _FILE = click.Path(path_type=Path, exists=True, dir_okay=False)
 @click.option("--map", "own_map", type=_FILE, help="Fly over a map of your own, a netCDF file.")
 @_folder
 def scenario(name: str, track: Path | None, own_map: Path | None, output: Path) -> None:
-    """Write NAME.toml: a flight over a shipped map, with every table explained."""
+    """Write NAME.toml: a flight over a shipped map, with every table explained.
+
+    Over a map of your own the flight lies in the middle, a third of the way up.
+    """
     tables = {}
     if track is not None:
         tables["trajectory"] = f"file = {_quoted(track)}\nsmoothing_s = 10.0    # {_SMOOTHING}\n"
     if own_map is not None:
         tables["field"] = f"source = {_quoted(own_map)}\n"
+        if track is None:
+            tables["trajectory"] = _flight_over(own_map)
     flown = "A flight of my own" if tables else _SHIPPED
     path = _begun(".toml", name, output, tables, TITLE=_titled(name), DESCRIPTION=flown)
     shown = path.as_posix()
-    click.echo(f"Wrote {shown}. LineStyle at its flights: ggbench validate {shown}")
+    click.echo(f"Wrote {shown}. Look at its flights: ggbench validate {shown}")
     click.echo(f"Run it: ggbench run {shown} -n 10")
 
 
@@ -71,6 +79,38 @@ def estimator(name: str, output: Path) -> None:
     shown = path.as_posix()
     click.echo(f"Wrote {shown}. Check it: ggbench check {shown}")
     click.echo(f"Compare it with another: ggbench run wang2013 -n 3 -e {shown} -e ekf")
+
+
+def _flight_over(own_map: Path) -> str:
+    """Return the table of a flight in the middle of a map: straight, a turn, straight.
+
+    Raises
+    ------
+    MapError
+        If the file is no map.
+    """
+    import numpy as np  # not at the top: --help loads no numbers
+
+    from ..gravity.ellipsoid import metres_per_radian
+    from ..maps import netcdf_reader
+
+    nodes, _, _ = netcdf_reader.read_layers(own_map)
+    south, north = map(float, nodes.latitude_deg[[0, -1]])
+    west, east = map(float, nodes.longitude_deg[[0, -1]])
+    lowest, highest = map(float, nodes.height_m[[0, -1]])
+    latitude, longitude = 0.5 * (south + north), 0.5 * (west + east)
+    metres = metres_per_radian(np.array([math.radians(latitude), 0.0, lowest]))
+    per_north, per_east = (math.radians(1.0) * length for length in metres)
+    side = min((north - south) * per_north, (east - west) * per_east)
+    speed = min(250.0, 0.4 * side / _FLIGHT_S)
+    start = longitude - 0.5 * _FLIGHT_S * speed / per_east
+    height = lowest + (highest - lowest) / 3.0
+    return (
+        f"latitude_deg = {latitude:.5f}\nlongitude_deg = {start:.5f}\n"
+        f"height_m = {height:.0f}    # above the ellipsoid, a third of the way up the map\n"
+        f"speed_mps = {speed:.3g}\nheading_deg = 90.0    # clockwise from north\n\n"
+        f"[[trajectory.segment]]\nduration_s = {_FLIGHT_S:g}     # straight and level\n"
+    )
 
 
 def _titled(name: str) -> str:

@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 from command import invoke
 from problems import estimator as chosen
+from small_cases import rough_map
 from thinning import thinned
 
+from ggbench import maps
 from ggbench.campaign import registry
 from ggbench.contract.catalogue import CHECKS, flight
 from ggbench.contract.demands import generator
@@ -90,6 +92,26 @@ def test_a_scenario_begins_with_a_track_and_a_map_of_ones_own(tmp_path):
     gone = invoke(["new", "scenario", "other", "--track", "gone.csv"], tmp_path)
     assert gone.returncode == 2 and "'gone.csv' does not exist" in gone.stderr
     assert not (tmp_path / "other.toml").exists()
+
+
+def test_a_flight_over_ones_own_map_lies_in_its_middle(tmp_path):
+    """A third of the way up, away from every border; it is valid, and no warning is needed."""
+    rough_map(tmp_path / "own.nc")
+    chart = maps.read(tmp_path / "own.nc")
+    done = invoke(["new", "scenario", "mine", "--map", "own.nc"], tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "Look at its flights: ggbench validate mine.toml" in done.stdout
+    flight = tomllib.loads((tmp_path / "mine.toml").read_text())["trajectory"]
+    counts, steps = chart.tensor.shape, (chart.latitude_step, chart.longitude_step)
+    middle = np.degrees(chart.latitude0 + 0.5 * (counts[0] - 1) * steps[0])
+    assert flight["latitude_deg"] == pytest.approx(middle, abs=1e-4)
+    top = chart.height0 + (counts[2] - 1) * chart.height_step
+    assert flight["height_m"] == pytest.approx((2 * chart.height0 + top) / 3, abs=1.0)
+    done = invoke(["validate", "mine.toml"], tmp_path)
+    assert done.returncode == 0, done.stderr
+    (tmp_path / "bad.nc").write_text("no map")
+    bad = invoke(["new", "scenario", "other", "--map", "bad.nc"], tmp_path)
+    assert bad.returncode == 2 and "bad.nc" in bad.stderr and "Traceback" not in bad.stderr
 
 
 @pytest.mark.long
