@@ -230,8 +230,7 @@ COLUMNS: dict[str, Column] = {
 DEFINED = (
     "rms_m", "bound_m", "efficiency", "oracle_ratio", "times_ins", "success", "required_m",
     "diverged", "false_fixes", "converged_s", "nees", "coverage", "nis", "consistency",
-    "recommended", "best", "gain", "error_ratio", "verdict", "causality", "correlation_m", "width",
-    "seconds_per_run", "draws",
+    "recommended", "error_ratio", "verdict", "correlation_m", "width", "seconds_per_run",
 )  # fmt: skip
 """Columns on the page of definitions."""
 

@@ -32,14 +32,15 @@ def conditions(cases: Sequence[CaseSpec], shared: pd.DataFrame) -> pd.DataFrame:
     """
     rows = [
         ("INS", _ins(cases)),
-        ("Initial 1σ per axis", _initial(cases)),
+        ("Initial σ", _initial(cases)),
         ("Flight", _flight(shared)),
         ("Gradiometer", _each(cases, _gradiometer)),
         ("Other sensors", _others(cases)),
         ("Map", _each(cases, _map)),
         ("Not as assumed", _each(cases, _differences)),
     ]
-    return pd.DataFrame([row for row in rows if row[1]], columns=["condition", "value"])
+    said = [row for row in rows if row[1] not in ("", "nothing")]
+    return pd.DataFrame(said, columns=["condition", "value"])
 
 
 def _each(cases: Sequence[CaseSpec], said: Callable[[CaseSpec], Sequence[str]]) -> str:
@@ -108,7 +109,7 @@ def _gradiometer(case: CaseSpec) -> list[str]:
     if spec.readings == "measured":
         noise = "measured readings"
     channels = "rotating disks" if spec.rotating else counted(len(spec.components), "component")
-    low = f"low-pass {spec.filter_cutoff_hz:g} Hz" if spec.filter != "none" else "no low-pass"
+    low = f"low-pass {spec.filter_cutoff_hz:g} Hz" if spec.filter != "none" else ""
     return [noise, f"every {spec.period_s:g} s", channels, spec.instrument, low]
 
 

@@ -161,7 +161,6 @@ def page(results: Results, folder: Path) -> str:
         table=tables.text(views.answer_table(results.figures(), results.pairs(), shown)),
         shown=len(shown),
         seeking=results.seeking,
-        further=sorted(further_tables(results)),
         failed=int(results.figures().groupby(["case", "estimator"])["failed"].first().sum()),
         left_out=views.left_out(results.figures(), shown),
         total=len(cases),
