@@ -30,7 +30,9 @@ map_group.add_command(score)
 
 @map_group.command()
 @click.option("-o", "--output", required=True, type=_FILE, help="netCDF file to write.")
-@click.option("--terrain", type=_FILE, help="Elevation model: GeoTIFF, .hgt, netCDF, ESRI ASCII.")
+@click.option(
+    "--terrain", type=_FILE, help="Elevation model: GeoTIFF, .hgt, netCDF, ESRI ASCII, Surfer."
+)
 @click.option("--density", type=float, default=2670.0, show_default=True, help="Of rock [kg/m³].")
 @click.option(
     "--water-density", type=float, default=1030.0, show_default=True, help="Of the sea [kg/m³]."

@@ -81,7 +81,8 @@ class Terrain:
         if not (lowest >= LOWEST_M and highest <= HIGHEST_M):  # NaN fails too
             raise TerrainError(
                 f"{self.name} has heights from {lowest:g} to {highest:g} m: finite numbers from "
-                f"{LOWEST_M:g} to {HIGHEST_M:g} are allowed."
+                f"{LOWEST_M:g} to {HIGHEST_M:g} are allowed. A value that marks voids must be "
+                "declared, for example with gdal_edit -a_nodata."
             )
 
     @property

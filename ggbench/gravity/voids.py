@@ -13,13 +13,33 @@ from scipy.ndimage import binary_dilation, distance_transform_edt
 
 from .meridians import Area
 from .terrain import TerrainError
+from .units import Units
 
 Array = NDArray[np.floating]
 
-VOID_MARKS = (-32768.0, -32767.0, -9999.0, -99999.0)
-"""Heights that are none, where a file does not declare its own."""
+_MARKS = (-32768.0, -32767.0, -9999.0, -99999.0)  # values that are none, whatever the unit
+_MARKS_BEYOND = (32767.0, 9999.0, 99999.0, 999999.0, -999999.0)  # where nothing is as large
+_HUGE = 1e20  # no value is as large: 1.7e38 (Surfer), 3.4e38 (ESRI), 9.97e36 (netCDF)
 _MOST_VOIDS = 0.01  # share of the cells that may be filled
 _SAMPLED = 1_000_000  # cells of which it is seen whether they lie in an area
+
+
+def marks_removed(written: Array, values: Array, units: Units) -> tuple[Array, str]:
+    """Return values with NaN for marks of voids that the file does not declare, and a remark.
+
+    Parameters
+    ----------
+    written : as they are in the file.
+    values : the same in SI units.
+    units : with the limits of the quantity.
+    """
+    beyond = (values < units.lowest) | (values > units.highest)
+    void = np.isin(written, _MARKS) | (beyond & np.isin(written, _MARKS_BEYOND))
+    void |= np.abs(written) >= _HUGE
+    if not void.any():
+        return values, ""
+    marks = ", ".join(f"{mark:.8g}" for mark in np.unique(written[void])[:3])
+    return np.where(void, np.nan, values), f"undeclared {marks} taken for voids"
 
 
 def without_voids(
@@ -37,7 +57,7 @@ def without_voids(
 
     Raises TerrainError if one per cent of the area's cells, or more, are voids.
     """
-    void = ~np.isfinite(heights) | np.isin(heights, VOID_MARKS)
+    void = ~np.isfinite(heights)
     if not void.any():
         return heights, ""
     rows, columns = np.nonzero(void)

@@ -9,7 +9,7 @@ import xarray
 from rasterio.transform import Affine, from_origin
 from rasterio.warp import transform
 
-from ggbench.gravity import terrain_files
+from ggbench.gravity import rasters
 from ggbench.gravity.meridians import Area
 from ggbench.gravity.terrain import Terrain, TerrainError
 from ggbench.gravity.terrain_files import read_terrain
@@ -375,7 +375,7 @@ def bad_netcdf(path):
     (path / "a.nc").write_bytes(b"\x89HDF no netCDF")
 
 
-def bad_old_netcdf(path):
+def bad_surfer(path):
     (path / "a.grd").write_bytes(b"DSBB")
 
 
@@ -461,10 +461,10 @@ def bad_folder(path):
         (bad_unit, "heights in 'fathom'; metres or feet are allowed"),
         (bad_heights, "heights from 10000 to .* m: finite numbers from -12000 to 9000"),
         (bad_truncation, "a.tif cannot be read as a raster"),
-        (bad_tile, "N36W085.hgt cannot be read as a raster"),
+        (bad_tile, "N36W085.hgt has 1000 bytes: a square of 16-bit integers is allowed"),
         (bad_garbage, "a.tif cannot be read as a raster"),
         (bad_netcdf, "a.nc cannot be read as a netCDF grid"),
-        (bad_old_netcdf, "a.grd cannot be read as a netCDF grid"),
+        (bad_surfer, "a.grd cannot be read as a raster"),
         (bad_empty_netcdf, "a.nc cannot be read as a netCDF grid"),
         (bad_variables, r"has 2 grids in latitude and longitude \(slope, roughness\); one"),
         (bad_dimensions, r"has 0 grids in latitude and longitude \(none\)"),
@@ -509,7 +509,7 @@ def test_a_missing_package_is_named(tmp_path, monkeypatch, name):
         raise ImportError(f"No module named {module!r}")
 
     (tmp_path / name).write_bytes(b"")
-    monkeypatch.setattr(terrain_files.importlib, "import_module", missing)
+    monkeypatch.setattr(rasters.importlib, "import_module", missing)
     with pytest.raises(TerrainError, match=r"needs the package .*pip install 'ggbench\[terrain\]'"):
         read_terrain(tmp_path / name)
 

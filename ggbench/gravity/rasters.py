@@ -1,0 +1,204 @@
+"""Rasters of one band, in any format that GDAL knows.
+
+Rasterio is imported when a file needs it: it is an optional part of the installation.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import struct
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import map_coordinates, spline_filter
+
+from .meridians import Area
+from .regular_grid import Grid, check_size, regular_grid
+from .terrain import FEWEST_NODES, TerrainError
+from .units import HEIGHTS, Units, upward
+from .voids import marks_removed, without_voids
+
+Array = NDArray[np.floating]
+
+_GEOSOFT_ELEMENTS = {1, 2, 4, 8, 1025, 1026, 1028, 1032}  # bytes, and with compression
+
+
+def imported(module: str, path: Path) -> Any:
+    """Return an optional module that a file needs.
+
+    Raises
+    ------
+    TerrainError
+        If it is not installed.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        raise TerrainError(
+            f"{path.name} needs the package {module.partition('.')[0]} ({error}): pip install "
+            "'ggbench[terrain]'."
+        ) from None
+
+
+def read_raster(path: Path, area: Area | None, units: Units) -> Grid:
+    """Return the values of a raster of one band, in degrees or projected.
+
+    Parameters
+    ----------
+    path : of the file.
+    area : where values are needed; None: everywhere.
+    units : of the quantity.
+
+    Raises
+    ------
+    TerrainError
+        If GDAL cannot read it, or it is no such raster.
+    """
+    rasterio = imported("rasterio", path)
+    try:
+        # Its warnings concern what is refused here in a sentence.
+        with warnings.catch_warnings(action="ignore"), rasterio.open(path) as dataset:
+            return _from_dataset(dataset, path, area, units)
+    except TerrainError:
+        raise
+    except Exception as error:  # GDAL's, rasterio's own, and those of its parsers of metadata
+        raise TerrainError(_why_not(path, one_line(error))) from None
+
+
+def one_line(error: Exception) -> str:
+    """Return what an error says, on one line."""
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def _why_not(path: Path, said: str) -> str:
+    """A sentence on a raster that cannot be read."""
+    if "proj.db" in said or "database context" in said:
+        found = [key for key in ("PROJ_DATA", "PROJ_LIB") if os.environ.get(key)]
+        cause = (
+            f"{found[0]} = {os.environ[found[0]]!r} leads to another installation: unset it"
+            if found
+            else "install rasterio again"
+        )
+        return f"{path.name} needs PROJ's database proj.db, which is not found; {cause}."
+    if _is_geosoft(path):
+        return (
+            f"{path.name} is a Geosoft grid, which cannot be read: export it from Oasis montaj or "
+            "the free Geosoft Viewer as GeoTIFF or as a Surfer grid."
+        )
+    return f"{path.name} cannot be read as a raster ({said})."
+
+
+def _is_geosoft(path: Path) -> bool:
+    """Whether a file begins as Geosoft's binary grids: size and sign, columns, rows, direction."""
+    with path.open("rb") as file:
+        head = file.read(20)
+    if path.suffix.lower() != ".grd" or len(head) < 20:
+        return False
+    size, sign, columns, rows, direction = struct.unpack("<5i", head)
+    known = size in _GEOSOFT_ELEMENTS and sign in range(4) and abs(direction) == 1
+    return known and min(columns, rows) > 0
+
+
+def _from_dataset(dataset: Any, path: Path, area: Area | None, units: Units) -> Grid:
+    name, crs, transform = path.name, dataset.crs, dataset.transform
+    if dataset.count != 1:
+        raise TerrainError(f"{name} has {dataset.count} bands; one, of {units.what}, is allowed.")
+    check_size(name, dataset.shape)
+    if transform.is_identity:
+        raise TerrainError(f"{name} does not say where it lies; a georeferenced raster is allowed.")
+    values, remarks = _values(dataset, name, units)
+    if crs is not None and crs.is_projected:
+        return _from_projected(values, transform, crs, path, remarks, area)
+    if not (crs is None or crs.is_geographic):
+        raise TerrainError(
+            f"{name} has coordinates that are neither geographic nor projected: {crs}."
+        )
+    if transform.b or transform.d:
+        raise TerrainError(
+            f"{name} is rotated; rows along parallels and columns along meridians are allowed."
+        )
+    rows, columns = (np.arange(count) + 0.5 for count in values.shape)
+    # GDAL's transform is that of the corners of cells, for a raster of points, too.
+    return regular_grid(
+        transform.f + transform.e * rows,
+        transform.c + transform.a * columns,
+        values,
+        name,
+        [*remarks, "no reference system given, taken as degrees" if crs is None else ""],
+        area,
+    )
+
+
+def _values(dataset: Any, name: str, units: Units) -> tuple[Array, list[str]]:
+    """The band in SI units, NaN for voids, and what to say of it."""
+    factor, of_unit = units.factor(dataset.units[0] or "", name)
+    band = dataset.read(1, masked=True).astype(float).filled(np.nan)
+    values = (band * dataset.scales[0] + dataset.offsets[0]) * factor
+    values, of_marks = marks_removed(band, values, units)
+    of_sign = ""
+    if units is HEIGHTS:
+        values, of_sign = upward(values, dataset.tags(1), dataset.descriptions[0] or "", name)
+    return values, [of_unit, of_marks, of_sign]
+
+
+def _from_projected(
+    values: Array, transform: Any, crs: Any, path: Path, remarks: Sequence[str], area: Area | None
+) -> Grid:
+    """Resample a projected raster, by cubic splines, to a box of degrees within its edges."""
+    warp = imported("rasterio.warp", path)
+
+    def to_degrees(row: ArrayLike, column: ArrayLike) -> tuple[Array, Array]:
+        row, column = (part.ravel() + 0.5 for part in np.broadcast_arrays(row, column))
+        x = transform.a * column + transform.b * row + transform.c
+        y = transform.d * column + transform.e * row + transform.f
+        longitude, latitude = warp.transform(crs, "EPSG:4326", x, y)
+        return np.array(latitude), np.unwrap(longitude, period=360.0)
+
+    values, remark = without_voids(values, path.name, to_degrees, area)
+    n_rows, n_columns = values.shape
+    rows, columns = np.arange(n_rows), np.arange(n_columns)
+    sides = [
+        to_degrees(rows, 0), to_degrees(rows, n_columns - 1),
+        to_degrees(0, columns), to_degrees(n_rows - 1, columns),
+    ]  # fmt: skip
+    (southern, *_, northern), (western, *_, eastern) = (
+        sorted((side[axis] for side in sides), key=np.mean) for axis in (0, 1)
+    )
+    south, north = southern.max(), northern.min()
+    west, east = western.max(), eastern.min()
+    # Spacings as in the middle of the raster, so that all detail is kept.
+    middle = (n_rows - 1) / 2, (n_columns - 1) / 2
+    d_row, d_column = (
+        np.ravel(to_degrees(middle[0] + step, middle[1] + 1.0 - step))
+        - np.ravel(to_degrees(middle[0], middle[1]))
+        for step in (1.0, 0.0)
+    )
+    latitude_step, longitude_step = np.maximum(np.abs(d_row), np.abs(d_column))
+    shape = (int((north - south) / latitude_step) + 1, int((east - west) / longitude_step) + 1)
+    if not (south < north and west < east and min(shape) >= FEWEST_NODES):
+        raise TerrainError(
+            f"{path.name} is projected, and no box of latitudes and longitudes fits into it: warp "
+            "it to EPSG:4326 with gdalwarp."
+        )
+    check_size(path.name, shape)
+    latitude = south + latitude_step * np.arange(shape[0])
+    longitude = west + longitude_step * np.arange(shape[1])
+    coefficients = spline_filter(values, 3, mode="mirror")
+    resampled, inverse = np.empty(shape), ~transform
+    for index, parallel in enumerate(latitude):
+        x, y = (
+            np.array(a)
+            for a in warp.transform("EPSG:4326", crs, longitude, np.full(shape[1], parallel))
+        )
+        where = (
+            inverse.d * x + inverse.e * y + inverse.f - 0.5,
+            inverse.a * x + inverse.b * y + inverse.c - 0.5,
+        )
+        resampled[index] = map_coordinates(coefficients, where, mode="mirror", prefilter=False)
+    remarks = [*remarks, remark, "resampled to latitude and longitude"]
+    return regular_grid(latitude, longitude, resampled, path.name, remarks, area)

@@ -1,0 +1,134 @@
+"""Values on a grid regular in latitude and longitude, made of rows and columns in any order."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .meridians import Area, rolled
+from .terrain import FEWEST_NODES, TerrainError, require_latitudes
+from .voids import without_voids
+
+Array = NDArray[np.floating]
+
+_MOST_CELLS = 100_000_000
+_IRREGULAR = 0.02  # of a step: more than coordinates in single precision are off
+_NETCDF = (b"CDF", b"\x89HDF")
+
+
+class Grid(NamedTuple):
+    """Values from south to north and west to east, without voids.
+
+    Attributes
+    ----------
+    south, west : the first node [deg].
+    latitude_step, longitude_step : between nodes, positive [deg].
+    values : (n_lat, n_lon), in SI units.
+    remarks : what was done to them.
+    """
+
+    south: float
+    west: float
+    latitude_step: float
+    longitude_step: float
+    values: Array
+    remarks: list[str]
+
+
+def regular_grid(
+    latitude: Array,
+    longitude: Array,
+    values: Array,
+    name: str,
+    remarks: Sequence[str],
+    area: Area | None,
+) -> Grid:
+    """Return the grid of rows and columns in any order, with its voids filled.
+
+    Parameters
+    ----------
+    latitude, longitude : of rows (n_lat,) and of columns (n_lon,) [deg].
+    values : (n_lat, n_lon); voids are NaN or one of the usual marks.
+    name : of the file.
+    remarks : what was done to the values so far; empty ones are left out.
+    area : where values are needed; None: everywhere.
+
+    Raises
+    ------
+    TerrainError
+        If the nodes are not regular, or there are too many voids.
+    """
+    for axis, count in zip((latitude, longitude), values.shape, strict=True):
+        if axis.shape != (count,):
+            raise TerrainError(
+                f"{name} has heights of shape {values.shape}, but {latitude.shape} latitudes and "
+                f"{longitude.shape} longitudes."
+            )
+    longitude = np.unwrap(np.asarray(longitude, dtype=float), period=360.0)
+    south, latitude_step, flipped = _regular(np.asarray(latitude, dtype=float), "latitudes", name)
+    values = values[::-1] if flipped else values
+    west, longitude_step, flipped = _regular(longitude, "longitudes", name)
+    values = values[:, ::-1] if flipped else values
+    require_latitudes(name, south, south + latitude_step * (values.shape[0] - 1))
+    west = (west + 180.0) % 360.0 - 180.0
+    if area is not None:
+        values, west = _cut_elsewhere(values, west, longitude_step, area)
+
+    def to_degrees(row: NDArray[Any], column: NDArray[Any]) -> tuple[Array, Array]:
+        return south + latitude_step * row, west + longitude_step * column
+
+    values, remark = without_voids(values, name, to_degrees, area)
+    said = list(filter(None, [*remarks, remark]))
+    return Grid(south, west, latitude_step, longitude_step, np.ascontiguousarray(values), said)
+
+
+def _regular(axis: Array, what: str, name: str) -> tuple[float, float, bool]:
+    """First node and step of ascending coordinates, and whether they were descending."""
+    if axis.size < FEWEST_NODES:
+        raise TerrainError(f"{name} has {axis.size} {what}; at least {FEWEST_NODES} are allowed.")
+    step = float(axis[-1] - axis[0]) / (axis.size - 1)
+    nodes = axis[0] + step * np.arange(axis.size)
+    if not (step != 0.0 and np.abs(axis - nodes).max() <= _IRREGULAR * abs(step)):  # NaN fails too
+        raise TerrainError(
+            f"{name} has {what} that are not evenly spaced; a regular grid is allowed."
+        )
+    if step < 0.0:
+        return float(axis[-1]), -step, True
+    return float(axis[0]), step, False
+
+
+def _cut_elsewhere(values: Array, west: float, step: float, area: Area) -> tuple[Array, float]:
+    """Values and their first longitude, cut opposite to an area that a global grid ends in."""
+    width = step * (values.shape[1] - 1)
+    here = area.about(west + 0.5 * width)
+    if here.west is None or here.east is None or west <= here.west <= here.east <= west + width:
+        return values, west
+    return rolled(values, west, step, 0.5 * (here.west + here.east))
+
+
+def check_size(name: str, shape: tuple[int, ...]) -> None:
+    """Raise TerrainError if a grid has more cells than are read."""
+    if np.prod(shape, dtype=float) > _MOST_CELLS:
+        raise TerrainError(
+            f"{name} has {' x '.join(map(str, shape))} cells; at most {_MOST_CELLS:.0g} are "
+            "allowed: cut out the region with gdal_translate -projwin."
+        )
+
+
+def is_netcdf(path: Path) -> bool:
+    """Return whether a file begins as netCDF files of version 3 or 4 do."""
+    with path.open("rb") as file:
+        return file.read(4).startswith(_NETCDF)
+
+
+def refuse_old_gmt(dataset: Any, name: str) -> None:
+    """Raise TerrainError if an open netCDF file is a grid of GMT's version 3, a row of values."""
+    if {"x_range", "y_range", "dimension", "z"} <= set(map(str, dataset.variables)):
+        raise TerrainError(
+            f"{name} is a grid in the format of GMT 3, without coordinates; convert it with "
+            f"'gmt grdconvert {name}=cf new.nc'."
+        )

@@ -1,0 +1,173 @@
+"""Elevation models as people have them: depths, marks of voids, tiles, grids of other programs."""
+
+from __future__ import annotations
+
+import os
+import struct
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rasterio
+import rasterio.shutil
+import xarray
+from rasterio.transform import from_origin
+
+from ggbench.gravity.terrain import TerrainError
+from ggbench.gravity.terrain_files import read_terrain
+
+LATITUDES, LONGITUDES = 45.0 + 0.1 * np.arange(12), 7.0 + 0.1 * np.arange(16)
+HEIGHTS = np.add.outer(100.0 * np.arange(12), 10.0 * np.arange(16)) - 500.0
+"""From the sea floor to the land."""
+
+
+def write_netcdf(path: Path, heights: np.ndarray, name: str = "z", **attributes: str) -> Path:
+    data = {name: (("lat", "lon"), heights, attributes)}
+    xarray.Dataset(data, {"lat": LATITUDES, "lon": LONGITUDES}).to_netcdf(path)
+    return path
+
+
+def write_raster(
+    path: Path,
+    heights: np.ndarray,
+    unit: str = "",
+    crs: str = "EPSG:4326",
+    step: float = 0.1,
+    **tags: str,
+) -> Path:
+    corner = (6.95, 46.15) if step < 1.0 else (5e5, 5e6)
+    with rasterio.open(
+        path, "w", driver="GTiff", count=1, dtype="float32", crs=crs,
+        height=12, width=16, transform=from_origin(*corner, step, step),
+    ) as dataset:  # fmt: skip
+        dataset.write(heights[::-1].astype(np.float32), 1)
+        dataset.update_tags(1, **tags)
+        if unit:
+            dataset.units = [unit]
+    return path
+
+
+@pytest.mark.parametrize(
+    ("name", "attributes"),
+    [
+        ("z", {"positive": "down"}),
+        ("z", {"standard_name": "sea_floor_depth_below_geoid"}),
+        ("depth", {"positive": "down", "units": "m"}),
+    ],
+)
+def test_depths_become_heights_and_it_is_said(tmp_path, name, attributes):
+    """A sea floor that counts downwards is no range of mountains, in netCDF and GeoTIFF."""
+    files = write_netcdf(tmp_path / "a.nc", -HEIGHTS, name, **attributes), tmp_path / "a.tif"
+    write_raster(files[1], -HEIGHTS, **attributes)
+    for file in files:
+        terrain = read_terrain(file)
+        np.testing.assert_allclose(terrain.height_m, HEIGHTS)
+        assert "depths" in terrain.name and "negated" in terrain.name
+
+
+def test_what_is_called_a_depth_is_one_where_it_is_positive_throughout(tmp_path):
+    deep = HEIGHTS - 1000.0
+    for values in (deep, -deep):
+        terrain = read_terrain(write_netcdf(tmp_path / "a.nc", values, "depth"))
+        np.testing.assert_allclose(terrain.height_m, deep)
+        assert ("negated" in terrain.name) == (values is not deep)
+    up = write_netcdf(tmp_path / "a.nc", HEIGHTS, "depth", positive="up")
+    np.testing.assert_allclose(read_terrain(up).height_m, HEIGHTS)
+    with pytest.raises(TerrainError, match=r"which way they count: set the attribute positive"):
+        read_terrain(write_netcdf(tmp_path / "a.nc", HEIGHTS, "depth"))
+    with pytest.raises(TerrainError, match=r"depths from -1500 to -250, and does not say"):
+        read_terrain(write_netcdf(tmp_path / "a.nc", deep, standard_name="sea_floor_depth"))
+
+
+@pytest.mark.parametrize("unit", ["meters above mean sea level", "m a.s.l.", "m (above geoid)"])
+def test_a_unit_may_name_the_zero_level(tmp_path, unit):
+    terrain = read_terrain(write_netcdf(tmp_path / "a.nc", HEIGHTS, units=unit))
+    np.testing.assert_allclose(terrain.height_m, HEIGHTS)
+    assert f"heights in {unit!r}" in terrain.name
+    with pytest.raises(TerrainError, match="heights in 'm below sea level'; metres or feet are"):
+        read_terrain(write_netcdf(tmp_path / "b.nc", HEIGHTS, units="m below sea level"))
+
+
+@pytest.mark.parametrize("mark", [32767.0, -3.4028235e38, 9999.0, -9999.0, 1.70141e38])
+@pytest.mark.parametrize("unit", ["m", "ft"])
+def test_undeclared_marks_of_voids_are_recognised(tmp_path, mark, unit):
+    """Whatever the unit is; but 9999 ft is a height."""
+    written = (HEIGHTS / 0.3048 if unit == "ft" else HEIGHTS).astype(np.float32)
+    written[5, 7] = mark
+    for terrain in (
+        read_terrain(write_netcdf(tmp_path / "a.nc", written, units=unit)),
+        read_terrain(write_raster(tmp_path / "a.tif", written, unit)),
+    ):
+        if (mark, unit) == (9999.0, "ft"):
+            assert terrain.height_m[5, 7] == pytest.approx(3047.7, abs=0.1)
+        else:
+            np.testing.assert_allclose(terrain.height_m, HEIGHTS, atol=1e-3)
+            assert "undeclared" in terrain.name and "1 voids filled" in terrain.name
+    written[5, 7] = 55555.0
+    with pytest.raises(TerrainError, match=r"A value that marks voids must be declared"):
+        read_terrain(write_netcdf(tmp_path / "b.nc", written, units=unit))
+
+
+@pytest.mark.parametrize("shape", [(601, 601), (25, 25), (3601, 1801)])
+def test_a_tile_of_any_size_is_one_degree(tmp_path, shape):
+    rows, columns = np.indices(shape)
+    path = tmp_path / "s36w085.SRTM.hgt"
+    path.write_bytes((rows - columns).astype(">i2").tobytes())
+    terrain = read_terrain(path)
+    assert "void" not in terrain.name
+    assert terrain.latitudes_deg[[0, -1]] == pytest.approx([-36.0, -35.0])
+    assert terrain.longitudes_deg[[0, -1]] == pytest.approx([-85.0, -84.0])
+    np.testing.assert_array_equal(terrain.height_m, (rows - columns)[::-1])
+
+
+def test_the_void_of_tiles_is_declared_by_their_format(tmp_path):
+    heights = np.full((25, 25), 100, dtype=">i2")
+    heights[10, 12] = -32768
+    (tmp_path / "N36E007.hgt").write_bytes(heights.tobytes())
+    terrain = read_terrain(tmp_path / "N36E007.hgt")
+    assert "1 voids filled" in terrain.name and "undeclared" not in terrain.name
+    np.testing.assert_allclose(terrain.height_m, 100.0)
+
+
+def test_a_tile_without_a_place_is_refused_with_the_rule(tmp_path):
+    (tmp_path / "mini.hgt").write_bytes(bytes(2 * 601**2))
+    with pytest.raises(TerrainError, match=r"begins with its south-western corner, as N36W085.hgt"):
+        read_terrain(tmp_path / "mini.hgt")
+
+
+@pytest.mark.parametrize("driver", ["GSAG", "GSBG", "GS7BG"])
+def test_grids_of_surfer(tmp_path, driver):
+    write_raster(tmp_path / "a.tif", HEIGHTS)
+    rasterio.shutil.copy(tmp_path / "a.tif", tmp_path / "a.grd", driver=driver)
+    np.testing.assert_allclose(read_terrain(tmp_path / "a.grd").height_m, HEIGHTS, atol=1e-3)
+
+
+def test_a_grid_of_geosoft_is_to_be_exported(tmp_path):
+    head = struct.pack("<5i", 4, 1, 16, 12, 1)
+    (tmp_path / "a.grd").write_bytes(head + bytes(512 + 4 * 192 - len(head)))
+    with pytest.raises(TerrainError, match=r"is a Geosoft grid, .* as GeoTIFF or as a Surfer grid"):
+        read_terrain(tmp_path / "a.grd")
+
+
+def test_a_grid_of_gmt_3_is_named(tmp_path):
+    data = {"x_range": ("side", [7.0, 8.5]), "y_range": ("side", [45.0, 46.1])}
+    data |= {"dimension": ("side", [16, 12]), "z": ("xysize", HEIGHTS.ravel())}
+    xarray.Dataset(data).to_netcdf(tmp_path / "a.grd", engine="scipy")
+    with pytest.raises(TerrainError, match=r"format of GMT 3, .* 'gmt grdconvert a.grd=cf new.nc'"):
+        read_terrain(tmp_path / "a.grd")
+
+
+def test_a_missing_database_of_proj_is_named(tmp_path):
+    """With the variable of another installation; a process of its own, as PROJ reads it once."""
+    path = write_raster(tmp_path / "a.tif", HEIGHTS, crs="EPSG:32632", step=100.0)
+    code = f"from ggbench.gravity.terrain_files import *; read_terrain(Path({str(path)!r}))"
+    for variable, value in (("PROJ_LIB", str(tmp_path)), ("PROJ_DATA", "/elsewhere")):
+        environment = {k: v for k, v in os.environ.items() if k not in ("PROJ_LIB", "PROJ_DATA")}
+        ended = subprocess.run(
+            [sys.executable, "-c", code], env=environment | {variable: value},
+            capture_output=True, text=True, check=False,
+        )  # fmt: skip
+        assert "PROJ's database proj.db, which is not found" in ended.stderr
+        assert f"{variable} = {value!r} leads to another installation: unset it" in ended.stderr
