@@ -46,6 +46,8 @@ class GravityGrid:
     latitude_step_deg, longitude_step_deg : distances between nodes, positive [deg].
     values : (n_lat, n_lon), from south to north, undulation [m] or gravity [m/s²].
     height_m : above the ellipsoid, where the values hold [m]; 0 for a geoid.
+    is_height_anomaly : whether a geoid's file says that it holds height anomalies.
+    remarks : what was assumed or done when it was read.
     """
 
     kind: str
@@ -55,6 +57,8 @@ class GravityGrid:
     longitude_step_deg: float
     values: Array
     height_m: float = 0.0
+    is_height_anomaly: bool = False
+    remarks: tuple[str, ...] = ()
 
     @property
     def latitude_deg(self) -> Array:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,13 @@ from scipy.ndimage import gaussian_filter
 
 from ..gravity.gradient_map import MapError
 from ..gravity.meridians import Area, rolled, turns
+from ..gravity.rasters import read_raster
+from ..gravity.regular_grid import is_netcdf, refuse_old_gmt
 from ..gravity.remove_restore import GravityGrid, linear_weights
+from ..gravity.terrain import TerrainError
+from ..gravity.units import GEOID, GRAVITY, Units
+from ..gravity.voids import marks_removed
+from .icgem_grid import read_icgem
 from .shipped_regions import read_arrays
 
 if TYPE_CHECKING:
@@ -20,14 +27,22 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.floating]
 
-_TO_SI = {
-    "mgal": 1e-5, "ugal": 1e-8, "µgal": 1e-8, "m/s2": 1.0, "m/s^2": 1.0, "m s-2": 1.0,
-    "m s^-2": 1.0, "m/s**2": 1.0,
-}  # fmt: skip
-_METRES = {"m", "metre", "metres", "meter", "meters"}
-_LARGEST = {"geoid": 150.0, "anomaly": 0.02, "disturbance": 0.02}  # [m], [m/s²]
+_UNITS = {"geoid": GEOID, "anomaly": GRAVITY, "disturbance": GRAVITY}
 _FEWEST = 16  # nodes per axis
 _ON_NODE = 1e-6  # of a step: a bound that rounding puts next to a node
+_REDUCED = re.compile(r"bouguer|isostatic", re.IGNORECASE)
+_HEIGHT_ANOMALY = re.compile(r"height[ _]?anomal|quasi[ _-]?geoid", re.IGNORECASE)
+
+
+class _Read(NamedTuple):
+    """What a file holds: axes [deg] in any order, values in SI units, NaN for gaps."""
+
+    latitude: Array
+    longitude: Array
+    values: Array
+    remarks: tuple[str, ...] = ()
+    height_m: float | None = None
+    is_height_anomaly: bool = False
 
 
 def read_grid(
@@ -35,11 +50,12 @@ def read_grid(
 ) -> GravityGrid:
     """Return the grid in a netCDF file (also GMT's), a raster, a ``.gdf`` or an ``.npz`` file.
 
-    A netCDF file has one variable on latitude x longitude; its attribute ``units`` is m for a geoid
-    and mGal or m/s² for gravity, in which mGal is taken when nothing is said. A raster (GeoTIFF,
-    ESRI ASCII) is one of m or mGal. A ``.gdf`` file of ICGEM's calculation service
-    says itself what unit and height it has. An ``.npz`` file has ``lat0``, ``lon0``, ``step``
-    [deg] and ``N_1e4m`` [1e-4 m], a geoid.
+    A netCDF file has one variable on latitude x longitude. Its attribute ``units``, and the unit of
+    a raster's band, is m for a geoid and mGal, µGal, Gal or m/s² for gravity, in which mGal is
+    assumed when nothing is said. A raster is of any format that GDAL reads: GeoTIFF, ESRI ASCII,
+    GTX, ISG, BYN, Surfer. A ``.gdf`` file of ICGEM's calculation service says itself what quantity,
+    unit and height it has. An ``.npz`` file has ``lat0``, ``lon0``, ``step`` [deg] and ``N_1e4m``
+    [1e-4 m], a geoid.
 
     Parameters
     ----------
@@ -59,17 +75,17 @@ def read_grid(
         path.open("rb").close()
     except OSError as error:
         raise MapError(f"cannot read the grid {path}: {error.strerror}") from None
-    if path.suffix == ".npz":
-        latitude, longitude, values = _from_archive(path, kind)
-    elif path.suffix == ".gdf":
-        latitude, longitude, values, own_height = _from_gdf(path, kind)
-        if height_m not in (0.0, own_height):
-            raise MapError(f"{path} holds at {own_height:g} m, not at --grid-height {height_m:g}.")
-        height_m = own_height
-    elif path.suffix in (".tif", ".tiff", ".asc"):
-        latitude, longitude, values = _from_raster(path, kind, area)
-    else:
-        latitude, longitude, values = _from_netcdf(path, kind)
+    try:
+        read = _read(path, kind, area)
+    except TerrainError as error:
+        raise MapError(str(error)) from None
+    if read.height_m is not None:
+        if height_m not in (0.0, read.height_m):
+            raise MapError(
+                f"{path} holds at {read.height_m:g} m, not at --grid-height {height_m:g}."
+            )
+        height_m = read.height_m
+    latitude, longitude, values = read[:3]
     longitude = np.unwrap(longitude, period=360.0)
     latitude, values = _ascending(latitude, values, 0)
     longitude, values = _ascending(longitude, values, 1)
@@ -87,16 +103,26 @@ def read_grid(
             f"at {latitude[row]:.5g}° N, {longitude[column]:.5g}° E; fill them, or build a map of "
             "a part without them, by its bounds."
         )
-    if np.abs(values).max() > _LARGEST[kind]:
+    largest = _UNITS[kind].highest
+    if np.abs(values).max() > largest:
         unit = "m" if kind == "geoid" else "m/s²"
         raise MapError(
             f"{path} has values up to {np.abs(values).max():g} {unit}, which no {kind} grid can "
-            f"have (at most {_LARGEST[kind]:g} {unit}): is it another quantity, or another unit?"
+            f"have (at most {largest:g} {unit}): is it another quantity, another unit, or a mark "
+            "of gaps that the file does not declare?"
         )
     if longitude[0] >= 180.0:
         longitude = longitude - 360.0
     return GravityGrid(
-        kind, float(latitude[0]), float(longitude[0]), step_lat, step_lon, values, height_m
+        kind,
+        float(latitude[0]),
+        float(longitude[0]),
+        step_lat,
+        step_lon,
+        values,
+        height_m,
+        is_height_anomaly=read.is_height_anomaly,
+        remarks=read.remarks,
     )
 
 
@@ -132,7 +158,19 @@ def elevation_at(grid: GravityGrid, terrain: Terrain) -> Array:
     return elevation
 
 
-def _from_archive(path: Path, kind: str) -> tuple[Array, Array, Array]:
+def _read(path: Path, kind: str, area: Area | None) -> _Read:
+    """Return what a file holds, by its suffix or else by its first bytes."""
+    suffix = path.suffix.lower()
+    if suffix == ".npz":
+        return _from_archive(path, kind)
+    if suffix == ".gdf":
+        return _from_gdf(path, kind)
+    if suffix == ".nc" or is_netcdf(path):
+        return _from_netcdf(path, kind)
+    return _from_raster(path, kind, area)
+
+
+def _from_archive(path: Path, kind: str) -> _Read:
     if kind != "geoid":
         raise MapError(f"{path}: an .npz file holds a geoid; for gravity give a netCDF file.")
     try:
@@ -144,7 +182,7 @@ def _from_archive(path: Path, kind: str) -> tuple[Array, Array, Array]:
         raise MapError(
             f"{path} holds no geoid: {error}; it must hold the arrays lat0, lon0, step and N_1e4m."
         ) from None
-    return south + step * np.arange(n_lat), west + step * np.arange(n_lon), values
+    return _Read(south + step * np.arange(n_lat), west + step * np.arange(n_lon), values)
 
 
 def _cut_elsewhere(longitude: Array, values: Array, area: Area) -> tuple[Array, Array]:
@@ -174,17 +212,18 @@ def _cropped(
     return latitude[parts[0]], longitude[parts[1]], values[parts[0], parts[1]]
 
 
-def _from_raster(path: Path, kind: str, area: Area | None) -> tuple[Array, Array, Array]:
-    from ..gravity.terrain_files import read_terrain
+def _from_raster(path: Path, kind: str, area: Area | None) -> _Read:
+    grid = read_raster(path, area, _UNITS[kind])
+    n_lat, n_lon = grid.values.shape
+    return _Read(
+        grid.south + grid.latitude_step * np.arange(n_lat),
+        grid.west + grid.longitude_step * np.arange(n_lon),
+        grid.values,
+        _named(path, *grid.remarks),
+    )
 
-    raster = read_terrain(path, area)
-    values = np.asarray(raster.height_m, dtype=float)
-    latitude = raster.south_deg + raster.latitude_step_deg * np.arange(values.shape[0])
-    longitude = raster.west_deg + raster.longitude_step_deg * np.arange(values.shape[1])
-    return latitude, longitude, values * (1.0 if kind == "geoid" else _TO_SI["mgal"])
 
-
-def _from_netcdf(path: Path, kind: str) -> tuple[Array, Array, Array]:
+def _from_netcdf(path: Path, kind: str) -> _Read:
     import xarray
 
     try:
@@ -193,6 +232,7 @@ def _from_netcdf(path: Path, kind: str) -> tuple[Array, Array, Array]:
     except Exception as error:
         reason = str(error).split("\n", maxsplit=1)[0].split(". Consider", maxsplit=1)[0]
         raise MapError(f"{path} is no grid that can be read as netCDF: {reason}") from None
+    refuse_old_gmt(dataset, path.name)
     names = {name: _axis_name(dataset, name) for name in ("latitude", "longitude")}
     dims = tuple(names.values())
     grids = [
@@ -208,44 +248,44 @@ def _from_netcdf(path: Path, kind: str) -> tuple[Array, Array, Array]:
             f"{', '.join(map(str, grids)) or 'none'}."
         )
     variable: Any = dataset[grids[0]].squeeze().transpose(*dims)
-    units = str(variable.attrs.get("units", "")).strip().lower()
-    values = variable.to_numpy().astype(float) * _factor(path, kind, units)
-    latitude, longitude = (dataset[name].to_numpy().astype(float) for name in dims)
-    return latitude, longitude, values
-
-
-def _from_gdf(path: Path, kind: str) -> tuple[Array, Array, Array, float]:
-    """Also the height above the ellipsoid at which the values hold [m]."""
-    text = path.read_text(errors="replace")
-    head, _, body = text.partition("end_of_head")
-    header = {words[0]: words[1] for words in map(str.split, head.splitlines()) if len(words) > 1}
-    try:
-        rows = np.loadtxt(body.splitlines()[1:], ndmin=2)
-        shape = int(header["latitude_parallels"]), int(header["longitude_parallels"])
-        grid = rows.reshape(*shape, rows.shape[1])
-        height = float(header.get("height_over_ell", 0.0)) if kind != "geoid" else 0.0
-        gap = float(header.get("gapvalue", "nan"))
-    except (ValueError, KeyError, IndexError) as error:
-        raise MapError(f"{path} is no grid of ICGEM's format: {error}.") from None
-    if grid.shape[2] != 3 and kind != "geoid":
+    called = " ".join(
+        [str(grids[0]), *(str(variable.attrs.get(k, "")) for k in ("long_name", "standard_name"))]
+    )
+    if kind != "geoid" and _REDUCED.search(called):
         raise MapError(
-            f"{path} has values at heights that vary, on the topography; they must hold at one "
-            "height above the ellipsoid."
+            f"{path} holds {called.strip()!r}; free-air anomalies or disturbances are allowed: "
+            "others lack the attraction of the rock."
         )
-    values = np.where(grid[:, :, -1] == gap, np.nan, grid[:, :, -1])
-    values *= _factor(path, kind, header.get("unit", "").lower())
-    return grid[:, 0, 1], grid[0, :, 0], values, height
+    unit = str(variable.attrs.get("units", ""))
+    values, remarks = _in_si(path, variable.to_numpy().astype(float), unit, _UNITS[kind])
+    latitude, longitude = (dataset[name].to_numpy().astype(float) for name in dims)
+    is_height_anomaly = kind == "geoid" and _HEIGHT_ANOMALY.search(called) is not None
+    return _Read(latitude, longitude, values, remarks, None, is_height_anomaly)
 
 
-def _factor(path: Path, kind: str, units: str) -> float:
-    """SI units per unit of a file: nothing said is m or mGal."""
-    allowed = dict.fromkeys(_METRES, 1.0) if kind == "geoid" else _TO_SI
-    if units and units not in allowed:
-        best = (
-            "a geoid must be in 'm'" if kind == "geoid" else "gravity must be in 'mGal' or 'm/s2'"
-        )
-        raise MapError(f"{path} has units {units!r}; {best}.")
-    return allowed[units or ("m" if kind == "geoid" else "mgal")]
+def _from_gdf(path: Path, kind: str) -> _Read:
+    grid = read_icgem(path, kind)
+    values, remarks = _in_si(path, grid.values, grid.unit, _UNITS[kind])
+    return _Read(
+        grid.latitude,
+        grid.longitude,
+        values,
+        (*remarks, *filter(None, [grid.remark])),
+        grid.height_m,
+        grid.is_height_anomaly,
+    )
+
+
+def _in_si(path: Path, written: Array, unit: str, units: Units) -> tuple[Array, tuple[str, ...]]:
+    """Values in SI units, NaN for marks of gaps, and what to say of them."""
+    factor, of_unit = units.factor(unit, path.name)
+    values, of_marks = marks_removed(written, written * factor, units)
+    return values, _named(path, of_unit, of_marks)
+
+
+def _named(path: Path, *remarks: str) -> tuple[str, ...]:
+    """Remarks that name their file."""
+    return tuple(f"{path.name}: {remark}" for remark in remarks if remark)
 
 
 def _axis_name(dataset: Any, wanted: str) -> str | None:

@@ -197,14 +197,20 @@ class _Sources:
         grid = read_grid(path, inputs.grid_kind, inputs.grid_height_m, area)
         if inputs.grid_kind == "geoid" and inputs.grid_height_m != 0.0:
             raise MapError("--grid-height is for gravity: a geoid holds at the ellipsoid.")
+        self.remarks += grid.remarks
         word = f"{inputs.grid_kind} grid {path.name} less the harmonics"
+        if grid.is_height_anomaly and inputs.land_correction:
+            raise MapError(
+                f"{path} holds height anomalies: leave out --land-correction, which makes them of "
+                "a geoid."
+            )
         if inputs.land_correction:
             sides = grid.latitude_deg[[0, -1]].tolist(), grid.longitude_deg[[0, -1]].tolist()
             terrain = self._read_terrain(inputs.land_correction, Area(*sides[0], *sides[1]))
             values = height_anomaly(grid.values, elevation_at(grid, terrain))
             grid = dataclasses.replace(grid, values=values)
             word += f", land correction with {inputs.land_correction.name}"
-        elif inputs.grid_kind == "geoid":
+        elif inputs.grid_kind == "geoid" and not grid.is_height_anomaly:
             self.remarks.append(
                 "the geoid is taken for the height anomaly; on land --land-correction makes it so"
             )

@@ -138,7 +138,7 @@ def test_a_grid_of_icgem_says_itself_where_it_holds():
     words = ["build", "-o", "map.nc", "--disturbance", "grid.gdf", *BOX]
     assert "at least 2000 m is allowed" in run(*words, "--lowest", 1000, code=2)
     assert "holds at 2000 m, not at" in run(*words, "--grid-height", 1000, code=2)
-    assert "a geoid must be in 'm'" in run(*words[:3], "--geoid", "grid.gdf", code=2)
+    assert "a geoid in 'mgal'; metres" in run(*words[:3], "--geoid", "grid.gdf", code=2)
     write("grid.gdf", "178.0")
     assert "heights that vary" in run(*words, code=2)
     Path("grid.gdf").write_text("\n".join([*head, "103.0 38.0 x"]))
@@ -245,7 +245,7 @@ BAD = {
     "small terrain": (["--coefficients", "model.gfc", "--terrain", DEM], "less than one wave"),
     "grid and terrain": (["--geoid", GEOID, "--terrain", RELIEF], "needs --terrain-from-degree"),
     "archive": (["--anomaly", GEOID], "an .npz file holds a geoid"),
-    "units": (["--geoid", "gravity.nc"], "has units 'mgal'; a geoid must be in 'm'"),
+    "units": (["--geoid", "gravity.nc"], "has a geoid in 'mGal'; metres or feet are allowed"),
     "huge values": (["--anomaly", "huge.nc"], "which no anomaly grid can have"),
     "gaps": (["--anomaly", "gaps.nc"], "gaps.nc has gaps"),
     "small grid": (["--anomaly", "gravity.nc"], "nothing is left"),

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
+import struct
 
 import netCDF4
 import numpy as np
 import pytest
+import rasterio
+import rasterio.shutil
 import xarray
 from grids import write_grid
+from rasterio.transform import from_origin
 
 from ggbench.gravity.gradient_map import MapError
 from ggbench.gravity.meridians import Area
@@ -67,6 +71,183 @@ def test_a_raster_is_in_metres_or_milligal(kind, unit, tmp_path):
     grid = read_grid(path, kind)
     np.testing.assert_allclose(grid.values, 12.0 * unit)
     assert (grid.south_deg, grid.west_deg) == pytest.approx((40.05, 5.05))
+
+
+def write_raster(path, values, unit=""):
+    """A GeoTIFF of 20 by 24 nodes, from 45° N and 7° E on."""
+    with rasterio.open(
+        path, "w", driver="GTiff", count=1, dtype=values.dtype, crs="EPSG:4326", height=20,
+        width=24, transform=from_origin(6.95, 46.95, 0.1, 0.1),
+    ) as dataset:  # fmt: skip
+        dataset.write(values[::-1], 1)
+        if unit:
+            dataset.units = [unit]
+    return path
+
+
+VALUES = np.add.outer(np.arange(20.0), 0.1 * np.arange(24.0))
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor"),
+    [
+        ("mGal", 1e-5), ("MGAL", 1e-5), ("µGal", 1e-8), ("\u03bcGal", 1e-8), ("uGal", 1e-8),
+        ("Gal", 1e-2), ("m/s²", 1.0), ("m/s^2", 1.0), ("m s-2", 1.0),
+    ],
+)  # fmt: skip
+def test_the_unit_of_gravity_is_the_one_of_the_file(unit, factor, tmp_path):
+    """In rasters and netCDF alike, without a remark that something was assumed."""
+    written = VALUES * 1e-5 / factor
+    write_grid(tmp_path / "a.nc", "g", unit, written, 45.0, 7.0, 0.1)
+    for path in (write_raster(tmp_path / "a.tif", written, unit), tmp_path / "a.nc"):
+        grid = read_grid(path, "anomaly")
+        np.testing.assert_allclose(grid.values, 1e-5 * VALUES, rtol=1e-6)
+        assert (grid.south_deg, grid.west_deg) == pytest.approx((45.0, 7.0))
+        assert not any("assumed" in remark for remark in grid.remarks)
+
+
+@pytest.mark.parametrize("unit", ["ft", "m", "mm", "E"])
+def test_what_is_no_unit_of_gravity_is_refused_by_name(unit, tmp_path):
+    write_grid(tmp_path / "a.nc", "g", unit, VALUES, 45.0, 7.0, 0.1)
+    for path in (write_raster(tmp_path / "a.tif", VALUES, unit), tmp_path / "a.nc"):
+        with pytest.raises(MapError, match=f"gravity in '{unit}'; mGal, µGal, Gal or m/s² are"):
+            read_grid(path, "disturbance")
+
+
+def test_gravity_without_a_unit_is_said_to_be_milligal(tmp_path):
+    write_grid(tmp_path / "a.nc", "g", "", VALUES, 45.0, 7.0, 0.1)
+    for path in (write_raster(tmp_path / "a.tif", VALUES), tmp_path / "a.nc"):
+        grid = read_grid(path, "anomaly")
+        np.testing.assert_allclose(grid.values, 1e-5 * VALUES)
+        assert grid.remarks == (f"{path.name}: no unit given, mGal assumed",)
+        assert read_grid(path, "geoid").remarks == ()
+
+
+def test_undeclared_marks_of_gaps_are_gaps(tmp_path):
+    """And 9999 µGal is gravity, of 10 mGal."""
+    for mark, unit, gap in ((9999.0, "mGal", True), (9999.0, "µGal", False), (3e38, "µGal", True)):
+        values = VALUES.copy()
+        values[3, 4] = mark
+        write_grid(tmp_path / "a.nc", "g", unit, values, 45.0, 7.0, 0.1)
+        if gap:
+            with pytest.raises(MapError, match="has gaps: 1 nodes"):
+                read_grid(tmp_path / "a.nc", "anomaly")
+        else:
+            assert read_grid(tmp_path / "a.nc", "anomaly").values[3, 4] == pytest.approx(9.999e-5)
+
+
+def write_byn(path):
+    """Canada's format: a header of 80 bytes, bounds in seconds, then integers from the north."""
+    south, north, west, east, step = (round(3600 * x) for x in (45.0, 46.9, 7.0, 9.3, 0.1))
+    head = struct.pack(
+        "<4i4hd8h2d2hfh6x", south, north, west, east, step, step, 0, 1, 1000.0, 4, 0, 0, 0, 0, 1,
+        0, 0, 0.0, 0.0, 0, 0, 0.0, 0,
+    )  # fmt: skip
+    path.write_bytes(head + np.rint(1000 * VALUES[::-1]).astype(">i4").tobytes())
+
+
+@pytest.mark.parametrize(
+    ("driver", "name"),
+    [("GTX", "a.gtx"), ("GSAG", "a.grd"), ("GSBG", "a.grd"), ("GS7BG", "a.grd"), ("BYN", "a.byn")],
+)
+def test_grids_of_other_programs(driver, name, tmp_path):
+    """Whatever GDAL reads is a geoid or gravity."""
+    if driver == "BYN":
+        write_byn(tmp_path / name)
+    else:
+        write_raster(tmp_path / "a.tif", VALUES.astype(np.float32))
+        rasterio.shutil.copy(tmp_path / "a.tif", tmp_path / name, driver=driver)
+    for kind, unit in (("geoid", 1.0), ("anomaly", 1e-5)):
+        grid = read_grid(tmp_path / name, kind)
+        np.testing.assert_allclose(grid.values, VALUES * unit, rtol=1e-5, atol=1e-12)
+        assert (grid.south_deg, grid.west_deg) == pytest.approx((45.0, 7.0))
+
+
+def test_a_geoid_of_the_international_service(tmp_path):
+    """ISG 1.0: a header of words, then rows from north to south."""
+    head = [
+        "begin_of_head", "model name : made", "model type : gravimetric", "units : meters",
+        "reference : WGS84", "lat min = 44.95", "lat max = 46.95", "lon min = 6.95",
+        "lon max = 9.35", "delta lat = 0.10", "delta lon = 0.10", "nrows = 20", "ncols = 24",
+        "nodata = -9999.0000", "ISG format = 1.0", "end_of_head",
+    ]  # fmt: skip
+    rows = [" ".join(f"{value:.4f}" for value in row) for row in VALUES[::-1]]
+    (tmp_path / "a.isg").write_text("\n".join([*head, *rows, ""]))
+    grid = read_grid(tmp_path / "a.isg", "geoid")
+    np.testing.assert_allclose(grid.values, VALUES)
+    assert (grid.south_deg, grid.west_deg) == pytest.approx((45.0, 7.0))
+    with pytest.raises(MapError, match="has gravity in 'meters'; mGal"):
+        read_grid(tmp_path / "a.isg", "anomaly")
+
+
+def test_what_is_no_grid_at_all_is_refused(tmp_path):
+    (tmp_path / "a.docx").write_bytes(b"not a grid")
+    with pytest.raises(MapError, match=r"a.docx cannot be read as a raster"):
+        read_grid(tmp_path / "a.docx", "geoid")
+
+
+def test_grids_that_must_be_converted_first_are_named(tmp_path):
+    """Geosoft's, and those of GMT 3, which are a single row of values."""
+    (tmp_path / "a.grd").write_bytes(struct.pack("<5i", 4, 1, 24, 20, 1) + bytes(2412))
+    with pytest.raises(MapError, match=r"is a Geosoft grid, .* as GeoTIFF or as a Surfer grid"):
+        read_grid(tmp_path / "a.grd", "anomaly")
+    data = {"x_range": ("side", [7.0, 9.3]), "y_range": ("side", [45.0, 46.9])}
+    data |= {"dimension": ("side", [24, 20]), "z": ("xysize", VALUES.ravel())}
+    xarray.Dataset(data).to_netcdf(tmp_path / "b.grd", engine="scipy")
+    with pytest.raises(MapError, match=r"in the format of GMT 3, without coordinates; convert it"):
+        read_grid(tmp_path / "b.grd", "anomaly")
+
+
+def write_icgem(path, functional, unit):
+    """A file of ICGEM's calculation service, of a constant 5."""
+    head = ["latitude_parallels 16", "longitude_parallels 16", f"unit {unit}"]
+    head += [f"functional {functional}"] if functional else []
+    rows = [f"{100 + 0.1 * j:.1f} {20 - 0.1 * i:.1f} 5.0" for i in range(16) for j in range(16)]
+    path.write_text("\n".join([*head, "end_of_head ==", *rows]))
+    return path
+
+
+KINDS = {
+    "geoid": "geoid", "height_anomaly": "geoid", "height_anomaly_ell": "geoid",
+    "gravity_anomaly": "anomaly", "gravity_anomaly_cl": "anomaly", "gravity_anomaly_sa": "anomaly",
+    "gravity_disturbance": "disturbance", "gravity_disturbance_sa": "disturbance",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("functional", KINDS)
+@pytest.mark.parametrize("kind", ["geoid", "anomaly", "disturbance"])
+def test_a_header_of_icgem_contradicts_the_option(functional, kind, tmp_path):
+    """A disturbance is no anomaly, whatever the user says; height anomalies need no correction."""
+    right = KINDS[functional]
+    path = write_icgem(tmp_path / "a.gdf", functional, "meter" if right == "geoid" else "mgal")
+    if kind == right:
+        grid = read_grid(path, kind)
+        assert grid.remarks == ()
+        assert grid.is_height_anomaly == functional.startswith("height_anomaly")
+    else:
+        message = f"says functional {functional}, which is no {kind}: give the file as --{right}"
+        with pytest.raises(MapError, match=message):
+            read_grid(path, kind)
+
+
+@pytest.mark.parametrize("kind", ["geoid", "anomaly", "disturbance"])
+def test_other_functionals_of_icgem_are_refused_by_name(kind, tmp_path):
+    """Bouguer anomalies above all, and topography, which has the unit of a geoid."""
+    bouguer = write_icgem(tmp_path / "a.gdf", "gravity_anomaly_bg", "mgal")
+    with pytest.raises(
+        MapError, match=r"gravity_anomaly_bg, of which no map .* \(Bouguer anomalies"
+    ):
+        read_grid(bouguer, kind)
+    with pytest.raises(MapError, match=r"topography_grd, of which no map can be made; allowed"):
+        read_grid(write_icgem(tmp_path / "b.gdf", "topography_grd", "meter"), kind)
+    silent = write_icgem(tmp_path / "c.gdf", "", "m" if kind == "geoid" else "mgal")
+    assert read_grid(silent, kind).remarks == (f"c.gdf names no functional: taken as --{kind}",)
+
+
+def test_bouguer_anomalies_in_netcdf_are_refused(tmp_path):
+    write_grid(tmp_path / "a.nc", "bouguer_anomaly", "mGal", VALUES, 45.0, 7.0, 0.1)
+    with pytest.raises(MapError, match="holds 'bouguer_anomaly'; free-air anomalies"):
+        read_grid(tmp_path / "a.nc", "anomaly")
 
 
 STEP = 0.01

@@ -12,6 +12,7 @@ from grids import write_grid
 from random_harmonics import write_gfc
 
 from ggbench.gravity.ellipsoid import SEMI_MAJOR_AXIS
+from ggbench.gravity.gradient_map import MapError
 from ggbench.gravity.harmonics import gravity_and_gradient, without_normal_field
 from ggbench.maps.gravity_model import read_model
 from ggbench.maps.nodes import Wishes
@@ -75,3 +76,23 @@ def test_harmonics_of_higher_degree_need_less_of_a_grids_edge(coefficients, tmp_
         edges[degree] = float(nodes.latitude_deg[0]) - 36.0
     assert edges[60] == pytest.approx(edges[120])  # never more than what was measured to be enough
     assert edges[240] == pytest.approx(0.5 * edges[120], abs=0.1)
+
+
+def test_what_was_assumed_of_a_grid_is_said(tmp_path):
+    """A grid of gravity without a unit, and a geoid that is taken for the height anomaly."""
+    path = tmp_path / "grid.nc"
+    write_grid(path, "gravity", "", np.zeros((101, 101)), 36.0, 2.0, 0.1)
+    made = plan(Inputs(grid=path, grid_kind="anomaly", max_degree=60), BOX, "test")
+    assert "grid.nc: no unit given, mGal assumed" in made.remarks
+    made = plan(Inputs(grid=geoid_of_nothing(tmp_path), max_degree=60), BOX, "test")
+    assert any("taken for the height anomaly" in remark for remark in made.remarks)
+
+
+def test_height_anomalies_need_no_correction_of_land(tmp_path):
+    """Nothing advises it, and it is refused, as it would be made twice."""
+    path = tmp_path / "grid.nc"
+    write_grid(path, "height_anomaly", "m", np.zeros((101, 101)), 36.0, 2.0, 0.1)
+    made = plan(Inputs(grid=path, max_degree=60), BOX, "test")
+    assert not any("land-correction" in remark for remark in made.remarks)
+    with pytest.raises(MapError, match="holds height anomalies: leave out --land-correction"):
+        plan(Inputs(grid=path, max_degree=60, land_correction=path), BOX, "test")

@@ -1,0 +1,103 @@
+"""Grids of ICGEM's calculation service: a header that says what they hold, then rows of nodes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..gravity.gradient_map import MapError
+
+Array = NDArray[np.floating]
+
+_KINDS = {
+    **dict.fromkeys(("geoid", "height_anomaly", "height_anomaly_ell"), "geoid"),
+    **dict.fromkeys(("gravity_anomaly", "gravity_anomaly_cl", "gravity_anomaly_sa"), "anomaly"),
+    **dict.fromkeys(("gravity_disturbance", "gravity_disturbance_sa"), "disturbance"),
+}
+"""What a map can be made of, by ICGEM's names of functionals."""
+
+
+class IcgemGrid(NamedTuple):
+    """A grid as it is in the file.
+
+    Attributes
+    ----------
+    latitude, longitude : of the nodes (n_lat,), (n_lon,) [deg].
+    values : (n_lat, n_lon), NaN for gaps.
+    unit : of the values, empty if the header names none.
+    height_m : above the ellipsoid, where gravity holds.
+    is_height_anomaly : whether the header says so.
+    remark : what to say of the header, or empty.
+    """
+
+    latitude: Array
+    longitude: Array
+    values: Array
+    unit: str
+    height_m: float
+    is_height_anomaly: bool
+    remark: str
+
+
+def read_icgem(path: Path, kind: str) -> IcgemGrid:
+    """Return the grid in a ``.gdf`` file.
+
+    Parameters
+    ----------
+    path : of the file.
+    kind : ``geoid``, ``anomaly`` or ``disturbance``, as the user says.
+
+    Raises
+    ------
+    MapError
+        If it is no such file, or its header says that it holds another quantity.
+    """
+    text = path.read_text(errors="replace")
+    head, _, body = text.partition("end_of_head")
+    header = {words[0]: words[1] for words in map(str.split, head.splitlines()) if len(words) > 1}
+    functional = header.get("functional", "").lower()
+    _require_kind(path, functional, kind)
+    try:
+        rows = np.loadtxt(body.splitlines()[1:], ndmin=2)
+        shape = int(header["latitude_parallels"]), int(header["longitude_parallels"])
+        grid = rows.reshape(*shape, rows.shape[1])
+        height = float(header.get("height_over_ell", 0.0)) if kind != "geoid" else 0.0
+        gap = float(header.get("gapvalue", "nan"))
+    except (ValueError, KeyError, IndexError) as error:
+        raise MapError(f"{path} is no grid of ICGEM's format: {error}.") from None
+    if grid.shape[2] != 3 and kind != "geoid":
+        raise MapError(
+            f"{path} has values at heights that vary, on the topography; they must hold at one "
+            "height above the ellipsoid."
+        )
+    return IcgemGrid(
+        latitude=grid[:, 0, 1],
+        longitude=grid[0, :, 0],
+        values=np.where(grid[:, :, -1] == gap, np.nan, grid[:, :, -1]),
+        unit=header.get("unit", ""),
+        height_m=height,
+        is_height_anomaly=functional.startswith("height_anomaly"),
+        remark="" if functional else f"{path.name} names no functional: taken as --{kind}",
+    )
+
+
+def _require_kind(path: Path, functional: str, kind: str) -> None:
+    """Raise MapError if a header's functional is not of the kind that the user says."""
+    found = _KINDS.get(functional)
+    if not functional or found == kind:
+        return
+    if found is not None:
+        raise MapError(
+            f"{path}: its header says functional {functional}, which is no {kind}: give the file "
+            f"as --{found}."
+        )
+    reason = ""
+    if functional in ("gravity_anomaly_bg", "gravity_anomaly_csb"):
+        reason = " (Bouguer anomalies lack the attraction of the rock)"
+    raise MapError(
+        f"{path}: its header says functional {functional}, of which no map can be made{reason}; "
+        f"allowed are {', '.join(_KINDS)}."
+    )
