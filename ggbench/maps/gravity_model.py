@@ -1,16 +1,14 @@
 """Global gravity field models: files of spherical harmonic coefficients.
 
 The ``.gfc`` files of the International Centre for Global Earth Models (Barthelmes and Förste 2011),
-plain or compressed with gzip, and the ``.npz`` file that the package carries.
+plain or packed with gzip, zip or tar, and the ``.npz`` file that the package carries.
 """
 
 from __future__ import annotations
 
-import gzip
 import io
 import math
 import re
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,6 +17,7 @@ from numpy.typing import NDArray
 
 from ..gravity.gradient_map import MapError
 from ..gravity.harmonics import HarmonicCoefficients
+from .packed_files import unpacked
 from .shipped_regions import read_arrays
 
 MOST_DEGREE = 5600
@@ -31,11 +30,13 @@ _TIME_VARIABLE = {"gfct", "trnd", "dot", "acos", "asin"}
 _ZERO_TIDE_C20 = -4.1736e-9
 _TIDE_PARTS = {
     "tide_free": 0.0, "zero_tide": 1.0, "mean_tide": 1.3 / 0.3,
-    "unknown": 0.0, "does-not-apply": 0.0,
+    "unknown": 0.0, "does_not_apply": 0.0,
 }  # fmt: skip
+_APART = re.compile(r"[\s_-]+")  # of 'zero tide', 'zero-tide' and 'zero_tide'
 _ROW = [("key", "U6"), ("n", int), ("m", int), ("c", float), ("s", float)]
 _LEAST_ORDER = 0.95  # highest order, of the highest degree
-_HEADER_END = b"end_of_head"
+_HEADER_BEGIN, _HEADER_END = "begin_of_head", re.compile(rb"^[ \t]*end_of_head", re.MULTILINE)
+_NO_E = re.compile(rb"([\d.])([-+]\d{3})(?=\s|$)")  # Fortran's 1.09-101
 _MOST_HEADER = 2**20
 
 
@@ -54,7 +55,7 @@ class GravityModel:
 
 
 def read_model(path: Path, highest: int | None = None) -> GravityModel:
-    """Return the model in a ``.gfc`` file (perhaps ``.gz``) or in an ``.npz`` file.
+    """Return the model in a ``.gfc`` file, perhaps packed, or in an ``.npz`` file.
 
     An ``.npz`` file holds ``cs``, rows (C, S) for n = 0... and, within n, m = 0..n, ``gm`` [m³/s²]
     and ``r`` [m].
@@ -74,15 +75,10 @@ def read_model(path: Path, highest: int | None = None) -> GravityModel:
         content = path.read_bytes()
     except OSError as error:
         raise MapError(f"cannot read the coefficients {path}: {error.strerror}") from None
-    if content[:2] == b"\x1f\x8b":
-        try:
-            content = gzip.decompress(content)
-        except (OSError, EOFError, zlib.error) as error:
-            raise MapError(f"{path} is damaged: {error}") from None
     if path.suffix == ".npz":
         model = _from_arrays(path, content)
     else:
-        model = _from_text(path, content, highest)
+        model = _from_text(path, unpacked(path, content, ".gfc"), highest)
     whole = model.coefficients
     if highest is not None:
         if not 2 <= highest <= whole.degree:
@@ -112,24 +108,21 @@ def _from_arrays(path: Path, content: bytes) -> GravityModel:
 
 
 def _from_text(path: Path, content: bytes, highest: int | None) -> GravityModel:
-    end = content.find(_HEADER_END, 0, _MOST_HEADER)
-    if end < 0:
+    end = _HEADER_END.search(content, 0, _MOST_HEADER)
+    if end is None:
         raise MapError(
             f"{path} is no .gfc file of coefficients: it has no line 'end_of_head' that ends its "
             "header."
         )
-    header = _header(content[:end].decode(errors="replace"))
-    start = content.find(b"\n", end) + 1
-    if header.get("product_type", "gravity_field") != "gravity_field":
-        raise MapError(
-            f"{path}: product_type is {header['product_type']!r}; only 'gravity_field' is allowed."
-        )
-    norm = header.get("norm", _NORMS[0])
+    header = _header(content[: end.start()].decode(errors="replace"))
+    start = content.find(b"\n", end.end()) + 1 or len(content)
+    product = _first_word(header, "product_type", "gravity_field")
+    if product != "gravity_field":
+        raise MapError(f"{path}: product_type is {product!r}; only 'gravity_field' is allowed.")
+    norm = _first_word(header, "norm", _NORMS[0])
     if norm not in _NORMS:
         raise MapError(f"{path}: norm is {norm!r}; allowed: {', '.join(_NORMS)}.")
-    tide = header.get("tide_system", "unknown")
-    if tide not in _TIDE_PARTS:
-        raise MapError(f"{path}: tide_system is {tide!r}; allowed: {', '.join(_TIDE_PARTS)}.")
+    tide = _tide_part(path, header.get("tide_system", "unknown"))
     gm = _number(path, header, "earth_gravity_constant", "gravity_constant")
     radius = _number(path, header, "radius")
     declared = _number(path, header, "max_degree")
@@ -140,45 +133,64 @@ def _from_text(path: Path, content: bytes, highest: int | None) -> GravityModel:
         raise MapError(
             f"{path}: max_degree is {degree}; at most {MOST_DEGREE} can be used: ask for fewer."
         )
-    cosine, sine = _body(path, content[start:], degree, int(declared))
+    cosine, sine = _body(path, content, start, degree, int(declared))
     if norm == "unnormalized":
         _normalise(path, cosine, sine)
     cosine[0, 0] = cosine[0, 0] or 1.0
-    cosine[2, 0] -= _TIDE_PARTS[tide] * _ZERO_TIDE_C20
-    name = header.get("modelname", path.name)
+    cosine[2, 0] -= tide * _ZERO_TIDE_C20
+    name = _first_word(header, "modelname", path.name)
     return GravityModel(name, _checked(path, gm, radius, cosine, sine))
 
 
 def _header(text: str) -> dict[str, str]:
-    """First two words of each line of the header; the rest is for people."""
-    pairs = (line.split() for line in text.splitlines())
-    return {words[0].lower(): words[1] for words in pairs if len(words) > 1}
+    """Keys and what follows them on their lines, below the prose that may come first."""
+    pairs = (line.split(maxsplit=1) for line in text.rpartition(_HEADER_BEGIN)[2].splitlines())
+    return {words[0].lower(): words[1].strip() for words in pairs if len(words) > 1}
+
+
+def _first_word(header: dict[str, str], key: str, default: str) -> str:
+    """The value of a key; what follows it on the line is for people."""
+    return header[key].split()[0] if key in header else default
+
+
+def _tide_part(path: Path, said: str) -> float:
+    """Share of the permanent tide that C20 holds, for any spelling of a tide system."""
+    spelled = _APART.sub("_", said.lower())
+    for system, part in _TIDE_PARTS.items():
+        if spelled.startswith(system):
+            return part
+    raise MapError(f"{path}: tide_system is {said!r}; allowed: {', '.join(_TIDE_PARTS)}.")
 
 
 def _number(path: Path, header: dict[str, str], *keys: str) -> float:
     for key in keys:
         if key in header:
-            if re.fullmatch(_FLOAT, header[key]):
-                return float(re.sub("[dD]", "e", header[key]))
-            raise MapError(f"{path}: {key} is {header[key]!r}, which is no number.")
+            word = _first_word(header, key, "")
+            if re.fullmatch(_FLOAT, word):
+                return float(re.sub("[dD]", "e", word))
+            raise MapError(
+                f"{path}: {key} is {header[key]!r}, which is no number; prose may come before a "
+                f"line '{_HEADER_BEGIN}' only."
+            )
     raise MapError(f"{path}: its header lacks {keys[0]}.")
 
 
 def _body(
-    path: Path, content: bytes, degree: int, declared: int
+    path: Path, content: bytes, start: int, degree: int, declared: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """C and S, (degree + 1, degree + 1), of the lines after the header."""
-    if not content.strip():
+    """C and S, (degree + 1, degree + 1), of the lines after the header, which ends at a byte."""
+    body = content[start:]
+    if not body.strip():
         raise MapError(f"{path} has a header, but no coefficients.")
     # Fortran's 1.0D-6; the keywords come back as they were, but for their d.
-    content = content.replace(b"D", b"E").replace(b"d", b"e")
+    body = body.replace(b"D", b"E").replace(b"d", b"e")
     try:
-        # Errors of the coefficients may follow the first five words, or not.
-        table = np.loadtxt(
-            io.BytesIO(content), dtype=_ROW, usecols=range(5), encoding="latin-1", ndmin=1
-        )
+        table = _table(body)
     except ValueError as error:
-        raise MapError(f"{path}: its coefficients cannot be read: {error}") from None
+        try:
+            table = _table(_NO_E.sub(rb"\1e\2", body))
+        except ValueError:
+            raise _bad_line(path, content, start, error) from None
     keys = set(np.unique(table["key"]).tolist())
     varying = sorted(key for key in _TIME_VARIABLE if key.replace("d", "e") in keys)
     if varying:
@@ -198,6 +210,14 @@ def _body(
             f"{path}: {line!r} is no coefficient: it must be gfc, degree up to {declared}, order "
             "up to the degree, C and S."
         )
+    # Without S, the error of C would be taken for it.
+    odd = (m == 0) & (values[:, 1] != 0.0)
+    if odd.any():
+        row = int(np.argmax(odd))
+        raise MapError(
+            f"{path}: 'gfc {n[row]} 0' has S = {values[row, 1]:g}, and S of order 0 is always 0: "
+            "is the column S missing? A line is gfc, degree, order, C and S."
+        )
     used = n <= degree
     n, m, values = n[used], m[used], values[used]
     count = np.zeros((degree + 1, degree + 1), dtype=np.int32)
@@ -206,6 +226,25 @@ def _body(
     cosine, sine = np.zeros((2, degree + 1, degree + 1))
     cosine[n, m], sine[n, m] = values.T
     return cosine, sine
+
+
+def _table(body: bytes) -> NDArray[np.void]:
+    """Lines as rows of key, n, m, C and S; errors of the coefficients may follow, or not."""
+    return np.loadtxt(io.BytesIO(body), dtype=_ROW, usecols=range(5), encoding="latin-1", ndmin=1)
+
+
+def _bad_line(path: Path, content: bytes, start: int, error: ValueError) -> MapError:
+    """An error that names the first line that is no coefficient."""
+    above = content[:start].count(b"\n")
+    number = rf"{_FLOAT}|[-+]?(nan|inf)"
+    good = re.compile(rf"\w+\s+\d+\s+\d+\s+({number})\s+({number})(\s|$)", re.IGNORECASE)
+    for index, line in enumerate(content[start:].decode("latin-1").split("\n")):
+        if line.strip() and not good.match(_NO_E.sub(rb"\1e\2", line.strip().encode()).decode()):
+            return MapError(
+                f"{path}: line {above + index + 1}, {line.strip()[:60]!r}, cannot be read: gfc, "
+                "degree, order, C and S must begin a line of coefficients."
+            )
+    return MapError(f"{path}: its coefficients cannot be read: {error}")
 
 
 def _require_once(path: Path, count: NDArray[np.int32]) -> None:
