@@ -113,11 +113,11 @@ def read(
     except OSError as error:
         raise FlightError(f"{path}: cannot be read: {error.strerror or error}") from None
     try:
-        text = CsvText.of(content, ", ".join(names))
+        text = CsvText.of(content, ", ".join(names), names)
         known = _places(path, text.names, names, optional, f"line {text.line}")
         if not text.rows:
             raise FlightError(f"{path}: has no rows below the names of its columns")
-        return Columns(path, text.numbers(known, empty), text.line + 1)
+        return Columns(path, text.numbers(known, empty), text.first)
     except FlightError:
         raise
     except GGBenchError as error:

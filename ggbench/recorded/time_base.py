@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from ..trajectory.csv_text import rollover
 from .columns import Columns
 
 _USUAL_GAP = 1.5
@@ -113,7 +114,7 @@ def clocked(columns: Columns, offset: float) -> np.ndarray:
         raise columns.error(
             f"time {times[row]:.17g} s {kind}"
             + ("" if steps[row - 1] == 0.0 else f", {times[row - 1]:.17g} s")
-            + "; times must increase",
+            + f"; times must increase{rollover(times[row - 1], times[row])}",
             row,
         )
     return np.asarray(times + offset)

@@ -7,7 +7,7 @@ import io
 import os
 import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +15,12 @@ import numpy as np
 import pandas as pd
 
 from .manoeuvres import Array, TrajectoryError
+
+_EXCEL = re.compile(r"sep=([,;\t])\s*", re.IGNORECASE)  # its first line, which names the separator
+_QUOTED = re.compile(r'"[^"]*"')
+_PERIODS = ((604_800.0, "GPS week"), (86_400.0, "day"))  # after which clocks begin at 0 [s]
+_NEAR = 100.0  # of such an end, where times fall [s]
+_FEWEST_KNOWN = 2  # names by which a comment is known to be the line of names
 
 
 @dataclass(frozen=True)
@@ -27,23 +33,27 @@ class CsvText:
     separator : between fields.
     rows : the lines below.
     line : number of the line that names the columns, from 1.
+    first : number of the line of the first row.
     """
 
     names: list[str]
     separator: str
     rows: list[str]
     line: int
+    first: int
 
     @classmethod
-    def of(cls, content: bytes, wanted: str) -> CsvText:
-        """Return the rows of a file, separated by commas, semicolons or tabs.
+    def of(cls, content: bytes, wanted: str, known: Collection[str]) -> CsvText:
+        """Return the rows of a file, separated by commas, semicolons or tabs, quoted or not.
 
-        Lines before the names that begin with # are passed over.
+        Lines before the names that begin with # are passed over, unless such a line names columns
+        and the one below the comments does not, as numpy.savetxt writes it.
 
         Parameters
         ----------
         content : of the file.
         wanted : which columns it is to have, as a message says it.
+        known : names of columns, in lower case.
 
         Raises
         ------
@@ -56,26 +66,30 @@ class CsvText:
             text = "\0"
         if "\0" in text:
             raise TrajectoryError("is not UTF-8 text; it must be a CSV file")
-        text = text.replace('"', "")  # around fields; none of those that count needs them
         lines = text.replace("\r\n", "\n").replace("\r", "\n").rstrip().split("\n")
+        excel = _EXCEL.fullmatch(lines[0])
+        lines[0] = "" if excel else lines[0]
         top = next((n for n, line in enumerate(lines) if line.strip() and line[0] != "#"), None)
         if top is None:
             raise TrajectoryError(f"is empty; its first line must name the columns, {wanted}")
-        separator = max(",;\t", key=lines[top].count)
-        names = [name.strip().lower() for name in lines[top].split(separator)]
-        for n in range(top + 1, len(lines)):
-            if lines[n].count(separator) != len(names) - 1:
-                found = lines[n].count(separator) + 1 if lines[n].strip() else 0
+        named, first = _line_of_names(lines, top, known)
+        separator = excel[1] if excel else _separator(lines[named])
+        header = _unquoted(lines[named].lstrip("# "), separator, named + 1)
+        names = [name.strip().lower() for name in header.split(separator)]
+        rows = [_unquoted(lines[n], separator, n + 1) for n in range(first, len(lines))]
+        for n, row in enumerate(rows, first + 1):
+            if row.count(separator) != len(names) - 1:
+                found = row.count(separator) + 1 if row.strip() else 0
                 hint = (
                     "; a decimal comma is not understood, write 33.5"
                     if separator == "," and found >= 2 * len(names) - 1
                     else ""
                 )
                 raise TrajectoryError(
-                    f"line {n + 1} has {found} fields and line {top + 1} names {len(names)} columns"
+                    f"line {n} has {found} fields and line {named + 1} names {len(names)} columns"
                     f"{hint}"
                 )
-        return cls(names, separator, lines[top + 1 :], top + 1)
+        return cls(names, separator, rows, named + 1, first + 1)
 
     def numbers(
         self, columns: Mapping[str, int], may_be_empty: frozenset[str] = frozenset()
@@ -110,10 +124,40 @@ class CsvText:
                 )
         except ValueError as error:
             raise TrajectoryError(f"is no table of numbers: {str(error).splitlines()[0]}") from None
-        first = self.line + 1
         return {
-            key: _numbers(table[at], key, first, key in may_be_empty) for key, at in columns.items()
+            key: _numbers(table[at], key, self.first, key in may_be_empty)
+            for key, at in columns.items()
         }
+
+
+def _line_of_names(lines: list[str], top: int, known: Collection[str]) -> tuple[int, int]:
+    """Which line names the columns, and which is the first row; ``top`` is no comment."""
+
+    def count(line: str) -> int:
+        words = line.strip("# ").replace('"', "").lower().split(_separator(line))
+        return sum(word.strip() in known for word in words)
+
+    comments = [n for n in range(top) if count(lines[n]) >= _FEWEST_KNOWN]
+    return (comments[-1], top) if comments and not count(lines[top]) else (top, top + 1)
+
+
+def _separator(line: str) -> str:
+    """The separator of a line of names."""
+    return max(",;\t", key=_QUOTED.sub("", line).count)
+
+
+def _unquoted(line: str, separator: str, number: int) -> str:
+    """A line without the quotes around its fields, and without separators in them (RFC 4180)."""
+    if '"' not in line:
+        return line
+    try:
+        (fields,) = csv.reader([line], delimiter=separator, skipinitialspace=True, strict=True)
+    except csv.Error as error:
+        raise TrajectoryError(
+            f"line {number}: its quotes cannot be read ({error}): a field in quotes ends on its "
+            'line, and a quote in it is doubled, as in "48.1 ""N"""'
+        ) from None
+    return separator.join(field.replace(separator, " ") for field in fields)
 
 
 def _numbers(column: pd.Series, key: str, first: int, may_be_empty: bool) -> Array:
@@ -131,12 +175,25 @@ def _numbers(column: pd.Series, key: str, first: int, may_be_empty: bool) -> Arr
         cell = column.iloc[n]
         found = "empty" if cell is None or cell != cell else f"'{str(cell)[:40]}'"
         hint = ""
-        if re.fullmatch(r"\s*[-+]?\d+,\d+\s*", str(cell)):
+        if re.fullmatch(r"\s*[-+]?\d+[, ]\d+\s*", str(cell)):
             hint = "; a decimal comma is not understood, write 33.5"
         elif key == "time_s" and re.match(r"\s*\d+[-:/]", str(cell)):
             hint = "; a date or a time of day is not understood, give seconds"
         raise TrajectoryError(f"line {first + n}: {key} is {found} and must be a number{hint}")
     return values
+
+
+def rollover(before: float, after: float) -> str:
+    """Return a hint if times fall because a clock began at zero; empty if not.
+
+    Parameters
+    ----------
+    before, after : times of two rows that follow one another [s].
+    """
+    for period, name in _PERIODS:
+        if abs(before - period) < _NEAR and 0.0 <= after < _NEAR:
+            return f"; seconds of the {name} begin at 0 there: add {period:.0f} from there on"
+    return ""
 
 
 def status_of(file: str, what: str) -> os.stat_result:

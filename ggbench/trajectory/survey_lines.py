@@ -151,7 +151,7 @@ def read_lines(file: str) -> Mapping[str, SurveyLine]:
 
 @lru_cache(maxsize=4)
 def _read_lines(file: str, time: int, size: int) -> Mapping[str, SurveyLine]:
-    text = CsvText.of(_unpacked(Path(file)), _WANTED)
+    text = CsvText.of(_unpacked(Path(file)), _WANTED, ("line", "kind", *_PLACES))
     for name in ("line", "kind", *_PLACES):
         if text.names.count(name) != 1:
             raise TrajectoryError(
@@ -173,7 +173,7 @@ def _read_lines(file: str, time: int, size: int) -> Mapping[str, SurveyLine]:
     found: dict[str, SurveyLine] = {}
     starts = [n for n in range(len(names)) if n == 0 or names[n] != names[n - 1]]
     for start, stop in zip(starts, [*starts[1:], len(names)], strict=True):
-        name, row = names[start], text.line + 1 + start
+        name, row = names[start], text.first + start
         if name in found:
             raise TrajectoryError(f"line {row}: the rows of {name} do not follow one another")
         if stop - start < FEWEST_ROWS:

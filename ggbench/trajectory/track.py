@@ -14,7 +14,7 @@ from scipy.linalg import solveh_banded
 
 from ..gravity.ellipsoid import radii_of_curvature
 from ..numerics.kernels import compiled
-from .csv_text import status_of
+from .csv_text import rollover, status_of
 from .manoeuvres import BANK_GRAVITY, Array, TrajectoryError
 from .track_file import parse
 
@@ -217,7 +217,7 @@ def _times(times: Array, first: int, limits: TrackLimits) -> Array:
         n = int(np.argmax(steps <= 0.0)) + 1
         raise TrajectoryError(
             f"line {first + n}: time_s is {times[n]:.10g} after {times[n - 1]:.10g} in the line "
-            "before; times must increase from line to line"
+            f"before; times must increase from line to line{rollover(times[n - 1], times[n])}"
         )
     median = float(np.median(steps))
     allowed = _GAP * median if limits.gap is None else limits.gap

@@ -20,6 +20,7 @@ _ALIASES = {
     "pitch_deg": ("pitch_deg", "pitch"),
     "roll_deg": ("roll_deg", "roll"),
 }
+_KNOWN = {name for aliases in _ALIASES.values() for name in aliases}
 _REQUIRED = ("time_s", "latitude_deg", "longitude_deg", "height_m")
 
 
@@ -34,11 +35,11 @@ def parse(content: bytes) -> tuple[dict[str, Array], int]:
     TrajectoryError
         With a sentence that names the line, what was found and what is allowed.
     """
-    text = CsvText.of(content, _wanted())
+    text = CsvText.of(content, _wanted(), _KNOWN)
     known = _columns(text.names, text.line)
     if len(text.rows) < FEWEST_ROWS:
         raise TrajectoryError(f"has {len(text.rows)} rows; a track needs at least {FEWEST_ROWS}")
-    columns, first, names = text.numbers(known), text.line + 1, text.names
+    columns, first, names = text.numbers(known), text.first, text.names
     bare = {"latitude", "lat", "longitude", "lon", "lng", "long"}.intersection(names)
     if bare and all(
         np.abs(columns[key]).max() <= limit
