@@ -6,20 +6,19 @@ import os
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 from rich.markup import escape
 
-from ..errors import GGBenchError
 from ..figures.numbers import counted
 from ..spec.limits import MOST_RUNS, MOST_SEED
 from .advise import advise
 from .bound import bound
 from .check import check
+from .commands import EXIT_INTERRUPTED, Commands
 from .compiling import tell_first_use, tell_maps
 from .flights import estimate, record
-from .interrupts import requests_to_end
 from .keys import keys
 from .maps import map_group
 from .new import new
@@ -38,29 +37,9 @@ if TYPE_CHECKING:
 
 EXIT_WORSE = 1
 _MANY_CASES = 10
-EXIT_BAD_INPUT = 2
-EXIT_INTERRUPTED = 130
 
 
-class _Commands(click.Group):
-    """A group whose commands end with a sentence and exit code 2 on an error of the user's."""
-
-    def invoke(self, context: click.Context) -> Any:
-        with requests_to_end(EXIT_INTERRUPTED):
-            return self._told(context)
-
-    def _told(self, context: click.Context) -> Any:
-        try:
-            return super().invoke(context)
-        except GGBenchError as error:
-            click.echo(f"ggbench: {error}", err=True)
-            context.exit(EXIT_BAD_INPUT)
-        except KeyboardInterrupt:
-            click.echo("Interrupted.", err=True)
-            context.exit(EXIT_INTERRUPTED)
-
-
-@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="ggbench", message="%(prog)s %(version)s")
 def main() -> None:
     """Benchmark estimators for gravity-gradient-aided inertial navigation."""

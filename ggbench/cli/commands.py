@@ -1,0 +1,41 @@
+"""The group of all commands: how they end, and what they print to."""
+
+from __future__ import annotations
+
+import io
+import sys
+from typing import Any
+
+import click
+
+from ..errors import GGBenchError
+from .interrupts import requests_to_end
+
+EXIT_BAD_INPUT = 2
+EXIT_INTERRUPTED = 130
+
+
+class Commands(click.Group):
+    """A group whose commands end with a sentence and exit code 2 on an error of the user's."""
+
+    def main(self, *arguments: Any, **options: Any) -> Any:
+        """Run a command; what the terminal's encoding lacks is replaced."""
+        for stream in (sys.stdout, sys.stderr):
+            if isinstance(stream, io.TextIOWrapper):
+                stream.reconfigure(errors="replace")
+        return super().main(*arguments, **options)
+
+    def invoke(self, context: click.Context) -> Any:
+        """Run a command until it ends or is asked to end."""
+        with requests_to_end(EXIT_INTERRUPTED):
+            return self._told(context)
+
+    def _told(self, context: click.Context) -> Any:
+        try:
+            return super().invoke(context)
+        except GGBenchError as error:
+            click.echo(f"ggbench: {error}", err=True)
+            context.exit(EXIT_BAD_INPUT)
+        except KeyboardInterrupt:
+            click.echo("Interrupted.", err=True)
+            context.exit(EXIT_INTERRUPTED)
