@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import gzip
 import io
 import re
@@ -21,6 +22,7 @@ _LINE, _KIND = "line", "kind"
 _XYZ_LINE = re.compile(r"^\s*([A-Za-z]+)\s+(\S+)\s*$")
 _DEFINITION = re.compile(r"^DEFN\s*\d*\s*ST=RECD\s*,\s*RT=(\w*)\s*;(.*)$", re.IGNORECASE)
 _FORMAT = re.compile(r"^(\d*)([AIFEDG])(\d+)(?:\.\d+)?$", re.IGNORECASE)
+_NUMBER = re.compile(r"(^|,)\s*[-+]?\d*\.\d*\s*(,|$)")  # of a row, and of no line of names
 _FEWEST = 4  # samples of a line that can be used
 
 
@@ -159,7 +161,13 @@ def _table(path: Path) -> Any:
 
 
 def _read_csv(path: Path, text: str) -> Any:
-    return _frame(text, sep=",", comment="#", dtype={_LINE: str, _KIND: str})
+    rows = text.splitlines()
+    top = next((n for n, row in enumerate(rows) if row.strip() and row[0] != "#"), 0)
+    if top and _NUMBER.search(rows[top]):
+        above, first = (len(next(csv.reader([row]))) for row in rows[top - 1 : top + 1])
+        if above == first:  # the names follow a #, as numpy.savetxt writes them
+            rows[top - 1] = rows[top - 1].lstrip("# ")
+    return _frame("\n".join(rows), sep=",", comment="#", dtype={_LINE: str, _KIND: str})
 
 
 def _read_xyz(path: Path, text: str) -> Any:

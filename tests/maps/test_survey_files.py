@@ -30,6 +30,16 @@ def csv(folder):
     return path
 
 
+def csv_of_numpy(folder):
+    """Its names follow a #, below a remark; a passed-over column holds commas."""
+    head = (
+        "# a survey, of May\n# line,kind,time_s,latitude_deg,longitude_deg,height_m,xx,xz,place\n"
+    )
+    path = folder / "lines.csv"
+    path.write_text(head + "".join(_joined((*r, '"30 N, 93 W"'), ",") for r in ROWS))
+    return path
+
+
 def xyz(folder):
     out = ["/ exported", "/ Time Lat Lon Alt Txx Txz", "/===== ==== ===== ==== ==== ===="]
     for name, kind in dict.fromkeys(row[:2] for row in ROWS):
@@ -60,7 +70,9 @@ def _joined(row, mark):
     return mark.join(map(str, row)) + "\n"
 
 
-@pytest.mark.parametrize("write, columns", [(csv, {}), (xyz, RENAMED), (gdf2, RENAMED)])
+@pytest.mark.parametrize(
+    "write, columns", [(csv, {}), (csv_of_numpy, {}), (xyz, RENAMED), (gdf2, RENAMED)]
+)
 def test_the_formats_hold_the_same_lines(tmp_path, write, columns):
     found = read_lines(write(tmp_path), columns)
     assert found.names == ("10", "20", "900")
