@@ -15,6 +15,7 @@ from scipy.linalg import solveh_banded
 from ..gravity.ellipsoid import radii_of_curvature
 from ..numerics.kernels import compiled
 from .csv_text import rollover, status_of
+from .heading import require_heading
 from .manoeuvres import BANK_GRAVITY, Array, TrajectoryError
 from .track_file import parse
 
@@ -158,7 +159,7 @@ def track_of(columns: dict[str, Array], first: int, limits: TrackLimits) -> Trac
         if limits.smoothing > 0.0:
             values = _smooth(times, values, limits.smoothing)
         splines.append(CubicSpline(times, values))
-    _check_acceleration(times, splines, first, limits)
+    velocity = _check_acceleration(times, splines, first, limits)
     angles: list[PchipInterpolator | None] = []
     for key in ("heading_deg", "pitch_deg", "roll_deg"):
         if key not in columns:
@@ -173,6 +174,8 @@ def track_of(columns: dict[str, Array], first: int, limits: TrackLimits) -> Trac
                 f"{_LARGEST_TURN:g}° are allowed from line to line"
             )
         angles.append(PchipInterpolator(times, np.radians(unwrapped)))
+    if "heading_deg" in columns:
+        require_heading(columns["heading_deg"], velocity)
     return Track(times, tuple(splines), tuple(angles))
 
 
@@ -249,9 +252,15 @@ def _check_speed(times: Array, position: list[Array], first: int) -> None:
 
 def _check_acceleration(
     times: Array, splines: list[CubicSpline], first: int, limits: TrackLimits
-) -> None:
-    """Raise TrajectoryError where the splines ask for too much; it is largest at their knots."""
-    _, acceleration = _motion(splines, times)
+) -> Array:
+    """Return velocities (N, 3) ENU [m/s] at the knots.
+
+    Raises
+    ------
+    TrajectoryError
+        Where the splines ask for too large an acceleration, which is largest at their knots.
+    """
+    velocity, acceleration = _motion(splines, times)
     size = np.sqrt((acceleration**2).sum(axis=-1))
     if size.max() > limits.acceleration:
         n = int(np.argmax(size))
@@ -260,6 +269,7 @@ def _check_acceleration(
             f"{size[n]:.4g} m/s²; at most {limits.acceleration:g} m/s² (max_acceleration_mps2) "
             "are allowed: there is a jump, or noise, which smoothing_s would take away"
         )
+    return velocity
 
 
 def _motion(splines: list[CubicSpline], times: Array) -> tuple[Array, Array]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -21,6 +22,11 @@ _ALIASES = {
     "roll_deg": ("roll_deg", "roll"),
 }
 _KNOWN = {name for aliases in _ALIASES.values() for name in aliases}
+_BARE = (
+    {"latitude_deg": 0.5 * math.pi, "longitude_deg": math.pi},
+    {"heading_deg": math.tau, "pitch_deg": 0.5 * math.pi, "roll_deg": math.pi},
+)
+"""Columns of a kind, and the largest value of each in radians."""
 _REQUIRED = ("time_s", "latitude_deg", "longitude_deg", "height_m")
 
 
@@ -40,16 +46,30 @@ def parse(content: bytes) -> tuple[dict[str, Array], int]:
     if len(text.rows) < FEWEST_ROWS:
         raise TrajectoryError(f"has {len(text.rows)} rows; a track needs at least {FEWEST_ROWS}")
     columns, first, names = text.numbers(known), text.first, text.names
-    bare = {"latitude", "lat", "longitude", "lon", "lng", "long"}.intersection(names)
-    if bare and all(
-        np.abs(columns[key]).max() <= limit
-        for key, limit in (("latitude_deg", 0.5 * math.pi), ("longitude_deg", math.pi))
-    ):
-        raise TrajectoryError(
-            "all of latitude and longitude could be radians; if they are degrees, name the columns "
-            f"latitude_deg and longitude_deg instead of '{min(bare)}'"
-        )
+    for group in _BARE:
+        _require_degrees(columns, names, group)
     return columns, first
+
+
+def _require_degrees(columns: dict[str, Array], names: list[str], limits: dict[str, float]) -> None:
+    """Raise TrajectoryError if columns of a kind that do not name a unit could be radians."""
+    bare = {
+        key: name
+        for key in limits
+        for name in names
+        if name in _ALIASES[key] and not name.endswith("_deg")
+    }
+    largest = {key: float(np.abs(columns[key]).max()) for key in bare}
+    if any(largest.values()) and all(largest[key] <= limits[key] for key in bare):
+        raise TrajectoryError(
+            f"all of {_and(bare.values())} could be radians; if they are degrees, name the columns "
+            f"{_and(bare)}; radians are not read"
+        )
+
+
+def _and(words: Iterable[str]) -> str:
+    *others, last = words
+    return " and ".join(filter(None, (", ".join(others), last)))
 
 
 def _columns(names: list[str], line: int) -> dict[str, int]:

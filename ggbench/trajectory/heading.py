@@ -1,0 +1,61 @@
+"""The heading of a track against its course over ground: which convention it follows."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from .manoeuvres import Array, TrajectoryError
+
+FAST = 5.0
+"""Speed above which a course over ground tells where the bow points [m/s]."""
+LARGEST = 45.0
+"""Largest angle between heading and course over most of a flight [deg]: ships and drones crab."""
+_FEWEST = 5  # fast rows below which nothing is said
+_CONVENTIONS = {
+    "counted counter-clockwise from east (as ROS and ENU have it): heading_deg is 90 - yaw": (
+        90.0, -1.0,
+    ),
+    "mirrored, counter-clockwise from north: change its sign": (0.0, -1.0),
+    "counted clockwise from east: add 90": (90.0, 1.0),
+    "of the stern, or counted from south: add 180": (180.0, 1.0),
+    "in radians": (0.0, math.degrees(1.0)),
+    "in radians, counter-clockwise from east: heading_deg is 90 - degrees(yaw)": (
+        90.0, -math.degrees(1.0),
+    ),
+}  # fmt: skip
+"""Likely conventions: what is added to a multiple of the column to have a heading [deg]."""
+
+
+def require_heading(heading: Array, velocity: Array) -> None:
+    """Raise TrajectoryError if headings contradict the course over most of a flight.
+
+    Parameters
+    ----------
+    heading : (N,) as given [deg].
+    velocity : (N, 3) ENU [m/s].
+    """
+    fast = np.hypot(velocity[:, 0], velocity[:, 1]) > FAST
+    if np.count_nonzero(fast) < _FEWEST:
+        return
+    course = np.degrees(np.arctan2(velocity[fast, 0], velocity[fast, 1]))
+    apart = _apart(heading[fast], course)
+    if apart <= LARGEST:
+        return
+    fits = {
+        name: round(_apart(add + factor * heading[fast], course))
+        for name, (add, factor) in _CONVENTIONS.items()
+    }
+    likely = min(fits, key=lambda name: fits[name])
+    advice = f"it seems to be {likely}" if fits[likely] <= LARGEST else "is it of another vehicle?"
+    raise TrajectoryError(
+        f"heading_deg differs by {apart:.0f}° (median) from the course over ground where it moves "
+        f"faster than {FAST:g} m/s, and {LARGEST:g}° are allowed; headings are degrees clockwise "
+        f"from north: {advice}"
+    )
+
+
+def _apart(heading: Array, course: Array) -> float:
+    """Return the median angle between headings and courses (N,) [deg]."""
+    return float(np.median(np.abs((heading - course + 180.0) % 360.0 - 180.0)))
