@@ -1,4 +1,4 @@
-"""Checks of ``ggbench validate``: extremes of each flight, and its margins inside the map.
+"""Checks of ``ggbench validate`` and ``run``: extremes of a flight, and its margins inside the map.
 
 Nothing is simulated, and no map is built unless the scenario degrades it: a map's recipe holds its
 borders. A flight that may leave its map is flown as in a run.
@@ -10,7 +10,7 @@ import math
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 
@@ -174,7 +174,7 @@ def _trajectory(case: CaseSpec) -> Trajectory:
     return _trajectory_once(case.trajectory, case.imu.period_s, file_versions(case.trajectory))
 
 
-@cache
+@lru_cache(maxsize=8)
 def _trajectory_once(spec: TrajectorySpec, dt: float, versions: tuple[object, ...]) -> Trajectory:
     """Return the flight of a table; ``versions`` are those of the files that it is made of."""
     return trajectory_of(spec, dt)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
+import click
 from rich.console import Console
 
 from ..figures.numbers import short, some
@@ -19,6 +20,10 @@ MOST_VERTICAL = 0.5 * BANK_GRAVITY
 """Acceleration upwards or downwards [m/s²]: half a g is severe turbulence."""
 MOST_ACROSS_SHIP = 0.1 * BANK_GRAVITY
 """Acceleration of a ship to the side [m/s²]: at 8 m/s, a turn of 65 m radius."""
+HIGHEST_TRACK_M = 15_000.0
+"""Height of a track [m]: beyond it fly balloons and few others; in feet it is usual."""
+SPEEDS_TRACK_MPS = (0.5, 1000.0)
+"""Mean speed of a track [m/s]: below and beyond it the unit of its times is in doubt."""
 _NAMED = 3
 
 
@@ -57,7 +62,13 @@ def _span(low: float, high: float, digits: int) -> str:
     return first if first == last else f"{first} to {last}"
 
 
-def warnings(found: Sequence[Examined]) -> Iterator[str]:
+def warn(found: Iterable[Examined]) -> None:
+    """Print a line for each warning."""
+    for warning in warnings(found):
+        click.echo(f"Warning: {warning}.")
+
+
+def warnings(found: Iterable[Examined]) -> Iterator[str]:
     """Yield a sentence for each thing that no vehicle does, and how it is mended; each once."""
     said: dict[str, list[str]] = {}
     for each in found:
@@ -70,6 +81,8 @@ def warnings(found: Sequence[Examined]) -> Iterator[str]:
 
 def absurdities(flown: Flown) -> Iterator[str]:
     """Yield a sentence for each thing of a flight that no vehicle does."""
+    if flown.track:
+        yield from _other_units(flown)
     bank, pitch = math.degrees(flown.bank), math.degrees(flown.pitch)
     if bank > MOST_BANK_DEG:
         yield (
@@ -91,6 +104,29 @@ def absurdities(flown: Flown) -> Iterator[str]:
         yield (
             f"the ship accelerates by {flown.across:.1f} m/s² to the side, and no ship turns with "
             f"more than {MOST_ACROSS_SHIP:.1f} m/s²: {_remedy(flown)}"
+        )
+
+
+def _other_units(flown: Flown) -> Iterator[str]:
+    """Yield a sentence for each number of a track that seems to be in another unit."""
+    height, speed = max(flown.heights), flown.length / flown.duration
+    slowest, fastest = SPEEDS_TRACK_MPS
+    if height > HIGHEST_TRACK_M:
+        yield (
+            f"the track is {height:.0f} m high, and more than {HIGHEST_TRACK_M:.0f} m is unusual: "
+            f"if its heights are feet, these are {0.3048 * height:.0f} m; height_m is in metres"
+        )
+    if speed < slowest:
+        yield (
+            f"the track moves at {short(speed)} m/s on average, {short(flown.length)} m in "
+            f"{flown.duration:.0f} s, and less than {slowest:g} m/s is unusual: if its times are "
+            f"milliseconds, this is {short(1e3 * speed)} m/s; time_s is in seconds"
+        )
+    if speed > fastest:
+        yield (
+            f"the track moves at {speed:.0f} m/s on average, and more than {fastest:.0f} m/s is "
+            f"unusual: if its times are minutes, this is {short(speed / 60.0)} m/s; time_s is in "
+            "seconds"
         )
 
 

@@ -29,10 +29,10 @@ from .responsive_table import ResponsiveTable
 from .score import score
 from .screen import console
 from .timing import Moment
+from .validate import note_unusual_values, validate
 
 if TYPE_CHECKING:
     from ..results.folder import Results
-    from ..spec.scenario import Scenario
     from .library import Outcome
 
 EXIT_WORSE = 1
@@ -60,6 +60,7 @@ main.add_command(plan)
 main.add_command(record)
 main.add_command(report)
 main.add_command(score)
+main.add_command(validate)
 
 
 @main.command("list")
@@ -91,34 +92,6 @@ def list_command() -> None:
         summary = (cls.__doc__ or "").strip().splitlines()[0]
         table.add_row(name, escape(summary), escape("\n".join(parameters)))
     table.print(console)
-
-
-@main.command()
-@click.argument("file")
-def validate(file: str) -> None:
-    """Check a scenario, and print what its flights are: FILE is a path or a shipped one's name.
-
-    Warns of flights that no vehicle flies, as a noisy track makes them. Nothing is simulated, and
-    no map is built unless the scenario degrades it.
-    """
-    tell_first_use("trajectory/truth.py", "in seconds")
-    with Progress(console, file):
-        from ..campaign import registry
-        from ..spec import scenario
-        from . import flight_limits, flight_summary
-
-        loaded = scenario.load(file)
-        _note_unusual_values(loaded)
-        found = list(flight_limits.examined(loaded))
-        registry.choose_all([*loaded.campaign.estimators, loaded.campaign.assumption_estimator])
-    click.echo(
-        f"{file} is valid: {counted(len(loaded.cases), 'case')}, "
-        f"{counted(len(loaded.assumptions), 'assumption')}, "
-        f"{counted(len(loaded.provenance), 'value')} with provenance"
-    )
-    flight_summary.print_flights(found, console)
-    for warning in flight_summary.warnings(found):
-        click.echo(f"Warning: {warning}.")
 
 
 @main.command()
@@ -233,7 +206,7 @@ def _repeat(name: str, asked: _Asked, number: int) -> bool:
 
     loaded = scenario.load(name)
     flown = tuple(loaded.find(case)[1] for case in asked.cases) or loaded.cases
-    _note_unusual_values(replace(loaded, cases=flown, assumptions=()))
+    note_unusual_values(replace(loaded, cases=flown, assumptions=()))
     tell_maps(case.side(side).field for case in flown for side in ("truth", "model"))
     choices = registry.choose_all(asked.estimators or loaded.campaign.estimators)
     seed = loaded.campaign.seed if asked.seed is None else asked.seed
@@ -249,6 +222,7 @@ def _run_scenario(name: str, asked: _Asked, output: Path | None) -> Outcome:
         from ..campaign import campaign, running
         from ..results.folder import Results
         from ..spec import scenario
+        from . import flight_limits, flight_summary
 
         loaded = scenario.load(name)
         work = campaign.planned(
@@ -260,6 +234,7 @@ def _run_scenario(name: str, asked: _Asked, output: Path | None) -> Outcome:
         tell_maps(case.side(side).field for case in flown for side in ("truth", "model"))
         if len(loaded.cases) > _MANY_CASES:
             click.echo(f"preparing {counted(len(loaded.cases), 'case')}")
+        flight_summary.warn(flight_limits.examined(planned))
         ended = running.run(work, asked.jobs, asked.cluster, progress.tell)
     # Of workers elsewhere nothing is known here.
     took = "" if asked.cluster else f"It took {start.since()}."
@@ -320,14 +295,6 @@ def _finish(results: Results, interrupted: bool, took: str) -> Outcome:
         return outcome
     click.echo(f"Results are in {name}; 'ggbench report {name}' writes the report.")
     return outcome
-
-
-def _note_unusual_values(scenario: Scenario) -> None:
-    """Write a remark on each unusual value of a scenario."""
-    from ..spec.unusual_values import unusual_values
-
-    for remark in unusual_values(scenario):
-        click.echo(f"Note: {remark}.")
 
 
 @main.command()

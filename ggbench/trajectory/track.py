@@ -342,7 +342,8 @@ def resample(
         moving = speed > _STILL
         if not moving.any():
             raise TrajectoryError(
-                f"never exceeds {_STILL:g} m/s, and has no heading; give it a column heading_deg"
+                f"never exceeds {_STILL:g} m/s, and has no heading; give it a column heading_deg, "
+                "or times in seconds if they are milliseconds"
             )
         heading = np.unwrap(np.arctan2(velocity[moving, 0], velocity[moving, 1]))
         given[0] = np.interp(times, times[moving], heading)

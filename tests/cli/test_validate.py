@@ -220,3 +220,49 @@ def test_compiled_functions_are_counted_as_they_appear(tmp_path, monkeypatch):
     (old / "three.1.nbc").touch()
     (old / "three.1.nbi").touch()
     assert compiled.text() == "compiled 2 functions, the last of ins.imu"
+
+
+def uniform_track(path: Path, height_m: float, seconds_per_row: float) -> str:
+    """A track to the east, 60 m from row to row, and the text of a scenario that flies it."""
+    rows = np.arange(max(25.0, 25.0 / seconds_per_row))
+    east = np.degrees(60.0 * rows / (6.38e6 * math.cos(math.radians(33.5))))
+    columns = [seconds_per_row * rows, 33.5 + 0.0 * rows, 108.0 + east, height_m + 0.0 * rows]
+    columns.append(90.0 + 0.0 * rows)
+    names = "time_s,latitude_deg,longitude_deg,height_m,heading_deg"
+    np.savetxt(path, np.column_stack(columns), "%.10f", ",", header=names, comments="")
+    table = f'[trajectory]\nfile = "{path.name}"\n\n'
+    return SMALL[: SMALL.index("[trajectory]")] + table + SMALL[SMALL.index("[imu]") :]
+
+
+@pytest.mark.parametrize(
+    ("height_m", "seconds_per_row", "said"),
+    [
+        (40_020.0, 1.0, "if its heights are feet, these are 12198 m"),
+        (3000.0, 1000.0, "if its times are milliseconds, this is 60.1 m/s"),
+        (3000.0, 1.0 / 60.0, "if its times are minutes, this is 60.1 m/s"),
+        (12_200.0, 1.0, ""),
+        (3000.0, 0.1, ""),
+    ],
+    ids=["feet", "milliseconds", "minutes", "airliner", "fast"],
+)
+def test_a_track_in_another_unit_is_warned_of(
+    height_m, seconds_per_row, said, tmp_path, monkeypatch
+):
+    """With the likely unit; a usual flight has no warning, nor have segments of that height."""
+    monkeypatch.chdir(tmp_path)
+    flown = flown_of(
+        of(tmp_path, uniform_track(tmp_path / "t.csv", height_m, seconds_per_row)).cases[0]
+    )
+    found = [what for what in absurdities(flown) if "the track" in what]
+    assert len(found) == bool(said)
+    assert said in "".join(found)
+    assert not any("the track" in what for what in absurdities(replace(flown, track=False)))
+
+
+def test_a_run_warns_as_validate_does(tmp_path):
+    (tmp_path / "own.toml").write_text(uniform_track(tmp_path / "t.csv", 40_020.0, 1.0))
+    checked = invoke(["validate", "own.toml"], tmp_path)
+    done = invoke(["run", "own.toml", "-n", "1", "-e", "ins", "-j", "0", "-c", "base"], tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "Warning: in base, noisy, the track is 40020 m high" in checked.stdout
+    assert "Warning: in base, the track is 40020 m high" in done.stdout

@@ -1,0 +1,50 @@
+"""``ggbench validate``: what is wrong with a scenario, and what its flights are."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import click
+
+from ..figures.numbers import counted
+from .compiling import tell_first_use
+from .progress import Progress
+from .screen import console
+
+if TYPE_CHECKING:
+    from ..spec.scenario import Scenario
+
+
+@click.command()
+@click.argument("file")
+def validate(file: str) -> None:
+    """Check a scenario, and print what its flights are: FILE is a path or a shipped one's name.
+
+    Warns of flights that no vehicle flies, as a noisy track makes them. Nothing is simulated, and
+    no map is built unless the scenario degrades it.
+    """
+    tell_first_use("trajectory/truth.py", "in seconds")
+    with Progress(console, file):
+        from ..campaign import registry
+        from ..spec import scenario
+        from . import flight_limits, flight_summary
+
+        loaded = scenario.load(file)
+        note_unusual_values(loaded)
+        found = list(flight_limits.examined(loaded))
+        registry.choose_all([*loaded.campaign.estimators, loaded.campaign.assumption_estimator])
+    click.echo(
+        f"{file} is valid: {counted(len(loaded.cases), 'case')}, "
+        f"{counted(len(loaded.assumptions), 'assumption')}, "
+        f"{counted(len(loaded.provenance), 'value')} with provenance"
+    )
+    flight_summary.print_flights(found, console)
+    flight_summary.warn(found)
+
+
+def note_unusual_values(scenario: Scenario) -> None:
+    """Write a remark on each unusual value of a scenario."""
+    from ..spec.unusual_values import unusual_values
+
+    for remark in unusual_values(scenario):
+        click.echo(f"Note: {remark}.")
