@@ -19,6 +19,7 @@ from ..gravity.field import Field
 from ..ins.system_matrix import STATES
 from ..judging import convergence, fix_metrics, run_errors
 from ..judging.bounds import squared_bounds
+from ..judging.judgement import OUTSIDE
 from ..judging.references import FIGURES, CaseBound, References
 from ..problem import Causality, Fixes, Problem
 from ..results.store import DETAILED_RUN, SERIES_RUNS, Result, kept_epochs
@@ -30,9 +31,7 @@ from ..spec.case import CaseSpec
 from .registry import Choice
 
 _LONGEST_INFO = 100_000
-OUTSIDE = "believed at some time to be outside its map, where the border's values go on"
-"""What is remarked of a run whose estimate leaves the map."""
-_SLACK = 0.1
+BORDER = 0.1
 """How far outside a map is still its border, in distances of its nodes."""
 
 
@@ -196,7 +195,7 @@ def _detail(
 def _outside(flight: Flight, errors: np.ndarray) -> np.ndarray:
     """Return which estimates (R,) leave the estimators' map, from their errors (R, K, 6), ENU."""
     believed = flight.trajectory.positions[flight.epochs] + errors[:, :, [1, 0, 2]] / flight.metres
-    return np.asarray(~flight.model_field.covers(believed, _SLACK).all(axis=1))
+    return np.asarray(~flight.model_field.covers(believed, BORDER).all(axis=1))
 
 
 def _series(evaluation: run_errors.Evaluation, r: int, kept: np.ndarray) -> np.ndarray:

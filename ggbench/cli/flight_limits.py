@@ -16,15 +16,14 @@ import numpy as np
 
 from ..campaign.campaign import CampaignError, check
 from ..errors import GGBenchError
-from ..gravity.ellipsoid import metres_along
-from ..gravity.meridians import turns
 from ..maps import recipe
 from ..recorded.motion import angles_of
 from ..simulation.error_free_flight import trajectory_of
 from ..simulation.field_source import is_file, make_field, map_recipe
 from ..simulation.formulation import require_short_delays
+from ..simulation.ins_error import InsError, inertial_alone, ins_error
 from ..simulation.instruments import faults, spinning_disks
-from ..simulation.sensor_suite import suite_of_case
+from ..simulation.sensor_suite import SensorSuite, suite_of_case
 from ..spec.case import CaseSpec
 from ..spec.limits import FASTEST_MPS, HIGHEST_M, LOWEST_M
 from ..spec.scenario import Scenario
@@ -32,6 +31,7 @@ from ..spec.sensors import FieldSpec
 from ..spec.trajectory import TrajectorySpec, file_versions
 from ..trajectory.truth import Trajectory
 from .compiling import tell_maps
+from .map_margins import Bounds, Margin, Shortfall, margin_of, shortfalls
 
 
 @dataclass(frozen=True)
@@ -64,23 +64,6 @@ class Flown:
 
 
 @dataclass(frozen=True)
-class Margin:
-    """How far inside a map a flight stays.
-
-    Attributes
-    ----------
-    border : least distance to a side of the map [m].
-    side : name of that side.
-    below, above : least distances to its lowest and its highest nodes [m].
-    """
-
-    border: float
-    side: str
-    below: float
-    above: float
-
-
-@dataclass(frozen=True)
 class Examined:
     """A case that can be flown: the study that it belongs to ("" for none), and its flight.
 
@@ -88,6 +71,8 @@ class Examined:
     ----------
     margin : to the nearer border of the true map and the estimators'; None without any.
     readings : how many each sensor on board gives, by its name.
+    ins : error of the INS without aiding.
+    narrow : margins in the estimators' map that are too narrow for it.
     """
 
     study: str
@@ -95,6 +80,13 @@ class Examined:
     flown: Flown
     margin: Margin | None
     readings: dict[str, int]
+    ins: InsError
+    narrow: tuple[Shortfall, ...]
+
+    @property
+    def name(self) -> str:
+        """Name of the case, with its study."""
+        return f"{self.study}/{self.case.name}" if self.study else self.case.name
 
 
 def examined(scenario: Scenario) -> Iterator[Examined]:
@@ -140,9 +132,11 @@ def _examined(study: str, case: CaseSpec) -> Examined:
     if case.gradiometer is not None:
         altimeter = math.inf if case.altimeter is None else case.altimeter.time_constant_s
         require_short_delays(suite_of_case(case, "model"), altimeter, readings["gradiometer"])
-    margins = [_margin(trajectory, *ends) for ends in bounds if np.isfinite(ends).all()]
+    margins = [margin_of(trajectory, each) for each in bounds if each.finite]
     nearest = min(margins, key=lambda m: min(m.border, m.below, m.above), default=None)
-    return Examined(study, case, flown_of(case), nearest, readings)
+    error, assumed = ins_error_of(case), bounds[1]
+    narrow = shortfalls(case, trajectory, assumed, error) if assumed.finite else ()
+    return Examined(study, case, flown_of(case), nearest, readings, error, narrow)
 
 
 def _clear(found: Examined) -> bool:
@@ -154,8 +148,8 @@ def _clear(found: Examined) -> bool:
 
 
 @cache
-def _bounds(spec: FieldSpec) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lowest and highest latitude, longitude [rad] and height [m] that a map serves.
+def _bounds(spec: FieldSpec) -> Bounds:
+    """Return what a map serves.
 
     Of a map that is not built, those that are asked for: its nodes reach at least so far.
     """
@@ -163,11 +157,14 @@ def _bounds(spec: FieldSpec) -> tuple[np.ndarray, np.ndarray]:
         if spec.error is not None:  # which asks for the nodes of the right map
             tell_maps([spec])
         field = make_field(spec)
-        return field.lower, field.upper
+        return Bounds(field.lower, field.upper, field.step)
     wanted = recipe.checked(map_recipe(spec))
     degrees = [[wanted.south_deg, wanted.west_deg], [wanted.north_deg, wanted.east_deg]]
     lower, upper = np.radians(degrees)
-    return np.append(lower, wanted.min_height_m), np.append(upper, wanted.max_height_m)
+    lowest, highest = wanted.min_height_m, wanted.max_height_m
+    nodes = np.repeat(math.radians(wanted.spacing_arcmin / 60.0), 2)
+    step = np.append(nodes, wanted.height_spacing_m)
+    return Bounds(np.append(lower, lowest), np.append(upper, highest), step)
 
 
 def _trajectory(case: CaseSpec) -> Trajectory:
@@ -180,22 +177,19 @@ def _trajectory_once(spec: TrajectorySpec, dt: float, versions: tuple[object, ..
     return trajectory_of(spec, dt)
 
 
-def _margin(trajectory: Trajectory, lower: np.ndarray, upper: np.ndarray) -> Margin:
-    positions = trajectory.positions
-    turn = turns(0.5 * (lower[1] + upper[1]), positions[0, 1], math.tau)
-    lower, upper = (bound + np.array([0.0, turn, 0.0]) for bound in (lower, upper))
-    metres = metres_along(positions)
-    distances = {
-        "south": (positions[:, 0] - lower[0]) * metres[:, 1],
-        "north": (upper[0] - positions[:, 0]) * metres[:, 1],
-        "west": (positions[:, 1] - lower[1]) * metres[:, 0],
-        "east": (upper[1] - positions[:, 1]) * metres[:, 0],
-    }
-    least = {side: float(found.min()) for side, found in distances.items()}
-    side = min(least, key=lambda each: least[each])
-    heights = positions[:, 2]
-    below, above = float(heights.min() - lower[2]), float(upper[2] - heights.max())
-    return Margin(least[side], side, below, above)
+def ins_error_of(case: CaseSpec) -> InsError:
+    """Return how far the true INS of a case errs without aiding."""
+    alone = inertial_alone(suite_of_case(case, "truth"))
+    return _ins_error_once(
+        alone, case.trajectory, case.imu.period_s, file_versions(case.trajectory)
+    )
+
+
+@lru_cache(maxsize=64)
+def _ins_error_once(
+    suite: SensorSuite, spec: TrajectorySpec, dt: float, versions: tuple[object, ...]
+) -> InsError:
+    return ins_error(suite, _trajectory_once(spec, dt, versions))
 
 
 def flown_of(case: CaseSpec) -> Flown:

@@ -11,6 +11,7 @@ from rich.console import Console
 from ..figures.numbers import short, some
 from ..trajectory.manoeuvres import BANK_GRAVITY
 from .flight_limits import Examined, Flown
+from .map_margins import narrow_margins
 
 MOST_BANK_DEG = 45.0
 """A level turn then weighs 1.4 g; surveys turn at 15° to 30°, airliners at 30°."""
@@ -71,12 +72,14 @@ def warn(found: Iterable[Examined]) -> None:
 def warnings(found: Iterable[Examined]) -> Iterator[str]:
     """Yield a sentence for each thing that no vehicle does, and how it is mended; each once."""
     said: dict[str, list[str]] = {}
+    narrow = []
     for each in found:
-        study = f"{each.study}/" if each.study else ""
+        narrow.append((each.name, each.narrow))
         for what in absurdities(each.flown):
-            said.setdefault(what, []).append(study + each.case.name)
+            said.setdefault(what, []).append(each.name)
     for what, names in said.items():
         yield f"in {some(names, most=_NAMED)}, {what}"
+    yield from narrow_margins(narrow)
 
 
 def absurdities(flown: Flown) -> Iterator[str]:

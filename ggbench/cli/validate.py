@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 def validate(file: str) -> None:
     """Check a scenario, and print what its flights are: FILE is a path or a shipped one's name.
 
-    Warns of flights that no vehicle flies, as a noisy track makes them. Nothing is simulated, and
-    no map is built unless the scenario degrades it.
+    Warns of flights that no vehicle flies, and of those near the border of a map. Nothing is
+    simulated, and no map is built unless the scenario degrades it.
     """
-    tell_first_use("trajectory/truth.py", "in seconds")
+    tell_first_use("ins/strapdown.py", "in a minute")
     with Progress(console, file):
         from ..campaign import registry
         from ..spec import scenario

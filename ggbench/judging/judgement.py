@@ -17,6 +17,9 @@ from ..simulation.runs import Truth
 from ..spec.case import WindowsSpec
 from . import run_errors
 
+OUTSIDE = "believed at some time to be outside its map, where the border's values go on"
+"""What is remarked of a run whose estimate leaves the map."""
+
 _WHOLE = "whole"
 
 

@@ -6,8 +6,19 @@ from typing import Any
 
 import pandas as pd
 
+from ..judging.judgement import OUTSIDE
 from ..results.folder import Results
 from . import published, sweeps, views
+
+MOST_OUTSIDE = 0.05
+"""Share of an estimator's runs that may leave the map before an answer says so."""
+
+
+def left_the_map(runs: pd.DataFrame) -> list[str]:
+    """Return the estimators of which more runs left the map than :data:`MOST_OUTSIDE`."""
+    own = runs[runs["assumption"] == ""]
+    shares = (own["remark"] == OUTSIDE).groupby(own["estimator"], sort=False).mean()
+    return [str(label) for label in shares.index[shares > MOST_OUTSIDE]]
 
 
 def answer(results: Results) -> dict[str, Any]:
@@ -29,6 +40,7 @@ def answer(results: Results) -> dict[str, Any]:
         "targets": pd.DataFrame(),
         "axis": "",
         "recovered": [],
+        "outside": left_the_map(results.runs()),
         "allowed": published.allowed(figures),
     }
     if results.scenario.sweep is not None:

@@ -16,6 +16,7 @@ from small_cases import rough_map, small_flight
 import ggbench as gg
 from ggbench.campaign import records
 from ggbench.report import render
+from ggbench.report.answers import left_the_map
 from ggbench.spec.scenario import Scenario
 
 FAR = """
@@ -106,3 +107,22 @@ def test_a_report_counts_the_runs_that_left_the_map(runs, scenario, tmp_path):
     render.write(results.folder, tmp_path / "reports")
     remarks = pd.read_csv(next((tmp_path / "reports").glob("*/data/remarks.csv")))
     assert remarks.to_numpy().tolist() == [["base", labels[0], records.OUTSIDE, runs]]
+
+
+def test_an_answer_begins_with_the_estimators_that_left_the_map(scenario, tmp_path):
+    """Where it is more than 5% of the runs, and of no other estimator."""
+    labels = ("far.py[east_m=1e6]", "ekf", "ins")
+    results = ran(tmp_path, labels=labels, runs=2, scenario=scenario, cases=("base",))
+    (page, *_) = render.write(results.folder, tmp_path / "reports")
+    said = f"**Answer.** More than 5% of the runs of `{labels[0]}` left the map:"
+    assert said in page.read_text(encoding="utf-8")
+
+
+def test_an_answer_leaves_out_the_odd_run_outside():
+    runs = pd.DataFrame({"assumption": "", "estimator": ["ekf"] * 40 + ["ukf"] * 40, "remark": ""})
+    runs.loc[:1, "remark"] = records.OUTSIDE  # 2 of 40 are 5%
+    assert left_the_map(runs) == []
+    runs.loc[:2, "remark"] = records.OUTSIDE
+    assert left_the_map(runs) == ["ekf"]
+    runs.loc[:2, "assumption"] = "another"
+    assert left_the_map(runs) == []

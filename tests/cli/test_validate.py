@@ -266,3 +266,43 @@ def test_a_run_warns_as_validate_does(tmp_path):
     assert done.returncode == 0, done.stderr
     assert "Warning: in base, noisy, the track is 40020 m high" in checked.stdout
     assert "Warning: in base, the track is 40020 m high" in done.stdout
+
+
+NARROW = MAPPED.replace("east_deg = 109.1", "east_deg = 108.06").replace(
+    "lowest_m = 9000.0", "lowest_m = 9990.0"
+)
+"""The small flight, over a map that ends 570 m behind its end and 10 m below it."""
+UNSURE = NARROW.replace("position_m = 5.0", "position_m = 500.0\nheight_m = 30.0")
+"""The same from a place that is known to 500 m, and 30 m in height."""
+
+
+def test_a_flight_at_the_edge_of_its_map_is_warned_of(tmp_path):
+    """By the side, the margin and three deviations of the INS's error; each side once."""
+    (tmp_path / "own.toml").write_text(UNSURE)
+    done = invoke(["validate", "own.toml"], tmp_path)
+    assert done.returncode == 0, done.stderr
+    said = [line for line in done.stdout.splitlines() if line.startswith("Warning")]
+    east, below = (next(line for line in said if word in line) for word in ("east", "lowest"))
+    assert len(said) == 2
+    metres, needed = map(int, re.search(r" is (\d+) m from .* are (\d+) m", east).groups())
+    assert metres == pytest.approx(570.0, abs=20.0) and needed == pytest.approx(1500.0, abs=10.0)
+    metres, needed = map(int, re.search(r" is (\d+) m above .* are (\d+) m", below).groups())
+    assert metres == pytest.approx(10.0, abs=2.0) and needed == pytest.approx(90.0, abs=5.0)
+    assert all("in base, noisy, the flight is" in line for line in said)
+
+
+@pytest.mark.parametrize(
+    ("text", "sides"),
+    [
+        (UNSURE, {"east", "below"}),
+        (NARROW, set()),
+        (UNSURE + "\n[gnss]\nperiod_s = 1.0\nposition_noise_m = 3.0\n", set()),
+        (UNSURE + "\n[gnss]\nperiod_s = 1.0\nvelocity_noise_mps = 0.1\n", {"east", "below"}),
+        (UNSURE + "\n[barometer]\nperiod_s = 1.0\nnoise_m = 3.0\n", {"east"}),
+        (UNSURE.replace("108.06", "109.1").replace("9990.0", "9000.0"), set()),
+    ],
+    ids=["unsure", "sure", "position", "velocity", "height", "wide map"],
+)
+def test_room_is_needed_only_for_an_error_that_nothing_bounds(text, sides, tmp_path):
+    (found, *_) = examined(of(tmp_path, text))
+    assert {each.side for each in found.narrow} == sides

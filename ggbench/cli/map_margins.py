@@ -1,0 +1,167 @@
+"""How far inside its map a flight stays, and whether the error of its INS has room there."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..campaign.records import BORDER
+from ..figures.numbers import short, some
+from ..gravity.ellipsoid import metres_along
+from ..gravity.meridians import turns
+from ..simulation.ins_error import InsError
+from ..spec.aiding import BarometerSpec, GnssSpec
+from ..spec.case import CaseSpec
+from ..spec.named_sensors import aiding_of
+from ..trajectory.truth import Trajectory
+
+DEVIATIONS = 3.0
+"""Standard deviations of the INS's error for which a map must have room around a flight."""
+SIDES = ("south", "north", "west", "east")
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """What a map serves.
+
+    Attributes
+    ----------
+    lower, upper : (3,) latitude, longitude [rad] and height [m].
+    step : (3,) distance of its nodes.
+    """
+
+    lower: np.ndarray
+    upper: np.ndarray
+    step: np.ndarray
+
+    @property
+    def with_border(self) -> Bounds:
+        """The same with the border around it that counts as inside."""
+        room = BORDER * self.step
+        return Bounds(self.lower - room, self.upper + room, self.step)
+
+    @property
+    def finite(self) -> bool:
+        """Whether there is a map."""
+        return bool(np.isfinite([self.lower, self.upper]).all())
+
+
+@dataclass(frozen=True)
+class Margin:
+    """How far inside a map a flight stays.
+
+    Attributes
+    ----------
+    border : least distance to a side of the map [m].
+    side : name of that side.
+    below, above : least distances to its lowest and its highest nodes [m].
+    """
+
+    border: float
+    side: str
+    below: float
+    above: float
+
+
+@dataclass(frozen=True)
+class Shortfall:
+    """A margin of a flight in its map that is too narrow for the error of its INS.
+
+    Attributes
+    ----------
+    side : name of a side, ``below`` or ``above``.
+    margin, needed : distances [m].
+    time : when most is missing [s].
+    """
+
+    side: str
+    margin: float
+    needed: float
+    time: float
+
+
+def distances(
+    trajectory: Trajectory, bounds: Bounds, samples: np.ndarray | slice = slice(None)
+) -> dict[str, np.ndarray]:
+    """Return distances (K,) [m] to each side of a map, ``below`` and ``above``, at samples."""
+    lower, upper, positions = bounds.lower, bounds.upper, trajectory.positions[samples]
+    turn = turns(0.5 * (lower[1] + upper[1]), trajectory.positions[0, 1], math.tau)
+    metres = metres_along(positions)
+    return {
+        "south": (positions[:, 0] - lower[0]) * metres[:, 1],
+        "north": (upper[0] - positions[:, 0]) * metres[:, 1],
+        "west": (positions[:, 1] - lower[1] - turn) * metres[:, 0],
+        "east": (upper[1] + turn - positions[:, 1]) * metres[:, 0],
+        "below": positions[:, 2] - lower[2],
+        "above": upper[2] - positions[:, 2],
+    }
+
+
+def margin_of(trajectory: Trajectory, bounds: Bounds) -> Margin:
+    """Return how far inside a map a flight stays."""
+    least = {side: float(found.min()) for side, found in distances(trajectory, bounds).items()}
+    side = min(SIDES, key=lambda each: least[each])
+    return Margin(least[side], side, least["below"], least["above"])
+
+
+def shortfalls(
+    case: CaseSpec, trajectory: Trajectory, bounds: Bounds, error: InsError
+) -> tuple[Shortfall, ...]:
+    """Return which margins are too narrow: the worst side's and the worst height's, if any.
+
+    Not where a receiver gives the position, or a barometer the height: estimates then stay near.
+    """
+    aided: set[str] = set()
+    for sensor in aiding_of(case.side("truth")).values():
+        if isinstance(sensor, BarometerSpec):
+            aided.add("up")
+        if isinstance(sensor, GnssSpec) and sensor.position_noise_m is not None:
+            aided.update(("horizontal", "up"))
+    deviations = {
+        **dict.fromkeys(("west", "east"), error.deviations[:, 0]),
+        **dict.fromkeys(("south", "north"), error.deviations[:, 1]),
+        **dict.fromkeys(("below", "above"), error.deviations[:, 2]),
+    }
+    plain = distances(trajectory, bounds, error.samples)
+    found = distances(trajectory, bounds.with_border, error.samples)
+    worst = []
+    for axis, sides in (("horizontal", SIDES), ("up", ("below", "above"))):
+        missing = {
+            # Where the flight itself leaves the map, as in a turn between lines, none is needed.
+            side: np.where(plain[side] < 0.0, 0.0, DEVIATIONS * deviations[side] - found[side])
+            for side in sides
+        }
+        side = max(sides, key=lambda each: float(missing[each].max()))
+        at = int(missing[side].argmax())
+        if axis not in aided and missing[side][at] > 0.0:
+            needed = DEVIATIONS * float(deviations[side][at])
+            worst.append(Shortfall(side, float(plain[side][at]), needed, float(error.times[at])))
+    return tuple(worst)
+
+
+def narrow_margins(found: Iterable[tuple[str, tuple[Shortfall, ...]]]) -> Iterator[str]:
+    """Yield a sentence for each side at which margins are too narrow, of the worst case there."""
+    of_side: dict[str, list[tuple[str, Shortfall]]] = {}
+    for name, short_of in found:
+        for each in short_of:
+            of_side.setdefault(each.side, []).append((name, each))
+    for side, cases in of_side.items():
+        _, worst = max(cases, key=lambda pair: pair[1].needed - pair[1].margin)
+        where = {
+            "below": "above the lowest height of its map",
+            "above": "below the highest height of its map",
+        }.get(side, f"from the {side} border of its map")
+        names = some([name for name, _ in cases], most=3)
+        yield (
+            f"in {names}, the flight is {_length(worst.margin)} "
+            f"{where} {worst.time:.0f} s after the start, and {DEVIATIONS:g} standard deviations "
+            f"of the INS's error are {_length(worst.needed)} there: estimates that leave the map "
+            "get the values of its border"
+        )
+
+
+def _length(metres: float) -> str:
+    return f"{short(metres / 1e3)} km" if abs(metres) >= 1e4 else f"{metres:.0f} m"

@@ -1,0 +1,64 @@
+"""How far an INS without aiding errs along a flight: the covariance of its linear error model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..ins import strapdown
+from ..ins.error_model import POSITION
+from ..sensors.aiding import Motion
+from ..trajectory.truth import Trajectory
+from .sensor_suite import SensorSuite
+
+_STEPS = 200
+"""Times after the start at which the covariance is given."""
+
+
+@dataclass(frozen=True)
+class InsError:
+    """Standard deviations of the position of an INS without aiding.
+
+    Attributes
+    ----------
+    samples : (K,) of the trajectory, the first and the last included.
+    times : (K,) of these samples [s].
+    deviations : (K, 3) ENU [m].
+    """
+
+    samples: np.ndarray
+    times: np.ndarray
+    deviations: np.ndarray
+
+    @property
+    def horizontal(self) -> np.ndarray:
+        """Root sum square of east and north (K,) [m]."""
+        return np.asarray(np.hypot(self.deviations[:, 0], self.deviations[:, 1]))
+
+
+def inertial_alone(suite: SensorSuite) -> SensorSuite:
+    """Return a suite without aiding: its inertial sensors, prior and altimeter."""
+    return replace(
+        suite, gradiometer=None, aiding=(), disturbance=None, compensates=False, map_error=()
+    )
+
+
+def ins_error(suite: SensorSuite, trajectory: Trajectory) -> InsError:
+    """Return how far the INS errs that has the inertial sensors, prior and altimeter of a suite.
+
+    P = Φ P Φᵀ + Q along the truth. Errors without a state, such as those of scale, are left out.
+    """
+    count, alone = len(trajectory.times) - 1, inertial_alone(suite)
+    samples = np.unique(np.linspace(0, count, _STEPS + 1).astype(int))
+    _, delta_velocities = strapdown.error_free_increments(
+        trajectory.positions, trajectory.velocities, trajectory.attitudes, np.zeros((count, 3)),
+        trajectory.dt,
+    )  # fmt: skip
+    system = alone.system(Motion.of(trajectory), delta_velocities, samples[1:], trajectory.dt)
+    cov = alone.prior_cov
+    found = [np.diag(cov)[POSITION]]
+    for transition, process_cov in zip(*system, strict=True):
+        cov = transition @ cov @ transition.T + process_cov
+        found.append(np.diag(cov)[POSITION])
+    return InsError(samples, trajectory.times[samples], np.sqrt(found))
