@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from ..spec.scenario import Scenario
-from ..spec.sweep import largest_within
+from ..spec.sweep import Axis, largest_within
 from . import columns
 from .views import comparable, few_cases
 
@@ -17,6 +17,9 @@ MOST_PARTS = 3
 """Parts of a grid that a figure shows."""
 SUCCESS = 0.95
 """Success rate at which a case counts as reached."""
+
+LISTED = "at"
+"""What a list of values begins with that reach a target, where there is no largest one."""
 
 
 class Part(NamedTuple):
@@ -73,9 +76,10 @@ def label_of(scenario: Scenario) -> str:
 
 
 def reached(scenario: Scenario, figures: pd.DataFrame, cases: pd.DataFrame) -> pd.DataFrame:
-    """Return for each target the largest value of the first axis that reaches it, part by part.
+    """Return for each target the values of the first axis that reach it, part by part.
 
-    Of the bound and of the EKF.
+    Of the bound and of the EKF. ``3.2 E`` means up to there, which is interpolated: only where no
+    error is surely smaller than the one before, else the values themselves are listed.
     """
     assert scenario.sweep is not None
     axis = scenario.sweep.axes[0]
@@ -86,12 +90,23 @@ def reached(scenario: Scenario, figures: pd.DataFrame, cases: pd.DataFrame) -> p
             if len(part.cases) < len(axis.values) or "ekf" not in settled.index.levels[0]:
                 continue
             own = settled.loc["ekf"].reindex(part.cases)
-            ends = [
-                largest_within(axis, own[key].to_numpy(dtype=float), target)
-                for key in ("bound_m", "rms_m")
-            ]
-            rows.append([f"{target:g}", part.title, *(_limit(end, axis.unit) for end in ends)])
+            bound, *errors = own[["bound_m", "rms_m", "rms_lo", "rms_hi"]].to_numpy(dtype=float).T
+            ends = [_reach(axis, target, *of) for of in ((bound, bound, bound), errors)]
+            rows.append([f"{target:g}", part.title, *ends])
     return pd.DataFrame(rows, columns=["RMS error [m]", "case", "bound", "EKF"])
+
+
+def _reach(axis: Axis, target: float, errors: np.ndarray, low: np.ndarray, high: np.ndarray) -> str:
+    """Return up to which value of an axis errors (n,) reach a target, or the values that do.
+
+    ``low`` and ``high`` are the ends of their intervals.
+    """
+    met = errors <= target
+    falls = bool((high[1:] < low[:-1]).any())
+    if not met.any() or (not falls and not met[int(met.argmin()) :].any()) or met.all():
+        return _limit(largest_within(axis, errors, target), axis.unit)
+    values = ", ".join(f"{value:g}" for value in np.asarray(axis.values)[met])
+    return f"{LISTED} {values} {axis.unit}".rstrip()
 
 
 def _limit(value: float, unit: str) -> str:

@@ -50,6 +50,30 @@ def test_a_target_is_reached_where_a_power_law_reaches_it():
     ]  # fmt: skip
 
 
+HEADING = Axis("heading", "heading", "°", "linear", (0.0, 45.0, 90.0, 135.0))
+
+
+@pytest.mark.parametrize(
+    ("errors", "said"),
+    [
+        ((10.0, 20.0, 80.0, 160.0), "75 °"),  # 50 m on the way from 20 to 80 m
+        ((10.0, 9.5, 80.0, 160.0), "80 °"),  # a fall within the intervals of 10%
+        ((10.0, 40.0, 90.0, 30.0), "at 0, 45, 135 °"),  # one heading misses
+        ((90.0, 40.0, 30.0, 20.0), "at 45, 90, 135 °"),
+        ((40.0, 10.0, 90.0, 90.0), "at 0, 45 °"),  # surely smaller than before
+        ((10.0, 40.0, 20.0, 30.0), "any"),
+        ((60.0, 90.0, 70.0, 80.0), "none"),
+    ],
+)
+def test_a_value_is_interpolated_only_where_errors_grow(errors, said):
+    """Else the values that reach the target are listed: of headings there is no largest one."""
+    rows = [figure(f"c{n}", "ekf", "settled", error) for n, error in enumerate(errors)]
+    found = sweeps.reached(
+        grid(HEADING, targets=(50.0,)), pd.DataFrame(rows, columns=[*FIGURES]), cases(4)
+    )
+    assert found["EKF"].tolist() == [said]
+
+
 @pytest.mark.parametrize(
     ("success", "widest"),
     [((1.0, 1.0, 1.0), 0.9), ((1.0, 0.94, 1.0), 0.1), ((0.5, 1.0, 1.0), 0.0)],
