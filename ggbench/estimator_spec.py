@@ -7,6 +7,7 @@ and figures. It is taken apart here and nowhere else.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -80,3 +81,18 @@ def _text(value: Any) -> str:
         short = f"{value:g}"
         return short if float(short) == value else repr(value)
     return str(value)
+
+
+def shown_names(names: Mapping[str, str]) -> dict[str, str]:
+    """Return how tables name estimators: by their own name, and by the file if two share that.
+
+    Parameters
+    ----------
+    names : the name that each label's class has, ``{"my/file.py[gain=2]": "mine"}``.
+    """
+    shown = {
+        label: str(EstimatorSpec(name, EstimatorSpec.parse(label).parameters))
+        for label, name in names.items()
+    }
+    held = Counter(shown.values())
+    return {label: own if held[own] == 1 else label for label, own in shown.items()}

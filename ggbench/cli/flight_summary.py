@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 import click
 from rich.console import Console
 
-from ..figures.numbers import short, some
+from ..figures.numbers import short, some, span
 from ..trajectory.manoeuvres import BANK_GRAVITY
 from .flight_limits import Examined, Flown
 from .map_margins import narrow_margins
@@ -45,9 +45,11 @@ def print_flights(found: Sequence[Examined], console: Console) -> None:
 
 def _flight(each: Examined) -> str:
     flown, margin = each.flown, each.margin
+    speeds = span(*(f"{speed:.1f}" for speed in flown.speeds))
+    heights = span(*(f"{height:.0f}" for height in flown.heights))
     text = (
-        f"{flown.duration:.0f} s, {short(flown.length / 1e3)} km, {_span(*flown.speeds, 1)} m/s, "
-        f"{_span(*flown.heights, 0)} m high, largest bank {math.degrees(flown.bank):.0f}°; "
+        f"{flown.duration:.0f} s, {short(flown.length / 1e3)} km, {speeds} m/s, "
+        f"{heights} m high, largest bank {math.degrees(flown.bank):.0f}°; "
     )
     if margin is None:
         return f"{text}no map"
@@ -55,12 +57,6 @@ def _flight(each: Examined) -> str:
         f"{text}{short(margin.border / 1e3)} km from the map's border ({margin.side}), "
         f"{margin.below:.0f} m above its lowest height and {margin.above:.0f} m below its highest"
     )
-
-
-def _span(low: float, high: float, digits: int) -> str:
-    """Return a range of numbers, of equal ones one."""
-    first, last = f"{low:.{digits}f}", f"{high:.{digits}f}"
-    return first if first == last else f"{first} to {last}"
 
 
 def warn(found: Iterable[Examined]) -> None:

@@ -31,6 +31,7 @@ class Outcome:
     interrupted : whether the user stopped it.
     error : why it ended without all of its results, "" if it did not.
     seconds : how long it took.
+    without_success : estimators of which every run failed.
     """
 
     scenario: str
@@ -40,11 +41,7 @@ class Outcome:
     interrupted: bool = False
     error: str = ""
     seconds: float = 0.0
-
-    @property
-    def all_failed(self) -> bool:
-        """Whether there are results, and every one of them is a failure."""
-        return 0 < self.results == self.failed
+    without_success: tuple[str, ...] = ()
 
 
 def run_all(

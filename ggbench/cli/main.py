@@ -159,7 +159,8 @@ def run(
 
     Finished runs are stored at once; the same command goes on where it was stopped.
 
-    Exit code 1 if every run failed, 2 if it cannot be run as asked, 130 if it was interrupted.
+    Exit code 1 if every run of an estimator failed, 2 if it cannot be run as asked, 130 if it was
+    interrupted.
     """
     if cluster and jobs is not None:
         raise click.UsageError("-j is for this machine and --cluster for others: give one of them")
@@ -180,7 +181,7 @@ def run(
     outcome = _run_scenario(scenario_name, asked, output)
     if outcome.interrupted:
         sys.exit(EXIT_INTERRUPTED)
-    sys.exit(EXIT_WORSE if outcome.all_failed else 0)
+    sys.exit(EXIT_WORSE if outcome.without_success else 0)
 
 
 @dataclass(frozen=True)
@@ -263,7 +264,7 @@ def _run_library(asked: _Asked, output: Path) -> int:
     library.print_outcomes(outcomes, output, console)
     if any(outcome.interrupted for outcome in outcomes):
         return EXIT_INTERRUPTED
-    lost = any(outcome.error or outcome.all_failed for outcome in outcomes)
+    lost = any(outcome.error or outcome.without_success for outcome in outcomes)
     return EXIT_WORSE if lost else 0
 
 
@@ -277,9 +278,11 @@ def _finish(results: Results, interrupted: bool, took: str) -> Outcome:
     runs, failed = results.runs(), len(results.failures())
     if len(figures):
         print_figures(figures, runs, results.scenario, console)
+    finished = (runs["status"] == "ok").groupby(runs["estimator"], sort=False).any()
     outcome = Outcome(
-        results.scenario.name, len(runs), failed, int(runs["diverged"].sum()), interrupted
-    )
+        results.scenario.name, len(runs), failed, int(runs["diverged"].sum()), interrupted,
+        without_success=tuple(finished.index[~finished]),
+    )  # fmt: skip
     name = as_argument(str(results.folder))
     if took:
         click.echo(took)
@@ -287,6 +290,8 @@ def _finish(results: Results, interrupted: bool, took: str) -> Outcome:
         click.echo(
             f"{counted(failed, 'run')} failed: 'ggbench show {name}' tells why and repeats them."
         )
+    if outcome.without_success:
+        click.echo(f"Every run of {' and of '.join(outcome.without_success)} failed.")
     if interrupted:
         click.echo(
             f"Interrupted. The runs that finished are in {name}: 'ggbench report {name}' "

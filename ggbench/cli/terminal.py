@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from ..figures.numbers import counted
+from ..estimator_spec import shown_names
+from ..figures.numbers import counted, span
 from ..judging.comparison import UNFINISHED, Comparison
 from ..judging.summary import MARKS, SMOOTHERS, ordered
 from ..spec.scenario import Scenario
@@ -37,6 +38,7 @@ def print_figures(
     shown = scenario.cases[:_MOST_CASES]
     warm = set(runs[(runs["status"] == "ok") & ~runs["cold"]].groupby(["case", "estimator"]).groups)
     starred = False
+    names = shown_names(dict(zip(figures["estimator"], figures["name"], strict=True)))
     for case in shown:
         rows = ordered(figures, case.name)
         if not rows:
@@ -53,9 +55,9 @@ def print_figures(
             cold = row["runs"] > row["failed"] and (case.name, row["estimator"]) not in warm
             starred |= cold
             table.add_row(
-                row["estimator"],
+                names[row["estimator"]],
                 _digits(row["rms_m"]),
-                f"{_digits(row['rms_lo'])}-{_digits(row['rms_hi'])}",
+                span(_digits(row["rms_lo"]), _digits(row["rms_hi"]), "-"),
                 f"{row['efficiency']:.3f}",
                 f"{100.0 * row['success']:.0f} %",
                 f"{row['nees']:.2f}",
@@ -105,7 +107,7 @@ def print_comparison(compared: Comparison, console: Console) -> None:
             f"{row['before']:.4g}",
             f"{row['after']:.4g}",
             "" if math.isnan(row["ratio"]) else f"{row['ratio']:.4f}",
-            "" if math.isnan(row["lo"]) else f"{row['lo']:.4f}-{row['hi']:.4f}",
+            "" if math.isnan(row["lo"]) else span(f"{row['lo']:.4f}", f"{row['hi']:.4f}", "-"),
             f"{row['runs']}",
             f"{row['p_better' if row['verdict'] == 'better' else 'p']:.2g}",
             f"[{colour}]{row['verdict']}[/]" if colour else row["verdict"],

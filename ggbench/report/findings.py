@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 
 import pandas as pd
 
+from ..figures.numbers import span
 from ..judging.summary import CONSERVATIVE, CONSISTENT, OVERCONFIDENT, UNSAFE
 from ..results.digest import Digest
 from .columns import metres, share
@@ -67,9 +68,10 @@ def narrow_prior(of: Figures) -> str:
     others = [of.rms(case, name) / of.rms(case, "ekf") for case in NARROW for name in FILTERS]
     if not (all(0.9 <= r <= 1.1 for r in ratios) and all(0.97 <= r <= 1.03 for r in others)):
         return ""
+    found = span(f"{min(ratios):.2f}", f"{max(ratios):.2f}")
     return (
-        f"With a narrow prior and the right model use the EKF: its RMS error is {min(ratios):.2f} "
-        f"to {max(ratios):.2f} × bound. The UKF and the factor graph agree with it within 3%."
+        f"With a narrow prior and the right model use the EKF: its RMS error is {found} "
+        f"× bound. The UKF and the factor graph agree with it within 3%."
     )
 
 

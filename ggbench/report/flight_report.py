@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..figures import errors, flights
-from ..figures.numbers import counted, short
+from ..figures.numbers import counted, short, span
 from ..figures.style import Drawing, save
 from ..judging.judgement import epochs_outside
 from ..problem import Estimate, Problem
@@ -116,7 +116,7 @@ def _what_there_is(flight: RecordedFlight) -> str:
                 sensor.replace("_", " "),
                 ", ".join(problem.channels[j].name for j in own),
                 str(len(epochs)),
-                f"{problem.times[epochs[0]]:g} to {problem.times[epochs[-1]]:g}",
+                span(*(f"{problem.times[at]:g}" for at in epochs[[0, -1]])),
                 table.file,
             ]
         )

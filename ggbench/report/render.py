@@ -13,7 +13,8 @@ import jinja2
 import pandas as pd
 
 from ..errors import GGBenchError
-from ..figures.numbers import counted
+from ..estimator_spec import shown_names
+from ..figures.numbers import counted, span
 from ..results import digest
 from ..results.folder import Results, as_argument
 from . import columns, libraries, pictures, published, tables, views
@@ -45,7 +46,7 @@ def environment(html: bool = False, templates: Path = TEMPLATES) -> jinja2.Envir
         "table": tables.text,
     }  # fmt: skip
     made.globals |= {
-        "names": tables.names, "counted": counted, "page_version": PAGE_VERSION,
+        "names": tables.names, "counted": counted, "span": span, "page_version": PAGE_VERSION,
     }  # fmt: skip
     return made
 
@@ -149,7 +150,7 @@ def page(results: Results, folder: Path) -> str:
     if claims.empty:
         claims, said = published.claimed(results), _ON_ESTIMATORS
     found = answer(results)
-    return markdown(
+    text = markdown(
         "scenario.md.j2",
         name=loaded.name,
         title=loaded.title,
@@ -174,6 +175,15 @@ def page(results: Results, folder: Path) -> str:
         manifest=results.manifest,
         **_published(results, found["allowed"], folder),
     )
+    return _by_name(text, results.figures())
+
+
+def _by_name(text: str, figures: pd.DataFrame) -> str:
+    """Return a page with estimators of files by their own names, where these differ."""
+    held = dict(zip(figures["estimator"], figures["name"], strict=True))
+    for label, shown in shown_names(held).items():
+        text = text.replace(f"`{label}`", f"`{shown}`")
+    return text
 
 
 def _of_parts(results: Results, cases: pd.DataFrame) -> pd.DataFrame:

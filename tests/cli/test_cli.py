@@ -197,7 +197,7 @@ def test_run_and_report(folder, tmp_path):
 
 
 def test_a_failing_estimator_does_not_end_a_run(folder):
-    """An estimator of one's own that raises is counted as bad, and the command succeeds."""
+    """An estimator of one's own that raises counts as bad and is named; other runs are stored."""
     (folder / "bad.py").write_text(
         "from dataclasses import dataclass\n"
         "from ggbench.problem import Estimator\n"
@@ -210,7 +210,8 @@ def test_a_failing_estimator_does_not_end_a_run(folder):
     )
     run = ["run", "small.toml", "-n", "2", "-j", "0", "-e", "bad.py", "-e", "ekf", "-o", "bad"]
     done = invoke(run, folder)
-    assert (done.returncode, done.stderr) == (0, "")
+    assert (done.returncode, done.stderr) == (1, "")
+    assert "Every run of bad.py failed." in done.stdout
     table = pd.read_csv(folder / "bad" / "figures.csv").set_index("name")
     assert table["failed"].to_dict() == {"bad": 2, "ekf": 0}
 

@@ -1,0 +1,62 @@
+"""What ``ggbench run`` says of estimators of a file: their names, and that all runs failed."""
+
+from __future__ import annotations
+
+import pytest
+from command import invoke
+from problems import SMALL
+
+from ggbench.estimator_spec import shown_names
+from ggbench.figures.numbers import span
+
+SOURCE = """
+from dataclasses import dataclass
+import numpy as np
+from ggbench.problem import Estimate, Estimator
+
+
+@dataclass(frozen=True)
+class Mine(Estimator):
+    fails: str = "never"
+    name = "mine"
+    causality = "filter"
+
+    def estimate(self, problem, rng):
+        if self.fails == "always" or self.fails == "odd" and rng.random() < 0.5:
+            raise ValueError("as asked")
+        return Estimate(np.zeros((problem.epochs, problem.dimension)), None, "filter")
+"""
+
+
+@pytest.mark.parametrize(
+    ("fails", "code"), [("always", 1), ("odd", 0), ("never", 0)], ids=lambda value: str(value)
+)
+def test_an_estimator_whose_runs_all_fail_is_named_with_exit_code_1(fails, code, tmp_path):
+    """Though another one finished; some failures are none of its own."""
+    (tmp_path / "small.toml").write_text(SMALL)
+    (tmp_path / "my_file.py").write_text(SOURCE)
+    label = f"my_file.py[fails={fails}]" if fails != "never" else "my_file.py"
+    done = invoke(
+        ["run", "small.toml", "-n", "8", "-j", "0", "-c", "base", "-e", "ins", "-e", label],
+        tmp_path,
+    )
+    assert done.returncode == code, done.stderr
+    assert (f"Every run of {label} failed." in done.stdout) == bool(code)
+    assert ("failed: 'ggbench show" in done.stdout) == (fails != "never")
+    assert label.replace("my_file.py", "mine") in done.stdout
+
+
+def test_estimators_of_one_name_are_told_apart_by_their_files():
+    """Registered ones keep their labels; parameters stay with the name."""
+    assert shown_names({"a/b.py[gain=2]": "mine", "ekf": "ekf", "c.py": "other"}) == {
+        "a/b.py[gain=2]": "mine[gain=2]", "ekf": "ekf", "c.py": "other",
+    }  # fmt: skip
+    assert shown_names({"a.py": "mine", "b.py": "mine", "b.py[gain=2]": "mine"}) == {
+        "a.py": "a.py", "b.py": "b.py", "b.py[gain=2]": "mine[gain=2]",
+    }  # fmt: skip
+
+
+def test_an_interval_of_equal_ends_is_one_number():
+    """As the answer of a report, its findings and the tables of a terminal show it."""
+    assert span("0.84", "0.84") == "0.84"
+    assert span("0.83", "0.84") == "0.83 to 0.84"
