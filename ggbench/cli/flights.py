@@ -37,22 +37,28 @@ def estimate(flight: Path, estimators: tuple[str, ...], output: Path, seed: int)
     from ..api import problems
     from ..campaign import registry
     from ..problem import Estimate
+    from ..recorded.corrected import Residuals, residuals
     from ..recorded.flight import read_flight
     from ..recorded.recording import require_empty
+    from ..recorded.suspicion import suspicions
     from ..report import flight_report
 
     choices = registry.choose_all(estimators or ("ekf",))
     require_empty(output)
     recorded = read_flight(flight)
     click.echo(f"{flight}: {recorded.problem}")
+    if remark := flight_report.of_the_reference(recorded):
+        click.echo(f"Note: {remark}.")
     found: dict[str, Estimate] = {}
+    told: dict[str, Residuals] = {}
     for choice in choices:
         start = Moment.now()
         try:
             with warnings.catch_warnings(record=True) as said:
                 warnings.simplefilter("always")
                 estimated = problems.estimate(recorded.problem, choice.estimator, seed)
-                flight_report.require_usable(recorded.problem, estimated)
+                # It raises if the estimate cannot be reported, before others are at stake.
+                told[choice.label] = residuals(recorded.problem, estimated)
         except GGBenchError as error:
             click.echo(f"ggbench: {choice.label}: {error}", err=True)
             continue
@@ -66,6 +72,8 @@ def estimate(flight: Path, estimators: tuple[str, ...], output: Path, seed: int)
         click.echo(f"{choice.label}: {start.since()}")
     if not found:
         raise GGBenchError("no estimator gave an estimate: nothing is written")
+    for warning in suspicions(recorded, told):
+        click.echo(f"Warning: {warning}.")
     path = flight_report.write(recorded, found, output)
     click.echo(f"Wrote {path}, and tracks and residuals in the folders next to it.")
     sys.exit(0 if len(found) == len(choices) else _EXIT_FAILED)

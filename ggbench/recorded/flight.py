@@ -30,7 +30,15 @@ from ..simulation.formulation import (
 from ..simulation.replay import Replays
 from ..simulation.runs import Truth
 from ..simulation.sensor_suite import SensorSuite, suite_of
-from ..spec.flight import FlightError, FlightSpec, RecordedField, ReferenceTrack, load
+from ..spec.flight import (
+    FlightError,
+    FlightSpec,
+    RecordedField,
+    RecordedGnss,
+    ReferenceTrack,
+    load,
+)
+from ..spec.named_sensors import aiding_of, sensors_of
 from . import columns as files
 from .inertial import Inertial, inertial
 from .motion import (
@@ -71,6 +79,11 @@ class RecordedFlight:
     problem: Problem
     reference: Truth | None
     start: float
+
+    @property
+    def reference_is_of(self) -> str:
+        """The sensor whose record the reference is; "" if it is none."""
+        return _sensor_of_reference(self.spec, self.path.parent)
 
     def inputs(self) -> list[dict[str, str]]:
         """Return the role, the name and the SHA-256 of each file that the flight was read from.
@@ -125,8 +138,22 @@ def read_flight(path: Path | str) -> RecordedFlight:
         )
     reference = None
     if spec.reference is not None:
-        reference = _reference(spec.reference, folder, problem, ins.base)
+        same = sensors_of(spec).get(_sensor_of_reference(spec, folder))
+        noise = max(same.position_noise_m or 0.0, same.height_noise_m or 0.0) if same else 0.0
+        reference = _reference(spec.reference, folder, problem, ins.base, noise)
     return RecordedFlight(path, spec, problem, reference, ins.base.start)
+
+
+def _sensor_of_reference(spec: FlightSpec, folder: Path) -> str:
+    """Return the receiver whose record the reference is, by the files' content; "" for none."""
+    if spec.reference is None:
+        return ""
+    key = sha256_of(folder / spec.reference.file, FlightError)
+    for sensor, table in aiding_of(spec).items():
+        record = folder / table.file
+        if isinstance(table, RecordedGnss) and sha256_of(record, FlightError) == key:
+            return sensor
+    return ""
 
 
 def _suite(spec: FlightSpec, path: Path) -> SensorSuite:
@@ -210,8 +237,13 @@ def _require_receivers_near(
         first += len(sensor.channels)
 
 
-def _reference(table: ReferenceTrack, folder: Path, problem: Problem, base: TimeBase) -> Truth:
-    """Return the errors of the INS against a reference track, NaN where that says nothing."""
+def _reference(
+    table: ReferenceTrack, folder: Path, problem: Problem, base: TimeBase, noise: float
+) -> Truth:
+    """Return the errors of the INS against a reference track, NaN where that says nothing.
+
+    ``noise`` is that of its positions, if it is the record of a receiver [m].
+    """
     speeds = (*velocity_columns("ENU"), *velocity_columns("NED"))
     optional = tuple(dict.fromkeys((*ATTITUDE, *speeds)))
     columns = files.read(folder / table.file, POSITION, optional, speeds)
@@ -238,7 +270,7 @@ def _reference(table: ReferenceTrack, folder: Path, problem: Problem, base: Time
         positions[:, 1] += turns(first, problem.track.positions[0, 1], math.tau)
     motion = Recorded(positions, velocities, attitudes)
     if velocities is not None and table.frame is not None:
-        require_consistent(columns, times, motion, table.frame)
+        require_consistent(columns, times, motion, table.frame, noise)
     at, since = problem.times, times - base.start
     row, share, there = _places(at, since, base.tolerance)
     if not there.any():

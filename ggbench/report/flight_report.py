@@ -24,7 +24,7 @@ from ..recorded.corrected import (
 )
 from ..recorded.flight import RecordedFlight
 from ..sensors.aiding import corrected_positions, position_error
-from ..spec.named_sensors import sensors_of
+from ..spec.named_sensors import sensors_of, table_of
 from .tables import markdown
 
 WINDOW_TITLES = {
@@ -40,9 +40,15 @@ def folder_of(label: str) -> str:
     return re.sub(r"[^\w.,=\[\]-]+", "_", label).strip("_.") or "estimator"
 
 
-def require_usable(problem: Problem, estimate: Estimate) -> None:
-    """Raise EstimateError unless an estimate can be reported, before others are at stake."""
-    residuals(problem, estimate)
+def of_the_reference(flight: RecordedFlight) -> str:
+    """Return a remark if the reference is the record of a sensor that estimators use, else ""."""
+    sensor = flight.reference_is_of
+    if not sensor:
+        return ""
+    return (
+        f"the reference is the record of [{table_of(sensor)}], which the estimators use: "
+        "differences from it are consistency, not accuracy"
+    )
 
 
 def write(flight: RecordedFlight, estimates: Mapping[str, Estimate], output: Path) -> Path:
@@ -191,13 +197,15 @@ def _errors(flight: RecordedFlight, judged: Mapping[str, AgainstReference]) -> l
         head += [f"{WINDOW_TITLES[name]}: position [m]", "velocity [m/s]", "NEES"]
     what = "position and velocity" if some.states == 6 else "the position"
     assert flight.spec.reference is not None
+    remark = of_the_reference(flight)
     return [
         "## Against the reference",
         markdown(head, rows),
         "Root-mean-square spherical errors, of the position in brackets its horizontal part, "
         f"against `{flight.spec.reference.file}`, at {len(some.times)} of {flight.problem.epochs} "
         f"epochs. The NEES is of {what}: {some.states} if the estimate is "
-        "consistent and the reference is exact; what the reference itself is in error is in both.",
+        "consistent and the reference is exact; what the reference itself is in error is in both."
+        + (f" Read with care: {remark}." if remark else ""),
     ]
 
 
