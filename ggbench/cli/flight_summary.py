@@ -9,9 +9,11 @@ import click
 from rich.console import Console
 
 from ..figures.numbers import short, some, span
+from ..spec.aiding import GnssSpec
+from ..spec.named_sensors import aiding_of
 from ..trajectory.manoeuvres import BANK_GRAVITY
 from .flight_limits import Examined, Flown
-from .map_margins import narrow_margins
+from .map_margins import length, narrow_margins
 
 MOST_BANK_DEG = 45.0
 """A level turn then weighs 1.4 g; surveys turn at 15° to 30°, airliners at 30°."""
@@ -25,6 +27,8 @@ HIGHEST_TRACK_M = 15_000.0
 """Height of a track [m]: beyond it fly balloons and few others; in feet it is usual."""
 SPEEDS_TRACK_MPS = (0.5, 1000.0)
 """Mean speed of a track [m/s]: below and beyond it the unit of its times is in doubt."""
+SECOND_ORDER_M = 10.0
+"""Second order of the INS's error that is tolerable without a receiver of positions [m]."""
 _NAMED = 3
 
 
@@ -33,11 +37,13 @@ def print_flights(found: Sequence[Examined], console: Console) -> None:
     cases = [each for each in found if not each.study]
     flights: dict[str, list[str]] = {}
     readings: dict[str, list[str]] = {}
+    errors: dict[str, list[str]] = {}
     for each in cases:
         flights.setdefault(_flight(each), []).append(each.case.name)
+        errors.setdefault(_ins(each), []).append(each.case.name)
         counts = ", ".join(f"{name} {count}" for name, count in each.readings.items())
         readings.setdefault(counts, []).append(each.case.name)
-    for what, told in (("Flight", flights), ("Readings", readings)):
+    for what, told in (("Flight", flights), ("INS", errors), ("Readings", readings)):
         for text, names in told.items():
             of = f" in {some(names, most=_NAMED)}" if len(names) < len(cases) else ""
             console.print(f"{what}{of}: {text}", markup=False)
@@ -56,6 +62,28 @@ def _flight(each: Examined) -> str:
     return (
         f"{text}{short(margin.border / 1e3)} km from the map's border ({margin.side}), "
         f"{margin.below:.0f} m above its lowest height and {margin.above:.0f} m below its highest"
+    )
+
+
+def _ins(each: Examined) -> str:
+    """Return how far the INS errs, and from where on filters should not linearise about it."""
+    error = each.ins
+    text = (
+        f"without aiding it errs by up to {length(float(error.horizontal.max()))} horizontally and "
+        f"{length(float(error.deviations[:, 2].max()))} in height (1 σ)"
+    )
+    noises = [
+        sensor.position_noise_m
+        for sensor in aiding_of(each.case.side("truth")).values()
+        if isinstance(sensor, GnssSpec) and sensor.position_noise_m is not None
+    ]
+    allowed = min(noises, default=SECOND_ORDER_M)
+    until = error.linear_until(allowed)
+    if math.isinf(until):
+        return text
+    return (
+        f"{text}; from {until:.0f} s on its second order exceeds {allowed:g} m, and filters about "
+        "the open-loop INS leave their linear range: fly closed-loop"
     )
 
 

@@ -156,12 +156,13 @@ def narrow_margins(found: Iterable[tuple[str, tuple[Shortfall, ...]]]) -> Iterat
         }.get(side, f"from the {side} border of its map")
         names = some([name for name, _ in cases], most=3)
         yield (
-            f"in {names}, the flight is {_length(worst.margin)} "
+            f"in {names}, the flight is {length(worst.margin)} "
             f"{where} {worst.time:.0f} s after the start, and {DEVIATIONS:g} standard deviations "
-            f"of the INS's error are {_length(worst.needed)} there: estimates that leave the map "
+            f"of the INS's error are {length(worst.needed)} there: estimates that leave the map "
             "get the values of its border"
         )
 
 
-def _length(metres: float) -> str:
+def length(metres: float) -> str:
+    """Return a length with its unit, from 10 km on in kilometres."""
     return f"{short(metres / 1e3)} km" if abs(metres) >= 1e4 else f"{metres:.0f} m"
