@@ -72,8 +72,8 @@ def estimate(flight: Path, estimators: tuple[str, ...], output: Path, seed: int)
         click.echo(f"{choice.label}: {start.since()}")
     if not found:
         raise GGBenchError("no estimator gave an estimate: nothing is written")
-    for warning in suspicions(recorded, told):
-        click.echo(f"Warning: {warning}.")
+    for suspicion in suspicions(recorded, told):
+        click.echo(f"Warning: {suspicion}.")
     path = flight_report.write(recorded, found, output)
     click.echo(f"Wrote {path}, and tracks and residuals in the folders next to it.")
     sys.exit(0 if len(found) == len(choices) else _EXIT_FAILED)

@@ -88,7 +88,7 @@ def clock_fit(problem: Problem, sensor: str) -> ClockFit | None:
     epochs = np.flatnonzero(inside)
     if len(epochs) < _FEWEST or problem.track is None:
         return None
-    read = problem.measurements[np.ix_(epochs, chosen)]
+    read = problem.measurements[epochs][:, chosen]
     rms = {
         offset: _residual(problem, epochs, read, offset, bool(velocities))
         for offset in range(-reach, reach + 1)
