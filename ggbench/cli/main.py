@@ -231,11 +231,11 @@ def _run_scenario(name: str, asked: _Asked, output: Path | None) -> Outcome:
             asked.seed, asked.cases, asked.assumptions, asked.time_limit, not asked.resume,
         )  # fmt: skip
         planned = work.plan.scenario
+        flight_summary.warn(flight_limits.examined(planned))  # it tells of maps that it builds
         flown = [*planned.cases, *(c for study in planned.assumptions for c in study.cases)]
         tell_maps(case.side(side).field for case in flown for side in ("truth", "model"))
         if len(loaded.cases) > _MANY_CASES:
             click.echo(f"preparing {counted(len(loaded.cases), 'case')}")
-        flight_summary.warn(flight_limits.examined(planned))
         ended = running.run(work, asked.jobs, asked.cluster, progress.tell)
     # Of workers elsewhere nothing is known here.
     took = "" if asked.cluster else f"It took {start.since()}."
