@@ -38,7 +38,7 @@ SHARED = (
     "required_m", "final_ins_error_m", *(f"{window}_{n}" for window in WINDOWS for n in _BOUNDS)
 )  # fmt: skip
 """Numbers of a run that estimators of one bound share."""
-FLAGS = ("diverged", "false_fix")
+TRUTHS = ("diverged", "false_fix")
 
 
 class ScoreError(GGBenchError):
@@ -94,7 +94,7 @@ def write(results: Results, path: Path) -> None:
     bound_of = {label: table.xs(label, level="estimator")["bound"].iloc[0] for label in labels}
     kinds = sorted(set(bound_of.values()))
     owners = [labels.index(next(name for name in labels if bound_of[name] == k)) for k in kinds]
-    flags = [table["status"] == "ok", *(table[name] for name in FLAGS)]
+    truths = [table["status"] == "ok", *(table[name] for name in TRUTHS)]
     settled = figures[figures["window"] == "settled"].set_index(["case", "estimator"])
     header = {
         "scenario_hash": results.manifest["scenario_hash"],
@@ -126,7 +126,7 @@ def write(results: Results, path: Path) -> None:
             file,
             header=np.frombuffer(json.dumps(header).encode(), np.uint8),
             figures=table[list(FIGURES)].to_numpy(np.float32).reshape(shape),
-            flags=np.stack(flags, axis=-1).reshape(shape),
+            truths=np.stack(truths, axis=-1).reshape(shape),
             shared=shared[:, owners],
         )
 
@@ -152,14 +152,14 @@ def read(file: Traversable | Path | None = None) -> StoredRuns:
     try:
         with file.open("rb") as opened, np.load(opened) as stored:
             header = json.loads(stored["header"].tobytes())
-            parts = {name: stored[name] for name in ("figures", "flags", "shared")}
+            parts = {name: stored[name] for name in ("figures", "truths", "shared")}
     except (OSError, ValueError, KeyError) as error:
         raise ScoreError(f"cannot read the stored runs in {file}: {error}") from None
     return StoredRuns(header, _table(header, **parts))
 
 
 def _table(
-    header: Mapping[str, Any], figures: np.ndarray, flags: np.ndarray, shared: np.ndarray
+    header: Mapping[str, Any], figures: np.ndarray, truths: np.ndarray, shared: np.ndarray
 ) -> pd.DataFrame:
     """Return the table of runs of arrays (cases, estimators, runs, columns)."""
     suite = scenario.load(SUITE)
@@ -172,12 +172,12 @@ def _table(
             columns = dict(zip(FIGURES, figures[c, e].T.astype(float), strict=True))
             own = shared[c, header["bounds"].index(held["bound"])]
             columns |= dict(zip(SHARED, own.T.astype(float), strict=True))
-            columns |= dict(zip(FLAGS, flags[c, e, :, 1:].T, strict=True))
+            columns |= dict(zip(TRUTHS, truths[c, e, :, 1:].T, strict=True))
             columns |= {
                 "assumption": "", "case": name, "estimator": label, "seed": header["seed"],
                 "run": numbers, "draw": draws, "reason": "", "remark": "", "command": "",
                 "problem": "", "cold": False, "seconds": header["seconds"][name][label],
-                "status": np.where(flags[c, e, :, 0], "ok", "failed"), **held,
+                "status": np.where(truths[c, e, :, 0], "ok", "failed"), **held,
             }  # fmt: skip
             tables.append(pd.DataFrame(columns))
     found = pd.concat(tables, ignore_index=True)
