@@ -16,7 +16,7 @@ import matplotlib.style
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import NullFormatter
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from ..errors import GGBenchError
 
@@ -119,10 +119,11 @@ def plain_numbers(axes: Axes, which: Literal["x", "y"] = "y") -> None:
     low, high = axes.get_xlim() if which == "x" else axes.get_ylim()
     axis = axes.xaxis if which == "x" else axes.yaxis
     axis.set_major_formatter(lambda value, _: f"{value:g}")
-    if np.floor(np.log10(high)) - np.ceil(np.log10(low)) < 1.0:  # fewer than two powers of ten
+    axis.set_minor_formatter(NullFormatter())
+    if high < 3.0 * low:
         axis.set_minor_formatter(lambda value, _: f"{value:g}")
-    else:
-        axis.set_minor_formatter(NullFormatter())
+    elif np.floor(np.log10(high)) - np.ceil(np.log10(low)) < 1.0:  # fewer than two powers of ten
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
 
 
 def legend_below(figure: Figure, handles: Mapping[str, Any]) -> None:

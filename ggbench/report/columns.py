@@ -229,7 +229,7 @@ COLUMNS: dict[str, Column] = {
 """All columns of the tables, by their keys."""
 DEFINED = (
     "rms_m", "bound_m", "efficiency", "oracle_ratio", "times_ins", "success", "required_m",
-    "diverged", "false_fixes", "converged_s", "nees", "coverage", "nis", "consistency",
+    "diverged", "false_fixes", "nees", "coverage", "consistency",
     "recommended", "error_ratio", "verdict", "correlation_m", "width", "seconds_per_run",
 )  # fmt: skip
 """Columns on the page of definitions."""

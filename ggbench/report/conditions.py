@@ -160,4 +160,4 @@ def _differences(case: CaseSpec) -> list[str]:
 def _range(values: pd.Series, unit: str) -> str:
     low, high = float(values.min()), float(values.max())
     ends = dict.fromkeys((significant(low, 3), significant(high, 3)))
-    return f"{' to '.join(ends)} {unit}"
+    return f"{'–'.join(ends)} {unit}"

@@ -16,7 +16,7 @@ from ..judging.verdicts import UnequalRunsError
 from . import columns
 from .tables import error_cell
 
-MOST_CASES = 6
+MOST_CASES = 5
 """Cases of a page's table."""
 MOST_FAMILIES = 6
 """Families of estimators of a figure."""
