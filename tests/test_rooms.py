@@ -157,7 +157,7 @@ def test_numerics_alone_knows_how_many_lanes_there_are():
 )
 @pytest.mark.parametrize("place", ["ggbench/engines/filters.py", "estimators/ekf.py"])
 def test_a_count_of_lanes_elsewhere_is_seen(tmp_path, place, line):
-    """The guard fails where it should, and not at files of numerics beside it."""
+    """The guard fails where it should, and not at files of numerics."""
     for folder in ("ggbench/numerics", "ggbench/engines", "estimators"):
         (tmp_path / folder).mkdir(parents=True)
     for name in ("ggbench/numerics/lanes.py", place):
