@@ -43,8 +43,8 @@ def print_flights(found: Sequence[Examined], console: Console) -> None:
         errors.setdefault(_ins(each), []).append(each.case.name)
         counts = ", ".join(f"{name} {count}" for name, count in each.readings.items())
         readings.setdefault(counts, []).append(each.case.name)
-    for what, told in (("Flight", flights), ("INS", errors), ("Readings", readings)):
-        for text, names in told.items():
+    for what, texts in (("Flight", flights), ("INS", errors), ("Readings", readings)):
+        for text, names in texts.items():
             of = f" in {some(names, most=_NAMED)}" if len(names) < len(cases) else ""
             console.print(f"{what}{of}: {text}", markup=False)
 

@@ -50,7 +50,7 @@ def estimate(flight: Path, estimators: tuple[str, ...], output: Path, seed: int)
     if remark := flight_report.of_the_reference(recorded):
         click.echo(f"Note: {remark}.")
     found: dict[str, Estimate] = {}
-    told: dict[str, Residuals] = {}
+    by_label: dict[str, Residuals] = {}
     for choice in choices:
         start = Moment.now()
         try:
@@ -58,7 +58,7 @@ def estimate(flight: Path, estimators: tuple[str, ...], output: Path, seed: int)
                 warnings.simplefilter("always")
                 estimated = problems.estimate(recorded.problem, choice.estimator, seed)
                 # It raises if the estimate cannot be reported, before others are at stake.
-                told[choice.label] = residuals(recorded.problem, estimated)
+                by_label[choice.label] = residuals(recorded.problem, estimated)
         except GGBenchError as error:
             click.echo(f"ggbench: {choice.label}: {error}", err=True)
             continue
@@ -72,7 +72,7 @@ def estimate(flight: Path, estimators: tuple[str, ...], output: Path, seed: int)
         click.echo(f"{choice.label}: {start.since()}")
     if not found:
         raise GGBenchError("no estimator gave an estimate: nothing is written")
-    for suspicion in suspicions(recorded, told):
+    for suspicion in suspicions(recorded, by_label):
         click.echo(f"Warning: {suspicion}.")
     path = flight_report.write(recorded, found, output)
     click.echo(f"Wrote {path}, and tracks and residuals in the folders next to it.")

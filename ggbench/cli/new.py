@@ -82,7 +82,7 @@ def estimator(name: str, output: Path) -> None:
 
 
 def _flight_over(own_map: Path) -> str:
-    """Return the table of a flight in the middle of a map: straight, a turn, straight.
+    """Return the table of a straight flight to the east in the middle of a map.
 
     Raises
     ------

@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from ..figures.numbers import counted
+from ..figures.numbers import counted, span
 from ..spec.aiding import BarometerSpec, GnssSpec, GravimeterSpec, LogSpec
 from ..spec.case import CaseSpec
 from ..spec.named_sensors import aiding_of
@@ -83,7 +83,7 @@ def _initial(cases: Sequence[CaseSpec]) -> str:
 def _span(values: Iterable[float]) -> str:
     """Return a value, or the least and the largest."""
     found = sorted(values)
-    return "–".join(dict.fromkeys((f"{found[0]:g}", f"{found[-1]:g}")))
+    return span(f"{found[0]:g}", f"{found[-1]:g}", "–")
 
 
 def _flight(shared: pd.DataFrame) -> str:
@@ -159,5 +159,4 @@ def _differences(case: CaseSpec) -> list[str]:
 
 def _range(values: pd.Series, unit: str) -> str:
     low, high = float(values.min()), float(values.max())
-    ends = dict.fromkeys((significant(low, 3), significant(high, 3)))
-    return f"{'–'.join(ends)} {unit}"
+    return f"{span(significant(low, 3), significant(high, 3), '–')} {unit}"

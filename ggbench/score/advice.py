@@ -15,7 +15,8 @@ from ..judging.planned import bound_of
 from ..results.folder import Results, write_tables
 from ..spec.case import CaseSpec
 from ..spec.scenario import Scenario
-from .stored_runs import ScoreError, read
+from . import stored_runs
+from .stored_runs import ScoreError
 
 RUNS = 20
 _FINEST, _COARSEST = 1e-6, 1e4
@@ -66,7 +67,7 @@ class Advice:
 
 def estimators() -> list[str]:
     """Return the INS and the estimators that are recommended in some case of the suite."""
-    recommended = read().header["recommended"].values()
+    recommended = stored_runs.header()["recommended"].values()
     found = [kinds[kind]["label"] for kind in ("causal", "smoother") for kinds in recommended]
     return ["ins", *dict.fromkeys(label for label in found if label)]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -18,6 +18,7 @@ AS_GOOD = "as good"
 _DIGITS = 6
 
 Verdict = Literal["better", "as good", "worse", "undecided"]
+VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 Judged = Literal["all", "odd", "even"]
 Role = Literal["ekf", "recommended", "best"]
 Number = float | None
@@ -113,9 +114,7 @@ class Card(_Part):
             for other in question.against
             if (other.role == "ekf") == (role == "ekf")
         ]
-        return {
-            verdict: found.count(verdict) for verdict in ("better", "as good", "worse", "undecided")
-        }
+        return {verdict: found.count(verdict) for verdict in VERDICTS}
 
 
 def rounded(value: float) -> float | None:

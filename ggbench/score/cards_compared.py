@@ -9,6 +9,7 @@ import numpy as np
 from ..judging.pairs import Flown, compared, judged
 from ..judging.statistics import WORSE
 from ..spec import scenario
+from ..spec.case import CaseSpec
 from .card import Card, Question
 from .stored_runs import SUITE, ScoreError
 
@@ -73,6 +74,7 @@ def worse(old: Card, new: Card) -> list[str]:
             "the two cards are of different runs (seed, suite or version of results): score the "
             "old estimator again"
         )
+    suite = scenario.load(SUITE)
     before = {question.case: question for question in old.questions if not question.skipped}
     pairs = []
     for question in new.questions:
@@ -82,7 +84,9 @@ def worse(old: Card, new: Card) -> list[str]:
         if question.skipped:
             pairs.append({"case": question.case, "skipped": question.skipped})
             continue
-        pairs.append({"case": question.case} | compared(_flown(question), _flown(other)))
+        spec = suite.case(question.case)
+        flown = _flown(question, spec), _flown(other, spec)
+        pairs.append({"case": question.case} | compared(*flown))
     tested = [pair for pair in pairs if "skipped" not in pair]
     found = [
         f"{pair['case']}: errors are {pair['error_ratio']:.3g} times as large, "
@@ -93,12 +97,8 @@ def worse(old: Card, new: Card) -> list[str]:
     return found + [f"{p['case']}: skipped, {p['skipped']}" for p in pairs if "skipped" in p]
 
 
-def _flown(question: Question) -> Flown:
+def _flown(question: Question, spec: CaseSpec) -> Flown:
     runs = np.arange(len(question.errors_m))
+    draws = np.array([spec.cluster(int(run)) for run in runs])
     squares = np.square(np.array(question.errors_m, dtype=float))
-    return Flown(runs, _draws(question.case, runs), squares, np.array(question.succeeded, bool))
-
-
-def _draws(case: str, runs: np.ndarray) -> np.ndarray:
-    spec = scenario.load(SUITE).case(case)
-    return np.array([spec.cluster(int(run)) for run in runs])
+    return Flown(runs, draws, squares, np.array(question.succeeded, bool))

@@ -9,13 +9,12 @@ import pandas as pd
 from ..files import written_whole
 from ..report import columns, tables
 from ..report.render import TEMPLATES, environment, markdown
-from .card import Card, Opponent, Question
+from .card import VERDICTS, Card, Opponent, Question
 from .stored_runs import ScoreError
 
 HEAD = ("question", "bound [m]", "scored", "EKF", "against EKF", "recommended", "against it")
 MOST_FAILURES = 10
 """Failed runs that a page lists."""
-VERDICTS = ("better", "as good", "worse", "undecided")
 
 
 def headline(card: Card) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import importlib.resources
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -59,16 +59,6 @@ class StoredRuns:
 
     header: Mapping[str, Any]
     runs: pd.DataFrame
-
-    def rival(self, case: str, kind: str) -> str:
-        """Return the recommended estimator of a kind, or else its best, "" for none.
-
-        Parameters
-        ----------
-        case : name of the case.
-        kind : "causal" or "smoother".
-        """
-        return str(self.header["recommended"][case][kind]["label"])
 
 
 def write(results: Results, path: Path) -> None:
@@ -139,23 +129,43 @@ def _recommended(row: Any) -> dict[str, dict[str, Any]]:
     }
 
 
+def header() -> dict[str, Any]:
+    """Return the header of the shipped runs, without the runs.
+
+    Raises
+    ------
+    ScoreError
+        If the file cannot be read.
+    """
+    found, _ = _stored(_shipped(), ())
+    return found
+
+
 def read(file: Traversable | Path | None = None) -> StoredRuns:
     """Return the shipped runs, or those of a file.
 
     Raises
     ------
     ScoreError
-        If the file cannot be read, or its runs are of another suite or version of results.
+        If the file cannot be read.
     """
-    if file is None:
-        file = importlib.resources.files("ggbench.scenarios") / FILE
+    found, parts = _stored(file or _shipped(), ("figures", "truths", "shared"))
+    return StoredRuns(found, _table(found, **parts))
+
+
+def _shipped() -> Traversable:
+    return importlib.resources.files("ggbench.scenarios") / FILE
+
+
+def _stored(
+    file: Traversable | Path, names: Iterable[str]
+) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Return the header of a file and some of its arrays."""
     try:
         with file.open("rb") as opened, np.load(opened) as stored:
-            header = json.loads(stored["header"].tobytes())
-            parts = {name: stored[name] for name in ("figures", "truths", "shared")}
+            return json.loads(stored["header"].tobytes()), {name: stored[name] for name in names}
     except (OSError, ValueError, KeyError) as error:
         raise ScoreError(f"cannot read the stored runs in {file}: {error}") from None
-    return StoredRuns(header, _table(header, **parts))
 
 
 def _table(

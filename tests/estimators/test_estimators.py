@@ -217,9 +217,9 @@ def test_a_wrong_model_is_an_exception(kind):
     Of one mode, in this process, which a failure would kill; of all modes below.
     """
     name, _, sentence = WRONG[kind].partition(": ")
-    with pytest.raises(Exception, match=sentence or None) as told:
+    with pytest.raises(Exception, match=sentence or None) as raised:
         estimator("gtsam").estimate(changed(linear_problem(0), model=Wrong(kind)), rng())
-    assert name in type(told.value).__name__
+    assert name in type(raised.value).__name__
 
 
 @pytest.mark.long
