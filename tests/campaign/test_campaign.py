@@ -248,7 +248,7 @@ def test_an_estimator_that_fails_in_some_runs(tmp_path, monkeypatch):
     text = render.write(results.folder, tmp_path / "reports")[0].read_text()
     failures = tmp_path / "reports" / "small" / "data" / "failures.csv"
     count = sum(record["status"] == "failed" for record in results.records())
-    assert f"{count} runs failed" in text
+    assert f"{count} failed runs" in text
     assert failures.read_text().count("ArithmeticError: not this one") == count > 2
 
 

@@ -90,7 +90,7 @@ def test_a_damaged_record_does_not_hide_the_others(damaged, tmp_path):
     assert "records.sqlite is damaged: lone" in bad["reason"].iloc[0]
     results.store.close()
     text = render.write(damaged, tmp_path / "reports")[0].read_text()
-    assert "1 run failed" in text
+    assert "1 failed run" in text
     failures = tmp_path / "reports" / "small" / "data" / "failures.csv"
     assert "a record in " in failures.read_text()
 
