@@ -22,19 +22,23 @@ _LATELY_S = 30.0
 """How long after the last of them the compiled functions are still worth a line."""
 
 
-def tell_first_use(module: str, scope: str) -> None:
+def tell_first_use(module: str, scope: str) -> bool:
     """Say that code is going to be compiled, if that of a module of the package is not there.
+
+    Return whether it is.
 
     Parameters
     ----------
     module : that the command compiles early, ``ins/strapdown.py``.
     scope : how long it all takes.
     """
-    if not code_folder(PACKAGE / module).exists():
+    first = not code_folder(PACKAGE / module).exists()
+    if first:
         click.echo(
             f"First use of this version here: its code is compiled for this processor, {scope}, "
             f"and kept in {cache_folder()}."
         )
+    return first
 
 
 def tell_maps(fields: Iterable[FieldSpec]) -> None:
