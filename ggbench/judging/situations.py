@@ -78,8 +78,8 @@ def is_right_model(case: CaseSpec) -> bool:
 
 
 def _is_measured(case: CaseSpec) -> bool:
-    """Return whether the gradiometer's readings were measured."""
-    return case.gradiometer is not None and case.gradiometer.readings == "measured"
+    """Return whether readings of a sensor were measured."""
+    return bool(case.measured_sensors())
 
 
 def _assumes_white(case: CaseSpec) -> bool:

@@ -46,6 +46,11 @@ SURVEYS = {
         "airborne gradiometry of Fosterville, Victoria (Falcon, February 2019), every other line, "
         "by point masses",
     ),
+    "east_victoria2023": SurveySource(
+        "measured/east_victoria2023_masses.npz",
+        "airborne gravimetry of one line of East Victoria (AIRGrav, Sander Geophysics, 2023), five "
+        "of ten passes, by point masses",
+    ),
 }
 """Surveys by the name that a recipe uses."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -118,6 +118,7 @@ def aiding_readings(
     truth: Motion,
     ins: Motion,
     streams: Sequence[RandomStreams],
+    measured: Mapping[str, np.ndarray],
 ) -> AidingReadings:
     """Return the readings of the sensors in R runs.
 
@@ -130,6 +131,8 @@ def aiding_readings(
     truth : true motion at the epochs (K, .).
     ins : what the INS of each run indicates (R, K, .).
     streams : the generators of the runs.
+    measured : errors (G,) of the sensors whose readings were measured; NaN where one is missing.
+        Their biases are not known.
     """
     runs, epochs = ins.positions.shape[:2]
     channels = sum(len(sensor.channels) for sensor in true)
@@ -141,6 +144,12 @@ def aiding_readings(
         first += width
         z[:, at, some] = sensor.exact(_at(truth, at), _at(ins, at), field)
         present[:, at, some] = True
+        if sensor.name in measured:
+            errors = measured[sensor.name][:, np.newaxis]
+            z[:, at, some] += np.nan_to_num(errors)
+            present[:, at, some] = ~np.isnan(errors)
+            biases += [np.zeros((epochs, width))] * (runs if known.bias > 0.0 else 0)
+            continue
         for r, of_run in enumerate(streams):
             drawn = np.zeros((epochs, width))
             if sensor.bias > 0.0:

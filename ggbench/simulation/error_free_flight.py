@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -30,7 +31,7 @@ from .bound import Bound, posterior_bound
 from .field_source import beside, make_field
 from .formulation import MeasurementTimes, added_gravity, require_short_delays
 from .instruments import faults, spinning_disks
-from .measured import measured_readings
+from .measured import measured_errors, measured_readings
 from .sensor_suite import SensorSuite, suite_of_case
 
 
@@ -49,6 +50,7 @@ class Flight:
     noise_free : (G, 6) tensors in the gradiometer's mount at the truth when it reads them [E].
     measured : (G, g) readings that were measured there [E], NaN where one is missing; None where
         they are simulated.
+    measured_errors : by gravimeter, (G,) of readings that were measured [mGal], or NaN.
     """
 
     case: CaseSpec
@@ -60,6 +62,7 @@ class Flight:
     epochs: np.ndarray
     noise_free: np.ndarray
     measured: np.ndarray | None = None
+    measured_errors: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
 
     @property
     def times(self) -> np.ndarray:
@@ -367,9 +370,12 @@ def prepare(case: CaseSpec) -> Flight:
         require_short_delays(suite_of_case(case, "model"), altimeter, len(at))
     for assumed in (field, model_field):
         assumed.tensor(*trajectory.positions[needed].T)  # raises if the flight leaves the map
+    errors = measured_errors(
+        case, field, {sensor: trajectory.positions[at] for sensor, at in read_at.items()}
+    )
     return Flight(
         case, trajectory, delta_angles, delta_velocities, field, model_field, epochs, noise_free,
-        measured,
+        measured, errors,
     )  # fmt: skip
 
 

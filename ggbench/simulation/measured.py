@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 
 from ..gravity.field import Field
+from ..sensors.aiding import MGAL
 from ..spec.case import CaseSpec
+from ..spec.named_sensors import aiding_of
 from ..trajectory.manoeuvres import TrajectoryError
+from ..trajectory.survey_lines import DISTURBANCE
 from .instruments import gradiometer_of
 
 
@@ -22,12 +27,45 @@ def measured_readings(case: CaseSpec, positions: np.ndarray) -> np.ndarray | Non
     GGBenchError
         If the survey lines have other components, or samples at other times.
     """
-    spec, flown = case.gradiometer, case.trajectory
+    spec = case.gradiometer
     if spec is None or spec.readings == "simulated":
         return None
-    instrument, line = gradiometer_of(spec), flown.survey_line()
+    instrument = gradiometer_of(spec)
+    disturbing = _on_line(case, "gradiometer", spec.period_s, instrument.components)
+    return np.asarray(disturbing + Field.normal().tensor(*positions.T) @ instrument.channels.T)
+
+
+def measured_errors(
+    case: CaseSpec, field: Field, positions: Mapping[str, np.ndarray]
+) -> dict[str, np.ndarray]:
+    """Return by how much measured gravity (G,) is off a field, by the gravimeter [mGal].
+
+    NaN where a reading is missing. It takes the place of simulated noise.
+
+    Parameters
+    ----------
+    case : the case.
+    field : the true field.
+    positions : true ones (G, 3) at which each sensor is read.
+
+    Raises
+    ------
+    GGBenchError
+        If the survey lines have no gravity, or samples at other times.
+    """
+    found = {}
+    for name in case.measured_sensors():
+        if name != "gradiometer":
+            gravity = -MGAL * field.gravity_disturbance(*positions[name].T)[:, 2]
+            period = aiding_of(case)[name].period_s
+            found[name] = _on_line(case, name, period, (DISTURBANCE,))[:, 0] - gravity
+    return found
+
+
+def _on_line(case: CaseSpec, sensor: str, period: float, columns: Sequence[str]) -> np.ndarray:
+    """Return the readings of a sensor on the line of a case, (G, columns)."""
+    flown = case.trajectory
     try:
-        disturbing = line.measured(instrument.components, flown.middle_s, spec.period_s)
+        return flown.survey_line().measured(columns, flown.middle_s, period, sensor)
     except TrajectoryError as error:
         raise TrajectoryError(f"survey lines {flown.file}: {error}") from None
-    return np.asarray(disturbing + Field.normal().tensor(*positions.T) @ instrument.channels.T)

@@ -214,7 +214,7 @@ def _readings(
     """
     others = aiding_readings(
         flight.true.aiding, flight.model.aiding, flight.field, flight.times, flight.aiding_epochs,
-        flight.motion_at_epochs, ins, streams,
+        flight.motion_at_epochs, ins, streams, flight.measured_errors,
     )  # fmt: skip
     return Readings(seen.output, seen.missing, others.measurements, others.present), others.biases
 

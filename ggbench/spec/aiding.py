@@ -165,14 +165,18 @@ class GravimeterSpec(PeriodicSpec):
         "scalar",
     )
     """`"scalar"`: the size of the disturbance; `"east"`, `"north"`: its components."""
+    readings: Literal["simulated", "measured"] = "simulated"
+    """Whether readings are simulated, or those of the survey lines that `[trajectory]` flies."""
 
     @model_validator(mode="after")
     def _check(self) -> GravimeterSpec:
         self.require_distinct("components", "a component")
+        if self.readings == "measured" and self.components != ("scalar",):
+            raise ValueError('readings = "measured" are of components = ["scalar"]')
         return self
 
 
-@changes(GravimeterSpec, but=("kind", "period_s", "components"))
+@changes(GravimeterSpec, but=("kind", "period_s", "components", "readings"))
 class GravimeterChange(Section):
     """``[model.gravimeter]``: the gravimeter that the estimators assume."""
 

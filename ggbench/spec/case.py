@@ -232,12 +232,18 @@ class CaseSpec(Section):
             raise ValueError("draw.tracks needs segments: a track of a file cannot be moved")
         if self.draw.maps > 1 and len(self.trajectory.drawn_lines) > 1:
             raise ValueError("draw.maps and several trajectory.lines exclude each other")
-        measured = self.gradiometer is not None and self.gradiometer.readings == "measured"
-        if measured and not self.trajectory.lines:
-            raise ValueError(
-                'gradiometer.readings = "measured" needs survey lines: give trajectory.file and '
-                "trajectory.lines"
-            )
+        for name in self.measured_sensors():
+            if not self.trajectory.lines:
+                raise ValueError(
+                    f'{table_of(name)}.readings = "measured" needs survey lines: give '
+                    "trajectory.file and trajectory.lines"
+                )
+            true = aiding_of(self.truth).get(name)
+            if true is not None and true.model_dump(exclude_defaults=True):
+                raise ValueError(
+                    f"truth.{table_of(name)}: measured readings have the errors that they have; "
+                    "remove its keys"
+                )
         if self.draw.maps > 1 and not self.map_errors():
             raise ValueError(
                 "draw.maps needs a map error: give [field.error], [truth.field.error] or "
@@ -347,6 +353,11 @@ class CaseSpec(Section):
                 f"windows.settled_from_s is {self.windows.settled_from_s:g} s and must not lie "
                 f"beyond the last reading, at {last:g} s"
             )
+
+    def measured_sensors(self) -> list[str]:
+        """Return the names of sensors whose readings were measured."""
+        tables = sensors_of(self).items()
+        return [name for name, spec in tables if getattr(spec, "readings", "") == "measured"]
 
     def map_errors(self) -> dict[str, MapErrorSpec]:
         """Return the map errors by the side that states them, "" for both."""

@@ -1,9 +1,10 @@
-"""Survey lines with the gradients that were measured on them, from a CSV file.
+"""Survey lines with the gradients or the gravity measured on them, from a CSV file.
 
 The first line of the file names the columns: line, kind, time_s, latitude_deg, longitude_deg,
-height_m (above the ellipsoid) and components in axes east, north, up, as xx or xx_eotvos; other
-columns are passed over. A row is a sample; the rows of a line follow one another, at one interval.
-Readings are of the disturbing field. An empty one is missing.
+height_m (above the ellipsoid), components in axes east, north, up, as xx or xx_eotvos, and the
+gravity disturbance as disturbance or disturbance_mgal; other columns are passed over. A row is a
+sample; the rows of a line follow one another, at one interval. Readings are of the disturbing
+field. An empty one is missing.
 """
 
 from __future__ import annotations
@@ -24,9 +25,18 @@ from .track import Track, TrackLimits, part_of, track_of
 from .track_file import FEWEST_ROWS
 
 _PLACES = ("time_s", "latitude_deg", "longitude_deg", "height_m")
-_UNIT = "_eotvos"
-_COMPONENTS = (*COMPONENTS, *DIFFERENCES)
-_WANTED = f"line, kind, {', '.join(_PLACES)}, and of {', '.join(_COMPONENTS)} what was measured"
+DISTURBANCE = "disturbance"
+"""The column of a gravimeter: positive where gravity is stronger than normal [mGal]."""
+_READINGS = {
+    **{name: name for name in (*COMPONENTS, *DIFFERENCES, DISTURBANCE)},
+    **{f"{name}_eotvos": name for name in (*COMPONENTS, *DIFFERENCES)},
+    f"{DISTURBANCE}_mgal": DISTURBANCE,
+}
+"""Columns of readings, and what they hold."""
+_WANTED = (
+    f"line, kind, {', '.join(_PLACES)}, and of {', '.join(dict.fromkeys(_READINGS.values()))} what "
+    "was measured"
+)
 _LARGEST = 500_000_000  # file, unpacked [bytes]
 _TIMING = 1e-3
 """By how much a duration may be off a multiple of the interval [s]."""
@@ -44,7 +54,8 @@ class SurveyLine:
     name, kind : as the file has them.
     row : number of the file's line with the first sample.
     places : name of the column to its numbers (N,): time_s, latitude_deg, longitude_deg, height_m.
-    readings : component to gradients of the disturbing field, ENU (N,) [E]; NaN where missing.
+    readings : component to gradients of the disturbing field, ENU (N,) [E], and the gravity
+        disturbance [mGal]; NaN where missing.
     """
 
     name: str
@@ -107,10 +118,13 @@ class SurveyLine:
         part, times = self.middle(duration), self.places["time_s"]
         return part_of(whole, times[part.start] - times[0], times[part.stop - 1] - times[0])
 
-    def measured(self, components: Sequence[str], duration: float | None, period: float) -> Array:
+    def measured(
+        self, components: Sequence[str], duration: float | None, period: float, sensor: str
+    ) -> Array:
         """Return the readings (G, m) of the middle of the line, at multiples of a period [s].
 
-        The first is a period after the start; NaN where one is missing.
+        The first is a period after the start; NaN where one is missing. ``sensor`` is the table
+        that asks for them.
 
         Raises
         ------
@@ -120,13 +134,13 @@ class SurveyLine:
         for name in components:
             if name not in self.readings:
                 raise TrajectoryError(
-                    f"has no column {name}, which gradiometer.components names; its components: "
+                    f"has no column {name}, which [{sensor}] reads; its columns: "
                     f"{', '.join(self.readings)}"
                 )
         stride = round(period / self.interval)
         if stride < 1 or abs(stride * self.interval - period) > _TIMING:
             raise TrajectoryError(
-                f"has a sample every {self.interval:g} s, and gradiometer.period_s is {period:g}: "
+                f"has a sample every {self.interval:g} s, and {sensor}.period_s is {period:g}: "
                 "it must be a multiple"
             )
         part = self.middle(duration)
@@ -157,13 +171,9 @@ def _read_lines(file: str, time: int, size: int) -> Mapping[str, SurveyLine]:
             raise TrajectoryError(
                 f"line {text.line} must name a column {name} once; wanted: {_WANTED}"
             )
-    components = {
-        name.removesuffix(_UNIT): at
-        for at, name in enumerate(text.names)
-        if name.removesuffix(_UNIT) in _COMPONENTS
-    }
+    components = {_READINGS[name]: at for at, name in enumerate(text.names) if name in _READINGS}
     if not components:
-        raise TrajectoryError(f"line {text.line} names no column of gradients; wanted: {_WANTED}")
+        raise TrajectoryError(f"line {text.line} names no column of readings; wanted: {_WANTED}")
     columns = {name: text.names.index(name) for name in _PLACES} | components
     numbers = text.numbers(columns, may_be_empty=frozenset(components))
     cells = [row.split(text.separator) for row in text.rows]

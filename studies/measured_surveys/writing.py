@@ -9,12 +9,15 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from ggbench.maps.equivalent_sources import Equations, EquivalentSources, Plane, Settings
 from ggbench.maps.survey_error import map_error
 from ggbench.maps.survey_fit import Wanted
+from ggbench.maps.survey_lines import Quantity, SurveyLines
 from ggbench.maps.survey_noise import noise_of
 from ggbench.maps.survey_plan import SurveyInputs, fit_survey, provenance_of
 
 DECIMALS = {"time_s": 2, "latitude_deg": 6, "longitude_deg": 6, "height_m": 1}
+_PARALLELS = 4  # copies of a profile on each side
 _USUAL = 2  # 0.01 E, 0.01 mGal, 0.01 m/s
 
 
@@ -30,14 +33,54 @@ def write(path: Path, table: pd.DataFrame) -> None:
     path.write_bytes(gzip.compress(text.encode("ascii"), compresslevel=9, mtime=0))
 
 
-def write_map(folder: Path, name: str, leave_out: tuple[str, ...], wanted: Wanted) -> None:
-    """Write the point masses of a shipped survey's lines, and the noise of its readings.
+def sources_of_a_profile(lines: SurveyLines, settings: Settings) -> EquivalentSources:
+    """Return point masses of passes over one line, whose field is the same across the line.
+
+    Masses of the passes alone would have a field that falls off on both sides, and say where the
+    line is. The passes are therefore repeated on both sides, a depth apart.
+    """
+    plane = Plane.under(lines)
+    east, north, _ = plane.metres(lines)
+    along = np.linalg.svd(np.stack([east, north]) - [[east.mean()], [north.mean()]])[0][:, 0]
+    north_m, east_m = plane.metres_per_degree
+    copies = []
+    for number in range(-_PARALLELS, _PARALLELS + 1):
+        off = number * settings.depth_m * np.array([-along[1], along[0]])
+        copies.append(
+            replace(
+                lines,
+                line=lines.line + len(lines.names) * (number + _PARALLELS),
+                longitude_deg=lines.longitude_deg + off[0] / east_m,
+                latitude_deg=lines.latitude_deg + off[1] / north_m,
+            )
+        )
+    wide = replace(
+        lines,
+        names=lines.names * len(copies),
+        kinds=lines.kinds * len(copies),
+        **{
+            name: np.concatenate([getattr(copy, name) for copy in copies])
+            for name in ("line", "time_s", "latitude_deg", "longitude_deg", "height_m", "values")
+        },
+    )
+    equations = Equations(wide, settings.depth_m, settings.spacing_m)
+    return equations.solved(*equations.of(range(len(wide.names))), settings.damping)
+
+
+def write_map(
+    folder: Path, name: str, leave_out: tuple[str, ...], wanted: Wanted, quantity: Quantity
+) -> None:
+    """Write the point masses of a shipped survey's lines, and the noise of its gradients.
 
     The lines are read from the folder, as anybody has them.
     """
-    inputs = SurveyInputs(folder / f"{name}.csv.gz", {}, leave_out=leave_out, wanted=wanted)
+    inputs = SurveyInputs(
+        folder / f"{name}.csv.gz", {}, leave_out=leave_out, wanted=wanted, quantity=quantity
+    )
     fit = fit_survey(inputs, print)
     lines, sources = fit.lines, fit.sources
+    if quantity == "disturbance":
+        sources = sources_of_a_profile(lines, fit.settings)
     error, distance = map_error(fit)
     np.savez_compressed(
         folder / f"{name}_masses.npz",
@@ -54,6 +97,8 @@ def write_map(folder: Path, name: str, leave_out: tuple[str, ...], wanted: Wante
         ),
         depth_m=np.array(fit.settings.depth_m),
     )  # fmt: skip
+    if quantity == "disturbance":  # a gravimeter's noise is white
+        return
     model, scores = noise_of(fit)
     print({order: round(score, 4) for order, score in scores.items()})
     noise = replace(model, provenance=provenance_of(inputs, fit, model.order))

@@ -202,6 +202,58 @@ def test_a_key_is_of_the_content_of_the_files(folder, keys, tmp_path):
     assert key(folder) != key(tmp_path)
 
 
+@pytest.fixture
+def gravity(keys, tmp_path):
+    """Keys of a gravimeter that reads what a survey has: one more column, one reading missing."""
+    rows = Path(keys["trajectory.file"]).read_text().splitlines()
+    read = ["disturbance_mgal", *(f"{20.0 + 0.5 * n:.1f}" for n in range(len(rows) - 1))]
+    read[9] = ""
+    path = tmp_path / "gravity.csv"
+    path.write_text("\n".join(",".join(both) for both in zip(rows, read, strict=True)))
+    flown = {key: value for key, value in keys.items() if not key.startswith("gradiometer")}
+    sensor = {"period_s": 2.0, "noise_mgal": 0.5, "bias_mgal": 3.0, "readings": "measured"}
+    return flown | {"gradiometer": None, "trajectory.file": str(path)} | {
+        f"gravimeter.{key}": value for key, value in sensor.items()
+    }  # fmt: skip
+
+
+def test_gravity_reaches_the_problem_as_it_was_measured(gravity):
+    """Over a map of nothing, two runs of a line differ by what their INSs make of the reduction.
+
+    As simulated gravity of almost no noise does, to 0.1 µGal; a missing reading is not present.
+    """
+    measured = small_case(gravity)
+    assert situation_of(measured, 1000.0) == "measured" and not is_right_model(measured)
+    exact = small_case(
+        gravity | {"gravimeter.readings": "simulated", "gravimeter.noise_mgal": 1e-6,
+                   "truth.gravimeter.bias_mgal": 0.0}
+    )  # fmt: skip
+    flight, plain = (prepare(case.of_run(0)) for case in (measured, exact))
+    rows = read_lines(gravity["trajectory.file"])["10"]
+    read = rows.readings["disturbance"][rows.middle(MIDDLE)][2::2]
+    assert np.isnan(read).sum() == 1
+    for run in (0, 3):
+        found, none = (simulate(f, 5, run)[0] for f in (flight, plain))
+        there = ~np.isnan(read)
+        np.testing.assert_array_equal(found.present[:, 0], there)
+        off = (found.measurements - none.measurements)[there, 0]
+        np.testing.assert_allclose(off, read[there], atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"gravimeter.components": ["east"]}, 'of components = ["scalar"]'),
+        ({"truth.gravimeter.noise_mgal": 1.0}, "have the errors that they have"),
+        ({"gravimeter.period_s": 1.5}, "and gravimeter.period_s is 1.5"),
+    ],
+)
+def test_gravity_that_cannot_be_read_is_refused_in_a_sentence(gravity, changes, said):
+    with pytest.raises(GGBenchError) as raised:
+        prepare(small_case(gravity | changes))
+    assert said in str(raised.value)
+
+
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
@@ -242,7 +294,7 @@ def test_lines_of_unequal_lengths_are_not_flown_whole(keys):
         (lambda rows: [*rows[:9], *rows[30:], *rows[9:30]], "do not follow one"),
         (lambda rows: [*rows[:5], *rows[7:]], "must come every"),
         (lambda rows: rows[:4], "a line needs at least 5"),
-        (lambda rows: [row.rsplit(",", 3)[0] for row in rows], "names no column of gradients"),
+        (lambda rows: [row.rsplit(",", 3)[0] for row in rows], "names no column of readings"),
         (lambda rows: [*rows[:3], rows[3].replace("10000", "high"), *rows[4:]], "line 4: height_m"),
     ],
 )
