@@ -14,11 +14,10 @@ from pydantic import Field, model_validator
 from ..sensors.gradiometer.rotating import RotatingGradiometer, RotatingGradiometerError
 from . import quantities as q
 from .aiding import Interruptions, PeriodicSpec
+from .presets import NOISES, PublishedGradiometer, expanded
 from .tables import Listed, Section, changes
 
 Component = Literal["xx", "xy", "xz", "yy", "yz", "zz", "xx-yy", "yy-zz", "zz-xx"]
-NOISES = ("noise_eotvos", "noise_density_eotvos_per_sqrt_hz", "coloured_noise")
-"""The ways to state the gradiometer's noise; one replaces the others."""
 
 
 class RotatingSpec(Section):
@@ -42,6 +41,8 @@ class RotatingSpec(Section):
 class GradiometerSpec(PeriodicSpec):
     """``[gradiometer]``: instrument, noise (as RMS or as density), filter and its treatment."""
 
+    preset: PublishedGradiometer | None = None
+    """A published instrument: it gives noise, channels and mount where they are not written."""
     instrument: Literal["platform", "local-level", "strapdown"] = "platform"
     """How it is mounted, and so in which axes it reads."""
     noise_eotvos: q.Noise | None = None
@@ -82,6 +83,11 @@ class GradiometerSpec(PeriodicSpec):
 
     With a filter, only the truth may have one.
     """
+
+    @model_validator(mode="before")
+    @classmethod
+    def _expanded(cls, content: Any) -> Any:
+        return expanded("gradiometer", content)
 
     @model_validator(mode="after")
     def _check(self) -> GradiometerSpec:
@@ -152,8 +158,8 @@ class GradiometerSpec(PeriodicSpec):
 @changes(
     GradiometerSpec,
     but=(
-        "period_s", "instrument", "components", "readings", "rotating", "filter", "filter_order",
-        "filter_cutoff_hz", "filter_treatment", "whitening_regularization",
+        "period_s", "preset", "instrument", "components", "readings", "rotating", "filter",
+        "filter_order", "filter_cutoff_hz", "filter_treatment", "whitening_regularization",
     ),
 )  # fmt: skip
 class GradiometerChange(Section):
