@@ -48,6 +48,7 @@ class Flown:
     bank, bank_time : largest bank [rad], without the sign, and when it is first flown [s].
     pitch : largest pitch [rad], without the sign.
     across, vertical : largest accelerations [m/s²] to the side and upwards, without the sign.
+    remark : what was made of a track's heights, in words; may be empty.
     """
 
     vehicle: str
@@ -61,6 +62,7 @@ class Flown:
     pitch: float
     across: float
     vertical: float
+    remark: str = ""
 
 
 @dataclass(frozen=True)
@@ -221,4 +223,5 @@ def flown_of(case: CaseSpec) -> Flown:
         pitch=float(pitch.max()),
         across=float(np.abs(across).max()),
         vertical=float(np.abs(accelerations[:, 2]).max()),
+        remark=spec.track().remark if spec.file is not None else "",
     )

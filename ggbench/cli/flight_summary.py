@@ -47,6 +47,8 @@ def print_flights(found: Sequence[Examined], console: Console) -> None:
         for text, names in texts.items():
             of = f" in {some(names, most=_NAMED)}" if len(names) < len(cases) else ""
             console.print(f"{what}{of}: {text}", markup=False)
+    for remark in dict.fromkeys(each.flown.remark for each in cases if each.flown.remark):
+        console.print(f"Track: {remark}", markup=False)
 
 
 def _flight(each: Examined) -> str:
