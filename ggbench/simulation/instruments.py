@@ -188,6 +188,7 @@ def faults(spec: TrueGradiometer) -> Faults:
         together=spec.outlier_channels == "all",
         dropout_share=spec.dropout_share,
         dropouts=tuple((start, end) for start, end in spec.dropouts_s),
+        duty=(spec.duty_on_s, spec.duty_off_s),
         clock=spec.clock_error_s,
         jitter=spec.timing_jitter_s,
     )

@@ -246,7 +246,8 @@ class TrueGradiometer(GradiometerChange, Interruptions):
                 "truth.gradiometer: dropout_share and noise_freedom need white noise; "
                 "gradiometer.coloured_noise is coloured"
             )
-        if spec.filter != "none" and (self.dropouts_s or self.dropout_share > 0.0):
+        missing = bool(self.dropouts_s) or self.dropout_share > 0.0 or self.duty_off_s > 0.0
+        if spec.filter != "none" and missing:
             raise ValueError(
                 "truth.gradiometer: readings can only drop out of an instrument without a filter; "
                 'set gradiometer.filter = "none"'

@@ -98,6 +98,7 @@ Kilometres = Annotated[float, Within(1e-3, 40_000.0)]  # once around the Earth
 
 # Times and rates.
 Duration = Annotated[float, Within(1e-3, 1e6)]
+Duty = Annotated[float, Within(1e-3, 1e6, or_zero=True)]
 Moment = Annotated[float, Within(1e-9, 1e6, or_zero=True)]
 SamplePeriod = Annotated[float, Within(1e-4, 10.0, usual=(1e-3, 1.0))]
 ReadingPeriod = Annotated[float, Within(1e-3, 3600.0, usual=(0.01, 300.0))]
@@ -132,6 +133,8 @@ Arcmin = Annotated[float, Within(1e-9, 600.0, or_zero=True)]
 
 # The other sensors.
 PositionNoise = Annotated[float, Within(1e-4, 1e6, usual=(1e-3, 1e4))]
+PositionBias = Annotated[float, Within(1e-4, 1e6, or_zero=True, usual=(1e-3, 1e4))]
+PositionJump = Annotated[float, Within(-1e6, 1e6)]
 VelocityNoise = Annotated[float, Within(1e-6, 1e3, usual=(1e-4, 10.0))]
 HeightNoise = Annotated[float, Within(1e-4, 1e5, usual=(1e-3, 1e3))]
 HeightBias = Annotated[float, Within(1e-6, 1e5, or_zero=True, usual=(1e-3, 1e3))]

@@ -37,7 +37,7 @@ def geoid_heights(latitude: Array, longitude: Array) -> Array:
 
 def _geoid_height(latitude: float, longitude: float) -> float:
     place = np.radians([[latitude], [longitude]])
-    disturbing = float(potential(_disturbing(), *place, [0.0])[0, 0, 0])
+    disturbing = float(potential(_disturbing(), place[0], place[1], [0.0])[0, 0, 0])
     gravity = float(normal_gravity(float(place[0, 0]), 0.0)[0])
     return disturbing / gravity + _ZERO_DEGREE
 

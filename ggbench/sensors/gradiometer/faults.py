@@ -9,13 +9,16 @@ the noise behind it; then readings drop out. When readings are taken at wrong ti
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...numerics.rotations import rotation_matrix
 from ..processes import bursts, gauss_markov, random_walk
 from .instrument import Gradiometer
+
+_TIMING = 1e-9
+"""Within which times are equal [s]."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,7 @@ class Faults:
     together : whether a reading that is struck is so in all its channels.
     dropout_share : probability that a reading, with all its channels, is missing.
     dropouts : (start, end) times between which all readings are missing [s].
+    duty : how long readings come and then stay away, in turn from the start on [s]; off 0: always.
     clock : σ of the error of the time by which inertial axes are known, once per run [s] (eq. 12).
     jitter : σ of the error of each reading's time [s].
     """
@@ -52,6 +56,7 @@ class Faults:
     together: bool = False
     dropout_share: float = 0.0
     dropouts: tuple[tuple[float, float], ...] = ()
+    duty: tuple[float, float] = (0.0, 0.0)
     clock: float = 0.0
     jitter: float = 0.0
 
@@ -114,7 +119,13 @@ class Faults:
 
     def in_dropouts(self, times: np.ndarray) -> np.ndarray:
         """Return which times (K,) lie in the intervals without readings."""
-        inside = [(times > start - 1e-9) & (times < end + 1e-9) for start, end in self.dropouts]
+        on, off = self.duty
+        if off > 0.0:
+            since = (times - _TIMING) % (on + off)  # a reading at the end of "on" is still there
+            return np.asarray((since > on) | replace(self, duty=(0.0, 0.0)).in_dropouts(times))
+        inside = [
+            (times > start - _TIMING) & (times < end + _TIMING) for start, end in self.dropouts
+        ]
         return np.logical_or.reduce([np.zeros(len(times), dtype=bool), *inside])
 
     def expected_share(self, times: np.ndarray) -> np.ndarray:
