@@ -140,13 +140,14 @@ class AidingSensor(ABC):
 class Gnss(AidingSensor):
     """Satellite navigation: position, as seen from where the INS believes to be, and velocity.
 
-    Both are linear in the INS's errors: p − p̂ = −δr, v = v̂ − δv. Only positions have biases, and
-    errors that follow the clock.
+    Both are linear in the INS's errors: p − p̂ = −δr, v = v̂ − δv; an antenna at the lever arm l
+    adds C_nb l ≈ (I + [φ×]) Ĉ_nb l. Only positions have biases, and errors that follow the clock.
     """
 
     position: bool = True
     velocity: bool = True
     errors: FalsePositions = _TRUE_POSITIONS
+    lever: tuple[float, ...] = (0.0, 0.0, 0.0)
 
     kind = "gnss"
 
@@ -171,17 +172,21 @@ class Gnss(AidingSensor):
         """Return true positions relative to the INS's, and true velocities."""
         parts = []
         if self.position:
-            parts.append(-position_error(ins.positions, truth.positions))
+            antenna = truth.attitudes @ np.array(self.lever)
+            parts.append(antenna - position_error(ins.positions, truth.positions))
         if self.velocity:
             parts.append(np.broadcast_to(truth.velocities, ins.velocities.shape))
         return np.concatenate(parts, axis=-1)
 
     def about(self, ins: Motion) -> About:
-        """Return −δr and v̂ − δv."""
+        """Return −δr + Ĉ_nb l + φ × Ĉ_nb l and v̂ − δv."""
         selected = self._selected
         rows = np.zeros((*ins.positions.shape[:-1], len(selected), MOVED))
         rows[..., np.arange(len(selected)), selected] = -1.0
-        offset = np.concatenate([np.zeros_like(ins.positions), ins.velocities], axis=-1)
+        antenna = ins.attitudes @ np.array(self.lever)
+        if self.position:
+            rows[..., :3, 6:9] = -cross_matrix(antenna)
+        offset = np.concatenate([antenna, ins.velocities], axis=-1)
         return About(offset[..., selected], rows)
 
     @property

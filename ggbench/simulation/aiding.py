@@ -49,7 +49,7 @@ def _sensor(spec: Any, changes: Interruptions | None, label: str) -> AidingSenso
         return Gnss(
             spec.period_s, noise, spec.position_bias_m, spec.position_bias_time_s or math.inf,
             _faults(changes, *outliers), position, velocity, _false_positions(changes),
-            label=label,
+            spec.lever_arm_m, label=label,
         )  # fmt: skip
     bias_time = spec.bias_time_s or math.inf
     if isinstance(spec, LogSpec):
@@ -84,6 +84,20 @@ def _of_gnss(
         noise += [spec.velocity_noise_mps] * 3
         outliers += [getattr(changes, "outlier_mps", 0.0)] * 3
     return tuple(noise), tuple(outliers)
+
+
+def _false(
+    true: Gnss, known: Gnss, times: np.ndarray, attitudes: np.ndarray, turning: np.ndarray
+) -> np.ndarray:
+    """Return errors (G, e) of a receiver that are the same in all runs.
+
+    Velocities are corrected for the known lever arm by the gyros' rates, taken as exact. What a
+    wrong arm leaves is C_nb (ω × Δl).
+    """
+    wrong = np.array(true.lever) - np.array(known.lever)
+    swept = np.einsum("kij,kj->ki", attitudes, np.cross(turning, wrong))
+    parts = [true.errors.at(times)] * true.position + [swept] * true.velocity
+    return np.concatenate(parts, axis=-1)
 
 
 def _false_positions(changes: Interruptions | None) -> FalsePositions:
@@ -128,6 +142,7 @@ def aiding_readings(
     read_at: Sequence[np.ndarray],
     truth: Motion,
     ins: Motion,
+    turning: np.ndarray,
     streams: Sequence[RandomStreams],
 ) -> AidingReadings:
     """Return the readings of the sensors in R runs.
@@ -140,6 +155,7 @@ def aiding_readings(
     read_at : indices of the epochs at which each sensor is read.
     truth : true motion at the epochs (K, .).
     ins : what the INS of each run indicates (R, K, .).
+    turning : (K, 3) true angular rate about the body's axes [rad/s].
     streams : the generators of the runs.
     """
     runs, epochs = ins.positions.shape[:2]
@@ -151,8 +167,8 @@ def aiding_readings(
         some = slice(first, first + width)
         first += width
         z[:, at, some] = sensor.exact(_at(truth, at), _at(ins, at), field)
-        if isinstance(sensor, Gnss) and sensor.position:
-            z[:, at, some.start : some.start + 3] += sensor.errors.at(times[at])
+        if isinstance(sensor, Gnss) and isinstance(known, Gnss):
+            z[:, at, some] += _false(sensor, known, times[at], truth.attitudes[at], turning[at])
         present[:, at, some] = True
         for r, of_run in enumerate(streams):
             drawn = np.zeros((epochs, width))

@@ -15,7 +15,7 @@ from ..gravity.field import Field
 from ..ins import strapdown
 from ..ins.error_model import STATES, navigation_errors
 from ..ins.known_gravity import KnownGravity
-from ..sensors.aiding import Motion
+from ..sensors.aiding import Motion, corrected_positions
 from ..sensors.gradiometer.faults import Faults
 from ..sensors.gradiometer.instrument import Gradiometer, inertial_from_local, readings
 from ..sensors.gradiometer.spinning_disks import SpinningDisks
@@ -116,6 +116,12 @@ class Flight:
     def model(self) -> SensorSuite:
         """Sensors and prior as the estimators know them."""
         return suite_of_case(self.case, "model")
+
+    @cached_property
+    def turning(self) -> np.ndarray:
+        """Angular rate (K, 3) about the body's axes at the epochs [rad/s]: a mean of two steps."""
+        around = np.clip([self.epochs - 1, self.epochs], 0, len(self.delta_angles) - 1)
+        return np.asarray(self.delta_angles[around].mean(axis=0) / self.trajectory.dt)
 
     @cached_property
     def metres(self) -> np.ndarray:
@@ -360,8 +366,9 @@ def prepare(case: CaseSpec) -> Flight:
             if case.gravimeter is None:
                 needed = np.setdiff1d(epochs, at[~there])
         noise_free = np.zeros((len(at), 6))
+        places = gradiometer_places(case, positions, attitudes)
         noise_free[there] = readings(
-            field, positions[there], taken[there], attitudes[there], case.gradiometer.instrument
+            field, places[there], taken[there], attitudes[there], case.gradiometer.instrument
         )
         altimeter = math.inf if case.altimeter is None else case.altimeter.time_constant_s
         require_short_delays(suite_of_case(case, "model"), altimeter, len(at))
@@ -371,6 +378,14 @@ def prepare(case: CaseSpec) -> Flight:
         case, trajectory, delta_angles, delta_velocities, field, model_field, epochs, noise_free,
         measured,
     )  # fmt: skip
+
+
+def gradiometer_places(case: CaseSpec, positions: np.ndarray, attitudes: np.ndarray) -> np.ndarray:
+    """Return where (K, 3) a gradiometer is that is not where estimators believe it to be."""
+    error = case.truth.gradiometer.lever_arm_error_m
+    if not any(error):
+        return positions
+    return corrected_positions(positions, -(attitudes @ np.array(error)))
 
 
 @lru_cache(maxsize=8)

@@ -179,6 +179,7 @@ def faults(spec: TrueGradiometer) -> Faults:
         scale_factor=1e-6 * spec.scale_factor_ppm,
         scale_drift=1e-6 * spec.scale_drift_ppm_per_sqrt_h / 60.0,
         misalignment=math.radians(spec.misalignment_arcmin / 60.0),
+        mount=tuple(math.radians(angle / 60.0) for angle in spec.mounting_error_arcmin),
         tilt=math.radians(spec.tilt_arcmin / 60.0),
         tilt_time=spec.tilt_time_s or math.inf,
         freedom=spec.noise_freedom or math.inf,

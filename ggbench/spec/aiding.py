@@ -14,6 +14,7 @@ from pydantic import Field, model_validator
 from . import quantities as q
 from .tables import Listed, Section, changes
 
+LeverArm = Annotated[Listed[q.LeverArm], Field(min_length=3, max_length=3)]
 Interval = Annotated[Listed[q.Moment], Field(min_length=2, max_length=2)]
 
 _HOW_OUTLIERS_COME = ("outlier_share", "outlier_burst_s", "outlier_channels")
@@ -74,6 +75,8 @@ class GnssSpec(PeriodicSpec):
     """
     position_bias_time_s: q.TimeConstant | None = None
     """Correlation time of this error (first-order Gauss–Markov). Without it: a constant."""
+    lever_arm_m: LeverArm = (0.0, 0.0, 0.0)
+    """Right, forward, up: from the INS to the antenna. Estimators correct for the one they know."""
 
     @model_validator(mode="after")
     def _check(self) -> GnssSpec:

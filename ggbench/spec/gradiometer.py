@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 
 from ..sensors.gradiometer.rotating import RotatingGradiometer, RotatingGradiometerError
 from . import quantities as q
-from .aiding import Interruptions, PeriodicSpec
+from .aiding import Interruptions, LeverArm, PeriodicSpec
 from .presets import NOISES, PublishedGradiometer, expanded
 from .tables import Listed, Section, changes
 
@@ -199,6 +199,17 @@ class TrueGradiometer(GradiometerChange, Interruptions):
     """Random walk of each channel's scale factor, from the value that was drawn."""
     misalignment_arcmin: q.Arcmin = 0.0
     """Standard deviation, drawn once per run and axis: of the mount, which turns the tensor."""
+    mounting_error_arcmin: Annotated[Listed[q.MountingError], Field(min_length=3, max_length=3)] = (
+        0.0,
+        0.0,
+        0.0,
+    )
+    """Fixed angles about x, y, z of the mount by which it is not mounted as estimators believe."""
+    lever_arm_error_m: LeverArm = (0.0, 0.0, 0.0)
+    """Right, forward, up: from where estimators believe the instrument to where it is.
+
+    A lever arm that is known has no effect: the map is read where the instrument is.
+    """
     tilt_arcmin: q.Arcmin = 0.0
     """Standard deviation of the tilt of a `"local-level"` mount about east and about north."""
     tilt_time_s: q.TimeConstant | None = None

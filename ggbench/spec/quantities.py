@@ -130,10 +130,12 @@ AccelerometerNoise = Annotated[float, Within(1e-9, 1e7, or_zero=True, usual=(1e-
 AltimeterNoise = Annotated[float, Within(1e-6, 1e4, usual=(1e-3, 100.0))]
 Ppm = Annotated[float, Within(1e-6, 1e5, or_zero=True)]
 Arcmin = Annotated[float, Within(1e-9, 600.0, or_zero=True)]
+MountingError = Annotated[float, Within(-600.0, 600.0)]
 
 # The other sensors.
 PositionNoise = Annotated[float, Within(1e-4, 1e6, usual=(1e-3, 1e4))]
 PositionBias = Annotated[float, Within(1e-4, 1e6, or_zero=True, usual=(1e-3, 1e4))]
+LeverArm = Annotated[float, Within(-1000.0, 1000.0, usual=(-50.0, 50.0))]
 PositionJump = Annotated[float, Within(-1e6, 1e6)]
 VelocityNoise = Annotated[float, Within(1e-6, 1e3, usual=(1e-4, 10.0))]
 HeightNoise = Annotated[float, Within(1e-4, 1e5, usual=(1e-3, 1e3))]

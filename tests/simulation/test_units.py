@@ -34,9 +34,9 @@ from ggbench.gravity.ellipsoid import metres_per_radian
 from ggbench.judging import convergence
 from ggbench.judging.run_errors import window_mask
 from ggbench.maps import recipe
-from ggbench.sensors.aiding import Motion
+from ggbench.sensors.aiding import Motion, position_error
 from ggbench.simulation import field_source
-from ggbench.simulation.error_free_flight import Flight
+from ggbench.simulation.error_free_flight import Flight, gradiometer_places
 from ggbench.simulation.runs import simulate
 from ggbench.simulation.sensor_suite import SensorSuite
 from ggbench.spec.aiding import AIDING
@@ -171,6 +171,13 @@ RAMP = {"truth.gnss.ramp_mps": [0.1, 0.2, 0.3]}
 JUMP = {"truth.gnss.jump_m": [1.0, 2.0, 3.0]}
 
 
+def arm(f: Flight, e: SensorSuite) -> np.ndarray:
+    """How far from the INS the gradiometer is: east, north, up while the body's axes are these."""
+    start = f.trajectory.positions[:1]
+    found = gradiometer_places(f.case, start, np.eye(3)[np.newaxis])
+    return -position_error(start, found)[0]
+
+
 def wrong(read: Callable[[Any], Any]) -> Read:
     return sensor("gnss", lambda s: read(s.errors))
 
@@ -223,6 +230,7 @@ SHARED: dict[str, Row] = {
     "gnss.position_bias_time_s": (
         45.0, sensor("gnss", lambda s: s.bias_time), ON_BOARD | {"gnss.position_bias_m": 2.5},
     ),
+    "gnss.lever_arm_m": ([1.0, 2.0, 3.0], sensor("gnss", lambda s: s.lever), ON_BOARD),
     "velocity_log.period_s": (4.0, sensor("velocity_log", lambda s: s.period), ON_BOARD),
     "velocity_log.noise_mps": (0.3, channel("velocity forward"), ON_BOARD),
     "velocity_log.bias_mps": (0.4, bias("velocity log bias"), ON_BOARD),
@@ -291,6 +299,8 @@ OF_THE_TRUTH: dict[str, Row] = {
     "gnss.jump_m": ([1.0, 2.0, 3.0], wrong(lambda e: e.at(A_SECOND)[0]), ON_BOARD),
     "gnss.jump_from_s": (4.0, wrong(lambda e: e.jump_within[0]), ON_BOARD | JUMP),
     "gnss.jump_until_s": (4.0, wrong(lambda e: e.jump_within[1]), ON_BOARD | JUMP),
+    "gradiometer.mounting_error_arcmin": ([1.0, 2.0, 3.0], lambda f, e: f.faults.mount),
+    "gradiometer.lever_arm_error_m": ([1.0, 2.0, 3.0], arm),
     "gradiometer.duty_on_s": (
         3.0, lambda f, e: f.faults.duty[0], {"truth.gradiometer.duty_off_s": 9.0},
     ),

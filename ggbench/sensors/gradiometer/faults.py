@@ -30,6 +30,7 @@ class Faults:
     scale_factor : σ of each channel's relative error, drawn once per run.
     scale_drift : root PSD of the random walk of each channel's scale factor [1/√s].
     misalignment : σ of the mount's rotation about each of its axes, drawn once per run [rad].
+    mount : its rotation about each of its axes, the same in all runs [rad].
     tilt : σ of the rotation of a level mount about each horizontal axis, Gauss–Markov [rad].
     tilt_time : its correlation time [s].
     freedom : degrees of freedom of Student's law of the white noise; ∞ for a normal one.
@@ -47,6 +48,7 @@ class Faults:
     scale_factor: float = 0.0
     scale_drift: float = 0.0
     misalignment: float = 0.0
+    mount: tuple[float, ...] = (0.0, 0.0, 0.0)
     tilt: float = 0.0
     tilt_time: float = math.inf
     freedom: float = math.inf
@@ -62,15 +64,15 @@ class Faults:
 
     @property
     def distorts(self) -> bool:
-        """Whether there are scale factors or a misalignment."""
-        return self.scale_factor > 0.0 or self.misalignment > 0.0
+        """Whether there are scale factors, or a mount that is not as assumed."""
+        return self.scale_factor > 0.0 or self.misalignment > 0.0 or any(self.mount)
 
     def distort(
         self, tensors: np.ndarray, channels: np.ndarray, rng: np.random.Generator
     ) -> np.ndarray:
         """Return channels (K, m) of true tensors (K, 6) in the mount, misaligned and scaled."""
         turn = np.empty((3, 3))
-        rotation_matrix(self.misalignment * rng.standard_normal(3), turn)
+        rotation_matrix(self.misalignment * rng.standard_normal(3) + np.array(self.mount), turn)
         scale = 1.0 + self.scale_factor * rng.standard_normal(len(channels))
         return np.asarray(scale * (_turned(tensors, turn) @ channels.T))
 
