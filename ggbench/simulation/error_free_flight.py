@@ -236,12 +236,23 @@ class Flight:
         return force, np.zeros_like(force)
 
     @cached_property
+    def noise_growth(self) -> np.ndarray:
+        """The gradiometer's noise (G,) over that at rest: of the body's motion in each reading."""
+        samples, dt = self.epochs[self.gradient_epochs], self.trajectory.dt
+        squares = [
+            (steps**2).sum(axis=1)[: samples[-1]].reshape(len(samples), -1).mean(axis=1) / dt**2
+            for steps in (self.delta_angles, np.diff(self.trajectory.velocities, axis=0))
+        ]
+        return self.faults.growth(*np.sqrt(squares))
+
+    @cached_property
     def bound(self) -> Bound:
         """Posterior Cramér–Rao bound of the measurements that estimators receive.
 
         H and Φ are those at the truth. Noise, biases, initial errors, field and latency are the
-        true ones. Filtered gradients are whitened, as estimators receive them. Outliers and errors
-        without a state are left out, so that it stays a lower bound. Measurements that drop out
+        true ones. Filtered gradients are whitened, as estimators receive them. Outliers, errors
+        without a state and what motion adds to the noise are left out, so that it stays a lower
+        bound. Measurements that drop out
         count by their expected share.
         """
         return self._bound_of(self.true.gradiometer)

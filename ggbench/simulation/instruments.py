@@ -182,6 +182,10 @@ def faults(spec: TrueGradiometer) -> Faults:
         mount=tuple(math.radians(angle / 60.0) for angle in spec.mounting_error_arcmin),
         tilt=math.radians(spec.tilt_arcmin / 60.0),
         tilt_time=spec.tilt_time_s or math.inf,
+        doubling=(
+            math.radians(spec.noise_doubles_at_deg_per_s or math.inf),
+            spec.noise_doubles_at_mps2 or math.inf,
+        ),
         freedom=spec.noise_freedom or math.inf,
         outlier_share=spec.outlier_share,
         outlier=spec.outlier_eotvos,

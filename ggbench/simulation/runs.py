@@ -345,6 +345,7 @@ def _gradiometer_output(
         noise = instrument.noise(len(times), of_run.gradiometer)
         if math.isfinite(faults.freedom):
             noise *= faults.tails(noise.shape, of_run.gradiometer_tails)
+        noise *= flight.noise_growth[:, np.newaxis]
         output[run] = exact + biases[run, at] + noise
         if faults.outlier_share > 0.0:
             output[run] += faults.outliers(times, len(channels), of_run.outliers)

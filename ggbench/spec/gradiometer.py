@@ -216,6 +216,14 @@ class TrueGradiometer(GradiometerChange, Interruptions):
     """Correlation time of the tilt (first-order Gauss–Markov); with `tilt_arcmin`."""
     noise_freedom: q.Freedom | None = None
     """Degrees of freedom of Student's t noise of equal deviation. Without it: normal noise."""
+    noise_doubles_at_deg_per_s: q.NoisyRate | None = None
+    """Rate of turning of the body at which the noise is twice that at rest; it grows linearly.
+
+    σ (1 + rate / this + acceleration / `noise_doubles_at_mps2`), each an RMS over the time of a
+    reading. Estimators assume σ.
+    """
+    noise_doubles_at_mps2: q.NoisyAcceleration | None = None
+    """Acceleration, gusts and turns included, at which the noise is twice that at rest."""
     outlier_eotvos: q.Outlier = 0.0
     """Standard deviation of what an outlier adds, drawn for each reading."""
     outlier_burst_s: q.Burst = 0.0
@@ -250,12 +258,14 @@ class TrueGradiometer(GradiometerChange, Interruptions):
                 "truth.gradiometer: measured readings have the errors that they have; remove its "
                 "keys"
             )
+        of_white_noise = ("noise_freedom", "noise_doubles_at_deg_per_s", "noise_doubles_at_mps2")
         if spec.coloured_noise is not None and (
-            self.dropout_share > 0.0 or self.noise_freedom is not None
+            self.dropout_share > 0.0
+            or any(getattr(self, key) is not None for key in of_white_noise)
         ):
             raise ValueError(
-                "truth.gradiometer: dropout_share and noise_freedom need white noise; "
-                "gradiometer.coloured_noise is coloured"
+                f"truth.gradiometer: dropout_share and {', '.join(of_white_noise)} need white "
+                "noise; gradiometer.coloured_noise is coloured"
             )
         missing = bool(self.dropouts_s) or self.dropout_share > 0.0 or self.duty_off_s > 0.0
         if spec.filter != "none" and missing:

@@ -92,6 +92,8 @@ Roll = Annotated[float, Within(-180.0, 180.0, usual=(-45.0, 45.0))]
 Bank = Annotated[float, Within(0.01, 75.0)]
 Incline = Annotated[float, Within(0.01, 60.0)]
 InclineLimit = Annotated[float, Within(0.01, 45.0)]
+NoisyRate = Annotated[float, Within(1e-6, 1e4, usual=(0.01, 100.0))]
+NoisyAcceleration = Annotated[float, Within(1e-6, 1e4, usual=(0.01, 100.0))]
 AngularRate = Annotated[float, Within(-30.0, 30.0)]
 Radius = Annotated[float, Within(1.0, 1e6)]
 Kilometres = Annotated[float, Within(1e-3, 40_000.0)]  # once around the Earth

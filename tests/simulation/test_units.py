@@ -301,6 +301,8 @@ OF_THE_TRUTH: dict[str, Row] = {
     "gnss.jump_until_s": (4.0, wrong(lambda e: e.jump_within[1]), ON_BOARD | JUMP),
     "gradiometer.mounting_error_arcmin": ([1.0, 2.0, 3.0], lambda f, e: f.faults.mount),
     "gradiometer.lever_arm_error_m": ([1.0, 2.0, 3.0], arm),
+    "gradiometer.noise_doubles_at_deg_per_s": (5.0, lambda f, e: f.faults.doubling[0]),
+    "gradiometer.noise_doubles_at_mps2": (3.0, lambda f, e: f.faults.doubling[1]),
     "gradiometer.duty_on_s": (
         3.0, lambda f, e: f.faults.duty[0], {"truth.gradiometer.duty_off_s": 9.0},
     ),

@@ -33,6 +33,7 @@ class Faults:
     mount : its rotation about each of its axes, the same in all runs [rad].
     tilt : σ of the rotation of a level mount about each horizontal axis, Gauss–Markov [rad].
     tilt_time : its correlation time [s].
+    doubling : rate [rad/s] and acceleration [m/s²] at which the white noise is twice that at rest.
     freedom : degrees of freedom of Student's law of the white noise; ∞ for a normal one.
     outlier_share : probability that a reading of a channel is an outlier.
     outlier : σ of what is added to an outlier, of all channels or of each [unit of the channel].
@@ -51,6 +52,7 @@ class Faults:
     mount: tuple[float, ...] = (0.0, 0.0, 0.0)
     tilt: float = 0.0
     tilt_time: float = math.inf
+    doubling: tuple[float, float] = (math.inf, math.inf)
     freedom: float = math.inf
     outlier_share: float = 0.0
     outlier: float | tuple[float, ...] = 0.0
@@ -90,6 +92,11 @@ class Faults:
     def drifted(self, times: np.ndarray, width: int, rng: np.random.Generator) -> np.ndarray:
         """Return by what the scale factors' walks multiply readings (K, width)."""
         return np.asarray(1.0 + random_walk(times, self.scale_drift, width, rng))
+
+    def growth(self, rates: np.ndarray, accelerations: np.ndarray) -> np.ndarray:
+        """Return the noise (K,) over that at rest, of RMS rates and accelerations (K,)."""
+        of_rate, of_acceleration = self.doubling
+        return np.asarray(1.0 + rates / of_rate + accelerations / of_acceleration)
 
     def tails(self, shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
         """Return what makes normal noise of a shape one of Student's law, with the same variance.
