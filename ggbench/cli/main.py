@@ -19,6 +19,7 @@ from .check import check
 from .commands import EXIT_INTERRUPTED, Commands
 from .compiling import tell_first_use, tell_maps
 from .flights import estimate, record
+from .imu import imu
 from .keys import keys
 from .maps import map_group
 from .new import new
@@ -53,6 +54,7 @@ main.add_command(map_group)
 main.add_command(advise)
 main.add_command(bound)
 main.add_command(check)
+main.add_command(imu)
 main.add_command(keys)
 main.add_command(new)
 main.add_command(estimate)
