@@ -15,6 +15,7 @@ from functools import cache, lru_cache
 import numpy as np
 
 from ..campaign.campaign import CampaignError, check
+from ..display.compiling import tell_maps
 from ..errors import GGBenchError
 from ..maps import recipe
 from ..recorded.motion import angles_of
@@ -30,7 +31,6 @@ from ..spec.scenario import Scenario
 from ..spec.sensors import FieldSpec
 from ..spec.trajectory import TrajectorySpec, file_versions
 from ..trajectory.truth import Trajectory
-from .compiling import tell_maps
 from .map_margins import Bounds, Margin, Shortfall, margin_of, shortfalls
 
 

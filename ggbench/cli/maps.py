@@ -9,9 +9,9 @@ from typing import Any
 
 import click
 
+from ..display.responsive_table import ResponsiveTable
 from . import survey_maps
 from .map_score import score
-from .responsive_table import ResponsiveTable
 from .screen import console
 
 _FILE = click.Path(path_type=Path)
