@@ -8,7 +8,10 @@ import operator
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
+from problems import SMALL
 
+from ggbench.cli.main import main
 from ggbench.spec.trajectory import TrajectorySpec
 from ggbench.trajectory.geoid import geoid_heights
 from ggbench.trajectory.manoeuvres import TrajectoryError
@@ -113,6 +116,18 @@ def test_heights_above_sea_level_become_ellipsoidal(text):
     np.testing.assert_allclose(raised, 46.8, atol=1.5)
     assert "above sea level" in rows.remark and "47 m" in rows.remark
     np.testing.assert_allclose(rows.columns["time_s"], np.arange(COUNT), atol=1e-6)
+
+
+@pytest.mark.parametrize(("text", "said"), [(gpx(), False), (gpx(geoid=False), True)])
+def test_the_command_says_what_was_made_of_the_heights(text, said, tmp_path):
+    """Once, whatever the number of cases; nothing if the file has the geoid."""
+    track, path = tmp_path / "track.gpx", tmp_path / "small.toml"
+    track.write_text(text)
+    start, end = SMALL.index("[trajectory]"), SMALL.index("[imu]")
+    path.write_text(f'{SMALL[:start]}[trajectory]\nfile = "{track}"\n\n{SMALL[end:]}')
+    result = CliRunner().invoke(main, ["validate", str(path)])
+    assert result.exit_code == 0, result.output
+    assert result.output.count("Note: of the track, its heights are above sea level") == said
 
 
 def test_the_geoid_is_egm2008():
