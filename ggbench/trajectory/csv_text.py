@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import csv
+import datetime
 import io
+import math
 import os
 import re
 import warnings
@@ -19,6 +21,7 @@ from .manoeuvres import Array, TrajectoryError
 _EXCEL = re.compile(r"sep=([,;\t])\s*", re.IGNORECASE)  # its first line, which names the separator
 _IN_BRACKETS = re.compile(r"\s*[\[(][^\])]*[\])]")
 _DATE = re.compile(r"\s*\d{4}-\d\d-\d\d[T ]\d")
+_EPOCH = datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC)
 _QUOTED = re.compile(r'"[^"]*"')
 _PERIODS = ((604_800.0, "GPS week"), (86_400.0, "day"))  # after which clocks begin at 0 [s]
 _NEAR = 100.0  # of such an end, where times fall [s]
@@ -193,10 +196,16 @@ def iso_seconds(texts: Iterable[str]) -> Array:
 
     A date without a zone is taken as UTC.
     """
-    dates = pd.Series(list(texts), dtype=str).str.strip()
-    found = pd.to_datetime(dates, format="ISO8601", utc=True, errors="coerce")
-    seconds = (found - pd.Timestamp(0, tz="UTC")) / pd.Timedelta(seconds=1)
-    return np.asarray(seconds, dtype=float)
+    return np.array([_iso_second(str(text).strip()) for text in texts])
+
+
+def _iso_second(text: str) -> float:
+    try:
+        date = datetime.datetime.fromisoformat(text)
+    except ValueError:
+        return math.nan
+    zoned = date if date.tzinfo else date.replace(tzinfo=datetime.UTC)
+    return (zoned - _EPOCH) / datetime.timedelta(seconds=1)
 
 
 def rollover(before: float, after: float) -> str:

@@ -180,7 +180,7 @@ def _require_absolute(element: ElementTree.Element) -> None:
     mode = (_texts(element, "altitudeMode") or ["clampToGround"])[0]
     if mode != "absolute":
         raise TrajectoryError(
-            f'its altitudeMode is "{mode}"; heights above sea level are needed, "absolute"'
+            f"its altitudeMode is {mode[:40]!r}; heights above sea level are needed, 'absolute'"
         )
 
 
@@ -190,7 +190,7 @@ def _degrees(place: str, number: int) -> tuple[float, float, float]:
         longitude, latitude, height = map(float, place.split(","))
     except ValueError:
         raise TrajectoryError(
-            f"place {number} is '{place[:40]}' and must be longitude, latitude and height"
+            f"place {number} is {place[:40]!r} and must be longitude, latitude and height"
         ) from None
     return latitude, longitude, height
 
@@ -257,7 +257,7 @@ def _pos(text: str) -> list[Fix]:
             latitude, longitude, height = place
         except (ValueError, IndexError):
             raise TrajectoryError(
-                f"line {number} is '{line[:60]}' and must have a time, latitude, longitude, height"
+                f"line {number} is {line[:60]!r} and must have a time, latitude, longitude, height"
             ) from None
         geoid = None if above_sea else 0.0
         fixes.append(Fix(time, latitude, longitude, height, geoid, f"line {number}"))

@@ -13,6 +13,7 @@ from problems import SMALL
 
 from ggbench.cli.main import main
 from ggbench.spec.trajectory import TrajectorySpec
+from ggbench.trajectory.csv_text import iso_seconds
 from ggbench.trajectory.geoid import geoid_heights
 from ggbench.trajectory.manoeuvres import TrajectoryError
 from ggbench.trajectory.track_formats import rows_of
@@ -145,7 +146,7 @@ BAD = {
     ),
     "GPX without end": (gpx()[:-40], "is no GPX file that can be read"),
     "GPX, no number": (gpx().replace("48.003", "nan", 1), "is no GPX|no number"),
-    "KML on the ground": (kml("clampToGround"), 'altitudeMode is "clampToGround"; .*"absolute"'),
+    "KML on the ground": (kml("clampToGround"), "altitudeMode is 'clampToGround'; .*'absolute'"),
     "KML of a line": (
         "<kml><Placemark><LineString><coordinates>1,2,3 4,5,6</coordinates></LineString>"
         "</Placemark></kml>", "has no times; a track is a gx:Track",
@@ -153,6 +154,7 @@ BAD = {
     "KML, a time less": (kml().replace(f"<when>{iso(START)}</when>", ""), "19 times and 20 places"),
     "KML, a word": (kml().replace("11.503000", "east"), "place 4 is 'east,48.003"),
     "KML, a bad time": (kml().replace("23:59:55", "25:59:55"), "place 4: its time.* no number"),
+    "KML, a year of none": (kml().replace("<when>2024", "<when>0024", 3), "place 4: comes 6"),
     "zip": ("PK\x03\x04", "is a zip archive; unpack it"),
     "NMEA, checksum": (nmea().replace("GPGGA,235955", "GPGGA,235956"), "line 5 is a GGA .*ecksum"),
     "NMEA without fixes": ("\n".join([nmea_line("GPGGA,1,,,,,0,,,,,,,,")] * 9), "no GGA sentence"),
@@ -177,6 +179,16 @@ def test_a_mistake_has_its_sentence(name, tmp_path):
     with pytest.raises(TrajectoryError, match=expected) as caught:
         assert TrajectorySpec(file=str(path)).track()
     assert str(caught.value).startswith(f"track {path}: ") and "\n" not in str(caught.value)
+
+
+def test_dates_are_those_of_iso_8601():
+    """With a zone, without, with fractions of any length; what is none is no number."""
+    texts = [
+        "1970-01-01T00:00:10Z", "1970-01-01 01:00:10.25+01:00", "1970-01-01T00:00:10.1234567",
+        "19700101T000010Z", "2100-01-01T00:00:00Z", "24-01-01T00:00:00", "today", "",
+    ]  # fmt: skip
+    expected = [10.0, 10.25, 10.123456, 10.0, 4102444800.0, np.nan, np.nan, np.nan]
+    np.testing.assert_allclose(iso_seconds(texts), expected, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", [*EXACT, "KML"])
