@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 from dataclasses import dataclass, replace
@@ -21,6 +22,7 @@ from .advise import advise
 from .bound import bound
 from .check import check
 from .commands import EXIT_INTERRUPTED, Commands
+from .compile_ahead import compiling_ahead
 from .flights import estimate, record
 from .imu import imu
 from .keys import keys
@@ -174,8 +176,10 @@ def run(
         runs or output or not resume or jobs is not None or cluster or time_limit or assumptions
     ):
         raise click.UsageError("--run goes with -e, -c and --seed only: it stores nothing")
-    asked = _Asked(estimators, runs, seed, cases, assumptions, resume, jobs, cluster, time_limit)
-    tell_first_use("ins/strapdown.py", "in a minute or two")
+    first = tell_first_use("ins/strapdown.py", "in a minute or two")
+    asked = _Asked(
+        estimators, runs, seed, cases, assumptions, resume, jobs, cluster, time_limit, first
+    )
     if scenario_name is None:
         sys.exit(_run_library(asked, output or Path("results")))
     if one_run is not None:
@@ -199,6 +203,8 @@ class _Asked:
     jobs: int | None
     cluster: str | None
     time_limit: float | None
+    first: bool = False
+    """Whether nothing has been compiled before."""
 
 
 def _repeat(name: str, asked: _Asked, number: int) -> bool:
@@ -220,7 +226,7 @@ def _repeat(name: str, asked: _Asked, number: int) -> bool:
 def _run_scenario(name: str, asked: _Asked, output: Path | None) -> Outcome:
     """Run a scenario, into results/SCENARIO without an output; return how it ended."""
     start = Moment.now()
-    with Progress(console, name) as progress:
+    with Progress(console, name) as progress, contextlib.ExitStack() as until:
         # All of it here: an interrupt is not to meet an import once runs are running.
         from ..campaign import campaign, running
         from ..results.folder import Results
@@ -232,6 +238,8 @@ def _run_scenario(name: str, asked: _Asked, output: Path | None) -> Outcome:
             loaded, output or Path("results") / loaded.name, asked.estimators, asked.runs,
             asked.seed, asked.cases, asked.assumptions, asked.time_limit, not asked.resume,
         )  # fmt: skip
+        if asked.first and asked.jobs not in (0, 1):
+            until.enter_context(compiling_ahead(work.labels))
         planned = work.plan.scenario
         flight_summary.warn(flight_limits.examined(planned))  # it tells of maps that it builds
         flown = [*planned.cases, *(c for study in planned.assumptions for c in study.cases)]

@@ -22,15 +22,19 @@ _LATELY_S = 30.0
 """How long after the last of them the compiled functions are still worth a line."""
 
 
-def tell_first_use(module: str, scope: str) -> None:
+def tell_first_use(module: str, scope: str) -> bool:
     """Say that code is going to be compiled, if that of a module of the package is not there.
+
+    Return whether it is.
 
     Parameters
     ----------
     module : that the command compiles early, ``ins/strapdown.py``.
     scope : how long it all takes.
     """
-    _echo(first_use(module, scope))
+    sentences = first_use(module, scope)
+    _echo(sentences)
+    return bool(sentences)
 
 
 def first_use(module: str, scope: str) -> list[str]:

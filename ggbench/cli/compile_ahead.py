@@ -1,0 +1,76 @@
+"""A second process that compiles estimators on a first use, while the first examines the flights.
+
+What it compiles is found in the cache by all others. It needs no flight: the compiled estimators
+have the same types on a small linear problem.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator, Sequence
+
+
+@contextlib.contextmanager
+def compiling_ahead(names: Sequence[str]) -> Iterator[None]:
+    """Return a context in which registered estimators are compiled by another process.
+
+    Parameters
+    ----------
+    names : of estimators, with parameters; those of files are passed over.
+    """
+    process = None
+    with contextlib.suppress(OSError):  # it is a help, and no more
+        process = subprocess.Popen(
+            [sys.executable, "-P", "-m", __name__, *names],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,  # Ctrl-C reaches it through its parent only
+        )
+    try:
+        yield
+    finally:
+        if process:
+            process.kill()
+            process.communicate()
+
+
+def compile_estimators(names: Sequence[str]) -> None:
+    """Compile the measurement model and estimators by their use on a small linear problem.
+
+    Parameters
+    ----------
+    names : of estimators; one that takes no such problem is compiled when it flies.
+    """
+    import numpy as np
+
+    from ..campaign import registry
+    from ..contract.references import linear_sensor_problem
+    from ..problem import jacobian_along
+
+    problem = linear_sensor_problem(0, 3)
+    states = np.zeros((problem.epochs, problem.dimension))
+    # The first process has begun with the error model.
+    jacobian_along(problem.model, np.arange(problem.epochs), states)
+    for name in names:
+        with contextlib.suppress(Exception):
+            registry.choose(name).estimator.estimate(problem, np.random.default_rng(0))
+
+
+def _end_with_parent() -> None:
+    """End this process when its parent closes the pipe, as it does when it ends."""
+
+    def watch() -> None:
+        sys.stdin.buffer.read()
+        os._exit(0)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+if __name__ == "__main__":
+    _end_with_parent()
+    compile_estimators([name for name in sys.argv[1:] if ".py" not in name])
