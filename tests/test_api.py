@@ -209,6 +209,37 @@ def test_an_interrupt_keeps_what_has_finished(scenario, tmp_path):
     assert told[3:] == [(0, 4), (1, 4), (2, 4), (3, 4), (4, 4)]
 
 
+def test_progress_is_shown_where_somebody_looks(scenario, monkeypatch, capsys):
+    """On the standard error output, in a terminal or on demand; a script's output stays its own."""
+
+    def shown(**options: bool) -> str:
+        gg.run(scenario, "ins", runs=2, jobs=0, **options)
+        out, errors = capsys.readouterr()
+        assert not out
+        return errors
+
+    assert shown() == shown(progress=False) == ""
+    assert "4 runs to do" in shown(progress=True) and "4 of 4 runs" in shown(progress=True)
+    monkeypatch.setenv("FORCE_COLOR", "1")  # by which rich takes the output for a terminal
+    assert "4 of 4 runs" in shown()
+    assert shown(progress=False) == ""
+
+
+def test_progress_in_a_notebook_needs_no_widgets(scenario, monkeypatch, recwarn):
+    """Without ipywidgets lines are printed, and nothing warns of them."""
+    monkeypatch.setattr("rich.console._is_jupyter", lambda: True)
+    gg.run(scenario, "ins", runs=1, jobs=0)
+    assert not [w for w in recwarn if "ipywidgets" in str(w.message)]
+
+
+def test_what_is_built_is_said(scenario, monkeypatch, capsys):
+    """A map that is not in the cache, and code that is not compiled yet."""
+    monkeypatch.setattr("ggbench.api.showing.first_use", lambda *_: ["First use."])
+    monkeypatch.setattr("ggbench.api.showing.maps_to_build", lambda fields: ["Building a map."])
+    gg.run(scenario, "ins", runs=1, jobs=0, progress=True)
+    assert "First use.\nBuilding a map.\n" in capsys.readouterr().err
+
+
 def test_a_folder_is_free_when_a_run_has_ended(scenario, tmp_path):
     """A second call adds to the folder of the first one's results, which stay what they are."""
     first = gg.run(scenario, "ins", runs=1, jobs=0, output=tmp_path / "out")

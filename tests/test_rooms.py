@@ -25,6 +25,7 @@ FLOORS = (
     ("contract", "recorded", "results"),
     ("figures",),
     ("campaign", "matchability", "report"),
+    ("display",),
     ("api", "score"),
     ("cli",),
 )

@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
-from ggbench.cli.keys import REQUIRED, Key, KeyTable, tables
+from ggbench.cli.keys import REQUIRED, Key, KeyTable, presets_of, tables
 from ggbench.score import card
 from ggbench.spec.json_schema import schema_text
 
@@ -43,6 +43,9 @@ def _keys(table: KeyTable) -> str:
     own = [key for key in table.keys if not key.default.startswith("as in")]
     inherited = [key for key in table.keys if key not in own]
     blocks = [_rows(own)] if own else []
+    if presets := presets_of(table.name):
+        rows = [(f"`{head}`", *text.split(". Source: ", 1)) for head, text in presets]
+        blocks.append(_markdown(("preset", "gives", "source"), rows))
     if table.recorded:
         lead = "In the file of a recorded flight also:\n\n" if own else ""
         blocks.append(lead + _rows(table.recorded))

@@ -24,6 +24,7 @@ from ..spec.scenario import Scenario
 from .arguments import ArgumentError, listed, number, whole
 from .problems import load
 from .results import Results
+from .showing import shown_progress
 
 _LONGEST_S = 1e9
 
@@ -41,7 +42,7 @@ def run(
     cluster: str | None = None,
     time_limit: float | None = None,
     fresh: bool = False,
-    progress: Callable[[int, int], object] | None = None,
+    progress: bool | Callable[[int, int], object] | None = None,
 ) -> Results:
     """Run a scenario with estimators, as ``ggbench run`` does, and return the results.
 
@@ -60,7 +61,9 @@ def run(
     cluster : address of a Dask scheduler to run on instead.
     time_limit : longest time of one run of one estimator [s]; by default the scenario's.
     fresh : discard what the folder holds.
-    progress : called with the numbers of results stored, and to be stored, by this call.
+    progress : whether to show what is compiled and built, and how far the runs are, on the standard
+        error output; by default in a terminal and in a notebook. Or a function, which is called
+        with the numbers of results stored, and to be stored, by this call.
 
     Raises
     ------
@@ -80,20 +83,22 @@ def run(
     loaded, chosen_cases = _scenario(scenario)
     texts = [_text(item) for item in listed(estimators, str | Estimator, "estimators")]
     kept = None if output is not None else tempfile.mkdtemp(prefix="ggbench-")
+    shown = shown_progress(progress, loaded.name)
     try:
-        work = campaign.planned(
-            loaded, Path(kept or str(output)), texts, count, start,
-            listed(cases, str, "cases") or chosen_cases, assumptions, time_limit, fresh,
-        )  # fmt: skip
 
         def reported(step: running.CampaignProgress) -> None:
             if step.done == 0:
                 for remark in step.remarks:
                     warnings.warn(remark, stacklevel=4)
-            if progress is not None:
-                progress(step.done, step.total)
+            shown.tell(step)
 
-        ended = running.run(work, processes, cluster, reported)
+        with shown:
+            work = campaign.planned(
+                loaded, Path(kept or str(output)), texts, count, start,
+                listed(cases, str, "cases") or chosen_cases, assumptions, time_limit, fresh,
+            )  # fmt: skip
+            shown.tell_first_use(work.plan.scenario)
+            ended = running.run(work, processes, cluster, reported)
         results = Results(work.folder, ended.store)
         if kept is not None:
             # At the latest when the process ends.

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ..display.compiling import tell_first_use
+from ..display.progress import Progress
+from ..display.responsive_table import ResponsiveTable
+from ..display.timing import Moment
 from ..spec.limits import MOST_RUNS
-from .compiling import tell_first_use
-from .progress import Progress
-from .responsive_table import ResponsiveTable
 from .screen import console
-from .timing import Moment
 
 if TYPE_CHECKING:
     from ..score.advice import Advice

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 from rich.markup import escape
 
-from .responsive_table import ResponsiveTable
+from ..display.responsive_table import ResponsiveTable
 from .screen import console
 from .tables import require_suffix, write_csv
 

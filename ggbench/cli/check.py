@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ..display.compiling import tell_first_use
 from ..errors import GGBenchError
 from ..figures.numbers import counted
-from .compiling import tell_first_use
 from .screen import console
 
 if TYPE_CHECKING:

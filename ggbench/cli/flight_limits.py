@@ -15,22 +15,22 @@ from functools import cache, lru_cache
 import numpy as np
 
 from ..campaign.campaign import CampaignError, check
+from ..display.compiling import tell_maps
 from ..errors import GGBenchError
 from ..maps import recipe
 from ..recorded.motion import angles_of
-from ..simulation.error_free_flight import trajectory_of
 from ..simulation.field_source import is_file, make_field, map_recipe
 from ..simulation.formulation import require_short_delays
 from ..simulation.ins_error import InsError, inertial_alone, ins_error
 from ..simulation.instruments import faults, spinning_disks
 from ..simulation.sensor_suite import SensorSuite, suite_of_case
+from ..simulation.true_motion import trajectory_of
 from ..spec.case import CaseSpec
 from ..spec.limits import FASTEST_MPS, HIGHEST_M, LOWEST_M
 from ..spec.scenario import Scenario
 from ..spec.sensors import FieldSpec
 from ..spec.trajectory import TrajectorySpec, file_versions
 from ..trajectory.truth import Trajectory
-from .compiling import tell_maps
 from .map_margins import Bounds, Margin, Shortfall, margin_of, shortfalls
 
 
@@ -48,6 +48,7 @@ class Flown:
     bank, bank_time : largest bank [rad], without the sign, and when it is first flown [s].
     pitch : largest pitch [rad], without the sign.
     across, vertical : largest accelerations [m/s²] to the side and upwards, without the sign.
+    remark : what was made of a track's heights, in words; may be empty.
     """
 
     vehicle: str
@@ -61,6 +62,7 @@ class Flown:
     pitch: float
     across: float
     vertical: float
+    remark: str = ""
 
 
 @dataclass(frozen=True)
@@ -221,4 +223,5 @@ def flown_of(case: CaseSpec) -> Flown:
         pitch=float(pitch.max()),
         across=float(np.abs(across).max()),
         vertical=float(np.abs(accelerations[:, 2]).max()),
+        remark=spec.track().remark if spec.file is not None else "",
     )

@@ -88,8 +88,11 @@ def _ins(each: Examined) -> str:
 
 
 def warn(found: Iterable[Examined]) -> None:
-    """Print a line for each warning."""
-    for warning in warnings(found):
+    """Print a line for each warning, and for what was made of a track's heights."""
+    cases = list(found)
+    for remark in dict.fromkeys(each.flown.remark for each in cases if each.flown.remark):
+        click.echo(f"Note: of the track, {remark}.")
+    for warning in warnings(cases):
         click.echo(f"Warning: {warning}.")
 
 

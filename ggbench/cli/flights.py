@@ -8,9 +8,9 @@ from pathlib import Path
 
 import click
 
+from ..display.timing import Moment
 from ..errors import GGBenchError
 from ..spec.limits import MOST_RUNS, MOST_SEED
-from .timing import Moment
 
 _EXIT_FAILED = 1
 

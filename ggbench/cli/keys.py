@@ -240,6 +240,21 @@ def keys(name: str | None, schema: bool) -> None:
             _say_key(key, f"{place.name}.", key in place.recorded)
 
 
+def presets_of(table: str) -> list[tuple[str, str]]:
+    """Return the presets of a table: key and value, and the numbers that they give with sources."""
+    from ..spec.presets import PRESETS
+
+    key, presets = PRESETS.get(table, ("", {}))
+    return [
+        (
+            f'{key} = "{name}"',
+            ", ".join(f"{k} = {_written(v)}" for k, v in preset.values.items())
+            + f". Source: {preset.source}.",
+        )
+        for name, preset in presets.items()
+    ]
+
+
 def _unknown(name: str) -> KeyNameError:
     both = [(table.name, key.name) for table in tables().values() for key in table.all_keys()]
     names = {*tables(), *(key for _, key in both), *(f"{table}.{key}" for table, key in both)}
@@ -254,6 +269,8 @@ def _say_table(table: KeyTable) -> None:
     _say(table.heading, table.about)
     for key in table.all_keys():
         _say_key(key, recorded=key in table.recorded)
+    for head, text in presets_of(table.name):
+        _say(head, text)
     within = [t.heading for t in tables().values() if t.name.startswith(f"{table.name}.")]
     if within:
         _say("", f"Tables within it: {', '.join(within)}.")

@@ -10,9 +10,9 @@ from pathlib import Path
 from rich.console import Console
 from rich.markup import escape
 
+from ..display.responsive_table import ResponsiveTable
 from ..errors import GGBenchError
 from ..figures.numbers import counted
-from .responsive_table import ResponsiveTable
 
 
 class LibraryError(GGBenchError):

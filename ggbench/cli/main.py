@@ -12,6 +12,10 @@ from typing import TYPE_CHECKING
 import click
 from rich.markup import escape
 
+from ..display.compiling import tell_first_use, tell_maps
+from ..display.progress import Progress
+from ..display.responsive_table import ResponsiveTable
+from ..display.timing import Moment
 from ..figures.numbers import counted
 from ..spec.limits import MOST_RUNS, MOST_SEED
 from .advise import advise
@@ -19,18 +23,15 @@ from .bound import bound
 from .check import check
 from .commands import EXIT_INTERRUPTED, Commands
 from .compile_ahead import compiling_ahead
-from .compiling import tell_first_use, tell_maps
 from .flights import estimate, record
+from .imu import imu
 from .keys import keys
 from .maps import map_group
 from .new import new
 from .plan import plan
-from .progress import Progress
 from .reports import report
-from .responsive_table import ResponsiveTable
 from .score import score
 from .screen import console
-from .timing import Moment
 from .validate import note_unusual_values, validate
 
 if TYPE_CHECKING:
@@ -55,6 +56,7 @@ main.add_command(map_group)
 main.add_command(advise)
 main.add_command(bound)
 main.add_command(check)
+main.add_command(imu)
 main.add_command(keys)
 main.add_command(new)
 main.add_command(estimate)

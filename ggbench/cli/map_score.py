@@ -8,8 +8,8 @@ from typing import Any
 
 import click
 
+from ..display.responsive_table import ResponsiveTable
 from ..figures.numbers import counted
-from .responsive_table import ResponsiveTable
 from .screen import console
 from .tables import require_suffix, write_csv
 

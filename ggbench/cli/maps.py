@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import datetime
 import time
 from pathlib import Path
 from typing import Any
 
 import click
 
+from ..display.responsive_table import ResponsiveTable
 from . import survey_maps
 from .map_score import score
-from .responsive_table import ResponsiveTable
 from .screen import console
 
 _FILE = click.Path(path_type=Path)
@@ -50,6 +51,10 @@ map_group.add_command(score)
 @click.option("--coefficients", type=_FILE, help="Global gravity model: a .gfc file.")
 @click.option("--max-degree", type=_DEGREE, help="Highest degree of the coefficients to use [all].")
 @click.option("--min-degree", type=_DEGREE, default=2, show_default=True, help="Lowest degree.")
+@click.option(
+    "--epoch", type=click.DateTime(["%Y-%m-%d"]), metavar="YYYY-MM-DD",
+    help="Date for which coefficients that vary with time hold.",
+)  # fmt: skip
 @click.option("--geoid", type=_FILE, help="Grid of geoid undulations or height anomalies.")
 @click.option("--anomaly", type=_FILE, help="Grid of free-air gravity anomalies.")
 @click.option("--disturbance", type=_FILE, help="Grid of gravity disturbances.")
@@ -156,6 +161,7 @@ def _inputs(options: dict[str, Any]) -> Any:
         land_correction=options["land_correction"],
         min_degree=options["min_degree"],
         max_degree=options["max_degree"],
+        epoch=options["epoch"].date() if options["epoch"] else None,
         terrain_from_degree=options["terrain_from_degree"],
         density=options["density"],
         water_density=options["water_density"],
@@ -275,9 +281,15 @@ def _command(options: dict[str, Any]) -> str:
     """The options as they were given, files by their names only."""
     defaults = {p.name: p.default for p in build.params}
     words = [
-        f"--{key.replace('_', '-')} {value.name if isinstance(value, Path) else value}"
+        f"--{key.replace('_', '-')} {_word(value)}"
         for key, values in options.items()
         for value in (values if isinstance(values, tuple) else (values,))
         if value is not None and value != defaults[key]
     ]
     return " ".join(["ggbench map build", *words])
+
+
+def _word(value: Any) -> str:
+    if isinstance(value, datetime.datetime):
+        return f"{value:%Y-%m-%d}"
+    return value.name if isinstance(value, Path) else str(value)

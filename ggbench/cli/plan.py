@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ..display.compiling import tell_first_use
+from ..display.responsive_table import ResponsiveTable
 from ..figures.numbers import counted
-from .compiling import tell_first_use
-from .responsive_table import ResponsiveTable
 from .screen import console
 from .tables import require_suffix, write_csv
 

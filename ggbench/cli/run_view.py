@@ -13,12 +13,12 @@ from rich.markup import escape
 from ..campaign import result_keys
 from ..campaign.registry import choose
 from ..campaign.runner import Task, flight_of, run_task
+from ..display.responsive_table import ResponsiveTable
+from ..display.timing import COLD
 from ..figures.numbers import counted
 from ..judging.bounds import squared_bounds
 from ..results.store import kept_epochs
 from ..spec.scenario import Scenario
-from .responsive_table import ResponsiveTable
-from .timing import COLD
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 import click
 from rich.console import Console
 
+from ..display.compiling import tell_first_use
+from ..display.progress import Progress
+from ..display.responsive_table import Kind, ResponsiveTable
+from ..display.timing import Moment
 from ..figures.numbers import counted
 from ..spec.limits import MOST_RUNS, MOST_SEED
-from .compiling import tell_first_use
-from .progress import Progress
-from .responsive_table import Kind, ResponsiveTable
 from .screen import console
-from .timing import Moment
 
 if TYPE_CHECKING:
     from ..score.card import Card

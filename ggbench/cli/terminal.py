@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
+from ..display.responsive_table import ResponsiveTable
+from ..display.timing import COLD
 from ..estimator_spec import shown_names
 from ..figures.numbers import counted, span
 from ..judging.comparison import UNFINISHED, Comparison
 from ..judging.summary import MARKS, SMOOTHERS, ordered
 from ..spec.scenario import Scenario
-from .responsive_table import ResponsiveTable
-from .timing import COLD
 
 if TYPE_CHECKING:
     import pandas as pd

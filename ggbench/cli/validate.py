@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ..display.compiling import tell_first_use
+from ..display.progress import Progress
 from ..figures.numbers import counted
-from .compiling import tell_first_use
-from .progress import Progress
 from .screen import console
 
 if TYPE_CHECKING:

@@ -6,6 +6,7 @@ plain or packed with gzip, zip or tar, and the ``.npz`` file that the package ca
 
 from __future__ import annotations
 
+import datetime
 import io
 import math
 import re
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from ..gravity.gradient_map import MapError
 from ..gravity.harmonics import HarmonicCoefficients
+from .gravity_epoch import static
 from .packed_files import unpacked
 from .shipped_regions import read_arrays
 
@@ -25,7 +27,6 @@ MOST_DEGREE = 5600
 
 _FLOAT = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d+)?"
 _NORMS = ("fully_normalized", "unnormalized")
-_TIME_VARIABLE = {"gfct", "trnd", "dot", "acos", "asin"}
 # The permanent tide in C20, k2 = 0.3 (Lemoine et al. 1998): zero-tide less tide-free.
 _ZERO_TIDE_C20 = -4.1736e-9
 _TIDE_PARTS = {
@@ -54,7 +55,9 @@ class GravityModel:
     coefficients: HarmonicCoefficients
 
 
-def read_model(path: Path, highest: int | None = None) -> GravityModel:
+def read_model(
+    path: Path, highest: int | None = None, epoch: datetime.date | None = None
+) -> GravityModel:
     """Return the model in a ``.gfc`` file, perhaps packed, or in an ``.npz`` file.
 
     An ``.npz`` file holds ``cs``, rows (C, S) for n = 0... and, within n, m = 0..n, ``gm`` [m³/s²]
@@ -64,21 +67,24 @@ def read_model(path: Path, highest: int | None = None) -> GravityModel:
     ----------
     path : of the file.
     highest : degree up to which to read; by default all.
+    epoch : for which coefficients hold that vary with time.
 
     Raises
     ------
     MapError
-        If the file cannot be read, is no such file, has coefficients twice or not at all, varies
-        with time, or does not go to the degree.
+        If the file cannot be read, is no such file, has coefficients twice or not at all, or does
+        not go to the degree; if it varies with time and has no epoch, or the other way round.
     """
     try:
         content = path.read_bytes()
     except OSError as error:
         raise MapError(f"cannot read the coefficients {path}: {error.strerror}") from None
     if path.suffix == ".npz":
+        if epoch is not None:
+            raise MapError(f"{path} does not vary with time: --epoch must not be given.")
         model = _from_arrays(path, content)
     else:
-        model = _from_text(path, unpacked(path, content, ".gfc"), highest)
+        model = _from_text(path, unpacked(path, content, ".gfc"), highest, epoch)
     whole = model.coefficients
     if highest is not None:
         if not 2 <= highest <= whole.degree:
@@ -107,7 +113,9 @@ def _from_arrays(path: Path, content: bytes) -> GravityModel:
     return GravityModel(path.stem, _checked(path, gm, radius, cosine, sine))
 
 
-def _from_text(path: Path, content: bytes, highest: int | None) -> GravityModel:
+def _from_text(
+    path: Path, content: bytes, highest: int | None, epoch: datetime.date | None
+) -> GravityModel:
     end = _HEADER_END.search(content, 0, _MOST_HEADER)
     if end is None:
         raise MapError(
@@ -133,6 +141,8 @@ def _from_text(path: Path, content: bytes, highest: int | None) -> GravityModel:
         raise MapError(
             f"{path}: max_degree is {degree}; at most {MOST_DEGREE} can be used: ask for fewer."
         )
+    intervals = _first_word(header, "format", "") == "icgem2.0"
+    content = content[:start] + static(path, content[start:], intervals, epoch)
     cosine, sine = _body(path, content, start, degree, int(declared))
     if norm == "unnormalized":
         _normalise(path, cosine, sine)
@@ -192,12 +202,6 @@ def _body(
         except ValueError:
             raise _bad_line(path, content, start, error) from None
     keys = set(np.unique(table["key"]).tolist())
-    varying = sorted(key for key in _TIME_VARIABLE if key.replace("d", "e") in keys)
-    if varying:
-        raise MapError(
-            f"{path}: its coefficients vary with time (lines {', '.join(varying)}); only a static "
-            "model can be used, or one reduced to an epoch."
-        )
     if keys != {"gfc"}:
         odd = sorted(keys - {"gfc"})[0]
         raise MapError(f"{path}: a line of coefficients begins with {odd!r}; it must be 'gfc'.")

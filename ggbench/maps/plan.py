@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import datetime
 import math
 from collections.abc import Iterator
 from pathlib import Path
@@ -46,6 +47,7 @@ class Inputs:
     grid_kind : ``geoid``, ``anomaly`` or ``disturbance``.
     grid_height_m : above the ellipsoid, where the grid's values hold [m].
     min_degree, max_degree : of the coefficients.
+    epoch : for which coefficients hold that vary with time.
     terrain_from_degree : up to which the other files hold the field.
     density, water_density, order : of the terrain; see :mod:`ggbench.gravity.parker`.
     geoid_height_m : of the terrain's zero level above the ellipsoid [m].
@@ -59,6 +61,7 @@ class Inputs:
     land_correction: Path | None = None
     min_degree: int = 2
     max_degree: int | None = None
+    epoch: datetime.date | None = None
     terrain_from_degree: int | None = None
     density: float = 2670.0
     water_density: float = 1030.0
@@ -156,6 +159,8 @@ class _Sources:
 
     def _coefficients(self, inputs: Inputs) -> HarmonicCoefficients | None:
         if inputs.coefficients is None:
+            if inputs.epoch is not None:
+                raise MapError("--epoch is for --coefficients that vary with time.")
             if inputs.grid is None:
                 if inputs.max_degree is not None or inputs.min_degree > 2:
                     raise MapError("--max-degree and --min-degree are for --coefficients.")
@@ -170,8 +175,9 @@ class _Sources:
             whole = whole.between(0, highest)
         else:
             self.hashes[inputs.coefficients.name] = sha256_of(inputs.coefficients, MapError)
-            model = read_model(inputs.coefficients, inputs.max_degree)
-            name, whole = model.name, without_normal_field(model.coefficients)
+            model = read_model(inputs.coefficients, inputs.max_degree, inputs.epoch)
+            name = model.name if inputs.epoch is None else f"{model.name} at {inputs.epoch}"
+            whole = without_normal_field(model.coefficients)
         lowest = inputs.min_degree
         if not 2 <= lowest <= whole.degree:
             raise MapError(

@@ -12,12 +12,11 @@ from ..figures.numbers import counted, span
 from ..spec.aiding import BarometerSpec, GnssSpec, GravimeterSpec, LogSpec
 from ..spec.case import CaseSpec
 from ..spec.named_sensors import aiding_of
+from ..spec.presets import grade_of
 from .columns import significant
 
 _MOST_VALUES = 3
 """Values of a condition that are listed; of more, the range or the number is given."""
-GRADES = ((0.002, "strategic"), (0.05, "navigation"), (1.0, "tactical"))
-"""Largest gyro bias of an INS grade [°/h]; a larger one is consumer grade."""
 
 
 def conditions(cases: Sequence[CaseSpec], shared: pd.DataFrame) -> pd.DataFrame:
@@ -58,17 +57,13 @@ def _each(cases: Sequence[CaseSpec], said: Callable[[CaseSpec], Sequence[str]]) 
 
 def _ins(cases: Sequence[CaseSpec]) -> str:
     imus = [case.side("truth").imu for case in cases]
-    grades = dict.fromkeys(_grade(imu.gyro_bias_deg_per_h) for imu in imus)
+    grades = dict.fromkeys(grade_of(imu.gyro_bias_deg_per_h) for imu in imus)
     return (
         f"{' or '.join(grades)} grade, gyros {_span(imu.gyro_bias_deg_per_h for imu in imus)} °/h, "
         f"{_span(imu.gyro_noise_deg_per_sqrt_h for imu in imus)} °/√h, accelerometers "
         f"{_span(imu.accelerometer_bias_ug for imu in imus)} µg, "
         f"{_span(imu.accelerometer_noise_ug_per_sqrt_hz for imu in imus)} µg/√Hz"
     )
-
-
-def _grade(bias: float) -> str:
-    return next((name for most, name in GRADES if bias <= most), "consumer")
 
 
 def _initial(cases: Sequence[CaseSpec]) -> str:

@@ -22,6 +22,7 @@ from ..gravity.field import Field
 from ..numerics.rotations import rotation_matrix
 from ..problem import Channel
 from .aiding_kernels import MOVED
+from .false_positions import FalsePositions
 from .gradiometer.faults import Faults
 from .processes import gauss_markov, remaining
 
@@ -29,6 +30,7 @@ MGAL = 1e5
 """mGal in a m/s²."""
 AXES = "xyz"
 _NO_FAULTS = Faults()
+_TRUE_POSITIONS = FalsePositions()
 _GRAVITY = ("east", "north", "scalar")
 
 
@@ -120,24 +122,32 @@ class AidingSensor(ABC):
         """What the channels make of the gravity disturbance ENU (e, 3) [unit / (m/s²)]."""
         return np.zeros((len(self.channels), 3))
 
+    @property
+    def biased(self) -> int:
+        """Number of channels with a bias; they come first."""
+        return len(self.channels) if self.bias > 0.0 else 0
+
     def decay(self, times: np.ndarray) -> np.ndarray:
         """Return what is left of a bias at each of the epochs (K,) since the one before it."""
         return remaining(times, self.bias_time)
 
     def biases(self, times: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Return the biases of a run (K, e) at the epochs."""
-        return self.bias * gauss_markov(times, self.bias_time, len(self.channels), rng)
+        """Return the biases of a run (K, b) at the epochs, of the channels that have one."""
+        return self.bias * gauss_markov(times, self.bias_time, self.biased, rng)
 
 
 @dataclass(frozen=True)
 class Gnss(AidingSensor):
     """Satellite navigation: position, as seen from where the INS believes to be, and velocity.
 
-    Both are linear in the INS's errors: p − p̂ = −δr, v = v̂ − δv.
+    Both are linear in the INS's errors: p − p̂ = −δr, v = v̂ − δv; an antenna at the lever arm l
+    adds C_nb l ≈ (I + [φ×]) Ĉ_nb l. Only positions have biases, and errors that follow the clock.
     """
 
     position: bool = True
     velocity: bool = True
+    errors: FalsePositions = _TRUE_POSITIONS
+    lever: tuple[float, ...] = (0.0, 0.0, 0.0)
 
     kind = "gnss"
 
@@ -153,21 +163,30 @@ class Gnss(AidingSensor):
                 found += [Channel(f"{what} {axis}", unit, self.name) for axis in "ENU"]
         return tuple(found)
 
+    @property
+    def biased(self) -> int:
+        """Number of axes of the positions, if these have a bias."""
+        return 3 if self.position and self.bias > 0.0 else 0
+
     def exact(self, truth: Motion, ins: Motion, gravity: Field) -> np.ndarray:
         """Return true positions relative to the INS's, and true velocities."""
         parts = []
         if self.position:
-            parts.append(-position_error(ins.positions, truth.positions))
+            antenna = truth.attitudes @ np.array(self.lever)
+            parts.append(antenna - position_error(ins.positions, truth.positions))
         if self.velocity:
             parts.append(np.broadcast_to(truth.velocities, ins.velocities.shape))
         return np.concatenate(parts, axis=-1)
 
     def about(self, ins: Motion) -> About:
-        """Return −δr and v̂ − δv."""
+        """Return −δr + Ĉ_nb l + φ × Ĉ_nb l and v̂ − δv."""
         selected = self._selected
         rows = np.zeros((*ins.positions.shape[:-1], len(selected), MOVED))
         rows[..., np.arange(len(selected)), selected] = -1.0
-        offset = np.concatenate([np.zeros_like(ins.positions), ins.velocities], axis=-1)
+        antenna = ins.attitudes @ np.array(self.lever)
+        if self.position:
+            rows[..., :3, 6:9] = -cross_matrix(antenna)
+        offset = np.concatenate([antenna, ins.velocities], axis=-1)
         return About(offset[..., selected], rows)
 
     @property

@@ -12,6 +12,7 @@ from ..gravity.field import DisturbanceMap, Field
 from ..ins.strapdown import steady_force
 from ..sensors.aiding import AidingSensor, Barometer, Gnss, Gravimeter, Motion, VelocityLog
 from ..sensors.aiding_kernels import MOVED, Aiding
+from ..sensors.false_positions import FalsePositions
 from ..sensors.gradiometer.faults import Faults
 from ..spec.aiding import (
     BarometerSpec,
@@ -19,6 +20,7 @@ from ..spec.aiding import (
     GravimeterSpec,
     Interruptions,
     LogSpec,
+    TrueGnss,
 )
 from ..spec.named_sensors import aiding_of
 from ..spec.sensors import Side, TruthSpec
@@ -45,8 +47,9 @@ def _sensor(spec: Any, changes: Interruptions | None, label: str) -> AidingSenso
         position, velocity = spec.position_noise_m is not None, spec.velocity_noise_mps is not None
         noise, outliers = _of_gnss(spec, changes)
         return Gnss(
-            spec.period_s, noise, faults=_faults(changes, *outliers),
-            position=position, velocity=velocity, label=label,
+            spec.period_s, noise, spec.position_bias_m, spec.position_bias_time_s or math.inf,
+            _faults(changes, *outliers), position, velocity, _false_positions(changes),
+            spec.lever_arm_m, label=label,
         )  # fmt: skip
     bias_time = spec.bias_time_s or math.inf
     if isinstance(spec, LogSpec):
@@ -83,6 +86,27 @@ def _of_gnss(
     return tuple(noise), tuple(outliers)
 
 
+def _false(
+    true: Gnss, known: Gnss, times: np.ndarray, attitudes: np.ndarray, turning: np.ndarray
+) -> np.ndarray:
+    """Return errors (G, e) of a receiver that are the same in all runs.
+
+    Velocities are corrected for the known lever arm by the gyros' rates, taken as exact. What a
+    wrong arm leaves is C_nb (ω × Δl).
+    """
+    wrong = np.array(true.lever) - np.array(known.lever)
+    swept = np.einsum("kij,kj->ki", attitudes, np.cross(turning, wrong))
+    parts = [true.errors.at(times)] * true.position + [swept] * true.velocity
+    return np.concatenate(parts, axis=-1)
+
+
+def _false_positions(changes: Interruptions | None) -> FalsePositions:
+    if not isinstance(changes, TrueGnss):
+        return FalsePositions()
+    within = changes.jump_from_s, changes.jump_until_s or math.inf
+    return FalsePositions(changes.ramp_mps, changes.ramp_from_s, changes.jump_m, within)
+
+
 def _faults(changes: Interruptions | None, *outliers: float) -> Faults:
     if changes is None:
         return Faults()
@@ -91,6 +115,7 @@ def _faults(changes: Interruptions | None, *outliers: float) -> Faults:
         outlier=outliers,
         dropout_share=changes.dropout_share,
         dropouts=tuple((start, end) for start, end in changes.dropouts_s),
+        duty=(changes.duty_on_s, changes.duty_off_s),
     )
 
 
@@ -117,6 +142,7 @@ def aiding_readings(
     read_at: Sequence[np.ndarray],
     truth: Motion,
     ins: Motion,
+    turning: np.ndarray,
     streams: Sequence[RandomStreams],
     measured: Mapping[str, np.ndarray],
 ) -> AidingReadings:
@@ -130,6 +156,7 @@ def aiding_readings(
     read_at : indices of the epochs at which each sensor is read.
     truth : true motion at the epochs (K, .).
     ins : what the INS of each run indicates (R, K, .).
+    turning : (K, 3) true angular rate about the body's axes [rad/s].
     streams : the generators of the runs.
     measured : errors (G,) of the sensors whose readings were measured; NaN where one is missing.
         Their biases are not known.
@@ -143,6 +170,8 @@ def aiding_readings(
         some = slice(first, first + width)
         first += width
         z[:, at, some] = sensor.exact(_at(truth, at), _at(ins, at), field)
+        if isinstance(sensor, Gnss) and isinstance(known, Gnss):
+            z[:, at, some] += _false(sensor, known, times[at], truth.attitudes[at], turning[at])
         present[:, at, some] = True
         if sensor.name in measured:
             errors = measured[sensor.name][:, np.newaxis]
@@ -152,10 +181,12 @@ def aiding_readings(
             continue
         for r, of_run in enumerate(streams):
             drawn = np.zeros((epochs, width))
-            if sensor.bias > 0.0:
-                drawn = sensor.biases(times, of_run.of_sensor(sensor.name, "biases"))
-            if known.bias > 0.0:
-                biases.append(drawn)
+            if sensor.biased:
+                drawn[:, : sensor.biased] = sensor.biases(
+                    times, of_run.of_sensor(sensor.name, "biases")
+                )
+            if known.biased:
+                biases.append(drawn[:, : known.biased])
             noise = of_run.of_sensor(sensor.name).standard_normal((len(at), width))
             z[r, at, some] += drawn[at] + np.array(sensor.noise) * noise
             if sensor.faults.outlier_share > 0.0:

@@ -7,7 +7,7 @@ import functools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 
@@ -16,16 +16,14 @@ from ..gravity.field import Field
 from ..ins import strapdown
 from ..ins.error_model import STATES, navigation_errors
 from ..ins.known_gravity import KnownGravity
-from ..sensors.aiding import Motion
+from ..sensors.aiding import Motion, corrected_positions
 from ..sensors.gradiometer.faults import Faults
 from ..sensors.gradiometer.instrument import Gradiometer, inertial_from_local, readings
 from ..sensors.gradiometer.spinning_disks import SpinningDisks
 from ..sensors.model import SensorModel, model_arrays
 from ..spec.case import CaseSpec
-from ..spec.limits import FASTEST_MPS, HIGHEST_M, LOWEST_M
-from ..spec.trajectory import TrajectorySpec, file_versions
-from ..trajectory.manoeuvres import TrajectoryError
-from ..trajectory.truth import Trajectory, along, fly
+from ..spec.trajectory import file_versions
+from ..trajectory.truth import Trajectory
 from .aiding import aiding_about
 from .bound import Bound, posterior_bound
 from .field_source import beside, make_field
@@ -33,6 +31,7 @@ from .formulation import MeasurementTimes, added_gravity, require_short_delays
 from .instruments import faults, spinning_disks
 from .measured import measured_errors, measured_readings
 from .sensor_suite import SensorSuite, suite_of_case
+from .true_motion import error_free_motion
 
 
 @dataclass(frozen=True)
@@ -119,6 +118,12 @@ class Flight:
     def model(self) -> SensorSuite:
         """Sensors and prior as the estimators know them."""
         return suite_of_case(self.case, "model")
+
+    @cached_property
+    def turning(self) -> np.ndarray:
+        """Angular rate (K, 3) about the body's axes at the epochs [rad/s]: a mean of two steps."""
+        around = np.clip([self.epochs - 1, self.epochs], 0, len(self.delta_angles) - 1)
+        return np.asarray(self.delta_angles[around].mean(axis=0) / self.trajectory.dt)
 
     @cached_property
     def metres(self) -> np.ndarray:
@@ -233,12 +238,23 @@ class Flight:
         return force, np.zeros_like(force)
 
     @cached_property
+    def noise_growth(self) -> np.ndarray:
+        """The gradiometer's noise (G,) over that at rest: of the body's motion in each reading."""
+        samples, dt = self.epochs[self.gradient_epochs], self.trajectory.dt
+        squares = [
+            (steps**2).sum(axis=1)[: samples[-1]].reshape(len(samples), -1).mean(axis=1) / dt**2
+            for steps in (self.delta_angles, np.diff(self.trajectory.velocities, axis=0))
+        ]
+        return self.faults.growth(*np.sqrt(squares))
+
+    @cached_property
     def bound(self) -> Bound:
         """Posterior Cramér–Rao bound of the measurements that estimators receive.
 
         H and Φ are those at the truth. Noise, biases, initial errors, field and latency are the
-        true ones. Filtered gradients are whitened, as estimators receive them. Outliers and errors
-        without a state are left out, so that it stays a lower bound. Measurements that drop out
+        true ones. Filtered gradients are whitened, as estimators receive them. Outliers, errors
+        without a state and what motion adds to the noise are left out, so that it stays a lower
+        bound. Measurements that drop out
         count by their expected share.
         """
         return self._bound_of(self.true.gradiometer)
@@ -335,7 +351,7 @@ def prepare(case: CaseSpec) -> Flight:
     true, model = case.side("truth"), case.side("model")
     field = make_field(true.field, case.truth.field.constant_disturbance_mgal)
     model_field = make_field(model.field)
-    trajectory, delta_angles, delta_velocities = _error_free(
+    trajectory, delta_angles, delta_velocities = error_free_motion(
         case.trajectory,
         case.imu.period_s,
         file_versions(case.trajectory),
@@ -363,8 +379,9 @@ def prepare(case: CaseSpec) -> Flight:
             if case.gravimeter is None:
                 needed = np.setdiff1d(epochs, at[~there])
         noise_free = np.zeros((len(at), 6))
+        places = gradiometer_places(case, positions, attitudes)
         noise_free[there] = readings(
-            field, positions[there], taken[there], attitudes[there], case.gradiometer.instrument
+            field, places[there], taken[there], attitudes[there], case.gradiometer.instrument
         )
         altimeter = math.inf if case.altimeter is None else case.altimeter.time_constant_s
         require_short_delays(suite_of_case(case, "model"), altimeter, len(at))
@@ -379,74 +396,9 @@ def prepare(case: CaseSpec) -> Flight:
     )  # fmt: skip
 
 
-@lru_cache(maxsize=8)
-def _error_free(
-    spec: TrajectorySpec, dt: float, versions: tuple[object, ...], felt: Field | None
-) -> tuple[Trajectory, np.ndarray, np.ndarray]:
-    """Return what cases that differ in sensors and priors share: truth and IMU increments.
-
-    ``versions`` are those of the files of which the flight is made. ``felt`` is the field whose
-    disturbance of gravity the accelerometers feel, if they do.
-    """
-    trajectory = trajectory_of(spec, dt)
-    _require_possible(trajectory)
-    disturbances = np.zeros((len(trajectory.times) - 1, 3))
-    if felt is not None:
-        middle = 0.5 * (trajectory.positions[1:] + trajectory.positions[:-1])
-        disturbances = beside(felt, float(middle[0, 1])).gravity_disturbance(*middle.T)
-    delta_angles, delta_velocities = strapdown.error_free_increments(
-        trajectory.positions,
-        trajectory.velocities,
-        trajectory.attitudes,
-        disturbances,
-        trajectory.dt,
-    )
-    return trajectory, delta_angles, delta_velocities
-
-
-def _require_possible(trajectory: Trajectory) -> None:
-    """Raise TrajectoryError if a flight leaves the heights and speeds that have a meaning.
-
-    Each key may be within its limits, and what long manoeuvres or a track make of them is not.
-    """
-    heights, speeds = trajectory.positions[:, 2], np.linalg.norm(trajectory.velocities, axis=1)
-    for what, values, lowest, highest, unit in (
-        ("height", heights, LOWEST_M, HIGHEST_M, "m"),
-        ("speed", speeds, 0.0, FASTEST_MPS, "m/s"),
-    ):
-        outside = ~((lowest <= values) & (values <= highest))  # NaN is outside
-        if outside.any():
-            first = int(outside.argmax())
-            raise TrajectoryError(
-                f"the flight's {what} is {values[first]:g} {unit} after "
-                f"{trajectory.times[first]:g} s and must lie between {lowest:g} and {highest:g}"
-                f" {unit}"
-            )
-
-
-def trajectory_of(spec: TrajectorySpec, dt: float) -> Trajectory:
-    """Return the truth of a ``[trajectory]`` table, of segments or of a track.
-
-    Parameters
-    ----------
-    spec : the table.
-    dt : sampling interval [s].
-
-    Raises
-    ------
-    TrajectoryError
-        If it cannot be flown, or a file that it names cannot be used.
-    """
-    pitch, roll = math.radians(spec.pitch_deg), math.radians(spec.roll_deg)
-    banks = spec.vehicle == "aircraft"
-    if spec.file is None:
-        start = spec.start()
-        return fly(
-            start.position, start.speed, start.heading, pitch, roll, spec.manoeuvres(), dt,
-            banks=banks, size=len(spec.segment),
-        )  # fmt: skip
-    track = spec.track()
-    try:
-        return along(track, dt, pitch, roll, banks)
-    except TrajectoryError as error:
-        raise TrajectoryError(f"track {spec.file}: {error}") from None
+def gradiometer_places(case: CaseSpec, positions: np.ndarray, attitudes: np.ndarray) -> np.ndarray:
+    """Return where (K, 3) a gradiometer is that is not where estimators believe it to be."""
+    error = case.truth.gradiometer.lever_arm_error_m
+    if not any(error):
+        return positions
+    return corrected_positions(positions, -(attitudes @ np.array(error)))

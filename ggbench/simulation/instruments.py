@@ -179,8 +179,13 @@ def faults(spec: TrueGradiometer) -> Faults:
         scale_factor=1e-6 * spec.scale_factor_ppm,
         scale_drift=1e-6 * spec.scale_drift_ppm_per_sqrt_h / 60.0,
         misalignment=math.radians(spec.misalignment_arcmin / 60.0),
+        mount=tuple(math.radians(angle / 60.0) for angle in spec.mounting_error_arcmin),
         tilt=math.radians(spec.tilt_arcmin / 60.0),
         tilt_time=spec.tilt_time_s or math.inf,
+        doubling=(
+            math.radians(spec.noise_doubles_at_deg_per_s or math.inf),
+            spec.noise_doubles_at_mps2 or math.inf,
+        ),
         freedom=spec.noise_freedom or math.inf,
         outlier_share=spec.outlier_share,
         outlier=spec.outlier_eotvos,
@@ -188,6 +193,7 @@ def faults(spec: TrueGradiometer) -> Faults:
         together=spec.outlier_channels == "all",
         dropout_share=spec.dropout_share,
         dropouts=tuple((start, end) for start, end in spec.dropouts_s),
+        duty=(spec.duty_on_s, spec.duty_off_s),
         clock=spec.clock_error_s,
         jitter=spec.timing_jitter_s,
     )

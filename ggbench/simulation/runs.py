@@ -35,7 +35,7 @@ from ..sensors.gradiometer.faults import biases as gradiometer_biases
 from ..sensors.gradiometer.instrument import Gradiometer, readings
 from ..trajectory.truth import Trajectory
 from .aiding import aiding_readings
-from .error_free_flight import Flight
+from .error_free_flight import Flight, gradiometer_places
 from .formulation import InsSolution, Readings, build_problems, motion_of, propagate_errors
 from .random_streams import RandomStreams, random_streams
 from .replay import Recording, Replays
@@ -214,7 +214,7 @@ def _readings(
     """
     others = aiding_readings(
         flight.true.aiding, flight.model.aiding, flight.field, flight.times, flight.aiding_epochs,
-        flight.motion_at_epochs, ins, streams, flight.measured_errors,
+        flight.motion_at_epochs, ins, flight.turning, streams, flight.measured_errors,
     )  # fmt: skip
     return Readings(seen.output, seen.missing, others.measurements, others.present), others.biases
 
@@ -345,6 +345,7 @@ def _gradiometer_output(
         noise = instrument.noise(len(times), of_run.gradiometer)
         if math.isfinite(faults.freedom):
             noise *= faults.tails(noise.shape, of_run.gradiometer_tails)
+        noise *= flight.noise_growth[:, np.newaxis]
         output[run] = exact + biases[run, at] + noise
         if faults.outlier_share > 0.0:
             output[run] += faults.outliers(times, len(channels), of_run.outliers)
@@ -371,7 +372,8 @@ def _mistimed(flight: Flight, rng: np.random.Generator) -> np.ndarray:
     taken = times - flight.latency + faults.jitter * rng.standard_normal(len(times))
     taken = np.clip(taken, truth.times[0], truth.times[-1])
     positions, attitudes = truth.at(taken)
-    return readings(flight.field, positions, taken + clock, attitudes, flight.instrument)
+    places = gradiometer_places(flight.case, positions, attitudes)
+    return readings(flight.field, places, taken + clock, attitudes, flight.instrument)
 
 
 def _perturbed(truth: Trajectory, error: np.ndarray) -> np.ndarray:

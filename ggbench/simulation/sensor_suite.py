@@ -126,8 +126,8 @@ class SensorSuite:
             found.append(StateBlock("gradiometer bias", slice(first, first + self.gradients), "E"))
             first += self.gradients
         for sensor in self.aiding:
-            if sensor.bias > 0.0:
-                last = first + len(sensor.channels)
+            if sensor.biased:
+                last = first + sensor.biased
                 name = f"{sensor.name.replace('_', ' ')} bias"
                 found.append(StateBlock(name, slice(first, last), sensor.channels[0].unit))
                 first = last
@@ -161,8 +161,9 @@ class SensorSuite:
         found: list[int] = []
         for sensor in self.aiding:
             states = slices.get(sensor.name)
-            unbiased = [-1] * len(sensor.channels)
-            found += unbiased if states is None else range(states.start, states.stop)
+            if states is not None:
+                found += range(states.start, states.stop)
+            found += [-1] * (len(sensor.channels) - sensor.biased)
         return np.array(found, dtype=np.int64)
 
     @cached_property
@@ -242,7 +243,7 @@ class SensorSuite:
     @property
     def _biased(self) -> list[tuple[AidingSensor, slice]]:
         """The aiding sensors with biases, and the slices of these states."""
-        biased = [sensor for sensor in self.aiding if sensor.bias > 0.0]
+        biased = [sensor for sensor in self.aiding if sensor.biased]
         behind = self.layout[len(self.layout) - len(biased) :]
         return [(sensor, block.slice) for sensor, block in zip(biased, behind, strict=True)]
 

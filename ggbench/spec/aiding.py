@@ -14,6 +14,7 @@ from pydantic import Field, model_validator
 from . import quantities as q
 from .tables import Listed, Section, changes
 
+LeverArm = Annotated[Listed[q.LeverArm], Field(min_length=3, max_length=3)]
 Interval = Annotated[Listed[q.Moment], Field(min_length=2, max_length=2)]
 
 _HOW_OUTLIERS_COME = ("outlier_share", "outlier_burst_s", "outlier_channels")
@@ -29,6 +30,10 @@ class Interruptions(Section):
     """Probability that a reading, with all channels, is missing; not behind a filter."""
     dropouts_s: Listed[Interval] = ()
     """Pairs `[from, to]` between which all readings are missing; not behind a filter."""
+    duty_on_s: q.Duty = 0.0
+    """How long readings come, from the start on, before they stay away; with `duty_off_s`."""
+    duty_off_s: q.Duty = 0.0
+    """How long they then stay away, in turn with `duty_on_s`; not behind a filter."""
 
     @model_validator(mode="after")
     def _check(self) -> Interruptions:
@@ -36,6 +41,8 @@ class Interruptions(Section):
         sizes = [key for key in keys if key not in _HOW_OUTLIERS_COME]
         if (self.outlier_share > 0.0) != any(getattr(self, key) > 0.0 for key in sizes):
             raise ValueError(f"outlier_share and {' or '.join(sizes)} go together")
+        if (self.duty_on_s > 0.0) != (self.duty_off_s > 0.0):
+            raise ValueError("duty_on_s and duty_off_s go together")
         for start, end in self.dropouts_s:
             if not start < end:
                 raise ValueError(
@@ -61,9 +68,22 @@ class GnssSpec(PeriodicSpec):
     """White noise of the height. Without it: `position_noise_m`."""
     velocity_noise_mps: q.VelocityNoise | None = None
     """White noise of each axis; with it, the receiver gives velocities."""
+    position_bias_m: q.PositionBias = 0.0
+    """Standard deviation of an error of each axis of positions that persists.
+
+    Where estimators assume one, it is a state. Multipath and the atmosphere are correlated so.
+    """
+    position_bias_time_s: q.TimeConstant | None = None
+    """Correlation time of this error (first-order Gauss–Markov). Without it: a constant."""
+    lever_arm_m: LeverArm = (0.0, 0.0, 0.0)
+    """Right, forward, up: from the INS to the antenna. Estimators correct for the one they know."""
 
     @model_validator(mode="after")
     def _check(self) -> GnssSpec:
+        if self.position_noise_m is None and self.position_bias_m > 0.0:
+            raise ValueError("position_bias_m needs position_noise_m")
+        if self.position_bias_m == 0.0 and self.position_bias_time_s is not None:
+            raise ValueError("position_bias_time_s needs position_bias_m")
         if self.position_noise_m is None and self.velocity_noise_mps is None:
             raise ValueError("give position_noise_m, velocity_noise_mps, or both")
         if self.position_noise_m is None and self.height_noise_m is not None:
@@ -85,6 +105,31 @@ class TrueGnss(GnssChange, Interruptions):
     """Standard deviation of what an outlier adds to each axis of a position."""
     outlier_mps: q.Outlier = 0.0
     """Standard deviation of what an outlier adds to each axis of a velocity."""
+    ramp_mps: Annotated[Listed[q.VelocityComponent], Field(min_length=3, max_length=3)] = (
+        0.0, 0.0, 0.0,
+    )  # fmt: skip
+    """East, north, up: by which an error of the positions grows from `ramp_from_s` on."""
+    ramp_from_s: q.Moment = 0.0
+    """When the ramp begins."""
+    jump_m: Annotated[Listed[q.PositionJump], Field(min_length=3, max_length=3)] = (0.0, 0.0, 0.0)
+    """East, north, up: added to the positions from `jump_from_s` on."""
+    jump_from_s: q.Moment = 0.0
+    """First time at which positions have the jump."""
+    jump_until_s: q.Moment | None = None
+    """Last time at which they have it. Without it: to the end."""
+
+    @model_validator(mode="after")
+    def _check_false_positions(self) -> TrueGnss:
+        for key, given in (
+            ("ramp", self.ramp_from_s > 0.0),
+            ("jump", self.jump_from_s > 0.0 or self.jump_until_s is not None),
+        ):
+            unit = "mps" if key == "ramp" else "m"
+            if given and not any(getattr(self, f"{key}_{unit}")):
+                raise ValueError(f"{key}_from_s says when {key}_{unit} is: give {key}_{unit}")
+        if self.jump_until_s is not None and not self.jump_from_s < self.jump_until_s:
+            raise ValueError("jump_until_s must be later than jump_from_s")
+        return self
 
 
 class LogSpec(PeriodicSpec):

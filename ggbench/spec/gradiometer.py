@@ -13,12 +13,11 @@ from pydantic import Field, model_validator
 
 from ..sensors.gradiometer.rotating import RotatingGradiometer, RotatingGradiometerError
 from . import quantities as q
-from .aiding import Interruptions, PeriodicSpec
+from .aiding import Interruptions, LeverArm, PeriodicSpec
+from .presets import NOISES, PublishedGradiometer, expanded
 from .tables import Listed, Section, changes
 
 Component = Literal["xx", "xy", "xz", "yy", "yz", "zz", "xx-yy", "yy-zz", "zz-xx"]
-NOISES = ("noise_eotvos", "noise_density_eotvos_per_sqrt_hz", "coloured_noise")
-"""The ways to state the gradiometer's noise; one replaces the others."""
 
 
 class RotatingSpec(Section):
@@ -42,6 +41,8 @@ class RotatingSpec(Section):
 class GradiometerSpec(PeriodicSpec):
     """``[gradiometer]``: instrument, noise (as RMS or as density), filter and its treatment."""
 
+    preset: PublishedGradiometer | None = None
+    """A published instrument: it gives noise, channels and mount where they are not written."""
     instrument: Literal["platform", "local-level", "strapdown"] = "platform"
     """How it is mounted, and so in which axes it reads."""
     noise_eotvos: q.Noise | None = None
@@ -82,6 +83,11 @@ class GradiometerSpec(PeriodicSpec):
 
     With a filter, only the truth may have one.
     """
+
+    @model_validator(mode="before")
+    @classmethod
+    def _expanded(cls, content: Any) -> Any:
+        return expanded("gradiometer", content)
 
     @model_validator(mode="after")
     def _check(self) -> GradiometerSpec:
@@ -152,8 +158,8 @@ class GradiometerSpec(PeriodicSpec):
 @changes(
     GradiometerSpec,
     but=(
-        "period_s", "instrument", "components", "readings", "rotating", "filter", "filter_order",
-        "filter_cutoff_hz", "filter_treatment", "whitening_regularization",
+        "period_s", "preset", "instrument", "components", "readings", "rotating", "filter",
+        "filter_order", "filter_cutoff_hz", "filter_treatment", "whitening_regularization",
     ),
 )  # fmt: skip
 class GradiometerChange(Section):
@@ -193,12 +199,31 @@ class TrueGradiometer(GradiometerChange, Interruptions):
     """Random walk of each channel's scale factor, from the value that was drawn."""
     misalignment_arcmin: q.Arcmin = 0.0
     """Standard deviation, drawn once per run and axis: of the mount, which turns the tensor."""
+    mounting_error_arcmin: Annotated[Listed[q.MountingError], Field(min_length=3, max_length=3)] = (
+        0.0,
+        0.0,
+        0.0,
+    )
+    """Fixed angles about x, y, z of the mount by which it is not mounted as estimators believe."""
+    lever_arm_error_m: LeverArm = (0.0, 0.0, 0.0)
+    """Right, forward, up: from where estimators believe the instrument to where it is.
+
+    A lever arm that is known has no effect: the map is read where the instrument is.
+    """
     tilt_arcmin: q.Arcmin = 0.0
     """Standard deviation of the tilt of a `"local-level"` mount about east and about north."""
     tilt_time_s: q.TimeConstant | None = None
     """Correlation time of the tilt (first-order Gauss–Markov); with `tilt_arcmin`."""
     noise_freedom: q.Freedom | None = None
     """Degrees of freedom of Student's t noise of equal deviation. Without it: normal noise."""
+    noise_doubles_at_deg_per_s: q.NoisyRate | None = None
+    """Rate of turning of the body at which the noise is twice that at rest; it grows linearly.
+
+    σ (1 + rate / this + acceleration / `noise_doubles_at_mps2`), each an RMS over the time of a
+    reading. Estimators assume σ.
+    """
+    noise_doubles_at_mps2: q.NoisyAcceleration | None = None
+    """Acceleration, gusts and turns included, at which the noise is twice that at rest."""
     outlier_eotvos: q.Outlier = 0.0
     """Standard deviation of what an outlier adds, drawn for each reading."""
     outlier_burst_s: q.Burst = 0.0
@@ -233,14 +258,17 @@ class TrueGradiometer(GradiometerChange, Interruptions):
                 "truth.gradiometer: measured readings have the errors that they have; remove its "
                 "keys"
             )
+        of_white_noise = ("noise_freedom", "noise_doubles_at_deg_per_s", "noise_doubles_at_mps2")
         if spec.coloured_noise is not None and (
-            self.dropout_share > 0.0 or self.noise_freedom is not None
+            self.dropout_share > 0.0
+            or any(getattr(self, key) is not None for key in of_white_noise)
         ):
             raise ValueError(
-                "truth.gradiometer: dropout_share and noise_freedom need white noise; "
-                "gradiometer.coloured_noise is coloured"
+                f"truth.gradiometer: dropout_share and {', '.join(of_white_noise)} need white "
+                "noise; gradiometer.coloured_noise is coloured"
             )
-        if spec.filter != "none" and (self.dropouts_s or self.dropout_share > 0.0):
+        missing = bool(self.dropouts_s) or self.dropout_share > 0.0 or self.duty_off_s > 0.0
+        if spec.filter != "none" and missing:
             raise ValueError(
                 "truth.gradiometer: readings can only drop out of an instrument without a filter; "
                 'set gradiometer.filter = "none"'

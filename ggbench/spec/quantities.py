@@ -92,12 +92,15 @@ Roll = Annotated[float, Within(-180.0, 180.0, usual=(-45.0, 45.0))]
 Bank = Annotated[float, Within(0.01, 75.0)]
 Incline = Annotated[float, Within(0.01, 60.0)]
 InclineLimit = Annotated[float, Within(0.01, 45.0)]
+NoisyRate = Annotated[float, Within(1e-6, 1e4, usual=(0.01, 100.0))]
+NoisyAcceleration = Annotated[float, Within(1e-6, 1e4, usual=(0.01, 100.0))]
 AngularRate = Annotated[float, Within(-30.0, 30.0)]
 Radius = Annotated[float, Within(1.0, 1e6)]
 Kilometres = Annotated[float, Within(1e-3, 40_000.0)]  # once around the Earth
 
 # Times and rates.
 Duration = Annotated[float, Within(1e-3, 1e6)]
+Duty = Annotated[float, Within(1e-3, 1e6, or_zero=True)]
 Moment = Annotated[float, Within(1e-9, 1e6, or_zero=True)]
 SamplePeriod = Annotated[float, Within(1e-4, 10.0, usual=(1e-3, 1.0))]
 ReadingPeriod = Annotated[float, Within(1e-3, 3600.0, usual=(0.01, 300.0))]
@@ -129,9 +132,13 @@ AccelerometerNoise = Annotated[float, Within(1e-9, 1e7, or_zero=True, usual=(1e-
 AltimeterNoise = Annotated[float, Within(1e-6, 1e4, usual=(1e-3, 100.0))]
 Ppm = Annotated[float, Within(1e-6, 1e5, or_zero=True)]
 Arcmin = Annotated[float, Within(1e-9, 600.0, or_zero=True)]
+MountingError = Annotated[float, Within(-600.0, 600.0)]
 
 # The other sensors.
 PositionNoise = Annotated[float, Within(1e-4, 1e6, usual=(1e-3, 1e4))]
+PositionBias = Annotated[float, Within(1e-4, 1e6, or_zero=True, usual=(1e-3, 1e4))]
+LeverArm = Annotated[float, Within(-1000.0, 1000.0, usual=(-50.0, 50.0))]
+PositionJump = Annotated[float, Within(-1e6, 1e6)]
 VelocityNoise = Annotated[float, Within(1e-6, 1e3, usual=(1e-4, 10.0))]
 HeightNoise = Annotated[float, Within(1e-4, 1e5, usual=(1e-3, 1e3))]
 HeightBias = Annotated[float, Within(1e-6, 1e5, or_zero=True, usual=(1e-3, 1e3))]

@@ -14,8 +14,9 @@ from pydantic import Field, model_validator
 
 from . import aiding
 from . import quantities as q
-from .gradiometer import NOISES, GradiometerChange, GradiometerSpec, TrueGradiometer
+from .gradiometer import GradiometerChange, GradiometerSpec, TrueGradiometer
 from .named_sensors import NamedSensors
+from .presets import NOISES, Grade, expanded, replaced
 from .tables import Listed, Section, changes
 
 FEWEST_STEPS = 10.0
@@ -25,6 +26,8 @@ FEWEST_STEPS = 10.0
 class ImuSpec(Section):
     """``[imu]``: the inertial sensors. A bias with a time constant is a Gauss–Markov process."""
 
+    grade: Grade | None = None
+    """Preset of biases and noise: it gives those of the four keys that are not written."""
     period_s: q.SamplePeriod
     """Time between samples; the period of every other sensor is a whole multiple of it."""
     gyro_bias_deg_per_h: q.GyroBias
@@ -41,6 +44,11 @@ class ImuSpec(Section):
     """Correlation time of gyro biases (first-order Gauss–Markov). Without it: constant."""
     accelerometer_bias_time_s: q.TimeConstant | None = None
     """Correlation time of accelerometer biases (first-order Gauss–Markov). Without it: constant."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _expanded(cls, content: Any) -> Any:
+        return expanded("imu", content)
 
     @model_validator(mode="after")
     def _check(self) -> ImuSpec:
@@ -63,6 +71,11 @@ class ImuSpec(Section):
 @changes(ImuSpec, but=("period_s", "biases"))
 class ImuChange(Section):
     """``[model.imu]``: the inertial sensors that the estimators assume."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _expanded(cls, content: Any) -> Any:
+        return expanded("imu", content)
 
 
 class TrueImu(ImuChange):
@@ -303,9 +316,9 @@ S = TypeVar("S", bound=Section)
 def merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
     """Return ``base`` with ``change`` laid over it, table by table.
 
-    The ways to state the gradiometer's noise replace each other.
+    The ways to state the gradiometer's noise replace each other; a preset replaces its keys.
     """
-    found = dict(base)
+    found = {key: value for key, value in base.items() if key not in replaced(change)}
     for key, value in change.items():
         inner: Any = found.get(key)
         tables = isinstance(value, Mapping) and isinstance(inner, Mapping)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import csv
+import datetime
 import io
+import math
 import os
 import re
 import warnings
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +19,9 @@ import pandas as pd
 from .manoeuvres import Array, TrajectoryError
 
 _EXCEL = re.compile(r"sep=([,;\t])\s*", re.IGNORECASE)  # its first line, which names the separator
+_IN_BRACKETS = re.compile(r"\s*[\[(][^\])]*[\])]")
+_DATE = re.compile(r"\s*\d{4}-\d\d-\d\d[T ]\d")
+_EPOCH = datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC)
 _QUOTED = re.compile(r'"[^"]*"')
 _PERIODS = ((604_800.0, "GPS week"), (86_400.0, "day"))  # after which clocks begin at 0 [s]
 _NEAR = 100.0  # of such an end, where times fall [s]
@@ -134,7 +139,8 @@ def _line_of_names(lines: list[str], top: int, known: Collection[str]) -> tuple[
     """Which line names the columns, and which is the first row; ``top`` is no comment."""
 
     def count(line: str) -> int:
-        words = line.strip("# ").replace('"', "").lower().split(_separator(line))
+        plain = _IN_BRACKETS.sub("", line.strip("# ").replace('"', "").lower())
+        words = plain.split(_separator(line))
         return sum(word.strip() in known for word in words)
 
     comments = [n for n in range(top) if count(lines[n]) >= _FEWEST_KNOWN]
@@ -164,6 +170,8 @@ def _numbers(column: pd.Series, key: str, first: int, may_be_empty: bool) -> Arr
     """Return a column as finite numbers, or NaN where it may be empty and is."""
     if column.dtype.kind in "iuf":
         values = column.to_numpy(dtype=float)
+    elif key == "time_s" and _DATE.match(str(column.iloc[0])):
+        values = iso_seconds(column)
     else:
         # As texts, for which a truth is no number.
         values = pd.to_numeric(column.astype(str), errors="coerce").to_numpy(dtype=float)
@@ -178,9 +186,26 @@ def _numbers(column: pd.Series, key: str, first: int, may_be_empty: bool) -> Arr
         if re.fullmatch(r"\s*[-+]?\d+[, ]\d+\s*", str(cell)):
             hint = "; a decimal comma is not understood, write 33.5"
         elif key == "time_s" and re.match(r"\s*\d+[-:/]", str(cell)):
-            hint = "; a date or a time of day is not understood, give seconds"
+            hint = "; give seconds, or dates as 2024-05-01T10:00:00Z (ISO 8601)"
         raise TrajectoryError(f"line {first + n}: {key} is {found} and must be a number{hint}")
     return values
+
+
+def iso_seconds(texts: Iterable[str]) -> Array:
+    """Return the seconds since 1970 of dates as ISO 8601 writes them; NaN of what is none.
+
+    A date without a zone is taken as UTC.
+    """
+    return np.array([_iso_second(str(text).strip()) for text in texts])
+
+
+def _iso_second(text: str) -> float:
+    try:
+        date = datetime.datetime.fromisoformat(text)
+    except ValueError:
+        return math.nan
+    zoned = date if date.tzinfo else date.replace(tzinfo=datetime.UTC)
+    return (zoned - _EPOCH) / datetime.timedelta(seconds=1)
 
 
 def rollover(before: float, after: float) -> str:

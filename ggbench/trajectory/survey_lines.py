@@ -114,7 +114,7 @@ class SurveyLine:
 
     def track(self, limits: TrackLimits, duration: float | None) -> Track:
         """Return the track of the middle of the line, smoothed as a part of the whole of it."""
-        whole = track_of(dict(self.places), self.row, limits)
+        whole = track_of(dict(self.places), lambda n: f"line {self.row + n}", limits)
         part, times = self.middle(duration), self.places["time_s"]
         return part_of(whole, times[part.start] - times[0], times[part.stop - 1] - times[0])
 

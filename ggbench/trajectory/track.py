@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import stat
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from ..numerics.kernels import compiled
 from .csv_text import rollover, status_of
 from .heading import require_heading
 from .manoeuvres import BANK_GRAVITY, Array, TrajectoryError
-from .track_file import parse
+from .track_formats import Place, rows_of
 
 FASTEST = 10000.0
 """Highest speed of a track [m/s]."""
@@ -61,18 +61,20 @@ class Track:
     times : (N,) of the rows, from 0 [s].
     position : splines of latitude, longitude [rad, without jumps at 180°] and height [m].
     angles : heading, pitch and roll [rad], each a function of time, None where it is not given.
+    remark : what was made of its heights, in words; may be empty.
     """
 
     times: Array
     position: tuple[CubicSpline, ...]
     angles: tuple[PchipInterpolator | None, ...]
+    remark: str = ""
 
 
 def read_track(file: str, limits: TrackLimits) -> Track:
-    """Read a track from a CSV file.
+    """Read a track from a file: CSV, GPX, KML, NMEA 0183 or RTKLIB's .pos, by its content.
 
-    Its first line names the columns: time_s, latitude_deg, longitude_deg and height_m, and heading,
-    pitch and roll in degrees if they are known. Other columns are passed over.
+    The first line of a CSV file names the columns: time_s, latitude_deg, longitude_deg and
+    height_m, and heading, pitch and roll in degrees if they are known. Others are passed over.
 
     Parameters
     ----------
@@ -101,8 +103,8 @@ def _read_track(file: str, limits: TrackLimits, time: int, size: int) -> Track:
     except OSError as error:
         raise TrajectoryError(f"cannot read the track {file}: {error.strerror}") from None
     try:
-        columns, first = parse(content)
-        return track_of(columns, first, limits)
+        rows = rows_of(content)
+        return replace(track_of(rows.columns, rows.place, limits), remark=rows.remark)
     except TrajectoryError as error:
         raise TrajectoryError(f"track {file}: {error}") from None
 
@@ -121,13 +123,13 @@ def part_of(track: Track, start: float, end: float) -> Track:
     return Track(track.times[inside] - start, tuple(map(moved, track.position)), tuple(angles))
 
 
-def track_of(columns: dict[str, Array], first: int, limits: TrackLimits) -> Track:
+def track_of(columns: dict[str, Array], place: Place, limits: TrackLimits) -> Track:
     """Return the track of columns, checked and smooth.
 
     Parameters
     ----------
     columns : name to numbers (N,).
-    first : line of the file with the first row.
+    place : where a row is in its file, in words.
     limits : what the track may look like.
 
     Raises
@@ -141,14 +143,14 @@ def track_of(columns: dict[str, Array], first: int, limits: TrackLimits) -> Trac
             if bad.any():
                 n = int(np.argmax(bad))
                 raise TrajectoryError(
-                    f"line {first + n}: {key} is {columns[key][n]:g} and must lie between {low:g} "
+                    f"{place(n)}: {key} is {columns[key][n]:g} and must lie between {low:g} "
                     f"and {high:g} {unit}"
                 )
     latitude, longitude = columns["latitude_deg"], columns["longitude_deg"]
-    times = _times(columns["time_s"], first, limits)
+    times = _times(columns["time_s"], place, limits)
     longitude = np.unwrap(longitude, period=360.0)
     position = [np.radians(latitude), np.radians(longitude), columns["height_m"]]
-    _check_speed(times, position, first)
+    _check_speed(times, position, place)
     if limits.smoothing > _WIDEST * float(np.median(np.diff(times))):
         raise TrajectoryError(
             f"smoothing_s is {limits.smoothing:g} and must not exceed {_WIDEST:g} times the median "
@@ -159,7 +161,7 @@ def track_of(columns: dict[str, Array], first: int, limits: TrackLimits) -> Trac
         if limits.smoothing > 0.0:
             values = _smooth(times, values, limits.smoothing)
         splines.append(CubicSpline(times, values))
-    velocity = _check_acceleration(times, splines, first, limits)
+    velocity = _check_acceleration(times, splines, place, limits)
     angles: list[PchipInterpolator | None] = []
     for key in ("heading_deg", "pitch_deg", "roll_deg"):
         if key not in columns:
@@ -170,8 +172,8 @@ def track_of(columns: dict[str, Array], first: int, limits: TrackLimits) -> Trac
         if turn.max() > _LARGEST_TURN:
             n = int(np.argmax(turn > _LARGEST_TURN)) + 1
             raise TrajectoryError(
-                f"line {first + n}: {key} turns by {turn[n - 1]:g}° from the line before; at most "
-                f"{_LARGEST_TURN:g}° are allowed from line to line"
+                f"{place(n)}: {key} turns by {turn[n - 1]:g}° from the row before; at most "
+                f"{_LARGEST_TURN:g}° are allowed from row to row"
             )
         angles.append(PchipInterpolator(times, np.radians(unwrapped)))
     if "heading_deg" in columns:
@@ -213,14 +215,14 @@ def _smooth(times: Array, values: Array, period: float) -> Array:
     return np.asarray(values - inverse * change)
 
 
-def _times(times: Array, first: int, limits: TrackLimits) -> Array:
+def _times(times: Array, place: Place, limits: TrackLimits) -> Array:
     """Return the times from zero, which increase without a gap."""
     steps = np.diff(times)
     if (steps <= 0.0).any():
         n = int(np.argmax(steps <= 0.0)) + 1
         raise TrajectoryError(
-            f"line {first + n}: time_s is {times[n]:.10g} after {times[n - 1]:.10g} in the line "
-            f"before; times must increase from line to line{rollover(times[n - 1], times[n])}"
+            f"{place(n)}: time_s is {times[n]:.10g} after {times[n - 1]:.10g} in the row "
+            f"before; times must increase from row to row{rollover(times[n - 1], times[n])}"
         )
     median = float(np.median(steps))
     allowed = _GAP * median if limits.gap is None else limits.gap
@@ -228,14 +230,14 @@ def _times(times: Array, first: int, limits: TrackLimits) -> Array:
         n = int(np.argmax(steps > allowed * (1.0 + 1e-9))) + 1
         rule = f"{_GAP:g} times the median" if limits.gap is None else "max_gap_s"
         raise TrajectoryError(
-            f"line {first + n}: comes {steps[n - 1]:g} s after the line before; at most "
+            f"{place(n)}: comes {steps[n - 1]:g} s after the row before; at most "
             f"{allowed:g} s ({rule}) are allowed"
             + ("; set max_gap_s to allow more" if limits.gap is None else "")
         )
     return np.asarray(times - times[0])
 
 
-def _check_speed(times: Array, position: list[Array], first: int) -> None:
+def _check_speed(times: Array, position: list[Array], place: Place) -> None:
     """Raise TrajectoryError at a jump."""
     middle = [0.5 * (p[1:] + p[:-1]) for p in position]
     meridian, prime_vertical = _radii(middle[0])
@@ -245,13 +247,13 @@ def _check_speed(times: Array, position: list[Array], first: int) -> None:
     if speed.max() > FASTEST:
         n = int(np.argmax(speed > FASTEST)) + 1
         raise TrajectoryError(
-            f"line {first + n}: lies {speed[n - 1] * (times[n] - times[n - 1]):.4g} m from the line"
+            f"{place(n)}: lies {speed[n - 1] * (times[n] - times[n - 1]):.4g} m from the row"
             f" before, {speed[n - 1]:.4g} m/s; at most {FASTEST:g} m/s are allowed"
         )
 
 
 def _check_acceleration(
-    times: Array, splines: list[CubicSpline], first: int, limits: TrackLimits
+    times: Array, splines: list[CubicSpline], place: Place, limits: TrackLimits
 ) -> Array:
     """Return velocities (N, 3) ENU [m/s] at the knots.
 
@@ -265,7 +267,7 @@ def _check_acceleration(
     if size.max() > limits.acceleration:
         n = int(np.argmax(size))
         raise TrajectoryError(
-            f"line {first + n}: the positions around it ask for an acceleration of "
+            f"{place(n)}: the positions around it ask for an acceleration of "
             f"{size[n]:.4g} m/s²; at most {limits.acceleration:g} m/s² (max_acceleration_mps2) "
             "are allowed: there is a jump, or noise, which smoothing_s would take away"
         )

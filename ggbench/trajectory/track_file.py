@@ -21,6 +21,13 @@ _ALIASES = {
     "pitch_deg": ("pitch_deg", "pitch"),
     "roll_deg": ("roll_deg", "roll"),
 }
+_UNITS = {
+    "_s": {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0},
+    "_m": {"m": 1.0, "metres": 1.0, "meters": 1.0, "ft": 0.3048, "feet": 0.3048, "km": 1000.0},
+    "_deg": {"deg": 1.0, "°": 1.0, "degrees": 1.0, "rad": math.degrees(1.0)},
+}
+"""Units that a name may have in brackets, and their factors, by the end of the column's key."""
+_WITH_UNIT = re.compile(r"(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]")
 _KNOWN = {name for aliases in _ALIASES.values() for name in aliases}
 _BARE = (
     {"latitude_deg": 0.5 * math.pi, "longitude_deg": math.pi},
@@ -34,7 +41,7 @@ def parse(content: bytes) -> tuple[dict[str, Array], int]:
     """Return the known columns of a CSV text, and the number of the line of their first row.
 
     Columns may be separated by commas, semicolons or tabs; those whose names are not known are
-    passed over.
+    passed over. A name may have a unit in brackets; times may be dates (ISO 8601).
 
     Raises
     ------
@@ -42,13 +49,43 @@ def parse(content: bytes) -> tuple[dict[str, Array], int]:
         With a sentence that names the line, what was found and what is allowed.
     """
     text = CsvText.of(content, _wanted(), _KNOWN)
-    known = _columns(text.names, text.line)
+    parts = [_WITH_UNIT.fullmatch(name) for name in text.names]
+    names = [part[1] if part else name for part, name in zip(parts, text.names, strict=True)]
+    known = _columns(names, text.line)
+    factors = {
+        key: _factor(key, names[at], part[2], text.line)
+        for key, at in known.items()
+        if (part := parts[at])
+    }
     if len(text.rows) < FEWEST_ROWS:
         raise TrajectoryError(f"has {len(text.rows)} rows; a track needs at least {FEWEST_ROWS}")
-    columns, first, names = text.numbers(known), text.first, text.names
+    columns = text.numbers(known)
+    for key, factor in factors.items():
+        columns[key] = factor * columns[key]
+    plain = [name for name, part in zip(names, parts, strict=True) if not part]
     for group in _BARE:
-        _require_degrees(columns, names, group)
-    return columns, first
+        _require_degrees(columns, plain, group)
+    return columns, text.first
+
+
+def _factor(key: str, name: str, unit: str, line: int) -> float:
+    """Return the factor of a unit in brackets behind a column's name.
+
+    Raises
+    ------
+    TrajectoryError
+        If the unit is not known, or is not that of the name.
+    """
+    end = key[key.rindex("_") :]
+    factor = _UNITS[end].get(unit)
+    if factor is None:
+        raise TrajectoryError(
+            f"line {line} names a column '{name}' in '{unit}'; units of {key} that are read: "
+            f"{', '.join(_UNITS[end])}"
+        )
+    if name.endswith(end) and factor != 1.0:
+        raise TrajectoryError(f"line {line} names a column '{name}' in '{unit}': which is right?")
+    return factor
 
 
 def _require_degrees(columns: dict[str, Array], names: list[str], limits: dict[str, float]) -> None:

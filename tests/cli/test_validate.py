@@ -18,10 +18,10 @@ from problems import SMALL
 from thinning import thinned
 
 from ggbench.campaign.campaign import CampaignError, check
-from ggbench.cli import compiling
-from ggbench.cli.compiling import Compiled
 from ggbench.cli.flight_limits import examined, flown_of
 from ggbench.cli.flight_summary import absurdities
+from ggbench.display import compiling
+from ggbench.display.compiling import Compiled
 from ggbench.maps import recipe
 from ggbench.numerics.cache import CACHE_VARIABLE
 from ggbench.simulation.field_source import map_recipe
@@ -173,7 +173,7 @@ def test_the_first_words_come_before_anything_is_loaded(arguments, tmp_path):
     (tmp_path / "own.toml").write_text(SMALL)
     code = (
         "import sys, click\n"
-        "from ggbench.cli import compiling\n"
+        "from ggbench.display import compiling\n"
         "def said(text):\n"
         "    assert 'numpy' not in sys.modules\n"
         "    sys.stdout.write(text)\n"

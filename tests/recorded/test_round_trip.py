@@ -56,6 +56,8 @@ NAMED = (
         "truth.gnss.dropouts_s": [[5.0, 9.0]],
         "truth.sensor.stern.dropout_share": 0.3,
         "model.sensor.stern.position_noise_m": 2.5,
+        "sensor.stern.lever_arm_m": [1.0, -30.0, 5.0],
+        "gnss.position_bias_m": 2.0,
     }
 )
 DAMPED = {

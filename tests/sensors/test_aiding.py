@@ -19,6 +19,7 @@ NORMAL = Field.normal()
 SENSORS = {
     "gnss": Gnss(1.0, (1.0,) * 6),
     "gnss position": Gnss(1.0, (1.0,) * 3, velocity=False),
+    "gnss on an arm": Gnss(1.0, (1.0,) * 6, lever=(3.0, -10.0, 2.0)),
     "gnss velocity": Gnss(1.0, (1.0,) * 3, position=False),
     "log in body axes": VelocityLog(1.0, (1.0,) * 3, components=("x", "y", "z")),
     "log of one axis": VelocityLog(1.0, (1.0,), components=("y",)),
@@ -99,6 +100,7 @@ def test_a_reading_may_be_seen_from_another_track(name):
     limits = {
         "gnss": 1e-4,
         "gnss position": 1e-4,
+        "gnss on an arm": 1e-3,
         "vector gravimeter": 0.01,
     }  # the noise turns, too
     limit = limits.get(name, 1e-9)

@@ -68,6 +68,32 @@ def test_a_burst_in_all_channels_is_one_burst():
     assert struck[:, 1:][struck[:, :-1]].mean() > 0.8
 
 
+def test_the_noise_grows_with_the_motion():
+    """By the same numbers, times 1 + rate/limit + acceleration/limit of each reading.
+
+    On a circle of 3°/s at 50 m/s the acceleration is 2.6 m/s²; flown straight, nothing changes.
+    """
+    circle = {
+        "trajectory.vehicle": "ship", "trajectory.speed_mps": 50.0,
+        "trajectory.segment": [
+            {"kind": "turn", "by_heading_deg": 60.0, "turn_rate_deg_per_s": 3.0}
+        ],
+    }  # fmt: skip
+    limits = {
+        "truth.gradiometer.noise_doubles_at_deg_per_s": 6.0,
+        "truth.gradiometer.noise_doubles_at_mps2": 1.3,
+    }
+    quiet = small_flight(circle | LEVEL | {"gradiometer.noise_eotvos": 1.0})
+    noisy = small_flight(circle | LEVEL | limits | {"gradiometer.noise_eotvos": 1.0})
+    exact = small_flight(circle | LEVEL).noise_free
+    plain, grown = (simulate(f, 1, 0)[0].measurements - exact for f in (quiet, noisy))
+    factors = grown / plain
+    np.testing.assert_allclose(factors, np.repeat(factors[:, :1], 6, axis=1), rtol=1e-6)
+    np.testing.assert_allclose(factors[8:12], 1.0 + 0.5 + 2.0, rtol=0.02)
+    straight = small_flight(limits)
+    assert straight.noise_growth == pytest.approx(1.0, abs=2e-3)  # the Earth and gravity's change
+
+
 @pytest.mark.parametrize("freedom", [3.0, 8.0])
 def test_the_noise_is_students_with_the_stated_deviation(freedom):
     """Kolmogorov-Smirnov for the whole law, the number beyond 4 deviations for its tails."""

@@ -279,7 +279,7 @@ GRADIOMETER = "[gradiometer]"
 BAD = {
     "true error as a common one": (
         "[imu]", "[imu]\ngyro_scale_factor_ppm = 100.0",
-        r"unknown key 'imu.gyro_scale_factor_ppm'; known: period_s, ",
+        r"unknown key 'imu.gyro_scale_factor_ppm'; known: grade, period_s, ",
     ),
     "outliers in the model": (
         GRADIOMETER, f"[model.gradiometer]\noutlier_share = 0.1\n{GRADIOMETER}",

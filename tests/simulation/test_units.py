@@ -34,9 +34,9 @@ from ggbench.gravity.ellipsoid import metres_per_radian
 from ggbench.judging import convergence
 from ggbench.judging.run_errors import window_mask
 from ggbench.maps import recipe
-from ggbench.sensors.aiding import Motion
+from ggbench.sensors.aiding import Motion, position_error
 from ggbench.simulation import field_source
-from ggbench.simulation.error_free_flight import Flight
+from ggbench.simulation.error_free_flight import Flight, gradiometer_places
 from ggbench.simulation.runs import simulate
 from ggbench.simulation.sensor_suite import SensorSuite
 from ggbench.spec.aiding import AIDING
@@ -78,9 +78,9 @@ def unit_of(key: str) -> Any:
     return next((unit for end, unit in SUFFIXES.items() if key.endswith(f"_{end}")), None)
 
 
-def si(key: str, value: float) -> float:
-    """A value of a key in SI units, by astropy."""
-    return float((value * unit_of(key)).si.value)
+def si(key: str, value: Any) -> Any:
+    """A value of a key, or a list of values, in SI units, by astropy."""
+    return (value * unit_of(key)).si.value
 
 
 E = 1e-9
@@ -89,8 +89,8 @@ E = 1e-9
 
 # Sensors and initial errors: what a flight has.
 
-Read = Callable[[Flight, SensorSuite], float]
-Row = tuple[float, Read] | tuple[float, Read, dict[str, Any]]
+Read = Callable[[Flight, SensorSuite], Any]
+Row = tuple[Any, Read] | tuple[Any, Read, dict[str, Any]]
 
 
 def root(psd: Callable[[np.ndarray], float]) -> Read:
@@ -166,6 +166,22 @@ DENSITY = {"gradiometer.noise_eotvos": None}
 WEIGHING = GRAVIMETER | {"field": {"source": "the map", "gravity_disturbance": True}}
 
 
+A_SECOND = np.ones(1)
+RAMP = {"truth.gnss.ramp_mps": [0.1, 0.2, 0.3]}
+JUMP = {"truth.gnss.jump_m": [1.0, 2.0, 3.0]}
+
+
+def arm(f: Flight, e: SensorSuite) -> np.ndarray:
+    """How far from the INS the gradiometer is: east, north, up while the body's axes are these."""
+    start = f.trajectory.positions[:1]
+    found = gradiometer_places(f.case, start, np.eye(3)[np.newaxis])
+    return -position_error(start, found)[0]
+
+
+def wrong(read: Callable[[Any], Any]) -> Read:
+    return sensor("gnss", lambda s: read(s.errors))
+
+
 def struck(name: str) -> dict[str, Any]:
     return {f"truth.{name}.outlier_share": 0.1}
 
@@ -210,6 +226,11 @@ SHARED: dict[str, Row] = {
     "gnss.position_noise_m": (6.0, channel("position N"), ON_BOARD),
     "gnss.height_noise_m": (9.0, channel("position U"), ON_BOARD),
     "gnss.velocity_noise_mps": (0.07, channel("velocity U"), ON_BOARD),
+    "gnss.position_bias_m": (2.5, bias("gnss bias"), ON_BOARD),
+    "gnss.position_bias_time_s": (
+        45.0, sensor("gnss", lambda s: s.bias_time), ON_BOARD | {"gnss.position_bias_m": 2.5},
+    ),
+    "gnss.lever_arm_m": ([1.0, 2.0, 3.0], sensor("gnss", lambda s: s.lever), ON_BOARD),
     "velocity_log.period_s": (4.0, sensor("velocity_log", lambda s: s.period), ON_BOARD),
     "velocity_log.noise_mps": (0.3, channel("velocity forward"), ON_BOARD),
     "velocity_log.bias_mps": (0.4, bias("velocity log bias"), ON_BOARD),
@@ -273,6 +294,29 @@ OF_THE_TRUTH: dict[str, Row] = {
     "gradiometer.rotating.vibration_mps2": (0.17, lambda f, e: f.disks.vibration),
     "gnss.outlier_m": (30.0, outlier("gnss", 2), ON_BOARD | struck("gnss")),
     "gnss.outlier_mps": (2.0, outlier("gnss", 5), ON_BOARD | struck("gnss")),
+    "gnss.ramp_mps": ([0.1, 0.2, 0.3], wrong(lambda e: e.at(A_SECOND)[0]), ON_BOARD),
+    "gnss.ramp_from_s": (4.0, wrong(lambda e: e.ramp_from), ON_BOARD | RAMP),
+    "gnss.jump_m": ([1.0, 2.0, 3.0], wrong(lambda e: e.at(A_SECOND)[0]), ON_BOARD),
+    "gnss.jump_from_s": (4.0, wrong(lambda e: e.jump_within[0]), ON_BOARD | JUMP),
+    "gnss.jump_until_s": (4.0, wrong(lambda e: e.jump_within[1]), ON_BOARD | JUMP),
+    "gradiometer.mounting_error_arcmin": ([1.0, 2.0, 3.0], lambda f, e: f.faults.mount),
+    "gradiometer.lever_arm_error_m": ([1.0, 2.0, 3.0], arm),
+    "gradiometer.noise_doubles_at_deg_per_s": (5.0, lambda f, e: f.faults.doubling[0]),
+    "gradiometer.noise_doubles_at_mps2": (3.0, lambda f, e: f.faults.doubling[1]),
+    "gradiometer.duty_on_s": (
+        3.0, lambda f, e: f.faults.duty[0], {"truth.gradiometer.duty_off_s": 9.0},
+    ),
+    "gradiometer.duty_off_s": (
+        3.0, lambda f, e: f.faults.duty[1], {"truth.gradiometer.duty_on_s": 9.0},
+    ),
+    **{
+        f"{name}.duty_{this}_s": (
+            3.0, sensor(name, lambda s, at=at: s.faults.duty[at]),
+            (WEIGHING if name == "gravimeter" else ON_BOARD)
+            | {f"truth.{name}.duty_{other}_s": 9.0},
+        )
+        for name in AIDING for at, (this, other) in enumerate((("on", "off"), ("off", "on")))
+    },
     "velocity_log.outlier_mps": (
         3.0, outlier("velocity_log", 0), ON_BOARD | struck("velocity_log"),
     ),

@@ -15,7 +15,7 @@ from click.testing import CliRunner
 from problems import SMALL
 
 from ggbench.cli.main import main
-from ggbench.simulation import error_free_flight
+from ggbench.simulation import true_motion
 from ggbench.simulation.error_free_flight import prepare
 from ggbench.spec import scenario, sweep
 from ggbench.spec.scenario import Scenario, ScenarioError
@@ -193,7 +193,7 @@ def test_what_cases_share_is_made_once_and_changes_nothing(tmp_path):
     assert together[0].trajectory is together[2].trajectory  # they differ in the rate only
     assert together[0].trajectory is not together[1].trajectory  # and these in the altitude
     for case, shared in zip(cases, together, strict=True):
-        error_free_flight._error_free.cache_clear()
+        true_motion.error_free_motion.cache_clear()
         alone = prepare(case)
         for name in ("delta_angles", "delta_velocities", "epochs", "noise_free"):
             assert np.array_equal(getattr(alone, name), getattr(shared, name))

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ggbench.simulation.error_free_flight import trajectory_of
+from ggbench.simulation.true_motion import trajectory_of
 from ggbench.spec.trajectory import TrajectorySpec
 from ggbench.trajectory.manoeuvres import TrajectoryError
 

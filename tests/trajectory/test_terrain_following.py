@@ -13,7 +13,7 @@ from error_free import closure
 from manoeuvres import spec, vertical_acceleration
 
 from ggbench.gravity.ellipsoid import metres_per_radian
-from ggbench.simulation.error_free_flight import trajectory_of
+from ggbench.simulation.true_motion import trajectory_of
 from ggbench.trajectory import terrain_following
 from ggbench.trajectory.manoeuvres import TrajectoryError
 

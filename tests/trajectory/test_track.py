@@ -11,8 +11,9 @@ from problems import SMALL
 
 from ggbench.campaign import result_keys
 from ggbench.errors import GGBenchError
-from ggbench.simulation.error_free_flight import prepare, trajectory_of
+from ggbench.simulation.error_free_flight import prepare
 from ggbench.simulation.runs import simulate
+from ggbench.simulation.true_motion import trajectory_of
 from ggbench.spec import scenario
 from ggbench.spec.trajectory import TrajectorySpec
 from ggbench.trajectory.manoeuvres import TrajectoryError
@@ -291,6 +292,13 @@ SAME = {
     "column of names": text([row + ",CALL-SIGN" for row in ROWS], NAMES + ",call"),
     "other order": text([",".join(row.split(",")[::-1]) for row in ROWS],
                         ",".join(NAMES.split(",")[::-1])),
+    "units in brackets": text(names="time [s],Latitude (deg),lon[°],alt [m]"),
+    "feet in brackets": text([f"{r.rpartition(',')[0]},{float(r.rpartition(',')[2]) / 0.3048:.9f}"
+                              for r in ROWS], "time [s],lat [deg],lon [deg],alt (ft)"),
+    "units behind a #": "# time [s],lat [deg],lon [deg],alt [m]\n" + text()[len(NAMES) + 1 :],
+    "dates": text([f"2024-02-29T23:59:{50 + t}Z,{r.partition(',')[2]}" if t < 10 else
+                   f"2024-03-01 00:00:{t - 10:02}.000,{r.partition(',')[2]}"
+                   for t, r in enumerate(ROWS)]),
     "another clock": text([f"{1.7e9 + t:.0f}," + row.partition(",")[2]
                            for t, row in enumerate(ROWS)]),
 }  # fmt: skip
@@ -335,6 +343,10 @@ BAD: dict[str, tuple[str | bytes, str]] = {
         "could be radians; if they are degrees, name the columns latitude_deg",
     ),
     "feet": (text(names="t,lat,lon,altitude_ft"), r"no column height_m \(found: .*altitude_ft\)"),
+    "unit in brackets": (
+        text(names="t,lat,lon,alt [fl]"), r"line 1 .* 'alt' in 'fl'; units of height_m .*: m, ",
+    ),
+    "two units": (text(names="t,lat,lon,alt_m [ft]"), r"'alt_m' in 'ft': which is right\?"),
     "heading in radians": (
         text([r + ",1.0" for r in ROWS], NAMES + ",heading_rad"), "'heading_rad'; .* in degrees",
     ),
@@ -351,8 +363,8 @@ BAD: dict[str, tuple[str | bytes, str]] = {
     "truths": (text([f"{t},33.0,True,3000" for t in range(9)]), "line 2: longitude_deg is 'True'"),
     "decimal commas": (text().replace(",", ";").replace(".", ","), "line 2: .* a decimal comma"),
     "both commas": (text([r.replace(".", ",") for r in ROWS]), "line 2 has 7 .* a decimal comma"),
-    "dates": (text(["2024-05-01T00:00:0" + r for r in ROWS]), "line 2: time_s is '2024.* seconds"),
-    "time twice": (with_row("2,33.003,108.003,3000"), "line 5: time_s is 2 after 2 in the line"),
+    "date": (with_row("2024-05-01T00:00:03Z,33.003,108.003,3000"), "line 5: time_s .* dates as 20"),
+    "time twice": (with_row("2,33.003,108.003,3000"), "line 5: time_s is 2 after 2 in the row"),
     "time backwards": (with_row("1,33.003,108.003,3000"), "line 5: time_s is 1 after 2"),
     "week": (
         text([f"{(604790 + t) % 604800}," + row.partition(",")[2] for t, row in enumerate(ROWS)]),
@@ -377,7 +389,7 @@ BAD: dict[str, tuple[str | bytes, str]] = {
     "outlier": (with_row("3,33.004,108.003,3000"), r"line 5: .* acceleration of \d+.* at most 50"),
     "flip": (
         text([f"{r},{200 * (n > 7)}" for n, r in enumerate(ROWS)], NAMES + ",heading"),
-        "line 10: heading_deg turns by 160° from the line before",
+        "line 10: heading_deg turns by 160° from the row before",
     ),
 }  # fmt: skip
 

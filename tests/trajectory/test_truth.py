@@ -12,7 +12,7 @@ from manoeuvres import spec, vertical_acceleration
 from pydantic import ValidationError
 
 from ggbench.ins import strapdown
-from ggbench.simulation.error_free_flight import trajectory_of
+from ggbench.simulation.true_motion import trajectory_of
 from ggbench.spec.trajectory import TrajectorySpec
 from ggbench.trajectory.manoeuvres import Climb, TrajectoryError
 from ggbench.trajectory.truth import Segment, Trajectory, fly

@@ -9,13 +9,16 @@ the noise behind it; then readings drop out. When readings are taken at wrong ti
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...numerics.rotations import rotation_matrix
 from ..processes import bursts, gauss_markov, random_walk
 from .instrument import Gradiometer
+
+_TIMING = 1e-9
+"""Within which times are equal [s]."""
 
 
 @dataclass(frozen=True)
@@ -27,8 +30,10 @@ class Faults:
     scale_factor : σ of each channel's relative error, drawn once per run.
     scale_drift : root PSD of the random walk of each channel's scale factor [1/√s].
     misalignment : σ of the mount's rotation about each of its axes, drawn once per run [rad].
+    mount : its rotation about each of its axes, the same in all runs [rad].
     tilt : σ of the rotation of a level mount about each horizontal axis, Gauss–Markov [rad].
     tilt_time : its correlation time [s].
+    doubling : rate [rad/s] and acceleration [m/s²] at which the white noise is twice that at rest.
     freedom : degrees of freedom of Student's law of the white noise; ∞ for a normal one.
     outlier_share : probability that a reading of a channel is an outlier.
     outlier : σ of what is added to an outlier, of all channels or of each [unit of the channel].
@@ -36,6 +41,7 @@ class Faults:
     together : whether a reading that is struck is so in all its channels.
     dropout_share : probability that a reading, with all its channels, is missing.
     dropouts : (start, end) times between which all readings are missing [s].
+    duty : how long readings come and then stay away, in turn from the start on [s]; off 0: always.
     clock : σ of the error of the time by which inertial axes are known, once per run [s] (eq. 12).
     jitter : σ of the error of each reading's time [s].
     """
@@ -43,8 +49,10 @@ class Faults:
     scale_factor: float = 0.0
     scale_drift: float = 0.0
     misalignment: float = 0.0
+    mount: tuple[float, ...] = (0.0, 0.0, 0.0)
     tilt: float = 0.0
     tilt_time: float = math.inf
+    doubling: tuple[float, float] = (math.inf, math.inf)
     freedom: float = math.inf
     outlier_share: float = 0.0
     outlier: float | tuple[float, ...] = 0.0
@@ -52,20 +60,21 @@ class Faults:
     together: bool = False
     dropout_share: float = 0.0
     dropouts: tuple[tuple[float, float], ...] = ()
+    duty: tuple[float, float] = (0.0, 0.0)
     clock: float = 0.0
     jitter: float = 0.0
 
     @property
     def distorts(self) -> bool:
-        """Whether there are scale factors or a misalignment."""
-        return self.scale_factor > 0.0 or self.misalignment > 0.0
+        """Whether there are scale factors, or a mount that is not as assumed."""
+        return self.scale_factor > 0.0 or self.misalignment > 0.0 or any(self.mount)
 
     def distort(
         self, tensors: np.ndarray, channels: np.ndarray, rng: np.random.Generator
     ) -> np.ndarray:
         """Return channels (K, m) of true tensors (K, 6) in the mount, misaligned and scaled."""
         turn = np.empty((3, 3))
-        rotation_matrix(self.misalignment * rng.standard_normal(3), turn)
+        rotation_matrix(self.misalignment * rng.standard_normal(3) + np.array(self.mount), turn)
         scale = 1.0 + self.scale_factor * rng.standard_normal(len(channels))
         return np.asarray(scale * (_turned(tensors, turn) @ channels.T))
 
@@ -83,6 +92,11 @@ class Faults:
     def drifted(self, times: np.ndarray, width: int, rng: np.random.Generator) -> np.ndarray:
         """Return by what the scale factors' walks multiply readings (K, width)."""
         return np.asarray(1.0 + random_walk(times, self.scale_drift, width, rng))
+
+    def growth(self, rates: np.ndarray, accelerations: np.ndarray) -> np.ndarray:
+        """Return the noise (K,) over that at rest, of RMS rates and accelerations (K,)."""
+        of_rate, of_acceleration = self.doubling
+        return np.asarray(1.0 + rates / of_rate + accelerations / of_acceleration)
 
     def tails(self, shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
         """Return what makes normal noise of a shape one of Student's law, with the same variance.
@@ -114,7 +128,13 @@ class Faults:
 
     def in_dropouts(self, times: np.ndarray) -> np.ndarray:
         """Return which times (K,) lie in the intervals without readings."""
-        inside = [(times > start - 1e-9) & (times < end + 1e-9) for start, end in self.dropouts]
+        on, off = self.duty
+        if off > 0.0:
+            since = (times - _TIMING) % (on + off)  # a reading at the end of "on" is still there
+            return np.asarray((since > on) | replace(self, duty=(0.0, 0.0)).in_dropouts(times))
+        inside = [
+            (times > start - _TIMING) & (times < end + _TIMING) for start, end in self.dropouts
+        ]
         return np.logical_or.reduce([np.zeros(len(times), dtype=bool), *inside])
 
     def expected_share(self, times: np.ndarray) -> np.ndarray:

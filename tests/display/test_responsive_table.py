@@ -13,10 +13,10 @@ from rich.console import Console
 from thinning import thinned
 
 from ggbench.cli import screen
-from ggbench.cli.progress import Progress
-from ggbench.cli.responsive_table import ResponsiveTable
 from ggbench.cli.terminal import print_comparison, print_figures
-from ggbench.cli.timing import COLD
+from ggbench.display.progress import Progress
+from ggbench.display.responsive_table import ResponsiveTable
+from ggbench.display.timing import COLD
 from ggbench.judging.comparison import compare
 
 WIDTHS = (60, *(pytest.param(width, marks=pytest.mark.long) for width in (80, 120)))

@@ -34,9 +34,10 @@ class Progress(progress.Progress):
     ----------
     console : where to show it.
     title : name of the campaign until it begins.
+    live : whether what is shown can be changed; by default in a terminal.
     """
 
-    def __init__(self, console: Console, title: str) -> None:
+    def __init__(self, console: Console, title: str, live: bool | None = None) -> None:
         self._title = title
         self._compiled = Compiled()
         self._cells: dict[str, tuple[str, str]] = {}
@@ -49,7 +50,7 @@ class Progress(progress.Progress):
         super().__init__(
             progress.BarColumn(20), progress.TextColumn("{task.description}", markup=False),
             console=console, refresh_per_second=4.0, transient=True,
-            disable=not console.is_terminal,
+            disable=not (console.is_terminal if live is None else live),
         )  # fmt: skip
 
     def start(self) -> None:

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from ggbench.cli.timing import Moment, duration
+from ggbench.display.timing import Moment, duration
 from ggbench.figures.numbers import counted
 
 BUSY_S = 0.2

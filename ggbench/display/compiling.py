@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -32,17 +32,33 @@ def tell_first_use(module: str, scope: str) -> bool:
     module : that the command compiles early, ``ins/strapdown.py``.
     scope : how long it all takes.
     """
-    first = not code_folder(PACKAGE / module).exists()
-    if first:
-        click.echo(
-            f"First use of this version here: its code is compiled for this processor, {scope}, "
-            f"and kept in {cache_folder()}."
-        )
-    return first
+    sentences = first_use(module, scope)
+    _echo(sentences)
+    return bool(sentences)
+
+
+def first_use(module: str, scope: str) -> list[str]:
+    """Return a sentence if code is going to be compiled, see :func:`tell_first_use`."""
+    if code_folder(PACKAGE / module).exists():
+        return []
+    return [
+        f"First use of this version here: its code is compiled for this processor, {scope}, "
+        f"and kept in {cache_folder()}."
+    ]
 
 
 def tell_maps(fields: Iterable[FieldSpec]) -> None:
     """Say which maps of some fields are not in the cache: they are going to be built."""
+    _echo(maps_to_build(fields))
+
+
+def _echo(sentences: Iterable[str]) -> None:
+    for sentence in sentences:
+        click.echo(sentence)
+
+
+def maps_to_build(fields: Iterable[FieldSpec]) -> Iterator[str]:
+    """Yield a sentence for each map of some fields that is not in the cache."""
     from ..maps import recipe
     from ..simulation.field_source import is_file, map_recipe
 
@@ -57,7 +73,7 @@ def tell_maps(fields: Iterable[FieldSpec]) -> None:
         except GGBenchError:  # which is reported where its case is flown
             continue
         if not recipe.cached_path(wanted).exists():
-            click.echo(
+            yield (
                 f"Building a map of {wanted.source}, {wanted.south_deg:g}° to "
                 f"{wanted.north_deg:g}° N, {wanted.west_deg:g}° to {wanted.east_deg:g}° E, once; "
                 "it is kept there, too."

@@ -1,0 +1,67 @@
+"""Progress of a campaign that was started from Python."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from types import TracebackType
+
+from rich.console import Console
+
+from ..campaign.running import CampaignProgress
+from ..display.compiling import first_use, maps_to_build
+from ..display.progress import Progress
+from ..spec.scenario import Scenario
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What is shown of a campaign: a display, nothing, or what a function makes of it."""
+
+    display: Progress | None = None
+    called: Callable[[int, int], object] | None = None
+
+    def __enter__(self) -> None:
+        if self.display is not None:
+            self.display.start()
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:  # fmt: skip
+        if self.display is not None:
+            self.display.stop()
+
+    def tell_first_use(self, scenario: Scenario) -> None:
+        """Say what is compiled and built before the first run."""
+        if self.display is None:
+            return
+        cases = [*scenario.cases, *(case for study in scenario.assumptions for case in study.cases)]
+        fields = [case.side(side).field for case in cases for side in ("truth", "model")]
+        for sentence in (*first_use("ins/strapdown.py", "in a minute or two"),
+                         *maps_to_build(fields)):  # fmt: skip
+            self.display.console.out(sentence)
+
+    def tell(self, step: CampaignProgress) -> None:
+        """Show a step, but for its remarks, which are warnings."""
+        if self.called is not None:
+            self.called(step.done, step.total)
+        if self.display is not None:
+            self.display.tell(replace(step, remarks=()))
+
+
+def shown_progress(wanted: bool | Callable[[int, int], object] | None, title: str) -> Shown:
+    """Return what is to be shown; without a wish it is shown where somebody looks.
+
+    In a notebook it can be changed with ipywidgets alone; else lines are printed now and then.
+    """
+    if callable(wanted):
+        return Shown(called=wanted)
+    console = Console(stderr=True, highlight=False)
+    if wanted is False or (wanted is None and not console.is_terminal):
+        return Shown()
+    live = console.is_terminal
+    if console.is_jupyter:
+        live = importlib.util.find_spec("ipywidgets") is not None
+    return Shown(Progress(console, title, live))

@@ -1,0 +1,89 @@
+"""True motion of a flight, from its trajectory's table, and error-free inertial readings."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+
+from ..gravity.field import Field
+from ..ins import strapdown
+from ..spec.limits import FASTEST_MPS, HIGHEST_M, LOWEST_M
+from ..spec.trajectory import TrajectorySpec
+from ..trajectory.manoeuvres import TrajectoryError
+from ..trajectory.truth import Trajectory, along, fly
+from .field_source import beside
+
+
+@lru_cache(maxsize=8)
+def error_free_motion(
+    spec: TrajectorySpec, dt: float, versions: tuple[object, ...], felt: Field | None
+) -> tuple[Trajectory, np.ndarray, np.ndarray]:
+    """Return what cases that differ in sensors and priors share: truth and IMU increments.
+
+    ``versions`` are those of the files of which the flight is made. ``felt`` is the field whose
+    disturbance of gravity the accelerometers feel, if they do.
+    """
+    trajectory = trajectory_of(spec, dt)
+    _require_possible(trajectory)
+    disturbances = np.zeros((len(trajectory.times) - 1, 3))
+    if felt is not None:
+        middle = 0.5 * (trajectory.positions[1:] + trajectory.positions[:-1])
+        disturbances = beside(felt, float(middle[0, 1])).gravity_disturbance(*middle.T)
+    delta_angles, delta_velocities = strapdown.error_free_increments(
+        trajectory.positions,
+        trajectory.velocities,
+        trajectory.attitudes,
+        disturbances,
+        trajectory.dt,
+    )
+    return trajectory, delta_angles, delta_velocities
+
+
+def _require_possible(trajectory: Trajectory) -> None:
+    """Raise TrajectoryError if a flight leaves the heights and speeds that have a meaning.
+
+    Each key may be within its limits, and what long manoeuvres or a track make of them is not.
+    """
+    heights, speeds = trajectory.positions[:, 2], np.linalg.norm(trajectory.velocities, axis=1)
+    for what, values, lowest, highest, unit in (
+        ("height", heights, LOWEST_M, HIGHEST_M, "m"),
+        ("speed", speeds, 0.0, FASTEST_MPS, "m/s"),
+    ):
+        outside = ~((lowest <= values) & (values <= highest))  # NaN is outside
+        if outside.any():
+            first = int(outside.argmax())
+            raise TrajectoryError(
+                f"the flight's {what} is {values[first]:g} {unit} after "
+                f"{trajectory.times[first]:g} s and must lie between {lowest:g} and {highest:g}"
+                f" {unit}"
+            )
+
+
+def trajectory_of(spec: TrajectorySpec, dt: float) -> Trajectory:
+    """Return the truth of a ``[trajectory]`` table, of segments or of a track.
+
+    Parameters
+    ----------
+    spec : the table.
+    dt : sampling interval [s].
+
+    Raises
+    ------
+    TrajectoryError
+        If it cannot be flown, or a file that it names cannot be used.
+    """
+    pitch, roll = math.radians(spec.pitch_deg), math.radians(spec.roll_deg)
+    banks = spec.vehicle == "aircraft"
+    if spec.file is None:
+        start = spec.start()
+        return fly(
+            start.position, start.speed, start.heading, pitch, roll, spec.manoeuvres(), dt,
+            banks=banks, size=len(spec.segment),
+        )  # fmt: skip
+    track = spec.track()
+    try:
+        return along(track, dt, pitch, roll, banks)
+    except TrajectoryError as error:
+        raise TrajectoryError(f"track {spec.file}: {error}") from None

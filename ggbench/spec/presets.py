@@ -1,0 +1,131 @@
+"""Numbers of inertial sensors by grade, and of gradiometers after published instruments.
+
+A preset fills in the keys that a table does not write. What is left is numbers alone: a case that
+names a preset equals one that writes them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any, Literal, NamedTuple
+
+NOISES = ("noise_eotvos", "noise_density_eotvos_per_sqrt_hz", "coloured_noise")
+"""The ways to state the gradiometer's noise; one replaces the others."""
+Grade = Literal["consumer", "tactical", "navigation", "strategic"]
+PublishedGradiometer = Literal[
+    "ftg-2008", "falcon-2019", "atom-2002", "superconducting-2002"
+]  # fmt: skip
+
+
+class Preset(NamedTuple):
+    """Values of keys, and where they are published."""
+
+    values: Mapping[str, Any]
+    source: str
+
+
+def _imu(
+    gyro_bias: float, gyro_noise: float, accelerometer_bias: float, noise: float, source: str
+) -> Preset:
+    values = {
+        "gyro_bias_deg_per_h": gyro_bias,
+        "gyro_noise_deg_per_sqrt_h": gyro_noise,
+        "accelerometer_bias_ug": accelerometer_bias,
+        "accelerometer_noise_ug_per_sqrt_hz": noise,
+    }
+    return Preset(values, source)
+
+
+_GROVES = (
+    "P. D. Groves, Principles of GNSS, Inertial, and Multisensor Integrated Navigation Systems"
+)
+_EL_SHEIMY = "N. El-Sheimy, A. Youssef, Satellite Navigation 1:2 (2020), Table 1"
+IMU_GRADES: Mapping[str, Preset] = {
+    "consumer": _imu(200.0, 1.0, 10e3, 1000.0, f"{_GROVES}, Inertial_Demo_3, rounded"),
+    "tactical": _imu(10.0, 0.01, 1000.0, 100.0, f"{_GROVES}, Inertial_Demo_1, rounded"),
+    "navigation": _imu(
+        0.01, 0.002, 30.0, 20.0,
+        f"{_GROVES}, Inertial_Demo_2, rounded; gyro bias: {_EL_SHEIMY}",
+    ),
+    "strategic": _imu(
+        0.0003, 0.0001, 1.0, 1.0,
+        f"biases: {_EL_SHEIMY}, gyros in the middle, accelerometers at the upper end; noise: "
+        "assumed, as in the scenario ship_strategic",
+    ),
+}  # fmt: skip
+"""Inertial sensors by grade, from the worst to the best."""
+
+_SURVEY = "from lines that its map leaves out, scenarios/data/measured"
+GRADIOMETERS: Mapping[str, Preset] = {
+    "ftg-2008": Preset(
+        {
+            "period_s": 1.0, "instrument": "local-level",
+            "components": ["xx", "xy", "xz", "yy", "yz"],
+            "coloured_noise": "measured/vinton2008_noise.json",
+        },
+        f"full-tensor gradiometer of Bell Geospace over Vinton Dome, 9 to 11 E RMS: {_SURVEY}",
+    ),
+    "falcon-2019": Preset(
+        {
+            "period_s": 1.0, "instrument": "local-level", "components": ["xy", "xx-yy"],
+            "coloured_noise": "measured/fosterville2019_noise.json",
+        },
+        f"Falcon gradiometer over Fosterville, 4.5 E RMS: {_SURVEY}",
+    ),
+    "atom-2002": Preset(
+        {
+            "instrument": "local-level", "components": ["zz"],
+            "noise_density_eotvos_per_sqrt_hz": 4.0,
+        },
+        "J. M. McGuirk et al., Physical Review A 65, 033608 (2002), abstract; in the laboratory",
+    ),
+    "superconducting-2002": Preset(
+        {
+            "instrument": "platform", "components": ["xx", "yy", "zz"],
+            "noise_density_eotvos_per_sqrt_hz": 0.02,
+        },
+        "M. V. Moody et al., Review of Scientific Instruments 73, 3957 (2002), abstract; in the "
+        "laboratory",
+    ),
+}  # fmt: skip
+"""Gradiometers after published instruments."""
+PRESETS: Mapping[str, tuple[str, Mapping[str, Preset]]] = {
+    "imu": ("grade", IMU_GRADES),
+    "gradiometer": ("preset", GRADIOMETERS),
+}
+"""Tables that have presets: the key that names one, and the presets."""
+
+
+def expanded(table: str, content: Any) -> Any:
+    """Return a table's content with the numbers of its preset; those that it writes hold.
+
+    An unknown preset is left to the check of the key.
+    """
+    key, presets = PRESETS[table]
+    if not isinstance(content, Mapping):
+        return content
+    preset = presets.get(content[key]) if isinstance(content.get(key), str) else None
+    if preset is None:
+        return content
+    written = {name: value for name, value in content.items() if name != key}
+    filled = dict(preset.values)
+    if any(written.get(noise) is not None for noise in NOISES):
+        filled = {name: value for name, value in filled.items() if name not in NOISES}
+    return filled | {name: value for name, value in written.items() if value is not None}
+
+
+def replaced(change: Mapping[str, Any]) -> Iterable[str]:
+    """Return the keys of a table whose values a preset in a change of it replaces."""
+    for key, presets in PRESETS.values():
+        if isinstance(change.get(key), str) and change[key] in presets:
+            return {*presets[change[key]].values, *(NOISES if key == "preset" else ())}
+    return ()
+
+
+_LARGEST = ((0.002, "strategic"), (0.05, "navigation"), (45.0, "tactical"))
+"""Largest gyro bias of each grade [°/h]; a larger one is consumer grade."""
+
+
+def grade_of(gyro_bias: float) -> str:
+    """Return the grade in words of sensors with a gyro bias [°/h]."""
+    return next((name for most, name in _LARGEST if gyro_bias <= most), "consumer")

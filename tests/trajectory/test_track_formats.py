@@ -1,0 +1,214 @@
+"""Tracks of receivers and planners: the same flight in every format, and sentences of mistakes."""
+
+from __future__ import annotations
+
+import datetime
+import functools
+import operator
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from problems import SMALL
+
+from ggbench.cli.main import main
+from ggbench.spec.trajectory import TrajectorySpec
+from ggbench.trajectory.csv_text import iso_seconds
+from ggbench.trajectory.geoid import geoid_heights
+from ggbench.trajectory.manoeuvres import TrajectoryError
+from ggbench.trajectory.track_formats import rows_of
+
+START = datetime.datetime(2024, 2, 29, 23, 59, 52, tzinfo=datetime.UTC)
+"""Eight seconds before midnight, and before a month's end."""
+COUNT = 20
+LATITUDES = 48.0 + 1e-3 * np.arange(COUNT)
+LONGITUDES = 11.5 + 1e-3 * np.arange(COUNT)
+HEIGHTS = 800.0 + np.arange(COUNT)  # above the ellipsoid
+GEOID = 46.5
+TIMES = [START + datetime.timedelta(seconds=n) for n in range(COUNT)]
+POINTS = list(zip(TIMES, LATITUDES, LONGITUDES, HEIGHTS, strict=True))
+
+
+def iso(time: datetime.datetime) -> str:
+    return time.strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def gpx(geoid: bool = True, time: bool = True) -> str:
+    points = "".join(
+        f'<trkpt lat="{lat:.6f}" lon="{lon:.6f}"><ele>{h - GEOID:.3f}</ele>'
+        + (f"<time>{iso(t)}</time>" if time else "")
+        + (f"<geoidheight>{GEOID}</geoidheight>" if geoid else "")
+        + "</trkpt>"
+        for t, lat, lon, h in POINTS
+    )
+    return (
+        '<?xml version="1.0"?>\n<gpx xmlns="http://www.topografix.com/GPX/1/1" version="1.1" '
+        f'creator="test"><trk><trkseg>{points}</trkseg></trk></gpx>'
+    )
+
+
+def kml(mode: str = "absolute") -> str:
+    whens = "".join(f"<when>{iso(t)}</when>" for t in TIMES)
+    places = "".join(f"<gx:coord>{o:.6f} {a:.6f} {h:.3f}</gx:coord>" for _, a, o, h in POINTS)
+    return (
+        '<?xml version="1.0"?>\n<kml xmlns="http://www.opengis.net/kml/2.2" '
+        'xmlns:gx="http://www.google.com/kml/ext/2.2"><Placemark><gx:Track>'
+        f"<altitudeMode>{mode}</altitudeMode>{whens}{places}</gx:Track></Placemark></kml>"
+    )
+
+
+def kml_points() -> str:
+    marks = "".join(
+        f"<Placemark><TimeStamp><when>{iso(t)}</when></TimeStamp><Point><altitudeMode>absolute"
+        f"</altitudeMode><coordinates>{o:.6f},{a:.6f},{h:.3f}</coordinates></Point></Placemark>"
+        for t, a, o, h in POINTS
+    )
+    return f'<kml xmlns="http://www.opengis.net/kml/2.2"><Document>{marks}</Document></kml>'
+
+
+def nmea_line(body: str) -> str:
+    return f"${body}*{functools.reduce(operator.xor, body.encode()):02X}"
+
+
+def nmea() -> str:
+    lines = ["$GPTXT,01,01,02,a receiver*4B"]
+    for t, lat, lon, h in POINTS:
+        place = f"{48:02}{60 * (lat - 48):09.6f},N,{11:03}{60 * (lon - 11):09.6f},E"
+        lines.append(nmea_line(
+            f"GPGGA,{t:%H%M%S}.00,{place},1,08,0.9,{h - GEOID:.3f},M,{GEOID},M,,"
+        ))  # fmt: skip
+    return "\r\n".join([*lines, nmea_line("GPGGA,,,,,,0,,,,,,,,"), "$GPGGA,0000"])
+
+
+def pos(weeks: bool = False, separator: str = " ") -> str:
+    head = "% (lat/lon/height=WGS84/ellipsoidal,Q=1:fix,2:float)\n"
+    names = ("%  GPST", "latitude(deg)", "longitude(deg)", "height(m)", "Q")
+    head += separator.join(names) + "\n"
+    rows = []
+    for n, (t, lat, lon, h) in enumerate(POINTS):
+        time = f"2303{separator}{345592 + n}.000" if weeks else f"{t:%Y/%m/%d %H:%M:%S}.000"
+        rows.append(separator.join([time, f"{lat:.9f}", f"{lon:.9f}", f"{h:.4f}", "1"]))
+    return head + "\n".join(rows) + "\n"
+
+
+EXACT = {
+    "GPX": gpx(), "NMEA": nmea(), "RTKLIB": pos(), "RTKLIB, weeks": pos(weeks=True),
+    "RTKLIB, commas": pos(separator=","),
+}  # fmt: skip
+"""Files that say how high the geoid is, or have heights above the ellipsoid."""
+
+
+@pytest.mark.parametrize("name", EXACT)
+def test_a_flight_is_the_same_in_every_format(name):
+    rows = rows_of(EXACT[name].encode())
+    np.testing.assert_allclose(rows.columns["time_s"], np.arange(COUNT), atol=1e-6)
+    np.testing.assert_allclose(rows.columns["latitude_deg"], LATITUDES, atol=1e-7)
+    np.testing.assert_allclose(rows.columns["longitude_deg"], LONGITUDES, atol=1e-7)
+    np.testing.assert_allclose(rows.columns["height_m"], HEIGHTS, atol=2e-3)
+    assert not rows.remark
+
+
+@pytest.mark.parametrize("text", [gpx(geoid=False), kml(), kml_points(),
+                                  pos().replace("ellipsoidal", "geodetic")])  # fmt: skip
+def test_heights_above_sea_level_become_ellipsoidal(text):
+    """They are raised by the geoid, 46.6 to 46.9 m at Munich, and the remark says so."""
+    rows = rows_of(text.encode())
+    raised = rows.columns["height_m"] - (HEIGHTS - (GEOID if "gpx" in text else 0.0))
+    np.testing.assert_allclose(raised, 46.8, atol=1.5)
+    assert "above sea level" in rows.remark and "47 m" in rows.remark
+    np.testing.assert_allclose(rows.columns["time_s"], np.arange(COUNT), atol=1e-6)
+
+
+@pytest.mark.parametrize(("text", "said"), [(gpx(), False), (gpx(geoid=False), True)])
+def test_the_command_says_what_was_made_of_the_heights(text, said, tmp_path):
+    """Once, whatever the number of cases; nothing if the file has the geoid."""
+    track, path = tmp_path / "track.gpx", tmp_path / "small.toml"
+    track.write_text(text)
+    start, end = SMALL.index("[trajectory]"), SMALL.index("[imu]")
+    path.write_text(f'{SMALL[:start]}[trajectory]\nfile = "{track}"\n\n{SMALL[end:]}')
+    result = CliRunner().invoke(main, ["validate", str(path)])
+    assert result.exit_code == 0, result.output
+    assert result.output.count("Note: of the track, its heights are above sea level") == said
+
+
+def test_the_geoid_is_egm2008():
+    """Published EGM2008 geoid heights, to what degree 120 leaves out."""
+    latitude, longitude = np.array([38.6281550, -14.6212170]), np.array([269.7791550, 305.0211140])
+    expected = [-31.628, -2.969]  # NGA's test values of the interpolation program
+    np.testing.assert_allclose(geoid_heights(latitude, longitude), expected, atol=1.0)
+
+
+BAD = {
+    "GPX without times": (gpx(time=False), "track point 1 has no time; every point needs <time>"),
+    "GPX without heights": (gpx().replace("ele>", "eel>"), "track point 1 has no height"),
+    "GPX of waypoints": (
+        '<gpx version="1.1"><wpt lat="1" lon="2"/></gpx>', "has waypoints or routes and no track",
+    ),
+    "GPX without end": (gpx()[:-40], "is no GPX file that can be read"),
+    "GPX, no number": (gpx().replace("48.003", "nan", 1), "is no GPX|no number"),
+    "KML on the ground": (kml("clampToGround"), "altitudeMode is 'clampToGround'; .*'absolute'"),
+    "KML of a line": (
+        "<kml><Placemark><LineString><coordinates>1,2,3 4,5,6</coordinates></LineString>"
+        "</Placemark></kml>", "has no times; a track is a gx:Track",
+    ),
+    "KML, a time less": (kml().replace(f"<when>{iso(START)}</when>", ""), "19 times and 20 places"),
+    "KML, a word": (kml().replace("11.503000", "east"), "place 4 is 'east,48.003"),
+    "KML, a bad time": (kml().replace("23:59:55", "25:59:55"), "place 4: its time.* no number"),
+    "KML, a year of none": (kml().replace("<when>2024", "<when>0024", 3), "place 4: comes 6"),
+    "zip": ("PK\x03\x04", "is a zip archive; unpack it"),
+    "NMEA, checksum": (nmea().replace("GPGGA,235955", "GPGGA,235956"), "line 5 is a GGA .*ecksum"),
+    "NMEA without fixes": ("\n".join([nmea_line("GPGGA,1,,,,,0,,,,,,,,")] * 9), "no GGA sentence"),
+    "NMEA in feet": (
+        "\n".join(nmea_line("GPGGA,000000.00,4800.0,N,01130.0,E,1,8,1,9,F,1,M,,") for _ in "12"),
+        "line 1 is a GGA .* not in metres",
+    ),
+    "RTKLIB in ECEF": (pos().replace("latitude(deg)", "x-ecef(m)"), "out-solformat = llh"),
+    "RTKLIB, short": (pos() + "2024/03/01 00:01:00 48.1", "line 23 is '2024/03/01 00:01:00 48.1'"),
+    "four positions": ("\n".join(pos().splitlines()[:6]), "has 4 positions; a track needs at"),
+    "time backwards": (
+        kml().replace("23:59:55", "23:59:50"), "place 4: time_s is .* in the row before",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_a_mistake_has_its_sentence(name, tmp_path):
+    text, expected = BAD[name]
+    path = tmp_path / "track.log"
+    path.write_text(text)
+    with pytest.raises(TrajectoryError, match=expected) as caught:
+        assert TrajectorySpec(file=str(path)).track()
+    assert str(caught.value).startswith(f"track {path}: ") and "\n" not in str(caught.value)
+
+
+def test_dates_are_those_of_iso_8601():
+    """With a zone, without, with fractions of any length; what is none is no number."""
+    texts = [
+        "1970-01-01T00:00:10Z", "1970-01-01 01:00:10.25+01:00", "1970-01-01T00:00:10.1234567",
+        "19700101T000010Z", "2100-01-01T00:00:00Z", "24-01-01T00:00:00", "today", "",
+    ]  # fmt: skip
+    expected = [10.0, 10.25, 10.123456, 10.0, 4102444800.0, np.nan, np.nan, np.nan]
+    np.testing.assert_allclose(iso_seconds(texts), expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", [*EXACT, "KML"])
+def test_damaged_files_have_a_sentence(name, tmp_path):
+    """Of 100 mutations with a fixed seed, each is read or refused; none raises another error."""
+    rng = np.random.default_rng(41)
+    whole = (EXACT | {"KML": kml()})[name].encode()
+    path = tmp_path / "track"
+    refused = 0
+    for _ in range(100):
+        damaged = bytearray(whole)
+        for at in rng.integers(0, len(whole), rng.integers(1, 6)):
+            damaged[at] = rng.choice([rng.integers(0, 256), *b"0,.<-e "])
+        if rng.random() < 0.3:
+            del damaged[rng.integers(0, len(whole)) :]
+        path.write_bytes(damaged)
+        try:
+            rows = rows_of(bytes(damaged))
+            assert all(np.isfinite(values).all() for values in rows.columns.values())
+            TrajectorySpec(file=str(path)).track()
+        except TrajectoryError:
+            refused += 1
+    assert refused > 30
