@@ -119,7 +119,8 @@ def _others(cases: Sequence[CaseSpec]) -> str:
 def _aiding(spec: Any) -> str:
     every = f"every {spec.period_s:g} s"
     if isinstance(spec, GravimeterSpec):
-        return f"gravimeter {spec.noise_mgal:g} mGal {every}"
+        size = f"{spec.noise_mgal:g} mGal" if spec.readings == "simulated" else "measured"
+        return f"gravimeter {size} {every}"
     if isinstance(spec, LogSpec):
         return f"velocity log {spec.noise_mps:g} m/s {every}"
     if isinstance(spec, BarometerSpec):
@@ -137,7 +138,7 @@ def _map(case: CaseSpec) -> list[str]:
     same = (assumed.source, assumed.error) == (true.source, true.error)
     felt = "disturbance felt" if true.gravity_disturbance else ""
     said = "exact" if same else "with errors"
-    if case.gradiometer is not None and case.gradiometer.readings == "measured":
+    if case.measured_sensors():
         said = "with its real errors"
     return [f"`{assumed.source}`", said, felt]
 

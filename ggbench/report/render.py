@@ -20,6 +20,7 @@ from ..results.folder import Results, as_argument
 from . import columns, libraries, pictures, published, tables, views
 from .answers import answer
 from .conditions import conditions
+from .findings import SUITE
 
 PAGE_VERSION = 2
 """Number in the first line of a page; pages of other numbers are of another layout."""
@@ -171,6 +172,8 @@ def page(results: Results, folder: Path) -> str:
         notes=loaded.notes.strip(),
         command=command(results),
         manifest=results.manifest,
+        # The standard suite's page, where it is among the pages, has the one column of costs.
+        with_cost=loaded.name != SUITE and (folder.parent / f"{SUITE}.md").exists(),
         **_published(results, found["allowed"], folder),
     )
     return _by_name(text, results.figures())

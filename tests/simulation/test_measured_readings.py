@@ -19,7 +19,7 @@ from ggbench.gravity.ellipsoid import metres_per_radian
 from ggbench.gravity.field import Field
 from ggbench.judging.situations import is_right_model, situation_of
 from ggbench.maps.recipe import write
-from ggbench.report.conditions import _gradiometer
+from ggbench.report.conditions import _gradiometer, _map, _others
 from ggbench.simulation.error_free_flight import prepare
 from ggbench.simulation.runs import simulate, simulate_block
 from ggbench.trajectory.survey_lines import read_lines
@@ -224,6 +224,8 @@ def test_gravity_reaches_the_problem_as_it_was_measured(gravity):
     """
     measured = small_case(gravity)
     assert situation_of(measured, 1000.0) == "measured" and not is_right_model(measured)
+    assert _others([measured]) == "gravimeter measured every 2 s"
+    assert "with its real errors" in _map(measured)
     exact = small_case(
         gravity | {"gravimeter.readings": "simulated", "gravimeter.noise_mgal": 1e-6,
                    "truth.gravimeter.bias_mgal": 0.0}
