@@ -166,7 +166,9 @@ def _harmonic_noise(
     tensor, gravity = np.empty((n_lat, n_lon, n_h, 6)), np.empty((n_lat, n_lon, n_h, 3))
 
     def on_nodes(spectrum: Array) -> Array:
-        return np.fft.irfft2(spectrum, (pad_lat, pad_lon))[:n_lat, :n_lon]
+        # As irfft2 does it, but the rows beyond the map are not turned back along the other axis.
+        rows = np.fft.ifft(spectrum, axis=0)[:n_lat]
+        return np.fft.irfft(rows, pad_lon, axis=1)[:, :n_lon]
 
     for layer in range(n_h):
         continued = potential * np.exp(-k * grid.height_step * layer)

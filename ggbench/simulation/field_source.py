@@ -13,7 +13,7 @@ import numpy as np
 
 from ..gravity.degraded_map import MapDegradation, degrade
 from ..gravity.field import Field
-from ..gravity.gradient_map import MapError
+from ..gravity.gradient_map import GradientMap, MapError
 from ..gravity.meridians import Area, eastern, turns
 from ..maps.netcdf import file_key
 from ..maps.netcdf_reader import source_files
@@ -100,14 +100,18 @@ def _make(spec: FieldSpec, version: int) -> Field:
         if spec.error is not None:
             raise MapError('field.error: source = "normal" has no map that could be wrong')
         return Field.normal()
-    found = (
-        read(Path(spec.source), _crop(spec))
-        if is_file(spec.source)
-        else load_or_build(map_recipe(spec))
-    )
+    found = _exact_map(spec.model_copy(update={"error": None}), version)
     if spec.error is not None:
         found = degrade(found, _degradation(spec.error))
     return Field.from_map(found)
+
+
+@lru_cache(maxsize=2)
+def _exact_map(spec: FieldSpec, version: int) -> GradientMap:
+    """Return the map of a field without errors, read once for many draws of its errors."""
+    if is_file(spec.source):
+        return read(Path(spec.source), _crop(spec))
+    return load_or_build(map_recipe(spec))
 
 
 def _crop(spec: FieldSpec) -> Area | None:
