@@ -12,6 +12,7 @@ from pathlib import Path
 import click
 
 from ..errors import GGBenchError
+from ..files import reason_of
 
 _TEMPLATES = Path(__file__).parent / "templates"
 """Texts, and no modules of the package: what is made of them is imported elsewhere."""
@@ -157,5 +158,6 @@ def _begun(
     except FileExistsError:
         raise NewFileError(f"{path} is there already, and is left as it is") from None
     except OSError as error:
-        raise NewFileError(f"cannot write {path}: {error.strerror}") from None
+        path.unlink(missing_ok=True)  # else half of it would be there
+        raise NewFileError(f"cannot write {path}: {reason_of(error)}") from None
     return path
