@@ -141,7 +141,7 @@ def _values(dataset: Any, name: str, units: Units) -> tuple[Array, list[str]]:
     values = (band * dataset.scales[0] + dataset.offsets[0]) * factor
     values, of_marks = marks_removed(band, values, units)
     of_sign = ""
-    if units is HEIGHTS:
+    if units.what == HEIGHTS.what:
         values, of_sign = upward(values, dataset.tags(1), dataset.descriptions[0] or "", name)
     return values, [of_unit, of_marks, of_sign]
 
