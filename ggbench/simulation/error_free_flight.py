@@ -32,6 +32,7 @@ from .formulation import MeasurementTimes, added_gravity, require_short_delays
 from .instruments import faults, spinning_disks
 from .measured import measured_readings
 from .sensor_suite import SensorSuite, suite_of_case
+from .within_map import require_within
 
 
 @dataclass(frozen=True)
@@ -359,14 +360,15 @@ def prepare(case: CaseSpec) -> Flight:
             there = ~np.isnan(measured).any(axis=1)
             if case.gravimeter is None:
                 needed = np.setdiff1d(epochs, at[~there])
+        require_within((field, model_field), trajectory.positions[needed], case.trajectory)
         noise_free = np.zeros((len(at), 6))
         noise_free[there] = readings(
             field, positions[there], taken[there], attitudes[there], case.gradiometer.instrument
         )
         altimeter = math.inf if case.altimeter is None else case.altimeter.time_constant_s
         require_short_delays(suite_of_case(case, "model"), altimeter, len(at))
-    for assumed in (field, model_field):
-        assumed.tensor(*trajectory.positions[needed].T)  # raises if the flight leaves the map
+    else:
+        require_within((field, model_field), trajectory.positions[needed], case.trajectory)
     return Flight(
         case, trajectory, delta_angles, delta_velocities, field, model_field, epochs, noise_free,
         measured,
