@@ -5,11 +5,13 @@ Rasterio is imported when a file needs it: it is an optional part of the install
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import os
 import struct
+import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -62,12 +64,26 @@ def read_raster(path: Path, area: Area | None, units: Units) -> Grid:
     rasterio = imported("rasterio", path)
     try:
         # Its warnings concern what is refused here in a sentence.
-        with warnings.catch_warnings(action="ignore"), rasterio.open(path) as dataset:
+        with _silent(), warnings.catch_warnings(action="ignore"), rasterio.open(path) as dataset:
             return _from_dataset(dataset, path, area, units)
     except TerrainError:
         raise
     except Exception as error:  # GDAL's, rasterio's own, and those of its parsers of metadata
         raise TerrainError(_why_not(path, one_line(error))) from None
+
+
+@contextlib.contextmanager
+def _silent() -> Iterator[None]:
+    """Keep rasterio from printing tracebacks of GDAL's messages that it cannot decode.
+
+    They quote a damaged file. What is wrong comes as an exception, too.
+    """
+    hook = sys.unraisablehook
+    sys.unraisablehook = lambda _: None
+    try:
+        yield
+    finally:
+        sys.unraisablehook = hook
 
 
 def one_line(error: Exception) -> str:
