@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .datums import require_wgs84
 from .meridians import Area
 from .rasters import imported, one_line, read_raster
 from .regular_grid import Grid, check_size, is_netcdf, refuse_old_gmt, regular_grid
@@ -78,7 +79,7 @@ def _read_netcdf(path: Path, area: Area | None, units: Units) -> Grid:
     imported("netCDF4", path)
     try:
         with xarray.open_dataset(path, engine="netcdf4", decode_times=False) as dataset:
-            return _from_variables(dataset, path.name, area, units)
+            return _from_variables(dataset, path, area, units)
     except TerrainError:
         raise
     except Exception as error:  # the engines raise a dozen kinds
@@ -87,7 +88,8 @@ def _read_netcdf(path: Path, area: Area | None, units: Units) -> Grid:
         ) from None
 
 
-def _from_variables(dataset: Any, name: str, area: Area | None, units: Units) -> Grid:
+def _from_variables(dataset: Any, path: Path, area: Area | None, units: Units) -> Grid:
+    name = path.name
     refuse_old_gmt(dataset, name)
     grids = {}
     for key, variable in dataset.data_vars.items():
@@ -113,6 +115,8 @@ def _from_variables(dataset: Any, name: str, area: Area | None, units: Units) ->
         unit = str(axis.attrs.get("units", "degrees"))
         if not unit.lower().startswith("deg"):
             raise TerrainError(f"{name} has {axis.name} in {unit!r}; degrees are allowed.")
+    place = float(longitude.values.mean()), float(latitude.values.mean())
+    require_wgs84(dataset.variables, grid, place, path)
     factor, of_unit = units.factor(str(grid.attrs.get("units", "")), name)
     written = np.asarray(grid.values, dtype=float)
     heights, of_marks = marks_removed(written, written * factor, units)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from ..gravity.datums import require_wgs84
 from ..gravity.gradient_map import MapError
 from ..gravity.meridians import Area, rolled, turns
 from ..gravity.rasters import read_raster
@@ -268,6 +269,8 @@ def _from_netcdf(path: Path, kind: str, units: Units) -> _Read:
     unit = str(variable.attrs.get("units", ""))
     values, remarks = _in_si(path, variable.to_numpy().astype(float), unit, units)
     latitude, longitude = (dataset[name].to_numpy().astype(float) for name in dims)
+    place = float(longitude.mean()), float(latitude.mean())
+    require_wgs84(dataset.variables, variable, place, path)
     is_height_anomaly = kind == "geoid" and _HEIGHT_ANOMALY.search(called) is not None
     return _Read(latitude, longitude, values, remarks, None, is_height_anomaly)
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..files import sha256_of
+from ..gravity.datums import ELLIPSOIDAL
 from ..gravity.ellipsoid import SEMI_MAJOR_AXIS
 from ..gravity.gradient_map import MapError
 from ..gravity.harmonics import HarmonicCoefficients, without_normal_field
@@ -246,6 +247,11 @@ class _Sources:
 
         options = TerrainOptions(inputs.density, inputs.water_density, inputs.order)
         terrain = self._read_terrain(path, self._around(self._area), inputs.voids)
+        if inputs.geoid_height_m != 0.0 and ELLIPSOIDAL in terrain.name:
+            raise MapError(
+                f"{path.name} says that its {ELLIPSOIDAL}: leave out --geoid-height "
+                f"{inputs.geoid_height_m:g}."
+            )
         degree = inputs.terrain_from_degree
         if degree is not None and coefficients is None:
             raise MapError("--terrain-from-degree goes with --coefficients or a gravity grid.")
