@@ -3,40 +3,118 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import hashlib
+import os
+import re
+import shutil
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 from .errors import GGBenchError
 
+_NO_SPACE = {
+    errno.ENOSPC: "no space left on the disk",
+    errno.EDQUOT: "no space left in the quota",
+    errno.EFBIG: "no space left for a file so large",
+}
+_SMALLEST_SHARE = 0.25
+"""Of its size without compression, which a file of measured numbers needs at least."""
+_PROBE = bytes(1 << 20)
+_temporary: set[Path] = set()
+"""What this process writes at the moment."""
+
 
 @contextlib.contextmanager
-def written_whole(path: Path, error: type[GGBenchError], what: str = "") -> Iterator[Path]:
+def written_whole(
+    path: Path, error: type[GGBenchError], what: str = "", size: int = 0
+) -> Iterator[Path]:
     """Yield where to write a file, which takes its place in one stroke or not at all.
+
+    What killed processes have left of the same file is removed.
 
     Parameters
     ----------
     path : of the file; its folder is made if need be.
     error : raised, with a sentence, if it cannot be written.
     what : it is, in that sentence.
+    size : bytes that it needs without compression; 0 if that is not known. A disk with less than
+        a quarter of it is refused before anything is written.
     """
+    free = 0
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(
-            dir=path.parent, prefix=f".{path.name}.", suffix=".tmp", delete=False
-        ) as file:
-            temporary = Path(file.name)
-        try:
+        _remove_left_behind(path)
+        free = shutil.disk_usage(path.parent).free
+        if free < _SMALLEST_SHARE * size:
+            raise OSError(errno.ENOSPC, "")
+        with _temporary_of(path) as temporary:
             yield temporary
             temporary.chmod(0o644)
             temporary.replace(path)
-        except BaseException:
-            temporary.unlink(missing_ok=True)
-            raise
     except OSError as failure:
-        reason = failure.strerror or str(failure)
+        reason = reason_of(failure)
+        if size and out_of_space(failure):
+            reason += f": it needs up to {size / 1e6:.3g} MB, and {free / 1e6:.3g} MB are free"
         raise error(f"cannot write {what}{path}: {reason}") from None
+
+
+def out_of_space(failure: OSError) -> bool:
+    """Return whether a write failed for want of space."""
+    return failure.errno in _NO_SPACE
+
+
+def reason_of(failure: OSError) -> str:
+    """Return in words why a file cannot be read or written."""
+    return _NO_SPACE.get(failure.errno or 0) or failure.strerror or str(failure)
+
+
+def remove_temporary() -> None:
+    """Remove what this process is writing: it is about to end."""
+    for path in tuple(_temporary):
+        with contextlib.suppress(OSError):
+            path.unlink()
+
+
+@contextlib.contextmanager
+def _temporary_of(path: Path) -> Iterator[Path]:
+    """Yield an empty file next to a path, named for this process; remove what is left of it.
+
+    Raises
+    ------
+    OSError
+        Also in the place of a library's own error, if there is no space left.
+    """
+    with tempfile.NamedTemporaryFile(
+        dir=path.parent, prefix=f".{path.name}.{os.getpid()}-", suffix=".tmp", delete=False
+    ) as file:
+        temporary = Path(file.name)
+        _temporary.add(temporary)
+    try:
+        yield temporary
+    except (OSError, GGBenchError):
+        raise
+    except Exception:
+        # Libraries such as HDF5 say of a full disk that there was an error, and no more.
+        with temporary.open("ab") as file:
+            file.write(_PROBE)
+        raise
+    finally:
+        temporary.unlink(missing_ok=True)
+        _temporary.discard(temporary)
+
+
+def _remove_left_behind(path: Path) -> None:
+    """Remove temporary files of a path whose processes no longer run."""
+    import psutil
+
+    name = re.compile(rf"\.{re.escape(path.name)}\.(\d+)-\w+\.tmp")
+    for file in path.parent.iterdir():
+        found = name.fullmatch(file.name)
+        if found and not psutil.pid_exists(int(found[1])):
+            with contextlib.suppress(OSError):
+                file.unlink()
 
 
 def sha256_of(path: Path, error: type[GGBenchError], what: str = "") -> str:
@@ -52,5 +130,4 @@ def sha256_of(path: Path, error: type[GGBenchError], what: str = "") -> str:
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as failure:
-        reason = failure.strerror or str(failure)
-        raise error(f"cannot read {what}{path}: {reason}") from None
+        raise error(f"cannot read {what}{path}: {reason_of(failure)}") from None

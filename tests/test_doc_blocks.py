@@ -96,6 +96,14 @@ def understood(words: list[str]) -> None:
     command.make_parser(click.Context(command)).parse_args(list(words))
 
 
+def test_a_report_from_an_elevation_model_takes_few_commands():
+    """Eight of twelve that are allowed, and none of them names a height above the ellipsoid."""
+    shown = [b.text for b in blocks(ROOT / "docs/howto/helicopter.md") if b.language == "sh"]
+    lines = "\n".join(shown).splitlines()
+    assert sum(line.startswith("ggbench ") for line in lines) <= 12
+    assert not any(word in text for text in shown for word in ("lowest", "highest", "height"))
+
+
 def test_a_block_that_fails_is_found(tmp_path):
     """The harness itself: of a page with a mistake in each language, each is an error."""
     page = tmp_path / "page.md"

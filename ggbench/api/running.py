@@ -87,9 +87,9 @@ def run(
     try:
 
         def reported(step: running.CampaignProgress) -> None:
-            if step.done == 0:
-                for remark in step.remarks:
-                    warnings.warn(remark, stacklevel=4)
+            said = step.remarks if step.done == 0 and step.workers is None else ()
+            for remark in (*said, *filter(None, [step.waiting])):
+                warnings.warn(remark, stacklevel=4)
             shown.tell(step)
 
         with shown:

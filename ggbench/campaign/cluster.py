@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import contextlib
 import itertools
+import logging
 import re
 import socket
 import threading
+import time
 import uuid
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -25,17 +27,27 @@ if TYPE_CHECKING:
     from distributed import Client, Future
 
 _CONNECT_S = 15.0
+_PATIENCE_S = 5.0
+"""After which a scheduler without workers is worth a sentence."""
+_LOOK_EVERY_S = 1.0
 _AHEAD = 3
 """Tasks handed over per thread of the cluster, so that none of them waits for the next one."""
 _mine = threading.local()
+Told = Callable[[int, str], None]
+"""Takes the number of workers, and a remark or ""."""
 
 
 class ClusterError(GGBenchError):
     """A cluster cannot be used."""
 
 
-def on_cluster(tasks: Iterable[Task], address: str, limit: float) -> Generator[list[Result]]:
+def on_cluster(
+    tasks: Iterable[Task], address: str, limit: float, tell: Told = lambda workers, remark: None
+) -> Generator[list[Result]]:
     """Run tasks on the cluster of a running Dask scheduler.
+
+    ``tell`` is called with the number of workers whenever it changes, and with a sentence if there
+    are none for five seconds. Workers may come at any time.
 
     A task whose Dask worker dies is given to another one by Dask; if its workers die again and
     again (``distributed.scheduler.allowed-failures``), its runs are tried one by one, and that a
@@ -58,8 +70,8 @@ def on_cluster(tasks: Iterable[Task], address: str, limit: float) -> Generator[l
         client = Client(address, timeout=_CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:
         raise ClusterError(f"no Dask scheduler answers at {address}: {error}") from None
-    with client:
-        yield from _on(client, tasks, limit)
+    with _without_logs(), client:
+        yield from _on(client, _Workers(client, address, tell), tasks, limit)
 
 
 def _require_listener(address: str) -> None:
@@ -78,52 +90,104 @@ def _require_listener(address: str) -> None:
         ) from None
 
 
-def _on(client: Client, tasks: Iterable[Task], limit: float) -> Generator[list[Result]]:
-    from distributed import CancelledError, Event, KilledWorker, as_completed
+def _on(
+    client: Client, workers: _Workers, tasks: Iterable[Task], limit: float
+) -> Generator[list[Result]]:
+    from distributed import CancelledError, Event, KilledWorker, wait
     from distributed.comm.core import CommClosedError
 
     queue: Iterator[Task] = iter(tasks)
-    handed: dict[object, Task] = {}
+    handed: dict[Future, Task] = {}
     stopped = Event(f"ggbench-{uuid.uuid4()}", client)
 
-    def hand_over() -> list[Future]:
+    def hand_over() -> None:
         # As many as keep the cluster busy as it is now: it may grow.
-        threads = max(1, sum(client.nthreads().values()))
-        new = list(itertools.islice(queue, max(0, _AHEAD * threads - len(handed))))
-        # Not pure: equal calls are not to be taken for one, their results are stored here.
-        futures = [client.submit(run_here, task, limit, stopped.name, pure=False) for task in new]
-        handed.update({future.key: task for future, task in zip(futures, new, strict=True)})
-        return futures
+        threads = max(1, workers.threads())
+        for task in itertools.islice(queue, max(0, _AHEAD * threads - len(handed))):
+            # Not pure: equal calls are not to be taken for one, their results are stored here.
+            handed[client.submit(run_here, task, limit, stopped.name, pure=False)] = task
 
     try:
-        completed = as_completed(hand_over(), loop=client.loop)
-        for future in completed:
-            task = handed.pop(future.key)
+        hand_over()
+        while handed:
             try:
-                results = future.result()
-            except KilledWorker:
-                results = []
-                if len(task.runs) > 1:
-                    singles = [replace(task, runs=[run]) for run in task.runs]
-                    queue = itertools.chain(singles, queue)
-                else:
-                    reason = "its Dask workers died, again and again"
-                    results = [
-                        failure(task, task.runs[0], *pair, reason, retry_above=0.0)
-                        for pair in task.estimators
-                    ]
-            completed.update(hand_over())
-            yield results
-    except (CancelledError, CommClosedError, OSError) as error:
+                with client.as_current():
+                    done, _ = wait([*handed], _LOOK_EVERY_S, return_when="FIRST_COMPLETED")
+            except TimeoutError:
+                hand_over()
+                continue
+            for future in done:
+                task = handed.pop(future)
+                try:
+                    results = future.result()
+                except KilledWorker:
+                    results = []
+                    if len(task.runs) > 1:
+                        singles = [replace(task, runs=[run]) for run in task.runs]
+                        queue = itertools.chain(singles, queue)
+                    else:
+                        reason = "its Dask workers died, again and again"
+                        results = [
+                            failure(task, task.runs[0], *pair, reason, retry_above=0.0)
+                            for pair in task.estimators
+                        ]
+                hand_over()
+                yield results
+    except (CancelledError, CommClosedError, OSError):
         raise ClusterError(
-            f"the connection to the Dask scheduler broke ({type(error).__name__}: {error}); the "
-            "same command goes on from what is stored"
+            f"the connection to the Dask scheduler at {workers.address} broke; the same command "
+            "goes on from what is stored"
         ) from None
     except ModuleNotFoundError as error:
         raise ClusterError(f"the cluster cannot run ggbench: {error}") from None
     finally:
         with contextlib.suppress(Exception):  # the scheduler may be gone
             stopped.set()
+
+
+class _Workers:
+    """The workers of a cluster as they come and go, and what to say of them."""
+
+    def __init__(self, client: Client, address: str, tell: Told) -> None:
+        self.address = address
+        self._client, self._tell = client, tell
+        self._count = -1
+        self._since = time.monotonic()
+        self._said = False
+
+    def threads(self) -> int:
+        """Return how many threads all workers have; tell if there are more or fewer workers."""
+        threads = self._client.nthreads()
+        if len(threads) != self._count:
+            self._count, self._since, self._said = len(threads), time.monotonic(), False
+            self._tell(self._count, "")
+        if not threads and not self._said and time.monotonic() - self._since > _PATIENCE_S:
+            self._said = True
+            self._tell(
+                0,
+                f"waiting for workers: the scheduler at {self.address} has none; "
+                f"'dask worker {self.address} --nthreads 1' starts one",
+            )
+        return sum(threads.values())
+
+
+@contextlib.contextmanager
+def _without_logs() -> Iterator[None]:
+    """Keep Dask from logging tracebacks of what is here an error with a sentence."""
+    loggers = [
+        logger
+        for name, logger in logging.root.manager.loggerDict.items()
+        if name.startswith("distributed")
+        and isinstance(logger, logging.Logger)
+        and not logger.disabled
+    ]
+    for logger in loggers:
+        logger.disabled = True
+    try:
+        yield
+    finally:
+        for logger in loggers:
+            logger.disabled = False
 
 
 def run_here(task: Task, limit: float, stopped: str) -> list[Result]:

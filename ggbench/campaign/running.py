@@ -23,6 +23,8 @@ class CampaignProgress:
     remarks : what its user should know: unusual values, estimators left out, unused results.
     total, done : number of results that were missing when it began, and of those since stored.
     new : those stored since the last step.
+    workers : number of workers of the cluster; None on this machine.
+    waiting : for what it waits, a sentence or "".
     """
 
     campaign: Campaign
@@ -31,6 +33,8 @@ class CampaignProgress:
     total: int
     done: int = 0
     new: Sequence[Result] = ()
+    workers: int | None = None
+    waiting: str = ""
 
 
 class CampaignOutcome(NamedTuple):
@@ -70,12 +74,18 @@ def run(
         step = CampaignProgress(work, store, remarks, tasks.results)
         progress(step)
         if tasks.results:
-            results = _engine(tasks, jobs, cluster, work.limit)
 
             def told(batch: list[Result]) -> None:
                 nonlocal step
                 step = replace(step, done=step.done + len(batch), new=batch)
                 progress(step)
+
+            def told_of_workers(workers: int, waiting: str) -> None:
+                nonlocal step
+                step = replace(step, new=(), workers=workers, waiting=waiting)
+                progress(step)
+
+            results = _engine(tasks, jobs, cluster, work.limit, told_of_workers)
 
             try:
                 execute(results, store, told)
@@ -88,13 +98,17 @@ def run(
 
 
 def _engine(
-    tasks: Tasks, jobs: int | None, cluster: str | None, limit: float
+    tasks: Tasks,
+    jobs: int | None,
+    cluster: str | None,
+    limit: float,
+    tell: Callable[[int, str], None],
 ) -> Generator[list[Result]]:
     """Return the results of tasks as they come, from where they are run."""
     if cluster:
         from .cluster import on_cluster  # not at the top: Dask is not always there
 
-        return on_cluster(tasks, cluster, limit)
+        return on_cluster(tasks, cluster, limit, tell)
     if jobs == 0:
         return in_process(tasks)
     return in_processes(tasks, jobs or os.cpu_count() or 1, limit)

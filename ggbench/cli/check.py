@@ -51,7 +51,8 @@ class CheckError(GGBenchError):
 def check(estimator: str, time_limit: float) -> None:
     """Check that an ESTIMATOR keeps the contract: a .py file or a name, with parameters in [].
 
-    Of each check: what it demands; if it fails, what was found, and why it is demanded.
+    Of each check: what it demands; if it fails, what was found, and why it is demanded; if it
+    passes although the estimator loses digits by rounding, how many.
 
     Exit code 1 if a check failed, 2 if the estimator cannot be made or takes no problem.
     """
@@ -80,8 +81,10 @@ def _tell(asked: Check, verdict: str, text: str) -> None:
     """Print what came out of a check."""
     word, colour = _SHOWN[verdict]
     click.echo(f"{click.style(word, fg=colour or None, bold=verdict == 'failed')}: {asked.name}")
-    told = {"passed": [], "failed": [f"{text}.", f"Why: {asked.why}"], "refused": [f"{text}."]}
-    for line in (f"{asked.demand}.", *told[verdict]):
+    told = [f"{text}."] if text else []
+    if verdict == "failed":
+        told.append(f"Why: {asked.why}")
+    for line in (f"{asked.demand}.", *told):
         for part in textwrap.wrap(line, max(console.width, 40) - len(_INDENT)):
             click.echo(f"{_INDENT}{part}")
 

@@ -9,6 +9,7 @@ from typing import Any
 import click
 
 from ..errors import GGBenchError
+from ..files import out_of_space, reason_of
 from .interrupts import requests_to_end
 
 EXIT_BAD_INPUT = 2
@@ -35,6 +36,14 @@ class Commands(click.Group):
             return super().invoke(context)
         except GGBenchError as error:
             click.echo(f"ggbench: {error}", err=True)
+            context.exit(EXIT_BAD_INPUT)
+        except OSError as error:
+            if not out_of_space(error):
+                raise
+            click.echo(
+                f"ggbench: cannot write {error.filename or 'the output'}: {reason_of(error)}",
+                err=True,
+            )
             context.exit(EXIT_BAD_INPUT)
         except KeyboardInterrupt:
             click.echo("Interrupted.", err=True)

@@ -9,6 +9,8 @@ import sys
 import threading
 from collections.abc import Iterator
 
+from ..files import remove_temporary
+
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _SHOW_CURSOR = b"\x1b[?25h"
 
@@ -48,6 +50,7 @@ def requests_to_end(exit_code: int) -> Iterator[None]:
 def _end_at_once(exit_code: int) -> None:
     worker = sys.modules.get("ggbench.campaign.worker")  # if there can be any
     try:
+        remove_temporary()
         if worker is not None:
             worker.kill_all()
         # Not through Python's own streams, in the middle of whose work this may be.

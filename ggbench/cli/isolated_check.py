@@ -52,13 +52,13 @@ def main(pipe: str, text: str, names: list[str]) -> None:
             tell(done=check.name, **_asked(partial(check.ask, estimator), file))
 
 
-def _asked(ask: Callable[[], None], file: str) -> dict[str, str]:
+def _asked(ask: Callable[[], str], file: str) -> dict[str, str]:
     """Ask; return the verdict and a sentence."""
     from ..campaign.texts import exception_text, printable
     from ..contract.demands import Broken, Refused
 
     try:
-        ask()
+        return {"verdict": "passed", "text": printable(ask())}
     except Refused as refusal:
         return {"verdict": "refused", "text": printable(str(refusal))}
     except Broken as broken:
@@ -70,7 +70,6 @@ def _asked(ask: Callable[[], None], file: str) -> dict[str, str]:
             "verdict": "failed",
             "text": f"{where}{exception_text(error)}{f' ({line})' if line else ''}",
         }
-    return {"verdict": "passed", "text": ""}
 
 
 def _line_of(error: BaseException, file: str) -> str:

@@ -74,6 +74,16 @@ map_group.add_command(score)
     help="Degree up to which the other data hold the field; the terrain adds what is shorter "
     "[the highest degree of the coefficients].",
 )  # fmt: skip
+@click.option(
+    "--clearance", type=click.FloatRange(0.0, 1e6, min_open=True), metavar="M",
+    help="Height above the ground at which you will fly [200]: the map begins at most so high "
+    "above the highest ground, and a note says over which share such a flight is inside.",
+)  # fmt: skip
+@click.option(
+    "--void", type=float, multiple=True, metavar="VALUE",
+    help="Value that marks voids in terrains and grids, as it is in the file; may be repeated "
+    "[what the file declares, -32768, 3.4e38 and the like].",
+)  # fmt: skip
 @survey_maps.options
 @click.option(
     "--south",
@@ -127,6 +137,8 @@ def build(output: Path, precision: str, compression: int, **options: Any) -> Non
     wishes = _wishes(options)
     survey_maps.require_alone(options, [key for key in _SOURCES if key != "lines"])
     if options["lines"] is not None:
+        if options["void"] or options["clearance"] is not None:
+            raise MapError("--void and --clearance go with terrains and grids, not with --lines.")
         made = survey_maps.planned(options, wishes, _command(options))
     else:
         made = plan.plan(_inputs(options), wishes, _command(options))
@@ -167,6 +179,8 @@ def _inputs(options: dict[str, Any]) -> Any:
         water_density=options["water_density"],
         order=options["order"],
         geoid_height_m=options["geoid_height"],
+        voids=options["void"],
+        clearance_m=options["clearance"],
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import keyword
 import math
@@ -12,6 +13,7 @@ from pathlib import Path
 import click
 
 from ..errors import GGBenchError
+from ..files import reason_of
 
 _TEMPLATES = Path(__file__).parent / "templates"
 """Texts, and no modules of the package: what is made of them is imported elsewhere."""
@@ -19,6 +21,14 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
 _LONGEST = 60
 _FLIGHT_S = 130.0
 """Duration of a flight over a map of one's own."""
+_CLEARANCE_M = 200.0
+_ABOVE_MAP_M = 20.0
+"""Of a flight that follows the terrain: three deviations of the barometer's error."""
+_BAROMETER = """[barometer]    # without it the INS's height drifts out of the map
+period_s = 1.0
+noise_m = 3.0
+bias_m = 5.0
+"""
 _TAKEN = {"Estimate", "Estimator", "Problem", "Template"}
 """Names that the file of an estimator has in use."""
 _SHIPPED = "An aircraft with a gravity gradiometer over the Qinling mountains"
@@ -47,19 +57,40 @@ _FILE = click.Path(path_type=Path, exists=True, dir_okay=False)
 @click.argument("name")
 @click.option("--track", type=_FILE, help="Fly a track of your own, a CSV file.")
 @click.option("--map", "own_map", type=_FILE, help="Fly over a map of your own, a netCDF file.")
+@click.option(
+    "--terrain", type=_FILE, help="Follow the terrain of this elevation model, with --map."
+)
+@click.option(
+    "--clearance", type=click.FloatRange(0.0, 1e5, min_open=True), metavar="M",
+    help="Least height above that terrain [200].",
+)  # fmt: skip
 @_folder
-def scenario(name: str, track: Path | None, own_map: Path | None, output: Path) -> None:
+def scenario(
+    name: str,
+    track: Path | None,
+    own_map: Path | None,
+    terrain: Path | None,
+    clearance: float | None,
+    output: Path,
+) -> None:
     """Write NAME.toml: a flight over a shipped map, with every table explained.
 
-    Over a map of your own the flight lies in the middle, a third of the way up.
+    Over a map of your own the flight lies in the middle, a third of the way up; with a terrain it
+    follows the ground, but never leaves the map.
     """
+    if terrain is not None and (own_map is None or track is not None):
+        raise click.UsageError("--terrain goes with --map, and without --track")
+    if clearance is not None and terrain is None:
+        raise click.UsageError("--clearance goes with --terrain")
     tables = {}
     if track is not None:
         tables["trajectory"] = f"file = {_quoted(track)}\nsmoothing_s = 10.0    # {_SMOOTHING}\n"
     if own_map is not None:
         tables["field"] = f"source = {_quoted(own_map)}\n"
         if track is None:
-            tables["trajectory"] = _flight_over(own_map)
+            tables["trajectory"] = _flight_over(own_map, terrain, clearance or _CLEARANCE_M)
+        if terrain is not None:
+            tables["field"] += f"\n{_BAROMETER}"
     flown = "A flight of my own" if tables else _SHIPPED
     path = _begun(".toml", name, output, tables, TITLE=_titled(name), DESCRIPTION=flown)
     shown = path.as_posix()
@@ -81,8 +112,10 @@ def estimator(name: str, output: Path) -> None:
     click.echo(f"Compare it with another: ggbench run wang2013 -n 3 -e {shown} -e ekf")
 
 
-def _flight_over(own_map: Path) -> str:
+def _flight_over(own_map: Path, terrain: Path | None, clearance: float) -> str:
     """Return the table of a straight flight to the east in the middle of a map.
+
+    With a terrain it follows that, and stays inside the map by what a barometer errs.
 
     Raises
     ------
@@ -102,14 +135,23 @@ def _flight_over(own_map: Path) -> str:
     metres = metres_per_radian(np.array([math.radians(latitude), 0.0, lowest]))
     per_north, per_east = (math.radians(1.0) * length for length in metres)
     side = min((north - south) * per_north, (east - west) * per_east)
-    speed = min(250.0, 0.4 * side / _FLIGHT_S)
+    speed = min(250.0 if terrain is None else 60.0, 0.4 * side / _FLIGHT_S)
     start = longitude - 0.5 * _FLIGHT_S * speed / per_east
     height = lowest + (highest - lowest) / 3.0
+    flown = f"height_m = {height:.0f}    # above the ellipsoid, a third of the way up the map\n"
+    segment = f"duration_s = {_FLIGHT_S:g}     # straight and level\n"
+    if terrain is not None:
+        flown = "# No height_m: it begins as high as the terrain asks for.\n"
+        segment = (
+            f'kind = "terrain-following"\nterrain = {_quoted(terrain)}\n'
+            f"clearance_m = {clearance:g}    # above the ground, at least\n"
+            f"lowest_m = {math.ceil(lowest + _ABOVE_MAP_M)}    # the map begins at {lowest:g} m\n"
+            f"duration_s = {_FLIGHT_S:g}\n"
+        )
     return (
-        f"latitude_deg = {latitude:.5f}\nlongitude_deg = {start:.5f}\n"
-        f"height_m = {height:.0f}    # above the ellipsoid, a third of the way up the map\n"
+        f"latitude_deg = {latitude:.5f}\nlongitude_deg = {start:.5f}\n{flown}"
         f"speed_mps = {speed:.3g}\nheading_deg = 90.0    # clockwise from north\n\n"
-        f"[[trajectory.segment]]\nduration_s = {_FLIGHT_S:g}     # straight and level\n"
+        f"[[trajectory.segment]]\n{segment}"
     )
 
 
@@ -157,5 +199,7 @@ def _begun(
     except FileExistsError:
         raise NewFileError(f"{path} is there already, and is left as it is") from None
     except OSError as error:
-        raise NewFileError(f"cannot write {path}: {error.strerror}") from None
+        with contextlib.suppress(OSError):
+            path.unlink()  # else half of it would be there
+        raise NewFileError(f"cannot write {path}: {reason_of(error)}") from None
     return path

@@ -43,8 +43,8 @@ class Check:
     why: str
     questions: Callable[[Estimator], _Asked]
 
-    def ask(self, estimator: Estimator) -> None:
-        """Ask it on all its problems.
+    def ask(self, estimator: Estimator) -> str:
+        """Ask it on all its problems; return a remark on the first that has one, or "".
 
         Raises
         ------
@@ -56,11 +56,11 @@ class Check:
             Whatever the estimator raises.
         """
         refused: list[Refused] = []
-        asked = 0
+        asked, remark = 0, ""
         for where, question in self.questions(estimator):
             asked += 1
             try:
-                question()
+                said = question()
             except Refused as refusal:
                 refused.append(refusal)
             except demands.Broken as broken:
@@ -68,8 +68,12 @@ class Check:
             except Exception as error:
                 error.add_note(where)
                 raise
+            else:
+                if said and isinstance(said, str):
+                    remark = remark or f"{where}: {said}"
         if len(refused) == asked:
             raise refused[0]
+        return remark
 
 
 @cache

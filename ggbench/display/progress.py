@@ -45,6 +45,8 @@ class Progress(progress.Progress):
         self._labels: Sequence[str] = ()
         self._sums: dict[tuple[str, str], tuple[float, int]] = {}
         self._failed = 0
+        self._workers: int | None = None
+        self._waiting = ""
         self._last = 0.0
         self._ended = threading.Event()
         super().__init__(
@@ -77,8 +79,13 @@ class Progress(progress.Progress):
 
     def tell(self, step: CampaignProgress) -> None:
         """Show how far the campaign has come."""
-        if not step.done:
+        if not step.done and step.workers is None:
             self._begin(step)
+        self._workers = step.workers
+        if step.waiting != self._waiting:
+            self._waiting = step.waiting
+            if self.disable and step.waiting:
+                self.console.out(f"{self._title}: {step.waiting}")
         for result in step.new:
             self._failed += result.record["status"] != "ok"
             self._count(result.key, result.record)
@@ -127,6 +134,8 @@ class Progress(progress.Progress):
         text = f"{self._title}: {task.completed:.0f} of {counted(int(task.total or 0), 'run')}"
         if self._failed:
             text += f" ({self._failed} failed)"
+        if self._workers is not None:
+            text += f" on {counted(self._workers, 'worker')}"
         if task.completed:
             rate = task.completed / max(task.elapsed or 0.0, 1e-9)
             text += f", {rate:.1f} runs/s, {duration((task.remaining or 0.0) / rate)} left"
@@ -148,6 +157,8 @@ class Progress(progress.Progress):
             return
         self.update(self.task_ids[0], description=self._counts())
         yield self.make_tasks_table(self.tasks)
+        if self._waiting:
+            yield Text(self._waiting)
         if compiled:
             yield Text(compiled)
         table = ResponsiveTable(

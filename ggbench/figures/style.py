@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from ..errors import GGBenchError
+from ..files import written_whole
 
 INS, BOUND = "0.55", "black"
 """Colours of the INS and the bound."""
@@ -146,8 +147,6 @@ def save(figure: Figure, path: Path) -> None:
     FigureError
         If the file cannot be written.
     """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, metadata={"Software": "ggbench"})
-    except OSError as error:
-        raise FigureError(f"cannot write the figure {path}: {error.strerror or error}") from None
+    with written_whole(path, FigureError, "the figure ") as temporary:
+        kind = path.suffix[1:] or None
+        figure.savefig(temporary, format=kind, metadata={"Software": "ggbench"})

@@ -5,11 +5,13 @@ Rasterio is imported when a file needs it: it is an optional part of the install
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import os
 import struct
+import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import map_coordinates, spline_filter
 
+from .datums import is_another, name_of, vertical
 from .meridians import Area
 from .regular_grid import Grid, check_size, regular_grid
 from .terrain import FEWEST_NODES, TerrainError
@@ -62,12 +65,26 @@ def read_raster(path: Path, area: Area | None, units: Units) -> Grid:
     rasterio = imported("rasterio", path)
     try:
         # Its warnings concern what is refused here in a sentence.
-        with warnings.catch_warnings(action="ignore"), rasterio.open(path) as dataset:
+        with _silent(), warnings.catch_warnings(action="ignore"), rasterio.open(path) as dataset:
             return _from_dataset(dataset, path, area, units)
     except TerrainError:
         raise
     except Exception as error:  # GDAL's, rasterio's own, and those of its parsers of metadata
         raise TerrainError(_why_not(path, one_line(error))) from None
+
+
+@contextlib.contextmanager
+def _silent() -> Iterator[None]:
+    """Keep rasterio from printing tracebacks of GDAL's messages that it cannot decode.
+
+    They quote a damaged file. What is wrong comes as an exception, too.
+    """
+    hook = sys.unraisablehook
+    sys.unraisablehook = lambda _: None
+    try:
+        yield
+    finally:
+        sys.unraisablehook = hook
 
 
 def one_line(error: Exception) -> str:
@@ -112,9 +129,16 @@ def _from_dataset(dataset: Any, path: Path, area: Area | None, units: Units) -> 
     if transform.is_identity:
         raise TerrainError(f"{name} does not say where it lies; a georeferenced raster is allowed.")
     values, remarks = _values(dataset, name, units)
-    if crs is not None and crs.is_projected:
+    rows, columns = (np.arange(count) + 0.5 for count in values.shape)
+    # GDAL's transform is that of the corners of cells, for a raster of points, too.
+    latitude, longitude = transform.f + transform.e * rows, transform.c + transform.a * columns
+    if crs is not None and crs.is_geographic:
+        if is_another(crs, float(longitude.mean()), float(latitude.mean()), path):
+            remarks.append(f"from {name_of(crs)} to WGS 84")
+            return _from_projected(values, transform, crs, path, remarks, area)
+    elif crs is not None and crs.is_projected:
         return _from_projected(values, transform, crs, path, remarks, area)
-    if not (crs is None or crs.is_geographic):
+    elif crs is not None:
         raise TerrainError(
             f"{name} has coordinates that are neither geographic nor projected: {crs}."
         )
@@ -122,11 +146,9 @@ def _from_dataset(dataset: Any, path: Path, area: Area | None, units: Units) -> 
         raise TerrainError(
             f"{name} is rotated; rows along parallels and columns along meridians are allowed."
         )
-    rows, columns = (np.arange(count) + 0.5 for count in values.shape)
-    # GDAL's transform is that of the corners of cells, for a raster of points, too.
     return regular_grid(
-        transform.f + transform.e * rows,
-        transform.c + transform.a * columns,
+        latitude,
+        longitude,
         values,
         name,
         [*remarks, "no reference system given, taken as degrees" if crs is None else ""],
@@ -140,10 +162,12 @@ def _values(dataset: Any, name: str, units: Units) -> tuple[Array, list[str]]:
     band = dataset.read(1, masked=True).astype(float).filled(np.nan)
     values = (band * dataset.scales[0] + dataset.offsets[0]) * factor
     values, of_marks = marks_removed(band, values, units)
-    of_sign = ""
-    if units is HEIGHTS:
-        values, of_sign = upward(values, dataset.tags(1), dataset.descriptions[0] or "", name)
-    return values, [of_unit, of_marks, of_sign]
+    of_sign = of_datum = ""
+    if units.what == HEIGHTS.what:
+        of_datum, down = vertical(dataset.crs)
+        tags = {"positive": "down"} if down else dataset.tags(1)
+        values, of_sign = upward(values, tags, dataset.descriptions[0] or "", name)
+    return values, [of_unit, of_marks, of_sign, of_datum]
 
 
 def _from_projected(

@@ -82,7 +82,7 @@ class Terrain:
             raise TerrainError(
                 f"{self.name} has heights from {lowest:g} to {highest:g} m: finite numbers from "
                 f"{LOWEST_M:g} to {HIGHEST_M:g} are allowed. A value that marks voids must be "
-                "declared, for example with gdal_edit -a_nodata."
+                "declared, by --void VALUE of 'ggbench map build' or with gdal_edit -a_nodata."
             )
 
     @property

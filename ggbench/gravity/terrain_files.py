@@ -9,18 +9,20 @@ from __future__ import annotations
 import math
 import re
 import stat
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .datums import require_wgs84
 from .meridians import Area
 from .rasters import imported, one_line, read_raster
 from .regular_grid import Grid, check_size, is_netcdf, refuse_old_gmt, regular_grid
 from .terrain import Terrain, TerrainError
-from .units import HEIGHTS, upward
+from .units import HEIGHTS, Units, upward
 from .voids import marks_removed
 
 Array = NDArray[np.floating]
@@ -34,16 +36,16 @@ _TILE_VOID = -32768
 _HALF_TILE = (3601, 1801)  # rows and columns, near the poles
 
 
-def _read_raster(path: Path, area: Area | None) -> Grid:
-    return read_raster(path, area, HEIGHTS)
+def _read_raster(path: Path, area: Area | None, units: Units) -> Grid:
+    return read_raster(path, area, units)
 
 
-def _read_grd(path: Path, area: Area | None) -> Grid:
+def _read_grd(path: Path, area: Area | None, units: Units) -> Grid:
     """Read a ``.grd`` file: netCDF of GMT, or a format of Surfer."""
-    return _read_netcdf(path, area) if is_netcdf(path) else _read_raster(path, area)
+    return _read_netcdf(path, area, units) if is_netcdf(path) else _read_raster(path, area, units)
 
 
-def _read_tile(path: Path, area: Area | None) -> Grid:
+def _read_tile(path: Path, area: Area | None, units: Units) -> Grid:
     """Read a tile of one degree: big-endian integers of 16 bits, its corner in its name."""
     corner = _TILE_NAME.match(path.name)
     if corner is None:
@@ -62,7 +64,7 @@ def _read_tile(path: Path, area: Area | None) -> Grid:
         )
     check_size(path.name, shape)
     written = np.where(values == _TILE_VOID, np.nan, values.astype(float)).reshape(shape)
-    heights, of_marks = marks_removed(written, written, HEIGHTS)
+    heights, of_marks = marks_removed(written, written, units)
     south = int(corner[2]) * (1 if corner[1] in "nN" else -1)
     west = int(corner[4]) * (1 if corner[3] in "eE" else -1)
     latitude, longitude = (np.linspace(0.0, 1.0, count) for count in shape)
@@ -71,13 +73,13 @@ def _read_tile(path: Path, area: Area | None) -> Grid:
     )
 
 
-def _read_netcdf(path: Path, area: Area | None) -> Grid:
+def _read_netcdf(path: Path, area: Area | None, units: Units) -> Grid:
     """Read the heights of a netCDF file, of version 3 or 4, with coordinates in degrees."""
     xarray = imported("xarray", path)
     imported("netCDF4", path)
     try:
         with xarray.open_dataset(path, engine="netcdf4", decode_times=False) as dataset:
-            return _from_variables(dataset, path.name, area)
+            return _from_variables(dataset, path, area, units)
     except TerrainError:
         raise
     except Exception as error:  # the engines raise a dozen kinds
@@ -86,7 +88,8 @@ def _read_netcdf(path: Path, area: Area | None) -> Grid:
         ) from None
 
 
-def _from_variables(dataset: Any, name: str, area: Area | None) -> Grid:
+def _from_variables(dataset: Any, path: Path, area: Area | None, units: Units) -> Grid:
+    name = path.name
     refuse_old_gmt(dataset, name)
     grids = {}
     for key, variable in dataset.data_vars.items():
@@ -112,9 +115,11 @@ def _from_variables(dataset: Any, name: str, area: Area | None) -> Grid:
         unit = str(axis.attrs.get("units", "degrees"))
         if not unit.lower().startswith("deg"):
             raise TerrainError(f"{name} has {axis.name} in {unit!r}; degrees are allowed.")
-    factor, of_unit = HEIGHTS.factor(str(grid.attrs.get("units", "")), name)
+    place = float(longitude.values.mean()), float(latitude.values.mean())
+    require_wgs84(dataset.variables, grid, place, path)
+    factor, of_unit = units.factor(str(grid.attrs.get("units", "")), name)
     written = np.asarray(grid.values, dtype=float)
-    heights, of_marks = marks_removed(written, written * factor, HEIGHTS)
+    heights, of_marks = marks_removed(written, written * factor, units)
     heights, of_sign = upward(heights, grid.attrs, key, name)
     remarks = [of_unit, of_marks, of_sign]
     return regular_grid(latitude.values, longitude.values, heights, name, remarks, area)
@@ -136,12 +141,12 @@ def _axis_kind(dataset: Any, dimension: Any) -> str | None:
     return "longitude" if standard == "longitude" or name in _LONGITUDE_NAMES else None
 
 
-def _read_npz(path: Path, area: Area | None) -> Grid:
+def _read_npz(path: Path, area: Area | None, units: Units) -> Grid:
     """Read a NumPy archive with one of three sets of arrays."""
     try:
         with np.load(path, allow_pickle=False) as archive:
             arrays = {key: archive[key] for key in archive.files}
-        return _from_arrays(arrays, path.name, area)
+        return _from_arrays(arrays, path.name, area, units)
     except TerrainError:
         raise
     except Exception as error:  # whatever a damaged archive makes of itself
@@ -150,7 +155,7 @@ def _read_npz(path: Path, area: Area | None) -> Grid:
         ) from None
 
 
-def _from_arrays(arrays: Mapping[str, Any], name: str, area: Area | None) -> Grid:
+def _from_arrays(arrays: Mapping[str, Any], name: str, area: Area | None, units: Units) -> Grid:
     remarks = []
     if {"lat", "lon", "z"} <= arrays.keys():
         written = arrays["z"].astype(float)
@@ -174,11 +179,11 @@ def _from_arrays(arrays: Mapping[str, Any], name: str, area: Area | None) -> Gri
             f"{name} has the arrays {', '.join(sorted(arrays))}; those of a Terrain, or lat, lon "
             "and z, or elevation, xmin, ymax, dx and dy are allowed."
         )
-    heights, of_marks = marks_removed(written, written, HEIGHTS)
+    heights, of_marks = marks_removed(written, written, units)
     return regular_grid(latitude, longitude, heights, name, [*remarks, of_marks], area)
 
 
-_READERS: dict[str, Callable[[Path, Area | None], Grid]] = {
+_READERS: dict[str, Callable[[Path, Area | None, Units], Grid]] = {
     ".tif": _read_raster,
     ".tiff": _read_raster,
     ".hgt": _read_tile,
@@ -190,7 +195,7 @@ _READERS: dict[str, Callable[[Path, Area | None], Grid]] = {
 """Readers by the suffix of the file."""
 
 
-def read_terrain(path: Path, area: Area | None = None) -> Terrain:
+def read_terrain(path: Path, area: Area | None = None, voids: Sequence[float] = ()) -> Terrain:
     """Read a digital elevation model.
 
     Parameters
@@ -201,6 +206,7 @@ def read_terrain(path: Path, area: Area | None = None) -> Terrain:
         ``xmin``, ``ymax``, ``dx`` and ``dy``.
     area : where the heights are needed: voids elsewhere are filled with the nearest cell, however
         many they are, and a grid around the Earth is cut opposite to it. None: everywhere.
+    voids : values in the file that mark voids, besides those that it declares and the usual ones.
 
     Returns
     -------
@@ -229,6 +235,6 @@ def read_terrain(path: Path, area: Area | None = None) -> Terrain:
             f"{path.name} is of no kind that is known by its suffix; allowed: "
             f"{', '.join(_READERS)}."
         )
-    grid = reader(path, area)
+    grid = reader(path, area, replace(HEIGHTS, voids=tuple(voids)))
     shape = " x ".join(map(str, grid.values.shape))
     return Terrain(*grid[:5], ", ".join([f"{path.name} ({shape})", *grid.remarks]))

@@ -44,6 +44,7 @@ class Units:
     assumed : unit of a file that names none.
     lowest, highest : limits of the quantity on the Earth [SI units].
     says_assumed : whether a remark says that the unit was assumed.
+    voids : values that mark voids, as they are in the file, besides the usual ones.
     """
 
     what: str
@@ -53,6 +54,7 @@ class Units:
     lowest: float
     highest: float
     says_assumed: bool = False
+    voids: tuple[float, ...] = ()
 
     def factor(self, unit: str, name: str) -> tuple[float, str]:
         """Return SI units per unit of a file, and what to say of it.

@@ -19,6 +19,7 @@ Array = NDArray[np.floating]
 
 _MARKS = (-32768.0, -32767.0, -9999.0, -99999.0)  # values that are none, whatever the unit
 _MARKS_BEYOND = (32767.0, 9999.0, 99999.0, 999999.0, -999999.0)  # where nothing is as large
+_OF_SINGLE = 1e-6  # relative difference of equal numbers in single precision
 _HUGE = 1e20  # no value is as large: 1.7e38 (Surfer), 3.4e38 (ESRI), 9.97e36 (netCDF)
 _MOST_VOIDS = 0.01  # share of the cells that may be filled
 _SAMPLED = 1_000_000  # cells of which it is seen whether they lie in an area
@@ -27,19 +28,27 @@ _SAMPLED = 1_000_000  # cells of which it is seen whether they lie in an area
 def marks_removed(written: Array, values: Array, units: Units) -> tuple[Array, str]:
     """Return values with NaN for marks of voids that the file does not declare, and a remark.
 
+    Marks are those of the units, and the usual ones where no value of the quantity is as large.
+
     Parameters
     ----------
     written : as they are in the file.
     values : the same in SI units.
     units : with the limits of the quantity.
     """
+    known = np.zeros(np.shape(written), dtype=bool)
+    for mark in units.voids:
+        known |= np.isclose(written, mark, rtol=_OF_SINGLE, atol=0.0)
+    values = np.where(known, np.nan, values)
     beyond = (values < units.lowest) | (values > units.highest)
     void = np.isin(written, _MARKS) | (beyond & np.isin(written, _MARKS_BEYOND))
-    void |= np.abs(written) >= _HUGE
+    void = (void | (np.abs(written) >= _HUGE)) & ~known
     if not void.any():
         return values, ""
     marks = ", ".join(f"{mark:.8g}" for mark in np.unique(written[void])[:3])
-    return np.where(void, np.nan, values), f"undeclared {marks} taken for voids"
+    return np.where(
+        void, np.nan, values
+    ), f"undeclared {marks} taken for voids; --void VALUE declares others"
 
 
 def without_voids(

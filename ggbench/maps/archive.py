@@ -84,5 +84,9 @@ def read(path: Path) -> GradientMap:
 
 def write(path: Path, gradient_map: GradientMap) -> None:
     """Write a map in double precision. Raises MapError if the file cannot be written."""
-    with written_whole(path, MapError, "the map ") as temporary, temporary.open("wb") as file:
+    size = sum(np.asarray(part).nbytes for part in vars(gradient_map).values())
+    with (
+        written_whole(path, MapError, "the map ", size) as temporary,
+        temporary.open("wb") as file,
+    ):
         np.savez(file, allow_pickle=False, **vars(gradient_map))

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -11,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from ..gravity.datums import require_wgs84
 from ..gravity.gradient_map import MapError
 from ..gravity.meridians import Area, rolled, turns
 from ..gravity.rasters import read_raster
@@ -46,7 +49,11 @@ class _Read(NamedTuple):
 
 
 def read_grid(
-    path: Path, kind: str, height_m: float = 0.0, area: Area | None = None
+    path: Path,
+    kind: str,
+    height_m: float = 0.0,
+    area: Area | None = None,
+    voids: Sequence[float] = (),
 ) -> GravityGrid:
     """Return the grid in a netCDF file (also GMT's), a raster, a ``.gdf`` or an ``.npz`` file.
 
@@ -64,6 +71,7 @@ def read_grid(
     height_m : above the ellipsoid, where the values hold [m].
     area : where values are needed. A grid with gaps is cut to it, and one around the Earth opposite
         to it, unless it is held by the grid as it is. None: everywhere.
+    voids : values in the file that mark gaps, besides those that it declares and the usual ones.
 
     Raises
     ------
@@ -71,12 +79,13 @@ def read_grid(
         If the file cannot be read, has gaps in the area, an irregular grid, other units, or values
         that such a grid cannot have.
     """
+    units = dataclasses.replace(_UNITS[kind], voids=tuple(voids))
     try:
         path.open("rb").close()
     except OSError as error:
         raise MapError(f"cannot read the grid {path}: {error.strerror}") from None
     try:
-        read = _read(path, kind, area)
+        read = _read(path, kind, area, units)
     except TerrainError as error:
         raise MapError(str(error)) from None
     if read.height_m is not None:
@@ -103,13 +112,13 @@ def read_grid(
             f"at {latitude[row]:.5g}° N, {longitude[column]:.5g}° E; fill them, or build a map of "
             "a part without them, by its bounds."
         )
-    largest = _UNITS[kind].highest
+    largest = units.highest
     if np.abs(values).max() > largest:
         unit = "m" if kind == "geoid" else "m/s²"
         raise MapError(
             f"{path} has values up to {np.abs(values).max():g} {unit}, which no {kind} grid can "
             f"have (at most {largest:g} {unit}): is it another quantity, another unit, or a mark "
-            "of gaps that the file does not declare?"
+            "of gaps that the file does not declare (--void VALUE declares it)?"
         )
     if longitude[0] >= 180.0:
         longitude = longitude - 360.0
@@ -158,24 +167,25 @@ def elevation_at(grid: GravityGrid, terrain: Terrain) -> Array:
     return elevation
 
 
-def _read(path: Path, kind: str, area: Area | None) -> _Read:
+def _read(path: Path, kind: str, area: Area | None, units: Units) -> _Read:
     """Return what a file holds, by its suffix or else by its first bytes."""
     suffix = path.suffix.lower()
     if suffix == ".npz":
-        return _from_archive(path, kind)
+        return _from_archive(path, kind, units)
     if suffix == ".gdf":
-        return _from_gdf(path, kind)
+        return _from_gdf(path, kind, units)
     if suffix == ".nc" or is_netcdf(path):
-        return _from_netcdf(path, kind)
-    return _from_raster(path, kind, area)
+        return _from_netcdf(path, kind, units)
+    return _from_raster(path, area, units)
 
 
-def _from_archive(path: Path, kind: str) -> _Read:
+def _from_archive(path: Path, kind: str, units: Units) -> _Read:
     if kind != "geoid":
         raise MapError(f"{path}: an .npz file holds a geoid; for gravity give a netCDF file.")
     try:
         arrays = read_arrays(path.read_bytes(), ("lat0", "lon0", "step", "N_1e4m"))
-        values = 1e-4 * np.asarray(arrays["N_1e4m"], dtype=float)
+        written = np.asarray(arrays["N_1e4m"], dtype=float)
+        values, _ = marks_removed(written, 1e-4 * written, units)
         south, west, step = (float(arrays[key]) for key in ("lat0", "lon0", "step"))
         n_lat, n_lon = values.shape
     except Exception as error:  # whatever a damaged archive makes of itself
@@ -212,8 +222,8 @@ def _cropped(
     return latitude[parts[0]], longitude[parts[1]], values[parts[0], parts[1]]
 
 
-def _from_raster(path: Path, kind: str, area: Area | None) -> _Read:
-    grid = read_raster(path, area, _UNITS[kind])
+def _from_raster(path: Path, area: Area | None, units: Units) -> _Read:
+    grid = read_raster(path, area, units)
     n_lat, n_lon = grid.values.shape
     return _Read(
         grid.south + grid.latitude_step * np.arange(n_lat),
@@ -223,7 +233,7 @@ def _from_raster(path: Path, kind: str, area: Area | None) -> _Read:
     )
 
 
-def _from_netcdf(path: Path, kind: str) -> _Read:
+def _from_netcdf(path: Path, kind: str, units: Units) -> _Read:
     import xarray
 
     try:
@@ -257,15 +267,17 @@ def _from_netcdf(path: Path, kind: str) -> _Read:
             "others lack the attraction of the rock."
         )
     unit = str(variable.attrs.get("units", ""))
-    values, remarks = _in_si(path, variable.to_numpy().astype(float), unit, _UNITS[kind])
+    values, remarks = _in_si(path, variable.to_numpy().astype(float), unit, units)
     latitude, longitude = (dataset[name].to_numpy().astype(float) for name in dims)
+    place = float(longitude.mean()), float(latitude.mean())
+    require_wgs84(dataset.variables, variable, place, path)
     is_height_anomaly = kind == "geoid" and _HEIGHT_ANOMALY.search(called) is not None
     return _Read(latitude, longitude, values, remarks, None, is_height_anomaly)
 
 
-def _from_gdf(path: Path, kind: str) -> _Read:
+def _from_gdf(path: Path, kind: str, units: Units) -> _Read:
     grid = read_icgem(path, kind)
-    values, remarks = _in_si(path, grid.values, grid.unit, _UNITS[kind])
+    values, remarks = _in_si(path, grid.values, grid.unit, units)
     return _Read(
         grid.latitude,
         grid.longitude,

@@ -34,11 +34,13 @@ class Ground:
     ----------
     terrain, geoid_height_m : see :class:`ggbench.maps.parts.TerrainPart`.
     area : the bounds that are asked of the map.
+    clearance_m : height above the ground at which will be flown; None: not said.
     """
 
     terrain: Terrain
     geoid_height_m: float
     area: Area
+    clearance_m: float | None = None
 
     @property
     def highest_m(self) -> float:
@@ -57,7 +59,7 @@ class Ground:
         """The lowest height of a map by default.
 
         As low as the terrain's own spacing tells of the field, as the series converges, and as a
-        Fourier grid of moderate size allows.
+        Fourier grid of moderate size allows; at most as high as will be flown over the summit.
         """
         from ..gravity.parker import converging_clearance, least_clearance
 
@@ -65,7 +67,10 @@ class Ground:
         series = _CONVERGING * converging_clearance(self.terrain)
         quick = least_clearance(self.terrain, _QUICK_NODES)
         clearance = max(_CLEARANCE_M, cell, series, quick)
-        return _ROUND_M * math.ceil((self.highest_m + clearance) / _ROUND_M)
+        lowest = _ROUND_M * math.ceil((self.highest_m + clearance) / _ROUND_M)
+        if self.clearance_m is None:
+            return lowest
+        return max(self.floor_m(), min(lowest, self.highest_m + self.clearance_m))
 
     def floor_m(self) -> float:
         """The lowest height that a map can begin at."""
@@ -88,8 +93,15 @@ class Ground:
         lowest = float(nodes.height_m[0])
         lat, lon = nodes.latitude_deg, nodes.longitude_deg
         around = self.terrain.crop(lat[0], lat[-1], lon[0], lon[-1]).height_m
-        share = float(np.mean(around + self.geoid_height_m + _DRAPE_M >= lowest))
+        flown = _DRAPE_M if self.clearance_m is None else self.clearance_m
+        share = float(np.mean(around + self.geoid_height_m + flown >= lowest))
+        cure = ""
+        if share < 1.0:
+            cure = (
+                f"; lowest_m = {math.ceil(lowest):g} keeps a terrain-following flight in it, and "
+                f"so does a level one at {math.ceil(lowest):g} m or more"
+            )
         return (
             f"the lowest layer, {lowest:g} m, lies {lowest - self.highest_m:.0f} m above {self}; a "
-            f"flight {_DRAPE_M:g} m above the ground is in the map over {share:.0%} of its area"
+            f"flight {flown:g} m above the ground is in the map over {share:.0%} of its area{cure}"
         )

@@ -8,10 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..gravity.ellipsoid import SEMI_MAJOR_AXIS
 from ..gravity.gradient_map import MapError
 
 Array = NDArray[np.floating]
 
+_NEAR_M = 1.0  # by which the radius of a system may differ: EGM96's by 0.7 m
 _KINDS = {
     **dict.fromkeys(("geoid", "height_anomaly", "height_anomaly_ell"), "geoid"),
     **dict.fromkeys(("gravity_anomaly", "gravity_anomaly_cl", "gravity_anomaly_sa"), "anomaly"),
@@ -66,8 +68,14 @@ def read_icgem(path: Path, kind: str) -> IcgemGrid:
         grid = rows.reshape(*shape, rows.shape[1])
         height = float(header.get("height_over_ell", 0.0)) if kind != "geoid" else 0.0
         gap = float(header.get("gapvalue", "nan"))
+        radius = float(header.get("radiusrefsys", SEMI_MAJOR_AXIS))
     except (ValueError, KeyError, IndexError) as error:
         raise MapError(f"{path} is no grid of ICGEM's format: {error}.") from None
+    if abs(radius - SEMI_MAJOR_AXIS) > _NEAR_M:
+        raise MapError(
+            f"{path} refers to an ellipsoid of radius {radius:g} m; WGS84 and GRS80, "
+            f"{SEMI_MAJOR_AXIS:g} m, are allowed."
+        )
     if grid.shape[2] != 3 and kind != "geoid":
         raise MapError(
             f"{path} has values at heights that vary, on the topography; they must hold at one "

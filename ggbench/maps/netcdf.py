@@ -111,7 +111,9 @@ def write_layers(
     MapError
         If the file cannot be written.
     """
-    with written_whole(path, MapError, "the map ") as temporary:
+    values = (len(TENSOR) + len(VECTOR)) * math.prod(nodes.shape)
+    size = values * np.dtype(dtype).itemsize
+    with written_whole(path, MapError, "the map ", size) as temporary:
         _write(temporary, nodes, layers, attributes, dtype, compression, errors)
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..files import sha256_of
+from ..gravity.datums import ELLIPSOIDAL
 from ..gravity.ellipsoid import SEMI_MAJOR_AXIS
 from ..gravity.gradient_map import MapError
 from ..gravity.harmonics import HarmonicCoefficients, without_normal_field
@@ -51,6 +52,8 @@ class Inputs:
     terrain_from_degree : up to which the other files hold the field.
     density, water_density, order : of the terrain; see :mod:`ggbench.gravity.parker`.
     geoid_height_m : of the terrain's zero level above the ellipsoid [m].
+    voids : values in terrains and grids that mark voids, besides what the files declare.
+    clearance_m : height above the ground at which will be flown; None if that is not said.
     """
 
     terrain: Path | None = None
@@ -67,6 +70,8 @@ class Inputs:
     water_density: float = 1030.0
     order: int = 8
     geoid_height_m: float = 0.0
+    voids: tuple[float, ...] = ()
+    clearance_m: float | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -143,18 +148,22 @@ class _Sources:
         for option, value in (
             ("--grid-height", inputs.grid_height_m),
             ("--geoid-height", inputs.geoid_height_m),
+            ("--clearance", inputs.clearance_m or 0.0),
         ):
             if not math.isfinite(value):
                 raise MapError(f"{option} {value:g} must be a finite number.")
         default = Inputs()
         if inputs.grid is None and inputs.grid_height_m != default.grid_height_m:
             raise MapError("--grid-height goes with --anomaly or --disturbance.")
-        terrain = ("density", "water_density", "order", "geoid_height_m", "terrain_from_degree")
+        terrain = (
+            "density", "water_density", "order", "geoid_height_m", "terrain_from_degree",
+            "clearance_m",
+        )  # fmt: skip
         changed = any(getattr(inputs, key) != getattr(default, key) for key in terrain)
         if inputs.terrain is None and changed:
             raise MapError(
-                "--density, --water-density, --order, --geoid-height and --terrain-from-degree "
-                "go with --terrain."
+                "--density, --water-density, --order, --geoid-height, --terrain-from-degree and "
+                "--clearance go with --terrain."
             )
 
     def _coefficients(self, inputs: Inputs) -> HarmonicCoefficients | None:
@@ -200,7 +209,7 @@ class _Sources:
         narrower = min(1.0, _SHIPPED_DEGREE / coefficients.degree)
         margin = narrower * MARGIN_DEG
         area = self._area.widened(margin, margin)
-        grid = read_grid(path, inputs.grid_kind, inputs.grid_height_m, area)
+        grid = read_grid(path, inputs.grid_kind, inputs.grid_height_m, area, inputs.voids)
         if inputs.grid_kind == "geoid" and inputs.grid_height_m != 0.0:
             raise MapError("--grid-height is for gravity: a geoid holds at the ellipsoid.")
         self.remarks += grid.remarks
@@ -212,7 +221,8 @@ class _Sources:
             )
         if inputs.land_correction:
             sides = grid.latitude_deg[[0, -1]].tolist(), grid.longitude_deg[[0, -1]].tolist()
-            terrain = self._read_terrain(inputs.land_correction, Area(*sides[0], *sides[1]))
+            around = Area(*sides[0], *sides[1])
+            terrain = self._read_terrain(inputs.land_correction, around, inputs.voids)
             values = height_anomaly(grid.values, elevation_at(grid, terrain))
             grid = dataclasses.replace(grid, values=values)
             word += f", land correction with {inputs.land_correction.name}"
@@ -242,7 +252,12 @@ class _Sources:
         from ..gravity.parker import TerrainOptions
 
         options = TerrainOptions(inputs.density, inputs.water_density, inputs.order)
-        terrain = self._read_terrain(path, self._around(self._area))
+        terrain = self._read_terrain(path, self._around(self._area), inputs.voids)
+        if inputs.geoid_height_m != 0.0 and ELLIPSOIDAL in terrain.name:
+            raise MapError(
+                f"{path.name} says that its {ELLIPSOIDAL}: leave out --geoid-height "
+                f"{inputs.geoid_height_m:g}."
+            )
         degree = inputs.terrain_from_degree
         if degree is not None and coefficients is None:
             raise MapError("--terrain-from-degree goes with --coefficients or a gravity grid.")
@@ -276,15 +291,15 @@ class _Sources:
                 "a terrain alone gives what the ground within it attracts, a plate under it "
                 "included; masses below and beyond it are not in the map (--coefficients adds them)"
             )
-        self._reach_terrain(terrain, inputs.geoid_height_m)
+        self._reach_terrain(terrain, inputs)
 
-    def _reach_terrain(self, terrain: Terrain, geoid_height_m: float) -> None:
+    def _reach_terrain(self, terrain: Terrain, inputs: Inputs) -> None:
         n_lat, n_lon = terrain.height_m.shape
         south, west = terrain.south_deg, terrain.west_deg
         spans = terrain.latitude_step_deg * (n_lat - 1), terrain.longitude_step_deg * (n_lon - 1)
         bounds = np.array([south, south + spans[0], west, west + spans[1]])
         inset = _INSET * np.repeat(spans, 2) * np.array([1.0, -1.0, 1.0, -1.0])
-        ground = Ground(terrain, geoid_height_m, self._area)
+        ground = Ground(terrain, inputs.geoid_height_m, self._area, inputs.clearance_m)
         self.reaches.append(
             Reach(
                 bounds, bounds + inset, ground.floor_m(), ground.lowest_m(), ground.highest_m,
@@ -307,11 +322,11 @@ class _Sources:
             )
         )
 
-    def _read_terrain(self, path: Path, area: Area | None) -> Terrain:
+    def _read_terrain(self, path: Path, area: Area | None, voids: tuple[float, ...]) -> Terrain:
         from ..gravity.terrain_files import read_terrain
 
         self.hashes[path.name] = sha256_of(path, MapError)
-        terrain = read_terrain(path, area)
+        terrain = read_terrain(path, area, voids)
         if "," in terrain.name.removeprefix(path.name):  # voids, units, a projection
             self.remarks.append(f"read {terrain.name}")
         return terrain

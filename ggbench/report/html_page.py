@@ -56,7 +56,7 @@ def write(results: Results, path: Path) -> Path:
             f"{path} would have {len(content) / 1e6:.1f} MB, more than the {MOST_BYTES / 1e6:g} MB "
             "of a page; report fewer cases or estimators"
         )
-    with written_whole(path, PageError) as temporary:
+    with written_whole(path, PageError, size=len(content)) as temporary:
         temporary.write_bytes(content)
     return path
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import pandas as pd
 
 from ..errors import GGBenchError
+from ..files import reason_of
 from ..results import digest
 from ..results.digest import Digest
 from . import columns
@@ -45,7 +46,7 @@ def write(output: Path) -> tuple[Path, list[str]]:
         path.write_text(text(digests), encoding="utf-8")
         write_definitions(output)
     except OSError as error:
-        raise ReportError(f"cannot write to {output}: {error.strerror}") from None
+        raise ReportError(f"cannot write to {output}: {reason_of(error)}") from None
     return path, remarks
 
 

@@ -15,6 +15,7 @@ import pandas as pd
 from ..errors import GGBenchError
 from ..estimator_spec import shown_names
 from ..figures.numbers import counted, span
+from ..files import reason_of
 from ..results import digest
 from ..results.folder import Results, as_argument
 from . import columns, libraries, pictures, published, tables, views
@@ -93,7 +94,7 @@ def write(folder: Path, output: Path) -> list[Path]:
 
             written.append(html_page.write(results, output / f"{name}.html"))
     except OSError as error:
-        raise ReportError(f"cannot write to {output}: {error.strerror}") from None
+        raise ReportError(f"cannot write to {output}: {reason_of(error)}") from None
     results.store.close()
     return written
 

@@ -32,6 +32,7 @@ from .instruments import faults, spinning_disks
 from .measured import measured_errors, measured_readings
 from .sensor_suite import SensorSuite, suite_of_case
 from .true_motion import error_free_motion
+from .within_map import require_within
 
 
 @dataclass(frozen=True)
@@ -378,6 +379,7 @@ def prepare(case: CaseSpec) -> Flight:
             there = ~np.isnan(measured).any(axis=1)
             if case.gravimeter is None:
                 needed = np.setdiff1d(epochs, at[~there])
+        require_within((field, model_field), trajectory.positions[needed], case.trajectory)
         noise_free = np.zeros((len(at), 6))
         places = gradiometer_places(case, positions, attitudes)
         noise_free[there] = readings(
@@ -385,8 +387,8 @@ def prepare(case: CaseSpec) -> Flight:
         )
         altimeter = math.inf if case.altimeter is None else case.altimeter.time_constant_s
         require_short_delays(suite_of_case(case, "model"), altimeter, len(at))
-    for assumed in (field, model_field):
-        assumed.tensor(*trajectory.positions[needed].T)  # raises if the flight leaves the map
+    else:
+        require_within((field, model_field), trajectory.positions[needed], case.trajectory)
     errors = measured_errors(
         case, field, {sensor: trajectory.positions[at] for sensor, at in read_at.items()}
     )

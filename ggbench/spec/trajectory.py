@@ -200,7 +200,10 @@ class TrajectorySpec(Section):
     longitude_deg: q.Longitude | None = None
     """Longitude at the start; must be given with segments."""
     height_m: q.Height | None = None
-    """Height at the start, above the ellipsoid; must be given with segments."""
+    """Height at the start, above the ellipsoid; must be given with segments.
+
+    Left out where the first segment is `terrain-following`: the least height that it asks for.
+    """
     speed_mps: q.Speed | None = None
     """Speed at the start, along the path; must be given with segments."""
     heading_deg: q.Angle | None = None
@@ -263,6 +266,8 @@ class TrajectorySpec(Section):
                 "needs a flight: [[trajectory.segment]] tables, or file = the path of a track (CSV)"
             )
         for key in _START:
+            if key == "height_m" and self.segment[0].kind == "terrain-following":
+                continue
             if getattr(self, key) is None:
                 raise ValueError(f"'{key}' is missing")
         if self.vehicle == "ship" and any(s.bank_deg is not None for s in self.segment):
@@ -295,16 +300,12 @@ class TrajectorySpec(Section):
     def start(self) -> State:
         """Return the state in which segments begin."""
         assert self.latitude_deg is not None and self.longitude_deg is not None
-        assert self.height_m is not None and self.speed_mps is not None
-        assert self.heading_deg is not None
-        return State(
-            np.array(
-                [math.radians(self.latitude_deg), math.radians(self.longitude_deg), self.height_m]
-            ),
-            math.radians(self.heading_deg),
-            self.speed_mps,
-            0.0,
-        )
+        assert self.speed_mps is not None and self.heading_deg is not None
+        height = self.height_m
+        if height is None:
+            height = _start_height(self, file_versions(self))
+        place = math.radians(self.latitude_deg), math.radians(self.longitude_deg), height
+        return State(np.array(place), math.radians(self.heading_deg), self.speed_mps, 0.0)
 
     def manoeuvres(self) -> list[Manoeuvre]:
         """Return all segments, repetitions included."""
@@ -407,6 +408,14 @@ def file_versions(spec: TrajectorySpec) -> tuple[tuple[int, int], ...]:
 @lru_cache(maxsize=64)
 def _hash(path: Path, version: tuple[int, int]) -> str:
     return sha256_of(path, TrajectoryError)
+
+
+@lru_cache(maxsize=64)
+def _start_height(spec: TrajectorySpec, versions: tuple[tuple[int, int], ...]) -> float:
+    """Return the height that the terrain asks for at the start [m]."""
+    first = spec.segment[0].manoeuvre()
+    assert isinstance(first, TerrainFollowing)
+    return first.start_height(spec.model_copy(update={"height_m": 0.0}).start())
 
 
 @lru_cache(maxsize=64)

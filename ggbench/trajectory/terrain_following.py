@@ -88,6 +88,18 @@ class TerrainFollowing:
         speed = start.speed / np.cos(climb)
         return np.stack([np.zeros(count), np.diff(speed) / dt, np.diff(climb) / dt], axis=-1)
 
+    def start_height(self, start: State) -> float:
+        """Return a height from which terrain can be followed, the least one in whole metres [m].
+
+        ``start`` is the state in which it begins; its height does not matter.
+        """
+        duration = self.length(start)
+        steps = math.ceil(duration / _STEP)
+        step = duration / steps
+        slope = start.speed * math.tan(self.climb_angle)
+        floor = _Floor.over(self._floor(start, steps, step), step, self.vertical_acceleration)
+        return 1.0 + math.ceil(_least_start(floor, step, slope, self.vertical_acceleration))
+
     def _floor(self, start: State, steps: int, step: float) -> Array:
         """Return the least height (steps + 1,) under way [m]."""
         # The track at constant height: the terrain's height moves it by 1e-4 of its length.
@@ -191,17 +203,39 @@ def _terrain(
     )
 
 
+@dataclass(frozen=True)
+class _Floor:
+    """A floor raised by what the moving average takes away, and that average.
+
+    Attributes
+    ----------
+    raised : (N,) [m].
+    blur : weights of the moving average.
+    flat, edge : number of steps that it sees beyond an end, and of those added there.
+    """
+
+    raised: Array
+    blur: Array
+    flat: int
+    edge: int
+
+    @classmethod
+    def over(cls, floor: Array, step: float, acceleration: float) -> _Floor:
+        """Return the floor of a profile with a limit of the acceleration."""
+        # Level flight beyond both ends, within them for as long as the moving average sees.
+        flat = round(_BLUR / step) + 2
+        blur = 0.5 * (1.0 + np.cos(math.pi * np.linspace(-1.0, 1.0, 2 * flat - 1)))
+        blur /= blur.sum()
+        # A mean of a curve lies below it by half its curvature times the variance of the weights.
+        offsets = step * np.arange(-(flat - 1), flat)
+        margin = 0.5 * acceleration * float(blur @ offsets**2)
+        return cls(floor + margin, blur, flat, flat + 2)
+
+
 def _profile(floor: Array, height: float, step: float, slope: float, acceleration: float) -> Array:
     """Return heights (N,) above a floor (N,) that begin at a height and begin and end level."""
-    # Level flight beyond both ends, within them for as long as the moving average sees.
-    flat = round(_BLUR / step) + 2
-    edge = flat + 2
-    blur = 0.5 * (1.0 + np.cos(math.pi * np.linspace(-1.0, 1.0, 2 * flat - 1)))
-    blur /= blur.sum()
-    # A mean of a curve lies below it by half its curvature times the variance of the weights.
-    offsets = step * np.arange(-(flat - 1), flat)
-    margin = 0.5 * acceleration * float(blur @ offsets**2)
-    raised = floor + margin
+    over = _Floor.over(floor, step, acceleration)
+    raised, flat, edge = over.raised, over.flat, over.edge
 
     def envelope(end: float) -> Array:
         padded = np.concatenate([np.full(edge, height), raised, np.full(edge, end)])
@@ -222,17 +256,17 @@ def _profile(floor: Array, height: float, step: float, slope: float, acceleratio
         # Where it begins, the terrain ahead asks for more.
         raise TrajectoryError(
             f"begins at {height:.1f} m, too low for the terrain ahead, which asks for "
-            f"{math.ceil(_least_start(raised, flat, edge, step, slope, acceleration))} m there; "
-            "climb first, or allow a larger max_climb_angle_deg or a smaller clearance_m"
+            f"{math.ceil(_least_start(over, step, slope, acceleration))} m there; "
+            "leave out height_m if the flight begins so, climb first, or allow a larger "
+            "max_climb_angle_deg or a smaller clearance_m"
         )
-    smooth = np.convolve(whole, blur, mode="same")
+    smooth = np.convolve(whole, over.blur, mode="same")
     return np.asarray(smooth[edge:-edge])
 
 
-def _least_start(
-    raised: Array, flat: int, edge: int, step: float, slope: float, acceleration: float
-) -> float:
+def _least_start(over: _Floor, step: float, slope: float, acceleration: float) -> float:
     """Return the lowest height from which the floor can be passed after beginning level."""
+    raised, flat, edge = over.raised, over.flat, over.edge
     low, high = float(raised[0]), float(raised.max()) + 1.0
     for _ in range(40):
         height = 0.5 * (low + high)

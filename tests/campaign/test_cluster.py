@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
+import socket
 import subprocess
+import sys
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import psutil
@@ -16,6 +20,8 @@ from ggbench.results.folder import Results
 
 if TYPE_CHECKING:
     from distributed import LocalCluster
+
+DASK = str(Path(sys.executable).parent / "dask")
 
 
 @pytest.fixture(scope="module")
@@ -88,3 +94,70 @@ def test_no_scheduler_has_its_sentence(tmp_path):
         assert process.returncode == 2
         (line,) = errors.splitlines()
         assert line.startswith(f"ggbench: {sentence}")
+
+
+@pytest.fixture
+def scheduler() -> Iterator[tuple[subprocess.Popen, str]]:
+    """A scheduler in a process of its own, without any worker, and its address."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    command = [DASK, "scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard"]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    deadline = time.monotonic() + DEADLINE_S
+    while True:
+        with contextlib.suppress(OSError):
+            socket.create_connection(("127.0.0.1", port)).close()
+            break
+        assert process.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+    yield process, f"tcp://127.0.0.1:{port}"
+    process.kill()
+    process.wait()
+
+
+def line_of(process: subprocess.Popen, said: str) -> str:
+    """Return the first line of the output that says something."""
+    for line in process.stdout:
+        if said in line:
+            return line
+    raise AssertionError(process.stderr.read())
+
+
+@pytest.mark.long
+def test_a_scheduler_without_workers_is_said_until_one_comes(scheduler, tmp_path):
+    (tmp_path / "small.toml").write_text(SMALL)
+    _, address = scheduler
+    process = start(tmp_path, address, "-n", "3", "-c", "base", "-e", "ekf")
+    line = line_of(process, "waiting")
+    assert f"waiting for workers: the scheduler at {address} has none" in line
+    assert f"'dask worker {address} --nthreads 1' starts one" in line
+    worker = [DASK, "worker", address, "--nthreads", "1", "--no-dashboard"]
+    helper = subprocess.Popen(
+        worker, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    try:
+        assert "3 of 3 runs on 1 worker" in line_of(process, "3 of 3")
+        _, errors = process.communicate(timeout=DEADLINE_S)
+        assert (process.returncode, errors) == (0, "")
+    finally:
+        helper.terminate()
+        helper.wait()
+
+
+@pytest.mark.long
+def test_a_scheduler_that_is_killed_has_its_sentence_alone(scheduler, tmp_path):
+    """Without the tracebacks that Dask logs."""
+    (tmp_path / "small.toml").write_text(SMALL)
+    running, address = scheduler
+    process = start(tmp_path, address, "-n", "3", "-c", "base", "-e", "ekf")
+    line_of(process, "waiting")
+    running.kill()
+    _, errors = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == 2
+    (line,) = errors.splitlines()
+    assert line == (
+        f"ggbench: the connection to the Dask scheduler at {address} broke; the same command "
+        "goes on from what is stored"
+    )

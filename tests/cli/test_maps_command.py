@@ -419,3 +419,49 @@ def test_a_lowest_height_above_the_ground_instead_of_the_ellipsoid_is_refused():
     output = run(*words, 225, "--south", 36.201, "--north", 36.21, code=2)
     assert "only 5 m above" in output and "outside of the map's bounds): at least 228 m" in output
     assert not Path("map.nc").exists()
+
+
+def write_dem(path, void=None):
+    """A hill of 500 m on a plain of 300 m, every 12 arc seconds; two cells are voids."""
+    step = 12.0 / 3600.0
+    lat, lon = 46.0 + step * np.arange(60)[::-1, None], 8.0 + step * np.arange(80)
+    height = 300.0 + 500.0 * np.exp(-(((lat - 46.1) / 0.03) ** 2) - ((lon - 8.13) / 0.04) ** 2)
+    if void is not None:
+        height[30, 40:42] = void
+    head = f"ncols 80\nnrows 60\nxllcenter 8.0\nyllcenter 46.0\ncellsize {step}"
+    np.savetxt(path, height, "%.8g", header=head, comments="")
+
+
+@pytest.mark.parametrize("void", [32767, -3.4e38, 9999, -500])
+def test_voids_that_the_file_does_not_declare(void, tmp_path):
+    """Usual marks are recognised, and the note names the option by which others are declared."""
+    write_dem("dem.asc", void)
+    words = ["build", "--terrain", "dem.asc", "-o", "map.nc", "--height-spacing", 300]
+    if void == -500:
+        words += ["--void", "-500", "--void", 77]
+    output = run(*words)
+    assert "2 voids filled" in output
+    assert ("--void VALUE declares others" in output) == (void != -500)
+    assert netCDF4.Dataset("map.nc").history.endswith("--void -500.0 --void 77.0") == (void == -500)
+
+
+def test_a_void_that_is_no_usual_mark_is_refused_with_the_option(tmp_path):
+    write_dem("dem.asc", 12345)
+    output = run("build", "--terrain", "dem.asc", "-o", "map.nc", code=2)
+    assert "by --void VALUE of 'ggbench map build'" in output
+
+
+def test_the_clearance_decides_where_a_map_begins(tmp_path):
+    """At most so high above the highest ground; a note is about a flight of that clearance."""
+    write_dem("dem.asc")
+    words = ["build", "--terrain", "dem.asc", "-o", "map.nc", "--height-spacing", 300]
+    lowest = {}
+    for clearance in (None, 300, 400):
+        output = run(*words, *([] if clearance is None else ["--clearance", clearance]))
+        lowest[clearance] = float(netCDF4.Dataset("map.nc")["height"][0])
+        assert f"a flight {clearance or 200} m above the ground is in the map over" in output
+        assert f"lowest_m = {lowest[clearance]:g} keeps a terrain-following flight in it" in output
+    assert lowest[None] == lowest[400] > lowest[300]
+    assert lowest[300] == pytest.approx(1100.0, abs=2.0)  # 300 m above 800 m
+    for wrong in ("0", "-3", "nan"):
+        assert "--clearance" in run(*words, "--clearance", wrong, code=2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 import tomllib
@@ -112,6 +113,36 @@ def test_a_flight_over_ones_own_map_lies_in_its_middle(tmp_path):
     (tmp_path / "bad.nc").write_text("no map")
     bad = invoke(["new", "scenario", "other", "--map", "bad.nc"], tmp_path)
     assert bad.returncode == 2 and "bad.nc" in bad.stderr and "Traceback" not in bad.stderr
+
+
+def test_a_flight_that_follows_ones_own_terrain_stays_in_ones_own_map(tmp_path):
+    """Without any height of the user's; a part that lies below the map is lifted into it."""
+    rough_map(tmp_path / "own.nc")
+    bottom = maps.read(tmp_path / "own.nc").height0
+    head = "ncols 60\nnrows 60\nxllcorner 107.7\nyllcorner 33.2\ncellsize 0.01\n"
+    ground = np.where(np.arange(60) < 40, 0.0, 400.0) * np.ones((60, 1))
+    np.savetxt(tmp_path / "dem.asc", ground, "%g", header=head, comments="")
+    words = ["new", "scenario", "mine", "--map", "own.nc", "--terrain", "dem.asc"]
+    done = invoke([*words, "--clearance", f"{bottom - 300.0:g}"], tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    written = (tmp_path / "mine.toml").read_text()
+    assert "height_m" not in tomllib.loads(written)["trajectory"]
+    assert "barometer" in tomllib.loads(written)
+    done = invoke(["validate", "mine.toml"], tmp_path)
+    assert done.returncode == 0, done.stderr
+    lowest = float(re.search(r"mps, ([0-9.]+) to", done.stdout.replace("m/s", "mps"))[1])
+    assert bottom + 20.0 <= lowest < bottom + 25.0
+    assert "Warning" not in done.stdout
+    (tmp_path / "low.toml").write_text(re.sub("lowest_m = .*", "", written))
+    done = invoke(["validate", "low.toml"], tmp_path)
+    assert done.returncode == 2
+    assert "% of the flight lies below the map: lowest_m = " in done.stderr
+    (tmp_path / "lifted.toml").write_text(
+        re.sub("lowest_m = .*", re.search("lowest_m = [0-9]+", done.stderr)[0], written)
+    )
+    assert invoke(["validate", "lifted.toml"], tmp_path).returncode == 0
+    for wrong in (["--terrain", "dem.asc"], ["--map", "own.nc", "--clearance", "5"]):
+        assert invoke(["new", "scenario", "other", *wrong], tmp_path).returncode == 2
 
 
 @pytest.mark.long

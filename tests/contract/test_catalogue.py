@@ -160,3 +160,58 @@ def test_what_an_estimator_does_not_take_is_not_asked(tmp_path):
 def test_the_flight_is_one_over_a_map():
     assert flight().map is not None
     assert (flight().epochs, flight().dimension) == (40, 15)
+
+
+SIGMA_POINTS = """
+from dataclasses import dataclass
+
+import numpy as np
+from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
+
+from ggbench.problem import Estimate, Estimator
+
+
+@dataclass(frozen=True)
+class Filter(Estimator):
+    name = "filter"
+    causality = "filter"
+    exact_if_linear_gaussian = True
+
+    def estimate(self, problem, rng):
+        n, m = problem.dimension, problem.measurements.shape[1]
+        ukf = UnscentedKalmanFilter(
+            n, m, 1.0, hx=lambda x, k: problem.model.predict(k, x),
+            fx=lambda x, dt, k: problem.transition[k] @ x,
+            points=MerweScaledSigmaPoints(n, 1e-3, 2, 0),
+        )
+        ukf.x, ukf.P = problem.prior_mean, problem.prior_cov
+        means, covs = [], []
+        for k in range(problem.epochs):
+            ukf.Q = problem.process_cov[k]
+            ukf.predict(k=k)
+            ukf.update(problem.measurements[k], R=problem.noise_of(k), k=k)
+            means.append(ukf.x)
+            covs.append(0.5 * (ukf.P + ukf.P.T))
+        means, covs = np.array(means), np.array(covs)
+        return Estimate(means, covs, self.causality)
+"""
+"""filterpy's own, with the spread of points that its documents advise: their weights are 1e6."""
+ASKED_EXACTLY = ("exact", "noise", "gaps", "short")
+
+
+def test_one_that_loses_digits_passes_with_a_remark(tmp_path):
+    """What rounding explains is no mistake: here 1e-6 of the posterior's deviations."""
+    estimator = made(tmp_path, SIGMA_POINTS)
+    remarks = {check.name: check.ask(estimator) for check in CHECKS}
+    assert [name for name, said in remarks.items() if said] == list(ASKED_EXACTLY)
+    assert all("it loses digits" in remarks[name] for name in ASKED_EXACTLY)
+
+
+@thinned("text", [FILTER, SIGMA_POINTS])
+def test_a_mistake_that_rounding_does_not_explain_fails(tmp_path, text):
+    """1e-8 of the posterior's deviations from a filter that rounds well, 5e-5 from the other."""
+    size = 1e-8 if text is FILTER else 5e-5
+    text = text.replace(END, f"{SIZE}        means += {size} * size\n{END}")
+    found = verdicts(made(tmp_path, text))
+    assert list(found) == list(ASKED_EXACTLY)
+    assert "there is a mistake" in found["exact"]

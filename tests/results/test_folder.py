@@ -408,7 +408,7 @@ def test_a_file_that_cannot_be_written_leaves_the_one_before(tmp_path, monkeypat
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(StoreError, match=r"cannot write .*figures\.csv: No space left on device"):
+    with pytest.raises(StoreError, match=r"cannot write .*figures\.csv: no space left on the disk"):
         store.write("figures.csv", b"after")
     monkeypatch.undo()
     assert (tmp_path / "out" / "figures.csv").read_bytes() == b"before"

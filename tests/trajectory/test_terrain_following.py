@@ -119,6 +119,25 @@ def test_a_start_too_low_is_told_how_high_it_must_be(over_ridges):
         trajectory_of(spec(over_ridges, height_m=needed - 5.0), 0.1)
 
 
+def test_a_flight_without_a_height_starts_as_high_as_the_terrain_asks_for(over_ridges):
+    """The least whole metre, and one more; in level flight at first, whatever comes after."""
+    free = spec(over_ridges, {"kind": "cruise", "duration_s": 10.0}, height_m=None)
+    flight = trajectory_of(free, 0.1)
+    height = float(flight.positions[0, 2])
+    assert height == round(height)
+    assert free.duration_s == pytest.approx(310.0)
+    with pytest.raises(TrajectoryError, match=f"asks for {height - 1.0:.0f} m there"):
+        trajectory_of(spec(over_ridges, height_m=height - 3.0), 0.1)
+    ground = float(ridges("", *flight.positions[:1, :2].T)[0])
+    assert trajectory_of(spec(over_ridges, height_m=height), 0.1).positions[0, 2] == height
+    assert height > ground + 150.0
+
+
+def test_only_a_flight_that_follows_terrain_at_first_may_lack_its_height(over_ridges):
+    with pytest.raises(ValueError, match="'height_m' is missing"):
+        spec({"kind": "cruise", "duration_s": 10.0}, over_ridges, height_m=None)
+
+
 def test_a_gap_in_the_terrain_under_the_flight_is_told(monkeypatch):
     """A void of a terrain model is no height, and a bilinear mean with one is none."""
     grid = np.zeros((3, 4))

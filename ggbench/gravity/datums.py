@@ -1,0 +1,102 @@
+"""Datums of grids: whether their degrees are those of WGS 84, and from where heights count."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .terrain import TerrainError
+
+_NEAR_M = 5.0
+"""Shift between two datums that does not matter: that of NAD83 is up to 2 m, of older ones 50 m."""
+_METRES_PER_DEGREE = 111e3
+_VERTICAL = re.compile(r'VERT(?:_CS|CRS)\["([^"]+)"')
+_DOWN = re.compile(r'VERT(?:_CS|CRS)\[.*AXIS\["[^"]*",\s*down', re.IGNORECASE | re.DOTALL)
+_ELLIPSOIDAL = re.compile(r'AXIS\["(?:ellipsoidal height|h\b)[^"]*"', re.IGNORECASE)
+
+
+def name_of(crs: Any) -> str:
+    """Return the name of a reference system of rasterio."""
+    found = re.search(r'"([^"]+)"', crs.to_wkt())
+    return found[1] if found else str(crs)
+
+
+def shift_m(crs: Any, longitude: float, latitude: float, path: Path) -> float:
+    """Return how far a geographic system is off WGS 84 at a place, in its own units [m].
+
+    Raises
+    ------
+    TerrainError
+        If rasterio is not installed.
+    """
+    from .rasters import imported
+
+    warp = imported("rasterio.warp", path)
+    (east,), (north,) = warp.transform(crs, "EPSG:4326", [longitude], [latitude])[:2]
+    off = np.array([(east - longitude + 180.0) % 360.0 - 180.0, north - latitude])
+    off[0] *= np.cos(np.radians(latitude))
+    return float(_METRES_PER_DEGREE * np.hypot(*off))
+
+
+def is_another(crs: Any, longitude: float, latitude: float, path: Path) -> bool:
+    """Return whether a geographic system is another one than WGS 84 at a place."""
+    return not shift_m(crs, longitude, latitude, path) <= _NEAR_M
+
+
+def vertical(crs: Any) -> tuple[str, bool]:
+    """Return from where the heights of a system count, or "", and whether they count downwards."""
+    if crs is None:
+        return "", False
+    wkt = crs.to_wkt()
+    if found := _VERTICAL.search(wkt):
+        return f"vertical datum {found[1]}", _DOWN.search(wkt) is not None
+    return ELLIPSOIDAL if _ELLIPSOIDAL.search(wkt) else "", False
+
+
+ELLIPSOIDAL = "heights are above the ellipsoid"
+
+
+def require_wgs84(
+    variables: Mapping[Any, Any], variable: Any, place: tuple[float, float], path: Path
+) -> None:
+    """Raise TerrainError if a variable of a netCDF file names another datum than WGS 84.
+
+    Parameters
+    ----------
+    variables : of the file, among them the grid mapping.
+    variable : the grid.
+    place : longitude and latitude in the grid [deg].
+    path : of the file.
+    """
+    name = variable.attrs.get("grid_mapping", variable.encoding.get("grid_mapping"))
+    mapping = variables.get(name) if isinstance(name, str) else None
+    if mapping is None:
+        return
+    meridian = mapping.attrs.get("longitude_of_prime_meridian", 0.0)
+    wkt = mapping.attrs.get("crs_wkt", mapping.attrs.get("spatial_ref", ""))
+    if isinstance(meridian, str) or np.any(np.asarray(meridian) != 0.0):
+        raise TerrainError(
+            f"{path.name} counts longitudes from a meridian at {meridian} degrees; Greenwich is "
+            "allowed: warp the grid to EPSG:4326 with gdalwarp."
+        )
+    if not isinstance(wkt, str) or not wkt.strip():
+        return
+    from .rasters import imported
+
+    try:
+        crs = imported("rasterio.crs", path).CRS.from_wkt(wkt)
+        another = crs.is_geographic and is_another(crs, *place, path)
+    except TerrainError:
+        raise
+    except Exception:  # rasterio's own, of a text that is no reference system
+        said = f"{path.name} has a reference system that is none: {wkt[:60]!r}."
+        raise TerrainError(said) from None
+    if another:
+        raise TerrainError(
+            f"{path.name} is in {name_of(crs)}; WGS 84 is allowed: warp the grid to EPSG:4326 with "
+            "gdalwarp."
+        )
