@@ -36,7 +36,7 @@ from ggbench.maps.gravity_model import read_model
 from ggbench.maps.recipe import read as read_map
 from ggbench.maps.recipe import write
 from ggbench.recorded.flight import read_flight
-from ggbench.simulation.error_free_flight import trajectory_of
+from ggbench.simulation.true_motion import trajectory_of
 from ggbench.spec import scenario
 from ggbench.spec.trajectory import TrajectorySpec
 

@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ..gravity.field import Field
+from ..maps.survey_lines import DISTURBANCE
 from ..sensors.aiding import MGAL
 from ..spec.case import CaseSpec
 from ..spec.named_sensors import aiding_of
 from ..trajectory.manoeuvres import TrajectoryError
-from ..trajectory.survey_lines import DISTURBANCE
 from .instruments import gradiometer_of
 
 

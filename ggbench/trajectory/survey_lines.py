@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..maps.survey_lines import DISTURBANCE
 from ..sensors.gradiometer.instrument import COMPONENTS, DIFFERENCES
 from .csv_text import CsvText, status_of
 from .manoeuvres import Array, TrajectoryError
@@ -25,8 +26,6 @@ from .track import Track, TrackLimits, part_of, track_of
 from .track_file import FEWEST_ROWS
 
 _PLACES = ("time_s", "latitude_deg", "longitude_deg", "height_m")
-DISTURBANCE = "disturbance"
-"""The column of a gravimeter: positive where gravity is stronger than normal [mGal]."""
 _READINGS = {
     **{name: name for name in (*COMPONENTS, *DIFFERENCES, DISTURBANCE)},
     **{f"{name}_eotvos": name for name in (*COMPONENTS, *DIFFERENCES)},

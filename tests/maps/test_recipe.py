@@ -332,7 +332,7 @@ def test_cache_that_cannot_be_written_is_not_fatal(tmp_path, monkeypatch):
     [
         (
             {"source": "atlantis"},
-            "Unknown map source 'atlantis'; allowed: egm2008_alps, egm2008_great_plains",
+            "Unknown map source 'atlantis'; allowed: east_victoria2023, egm2008_alps",
         ),
         ({"south_deg": 35.0}, "south_deg = 35.0 must be less than north_deg = 34.5"),
         ({"west_deg": 107.0, "east_deg": 107.0}, "west_deg = 107.0 must be less than east_deg"),
