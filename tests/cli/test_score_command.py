@@ -36,6 +36,7 @@ def test_a_filter_from_the_template_gets_its_card(folder):
         assert "Scorecard of" in text and "as good" in text
 
 
+@pytest.mark.long
 def test_its_card_is_reproduced_and_no_worse(folder):
     """Flown again in another folder; and a card that was changed is not reproduced."""
     card = folder / "results" / "score" / "my_filter-py" / "card.json"
@@ -53,6 +54,7 @@ def test_its_card_is_reproduced_and_no_worse(folder):
     assert "air-narrow: 1 of 20 runs differ, first run 3" in done.stdout
 
 
+@pytest.mark.long
 def test_a_filter_that_became_worse_is_found(folder):
     """The filter's variance is divided by nine; the exit code is 1."""
     card = folder / "results" / "score" / "my_filter-py" / "card.json"

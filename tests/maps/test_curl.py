@@ -30,7 +30,6 @@ PLACES = 100
 """Along a flight."""
 LIMIT = 0.01
 DAILY = (
-    ("parallel_valleys", "1E"),
     ("ship", "1E"),
     ("wang2013", "0.01E-1Hz"),
 )

@@ -111,6 +111,7 @@ def test_a_case_that_is_skipped_now_is_worse():
     ]
 
 
+@pytest.mark.long
 def test_false_alarms_of_two_cards():
     """Cards of one law are called worse in 5 % of 400 pairs at most: standard error 1.1 %, two."""
     alarms = sum(

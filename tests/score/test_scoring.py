@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from thinning import thinned
 
 from ggbench.judging.verdicts import UnequalRunsError
 from ggbench.score import scoring, stored_runs
@@ -36,7 +37,7 @@ def stored() -> stored_runs.StoredRuns:
     return stored_runs.read()
 
 
-@pytest.mark.parametrize("label", ["ekf", "gaussian-sum"])
+@thinned("label", ["ekf", "gaussian-sum"])
 def test_a_stored_run_is_found_again(label):
     """Every error is that of the shipped runs, to their seven digits."""
     card = card_of(label)
@@ -71,6 +72,7 @@ def test_a_variance_nine_times_too_large_is_found(tmp_path):
     assert {other.verdict for other in asked.against} == {"worse"}
 
 
+@pytest.mark.long
 def test_with_a_new_seed_the_opponents_fly_too():
     """Another seed gives other runs, equal for both; the card says so."""
     card = card_of("ekf[noise_scale=0.333]", ("air-narrow",), 5)
