@@ -26,6 +26,7 @@ from mutations import mutated, mutated_arrays
 from problems import SMALL
 from random_harmonics import write_gfc
 from rasterio.transform import from_origin
+from receiver_tracks import gpx, kml, kml_points, nmea, pos
 from recorded_flights import GNSS_ONLY, as_solution, recorded
 from small_cases import blank_map, small_flight
 
@@ -144,6 +145,11 @@ def resolved(path: Path) -> object:
 KINDS = {
     "track": Kind("track.csv", track, flown),
     "track with attitude": Kind("track.csv", track_with_attitude, flown),
+    "track, GPX": Kind("track.gpx", lambda path: path.write_text(gpx()), flown),
+    "track, KML": Kind("track.kml", lambda path: path.write_text(kml()), flown),
+    "track, KML points": Kind("track.kml", lambda path: path.write_text(kml_points()), flown),
+    "track, NMEA": Kind("track.nmea", lambda path: path.write_text(nmea()), flown),
+    "track, RTKLIB": Kind("track.pos", lambda path: path.write_text(pos()), flown),
     "terrain, ESRI": Kind("dem.asc", ascii_grid, read_terrain),
     "terrain, GeoTIFF": Kind("dem.tif", lambda path: raster(path, _HEIGHTS, "m"), read_terrain),
     "terrain, tile": Kind(

@@ -1,0 +1,88 @@
+"""The track of one flight in the formats of receivers and planners."""
+
+from __future__ import annotations
+
+import datetime
+import functools
+import operator
+
+import numpy as np
+
+START = datetime.datetime(2024, 2, 29, 23, 59, 52, tzinfo=datetime.UTC)
+"""Eight seconds before midnight, and before a month's end."""
+COUNT = 20
+LATITUDES = 48.0 + 1e-3 * np.arange(COUNT)
+LONGITUDES = 11.5 + 1e-3 * np.arange(COUNT)
+HEIGHTS = 800.0 + np.arange(COUNT)  # above the ellipsoid
+GEOID = 46.5
+TIMES = [START + datetime.timedelta(seconds=n) for n in range(COUNT)]
+POINTS = list(zip(TIMES, LATITUDES, LONGITUDES, HEIGHTS, strict=True))
+
+
+def iso(time: datetime.datetime) -> str:
+    return time.strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def gpx(geoid: bool = True, time: bool = True) -> str:
+    points = "".join(
+        f'<trkpt lat="{lat:.6f}" lon="{lon:.6f}"><ele>{h - GEOID:.3f}</ele>'
+        + (f"<time>{iso(t)}</time>" if time else "")
+        + (f"<geoidheight>{GEOID}</geoidheight>" if geoid else "")
+        + "</trkpt>"
+        for t, lat, lon, h in POINTS
+    )
+    return (
+        '<?xml version="1.0"?>\n<gpx xmlns="http://www.topografix.com/GPX/1/1" version="1.1" '
+        f'creator="test"><trk><trkseg>{points}</trkseg></trk></gpx>'
+    )
+
+
+def kml(mode: str = "absolute") -> str:
+    whens = "".join(f"<when>{iso(t)}</when>" for t in TIMES)
+    places = "".join(f"<gx:coord>{o:.6f} {a:.6f} {h:.3f}</gx:coord>" for _, a, o, h in POINTS)
+    return (
+        '<?xml version="1.0"?>\n<kml xmlns="http://www.opengis.net/kml/2.2" '
+        'xmlns:gx="http://www.google.com/kml/ext/2.2"><Placemark><gx:Track>'
+        f"<altitudeMode>{mode}</altitudeMode>{whens}{places}</gx:Track></Placemark></kml>"
+    )
+
+
+def kml_points() -> str:
+    marks = "".join(
+        f"<Placemark><TimeStamp><when>{iso(t)}</when></TimeStamp><Point><altitudeMode>absolute"
+        f"</altitudeMode><coordinates>{o:.6f},{a:.6f},{h:.3f}</coordinates></Point></Placemark>"
+        for t, a, o, h in POINTS
+    )
+    return f'<kml xmlns="http://www.opengis.net/kml/2.2"><Document>{marks}</Document></kml>'
+
+
+def nmea_line(body: str) -> str:
+    return f"${body}*{functools.reduce(operator.xor, body.encode()):02X}"
+
+
+def nmea() -> str:
+    lines = ["$GPTXT,01,01,02,a receiver*4B"]
+    for t, lat, lon, h in POINTS:
+        place = f"{48:02}{60 * (lat - 48):09.6f},N,{11:03}{60 * (lon - 11):09.6f},E"
+        lines.append(nmea_line(
+            f"GPGGA,{t:%H%M%S}.00,{place},1,08,0.9,{h - GEOID:.3f},M,{GEOID},M,,"
+        ))  # fmt: skip
+    return "\r\n".join([*lines, nmea_line("GPGGA,,,,,,0,,,,,,,,"), "$GPGGA,0000"])
+
+
+def pos(weeks: bool = False, separator: str = " ") -> str:
+    head = "% (lat/lon/height=WGS84/ellipsoidal,Q=1:fix,2:float)\n"
+    names = ("%  GPST", "latitude(deg)", "longitude(deg)", "height(m)", "Q")
+    head += separator.join(names) + "\n"
+    rows = []
+    for n, (t, lat, lon, h) in enumerate(POINTS):
+        time = f"2303{separator}{345592 + n}.000" if weeks else f"{t:%Y/%m/%d %H:%M:%S}.000"
+        rows.append(separator.join([time, f"{lat:.9f}", f"{lon:.9f}", f"{h:.4f}", "1"]))
+    return head + "\n".join(rows) + "\n"
+
+
+EXACT = {
+    "GPX": gpx(), "NMEA": nmea(), "RTKLIB": pos(), "RTKLIB, weeks": pos(weeks=True),
+    "RTKLIB, commas": pos(separator=","),
+}  # fmt: skip
+"""Files that say how high the geoid is, or have heights above the ellipsoid."""
