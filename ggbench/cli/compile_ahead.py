@@ -15,13 +15,18 @@ from collections.abc import Iterator, Sequence
 
 
 @contextlib.contextmanager
-def compiling_ahead(names: Sequence[str]) -> Iterator[None]:
+def compiling_ahead(names: Sequence[str], first: bool, jobs: int | None = None) -> Iterator[None]:
     """Return a context in which registered estimators are compiled by another process.
 
     Parameters
     ----------
     names : of estimators, with parameters; those of files are passed over.
+    first : whether nothing has been compiled before; else there is no process.
+    jobs : number of processes that the user allows; None: of all processors.
     """
+    if not first or jobs in (0, 1):
+        yield
+        return
     process = None
     with contextlib.suppress(OSError):  # it is a help, and no more
         process = subprocess.Popen(

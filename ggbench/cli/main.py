@@ -238,8 +238,7 @@ def _run_scenario(name: str, asked: _Asked, output: Path | None) -> Outcome:
             loaded, output or Path("results") / loaded.name, asked.estimators, asked.runs,
             asked.seed, asked.cases, asked.assumptions, asked.time_limit, not asked.resume,
         )  # fmt: skip
-        if asked.first and asked.jobs not in (0, 1):
-            until.enter_context(compiling_ahead(work.labels))
+        until.enter_context(compiling_ahead(work.labels, asked.first, asked.jobs))
         planned = work.plan.scenario
         flight_summary.warn(flight_limits.examined(planned))  # it tells of maps that it builds
         flown = [*planned.cases, *(c for study in planned.assumptions for c in study.cases)]

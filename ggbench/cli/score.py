@@ -16,6 +16,7 @@ from ..display.responsive_table import Kind, ResponsiveTable
 from ..display.timing import Moment
 from ..figures.numbers import counted
 from ..spec.limits import MOST_RUNS, MOST_SEED
+from .compile_ahead import compiling_ahead
 from .screen import console
 
 if TYPE_CHECKING:
@@ -79,7 +80,7 @@ def score(
     if checked and (quick or runs or cases or seed is not None or before):
         raise click.UsageError("--check flies a card's runs: no --quick, -n, -s, -c, --against")
     start = Moment.now()
-    tell_first_use("ins/strapdown.py", "in a minute or two")
+    first = tell_first_use("ins/strapdown.py", "in a minute or two")
     from ..score import card as cards
     from ..score import page, scoring
 
@@ -93,7 +94,7 @@ def score(
     if quick:
         runs = scoring.QUICK_RUNS
     folder = output or Path("results") / "score" / (re.sub(r"\W+", "-", estimator).strip("-"))
-    with Progress(console, "suite") as progress:
+    with Progress(console, "suite") as progress, compiling_ahead([estimator], first, jobs):
         half: Any = judge  # one of the choices
         found = scoring.score(estimator, folder, runs, seed, half, cases, jobs, progress.tell)
     if found.card is None:

@@ -45,9 +45,12 @@ def test_an_estimator_that_cannot_be_made_is_passed_over():
 def test_the_process_ends_with_its_context():
     """Nothing runs on after a command, whatever it was at."""
     before = psutil.Process().children()
-    with compiling_ahead(["ekf"]):
+    with compiling_ahead(["ekf"], first=True):
         (process,) = set(psutil.Process().children()) - set(before)
     assert not process.is_running()
+    for context in (compiling_ahead(["ekf"], first=False), compiling_ahead(["ekf"], True, 1)):
+        with context:
+            assert set(psutil.Process().children()) <= set(before)
 
 
 def test_the_process_ends_with_its_parent():
@@ -55,7 +58,7 @@ def test_the_process_ends_with_its_parent():
     script = (
         "from ggbench.cli.compile_ahead import compiling_ahead\n"
         "import psutil, time\n"
-        "with compiling_ahead(['ukf']):\n"
+        "with compiling_ahead(['ukf'], first=True):\n"
         "    print(psutil.Process().children()[0].pid, flush=True)\n"
         "    time.sleep(600)"
     )
