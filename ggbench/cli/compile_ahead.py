@@ -1,7 +1,7 @@
-"""A second process that compiles estimators on a first use, while the first examines the flights.
+"""Processes that compile estimators on a first use, while the first one examines the flights.
 
-What it compiles is found in the cache by all others. It needs no flight: the compiled estimators
-have the same types on a small linear problem.
+What one compiles is found in the cache by all others. They need no flight: compiled estimators have
+the same types on a small linear problem.
 """
 
 from __future__ import annotations
@@ -13,33 +13,40 @@ import sys
 import threading
 from collections.abc import Iterator, Sequence
 
+_MOST_PROCESSES = 4
+"""More would wait for each other: estimators share most of what is compiled."""
+
 
 @contextlib.contextmanager
 def compiling_ahead(names: Sequence[str], first: bool, jobs: int | None = None) -> Iterator[None]:
-    """Return a context in which registered estimators are compiled by another process.
+    """Return a context in which registered estimators are compiled by other processes.
 
     Parameters
     ----------
     names : of estimators, with parameters; those of files are passed over.
-    first : whether nothing has been compiled before; else there is no process.
+    first : whether nothing has been compiled before; else there are no processes.
     jobs : number of processes that the user allows; None: of all processors.
     """
     if not first or jobs in (0, 1):
         yield
         return
-    process = None
-    with contextlib.suppress(OSError):  # it is a help, and no more
-        process = subprocess.Popen(
-            [sys.executable, "-P", "-m", __name__, *names],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            start_new_session=True,  # Ctrl-C reaches it through its parent only
-        )
+    processes = []
+    count = min(jobs or os.cpu_count() or 1, len(names), _MOST_PROCESSES)
+    with contextlib.suppress(OSError):  # they are a help, and no more
+        for number in range(count):
+            processes.append(
+                subprocess.Popen(
+                    [sys.executable, "-P", "-m", __name__, *names[number::count]],
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.DEVNULL,
+                    stderr=subprocess.DEVNULL,
+                    start_new_session=True,  # Ctrl-C reaches it through its parent only
+                )
+            )
     try:
         yield
     finally:
-        if process:
+        for process in processes:
             process.kill()
             process.communicate()
 

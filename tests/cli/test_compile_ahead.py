@@ -1,4 +1,4 @@
-"""The process that compiles ahead: it compiles what a flight uses, and ends with its parent."""
+"""Processes that compile ahead: they compile what a flight uses, and end with their parent."""
 
 import subprocess
 import sys
