@@ -55,8 +55,8 @@ def degrade(right: GradientMap, degradation: MapDegradation) -> GradientMap:
         too far apart for that.
     """
     _check(right, degradation)
-    tensor = right.tensor.astype(float)
-    disturbance = right.gravity_disturbance.astype(float)
+    tensor = np.asarray(right.tensor, dtype=float)
+    disturbance = np.asarray(right.gravity_disturbance, dtype=float)
     north, east = _node_distances(right)
     if degradation.resolution_m > 0.0:
         from scipy.ndimage import gaussian_filter1d  # not at the top: few maps are smoothed
@@ -69,7 +69,8 @@ def degrade(right: GradientMap, degradation: MapDegradation) -> GradientMap:
             )
             for values in (tensor, disturbance)
         )
-    tensor, disturbance = (degradation.density_factor * v for v in (tensor, disturbance))
+    if degradation.density_factor != 1.0:
+        tensor, disturbance = (degradation.density_factor * v for v in (tensor, disturbance))
     white, correlated = (
         np.random.default_rng(child) for child in np.random.SeedSequence(degradation.seed).spawn(2)
     )
@@ -77,7 +78,10 @@ def degrade(right: GradientMap, degradation: MapDegradation) -> GradientMap:
         tensor = tensor + degradation.white_noise_eotvos * white.standard_normal(tensor.shape)
     if degradation.correlated_noise_eotvos > 0.0:
         noise, gravity = _harmonic_noise(right, degradation, north, east, correlated)
-        tensor, disturbance = tensor + noise, disturbance + gravity
+        # In place: new memory for a map takes as long as the sum.
+        noise += tensor
+        gravity += disturbance
+        tensor, disturbance = noise, gravity
     said = ", ".join(
         f"{key} {value:g}" for key, value in vars(degradation).items() if key != "seed"
     )

@@ -20,22 +20,37 @@ def spline_coefficients(values: np.ndarray, axis: int) -> np.ndarray:
     c[i−1] + 4 c[i] + c[i+1] = 6 d[i], they are c[2] = (8 d[2] − d[1] − d[3]) / 6 and its mirror
     image; what lies between is tridiagonal.
     """
-    data = np.moveaxis(values, axis, 0)
-    n = len(data)
-    found = np.empty((n + 2, *data.shape[1:]))
-    found[2] = (8.0 * data[1] - data[0] - data[2]) / 6.0
-    found[n - 1] = (8.0 * data[n - 2] - data[n - 1] - data[n - 3]) / 6.0
+    n = values.shape[axis]
+    before, after = math.prod(values.shape[:axis]), math.prod(values.shape[axis + 1 :])
+    data = np.ascontiguousarray(values, dtype=float).reshape(before, n, after)
+    found = np.empty((*values.shape[:axis], n + 2, *values.shape[axis + 1 :]))
+    _fill_coefficients(data, found.reshape(before, n + 2, after))
+    return found
+
+
+@compiled
+def _fill_coefficients(data: np.ndarray, found: np.ndarray) -> None:
+    """Fill the coefficients (a, n + 2, b) that interpolate data (a, n, b) along the second axis."""
+    n = data.shape[1]
     factors = np.zeros(n + 2)
     for i in range(3, n - 1):
         factors[i] = 1.0 / (4.0 - factors[i - 1])
-        found[i] = (6.0 * data[i - 1] - found[i - 1]) * factors[i]
-    for i in range(n - 2, 2, -1):
-        found[i] -= factors[i] * found[i + 1]
-    for end, inner in ((0, 1), (n + 1, -1)):
-        one, two, three = end + inner, end + 2 * inner, end + 3 * inner
-        found[one] = 6.0 * data[two - 1] - 4.0 * found[two] - found[three]
-        found[end] = 6.0 * data[one - 1] - 4.0 * found[one] - found[two]
-    return np.ascontiguousarray(np.moveaxis(found, 0, axis))
+    for a in range(data.shape[0]):
+        d, c = data[a], found[a]
+        for b in range(d.shape[1]):
+            c[2, b] = (8.0 * d[1, b] - d[0, b] - d[2, b]) / 6.0
+            c[n - 1, b] = (8.0 * d[n - 2, b] - d[n - 1, b] - d[n - 3, b]) / 6.0
+        for i in range(3, n - 1):
+            for b in range(d.shape[1]):
+                c[i, b] = (6.0 * d[i - 1, b] - c[i - 1, b]) * factors[i]
+        for i in range(n - 2, 2, -1):
+            for b in range(d.shape[1]):
+                c[i, b] -= factors[i] * c[i + 1, b]
+        for b in range(d.shape[1]):
+            c[1, b] = 6.0 * d[1, b] - 4.0 * c[2, b] - c[3, b]
+            c[0, b] = 6.0 * d[0, b] - 4.0 * c[1, b] - c[2, b]
+            c[n, b] = 6.0 * d[n - 2, b] - 4.0 * c[n - 1, b] - c[n - 2, b]
+            c[n + 1, b] = 6.0 * d[n - 1, b] - 4.0 * c[n, b] - c[n - 1, b]
 
 
 @inlined
