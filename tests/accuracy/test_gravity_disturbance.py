@@ -57,6 +57,7 @@ each_noise = pytest.mark.parametrize("noise", ["", pytest.param("-0.1E", marks=p
 
 
 @each_noise
+@pytest.mark.long
 def test_compensation_gives_back_what_the_disturbance_takes(noise):
     """MRSE and NEES of the same runs over normal gravity, to two percent; not so without it."""
     normal, felt, compensated = (f"{name}{noise}" for name in ("not-felt", "felt", "compensated"))

@@ -109,6 +109,7 @@ def test_a_report_counts_the_runs_that_left_the_map(runs, scenario, tmp_path):
     assert remarks.to_numpy().tolist() == [["base", labels[0], records.OUTSIDE, runs]]
 
 
+@pytest.mark.long
 def test_an_answer_begins_with_the_estimators_that_left_the_map(scenario, tmp_path):
     """Where it is more than 5% of the runs, and of no other estimator."""
     labels = ("far.py[east_m=1e6]", "ekf", "ins")

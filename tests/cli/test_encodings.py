@@ -8,6 +8,7 @@ import subprocess
 import pytest
 from campaigns import COMMAND
 from click.testing import CliRunner
+from thinning import thinned
 
 from ggbench.cli.main import main
 
@@ -29,7 +30,7 @@ def test_what_an_encoding_lacks_is_replaced(words, encoding, tmp_path, monkeypat
         assert done.output == whole.output.encode(encoding, "replace").decode(encoding)
 
 
-@pytest.mark.parametrize("encoding", ["cp1252", "latin-1"])
+@thinned("encoding", ["cp1252", "latin-1"])
 def test_a_process_prints_without_a_traceback(encoding):
     """The square root in the unit of a noise is none of their characters."""
     done = subprocess.run(

@@ -21,6 +21,7 @@ from problems import SMALL
 from random_harmonics import write_gfc
 from rasterio.transform import from_origin
 from small_cases import blank_map
+from thinning import thinned
 
 from ggbench.cli.main import main
 from ggbench.gravity import ellipsoid
@@ -432,7 +433,7 @@ def write_dem(path, void=None):
     np.savetxt(path, height, "%.8g", header=head, comments="")
 
 
-@pytest.mark.parametrize("void", [32767, -3.4e38, 9999, -500])
+@thinned("void", [32767, -3.4e38, 9999, -500], every=4)
 def test_voids_that_the_file_does_not_declare(void, tmp_path):
     """Usual marks are recognised, and the note names the option by which others are declared."""
     write_dem("dem.asc", void)

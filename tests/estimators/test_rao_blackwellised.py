@@ -55,6 +55,7 @@ def with_particles(count: int) -> Moves:
 @pytest.mark.parametrize(
     ("count", "limit"), [pytest.param(1000, 0.14, marks=pytest.mark.long), (4000, 0.06)]
 )
+@pytest.mark.long
 def test_the_mean_is_near_the_exact_one(count, limit):
     """To 0.14 deviations with 1000 particles and 0.06 with 4000.
 

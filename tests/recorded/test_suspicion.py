@@ -60,10 +60,12 @@ def test_a_clock_that_is_ahead_by_leap_seconds_is_found(tmp_path):
     assert "gnss.clock_offset_s = -18 fits the INS best" in second
 
 
+@pytest.mark.long
 def test_what_is_right_is_not_warned_of(tmp_path):
     assert estimated(log(tmp_path)) == []
 
 
+@pytest.mark.long
 def test_an_offset_that_is_set_counts(tmp_path):
     """A file that is behind by 7 s, of which 2 s are set already."""
     path = edit(shifted(log(tmp_path), -7.0), {"gnss.clock_offset_s": 2.0})
@@ -78,6 +80,7 @@ def test_the_offset_that_fits_best(gnss, seconds, tmp_path):
     assert (fit is None) if seconds == 0.0 else fit.offset == -seconds
 
 
+@pytest.mark.long
 def test_in_straight_flight_no_offset_is_named(tmp_path):
     """An offset is then an error of the position along the track."""
     straight = TURNS.replace("by_heading_deg = 180.0", "by_heading_deg = 0.1")
