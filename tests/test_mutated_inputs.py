@@ -132,7 +132,7 @@ def solution(path: Path) -> None:
     as_solution(recorded(path.parent, flight), flight)
 
 
-def beside(path: Path) -> object:
+def its_flight(path: Path) -> object:
     """Read the flight of which a file is a part."""
     return read_flight(path.parent / "flight.toml")
 
@@ -181,10 +181,10 @@ KINDS = {
         gravity_grid("geoid"),
     ),
     "coefficients": Kind("model.gfc", lambda path: write_gfc(path, 12), read_model),
-    "flight": Kind("flight.toml", increments, beside),
-    "flight, increments": Kind("imu.csv", increments, beside),
-    "flight, receiver": Kind("gnss.csv", increments, beside),
-    "flight, solution": Kind("ins.csv", solution, beside),
+    "flight": Kind("flight.toml", increments, its_flight),
+    "flight, increments": Kind("imu.csv", increments, its_flight),
+    "flight, receiver": Kind("gnss.csv", increments, its_flight),
+    "flight, solution": Kind("ins.csv", solution, its_flight),
     "scenario": Kind("small.toml", lambda path: path.write_text(SMALL), resolved),
 }  # fmt: skip
 

@@ -10,7 +10,7 @@ from types import TracebackType
 from rich.console import Console
 
 from ..campaign.running import CampaignProgress
-from ..display.compiling import first_use, maps_to_build
+from ..display.compiling import fields_of, first_use, maps_to_build
 from ..display.progress import Progress
 from ..spec.scenario import Scenario
 
@@ -38,9 +38,8 @@ class Shown:
         if self.display is None:
             return
         cases = [*scenario.cases, *(case for study in scenario.assumptions for case in study.cases)]
-        fields = [case.side(side).field for case in cases for side in ("truth", "model")]
         for sentence in (*first_use("ins/strapdown.py", "in a minute or two"),
-                         *maps_to_build(fields)):  # fmt: skip
+                         *maps_to_build(fields_of(cases))):  # fmt: skip
             self.display.console.out(sentence)
 
     def tell(self, step: CampaignProgress) -> None:

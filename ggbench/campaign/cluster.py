@@ -33,7 +33,7 @@ _LOOK_EVERY_S = 1.0
 _AHEAD = 3
 """Tasks handed over per thread of the cluster, so that none of them waits for the next one."""
 _mine = threading.local()
-Told = Callable[[int, str], None]
+Tell = Callable[[int, str], None]
 """Takes the number of workers, and a remark or ""."""
 
 
@@ -42,7 +42,7 @@ class ClusterError(GGBenchError):
 
 
 def on_cluster(
-    tasks: Iterable[Task], address: str, limit: float, tell: Told = lambda workers, remark: None
+    tasks: Iterable[Task], address: str, limit: float, tell: Tell = lambda workers, remark: None
 ) -> Generator[list[Result]]:
     """Run tasks on the cluster of a running Dask scheduler.
 
@@ -148,7 +148,7 @@ def _on(
 class _Workers:
     """The workers of a cluster as they come and go, and what to say of them."""
 
-    def __init__(self, client: Client, address: str, tell: Told) -> None:
+    def __init__(self, client: Client, address: str, tell: Tell) -> None:
         self.address = address
         self._client, self._tell = client, tell
         self._count = -1

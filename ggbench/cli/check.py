@@ -81,10 +81,10 @@ def _tell(asked: Check, verdict: str, text: str) -> None:
     """Print what came out of a check."""
     word, colour = _SHOWN[verdict]
     click.echo(f"{click.style(word, fg=colour or None, bold=verdict == 'failed')}: {asked.name}")
-    told = [f"{text}."] if text else []
+    lines = [f"{text}."] if text else []
     if verdict == "failed":
-        told.append(f"Why: {asked.why}")
-    for line in (f"{asked.demand}.", *told):
+        lines.append(f"Why: {asked.why}")
+    for line in (f"{asked.demand}.", *lines):
         for part in textwrap.wrap(line, max(console.width, 40) - len(_INDENT)):
             click.echo(f"{_INDENT}{part}")
 

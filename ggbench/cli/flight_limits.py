@@ -15,7 +15,7 @@ from functools import cache, lru_cache
 import numpy as np
 
 from ..campaign.campaign import CampaignError, check
-from ..display.compiling import tell_maps
+from ..display.compiling import fields_of, tell_maps
 from ..errors import GGBenchError
 from ..maps import recipe
 from ..recorded.motion import angles_of
@@ -115,7 +115,7 @@ def examined(scenario: Scenario) -> Iterator[Examined]:
                 cases=() if study else (case,),
                 assumptions=tuple(replace(s, cases=(case,)) for s in studies),
             )
-            tell_maps(case.side(name).field for name in ("truth", "model"))
+            tell_maps(fields_of([case]))
             deque(check(alone), maxlen=0)
         yield found
 

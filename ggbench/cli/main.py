@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import click
 from rich.markup import escape
 
-from ..display.compiling import tell_first_use, tell_maps
+from ..display.compiling import fields_of, tell_first_use, tell_maps
 from ..display.progress import Progress
 from ..display.responsive_table import ResponsiveTable
 from ..display.timing import Moment
@@ -216,7 +216,7 @@ def _repeat(name: str, asked: _Asked, number: int) -> bool:
     loaded = scenario.load(name)
     flown = tuple(loaded.find(case)[1] for case in asked.cases) or loaded.cases
     note_unusual_values(replace(loaded, cases=flown, assumptions=()))
-    tell_maps(case.side(side).field for case in flown for side in ("truth", "model"))
+    tell_maps(fields_of(flown))
     choices = registry.choose_all(asked.estimators or loaded.campaign.estimators)
     seed = loaded.campaign.seed if asked.seed is None else asked.seed
     labels = [choice.label for choice in choices]
@@ -242,7 +242,7 @@ def _run_scenario(name: str, asked: _Asked, output: Path | None) -> Outcome:
         planned = work.plan.scenario
         flight_summary.warn(flight_limits.examined(planned))  # it tells of maps that it builds
         flown = [*planned.cases, *(c for study in planned.assumptions for c in study.cases)]
-        tell_maps(case.side(side).field for case in flown for side in ("truth", "model"))
+        tell_maps(fields_of(flown))
         if len(loaded.cases) > _MANY_CASES:
             click.echo(f"preparing {counted(len(loaded.cases), 'case')}")
         ended = running.run(work, asked.jobs, asked.cluster, progress.tell)

@@ -15,6 +15,7 @@ from ..numerics.cache import cache_folder, code_folder
 from ..numerics.source import PACKAGE
 
 if TYPE_CHECKING:
+    from ..spec.case import CaseSpec
     from ..spec.sensors import FieldSpec
 
 _LOOK_EVERY_S = 1.0
@@ -45,6 +46,12 @@ def first_use(module: str, scope: str) -> list[str]:
         f"First use of this version here: its code is compiled for this processor, {scope}, "
         f"and kept in {cache_folder()}."
     ]
+
+
+def fields_of(cases: Iterable[CaseSpec]) -> Iterator[FieldSpec]:
+    """Yield the field of the truth and that of the model of each case."""
+    for case in cases:
+        yield from (case.side("truth").field, case.side("model").field)
 
 
 def tell_maps(fields: Iterable[FieldSpec]) -> None:
