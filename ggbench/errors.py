@@ -1,4 +1,6 @@
-"""The base class of the errors that a user of the benchmark can cause."""
+"""The base class of the errors that users can cause, and the texts of other errors."""
+
+_LONGEST_REASON = 200
 
 
 class GGBenchError(Exception):
@@ -6,3 +8,13 @@ class GGBenchError(Exception):
 
     Its message is a sentence that says what was wrong, where, and what is allowed.
     """
+
+
+def text_of(error: BaseException) -> str:
+    """Return what an error of a library says, for a sentence: on one line, printable and short.
+
+    Libraries quote what they read, and a damaged file may be quoted at any length.
+    """
+    line = " ".join(str(error)[: 2 * _LONGEST_REASON].split())
+    shown = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in line[:_LONGEST_REASON])
+    return shown or type(error).__name__

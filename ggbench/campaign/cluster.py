@@ -18,7 +18,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from ..errors import GGBenchError
+from ..errors import GGBenchError, text_of
 from ..results.store import Result
 from .execution import WorkerSlot, drive
 from .runner import OtherSourceError, Task, failure
@@ -69,7 +69,7 @@ def on_cluster(
     try:
         client = Client(address, timeout=_CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:
-        raise ClusterError(f"no Dask scheduler answers at {address}: {error}") from None
+        raise ClusterError(f"no Dask scheduler answers at {address}: {text_of(error)}") from None
     with _without_logs(), client:
         yield from _on(client, _Workers(client, address, tell), tasks, limit)
 
@@ -203,7 +203,7 @@ def run_here(task: Task, limit: float, stopped: str) -> list[Result]:
         try:
             _mine.member = WorkerSlot(limit)
         except OSError as error:
-            raise ClusterError(f"a Dask worker cannot start a process: {error}") from None
+            raise ClusterError(f"a Dask worker cannot start a process: {text_of(error)}") from None
     _mine.member.limit = limit
     try:
         results = list(itertools.chain.from_iterable(drive([task], [_mine.member], event.is_set)))

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import map_coordinates, spline_filter
 
+from ..errors import text_of
 from .datums import is_another, name_of, vertical
 from .meridians import Area
 from .regular_grid import Grid, check_size, regular_grid
@@ -70,7 +71,7 @@ def read_raster(path: Path, area: Area | None, units: Units) -> Grid:
     except TerrainError:
         raise
     except Exception as error:  # GDAL's, rasterio's own, and those of its parsers of metadata
-        raise TerrainError(_why_not(path, one_line(error))) from None
+        raise TerrainError(_why_not(path, text_of(error))) from None
 
 
 @contextlib.contextmanager
@@ -85,11 +86,6 @@ def _silent() -> Iterator[None]:
         yield
     finally:
         sys.unraisablehook = hook
-
-
-def one_line(error: Exception) -> str:
-    """Return what an error says, on one line."""
-    return " ".join(str(error).split()) or type(error).__name__
 
 
 def _why_not(path: Path, said: str) -> str:

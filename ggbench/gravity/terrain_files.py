@@ -17,9 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import text_of
 from .datums import require_wgs84
 from .meridians import Area
-from .rasters import imported, one_line, read_raster
+from .rasters import imported, read_raster
 from .regular_grid import Grid, check_size, is_netcdf, refuse_old_gmt, regular_grid
 from .terrain import Terrain, TerrainError
 from .units import HEIGHTS, Units, upward
@@ -84,7 +85,7 @@ def _read_netcdf(path: Path, area: Area | None, units: Units) -> Grid:
         raise
     except Exception as error:  # the engines raise a dozen kinds
         raise TerrainError(
-            f"{path.name} cannot be read as a netCDF grid ({one_line(error)})."
+            f"{path.name} cannot be read as a netCDF grid ({text_of(error)})."
         ) from None
 
 
@@ -151,7 +152,7 @@ def _read_npz(path: Path, area: Area | None, units: Units) -> Grid:
         raise
     except Exception as error:  # whatever a damaged archive makes of itself
         raise TerrainError(
-            f"{path.name} cannot be read as a NumPy archive of heights ({one_line(error)})."
+            f"{path.name} cannot be read as a NumPy archive of heights ({text_of(error)})."
         ) from None
 
 
@@ -227,7 +228,9 @@ def read_terrain(path: Path, area: Area | None = None, voids: Sequence[float] = 
     except FileNotFoundError:
         raise TerrainError(f"There is no terrain file {path}.") from None
     except (OSError, ValueError) as error:
-        raise TerrainError(f"The terrain file {str(path)!r} cannot be read: {error}.") from None
+        raise TerrainError(
+            f"The terrain file {str(path)!r} cannot be read: {text_of(error)}."
+        ) from None
     if is_folder:
         raise TerrainError(f"{path} is a folder; a terrain is a file ({', '.join(_READERS)}).")
     if reader is None:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import text_of
 from ..files import written_whole
 from ..gravity.gradient_map import GradientMap, MapError
 from . import checks
@@ -45,7 +46,8 @@ def read(path: Path) -> GradientMap:
         raise
     except Exception as error:  # whatever a damaged archive makes of itself
         raise MapError(
-            f"{path} is not a gradient map: {error}; it must hold the arrays {', '.join(names)}"
+            f"{path} is not a gradient map: {text_of(error)}; "
+            f"it must hold the arrays {', '.join(names)}"
         ) from None
     tensor, disturbance = arrays["tensor"], arrays["gravity_disturbance"]
     shape = tensor.shape

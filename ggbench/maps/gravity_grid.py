@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from ..errors import text_of
 from ..gravity.datums import require_wgs84
 from ..gravity.gradient_map import MapError
 from ..gravity.meridians import Area, rolled, turns
@@ -190,7 +191,8 @@ def _from_archive(path: Path, kind: str, units: Units) -> _Read:
         n_lat, n_lon = values.shape
     except Exception as error:  # whatever a damaged archive makes of itself
         raise MapError(
-            f"{path} holds no geoid: {error}; it must hold the arrays lat0, lon0, step and N_1e4m."
+            f"{path} holds no geoid: {text_of(error)}; it must hold the arrays lat0, lon0, "
+            "step and N_1e4m."
         ) from None
     return _Read(south + step * np.arange(n_lat), west + step * np.arange(n_lon), values)
 
@@ -240,8 +242,8 @@ def _from_netcdf(path: Path, kind: str, units: Units) -> _Read:
         with xarray.open_dataset(path) as dataset:
             dataset.load()
     except Exception as error:
-        reason = str(error).split("\n", maxsplit=1)[0].split(". Consider", maxsplit=1)[0]
-        raise MapError(f"{path} is no grid that can be read as netCDF: {reason}") from None
+        said = text_of(error).split(". Consider", maxsplit=1)[0]
+        raise MapError(f"{path} is no grid that can be read as netCDF: {said}") from None
     refuse_old_gmt(dataset, path.name)
     names = {name: _axis_name(dataset, name) for name in ("latitude", "longitude")}
     dims = tuple(names.values())

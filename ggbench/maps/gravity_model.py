@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import text_of
 from ..gravity.gradient_map import MapError
 from ..gravity.harmonics import HarmonicCoefficients
 from .gravity_epoch import static
@@ -103,7 +104,7 @@ def _from_arrays(path: Path, content: bytes) -> GravityModel:
         gm, radius = float(arrays["gm"]), float(arrays["r"])
     except Exception as error:  # whatever a damaged archive makes of itself
         raise MapError(
-            f"{path} holds no coefficients: {error}; it must hold the arrays cs, gm and r."
+            f"{path} holds no coefficients: {text_of(error)}; it must hold the arrays cs, gm and r."
         ) from None
     size = math.isqrt(2 * len(pairs))
     if pairs.ndim != 2 or pairs.shape[1] != 2 or size * (size + 1) // 2 != len(pairs):
@@ -248,7 +249,7 @@ def _bad_line(path: Path, content: bytes, start: int, error: ValueError) -> MapE
                 f"{path}: line {above + index + 1}, {line.strip()[:60]!r}, cannot be read: gfc, "
                 "degree, order, C and S must begin a line of coefficients."
             )
-    return MapError(f"{path}: its coefficients cannot be read: {error}")
+    return MapError(f"{path}: its coefficients cannot be read: {text_of(error)}")
 
 
 def _require_once(path: Path, count: NDArray[np.int32]) -> None:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import text_of
 from ..gravity.ellipsoid import SEMI_MAJOR_AXIS
 from ..gravity.gradient_map import MapError
 
@@ -70,7 +71,7 @@ def read_icgem(path: Path, kind: str) -> IcgemGrid:
         gap = float(header.get("gapvalue", "nan"))
         radius = float(header.get("radiusrefsys", SEMI_MAJOR_AXIS))
     except (ValueError, KeyError, IndexError) as error:
-        raise MapError(f"{path} is no grid of ICGEM's format: {error}.") from None
+        raise MapError(f"{path} is no grid of ICGEM's format: {text_of(error)}.") from None
     if abs(radius - SEMI_MAJOR_AXIS) > _NEAR_M:
         raise MapError(
             f"{path} refers to an ellipsoid of radius {radius:g} m; WGS84 and GRS80, "

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import text_of
 from ..gravity.gradient_map import GradientMap, MapError, unknown
 from ..gravity.meridians import Area
 from . import checks
@@ -133,9 +134,8 @@ def opened(path: Path) -> Any:
     try:
         file = netCDF4.Dataset(path, "r")
     except (OSError, RuntimeError) as error:
-        reason = _first_line(error)
         raise MapError(
-            f"{path} is not a gradient map: it is no whole netCDF file ({reason})"
+            f"{path} is not a gradient map: it is no whole netCDF file ({text_of(error)})"
         ) from None
     file.set_auto_maskandscale(False)
     return file
@@ -296,7 +296,7 @@ def _values(path: Path, name: str, variable: Any, index: tuple[slice, ...]) -> N
     try:
         return np.asarray(variable[index or ...], dtype=float)
     except Exception as error:
-        raise MapError(f"{path}: {name} cannot be read: {_first_line(error)}") from None
+        raise MapError(f"{path}: {name} cannot be read: {text_of(error)}") from None
 
 
 def _require_units(path: Path, name: str, variable: Any, allowed: set[str]) -> None:
@@ -310,10 +310,6 @@ def _require_units(path: Path, name: str, variable: Any, allowed: set[str]) -> N
 def _text(holder: Any, key: str) -> str:
     """An attribute of a file or a variable as text, empty if there is none; fit to be shown."""
     return checks.clean_text(str(holder.getncattr(key))) if key in holder.ncattrs() else ""
-
-
-def _first_line(error: Exception) -> str:
-    return str(error).split("\n", maxsplit=1)[0] or type(error).__name__
 
 
 def _step(values: Array) -> float:

@@ -9,6 +9,7 @@ import zipfile
 import zlib
 from pathlib import Path
 
+from ..errors import text_of
 from ..gravity.gradient_map import MapError
 
 _GZIP, _ZIP, _TAR, _TAR_AT = b"\x1f\x8b", b"PK\x03\x04", b"ustar", 257
@@ -44,7 +45,7 @@ def unpacked(path: Path, content: bytes, wanted: str) -> bytes:
         OSError, EOFError, zlib.error, zipfile.BadZipFile, tarfile.TarError, RuntimeError,
         NotImplementedError,
     ) as error:  # fmt: skip
-        raise MapError(f"{path} is damaged: {error}") from None
+        raise MapError(f"{path} is damaged: {text_of(error)}") from None
     return content
 
 

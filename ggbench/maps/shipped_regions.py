@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..errors import text_of
 from ..gravity.gradient_map import MapError
 from ..gravity.harmonics import HarmonicCoefficients, gravity_and_gradient, without_normal_field
 from ..gravity.remove_restore import (
@@ -225,8 +226,8 @@ def data_bytes(name: str) -> bytes:
         return (importlib.resources.files("ggbench.scenarios") / "data" / name).read_bytes()
     except (OSError, ModuleNotFoundError) as error:
         raise MapError(
-            f"Data file {name} cannot be read ({error}); it belongs into the folder data of "
-            "ggbench.scenarios, where an installation puts it."
+            f"Data file {name} cannot be read ({text_of(error)}); it belongs into the "
+            "folder data of ggbench.scenarios, where an installation puts it."
         ) from error
 
 
@@ -246,6 +247,6 @@ def _load(name: str, keys: tuple[str, ...]) -> dict[str, Any]:
         return read_arrays(content, keys)
     except Exception as error:
         raise MapError(
-            f"Data file {name} of ggbench.scenarios is damaged ({error}); it must be a NumPy "
-            f"archive with the arrays {', '.join(keys)}: install the package again."
+            f"Data file {name} of ggbench.scenarios is damaged ({text_of(error)}); it must be "
+            f"a NumPy archive with the arrays {', '.join(keys)}: install the package again."
         ) from error

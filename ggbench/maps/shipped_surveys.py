@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import text_of
 from ..gravity.gradient_map import MapError
 from .equivalent_sources import EquivalentSources, Plane
 from .netcdf import Errors, Nodes
@@ -107,6 +108,6 @@ def _stored(name: str) -> dict[str, Any]:
         raise
     except Exception as error:
         raise MapError(
-            f"Data file {file} of ggbench.scenarios is damaged ({error}); it must hold the arrays "
-            f"{', '.join(KEYS)}: install the package again."
+            f"Data file {file} of ggbench.scenarios is damaged ({text_of(error)}); it must "
+            f"hold the arrays {', '.join(KEYS)}: install the package again."
         ) from error

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..errors import text_of
 from ..gravity.gradient_map import MapError
 from ..gravity.terrain import Terrain, TerrainError
 from .shipped_regions import data_bytes, read_arrays
@@ -141,6 +142,6 @@ def _terrain(name: str) -> Terrain:
         raise
     except Exception as error:
         raise MapError(
-            f"Data file {file} of ggbench.scenarios is damaged ({error}); it must hold the arrays "
-            f"{', '.join(fields)}: install the package again."
+            f"Data file {file} of ggbench.scenarios is damaged ({text_of(error)}); it must "
+            f"hold the arrays {', '.join(fields)}: install the package again."
         ) from error

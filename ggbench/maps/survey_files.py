@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ..errors import text_of
 from ..gravity.gradient_map import MapError
 from .survey_lines import COMPONENTS, DISTURBANCE, PRIMARY, Quantity, SurveyLines, in_our_axes
 
@@ -137,7 +138,7 @@ def _numbers(path: Path, table: Any, name: str) -> Any:
     try:
         return pd.to_numeric(table[name]).to_numpy(dtype=float)
     except (TypeError, ValueError) as error:
-        raise MapError(f"{path}: column {name!r} must hold numbers: {error}.") from None
+        raise MapError(f"{path}: column {name!r} must hold numbers: {text_of(error)}.") from None
 
 
 def _table(path: Path) -> Any:
@@ -157,7 +158,7 @@ def _table(path: Path) -> Any:
     except OSError as error:
         raise MapError(f"cannot read the survey {path}: {error.strerror or error}") from None
     except (ValueError, EOFError) as error:
-        raise MapError(f"{path} is no {ending[1:]} file: {str(error).strip()}.") from None
+        raise MapError(f"{path} is no {ending[1:]} file: {text_of(error)}.") from None
 
 
 def _read_csv(path: Path, text: str) -> Any:

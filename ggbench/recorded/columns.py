@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import GGBenchError
+from ..errors import GGBenchError, text_of
 from ..files import written_whole
 from ..spec.flight import FlightError
 from ..trajectory.csv_text import CsvText
@@ -149,7 +149,7 @@ def _read_netcdf(
     try:
         file = netCDF4.Dataset(path)
     except (OSError, RuntimeError) as error:
-        raise FlightError(f"{path}: is no netCDF file ({str(error).splitlines()[0]})") from None
+        raise FlightError(f"{path}: is no netCDF file ({text_of(error)})") from None
     with file:
         known = _places(path, list(file.variables), required, optional, "it")
         values = {name: _variable(path, file.variables[name], name, empty) for name in known}

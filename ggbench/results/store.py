@@ -23,8 +23,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..errors import GGBenchError
-from ..files import reason_of
+from ..errors import GGBenchError, text_of
 from .formats import flaw_of_arrays, flaw_of_manifest, read_records, stand_in
 
 DETAILED_RUN = 0
@@ -143,7 +142,7 @@ class Store:
         except OSError as error:
             raise StoreError(f"cannot use results folder {folder}: {error.strerror}") from None
         except sqlite3.Error as error:
-            raise StoreError(f"{database} is not a usable database: {error}") from None
+            raise StoreError(f"{database} is not a usable database: {text_of(error)}") from None
 
     def _connect(self, write: bool) -> sqlite3.Connection:
         """Open the database; a folder in which nothing may be written is read as it is."""
@@ -303,7 +302,8 @@ class Store:
                 arrays = {name: archive[name] for name in archive.files}
         except Exception as error:  # NumPy, zipfile and zlib each have their own for damage
             raise StoreError(
-                f"what the runs of case {case} share, in {self._database}, cannot be read: {error}"
+                f"what the runs of case {case} share, in {self._database}, "
+                f"cannot be read: {text_of(error)}"
             ) from None
         if flaw := flaw_of_arrays(arrays):
             raise StoreError(
@@ -315,7 +315,7 @@ class Store:
         try:
             return self._connection.execute(query, values).fetchall()
         except sqlite3.Error as error:
-            raise StoreError(f"{self._database} cannot be read: {error}") from None
+            raise StoreError(f"{self._database} cannot be read: {text_of(error)}") from None
 
     def _write(self, query: str, rows: list[tuple[Any, ...]]) -> None:
         try:
@@ -349,7 +349,7 @@ class Store:
             _sync(self.folder)
         except OSError as error:
             temporary.unlink(missing_ok=True)
-            raise StoreError(f"cannot write {self.folder / name}: {reason_of(error)}") from None
+            raise StoreError(f"cannot write {self.folder / name}: {text_of(error)}") from None
 
     def remove(self, name: str) -> None:
         """Take a file out of the folder, if it is there."""
@@ -398,7 +398,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     except OSError as error:
         raise StoreError(f"cannot read {path}: {error.strerror}") from None
     except (ValueError, RecursionError) as error:
-        raise StoreError(f"{path} is damaged: {error}") from None
+        raise StoreError(f"{path} is damaged: {text_of(error)}") from None
     if isinstance(manifest, dict) and manifest.get("format") != FORMAT:
         raise StoreError(
             f"{path} has format {manifest.get('format')!r}, and this version of ggbench reads "

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ..errors import GGBenchError
+from ..errors import GGBenchError, text_of
 from ..files import written_whole
 from ..judging.run_errors import WINDOWS
 from ..judging.summary import runs_table
@@ -165,7 +165,7 @@ def _stored(
         with file.open("rb") as opened, np.load(opened) as stored:
             return json.loads(stored["header"].tobytes()), {name: stored[name] for name in names}
     except (OSError, ValueError, KeyError) as error:
-        raise ScoreError(f"cannot read the stored runs in {file}: {error}") from None
+        raise ScoreError(f"cannot read the stored runs in {file}: {text_of(error)}") from None
 
 
 def _table(

@@ -24,6 +24,7 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any, TypeVar
 
+from ..errors import text_of
 from ..trajectory.terrain_following import terrain_path as shipped_or_own
 from . import rosters
 from . import sweep as sweep
@@ -269,7 +270,7 @@ def read_toml(source: str, origin: str) -> dict[str, Any]:
     try:
         return tomllib.loads(source)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise ScenarioError(f"{origin}: is not valid TOML: {error}") from None
+        raise ScenarioError(f"{origin}: is not valid TOML: {text_of(error)}") from None
 
 
 def parse(

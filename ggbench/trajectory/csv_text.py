@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from ..errors import text_of
 from .manoeuvres import Array, TrajectoryError
 
 _EXCEL = re.compile(r"sep=([,;\t])\s*", re.IGNORECASE)  # its first line, which names the separator
@@ -128,7 +129,7 @@ class CsvText:
                     quoting=csv.QUOTE_NONE,
                 )
         except ValueError as error:
-            raise TrajectoryError(f"is no table of numbers: {str(error).splitlines()[0]}") from None
+            raise TrajectoryError(f"is no table of numbers: {text_of(error)}") from None
         return {
             key: _numbers(table[at], key, self.first, key in may_be_empty)
             for key, at in columns.items()
@@ -160,8 +161,8 @@ def _unquoted(line: str, separator: str, number: int) -> str:
         (fields,) = csv.reader([line], delimiter=separator, skipinitialspace=True, strict=True)
     except csv.Error as error:
         raise TrajectoryError(
-            f"line {number}: its quotes cannot be read ({error}): a field in quotes ends on its "
-            'line, and a quote in it is doubled, as in "48.1 ""N"""'
+            f"line {number}: its quotes cannot be read ({text_of(error)}): a field in quotes "
+            'ends on its line, and a quote in it is doubled, as in "48.1 ""N"""'
         ) from None
     return separator.join(field.replace(separator, " ") for field in fields)
 

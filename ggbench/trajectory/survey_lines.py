@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..errors import text_of
 from ..maps.survey_lines import DISTURBANCE
 from ..sensors.gradiometer.instrument import COMPONENTS, DIFFERENCES
 from .csv_text import CsvText, status_of
@@ -204,7 +205,7 @@ def _unpacked(file: Path) -> bytes:
     except OSError as error:
         raise TrajectoryError(f"cannot be read: {error.strerror or error}") from None
     except (EOFError, zlib.error) as error:
-        raise TrajectoryError(f"cannot be unpacked: {error}") from None
+        raise TrajectoryError(f"cannot be unpacked: {text_of(error)}") from None
     if len(content) > _LARGEST:
         raise TrajectoryError(f"has {len(content) / 1e6:.0f} MB; at most {_LARGEST / 1e6:g} may be")
     return content

@@ -15,6 +15,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from ..errors import text_of
 from .csv_text import iso_seconds
 from .manoeuvres import Array, TrajectoryError
 from .track_file import FEWEST_ROWS, parse
@@ -114,7 +115,7 @@ def _gpx(text: str) -> list[Fix]:
     try:
         document = gpxpy.parse(text)
     except Exception as error:  # whatever a damaged file makes of itself
-        raise TrajectoryError(f"is no GPX file that can be read: {_short(error)}") from None
+        raise TrajectoryError(f"is no GPX file that can be read: {text_of(error)}") from None
     points = [p for track in document.tracks for part in track.segments for p in part.points]
     if not points and (document.waypoints or document.routes):
         raise TrajectoryError("has waypoints or routes and no track; a track has points with times")
@@ -140,7 +141,7 @@ def _kml(text: str) -> list[Fix]:
     try:
         root = ElementTree.fromstring(text.encode())
     except (ElementTree.ParseError, ValueError, RecursionError) as error:
-        raise TrajectoryError(f"is no KML file that can be read: {_short(error)}") from None
+        raise TrajectoryError(f"is no KML file that can be read: {text_of(error)}") from None
     for element in root.iter():
         element.tag = str(element.tag).rpartition("}")[2]
     whens: list[str] = []
@@ -213,8 +214,8 @@ def _nmea(text: str) -> list[Fix]:
             if number == len(lines):  # the log ends in it
                 continue
             raise TrajectoryError(
-                f"line {number} is a GGA sentence that cannot be read ({_short(error)}); remove it "
-                "if it is damaged"
+                f"line {number} is a GGA sentence that cannot be read ({text_of(error)}); remove "
+                "it if it is damaged"
             ) from None
     if not fixes:
         raise TrajectoryError("has no GGA sentence with a fix, which give time, place and height")
@@ -269,7 +270,3 @@ def _pos_time(first: str, second: str) -> float:
     if "/" not in first:
         return 7.0 * _DAY * int(first) + float(second)
     return float(iso_seconds([f"{first.replace('/', '-')}T{second}"])[0])
-
-
-def _short(error: Exception) -> str:
-    return " ".join(str(error).split())[:100] or type(error).__name__
