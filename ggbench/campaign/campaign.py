@@ -22,14 +22,12 @@ import numpy as np
 from ..errors import GGBenchError
 from ..problem import Problem
 from ..results.store import (
-    DETAILED_RUN,
     FORMAT,
     Store,
     StoreError,
     read_manifest,
     require_ours,
 )
-from ..simulation.runs import simulate
 from ..spec.case import CaseSpec
 from ..spec.scenario import Scenario
 from ..spec.unusual_values import unusual_values
@@ -37,7 +35,7 @@ from . import result_keys
 from .inputs import input_files
 from .records import lag_epochs, shared_arrays
 from .registry import choose, choose_all
-from .runner import Pairs, Task, by_block_size, flight_of
+from .runner import Pairs, Task, by_block_size, first_problem, flight_of
 from .texts import exception_text
 
 TASK_RUNS = 128
@@ -62,7 +60,7 @@ def check(scenario: Scenario, seed: int = 0) -> Iterator[tuple[str, CaseSpec, Pr
     """
     for study, case in _cases(scenario):
         try:
-            problem, _ = simulate(flight_of(case), seed, DETAILED_RUN)
+            problem = first_problem(case, seed)
         except GGBenchError as error:
             prefix = f"assumption {study}, " if study else ""
             raise CampaignError(f"{scenario.name}, {prefix}case {case.name}: {error}") from None

@@ -26,6 +26,7 @@ from ..results.store import DETAILED_RUN, SERIES_RUNS, Result, kept_epochs
 from ..sensors.gradiometer.instrument import COMPONENTS, Gradiometer
 from ..simulation.bound import Bound
 from ..simulation.error_free_flight import Flight
+from ..simulation.flight_bounds import bounds, unfiltered_bound
 from ..simulation.random_streams import random_streams
 from ..spec.case import CaseSpec
 from .registry import Choice
@@ -268,12 +269,12 @@ def shared_arrays(flight: Flight, seed: int, lags: Sequence[int]) -> dict[str, n
         "present": _some_expected(flight),
         "channels": flight.expected.sum(axis=1),
     }
-    bound = CaseBound(flight)
+    bound = CaseBound(flight, bounds([flight])[0])
     for name in ("filter", "batch", *(f"fixed-lag-{lag}" for lag in lags)):
         arrays[f"bound-{name}"] = bound.squares(name)
     true = flight.true.gradiometer
     if true is not None and true.lowpass is not None:
-        unfiltered = squared_bounds(flight.unfiltered_bound.filtering)
+        unfiltered = squared_bounds(unfiltered_bound(flight).filtering)
         arrays["bound-unfiltered"] = np.stack(unfiltered, axis=-1)
     if flight.unknown_gravity.any():
         arrays["response"] = flight.gravity_response

@@ -11,6 +11,7 @@ import copy
 import dataclasses
 import gc
 import hashlib
+import itertools
 import json
 import os
 import time
@@ -24,14 +25,15 @@ from typing import Any
 import numpy as np
 
 from .. import estimation
-from ..block import BlockEstimator, EstimateBlock, ProblemBlock, joined
+from ..block import BlockEstimator, EstimateBlock, ProblemBlock
 from ..errors import GGBenchError
 from ..judging import fix_metrics, run_errors
 from ..judging.references import CaseBound, References
 from ..problem import CountingModel, Estimate, Estimator, Problem
-from ..results.store import Result
+from ..results.store import DETAILED_RUN, Result
 from ..simulation.error_free_flight import Flight, prepare
-from ..simulation.runs import simulate_block
+from ..simulation.flight_bounds import bounds
+from ..simulation.runs import simulate, simulate_block, simulate_flights
 from ..spec.case import CaseSpec
 from . import result_keys
 from .records import TimedEstimates, evaluate_runs, new_record, remarks
@@ -93,9 +95,25 @@ def _flight(case: CaseSpec) -> Flight:
 
 
 @lru_cache(maxsize=BLOCK_RUNS)
-def case_bound(case: CaseSpec) -> CaseBound:
-    """Return the bounds of a case without draws, made once in each process."""
-    return CaseBound(flight_of(case))
+def first_problem(case: CaseSpec, seed: int) -> Problem:
+    """Return the problem of a case's first run, made once for all that ask what it is like."""
+    return simulate(flight_of(case), seed, DETAILED_RUN)[0]
+
+
+_bounds: dict[CaseSpec, CaseBound] = {}
+
+
+def case_bounds(cases: Sequence[CaseSpec]) -> list[CaseBound]:
+    """Return the bounds of cases without draws, together; kept of the latest in each process."""
+    unknown = [case for case in dict.fromkeys(cases) if case not in _bounds]
+    if unknown:
+        flights = [flight_of(case) for case in unknown]
+        found = zip(flights, bounds(flights), strict=True)
+        _bounds.update(zip(unknown, itertools.starmap(CaseBound, found), strict=True))
+    wanted = [_bounds[case] for case in cases]
+    for case in [*_bounds][: max(len(_bounds) - BLOCK_RUNS, 0)]:
+        del _bounds[case]
+    return wanted
 
 
 _flown: set[CaseSpec] = set()
@@ -117,7 +135,8 @@ def fly_unseen(case: CaseSpec) -> None:
 def forget_flights() -> None:
     """Let go of the flights of this process: a library of scenarios has many, and large ones."""
     _flight.cache_clear()
-    case_bound.cache_clear()
+    first_problem.cache_clear()
+    _bounds.clear()
 
 
 @lru_cache(maxsize=1024)
@@ -256,12 +275,9 @@ def _simulated_block(task: Task, runs: Sequence[int]) -> tuple[ProblemBlock, Hid
     cases = [task.case.of_run(run) for run in runs]
     for case in cases:
         fly_unseen(case)
-    pairs = [
-        simulate_block(flight_of(case), task.seed, [run])
-        for case, run in zip(cases, runs, strict=True)
-    ]
-    states = np.concatenate([truth.error_state for _, truth in pairs])
-    return joined([block for block, _ in pairs]), HiddenArray(states)
+    case_bounds(cases)
+    block, truth = simulate_flights([flight_of(case) for case in cases], task.seed, runs)
+    return block, HiddenArray(truth.error_state)
 
 
 def _evaluated(
@@ -281,7 +297,7 @@ def _evaluated(
         for some in alike:
             of_runs, states = case.of_run(blanks[some.start]["run"]), whole[part][some]
             flight = flight_of(of_runs)
-            references = References(flight, case_bound(of_runs), problems[some], states)
+            references = References(flight, case_bounds([of_runs])[0], problems[some], states)
             results += evaluate_runs(
                 blanks[some], key, flight, states, estimated.of_runs(some), references,
                 problems[some],

@@ -27,9 +27,8 @@ DEFAULT_RATIO = 3.0
 class CaseBound:
     """The bounds of one flight, by name ("filter", "batch", "fixed-lag-30") and window."""
 
-    def __init__(self, flight: Flight) -> None:
-        self.bound: Bound = flight.bound
-        vars(flight).pop("bound")  # up to tens of MB, and a worker keeps the flights of all cases
+    def __init__(self, flight: Flight, bound: Bound) -> None:
+        self.bound = bound
         self._times, self._windows = flight.times, flight.case.windows
         self._squares: dict[str, np.ndarray] = {}
 

@@ -13,12 +13,11 @@ import pandas as pd
 from ..campaign import campaign, running
 from ..campaign.registry import Choice, choose
 from ..campaign.result_keys import RESULTS_VERSION
-from ..campaign.runner import flight_of
+from ..campaign.runner import first_problem
 from ..judging.pairs import Flown, compared, judged, kind
 from ..judging.summary import succeeded
 from ..judging.verdicts import require_equal_runs
 from ..results.folder import Results, write_tables
-from ..simulation.runs import simulate
 from ..spec import scenario
 from ..spec.scenario import Scenario
 from . import card as cards
@@ -163,8 +162,7 @@ def _skipped(choice: Choice, suite: Scenario, seed: int) -> dict[str, str]:
     """Return why an estimator cannot take cases, by case."""
     found = {}
     for case in suite.cases:
-        problem, _ = simulate(flight_of(case.of_run(0)), seed, 0)
-        if reason := choice.estimator.skip(problem):
+        if reason := choice.estimator.skip(first_problem(case, seed)):
             found[case.name] = reason
     return found
 

@@ -14,19 +14,18 @@ import numpy as np
 from ..gravity.ellipsoid import metres_along
 from ..gravity.field import Field
 from ..ins import strapdown
-from ..ins.error_model import STATES, navigation_errors
+from ..ins.error_model import navigation_errors
 from ..ins.known_gravity import KnownGravity
 from ..sensors.aiding import Motion, corrected_positions
 from ..sensors.gradiometer.faults import Faults
-from ..sensors.gradiometer.instrument import Gradiometer, inertial_from_local, readings
+from ..sensors.gradiometer.instrument import inertial_from_local, readings
 from ..sensors.gradiometer.spinning_disks import SpinningDisks
-from ..sensors.model import SensorModel, model_arrays
 from ..spec.case import CaseSpec
 from ..spec.trajectory import file_versions
 from ..trajectory.truth import Trajectory
-from .aiding import aiding_about
-from .bound import Bound, posterior_bound
+from .bound import Bound
 from .field_source import beside, make_field
+from .flight_bounds import bounds
 from .formulation import MeasurementTimes, added_gravity, require_short_delays
 from .instruments import faults, spinning_disks
 from .measured import measured_errors, measured_readings
@@ -141,10 +140,10 @@ class Flight:
         are missing; those of a single run without any error if not given.
         """
         samples, count = self.epochs[self.gradient_epochs], len(self.trajectory.times)
-        return added_gravity(self.model, field, samples, count, *(seen or self._exact_gradients))
+        return added_gravity(self.model, field, samples, count, *(seen or self.exact_gradients))
 
     @cached_property
-    def _exact_gradients(self) -> tuple[np.ndarray, np.ndarray]:
+    def exact_gradients(self) -> tuple[np.ndarray, np.ndarray]:
         """What a gradiometer without any error reads (1, G, g) [E], and that none is missing."""
         exact = self.noise_free[np.newaxis]
         if self.model.gradiometer is not None:
@@ -250,23 +249,8 @@ class Flight:
 
     @cached_property
     def bound(self) -> Bound:
-        """Posterior Cramér–Rao bound of the measurements that estimators receive.
-
-        H and Φ are those at the truth. Noise, biases, initial errors, field and latency are the
-        true ones. Filtered gradients are whitened, as estimators receive them. Outliers, errors
-        without a state and what motion adds to the noise are left out, so that it stays a lower
-        bound. Measurements that drop out
-        count by their expected share.
-        """
-        return self._bound_of(self.true.gradiometer)
-
-    @property
-    def unfiltered_bound(self) -> Bound:
-        """The bound of the same gradiometer without its low-pass and the noise behind that."""
-        instrument = self.true.gradiometer
-        if instrument is not None and instrument.lowpass is not None:
-            instrument = dataclasses.replace(instrument, lowpass=None, noise_behind_filter=0.0)
-        return self._bound_of(instrument)
+        """Posterior Cramér–Rao bound: :func:`.flight_bounds.bounds`."""
+        return bounds([self])[0]
 
     @property
     def absent(self) -> np.ndarray:
@@ -274,48 +258,6 @@ class Flight:
         if self.measured is not None:
             return np.asarray(np.isnan(self.measured).any(axis=1))
         return self.faults.in_dropouts(self.times[self.gradient_epochs])
-
-    def _bound_of(self, instrument: Gradiometer | None) -> Bound:
-        truth, true = self.trajectory, dataclasses.replace(self.true, gradiometer=instrument)
-        motion, at = self.motion_at_epochs, self.gradient_epochs
-        noise_cov = true.noise_cov.copy()
-        if instrument is not None and self.faults.information > 1.0:
-            own, known = np.arange(true.gradients), 1.0 - 1.0 / self.faults.information
-            noise_cov[own, own] -= known * instrument.noise_eotvos**2
-        delays = self.schedule.delays(true)
-        rows = np.empty((len(self.epochs), 6, STATES))
-        transition, process_cov = true.system(
-            Motion.of(truth), self.delta_velocities,
-            self.epochs, truth.dt, self.added_gravity(self.field), delays, rows,
-        )  # fmt: skip
-        positions, attitudes = motion.positions, motion.attitudes
-        if delays.any():
-            positions, attitudes = truth.at(self.times - delays)
-        model = SensorModel(
-            model_arrays(
-                self.field,
-                instrument,
-                self.times,
-                motion.positions,
-                motion.attitudes,
-                positions,
-                attitudes,
-                delays,
-                rows,
-                true.treatment(len(at)),
-                at=at,
-                others=aiding_about(true, true.weighed(self.field), self.aiding_epochs, motion),
-                dimension=true.dimension,
-                bias=true.gradient_bias,
-                whitening=true.whitening(self.times[at], self.absent),
-            )
-        )
-        epochs = len(self.epochs)
-        jacobians = model.jacobian_along(np.arange(epochs), np.zeros((epochs, true.dimension)))
-        jacobians *= np.sqrt(self.expected)[:, :, np.newaxis]
-        return posterior_bound(
-            transition, process_cov, true.prior_cov, jacobians, noise_cov, self.ticks
-        )
 
     @property
     def ticks(self) -> np.ndarray:

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..block import ProblemBlock
+from ..block import ProblemBlock, joined
 from ..gravity.ellipsoid import metres_per_radian
 from ..ins.error_model import (
     ATTITUDE,
@@ -27,7 +27,7 @@ from ..ins.error_model import (
 )
 from ..ins.known_gravity import KnownGravity
 from ..ins.strapdown import TRACK, navigate_lanes
-from ..numerics.lanes import groups, in_lanes, out_of_lanes, together, unfilled
+from ..numerics.lanes import groups, in_lanes, out_of_lanes, place, together, unfilled
 from ..numerics.rotations import rotation_matrix
 from ..problem import Problem
 from ..sensors.aiding import Motion
@@ -36,6 +36,7 @@ from ..sensors.gradiometer.instrument import Gradiometer, readings
 from ..trajectory.truth import Trajectory
 from .aiding import aiding_readings
 from .error_free_flight import Flight, gradiometer_places
+from .flight_bounds import require_together
 from .formulation import InsSolution, Readings, build_problems, motion_of, propagate_errors
 from .random_streams import RandomStreams, random_streams
 from .replay import Recording, Replays
@@ -97,27 +98,71 @@ def simulate_block(
     flight : the case.
     seed, runs : the campaign's seed and the numbers of R runs, at least one.
     """
+    return simulate_flights([flight] * len(runs), seed, runs)
+
+
+def simulate_flights(
+    flights: Sequence[Flight], seed: int, runs: Sequence[int]
+) -> tuple[ProblemBlock, TruthBlock]:
+    """Return what :func:`simulate_block` does, of runs with a flight of one case each.
+
+    Raises
+    ------
+    ValueError
+        If they do not share epochs and map.
+    """
+    first = flights[0]
+    for flight in flights:
+        require_together(first, flight)
+    model, when = first.model, first.schedule
     streams = [random_streams(seed, run) for run in runs]
-    model, times, when = flight.model, flight.times, flight.schedule
-    ins = InsSolution.empty(len(streams), len(times), model.dimension)
-    imu_biases = np.empty((len(streams), len(times), 6))
-    seen = _gradients(flight, streams)
+    parts = [slice(0, len(runs))]
+    if any(flight is not first for flight in flights):
+        parts = [slice(r, r + 1) for r in range(len(runs))]
+    seen = _Gradients.joined([_gradients(flights[part.start], streams[part]) for part in parts])
+    ins = InsSolution.empty(len(streams), len(when.times), model.dimension)
+    imu_biases = np.empty((len(streams), len(when.times), 6))
     recordings: list[Recording] = []
-    scratch = _Scratch.of(flight)
+    scratch = _Scratch.of(first)
     for some in groups(len(streams)):
-        gravity = flight.added_gravity(flight.model_field, seen.of_runs(some))
-        imu_biases[some], recorded = _navigate(flight, streams[some], gravity, scratch)
+        gravity = first.added_gravity(first.model_field, seen.of_runs(some))
+        imu_biases[some], recorded = _navigate(flights[some], streams[some], gravity, scratch)
         propagate_errors(model, when, gravity, scratch.track, scratch.increments, ins.of_runs(some))
         if not model.remembers:
             recordings.append(recorded._replace(increments=recorded.increments.copy()))
-    read, biases = _readings(flight, streams, seen, ins.motion)
-    problems = build_problems(model, flight.model_field, when, ins, read)
-    if not model.remembers:
-        gravity = flight.added_gravity(flight.model_field)
-        replays = Replays(model, flight.model_field, when, gravity, recordings, len(streams))
-        problems = dataclasses.replace(problems, replays=replays)
-    truth, epochs = flight.trajectory, flight.epochs
-    error_state = np.empty((len(streams), len(times), model.dimension))
+    finished = []
+    for part in parts:
+        flight, of_part = flights[part.start], ins.of_runs(part)
+        read, biases = _readings(flight, streams[part], seen.of_part(part), of_part.motion)
+        problems = build_problems(model, flight.model_field, when, of_part, read)
+        if not model.remembers:
+            kept = recordings if len(parts) == 1 else [_recording_of(recordings, part.start)]
+            replays = Replays(
+                model, flight.model_field, when, flight.added_gravity(flight.model_field), kept,
+                part.stop - part.start,
+            )  # fmt: skip
+            problems = dataclasses.replace(problems, replays=replays)
+        truth = _error_states(flight, of_part, imu_biases[part], seen.biases[part], biases)
+        finished.append((problems, truth))
+    blocks, states = zip(*finished, strict=True)
+    return joined(blocks), TruthBlock(when.times, np.concatenate(states))
+
+
+def _recording_of(recordings: Sequence[Recording], run: int) -> Recording:
+    group, lane = place(run)
+    return recordings[group].of_run(lane)
+
+
+def _error_states(
+    flight: Flight,
+    ins: InsSolution,
+    imu_biases: np.ndarray,
+    gradient_biases: np.ndarray,
+    biases: np.ndarray,
+) -> np.ndarray:
+    """Return the true error states (R, K, n) of runs of one flight."""
+    model, truth, epochs = flight.model, flight.trajectory, flight.epochs
+    error_state = np.empty((*ins.states.shape[:2], model.dimension))
     navigation_errors(
         ins.states, truth.positions[epochs], truth.velocities[epochs], truth.attitudes[epochs],
         error_state,
@@ -127,9 +172,9 @@ def simulate_block(
         error_state[:, :, STATES : model.disturbed] = flight.unknown_to_a_map - ins.integrated
     first = model.dimension - biases.shape[2]
     if first > model.disturbed:
-        error_state[:, :, model.disturbed : first] = seen.biases
+        error_state[:, :, model.disturbed : first] = gradient_biases
     error_state[:, :, first:] = biases
-    return problems, TruthBlock(times, error_state)
+    return error_state
 
 
 class Record(NamedTuple):
@@ -163,7 +208,7 @@ def record(flight: Flight, seed: int, run: int) -> Record:
     seen = _gradients(flight, streams)
     gravity = flight.added_gravity(flight.model_field, seen.of_runs(slice(1)))
     scratch = _Scratch.of(flight)
-    _, recorded = _navigate(flight, streams, gravity, scratch)
+    _, recorded = _navigate([flight], streams, gravity, scratch)
     track = scratch.track
     motion = motion_of(out_of_lanes(track[flight.epochs], 1))
     read, _ = _readings(flight, streams, seen, motion)
@@ -188,6 +233,15 @@ class _Gradients(NamedTuple):
     def of_runs(self, some: slice) -> tuple[np.ndarray, np.ndarray]:
         """Return output and what is missing of some of the runs."""
         return self.output[some], self.missing[some]
+
+    def of_part(self, some: slice) -> _Gradients:
+        """Return all of some of the runs."""
+        return _Gradients(*(array[some] for array in self))
+
+    @classmethod
+    def joined(cls, parts: Sequence[_Gradients]) -> _Gradients:
+        """Return what several have, one after the other."""
+        return parts[0] if len(parts) == 1 else cls(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 def _gradients(flight: Flight, streams: Sequence[RandomStreams]) -> _Gradients:
@@ -242,7 +296,10 @@ class _Scratch(NamedTuple):
 
 
 def _navigate(
-    flight: Flight, streams: Sequence[RandomStreams], gravity: KnownGravity, scratch: _Scratch
+    flights: Sequence[Flight],
+    streams: Sequence[RandomStreams],
+    gravity: KnownGravity,
+    scratch: _Scratch,
 ) -> tuple[np.ndarray, Recording]:
     """Navigate a group of runs at once; fills increments and track of the scratch.
 
@@ -251,61 +308,69 @@ def _navigate(
     The true biases (R, K or 1, 6) of gyros and accelerometers in the increments, and all that the
     INSs were given as a recording.
     """
-    truth, true = flight.trajectory, flight.true
-    increments = scratch.increments
-    biases = _inertial_readings(flight, streams, scratch.noise, increments)
+    true, increments = flights[0].true, scratch.increments
+    biases = _inertial_readings(flights, streams, scratch.noise, increments)
     sigma = np.sqrt(np.diag(true.prior_cov)[:STATES])
-    initial = [_perturbed(truth, sigma * s.initial.standard_normal(STATES)) for s in streams]
-    heights, gains = _altimeter_readings(flight, streams)
+    initial = np.stack(
+        [
+            _perturbed(flight.trajectory, sigma * of_run.initial.standard_normal(STATES))
+            for flight, of_run in zip(flights, streams, strict=True)
+        ]
+    )
+    heights, gains = _altimeter_readings(flights, streams)
     navigate_lanes(
-        in_lanes(np.stack(initial)[:, np.newaxis]), increments, truth.dt, heights, gains, gravity,
-        scratch.track,
+        in_lanes(initial[:, np.newaxis]), increments, flights[0].trajectory.dt, heights, gains,
+        gravity, scratch.track,
     )  # fmt: skip
-    return biases, Recording(np.stack(initial), increments, heights, gains)
+    return biases, Recording(initial, increments, heights, gains)
 
 
 def _inertial_readings(
-    flight: Flight, streams: Sequence[RandomStreams], noise: np.ndarray, increments: np.ndarray
+    flights: Sequence[Flight],
+    streams: Sequence[RandomStreams],
+    noise: np.ndarray,
+    increments: np.ndarray,
 ) -> np.ndarray:
     """Fill the increments (N, 6, LANES) that the IMUs deliver; return the biases (R, K or 1, 6).
 
     The biases at the epochs, once if they are constant; ``noise`` (LANES, 2, N, 3) is overwritten.
     """
-    imu, dt, count = flight.true.imu, flight.trajectory.dt, len(flight.delta_angles)
+    first = flights[0]
+    imu, dt, count = first.true.imu, first.trajectory.dt, len(first.delta_angles)
     noise = noise[: len(streams)]
-    exact, biases = [], []
-    for run, of_run in enumerate(streams):
+    exact, biases, same = [], [], all(flight is first for flight in flights)
+    for run, (flight, of_run) in enumerate(zip(flights, streams, strict=True)):
         of_run.imu.standard_normal(out=noise[run])
         start = imu.draw_biases(of_run.biases)
         if imu.wanders:
             biases.append(np.hstack(imu.bias_histories(start, count, dt, of_run.bias_walks)))
         else:
             biases.append(np.concatenate(start)[np.newaxis])
+        readings = flight.delta_angles, flight.delta_velocities
         if imu.distorts:
-            exact.append(
-                np.hstack(
-                    imu.distort(flight.delta_angles, flight.delta_velocities, of_run.imu_errors)
-                )
-            )
-    if not imu.distorts:
-        exact.append(np.hstack([flight.delta_angles, flight.delta_velocities]))
+            exact.append(np.hstack(imu.distort(*readings, of_run.imu_errors)))
+        elif run == 0 or not same:
+            exact.append(np.hstack(readings))
     histories = np.stack(biases)
     imu.measure(
         np.stack(exact), histories[:, 1:] if imu.wanders else histories, noise, dt, increments
     )
-    return histories[:, flight.epochs] if imu.wanders else histories
+    return histories[:, first.epochs] if imu.wanders else histories
 
 
 def _altimeter_readings(
-    flight: Flight, streams: Sequence[RandomStreams]
+    flights: Sequence[Flight], streams: Sequence[RandomStreams]
 ) -> tuple[np.ndarray, tuple[float, float]]:
     """Return the heights (N, 1, LANES) that damp the mechanization, and gains; none without."""
-    truth = flight.trajectory
-    if flight.true.altimeter is None:
+    if flights[0].true.altimeter is None:
         return unfilled(0, 1), (0.0, 0.0)
-    gains, psd = flight.true.altimeter
-    exact, sigma = truth.mean_heights, math.sqrt(psd / truth.dt)
-    heights = [exact + sigma * s.altimeter.standard_normal(len(exact)) for s in streams]
+    gains, psd = flights[0].true.altimeter
+    sigma = math.sqrt(psd / flights[0].trajectory.dt)
+    heights = [
+        flight.trajectory.mean_heights
+        + sigma * of_run.altimeter.standard_normal(len(flight.delta_angles))
+        for flight, of_run in zip(flights, streams, strict=True)
+    ]
     return in_lanes(np.stack(heights)[:, :, np.newaxis]), gains
 
 

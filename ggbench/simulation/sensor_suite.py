@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -268,8 +269,6 @@ class SensorSuite:
         epochs: np.ndarray,
         dt: float,
         gravity: KnownGravity = NORMAL_GRAVITY,
-        delays: np.ndarray | None = None,
-        rows: np.ndarray | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return Φ and Q (K, n, n) between measurement epochs along one track: :meth:`along` it.
 
@@ -280,22 +279,47 @@ class SensorSuite:
         epochs : (K,) indices of samples.
         dt : [s].
         gravity : as in :meth:`along`.
-        delays, rows : (K,) [s] and (K, 6, 15), output, as in :meth:`along`; both or none.
         """
-        attitudes = motion.attitudes.reshape(-1, 9)
-        states = np.hstack([motion.positions, motion.velocities, attitudes])
-        track = in_lanes(states[np.newaxis])
-        if self.integrates:
-            receive_all(gravity.readings, track)
-        increments = np.hstack([np.zeros_like(delta_velocities), delta_velocities])
         transition, process_cov = np.empty((2, 1, len(epochs), self.dimension, self.dimension))
-        if delays is None or rows is None:
-            delays, rows = np.empty(0), np.empty((0, 6, STATES))
-        self.along(
-            track, in_lanes(increments[np.newaxis]), epochs, delays, dt, gravity, transition,
-            process_cov, rows[np.newaxis],
+        self.systems(
+            [motion], [delta_velocities], epochs, np.empty(0), dt, gravity, transition,
+            process_cov, np.empty((1, 0, 6, STATES)),
         )  # fmt: skip
         return transition[0], process_cov[0]
+
+    def systems(
+        self,
+        motions: Sequence[Motion],
+        delta_velocities: Sequence[np.ndarray],
+        epochs: np.ndarray,
+        delays: np.ndarray,
+        dt: float,
+        gravity: KnownGravity,
+        transition: np.ndarray,
+        process_cov: np.ndarray,
+        rows: np.ndarray,
+    ) -> None:
+        """Run :meth:`along` for the motions of a group, whatever they come from.
+
+        Parameters
+        ----------
+        motions, delta_velocities : at N + 1 IMU samples, and (N, 3) increments [m/s], of R tracks.
+        epochs, delays, dt, gravity, transition, process_cov, rows : as :meth:`along` has them.
+        """
+        track = in_lanes(
+            np.stack(
+                [
+                    np.hstack([m.positions, m.velocities, m.attitudes.reshape(-1, 9)])
+                    for m in motions
+                ]
+            )
+        )
+        if self.integrates:
+            receive_all(gravity.readings, track)
+        increments = in_lanes(
+            np.stack([np.hstack([np.zeros_like(v), v]) for v in delta_velocities])
+        )
+        self.along(track, increments, epochs, delays, dt, gravity, transition, process_cov, rows)
 
     @cached_property
     def _constants(self) -> tuple[np.ndarray, Noise]:

@@ -111,7 +111,7 @@ def judged(
     )
     problems = [simulate(flight, 1, 0)[0]] * runs
     blanks = [recording.new_record(registry.choose("ekf"), run, 1) for run in range(runs)]
-    compared = References(flight, CaseBound(flight), problems, states)
+    compared = References(flight, CaseBound(flight, flight.bound), problems, states)
     return recording.evaluate_runs(blanks, "key", flight, states, made, compared, problems)
 
 
@@ -162,7 +162,7 @@ def recorded(flight: Flight, runs: range, **changes: object) -> list[Result]:
     made = recording.TimedEstimates(**(given | changes))
     blanks = [recording.new_record(registry.choose("ekf"), run, 1) for run in runs]
     problems = [simulate(flight, 1, run)[0] for run in runs]
-    compared = References(flight, CaseBound(flight), problems, states)
+    compared = References(flight, CaseBound(flight, flight.bound), problems, states)
     return recording.evaluate_runs(blanks, "key", flight, states, made, compared, problems)
 
 

@@ -256,12 +256,12 @@ def test_fewer_channels_never_know_more(rough):
     """The bound of a part of the channels is no less, in any direction of the state."""
     full = mounted("platform", field__source=rough, gradiometer__components=[*COMPONENTS, "xx-yy"])
     scale, bound = np.sqrt(np.diag(full.true.prior_cov)), full.bound.filtering
-    best = CaseBound(full).final_m
+    best = CaseBound(full, full.bound).final_m
     for names in (["zz"], ["xy", "zz"], list(COMPONENTS)):
         part = mounted("platform", field__source=rough, gradiometer__components=names)
         excess = (part.bound.filtering - bound) / np.outer(scale, scale)
         assert np.linalg.eigvalsh(excess).min() > -1e-9
-        assert CaseBound(part).final_m > best
+        assert CaseBound(part, part.bound).final_m > best
 
 
 def test_a_strapdown_gradiometer_is_an_inclinometer():

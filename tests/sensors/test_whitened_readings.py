@@ -135,7 +135,7 @@ def test_what_does_not_fit_is_refused_in_a_sentence(coloured, changes, said):
 def test_the_ekf_attains_the_bound_in_coloured_noise(coloured):
     """RMS over the bound 0.97 to 1.03, NEES of 6 within ±5 %: 6 σ of 400 runs of 20 epochs."""
     flight, runs = small_flight(coloured), 400
-    bound = CaseBound(flight).means("filter")[WINDOWS.index("whole"), 0]
+    bound = CaseBound(flight, flight.bound).means("filter")[WINDOWS.index("whole"), 0]
     squares, nees, nis = [], [], []
     for run in range(runs):
         problem, truth = simulate(flight, 5, run)

@@ -133,7 +133,7 @@ def test_the_bound_is_that_of_students_law(freedom):
     finer = small_flight({"truth.gradiometer.noise_eotvos": noise / math.sqrt(gained)})
     normal = small_flight({})
     assert heavy.true.gradiometer.noise_eotvos == noise
-    bounds = [CaseBound(flight).final_m for flight in (heavy, finer, normal)]
+    bounds = [CaseBound(flight, flight.bound).final_m for flight in (heavy, finer, normal)]
     assert bounds[0] == pytest.approx(bounds[1], rel=1e-5)
     assert bounds[0] < 0.99 * bounds[2]
 

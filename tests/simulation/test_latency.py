@@ -128,7 +128,7 @@ def test_the_bound_knows_the_latency(rough, instrument):
     base = FAST | {"gradiometer.instrument": instrument}
     base |= rough if instrument == "local-level" else {}
     flights = [small_flight(base | changes) for changes in ({}, {KNOWN: 5.0}, {UNKNOWN: 5.0})]
-    on_time, known, unknown = (CaseBound(flight).final_m for flight in flights)
+    on_time, known, unknown = (CaseBound(flight, flight.bound).final_m for flight in flights)
     assert known == unknown
     assert known > 1.2 * on_time
     problem, truth = simulate(flights[1], 7, 0)

@@ -102,7 +102,7 @@ def test_a_shipped_case_is_simulated_as_it_is_told(name, case):
     for array in (problem.measurements, problem.transition, problem.process_cov, problem.prior_cov,
                   truth.error_state):  # fmt: skip
         assert np.isfinite(array).all()
-    assert np.isfinite(CaseBound(flight).final_m)
+    assert np.isfinite(CaseBound(flight, flight.bound).final_m)
     spec = flight.case
     told = (
         (spec.gradiometer is None or spec.gradiometer.filter == "none")

@@ -1,0 +1,143 @@
+"""Cramér–Rao bounds of flights without errors, several of one case at once."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ..ins.error_model import STATES
+from ..numerics.lanes import groups
+from ..sensors.aiding import Motion
+from ..sensors.gradiometer.instrument import Gradiometer
+from ..sensors.model import SensorModel, model_arrays
+from .aiding import aiding_about
+from .bound import Bound, posterior_bound
+from .sensor_suite import SensorSuite
+
+if TYPE_CHECKING:
+    from .error_free_flight import Flight
+
+
+def bounds(flights: Sequence[Flight]) -> list[Bound]:
+    """Return the posterior Cramér–Rao bound of the measurements that estimators receive, of each.
+
+    H and Φ are those at the truth. Noise, biases, initial errors, field and latency are the
+    true ones. Filtered gradients are whitened, as estimators receive them. Outliers, errors
+    without a state and what motion adds to the noise are left out, so that it stays a lower
+    bound. Measurements that drop out count by their expected share.
+
+    Parameters
+    ----------
+    flights : of one case.
+
+    Raises
+    ------
+    ValueError
+        If they do not share epochs and maps.
+    """
+    return _bounds(flights, flights[0].true)
+
+
+def unfiltered_bound(flight: Flight) -> Bound:
+    """Return the bound of the same gradiometer without its low-pass and the noise behind that."""
+    instrument, true = flight.true.gradiometer, flight.true
+    if instrument is not None and instrument.lowpass is not None:
+        instrument = dataclasses.replace(instrument, lowpass=None, noise_behind_filter=0.0)
+        true = dataclasses.replace(true, gradiometer=instrument)
+    return _bounds([flight], true)[0]
+
+
+def require_together(first: Flight, other: Flight) -> None:
+    """Raise ValueError unless two flights of one case share epochs, samples and maps."""
+    if first is other:
+        return
+    if not (
+        np.array_equal(first.epochs, other.epochs)
+        and len(first.delta_angles) == len(other.delta_angles)
+        and first.field is other.field
+        and first.model_field is other.model_field
+    ):
+        raise ValueError("flights of other epochs or maps cannot be flown together")
+
+
+class _System(NamedTuple):
+    """Φ, Q (K, n, n) along the truth, and rows (K, 6, 15) over the delays (K,) of readings."""
+
+    transition: np.ndarray
+    process_cov: np.ndarray
+    rows: np.ndarray
+    delays: np.ndarray
+
+
+def _bounds(flights: Sequence[Flight], true: SensorSuite) -> list[Bound]:
+    found = []
+    for some in groups(len(flights)):
+        systems = _systems(flights[some], true)
+        found += [_bound(f, true, s) for f, s in zip(flights[some], systems, strict=True)]
+    return found
+
+
+def _systems(flights: Sequence[Flight], true: SensorSuite) -> list[_System]:
+    """Return the systems of a group of flights."""
+    first = flights[0]
+    for flight in flights:
+        require_together(first, flight)
+    count, epochs, n = len(flights), len(first.epochs), true.dimension
+    delays = first.schedule.delays(true)
+    transition, process_cov = np.empty((2, count, epochs, n, n))
+    rows = np.empty((count, epochs, 6, STATES))
+    exact, missing = zip(*(flight.exact_gradients for flight in flights), strict=True)
+    true.systems(
+        [Motion.of(flight.trajectory) for flight in flights],
+        [flight.delta_velocities for flight in flights],
+        first.epochs, delays, first.trajectory.dt,
+        first.added_gravity(first.field, (np.concatenate(exact), np.concatenate(missing))),
+        transition, process_cov, rows,
+    )  # fmt: skip
+    return [_System(*arrays, delays) for arrays in zip(transition, process_cov, rows, strict=True)]
+
+
+def _bound(flight: Flight, true: SensorSuite, system: _System) -> Bound:
+    instrument = true.gradiometer
+    motion, at, delays = flight.motion_at_epochs, flight.gradient_epochs, system.delays
+    positions, attitudes = motion.positions, motion.attitudes
+    if delays.any():
+        positions, attitudes = flight.trajectory.at(flight.times - delays)
+    model = SensorModel(
+        model_arrays(
+            flight.field,
+            instrument,
+            flight.times,
+            motion.positions,
+            motion.attitudes,
+            positions,
+            attitudes,
+            delays,
+            system.rows,
+            true.treatment(len(at)),
+            at=at,
+            others=aiding_about(true, true.weighed(flight.field), flight.aiding_epochs, motion),
+            dimension=true.dimension,
+            bias=true.gradient_bias,
+            whitening=true.whitening(flight.times[at], flight.absent),
+        )
+    )
+    epochs = len(flight.epochs)
+    jacobians = model.jacobian_along(np.arange(epochs), np.zeros((epochs, true.dimension)))
+    jacobians *= np.sqrt(flight.expected)[:, :, np.newaxis]
+    return posterior_bound(
+        system.transition, system.process_cov, true.prior_cov, jacobians,
+        _noise_cov(flight, true, instrument), flight.ticks,
+    )  # fmt: skip
+
+
+def _noise_cov(flight: Flight, true: SensorSuite, instrument: Gradiometer | None) -> np.ndarray:
+    """The measurements' noise, of the gradiometer by what its tails tell more."""
+    noise_cov = true.noise_cov.copy()
+    if instrument is not None and flight.faults.information > 1.0:
+        own, known = np.arange(true.gradients), 1.0 - 1.0 / flight.faults.information
+        noise_cov[own, own] -= known * instrument.noise_eotvos**2
+    return noise_cov
