@@ -24,6 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..errors import GGBenchError, text_of
+from ..files import reason_of
 from .formats import flaw_of_arrays, flaw_of_manifest, read_records, stand_in
 
 DETAILED_RUN = 0
@@ -349,7 +350,7 @@ class Store:
             _sync(self.folder)
         except OSError as error:
             temporary.unlink(missing_ok=True)
-            raise StoreError(f"cannot write {self.folder / name}: {text_of(error)}") from None
+            raise StoreError(f"cannot write {self.folder / name}: {reason_of(error)}") from None
 
     def remove(self, name: str) -> None:
         """Take a file out of the folder, if it is there."""
