@@ -140,6 +140,7 @@ def test_tables_are_the_callers_own(results):
     assert set(results.pairs()["first"]) | set(results.pairs()["second"]) == set(LABELS)
 
 
+@pytest.mark.long
 def test_figures(results, tmp_path):
     """Each is a Matplotlib figure that can be written; the lines show what is stored."""
     figures = [

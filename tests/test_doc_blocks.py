@@ -104,6 +104,7 @@ def test_a_report_from_an_elevation_model_takes_few_commands():
     assert not any(word in text for text in shown for word in ("lowest", "highest", "height"))
 
 
+@pytest.mark.long
 def test_a_block_that_fails_is_found(tmp_path):
     """The harness itself: of a page with a mistake in each language, each is an error."""
     page = tmp_path / "page.md"

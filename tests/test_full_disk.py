@@ -153,6 +153,7 @@ def test_a_map_on_a_full_disk(height_spacing, needed, small_disk, tmp_path):
     assert [*small_disk.iterdir()] == []
 
 
+@pytest.mark.long
 def test_a_full_disk_under_the_output_itself(tmp_path):
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(
@@ -193,6 +194,7 @@ def test_a_request_to_end_removes_what_is_half_written(number, twice, tmp_path, 
     assert [*tmp_path.iterdir()] == []
 
 
+@pytest.mark.long
 def test_the_next_build_removes_what_killed_ones_left(tmp_path, started):
     """Not what running processes write, nor what is written for another file."""
     process = built_until_it_writes(tmp_path, started)

@@ -147,6 +147,7 @@ def test_the_ceiling_is_what_a_perfect_index_reaches():
     assert association.ceiling(truth + first, truth + second) == pytest.approx(reached, abs=0.04)
 
 
+@pytest.mark.long
 def test_the_page_names_the_index_that_the_table_was_made_with(found):
     """The bound made the errors: it is trusted, better than roughness, and in the answer."""
     near = found.near

@@ -68,6 +68,7 @@ def test_compensation_gives_back_what_the_disturbance_takes(noise):
     assert judged(compensated)[1].mean() == pytest.approx(judged(normal)[1].mean(), rel=0.02)
 
 
+@pytest.mark.long
 @each_noise
 def test_a_compensated_filter_is_consistent_and_efficient(noise):
     """NEES of six, and the bound's error, within the scatter of the runs: false alarms 1e-3 each.

@@ -231,6 +231,7 @@ def test_a_request_to_end_is_an_interrupt(deadly, started):
     assert (deadly / "out" / "figures.csv").exists()
 
 
+@pytest.mark.long
 def test_each_worker_has_one_blas_thread(tmp_path, monkeypatch):
     """Workers run with one BLAS thread each, whatever the environment says."""
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "2")

@@ -81,6 +81,7 @@ def test_what_cannot_be_examined_is_said(tmp_path, text, said):
     assert error.startswith("ggbench: mine.py ") and said in error
 
 
+@pytest.mark.long
 def test_a_name_that_is_none_is_said(tmp_path):
     done = invoke(["check", "ekff"], tmp_path)
     assert done.returncode == 2

@@ -5,6 +5,7 @@ import sys
 import textwrap
 
 import psutil
+import pytest
 
 from ggbench.cli.compile_ahead import compile_estimators, compiling_ahead
 
@@ -32,6 +33,7 @@ COMPARE = textwrap.dedent("""
 """)
 
 
+@pytest.mark.long
 def test_a_flight_has_nothing_left_to_compile():
     """The filter and the measurement model have the same types on a flight as ahead of it."""
     subprocess.run([sys.executable, "-c", COMPARE], check=True, timeout=300)
@@ -53,6 +55,7 @@ def test_the_process_ends_with_its_context():
             assert set(psutil.Process().children()) <= set(before)
 
 
+@pytest.mark.long
 def test_the_process_ends_with_its_parent():
     """A command that is killed leaves no compiler behind."""
     script = (

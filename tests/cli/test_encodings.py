@@ -18,6 +18,7 @@ WORDS = [
 ]  # fmt: skip
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("encoding", ["latin-1", "cp1252"])
 @pytest.mark.parametrize("words", WORDS, ids=" ".join)
 def test_what_an_encoding_lacks_is_replaced(words, encoding, tmp_path, monkeypatch):

@@ -85,6 +85,7 @@ def test_named_sensors_are_recorded_and_reported_by_their_names(tmp_path):
     assert "water_track.csv" in report
 
 
+@pytest.mark.long
 def test_an_estimator_that_fails_does_not_take_the_others_along(tmp_path, log):
     """It is named, the others are written, and the exit code is 1."""
     done = invoke(

@@ -452,6 +452,7 @@ def test_a_void_that_is_no_usual_mark_is_refused_with_the_option(tmp_path):
     assert "by --void VALUE of 'ggbench map build'" in output
 
 
+@pytest.mark.long
 def test_the_clearance_decides_where_a_map_begins(tmp_path):
     """At most so high above the highest ground; a note is about a flight of that clearance."""
     write_dem("dem.asc")

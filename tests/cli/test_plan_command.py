@@ -40,6 +40,7 @@ def test_tracks_are_ranked_and_drawn(tmp_path):
     assert imread(tmp_path / "tracks.png").shape[1] > 400
 
 
+@pytest.mark.long
 def test_a_track_that_leaves_the_map_is_said():
     """Control: 500 km away from the start there is no map."""
     case = scenario.load("wide_prior").cases[0]

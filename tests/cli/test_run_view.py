@@ -47,6 +47,7 @@ def folder(tmp_path_factory) -> Path:
     return path
 
 
+@pytest.mark.long
 def test_compare_finds_what_became_worse(folder):
     """The worse estimator is named, with before, after and ratio; the exit code is 1."""
     done = invoke(["compare", "before", "after"], folder, columns=160)

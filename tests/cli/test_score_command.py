@@ -22,6 +22,7 @@ def folder(tmp_path_factory):
     return place
 
 
+@pytest.mark.long
 def test_a_filter_from_the_template_gets_its_card(folder):
     """The screen has a row for each question and the verdicts; three files are written."""
     said = (folder / "said.txt").read_text(encoding="utf-8")

@@ -50,6 +50,7 @@ def test_an_underweighted_filter_claims_the_error_that_it_has(label, beta):
     assert more.min() > -1e-9  # no gain claims less than the optimal one
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("label", LABELS[:2])
 def test_a_gate_rejects_good_readings_as_often_as_it_says(label):
     """A tenth of 2000 good readings, two channels each.

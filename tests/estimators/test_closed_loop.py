@@ -122,6 +122,7 @@ def test_a_run_of_a_block_is_navigated_anew_from_its_own_readings(rough):
     np.testing.assert_array_equal(found.mean, expected.mean)
 
 
+@pytest.mark.long
 def test_a_heading_that_is_half_a_degree_wrong_does_no_harm_with_feedback():
     """An hour of Zhou's flight: NEES of six states 5 times too large or more, and right with it.
 

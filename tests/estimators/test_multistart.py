@@ -116,6 +116,7 @@ def update_cost(problem: Problem, x: np.ndarray) -> float:
     return float(0.5 * off @ np.linalg.solve(cov, off) + 0.5 * residual @ noise)
 
 
+@pytest.mark.long
 @thinned("lengths", [3.0, 0.5, 0.1])
 def test_iterated_update_ends_in_a_minimum(lengths):
     """No step to any side lowers the cost of an iterated update, and it is never above the start.
@@ -157,6 +158,7 @@ def test_gauss_newton_keeps_constant_states_constant():
     assert (np.ptp(mean, axis=0) / sigma).max() < 1e-9
 
 
+@pytest.mark.long
 @each_width
 @each_search
 def test_many_hypotheses_find_the_place_where_one_locks(label, lengths):
@@ -168,6 +170,7 @@ def test_many_hypotheses_find_the_place_where_one_locks(label, lengths):
     assert (final_errors(label, lengths) < LOST).all()
 
 
+@pytest.mark.long
 def test_many_starts_find_the_place_that_the_filter_has_lost():
     """Of the flights with a prior of 1 correlation length, the first in which the EKF is lost."""
     run = np.flatnonzero(final_errors("ekf", 1.0) > LOST)[0]
@@ -242,6 +245,7 @@ def test_more_starts_never_end_higher():
         assert several.info["cost"] < one.info["cost"] + 1e-3
 
 
+@pytest.mark.long
 def test_the_answer_is_the_lowest_that_a_search_has_found():
     """From the prior's mean and from a filter's track, whichever of them ends lower."""
     lower = set()

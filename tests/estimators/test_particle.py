@@ -212,6 +212,7 @@ class _Bending:
         return np.eye(3) * (1.0 + 2.0 * self.strength * x * (k >= self.since))[..., np.newaxis]
 
 
+@pytest.mark.long
 def test_where_h_bends_again_particles_are_drawn_of_the_gaussian():
     """Five straight readings, five that bend: as near to a plain cloud's answer as that scatters.
 

@@ -98,6 +98,7 @@ def test_what_biases_it_is_seen(fault, seeds):
     assert distance(moves, *KILOMETRE, seeds) > 3.0 * 0.03
 
 
+@pytest.mark.long
 def test_the_log_evidence_is_the_grids():
     """To 0.4, of a reading that is taken in by stages, too: 0.15 off at most (measured)."""
     for seed in SEEDS:
@@ -139,6 +140,7 @@ def test_a_cloud_with_two_modes_stays_one_where_readings_are_straight():
     assert np.isnan(found.nis).all()
 
 
+@pytest.mark.long
 def test_a_reading_that_no_particle_explains_leaves_a_covariance():
     """A cloud of which a reading leaves one particle becomes the Gaussian of its prediction.
 

@@ -121,6 +121,7 @@ def test_where_two_places_look_alike_nothing_is_accepted():
     np.testing.assert_allclose(found.cov[-1], problem.prior_cov, rtol=1e-9)
 
 
+@pytest.mark.long
 def test_where_nothing_fits_nothing_is_accepted():
     """A noise that is told a tenth of its size: all residuals are too large, so no place is right.
 

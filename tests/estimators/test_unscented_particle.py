@@ -69,6 +69,7 @@ def final_errors(label: str) -> np.ndarray:
     return np.array([np.linalg.norm((a.mean - truth)[-1, :3]) for a, (_, truth) in pairs])
 
 
+@pytest.mark.long
 def test_a_mixture_finds_a_place_that_one_filter_loses():
     """In ten flights of ten; a single particle, the UKF, loses its way in some of them."""
     assert (final_errors("unscented-particle[width_m=300]") < 100.0).sum() == 10
@@ -273,6 +274,7 @@ def walk(seed: int, told: float, epochs: int = 400) -> Problem:
     )
 
 
+@pytest.mark.long
 def test_strong_tracking_whitens_the_innovations_of_a_wrong_model():
     """Told a hundredth of the process noise, innovations correlate; fading takes most of that away.
 

@@ -85,6 +85,7 @@ def test_a_gap_begins_a_stretch_of_its_own():
     np.testing.assert_array_equal(paused.weights[3:], start.weights[:2])
 
 
+@pytest.mark.long
 def test_simulated_noise_has_the_law_of_the_model():
     """Covariances over 20000 processes, start included; 5 σ of the largest of 48: 3e-5 at most."""
     runs, count = 20000, 4

@@ -306,6 +306,7 @@ def test_impossible_positions_are_refused(hilly, change, message):
         terrain_field(hilly, **where)
 
 
+@pytest.mark.long
 def test_a_height_at_which_the_series_is_too_long_is_refused():
     count = 12
     ground = 4000.0 * np.indices((count, count)).sum(axis=0) % 8000.0

@@ -110,6 +110,7 @@ def test_undeclared_marks_of_voids_are_recognised(tmp_path, mark, unit):
         read_terrain(write_netcdf(tmp_path / "b.nc", written, units=unit))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("shape", [(601, 601), (25, 25), (3601, 1801)])
 def test_a_tile_of_any_size_is_one_degree(tmp_path, shape):
     rows, columns = np.indices(shape)
@@ -159,6 +160,7 @@ def test_a_grid_of_gmt_3_is_named(tmp_path):
         read_terrain(tmp_path / "a.grd")
 
 
+@pytest.mark.long
 def test_a_missing_database_of_proj_is_named(tmp_path):
     """With the variable of another installation; a process of its own, as PROJ reads it once."""
     path = write_raster(tmp_path / "a.tif", HEIGHTS, crs="EPSG:32632", step=100.0)

@@ -118,6 +118,7 @@ def test_errors_of_the_velocity_are_integrated_as_f_says(rough):
     assert turned < 0.1 * np.abs(moved - rule).max()
 
 
+@pytest.mark.long
 def test_noise_of_the_readings_adds_up_to_the_walk_that_q_has(rough):
     """Over 400 runs the variance of each component is Q's, which is the most of any direction.
 

@@ -146,6 +146,7 @@ def test_false_alarms_of_a_table(draws, tables):
     assert alarms / tables < 0.05 + 2.0 * math.sqrt(0.05 * 0.95 / tables)
 
 
+@pytest.mark.long
 def test_power_of_a_table():
     """A third more error is found among ten pairs in most tables of 100 runs."""
     generator, found = np.random.default_rng(38), 0

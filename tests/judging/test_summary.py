@@ -298,6 +298,7 @@ def test_consistency_on_hand_numbers(nees, coverage, false, verdict):
     assert consistency(row | {"nees_lo": low, "nees_hi": high}) == verdict
 
 
+@pytest.mark.long
 def test_false_alarms_of_consistency():
     """Of consistent estimators at most 2.5 % are called overconfident.
 

@@ -46,6 +46,7 @@ def test_all_measured_data_are_small():
     assert sum(len(path.read_bytes()) for path in DATA.iterdir()) < MOST_BYTES
 
 
+@pytest.mark.long
 @one_is_quick
 def test_the_map_predicts_lines_that_it_does_not_know(name):
     """As a control, a map of masses of the opposite sign leaves more than the readings have."""

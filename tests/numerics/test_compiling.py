@@ -103,6 +103,7 @@ def test_a_function_is_compiled_by_one_process(tmp_path):
     assert outputs[1][0] == outputs[0][0]
 
 
+@pytest.mark.long
 def test_nothing_is_compiled_for_a_constant(tmp_path):
     """Two constants of a type are two numbers of it."""
     place = Place(tmp_path / "here", 1.0)

@@ -132,6 +132,7 @@ def test_a_new_module_counts_and_a_renamed_one(copy):
     assert hash_of(*MAP_ROOMS) == before
 
 
+@pytest.mark.long
 def test_what_a_module_imports_is_found(copy):
     """As Python finds it: in a function, of many lines, under another name, beside a comment."""
     files = [PACKAGE / name for name in modules()]

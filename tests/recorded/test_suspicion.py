@@ -52,6 +52,7 @@ def estimated(path) -> list[str]:
     return [line for line in done.stdout.splitlines() if line.startswith("Warning")]
 
 
+@pytest.mark.long
 def test_a_clock_that_is_ahead_by_leap_seconds_is_found(tmp_path):
     """By 18 s: the NIS is beyond belief, and the offset that mends it is named."""
     first, second = estimated(shifted(log(tmp_path), 18.0))
@@ -88,6 +89,7 @@ def test_in_straight_flight_no_offset_is_named(tmp_path):
     assert clock_fit(read_flight(path).problem, "gnss") is None
 
 
+@pytest.mark.long
 def test_gyros_in_degrees_are_warned_of(tmp_path):
     """57.3 times too large: beyond belief, and no offset of a clock explains it."""
     path = log(tmp_path)
@@ -102,6 +104,7 @@ def test_gyros_in_degrees_are_warned_of(tmp_path):
     assert "mean NIS" in warnings[0] and len(warnings) == 1
 
 
+@pytest.mark.long
 def test_a_reference_that_is_the_receiver_is_remarked(tmp_path):
     """In terminal and report; of another file nothing is said, whatever its name."""
     path = log(tmp_path)

@@ -68,6 +68,7 @@ def data_of(page: Path) -> dict:
     return json.loads(parser.found)
 
 
+@pytest.mark.long
 def test_a_page_has_its_parts_in_order(page):
     """Answer, figure, table, conditions, command; the notes' place is before the command."""
     marks = ["<!-- ggbench page", "# A short flight", "**Answer.**", "](small/answer.png)",

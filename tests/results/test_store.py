@@ -136,6 +136,7 @@ def test_a_report_stays_in_its_folder(results, tmp_path):
             render.write(folder, tmp_path / "deep" / "er")
 
 
+@pytest.mark.long
 def test_what_a_folder_names_is_not_loaded(tmp_path, monkeypatch):
     """Neither reading nor resuming a folder runs a file that its manifest or scenario names."""
     monkeypatch.chdir(tmp_path)

@@ -23,6 +23,7 @@ def found(tmp_path_factory):
     return advice.advise(scenario, case, folder / "out", 2.0 * bound_of(case), 4, jobs=0)
 
 
+@pytest.mark.long
 def test_each_limit_is_the_bound_of_a_halved_cause(found):
     """No cause makes the bound larger when it is halved, and the most important comes first."""
     limits = {limit.cause: limit for limit in found.limits}

@@ -55,6 +55,7 @@ def test_the_ekf_is_as_good_as_itself():
         assert against["ekf"].error_ratio == pytest.approx(1.0, abs=1e-6)
 
 
+@pytest.mark.long
 def test_a_variance_nine_times_too_small_is_found():
     """The filter is worse and overconfident: its false fixes make it unsafe."""
     asked = question(card_of("ekf[noise_scale=0.333]"), "air-narrow")
@@ -172,6 +173,7 @@ def test_runs_of_another_suite_are_refused(monkeypatch, tmp_path):
         scoring.score("ekf", tmp_path / "out", 5, jobs=0)
 
 
+@pytest.mark.long
 def test_odd_runs_alone_are_judged(tmp_path):
     found = scoring.score("ekf", tmp_path / "out", 6, None, "odd", ("air-narrow",), jobs=0)
     assert found.card is not None

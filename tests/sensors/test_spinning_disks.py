@@ -64,6 +64,7 @@ def test_a_perfect_instrument_reads_its_channels_and_no_trace():
     assert one.true.gradiometer.components == ("xz", "zz-xx")
 
 
+@pytest.mark.long
 def test_noise_of_the_channels_is_that_of_the_demodulated_accelerometers():
     """A disk's own signal, with noise of each accelerometer, scatters as the problem claims.
 

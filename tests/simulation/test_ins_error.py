@@ -6,6 +6,7 @@ import math
 import re
 
 import numpy as np
+import pytest
 from command import invoke
 from problems import SEED
 from small_cases import prepare, small_flight
@@ -90,6 +91,7 @@ initial_error.attitude_arcmin = 0.5
 """
 
 
+@pytest.mark.long
 def test_beyond_the_linear_range_the_open_loop_fails_and_the_closed_loop_does_not(tmp_path):
     """Over half an hour of an INS that errs by 200 km: the EKF agrees until then, no longer."""
     (tmp_path / "own.toml").write_text(CONSUMER)
