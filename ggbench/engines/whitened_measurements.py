@@ -284,7 +284,8 @@ def _linearise_others(
             for r in range(group.shape[0]):
                 if aiding.present[group[r], k, d] != 0.0:
                     for j in range(columns, rows.shape[1]):
-                        rows[place, j, r] += root[first + i, first + d] * column_of(aiding, d, j)
+                        value = column_of(aiding, group[r], k, d, j)
+                        rows[place, j, r] += root[first + i, first + d] * value
 
 
 @compiled

@@ -121,6 +121,8 @@ def model_arrays(
         aiding._replace(
             rows=read_only(aiding.rows),
             bias=_immutable(aiding.bias),
+            arm=_immutable(aiding.arm),
+            by_arm=read_only(aiding.by_arm),
             gravity=read_only(aiding.gravity),
             places=read_only(aiding.places),
             present=read_only(aiding.present),
@@ -155,10 +157,10 @@ def _combined(
 
 def without_aiding(field: Field, positions: np.ndarray) -> tuple[Aiding, np.ndarray]:
     """Return the channels of no sensor at INS positions (..., K, 3), and their offsets."""
-    epochs = positions.shape[:-1]
+    epochs, nowhere = positions.shape[:-1], np.zeros(0, dtype=np.int64)
     return Aiding(
-        np.zeros((*epochs, 0, aiding_kernels.MOVED)), np.zeros(0, dtype=np.int64), np.zeros((0, 3)),
-        -1, positions, np.zeros((*epochs, 0)), field.disturbance_map,
+        np.zeros((*epochs, 0, aiding_kernels.MOVED)), nowhere, nowhere, np.zeros((*epochs, 0, 3)),
+        np.zeros((0, 3)), -1, positions, np.zeros((*epochs, 0)), field.disturbance_map,
     ), np.zeros((*epochs, 0))  # fmt: skip
 
 
@@ -195,7 +197,11 @@ class SensorModel:
             combined=frozen(arrays.combined),
             lags=_immutable(arrays.lags),
             times=frozen(arrays.times),
-            aiding=aiding._replace(gravity=frozen(aiding.gravity), bias=_immutable(aiding.bias)),
+            aiding=aiding._replace(
+                gravity=frozen(aiding.gravity),
+                bias=_immutable(aiding.bias),
+                arm=_immutable(aiding.arm),
+            ),
         ).mapped(frozen)
         self._block = self.arrays.as_block()
         self._evaluations = 0

@@ -27,10 +27,11 @@ from ..trajectory.truth import Trajectory
 from .aiding import aiding_about
 from .bound import Bound, posterior_bound
 from .field_source import beside, make_field
-from .formulation import MeasurementTimes, added_gravity, require_short_delays
+from .formulation import MeasurementTimes, added_gravity, rates, require_short_delays
 from .instruments import faults, spinning_disks
 from .measured import measured_errors, measured_readings
-from .sensor_suite import SensorSuite, suite_of_case
+from .sensor_suite import SensorSuite
+from .suites import suite_of_case
 from .true_motion import error_free_motion
 from .within_map import require_within
 
@@ -123,8 +124,7 @@ class Flight:
     @cached_property
     def turning(self) -> np.ndarray:
         """Angular rate (K, 3) about the body's axes at the epochs [rad/s]: a mean of two steps."""
-        around = np.clip([self.epochs - 1, self.epochs], 0, len(self.delta_angles) - 1)
-        return np.asarray(self.delta_angles[around].mean(axis=0) / self.trajectory.dt)
+        return rates(self.delta_angles, self.epochs, self.trajectory.dt)
 
     @cached_property
     def metres(self) -> np.ndarray:
@@ -255,8 +255,7 @@ class Flight:
         H and Φ are those at the truth. Noise, biases, initial errors, field and latency are the
         true ones. Filtered gradients are whitened, as estimators receive them. Outliers, errors
         without a state and what motion adds to the noise are left out, so that it stays a lower
-        bound. Measurements that drop out
-        count by their expected share.
+        bound. Measurements that drop out count by their expected share.
         """
         return self._bound_of(self.true.gradiometer)
 
@@ -291,6 +290,9 @@ class Flight:
         positions, attitudes = motion.positions, motion.attitudes
         if delays.any():
             positions, attitudes = truth.at(self.times - delays)
+        others = aiding_about(
+            true, true.weighed(self.field), self.aiding_epochs, motion, self.turning
+        )
         model = SensorModel(
             model_arrays(
                 self.field,
@@ -304,7 +306,7 @@ class Flight:
                 rows,
                 true.treatment(len(at)),
                 at=at,
-                others=aiding_about(true, true.weighed(self.field), self.aiding_epochs, motion),
+                others=others,
                 dimension=true.dimension,
                 bias=true.gradient_bias,
                 whitening=true.whitening(self.times[at], self.absent),

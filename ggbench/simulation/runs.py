@@ -110,7 +110,7 @@ def simulate_block(
         propagate_errors(model, when, gravity, scratch.track, scratch.increments, ins.of_runs(some))
         if not model.remembers:
             recordings.append(recorded._replace(increments=recorded.increments.copy()))
-    read, biases = _readings(flight, streams, seen, ins.motion)
+    read, states = _readings(flight, streams, seen, ins.motion)
     problems = build_problems(model, flight.model_field, when, ins, read)
     if not model.remembers:
         gravity = flight.added_gravity(flight.model_field)
@@ -125,10 +125,10 @@ def simulate_block(
     error_state[:, :, GYRO_BIAS.start : STATES] = imu_biases
     if model.disturbance is not None:
         error_state[:, :, STATES : model.disturbed] = flight.unknown_to_a_map - ins.integrated
-    first = model.dimension - biases.shape[2]
+    first = model.dimension - states.shape[2]
     if first > model.disturbed:
         error_state[:, :, model.disturbed : first] = seen.biases
-    error_state[:, :, first:] = biases
+    error_state[:, :, first:] = states
     return problems, TruthBlock(times, error_state)
 
 
@@ -208,7 +208,7 @@ def _gradients(flight: Flight, streams: Sequence[RandomStreams]) -> _Gradients:
 def _readings(
     flight: Flight, streams: Sequence[RandomStreams], seen: _Gradients, ins: Motion
 ) -> tuple[Readings, np.ndarray]:
-    """Return what the sensors of R runs deliver, and biases at all epochs.
+    """Return what the sensors of R runs deliver, and their true states at all epochs.
 
     Of the sensors other than the gradiometer those that the model knows.
     """
@@ -216,7 +216,7 @@ def _readings(
         flight.true.aiding, flight.model.aiding, flight.field, flight.times, flight.aiding_epochs,
         flight.motion_at_epochs, ins, flight.turning, streams, flight.measured_errors,
     )  # fmt: skip
-    return Readings(seen.output, seen.missing, others.measurements, others.present), others.biases
+    return Readings(seen.output, seen.missing, others.measurements, others.present), others.states
 
 
 class _Scratch(NamedTuple):

@@ -231,6 +231,7 @@ SHARED: dict[str, Row] = {
         45.0, sensor("gnss", lambda s: s.bias_time), ON_BOARD | {"gnss.position_bias_m": 2.5},
     ),
     "gnss.lever_arm_m": ([1.0, 2.0, 3.0], sensor("gnss", lambda s: s.lever), ON_BOARD),
+    "gnss.lever_arm_sigma_m": (1.5, bias("gnss lever arm error"), ON_BOARD),
     "velocity_log.period_s": (4.0, sensor("velocity_log", lambda s: s.period), ON_BOARD),
     "velocity_log.noise_mps": (0.3, channel("velocity forward"), ON_BOARD),
     "velocity_log.bias_mps": (0.4, bias("velocity log bias"), ON_BOARD),
