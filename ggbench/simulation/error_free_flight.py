@@ -107,8 +107,7 @@ class Flight:
     @property
     def motion_at_epochs(self) -> Motion:
         """Where the truth is at the epochs, and how it moves."""
-        truth = self.trajectory
-        at = self.epochs
+        truth, at = self.trajectory, self.epochs
         return Motion(truth.positions[at], truth.velocities[at], truth.attitudes[at])
 
     @cached_property
@@ -276,13 +275,12 @@ class Flight:
 
     def _bound_of(self, instrument: Gradiometer | None) -> Bound:
         truth, true = self.trajectory, dataclasses.replace(self.true, gradiometer=instrument)
-        motion, at = self.motion_at_epochs, self.gradient_epochs
-        noise_cov = true.noise_cov.copy()
+        motion, at, noise_cov = self.motion_at_epochs, self.gradient_epochs, true.noise_cov.copy()
         if instrument is not None and self.faults.information > 1.0:
             own, known = np.arange(true.gradients), 1.0 - 1.0 / self.faults.information
             noise_cov[own, own] -= known * instrument.noise_eotvos**2
-        delays = self.schedule.delays(true)
-        rows = np.empty((len(self.epochs), 6, STATES))
+        epochs, delays = len(self.epochs), self.schedule.delays(true)
+        rows = np.empty((epochs, 6, STATES))
         transition, process_cov = true.system(
             Motion.of(truth), self.delta_velocities,
             self.epochs, truth.dt, self.added_gravity(self.field), delays, rows,
@@ -310,9 +308,9 @@ class Flight:
                 dimension=true.dimension,
                 bias=true.gradient_bias,
                 whitening=true.whitening(self.times[at], self.absent),
+                mounting=true.mounting,
             )
         )
-        epochs = len(self.epochs)
         jacobians = model.jacobian_along(np.arange(epochs), np.zeros((epochs, true.dimension)))
         jacobians *= np.sqrt(self.expected)[:, :, np.newaxis]
         return posterior_bound(

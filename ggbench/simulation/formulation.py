@@ -271,6 +271,7 @@ def build_problems(
             model.dimension,
             model.gradient_bias,
             whitening,
+            model.mounting,
         ),
         layout=model.layout,
         present=np.concatenate([there, read.present], axis=2),

@@ -41,6 +41,7 @@ class RandomStreams:
         "gradiometer_tilt",
         "gradiometer_tails",
         "gnss_lever_arm",
+        "gradiometer_mounting",
     )
     """New sources come last: the number of a source is part of its seed."""
 

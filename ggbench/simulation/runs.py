@@ -126,8 +126,10 @@ def simulate_block(
     if model.disturbance is not None:
         error_state[:, :, STATES : model.disturbed] = flight.unknown_to_a_map - ins.integrated
     first = model.dimension - states.shape[2]
-    if first > model.disturbed:
-        error_state[:, :, model.disturbed : first] = seen.biases
+    if model.mounting >= 0:
+        error_state[:, :, model.mounting : model.mounting + 3] = seen.mounting[:, np.newaxis]
+    if model.gradient_bias >= 0:
+        error_state[:, :, model.gradient_bias : first] = seen.biases
     error_state[:, :, first:] = states
     return problems, TruthBlock(times, error_state)
 
@@ -179,11 +181,13 @@ class _Gradients(NamedTuple):
     output : (R, G, g) [E].
     missing : (R, G).
     biases : (R, K, g) at all epochs [E].
+    mounting : (R, 3) angles by which the mount is turned about its axes [rad].
     """
 
     output: np.ndarray
     missing: np.ndarray
     biases: np.ndarray
+    mounting: np.ndarray
 
     def of_runs(self, some: slice) -> tuple[np.ndarray, np.ndarray]:
         """Return output and what is missing of some of the runs."""
@@ -193,16 +197,16 @@ class _Gradients(NamedTuple):
 def _gradients(flight: Flight, streams: Sequence[RandomStreams]) -> _Gradients:
     """Return what the gradiometers of R runs deliver; of no readings without one."""
     runs, width = len(streams), flight.model.gradients
+    unknown, unturned = np.zeros((runs, len(flight.times), width)), np.zeros((runs, 3))
     if flight.measured is not None:
-        # What was measured is the same in all runs; nothing is known of its biases.
+        # What was measured is the same in all runs; nothing is known of biases and of the mount.
         output = np.tile(np.nan_to_num(flight.measured), (runs, 1, 1))
-        unknown = np.zeros((runs, len(flight.times), width))
-        return _Gradients(output, np.tile(flight.absent, (runs, 1)), unknown)
+        return _Gradients(output, np.tile(flight.absent, (runs, 1)), unknown, unturned)
     if flight.true.gradiometer is not None:
-        output, biases = _gradiometer_output(flight, flight.true.gradiometer, streams)
-        return _Gradients(output, _missing(flight, streams), biases)
+        output, biases, turned = _gradiometer_output(flight, flight.true.gradiometer, streams)
+        return _Gradients(output, _missing(flight, streams), biases, turned)
     none = np.zeros((runs, 0), dtype=bool)
-    return _Gradients(np.zeros((runs, 0, width)), none, np.zeros((runs, len(flight.times), width)))
+    return _Gradients(np.zeros((runs, 0, width)), none, unknown, unturned)
 
 
 def _readings(
@@ -311,10 +315,10 @@ def _altimeter_readings(
 
 def _gradiometer_output(
     flight: Flight, instrument: Gradiometer, streams: Sequence[RandomStreams]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return what the instruments deliver when they are read, and biases at all epochs [E].
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return what the instruments deliver, biases at all epochs [E], and mounting angles [rad].
 
-    (R, G, g) for G readings, before they drop out, and (R, K, g).
+    (R, G, g) for G readings, before they drop out, (R, K, g), and (R, 3).
     """
     faults, at = flight.faults, flight.gradient_epochs
     times = flight.times[at]
@@ -322,6 +326,7 @@ def _gradiometer_output(
     undistorted = flight.noise_free @ channels.T
     output = np.empty((len(streams), len(times), len(channels)))
     biases = np.zeros((len(streams), len(flight.times), len(channels)))
+    turned = np.zeros((len(streams), 3))
     for run, of_run in enumerate(streams):
         tensors, exact = flight.noise_free, undistorted
         if faults.clock > 0.0 or faults.jitter > 0.0:
@@ -330,8 +335,11 @@ def _gradiometer_output(
             tensors = faults.tilted(tensors, times, of_run.gradiometer_tilt)
         if tensors is not flight.noise_free:
             exact = tensors @ channels.T
-        if faults.distorts or flight.disks is not None:
-            exact = faults.distort(tensors, channels, of_run.gradiometer_errors)
+        if instrument.mounting_sigma > 0.0:
+            turned[run] = instrument.mounting_sigma * of_run.gradiometer_mounting.standard_normal(3)
+        if faults.distorts or flight.disks is not None or turned[run].any():
+            turned[run] += faults.mounting(of_run.gradiometer_errors)
+            exact = faults.distort(tensors, channels, turned[run], of_run.gradiometer_errors)
         if flight.disks is not None:
             exact = exact + flight.disks.errors(
                 instrument.components, tensors, *flight.motion, of_run.gradiometer_errors
@@ -354,7 +362,7 @@ def _gradiometer_output(
     if instrument.noise_behind_filter > 0.0:
         for run, of_run in enumerate(streams):
             output[run] += instrument.noise_behind(len(times), of_run.behind_filter)
-    return output, biases
+    return output, biases, turned
 
 
 def _missing(flight: Flight, streams: Sequence[RandomStreams]) -> np.ndarray:

@@ -114,12 +114,15 @@ class SensorSuite:
 
     @cached_property
     def layout(self) -> tuple[StateBlock, ...]:
-        """The states: the INS's, gravity if it is one, biases and lever arms that are some."""
+        """The states: the INS's, and gravity, mounting angles, biases and lever arms if unknown."""
         found = list(_LAYOUT)
         first = self.disturbed
         if self.disturbance is not None:
             found.append(StateBlock("gravity disturbance ENU", slice(STATES, first), "m/s²"))
-        if self.gradiometer is not None and self.gradiometer.biased:
+        if self.mounting >= 0:
+            found.append(StateBlock("gradiometer mounting error", slice(first, first + 3), "rad"))
+            first += 3
+        if self.gradient_bias >= 0:
             found.append(StateBlock("gradiometer bias", slice(first, first + self.gradients), "E"))
         for sensor, biases, arm in self._of_aiding:
             name = sensor.name.replace("_", " ")
@@ -133,6 +136,8 @@ class SensorSuite:
     def _of_aiding(self) -> list[AidingStates]:
         """The states of each of the aiding sensors, behind all others."""
         found, first = [], self.disturbed
+        if self.mounting >= 0:
+            first += 3
         if self.gradient_bias >= 0:
             first += self.gradients
         for sensor in self.aiding:
@@ -153,14 +158,21 @@ class SensorSuite:
         return -1 if self.disturbance is None else STATES
 
     @property
+    def mounting(self) -> int:
+        """The first of three states that are mounting angles of the gradiometer; −1 for none."""
+        turned = self.gradiometer is not None and self.gradiometer.mounting_sigma > 0.0
+        return self.disturbed if turned else -1
+
+    @property
     def gradient_bias(self) -> int:
         """The first state that is a bias of the gradiometer; −1 without any."""
-        biased = self.gradiometer is not None and self.gradiometer.biased
-        return self.disturbed if biased else -1
+        if self.gradiometer is None or not self.gradiometer.biased:
+            return -1
+        return self.disturbed if self.mounting < 0 else self.mounting + 3
 
     @property
     def dimension(self) -> int:
-        """Number of states: 15, three of gravity, biases, and three of each unknown lever arm."""
+        """Number of states: 15, and those of gravity, mounting angles, biases and lever arms."""
         return int(self.layout[-1].slice.stop)
 
     @cached_property
@@ -250,6 +262,8 @@ class SensorSuite:
             # solved for in units of their prior, which must not be nothing against the walk.
             walk = self.gradiometer.drift * math.sqrt(self.gradiometer.period)
             sigma[self.disturbed :] = max(self.gradiometer.bias_eotvos, 1e-2 * walk, 1e-9)
+            if self.mounting >= 0:
+                sigma[self.mounting : self.mounting + 3] = self.gradiometer.mounting_sigma
         for sensor, biases, arm in self._of_aiding:
             sigma[biases], sigma[arm] = sensor.bias, sensor.arm_sigma
         return np.diag(sigma**2)
@@ -351,14 +365,14 @@ class SensorSuite:
     def _add_biases(
         self, epochs: np.ndarray, dt: float, transition: np.ndarray, process_cov: np.ndarray
     ) -> None:
-        """Fill what biases and lever arms have in Φ and Q (R, K, n, n): a walk, or a decay."""
+        """Fill what constants and biases have in Φ and Q (R, K, n, n): a walk, or a decay."""
         first = self.disturbed
         transition[:, :, :first, first:] = transition[:, :, first:] = 0.0
         process_cov[:, :, :first, first:] = process_cov[:, :, first:] = 0.0
-        bias = np.arange(first, self.dimension)
-        transition[:, :, bias, bias] = 1.0
+        lasting = np.arange(first, self.dimension)
+        transition[:, :, lasting, lasting] = 1.0
         if self.gradiometer is not None and self.gradiometer.biased:
-            own = bias[: self.gradients]
+            own = np.arange(self.gradient_bias, self.gradient_bias + self.gradients)
             walk = self.gradiometer.drift**2 * np.diff(epochs, prepend=0) * dt
             process_cov[:, :, own, own] = walk[:, np.newaxis]
         for sensor, biases, _ in self._of_aiding:

@@ -212,6 +212,7 @@ SHARED: dict[str, Row] = {
     ),
     "gradiometer.bias_eotvos": (0.9, lambda f, e: E * math.sqrt(e.prior_cov[15, 15])),
     "gradiometer.drift_eotvos_per_sqrt_h": (6.0, walk),
+    "gradiometer.mounting_sigma_arcmin": (0.8, bias("gradiometer mounting error")),
     "gradiometer.noise_behind_filter_eotvos": (0.004, behind, FILTERED),
     "gradiometer.latency_s": (0.3, lambda f, e: e.gradiometer.latency),
     "gradiometer.filter_cutoff_hz": (
