@@ -23,7 +23,8 @@ from ..simulation.field_source import is_file, make_field, map_recipe
 from ..simulation.formulation import require_short_delays
 from ..simulation.ins_error import InsError, inertial_alone, ins_error
 from ..simulation.instruments import faults, spinning_disks
-from ..simulation.sensor_suite import SensorSuite, suite_of_case
+from ..simulation.sensor_suite import SensorSuite
+from ..simulation.suites import suite_of_case
 from ..simulation.true_motion import trajectory_of
 from ..spec.case import CaseSpec
 from ..spec.limits import FASTEST_MPS, HIGHEST_M, LOWEST_M

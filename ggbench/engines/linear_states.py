@@ -24,7 +24,10 @@ def mixing(problem: Problem) -> str | None:
     if len(arrays.channels) == 0 or len(read) == 0:
         return None
     if arrays.instrument == STRAPDOWN:
-        return "the readings of a strapdown gradiometer depend on the attitude, not linearly"
+        return (
+            "the readings of a gradiometer depend on the attitude, or on mounting angles that are "
+            "states, not linearly"
+        )
     if not np.array_equal(
         arrays.rows[read, :POSITION],
         np.broadcast_to(

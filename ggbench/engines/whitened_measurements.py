@@ -11,7 +11,7 @@ from ..block import ProblemBlock
 from ..numerics.kernels import compiled, inlined
 from ..numerics.lanes import gather_row, gather_rows, lanes
 from ..numerics.vectors import load, splat, store, with_sign
-from ..sensors.aiding_kernels import MOVED, column_of, linearise_aiding
+from ..sensors.aiding_kernels import INS_STATES, MOVED, column_of, linearise_aiding
 from ..sensors.model_arrays import (
     EpochContext,
     ModelArrays,
@@ -70,7 +70,7 @@ class Readings(NamedTuple):
     slope : (g, 6, lanes) A, of the gradiometer's h by the errors B_k x [E/m; E/rad]; ``moving``
         columns are used.
     aiding_slope : (e, 9, lanes) of the other channels, by the first states.
-    b : (moving, 15, lanes) B_k, as many rows as there are errors that h depends on.
+    b : (moving, 15 or more, lanes) B_k, as many rows as there are errors that h depends on.
     errors : (6, 1, lanes) B_k x.
     context : INS solution and gains; the gain is that of biases, too: zero where none came.
     z : (1, m, lanes) readings.
@@ -267,7 +267,7 @@ def _linearise_others(
     blocks.
     """
     slope, rows, innovation, aiding = out.aiding_slope, out.rows, out.innovation, model.aiding
-    channels, first, columns = slope.shape[0], out.slope.shape[0], out.b.shape[1]
+    channels, first = slope.shape[0], out.slope.shape[0]
     linearise_aiding(aiding, group, count, k, out.context.offset, x, out.predicted, slope)
     for i in range(channels):
         place = equations + i
@@ -283,8 +283,9 @@ def _linearise_others(
         for d in range(i + 1):
             for r in range(group.shape[0]):
                 if aiding.present[group[r], k, d] != 0.0:
-                    for j in range(columns, rows.shape[1]):
-                        rows[place, j, r] += root[first + i, first + d] * column_of(aiding, d, j)
+                    for j in range(INS_STATES, rows.shape[1]):
+                        value = column_of(aiding, group[r], k, d, j)
+                        rows[place, j, r] += root[first + i, first + d] * value
 
 
 @compiled

@@ -16,7 +16,8 @@ from ..gravity.field import Field, OutsideMapError
 from ..gravity.meridians import turns
 from ..ins.error_model import navigation_errors
 from ..problem import Problem
-from ..sensors.aiding import Gnss, Motion, corrected_positions, position_error
+from ..sensors.aiding import Motion, corrected_positions, position_error
+from ..sensors.gnss import Gnss
 from ..simulation.field_source import beside, is_file, make_field, map_files
 from ..simulation.formulation import (
     InsSolution,
@@ -29,7 +30,8 @@ from ..simulation.formulation import (
 )
 from ..simulation.replay import Replays
 from ..simulation.runs import Truth
-from ..simulation.sensor_suite import SensorSuite, suite_of
+from ..simulation.sensor_suite import SensorSuite
+from ..simulation.suites import suite_of
 from ..spec.flight import (
     FlightError,
     FlightSpec,

@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..gravity.meridians import turns
-from ..sensors.aiding import Gnss, Motion, position_error
+from ..sensors.aiding import Motion, position_error
+from ..sensors.gnss import Gnss
 from ..simulation.sensor_suite import SensorSuite
 from ..spec.flight import (
     FlightSpec,

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
-from ..sensors.aiding import Gnss, corrected_positions
+from ..sensors.aiding import corrected_positions
+from ..sensors.gnss import Gnss
 from ..simulation.error_free_flight import Flight
 from ..simulation.field_source import is_file
 from ..simulation.runs import record as recorded

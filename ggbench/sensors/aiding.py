@@ -22,7 +22,6 @@ from ..gravity.field import Field
 from ..numerics.rotations import rotation_matrix
 from ..problem import Channel
 from .aiding_kernels import MOVED
-from .false_positions import FalsePositions
 from .gradiometer.faults import Faults
 from .processes import gauss_markov, remaining
 
@@ -30,7 +29,6 @@ MGAL = 1e5
 """mGal in a m/s²."""
 AXES = "xyz"
 _NO_FAULTS = Faults()
-_TRUE_POSITIONS = FalsePositions()
 _GRAVITY = ("east", "north", "scalar")
 
 
@@ -80,6 +78,7 @@ class AidingSensor(ABC):
     bias : σ of each channel's bias [unit of the channel]; zero for none.
     bias_time : correlation time of the bias, a Gauss–Markov process [s]; ∞ for a constant.
     faults : outliers and dropouts, which no estimator assumes.
+    arm_sigma : σ of the error of each part of its lever arm, a constant [m]; zero for none.
     label : a name of its own, of one of several of a kind; "" for none.
     """
 
@@ -88,6 +87,7 @@ class AidingSensor(ABC):
     bias: float = 0.0
     bias_time: float = np.inf
     faults: Faults = _NO_FAULTS
+    arm_sigma: float = field(default=0.0, kw_only=True)
     label: str = field(default="", kw_only=True)
 
     kind: ClassVar[str]
@@ -127,6 +127,21 @@ class AidingSensor(ABC):
         """Number of channels with a bias; they come first."""
         return len(self.channels) if self.bias > 0.0 else 0
 
+    @property
+    def armed(self) -> int:
+        """Number of states of an error of the lever arm: three, or none."""
+        return 3 if self.arm_sigma > 0.0 else 0
+
+    def by_arm(self, motion: Motion, turning: np.ndarray) -> np.ndarray:
+        """Return what the channels make of a metre of each part of its error (..., K, e, 3).
+
+        Parameters
+        ----------
+        motion : of the body, indicated or true.
+        turning : (..., K, 3) its angular rate about its own axes [rad/s].
+        """
+        return np.zeros((*motion.positions.shape[:-1], len(self.channels), 3))
+
     def decay(self, times: np.ndarray) -> np.ndarray:
         """Return what is left of a bias at each of the epochs (K,) since the one before it."""
         return remaining(times, self.bias_time)
@@ -134,73 +149,6 @@ class AidingSensor(ABC):
     def biases(self, times: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Return the biases of a run (K, b) at the epochs, of the channels that have one."""
         return self.bias * gauss_markov(times, self.bias_time, self.biased, rng)
-
-
-@dataclass(frozen=True)
-class Gnss(AidingSensor):
-    """Satellite navigation: position, as seen from where the INS believes to be, and velocity.
-
-    Both are linear in the INS's errors: p − p̂ = −δr, v = v̂ − δv; an antenna at the lever arm l
-    adds C_nb l ≈ (I + [φ×]) Ĉ_nb l. Only positions have biases, and errors that follow the clock.
-    """
-
-    position: bool = True
-    velocity: bool = True
-    errors: FalsePositions = _TRUE_POSITIONS
-    lever: tuple[float, ...] = (0.0, 0.0, 0.0)
-
-    kind = "gnss"
-
-    @property
-    def channels(self) -> tuple[Channel, ...]:
-        """Position ENU relative to the INS's [m], velocity ENU [m/s]; those that there are."""
-        found = []
-        for there, what, unit in (
-            (self.position, "position", "m"),
-            (self.velocity, "velocity", "m/s"),
-        ):
-            if there:
-                found += [Channel(f"{what} {axis}", unit, self.name) for axis in "ENU"]
-        return tuple(found)
-
-    @property
-    def biased(self) -> int:
-        """Number of axes of the positions, if these have a bias."""
-        return 3 if self.position and self.bias > 0.0 else 0
-
-    def exact(self, truth: Motion, ins: Motion, gravity: Field) -> np.ndarray:
-        """Return true positions relative to the INS's, and true velocities."""
-        parts = []
-        if self.position:
-            antenna = truth.attitudes @ np.array(self.lever)
-            parts.append(antenna - position_error(ins.positions, truth.positions))
-        if self.velocity:
-            parts.append(np.broadcast_to(truth.velocities, ins.velocities.shape))
-        return np.concatenate(parts, axis=-1)
-
-    def about(self, ins: Motion) -> About:
-        """Return −δr + Ĉ_nb l + φ × Ĉ_nb l and v̂ − δv."""
-        selected = self._selected
-        rows = np.zeros((*ins.positions.shape[:-1], len(selected), MOVED))
-        rows[..., np.arange(len(selected)), selected] = -1.0
-        antenna = ins.attitudes @ np.array(self.lever)
-        if self.position:
-            rows[..., :3, 6:9] = -cross_matrix(antenna)
-        offset = np.concatenate([antenna, ins.velocities], axis=-1)
-        return About(offset[..., selected], rows)
-
-    @property
-    def _selected(self) -> np.ndarray:
-        return np.flatnonzero([self.position] * 3 + [self.velocity] * 3)
-
-    def seen_from(self, readings: np.ndarray, old: Motion, new: Motion) -> np.ndarray:
-        """Return positions relative to the new track."""
-        if not self.position:
-            return readings
-        # Metres of the new track: a radian of longitude is worth another length there.
-        scaled = readings[..., :3] * (_metres(new.positions) / _metres(old.positions))
-        off = -position_error(new.positions, old.positions)
-        return np.concatenate([scaled + off, readings[..., 3:]], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -332,7 +280,7 @@ class Gravimeter(AidingSensor):
             # c and γ are smooth: the fourth digit of a central difference is beyond any reading.
             error = np.zeros(6)
             error[j] = 0.5 * step
-            moved = (error[:3] / _metres(ins.positions))[..., _ENU]
+            moved = (error[:3] / metres_of(ins.positions))[..., _ENU]
             ahead, behind = (
                 self.steady_force(ins.positions + sign * moved, ins.velocities + sign * error[3:])
                 for sign in (1.0, -1.0)
@@ -355,7 +303,7 @@ _ENU = [1, 0, 2]
 
 def position_error(indicated: np.ndarray, true: np.ndarray) -> np.ndarray:
     """Return indicated − true positions (..., 3) as metres ENU at the indicated ones."""
-    return np.asarray((indicated - true)[..., _ENU] * _metres(indicated))
+    return np.asarray((indicated - true)[..., _ENU] * metres_of(indicated))
 
 
 def corrected_positions(indicated: np.ndarray, error: np.ndarray) -> np.ndarray:
@@ -363,7 +311,7 @@ def corrected_positions(indicated: np.ndarray, error: np.ndarray) -> np.ndarray:
 
     The inverse of :func:`position_error`.
     """
-    return np.asarray(indicated - (error / _metres(indicated))[..., _ENU])
+    return np.asarray(indicated - (error / metres_of(indicated))[..., _ENU])
 
 
 def corrected_motion(indicated: Motion, errors: np.ndarray) -> Motion:
@@ -393,7 +341,7 @@ def cross_matrix(vectors: np.ndarray) -> np.ndarray:
     )
 
 
-def _metres(positions: np.ndarray) -> np.ndarray:
+def metres_of(positions: np.ndarray) -> np.ndarray:
     """Return what longitude, latitude and height are worth (..., 3) [m/rad, m/rad, 1]."""
     flat = np.ascontiguousarray(positions).reshape(-1, 3)
     metres = np.hstack([metres_along(flat), np.ones((len(flat), 1))])

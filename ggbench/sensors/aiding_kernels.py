@@ -21,19 +21,21 @@ from ..numerics.vectors import load, splat, store
 
 MOVED, INS_STATES = 9, 15
 """Position, velocity and attitude error: the states on which these readings depend. Others come
-after the INS's own: gravity, and biases."""
+after the INS's own: gravity, biases and lever arms."""
 
 
 class Aiding(NamedTuple):
     """The channels of the aiding sensors as arrays.
 
-    h(k, x) = offset_k + present_k · (A_k x[:9] + W (δg(p̂_k − x[:3]) + d) + b). For many runs at
-    once (a block) the arrays that differ from run to run have the run as leading axis.
+    h(k, x) = offset_k + present_k · (A_k x[:9] + W (δg(p̂_k − x[:3]) + d) + b + L_k l). For many
+    runs at once (a block) the arrays that differ from run to run have the run as leading axis.
 
     Attributes
     ----------
     rows : (K, e, 9) A_k [unit of the channel per unit of the state].
     bias : (e,) index of the state that is a channel's bias; −1 for none.
+    arm : (e,) index of the first of three states l, errors of a lever arm [m]; −1 for none.
+    by_arm : (K, e, 3) L_k [unit of the channel per m]; (K, 0, 3) without such states.
     gravity : (e, 3) W [unit of the channel per m/s²], of the disturbance ENU.
     state : the first of three states d that are what the map lacks of it; −1 for none.
     places : (K, 3) INS positions at the epochs [rad, rad, m].
@@ -43,6 +45,8 @@ class Aiding(NamedTuple):
 
     rows: np.ndarray
     bias: np.ndarray
+    arm: np.ndarray
+    by_arm: np.ndarray
     gravity: np.ndarray
     state: int
     places: np.ndarray
@@ -50,7 +54,7 @@ class Aiding(NamedTuple):
     map: DisturbanceMap
 
 
-OF_A_RUN = ("rows", "places", "present")
+OF_A_RUN = ("rows", "by_arm", "places", "present")
 """The arrays that differ from run to run."""
 
 
@@ -97,9 +101,11 @@ def weighs_gravity(aiding: Aiding, run: int, k: int) -> bool:
 
 
 @inlined
-def column_of(aiding: Aiding, c: int, j: int) -> float:
-    """Return what a channel that is there makes of a state behind the INS's own."""
+def column_of(aiding: Aiding, run: int, k: int, c: int, j: int) -> float:
+    """Return what a channel that a run has at an epoch makes of a state behind the INS's own."""
     value = 1.0 if aiding.bias[c] == j else 0.0
+    if aiding.arm[c] >= 0 and aiding.arm[c] <= j < aiding.arm[c] + 3:
+        value += aiding.by_arm[run, k, c, j - aiding.arm[c]]
     if aiding.state >= 0 and aiding.state <= j < aiding.state + 3:
         value += aiding.gravity[c, j - aiding.state]
     return value
@@ -116,7 +122,7 @@ def linearise_aiding(
     predicted: np.ndarray,
     slope: np.ndarray,
 ) -> None:
-    """Fill h, with biases and gravity states, and its derivative by the first nine, of each run.
+    """Fill h, of all states, and its derivative by the first nine, of each run.
 
     Parameters
     ----------
@@ -140,7 +146,7 @@ def linearise_aiding(
         for r in range(count):
             if aiding.present[group[r], k, c] != 0.0:
                 for j in range(INS_STATES, x.shape[1]):
-                    predicted[0, first + c, r] += column_of(aiding, c, j) * x[0, j, r]
+                    predicted[0, first + c, r] += column_of(aiding, group[r], k, c, j) * x[0, j, r]
     error, value, along = np.empty(3), np.empty(3), np.empty((3, 3))
     for r in range(count):
         run = group[r]
@@ -194,7 +200,7 @@ def read_aiding_pairs(
             for r in range(count):
                 if aiding.present[group[r], k, c] != 0.0:
                     for j in range(max(q, INS_STATES), n):
-                        value = column_of(aiding, c, j) * lower[j, q, r]
+                        value = column_of(aiding, group[r], k, c, j) * lower[j, q, r]
                         odd[first + c, q, r] += spread * value
     error, centre, plus, minus = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     along, unused = np.empty((3, 3)), np.empty((3, 3))
@@ -244,7 +250,7 @@ def predict_aiding(aiding: Aiding, k: int, states: np.ndarray, out: np.ndarray) 
             for j in range(MOVED):
                 out[p, first + c] += aiding.rows[0, k, c, j] * states[p, j]
             for j in range(INS_STATES, states.shape[1]):
-                out[p, first + c] += column_of(aiding, c, j) * states[p, j]
+                out[p, first + c] += column_of(aiding, 0, k, c, j) * states[p, j]
             if weighs:
                 for i in range(3):
                     out[p, first + c] += aiding.gravity[c, i] * value[i]
@@ -265,7 +271,7 @@ def aiding_jacobian(aiding: Aiding, k: int, state: np.ndarray, out: np.ndarray) 
         for j in range(MOVED):
             out[first + c, j] = aiding.rows[0, k, c, j]
         for j in range(INS_STATES, state.shape[0]):
-            out[first + c, j] = column_of(aiding, c, j)
+            out[first + c, j] = column_of(aiding, 0, k, c, j)
         if weighs:
             for i in range(3):
                 for j in range(3):

@@ -11,6 +11,7 @@ from . import aiding_kernels
 from .aiding_kernels import Aiding
 from .gradiometer.instrument import INSTRUMENTS, STRAPDOWN, Gradiometer, readings_along
 from .gradiometer.lowpass import Prefilter
+from .gradiometer.mounting import as_strapdown
 from .model_arrays import ModelArrays
 from .model_kernels import jacobian, jacobians, predict, predictions
 
@@ -35,6 +36,7 @@ def model_arrays(
     dimension: int | None = None,
     bias: int | None = None,
     whitening: Whitening | None = None,
+    mounting: int = -1,
 ) -> ModelArrays:
     """Return the measurement model along an INS track, or along the tracks of a block of runs.
 
@@ -56,6 +58,7 @@ def model_arrays(
     bias : the first state that is one of them, −1 for none; if not given, that behind ``rows``.
     whitening : of the G readings, if their noise is coloured; they have no low-pass then, and come
         without delay.
+    mounting : the first of three states that are the instrument's mounting angles; −1 for none.
     """
     if others is None:
         others = without_aiding(field, positions)
@@ -103,6 +106,11 @@ def model_arrays(
         bias = rows.shape[-1] if gradiometer.biased else -1
     if dimension is None:
         dimension = rows.shape[-1] + (len(channels) if gradiometer.biased else 0)
+    if mounting >= 0:
+        delayed_attitudes, rows = as_strapdown(
+            instrument, delayed_positions, times - delays, delayed_attitudes, rows, mounting
+        )
+        instrument = STRAPDOWN
     return ModelArrays(
         dimension,
         instrument,
@@ -121,6 +129,8 @@ def model_arrays(
         aiding._replace(
             rows=read_only(aiding.rows),
             bias=_immutable(aiding.bias),
+            arm=_immutable(aiding.arm),
+            by_arm=read_only(aiding.by_arm),
             gravity=read_only(aiding.gravity),
             places=read_only(aiding.places),
             present=read_only(aiding.present),
@@ -155,10 +165,10 @@ def _combined(
 
 def without_aiding(field: Field, positions: np.ndarray) -> tuple[Aiding, np.ndarray]:
     """Return the channels of no sensor at INS positions (..., K, 3), and their offsets."""
-    epochs = positions.shape[:-1]
+    epochs, nowhere = positions.shape[:-1], np.zeros(0, dtype=np.int64)
     return Aiding(
-        np.zeros((*epochs, 0, aiding_kernels.MOVED)), np.zeros(0, dtype=np.int64), np.zeros((0, 3)),
-        -1, positions, np.zeros((*epochs, 0)), field.disturbance_map,
+        np.zeros((*epochs, 0, aiding_kernels.MOVED)), nowhere, nowhere, np.zeros((*epochs, 0, 3)),
+        np.zeros((0, 3)), -1, positions, np.zeros((*epochs, 0)), field.disturbance_map,
     ), np.zeros((*epochs, 0))  # fmt: skip
 
 
@@ -195,7 +205,11 @@ class SensorModel:
             combined=frozen(arrays.combined),
             lags=_immutable(arrays.lags),
             times=frozen(arrays.times),
-            aiding=aiding._replace(gravity=frozen(aiding.gravity), bias=_immutable(aiding.bias)),
+            aiding=aiding._replace(
+                gravity=frozen(aiding.gravity),
+                bias=_immutable(aiding.bias),
+                arm=_immutable(aiding.arm),
+            ),
         ).mapped(frozen)
         self._block = self.arrays.as_block()
         self._evaluations = 0

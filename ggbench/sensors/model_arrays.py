@@ -27,7 +27,8 @@ class ModelArrays(NamedTuple):
     Attributes
     ----------
     dimension : number of states n.
-    instrument : index of :data:`.instrument.INSTRUMENTS`.
+    instrument : index of :data:`.instrument.INSTRUMENTS`; strapdown where mounting angles are
+        states, see :mod:`.gradiometer.mounting`.
     channels : (g, 6) S, from the tensor in the mount to the gradiometer's channels.
     combined : (1 or K, T, g, 6) S_ki, of all epochs or of each.
     lags : (1 or K, T) by how many epochs each of the T readings is earlier; −1 where there is none.
@@ -35,8 +36,8 @@ class ModelArrays(NamedTuple):
     origin, step, coefficients : the map, see :class:`.field.Field`.
     times : (K,) t_k − τ_k [s].
     references : (K, 3) INS positions then [rad, rad, m].
-    attitudes : (K, 3, 3) INS attitudes C_nb then; only a strapdown instrument has any.
-    rows : (K, 6, 15) B_k, see :class:`SensorModel`.
+    attitudes : (K, 3, 3) INS attitudes C_nb then, or those of the mount; only of ``STRAPDOWN``.
+    rows : (K, 6, 15 or more) B_k, see :class:`SensorModel`; to mounting angles, if they are states.
     offset : (K, m) in units of the channels.
     gain : (K,) of the gradiometer; zero where its reading is missing.
     aiding : the other channels.

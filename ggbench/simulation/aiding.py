@@ -10,9 +10,10 @@ import numpy as np
 
 from ..gravity.field import DisturbanceMap, Field
 from ..ins.strapdown import steady_force
-from ..sensors.aiding import AidingSensor, Barometer, Gnss, Gravimeter, Motion, VelocityLog
+from ..sensors.aiding import AidingSensor, Barometer, Gravimeter, Motion, VelocityLog
 from ..sensors.aiding_kernels import MOVED, Aiding
 from ..sensors.false_positions import FalsePositions
+from ..sensors.gnss import Gnss
 from ..sensors.gradiometer.faults import Faults
 from ..spec.aiding import (
     BarometerSpec,
@@ -49,7 +50,7 @@ def _sensor(spec: Any, changes: Interruptions | None, label: str) -> AidingSenso
         return Gnss(
             spec.period_s, noise, spec.position_bias_m, spec.position_bias_time_s or math.inf,
             _faults(changes, *outliers), position, velocity, _false_positions(changes),
-            spec.lever_arm_m, label=label,
+            spec.lever_arm_m, arm_sigma=spec.lever_arm_sigma_m, label=label,
         )  # fmt: skip
     bias_time = spec.bias_time_s or math.inf
     if isinstance(spec, LogSpec):
@@ -87,17 +88,28 @@ def _of_gnss(
 
 
 def _false(
-    true: Gnss, known: Gnss, times: np.ndarray, attitudes: np.ndarray, turning: np.ndarray
+    true: Gnss, wrong: np.ndarray, times: np.ndarray, attitudes: np.ndarray, turning: np.ndarray
 ) -> np.ndarray:
     """Return errors (G, e) of a receiver that are the same in all runs.
 
-    Velocities are corrected for the known lever arm by the gyros' rates, taken as exact. What a
-    wrong arm leaves is C_nb (ω × Δl).
+    Velocities are corrected for the known lever arm by the gyros' rates, taken as exact. What one
+    leaves that is ``wrong`` (3,) is C_nb (ω × Δl).
     """
-    wrong = np.array(true.lever) - np.array(known.lever)
     swept = np.einsum("kij,kj->ki", attitudes, np.cross(turning, wrong))
     parts = [true.errors.at(times)] * true.position + [swept] * true.velocity
     return np.concatenate(parts, axis=-1)
+
+
+def _lasting(
+    sensor: AidingSensor, times: np.ndarray, of_run: RandomStreams
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the errors of a run that last: of channels (K, e), and of the lever arm (3,) [m]."""
+    drawn, arm = np.zeros((len(times), len(sensor.channels))), np.zeros(3)
+    if sensor.biased:
+        drawn[:, : sensor.biased] = sensor.biases(times, of_run.of_sensor(sensor.name, "biases"))
+    if sensor.armed:
+        arm = sensor.arm_sigma * of_run.of_sensor(sensor.name, "lever_arm").standard_normal(3)
+    return drawn, arm
 
 
 def _false_positions(changes: Interruptions | None) -> FalsePositions:
@@ -126,12 +138,12 @@ class AidingReadings(NamedTuple):
     ----------
     measurements : (R, K, e); whatever ``present`` denies is no reading.
     present : (R, K, e).
-    biases : (R, K, b) true ones.
+    states : (R, K, b) true biases and errors of lever arms, those that estimators have as states.
     """
 
     measurements: np.ndarray
     present: np.ndarray
-    biases: np.ndarray
+    states: np.ndarray
 
 
 def aiding_readings(
@@ -163,32 +175,30 @@ def aiding_readings(
     """
     runs, epochs = ins.positions.shape[:2]
     channels = sum(len(sensor.channels) for sensor in true)
-    z, first, biases = np.zeros((runs, epochs, channels)), 0, []
+    z, first, states = np.zeros((runs, epochs, channels)), 0, []
     present = np.zeros(z.shape, dtype=bool)
     for sensor, known, at in zip(true, model, read_at, strict=True):
         width = len(sensor.channels)
         some = slice(first, first + width)
         first += width
         z[:, at, some] = sensor.exact(_at(truth, at), _at(ins, at), field)
+        wrong, by_arm = np.zeros(3), sensor.by_arm(_at(truth, at), turning[at])
         if isinstance(sensor, Gnss) and isinstance(known, Gnss):
-            z[:, at, some] += _false(sensor, known, times[at], truth.attitudes[at], turning[at])
+            wrong = np.array(sensor.lever) - np.array(known.lever)
+            z[:, at, some] += _false(sensor, wrong, times[at], truth.attitudes[at], turning[at])
         present[:, at, some] = True
         if sensor.name in measured:
             errors = measured[sensor.name][:, np.newaxis]
             z[:, at, some] += np.nan_to_num(errors)
             present[:, at, some] = ~np.isnan(errors)
-            biases += [np.zeros((epochs, width))] * (runs if known.bias > 0.0 else 0)
+            states += [np.zeros((epochs, known.biased))] * runs
             continue
         for r, of_run in enumerate(streams):
-            drawn = np.zeros((epochs, width))
-            if sensor.biased:
-                drawn[:, : sensor.biased] = sensor.biases(
-                    times, of_run.of_sensor(sensor.name, "biases")
-                )
-            if known.biased:
-                biases.append(drawn[:, : known.biased])
+            drawn, arm = _lasting(sensor, times, of_run)
+            off = np.tile(wrong + arm, (epochs, 1))
+            states.append(np.hstack([drawn[:, : known.biased], off[:, : known.armed]]))
             noise = of_run.of_sensor(sensor.name).standard_normal((len(at), width))
-            z[r, at, some] += drawn[at] + np.array(sensor.noise) * noise
+            z[r, at, some] += drawn[at] + by_arm @ arm + np.array(sensor.noise) * noise
             if sensor.faults.outlier_share > 0.0:
                 z[r, at, some] += sensor.faults.outliers(
                     times[at], width, of_run.of_sensor(sensor.name, "outliers")
@@ -197,7 +207,7 @@ def aiding_readings(
             if sensor.faults.dropout_share > 0.0:
                 lost = sensor.faults.missing(times[at], of_run.of_sensor(sensor.name, "dropouts"))
             present[r, at[lost], some] = False
-    return AidingReadings(z, present, _stacked(biases, runs, epochs))
+    return AidingReadings(z, present, _stacked(states, runs, epochs))
 
 
 class OnBoard(Protocol):
@@ -212,32 +222,50 @@ class OnBoard(Protocol):
         """Which state is the bias of each channel (e,); −1 for none."""
 
     @property
+    def aiding_arms(self) -> np.ndarray:
+        """The first state of the lever arm of each channel (e,); −1 for none."""
+
+    @property
     def gravity_state(self) -> int:
         """The first state of the gravity disturbance; −1 for none."""
 
 
 def aiding_about(
-    model: OnBoard, weighed: DisturbanceMap, read_at: Sequence[np.ndarray], motion: Motion
+    model: OnBoard,
+    weighed: DisturbanceMap,
+    read_at: Sequence[np.ndarray],
+    motion: Motion,
+    turning: np.ndarray,
 ) -> tuple[Aiding, np.ndarray]:
     """Return h of the sensors about a motion (..., K, .), all readings there, and its offset.
 
-    ``weighed`` is the gravity of a map that they read.
+    Parameters
+    ----------
+    model : sensors.
+    weighed : the gravity of a map that they read.
+    read_at : indices of the epochs at which each is read.
+    motion : at the epochs.
+    turning : (..., K, 3) angular rates about the body's axes there [rad/s].
     """
     sensors = model.aiding
     epochs = motion.positions.shape[:-1]
     total, first = len(model.aiding_biases), 0
     offset, present = np.zeros((2, *epochs, total))
     rows = np.zeros((*epochs, total, MOVED))
+    by_arm = np.zeros((*epochs, total if (model.aiding_arms >= 0).any() else 0, 3))
     for sensor, at in zip(sensors, read_at, strict=True):
-        about = sensor.about(_at(motion, at))
+        now = _at(motion, at)
         some = slice(first, first + len(sensor.channels))
-        offset[..., at, some], rows[..., at, some, :] = about
+        offset[..., at, some], rows[..., at, some, :] = sensor.about(now)
+        if sensor.armed:
+            by_arm[..., at, some, :] = sensor.by_arm(now, turning[..., at, :])
         present[..., at, some] = 1.0
         first = some.stop
     weights = np.concatenate([np.zeros((0, 3)), *(sensor.weights for sensor in sensors)])
     aiding = Aiding(
-        rows, model.aiding_biases, weights, model.gravity_state, motion.positions, present, weighed
-    )
+        rows, model.aiding_biases, model.aiding_arms, by_arm, weights, model.gravity_state,
+        motion.positions, present, weighed,
+    )  # fmt: skip
     return aiding, offset
 
 
@@ -249,7 +277,7 @@ def _at(motion: Motion, epochs: np.ndarray) -> Motion:
     )  # fmt: skip
 
 
-def _stacked(biases: list[np.ndarray], runs: int, epochs: int) -> np.ndarray:
-    """Return the biases (R, K, b) of sensors that were drawn sensor by sensor, run by run."""
-    sensors = [np.stack(biases[i : i + runs]) for i in range(0, len(biases), runs)]
+def _stacked(states: list[np.ndarray], runs: int, epochs: int) -> np.ndarray:
+    """Return the states (R, K, b) of sensors that were drawn sensor by sensor, run by run."""
+    sensors = [np.stack(states[i : i + runs]) for i in range(0, len(states), runs)]
     return np.concatenate([np.zeros((runs, epochs, 0)), *sensors], axis=-1)

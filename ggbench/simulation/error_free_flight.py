@@ -26,10 +26,11 @@ from ..trajectory.truth import Trajectory
 from .bound import Bound
 from .field_source import beside, make_field
 from .flight_bounds import bounds
-from .formulation import MeasurementTimes, added_gravity, require_short_delays
+from .formulation import MeasurementTimes, added_gravity, rates, require_short_delays
 from .instruments import faults, spinning_disks
 from .measured import measured_errors, measured_readings
-from .sensor_suite import SensorSuite, suite_of_case
+from .sensor_suite import SensorSuite
+from .suites import suite_of_case
 from .true_motion import error_free_motion
 from .within_map import require_within
 
@@ -105,8 +106,7 @@ class Flight:
     @property
     def motion_at_epochs(self) -> Motion:
         """Where the truth is at the epochs, and how it moves."""
-        truth = self.trajectory
-        at = self.epochs
+        truth, at = self.trajectory, self.epochs
         return Motion(truth.positions[at], truth.velocities[at], truth.attitudes[at])
 
     @cached_property
@@ -122,8 +122,7 @@ class Flight:
     @cached_property
     def turning(self) -> np.ndarray:
         """Angular rate (K, 3) about the body's axes at the epochs [rad/s]: a mean of two steps."""
-        around = np.clip([self.epochs - 1, self.epochs], 0, len(self.delta_angles) - 1)
-        return np.asarray(self.delta_angles[around].mean(axis=0) / self.trajectory.dt)
+        return rates(self.delta_angles, self.epochs, self.trajectory.dt)
 
     @cached_property
     def metres(self) -> np.ndarray:

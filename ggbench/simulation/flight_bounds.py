@@ -119,10 +119,13 @@ def _bound(flight: Flight, true: SensorSuite, system: _System) -> Bound:
             system.rows,
             true.treatment(len(at)),
             at=at,
-            others=aiding_about(true, true.weighed(flight.field), flight.aiding_epochs, motion),
+            others=aiding_about(
+                true, true.weighed(flight.field), flight.aiding_epochs, motion, flight.turning
+            ),
             dimension=true.dimension,
             bias=true.gradient_bias,
             whitening=true.whitening(flight.times[at], flight.absent),
+            mounting=true.mounting,
         )
     )
     epochs = len(flight.epochs)

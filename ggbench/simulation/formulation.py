@@ -82,6 +82,7 @@ class InsSolution(NamedTuple):
     transition, process_cov : (R, K, n, n) Φ and Q as the estimators know them.
     rows : (R, K, 6, 15) from an error at an epoch to that a delay earlier.
     integrated : (R, K, 3) gravity disturbance ENU [m/s²] that it adds by its readings of gradients.
+    turning : (R, K, 3) angular rate about the body's axes that its gyros tell [rad/s].
     """
 
     states: np.ndarray
@@ -91,11 +92,12 @@ class InsSolution(NamedTuple):
     process_cov: np.ndarray
     rows: np.ndarray
     integrated: np.ndarray
+    turning: np.ndarray
 
     @classmethod
     def empty(cls, runs: int, epochs: int, n: int) -> InsSolution:
         """Return arrays to be filled: in one piece, of which large pages may be made."""
-        shapes = ((TRACK,), (3,), (3, 3), (n, n), (n, n), (6, STATES), (3,))
+        shapes = ((TRACK,), (3,), (3, 3), (n, n), (n, n), (6, STATES), (3,), (3,))
         ends = np.cumsum([runs * epochs * math.prod(shape) for shape in shapes])
         pieces = np.split(np.empty(ends[-1]), ends[:-1])
         return cls(*(p.reshape(runs, epochs, *s) for p, s in zip(pieces, shapes, strict=True)))
@@ -136,6 +138,15 @@ class Readings(NamedTuple):
     present: np.ndarray
 
 
+def rates(angles: np.ndarray, samples: np.ndarray, dt: float) -> np.ndarray:
+    """Return angular rates (K, ...) [rad/s] at samples (K,) of an INS: means of two steps.
+
+    Of the angles (N, ...) [rad] of its gyros, ``dt`` [s] apart.
+    """
+    around = np.clip([samples - 1, samples], 0, len(angles) - 1)
+    return np.asarray(angles[around].mean(axis=0) / dt)
+
+
 def propagate_errors(
     model: SensorSuite,
     when: MeasurementTimes,
@@ -166,6 +177,7 @@ def propagate_errors(
     out.delayed_positions[:] = out_of_lanes(before[:, :3] + moved, runs)
     shape = out.delayed_attitudes.shape
     out.delayed_attitudes[:] = out.states[:, :, 6:].reshape(shape)
+    out.turning[:] = out_of_lanes(rates(increments[:, :3], samples, dt), runs)
     turns = model.gradiometer is not None and model.gradiometer.instrument == "strapdown"
     if turns and delays.any():
         start, end = (out_of_lanes(c[:, 6:], runs) for c in (before, after))
@@ -228,7 +240,7 @@ def build_problems(
         output = whitening.apply(output)
     # Zero where a reading is missing, as the model predicts it then, whatever the state.
     gradients[:, at] = np.where(there[:, at], output, 0.0)
-    aiding, offset = aiding_about(model, model.weighed(field), when.aiding, motion)
+    aiding, offset = aiding_about(model, model.weighed(field), when.aiding, motion, ins.turning)
     offset += ins.integrated @ aiding.gravity.T
     # Zero where nothing is delivered, as h is then.
     offset *= read.present
@@ -259,6 +271,7 @@ def build_problems(
             model.dimension,
             model.gradient_bias,
             whitening,
+            model.mounting,
         ),
         layout=model.layout,
         present=np.concatenate([there, read.present], axis=2),

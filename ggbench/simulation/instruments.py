@@ -106,6 +106,7 @@ def gradiometer_of(spec: GradiometerSpec) -> Gradiometer:
         noise, lowpass, channel_names(spec), spec.instrument, spec.bias_eotvos,
         spec.drift_eotvos_per_sqrt_h / 60.0, behind,
         spec.latency_s, spec.period_s, spec.filter_treatment, spec.whitening_regularization, colour,
+        math.radians(spec.mounting_sigma_arcmin / 60.0),
     )  # fmt: skip
 
 

@@ -9,6 +9,8 @@ import numpy as np
 
 _FIRST_SENSORS = ("gnss", "velocity_log", "barometer", "gravimeter")
 """Aiding sensors whose sources have places in the list, and keep them."""
+Source = Literal["", "biases", "outliers", "dropouts", "lever_arm"]
+"""Sources of errors of an aiding sensor; "" is its noise."""
 _KEY_WORDS = 4
 """Length of the spawn key of a named sensor's source; longer than one, which a place has."""
 
@@ -38,6 +40,8 @@ class RandomStreams:
         "gradiometer_scale",
         "gradiometer_tilt",
         "gradiometer_tails",
+        "gnss_lever_arm",
+        "gradiometer_mounting",
     )
     """New sources come last: the number of a source is part of its seed."""
 
@@ -54,9 +58,7 @@ class RandomStreams:
         setattr(self, source, generator)
         return generator
 
-    def of_sensor(
-        self, sensor: str, source: Literal["", "biases", "outliers", "dropouts"] = ""
-    ) -> np.random.Generator:
+    def of_sensor(self, sensor: str, source: Source = "") -> np.random.Generator:
         """Return the generator of an aiding sensor, of its noise or another source.
 
         That of a named sensor follows from its name, whatever else is on board.

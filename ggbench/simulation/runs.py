@@ -133,7 +133,8 @@ def simulate_flights(
     finished = []
     for part in parts:
         flight, of_part = flights[part.start], ins.of_runs(part)
-        read, biases = _readings(flight, streams[part], seen.of_part(part), of_part.motion)
+        of_sensors = seen.of_part(part)
+        read, states = _readings(flight, streams[part], of_sensors, of_part.motion)
         problems = build_problems(model, flight.model_field, when, of_part, read)
         if not model.remembers:
             kept = recordings if len(parts) == 1 else [_recording_of(recordings, part.start)]
@@ -142,10 +143,10 @@ def simulate_flights(
                 part.stop - part.start,
             )  # fmt: skip
             problems = dataclasses.replace(problems, replays=replays)
-        truth = _error_states(flight, of_part, imu_biases[part], seen.biases[part], biases)
+        truth = _error_states(flight, of_part, imu_biases[part], of_sensors, states)
         finished.append((problems, truth))
-    blocks, states = zip(*finished, strict=True)
-    return joined(blocks), TruthBlock(when.times, np.concatenate(states))
+    blocks, truths = zip(*finished, strict=True)
+    return joined(blocks), TruthBlock(when.times, np.concatenate(truths))
 
 
 def _recording_of(recordings: Sequence[Recording], run: int) -> Recording:
@@ -157,8 +158,8 @@ def _error_states(
     flight: Flight,
     ins: InsSolution,
     imu_biases: np.ndarray,
-    gradient_biases: np.ndarray,
-    biases: np.ndarray,
+    seen: _Gradients,
+    states: np.ndarray,
 ) -> np.ndarray:
     """Return the true error states (R, K, n) of runs of one flight."""
     model, truth, epochs = flight.model, flight.trajectory, flight.epochs
@@ -170,10 +171,12 @@ def _error_states(
     error_state[:, :, GYRO_BIAS.start : STATES] = imu_biases
     if model.disturbance is not None:
         error_state[:, :, STATES : model.disturbed] = flight.unknown_to_a_map - ins.integrated
-    first = model.dimension - biases.shape[2]
-    if first > model.disturbed:
-        error_state[:, :, model.disturbed : first] = gradient_biases
-    error_state[:, :, first:] = biases
+    first = model.dimension - states.shape[2]
+    if model.mounting >= 0:
+        error_state[:, :, model.mounting : model.mounting + 3] = seen.mounting[:, np.newaxis]
+    if model.gradient_bias >= 0:
+        error_state[:, :, model.gradient_bias : first] = seen.biases
+    error_state[:, :, first:] = states
     return error_state
 
 
@@ -224,11 +227,13 @@ class _Gradients(NamedTuple):
     output : (R, G, g) [E].
     missing : (R, G).
     biases : (R, K, g) at all epochs [E].
+    mounting : (R, 3) angles by which the mount is turned about its axes [rad].
     """
 
     output: np.ndarray
     missing: np.ndarray
     biases: np.ndarray
+    mounting: np.ndarray
 
     def of_runs(self, some: slice) -> tuple[np.ndarray, np.ndarray]:
         """Return output and what is missing of some of the runs."""
@@ -247,22 +252,22 @@ class _Gradients(NamedTuple):
 def _gradients(flight: Flight, streams: Sequence[RandomStreams]) -> _Gradients:
     """Return what the gradiometers of R runs deliver; of no readings without one."""
     runs, width = len(streams), flight.model.gradients
+    unknown, unturned = np.zeros((runs, len(flight.times), width)), np.zeros((runs, 3))
     if flight.measured is not None:
-        # What was measured is the same in all runs; nothing is known of its biases.
+        # What was measured is the same in all runs; nothing is known of biases and of the mount.
         output = np.tile(np.nan_to_num(flight.measured), (runs, 1, 1))
-        unknown = np.zeros((runs, len(flight.times), width))
-        return _Gradients(output, np.tile(flight.absent, (runs, 1)), unknown)
+        return _Gradients(output, np.tile(flight.absent, (runs, 1)), unknown, unturned)
     if flight.true.gradiometer is not None:
-        output, biases = _gradiometer_output(flight, flight.true.gradiometer, streams)
-        return _Gradients(output, _missing(flight, streams), biases)
+        output, biases, turned = _gradiometer_output(flight, flight.true.gradiometer, streams)
+        return _Gradients(output, _missing(flight, streams), biases, turned)
     none = np.zeros((runs, 0), dtype=bool)
-    return _Gradients(np.zeros((runs, 0, width)), none, np.zeros((runs, len(flight.times), width)))
+    return _Gradients(np.zeros((runs, 0, width)), none, unknown, unturned)
 
 
 def _readings(
     flight: Flight, streams: Sequence[RandomStreams], seen: _Gradients, ins: Motion
 ) -> tuple[Readings, np.ndarray]:
-    """Return what the sensors of R runs deliver, and biases at all epochs.
+    """Return what the sensors of R runs deliver, and their true states at all epochs.
 
     Of the sensors other than the gradiometer those that the model knows.
     """
@@ -270,7 +275,7 @@ def _readings(
         flight.true.aiding, flight.model.aiding, flight.field, flight.times, flight.aiding_epochs,
         flight.motion_at_epochs, ins, flight.turning, streams, flight.measured_errors,
     )  # fmt: skip
-    return Readings(seen.output, seen.missing, others.measurements, others.present), others.biases
+    return Readings(seen.output, seen.missing, others.measurements, others.present), others.states
 
 
 class _Scratch(NamedTuple):
@@ -376,10 +381,10 @@ def _altimeter_readings(
 
 def _gradiometer_output(
     flight: Flight, instrument: Gradiometer, streams: Sequence[RandomStreams]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return what the instruments deliver when they are read, and biases at all epochs [E].
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return what the instruments deliver, biases at all epochs [E], and mounting angles [rad].
 
-    (R, G, g) for G readings, before they drop out, and (R, K, g).
+    (R, G, g) for G readings, before they drop out, (R, K, g), and (R, 3).
     """
     faults, at = flight.faults, flight.gradient_epochs
     times = flight.times[at]
@@ -387,6 +392,7 @@ def _gradiometer_output(
     undistorted = flight.noise_free @ channels.T
     output = np.empty((len(streams), len(times), len(channels)))
     biases = np.zeros((len(streams), len(flight.times), len(channels)))
+    turned = np.zeros((len(streams), 3))
     for run, of_run in enumerate(streams):
         tensors, exact = flight.noise_free, undistorted
         if faults.clock > 0.0 or faults.jitter > 0.0:
@@ -395,8 +401,11 @@ def _gradiometer_output(
             tensors = faults.tilted(tensors, times, of_run.gradiometer_tilt)
         if tensors is not flight.noise_free:
             exact = tensors @ channels.T
-        if faults.distorts or flight.disks is not None:
-            exact = faults.distort(tensors, channels, of_run.gradiometer_errors)
+        if instrument.mounting_sigma > 0.0:
+            turned[run] = instrument.mounting_sigma * of_run.gradiometer_mounting.standard_normal(3)
+        if faults.distorts or flight.disks is not None or turned[run].any():
+            turned[run] += faults.mounting(of_run.gradiometer_errors)
+            exact = faults.distort(tensors, channels, turned[run], of_run.gradiometer_errors)
         if flight.disks is not None:
             exact = exact + flight.disks.errors(
                 instrument.components, tensors, *flight.motion, of_run.gradiometer_errors
@@ -419,7 +428,7 @@ def _gradiometer_output(
     if instrument.noise_behind_filter > 0.0:
         for run, of_run in enumerate(streams):
             output[run] += instrument.noise_behind(len(times), of_run.behind_filter)
-    return output, biases
+    return output, biases, turned
 
 
 def _missing(flight: Flight, streams: Sequence[RandomStreams]) -> np.ndarray:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,7 +25,6 @@ from ..ins.error_model import (
 from ..ins.imu import Imu
 from ..ins.known_gravity import NO_MAP, NORMAL_GRAVITY, KnownGravity, receive_all
 from ..ins.noise import Noise, noise_roots
-from ..ins.strapdown import altimeter_gains
 from ..ins.system_matrix import DISTANCE, STATES, sparse
 from ..ins.transitions import transitions_lanes
 from ..numerics.lanes import in_lanes
@@ -33,18 +32,8 @@ from ..problem import Channel, StateBlock
 from ..sensors.aiding import AidingSensor, Motion
 from ..sensors.gradiometer.instrument import Gradiometer
 from ..sensors.gradiometer.lowpass import Prefilter, prefilter
-from ..spec.case import CaseSpec
-from ..spec.sensors import (
-    AltimeterSpec,
-    DisturbanceSpec,
-    InitialErrorSpec,
-    Side,
-    TrueImu,
-    TruthSpec,
-)
-from .aiding import on_board
-from .field_source import channel_errors
-from .instruments import GravityState, gradiometer_of, gravity_state, imu_of
+from ..spec.sensors import InitialErrorSpec
+from .instruments import GravityState
 
 _LAYOUT = (
     StateBlock("position error ENU", POSITION, "m"),
@@ -53,6 +42,14 @@ _LAYOUT = (
     StateBlock("gyro bias", GYRO_BIAS, "rad/s"),
     StateBlock("accelerometer bias", ACCELEROMETER_BIAS, "m/s²"),
 )
+
+
+class AidingStates(NamedTuple):
+    """States of an aiding sensor: biases, and errors of its lever arm; either may be none."""
+
+    sensor: AidingSensor
+    biases: slice
+    arm: slice
 
 
 @dataclass(frozen=True)
@@ -118,21 +115,38 @@ class SensorSuite:
 
     @cached_property
     def layout(self) -> tuple[StateBlock, ...]:
-        """The states: those of the INS, gravity if it is one, biases of sensors that have any."""
+        """The states: the INS's, and gravity, mounting angles, biases and lever arms if unknown."""
         found = list(_LAYOUT)
         first = self.disturbed
         if self.disturbance is not None:
             found.append(StateBlock("gravity disturbance ENU", slice(STATES, first), "m/s²"))
-        if self.gradiometer is not None and self.gradiometer.biased:
+        if self.mounting >= 0:
+            found.append(StateBlock("gradiometer mounting error", slice(first, first + 3), "rad"))
+            first += 3
+        if self.gradient_bias >= 0:
             found.append(StateBlock("gradiometer bias", slice(first, first + self.gradients), "E"))
+        for sensor, biases, arm in self._of_aiding:
+            name = sensor.name.replace("_", " ")
+            if sensor.biased:
+                found.append(StateBlock(f"{name} bias", biases, sensor.channels[0].unit))
+            if sensor.armed:
+                found.append(StateBlock(f"{name} lever arm error", arm, "m"))
+        return tuple(found)
+
+    @cached_property
+    def _of_aiding(self) -> list[AidingStates]:
+        """The states of each of the aiding sensors, behind all others."""
+        found, first = [], self.disturbed
+        if self.mounting >= 0:
+            first += 3
+        if self.gradient_bias >= 0:
             first += self.gradients
         for sensor in self.aiding:
-            if sensor.biased:
-                last = first + sensor.biased
-                name = f"{sensor.name.replace('_', ' ')} bias"
-                found.append(StateBlock(name, slice(first, last), sensor.channels[0].unit))
-                first = last
-        return tuple(found)
+            biases = slice(first, first + sensor.biased)
+            arm = slice(biases.stop, biases.stop + sensor.armed)
+            found.append(AidingStates(sensor, biases, arm))
+            first = arm.stop
+        return found
 
     @property
     def disturbed(self) -> int:
@@ -145,26 +159,38 @@ class SensorSuite:
         return -1 if self.disturbance is None else STATES
 
     @property
+    def mounting(self) -> int:
+        """The first of three states that are mounting angles of the gradiometer; −1 for none."""
+        turned = self.gradiometer is not None and self.gradiometer.mounting_sigma > 0.0
+        return self.disturbed if turned else -1
+
+    @property
     def gradient_bias(self) -> int:
         """The first state that is a bias of the gradiometer; −1 without any."""
-        biased = self.gradiometer is not None and self.gradiometer.biased
-        return self.disturbed if biased else -1
+        if self.gradiometer is None or not self.gradiometer.biased:
+            return -1
+        return self.disturbed if self.mounting < 0 else self.mounting + 3
 
     @property
     def dimension(self) -> int:
-        """Number of states: 15, three of gravity, and the biases of the sensors that have any."""
+        """Number of states: 15, and those of gravity, mounting angles, biases and lever arms."""
         return int(self.layout[-1].slice.stop)
 
     @cached_property
     def aiding_biases(self) -> np.ndarray:
         """Which state is the bias of each channel behind the gradiometer's (e,); −1 for none."""
-        slices = {sensor.name: states for sensor, states in self._biased}
         found: list[int] = []
-        for sensor in self.aiding:
-            states = slices.get(sensor.name)
-            if states is not None:
-                found += range(states.start, states.stop)
+        for sensor, biases, _ in self._of_aiding:
+            found += range(biases.start, biases.stop)
             found += [-1] * (len(sensor.channels) - sensor.biased)
+        return np.array(found, dtype=np.int64)
+
+    @cached_property
+    def aiding_arms(self) -> np.ndarray:
+        """The first state of the lever arm of each of these channels (e,); −1 for none."""
+        found: list[int] = []
+        for sensor, _, arm in self._of_aiding:
+            found += [arm.start if sensor.armed else -1] * len(sensor.channels)
         return np.array(found, dtype=np.int64)
 
     @cached_property
@@ -237,16 +263,11 @@ class SensorSuite:
             # solved for in units of their prior, which must not be nothing against the walk.
             walk = self.gradiometer.drift * math.sqrt(self.gradiometer.period)
             sigma[self.disturbed :] = max(self.gradiometer.bias_eotvos, 1e-2 * walk, 1e-9)
-        for sensor, states in self._biased:
-            sigma[states] = sensor.bias
+            if self.mounting >= 0:
+                sigma[self.mounting : self.mounting + 3] = self.gradiometer.mounting_sigma
+        for sensor, biases, arm in self._of_aiding:
+            sigma[biases], sigma[arm] = sensor.bias, sensor.arm_sigma
         return np.diag(sigma**2)
-
-    @property
-    def _biased(self) -> list[tuple[AidingSensor, slice]]:
-        """The aiding sensors with biases, and the slices of these states."""
-        biased = [sensor for sensor in self.aiding if sensor.biased]
-        behind = self.layout[len(self.layout) - len(biased) :]
-        return [(sensor, block.slice) for sensor, block in zip(biased, behind, strict=True)]
 
     def complete(self, matrices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return F (N, 15, 15), changed in place, and G q Gᵀ (15, 15) of these sensors."""
@@ -368,71 +389,17 @@ class SensorSuite:
     def _add_biases(
         self, epochs: np.ndarray, dt: float, transition: np.ndarray, process_cov: np.ndarray
     ) -> None:
-        """Fill what biases of sensors have in Φ and Q (R, K, n, n): a walk, or a decay."""
+        """Fill what constants and biases have in Φ and Q (R, K, n, n): a walk, or a decay."""
         first = self.disturbed
         transition[:, :, :first, first:] = transition[:, :, first:] = 0.0
         process_cov[:, :, :first, first:] = process_cov[:, :, first:] = 0.0
-        bias = np.arange(first, self.dimension)
-        transition[:, :, bias, bias] = 1.0
+        lasting = np.arange(first, self.dimension)
+        transition[:, :, lasting, lasting] = 1.0
         if self.gradiometer is not None and self.gradiometer.biased:
-            own = bias[: self.gradients]
+            own = np.arange(self.gradient_bias, self.gradient_bias + self.gradients)
             walk = self.gradiometer.drift**2 * np.diff(epochs, prepend=0) * dt
             process_cov[:, :, own, own] = walk[:, np.newaxis]
-        for sensor, states in self._biased:
-            own, decay = np.arange(states.start, states.stop), sensor.decay(epochs * dt)
+        for sensor, biases, _ in self._of_aiding:
+            own, decay = np.arange(biases.start, biases.stop), sensor.decay(epochs * dt)
             transition[:, :, own, own] = decay[:, np.newaxis]
             process_cov[:, :, own, own] = (sensor.bias**2 * (1.0 - decay**2))[:, np.newaxis]
-
-
-def suite_of_case(case: CaseSpec, name: Literal["truth", "model"]) -> SensorSuite:
-    """Return the sensors and prior of one side of a case.
-
-    Raises
-    ------
-    MapError
-        If the map's standard error is to be assumed, and the map states none.
-    """
-    found = suite_of(
-        case.side(name), case.altimeter, case.truth if name == "truth" else None,
-        # Of both sides, so that the bound is that of an estimator which knows as much of it.
-        case.model.disturbance, case.model.field.compensate,
-    )  # fmt: skip
-    if name == "truth" or not case.model.field.standard_error:
-        return found
-    assert found.gradiometer is not None  # the scenario checks it
-    error = channel_errors(case.side("model").field, found.gradiometer.components)
-    return replace(found, map_error=error)
-
-
-def suite_of(
-    side: Side,
-    altimeter: AltimeterSpec | None = None,
-    truth: TruthSpec | None = None,
-    disturbance: DisturbanceSpec | None = None,
-    compensates: bool = False,
-) -> SensorSuite:
-    """Return the sensors and prior that tables describe.
-
-    Parameters
-    ----------
-    side : tables of sensors and prior.
-    altimeter : damps the mechanization, if there is one.
-    truth : further errors of the true sensors; None for the estimators' ones.
-    disturbance : the unknown gravity, if it is a state.
-    compensates : whether the mechanization adds the gravity disturbance of its map.
-
-    Raises
-    ------
-    GGBenchError
-        If gradients are to be integrated and the gradiometer does not measure a whole tensor.
-    """
-    damping = None
-    if altimeter is not None:
-        gains = altimeter_gains(altimeter.time_constant_s)
-        damping = gains, altimeter.noise_m_per_sqrt_hz**2
-    errors = TrueImu() if truth is None else truth.imu
-    gradiometer = None if side.gradiometer is None else gradiometer_of(side.gradiometer)
-    return SensorSuite(
-        imu_of(side.imu, errors), gradiometer, on_board(side, truth), side.initial_error, damping,
-        gravity_state(disturbance, gradiometer), compensates,
-    )  # fmt: skip

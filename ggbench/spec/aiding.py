@@ -77,6 +77,11 @@ class GnssSpec(PeriodicSpec):
     """Correlation time of this error (first-order Gauss–Markov). Without it: a constant."""
     lever_arm_m: LeverArm = (0.0, 0.0, 0.0)
     """Right, forward, up: from the INS to the antenna. Estimators correct for the one they know."""
+    lever_arm_sigma_m: q.LeverArmSigma = 0.0
+    """Standard deviation of the error of each part of `lever_arm_m`, drawn once per run.
+
+    Where estimators assume one, the three errors are states.
+    """
 
     @model_validator(mode="after")
     def _check(self) -> GnssSpec:

@@ -57,6 +57,11 @@ class GradiometerSpec(PeriodicSpec):
     """Standard deviation of a bias of each channel; where estimators assume one, it is a state."""
     drift_eotvos_per_sqrt_h: q.GradiometerBias = 0.0
     """Random walk of the biases."""
+    mounting_sigma_arcmin: q.Arcmin = 0.0
+    """Standard deviation of the angle about each axis by which the mount is turned, once per run.
+
+    Where estimators assume one, the three angles are states.
+    """
     components: Annotated[Listed[Component], Field(min_length=1)] = (
         "xx", "xy", "xz", "yy", "yz", "zz",
     )  # fmt: skip
@@ -117,6 +122,11 @@ class GradiometerSpec(PeriodicSpec):
                 raise ValueError(
                     "coloured_noise is whitened without states of biases: bias_eotvos and "
                     "drift_eotvos_per_sqrt_h must be 0"
+                )
+            if self.mounting_sigma_arcmin > 0.0 and self.instrument != "local-level":
+                raise ValueError(
+                    "coloured_noise with mounting_sigma_arcmin needs a mount whose axes do not "
+                    f'turn: instrument = "local-level", found "{self.instrument}"'
                 )
         if self.readings == "measured":
             self._require_plain('readings = "measured"')

@@ -261,6 +261,11 @@ class DisturbanceSpec(Section):
                 f"{said} has no states for the integral of a gradiometer bias: "
                 "bias_eotvos and drift_eotvos_per_sqrt_h must be 0 for the estimators"
             )
+        if gradiometer.mounting_sigma_arcmin > 0.0:
+            raise ValueError(
+                f"{said} integrates gradients as they are read: mounting_sigma_arcmin must be 0 "
+                "for the estimators"
+            )
 
 
 class TruthSpec(Section):

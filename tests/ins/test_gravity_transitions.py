@@ -18,7 +18,7 @@ from ggbench.ins.known_gravity import NORMAL_GRAVITY, KnownGravity, of_readings
 from ggbench.numerics.lanes import in_lanes
 from ggbench.sensors.aiding import Motion
 from ggbench.simulation.instruments import GravityState
-from ggbench.simulation.sensor_suite import suite_of_case
+from ggbench.simulation.suites import suite_of_case
 from ggbench.trajectory.truth import Trajectory
 
 SIZES = (2e-4, 3e-4, 1e-4)

@@ -19,7 +19,7 @@ from ggbench.numerics.lanes import out_of_lanes, unfilled
 from ggbench.sensors.aiding import Motion
 from ggbench.simulation.random_streams import random_streams
 from ggbench.simulation.runs import simulate
-from ggbench.simulation.sensor_suite import suite_of_case
+from ggbench.simulation.suites import suite_of_case
 from ggbench.spec.sensors import FEWEST_STEPS
 
 GYRO, ACCELEROMETER = 5e-6, 1e-3

@@ -36,6 +36,7 @@ EVERYTHING = (
     | {
         "gradiometer.instrument": "strapdown",
         "gradiometer.bias_eotvos": 0.5,
+        "gradiometer.mounting_sigma_arcmin": 1.0,
         "truth.gnss.dropouts_s": [[5.0, 9.0]],
         "truth.barometer.dropout_share": 0.2,
         "truth.gradiometer.dropout_share": 0.2,
@@ -57,6 +58,8 @@ NAMED = (
         "truth.sensor.stern.dropout_share": 0.3,
         "model.sensor.stern.position_noise_m": 2.5,
         "sensor.stern.lever_arm_m": [1.0, -30.0, 5.0],
+        "sensor.stern.lever_arm_sigma_m": 1.0,
+        "sensor.bow_2.lever_arm_sigma_m": 0.5,
         "gnss.position_bias_m": 2.0,
     }
 )

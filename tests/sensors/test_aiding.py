@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -13,7 +14,8 @@ from ggbench.gravity.field import Field
 from ggbench.ins.error_model import navigation_errors
 from ggbench.ins.strapdown import steady_force
 from ggbench.numerics.rotations import rotation_matrix
-from ggbench.sensors.aiding import Barometer, Gnss, Gravimeter, Motion, VelocityLog
+from ggbench.sensors.aiding import Barometer, Gravimeter, Motion, VelocityLog
+from ggbench.sensors.gnss import Gnss
 
 NORMAL = Field.normal()
 SENSORS = {
@@ -81,6 +83,22 @@ def test_a_reading_is_what_the_model_says_to_the_squares_of_the_errors(name):
         left.append(np.abs(exact - said).max())
     assert left[1] < max(0.02 * left[0], 1e-6)
     assert np.abs(exact - about.offset).max() > 30.0 * left[1]  # it does depend on the errors
+
+
+def test_a_longer_arm_adds_what_the_states_say():
+    """Exactly to positions; to velocities the change of C_nb δl with time, by differences."""
+    truth, ins, _ = motions(2, 1.0)
+    longer, turning = np.array([0.5, -2.0, 1.0]), 0.3 * np.random.default_rng(3).normal(size=(5, 3))
+    short = SENSORS["gnss on an arm"]
+    long = dataclasses.replace(short, lever=tuple(np.array(short.lever) + longer))
+    added = short.by_arm(truth, turning) @ longer
+    exact = long.exact(truth, ins, NORMAL) - short.exact(truth, ins, NORMAL)
+    np.testing.assert_allclose(added[:, :3], exact[:, :3], rtol=1e-6)
+    turn, step = np.empty((3, 3)), 1e-5
+    for k in range(5):
+        rotation_matrix(step * turning[k], turn)
+        before, after = (truth.attitudes[k] @ turned @ longer for turned in (turn.T, turn))
+        np.testing.assert_allclose(added[k, 3:], (after - before) / (2.0 * step), atol=1e-8)
 
 
 @pytest.mark.parametrize("name", SENSORS)

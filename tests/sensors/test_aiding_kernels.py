@@ -18,7 +18,10 @@ RUNS = 3
 
 @pytest.fixture(scope="module", params=["states", "no states"])
 def block(request, tmp_path_factory) -> ProblemBlock:
-    """Receiver, log, barometer and a vector gravimeter over a field of thousands of E."""
+    """Receiver, log, barometer and a vector gravimeter over a field of thousands of E.
+
+    With states of gravity and of the antenna's place.
+    """
     steep = rough_map(tmp_path_factory.mktemp("map") / Path("steep.nc"), rms=3000.0)
     changes = {
         "field": {"source": steep, "gravity_disturbance": True},
@@ -28,6 +31,7 @@ def block(request, tmp_path_factory) -> ProblemBlock:
     }
     if request.param == "states":
         changes["model.disturbance.horizontal_mgal"] = 20.0
+        changes["gnss.lever_arm_sigma_m"] = 2.0
     return simulate_block(small_flight(ON_BOARD | GRAVIMETER | changes), 1, range(RUNS))[0]
 
 

@@ -107,8 +107,8 @@ def test_a_mount_that_is_turned_and_scaled_reads_that():
     tensor = np.array([[-1500.0, 0.0, 0.0, -1600.0, 0.0, 3100.0]])
     vectors = []
     for seed in range(400):
-        faults = Faults(misalignment=sigma)
-        turned = faults.distort(tensor, np.eye(6), np.random.default_rng(seed))[0]
+        faults, own = Faults(misalignment=sigma), np.random.default_rng(seed)
+        turned = faults.distort(tensor, np.eye(6), faults.mounting(own), own)[0]
         xx, xy, xz, yy, yz, zz = turned
         full = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         np.testing.assert_allclose(
@@ -117,7 +117,8 @@ def test_a_mount_that_is_turned_and_scaled_reads_that():
         # To first order (R D Rᵀ)_ij = φ_k (D_ii − D_jj) for a cyclic i, j, k.
         vectors.append([yz / (-1600.0 - 3100.0), xz / (3100.0 + 1500.0), xy / (-1500.0 + 1600.0)])
     assert likely((np.square(vectors) / sigma**2).sum(), chi2(1200), 1e-3)
-    scaled = Faults(scale_factor=1e-3).distort(np.ones((5, 6)), np.eye(6), np.random.default_rng(1))
+    own = np.random.default_rng(1)
+    scaled = Faults(scale_factor=1e-3).distort(np.ones((5, 6)), np.eye(6), np.zeros(3), own)
     np.testing.assert_array_equal(scaled, np.tile(scaled[0], (5, 1)))
     assert len(set(scaled[0])) == 6
 

@@ -73,9 +73,31 @@ def test_the_jacobian_is_the_slope_of_h(coloured):
         )
 
 
-def test_readings_are_whitened_as_they_come(coloured):
-    """What truth leaves is the white noise that was drawn: its squares follow χ²."""
-    flight = small_flight(coloured | {"initial_error.velocity_mps": 1e-3})
+def test_mounting_angles_turn_each_of_the_combined_readings(coloured):
+    """The slope of h by the three states, by central differences of a tenth of a milliradian."""
+    mounted = coloured | {"gradiometer.mounting_sigma_arcmin": 3.0}
+    problem, _ = simulate(small_flight(mounted), 5, 1)
+    state = 1e-3 * np.random.default_rng(2).normal(size=problem.dimension)
+    for k in (0, 1, 7):
+        slope = problem.model.jacobian(k, state)[:, 15:]
+        assert slope.shape == (2, 3) and np.abs(slope).max() > 1e3
+        for axis in range(3):
+            step = 1e-4 * np.eye(problem.dimension)[15 + axis]
+            ends = problem.model.predict(k, np.stack([state + step, state - step]))
+            np.testing.assert_allclose((ends[0] - ends[1]) / 2e-4, slope[:, axis], atol=1e-3)
+
+
+@pytest.mark.parametrize("mounting_arcmin", [0.0, 3.0])
+def test_readings_are_whitened_as_they_come(coloured, mounting_arcmin):
+    """What truth leaves is the white noise that was drawn: its squares follow χ².
+
+    Also of a mount that is turned by angles which are states.
+    """
+    flight = small_flight(
+        coloured
+        | {"initial_error.velocity_mps": 1e-3}
+        | {"gradiometer.mounting_sigma_arcmin": mounting_arcmin}
+    )
     block, truth = simulate_block(flight, 5, range(50))
     np.testing.assert_array_equal(block.noise_cov, np.diag(NOISE.deviations**2))
     left = [

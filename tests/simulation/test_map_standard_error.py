@@ -10,7 +10,7 @@ from small_cases import blank_map, small_case
 
 from ggbench.gravity.gradient_map import MapError
 from ggbench.maps.recipe import write
-from ggbench.simulation.sensor_suite import suite_of_case
+from ggbench.simulation.suites import suite_of_case
 
 ERROR = np.array([3.0, 1.0, 2.0, 3.0, 2.0, 4.0, np.nan, np.nan, np.nan])
 

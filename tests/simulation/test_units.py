@@ -212,6 +212,7 @@ SHARED: dict[str, Row] = {
     ),
     "gradiometer.bias_eotvos": (0.9, lambda f, e: E * math.sqrt(e.prior_cov[15, 15])),
     "gradiometer.drift_eotvos_per_sqrt_h": (6.0, walk),
+    "gradiometer.mounting_sigma_arcmin": (0.8, bias("gradiometer mounting error")),
     "gradiometer.noise_behind_filter_eotvos": (0.004, behind, FILTERED),
     "gradiometer.latency_s": (0.3, lambda f, e: e.gradiometer.latency),
     "gradiometer.filter_cutoff_hz": (
@@ -231,6 +232,7 @@ SHARED: dict[str, Row] = {
         45.0, sensor("gnss", lambda s: s.bias_time), ON_BOARD | {"gnss.position_bias_m": 2.5},
     ),
     "gnss.lever_arm_m": ([1.0, 2.0, 3.0], sensor("gnss", lambda s: s.lever), ON_BOARD),
+    "gnss.lever_arm_sigma_m": (1.5, bias("gnss lever arm error"), ON_BOARD),
     "velocity_log.period_s": (4.0, sensor("velocity_log", lambda s: s.period), ON_BOARD),
     "velocity_log.noise_mps": (0.3, channel("velocity forward"), ON_BOARD),
     "velocity_log.bias_mps": (0.4, bias("velocity log bias"), ON_BOARD),

@@ -69,12 +69,20 @@ class Faults:
         """Whether there are scale factors, or a mount that is not as assumed."""
         return self.scale_factor > 0.0 or self.misalignment > 0.0 or any(self.mount)
 
+    def mounting(self, rng: np.random.Generator) -> np.ndarray:
+        """Return the angles (3,) by which the mount of a run is turned about its axes [rad]."""
+        return np.asarray(self.misalignment * rng.standard_normal(3) + np.array(self.mount))
+
     def distort(
-        self, tensors: np.ndarray, channels: np.ndarray, rng: np.random.Generator
+        self,
+        tensors: np.ndarray,
+        channels: np.ndarray,
+        angles: np.ndarray,
+        rng: np.random.Generator,
     ) -> np.ndarray:
-        """Return channels (K, m) of true tensors (K, 6) in the mount, misaligned and scaled."""
+        """Return channels (K, m) of tensors (K, 6) in a mount turned by angles (3,), and scaled."""
         turn = np.empty((3, 3))
-        rotation_matrix(self.misalignment * rng.standard_normal(3) + np.array(self.mount), turn)
+        rotation_matrix(angles, turn)
         scale = 1.0 + self.scale_factor * rng.standard_normal(len(channels))
         return np.asarray(scale * (_turned(tensors, turn) @ channels.T))
 

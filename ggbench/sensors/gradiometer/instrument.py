@@ -229,6 +229,7 @@ class Gradiometer:
     treatment : inversion of the filter in the measurement model.
     regularisation : least noise behind the filter, in units of that before it, in the inversion.
     colour : the noise, if it is coloured; ``noise_eotvos`` is its RMS over the channels then.
+    mounting_sigma : σ of the angle about each axis by which its mount is turned, a constant [rad].
     """
 
     noise_eotvos: float
@@ -243,6 +244,7 @@ class Gradiometer:
     treatment: Treatment = "whitened"
     regularisation: float = 1e-2
     colour: VectorAutoregression | None = None
+    mounting_sigma: float = 0.0
 
     @property
     def channels(self) -> np.ndarray:

@@ -1,0 +1,99 @@
+"""Receivers of satellite navigation: positions and velocities of an antenna."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..gravity.field import Field
+from ..problem import Channel
+from .aiding import About, AidingSensor, Motion, cross_matrix, metres_of, position_error
+from .aiding_kernels import MOVED
+from .false_positions import FalsePositions
+
+_TRUE_POSITIONS = FalsePositions()
+
+
+@dataclass(frozen=True)
+class Gnss(AidingSensor):
+    """Satellite navigation: position, as seen from where the INS believes to be, and velocity.
+
+    Both are linear in the INS's errors: p − p̂ = −δr, v = v̂ − δv; an antenna at the lever arm l
+    adds C_nb l ≈ (I + [φ×]) Ĉ_nb l. Only positions have biases, and errors that follow the clock.
+
+    Velocities are corrected for the known arm with the gyros' rates ω, taken as exact. An arm that
+    is longer by δl adds C_nb δl to positions and C_nb (ω × δl) to velocities. As states, the three
+    parts of δl enter by Ĉ_nb: φ × Ĉ_nb δl is neglected, 2 mm for 2 m and 3′. So all estimators,
+    also those of linear states, may have them.
+
+    Attributes
+    ----------
+    position, velocity : which of them it gives.
+    errors : of positions, which follow the clock.
+    lever : right, forward, up: from the INS to the antenna [m].
+    """
+
+    position: bool = True
+    velocity: bool = True
+    errors: FalsePositions = _TRUE_POSITIONS
+    lever: tuple[float, ...] = (0.0, 0.0, 0.0)
+
+    kind = "gnss"
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """Position ENU relative to the INS's [m], velocity ENU [m/s]; those that there are."""
+        found = []
+        for there, what, unit in (
+            (self.position, "position", "m"),
+            (self.velocity, "velocity", "m/s"),
+        ):
+            if there:
+                found += [Channel(f"{what} {axis}", unit, self.name) for axis in "ENU"]
+        return tuple(found)
+
+    @property
+    def biased(self) -> int:
+        """Number of axes of the positions, if these have a bias."""
+        return 3 if self.position and self.bias > 0.0 else 0
+
+    def by_arm(self, motion: Motion, turning: np.ndarray) -> np.ndarray:
+        """Return C_nb of positions, C_nb [ω×] of velocities."""
+        c_nb = motion.attitudes
+        parts = [c_nb] * self.position + [c_nb @ cross_matrix(turning)] * self.velocity
+        return np.concatenate(parts, axis=-2)
+
+    def exact(self, truth: Motion, ins: Motion, gravity: Field) -> np.ndarray:
+        """Return true positions relative to the INS's, and true velocities."""
+        parts = []
+        if self.position:
+            antenna = truth.attitudes @ np.array(self.lever)
+            parts.append(antenna - position_error(ins.positions, truth.positions))
+        if self.velocity:
+            parts.append(np.broadcast_to(truth.velocities, ins.velocities.shape))
+        return np.concatenate(parts, axis=-1)
+
+    def about(self, ins: Motion) -> About:
+        """Return −δr + Ĉ_nb l + φ × Ĉ_nb l and v̂ − δv."""
+        selected = self._selected
+        rows = np.zeros((*ins.positions.shape[:-1], len(selected), MOVED))
+        rows[..., np.arange(len(selected)), selected] = -1.0
+        antenna = ins.attitudes @ np.array(self.lever)
+        if self.position:
+            rows[..., :3, 6:9] = -cross_matrix(antenna)
+        offset = np.concatenate([antenna, ins.velocities], axis=-1)
+        return About(offset[..., selected], rows)
+
+    @property
+    def _selected(self) -> np.ndarray:
+        return np.flatnonzero([self.position] * 3 + [self.velocity] * 3)
+
+    def seen_from(self, readings: np.ndarray, old: Motion, new: Motion) -> np.ndarray:
+        """Return positions relative to the new track."""
+        if not self.position:
+            return readings
+        # Metres of the new track: a radian of longitude is worth another length there.
+        scaled = readings[..., :3] * (metres_of(new.positions) / metres_of(old.positions))
+        off = -position_error(new.positions, old.positions)
+        return np.concatenate([scaled + off, readings[..., 3:]], axis=-1)

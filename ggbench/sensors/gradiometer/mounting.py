@@ -1,0 +1,69 @@
+"""Mounting angles of a gradiometer as states: any mount modelled as one that is fixed to a body.
+
+A mount whose axes are turned by angles α against those that estimators believe reads R Γ Rᵀ with
+R = exp[α×]. With A from the believed axes to ENU these are the readings of an instrument that is
+strapped down at the attitude A, whose attitude error is −A α. What else turns A is added: the
+attitude error of the body (strapdown), or the turn of the local level with the position (platform).
+Their products with α are neglected, 0.01 E for 30′ and 3′ near 3000 E; α alone is exact.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...gravity.ellipsoid import metres_along
+from ...numerics.kernels import compiled
+from .instrument import PLATFORM, STRAPDOWN, inertial_from_local
+
+
+def as_strapdown(
+    instrument: int,
+    positions: np.ndarray,
+    times: np.ndarray,
+    attitudes: np.ndarray,
+    rows: np.ndarray,
+    first: int,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return attitudes A (..., K, 3, 3) and rows (..., K, 6, first + 3) of h with mounting angles.
+
+    Parameters
+    ----------
+    instrument : index of :data:`.instrument.INSTRUMENTS`.
+    positions, times : (..., K, 3), (K,) at which readings are taken [rad, rad, m], [s].
+    attitudes : (..., K, 3, 3) C_nb then, of a strapdown instrument.
+    rows : (..., K, 6, 15) from the states to the errors of position [m] and attitude [rad] then.
+    first : the first of the three states that are the angles [rad]; 15 or more.
+    """
+    found = np.zeros((*rows.shape[:-1], first + 3))
+    found[..., :3, : rows.shape[-1]] = rows[..., :3, :]
+    axes = np.broadcast_to(np.eye(3), (*positions.shape, 3))
+    if instrument == STRAPDOWN:
+        axes = attitudes
+        found[..., 3:, : rows.shape[-1]] = rows[..., 3:, :]
+    elif instrument == PLATFORM:
+        flat = np.ascontiguousarray(positions.reshape(-1, 3))
+        at = np.ascontiguousarray(np.broadcast_to(times, positions.shape[:-1]).reshape(-1))
+        axes = _local_from_inertial(flat, at).reshape(axes.shape)
+        found[..., 3:, : rows.shape[-1]] = _level_turns(flat).reshape(axes.shape) @ rows[..., :3, :]
+    found[..., 3:, first:] = -axes
+    return axes, found
+
+
+def _level_turns(positions: np.ndarray) -> np.ndarray:
+    """Return how the local level turns (N, 3, 3) with a metre of position error [rad/m]."""
+    east, north = metres_along(positions).T
+    found = np.zeros((len(positions), 3, 3))
+    found[:, 0, 1] = -1.0 / north
+    found[:, 1, 0] = np.cos(positions[:, 0]) / east
+    found[:, 2, 0] = np.sin(positions[:, 0]) / east
+    return found
+
+
+@compiled
+def _local_from_inertial(positions: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Return C_ni (N, 3, 3) at positions (N, 3) and times (N,)."""
+    found, c_in = np.empty((positions.shape[0], 3, 3)), np.empty((3, 3))
+    for k in range(positions.shape[0]):
+        inertial_from_local(positions[k, 0], positions[k, 1], times[k], c_in)
+        found[k] = c_in.T
+    return found

@@ -1,0 +1,68 @@
+"""From the tables of a case to the sensors and the prior of its truth, or of its estimators."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Literal
+
+from ..ins.strapdown import altimeter_gains
+from ..spec.case import CaseSpec
+from ..spec.sensors import AltimeterSpec, DisturbanceSpec, Side, TrueImu, TruthSpec
+from .aiding import on_board
+from .field_source import channel_errors
+from .instruments import gradiometer_of, gravity_state, imu_of
+from .sensor_suite import SensorSuite
+
+
+def suite_of_case(case: CaseSpec, name: Literal["truth", "model"]) -> SensorSuite:
+    """Return the sensors and prior of one side of a case.
+
+    Raises
+    ------
+    MapError
+        If the map's standard error is to be assumed, and the map states none.
+    """
+    found = suite_of(
+        case.side(name), case.altimeter, case.truth if name == "truth" else None,
+        # Of both sides, so that the bound is that of an estimator which knows as much of it.
+        case.model.disturbance, case.model.field.compensate,
+    )  # fmt: skip
+    if name == "truth" or not case.model.field.standard_error:
+        return found
+    assert found.gradiometer is not None  # the scenario checks it
+    error = channel_errors(case.side("model").field, found.gradiometer.components)
+    return replace(found, map_error=error)
+
+
+def suite_of(
+    side: Side,
+    altimeter: AltimeterSpec | None = None,
+    truth: TruthSpec | None = None,
+    disturbance: DisturbanceSpec | None = None,
+    compensates: bool = False,
+) -> SensorSuite:
+    """Return the sensors and prior that tables describe.
+
+    Parameters
+    ----------
+    side : tables of sensors and prior.
+    altimeter : damps the mechanization, if there is one.
+    truth : further errors of the true sensors; None for the estimators' ones.
+    disturbance : the unknown gravity, if it is a state.
+    compensates : whether the mechanization adds the gravity disturbance of its map.
+
+    Raises
+    ------
+    GGBenchError
+        If gradients are to be integrated and the gradiometer does not measure a whole tensor.
+    """
+    damping = None
+    if altimeter is not None:
+        gains = altimeter_gains(altimeter.time_constant_s)
+        damping = gains, altimeter.noise_m_per_sqrt_hz**2
+    errors = TrueImu() if truth is None else truth.imu
+    gradiometer = None if side.gradiometer is None else gradiometer_of(side.gradiometer)
+    return SensorSuite(
+        imu_of(side.imu, errors), gradiometer, on_board(side, truth), side.initial_error, damping,
+        gravity_state(disturbance, gradiometer), compensates,
+    )  # fmt: skip
