@@ -97,12 +97,6 @@ def radii_derivatives_of(sine: float, cosine: float) -> tuple[float, float]:
     return 3.0 * meridian * ratio, prime_vertical * ratio
 
 
-@compiled
-def radii_latitude_derivatives(latitude: float) -> tuple[float, float]:
-    """Return dR_M/dL and dR_N/dL [m/rad] at a latitude L."""
-    return radii_derivatives_of(math.sin(latitude), math.cos(latitude))
-
-
 def _legendre_coefficients(derivatives: int) -> np.ndarray:
     """Return c[d, i, k]: s^(d mod 2) Σ_k c s^(2k) is the d-th derivative of P_n(s), n = 2i + 2."""
     degrees = 2 * np.arange(1, EVEN_ZONALS.size + 1)

@@ -76,16 +76,3 @@ def median_interval(values: Sequence[float] | np.ndarray) -> tuple[float, float,
     if rank < 0:
         return median, math.nan, math.nan
     return median, float(ordered[rank]), float(ordered[count - 1 - rank])
-
-
-def share_by_time(converged_s: np.ndarray, runs: int, times: np.ndarray) -> np.ndarray:
-    """Return the share of runs (K,) that had converged by each of the times.
-
-    Parameters
-    ----------
-    converged_s : (m,) convergence times [s], NaN of runs that did not converge.
-    runs : number of all runs.
-    times : (K,) increasing [s].
-    """
-    found = np.sort(converged_s[np.isfinite(converged_s)])
-    return np.asarray(np.searchsorted(found, times + 1e-9, side="right") / max(runs, 1))

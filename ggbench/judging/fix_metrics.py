@@ -118,25 +118,3 @@ def figures(fixes: pd.DataFrame, runs: int, right_m: float) -> dict[str, float]:
         float(accepted["nees"].mean()), *nees_band(len(first), HORIZONTAL),
     )  # fmt: skip
     return dict(zip(COLUMNS, found, strict=True))
-
-
-def operating_curve(fixes: pd.DataFrame, right_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return which shares of the fixes tried would be accepted, false (J,) and right (J,).
-
-    One point for each threshold of their statistic, from none that is accepted on; those whose
-    statistic is −∞ never are. A matcher that waits for a fix would have tried others under another
-    threshold: the curve is of the fixes that it did try.
-
-    Parameters
-    ----------
-    fixes : rows of :data:`ROWS`, one at least.
-    right_m : as in :func:`figures`.
-    """
-    possible = fixes[fixes["statistic"] > -np.finfo(float).max]
-    ordered = possible.sort_values("statistic", ascending=False)
-    right = (ordered["error_m"] < right_m).to_numpy()
-    # Of equal statistics all are accepted or none.
-    last = np.append(np.diff(ordered["statistic"].to_numpy()) != 0.0, True)[: len(right)]
-    ends = [np.concatenate([[0], np.cumsum(hits)[last]]) for hits in (~right, right)]
-    false, true = (end / len(fixes) for end in ends)
-    return false, true

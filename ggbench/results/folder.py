@@ -168,11 +168,6 @@ class Results:
             raise StoreError(f"a time series of case {case} in {self.folder} is damaged")
         return found
 
-    def convergence_times(self, case: str, estimator: str) -> np.ndarray:
-        """Return convergence times [s] (runs,) of finished runs, NaN of those that never did."""
-        own = self._runs_of(case, estimator) & (self._runs["status"] == "ok")
-        return self._runs.loc[own, "converged_s"].to_numpy(dtype=float)
-
     def _runs_of(self, case: str, estimator: str) -> pd.Series:
         """Return which rows of the table of runs are an estimator's on a case."""
         table = self._runs

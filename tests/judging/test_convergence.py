@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from ggbench.judging.convergence import claimed_radius, judge, median_interval, share_by_time
+from ggbench.judging.convergence import claimed_radius, judge, median_interval
 
 TIMES = np.array([1.0, 2.0, 3.0, 4.0, 5.0])
 SURE, UNSURE = np.full((5, 3), 1.0), np.full((5, 3), 100.0)
@@ -69,10 +69,3 @@ def test_few_times_have_no_interval():
     assert value == 3.0
     assert math.isnan(low) and math.isnan(high)
     assert all(math.isnan(v) for v in median_interval([]))
-
-
-def test_shares_by_time_are_of_all_runs():
-    """Of four runs one converged at 4 s, one at 8 s, one never, and one failed."""
-    times = np.array([4.0, math.nan, 8.0])
-    shares = share_by_time(times, 4, np.array([0.0, 4.0, 7.9, 8.0, 9.0]))
-    assert shares.tolist() == [0.0, 0.25, 0.25, 0.5, 0.5]

@@ -112,17 +112,6 @@ def test_without_an_accepted_fix_there_are_no_errors_of_fixes():
         assert all(math.isnan(found[k]) for k in ("cep50_m", "nees", "right_time_median_s"))
 
 
-def test_the_operating_curve_goes_over_all_thresholds():
-    """By falling statistics; equal ones come together, −∞ never; shares of all that is tried."""
-    false, right = fix_metrics.operating_curve(TRIED, 50.0)
-    assert right == pytest.approx(np.array([0, 1, 2, 2, 2, 2]) / 6.0)  # 30, 15, 13, 11, 1
-    assert false == pytest.approx(np.array([0, 0, 0, 1, 2, 3]) / 6.0)
-    tied = table((0, 1.0, 10.0, 5.0, True), (1, 1.0, 90.0, 5.0, True))
-    assert [v.tolist() for v in fix_metrics.operating_curve(tied, 50.0)] == [[0.0, 0.5], [0.0, 0.5]]
-    never = table((0, 1.0, 10.0, -np.finfo(float).max, False))
-    assert [v.tolist() for v in fix_metrics.operating_curve(never, 50.0)] == [[0.0], [0.0]]
-
-
 FIXER = '''
 """Fixes: one right, one far off, one refused; or such as are none."""
 from dataclasses import dataclass
