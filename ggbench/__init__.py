@@ -13,7 +13,7 @@ gradient tensor        [EE, EN, EU, NN, NU, UU] in E (1 E = 1e-9 s⁻²), (6,); 
 error                  indicated (or estimated) minus true; sensor: measured = true + bias
 attitude error φ       C̃_nb = (I − [φ×]) C_nb
 error state            δr ENU [m], δv ENU [m/s], φ [rad], gyro bias [rad/s], accelerometer bias
-                       [m/s²]: (15,); then biases of the sensors' channels, if the model has any
+                       [m/s²]: (15,); then, if unknown, gravity, mount, biases, lever arms
 mount                  what holds the gradiometer: a platform, a local level, or the body itself
 channel                a number that is measured: of a gradiometer a component of the tensor in the
                        axes of its mount, or a linear combination of the six; of a receiver, a
