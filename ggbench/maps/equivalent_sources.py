@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 WIDEST_M = 150e3
 """Widest survey: beyond it the Earth is not flat."""
-MOST_SOURCES = 5000
+MOST_SOURCES = 7000
 """Most masses: the time to find them grows with the third power of their number."""
 _MGAL = 1e5  # in a metre per square second
 _BLOCK = 0.3  # of the depth: the field hardly changes over it, and noise is averaged

@@ -44,15 +44,15 @@ def flown(name: str) -> tuple[np.ndarray, np.ndarray]:
 def test_measured_gradients_reduce_an_uncertainty_of_hundreds_of_metres():
     """Median over the lines of the horizontal RMS error; the INS ends half a kilometre off.
 
-    Found with four seeds: 50, 55, 56 and 57 m. The limit has a margin of a tenth over the largest.
+    Found with eight seeds: 42 to 50 m, 45 m in all.
     """
-    assert np.median(flown("0.3km")[0]) <= 62.0
+    assert np.median(flown("0.3km")[0]) <= 52.0
 
 
 def test_the_smoother_is_consistent_with_coloured_noise():
     """Mean NEES in the 95 % band about 6 of 21 lines, each of which counts as one value.
 
-    Found with four seeds: 6.2, 6.2, 6.6 and 6.9.
+    Found with eight seeds: 4.4 to 6.2, 5.6 in all; 5.9 with this one.
     """
     assert 4.5 <= flown("0.3km")[1].mean() <= 7.5
 
