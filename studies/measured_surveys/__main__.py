@@ -2,6 +2,9 @@
 
 ARCHIVE is galileoqc-1.0.16.tar.gz, the source archive on PyPI: the lines are taken from it, which
 needs the extra ``terrain``. Without it only maps and noise are made again, from the lines shipped.
+
+``--navigate 320,190,1 500,300,0.2`` writes nothing: it compares maps of Vinton Dome, each given by
+depth [m], spacing [m] and damping, by navigation over lines held back; some minutes for each.
 """
 
 from __future__ import annotations
@@ -12,8 +15,11 @@ import tarfile
 import tempfile
 from pathlib import Path
 
+from ggbench.maps.equivalent_sources import Settings
+from ggbench.maps.survey_files import read_lines
 from ggbench.maps.survey_fit import Wanted
 
+from .navigating import print_table
 from .surveys import EAST_VICTORIA, FOSTERVILLE, VINTON, east_victoria, fosterville, vinton
 from .writing import write, write_map
 
@@ -42,12 +48,25 @@ def main() -> None:
     parser.add_argument("archive", type=Path, nargs="?")
     parser.add_argument("--output", type=Path, default=Path("scenarios/data/measured"))
     parser.add_argument("--choose", action="store_true", help="choose the settings again")
+    parser.add_argument("--navigate", type=_settings, nargs="+", metavar="DEPTH,SPACING,DAMPING")
     options = parser.parse_args()
+    if options.navigate:
+        lines = read_lines(options.output / "vinton2008.csv.gz")
+        print_table(lines.without(MAPS["vinton2008"][0]), options.navigate)
+        return
     if options.archive is not None:
         _write_lines(options.archive, options.output)
     for name, (leave_out, wanted, quantity) in MAPS.items():
         chosen = Wanted() if options.choose and quantity == "gradient" else wanted
         write_map(options.output, name, leave_out, chosen, quantity)
+
+
+def _settings(text: str) -> Settings:
+    try:
+        depth, spacing, damping = map(float, text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} must be three numbers, as 320,190,1") from None
+    return Settings(depth, spacing, damping)
 
 
 def _write_lines(published: Path, folder: Path) -> None:
