@@ -161,6 +161,7 @@ def test_the_page_names_the_index_that_the_table_was_made_with(found):
     assert "nan" not in text.lower()
 
 
+@pytest.mark.long
 def test_predictions_of_false_fixes_that_hold_are_shown_to_hold(found):
     """The fixes were drawn with the predicted shares: all bins are within a factor of three.
 
@@ -176,6 +177,7 @@ def test_predictions_of_false_fixes_that_hold_are_shown_to_hold(found):
     assert "in 4 of 4 bins" not in page.page(dataclasses.replace(found, tables=compared))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [0, *(pytest.param(n, marks=pytest.mark.long) for n in (1, 2))])
 def test_errors_by_chance_make_no_index_trustworthy(seed):
     """The negative control: no index is trusted, and none differs from roughness.

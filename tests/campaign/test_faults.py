@@ -163,6 +163,7 @@ def killed_at_write(number: int, arguments: list[str]) -> int:
     return in_child(run)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("options", "stride"),
     [

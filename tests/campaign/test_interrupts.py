@@ -43,6 +43,7 @@ def wait_for(happened: Callable[[], bool]) -> None:
         time.sleep(0.01)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "second", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.long)]
 )

@@ -31,6 +31,7 @@ def test_what_an_encoding_lacks_is_replaced(words, encoding, tmp_path, monkeypat
         assert done.output == whole.output.encode(encoding, "replace").decode(encoding)
 
 
+@pytest.mark.long
 @thinned("encoding", ["cp1252", "latin-1"])
 def test_a_process_prints_without_a_traceback(encoding):
     """The square root in the unit of a noise is none of their characters."""

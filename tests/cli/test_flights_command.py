@@ -119,6 +119,7 @@ def test_wrong_arguments_end_with_a_sentence(tmp_path, log, arguments, said):
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.long
 def test_the_report_says_what_there_is(tmp_path, log):
     """Sensors, estimators and, without a reference, no errors."""
     text = log.read_text()

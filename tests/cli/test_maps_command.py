@@ -305,6 +305,7 @@ def test_what_a_map_says_of_itself_cannot_harm_a_terminal():
     assert len(shown) < 12_000
 
 
+@pytest.mark.long
 def test_cells_of_a_map_are_scored():
     """Every cell a row of the table and a square of the figure, best and worst on the screen."""
     write(Path("own.nc"), degrade(blank_map(), MapDegradation(correlated_noise_eotvos=10.0)))
@@ -433,6 +434,7 @@ def write_dem(path, void=None):
     np.savetxt(path, height, "%.8g", header=head, comments="")
 
 
+@pytest.mark.long
 @thinned("void", [32767, -3.4e38, 9999, -500], every=4)
 def test_voids_that_the_file_does_not_declare(void, tmp_path):
     """Usual marks are recognised, and the note names the option by which others are declared."""

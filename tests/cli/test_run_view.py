@@ -60,6 +60,7 @@ def test_compare_finds_what_became_worse(folder):
     assert len(unchanged) == 4 and all(line.rstrip().endswith("same") for line in unchanged)
 
 
+@pytest.mark.long
 def test_compare_in_the_other_direction_and_below_the_threshold(folder):
     """Better is no failure, nor is worse within the threshold; equal folders are the same."""
     assert invoke(["compare", "after", "before"], folder).returncode == 0
@@ -81,6 +82,7 @@ def test_compare_another_parameter(folder):
     assert "blurred.py[blur=0.9] → blurred.py[blur=0.1]" in text
 
 
+@pytest.mark.long
 def test_compare_folders_with_nothing_in_common(folder, tmp_path):
     """Folders of other estimators cannot be compared: a sentence, exit code 2."""
     ran(tmp_path, labels=("ins",), runs=2).store.close()
@@ -109,6 +111,7 @@ def test_show_tells_what_an_estimator_said_of_its_run(folder):
     assert said.endswith("...") and len(said) < 120
 
 
+@pytest.mark.long
 def test_the_command_that_show_prints_repeats_the_run(folder, tmp_path):
     """What is printed to repeat a run gives the same figures and stores nothing."""
     shown = invoke(["show", "before", "--run", "7", "--case", "noisy"], folder)

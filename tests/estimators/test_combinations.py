@@ -112,11 +112,8 @@ def each_label_and_combination() -> Iterator[Any]:
             getattr(parameter, "marks", ()),
         )
         for name in COMBINATIONS:
-            quick = name.startswith("several receivers") or (
-                "[" not in label
-                and "particle" not in label
-                and name.startswith(("gravity as states", "all"))
-            )
+            others = "[" not in label and name.startswith(("gravity as states", "all"))
+            quick = "particle" not in label and (name.startswith("several receivers") or others)
             more = () if quick else (pytest.mark.long,)
             yield pytest.param(label, name, marks=(*marks, *more))
 

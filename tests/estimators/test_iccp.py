@@ -121,6 +121,7 @@ def test_readings_are_used_once_or_windows_slide():
     assert deviations[0] < deviations[1]
 
 
+@pytest.mark.long
 def test_a_height_that_is_not_known_is_in_the_covariance():
     """Twice the deviation of the height is more of the position's; the misfit is, too."""
     problem, _ = straight(3, (60.0, 40.0), (0.0, 0.0))

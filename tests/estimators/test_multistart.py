@@ -259,6 +259,7 @@ def test_the_answer_is_the_lowest_that_a_search_has_found():
     assert lower == {0, 1}
 
 
+@pytest.mark.long
 @each_width
 @each_search
 def test_errors_at_wide_priors_are_those_that_the_covariance_tells(label, lengths):

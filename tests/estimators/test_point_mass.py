@@ -72,6 +72,7 @@ def test_a_finer_grid_changes_nothing(noise):
     assert fine.info["mean_points"] > 2.0 * coarse.info["mean_points"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("label", "limit"),
     [

@@ -84,6 +84,7 @@ def test_the_distance_to_the_exact_posterior_falls(problems, seeds, limit):
     assert many < limit
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("fault", "seeds"),
     [("straight", SEEDS), pytest.param("kernel", MORE_SEEDS, marks=pytest.mark.long)],

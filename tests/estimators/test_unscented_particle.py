@@ -123,6 +123,7 @@ def relative(estimate: Estimate, problem: Problem) -> float:
     return float(np.sqrt(np.mean((estimate.mean - mean) ** 2 / variance)))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [0, *(pytest.param(n, marks=pytest.mark.long) for n in (1, 2))])
 def test_readings_that_count_twice_bias_the_answer(seed):
     """With the ratio of densities the answer nears the Kalman filter's, without it does not.

@@ -81,6 +81,7 @@ def test_a_grid_of_even_size_serves_as_well(model):
     assert np.std(tensor - truth) < 2e-3 * np.std(truth)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("south", [pytest.param(-20.0, marks=pytest.mark.long), 55.0])
 def test_anywhere_on_the_earth(model, south):
     """South of the equator and at high latitude, where meridians converge."""

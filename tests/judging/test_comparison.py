@@ -186,6 +186,7 @@ def test_infinite_errors_are_lost_runs():
     assert verdicts(result) == {"position": "same", "velocity": "same", UNFINISHED: "worse"}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("comparisons", "most"), [(10, 3), pytest.param(120, 13, marks=pytest.mark.long)]
 )

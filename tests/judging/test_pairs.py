@@ -126,6 +126,7 @@ def test_few_runs_are_undecided_and_never_equivalent():
     assert pairs(flown(many, draws=2))["verdict"].tolist() == ["undecided"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("tables", [60, pytest.param(400, marks=pytest.mark.long)])
 @pytest.mark.parametrize("draws", [20, pytest.param(10**6, marks=pytest.mark.long)])
 def test_false_alarms_of_a_table(draws, tables):

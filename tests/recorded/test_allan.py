@@ -53,6 +53,7 @@ def printed(path: str) -> dict[str, float]:
     return tomllib.loads(result.output)["imu"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("names", [RATES, DELTAS])
 def test_the_keys_are_those_of_the_simulation(names, tmp_path):
     """White noise within 3 %, the bias within 15 % and its time within 30 %.

@@ -34,6 +34,7 @@ def test_each_limit_is_the_bound_of_a_halved_cause(found):
     assert limits["noise of the gradiometer"].bound_m == pytest.approx(bound_of(half))
 
 
+@pytest.mark.long
 def test_the_noise_that_is_found_reaches_the_target(found):
     """To 1% of the bound; and control: a target below any bound is out of reach."""
     target = 2.0 * found.bound_m

@@ -300,6 +300,7 @@ def test_three_disks_read_all_of_the_tensor_but_its_trace():
     np.testing.assert_allclose(rows @ [1.0, 0.0, 0.0, 1.0, 0.0, 1.0], 0.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("instrument", "samples", "readings"),
     [

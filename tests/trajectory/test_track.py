@@ -66,6 +66,7 @@ def hour() -> Trajectory:
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("rate", [pytest.param(1, marks=pytest.mark.long), 10])
 def test_the_truth_is_where_the_track_is(hour, tmp_path, rate):
     """Over an hour, across 180° E, within 5 cm of every row, and smooth in between.
