@@ -1,6 +1,6 @@
 """The base class of the errors that users can cause, and the texts of other errors."""
 
-_LONGEST_REASON = 200
+_LONGEST_TEXT = 200
 
 
 class GGBenchError(Exception):
@@ -15,6 +15,6 @@ def text_of(error: BaseException) -> str:
 
     Libraries quote what they read, and a damaged file may be quoted at any length.
     """
-    line = " ".join(str(error)[: 2 * _LONGEST_REASON].split())
-    shown = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in line[:_LONGEST_REASON])
+    line = " ".join(str(error)[: 2 * _LONGEST_TEXT].split())
+    shown = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in line[:_LONGEST_TEXT])
     return shown or type(error).__name__

@@ -168,8 +168,8 @@ def killed_at_write(number: int, arguments: list[str]) -> int:
     ("options", "stride"),
     [
         ((), 40),
-        pytest.param((), 1, marks=pytest.mark.long),
-        pytest.param(("--fresh",), 1, marks=pytest.mark.long),
+        ((), 1),
+        (("--fresh",), 1),
     ],
 )
 def test_a_power_cut_between_any_two_writes(options, stride, tmp_path, monkeypatch):

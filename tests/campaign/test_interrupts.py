@@ -44,9 +44,7 @@ def wait_for(happened: Callable[[], bool]) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    "second", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.long)]
-)
+@pytest.mark.parametrize("second", [signal.SIGINT, signal.SIGTERM])
 def test_the_second_request_ends_what_swallows_the_first(second, tmp_path, started):
     """Whatever the command is at, and whatever became of the first request."""
     (tmp_path / "small.toml").write_text(SMALL)

@@ -77,9 +77,9 @@ def test_a_finer_grid_changes_nothing(noise):
     ("label", "limit"),
     [
         ("gaussian-sum", 0.1),
-        pytest.param("unscented-particle[particles=5000]", 0.1, marks=pytest.mark.long),
+        ("unscented-particle[particles=5000]", 0.1),
         ("gaussian-particle", 0.15),
-        pytest.param("particle[particles=100000]", 0.1, marks=pytest.mark.long),
+        ("particle[particles=100000]", 0.1),
     ],
 )
 def test_other_filters_are_held_to_it(label, limit):
@@ -94,7 +94,7 @@ def test_other_filters_are_held_to_it(label, limit):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("count", [10_000, pytest.param(100_000, marks=pytest.mark.long)], ids=str)
+@pytest.mark.parametrize("count", [10_000, 100_000], ids=str)
 def test_log_evidence_of_particles_is_the_grids(count):
     """To 0.3, so that models can be compared by it: 0.15 off with 10^4, 0.035 with 10^5 (measured).
 

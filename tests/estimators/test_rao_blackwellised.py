@@ -52,9 +52,7 @@ def with_particles(count: int) -> Moves:
     return DEFAULT._replace(particles=count)
 
 
-@pytest.mark.parametrize(
-    ("count", "limit"), [pytest.param(1000, 0.14, marks=pytest.mark.long), (4000, 0.06)]
-)
+@pytest.mark.parametrize(("count", "limit"), [(1000, 0.14), (4000, 0.06)])
 @pytest.mark.long
 def test_the_mean_is_near_the_exact_one(count, limit):
     """To 0.14 deviations with 1000 particles and 0.06 with 4000.
@@ -87,7 +85,7 @@ def test_the_distance_to_the_exact_posterior_falls(problems, seeds, limit):
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("fault", "seeds"),
-    [("straight", SEEDS), pytest.param("kernel", MORE_SEEDS, marks=pytest.mark.long)],
+    [("straight", SEEDS), ("kernel", MORE_SEEDS)],
 )
 def test_what_biases_it_is_seen(fault, seeds):
     """Negative control: 4000 particles that go on as a Gaussian too early, or that are blurred.

@@ -82,7 +82,7 @@ def test_a_grid_of_even_size_serves_as_well(model):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("south", [pytest.param(-20.0, marks=pytest.mark.long), 55.0])
+@pytest.mark.parametrize("south", [-20.0, 55.0])
 def test_anywhere_on_the_earth(model, south):
     """South of the equator and at high latitude, where meridians converge."""
     inner = (np.radians(np.arange(south + 4, south + 9, 0.5)), *INNER[1:])

@@ -187,9 +187,7 @@ def test_infinite_errors_are_lost_runs():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    ("comparisons", "most"), [(10, 3), pytest.param(120, 13, marks=pytest.mark.long)]
-)
+@pytest.mark.parametrize(("comparisons", "most"), [(10, 3), (120, 13)])
 def test_false_alarms_of_a_whole_comparison(comparisons, most):
     """Of comparisons in which nothing became worse 5 % at most say so, and as many "better".
 

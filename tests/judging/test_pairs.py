@@ -127,8 +127,8 @@ def test_few_runs_are_undecided_and_never_equivalent():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("tables", [60, pytest.param(400, marks=pytest.mark.long)])
-@pytest.mark.parametrize("draws", [20, pytest.param(10**6, marks=pytest.mark.long)])
+@pytest.mark.parametrize("tables", [60, 400])
+@pytest.mark.parametrize("draws", [20, 10**6])
 def test_false_alarms_of_a_table(draws, tables):
     """Five estimators of one law: any "better" or "worse" in 5 % of the tables at most.
 

@@ -305,9 +305,9 @@ def test_three_disks_read_all_of_the_tensor_but_its_trace():
     ("instrument", "samples", "readings"),
     [
         (WHOLE, 96, 700),
-        pytest.param(WHOLE, 96, 2000, marks=pytest.mark.long),
-        pytest.param(WHOLE, 1000, 2000, marks=pytest.mark.long),
-        pytest.param(RotatingGradiometer(0.6, 1.0, 0.5), 64, 2000, marks=pytest.mark.long),
+        (WHOLE, 96, 2000),
+        (WHOLE, 1000, 2000),
+        (RotatingGradiometer(0.6, 1.0, 0.5), 64, 2000),
     ],
 )
 def test_noise_of_a_channel(instrument, samples, readings):

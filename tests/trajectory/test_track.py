@@ -67,7 +67,7 @@ def hour() -> Trajectory:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("rate", [pytest.param(1, marks=pytest.mark.long), 10])
+@pytest.mark.parametrize("rate", [1, 10])
 def test_the_truth_is_where_the_track_is(hour, tmp_path, rate):
     """Over an hour, across 180° E, within 5 cm of every row, and smooth in between.
 
