@@ -31,13 +31,12 @@ from ..numerics.lanes import groups, in_lanes, out_of_lanes, place, together, un
 from ..numerics.rotations import rotation_matrix
 from ..problem import Problem
 from ..sensors.aiding import Motion
-from ..sensors.gradiometer.faults import biases as gradiometer_biases
-from ..sensors.gradiometer.instrument import Gradiometer, readings
 from ..trajectory.truth import Trajectory
 from .aiding import aiding_readings
-from .error_free_flight import Flight, gradiometer_places
+from .error_free_flight import Flight
 from .flight_bounds import require_together
 from .formulation import InsSolution, Readings, build_problems, motion_of, propagate_errors
+from .gradients import Gradients, gradients
 from .random_streams import RandomStreams, random_streams
 from .replay import Recording, Replays
 
@@ -119,7 +118,7 @@ def simulate_flights(
     parts = [slice(0, len(runs))]
     if any(flight is not first for flight in flights):
         parts = [slice(r, r + 1) for r in range(len(runs))]
-    seen = _Gradients.joined([_gradients(flights[part.start], streams[part]) for part in parts])
+    seen = Gradients.joined([gradients(flights[part.start], streams[part]) for part in parts])
     ins = InsSolution.empty(len(streams), len(when.times), model.dimension)
     imu_biases = np.empty((len(streams), len(when.times), 6))
     recordings: list[Recording] = []
@@ -158,7 +157,7 @@ def _error_states(
     flight: Flight,
     ins: InsSolution,
     imu_biases: np.ndarray,
-    seen: _Gradients,
+    seen: Gradients,
     states: np.ndarray,
 ) -> np.ndarray:
     """Return the true error states (R, K, n) of runs of one flight."""
@@ -208,7 +207,7 @@ def record(flight: Flight, seed: int, run: int) -> Record:
     seed, run : the campaign's seed and the run's number.
     """
     streams = [random_streams(seed, run)]
-    seen = _gradients(flight, streams)
+    seen = gradients(flight, streams)
     gravity = flight.added_gravity(flight.model_field, seen.of_runs(slice(1)))
     scratch = _Scratch.of(flight)
     _, recorded = _navigate([flight], streams, gravity, scratch)
@@ -219,53 +218,8 @@ def record(flight: Flight, seed: int, run: int) -> Record:
     return Record(track[0, :, 0], increments, heights, motion, read)
 
 
-class _Gradients(NamedTuple):
-    """What the gradiometers of R runs deliver, whatever the INS indicates.
-
-    Attributes
-    ----------
-    output : (R, G, g) [E].
-    missing : (R, G).
-    biases : (R, K, g) at all epochs [E].
-    mounting : (R, 3) angles by which the mount is turned about its axes [rad].
-    """
-
-    output: np.ndarray
-    missing: np.ndarray
-    biases: np.ndarray
-    mounting: np.ndarray
-
-    def of_runs(self, some: slice) -> tuple[np.ndarray, np.ndarray]:
-        """Return output and what is missing of some of the runs."""
-        return self.output[some], self.missing[some]
-
-    def of_part(self, some: slice) -> _Gradients:
-        """Return all of some of the runs."""
-        return _Gradients(*(array[some] for array in self))
-
-    @classmethod
-    def joined(cls, parts: Sequence[_Gradients]) -> _Gradients:
-        """Return what several have, one after the other."""
-        return parts[0] if len(parts) == 1 else cls(*map(np.concatenate, zip(*parts, strict=True)))
-
-
-def _gradients(flight: Flight, streams: Sequence[RandomStreams]) -> _Gradients:
-    """Return what the gradiometers of R runs deliver; of no readings without one."""
-    runs, width = len(streams), flight.model.gradients
-    unknown, unturned = np.zeros((runs, len(flight.times), width)), np.zeros((runs, 3))
-    if flight.measured is not None:
-        # What was measured is the same in all runs; nothing is known of biases and of the mount.
-        output = np.tile(np.nan_to_num(flight.measured), (runs, 1, 1))
-        return _Gradients(output, np.tile(flight.absent, (runs, 1)), unknown, unturned)
-    if flight.true.gradiometer is not None:
-        output, biases, turned = _gradiometer_output(flight, flight.true.gradiometer, streams)
-        return _Gradients(output, _missing(flight, streams), biases, turned)
-    none = np.zeros((runs, 0), dtype=bool)
-    return _Gradients(np.zeros((runs, 0, width)), none, unknown, unturned)
-
-
 def _readings(
-    flight: Flight, streams: Sequence[RandomStreams], seen: _Gradients, ins: Motion
+    flight: Flight, streams: Sequence[RandomStreams], seen: Gradients, ins: Motion
 ) -> tuple[Readings, np.ndarray]:
     """Return what the sensors of R runs deliver, and their true states at all epochs.
 
@@ -377,77 +331,6 @@ def _altimeter_readings(
         for flight, of_run in zip(flights, streams, strict=True)
     ]
     return in_lanes(np.stack(heights)[:, :, np.newaxis]), gains
-
-
-def _gradiometer_output(
-    flight: Flight, instrument: Gradiometer, streams: Sequence[RandomStreams]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return what the instruments deliver, biases at all epochs [E], and mounting angles [rad].
-
-    (R, G, g) for G readings, before they drop out, (R, K, g), and (R, 3).
-    """
-    faults, at = flight.faults, flight.gradient_epochs
-    times = flight.times[at]
-    channels = instrument.channels
-    undistorted = flight.noise_free @ channels.T
-    output = np.empty((len(streams), len(times), len(channels)))
-    biases = np.zeros((len(streams), len(flight.times), len(channels)))
-    turned = np.zeros((len(streams), 3))
-    for run, of_run in enumerate(streams):
-        tensors, exact = flight.noise_free, undistorted
-        if faults.clock > 0.0 or faults.jitter > 0.0:
-            tensors = _mistimed(flight, of_run.timing)
-        if faults.tilt > 0.0:
-            tensors = faults.tilted(tensors, times, of_run.gradiometer_tilt)
-        if tensors is not flight.noise_free:
-            exact = tensors @ channels.T
-        if instrument.mounting_sigma > 0.0:
-            turned[run] = instrument.mounting_sigma * of_run.gradiometer_mounting.standard_normal(3)
-        if faults.distorts or flight.disks is not None or turned[run].any():
-            turned[run] += faults.mounting(of_run.gradiometer_errors)
-            exact = faults.distort(tensors, channels, turned[run], of_run.gradiometer_errors)
-        if flight.disks is not None:
-            exact = exact + flight.disks.errors(
-                instrument.components, tensors, *flight.motion, of_run.gradiometer_errors
-            )
-        if faults.scale_drift > 0.0:
-            exact = exact * faults.drifted(times, len(channels), of_run.gradiometer_scale)
-        if instrument.biased:
-            biases[run] = gradiometer_biases(
-                instrument, len(channels), flight.times, of_run.gradiometer_biases
-            )
-        noise = instrument.noise(len(times), of_run.gradiometer)
-        if math.isfinite(faults.freedom):
-            noise *= faults.tails(noise.shape, of_run.gradiometer_tails)
-        noise *= flight.noise_growth[:, np.newaxis]
-        output[run] = exact + biases[run, at] + noise
-        if faults.outlier_share > 0.0:
-            output[run] += faults.outliers(times, len(channels), of_run.outliers)
-    if instrument.lowpass is not None:
-        output = instrument.lowpass.apply(output)
-    if instrument.noise_behind_filter > 0.0:
-        for run, of_run in enumerate(streams):
-            output[run] += instrument.noise_behind(len(times), of_run.behind_filter)
-    return output, biases, turned
-
-
-def _missing(flight: Flight, streams: Sequence[RandomStreams]) -> np.ndarray:
-    """Return which readings (R, G) of the gradiometer drop out."""
-    faults, times = flight.faults, flight.times[flight.gradient_epochs]
-    if faults.dropout_share > 0.0:
-        return np.stack([faults.missing(times, of_run.dropouts) for of_run in streams])
-    return np.tile(faults.in_dropouts(times), (len(streams), 1))
-
-
-def _mistimed(flight: Flight, rng: np.random.Generator) -> np.ndarray:
-    """Return the tensors (G, 6) of readings that are taken at other times than they claim."""
-    truth, faults, times = flight.trajectory, flight.faults, flight.times[flight.gradient_epochs]
-    clock = faults.clock * rng.standard_normal()
-    taken = times - flight.latency + faults.jitter * rng.standard_normal(len(times))
-    taken = np.clip(taken, truth.times[0], truth.times[-1])
-    positions, attitudes = truth.at(taken)
-    places = gradiometer_places(flight.case, positions, attitudes)
-    return readings(flight.field, places, taken + clock, attitudes, flight.instrument)
 
 
 def _perturbed(truth: Trajectory, error: np.ndarray) -> np.ndarray:
