@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ggbench import estimation
+from ggbench.block import ProblemBlock
 from ggbench.campaign.registry import choose
 from ggbench.estimators.ekf import ExtendedKalmanFilter
 from ggbench.estimators.factor_graph import FactorGraph
@@ -42,6 +43,17 @@ class Oracle:
 def reference(label: str, **changes: Any) -> Oracle:
     """The oracle of the compiled estimator that a label names, with some parameters changed."""
     return Oracle(dataclasses.replace(choose(label).estimator, **changes))
+
+
+def assert_as_the_oracle(label: str, block: ProblemBlock) -> None:
+    """Of each run of a block, mean and covariance to 1e-6 of the prior's deviations."""
+    found = choose(label).estimator.estimate_block(block)
+    sigma = np.sqrt(np.diag(block.prior_cov))
+    scale = np.outer(sigma, sigma)
+    for run in range(block.runs):
+        expected = reference(label).estimate(block.problem(run))
+        np.testing.assert_allclose(found.mean[run] / sigma, expected.mean / sigma, atol=1e-6)
+        np.testing.assert_allclose(found.cov[run] / scale, expected.cov / scale, atol=1e-6)
 
 
 def solver(label: str) -> Estimator | Oracle:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from oracles import reference
+from oracles import assert_as_the_oracle
 from problems import estimator, rng
 from small_cases import ON_BOARD, residuals_at_the_truth, rough_map, small_case, small_flight
 
@@ -211,13 +211,7 @@ def test_a_filter_with_the_states_is_consistent_and_finds_the_arm():
 def test_engines_carry_the_states_as_the_frameworks_do(label):
     """Of both kinds of channels, to 1e-6 of the prior's deviations."""
     block, _ = simulate_block(small_flight(WINDING | UNKNOWN), 5, range(2))
-    found = estimator(label).estimate_block(block)
-    sigma = np.sqrt(np.diag(block.prior_cov))
-    for run in range(2):
-        expected = reference(label).estimate(block.problem(run))
-        np.testing.assert_allclose(found.mean[run] / sigma, expected.mean / sigma, atol=1e-6)
-        scale = np.outer(sigma, sigma)
-        np.testing.assert_allclose(found.cov[run] / scale, expected.cov / scale, atol=1e-6)
+    assert_as_the_oracle(label, block)
 
 
 @pytest.mark.parametrize(
