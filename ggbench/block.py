@@ -102,7 +102,7 @@ class ProblemBlock:
             noise_cov=self.noise_cov if self.noise_cov.ndim == 2 else self.noise_cov[:stop],
             transition=self.transition[:, :stop],
             process_cov=self.process_cov[:, :stop],
-            model=model._replace(times=read_only(model.times[:stop])),
+            model=replace(model, times=read_only(model.times[:stop])),
             present=self.present[:, :stop],
             tracks=None if self.tracks is None else self.tracks[:, :stop],
             replays=None,
@@ -223,7 +223,7 @@ def _with_idle_states(problem: Problem) -> Problem:
         process_cov=np.pad(problem.process_cov, idle),
         prior_mean=np.pad(problem.prior_mean, (0, more)),
         prior_cov=prior_cov,
-        model=SensorModel(arrays._replace(dimension=n + more, rows=rows)),
+        model=SensorModel(replace(arrays, dimension=n + more, rows=rows)),
         layout=(*problem.layout, StateBlock("idle", slice(n, n + more), "1")),
     )
 

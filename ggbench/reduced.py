@@ -145,7 +145,7 @@ def _model(problem: Problem, states: tuple[int, ...], mean: np.ndarray) -> Measu
         alone = arrays.offset.shape[-1] == len(arrays.channels) and arrays.bias < 0
         if inertial and alone:
             rows = arrays.rows[..., list(states)]
-            return SensorModel(arrays._replace(dimension=len(states), rows=rows))
+            return SensorModel(replace(arrays, dimension=len(states), rows=rows))
     return _Embedded(model, states, mean)
 
 

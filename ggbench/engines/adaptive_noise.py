@@ -8,18 +8,19 @@ one run, which remains the reference.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from ..numerics import lane_algebra
 from ..numerics.kernels import compiled
 from ..numerics.lanes import lanes
+from ..numerics.records import record
 from .iterated_update import Search
 from .whitened_measurements import Readings, scale_equations
 
 
-class AdaptiveNoise(NamedTuple):
+@record
+class AdaptiveNoise:
     """What is believed of the noise of eight runs.
 
     Attributes

@@ -7,20 +7,21 @@ remains the reference: a test holds both together.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from ..block import ProblemBlock
 from ..numerics import lane_algebra, lanes
 from ..numerics.kernels import compiled
+from ..numerics.records import record
 from .banks import split_prior
 from .iterated_update import Rules, minimise, search_of, update
 from .robust_weights import NONE
 from .whitened_measurements import Batch, batch_of, linearise, readings_of
 
 
-class Hypotheses(NamedTuple):
+@record
+class Hypotheses:
     """Gaussians of a mixture.
 
     Attributes

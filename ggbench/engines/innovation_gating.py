@@ -11,17 +11,17 @@ With both, the gate tests the innovation against the S of the gain.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from scipy.special import chdtri
 
 from ..block import ProblemBlock
 from ..numerics.kernels import compiled
+from ..numerics.records import record
 from ..numerics.vectors import load, splat, store
 
 
-class GateOptions(NamedTuple):
+@record
+class GateOptions:
     """Gate limits and underweighting of a block's updates.
 
     Attributes

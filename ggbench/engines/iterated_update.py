@@ -8,13 +8,12 @@ is, so that its neighbours do not matter to it.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from ..numerics import lane_algebra
 from ..numerics.kernels import compiled
 from ..numerics.lanes import each, flags, lanes, numbers
+from ..numerics.records import record
 from ..numerics.vectors import load, splat, store
 from .robust_weights import NONE, ROUNDS, loss_of, reweigh, weight_of
 from .whitened_measurements import Batch, Readings, linearise
@@ -23,7 +22,8 @@ _CONVERGED = 1e-6
 """Decrease of the cost below which an update has converged: a thousandth of a deviation."""
 
 
-class Rules(NamedTuple):
+@record
+class Rules:
     """How an update searches.
 
     Attributes
@@ -42,7 +42,8 @@ class Rules(NamedTuple):
     settled: bool
 
 
-class Search(NamedTuple):
+@record
+class Search:
     """The search of eight runs at an epoch; the update is of ``rows`` and ``innovation``.
 
     Attributes

@@ -13,12 +13,11 @@ problem has no slope, M(b, a − b) = (y − H b)ᵀ H (a − b), so that no mul
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from ..numerics import lane_algebra, lanes
 from ..numerics.kernels import compiled
+from ..numerics.records import record
 from ..numerics.vectors import load, splat, store
 from .iterated_smoother import CONVERGED, HALVINGS
 from .robust_weights import NONE, loss_of
@@ -45,7 +44,8 @@ from .whitened_measurements import (
 )
 
 
-class Problems(NamedTuple):
+@record
+class Problems:
     """A block of runs, and the loss of whitened residuals, see :mod:`.robust_weights`."""
 
     batch: Batch
@@ -53,7 +53,8 @@ class Problems(NamedTuple):
     threshold: float
 
 
-class Searches(NamedTuple):
+@record
+class Searches:
     """Trajectories of J searches, before and after them.
 
     Attributes
@@ -80,7 +81,8 @@ class Searches(NamedTuple):
     converged: np.ndarray
 
 
-class _Slots(NamedTuple):
+@record
+class _Slots:
     """What is tried at once: in each lane a share of the way of a search, maybe of another lane.
 
     Attributes

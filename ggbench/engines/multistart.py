@@ -12,6 +12,7 @@ from scipy.special import ndtri
 
 from ..block import ProblemBlock
 from ..numerics import lanes
+from ..numerics.records import fields_of
 from ..problem import Problem
 from .line_search import (
     Problems,
@@ -107,7 +108,7 @@ def multistart(
     parts = [smoother.best_starts(count, keep), smoother.from_filter()]
     if window:
         parts.append(smoother.from_windows(window, spacing_m, keep))
-    searches = Searches(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+    searches = Searches(*map(np.concatenate, zip(*map(fields_of, parts), strict=True)))
     smoother.search(searches, most)
     best = np.empty(block.runs, dtype=int)
     for run in range(block.runs):
@@ -129,7 +130,7 @@ def multistart(
 
 def _chosen(searches: Searches, which: np.ndarray) -> Searches:
     """Return some of the searches."""
-    return Searches(*(array[which] for array in searches))
+    return Searches(*(array[which] for array in fields_of(searches)))
 
 
 class _Smoother:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from ..numerics.kernels import compiled
 from ..numerics.lanes import lanes
+from ..numerics.records import record
 from ..numerics.vectors import load, splat, store
 from ..sensors.aiding_kernels import read_aiding_pairs
 from ..sensors.model_arrays import ModelArrays, PointScratch, point_scratch
@@ -18,7 +17,8 @@ _NEAR, _STRAIGHT = 0.01, 1e-7
 """Displacements [m], [rad] of the instrument over which h is a straight line."""
 
 
-class SigmaPoints(NamedTuple):
+@record
+class SigmaPoints:
     """Sigma points x ± d_q of eight runs and what they read.
 
     Attributes

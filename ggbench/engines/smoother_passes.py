@@ -12,18 +12,19 @@ variance 1/λ: whitened, rows of √λ/σ. Where nothing is damped they are zero
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from ..numerics import lane_algebra, lanes
 from ..numerics.kernels import compiled
+from ..numerics.records import record
 from ..numerics.vectors import load, splat, store
 from .robust_weights import NONE, loss_of, weight_of
 from .whitened_measurements import Batch, Readings
 
 
-class Updates(NamedTuple):
+@record
+class Updates:
     """What updates with the readings of all epochs leave for the way back.
 
     Attributes
@@ -37,7 +38,8 @@ class Updates(NamedTuple):
     pulls: np.ndarray
 
 
-class Path(NamedTuple):
+@record
+class Path:
     """The linear problems of a group about its trajectories, and what the filter leaves of them.
 
     Attributes
@@ -69,7 +71,8 @@ class Path(NamedTuple):
     damping: Updates
 
 
-class Work(NamedTuple):
+@record
+class Work:
     """Scratch for one epoch and readings of m equations, named as what it holds for a while."""
 
     x: np.ndarray
@@ -85,7 +88,8 @@ class Work(NamedTuple):
     back: np.ndarray
 
 
-class Costs(NamedTuple):
+@record
+class Costs:
     """Sums along the trial trajectories, (1, 1, lanes) each.
 
     Attributes

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from ..block import ProblemBlock
 from ..numerics.kernels import compiled, inlined
 from ..numerics.lanes import gather_row, gather_rows, lanes
+from ..numerics.records import record
 from ..numerics.vectors import load, splat, store, with_sign
 from ..sensors.aiding_kernels import INS_STATES, MOVED, column_of, linearise_aiding
 from ..sensors.model_arrays import (
@@ -26,7 +26,8 @@ _TINY = 1e-300
 """What keeps 0 / 0 from being NaN where a reading is missing."""
 
 
-class Batch(NamedTuple):
+@record
+class Batch:
     """A block of runs as the arrays that kernels take.
 
     Attributes
@@ -62,7 +63,8 @@ def batch_of(block: ProblemBlock) -> Batch:
     )  # fmt: skip
 
 
-class Readings(NamedTuple):
+@record
+class Readings:
     """The readings of eight runs at an epoch, linearised; arrays that :func:`linearise` fills.
 
     Attributes

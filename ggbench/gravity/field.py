@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +18,7 @@ from numpy.typing import ArrayLike
 from ..errors import GGBenchError
 from ..numerics.frozen import freeze_arrays
 from ..numerics.kernels import compiled, inlined
+from ..numerics.records import record
 from .ellipsoid import (
     metres_per_radian_of,
     normal_gradient_of,
@@ -38,7 +38,8 @@ class OutsideMapError(GGBenchError):
     """A position lies outside the gradient map."""
 
 
-class DisturbanceMap(NamedTuple):
+@record
+class DisturbanceMap:
     """The gravity disturbance of a map as a kernel is given it, see :class:`Field`."""
 
     origin: np.ndarray

@@ -14,7 +14,6 @@ Between two readings T̂ is the last one; as the next one comes the trapezoidal 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -22,13 +21,15 @@ from ..gravity.ellipsoid import EOTVOS, normal_gradient_of
 from ..gravity.field import DisturbanceMap, Field
 from ..numerics.kernels import compiled
 from ..numerics.lanes import lanes
+from ..numerics.records import record
 from .local_level import frame_rates_of, place_of
 
 COMPONENT = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 """Which of the six numbers of a tensor stands in each of its rows and columns."""
 
 
-class GradientReadings(NamedTuple):
+@record
+class GradientReadings:
     """Gradients that a group of runs reads, in axes ENU, and what a mechanization makes of them.
 
     Attributes
@@ -51,7 +52,8 @@ class GradientReadings(NamedTuple):
         return cls(tensors, latest, lanes(len(tensors) + 1, 6), lanes(count, 3))
 
 
-class KnownGravity(NamedTuple):
+@record
+class KnownGravity:
     """What a mechanization adds to normal gravity: of a map, of readings, or nothing.
 
     Attributes

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
+from ..numerics.records import record
 from .system_matrix import NAVIGATION_STATES
 
 
-class Noise(NamedTuple):
+@record
+class Noise:
     """What drives the error model: G q Gᵀ by its square roots.
 
     Attributes

@@ -8,7 +8,6 @@ have the runs last, see :mod:`ggbench.numerics.lanes`.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from ..gravity.ellipsoid import metres_per_radian_of
 from ..numerics.kernels import compiled
 from ..numerics.lane_algebra import add_products, copy
 from ..numerics.lanes import gather_rows, lanes, members, unfilled
+from ..numerics.records import record
 from ..numerics.rotations import sine_cosine
 from ..numerics.vectors import load, store
 from .adjoint import (
@@ -69,7 +69,8 @@ def _as_row(columns: np.ndarray, i: int, metres: np.ndarray, r: int, out: np.nda
         out[j] = columns[i, j, r]
 
 
-class Delays(NamedTuple):
+@record
+class Delays:
     """Where along a flight delayed readings were felt.
 
     Attributes

@@ -7,8 +7,6 @@ the gravity disturbance of the map at the place, which is no straight line.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from ..gravity.ellipsoid import metres_per_radian_of
@@ -16,6 +14,7 @@ from ..gravity.field import DisturbanceMap
 from ..gravity.spline import spline_at
 from ..numerics import lanes
 from ..numerics.kernels import compiled, inlined
+from ..numerics.records import record
 from ..numerics.rotations import sine_cosine
 from ..numerics.vectors import load, splat, store
 
@@ -24,7 +23,8 @@ MOVED, INS_STATES = 9, 15
 after the INS's own: gravity, biases and lever arms."""
 
 
-class Aiding(NamedTuple):
+@record
+class Aiding:
     """The channels of the aiding sensors as arrays.
 
     h(k, x) = offset_k + present_k · (A_k x[:9] + W (δg(p̂_k − x[:3]) + d) + b + L_k l). For many

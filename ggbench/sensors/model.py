@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..gravity.coloured_noise import Whitening
@@ -126,7 +128,8 @@ def model_arrays(
         read_only(rows),
         read_only(np.concatenate([offset, offsets], axis=-1)),
         read_only(gain),
-        aiding._replace(
+        replace(
+            aiding,
             rows=read_only(aiding.rows),
             bias=_immutable(aiding.bias),
             arm=_immutable(aiding.arm),
@@ -200,12 +203,14 @@ class SensorModel:
 
     def __init__(self, arrays: ModelArrays) -> None:
         aiding = arrays.aiding
-        self.arrays = arrays._replace(
+        self.arrays = replace(
+            arrays,
             channels=frozen(arrays.channels),
             combined=frozen(arrays.combined),
             lags=_immutable(arrays.lags),
             times=frozen(arrays.times),
-            aiding=aiding._replace(
+            aiding=replace(
+                aiding,
                 gravity=frozen(aiding.gravity),
                 bias=_immutable(aiding.bias),
                 arm=_immutable(aiding.arm),

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from ..gravity.spline import TENSOR_WORK
 from ..numerics import lanes
 from ..numerics.kernels import compiled
+from ..numerics.records import record
 from . import aiding_kernels
 from .aiding_kernels import Aiding
 from .gradiometer.instrument import STRAPDOWN
 
 
-class ModelArrays(NamedTuple):
+@record
+class ModelArrays:
     """The measurement model as arrays: all that the kernels of h and H are given.
 
     The first g channels are the gradiometer's, if there is one: h(k, x) = offset_k + gain_k ·
@@ -81,14 +84,15 @@ class ModelArrays(NamedTuple):
         own: dict[str, Any] = {
             name: change(*(getattr(model, name) for model in models)) for name in OF_A_RUN
         }
-        return self._replace(**own, aiding=self.aiding._replace(**aiding))
+        return replace(self, **own, aiding=replace(self.aiding, **aiding))
 
 
 OF_A_RUN = ("references", "attitudes", "rows", "offset", "gain")
 """The arrays that differ from run to run, as do those of the aiding sensors."""
 
 
-class EpochContext(NamedTuple):
+@record
+class EpochContext:
     """INS solution and channel gains of eight runs at an epoch.
 
     Attributes
@@ -107,7 +111,8 @@ class EpochContext(NamedTuple):
     there: np.ndarray
 
 
-class PointScratch(NamedTuple):
+@record
+class PointScratch:
     """Scratch for S vectors of points at which h is evaluated.
 
     Attributes

@@ -90,7 +90,7 @@ def test_without_any_reading_the_search_ends_where_it_begins():
     empty = dataclasses.replace(
         block,
         measurements=np.zeros_like(block.measurements),
-        model=block.model._replace(gain=gain, offset=offset),
+        model=dataclasses.replace(block.model, gain=gain, offset=offset),
     )
     mean, cov, counters = batch_smoother.smoother(empty, MOST)
     expected, expected_cov = propagated(empty.problem(0))

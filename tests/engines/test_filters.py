@@ -68,7 +68,7 @@ def cut(block: ProblemBlock, runs: list[int], epochs: int) -> ProblemBlock:
         process_cov=block.process_cov[runs, :epochs],
         prior_mean=block.prior_mean,
         prior_cov=block.prior_cov,
-        model=model._replace(times=read_only(block.model.times[:epochs])),
+        model=dataclasses.replace(model, times=read_only(block.model.times[:epochs])),
         layout=block.layout,
         present=block.present[runs, :epochs],
     )
@@ -207,7 +207,7 @@ def test_a_neighbour_without_readings_or_with_other_dynamics_changes_no_bit(
         block,
         measurements=measurements,
         process_cov=process_cov,
-        model=block.model._replace(gain=read_only(gain), offset=read_only(offset)),
+        model=dataclasses.replace(block.model, gain=read_only(gain), offset=read_only(offset)),
     )
     found, usual = estimator.estimate_block(odd), estimator.estimate_block(block)
     np.testing.assert_array_equal(found.cov[0], usual.cov[0])

@@ -119,7 +119,7 @@ def test_a_run_does_not_depend_on_its_neighbours():
     measurements, present = block.measurements.copy(), block.present.copy()
     for array in (gain, offset, measurements, present):
         array[1, :7] = 0
-    model = block.model._replace(gain=read_only(gain), offset=read_only(offset))
+    model = dataclasses.replace(block.model, gain=read_only(gain), offset=read_only(offset))
     odd = dataclasses.replace(block, measurements=measurements, present=present, model=model)
     together = COMPILED.estimate_block(odd)
     assert together.info["refined"].min() > 6  # the window of each says something

@@ -118,7 +118,7 @@ def test_a_gate_leaves_out_an_outlier_and_nothing_else(label):
     measurements, present = block.measurements.copy(), block.present.copy()
     gain, offset = block.model.gain.copy(), block.model.offset.copy()
     measurements[place], present[place], gain[place], offset[place] = 0.0, False, 0.0, 0.0
-    model = block.model._replace(gain=read_only(gain), offset=read_only(offset))
+    model = dataclasses.replace(block.model, gain=read_only(gain), offset=read_only(offset))
     without = dataclasses.replace(block, measurements=measurements, present=present, model=model)
     sigma = np.sqrt(np.diag(block.prior_cov))
     gated = dataclasses.replace(estimator(label), gate=1.0 - 1e-9).estimate_block(bad)

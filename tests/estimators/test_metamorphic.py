@@ -72,7 +72,8 @@ def mixed(problem: Problem, mixing: np.ndarray, noise_cov: np.ndarray | None = N
         present=problem.present @ (mixing.T != 0.0),
         channels=(),
         model=SensorModel(
-            arrays._replace(
+            dataclasses.replace(
+                arrays,
                 channels=mixing @ arrays.channels,
                 combined=mixing @ arrays.combined,
                 offset=arrays.offset @ mixing.T,
@@ -134,11 +135,14 @@ def test_a_turn_of_longitude_changes_nothing(label, turns):
     turn = np.array([0.0, 2.0 * math.pi * turns, 0.0])
     arrays = problem.model.arrays
     aiding = arrays.aiding
-    moved = arrays._replace(
+    moved = dataclasses.replace(
+        arrays,
         references=arrays.references + turn,
         origin=arrays.origin + turn,
-        aiding=aiding._replace(
-            places=aiding.places + turn, map=aiding.map._replace(origin=aiding.map.origin + turn)
+        aiding=dataclasses.replace(
+            aiding,
+            places=aiding.places + turn,
+            map=dataclasses.replace(aiding.map, origin=aiding.map.origin + turn),
         ),
     )
     track, chart = problem.track, problem.map

@@ -75,11 +75,16 @@ def numbers_of(problem: Problem) -> dict[str, np.ndarray]:
     """All numbers of a problem, those of its model included."""
     found = {k: v for k, v in vars(problem).items() if isinstance(v, np.ndarray)}
     found |= {f"track.{name}": value for name, value in vars(problem.track).items()}
-    model = problem.model.arrays._asdict()
-    aiding = model.pop("aiding")._asdict()
-    aiding |= aiding.pop("map")._asdict()
-    for name, value in (*model.items(), *aiding.items()):
-        found[f"model.{name}"] = np.asarray(value)
+    return found | {f"model.{k}": v for k, v in numbers_in(problem.model.arrays).items()}
+
+
+def numbers_in(record: object) -> dict[str, np.ndarray]:
+    """All numbers of a record, those of the records in it included."""
+    found = {}
+    for field in dataclasses.fields(record):
+        value = getattr(record, field.name)
+        inner = numbers_in(value) if dataclasses.is_dataclass(value) else {"": np.asarray(value)}
+        found |= {f"{field.name}.{name}": number for name, number in inner.items()}
     return found
 
 

@@ -1,0 +1,102 @@
+"""Values of many arrays that kernels pass on by one address.
+
+A named tuple goes from one compiled function to the next as all numbers that describe its arrays,
+seven or more for each. For a model with thirty arrays most of what was compiled copied them. A
+record is held in memory instead, and passed on by its address, as
+:mod:`numba.experimental.structref` does. In Python it is a frozen dataclass.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from functools import cached_property, partial
+from typing import Any, TypeVar, dataclass_transform
+
+from numba import typeof, types
+from numba.core import cgutils
+from numba.core.imputils import impl_ret_borrowed
+from numba.experimental import structref
+from numba.extending import NativeValue, intrinsic, unbox
+
+from .kernels import compiled
+
+_Class = TypeVar("_Class", bound=type)
+_MEMORY = types.MemInfoPointer(types.voidptr)
+
+
+@dataclass_transform(frozen_default=True, eq_default=False)
+def record(cls: _Class) -> _Class:
+    """Return a class with annotated fields as one whose values kernels take, make and pass on.
+
+    A field cannot be set. Arrays in fields are shared, and can be filled. Only kernels can use a
+    record that a kernel returns.
+    """
+    made: Any = dataclasses.dataclass(frozen=True, eq=False)(cls)
+    names = [field.name for field in dataclasses.fields(made)]
+    structref.define_constructor(made, partial(RecordType, made), names)
+
+    @compiled
+    def held(values: Any) -> Any:
+        return _memory_of(made(*values))
+
+    computed = {
+        "_memory": lambda value: held(fields_of(value)),
+        # By this name numba asks a value for its type.
+        "_numba_type_": lambda value: RecordType(
+            made, zip(names, map(typeof, fields_of(value)), strict=True)
+        ),
+    }
+    for name, function in computed.items():
+        attribute: Any = cached_property(function)
+        attribute.__set_name__(made, name)
+        setattr(made, name, attribute)
+    # Without what is computed: an address means nothing to another process.
+    made.__getstate__ = lambda value: dict(zip(names, fields_of(value), strict=True))
+    return made
+
+
+def fields_of(value: Any) -> tuple[Any, ...]:
+    """Return the fields of a record, as its class lists them."""
+    return tuple(getattr(value, field.name) for field in dataclasses.fields(value))
+
+
+class RecordType(types.StructRef):
+    """The type of a record in a kernel: its class, and the types of its fields."""
+
+    def __init__(self, made: type, fields: Any) -> None:
+        self.made = made
+        super().__init__(tuple(fields))
+        # What numba makes of the fields has thousands of letters, and is part of many names.
+        digest = hashlib.sha256(self.name.encode()).hexdigest()[:16]
+        self.name = f"{made.__module__}.{made.__qualname__}.{digest}"
+
+    def preprocess_fields(self, fields: Any) -> Any:
+        """Return the names and types of the fields, of constants without their values."""
+        return [(name, types.unliteral(kind)) for name, kind in fields]
+
+
+structref.register(RecordType)
+
+
+def _memory(typing: Any, value: Any) -> Any:
+    """Generate the code that returns the memory in which a record is held."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        held = cgutils.create_struct_proxy(value)(context, builder, value=arguments[0])
+        return impl_ret_borrowed(context, builder, _MEMORY, held.meminfo)
+
+    return _MEMORY(value), generate
+
+
+_memory_of: Any = intrinsic(_memory)
+
+
+@unbox(RecordType)
+def _from_python(kind: Any, value: Any, code: Any) -> Any:
+    """Generate the code that takes a record from Python."""
+    memory = code.pyapi.object_getattr_string(value, "_memory")
+    held = cgutils.create_struct_proxy(kind)(code.context, code.builder)
+    held.meminfo = code.unbox(_MEMORY, memory).value
+    code.pyapi.decref(memory)
+    return NativeValue(held._getvalue())
