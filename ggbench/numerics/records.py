@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import sys
 from functools import cached_property, partial
 from typing import Any, TypeVar, dataclass_transform
 
@@ -36,10 +37,13 @@ def record(cls: _Class) -> _Class:
     names = [field.name for field in dataclasses.fields(made)]
     structref.define_constructor(made, partial(RecordType, made), names)
 
-    @compiled
-    def held(values: Any) -> Any:
+    def hold(values: Any) -> Any:
         return _memory_of(made(*values))
 
+    # Kept on disk with the code of the class's own module.
+    hold.__qualname__ = f"{made.__qualname__}.hold"
+    hold.__code__ = hold.__code__.replace(co_filename=_file_of(made))
+    held = compiled(hold)
     computed = {
         "_memory": lambda value: held(fields_of(value)),
         # By this name numba asks a value for its type.
@@ -54,6 +58,10 @@ def record(cls: _Class) -> _Class:
     # Without what is computed: an address means nothing to another process.
     made.__getstate__ = lambda value: dict(zip(names, fields_of(value), strict=True))
     return made
+
+
+def _file_of(made: type) -> str:
+    return str(sys.modules[made.__module__].__file__)
 
 
 def fields_of(value: Any) -> tuple[Any, ...]:
@@ -96,7 +104,9 @@ _memory_of: Any = intrinsic(_memory)
 def _from_python(kind: Any, value: Any, code: Any) -> Any:
     """Generate the code that takes a record from Python."""
     memory = code.pyapi.object_getattr_string(value, "_memory")
+    failed = cgutils.is_null(code.builder, memory)
     held = cgutils.create_struct_proxy(kind)(code.context, code.builder)
-    held.meminfo = code.unbox(_MEMORY, memory).value
-    code.pyapi.decref(memory)
-    return NativeValue(held._getvalue())
+    with code.builder.if_then(code.builder.not_(failed)):
+        held.meminfo = code.unbox(_MEMORY, memory).value
+        code.pyapi.decref(memory)
+    return NativeValue(held._getvalue(), is_error=failed)

@@ -1,5 +1,6 @@
 import dataclasses
 import pickle
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -109,3 +110,19 @@ def test_fields_come_in_the_order_of_the_class():
 def test_a_record_of_a_kernel_stays_in_kernels():
     with pytest.raises(TypeError, match="cannot convert native"):
         _returned(some())
+
+
+def test_what_fails_as_memory_is_filled_is_an_error_of_the_call(monkeypatch):
+    def fails(value):
+        raise RuntimeError("no memory")
+
+    monkeypatch.setattr(Outer, "_memory", property(fails))
+    with pytest.raises(RuntimeError, match="no memory"):
+        _weighted(some())
+
+
+def test_the_code_of_a_record_is_kept_with_its_module():
+    """The types in an index of code on disk are found by whoever loads it."""
+    code = Inner._memory.func.__closure__
+    kept = [cell.cell_contents for cell in code if hasattr(cell.cell_contents, "py_func")]
+    assert [Path(each.py_func.__code__.co_filename) for each in kept] == [Path(__file__)]
