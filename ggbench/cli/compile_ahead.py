@@ -52,7 +52,7 @@ def compiling_ahead(names: Sequence[str], first: bool, jobs: int | None = None) 
 
 
 def compile_estimators(names: Sequence[str]) -> None:
-    """Compile the measurement model and estimators by their use on a small linear problem.
+    """Compile the measurement model, estimators and judgement by use on a small linear problem.
 
     Parameters
     ----------
@@ -62,15 +62,20 @@ def compile_estimators(names: Sequence[str]) -> None:
 
     from ..campaign import registry
     from ..contract.references import linear_sensor_problem
-    from ..problem import jacobian_along
+    from ..judging.run_errors import evaluate_block
+    from ..problem import jacobian_along, predict_along
 
     problem = linear_sensor_problem(0, 3)
     states = np.zeros((problem.epochs, problem.dimension))
     # The first process has begun with the error model.
-    jacobian_along(problem.model, np.arange(problem.epochs), states)
+    epochs = np.arange(problem.epochs)
+    jacobian_along(problem.model, epochs, states)
     for name in names:
         with contextlib.suppress(Exception):
             registry.choose(name).estimator.estimate(problem, np.random.default_rng(0))
+    predict_along(problem.model, epochs, states)
+    cov = np.array(problem.process_cov[np.newaxis])  # an estimator's is its own, and not read-only
+    evaluate_block(states[np.newaxis], states[np.newaxis], cov)
 
 
 def _end_with_parent() -> None:

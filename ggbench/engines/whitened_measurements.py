@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ..block import ProblemBlock
-from ..numerics.kernels import compiled, inlined
+from ..numerics.kernels import compiled, copied, inlined
 from ..numerics.lanes import gather_row, gather_rows, lanes
 from ..numerics.records import record
 from ..numerics.vectors import load, splat, store, with_sign
@@ -252,7 +252,7 @@ def scale_equations(out: Readings) -> None:
             store(out.rows, c, j, factor * load(out.rows, c, j))
 
 
-@compiled
+@copied
 def _linearise_others(
     model: ModelArrays,
     root: np.ndarray,
@@ -290,7 +290,7 @@ def _linearise_others(
                         rows[place, j, r] += root[first + i, first + d] * value
 
 
-@compiled
+@copied
 def _whiten(noise_inverse: np.ndarray, out: Readings) -> None:
     """Multiply slope and residual by the inverse root of R."""
     slope, white, residual = out.slope, out.white, out.residual
@@ -307,7 +307,7 @@ def _whiten(noise_inverse: np.ndarray, out: Readings) -> None:
             store(white, i, j, total)
 
 
-@compiled
+@copied
 def _compress(out: Readings) -> None:
     """Turn m equations A e = residual + noise of unit variance into as many as e has numbers.
 

@@ -16,7 +16,7 @@ import math
 
 import numpy as np
 
-from ..numerics.kernels import compiled, inlined
+from ..numerics.kernels import compiled, copied, inlined
 from ..numerics.vectors import like
 
 SEMI_MAJOR_AXIS = 6378137.0
@@ -147,7 +147,7 @@ def _zonal_derivatives(radius: float, sine: float) -> tuple[float, float, float,
     )
 
 
-@inlined
+@copied
 def _zonal_third_derivatives(radius: float, sine: float) -> tuple[float, float, float, float]:
     """Return V_rrr, V_rrs, V_rss, V_sss, as :func:`_zonal_derivatives` does."""
     square, zero = sine * sine, like(sine, 0.0)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ..numerics.kernels import compiled, inlined
+from ..numerics.kernels import compiled, copied, inlined
 from ..numerics.lanes import unfilled
 from ..numerics.vectors import load, store
 from .known_gravity import COMPONENT
@@ -61,7 +61,7 @@ _HEIGHT = STATES + 3
 """Where a term has what an altimeter's noise enters by, after its numbers."""
 
 
-@compiled
+@copied
 def is_slow(entries: np.ndarray, dt: float, noise: Noise) -> bool:
     """Return whether :func:`back_slowly` will do over the intervals (., ENTRIES, LANES) of F.
 
@@ -144,7 +144,7 @@ def _keep(rows: np.ndarray, i: int, j: int, numbers: Triple) -> None:
     store(rows, i, j + 2, numbers[2])
 
 
-@inlined
+@copied
 def _transpose_biases(f: np.ndarray, terms: np.ndarray, k: int) -> None:
     """Fill the biases' numbers of term k + 1."""
     pushed, turned = _in_body(f, _three(terms, k, 3)), _in_body(f, _three(terms, k, 6))
@@ -154,7 +154,7 @@ def _transpose_biases(f: np.ndarray, terms: np.ndarray, k: int) -> None:
         store(terms, k + 1, 12 + axis, d_a * load(terms, k, 12 + axis) + pushed[axis])
 
 
-@inlined
+@copied
 def _transpose_disturbance(f: np.ndarray, terms: np.ndarray, k: int) -> None:
     """Fill the numbers of term k + 1 that belong to the gravity disturbance.
 
@@ -353,7 +353,7 @@ def _put_sums(
     return total
 
 
-@compiled
+@copied
 def back_slowly(f: np.ndarray, noise: Noise, columns: np.ndarray, factors: np.ndarray) -> int:
     """Do what :func:`back` does where :func:`is_slow` says that the short series will do.
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from ..gravity.ellipsoid import EOTVOS, normal_gradient_of
 from ..gravity.field import DisturbanceMap, Field
-from ..numerics.kernels import compiled
+from ..numerics.kernels import compiled, copied
 from ..numerics.lanes import lanes
 from ..numerics.records import record
 from .local_level import frame_rates_of, place_of
@@ -114,7 +114,7 @@ def receive_all(readings: GradientReadings, track: np.ndarray) -> None:
         receive(readings, track, n)
 
 
-@compiled
+@copied
 def extrapolate(
     readings: GradientReadings,
     track: np.ndarray,
@@ -151,7 +151,7 @@ def _turn(
     moved[1, 2, r] -= dt * (w_0 * g_1 - w_1 * g_0)
 
 
-@compiled
+@copied
 def integrate(
     readings: GradientReadings, track: np.ndarray, n: int, dt: float, moved: np.ndarray
 ) -> None:

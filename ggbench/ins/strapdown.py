@@ -19,7 +19,7 @@ import numpy as np
 from ..gravity.ellipsoid import normal_gravity_of
 from ..gravity.field import DisturbanceMap
 from ..gravity.spline import spline_at
-from ..numerics.kernels import compiled, inlined
+from ..numerics.kernels import compiled, copied, inlined
 from ..numerics.lane_algebra import copy
 from ..numerics.lanes import in_lanes, lanes, out_of_lanes, unfilled
 from ..numerics.rotations import (
@@ -307,7 +307,7 @@ def navigate_lanes(
             integrate(gravity.readings, track, n, dt, moved)
 
 
-@compiled
+@copied
 def _damp(
     track: np.ndarray, heights: np.ndarray, n: int, dt: float, gains: tuple[float, float]
 ) -> None:
@@ -323,7 +323,7 @@ def _damp(
     store(track, n + 1, 5, load(track, n + 1, 5) - gains[1] * dt * difference)
 
 
-@compiled
+@copied
 def _look_up(
     track: np.ndarray, n: int, dt: float, gravity: DisturbanceMap, disturbance: np.ndarray
 ) -> None:

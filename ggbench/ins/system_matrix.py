@@ -12,7 +12,7 @@ import numpy as np
 from ..gravity.ellipsoid import normal_gravity_of, radii_derivatives_of
 from ..gravity.field import DisturbanceMap
 from ..gravity.spline import spline_at
-from ..numerics.kernels import compiled, inlined
+from ..numerics.kernels import copied, inlined
 from ..numerics.vectors import load, store
 from .known_gravity import KnownGravity
 from .local_level import frame_rates_of, place_of
@@ -81,7 +81,7 @@ def entries_dot(f: np.ndarray, n: int, j: int, stride: int, x: float, y: float, 
     return load(f, n, j) * x + load(f, n, j + stride) * y + load(f, n, j + 2 * stride) * z
 
 
-@inlined
+@copied
 def _fill(
     latitude: float,
     height: float,
@@ -163,7 +163,7 @@ def _middle(track: np.ndarray, n: int, i: int) -> float:
     return 0.5 * (load(track, n, i) + load(track, n + 1, i))
 
 
-@compiled
+@copied
 def entries_between(
     track: np.ndarray,
     increments: np.ndarray,
@@ -230,7 +230,7 @@ def entries_between(
                 store(out, m, i, 0.0)
 
 
-@compiled
+@copied
 def _add_gradient(
     track: np.ndarray, n: int, gravity: DisturbanceMap, out: np.ndarray, m: int
 ) -> None:

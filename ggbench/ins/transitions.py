@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from ..gravity.ellipsoid import metres_per_radian_of
-from ..numerics.kernels import compiled
+from ..numerics.kernels import compiled, copied
 from ..numerics.lane_algebra import add_products, copy
 from ..numerics.lanes import gather_rows, lanes, members, unfilled
 from ..numerics.records import record
@@ -92,7 +92,7 @@ _NONE = np.empty(0, dtype=np.int64)
 NO_DELAYS = Delays(_NONE, np.empty(0), _NONE, _NONE, _NONE)
 
 
-@compiled
+@copied
 def delays_along(delays: np.ndarray, epochs: np.ndarray, dt: float) -> Delays:
     """Return where delays (K,) [s] before epochs (K,) of IMU samples begin; or of none, (0,)."""
     count = delays.shape[0]
@@ -107,7 +107,7 @@ def delays_along(delays: np.ndarray, epochs: np.ndarray, dt: float) -> Delays:
     return Delays(first, part, nearest, of_interval, following)
 
 
-@compiled
+@copied
 def compose(
     entries: np.ndarray,
     dt: float,
@@ -175,7 +175,7 @@ def compose(
                 process_cov[run, which[i], which[j]] = covariance[i, j, run]
 
 
-@compiled
+@copied
 def _take_back(
     f: np.ndarray,
     track: np.ndarray,
@@ -266,7 +266,7 @@ def transitions_lanes(
         _bring_up(epochs, late.first, transition, rows)
 
 
-@compiled
+@copied
 def _bring_up(
     epochs: np.ndarray, first: np.ndarray, transition: np.ndarray, rows: np.ndarray
 ) -> None:

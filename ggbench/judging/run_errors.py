@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from ..engines.innovations import innovations_squared
-from ..numerics.kernels import compiled
+from ..numerics.kernels import compiled, copied
 from ..problem import Estimate, Problem
 from ..simulation.runs import Truth
 from ..spec.case import WindowsSpec
@@ -149,7 +149,7 @@ def _finite(array: np.ndarray) -> bool:
     return wrong == 0
 
 
-@compiled
+@copied
 def _first_flaw(mean: np.ndarray, cov: np.ndarray) -> tuple[int, int]:
     """Return which flaw the mean (K, n) and cov (K, n, n) of a run have first, and at which epoch.
 
@@ -164,7 +164,7 @@ def _first_flaw(mean: np.ndarray, cov: np.ndarray) -> tuple[int, int]:
     return 0, 0
 
 
-@compiled
+@copied
 def _consistency(
     cov: np.ndarray, error: np.ndarray, lower: np.ndarray, white: np.ndarray, sigma: np.ndarray
 ) -> float:

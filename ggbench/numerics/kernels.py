@@ -34,8 +34,9 @@ compiled = _decorator()
 inlined = _decorator(forceinline=True)
 """Arithmetic that becomes part of the loops which call it, and is vectorised with them."""
 copied = _decorator(inline="always")
-"""A part of a kernel that is compiled again where it is used: sizes that are constants there make
-loops of known length, which become vector instructions without a remainder."""
+"""A part of a kernel that is compiled as one with it. A part that a single kernel has is then not
+optimised twice. In others, sizes that are constants where it is used make loops of known length,
+which become vector instructions without a remainder."""
 interpreted = _decorator(nogil=False)
 """A part that calls the interpreter, which one thread runs at a time."""
 

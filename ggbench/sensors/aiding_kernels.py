@@ -13,7 +13,7 @@ from ..gravity.ellipsoid import metres_per_radian_of
 from ..gravity.field import DisturbanceMap
 from ..gravity.spline import spline_at
 from ..numerics import lanes
-from ..numerics.kernels import compiled, inlined
+from ..numerics.kernels import compiled, copied, inlined
 from ..numerics.records import record
 from ..numerics.rotations import sine_cosine
 from ..numerics.vectors import load, splat, store
@@ -231,7 +231,7 @@ def read_aiding_pairs(
                     even[first + c, q, r] += weight * (0.5 * (plus[i] + minus[i]) - centre[i])
 
 
-@compiled
+@copied
 def predict_aiding(aiding: Aiding, k: int, states: np.ndarray, out: np.ndarray) -> None:
     """Add h without its offset to the last e channels of out (N, m) at states (N, n), of one run.
 
@@ -256,7 +256,7 @@ def predict_aiding(aiding: Aiding, k: int, states: np.ndarray, out: np.ndarray) 
                     out[p, first + c] += aiding.gravity[c, i] * value[i]
 
 
-@compiled
+@copied
 def aiding_jacobian(aiding: Aiding, k: int, state: np.ndarray, out: np.ndarray) -> None:
     """Fill the last e rows of H (m, n) at a state (n,), of a block of one run."""
     channels = aiding.bias.shape[0]

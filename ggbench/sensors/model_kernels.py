@@ -14,7 +14,7 @@ from ..gravity.ellipsoid import ROTATION_RATE, metres_per_radian_of, normal_grad
 from ..gravity.field import Tensor, gradient_of
 from ..gravity.spline import spline_tensor_slopes, spline_tensors
 from ..numerics import lanes
-from ..numerics.kernels import compiled, inlined
+from ..numerics.kernels import compiled, copied, inlined
 from ..numerics.rotations import Matrix, left_jacobian, multiply, sine_cosine, small_turn, transpose
 from ..numerics.vectors import load, store
 from .aiding_kernels import aiding_jacobian, predict_aiding
@@ -134,7 +134,7 @@ def read(
             )  # fmt: skip
 
 
-@compiled
+@copied
 def _add_reading(
     model: ModelArrays,
     epoch: int,
@@ -239,7 +239,7 @@ def linearise_reading(
             )  # fmt: skip
 
 
-@compiled
+@copied
 def _add_linearised(
     model: ModelArrays,
     epoch: int,
@@ -326,7 +326,7 @@ def moving_errors(model: ModelArrays) -> int:
     return 6 if model.instrument == STRAPDOWN else 3
 
 
-@compiled
+@copied
 def predict(model: ModelArrays, k: int, states: np.ndarray) -> np.ndarray:
     """Return h (N, m) of states (N, n); ``model`` is a block of one run."""
     count, m, rows = states.shape[0], model.offset.shape[2], model.rows[0, k]
@@ -367,7 +367,7 @@ def predictions(model: ModelArrays, at: np.ndarray, states: np.ndarray) -> np.nd
     return out
 
 
-@compiled
+@copied
 def jacobian(model: ModelArrays, k: int, states: np.ndarray, out: np.ndarray) -> None:
     """Fill H (N, m, n) of states (N, n) at an epoch; ``model`` is a block of one run."""
     rows, moving = model.rows[0, k], moving_errors(model)

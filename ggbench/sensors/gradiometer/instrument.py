@@ -28,7 +28,7 @@ import numpy as np
 from ...gravity.coloured_noise import VectorAutoregression
 from ...gravity.ellipsoid import ROTATION_RATE
 from ...gravity.field import Field, gradients
-from ...numerics.kernels import compiled, inlined
+from ...numerics.kernels import compiled, copied, inlined
 from ...numerics.vectors import like
 from .lowpass import LowPass, Treatment
 
@@ -90,7 +90,7 @@ def rotated(
     )
 
 
-@compiled
+@copied
 def rotate_tensor(rotation: np.ndarray, tensor: np.ndarray, out: np.ndarray) -> None:
     """Fill ``out`` with vec6(C M Cᵀ), see :func:`rotated`; it may be ``tensor`` itself."""
     r = rotation
@@ -99,7 +99,7 @@ def rotate_tensor(rotation: np.ndarray, tensor: np.ndarray, out: np.ndarray) -> 
     _put(rotated(c, t), out)
 
 
-@compiled
+@copied
 def platform_readings(
     sines: np.ndarray,
     cosines: np.ndarray,
