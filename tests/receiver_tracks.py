@@ -86,3 +86,17 @@ EXACT = {
     "RTKLIB, commas": pos(separator=","),
 }  # fmt: skip
 """Files that say how high the geoid is, or have heights above the ellipsoid."""
+
+
+PLACES = ("46.12", "8.15"), ("46.25", "8.2"), ("46.27", "8.35")
+GPX_ROUTE = (
+    '<?xml version="1.0"?>\n<gpx version="1.1" xmlns="http://www.topografix.com/GPX/1/1">\n<rte>\n'
+    + "".join(f'<rtept lat="{lat}" lon="{lon}"></rtept>\n' for lat, lon in PLACES)
+    + "</rte>\n</gpx>\n"
+)
+KML_LINE = (
+    '<kml xmlns="http://www.opengis.net/kml/2.2"><Placemark><LineString><coordinates>\n'
+    + "\n".join(f"{lon},{lat},900" for lat, lon in PLACES)
+    + "\n</coordinates></LineString></Placemark></kml>\n"
+)
+CSV_PLACES = "latitude_deg,longitude_deg\n" + "".join(f"{lat},{lon}\n" for lat, lon in PLACES)

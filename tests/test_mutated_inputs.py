@@ -26,7 +26,7 @@ from mutations import mutated, mutated_arrays
 from problems import SMALL
 from random_harmonics import write_gfc
 from rasterio.transform import from_origin
-from receiver_tracks import gpx, kml, kml_points, nmea, pos
+from receiver_tracks import CSV_PLACES, GPX_ROUTE, KML_LINE, gpx, kml, kml_points, nmea, pos
 from recorded_flights import GNSS_ONLY, as_solution, recorded
 from small_cases import blank_map, small_flight
 
@@ -40,6 +40,7 @@ from ggbench.recorded.flight import read_flight
 from ggbench.simulation.true_motion import trajectory_of
 from ggbench.spec import scenario
 from ggbench.spec.trajectory import TrajectorySpec
+from ggbench.trajectory.waypoint_files import read_waypoints
 
 QUICK, MANY = 30, 1000
 SEED = 41
@@ -186,6 +187,9 @@ KINDS = {
     "flight, receiver": Kind("gnss.csv", increments, its_flight),
     "flight, solution": Kind("ins.csv", solution, its_flight),
     "scenario": Kind("small.toml", lambda path: path.write_text(SMALL), resolved),
+    "waypoints, GPX": Kind("way.gpx", lambda path: path.write_text(GPX_ROUTE), read_waypoints),
+    "waypoints, KML": Kind("way.kml", lambda path: path.write_text(KML_LINE), read_waypoints),
+    "waypoints, CSV": Kind("way.csv", lambda path: path.write_text(CSV_PLACES), read_waypoints),
 }  # fmt: skip
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import keyword
 import math
@@ -22,6 +23,7 @@ _LONGEST = 60
 _FLIGHT_S = 130.0
 """Duration of a flight over a map of one's own."""
 _CLEARANCE_M = 200.0
+_BANK_DEG = 25.0
 _ABOVE_MAP_M = 20.0
 """Of a flight that follows the terrain: three deviations of the barometer's error."""
 _BAROMETER = """[barometer]    # without it the INS's height drifts out of the map
@@ -64,6 +66,10 @@ _FILE = click.Path(path_type=Path, exists=True, dir_okay=False)
     "--clearance", type=click.FloatRange(0.0, 1e5, min_open=True), metavar="M",
     help="Least height above that terrain [200].",
 )  # fmt: skip
+@click.option(
+    "--waypoints", type=_FILE,
+    help="Fly through the places of a GPX, KML or CSV file, with --map.",
+)  # fmt: skip
 @_folder
 def scenario(
     name: str,
@@ -71,13 +77,16 @@ def scenario(
     own_map: Path | None,
     terrain: Path | None,
     clearance: float | None,
+    waypoints: Path | None,
     output: Path,
 ) -> None:
     """Write NAME.toml: a flight over a shipped map, with every table explained.
 
     Over a map of your own the flight lies in the middle, a third of the way up; with a terrain it
-    follows the ground, but never leaves the map.
+    follows the ground, but never leaves the map. Through waypoints it flies as fast as turns allow.
     """
+    if waypoints is not None and (own_map is None or track is not None or terrain is not None):
+        raise click.UsageError("--waypoints goes with --map, and without --track and --terrain")
     if terrain is not None and (own_map is None or track is not None):
         raise click.UsageError("--terrain goes with --map, and without --track")
     if clearance is not None and terrain is None:
@@ -87,9 +96,11 @@ def scenario(
         tables["trajectory"] = f"file = {_quoted(track)}\nsmoothing_s = 10.0    # {_SMOOTHING}\n"
     if own_map is not None:
         tables["field"] = f"source = {_quoted(own_map)}\n"
-        if track is None:
+        if waypoints is not None:
+            tables["trajectory"] = _flight_through(waypoints, own_map)
+        elif track is None:
             tables["trajectory"] = _flight_over(own_map, terrain, clearance or _CLEARANCE_M)
-        if terrain is not None:
+        if terrain is not None or waypoints is not None:
             tables["field"] += f"\n{_BAROMETER}"
     flown = "A flight of my own" if tables else _SHIPPED
     path = _begun(".toml", name, output, tables, TITLE=_titled(name), DESCRIPTION=flown)
@@ -152,6 +163,48 @@ def _flight_over(own_map: Path, terrain: Path | None, clearance: float) -> str:
         f"latitude_deg = {latitude:.5f}\nlongitude_deg = {start:.5f}\n{flown}"
         f"speed_mps = {speed:.3g}\nheading_deg = 90.0    # clockwise from north\n\n"
         f"[[trajectory.segment]]\n{segment}"
+    )
+
+
+def _flight_through(waypoints: Path, own_map: Path) -> str:
+    """Return the table of a level flight through the places of a file, over a map.
+
+    It is slow enough for turns of a quarter of the shortest leg, and no faster than an airliner.
+
+    Raises
+    ------
+    TrajectoryError
+        If the file has no waypoints.
+    MapError
+        If the other one is no map.
+    """
+    import numpy as np  # not at the top: --help loads no numbers
+
+    from ..maps import netcdf_reader
+    from ..trajectory.manoeuvres import BANK_GRAVITY
+    from ..trajectory.waypoint_files import read_waypoints
+    from ..trajectory.waypoints import leg
+
+    places = read_waypoints(waypoints)
+    lowest, highest = map(float, netcdf_reader.read_layers(own_map)[0].height_m[[0, -1]])
+    height = lowest + (highest - lowest) / 3.0
+    legs = [
+        leg(np.array([*np.radians(here), height]), *np.radians(there))
+        for here, there in itertools.pairwise(places)
+    ]
+    shortest = min(length for _, length in legs)
+    pull = BANK_GRAVITY * math.tan(math.radians(_BANK_DEG))
+    speed = min(250.0, math.sqrt(0.25 * shortest * pull))
+    segments = "".join(
+        f'\n[[trajectory.segment]]\nkind = "waypoint"\nlatitude_deg = {latitude:.7f}\n'
+        f"longitude_deg = {longitude:.7f}\nbank_deg = {_BANK_DEG:g}\n"
+        for latitude, longitude in places[1:]
+    )
+    return (
+        f"latitude_deg = {places[0, 0]:.7f}\nlongitude_deg = {places[0, 1]:.7f}\n"
+        f"height_m = {height:.0f}    # above the ellipsoid, a third of the way up the map\n"
+        f"speed_mps = {speed:.3g}\n"
+        f"heading_deg = {math.degrees(legs[0][0]):.4f}    # clockwise from north\n{segments}"
     )
 
 

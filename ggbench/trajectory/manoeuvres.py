@@ -101,7 +101,7 @@ class Cruise:
 
     def length(self, start: State) -> float:
         """Return distance over speed."""
-        return self.distance / _moving(start)
+        return self.distance / speed_of(start)
 
     def rates(self, start: State, count: int, dt: float) -> Array:
         """Return no rates."""
@@ -147,10 +147,10 @@ class Turn:
         if self.rate is not None:
             rate = self.rate
         elif self.radius is not None:
-            rate = _moving(start) / self.radius
+            rate = speed_of(start) / self.radius
         else:
             assert self.bank is not None
-            rate = BANK_GRAVITY * math.tan(self.bank) / _moving(start)
+            rate = BANK_GRAVITY * math.tan(self.bank) / speed_of(start)
         return max(abs(self.angle(start)) / rate + _RAMP, 2.0 * _RAMP)
 
     def rates(self, start: State, count: int, dt: float) -> Array:
@@ -243,8 +243,8 @@ class Climb:
 
     def _times(self, start: State) -> tuple[float, float]:
         """Return the duration of the pull-up (as of the push-over), and between them [s]."""
-        _level(start)
-        height, speed = abs(self._height(start)), _moving(start)
+        require_level(start)
+        height, speed = abs(self._height(start)), speed_of(start)
         if self.angle is not None:
             angle = self.angle
         else:
@@ -311,7 +311,7 @@ def plan(
             raise TrajectoryError(f"{_place(number, size)}: {error}") from None
         samples += count
         if number + 1 < len(manoeuvres):
-            state = _end(state, parts[-1], dt)
+            state = end_of(state, parts[-1], dt)
     return np.concatenate(parts), total
 
 
@@ -350,7 +350,8 @@ def follow(position: Array, velocities: Array, dt: float) -> Array:
     return positions
 
 
-def _end(start: State, rates: Array, dt: float) -> State:
+def end_of(start: State, rates: Array, dt: float) -> State:
+    """Return the state to which rates (N, 3) lead."""
     heading, speed, climb = sample(start, rates, dt)
     positions = follow(start.position, enu(heading, speed, climb), dt)
     return State(positions[-1], float(heading[-1]), float(speed[-1]), float(climb[-1]))
@@ -375,13 +376,15 @@ def _shape(count: int, dt: float, duration: float) -> Array:
     return np.asarray(shape / shape.mean())
 
 
-def _moving(start: State) -> float:
+def speed_of(start: State) -> float:
+    """Return the speed of a state [m/s]; raises TrajectoryError if there is none."""
     if start.speed < 1e-3:
         raise TrajectoryError(f"needs a speed, and there it is {start.speed:g} m/s")
     return start.speed
 
 
-def _level(start: State) -> None:
+def require_level(start: State) -> None:
+    """Raise TrajectoryError unless a state is level."""
     if abs(start.climb) > 1e-6:
         raise TrajectoryError(
             f"must begin in level flight, and there the climb angle is "

@@ -65,20 +65,60 @@ def rows_of(content: bytes) -> Rows:
     TrajectoryError
         With a sentence that names the place, what was found and what is allowed.
     """
-    head = content[:_HEAD].removeprefix(b"\xef\xbb\xbf")
     readers = {"gpx": _gpx, "kml": _kml, "nmea": _nmea, "pos": _pos}
+    name, text = recognised(content)
+    if name in readers:
+        return _checked(readers[name](text))
+    columns, first = parse(content)
+    return Rows(columns, lambda n: f"line {first + n}")
+
+
+def recognised(content: bytes) -> tuple[str, str]:
+    """Return which format a file has, and its text; "csv" and no text if none of the others.
+
+    Raises
+    ------
+    TrajectoryError
+        If it is an archive, or no text although it begins like one.
+    """
+    head = content[:_HEAD].removeprefix(b"\xef\xbb\xbf")
     for name, looks in _FORMATS.items():
         xml = name in ("gpx", "kml")
         if looks.search(head) if xml and head.lstrip()[:1] == b"<" else looks.match(head):
             try:
-                text = content.decode("utf-8-sig")
+                return name, content.decode("utf-8-sig")
             except UnicodeDecodeError:
                 raise TrajectoryError("is not UTF-8 text") from None
-            return _checked(readers[name](text))
     if content[:2] == b"PK":
         raise TrajectoryError("is a zip archive; unpack it (a .kmz holds a .kml)")
-    columns, first = parse(content)
-    return Rows(columns, lambda n: f"line {first + n}")
+    return "csv", ""
+
+
+def gpx_document(text: str) -> Any:
+    """Return what a GPX file holds; raises TrajectoryError if it cannot be read."""
+    import gpxpy  # slow to load
+
+    try:
+        return gpxpy.parse(text)
+    except Exception as error:  # whatever a damaged file makes of itself
+        raise TrajectoryError(f"is no GPX file that can be read: {text_of(error)}") from None
+
+
+def kml_root(text: str) -> ElementTree.Element:
+    """Return the elements of a KML file, their names without a namespace.
+
+    Raises
+    ------
+    TrajectoryError
+        If it cannot be read.
+    """
+    try:
+        root = ElementTree.fromstring(text.encode())
+    except (ElementTree.ParseError, ValueError, RecursionError) as error:
+        raise TrajectoryError(f"is no KML file that can be read: {text_of(error)}") from None
+    for element in root.iter():
+        element.tag = str(element.tag).rpartition("}")[2]
+    return root
 
 
 def _checked(fixes: Sequence[Fix]) -> Rows:
@@ -110,15 +150,13 @@ def _checked(fixes: Sequence[Fix]) -> Rows:
 
 def _gpx(text: str) -> list[Fix]:
     """Return the points of the tracks of a GPX file, in their order."""
-    import gpxpy  # slow to load
-
-    try:
-        document = gpxpy.parse(text)
-    except Exception as error:  # whatever a damaged file makes of itself
-        raise TrajectoryError(f"is no GPX file that can be read: {text_of(error)}") from None
+    document = gpx_document(text)
     points = [p for track in document.tracks for part in track.segments for p in part.points]
     if not points and (document.waypoints or document.routes):
-        raise TrajectoryError("has waypoints or routes and no track; a track has points with times")
+        raise TrajectoryError(
+            "has waypoints or routes and no track; a track has points with times, and "
+            "'ggbench new scenario NAME --map MAP --waypoints FILE' makes a flight through others"
+        )
     fixes = []
     for number, point in enumerate(points, 1):
         place = f"track point {number}"
@@ -138,12 +176,7 @@ def _gpx(text: str) -> list[Fix]:
 
 def _kml(text: str) -> list[Fix]:
     """Return the places of a KML file: of its gx:Tracks, or else of its points with a time."""
-    try:
-        root = ElementTree.fromstring(text.encode())
-    except (ElementTree.ParseError, ValueError, RecursionError) as error:
-        raise TrajectoryError(f"is no KML file that can be read: {text_of(error)}") from None
-    for element in root.iter():
-        element.tag = str(element.tag).rpartition("}")[2]
+    root = kml_root(text)
     whens: list[str] = []
     places: list[str] = []
     for track in root.iter("Track"):

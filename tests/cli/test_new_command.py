@@ -115,6 +115,32 @@ def test_a_flight_over_ones_own_map_lies_in_its_middle(tmp_path):
     assert bad.returncode == 2 and "bad.nc" in bad.stderr and "Traceback" not in bad.stderr
 
 
+def test_a_flight_goes_through_ones_own_waypoints(tmp_path):
+    """It runs as it is: slow enough for its turns, and with a barometer."""
+    rough_map(tmp_path / "own.nc")
+    places = [(33.4, 107.9), (33.45, 107.95), (33.45, 108.05), (33.4, 108.05)]
+    rows = "".join(f"{latitude},{longitude}\n" for latitude, longitude in places)
+    (tmp_path / "way.csv").write_text(f"latitude,longitude\n{rows}")
+    words = ["new", "scenario", "mine", "--map", "own.nc", "--waypoints", "way.csv"]
+    done = invoke(words, tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    written = tomllib.loads((tmp_path / "mine.toml").read_text())
+    flown = written["trajectory"]
+    segments = [(each["latitude_deg"], each["longitude_deg"]) for each in flown["segment"]]
+    assert [(flown["latitude_deg"], flown["longitude_deg"]), *segments] == places
+    assert {each["kind"] for each in flown["segment"]} == {"waypoint"}
+    assert "barometer" in written
+    done = invoke(["validate", "mine.toml"], tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "largest bank 25°" in done.stdout
+    for wrong in ([], ["--map", "own.nc", "--track", "way.csv"]):
+        done = invoke(["new", "scenario", "x", "--waypoints", "way.csv", *wrong], tmp_path)
+        assert done.returncode == 2 and "--waypoints goes with --map" in done.stderr
+    (tmp_path / "bad.csv").write_text("a,b\n1,2\n")
+    done = invoke(["new", "scenario", "x", "--map", "own.nc", "--waypoints", "bad.csv"], tmp_path)
+    assert done.returncode == 2 and "bad.csv line 1 must name" in done.stderr
+
+
 def test_a_flight_that_follows_ones_own_terrain_stays_in_ones_own_map(tmp_path):
     """Without any height of the user's; a part that lies below the map is lifted into it."""
     rough_map(tmp_path / "own.nc")

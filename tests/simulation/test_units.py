@@ -43,7 +43,8 @@ from ggbench.spec.aiding import AIDING
 from ggbench.spec.axes import SweepSpec
 from ggbench.spec.case import CampaignSpec, CaseSpec, WindowsSpec
 from ggbench.spec.named_sensors import NamedSensors
-from ggbench.spec.trajectory import SegmentSpec, TrajectorySpec
+from ggbench.spec.segments import SegmentSpec
+from ggbench.spec.trajectory import TrajectorySpec
 
 EOTVOS = 1e-9 / u.s**2
 SUFFIXES = {
@@ -488,6 +489,7 @@ TRACK = {"trajectory.max_gap_s": "gap", "trajectory.max_acceleration_mps2": "acc
 TURN = {"kind": "turn", "by_heading_deg": 90.0}
 CLIMB = {"kind": "climb", "by_height_m": 100.0, "climb_angle_deg": 3.0}
 TERRAIN = {"kind": "terrain-following", "terrain": "t", "clearance_m": 90.0, "duration_s": 60.0}
+WAYPOINT = {"kind": "waypoint", "bank_deg": 10.0}
 SEGMENT: dict[str, tuple[float, dict[str, Any], str]] = {
     "duration_s": (33.0, {"kind": "cruise"}, "duration"),
     "distance_km": (12.0, {"kind": "cruise"}, "distance"),
@@ -503,6 +505,8 @@ SEGMENT: dict[str, tuple[float, dict[str, Any], str]] = {
     "by_heading_deg": (-75.0, {"kind": "turn", "bank_deg": 10.0}, "by"),
     "bank_deg": (15.0, TURN, "bank"),
     "radius_m": (4000.0, TURN, "radius"),
+    "latitude_deg": (48.0, {**WAYPOINT, "longitude_deg": 11.0}, "latitude"),
+    "longitude_deg": (11.0, {**WAYPOINT, "latitude_deg": 48.0}, "longitude"),
     "to_speed_mps": (70.0, {"kind": "speed", "acceleration_mps2": 1.0}, "to"),
     "clearance_m": (80.0, TERRAIN, "clearance"),
     "lowest_m": (450.0, TERRAIN, "lowest"),

@@ -12,9 +12,10 @@ from small_cases import ROTATING, small_case
 from ggbench.errors import GGBenchError
 from ggbench.spec import scenario
 from ggbench.spec.scenario import Scenario, ScenarioError
-from ggbench.spec.trajectory import SegmentSpec
+from ggbench.spec.segments import SegmentSpec
 from ggbench.trajectory.manoeuvres import Cruise
 from ggbench.trajectory.truth import Segment
+from ggbench.trajectory.waypoints import Waypoint
 
 DENSITY = "noise_density_eotvos_per_sqrt_hz"
 DISKS = "rotating.accelerometer_noise_ng_per_sqrt_hz"
@@ -217,6 +218,10 @@ def test_manoeuvres_are_in_si_units():
     assert [
         list(vars(made(direction=way, **turn)).values()) for way in ("left", "right", "shorter")
     ] == [[None, math.radians(40), sign, None, math.radians(3), None] for sign in (-1, 1, 0)]
+    place = {"latitude_deg": 48.0, "longitude_deg": 11.0, "bank_deg": 20.0}
+    assert made(kind="waypoint", **place) == Waypoint(
+        *map(math.radians, (48.0, 11.0)), bank=math.radians(20.0)
+    )
     climb = made(kind="climb", to_height_m=900.0, climb_angle_deg=6.0)
     assert list(vars(climb).values()) == [None, 900.0, math.radians(6), None, 2.0]
     terrain = {"kind": "terrain-following", "terrain": "x.nc", "clearance_m": 90.0}

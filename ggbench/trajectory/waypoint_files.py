@@ -1,0 +1,101 @@
+"""Places of a planned flight, from files of planners: GPX, KML or CSV. Times are not needed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ..files import reason_of
+from .csv_text import CsvText
+from .manoeuvres import Array, TrajectoryError
+from .track_formats import gpx_document, kml_root, recognised
+
+_COLUMNS = {"latitude_deg": ("latitude_deg", "latitude", "lat"),
+            "longitude_deg": ("longitude_deg", "longitude", "lon", "lng")}  # fmt: skip
+_MOST = 1000
+
+
+def read_waypoints(path: Path) -> Array:
+    """Return the places (N, 2) of a file, latitude and longitude [deg].
+
+    Of a GPX file these are the points of its routes, or else its waypoints, or else its tracks; of
+    a KML file its points, or else its lines. Heights and times are left out.
+
+    Raises
+    ------
+    TrajectoryError
+        With a sentence that names the place, what was found and what is allowed.
+    """
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise TrajectoryError(f"{path} cannot be read: {reason_of(error)}") from None
+    try:
+        return _checked(_places(content))
+    except TrajectoryError as error:
+        raise TrajectoryError(f"{path} {error}") from None
+
+
+def _places(content: bytes) -> Array:
+    kind, text = recognised(content)
+    if kind == "gpx":
+        document = gpx_document(text)
+        routes = [point for route in document.routes for point in route.points]
+        tracks = [p for track in document.tracks for part in track.segments for p in part.points]
+        points = routes or document.waypoints or tracks
+        return np.array([[point.latitude, point.longitude] for point in points], dtype=float)
+    if kind == "kml":
+        return _kml(text)
+    if kind != "csv":
+        raise TrajectoryError("is a log of a receiver; waypoints are read from GPX, KML or CSV")
+    wanted = " and ".join(_COLUMNS)
+    rows = CsvText.of(content, wanted, {name for names in _COLUMNS.values() for name in names})
+    columns = {
+        key: at for key, names in _COLUMNS.items() for at, n in enumerate(rows.names) if n in names
+    }
+    if len(columns) < len(_COLUMNS):
+        raise TrajectoryError(f"line {rows.line} must name the columns {wanted}")
+    if not rows.rows:
+        return np.empty((0, 2))
+    return np.stack(list(rows.numbers({key: columns[key] for key in _COLUMNS}).values()), axis=1)
+
+
+def _kml(text: str) -> Array:
+    root = kml_root(text)
+    for kind in ("Point", "LineString"):
+        texts = [
+            place
+            for each in root.iter(kind)
+            for place in (each.findtext("coordinates") or "").split()
+        ]
+        if texts:
+            break
+    places = np.empty((len(texts), 2))
+    for number, place in enumerate(texts, 1):
+        try:
+            longitude, latitude = map(float, place.split(",")[:2])
+        except ValueError:
+            raise TrajectoryError(
+                f"place {number} is {place[:40]!r} and must be longitude and latitude"
+            ) from None
+        places[number - 1] = latitude, longitude
+    return places
+
+
+def _checked(places: Array) -> Array:
+    """Return places that are possible, each once where it follows itself."""
+    if len(places) > _MOST:
+        raise TrajectoryError(f"has {len(places)} places; a flight is made through {_MOST} at most")
+    good = np.isfinite(places).all(axis=-1) & (np.abs(places) <= [89.0, 360.0]).all(axis=-1)
+    if not good.all():
+        n = int(np.argmin(good))
+        raise TrajectoryError(
+            f"place {n + 1} is at latitude {places[n, 0]:g}°, longitude {places[n, 1]:g}°; they "
+            "must lie within ±89° and ±360°"
+        )
+    again = np.zeros(len(places), dtype=bool)
+    again[1:] = (places[1:] == places[:-1]).all(axis=-1)
+    if len(places) - again.sum() < 2:
+        raise TrajectoryError(f"has {len(places) - again.sum()} places; a flight needs two or more")
+    return np.asarray(places[~again])
