@@ -153,7 +153,8 @@ def joined(blocks: Sequence[ProblemBlock]) -> ProblemBlock:
             raise ValueError("blocks of other epochs, maps or gaps cannot be joined")
 
     def concatenated(*arrays: np.ndarray) -> np.ndarray:
-        return np.concatenate(arrays)
+        # As those of a block are: kernels of arrays that can be written would be compiled again.
+        return read_only(np.concatenate(arrays))
 
     def along(name: str) -> np.ndarray:
         return concatenated(*(getattr(block, name) for block in blocks))

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from ..gravity.coloured_noise import Whitening
-from ..gravity.field import Field
+from ..gravity.field import DisturbanceMap, Field
 from ..numerics.frozen import frozen, read_only
+from ..numerics.records import fields_of
 from . import aiding_kernels
 from .aiding_kernels import Aiding
 from .gradiometer.instrument import INSTRUMENTS, STRAPDOWN, Gradiometer, readings_along
@@ -203,8 +204,12 @@ class SensorModel:
 
     def __init__(self, arrays: ModelArrays) -> None:
         aiding = arrays.aiding
+        # All of them: kernels of arrays that can be written would be compiled again.
         self.arrays = replace(
             arrays,
+            origin=read_only(arrays.origin),
+            step=read_only(arrays.step),
+            coefficients=read_only(arrays.coefficients),
             channels=frozen(arrays.channels),
             combined=frozen(arrays.combined),
             lags=_immutable(arrays.lags),
@@ -214,6 +219,7 @@ class SensorModel:
                 gravity=frozen(aiding.gravity),
                 bias=_immutable(aiding.bias),
                 arm=_immutable(aiding.arm),
+                map=DisturbanceMap(*map(read_only, fields_of(aiding.map))),
             ),
         ).mapped(frozen)
         self._block = self.arrays.as_block()
