@@ -19,8 +19,9 @@ _MOST = 1000
 def read_waypoints(path: Path) -> Array:
     """Return the places (N, 2) of a file, latitude and longitude [deg].
 
-    Of a GPX file these are the points of its routes, or else its waypoints, or else its tracks; of
-    a KML file its points, or else its lines. Heights and times are left out.
+    Longitudes are from −180° to 360°. Of a GPX file these are the points of its routes, or else its
+    waypoints, or else its tracks; of a KML file its points, or else its lines. Heights and times
+    are left out.
 
     Raises
     ------
@@ -44,7 +45,8 @@ def _places(content: bytes) -> Array:
         routes = [point for route in document.routes for point in route.points]
         tracks = [p for track in document.tracks for part in track.segments for p in part.points]
         points = routes or document.waypoints or tracks
-        return np.array([[point.latitude, point.longitude] for point in points], dtype=float)
+        places = [(point.latitude, point.longitude) for point in points]
+        return np.array(places, dtype=float).reshape(-1, 2)
     if kind == "kml":
         return _kml(text)
     if kind != "csv":
@@ -97,5 +99,5 @@ def _checked(places: Array) -> Array:
     again = np.zeros(len(places), dtype=bool)
     again[1:] = (places[1:] == places[:-1]).all(axis=-1)
     if len(places) - again.sum() < 2:
-        raise TrajectoryError(f"has {len(places) - again.sum()} places; a flight needs two or more")
-    return np.asarray(places[~again])
+        raise TrajectoryError("names no two places, which a flight through waypoints needs")
+    return np.asarray(places[~again] + [0.0, 360.0] * (places[~again] < [-90.0, -180.0]))

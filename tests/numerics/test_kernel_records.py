@@ -1,12 +1,21 @@
 import dataclasses
+import gc
+import importlib
 import pickle
+import pkgutil
+import sys
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Any, NamedTuple, get_type_hints
 
 import numpy as np
 import pytest
+from numba.extending import is_jitted
 
+import ggbench
 from ggbench.numerics.kernels import compiled
 from ggbench.numerics.records import fields_of, record
+from ggbench.numerics.source import COMPILED_ROOMS
 
 
 @record
@@ -126,3 +135,50 @@ def test_the_code_of_a_record_is_kept_with_its_module():
     code = Inner._memory.func.__closure__
     kept = [cell.cell_contents for cell in code if hasattr(cell.cell_contents, "py_func")]
     assert [Path(each.py_func.__code__.co_filename) for each in kept] == [Path(__file__)]
+
+
+def test_arrays_are_freed_with_the_record():
+    numbers = np.ones(3)
+    value = Outer(np.ones(3), Inner(numbers, 1))
+    _weighted(value)
+    assert sys.getrefcount(numbers) > 2
+    del value
+    gc.collect()
+    assert sys.getrefcount(numbers) == 2
+
+
+def named_tuples_of_arrays(kernels: Iterable[Any]) -> list[str]:
+    """Return the parameters of kernels that are named tuples with arrays in them."""
+    return [
+        f"{kernel.py_func.__module__}.{kernel.py_func.__name__}: {name}"
+        for kernel in kernels
+        for name, kind in get_type_hints(kernel.py_func).items()
+        if issubclass(kind if isinstance(kind, type) else object, tuple)
+        and np.ndarray in get_type_hints(kind).values()
+    ]
+
+
+def test_kernels_take_groups_of_arrays_as_records():
+    """All kernels of the package and of the shipped estimators."""
+    modules = [
+        importlib.import_module(found.name)
+        for found in pkgutil.walk_packages(ggbench.__path__, "ggbench.")
+        if found.name.split(".")[1] in (*COMPILED_ROOMS, "estimators")
+    ]
+    kernels = [each for module in modules for each in vars(module).values() if is_jitted(each)]
+    assert len(kernels) > 300
+    assert named_tuples_of_arrays(kernels) == []
+
+
+class _Pair(NamedTuple):
+    one: np.ndarray
+    other: int
+
+
+@compiled
+def _of_tuple(pair: _Pair) -> float:
+    return pair.one[pair.other]
+
+
+def test_a_kernel_that_takes_a_named_tuple_of_arrays_is_seen():
+    assert named_tuples_of_arrays([_of_tuple]) == [f"{__name__}._of_tuple: pair"]

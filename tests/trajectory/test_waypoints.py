@@ -115,15 +115,21 @@ def test_waypoints_are_read(name, content, tmp_path):
     np.testing.assert_allclose(read_waypoints(tmp_path / name), ROUTE)
 
 
+def test_longitudes_are_those_of_scenarios(tmp_path):
+    (tmp_path / "places.csv").write_text("lat,lon\n-40,-190\n-40,-170\n-40,190\n")
+    assert read_waypoints(tmp_path / "places.csv")[:, 1].tolist() == [170.0, -170.0, 190.0]
+
+
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        ("lat,lon\n46,8\n", "has 1 places; a flight needs two"),
+        ("lat,lon\n46,8\n", "names no two places"),
         ("lat,height\n46,8\n", "line 1 must name the columns latitude_deg and longitude_deg"),
         ("lat,lon\n46,8\n146,8\n", "place 2 is at latitude 146°"),
         ("lat,lon\n" + "46,8\n47,8\n" * 501, "has 1002 places"),
         ("<kml><Point><coordinates>8</coordinates></Point></kml>", "place 1 is '8' and must be"),
-        ("<kml></kml>", "has 0 places"),
+        ("<kml></kml>", "names no two places"),
+        ("<gpx></gpx>", "names no two places"),
         ("$GPGGA,,,", "is a log of a receiver"),
         ("PK\x03", "is a zip archive"),
     ],
