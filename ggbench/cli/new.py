@@ -10,11 +10,15 @@ import math
 import re
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from ..errors import GGBenchError
 from ..files import reason_of
+
+if TYPE_CHECKING:
+    from ..maps.netcdf import Nodes
 
 _TEMPLATES = Path(__file__).parent / "templates"
 """Texts, and no modules of the package: what is made of them is imported elsewhere."""
@@ -141,15 +145,14 @@ def _flight_over(own_map: Path, terrain: Path | None, clearance: float) -> str:
     nodes, _, _ = netcdf_reader.read_layers(own_map)
     south, north = map(float, nodes.latitude_deg[[0, -1]])
     west, east = map(float, nodes.longitude_deg[[0, -1]])
-    lowest, highest = map(float, nodes.height_m[[0, -1]])
+    lowest = float(nodes.height_m[0])
     latitude, longitude = 0.5 * (south + north), 0.5 * (west + east)
     metres = metres_per_radian(np.array([math.radians(latitude), 0.0, lowest]))
     per_north, per_east = (math.radians(1.0) * length for length in metres)
     side = min((north - south) * per_north, (east - west) * per_east)
     speed = min(250.0 if terrain is None else 60.0, 0.4 * side / _FLIGHT_S)
     start = longitude - 0.5 * _FLIGHT_S * speed / per_east
-    height = lowest + (highest - lowest) / 3.0
-    flown = f"height_m = {height:.0f}    # above the ellipsoid, a third of the way up the map\n"
+    flown = _height_line(_third_way_up(nodes))
     segment = f"duration_s = {_FLIGHT_S:g}     # straight and level\n"
     if terrain is not None:
         flown = "# No height_m: it begins as high as the terrain asks for.\n"
@@ -186,8 +189,7 @@ def _flight_through(waypoints: Path, own_map: Path) -> str:
     from ..trajectory.waypoints import leg
 
     places = read_waypoints(waypoints)
-    lowest, highest = map(float, netcdf_reader.read_layers(own_map)[0].height_m[[0, -1]])
-    height = lowest + (highest - lowest) / 3.0
+    height = _third_way_up(netcdf_reader.read_layers(own_map)[0])
     legs = [
         leg(np.array([*np.radians(here), height]), *np.radians(there))
         for here, there in itertools.pairwise(places)
@@ -202,10 +204,18 @@ def _flight_through(waypoints: Path, own_map: Path) -> str:
     )
     return (
         f"latitude_deg = {places[0, 0]:.7f}\nlongitude_deg = {places[0, 1]:.7f}\n"
-        f"height_m = {height:.0f}    # above the ellipsoid, a third of the way up the map\n"
-        f"speed_mps = {speed:.3g}\n"
+        f"{_height_line(height)}speed_mps = {speed:.3g}\n"
         f"heading_deg = {math.degrees(legs[0][0]):.4f}    # clockwise from north\n{segments}"
     )
+
+
+def _third_way_up(nodes: Nodes) -> float:
+    lowest, highest = map(float, nodes.height_m[[0, -1]])
+    return lowest + (highest - lowest) / 3.0
+
+
+def _height_line(height: float) -> str:
+    return f"height_m = {height:.0f}    # above the ellipsoid, a third of the way up the map\n"
 
 
 def _titled(name: str) -> str:

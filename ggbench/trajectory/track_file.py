@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -37,28 +37,38 @@ _BARE = (
 _REQUIRED = ("time_s", "latitude_deg", "longitude_deg", "height_m")
 
 
-def parse(content: bytes) -> tuple[dict[str, Array], int]:
+def parse(
+    content: bytes, keys: Sequence[str] = tuple(_ALIASES), fewest: int = FEWEST_ROWS
+) -> tuple[dict[str, Array], int]:
     """Return the known columns of a CSV text, and the number of the line of their first row.
 
     Columns may be separated by commas, semicolons or tabs; those whose names are not known are
     passed over. A name may have a unit in brackets; times may be dates (ISO 8601).
+
+    Parameters
+    ----------
+    content : of the file.
+    keys : of the columns that are read.
+    fewest : rows that are needed.
 
     Raises
     ------
     TrajectoryError
         With a sentence that names the line, what was found and what is allowed.
     """
-    text = CsvText.of(content, _wanted(), _KNOWN)
+    required = [key for key in _REQUIRED if key in keys]
+    text = CsvText.of(content, _wanted(required, keys), _KNOWN)
     parts = [_WITH_UNIT.fullmatch(name) for name in text.names]
     names = [part[1] if part else name for part, name in zip(parts, text.names, strict=True)]
-    known = _columns(names, text.line)
+    known = _columns(names, required, text.line)
+    known = {key: at for key, at in known.items() if key in keys}
     factors = {
         key: _factor(key, names[at], part[2], text.line)
         for key, at in known.items()
         if (part := parts[at])
     }
-    if len(text.rows) < FEWEST_ROWS:
-        raise TrajectoryError(f"has {len(text.rows)} rows; a track needs at least {FEWEST_ROWS}")
+    if len(text.rows) < fewest:
+        raise TrajectoryError(f"has {len(text.rows)} rows; a track needs at least {fewest}")
     columns = text.numbers(known)
     for key, factor in factors.items():
         columns[key] = factor * columns[key]
@@ -93,6 +103,7 @@ def _require_degrees(columns: dict[str, Array], names: list[str], limits: dict[s
     bare = {
         key: name
         for key in limits
+        if key in columns
         for name in names
         if name in _ALIASES[key] and not name.endswith("_deg")
     }
@@ -109,7 +120,7 @@ def _and(words: Iterable[str]) -> str:
     return " and ".join(filter(None, (", ".join(others), last)))
 
 
-def _columns(names: list[str], line: int) -> dict[str, int]:
+def _columns(names: list[str], required: Sequence[str], line: int) -> dict[str, int]:
     """Return where the known columns are."""
     known: dict[str, int] = {}
     for key, aliases in _ALIASES.items():
@@ -120,7 +131,7 @@ def _columns(names: list[str], line: int) -> dict[str, int]:
             )
         if found:
             known[key] = found[0]
-    for key in _REQUIRED:
+    for key in required:
         if key not in known:
             shown = ", ".join(name[:20] for name in names[:12])
             raise TrajectoryError(
@@ -137,5 +148,7 @@ def _columns(names: list[str], line: int) -> dict[str, int]:
     return known
 
 
-def _wanted() -> str:
-    return f"{', '.join(_REQUIRED)}, and heading_deg, pitch_deg, roll_deg if they are known"
+def _wanted(required: Sequence[str], keys: Sequence[str]) -> str:
+    others = [key for key in keys if key not in required]
+    known = f", and {', '.join(others)} if they are known" if others else ""
+    return f"{', '.join(required)}{known}"

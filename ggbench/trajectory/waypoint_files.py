@@ -7,12 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from ..files import reason_of
-from .csv_text import CsvText
 from .manoeuvres import Array, TrajectoryError
+from .track_file import parse
 from .track_formats import gpx_document, kml_root, recognised
 
-_COLUMNS = {"latitude_deg": ("latitude_deg", "latitude", "lat"),
-            "longitude_deg": ("longitude_deg", "longitude", "lon", "lng")}  # fmt: skip
+_COLUMNS = ("latitude_deg", "longitude_deg")
 _MOST = 1000
 
 
@@ -51,16 +50,8 @@ def _places(content: bytes) -> Array:
         return _kml(text)
     if kind != "csv":
         raise TrajectoryError("is a log of a receiver; waypoints are read from GPX, KML or CSV")
-    wanted = " and ".join(_COLUMNS)
-    rows = CsvText.of(content, wanted, {name for names in _COLUMNS.values() for name in names})
-    columns = {
-        key: at for key, names in _COLUMNS.items() for at, n in enumerate(rows.names) if n in names
-    }
-    if len(columns) < len(_COLUMNS):
-        raise TrajectoryError(f"line {rows.line} must name the columns {wanted}")
-    if not rows.rows:
-        return np.empty((0, 2))
-    return np.stack(list(rows.numbers({key: columns[key] for key in _COLUMNS}).values()), axis=1)
+    columns, _ = parse(content, _COLUMNS, fewest=1)
+    return np.stack([columns[key] for key in _COLUMNS], axis=1)
 
 
 def _kml(text: str) -> Array:
@@ -100,4 +91,6 @@ def _checked(places: Array) -> Array:
     again[1:] = (places[1:] == places[:-1]).all(axis=-1)
     if len(places) - again.sum() < 2:
         raise TrajectoryError("names no two places, which a flight through waypoints needs")
-    return np.asarray(places[~again] + [0.0, 360.0] * (places[~again] < [-90.0, -180.0]))
+    places = places[~again]
+    places[places[:, 1] < -180.0, 1] += 360.0
+    return places

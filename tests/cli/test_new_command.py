@@ -138,7 +138,7 @@ def test_a_flight_goes_through_ones_own_waypoints(tmp_path):
         assert done.returncode == 2 and "--waypoints goes with --map" in done.stderr
     (tmp_path / "bad.csv").write_text("a,b\n1,2\n")
     done = invoke(["new", "scenario", "x", "--map", "own.nc", "--waypoints", "bad.csv"], tmp_path)
-    assert done.returncode == 2 and "bad.csv line 1 must name" in done.stderr
+    assert done.returncode == 2 and "bad.csv line 1 names no column latitude_deg" in done.stderr
 
 
 def test_a_flight_that_follows_ones_own_terrain_stays_in_ones_own_map(tmp_path):

@@ -107,6 +107,7 @@ POINTS = "".join(
         ("points.kml", f"<kml><Document>{POINTS}</Document></kml>"),
         ("places.csv", CSV_PLACES),
         ("names.csv", "name;lon;lat\na;8.15;46.12\nb;8.2;46.25\nc;8.35;46.27\n"),
+        ("empty.csv", "lat [deg],lon,time\n46.12,8.15,\n46.25,8.2,\n46.27,8.35,x\n"),
         ("twice.csv", "lat,lon\n46.12,8.15\n46.12,8.15\n46.25,8.2\n46.27,8.35\n"),
     ],
 )  # fmt: skip
@@ -124,7 +125,10 @@ def test_longitudes_are_those_of_scenarios(tmp_path):
     ("content", "said"),
     [
         ("lat,lon\n46,8\n", "names no two places"),
-        ("lat,height\n46,8\n", "line 1 must name the columns latitude_deg and longitude_deg"),
+        ("lat,height\n46,8\n", "line 1 names no column longitude_deg (found: lat, height)"),
+        ("lat,lon\n0.8,0.1\n0.81,0.1\n", "all of lat and lon could be radians"),
+        ("lat,latitude,lon\n46,46,8\n", "names latitude_deg twice"),
+        ("lat,lon\n", "has 0 rows"),
         ("lat,lon\n46,8\n146,8\n", "place 2 is at latitude 146°"),
         ("lat,lon\n" + "46,8\n47,8\n" * 501, "has 1002 places"),
         ("<kml><Point><coordinates>8</coordinates></Point></kml>", "place 1 is '8' and must be"),
