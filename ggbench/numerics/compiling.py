@@ -14,8 +14,10 @@ the functions that it calls: without ``fastmath`` the compiler may not round a c
 from __future__ import annotations
 
 import contextlib
+import gc
 import pickle
 from collections.abc import Iterator
+from functools import update_wrapper
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +27,40 @@ from numba.core.compiler_lock import global_compiler_lock
 from .cache import code_folder, exclusive_lock, make_code_folder
 
 
-def with_disk_cache(dispatcher: Any) -> Any:
+class Kernel:
+    """A function compiled once for the kernels that call it, and once for Python, if Python does.
+
+    Code that Python calls has an entry, which takes arguments apart. With one for each function, a
+    sixth of all that is compiled would be entries.
+    """
+
+    def __init__(self, function: Any, jit: Any) -> None:
+        """Prepare a function for the compiler; ``jit`` takes numba's options."""
+        update_wrapper(self, function)
+        self.py_func = function
+        self._entry = _kept_on_disk(jit()(function), Locator)
+        self._part = _kept_on_disk(jit(no_cpython_wrapper=True)(function), PartLocator)
+        # Where numba looks for the option of functions to be inlined.
+        self.targetoptions = self._part.targetoptions
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Return what the compiled function does."""
+        return self._entry(*arguments)
+
+    @property
+    def signatures(self) -> list[Any]:
+        """Types of arguments for which there is code in this process."""
+        return [*self._entry.signatures, *self._part.signatures]
+
+    @property
+    def _numba_type_(self) -> Any:
+        """By this name numba asks a value for its type."""
+        return types.Dispatcher(self._part)
+
+
+def _kept_on_disk(dispatcher: Any, locator: type[Locator]) -> Any:
     """Return a jitted function whose code is kept on disk, compiled by one process at a time."""
-    cache, compile_now = _DiskCache(dispatcher.py_func), dispatcher.compile
+    cache, compile_now = _DiskCache(dispatcher.py_func, locator), dispatcher.compile
 
     def compile_once(signature: Any) -> Any:
         arguments, _ = sigutils.normalize_signature(signature)
@@ -36,15 +69,29 @@ def with_disk_cache(dispatcher: Any) -> Any:
         if signature in dispatcher.overloads:
             return compile_now(signature)
         # The compiler's own lock first: threads and processes then wait in one order.
-        with global_compiler_lock, cache.locked():
+        with global_compiler_lock, cache.locked(), _without_collections():
             return compile_now(signature)
 
     dispatcher._cache, dispatcher.compile = cache, compile_once
     return dispatcher
 
 
+@contextlib.contextmanager
+def _without_collections() -> Iterator[None]:
+    """Do not search for garbage: the compiler makes millions of objects, which it needs."""
+    collecting = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collecting:
+            gc.enable()
+
+
 class Locator:
     """Numba's folder for the code of a function: that of its module's source."""
+
+    SUFFIX = "entry"
 
     def __init__(self, py_func: Any, py_file: str) -> None:
         self._py_file = py_file  # numba's warnings name it
@@ -69,8 +116,14 @@ class Locator:
         return self._folder.name
 
     def get_disambiguator(self) -> str:
-        """Return the line of the function, by which functions of one name differ."""
-        return str(self._line)
+        """Return what tells code from that of other functions of the name, and for other uses."""
+        return f"{self._line}.{self.SUFFIX}"
+
+
+class PartLocator(Locator):
+    """The same for code that other kernels call."""
+
+    SUFFIX = "part"
 
 
 class _DiskCache(caching.FunctionCache):
@@ -79,18 +132,18 @@ class _DiskCache(caching.FunctionCache):
     _held: set[Path] = set()
     """Locks of this process."""
 
-    def __init__(self, function: Any) -> None:
+    def __init__(self, function: Any, locator: type[Locator]) -> None:
         settings: Any = config  # numba reads its attributes from the environment
         chosen, settings.CACHE_LOCATOR_CLASSES = (
             settings.CACHE_LOCATOR_CLASSES,
-            f"{__name__}.Locator",
+            f"{__name__}.{locator.__name__}",
         )
         try:
             super().__init__(function)
         finally:
             settings.CACHE_LOCATOR_CLASSES = chosen
         line = function.__code__.co_firstlineno
-        self._file = Path(self.cache_path) / f"{function.__qualname__}-{line}"
+        self._file = Path(self.cache_path) / f"{function.__qualname__}-{line}.{locator.SUFFIX}"
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Write compiled code."""

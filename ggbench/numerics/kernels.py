@@ -10,21 +10,21 @@ seconds to compile an assignment of one array to another.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numba import njit
 
-from .compiling import with_disk_cache
+from .compiling import Kernel
 
 
 def _decorator(**options: Any) -> Any:
     # No kernel is called from C.
-    options |= {"no_cfunc_wrapper": True, "error_model": "numpy"}
-    jit = njit(**{"nogil": True} | options)
+    options = {"nogil": True, "no_cfunc_wrapper": True, "error_model": "numpy"} | options
 
     def decorate(function: Callable[..., Any]) -> Any:
-        return with_disk_cache(jit(function))
+        return Kernel(function, partial(njit, **options))
 
     return decorate
 

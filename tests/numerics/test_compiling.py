@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import ast
+import gc
 import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from numba.core.errors import TypingError
 
 import ggbench
 import ggbench.estimators
+from ggbench.numerics.kernels import compiled
 
 SOURCE = (
     """
@@ -92,15 +95,51 @@ def printed(process: subprocess.Popen) -> list[str]:
 
 @pytest.mark.long
 def test_a_function_is_compiled_by_one_process(tmp_path):
-    """Three processes at a time: each function is compiled once for each type, none is mistaken."""
+    """Three processes at a time: once for each type and use; none is mistaken for another."""
     place = Place(tmp_path / "here", 1.0)
     calls = (["calling(1.0)"], ["calling(1.0)"], ["long(3)", "long(1.0)"])
     outputs = [printed(process) for process in [place.start(*call) for call in calls]]
     names = " ".join(output[-1] for output in outputs).split()
-    assert sorted(names) == ["calling", "long", "long"]
+    assert sorted(names) == ["calling", "long", "long", "long"]
     again = place.run("calling(1.0)", "long(3)", "long(1.0)")
     assert again == [outputs[0][0], *outputs[2][:2], ""]
     assert outputs[1][0] == outputs[0][0]
+
+
+@compiled
+def square(x: float) -> float:
+    return x * x
+
+
+@compiled
+def fourth(x: float) -> float:
+    return square(square(x))
+
+
+def test_code_that_kernels_call_has_no_entry_for_python():
+    """Python's call compiles another code, with the same result."""
+    assert fourth(3.0) == 81.0
+    assert [len(each.signatures) for each in (fourth, square)] == [1, 1]
+    assert square(3.0) == 9.0
+    assert [len(each.signatures) for each in (fourth, square)] == [1, 2]
+
+
+@pytest.mark.parametrize("collecting", [True, False])
+def test_garbage_is_collected_again_after_the_compiler(collecting):
+    """Also after an error; and not where it was not before."""
+
+    @compiled
+    def wrong(x: float) -> float:
+        return x.nothing
+
+    before = gc.isenabled()
+    (gc.enable if collecting else gc.disable)()
+    try:
+        with pytest.raises(TypingError, match="nothing"):
+            wrong(1.0)
+        assert gc.isenabled() == collecting
+    finally:
+        (gc.enable if before else gc.disable)()
 
 
 @pytest.mark.long

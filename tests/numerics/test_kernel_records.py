@@ -10,9 +10,9 @@ from typing import Any, NamedTuple, get_type_hints
 
 import numpy as np
 import pytest
-from numba.extending import is_jitted
 
 import ggbench
+from ggbench.numerics.compiling import Kernel
 from ggbench.numerics.kernels import compiled
 from ggbench.numerics.records import fields_of, record
 from ggbench.numerics.source import COMPILED_ROOMS
@@ -165,7 +165,9 @@ def test_kernels_take_groups_of_arrays_as_records():
         for found in pkgutil.walk_packages(ggbench.__path__, "ggbench.")
         if found.name.split(".")[1] in (*COMPILED_ROOMS, "estimators")
     ]
-    kernels = [each for module in modules for each in vars(module).values() if is_jitted(each)]
+    kernels = [
+        each for module in modules for each in vars(module).values() if isinstance(each, Kernel)
+    ]
     assert len(kernels) > 300
     assert named_tuples_of_arrays(kernels) == []
 
