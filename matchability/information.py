@@ -17,7 +17,7 @@ from scipy.ndimage import minimum_filter
 from scipy.special import ndtr
 
 from ..gravity.ellipsoid import metres_along, normal_gravity_along
-from ..gravity.field import Field, gradients
+from ..gravity.field import Field
 from ..gravity.gradient_map import MapError
 
 Array = NDArray[np.float64]
@@ -70,12 +70,8 @@ class Instrument:
             disturbance = field.gravity_disturbance(*positions.T)[:, 2:]
             gravity = normal_gravity_along(positions)[:, np.newaxis] - disturbance
             return np.asarray(gravity * (MGAL / self.noise))
-        tensors = np.empty((6, len(positions)))
-        gradients(
-            np.ascontiguousarray(positions.T), np.sin(positions[:, 0]), np.cos(positions[:, 0]),
-            field.origin, field.step, field.tensor_coefficients, tensors,
-        )  # fmt: skip
-        return np.asarray(tensors[5 if self.kind == "uu" else 0 :].T / self.noise)
+        tensors = field.continued_tensor(positions) / self.noise
+        return tensors[:, 5:] if self.kind == "uu" else tensors
 
     def jacobians(self, field: Field, positions: Array) -> Array:
         """Return H (N, c, 2) [1/m] at positions (N, 3) [rad, rad, m].

@@ -97,95 +97,74 @@ def gradient_of(
 
 
 @compiled
-def gradient_at(
-    position: np.ndarray,
-    sine: float,
-    cosine: float,
-    origin: np.ndarray,
-    step: np.ndarray,
-    coefficients: np.ndarray,
-    value: np.ndarray,
-    derivative: np.ndarray,
-) -> bool:
-    """Fill the full tensor (6,) [E] and its derivative (6, 3) [E/m east, north, up] at a point.
-
-    ``sine`` and ``cosine`` are those of its latitude. ``coefficients`` of size zero mean the normal
-    field alone. Returns whether the point lies inside the map (always true without one).
-    """
-    s, inside = np.zeros(24), True
-    if coefficients.size > 0:
-        inside = spline_tensor_slopes(
-            position.reshape((3, 1)), 1, origin, step, coefficients, np.empty(TENSOR_WORK),
-            s.reshape((24, 1)),
-        )  # fmt: skip
-    full, slopes, _, _ = gradient_of(
-        sine, cosine, position[2],
-        (s[0], s[1], s[2], s[3], s[4], s[5]),
-        (
-            (s[6], s[9], s[12], s[15], s[18], s[21]),
-            (s[7], s[10], s[13], s[16], s[19], s[22]),
-            (s[8], s[11], s[14], s[17], s[20], s[23]),
-        ),
-    )  # fmt: skip
-    for m in range(6):
-        value[m] = full[m]
-        for axis in range(3):
-            derivative[m, axis] = slopes[axis][m]
-    return inside
-
-
-@compiled
-def gradients(
-    positions: np.ndarray,
-    sines: np.ndarray,
-    cosines: np.ndarray,
-    origin: np.ndarray,
-    step: np.ndarray,
-    coefficients: np.ndarray,
-    out: np.ndarray,
-) -> None:
-    """Fill the full tensors (6, N) [E] at N points: the values of :func:`gradient_at`, faster.
-
-    Parameters
-    ----------
-    positions : (3, N) latitudes, longitudes [rad], heights [m].
-    sines, cosines : (N,) of the latitudes.
-    origin, step, coefficients : the map, as in :func:`spline_at`; of size zero for none.
-    out : (6, N) output; NaN where a position is.
-    """
-    count = sines.shape[0]
-    if coefficients.size == 0:
-        out[:, :] = 0.0
-    else:
-        spline_tensors(positions, count, origin, step, coefficients, out)
-    heights, ee, nn, nu, uu = positions[2], out[0], out[3], out[4], out[5]
-    for p in range(count):
-        normal = normal_gradient_of(sines[p], cosines[p], heights[p])
-        ee[p] += normal[0]
-        nn[p] += normal[1]
-        nu[p] += normal[2]
-        uu[p] += normal[3]
-
-
-@compiled
-def _gradient_at_all(
+def gradients_and_slopes(
     positions: np.ndarray,
     origin: np.ndarray,
     step: np.ndarray,
     coefficients: np.ndarray,
     values: np.ndarray,
     derivatives: np.ndarray,
-) -> int:
-    """Evaluate :func:`gradient_at` at (n, 3) positions; return the first outside index or -1."""
-    outside = -1
+) -> None:
+    """Fill the full tensors (N, 6) [E] and derivatives (N, 6, 3) [E/m east, north, up] at N points.
+
+    ``positions`` (N, 3) are latitudes, longitudes [rad] and heights [m]. ``coefficients`` of size
+    zero mean the normal field alone.
+    """
+    s, work = np.zeros(24), np.empty(TENSOR_WORK)
     for n in range(positions.shape[0]):
-        sine, cosine = math.sin(positions[n, 0]), math.cos(positions[n, 0])
-        inside = gradient_at(
-            positions[n], sine, cosine, origin, step, coefficients, values[n], derivatives[n]
-        )
-        if not inside and outside < 0:
-            outside = n
-    return outside
+        if coefficients.size > 0:
+            spline_tensor_slopes(
+                positions[n].reshape((3, 1)),
+                1,
+                origin,
+                step,
+                coefficients,
+                work,
+                s.reshape((24, 1)),
+            )
+        full, slopes, _, _ = gradient_of(
+            math.sin(positions[n, 0]), math.cos(positions[n, 0]), positions[n, 2],
+            (s[0], s[1], s[2], s[3], s[4], s[5]),
+            (
+                (s[6], s[9], s[12], s[15], s[18], s[21]),
+                (s[7], s[10], s[13], s[16], s[19], s[22]),
+                (s[8], s[11], s[14], s[17], s[20], s[23]),
+            ),
+        )  # fmt: skip
+        for m in range(6):
+            values[n, m] = full[m]
+            for axis in range(3):
+                derivatives[n, m, axis] = slopes[axis][m]
+
+
+@compiled
+def gradients(
+    positions: np.ndarray,
+    origin: np.ndarray,
+    step: np.ndarray,
+    coefficients: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Fill the full tensors (6, N) [E] at N points, faster.
+
+    Parameters
+    ----------
+    positions : (3, N) latitudes, longitudes [rad], heights [m].
+    origin, step, coefficients : the map, as in :func:`spline_at`; of size zero for none.
+    out : (6, N) output; NaN where a position is.
+    """
+    count = positions.shape[1]
+    if coefficients.size == 0:
+        out[:, :] = 0.0
+    else:
+        spline_tensors(positions, count, origin, step, coefficients, out)
+    for p in range(count):
+        sine, cosine = math.sin(positions[0, p]), math.cos(positions[0, p])
+        ee, nn, nu, uu = normal_gradient_of(sine, cosine, positions[2, p])
+        out[0, p] += ee
+        out[3, p] += nn
+        out[4, p] += nu
+        out[5, p] += uu
 
 
 @compiled
@@ -195,15 +174,15 @@ def _spline_at_all(
     step: np.ndarray,
     coefficients: np.ndarray,
     values: np.ndarray,
-) -> int:
-    """Evaluate the value of the spline at (n, 3) positions; return the first outside or -1."""
-    outside = -1
+) -> None:
+    """Evaluate the value of the spline at (n, 3) positions."""
     derivative = np.empty((coefficients.shape[3], 3))
     for n in range(positions.shape[0]):
-        inside = spline_at(positions[n], origin, step, coefficients, values[n], derivative)
-        if not inside and outside < 0:
-            outside = n
-    return outside
+        spline_at(positions[n], origin, step, coefficients, values[n], derivative)
+
+
+_ROUNDING = 5e-7
+"""Distances of nodes outside which a border node that is computed in another order may lie."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,7 +273,18 @@ class Field:
         OutsideMapError
             If a position lies outside the map; the message names it and the map's bounds.
         """
-        return self.tensor_and_derivative(latitude, longitude, height)[0]
+        positions, shape = self._positions(latitude, longitude, height)
+        self.require_inside(positions)
+        return self.continued_tensor(positions).reshape(*shape, 6)
+
+    def continued_tensor(self, positions: np.ndarray) -> np.ndarray:
+        """Return the tensor (..., 6) [E] at positions (..., 3); outside the map, its border's."""
+        found = np.empty((6, math.prod(positions.shape[:-1])))
+        gradients(
+            np.ascontiguousarray(positions.reshape(-1, 3).T), self.origin, self.step,
+            self.tensor_coefficients, found,
+        )  # fmt: skip
+        return np.ascontiguousarray(found.T).reshape(*positions.shape[:-1], 6)
 
     def tensor_and_derivative(
         self, latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike
@@ -309,10 +299,10 @@ class Field:
         positions, shape = self._positions(latitude, longitude, height)
         values = np.empty((len(positions), 6))
         derivatives = np.empty((len(positions), 6, 3))
-        outside = _gradient_at_all(
+        self.require_inside(positions)
+        gradients_and_slopes(
             positions, self.origin, self.step, self.tensor_coefficients, values, derivatives
         )
-        self._require_inside(positions, outside)
         return values.reshape(*shape, 6), derivatives.reshape(*shape, 6, 3)
 
     def vertical_disturbance(
@@ -341,10 +331,8 @@ class Field:
         positions, shape = self._positions(latitude, longitude, height)
         values = np.zeros((len(positions), 3))
         if self.has_map:
-            outside = _spline_at_all(
-                positions, self.origin, self.step, self.disturbance_coefficients, values
-            )
-            self._require_inside(positions, outside)
+            self.require_inside(positions)
+            _spline_at_all(positions, self.origin, self.step, self.disturbance_coefficients, values)
         return (values + self.constant_disturbance).reshape(*shape, 3)
 
     @staticmethod
@@ -354,11 +342,13 @@ class Field:
         axes = np.broadcast_arrays(*(np.asarray(a, float) for a in (latitude, longitude, height)))
         return np.stack([axis.ravel() for axis in axes], axis=-1), axes[0].shape
 
-    def _require_inside(self, positions: np.ndarray, outside: int) -> None:
-        if outside < 0:
+    def require_inside(self, positions: np.ndarray) -> None:
+        """Raise OutsideMapError if one of positions (n, 3) lies outside the map."""
+        inside = self.covers(positions, _ROUNDING)
+        if inside.all():
             return
         lower, upper = self.origin.copy(), self.upper
-        point = positions[outside].copy()
+        point = positions[np.argmin(inside)].copy()
         for corner in (lower, upper, point):
             corner[:2] = np.degrees(corner[:2])
         raise OutsideMapError(

@@ -286,7 +286,7 @@ def spline_tensor_slopes(
     coefficients: np.ndarray,
     work: np.ndarray,
     out: np.ndarray,
-) -> bool:
+) -> None:
     """Fill (24, N): tensors and the three derivatives of each component, at some of N positions.
 
     Parameters
@@ -295,21 +295,16 @@ def spline_tensor_slopes(
     origin, step, coefficients : as in :func:`spline_at`, of six components.
     work : (:data:`TENSOR_WORK`,) scratch.
     out : output.
-
-    Returns
-    -------
-    Whether they all lie inside the grid.
     """
-    flat, inside = coefficients.reshape(-1), True
+    flat = coefficients.reshape(-1)
     for p in range(count):
         # Sizes that are constants make loops of known length.
-        inside &= _evaluate(
+        _evaluate(
             positions[0, p], positions[1, p], positions[2, p], origin, step, coefficients, flat,
             work, 6,
         )  # fmt: skip
         for m in range(24):
             out[m, p] = work[_SUMS + 72 + m]
-    return inside
 
 
 @compiled

@@ -9,8 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ..ins.error_model import POSITION, VELOCITY
-from ..problem import MeasurementModel, Problem
-from ..sensors.model import SensorModel
+from ..problem import Problem, predict_along
 from ..simulation.bound import Bound
 from ..simulation.error_free_flight import Flight
 from ..spec.case import WindowsSpec
@@ -101,7 +100,7 @@ class References:
     def _filtered(self) -> tuple[np.ndarray, np.ndarray]:
         epochs = np.arange(len(self._flight.times))
         residuals = [
-            problem.measurements - predictions(problem.model, epochs, state)
+            problem.measurements - predict_along(problem.model, epochs, state)
             for problem, state in zip(self._problems, self._truth, strict=True)
         ]
         transition = np.stack([problem.transition for problem in self._problems])
@@ -113,13 +112,6 @@ def parts(name: str) -> tuple[str, int | None]:
     if name.startswith("fixed-lag-"):
         return "fixed-lag", int(name.removeprefix("fixed-lag-"))
     return name, None
-
-
-def predictions(model: MeasurementModel, epochs: np.ndarray, states: np.ndarray) -> np.ndarray:
-    """Return h (K, m) at the epochs for a state of each (K, n)."""
-    if isinstance(model, SensorModel):
-        return model.predict_along(epochs, np.ascontiguousarray(states))
-    return np.stack([model.predict(k, state) for k, state in zip(epochs, states, strict=True)])
 
 
 def _window_means(squares: np.ndarray, times: np.ndarray, windows: WindowsSpec) -> np.ndarray:

@@ -76,14 +76,7 @@ def model_arrays(
         attitudes = delayed_attitudes = np.broadcast_to(np.eye(3), (*positions.shape, 3))
 
     def readings(places: np.ndarray, at: np.ndarray, c_nb: np.ndarray) -> np.ndarray:
-        tensors = readings_along(
-            instrument,
-            np.ascontiguousarray(places.reshape(-1, 3)),
-            np.ascontiguousarray(np.broadcast_to(at, places.shape[:-1]).reshape(-1)),
-            np.ascontiguousarray(c_nb.reshape(-1, 3, 3)),
-            field.origin, field.step, field.tensor_coefficients,
-        )  # fmt: skip
-        return np.asarray((tensors @ channels.T).reshape(*places.shape[:-1], len(channels)))
+        return np.asarray(readings_along(instrument, places, at, c_nb, field) @ channels.T)
 
     gain = np.broadcast_to(treatment.gain, (*positions.shape[:-2], len(at)))
     if missing is not None:

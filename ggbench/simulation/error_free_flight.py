@@ -229,11 +229,8 @@ class Flight:
             return force, rate
         force = np.einsum("kij,kj->ki", truth.attitudes[samples], force)
         if self.instrument == "platform":
-            for k, n in enumerate(samples):
-                c_in = np.empty((3, 3))
-                latitude, longitude, _ = truth.positions[n]
-                inertial_from_local(latitude, longitude, truth.times[n], c_in)
-                force[k] = c_in @ force[k]
+            c_in = inertial_from_local(truth.positions[samples], truth.times[samples])
+            force = np.einsum("kij,kj->ki", c_in, force)
         return force, np.zeros_like(force)
 
     @cached_property

@@ -15,7 +15,7 @@ def require_within(fields: Sequence[Field], positions: np.ndarray, spec: Traject
     """Raise OutsideMapError if positions (K, 3) leave a map; it says how many, and what to do."""
     for field in fields:
         try:
-            field.tensor(*positions.T)
+            field.require_inside(positions)
         except OutsideMapError as error:
             lowest, highest = field.lower[2], field.upper[2]
             below, above = positions[:, 2] < lowest, positions[:, 2] > highest

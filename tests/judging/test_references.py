@@ -21,10 +21,10 @@ from problems import (
 from small_cases import small_flight
 from thinning import thinned
 
-from ggbench.judging.references import CaseBound, References, predictions
+from ggbench.judging.references import CaseBound, References
 from ggbench.judging.run_errors import WINDOWS, evaluate_block, window_mask
 from ggbench.judging.statistics import nis_band
-from ggbench.problem import Problem, jacobian_along
+from ggbench.problem import Problem, jacobian_along, predict_along
 from ggbench.simulation.bound import posterior_bound
 from ggbench.simulation.flight_bounds import unfiltered_bound
 from ggbench.simulation.runs import simulate_block
@@ -73,7 +73,7 @@ def test_the_oracle_of_a_flight_is_linearised_at_its_truth(kind, ahead):
         made.ticks,
     )  # fmt: skip
     (found,) = References(made, bound, [problem], truth.error_state).windows(kind)
-    noise = problem.measurements - predictions(problem.model, at, x)
+    noise = problem.measurements - predict_along(problem.model, at, x)
     read = noise + np.einsum("kmn,kn->km", rows, x)
     errors = x - solved(changed(problem, model=LinearModel(rows), measurements=read), ahead)
     for figures, window in zip(found, WINDOWS, strict=True):

@@ -27,8 +27,8 @@ import numpy as np
 
 from ...gravity.coloured_noise import VectorAutoregression
 from ...gravity.ellipsoid import ROTATION_RATE
-from ...gravity.field import Field, gradients
-from ...numerics.kernels import compiled, copied, inlined
+from ...gravity.field import Field
+from ...numerics.kernels import inlined
 from ...numerics.vectors import like
 from .lowpass import LowPass, Treatment
 
@@ -53,14 +53,22 @@ def inertial_matrix(
     )  # fmt: skip
 
 
-@compiled
-def inertial_from_local(latitude: float, longitude: float, time: float, out: np.ndarray) -> None:
-    """Fill C_in (3, 3): ENU at a geodetic position to inertial axes at ``time`` [s] (eq. 10)."""
-    angle = longitude + ROTATION_RATE * time
-    c = inertial_matrix(math.sin(latitude), math.cos(latitude), math.sin(angle), math.cos(angle))
-    out[0, 0], out[0, 1], out[0, 2] = c[0], c[1], c[2]
-    out[1, 0], out[1, 1], out[1, 2] = c[3], c[4], c[5]
-    out[2, 0], out[2, 1], out[2, 2] = c[6], c[7], c[8]
+def inertial_from_local(positions: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Return C_in (..., 3, 3): ENU at geodetic positions to inertial axes at times [s] (eq. 10).
+
+    Parameters
+    ----------
+    positions : (..., 3) latitude, longitude [rad], height [m].
+    times : (...) [s] since the inertial frame coincided with ECEF.
+    """
+    latitudes = positions[..., 0]
+    angles = positions[..., 1] + ROTATION_RATE * times
+    sin_l, cos_l = np.sin(latitudes), np.cos(latitudes)
+    sin_a, cos_a = np.sin(angles), np.cos(angles)
+    east = np.stack([-sin_a, cos_a, np.zeros_like(sin_a)], axis=-1)
+    north = np.stack([-sin_l * cos_a, -sin_l * sin_a, cos_l], axis=-1)
+    up = np.stack([cos_l * cos_a, cos_l * sin_a, sin_l], axis=-1)
+    return np.stack([east, north, up], axis=-1)
 
 
 @inlined
@@ -90,35 +98,14 @@ def rotated(
     )
 
 
-@copied
-def rotate_tensor(rotation: np.ndarray, tensor: np.ndarray, out: np.ndarray) -> None:
-    """Fill ``out`` with vec6(C M Cᵀ), see :func:`rotated`; it may be ``tensor`` itself."""
-    r = rotation
-    c = (r[0, 0], r[0, 1], r[0, 2], r[1, 0], r[1, 1], r[1, 2], r[2, 0], r[2, 1], r[2, 2])
-    t = (tensor[0], tensor[1], tensor[2], tensor[3], tensor[4], tensor[5])
-    _put(rotated(c, t), out)
+_SQUARE = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
+"""Where a symmetric matrix has the six numbers of a tensor."""
 
 
-@copied
-def platform_readings(
-    sines: np.ndarray,
-    cosines: np.ndarray,
-    angle_sines: np.ndarray,
-    angle_cosines: np.ndarray,
-    tensors: np.ndarray,
-) -> None:
-    """Turn tensors (6, N) from ENU to inertial axes, in place.
-
-    Of N points with these sines and cosines (N,) of their latitudes and of λ + ω_ie t; the rotation
-    is that of :func:`inertial_from_local`.
-    """
-    t_0, t_1, t_2, t_3, t_4, t_5 = (
-        tensors[0], tensors[1], tensors[2], tensors[3], tensors[4], tensors[5],
-    )  # fmt: skip
-    for p in range(sines.shape[0]):
-        c = inertial_matrix(sines[p], cosines[p], angle_sines[p], angle_cosines[p])
-        t = (t_0[p], t_1[p], t_2[p], t_3[p], t_4[p], t_5[p])
-        t_0[p], t_1[p], t_2[p], t_3[p], t_4[p], t_5[p] = rotated(c, t)
+def rotate_tensors(rotations: np.ndarray, tensors: np.ndarray) -> np.ndarray:
+    """Return vec6(C M Cᵀ) (..., 6) of C (..., 3, 3) and tensors (..., 6), as :func:`rotated`."""
+    turned = rotations @ tensors[..., _SQUARE] @ np.swapaxes(rotations, -1, -2)
+    return np.asarray(turned[..., [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]])
 
 
 @inlined
@@ -147,37 +134,30 @@ def sum_of(
     )  # fmt: skip
 
 
-@inlined
-def _put(values: tuple[float, ...], out: np.ndarray) -> None:
-    out[0], out[1], out[2] = values[0], values[1], values[2]
-    out[3], out[4], out[5] = values[3], values[4], values[5]
-
-
-@compiled
 def readings_along(
     instrument: int,
     positions: np.ndarray,
     times: np.ndarray,
     attitudes: np.ndarray,
-    origin: np.ndarray,
-    step: np.ndarray,
-    coefficients: np.ndarray,
+    field: Field,
 ) -> np.ndarray:
-    """Return the noise-free tensors (K, 6) in the mount at (K, 3), (K,) and (K, 3, 3)."""
-    count = positions.shape[0]
-    sines, cosines = np.sin(positions[:, 0]), np.cos(positions[:, 0])
-    tensors = np.empty((6, count))
-    gradients(
-        np.ascontiguousarray(positions.T), sines, cosines, origin, step, coefficients, tensors
-    )
+    """Return the noise-free tensors (..., 6) [E] in the mount along tracks.
+
+    Outside the map, those of its border.
+
+    Parameters
+    ----------
+    instrument : index of :data:`INSTRUMENTS`.
+    positions, times : (..., 3), (...) as in :func:`readings`.
+    attitudes : (..., 3, 3) C_nb, which only a strapdown instrument needs.
+    field : the gradient field.
+    """
+    tensors = field.continued_tensor(positions)
     if instrument == PLATFORM:
-        angles = positions[:, 1] + ROTATION_RATE * times
-        platform_readings(sines, cosines, np.sin(angles), np.cos(angles), tensors)
-    out = np.ascontiguousarray(tensors.T)
+        return rotate_tensors(inertial_from_local(positions, times), tensors)
     if instrument == STRAPDOWN:
-        for k in range(count):
-            rotate_tensor(attitudes[k].T, out[k], out[k])
-    return out
+        return rotate_tensors(np.swapaxes(attitudes, -1, -2), tensors)
+    return tensors
 
 
 def readings(
@@ -202,13 +182,9 @@ def readings(
     OutsideMapError
         If a position lies outside the map; the message names it and the map's bounds.
     """
-    field.tensor(*positions.T)  # raises outside the map, which the kernel below would extend
-    if attitudes is None:
-        attitudes = np.tile(np.eye(3), (len(positions), 1, 1))
-    return readings_along(
-        INSTRUMENTS.index(instrument), positions, times, np.ascontiguousarray(attitudes),
-        field.origin, field.step, field.tensor_coefficients,
-    )  # fmt: skip
+    field.require_inside(positions)
+    attitudes = np.eye(3) if attitudes is None else attitudes
+    return readings_along(INSTRUMENTS.index(instrument), positions, times, attitudes, field)
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,6 @@ from __future__ import annotations
 import numpy as np
 
 from ...gravity.ellipsoid import metres_along
-from ...numerics.kernels import compiled
 from .instrument import PLATFORM, STRAPDOWN, inertial_from_local
 
 
@@ -41,10 +40,9 @@ def as_strapdown(
         axes = attitudes
         found[..., 3:, : rows.shape[-1]] = rows[..., 3:, :]
     elif instrument == PLATFORM:
-        flat = np.ascontiguousarray(positions.reshape(-1, 3))
-        at = np.ascontiguousarray(np.broadcast_to(times, positions.shape[:-1]).reshape(-1))
-        axes = _local_from_inertial(flat, at).reshape(axes.shape)
-        found[..., 3:, : rows.shape[-1]] = _level_turns(flat).reshape(axes.shape) @ rows[..., :3, :]
+        axes = np.swapaxes(inertial_from_local(positions, times), -1, -2)
+        turns = _level_turns(np.ascontiguousarray(positions.reshape(-1, 3)))
+        found[..., 3:, : rows.shape[-1]] = turns.reshape(axes.shape) @ rows[..., :3, :]
     found[..., 3:, first:] = -axes
     return axes, found
 
@@ -56,14 +54,4 @@ def _level_turns(positions: np.ndarray) -> np.ndarray:
     found[:, 0, 1] = -1.0 / north
     found[:, 1, 0] = np.cos(positions[:, 0]) / east
     found[:, 2, 0] = np.sin(positions[:, 0]) / east
-    return found
-
-
-@compiled
-def _local_from_inertial(positions: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Return C_ni (N, 3, 3) at positions (N, 3) and times (N,)."""
-    found, c_in = np.empty((positions.shape[0], 3, 3)), np.empty((3, 3))
-    for k in range(positions.shape[0]):
-        inertial_from_local(positions[k, 0], positions[k, 1], times[k], c_in)
-        found[k] = c_in.T
     return found
