@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from oracles import points
 
 from ggbench.gravity import ellipsoid
 from ggbench.ins import strapdown
@@ -146,9 +147,9 @@ def mechanization_jacobian(
         turn = np.empty((3, 3))
         rotations.rotation_matrix(-error[6:9], turn)
         attitude = turn @ c_nb
-        strapdown.position_rate(here, moving, out[0])
+        points.position_rate(here, moving, out[0])
         strapdown.velocity_rate(here, moving, attitude @ (force + error[12:15]), out[1])
-        strapdown.attitude_rate(here, moving, attitude, rate + error[9:12], out[2])
+        points.attitude_rate(here, moving, attitude, rate + error[9:12], out[2])
         # C_nb C̃_nbᵀ = exp([φ×]) = E, so E' = [ω×] E − E [ω̃×], whose skew part is [φ'×].
         skew = cross_matrix(true_rate) @ turn.T - turn.T @ cross_matrix(out[2])
         out[2] = 0.5 * np.array([skew[2, 1] - skew[1, 2], skew[0, 2] - skew[2, 0],
@@ -156,7 +157,7 @@ def mechanization_jacobian(
         return out.ravel()
 
     true_rate = np.zeros(3)
-    strapdown.attitude_rate(position, velocity, c_nb, rate, true_rate)
+    points.attitude_rate(position, velocity, c_nb, rate, true_rate)
     steps = np.repeat([1e-3, 1.0, 1e-2, 1e-5, 1e-1], 3)
     steps[2] = 1e3
     jacobian = np.zeros((15, 15))

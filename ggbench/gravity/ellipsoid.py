@@ -316,34 +316,3 @@ def normal_gradient_slopes_of(
             (sin2 * d_nn + 2.0 * cross * d_nu + cos2 * d_uu) / EOTVOS + 2.0 * nu * d_psi,
         )
     return (*north, *slopes)
-
-
-@compiled
-def normal_gradient(
-    latitude: float, height: float, value: np.ndarray, derivative: np.ndarray
-) -> None:
-    """Fill the normal gravitational gradient tensor and its derivative.
-
-    Parameters
-    ----------
-    latitude, height : geodetic position [rad, m].
-    value : (6,) output, [EE, EN, EU, NN, NU, UU] in geodetic ENU axes [E].
-    derivative : (6, 3) output, derivative of these six numbers for a displacement of one metre to
-        the east, north and up [E/m]; the axes move with the point.
-    """
-    normal_gradient_at(math.sin(latitude), math.cos(latitude), height, value, derivative)
-
-
-@compiled
-def normal_gradient_at(
-    sine: float, cosine: float, height: float, value: np.ndarray, derivative: np.ndarray
-) -> None:
-    """Fill :func:`normal_gradient` at the latitude of a sine and a cosine."""
-    value[1] = value[2] = 0.0
-    value[0], value[3], value[4], value[5] = normal_gradient_of(sine, cosine, height)
-    slopes = normal_gradient_slopes_of(sine, cosine, height)
-    derivative[:, :] = 0.0
-    derivative[0, 1], derivative[0, 2] = slopes[0], slopes[4]
-    derivative[3, 1], derivative[3, 2] = slopes[1], slopes[5]
-    derivative[4, 1], derivative[4, 2] = slopes[2], slopes[6]
-    derivative[5, 1], derivative[5, 2] = slopes[3], slopes[7]

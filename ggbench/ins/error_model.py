@@ -17,65 +17,11 @@ import numpy as np
 
 from ..gravity.ellipsoid import metres_per_radian
 from ..numerics.kernels import compiled
-from ..numerics.lanes import in_lanes, out_of_lanes, unfilled
 from ..numerics.rotations import product, rotation_vector
-from .known_gravity import NORMAL_GRAVITY, KnownGravity
-from .noise import noise_roots
-from .system_matrix import ENTRIES, dense, entries_between, sparse
 from .system_matrix import STATES as STATES
-from .transitions import NO_DELAYS, compose, delayed, intervals_of
 
 POSITION, VELOCITY, ATTITUDE = slice(0, 3), slice(3, 6), slice(6, 9)
 GYRO_BIAS, ACCELEROMETER_BIAS = slice(9, 12), slice(12, 15)
-
-
-def system_matrix(
-    position: np.ndarray,
-    velocity: np.ndarray,
-    c_nb: np.ndarray,
-    specific_force: np.ndarray,
-    out: np.ndarray,
-    gravity: KnownGravity = NORMAL_GRAVITY,
-) -> None:
-    """Fill F (15, 15) in the variables (δL, δλ, δh), δv, φ, ε_b, ∇_b.
-
-    Parameters
-    ----------
-    position, velocity, c_nb : navigation state [rad, rad, m], ENU [m/s], (3, 3).
-    specific_force : (3,) f^n, ENU [m/s²].
-    out : (15, 15) output.
-    gravity : what the mechanization adds to normal gravity.
-    """
-    state = np.concatenate([position, velocity, np.ravel(c_nb)])
-    force = (c_nb.T @ specific_force)[np.newaxis]
-    out[:, :] = _matrices(np.stack([state, state]), force, 1.0, gravity)[0]
-
-
-def system_matrices(
-    positions: np.ndarray,
-    velocities: np.ndarray,
-    attitudes: np.ndarray,
-    delta_velocities: np.ndarray,
-    dt: float,
-    gravity: KnownGravity = NORMAL_GRAVITY,
-) -> np.ndarray:
-    """Return F (N, 15, 15) at the middle of each of N IMU intervals of an INS track."""
-    states = np.hstack([positions, velocities, attitudes.reshape(-1, 9)])
-    return _matrices(states, delta_velocities, dt, gravity)
-
-
-def _matrices(
-    states: np.ndarray, delta_velocities: np.ndarray, dt: float, gravity: KnownGravity
-) -> np.ndarray:
-    """Return F (N, 15, 15) between states (N + 1, 15)."""
-    count = len(delta_velocities)
-    increments = np.hstack([np.zeros((count, 3)), delta_velocities])
-    entries = unfilled(count, ENTRIES)
-    entries_between(
-        in_lanes(states[np.newaxis]), in_lanes(increments[np.newaxis]), 0, count, dt,
-        np.zeros(ENTRIES), gravity, entries,
-    )  # fmt: skip
-    return dense(out_of_lanes(entries, 1)[0])
 
 
 @compiled
@@ -155,58 +101,3 @@ def add_altimeter(
     vertical = np.array([2, 5])
     matrices[:, vertical, 2] -= gains
     noise[np.ix_(vertical, vertical)] += psd * np.outer(gains, gains)
-
-
-def transitions(
-    matrices: np.ndarray, positions: np.ndarray, epochs: np.ndarray, dt: float, noise: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Compose Φ and Q of the IMU steps between measurement epochs, for the state in metres.
-
-    Parameters
-    ----------
-    matrices : (N, 15, 15) from :func:`system_matrices`.
-    positions : (N + 1, 3) INS track.
-    epochs : (K,) increasing indices of IMU samples; the first transition starts at sample 0.
-    dt : IMU interval [s].
-    noise : (15, 15) G q Gᵀ, from :func:`noise_psd`.
-
-    Returns
-    -------
-    transition, process_cov : (K, 15, 15) each, from epoch k − 1 to epoch k.
-    """
-    entries = in_lanes(sparse(matrices)[np.newaxis])
-    roots = noise_roots(noise, bool(matrices[:, GYRO_BIAS.start :, GYRO_BIAS.start :].any()))
-    transition, process_cov = np.empty((2, 1, len(epochs), STATES, STATES))
-    nowhere = np.empty((1, 0, 6, STATES))
-    start = 0
-    for k, end in enumerate(epochs):
-        compose(
-            entries[start:end], dt, roots, _metres(positions[start]), _metres(positions[end]),
-            transition[:, k], process_cov[:, k], unfilled(0, STATES), 0, NO_DELAYS, nowhere,
-        )  # fmt: skip
-        start = end
-    return transition[0], process_cov[0]
-
-
-def delayed_rows(
-    matrices: np.ndarray, positions: np.ndarray, epochs: np.ndarray, delays: np.ndarray, dt: float
-) -> np.ndarray:
-    """Return B (K, 6, 15): position [m] and attitude error [rad] at t_k − τ_k are B_k x(t_k).
-
-    Rows of Φ(t_k, t_k − τ_k)⁻¹; process noise within the delay (millimetres) is neglected.
-    ``delays`` (K,) are in seconds, zero or positive, and do not reach before sample 0.
-    """
-    entries = in_lanes(sparse(matrices)[np.newaxis])
-    rows = np.empty((1, len(epochs), 6, STATES))
-    for k, (epoch, delay) in enumerate(zip(epochs, delays, strict=True)):
-        first, part, nearest = intervals_of(delay, epoch, dt)
-        delayed(
-            entries[first:epoch], part, dt, _metres(positions[nearest]), _metres(positions[epoch]),
-            rows[:, k],
-        )  # fmt: skip
-    return rows[0]
-
-
-def _metres(position: np.ndarray) -> np.ndarray:
-    """Return metres per radian of latitude and longitude (1, 2, LANES) of one run."""
-    return in_lanes(np.reshape(metres_per_radian(position), (1, 1, 2)))

@@ -124,25 +124,6 @@ def step(
 
 
 @compiled
-def frame_rates(
-    latitude: float, height: float, velocity: np.ndarray, omega_ie: np.ndarray, omega_en: np.ndarray
-) -> None:
-    """Fill the earth rate ω_ie^n and the transport rate ω_en^n [rad/s]."""
-    place = place_of(latitude, height)
-    omega_ie[0] = 0.0
-    omega_ie[1], omega_ie[2], omega_en[0], omega_en[1], omega_en[2] = frame_rates_of(
-        place, velocity[0], velocity[1]
-    )
-
-
-@compiled
-def position_rate(position: np.ndarray, velocity: np.ndarray, out: np.ndarray) -> None:
-    """Fill (L', λ', h') of a position [rad, rad, m] and an ENU velocity [m/s]."""
-    out[0], out[1] = position_rate_of(place_of(position[0], position[2]), velocity[0], velocity[1])
-    out[2] = velocity[2]
-
-
-@compiled
 def velocity_rate(
     position: np.ndarray, velocity: np.ndarray, specific_force: np.ndarray, out: np.ndarray
 ) -> None:
@@ -173,26 +154,6 @@ def _steady_forces(positions: np.ndarray, velocities: np.ndarray) -> np.ndarray:
         for i in range(3):
             out[k, i] = -out[k, i]
     return out
-
-
-@compiled
-def attitude_rate(
-    position: np.ndarray,
-    velocity: np.ndarray,
-    c_nb: np.ndarray,
-    angular_rate: np.ndarray,
-    out: np.ndarray,
-) -> None:
-    """Fill ω_nb^n [rad/s]: the rate at which b turns against n, C_nb ω_ib − ω_ie − ω_en."""
-    omega_ie = np.empty(3)
-    omega_en = np.empty(3)
-    frame_rates(position[0], position[2], velocity, omega_ie, omega_en)
-    for i in range(3):
-        body = (
-            c_nb[i, 0] * angular_rate[0] + c_nb[i, 1] * angular_rate[1]
-            + c_nb[i, 2] * angular_rate[2]
-        )  # fmt: skip
-        out[i] = body - omega_ie[i] - omega_en[i]
 
 
 @compiled

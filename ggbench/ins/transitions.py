@@ -54,13 +54,6 @@ def _unit_columns(metres: np.ndarray, which: np.ndarray, out: np.ndarray) -> Non
 
 
 @compiled
-def _as_rows(columns: np.ndarray, metres: np.ndarray, r: int, out: np.ndarray) -> None:
-    """Fill ``out`` (len(columns), .) with the columns of run ``r``, of a state in metres."""
-    for i in range(columns.shape[0]):
-        _as_row(columns, i, metres, r, out[i])
-
-
-@compiled
 def _as_row(columns: np.ndarray, i: int, metres: np.ndarray, r: int, out: np.ndarray) -> None:
     """Fill ``out`` with column ``i`` of run ``r``, of a state in metres."""
     out[0] = columns[i, 1, r] / metres[0, 1, r]
@@ -243,7 +236,8 @@ def transitions_lanes(
     gravity : what is added to normal gravity.
     noise : that drives the state.
     transition, process_cov : (R, K, n, n) of R runs, output, as :func:`compose` fills them.
-    rows : (R, K, 6, 15) output: B of :func:`.error_model.delayed_rows`.
+    rows : (R, K, 6, 15) output: position [m] and attitude error [rad] at t_k − τ_k are B_k x(t_k).
+        Process noise within the delay (millimetres) is neglected.
     """
     longest = epochs[0]
     for k in range(1, epochs.shape[0]):
@@ -333,36 +327,6 @@ def _undo(rows: np.ndarray, phi: np.ndarray) -> None:
             for k in range(nav):
                 total -= load(rows, row, k) * load(phi, k, j)
             store(rows, row, j, total / load(phi, j, j))
-
-
-@compiled
-def delayed(
-    entries: np.ndarray,
-    part: float,
-    dt: float,
-    then: np.ndarray,
-    now: np.ndarray,
-    rows: np.ndarray,
-) -> None:
-    """Fill B (R, 6, n) of one epoch: position [m] and attitude error at t − τ are B x(t).
-
-    Interval by interval, as :func:`transitions_lanes` must have it, too.
-
-    Parameters
-    ----------
-    entries : (count, ENTRIES, LANES) of F in the IMU intervals from t − τ to t.
-    part : of the first interval that lies after t − τ [s].
-    dt : the others [s].
-    then, now : (1, 2, LANES) metres per radian at t − τ and at t.
-    rows : output, of the group's R runs.
-    """
-    columns, terms, f = lanes(6, STATES), series_terms(), lanes(1, OVER)
-    _unit_columns(then, np.array([0, 1, 2, 6, 7, 8]), columns)
-    for n in range(entries.shape[0]):
-        over(entries, n, -(part if n == 0 else dt), f)
-        forward(f, columns, terms)
-    for run in range(rows.shape[0]):
-        _as_rows(columns, now, run, rows[run])
 
 
 @compiled

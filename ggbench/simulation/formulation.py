@@ -298,8 +298,8 @@ def _whitening(model: SensorSuite, times: np.ndarray, missing: np.ndarray) -> Wh
 def require_short_delays(model: SensorSuite, altimeter: float, count: int) -> None:
     """Raise GGBenchError if errors decay within the delay of filtered or late readings.
 
-    The measurement model takes the state back over the delay (:func:`.error_model.delayed_rows`): a
-    decay would be e^(delay / time constant) there, and the noise that goes with it is neglected.
+    The measurement model takes the state back over the delay (:mod:`.ins.transitions`): a decay
+    would be e^(delay / time constant) there, and the noise that goes with it is neglected.
 
     Parameters
     ----------

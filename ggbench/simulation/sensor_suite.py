@@ -377,7 +377,7 @@ class SensorSuite:
         dt : [s].
         gravity : what the mechanization adds to normal gravity.
         transition, process_cov : output.
-        rows : (R, K, 6, 15) of :func:`.error_model.delayed_rows`, output.
+        rows : (R, K, 6, 15) of :func:`.transitions.transitions_lanes`, output.
         """
         constant, noise = self._constants
         transitions_lanes(

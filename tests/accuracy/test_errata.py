@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from conftest import cross_matrix, difference, mechanization_jacobian, square
 from filterpy.kalman import JulierSigmaPoints
+from oracles import points
 
 from ggbench.gravity import ellipsoid
 from ggbench.gravity.ellipsoid import EOTVOS, ROTATION_RATE
@@ -107,7 +108,7 @@ def test_eq6_gravity_gradient_acts_on_the_vertical_row_only(motion):
     The full tensor would add g/R again, which the tilt f × φ already carries.
     """
     tensor, slope = np.empty(6), np.empty((6, 3))
-    ellipsoid.normal_gradient(POSITION[0], POSITION[2], tensor, slope)
+    points.normal_gradient(POSITION[0], POSITION[2], tensor, slope)
     printed = square(tensor) * EOTVOS @ np.diag([R_M, R_N, 1.0])
     _, d_latitude, d_height = ellipsoid.normal_gravity(POSITION[0], POSITION[2])
     corrected = np.array([[0, 0, 0], [0, 0, 0], [-d_latitude, 0, -d_height]])
@@ -142,7 +143,7 @@ def test_eq6_full_tensor_would_break_schulers_period():
     )
     north, east = ellipsoid.radii_of_curvature(place[0])
     tensor, slope = np.empty(6), np.empty((6, 3))
-    ellipsoid.normal_gradient(place[0], 0.0, tensor, slope)
+    points.normal_gradient(place[0], 0.0, tensor, slope)
     full = matrix.copy()
     displacement = np.array([[0.0, east * np.cos(place[0]), 0.0], [north, 0.0, 0.0], [0, 0, 1.0]])
     full[DV, DR] = square(tensor) * EOTVOS @ displacement
@@ -191,10 +192,10 @@ def test_eq9_noise_blocks():
 
     def rates(force_error: np.ndarray, rate_error: np.ndarray) -> np.ndarray:
         position, velocity, attitude = np.empty((3, 3))
-        strapdown.position_rate(POSITION, VELOCITY, position)
+        points.position_rate(POSITION, VELOCITY, position)
         force = C_NB @ (C_NB.T @ FORCE_N + force_error)
         strapdown.velocity_rate(POSITION, VELOCITY, force, velocity)
-        strapdown.attitude_rate(POSITION, VELOCITY, C_NB, RATE_B + rate_error, attitude)
+        points.attitude_rate(POSITION, VELOCITY, C_NB, RATE_B + rate_error, attitude)
         return np.concatenate([position, velocity, -attitude])  # φ' is minus the excess turn
 
     nothing = np.zeros(3)

@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 import pytest
+from oracles import points
 from scipy.stats import norm
 from scipy.stats import t as student
 
@@ -124,7 +125,7 @@ def test_what_is_integrated_and_what_was_at_the_start_are_the_disturbance():
     for n in range(len(felt) - 1):
         integrate(gravity.readings, track, n, truth.dt, moved)
         latitude, _, height = truth.positions[n]
-        strapdown.frame_rates(latitude, height, truth.velocities[n], earth, transport)
+        points.frame_rates(latitude, height, truth.velocities[n], earth, transport)
         start[n + 1] = start[n] - truth.dt * np.cross(transport, start[n])
     total = gravity.readings.total[:, :, 0]
     assert (np.ptp(felt, axis=0) > 30.0 * mgal).all()

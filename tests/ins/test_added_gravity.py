@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from conftest import difference, metres
 from error_free import closure
+from oracles import dense_model
 from small_cases import rough_map
 
 from ggbench.gravity.field import Field
@@ -47,8 +48,8 @@ def test_f_knows_how_the_maps_gravity_changes_with_the_position(field, flown):
     for n in (0, 400, 1200):
         state = truth.positions[n], truth.velocities[n], truth.attitudes[n], force
         plain, added = np.empty((2, 15, 15))
-        error_model.system_matrix(*state, plain)
-        error_model.system_matrix(*state, added, of_map(field.disturbance_map))
+        dense_model.system_matrix(*state, plain)
+        dense_model.system_matrix(*state, added, of_map(field.disturbance_map))
         place = truth.positions[n]
         columns = [
             difference(lambda d, e=axis, p=place: field.gravity_disturbance(*(p + d * e)), step)
@@ -92,8 +93,8 @@ def test_errors_move_as_the_model_with_the_maps_gradient_says(field, flown):
     true = track[1][-1] - truth.velocities[-1]
     left = []
     for gravity in (of_map(field.disturbance_map), NORMAL_GRAVITY):
-        matrices = error_model.system_matrices(*track, increments[1], truth.dt, gravity)
-        transition, _ = error_model.transitions(
+        matrices = dense_model.system_matrices(*track, increments[1], truth.dt, gravity)
+        transition, _ = dense_model.transitions(
             matrices, track[0], np.array([len(matrices)]), truth.dt, error_model.noise_psd(0.0, 0.0)
         )
         left.append(np.abs((transition[0] @ error)[3:6] - true).max())

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from oracles import dense_model
 from scipy.stats import chi2
 from small_cases import QUIET, small_flight
 
-from ggbench.ins import error_model, strapdown
+from ggbench.ins import strapdown
 from ggbench.simulation.runs import simulate
 
 ALTIMETER = {"altimeter.noise_m_per_sqrt_hz": 1.0, "altimeter.time_constant_s": 10.0}
@@ -53,11 +54,11 @@ def test_the_vertical_channel_has_two_poles_at_the_time_constant(time_constant):
     flown = np.stack([(end(5.0, 0.0) - end(-5.0, 0.0)) / 10.0,
                       (end(0.0, 0.5) - end(0.0, -0.5)) / 1.0], axis=-1)  # fmt: skip
     matrices, noise = flight.model.complete(
-        error_model.system_matrices(
+        dense_model.system_matrices(
             truth.positions, truth.velocities, truth.attitudes, flight.delta_velocities, dt
         )
     )
-    phi, _ = error_model.transitions(
+    phi, _ = dense_model.transitions(
         matrices, truth.positions, np.array([len(truth.times) - 1]), dt, noise
     )
     expected = damped(duration, time_constant)

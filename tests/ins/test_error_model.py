@@ -7,6 +7,7 @@ import itertools
 import numpy as np
 import pytest
 from conftest import mechanization_jacobian, metres
+from oracles import dense_model
 from scipy.linalg import block_diag, expm
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
@@ -54,7 +55,7 @@ def random_states(count: int, seed: int):
 
 def system_matrix(position, velocity, c_nb, force) -> np.ndarray:
     matrix = np.full((15, 15), np.nan)
-    error_model.system_matrix(position, velocity, c_nb, c_nb @ force, matrix)
+    dense_model.system_matrix(position, velocity, c_nb, c_nb @ force, matrix)
     return matrix
 
 
@@ -96,7 +97,7 @@ def test_f_of_an_interval_is_that_of_its_middle():
     ends = np.array([[0.5, 0.1, 1e3], [0.7, 0.2, 21e3]])
     velocities = np.array([[100.0, -50.0, 20.0], [-30.0, 200.0, 60.0]])
     force = np.array([1.0, 2.0, 9.0])
-    between = error_model.system_matrices(
+    between = dense_model.system_matrices(
         ends, velocities, np.stack([turn, turn]), force[np.newaxis] * 0.05, 0.05
     )[0]
     middle = system_matrix(ends.mean(axis=0), velocities.mean(axis=0), turn, force)
@@ -119,7 +120,7 @@ def test_one_step_is_van_loans(dt):
     for state in random_states(20, seed=3):
         matrix = system_matrix(*state[:4])
         noise = error_model.noise_psd(1e-6, 1e-12)
-        transition, process_cov = error_model.transitions(
+        transition, process_cov = dense_model.transitions(
             matrix[np.newaxis], np.stack([state[0], state[0]]), np.array([1]), dt, noise
         )
         change = block_diag(metres(state[0]), np.eye(12))
@@ -260,12 +261,12 @@ def test_transitions_compose_the_exponentials(flown):
     In the state's metres: the change of variables is that of the ends of the interval.
     """
     truth, _, velocities = flown
-    matrices = error_model.system_matrices(
+    matrices = dense_model.system_matrices(
         truth.positions, truth.velocities, truth.attitudes, velocities, truth.dt
     )
     epochs = np.array([20, 21, 60])
     accelerometer, gyro = 1e-3, 1e-5
-    transition, process_cov = error_model.transitions(
+    transition, process_cov = dense_model.transitions(
         matrices,
         truth.positions,
         epochs,
@@ -310,8 +311,8 @@ def test_open_loop_error_is_the_propagated_initial_error(flown):
     unexplained = []
     for factor in (1.0, 0.5, 0.25):
         track = run_ins(flown, factor * INITIAL)
-        matrices = error_model.system_matrices(*track, truth.dt)
-        transition, _ = error_model.transitions(
+        matrices = dense_model.system_matrices(*track, truth.dt)
+        transition, _ = dense_model.transitions(
             matrices, track[0], samples, truth.dt, error_model.noise_psd(0.0, 0.0)
         )
         state, predicted = factor * INITIAL, []
@@ -331,9 +332,9 @@ def test_delayed_rows(flown, delay):
     """B x(t) is the position and attitude error of the run at t − τ, also between samples."""
     truth = flown[0]
     track = run_ins(flown, 0.02 * INITIAL)
-    matrices = error_model.system_matrices(*track, truth.dt)
+    matrices = dense_model.system_matrices(*track, truth.dt)
     epochs = np.arange(100, 2401, 100)
-    rows = error_model.delayed_rows(
+    rows = dense_model.delayed_rows(
         matrices, track[0], epochs, np.full(len(epochs), delay), truth.dt
     )
     assert rows.shape == (len(epochs), 6, 15)
@@ -375,9 +376,9 @@ def test_delay_does_not_reach_before_the_start(flown):
     """A first epoch whose delay is longer than the flight so far sees the state at the start."""
     truth = flown[0]
     track = run_ins(flown, 0.02 * INITIAL)
-    matrices = error_model.system_matrices(*track, truth.dt)
-    rows = error_model.delayed_rows(matrices, track[0], np.array([20]), np.array([1.0]), truth.dt)
-    transition, _ = error_model.transitions(
+    matrices = dense_model.system_matrices(*track, truth.dt)
+    rows = dense_model.delayed_rows(matrices, track[0], np.array([20]), np.array([1.0]), truth.dt)
+    transition, _ = dense_model.transitions(
         matrices, track[0], np.array([20]), truth.dt, error_model.noise_psd(0.0, 0.0)
     )
     np.testing.assert_allclose(
@@ -407,10 +408,10 @@ def test_process_noise_is_the_scatter_of_real_runs(flown):
     )
     gyro, accelerometer = 3e-6, 1e-3
     epochs = np.array([count // 2, count])
-    matrices = error_model.system_matrices(
+    matrices = dense_model.system_matrices(
         short[0].positions, short[0].velocities, short[0].attitudes, short[2], truth.dt
     )
-    phi, q = error_model.transitions(
+    phi, q = dense_model.transitions(
         matrices, short[0].positions, epochs, truth.dt,
         error_model.noise_psd(accelerometer**2, gyro**2),
     )  # fmt: skip

@@ -8,12 +8,12 @@ import math
 import numpy as np
 import pytest
 from conftest import metres
+from oracles import dense_model, points
 from scipy.linalg import block_diag, expm
 from small_cases import small_flight
 from thinning import thinned
 
-from ggbench.gravity.ellipsoid import EOTVOS, normal_gradient
-from ggbench.ins import error_model, strapdown
+from ggbench.gravity.ellipsoid import EOTVOS
 from ggbench.ins.known_gravity import NORMAL_GRAVITY, KnownGravity, of_readings
 from ggbench.numerics.lanes import in_lanes
 from ggbench.sensors.aiding import Motion
@@ -31,7 +31,9 @@ def read_at(samples: np.ndarray, truth: Trajectory) -> tuple[KnownGravity, np.nd
     tensors = np.zeros((len(truth.times), 3, 3))
     for reading, sample in zip(readings[0], samples, strict=True):
         normal, slope = np.empty(6), np.empty((6, 3))
-        normal_gradient(truth.positions[sample, 0], truth.positions[sample, 2], normal, slope)
+        points.normal_gradient(
+            truth.positions[sample, 0], truth.positions[sample, 2], normal, slope
+        )
         if np.isfinite(reading).all():
             tensors[sample:] = EOTVOS * (reading - normal)[[[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
     return of_readings(in_lanes(readings), samples, len(truth.times)), tensors
@@ -51,7 +53,7 @@ def test_transitions_are_van_loans(distance, walk, wandering):
     flight = small_flight({"trajectory.roll_deg": 20.0})
     truth, dt = flight.trajectory, flight.trajectory.dt
     motion = Motion(truth.positions, truth.velocities, truth.attitudes)
-    plain = error_model.system_matrices(*motion, flight.delta_velocities, dt)
+    plain = dense_model.system_matrices(*motion, flight.delta_velocities, dt)
     times = (20.0, 50.0) if wandering else (math.inf, math.inf)
     base = suite_of_case(flight.case, "model")
     imu = dataclasses.replace(base.imu, gyro_bias_time=times[0], accelerometer_bias_time=times[1])
@@ -76,7 +78,7 @@ def test_transitions_are_van_loans(distance, walk, wandering):
                 middle, velocity = truth.positions[n : n + 2], truth.velocities[n : n + 2]
                 middle, velocity = middle.mean(axis=0), velocity.mean(axis=0)
                 turn, transport = np.empty((2, 3))
-                strapdown.frame_rates(middle[0], middle[2], velocity, turn, transport)
+                points.frame_rates(middle[0], middle[2], velocity, turn, transport)
                 f[15:, 15:] = -np.cross(transport, np.eye(3)).T
                 psd = np.full(3, (walk * speed) ** 2)
             noise = block_diag(driving, np.diag(psd))

