@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from oracles.rotating_disk import reading_times, signal
 from scipy.stats import chi2
 from small_cases import ROTATING, small_flight
 
@@ -15,8 +16,6 @@ from ggbench.sensors.gradiometer.rotating import (
     RotatingErrors,
     RotatingGradiometer,
     channel_noise_eotvos,
-    reading_times,
-    signal,
 )
 from ggbench.sensors.gradiometer.spinning_disks import DISK_CHANNELS
 from ggbench.simulation.error_free_flight import Flight

@@ -28,7 +28,7 @@ import numpy as np
 from ...gravity.coloured_noise import VectorAutoregression
 from ...gravity.ellipsoid import ROTATION_RATE
 from ...gravity.field import Field
-from ...numerics.kernels import inlined
+from ...numerics.kernels import compiled, inlined
 from ...numerics.vectors import like
 from .lowpass import LowPass, Treatment
 
@@ -61,14 +61,20 @@ def inertial_from_local(positions: np.ndarray, times: np.ndarray) -> np.ndarray:
     positions : (..., 3) latitude, longitude [rad], height [m].
     times : (...) [s] since the inertial frame coincided with ECEF.
     """
-    latitudes = positions[..., 0]
+    found = np.empty((*positions.shape[:-1], 3, 3))
     angles = positions[..., 1] + ROTATION_RATE * times
-    sin_l, cos_l = np.sin(latitudes), np.cos(latitudes)
-    sin_a, cos_a = np.sin(angles), np.cos(angles)
-    east = np.stack([-sin_a, cos_a, np.zeros_like(sin_a)], axis=-1)
-    north = np.stack([-sin_l * cos_a, -sin_l * sin_a, cos_l], axis=-1)
-    up = np.stack([cos_l * cos_a, cos_l * sin_a, sin_l], axis=-1)
-    return np.stack([east, north, up], axis=-1)
+    _fill_inertial(positions[..., 0].ravel(), angles.ravel(), found.reshape(-1, 9))
+    return found
+
+
+@compiled
+def _fill_inertial(latitudes: np.ndarray, angles: np.ndarray, out: np.ndarray) -> None:
+    """Fill C_in (N, 9) of latitudes L (N,) and angles λ + ω_ie t (N,)."""
+    for k in range(latitudes.shape[0]):
+        sine, cosine = math.sin(latitudes[k]), math.cos(latitudes[k])
+        c = inertial_matrix(sine, cosine, math.sin(angles[k]), math.cos(angles[k]))
+        for i in range(9):
+            out[k, i] = c[i]
 
 
 @inlined
@@ -98,14 +104,23 @@ def rotated(
     )
 
 
-_SQUARE = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
-"""Where a symmetric matrix has the six numbers of a tensor."""
-
-
 def rotate_tensors(rotations: np.ndarray, tensors: np.ndarray) -> np.ndarray:
-    """Return vec6(C M Cᵀ) (..., 6) of C (..., 3, 3) and tensors (..., 6), as :func:`rotated`."""
-    turned = rotations @ tensors[..., _SQUARE] @ np.swapaxes(rotations, -1, -2)
-    return np.asarray(turned[..., [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]])
+    """Return vec6(C M Cᵀ) (..., 6) of C (..., 3, 3) and tensors (..., 6), see :func:`rotated`."""
+    every = np.ascontiguousarray(np.broadcast_to(rotations, (*tensors.shape[:-1], 3, 3)))
+    found = np.empty(tensors.shape)
+    _rotate(every.reshape(-1, 9), tensors.reshape(-1, 6), found.reshape(-1, 6))
+    return found
+
+
+@compiled
+def _rotate(rotations: np.ndarray, tensors: np.ndarray, out: np.ndarray) -> None:
+    """Fill :func:`rotate_tensors` of C (N, 9) and tensors (N, 6)."""
+    for k in range(tensors.shape[0]):
+        r, t = rotations[k], tensors[k]
+        c = (r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8])
+        turned = rotated(c, (t[0], t[1], t[2], t[3], t[4], t[5]))
+        for i in range(6):
+            out[k, i] = turned[i]
 
 
 @inlined
