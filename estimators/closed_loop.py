@@ -16,7 +16,7 @@ import numpy as np
 from ..block import block_of
 from ..engines import filters
 from ..parameters import Positive
-from ..problem import Causality, Estimate, Estimator, Problem
+from ..problem import Estimate, Estimator, Problem
 from .ukf import UnscentedKalmanFilter
 
 
@@ -34,11 +34,7 @@ class ClosedLoop(Estimator):
     interval_s: Positive = 60.0
 
     name = "closed-loop"
-
-    @property
-    def causality(self) -> Causality:
-        """Measurements up to each epoch."""
-        return "filter"
+    causality = "filter"
 
     def skip(self, problem: Problem) -> str | None:
         """Refuse problems whose inertial measurements are not at hand."""

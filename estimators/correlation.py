@@ -40,7 +40,7 @@ from ..engines.iterated_smoother import IteratedSmoother
 from ..engines.position_grid import position_axes
 from ..engines.window_search import MOST, Search, distinct, refined, section, without_position
 from ..parameters import AtLeastOne, Positive
-from ..problem import Causality, Estimate, Estimator, Problem
+from ..problem import Estimate, Estimator, Problem
 from ..reduced import horizontal
 
 _LEAST = 3
@@ -86,16 +86,8 @@ class Correlation(Estimator):
     odds: Annotated[float, Field(ge=0.0)] = 3.0
 
     name = "correlation"
-
-    @property
-    def causality(self) -> Causality:
-        """Measurements up to each epoch."""
-        return "filter"
-
-    @property
-    def exact_if_linear_gaussian(self) -> bool:
-        """Not exact: between its fixes it takes no reading."""
-        return False
+    causality = "filter"
+    exact_if_linear_gaussian = False  # between its fixes it takes no reading
 
     def skip(self, problem: Problem) -> str | None:
         """Refuse problems without a horizontal position."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..problem import Causality, Estimate, Estimator, Problem
+from ..problem import Estimate, Estimator, Problem
 
 
 @dataclass(frozen=True)
@@ -14,11 +14,7 @@ class FilterpyExtended(Estimator):
     """``filterpy.kalman.ExtendedKalmanFilter`` on any measurement model."""
 
     name = "filterpy-ekf"
-
-    @property
-    def causality(self) -> Causality:
-        """Measurements up to each epoch."""
-        return "filter"
+    causality = "filter"
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
         """Predict with Φ and Q, update with h and H at the prediction, epoch by epoch."""

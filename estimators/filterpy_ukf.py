@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..numerics.positive import MatrixSquareRoot
-from ..problem import Causality, Estimate, Problem
+from ..problem import Estimate, Problem
 from .ukf import SigmaPoints
 
 
@@ -21,11 +21,7 @@ class FilterpyUnscented(SigmaPoints):
     """
 
     name = "filterpy-ukf"
-
-    @property
-    def causality(self) -> Causality:
-        """Measurements up to each epoch."""
-        return "filter"
+    causality = "filter"
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
         """Sigma points through Φ and h, epoch by epoch."""

@@ -30,7 +30,6 @@ from pydantic import Field
 from ..block import BlockEstimator, EstimateBlock, ProblemBlock
 from ..engines.multistart import multistart
 from ..parameters import AtLeastOne, Positive
-from ..problem import Causality
 from .robust import RobustLoss
 
 _MOST_STARTS = 1_000_000
@@ -59,11 +58,7 @@ class GaussNewton(RobustLoss, BlockEstimator):
     max_iterations: AtLeastOne = 30
 
     name = "gauss-newton"
-
-    @property
-    def causality(self) -> Causality:
-        """All measurements."""
-        return "batch"
+    causality = "batch"
 
     def estimate_block(
         self, block: ProblemBlock, rngs: Sequence[np.random.Generator] = ()

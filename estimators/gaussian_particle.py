@@ -25,7 +25,7 @@ from scipy.linalg import solve_triangular
 
 from ..engines.resampling import effective_size, moments, normalise, repaired
 from ..numerics.positive import MatrixSquareRoot
-from ..problem import Causality, Estimate, Estimator, Problem
+from ..problem import Estimate, Estimator, Problem
 
 _MOST = 10_000_000
 """Particles that fit in memory."""
@@ -46,16 +46,8 @@ class GaussianParticle(Estimator):
     proposal: Literal["prior", "ekf", "ukf"] = "prior"
 
     name = "gaussian-particle"
-
-    @property
-    def causality(self) -> Causality:
-        """Measurements up to each epoch."""
-        return "filter"
-
-    @property
-    def exact_if_linear_gaussian(self) -> bool:
-        """Not exact: moments of particles scatter."""
-        return False
+    causality = "filter"
+    exact_if_linear_gaussian = False  # moments of particles scatter
 
     def skip(self, problem: Problem) -> str | None:
         """Refuse fewer particles than a covariance needs."""

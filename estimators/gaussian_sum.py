@@ -21,7 +21,6 @@ from ..engines.gaussian_sum import gaussian_sum
 from ..engines.iterated_update import Rules
 from ..engines.robust_weights import number_of
 from ..parameters import AtLeastOne, Positive
-from ..problem import Causality
 from .robust import RobustLoss
 
 WIDTH = 0.6
@@ -52,11 +51,7 @@ class GaussianSum(RobustLoss, BlockEstimator):
     iterations: AtLeastOne = 3
 
     name = "gaussian-sum"
-
-    @property
-    def causality(self) -> Causality:
-        """Measurements up to each epoch."""
-        return "filter"
+    causality = "filter"
 
     def conflict(self) -> str | None:
         """Refuse a loss without a second linearisation, which has the first one's residuals."""

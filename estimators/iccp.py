@@ -26,7 +26,7 @@ from pydantic import Field
 from ..engines.contours import Contour, contour, feet, fitted_transform, track_metres
 from ..engines.fix_fusion import Attempts, Carried
 from ..parameters import Positive
-from ..problem import Causality, Estimate, Estimator, Problem
+from ..problem import Estimate, Estimator, Problem
 from ..reduced import horizontal
 
 _REST = 0.05
@@ -65,16 +65,8 @@ class Iccp(Estimator):
     misfit: Annotated[float, Field(gt=0.0)] = 25.0
 
     name = "iccp"
-
-    @property
-    def causality(self) -> Causality:
-        """Measurements up to each epoch."""
-        return "filter"
-
-    @property
-    def exact_if_linear_gaussian(self) -> bool:
-        """Not exact: of one channel, and of points that are taken as nearest."""
-        return False
+    causality = "filter"
+    exact_if_linear_gaussian = False  # of one channel, and of points that are taken as nearest
 
     def skip(self, problem: Problem) -> str | None:
         """Refuse problems without a track or such a channel."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..block import BlockEstimator, EstimateBlock, ProblemBlock
-from ..problem import Causality, Estimate, Problem
+from ..problem import Estimate, Problem
 
 
 @dataclass(frozen=True)
@@ -16,11 +16,7 @@ class InertialOnly(BlockEstimator):
     """Propagate the prior without a single measurement (the open-loop INS)."""
 
     name = "ins"
-
-    @property
-    def causality(self) -> Causality:
-        """No measurement is used."""
-        return "none"
+    causality = "none"
 
     def skip(self, problem: Problem) -> str | None:
         """Take every problem: no model is asked."""

@@ -36,7 +36,7 @@ from ..engines.moves import Moves
 from ..engines.particles import filtered
 from ..engines.resampling import Resampling
 from ..parameters import NonNegative, Share
-from ..problem import Causality, Estimate, Estimator, Problem
+from ..problem import Estimate, Estimator, Problem
 
 _MOST = 1_000_000
 """Particles that fit in memory."""
@@ -48,15 +48,8 @@ Tempering = Annotated[float, Field(ge=0.0, lt=1.0)]
 class CloudFilter(Estimator):
     """Base of the particle filters of one cloud."""
 
-    @property
-    def causality(self) -> Causality:
-        """Measurements up to each epoch."""
-        return "filter"
-
-    @property
-    def exact_if_linear_gaussian(self) -> bool:
-        """Not exact: the answer scatters with the random numbers."""
-        return False
+    causality = "filter"
+    exact_if_linear_gaussian = False  # the answer scatters with the random numbers
 
     @property
     @abstractmethod

@@ -25,7 +25,7 @@ from scipy import fft, ndimage
 
 from ..engines.lattices import Lattice
 from ..parameters import Positive
-from ..problem import Causality, Estimate, Estimator, Problem
+from ..problem import Estimate, Estimator, Problem
 
 _REACH = 5.0
 """The first grid ends at this many standard deviations of the prior."""
@@ -55,16 +55,8 @@ class PointMass(Estimator):
     resolution: Annotated[float, Field(ge=1.0, le=20.0)] = 2.0
 
     name = "point-mass"
-
-    @property
-    def causality(self) -> Causality:
-        """Measurements up to each epoch."""
-        return "filter"
-
-    @property
-    def exact_if_linear_gaussian(self) -> bool:
-        """Not exact: in the limit of small cells only."""
-        return False
+    causality = "filter"
+    exact_if_linear_gaussian = False  # in the limit of small cells only
 
     def skip(self, problem: Problem) -> str | None:
         """Refuse more states than a grid can have, and grids that do not exist."""

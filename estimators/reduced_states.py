@@ -19,7 +19,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ..parameters import NonNegative
-from ..problem import Causality, Estimate, Estimator, Problem
+from ..problem import Estimate, Estimator, Problem
 from ..reduced import Reduction, drifting, horizontal, reduced, walking
 from .ekf import ExtendedKalmanFilter
 from .filterpy_ukf import FilterpyUnscented
@@ -80,16 +80,8 @@ class ReducedStates(Estimator):
     weights: Literal["mixture", "likelihood", "exact"] | None = None
 
     name = "reduced"
-
-    @property
-    def causality(self) -> Causality:
-        """Measurements up to each epoch."""
-        return "filter"
-
-    @property
-    def exact_if_linear_gaussian(self) -> bool:
-        """Not exact: of another problem."""
-        return False
+    causality = "filter"
+    exact_if_linear_gaussian = False  # of another problem
 
     def conflict(self) -> str | None:
         """Refuse parameters that the filter does not have."""

@@ -17,7 +17,7 @@ from pydantic import Field
 from ..block import BlockEstimator
 from ..engines.iterated_smoother import OfResiduals
 from ..parameters import NonNegative
-from ..problem import Causality, Estimator
+from ..problem import Estimator
 
 Loss = Literal["none", "huber", "cauchy"]
 
@@ -71,10 +71,7 @@ class GatedUpdate(RobustLoss, BlockEstimator):
     gate: Annotated[float, Field(ge=0.0, lt=1.0)] = field(default=0.0, kw_only=True)
     underweighting: NonNegative = field(default=0.0, kw_only=True)
 
-    @property
-    def causality(self) -> Causality:
-        """Measurements up to each epoch."""
-        return "filter"
+    causality = "filter"
 
     @property
     def exact_if_linear_gaussian(self) -> bool:

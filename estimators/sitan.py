@@ -34,7 +34,7 @@ from ..engines.banks import Bank, fitting_spacing, updated_covs
 from ..engines.fix_fusion import Attempts
 from ..engines.position_grid import position_axes
 from ..parameters import AtLeastOne, Positive
-from ..problem import Causality, Estimate, Estimator, Problem
+from ..problem import Estimate, Estimator, Problem
 
 _SPACINGS = 3.0
 """Standard deviations of a filter of the bank to the next one."""
@@ -67,11 +67,7 @@ class Sitan(Estimator):
     ratio: Annotated[float, Field(ge=1.0, allow_inf_nan=False)] = 1.3
 
     name = "sitan"
-
-    @property
-    def causality(self) -> Causality:
-        """Measurements up to each epoch."""
-        return "filter"
+    causality = "filter"
 
     @property
     def exact_if_linear_gaussian(self) -> bool:

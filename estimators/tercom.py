@@ -32,7 +32,7 @@ from ..engines.window_search import (
     without_position,
 )
 from ..parameters import AtLeastOne, Positive
-from ..problem import Causality, Estimate, Problem
+from ..problem import Estimate, Problem
 from ..reduced import horizontal
 from . import robust, textbook
 from .robust import RobustLoss
@@ -70,17 +70,9 @@ class Tercom(RobustLoss):
     odds: Annotated[float, Field(ge=0.0)] = 10.0
 
     name = "tercom"
+    causality = "filter"
+    exact_if_linear_gaussian = False  # between its fixes it takes no reading
     _hands_over: ClassVar[bool] = False
-
-    @property
-    def causality(self) -> Causality:
-        """Measurements up to each epoch."""
-        return "filter"
-
-    @property
-    def exact_if_linear_gaussian(self) -> bool:
-        """Not exact: between its fixes it takes no reading."""
-        return False
 
     def conflict(self) -> str | None:
         """Refuse windows that are too short for their criterion, or never grow."""

@@ -43,7 +43,7 @@ from ..engines.position_grid import position_axes
 from ..engines.resampling import effective_size, moments, normalise, repaired, resample
 from ..numerics.positive import nearest_root
 from ..parameters import Positive, Share
-from ..problem import Causality, Estimate, Estimator, Problem
+from ..problem import Estimate, Estimator, Problem
 from .strong_tracking import faded, fading_factors, innovation_power
 
 _RESAMPLE = 0.5
@@ -79,11 +79,7 @@ class UnscentedParticle(Estimator):
     beta: Annotated[float, Field(ge=1.0)] = 1.0
 
     name = "unscented-particle"
-
-    @property
-    def causality(self) -> Causality:
-        """Measurements up to each epoch."""
-        return "filter"
+    causality = "filter"
 
     @property
     def exact_if_linear_gaussian(self) -> bool:

@@ -64,16 +64,12 @@ class Viterbi(Estimator):
     drift: Positive = 4.0
 
     name = "viterbi"
+    exact_if_linear_gaussian = False  # of another problem
 
     @property
     def causality(self) -> Causality:
         """All readings; the forward pass knows those up to each epoch."""
         return "filter" if self.decode == "forward" else "batch"
-
-    @property
-    def exact_if_linear_gaussian(self) -> bool:
-        """Not exact: of another problem."""
-        return False
 
     def skip(self, problem: Problem) -> str | None:
         """Refuse cells that do not exist, and problems without a position that drifts."""
