@@ -26,7 +26,6 @@ from .harmonics import HarmonicCoefficients, gravity_and_gradient, potential
 
 Array = NDArray[np.floating]
 
-KINDS = ("geoid", "anomaly", "disturbance")
 TAPER_DEG = 1.0  # the residual fades to zero over this width along the edges of its grid
 MARGIN_DEG = 1.5  # the field is good from this distance on: the taper and five heights of 10 km
 _BAND_DEG = 0.5  # one flat-Earth wavenumber grid per band of latitude
