@@ -76,7 +76,7 @@ def regular_grid(
     require_latitudes(name, south, south + latitude_step * (values.shape[0] - 1))
     west = (west + 180.0) % 360.0 - 180.0
     if area is not None:
-        values, west = _cut_elsewhere(values, west, longitude_step, area)
+        values, west = cut_elsewhere(values, west, longitude_step, area)
 
     def to_degrees(row: NDArray[Any], column: NDArray[Any]) -> tuple[Array, Array]:
         return south + latitude_step * row, west + longitude_step * column
@@ -101,8 +101,8 @@ def _regular(axis: Array, what: str, name: str) -> tuple[float, float, bool]:
     return float(axis[0]), step, False
 
 
-def _cut_elsewhere(values: Array, west: float, step: float, area: Area) -> tuple[Array, float]:
-    """Values and their first longitude, cut opposite to an area that a global grid ends in."""
+def cut_elsewhere(values: Array, west: float, step: float, area: Area) -> tuple[Array, float]:
+    """Return values and their first longitude, cut opposite to an area that a globe ends in."""
     width = step * (values.shape[1] - 1)
     here = area.about(west + 0.5 * width)
     if here.west is None or here.east is None or west <= here.west <= here.east <= west + width:

@@ -37,13 +37,9 @@ _TILE_VOID = -32768
 _HALF_TILE = (3601, 1801)  # rows and columns, near the poles
 
 
-def _read_raster(path: Path, area: Area | None, units: Units) -> Grid:
-    return read_raster(path, area, units)
-
-
 def _read_grd(path: Path, area: Area | None, units: Units) -> Grid:
     """Read a ``.grd`` file: netCDF of GMT, or a format of Surfer."""
-    return _read_netcdf(path, area, units) if is_netcdf(path) else _read_raster(path, area, units)
+    return _read_netcdf(path, area, units) if is_netcdf(path) else read_raster(path, area, units)
 
 
 def _read_tile(path: Path, area: Area | None, units: Units) -> Grid:
@@ -185,10 +181,10 @@ def _from_arrays(arrays: Mapping[str, Any], name: str, area: Area | None, units:
 
 
 _READERS: dict[str, Callable[[Path, Area | None, Units], Grid]] = {
-    ".tif": _read_raster,
-    ".tiff": _read_raster,
+    ".tif": read_raster,
+    ".tiff": read_raster,
     ".hgt": _read_tile,
-    ".asc": _read_raster,
+    ".asc": read_raster,
     ".nc": _read_netcdf,
     ".grd": _read_grd,
     ".npz": _read_npz,

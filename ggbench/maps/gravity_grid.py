@@ -16,9 +16,9 @@ from scipy.ndimage import gaussian_filter
 from ..errors import text_of
 from ..gravity.datums import require_wgs84
 from ..gravity.gradient_map import MapError
-from ..gravity.meridians import Area, rolled, turns
+from ..gravity.meridians import Area, turns
 from ..gravity.rasters import read_raster
-from ..gravity.regular_grid import is_netcdf, refuse_old_gmt
+from ..gravity.regular_grid import cut_elsewhere, is_netcdf, refuse_old_gmt
 from ..gravity.remove_restore import GravityGrid, linear_weights
 from ..gravity.terrain import TerrainError
 from ..gravity.units import GEOID, GRAVITY, Units
@@ -102,7 +102,8 @@ def read_grid(
     step_lat = _regular_step(path, "latitude", latitude)
     step_lon = _regular_step(path, "longitude", longitude)
     if area is not None:
-        longitude, values = _cut_elsewhere(longitude, values, area)
+        values, west = cut_elsewhere(values, float(longitude[0]), step_lon, area)
+        longitude = west + step_lon * np.arange(values.shape[1])
         if not np.isfinite(values).all():
             latitude, longitude, values = _cropped(latitude, longitude, values, area)
     gaps = np.argwhere(~np.isfinite(values))
@@ -144,8 +145,7 @@ def elevation_at(grid: GravityGrid, terrain: Terrain) -> Array:
     Raises MapError if the terrain does not cover the grid.
     """
     land = np.maximum(np.asarray(terrain.height_m, dtype=float), 0.0)
-    latitude = terrain.south_deg + terrain.latitude_step_deg * np.arange(land.shape[0])
-    longitude = terrain.west_deg + terrain.longitude_step_deg * np.arange(land.shape[1])
+    latitude, longitude = terrain.latitudes_deg, terrain.longitudes_deg
     longitude = longitude + turns(longitude.mean(), grid.longitude_deg.mean())
     axes = (("latitude", latitude, grid.latitude_deg), ("longitude", longitude, grid.longitude_deg))
     for name, has, needs in axes:
@@ -195,18 +195,6 @@ def _from_archive(path: Path, kind: str, units: Units) -> _Read:
             "step and N_1e4m."
         ) from None
     return _Read(south + step * np.arange(n_lat), west + step * np.arange(n_lon), values)
-
-
-def _cut_elsewhere(longitude: Array, values: Array, area: Area) -> tuple[Array, Array]:
-    """Longitudes and values, cut opposite to an area that a grid around the Earth ends in."""
-    here = area.about(float(longitude.mean()))
-    if here.west is None or here.east is None:
-        return longitude, values
-    if longitude[0] <= here.west <= here.east <= longitude[-1]:
-        return longitude, values
-    step = float(longitude[-1] - longitude[0]) / (longitude.size - 1)
-    values, west = rolled(values, float(longitude[0]), step, 0.5 * (here.west + here.east))
-    return west + step * np.arange(values.shape[1]), values
 
 
 def _cropped(

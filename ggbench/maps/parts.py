@@ -168,7 +168,7 @@ def smoothed(terrain: Terrain, degree: int, options: TerrainOptions) -> Terrain:
     """
     heights = np.asarray(terrain.height_m, dtype=float)
     n_lat, n_lon = heights.shape
-    latitude = terrain.south_deg + terrain.latitude_step_deg * np.arange(n_lat)
+    latitude = terrain.latitudes_deg
     spans = (
         terrain.latitude_step_deg * (n_lat - 1),
         terrain.longitude_step_deg * (n_lon - 1) * math.cos(math.radians(latitude.mean())),
