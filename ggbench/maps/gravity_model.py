@@ -7,9 +7,13 @@ plain or packed with gzip, zip or tar, and the ``.npz`` file that the package ca
 from __future__ import annotations
 
 import datetime
+import gzip
 import io
 import math
 import re
+import tarfile
+import zipfile
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,7 +24,6 @@ from ..errors import text_of
 from ..gravity.gradient_map import MapError
 from ..gravity.harmonics import HarmonicCoefficients
 from .gravity_epoch import static
-from .packed_files import unpacked
 from .shipped_regions import read_arrays
 
 MOST_DEGREE = 5600
@@ -40,6 +43,8 @@ _LEAST_ORDER = 0.95  # highest order, of the highest degree
 _HEADER_BEGIN, _HEADER_END = "begin_of_head", re.compile(rb"^[ \t]*end_of_head", re.MULTILINE)
 _NO_E = re.compile(rb"([\d.])([-+]\d{3})(?=\s|$)")  # Fortran's 1.09-101
 _MOST_HEADER = 2**20
+_GZIP, _ZIP, _TAR, _TAR_AT = b"\x1f\x8b", b"PK\x03\x04", b"ustar", 257
+_SUFFIX = ".gfc"
 
 
 @dataclass(frozen=True)
@@ -85,7 +90,7 @@ def read_model(
             raise MapError(f"{path} does not vary with time: --epoch must not be given.")
         model = _from_arrays(path, content)
     else:
-        model = _from_text(path, unpacked(path, content, ".gfc"), highest, epoch)
+        model = _from_text(path, _unpacked(path, content), highest, epoch)
     whole = model.coefficients
     if highest is not None:
         if not 2 <= highest <= whole.degree:
@@ -151,6 +156,39 @@ def _from_text(
     cosine[2, 0] -= tide * _ZERO_TIDE_C20
     name = _first_word(header, "modelname", path.name)
     return GravityModel(name, _checked(path, gm, radius, cosine, sine))
+
+
+def _unpacked(path: Path, content: bytes) -> bytes:
+    """Return the content of a file that may be packed; of an archive, the one file wanted."""
+    try:
+        if content.startswith(_GZIP):
+            content = gzip.decompress(content)
+        if content.startswith(_ZIP):
+            with zipfile.ZipFile(io.BytesIO(content)) as archive:
+                files = [name for name in archive.namelist() if not name.endswith("/")]
+                return archive.read(_only(path, files))
+        if content[_TAR_AT:].startswith(_TAR):
+            with tarfile.open(fileobj=io.BytesIO(content)) as tar:
+                files = [member.name for member in tar.getmembers() if member.isfile()]
+                extracted = tar.extractfile(_only(path, files))
+                return extracted.read() if extracted is not None else b""
+    except (
+        OSError, EOFError, zlib.error, zipfile.BadZipFile, tarfile.TarError, RuntimeError,
+        NotImplementedError,
+    ) as error:  # fmt: skip
+        raise MapError(f"{path} is damaged: {text_of(error)}") from None
+    return content
+
+
+def _only(path: Path, files: list[str]) -> str:
+    """The only file of an archive, or the only one that is named so."""
+    suited = files if len(files) == 1 else [name for name in files if name.endswith(_SUFFIX)]
+    if len(suited) != 1:
+        raise MapError(
+            f"{path} is an archive of {len(files)} files, {len(suited)} of them *{_SUFFIX}; one is "
+            "allowed: unpack it first."
+        )
+    return suited[0]
 
 
 def _header(text: str) -> dict[str, str]:
