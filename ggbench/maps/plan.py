@@ -26,14 +26,13 @@ from .ground import Ground
 from .netcdf import TENSOR, VECTOR, Errors, Layer, Nodes, described
 from .nodes import EVERYWHERE, Reach, Wishes, nodes_for
 from .parts import FILTER_ORDER, HarmonicPart, Part, ResidualPart, TerrainPart, summed
-from .shipped_regions import disturbing_coefficients
+from .shipped_regions import COEFFICIENTS, disturbing_coefficients
 
 if TYPE_CHECKING:
     from ..gravity.terrain import Terrain
 
 Array = NDArray[np.floating]
 
-SHIPPED_COEFFICIENTS = "egm2008_degree120.npz"
 _SHIPPED_DEGREE = 120
 _INSET = 0.1  # of a terrain's width: nearer to its edges what lies beyond them matters most
 
@@ -174,7 +173,7 @@ class _Sources:
                 if inputs.max_degree is not None or inputs.min_degree > 2:
                     raise MapError("--max-degree and --min-degree are for --coefficients.")
                 return None
-            whole = disturbing_coefficients(SHIPPED_COEFFICIENTS)
+            whole = disturbing_coefficients(COEFFICIENTS)
             name, highest = "EGM2008", inputs.max_degree or _SHIPPED_DEGREE
             if highest > whole.degree:
                 raise MapError(

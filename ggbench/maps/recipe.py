@@ -26,7 +26,6 @@ from ..numerics.source import MAP_ROOMS, rooms_hash
 from . import archive, netcdf, netcdf_reader
 from .shipped_regions import (
     SOURCES,
-    check_relief_smoothing,
     data_bytes,
     disturbing_field,
     extent_deg,
@@ -55,6 +54,7 @@ SPACING_PER_CLEARANCE = 0.6
 """The same of a terrain, per height above its highest ground."""
 SPACING_PER_MASS = 0.35
 """The same of a survey, per height above its highest mass, also vertically: 0.1 E rms."""
+_WIDEST_SMOOTHING_DEG = 1.0
 _MOST_NODES = 5_000_000  # in all: about half a gigabyte
 _MARGIN_NODES = 2  # lowest layers, which serve as the margin of an interpolation in height
 
@@ -191,7 +191,11 @@ def checked(recipe: MapRecipe) -> MapRecipe:
             f"Unknown map source {recipe.source!r}; allowed: {', '.join(sorted(known))}, normal, "
             "or the path of a map, *.nc or *.npz."
         )
-    check_relief_smoothing(recipe.relief_smoothing_deg)
+    if not 0.0 <= recipe.relief_smoothing_deg <= _WIDEST_SMOOTHING_DEG:
+        raise MapError(
+            f"relief_smoothing_deg = {recipe.relief_smoothing_deg} must lie between 0, which is no "
+            f"smoothing, and {_WIDEST_SMOOTHING_DEG:g}."
+        )
     for name in ("spacing_arcmin", "height_spacing_m"):
         if not 0.0 < getattr(recipe, name) < math.inf:
             raise MapError(f"{name} = {getattr(recipe, name)} must be positive and finite.")

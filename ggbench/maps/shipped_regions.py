@@ -35,7 +35,7 @@ from ..gravity.remove_restore import (
 
 Array = NDArray[np.float64]
 
-_WIDEST_SMOOTHING_DEG = 1.0
+COEFFICIENTS = "egm2008_degree120.npz"
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Source:
     lowest_height_m: float
     provenance: str
     source_depth_m: float = 0.0
-    coefficients: str = "egm2008_degree120.npz"
+    coefficients: str = COEFFICIENTS
     highest_height_m: float = 30000.0
 
 
@@ -140,11 +140,9 @@ def disturbing_field(
     The tensor, (n_lat, n_lon, n_h, 6) [E], and the gravity disturbance, (n_lat, n_lon, n_h, 3)
     [m/s²], both in geodetic ENU axes.
 
-    Raises MapError for an unknown source, a smoothing outside 0 to 1 deg, and a data file that is
-    missing or damaged.
+    Raises MapError for a data file that is missing or damaged.
     """
-    check_relief_smoothing(relief_smoothing_deg)
-    files = find_source(source)
+    files = SOURCES[source]
     lat, lon, h = (np.asarray(axis, dtype=float) for axis in (latitude, longitude, height))
     coefficients = disturbing_coefficients(files.coefficients)
     geoid = _geoid(files)
@@ -157,15 +155,6 @@ def disturbing_field(
     gravity_disturbance, tensor = gravity_and_gradient(coefficients, lat, lon, h)
     residual.add_to(tensor, gravity_disturbance, lat, lon, h)
     return tensor, gravity_disturbance
-
-
-def check_relief_smoothing(relief_smoothing_deg: float) -> None:
-    """Raise MapError if this is no width by which the relief can be smoothed."""
-    if not 0.0 <= relief_smoothing_deg <= _WIDEST_SMOOTHING_DEG:  # NaN fails too
-        raise MapError(
-            f"relief_smoothing_deg = {relief_smoothing_deg} must lie between 0, which is no "
-            f"smoothing, and {_WIDEST_SMOOTHING_DEG:g}."
-        )
 
 
 def extent_deg(source: Source) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -211,13 +200,6 @@ def disturbing_coefficients(name: str) -> HarmonicCoefficients:
     return without_normal_field(
         HarmonicCoefficients(float(data["gm"]), float(data["r"]), cosine, sine)
     )
-
-
-def find_source(name: str) -> Source:
-    """The source of that name. Raises MapError if there is none."""
-    if name not in SOURCES:
-        raise MapError(f"Unknown map source {name!r}; allowed: {', '.join(sorted(SOURCES))}.")
-    return SOURCES[name]
 
 
 def data_bytes(name: str) -> bytes:

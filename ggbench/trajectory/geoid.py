@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import importlib.resources
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 
 from ..gravity.ellipsoid import normal_gravity
-from ..gravity.harmonics import HarmonicCoefficients, potential, without_normal_field
-from ..maps.gravity_model import read_model
+from ..gravity.harmonics import HarmonicCoefficients, potential
+from ..maps.shipped_regions import COEFFICIENTS, disturbing_coefficients
 from .manoeuvres import Array
 
 _ZERO_DEGREE = -0.41
@@ -44,6 +42,4 @@ def _geoid_height(latitude: float, longitude: float) -> float:
 
 @lru_cache(maxsize=1)
 def _disturbing() -> HarmonicCoefficients:
-    file = importlib.resources.files("ggbench.scenarios") / "data" / "egm2008_degree120.npz"
-    with importlib.resources.as_file(file) as path:
-        return without_normal_field(read_model(Path(path)).coefficients)
+    return disturbing_coefficients(COEFFICIENTS)
