@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..files import sha256_of, written_whole
+from ..files import written_whole
 from ..gravity.ellipsoid import FLATTENING, SEMI_MAJOR_AXIS
 from ..gravity.gradient_map import GradientMap, MapError
 from ..numerics.source import VERSION
@@ -111,10 +111,42 @@ def write_layers(
     MapError
         If the file cannot be written.
     """
+    import netCDF4
+
     values = (len(TENSOR) + len(VECTOR)) * math.prod(nodes.shape)
     size = values * np.dtype(dtype).itemsize
-    with written_whole(path, MapError, "the map ", size) as temporary:
-        _write(temporary, nodes, layers, attributes, dtype, compression, errors)
+    options: dict[str, Any] = {
+        "zlib": compression > 0,
+        "complevel": compression,
+        "chunksizes": (1, *map(_chunk, nodes.shape[:2])),
+        "fill_value": False,
+    }
+    with (
+        written_whole(path, MapError, "the map ", size) as temporary,
+        netCDF4.Dataset(temporary, "w", format="NETCDF4") as file,
+    ):
+        file.setncatts(
+            {
+                "Conventions": "CF-1.11",
+                "format": FORMAT,
+                "ggbench_version": VERSION,
+                "frame": FRAME,
+                "comment": CONTENT,
+                **attributes,
+            }
+        )
+        file.createVariable("crs", "i4").setncatts(_CRS)
+        for name, axis in zip(
+            AXES, (nodes.height_m, nodes.latitude_deg, nodes.longitude_deg), strict=True
+        ):
+            file.createDimension(name, axis.size)
+            variable = file.createVariable(name, "f8", (name,))
+            variable.setncatts(AXES[name])
+            variable[:] = axis
+        for index, (name, attrs) in enumerate(variables().items()):
+            variable = file.createVariable(name, dtype, tuple(AXES), **options)
+            variable.setncatts({**attrs, **_error_of(errors, index), "grid_mapping": "crs"})
+        _write_layers(file, nodes, layers, dtype)
 
 
 def write(path: Path, gradient_map: GradientMap, dtype: str = "float64") -> None:
@@ -136,66 +168,27 @@ def write(path: Path, gradient_map: GradientMap, dtype: str = "float64") -> None
     write_layers(path, nodes, layers, attributes, dtype, errors=errors)
 
 
-def _write(
-    path: Path,
-    nodes: Nodes,
-    layers: Iterable[Layer],
-    attributes: Mapping[str, str],
-    dtype: str,
-    compression: int,
-    errors: Errors | None,
-) -> None:
-    import netCDF4
-
-    with netCDF4.Dataset(path, "w", format="NETCDF4") as file:
-        file.setncatts(
-            {
-                "Conventions": "CF-1.11",
-                "format": FORMAT,
-                "ggbench_version": VERSION,
-                "frame": FRAME,
-                "comment": CONTENT,
-                **attributes,
-            }
+def _write_layers(file: Any, nodes: Nodes, layers: Iterable[Layer], dtype: str) -> None:
+    """Write the values of all heights into a file that has its variables."""
+    count = 0
+    for index, (tensor, disturbance) in enumerate(_ahead(layers)):
+        for prefix, names, values in (
+            ("gradient_", TENSOR, tensor),
+            ("disturbance_", VECTOR, disturbance),
+        ):
+            for component, name in enumerate(names):
+                layer = np.ascontiguousarray(values[..., component], dtype=dtype)
+                if not np.isfinite(layer).all():
+                    raise MapError(
+                        f"the field at {nodes.height_m[index]:g} m has values that are no "
+                        "numbers: there is nothing to write."
+                    )
+                file.variables[prefix + name][index] = layer
+        count += 1
+    if count != nodes.height_m.size:
+        raise MapError(
+            f"the map has {nodes.height_m.size} heights, but {count} layers were computed."
         )
-        file.createVariable("crs", "i4").setncatts(_CRS)
-        axes = {
-            "height": nodes.height_m,
-            "latitude": nodes.latitude_deg,
-            "longitude": nodes.longitude_deg,
-        }
-        for name, values in axes.items():
-            file.createDimension(name, values.size)
-            variable = file.createVariable(name, "f8", (name,))
-            variable.setncatts(AXES[name])
-            variable[:] = values
-        n_lat, n_lon, n_h = nodes.shape
-        options: dict[str, Any] = {
-            "zlib": compression > 0,
-            "complevel": compression,
-            "chunksizes": (1, _chunk(n_lat), _chunk(n_lon)),
-            "fill_value": False,
-        }
-        for index, (name, attrs) in enumerate(variables().items()):
-            variable = file.createVariable(name, dtype, tuple(axes), **options)
-            variable.setncatts({**attrs, **_error_of(errors, index), "grid_mapping": "crs"})
-        count = 0
-        for index, (tensor, disturbance) in enumerate(_ahead(layers)):
-            for prefix, names, values in (
-                ("gradient_", TENSOR, tensor),
-                ("disturbance_", VECTOR, disturbance),
-            ):
-                for component, name in enumerate(names):
-                    layer = np.ascontiguousarray(values[..., component], dtype=dtype)
-                    if not np.isfinite(layer).all():
-                        raise MapError(
-                            f"the field at {nodes.height_m[index]:g} m has values that are no "
-                            "numbers: there is nothing to write."
-                        )
-                    file.variables[prefix + name][index] = layer
-            count += 1
-        if count != n_h:
-            raise MapError(f"the map has {n_h} heights, but {count} layers were computed.")
 
 
 def _error_of(errors: Errors | None, index: int) -> dict[str, float]:
@@ -239,14 +232,6 @@ def variables() -> dict[str, dict[str, str]]:
         for name in VECTOR
     }
     return gradients | disturbances
-
-
-def file_key(path: Path) -> str:
-    """Return the sha256 of a map file, which stands for its content.
-
-    Raises MapError if it cannot be read.
-    """
-    return sha256_of(path, MapError, "the map ")
 
 
 def described(items: Mapping[str, Any]) -> str:

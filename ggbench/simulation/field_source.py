@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
+from ..files import sha256_of
 from ..gravity.degraded_map import MapDegradation, degrade
 from ..gravity.field import Field
 from ..gravity.gradient_map import GradientMap, MapError
 from ..gravity.meridians import Area, eastern, turns
-from ..maps.netcdf import file_key
 from ..maps.netcdf_reader import source_files
 from ..maps.recipe import MapRecipe, content_key, data_names, load_or_build, read
 from ..maps.shipped_regions import data_bytes
@@ -181,7 +181,7 @@ def map_content(spec: FieldSpec) -> str | None:
         return None
     if not is_file(spec.source):
         return content_key(map_recipe(spec))
-    return file_key(Path(spec.source))
+    return sha256_of(Path(spec.source), MapError, "the map ")
 
 
 def map_files(spec: FieldSpec) -> Iterator[tuple[str, str, str]]:
@@ -202,6 +202,6 @@ def map_files(spec: FieldSpec) -> Iterator[tuple[str, str, str]]:
             yield "data of the map", name, hashlib.sha256(data_bytes(name)).hexdigest()
         return
     path = Path(spec.source)
-    yield "map", path.name, file_key(path)
+    yield "map", path.name, sha256_of(path, MapError, "the map ")
     for name, key in source_files(path).items():
         yield "data of the map", name, key
