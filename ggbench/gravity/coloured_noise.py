@@ -207,10 +207,7 @@ class VectorAutoregression:
     def write(self, path: Path) -> None:
         """Write the model to a JSON file.
 
-        Raises
-        ------
-        ColouredNoiseError
-            If it cannot be written.
+        Raises ColouredNoiseError if it cannot be written.
         """
         content = {
             "format": FORMAT,
@@ -227,10 +224,8 @@ class VectorAutoregression:
 def read_noise(path: Path) -> VectorAutoregression:
     """Return the model of a JSON file; the last few are kept.
 
-    Raises
-    ------
-    ColouredNoiseError
-        With a sentence that names the file, what was found and what is allowed.
+    Raises ColouredNoiseError with a sentence that names the file, what was found and what is
+    allowed.
     """
     try:
         status = path.stat()
@@ -292,12 +287,9 @@ def _is_covariance(cov: np.ndarray) -> bool:
 
 
 def _predictor(covariance: np.ndarray, known: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the best linear predictor (known, m, m) of earlier values, and what it leaves (m, m).
+    """Return the best linear predictor (known, m, m) of earlier values, and what it leaves.
 
-    Parameters
-    ----------
-    covariance : (p + 1, m, m) Γ of the process.
-    known : how many values before are known.
+    ``covariance`` (p + 1, m, m) is Γ of the process; (m, m) is left.
     """
     m = covariance.shape[1]
     if known == 0:

@@ -28,10 +28,7 @@ def name_of(crs: Any) -> str:
 def shift_m(crs: Any, longitude: float, latitude: float, path: Path) -> float:
     """Return how far a geographic system is off WGS 84 at a place, in its own units [m].
 
-    Raises
-    ------
-    TerrainError
-        If rasterio is not installed.
+    Raises TerrainError if rasterio is not installed.
     """
     from .rasters import imported
 
@@ -65,12 +62,8 @@ def require_wgs84(
 ) -> None:
     """Raise TerrainError if a variable of a netCDF file names another datum than WGS 84.
 
-    Parameters
-    ----------
-    variables : of the file, among them the grid mapping.
-    variable : the grid.
-    place : longitude and latitude in the grid [deg].
-    path : of the file.
+    ``variables`` are those of the file, among them the grid mapping; ``place`` is a longitude and
+    latitude in the grid [deg].
     """
     name = variable.attrs.get("grid_mapping", variable.encoding.get("grid_mapping"))
     mapping = variables.get(name) if isinstance(name, str) else None

@@ -48,11 +48,8 @@ class MapDegradation:
 def degrade(right: GradientMap, degradation: MapDegradation) -> GradientMap:
     """Return a map with errors: smoothed and scaled first, then noisy.
 
-    Raises
-    ------
-    MapError
-        If the map is too small for a smoothing, or for the correlation of a noise, or its nodes lie
-        too far apart for that.
+    Raises MapError if the map is too small for a smoothing, or for the correlation of a noise, or
+    its nodes lie too far apart for that.
     """
     _check(right, degradation)
     tensor = np.asarray(right.tensor, dtype=float)

@@ -268,10 +268,8 @@ class Field:
     def tensor(self, latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike) -> np.ndarray:
         """Return the gradient tensor (..., 6) [E] at positions of any (broadcast) shape.
 
-        Raises
-        ------
-        OutsideMapError
-            If a position lies outside the map; the message names it and the map's bounds.
+        Raises OutsideMapError if a position lies outside the map; the message names it and the
+        map's bounds.
         """
         positions, shape = self._positions(latitude, longitude, height)
         self.require_inside(positions)
@@ -291,10 +289,8 @@ class Field:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the tensor (..., 6) [E] and its derivative (..., 6, 3) [E/m east, north, up].
 
-        Raises
-        ------
-        OutsideMapError
-            If a position lies outside the map; the message names it and the map's bounds.
+        Raises OutsideMapError if a position lies outside the map; the message names it and the
+        map's bounds.
         """
         positions, shape = self._positions(latitude, longitude, height)
         values = np.empty((len(positions), 6))
@@ -310,10 +306,7 @@ class Field:
     ) -> np.ndarray:
         """Return Γ_UU [E] of the map alone at positions of any (broadcast) shape.
 
-        Raises
-        ------
-        OutsideMapError
-            If a position lies outside the map.
+        Raises OutsideMapError if a position lies outside the map.
         """
         normal = Field.normal().tensor(latitude, longitude, height)
         return np.asarray((self.tensor(latitude, longitude, height) - normal)[..., 5])
@@ -323,10 +316,7 @@ class Field:
     ) -> np.ndarray:
         """Return the gravity disturbance vector (..., 3), ENU [m/s²]: the map's and the constant.
 
-        Raises
-        ------
-        OutsideMapError
-            If a position lies outside the map.
+        Raises OutsideMapError if a position lies outside the map.
         """
         positions, shape = self._positions(latitude, longitude, height)
         values = np.zeros((len(positions), 3))

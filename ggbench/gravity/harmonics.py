@@ -86,17 +86,13 @@ def without_normal_field(coefficients: HarmonicCoefficients) -> HarmonicCoeffici
 def potential(
     coefficients: HarmonicCoefficients, latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike
 ) -> Array:
-    """Potential [m²/s²] on the grid latitude x longitude x height.
+    """Potential (n_lat, n_lon, n_h) [m²/s²] on the grid latitude x longitude x height.
 
     Parameters
     ----------
     coefficients : of the potential.
     latitude, longitude : geodetic, shapes (n_lat,) and (n_lon,) [rad].
     height : above the WGS84 ellipsoid, shape (n_h,) [m].
-
-    Returns
-    -------
-    Shape (n_lat, n_lon, n_h).
     """
     series = _complex(coefficients).T[:, np.newaxis]
     values = _synthesis(series, coefficients.radius, latitude, longitude, height)
@@ -106,13 +102,7 @@ def potential(
 def gravity_and_gradient(
     coefficients: HarmonicCoefficients, latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike
 ) -> tuple[Array, Array]:
-    """First and second derivatives of the potential on the grid latitude x longitude x height.
-
-    Parameters
-    ----------
-    coefficients : of the potential.
-    latitude, longitude : geodetic, shapes (n_lat,) and (n_lon,) [rad].
-    height : above the WGS84 ellipsoid, shape (n_h,) [m].
+    """First and second derivatives of the potential on the grid of :func:`potential`.
 
     Returns
     -------

@@ -20,9 +20,7 @@ _REGULAR = 0.02  # of a step: more than coordinates in single precision are off
 def turns(longitude: ArrayLike, about: ArrayLike, turn: float = 360.0) -> Any:
     """Return what to add to longitudes, whole turns, so that they lie within half one of others.
 
-    Parameters
-    ----------
-    longitude, about : both in degrees, or in what a ``turn`` is given in. Of a NaN, 0 is added.
+    Both are in degrees, or in what a ``turn`` is given in. Of a NaN, 0 is added.
     """
     count = np.rint((np.asarray(about) - longitude) / turn)
     return turn * np.where(np.isfinite(count), count, 0.0)[()]

@@ -35,10 +35,7 @@ _GEOSOFT_ELEMENTS = {1, 2, 4, 8, 1025, 1026, 1028, 1032}  # bytes, and with comp
 def imported(module: str, path: Path) -> Any:
     """Return an optional module that a file needs.
 
-    Raises
-    ------
-    TerrainError
-        If it is not installed.
+    Raises TerrainError if it is not installed.
     """
     try:
         return importlib.import_module(module)
@@ -52,16 +49,9 @@ def imported(module: str, path: Path) -> Any:
 def read_raster(path: Path, area: Area | None, units: Units) -> Grid:
     """Return the values of a raster of one band, in degrees or projected.
 
-    Parameters
-    ----------
-    path : of the file.
-    area : where values are needed; None: everywhere.
-    units : of the quantity.
+    ``area`` is where values are needed; None: everywhere.
 
-    Raises
-    ------
-    TerrainError
-        If GDAL cannot read it, or it is no such raster.
+    Raises TerrainError if GDAL cannot read it, or it is no such raster.
     """
     rasterio = imported("rasterio", path)
     try:

@@ -71,13 +71,10 @@ class GravityGrid:
 
 
 class Residual:
-    """The disturbing field beyond the coefficients, as a Fourier series.
+    """The disturbing field of a grid beyond the coefficients, as a Fourier series.
 
-    Parameters
-    ----------
-    grid : what is known at its height.
-    coefficients : of the disturbing potential of low degree.
-    taper_deg : width of the taper along the edges [deg].
+    These are of the disturbing potential of low degree. ``taper_deg`` is the width of the taper
+    along the edges of the grid [deg].
     """
 
     def __init__(

@@ -57,17 +57,9 @@ class Units:
     voids: tuple[float, ...] = ()
 
     def factor(self, unit: str, name: str) -> tuple[float, str]:
-        """Return SI units per unit of a file, and what to say of it.
+        """Return SI units per unit of a file, which may be empty, and what to say of it.
 
-        Parameters
-        ----------
-        unit : as the file says it; empty if it says nothing.
-        name : of the file.
-
-        Raises
-        ------
-        TerrainError
-            If it is no unit of this quantity.
+        Raises TerrainError, naming the file, if it is no unit of this quantity.
         """
         if not unit.strip():
             remark = f"no unit given, {self.assumed} assumed" if self.says_assumed else ""
@@ -96,18 +88,9 @@ def upward(
 
     Depths are negated: those whose attribute ``positive`` is ``down``; those that the standard
     names of the CF conventions call a depth; those that are called one and are nowhere negative.
+    Values are NaN where there is none; ``variable`` is their name, and ``name`` the file's.
 
-    Parameters
-    ----------
-    values : heights or depths, NaN where there is none.
-    attributes : of the variable.
-    variable : its name.
-    name : of the file.
-
-    Raises
-    ------
-    TerrainError
-        If it is not clear which way they count.
+    Raises TerrainError if it is not clear which way they count.
     """
     positive = str(attributes.get("positive", "")).strip().lower()
     if positive == "down":

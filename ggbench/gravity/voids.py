@@ -29,12 +29,7 @@ def marks_removed(written: Array, values: Array, units: Units) -> tuple[Array, s
     """Return values with NaN for marks of voids that the file does not declare, and a remark.
 
     Marks are those of the units, and the usual ones where no value of the quantity is as large.
-
-    Parameters
-    ----------
-    written : as they are in the file.
-    values : the same in SI units.
-    units : with the limits of the quantity.
+    ``values`` are those that are ``written`` in the file, in SI units.
     """
     known = np.zeros(np.shape(written), dtype=bool)
     for mark in units.voids:

@@ -21,10 +21,8 @@ from .shipped_regions import read_arrays
 def read(path: Path) -> GradientMap:
     """Return the map in an archive that :func:`write` wrote.
 
-    Raises
-    ------
-    MapError
-        If there is no such file, or it is no complete map; the message says what is missing.
+    Raises MapError if there is no such file, or it is no complete map; the message says what is
+    missing.
     """
     fields = dataclasses.fields(GradientMap)
     names = [item.name for item in fields if item.default_factory is dataclasses.MISSING]

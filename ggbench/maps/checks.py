@@ -47,11 +47,8 @@ def require_possible(
 ) -> None:
     """Raise MapError if values of a map cannot be those of a disturbing field.
 
-    Parameters
-    ----------
-    what : names the map, at the beginning of the sentence.
-    tensor : finite, (..., 6) [E].
-    disturbance : finite, (..., 3) [m/s²].
+    They are a tensor (..., 6) [E] and a gravity disturbance (..., 3) [m/s²], finite; ``what`` names
+    the map at the beginning of the sentence.
     """
     largest = _largest(tensor)
     if largest > LARGEST_GRADIENT:

@@ -143,10 +143,7 @@ class Equations:
 
     Samples are averaged over blocks of three tenths of the depth.
 
-    Raises
-    ------
-    MapError
-        If there are more masses than can be solved for.
+    Raises MapError if there are more masses than can be solved for.
     """
 
     def __init__(self, lines: SurveyLines, depth_m: float, spacing_m: float) -> None:

@@ -46,17 +46,9 @@ class IcgemGrid(NamedTuple):
 
 
 def read_icgem(path: Path, kind: str) -> IcgemGrid:
-    """Return the grid in a ``.gdf`` file.
+    """Return the grid in a ``.gdf`` file: a ``geoid``, ``anomaly`` or ``disturbance``.
 
-    Parameters
-    ----------
-    path : of the file.
-    kind : ``geoid``, ``anomaly`` or ``disturbance``, as the user says.
-
-    Raises
-    ------
-    MapError
-        If it is no such file, or its header says that it holds another quantity.
+    Raises MapError if it is no such file, or its header says that it holds another quantity.
     """
     text = path.read_text(errors="replace")
     head, _, body = text.partition("end_of_head")

@@ -36,15 +36,11 @@ _LIMITS = {"height": (-12e3, 1e6), "latitude": (-90.0, 90.0), "longitude": (-360
 def read(path: Path, crop: Area | None = None) -> GradientMap:
     """Return the map in a netCDF file of this package, or in one made like it.
 
-    Parameters
-    ----------
-    path : of the file. Dimensions may be in any order, latitudes and heights may descend.
-    crop : read only the nodes of this region and a margin of a few.
+    Dimensions may be in any order, latitudes and heights may descend. Of a region to ``crop`` only
+    the nodes and a margin of a few are read.
 
-    Raises
-    ------
-    MapError
-        If there is no such file, or it is no complete map; the message says what is wrong.
+    Raises MapError if there is no such file, or it is no complete map; the message says what is
+    wrong.
     """
     with opened(path) as file:
         nodes, slices = _read_nodes(path, file)

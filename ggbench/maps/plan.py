@@ -93,10 +93,8 @@ def plan(inputs: Inputs, wishes: Wishes, command: str) -> Plan:
 
     ``command`` is how the user asked for it, for the history of the file.
 
-    Raises
-    ------
-    MapError, TerrainError
-        If a file cannot be used, files do not go together, or bounds cannot be served.
+    Raises MapError or TerrainError if a file cannot be used, files do not go together, or bounds
+    cannot be served.
     """
     sources = _Sources(inputs, wishes.area)
     nodes, remarks = nodes_for(sources.reaches, wishes)

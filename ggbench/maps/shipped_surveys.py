@@ -61,8 +61,6 @@ def survey_disturbing_field(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the field of a survey's masses on latitude x longitude x height.
 
-    Returns
-    -------
     The tensor, (n_lat, n_lon, n_h, 6) [E], and the gravity disturbance, (n_lat, n_lon, n_h, 3)
     [m/s²]. Raises MapError if the file of the masses is damaged.
     """

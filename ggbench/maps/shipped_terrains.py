@@ -69,20 +69,14 @@ def terrain_disturbing_field(
     density: float = 2670.0,
     relief_smoothing_deg: float = 0.0,
 ) -> tuple[Array, Array]:
-    """The field of a terrain's masses on latitude x longitude x height.
+    """Return the field of a terrain's masses, as a region's by :func:`.disturbing_field`.
 
     Parameters
     ----------
     name : a key of :data:`TERRAINS`.
-    latitude, longitude, height : as :func:`ggbench.maps.shipped_regions.disturbing_field` has them.
+    latitude, longitude, height : as there.
     density : of the ground [kg/m³].
-    relief_smoothing_deg : standard deviation, in latitude and in longitude, of a Gaussian that
-        smooths the terrain before: a map of lower resolution.
-
-    Returns
-    -------
-    The tensor, (n_lat, n_lon, n_h, 6) [E], and the gravity disturbance, (n_lat, n_lon, n_h, 3)
-    [m/s²], both in geodetic ENU axes.
+    relief_smoothing_deg : as there, of the terrain: a map of lower resolution.
 
     Raises MapError if the terrain's file is damaged or the positions are outside of what it gives.
     """

@@ -43,8 +43,6 @@ def _isotropic() -> Array:
 def map_error(fit: SurveyFit) -> tuple[Array, Array]:
     """Return the standard error of the nine components of a map, and its correlation distance.
 
-    Returns
-    -------
     (9,) of the tensor [EE, EN, EU, NN, NU, UU] [E] and of gravity [m/s²]; (9,) [m]. NaN of gravity
     where gradients were measured, and of gradients where gravity was.
     """

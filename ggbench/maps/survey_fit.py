@@ -76,10 +76,7 @@ def fit(
 
     ``progress`` is called with a sentence for each setting.
 
-    Raises
-    ------
-    MapError
-        If there are fewer than two lines that can be held back.
+    Raises MapError if there are fewer than two lines that can be held back.
     """
     folds = _folds(lines)
     ties = [index for index, kind in enumerate(lines.kinds) if kind == TIE]

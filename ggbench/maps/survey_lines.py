@@ -101,10 +101,7 @@ class SurveyLines:
     def chosen(self, patterns: Sequence[str]) -> list[int]:
         """Return the lines that patterns name: a name, a pattern such as ``*.1``, or a kind.
 
-        Raises
-        ------
-        MapError
-            If a pattern names no line.
+        Raises MapError if a pattern names no line.
         """
         found: set[int] = set()
         for pattern in patterns:
@@ -125,10 +122,7 @@ class SurveyLines:
     def without(self, patterns: Sequence[str]) -> SurveyLines:
         """Return the lines that no pattern names, see :meth:`chosen`.
 
-        Raises
-        ------
-        MapError
-            If a pattern names no line, or nothing is left.
+        Raises MapError if a pattern names no line, or nothing is left.
         """
         out = self.chosen(patterns)
         if len(out) == len(self.names):

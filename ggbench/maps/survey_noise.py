@@ -40,10 +40,7 @@ def autoregression(
 ) -> VectorAutoregression:
     """Return the autoregression of an order that fits some series (n, m) best.
 
-    Raises
-    ------
-    ColouredNoiseError
-        If it is not stationary, or there are too few samples.
+    Raises ColouredNoiseError if it is not stationary, or there are too few samples.
     """
     usable = [rows for rows in series if len(rows) > order]
     lagged = np.concatenate([_lagged(rows, order) for rows in usable])
@@ -64,10 +61,7 @@ def noise_of(fit: SurveyFit) -> tuple[VectorAutoregression, dict[int, float]]:
 
     The score is the mean log-likelihood of a sample of lines that the model was not fitted to.
 
-    Raises
-    ------
-    MapError
-        If the samples are too few, too irregular, or the noise is not stationary.
+    Raises MapError if the samples are too few, too irregular, or the noise is not stationary.
     """
     interval = _interval(fit)
     series = {index: _series(fit, index, interval) for index in fit.held_back}

@@ -47,10 +47,7 @@ class SurveyInputs:
 def fit_survey(inputs: SurveyInputs, progress: Callable[[str], None]) -> SurveyFit:
     """Return the map of a survey's lines, without those that are left out.
 
-    Raises
-    ------
-    MapError
-        If the file cannot be used, or a line that is to be left out is not in it.
+    Raises MapError if the file cannot be used, or a line that is to be left out is not in it.
     """
     lines = read_lines(
         inputs.lines, inputs.columns, inputs.components, inputs.axes, inputs.quantity
@@ -61,10 +58,7 @@ def fit_survey(inputs: SurveyInputs, progress: Callable[[str], None]) -> SurveyF
 def plan_survey(inputs: SurveyInputs, fit: SurveyFit, wishes: Wishes, command: str) -> Plan:
     """Return the plan of a map of survey lines.
 
-    Raises
-    ------
-    MapError
-        If bounds cannot be served.
+    Raises MapError if bounds cannot be served.
     """
     lines = fit.lines
     reach, wishes = _reach(fit), _with_heights(fit, wishes)

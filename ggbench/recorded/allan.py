@@ -67,14 +67,9 @@ class ImuNoise:
 def imu_noise(path: Path) -> ImuNoise:
     """Return the noise of the sensors of a log at rest.
 
-    Parameters
-    ----------
-    path : CSV or netCDF with ``time_s`` and rates or increments, as of ``[imu_record]``.
+    The file is CSV or netCDF with ``time_s`` and rates or increments, as of ``[imu_record]``.
 
-    Raises
-    ------
-    FlightError
-        If the file cannot be read, is short, has gaps, or is not at rest.
+    Raises FlightError if the file cannot be read, is short, has gaps, or is not at rest.
     """
     columns = files.read(path, (), (*RATES, *DELTAS))
     wanted = next((names for names in (RATES, DELTAS) if all(n in columns for n in names)), None)

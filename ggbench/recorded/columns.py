@@ -91,16 +91,10 @@ def read(
 ) -> Columns:
     """Read columns of a file, ``.nc`` or else CSV; others than those named are passed over.
 
-    Parameters
-    ----------
-    path : of the file.
-    required, optional : names of columns.
-    may_be_empty : those in which a number may be missing.
+    A number may be missing in those that ``may_be_empty``.
 
-    Raises
-    ------
-    FlightError
-        With a sentence that names the file and the place, what was found and what is allowed.
+    Raises FlightError with a sentence that names the file and the place, what was found and what is
+    allowed.
     """
     names = ("time_s", *required)
     empty = frozenset(may_be_empty)
@@ -183,10 +177,7 @@ def write(path: Path, columns: Mapping[str, np.ndarray], comment: str = "") -> N
 
     NaN becomes an empty field. ``comment`` goes before the names, behind a #.
 
-    Raises
-    ------
-    FlightError
-        If the file cannot be written.
+    Raises FlightError if the file cannot be written.
     """
     rows = zip(*(array.tolist() for array in columns.values()), strict=True)
     lines = [f"# {comment}"] if comment else []
@@ -198,10 +189,7 @@ def write(path: Path, columns: Mapping[str, np.ndarray], comment: str = "") -> N
 def write_text(path: Path, text: str) -> None:
     """Write a file, whole or not at all; its folder is made if need be.
 
-    Raises
-    ------
-    FlightError
-        If it cannot be written.
+    Raises FlightError if it cannot be written.
     """
     with written_whole(path, FlightError) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="\n")

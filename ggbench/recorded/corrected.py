@@ -34,11 +34,7 @@ class EstimateError(GGBenchError):
 def corrected(problem: Problem, estimate: Estimate, start: float = 0.0) -> dict[str, np.ndarray]:
     """Return the corrected track: what the INS indicates, less its estimated errors.
 
-    Parameters
-    ----------
-    problem : that was estimated.
-    estimate : of it.
-    start : what is added to the times [s].
+    ``start`` is added to the times [s].
 
     Returns
     -------
@@ -46,10 +42,8 @@ def corrected(problem: Problem, estimate: Estimate, start: float = 0.0) -> dict[
     ``velocity_east_mps``, ..., ``heading_deg``, ``pitch_deg``, ``roll_deg``, and
     :data:`SIGMAS`, NaN if the estimate has no covariance.
 
-    Raises
-    ------
-    EstimateError
-        If the problem has no track, or the estimate is not of its shape or not finite.
+    Raises EstimateError if the problem has no track, or the estimate is not of its shape or not
+    finite.
     """
     if problem.track is None:
         raise EstimateError("the problem has no track of an INS that could be corrected")
@@ -116,10 +110,8 @@ class Residuals:
 def residuals(problem: Problem, estimate: Estimate) -> Residuals:
     """Return what the readings say to an estimate.
 
-    Raises
-    ------
-    EstimateError
-        If the estimate is not of the problem's shape, not finite, or its covariance is none.
+    Raises EstimateError if the estimate is not of the problem's shape, not finite, or its
+    covariance is none.
     """
     mean, cov = _arrays(problem, estimate)
     there, z = problem.present, problem.measurements
@@ -199,10 +191,8 @@ def against(
 ) -> AgainstReference:
     """Return the errors of an estimate against a reference track.
 
-    Raises
-    ------
-    EstimateError
-        If the estimate is not of the problem's shape, not finite, or its covariance is none.
+    Raises EstimateError if the estimate is not of the problem's shape, not finite, or its
+    covariance is none.
     """
     mean, cov = _arrays(problem, estimate)
     covered = np.isfinite(reference.error_state[:, :3]).all(axis=1)

@@ -90,10 +90,7 @@ class RecordedFlight:
     def inputs(self) -> list[dict[str, str]]:
         """Return the role, the name and the SHA-256 of each file that the flight was read from.
 
-        Raises
-        ------
-        FlightError, MapError
-            If one cannot be read any more.
+        Raises FlightError or MapError if one cannot be read any more.
         """
         spec, folder = self.spec, self.path.parent
         tables = {name: getattr(spec, name) for name in type(spec).model_fields}
@@ -225,11 +222,7 @@ def _require_receivers_near(
 ) -> None:
     """Raise FlightError if the positions of a receiver are nowhere near the INS's.
 
-    Parameters
-    ----------
-    model : sensors as the estimators know them.
-    series, at : their readings, and at which epochs.
-    read : (K, e) the readings of all of them, NaN for none.
+    ``at`` says at which epochs the series are, ``read`` (K, e) has them all, NaN for none.
     """
     prior, first = 10.0 * float(np.sqrt(np.diag(model.prior_cov)[:3].sum())), 0
     for sensor in model.aiding:

@@ -78,10 +78,7 @@ class Inertial(NamedTuple):
 
         ``gravity`` is what the mechanization adds to normal gravity.
 
-        Raises
-        ------
-        FlightError
-            If the mechanization ends beyond all numbers.
+        Raises FlightError if the mechanization ends beyond all numbers.
         """
         if self.solution is not None:
             return self.solution
@@ -99,19 +96,11 @@ class Inertial(NamedTuple):
 
 
 def inertial(spec: FlightSpec, folder: Path, model: SensorSuite, field: Field) -> Inertial:
-    """Return what the INS of a recorded flight has recorded.
+    """Return what the INS of a recorded flight has recorded, in files of a folder.
 
-    Parameters
-    ----------
-    spec : the flight.
-    folder : of its files.
-    model : sensors as the estimators know them.
-    field : the map that they assume.
+    ``model`` and ``field`` are the sensors and the map that the estimators assume.
 
-    Raises
-    ------
-    FlightError
-        If a record cannot be used.
+    Raises FlightError if a record cannot be used.
     """
     if spec.ins is not None:
         return _of_solution(spec, spec.ins, folder, field)

@@ -56,10 +56,7 @@ def velocity_columns(frame: Frame) -> tuple[str, ...]:
 def velocities_of(columns: Columns, frame: Frame) -> np.ndarray:
     """Return velocities (N, 3) ENU [m/s].
 
-    Raises
-    ------
-    FlightError
-        If they are beyond what velocities can be.
+    Raises FlightError if they are beyond what velocities can be.
     """
     names = velocity_columns(frame)
     columns.require_within(dict.fromkeys(names, (-FASTEST_MPS, FASTEST_MPS)))
@@ -73,10 +70,7 @@ def velocities_of(columns: Columns, frame: Frame) -> np.ndarray:
 def positions_of(columns: Columns) -> np.ndarray:
     """Return positions (N, 3) [rad, rad, m], the longitude without jumps.
 
-    Raises
-    ------
-    FlightError
-        If they are beyond what positions can be.
+    Raises FlightError if they are beyond what positions can be.
     """
     columns.require_within({name: _LIMITS[name] for name in POSITION})
     found = columns.stacked(POSITION)
@@ -89,10 +83,7 @@ def positions_of(columns: Columns) -> np.ndarray:
 def attitudes_in(columns: Columns) -> np.ndarray:
     """Return C_nb (N, 3, 3) of heading, pitch and roll.
 
-    Raises
-    ------
-    FlightError
-        If they are beyond what angles can be.
+    Raises FlightError if they are beyond what angles can be.
     """
     columns.require_within({name: _LIMITS[name] for name in ATTITUDE})
     return np.asarray(attitudes_of(np.radians(columns.stacked(ATTITUDE))))
@@ -111,15 +102,8 @@ def require_consistent(
 ) -> None:
     """Raise FlightError unless the positions move as the velocities say.
 
-    A sign, a frame, a unit or an order taken for another is found so, and named.
-
-    Parameters
-    ----------
-    columns : the file.
-    times : (N,) of its rows [s].
-    motion : of them.
-    frame : in which the user says the velocities are.
-    noise : RMS of a position [m].
+    A sign, a frame, a unit or an order taken for another is found so, and named. Times (N,) are
+    those of the rows [s], the frame is the user's, and ``noise`` is the RMS of a position [m].
     """
     positions, velocities = motion.positions, motion.velocities
     assert velocities is not None
@@ -162,11 +146,8 @@ def _alternatives(
 ) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
     """Yield what may be meant: in words, and displacements of positions and of velocities.
 
-    Parameters
-    ----------
-    positions : (N, 3).
-    starts : first of the steps between them of each span.
-    moved, led : (S, 3) displacements of positions and of velocities in the spans [m].
+    Positions are (N, 3), and displacements (S, 3) [m] those of spans, each of which begins with one
+    of the steps between positions, its start.
     """
     moved, led = moved[:, :2], led[:, :2]
     yield "the east and north velocities change places (NED taken for ENU)", moved, led[:, ::-1]

@@ -87,10 +87,7 @@ def read_series(
 ) -> dict[str, Series]:
     """Return the readings of every sensor on board, the gradiometer's first.
 
-    Raises
-    ------
-    FlightError
-        If a file cannot be used.
+    Raises FlightError if a file cannot be used.
     """
     return {sensor: _read(spec, folder, model, base, sensor) for sensor in sensors_of(spec)}
 
@@ -145,10 +142,7 @@ def _require_period(columns: Columns, times: np.ndarray, period: float, table: s
 def gradients(spec: FlightSpec, base: TimeBase, series: Series) -> tuple[np.ndarray, np.ndarray]:
     """Return a gradiometer's readings (1, G, g) [E], and which (1, G) are missing.
 
-    Raises
-    ------
-    FlightError
-        If a reading is there in part, or one of a filtered instrument is missing.
+    Raises FlightError if a reading is there in part, or one of a filtered instrument is missing.
     """
     values, table = series.values, spec.gradiometer
     assert table is not None
@@ -180,12 +174,7 @@ def others(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the readings of the other sensors (1, K, e), and which of them there are.
 
-    Parameters
-    ----------
-    model : sensors as the estimators know them.
-    series : their readings.
-    at : at which of the epochs each is read.
-    ins : what the INS indicates at the epochs (1, K, .).
+    ``at`` says at which of the epochs each is read, ``ins`` what the INS indicates there (1, K, .).
     """
     width = sum(len(sensor.channels) for sensor in model.aiding)
     read = np.full((*ins.positions.shape[:2], width), np.nan)
@@ -214,13 +203,8 @@ def require_near(
 ) -> None:
     """Raise FlightError if a receiver's first position is nowhere near the INS's.
 
-    Parameters
-    ----------
-    columns : the file.
-    rows : (G,) of it.
-    away : (G, 3) distances from the INS [m], NaN for none.
-    allowed : what the prior allows [m].
-    what : whose the positions are.
+    Rows (G,) of the file are ``away`` from the INS (G, 3) [m], NaN for none; ``allowed`` is what
+    the prior allows [m], and ``what`` has the positions.
     """
     there = np.flatnonzero(np.isfinite(away[:, :2]).all(axis=1))
     if not len(there):

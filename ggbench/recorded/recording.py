@@ -27,23 +27,13 @@ FLIGHT = "flight.toml"
 
 
 def write_record(flight: Flight, seed: int, run: int, folder: Path, title: str = "") -> Path:
-    """Write a simulated run as a recorded flight; return the path of its file.
+    """Write a run of a simulated flight as a recorded one; return the path of its file.
 
     The tables are those of the model, the records those of which the run's problem is made; the
     truth is in ``reference.csv`` alone. The readings are given as their sensors would deliver
-    them: a receiver's positions are geodetic.
+    them: a receiver's positions are geodetic. The folder must hold no files yet.
 
-    Parameters
-    ----------
-    flight : the case.
-    seed, run : the campaign's seed and the run's number.
-    folder : to write into; it must hold no files yet.
-    title : of the flight.
-
-    Raises
-    ------
-    FlightError
-        If the folder is not empty, or cannot be written.
+    Raises FlightError if the folder is not empty, or cannot be written.
     """
     require_empty(folder)
     found = recorded(flight, seed, run)

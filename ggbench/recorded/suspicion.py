@@ -50,10 +50,7 @@ def nis_ratio(problem: Problem, found: Residuals) -> float:
 def suspicions(flight: RecordedFlight, residuals: dict[str, Residuals]) -> Iterator[str]:
     """Yield a sentence for each thing that is suspicious, with likely causes.
 
-    Parameters
-    ----------
-    flight : as it was read.
-    residuals : what the readings say to each estimator, by its label.
+    ``residuals`` are what the readings say to each estimator, by its label.
     """
     ratios = {label: nis_ratio(flight.problem, found) for label, found in residuals.items()}
     beyond = {label: ratio for label, ratio in ratios.items() if ratio > MOST_NIS}

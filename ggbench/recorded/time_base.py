@@ -44,18 +44,11 @@ class TimeBase:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return which samples readings belong to, and which rows of the file they are.
 
-        The first sample is the prior's and takes no reading.
+        The first sample is the prior's and takes no reading. Times (N,) are those of the rows
+        on the clock of the INS [s].
 
-        Parameters
-        ----------
-        columns : the file.
-        times : (N,) of its rows, on the clock of the INS [s].
-        outside : what becomes of readings outside the samples.
-
-        Raises
-        ------
-        FlightError
-            If readings lie outside, too far from a sample, or two of them at the same one.
+        Raises FlightError if readings lie outside, too far from a sample, or two of them at the
+        same one.
         """
         since = times - self.start
         nearest = np.rint(since / self.dt).astype(np.int64)
@@ -100,10 +93,7 @@ class TimeBase:
 def clocked(columns: Columns, offset: float) -> np.ndarray:
     """Return the times of a file's rows on the clock of the INS [s].
 
-    Raises
-    ------
-    FlightError
-        If they do not increase.
+    Raises FlightError if they do not increase.
     """
     columns.require_within({"time_s": (-_LONGEST, _LONGEST)})
     times = columns["time_s"]

@@ -100,17 +100,11 @@ class CsvText:
     def numbers(
         self, columns: Mapping[str, int], may_be_empty: frozenset[str] = frozenset()
     ) -> dict[str, Array]:
-        """Return columns as numbers.
+        """Return columns as numbers; ``columns`` says what messages call them, and where they are.
 
-        Parameters
-        ----------
-        columns : which they are, by what messages call them.
-        may_be_empty : those of which a field may be empty or say nan: NaN.
+        A field of those that ``may_be_empty`` may be empty or say nan: NaN.
 
-        Raises
-        ------
-        TrajectoryError
-            If a field is no finite number, with a sentence that names its line.
+        Raises TrajectoryError if a field is no finite number, with a sentence that names its line.
         """
         try:
             with warnings.catch_warnings():
@@ -212,9 +206,7 @@ def _iso_second(text: str) -> float:
 def rollover(before: float, after: float) -> str:
     """Return a hint if times fall because a clock began at zero; empty if not.
 
-    Parameters
-    ----------
-    before, after : times of two rows that follow one another [s].
+    ``before`` and ``after`` are the times of two rows that follow one another [s].
     """
     for period, name in _PERIODS:
         if abs(before - period) < _NEAR and 0.0 <= after < _NEAR:
@@ -223,16 +215,9 @@ def rollover(before: float, after: float) -> str:
 
 
 def status_of(file: str, what: str) -> os.stat_result:
-    """Return size and times of a file.
+    """Return size and times of a file; ``what`` it holds is for the message.
 
-    Parameters
-    ----------
-    file : path. what : what it holds, for the message.
-
-    Raises
-    ------
-    TrajectoryError
-        If there is none.
+    Raises TrajectoryError if there is none.
     """
     try:
         return Path(file).stat()

@@ -18,14 +18,10 @@ _MOST_NODES = 50
 
 
 def geoid_heights(latitude: Array, longitude: Array) -> Array:
-    """Return heights of the geoid above the ellipsoid (N,) [m] along a track.
+    """Return heights of the geoid above the ellipsoid (N,) [m] along a track (N,) [deg].
 
     Bruns' formula with EGM2008 to degree 120: within 1 m over flat land, and a few metres in
     mountains, where short waves are missing.
-
-    Parameters
-    ----------
-    latitude, longitude : (N,) [deg].
     """
     rows = np.arange(len(latitude))
     nodes = np.unique(np.linspace(0, len(rows) - 1, min(len(rows), _MOST_NODES)).round())

@@ -31,10 +31,7 @@ _CONVENTIONS = {
 def require_heading(heading: Array, velocity: Array) -> None:
     """Raise TrajectoryError if headings contradict the course over most of a flight.
 
-    Parameters
-    ----------
-    heading : (N,) as given [deg].
-    velocity : (N, 3) ENU [m/s].
+    Headings are (N,) as given [deg], velocities (N, 3) ENU [m/s].
     """
     fast = np.hypot(velocity[:, 0], velocity[:, 1]) > FAST
     if np.count_nonzero(fast) < _FEWEST:

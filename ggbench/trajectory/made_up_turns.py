@@ -33,11 +33,8 @@ _AXES = ("latitude_deg", "longitude_deg", "height_m")
 def all_lines(lines: Sequence[SurveyLine]) -> SurveyLine:
     """Return lines as one, with samples in the turns whose readings are missing.
 
-    Raises
-    ------
-    TrajectoryError
-        If lines overlap in time, their samples do not fit together, or a turn cannot be flown in
-        its time.
+    Raises TrajectoryError if lines overlap in time, their samples do not fit together, or a turn
+    cannot be flown in its time.
     """
     ordered = sorted(lines, key=lambda line: float(line.places["time_s"][0]))
     parts = ordered[:1]

@@ -72,10 +72,7 @@ class SurveyLine:
     def at_one_interval(self) -> SurveyLine:
         """Return the line with times at one interval: what a clock is off is dropped.
 
-        Raises
-        ------
-        TrajectoryError
-            If the samples do not come at one interval.
+        Raises TrajectoryError if the samples do not come at one interval.
         """
         times, interval = self.places["time_s"], self.interval
         even = times[0] + interval * np.arange(len(times))
@@ -91,10 +88,8 @@ class SurveyLine:
     def middle(self, duration: float | None) -> slice:
         """Return the samples in the middle of the line that last so long [s]; all without one.
 
-        Raises
-        ------
-        TrajectoryError
-            If the line is shorter, or the duration is no multiple of the interval.
+        Raises TrajectoryError if the line is shorter, or the duration is no multiple of the
+        interval.
         """
         count = len(self.places["time_s"]) - 1
         if duration is None:
@@ -126,10 +121,7 @@ class SurveyLine:
         The first is a period after the start; NaN where one is missing. ``sensor`` is the table
         that asks for them.
 
-        Raises
-        ------
-        TrajectoryError
-            If the file has no such component, or samples at other times.
+        Raises TrajectoryError if the file has no such component, or samples at other times.
         """
         for name in components:
             if name not in self.readings:
@@ -151,10 +143,8 @@ class SurveyLine:
 def read_lines(file: str) -> Mapping[str, SurveyLine]:
     """Return the lines of a file (CSV, or CSV packed by gzip) by name.
 
-    Raises
-    ------
-    TrajectoryError
-        With a sentence that names the file, the line, what was found and what is allowed.
+    Raises TrajectoryError with a sentence that names the file, the line, what was found and what is
+    allowed.
     """
     status = status_of(file, "survey lines")
     try:
@@ -214,10 +204,8 @@ def _unpacked(file: Path) -> bytes:
 def line_named(file: str, name: str) -> SurveyLine:
     """Return a line of a file, its samples at one interval.
 
-    Raises
-    ------
-    TrajectoryError
-        If the file cannot be used, has no line of that name, or the line has gaps.
+    Raises TrajectoryError if the file cannot be used, has no line of that name, or the line has
+    gaps.
     """
     lines = read_lines(file)
     if name not in lines:

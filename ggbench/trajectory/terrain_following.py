@@ -117,15 +117,9 @@ class TerrainFollowing:
 def heights(name: str, latitude: Array, longitude: Array) -> Array:
     """Return terrain heights (N,) [m], bilinear between the points of the file's grid.
 
-    Parameters
-    ----------
-    name : path of the file, or the name of one that is shipped.
-    latitude, longitude : (N,) [rad].
+    ``name`` is the path of the file, or the name of one that is shipped; positions are (N,) [rad].
 
-    Raises
-    ------
-    TrajectoryError
-        If the file cannot be read, or the positions leave it.
+    Raises TrajectoryError if the file cannot be read, or the positions leave it.
     """
     version = _version(name)
     try:

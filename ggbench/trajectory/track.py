@@ -76,15 +76,8 @@ def read_track(file: str, limits: TrackLimits) -> Track:
     The first line of a CSV file names the columns: time_s, latitude_deg, longitude_deg and
     height_m, and heading, pitch and roll in degrees if they are known. Others are passed over.
 
-    Parameters
-    ----------
-    file : path.
-    limits : what the track may look like.
-
-    Raises
-    ------
-    TrajectoryError
-        With a sentence that names the file, the line, what was found and what is allowed.
+    Raises TrajectoryError with a sentence that names the file, the line, what was found and what is
+    allowed.
     """
     status = status_of(file, "track")
     if not stat.S_ISREG(status.st_mode):
@@ -124,18 +117,9 @@ def part_of(track: Track, start: float, end: float) -> Track:
 
 
 def track_of(columns: dict[str, Array], place: Place, limits: TrackLimits) -> Track:
-    """Return the track of columns, checked and smooth.
+    """Return the track of columns (N,), checked and smooth; ``place`` says where a row is.
 
-    Parameters
-    ----------
-    columns : name to numbers (N,).
-    place : where a row is in its file, in words.
-    limits : what the track may look like.
-
-    Raises
-    ------
-    TrajectoryError
-        With a sentence that names the line, what was found and what is allowed.
+    Raises TrajectoryError with a sentence that names the line, what was found and what is allowed.
     """
     for key, (low, high, unit) in _RANGES.items():
         if key in columns:
@@ -257,10 +241,8 @@ def _check_acceleration(
 ) -> Array:
     """Return velocities (N, 3) ENU [m/s] at the knots.
 
-    Raises
-    ------
-    TrajectoryError
-        Where the splines ask for too large an acceleration, which is largest at their knots.
+    Raises TrajectoryError where the splines ask for too large an acceleration, which is largest at
+    their knots.
     """
     velocity, acceleration = _motion(splines, times)
     size = np.sqrt((acceleration**2).sum(axis=-1))

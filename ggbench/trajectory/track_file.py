@@ -42,19 +42,11 @@ def parse(
 ) -> tuple[dict[str, Array], int]:
     """Return the known columns of a CSV text, and the number of the line of their first row.
 
-    Columns may be separated by commas, semicolons or tabs; those whose names are not known are
-    passed over. A name may have a unit in brackets; times may be dates (ISO 8601).
+    Columns may be separated by commas, semicolons or tabs; those whose names are not known, or not
+    among ``keys``, are passed over. A name may have a unit in brackets; times may be dates (ISO
+    8601). At least ``fewest`` rows are needed.
 
-    Parameters
-    ----------
-    content : of the file.
-    keys : of the columns that are read.
-    fewest : rows that are needed.
-
-    Raises
-    ------
-    TrajectoryError
-        With a sentence that names the line, what was found and what is allowed.
+    Raises TrajectoryError with a sentence that names the line, what was found and what is allowed.
     """
     required = [key for key in _REQUIRED if key in keys]
     text = CsvText.of(content, _wanted(required, keys), _KNOWN)
@@ -81,10 +73,7 @@ def parse(
 def _factor(key: str, name: str, unit: str, line: int) -> float:
     """Return the factor of a unit in brackets behind a column's name.
 
-    Raises
-    ------
-    TrajectoryError
-        If the unit is not known, or is not that of the name.
+    Raises TrajectoryError if the unit is not known, or is not that of the name.
     """
     end = key[key.rindex("_") :]
     factor = _UNITS[end].get(unit)

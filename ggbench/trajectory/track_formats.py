@@ -60,10 +60,7 @@ class Fix(NamedTuple):
 def rows_of(content: bytes) -> Rows:
     """Return the rows of a track.
 
-    Raises
-    ------
-    TrajectoryError
-        With a sentence that names the place, what was found and what is allowed.
+    Raises TrajectoryError with a sentence that names the place, what was found and what is allowed.
     """
     readers = {"gpx": _gpx, "kml": _kml, "nmea": _nmea, "pos": _pos}
     name, text = recognised(content)
@@ -76,10 +73,7 @@ def rows_of(content: bytes) -> Rows:
 def recognised(content: bytes) -> tuple[str, str]:
     """Return which format a file has, and its text; "csv" and no text if none of the others.
 
-    Raises
-    ------
-    TrajectoryError
-        If it is an archive, or no text although it begins like one.
+    Raises TrajectoryError if it is an archive, or no text although it begins like one.
     """
     head = content[:_HEAD].removeprefix(b"\xef\xbb\xbf")
     for name, looks in _FORMATS.items():
@@ -107,10 +101,7 @@ def gpx_document(text: str) -> Any:
 def kml_root(text: str) -> ElementTree.Element:
     """Return the elements of a KML file, their names without a namespace.
 
-    Raises
-    ------
-    TrajectoryError
-        If it cannot be read.
+    Raises TrajectoryError if it cannot be read.
     """
     try:
         root = ElementTree.fromstring(text.encode())

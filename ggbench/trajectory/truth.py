@@ -110,18 +110,11 @@ def fly(
 
 
 def along(track: Track, dt: float, pitch: float, roll: float, banks: bool = True) -> Trajectory:
-    """Return the truth of a track of positions, made smooth at the samples.
+    """Return the truth of a track of positions, made smooth at the samples ``dt`` [s] apart.
 
-    Parameters
-    ----------
-    track : from :func:`.track.read_track`.
-    dt : sampling interval [s].
-    pitch, roll, banks : as in :func:`fly`, where the track has no attitudes.
+    ``pitch``, ``roll`` and ``banks`` are as in :func:`fly`, where the track has no attitudes.
 
-    Raises
-    ------
-    TrajectoryError
-        If it cannot be flown.
+    Raises TrajectoryError if it cannot be flown.
     """
     from .track import resample  # not at the top: it loads slowly, few flights have a track
 

@@ -22,10 +22,7 @@ def read_waypoints(path: Path) -> Array:
     waypoints, or else its tracks; of a KML file its points, or else its lines. Heights and times
     are left out.
 
-    Raises
-    ------
-    TrajectoryError
-        With a sentence that names the place, what was found and what is allowed.
+    Raises TrajectoryError with a sentence that names the place, what was found and what is allowed.
     """
     try:
         content = path.read_bytes()

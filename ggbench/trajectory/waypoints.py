@@ -78,13 +78,9 @@ class Waypoint:
 def leg(position: Array, latitude: float, longitude: float) -> tuple[float, float]:
     """Return heading [rad] and length [m] of the line of constant heading to a place.
 
+    It goes, level, from a position (3,) of latitude, longitude [rad] and height [m].
     tan α = Δλ / ∫ (M + h) / ((N + h) cos φ) dφ, and the length is ∫ (M + h) dφ / cos α
     (Williams 1998, Geometry of Navigation).
-
-    Parameters
-    ----------
-    position : (3,) latitude, longitude [rad], height [m] from which it goes, level.
-    latitude, longitude : of the place [rad].
     """
     north = latitude - position[0]
     east = math.remainder(longitude - position[1], math.tau)
