@@ -16,7 +16,7 @@ from ..problem import Estimate, Problem, predict_along
 from ..sensors.aiding import Motion, corrected_motion
 from ..simulation.runs import Truth
 from ..spec.case import WindowsSpec
-from .motion import ATTITUDE, POSITION, angles_of, velocity_columns
+from .motion import track_columns
 
 _AXES = ("east", "north", "up")
 SIGMAS = (
@@ -48,13 +48,9 @@ def corrected(problem: Problem, estimate: Estimate, start: float = 0.0) -> dict[
     if problem.track is None:
         raise EstimateError("the problem has no track of an INS that could be corrected")
     mean, cov = _arrays(problem, estimate)
-    track = problem.track
-    positions, velocities, attitudes = corrected_motion(Motion.of(track), mean)
-    angles = np.degrees(angles_of(attitudes))
-    places = np.hstack([np.degrees(positions[:, :2]), positions[:, 2:]])
-    values = np.hstack([places, velocities, angles, _sigmas(mean, cov)])
-    names = (*POSITION, *velocity_columns("ENU"), *ATTITUDE, *SIGMAS)
-    return {"time_s": start + problem.times} | dict(zip(names, values.T, strict=True))
+    motion = corrected_motion(Motion.of(problem.track), mean)
+    sigmas = dict(zip(SIGMAS, _sigmas(mean, cov).T, strict=True))
+    return track_columns(start + problem.times, motion) | sigmas
 
 
 def _arrays(problem: Problem, estimate: Estimate) -> tuple[np.ndarray, np.ndarray | None]:

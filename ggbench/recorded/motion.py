@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..gravity.ellipsoid import metres_along
+from ..sensors.aiding import Motion
 from ..spec.flight import Frame
 from ..spec.limits import FASTEST_MPS, HIGHEST_M, LOWEST_M
 from ..trajectory.truth import attitudes_of
@@ -95,6 +96,14 @@ def angles_of(attitudes: np.ndarray) -> np.ndarray:
     pitch = np.arctan2(up[:, 1], np.hypot(up[:, 0], up[:, 2]))
     heading = np.arctan2(attitudes[:, 0, 1], attitudes[:, 1, 1]) % (2.0 * math.pi)
     return np.stack([heading, pitch, np.arctan2(-up[:, 0], up[:, 2])], axis=-1)
+
+
+def track_columns(times: np.ndarray, motion: Motion) -> dict[str, np.ndarray]:
+    """Return a track (N,) as columns of a file: times, places, velocities ENU and angles."""
+    places = np.hstack([np.degrees(motion.positions[:, :2]), motion.positions[:, 2:]])
+    values = np.hstack([places, motion.velocities, np.degrees(angles_of(motion.attitudes))])
+    names = (*POSITION, *velocity_columns("ENU"), *ATTITUDE)
+    return {"time_s": times} | dict(zip(names, values.T, strict=True))
 
 
 def require_consistent(

@@ -183,19 +183,14 @@ def others(
         last = first + len(sensor.channels)
         values = series[sensor.name].values.copy()
         if isinstance(sensor, Gnss) and sensor.position:
-            # As the model has it: relative to where the INS believes to be.
-            values[:, :3] = -position_error(ins.positions[0, epochs], _near(values, ins, epochs))
+            # As the model has it: relative to where the INS believes to be, in its turn.
+            indicated = ins.positions[0, epochs]
+            values[:, 1] += turns(values[:, 1], indicated[:, 1], math.tau)
+            values[:, :3] = -position_error(indicated, values[:, :3])
         read[0, epochs, first:last] = values
         first = last
     present = np.isfinite(read)
     return np.where(present, read, 0.0), present
-
-
-def _near(values: np.ndarray, ins: Motion, epochs: np.ndarray) -> np.ndarray:
-    """Return positions (G, 3) with longitudes within half a turn of the INS's."""
-    found = values[:, :3].copy()
-    found[:, 1] += turns(found[:, 1], ins.positions[0, epochs, 1], math.tau)
-    return found
 
 
 def require_near(

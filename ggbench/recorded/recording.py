@@ -19,7 +19,7 @@ from ..spec.flight import FlightError, FlightSpec, load
 from ..spec.named_sensors import sensors_of, table_of
 from . import columns as files
 from .inertial import DELTAS
-from .motion import ATTITUDE, POSITION, angles_of, velocity_columns
+from .motion import track_columns
 from .readings import column_names
 
 FLIGHT = "flight.toml"
@@ -49,7 +49,8 @@ def write_record(flight: Flight, seed: int, run: int, folder: Path, title: str =
         middles = 0.5 * (times[1:] + times[:-1])
         files.write(folder / "altimeter.csv", {"time_s": middles, "height_m": found.heights})
     _write_readings(flight, spec, found.read, found.indicated.positions[0], folder)
-    _write_reference(flight, folder)
+    reference = track_columns(flight.times, flight.motion_at_epochs)
+    files.write(folder / "reference.csv", reference)
     return path
 
 
@@ -110,10 +111,11 @@ def _content(table: BaseModel) -> dict[str, Any]:
 def _write_readings(
     flight: Flight, spec: FlightSpec, read: Any, indicated: np.ndarray, folder: Path
 ) -> None:
-    times, model = flight.times, flight.model
+    found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    model = flight.model
     if model.gradiometer is not None:
         values = np.where(read.missing[0][:, np.newaxis], np.nan, read.gradients[0])
-        _write(folder, spec, flight, "gradiometer", times[flight.gradient_epochs], values)
+        found["gradiometer"] = flight.gradient_epochs, values
     first = 0
     for sensor, at in zip(model.aiding, flight.aiding_epochs, strict=True):
         last = first + len(sensor.channels)
@@ -122,30 +124,11 @@ def _write_readings(
             places = corrected_positions(indicated[at], -values[:, :3])
             places[:, :2] = np.degrees(places[:, :2])
             values[:, :3] = places
-        _write(folder, spec, flight, sensor.name, times[at], values)
+        found[sensor.name] = at, values
         first = last
-
-
-def _write(
-    folder: Path,
-    spec: FlightSpec,
-    flight: Flight,
-    sensor: str,
-    times: np.ndarray,
-    values: np.ndarray,
-) -> None:
-    names = column_names(spec, flight.model, sensor)
-    columns = {"time_s": times} | dict(zip(names, values.T, strict=True))
-    files.write(folder / f"{sensor}.csv", columns)
-
-
-def _write_reference(flight: Flight, folder: Path) -> None:
-    motion = flight.motion_at_epochs
-    positions = np.hstack([np.degrees(motion.positions[:, :2]), motion.positions[:, 2:]])
-    values = np.hstack([positions, motion.velocities, np.degrees(angles_of(motion.attitudes))])
-    names = (*POSITION, *velocity_columns("ENU"), *ATTITUDE)
-    columns = {"time_s": flight.times} | dict(zip(names, values.T, strict=True))
-    files.write(folder / "reference.csv", columns)
+    for name, (at, values) in found.items():
+        channels = dict(zip(column_names(spec, model, name), values.T, strict=True))
+        files.write(folder / f"{name}.csv", {"time_s": flight.times[at]} | channels)
 
 
 def toml(tables: Mapping[str, Any], prefix: str = "") -> list[str]:

@@ -156,16 +156,11 @@ def time_base(
         )
     start = float(times[0]) - before * dt
     count = round((float(times[-1]) - start) / dt)
-    base = TimeBase(start, dt, count, min(_tolerance(dt, tolerance), 0.5 * dt))
+    allowed = min(_USUAL_TOLERANCE * dt if tolerance is None else tolerance, 0.5 * dt)
     exact = len(times) == count + 1 - before and bool(
         np.abs(times - start - dt * np.arange(before, count + 1)).max() <= _EXACT * dt
     )
     if not exact:
         # Nothing is extrapolated: the last sample lies within the record.
         count = int(np.floor((float(times[-1]) - start) / dt + _EXACT))
-        base = TimeBase(start, dt, count, base.tolerance)
-    return base, exact
-
-
-def _tolerance(dt: float, tolerance: float | None) -> float:
-    return _USUAL_TOLERANCE * dt if tolerance is None else tolerance
+    return TimeBase(start, dt, count, allowed), exact
