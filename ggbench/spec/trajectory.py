@@ -11,13 +11,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from ..files import sha256_of
-from ..trajectory.manoeuvres import (
-    Manoeuvre,
-    State,
-    TrajectoryError,
-    plan,
-    repeated,
-)
+from ..trajectory.manoeuvres import Manoeuvre, State, TrajectoryError, plan
 from ..trajectory.terrain_following import TerrainFollowing, terrain_path
 from . import quantities as q
 from .segments import SegmentSpec, keys_given
@@ -154,7 +148,7 @@ class TrajectorySpec(Section):
 
     def manoeuvres(self) -> list[Manoeuvre]:
         """Return all segments, repetitions included."""
-        return list(repeated([segment.manoeuvre() for segment in self.segment], self.repeat))
+        return [segment.manoeuvre() for segment in self.segment] * self.repeat
 
     def track_limits(self) -> TrackLimits:
         """Return what a track may look like."""

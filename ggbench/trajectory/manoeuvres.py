@@ -8,7 +8,7 @@ continuous.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -390,9 +390,3 @@ def require_level(start: State) -> None:
             f"must begin in level flight, and there the climb angle is "
             f"{math.degrees(start.climb):g}°"
         )
-
-
-def repeated(manoeuvres: Sequence[Manoeuvre], times: int) -> Iterator[Manoeuvre]:
-    """Iterate over all manoeuvres several times."""
-    for _ in range(times):
-        yield from manoeuvres

@@ -24,7 +24,7 @@ import numpy as np
 from ..errors import GGBenchError
 from ..gravity.meridians import Area
 from ..numerics.kernels import compiled
-from .manoeuvres import Array, State, TrajectoryError, enu, follow
+from .manoeuvres import Array, State, TrajectoryError, enu, follow, speed_of
 
 _STEP = 0.1  # of the plan [s]
 _SHORTEST, _LONGEST = 20.0, 36000.0  # [s]
@@ -59,9 +59,7 @@ class TerrainFollowing:
         duration = self.duration
         if duration is None:
             assert self.distance is not None
-            if start.speed < 1e-3:
-                raise TrajectoryError(f"needs a speed, and there it is {start.speed:g} m/s")
-            duration = self.distance / start.speed
+            duration = self.distance / speed_of(start)
         if not _SHORTEST <= duration <= _LONGEST:
             raise TrajectoryError(
                 f"lasts {duration:g} s; terrain can be followed for {_SHORTEST:g} to {_LONGEST:g} s"
