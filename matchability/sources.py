@@ -5,34 +5,16 @@ from __future__ import annotations
 import dataclasses
 import math
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from ..gravity.ellipsoid import SEMI_MAJOR_AXIS
 from ..gravity.gradient_map import GradientMap, MapError
 from ..gravity.meridians import Area
-from ..maps.recipe import (
-    SPACING_PER_CLEARANCE,
-    SPACING_PER_HEIGHT,
-    SPACING_PER_MASS,
-    MapRecipe,
-    load_or_build,
-    read,
-)
-from ..maps.shipped_regions import SOURCES, extent_deg
-from ..maps.shipped_surveys import (
-    SURVEYS,
-    highest_mass_m,
-    survey_extent_deg,
-    survey_heights_m,
-)
-from ..maps.shipped_terrains import (
-    TERRAINS,
-    highest_ground_m,
-    terrain_extent_deg,
-    terrain_heights_m,
-)
+from ..maps.recipe import Limits, MapRecipe, limits_of, load_or_build, read
+from ..maps.shipped_regions import SOURCES
+from ..maps.shipped_surveys import SURVEYS
+from ..maps.shipped_terrains import TERRAINS
 from .score import Bounds, Design, cells_between
 
 _NAMES = {*SOURCES, *TERRAINS, *SURVEYS}
@@ -45,20 +27,6 @@ _SHRINK = 0.999
 """Factor that keeps a spacing on the allowed side of a recipe's limit after rounding."""
 _STRETCH = 1.01
 """A degree along a meridian is up to 0.7 % shorter than a degree of the equator."""
-
-
-class _Shipped(NamedTuple):
-    """Extent of a shipped region or terrain, and the limits of its node spacings."""
-
-    latitudes: tuple[float, float]
-    longitudes: tuple[float, float]
-    heights: tuple[float, float]
-    ground: float
-    """Height from which the limits of the spacings count [m]."""
-    share: float
-    """Largest horizontal spacing as a share of the height above ``ground``."""
-    vertical: float = 1.0
-    """The same vertically, of what is no region."""
 
 
 def named_map(name: str, design: Design, bounds: Bounds) -> tuple[GradientMap, float]:
@@ -87,7 +55,7 @@ def named_map(name: str, design: Design, bounds: Bounds) -> tuple[GradientMap, f
             )
         found = read(Path(name))
         return found, found.height0 if design.height_m is None else design.height_m
-    source = _shipped(name)
+    source = limits_of(name)
     lowest, highest = source.heights
     height = lowest if design.height_m is None else design.height_m
     if not lowest <= height <= highest:
@@ -103,25 +71,7 @@ def named_map(name: str, design: Design, bounds: Bounds) -> tuple[GradientMap, f
     return load_or_build(recipe), height
 
 
-def _shipped(name: str) -> _Shipped:
-    if name in TERRAINS:
-        return _Shipped(
-            *terrain_extent_deg(name), terrain_heights_m(name), highest_ground_m(name),
-            SPACING_PER_CLEARANCE,
-        )  # fmt: skip
-    if name in SURVEYS:
-        return _Shipped(
-            *survey_extent_deg(name), survey_heights_m(name), highest_mass_m(name),
-            SPACING_PER_MASS, SPACING_PER_MASS,
-        )  # fmt: skip
-    files = SOURCES[name]
-    heights = files.lowest_height_m, files.highest_height_m
-    return _Shipped(*extent_deg(files), heights, -files.source_depth_m, SPACING_PER_HEIGHT)
-
-
-def _recipe(
-    name: str, source: _Shipped, height: float, bounds: Bounds, around_m: float
-) -> MapRecipe:
+def _recipe(name: str, source: Limits, height: float, bounds: Bounds, around_m: float) -> MapRecipe:
     """Return the recipe of a map of five layers about a height, with the widest spacings allowed.
 
     The map reaches ``around_m`` [m] beyond the bounds, as far as the source has data.
@@ -166,7 +116,7 @@ def _spacing_arcmin(widest_m: float) -> float:
 
 
 def _sides(
-    source: _Shipped, bounds: Bounds, around_m: float, spacing: float
+    source: Limits, bounds: Bounds, around_m: float, spacing: float
 ) -> tuple[float, float, float, float]:
     """Return the map's south, north, west and east [deg]; ``spacing`` [deg] is of its nodes."""
     (south, north), (west, east) = source.latitudes, source.longitudes

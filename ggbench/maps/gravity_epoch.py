@@ -16,10 +16,8 @@ from pathlib import Path
 
 from ..gravity.gradient_map import MapError
 
-TIME_VARIABLE = ("gfct", "trnd", "dot", "acos", "asin")
-"""Words with which lines of such coefficients begin; dot is an older trnd."""
 _VARYING = re.compile(rb"^[ \t]*(gfct|trnd|dot|acos|asin)\b[^\n]*", re.MULTILINE)
-_TREND = ("trnd", "dot")
+_TREND = ("trnd", "dot")  # dot is an older trnd
 
 
 @dataclass

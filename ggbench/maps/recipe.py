@@ -14,6 +14,7 @@ import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -206,18 +207,18 @@ def checked(recipe: MapRecipe) -> MapRecipe:
         )
     if recipe.source in SURVEYS and recipe.relief_smoothing_deg != 0.0:
         raise MapError(f"relief_smoothing_deg has no meaning for a survey, {recipe.source!r}.")
-    latitudes, longitudes, heights = _reach_of(recipe.source)
+    given = limits_of(recipe.source)
     if recipe.source not in TERRAINS and recipe.density_kg_m3 != MapRecipe.density_kg_m3:
         raise MapError(
             f"density_kg_m3 belongs to a terrain ({', '.join(TERRAINS)}), not to {recipe.source!r}."
         )
-    bounds = Area(west=recipe.west_deg, east=recipe.east_deg).about(0.5 * sum(longitudes))
+    bounds = Area(west=recipe.west_deg, east=recipe.east_deg).about(0.5 * sum(given.longitudes))
     assert bounds.west is not None and bounds.east is not None  # as both were given
     recipe = dataclasses.replace(recipe, west_deg=bounds.west, east_deg=bounds.east)
     limits = (
-        ("south_deg", "north_deg", *latitudes),
-        ("west_deg", "east_deg", *longitudes),
-        ("min_height_m", "max_height_m", *heights),
+        ("south_deg", "north_deg", *given.latitudes),
+        ("west_deg", "east_deg", *given.longitudes),
+        ("min_height_m", "max_height_m", *given.heights),
     )
     for low, high, least, most in limits:
         lower, upper = getattr(recipe, low), getattr(recipe, high)
@@ -230,7 +231,7 @@ def checked(recipe: MapRecipe) -> MapRecipe:
                     f"{least:g} to {most:g} is allowed."
                 )
 
-    _check_spacings(recipe)
+    _check_spacings(recipe, given)
     counts = _node_counts(recipe)
     if min(counts) < netcdf.FEWEST_NODES or math.prod(counts) > _MOST_NODES:
         raise MapError(
@@ -240,47 +241,69 @@ def checked(recipe: MapRecipe) -> MapRecipe:
     return recipe
 
 
-def _reach_of(source: str) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]]:
-    """Latitudes, longitudes [deg] and heights [m], each from and to, which a source can give."""
+class Limits(NamedTuple):
+    """What a source can give, and how far apart nodes may be.
+
+    Attributes
+    ----------
+    latitudes, longitudes, heights : from and to [deg], [m].
+    ground : height from which the limits of spacings count [m].
+    share : widest horizontal spacing, as a share of the height above it.
+    vertical : the same vertically; of a region, of the height above half its depth.
+    """
+
+    latitudes: tuple[float, float]
+    longitudes: tuple[float, float]
+    heights: tuple[float, float]
+    ground: float
+    share: float
+    vertical: float
+
+
+def limits_of(source: str) -> Limits:
+    """Return the limits of a region, a terrain or a survey."""
     if source in TERRAINS:
-        return *terrain_extent_deg(source), terrain_heights_m(source)
+        return Limits(
+            *terrain_extent_deg(source), terrain_heights_m(source), highest_ground_m(source),
+            SPACING_PER_CLEARANCE, 1.0,
+        )  # fmt: skip
     if source in SURVEYS:
-        return *survey_extent_deg(source), survey_heights_m(source)
+        return Limits(
+            *survey_extent_deg(source), survey_heights_m(source), highest_mass_m(source),
+            SPACING_PER_MASS, SPACING_PER_MASS,
+        )  # fmt: skip
     files = SOURCES[source]
-    return *extent_deg(files), (files.lowest_height_m, files.highest_height_m)
+    return Limits(
+        *extent_deg(files), (files.lowest_height_m, files.highest_height_m), -files.source_depth_m,
+        SPACING_PER_HEIGHT, SPACING_PER_HEIGHT,
+    )  # fmt: skip
 
 
-def _check_spacings(recipe: MapRecipe) -> None:
+def _check_spacings(recipe: MapRecipe, limits: Limits) -> None:
     """Raise MapError if the nodes lie too far apart for the height above the sources."""
+    ground = deepest = limits.ground
     if recipe.source in TERRAINS:
-        ground = highest_ground_m(recipe.source)
-        depth, deepest, share = -ground, -ground, SPACING_PER_CLEARANCE
-        vertical_share = 1.0
         vertical_rule = f"the height above the highest ground, {ground:g} m"
-        rule = f"{share:g} of {vertical_rule}"
+        rule = f"{limits.share:g} of {vertical_rule}"
     elif recipe.source in SURVEYS:
-        depth = deepest = -highest_mass_m(recipe.source)
-        share = vertical_share = SPACING_PER_MASS
         rule = vertical_rule = (
-            f"{share:g} of the height above the highest point mass, {-depth:.0f} m"
+            f"{limits.share:g} of the height above the highest point mass, {ground:.0f} m"
         )
     else:
-        depth = SOURCES[recipe.source].source_depth_m
-        deepest, share = 0.5 * depth, SPACING_PER_HEIGHT
-        vertical_share = share
+        # Half the depth: the error of a spline is largest in the lowest layer, where it ends.
+        deepest = 0.5 * ground
         rule = "a quarter of that height"
-        if depth > 0.0:
-            rule += f" above sources {depth:g} m deep (vertically: above half that depth)"
+        if ground < 0.0:
+            rule += f" above sources {-ground:g} m deep (vertically: above half that depth)"
         vertical_rule = rule
-    # Half the depth: the error of a spline is largest in the lowest layer, where it ends.
-    widest = vertical_share * (recipe.min_height_m + deepest)
+    widest = limits.vertical * (recipe.min_height_m - deepest)
     if recipe.height_spacing_m > widest:
         raise MapError(
             f"height_spacing_m = {recipe.height_spacing_m} is too wide for min_height_m = "
             f"{recipe.min_height_m}: at most {widest:g} is allowed, {vertical_rule}."
         )
     height = recipe.min_height_m + _MARGIN_NODES * recipe.height_spacing_m
-    widest = math.degrees(share * (height + depth) / SEMI_MAJOR_AXIS) * 60.0
+    widest = math.degrees(limits.share * (height - ground) / SEMI_MAJOR_AXIS) * 60.0
     if recipe.spacing_arcmin > widest:
         raise MapError(
             f"spacing_arcmin = {recipe.spacing_arcmin} is too wide for a map that serves heights "
