@@ -25,8 +25,8 @@ def name_of(crs: Any) -> str:
     return found[1] if found else str(crs)
 
 
-def shift_m(crs: Any, longitude: float, latitude: float, path: Path) -> float:
-    """Return how far a geographic system is off WGS 84 at a place, in its own units [m].
+def is_another(crs: Any, longitude: float, latitude: float, path: Path) -> bool:
+    """Return whether a geographic system is another one than WGS 84 at a place, in its degrees.
 
     Raises TerrainError if rasterio is not installed.
     """
@@ -36,12 +36,7 @@ def shift_m(crs: Any, longitude: float, latitude: float, path: Path) -> float:
     (east,), (north,) = warp.transform(crs, "EPSG:4326", [longitude], [latitude])[:2]
     off = np.array([(east - longitude + 180.0) % 360.0 - 180.0, north - latitude])
     off[0] *= np.cos(np.radians(latitude))
-    return float(_METRES_PER_DEGREE * np.hypot(*off))
-
-
-def is_another(crs: Any, longitude: float, latitude: float, path: Path) -> bool:
-    """Return whether a geographic system is another one than WGS 84 at a place."""
-    return not shift_m(crs, longitude, latitude, path) <= _NEAR_M
+    return not _METRES_PER_DEGREE * np.hypot(*off) <= _NEAR_M
 
 
 def vertical(crs: Any) -> tuple[str, bool]:

@@ -7,7 +7,7 @@ import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ from ..gravity.remove_restore import GravityGrid, linear_weights
 from ..gravity.terrain import TerrainError
 from ..gravity.units import GEOID, GRAVITY, Units
 from ..gravity.voids import marks_removed
-from .icgem_grid import read_icgem
+from .icgem_grid import ReadGrid, read_icgem
 from .shipped_regions import read_arrays
 
 if TYPE_CHECKING:
@@ -36,17 +36,6 @@ _FEWEST = 16  # nodes per axis
 _ON_NODE = 1e-6  # of a step: a bound that rounding puts next to a node
 _REDUCED = re.compile(r"bouguer|isostatic", re.IGNORECASE)
 _HEIGHT_ANOMALY = re.compile(r"height[ _]?anomal|quasi[ _-]?geoid", re.IGNORECASE)
-
-
-class _Read(NamedTuple):
-    """What a file holds: axes [deg] in any order, values in SI units, NaN for gaps."""
-
-    latitude: Array
-    longitude: Array
-    values: Array
-    remarks: tuple[str, ...] = ()
-    height_m: float | None = None
-    is_height_anomaly: bool = False
 
 
 def read_grid(
@@ -168,7 +157,7 @@ def elevation_at(grid: GravityGrid, terrain: Terrain) -> Array:
     return elevation
 
 
-def _read(path: Path, kind: str, area: Area | None, units: Units) -> _Read:
+def _read(path: Path, kind: str, area: Area | None, units: Units) -> ReadGrid:
     """Return what a file holds, by its suffix or else by its first bytes."""
     suffix = path.suffix.lower()
     if suffix == ".npz":
@@ -180,7 +169,7 @@ def _read(path: Path, kind: str, area: Area | None, units: Units) -> _Read:
     return _from_raster(path, area, units)
 
 
-def _from_archive(path: Path, kind: str, units: Units) -> _Read:
+def _from_archive(path: Path, kind: str, units: Units) -> ReadGrid:
     if kind != "geoid":
         raise MapError(f"{path}: an .npz file holds a geoid; for gravity give a netCDF file.")
     try:
@@ -194,7 +183,7 @@ def _from_archive(path: Path, kind: str, units: Units) -> _Read:
             f"{path} holds no geoid: {text_of(error)}; it must hold the arrays lat0, lon0, "
             "step and N_1e4m."
         ) from None
-    return _Read(south + step * np.arange(n_lat), west + step * np.arange(n_lon), values)
+    return ReadGrid(south + step * np.arange(n_lat), west + step * np.arange(n_lon), values)
 
 
 def _cropped(
@@ -212,10 +201,10 @@ def _cropped(
     return latitude[parts[0]], longitude[parts[1]], values[parts[0], parts[1]]
 
 
-def _from_raster(path: Path, area: Area | None, units: Units) -> _Read:
+def _from_raster(path: Path, area: Area | None, units: Units) -> ReadGrid:
     grid = read_raster(path, area, units)
     n_lat, n_lon = grid.values.shape
-    return _Read(
+    return ReadGrid(
         grid.south + grid.latitude_step * np.arange(n_lat),
         grid.west + grid.longitude_step * np.arange(n_lon),
         grid.values,
@@ -223,7 +212,7 @@ def _from_raster(path: Path, area: Area | None, units: Units) -> _Read:
     )
 
 
-def _from_netcdf(path: Path, kind: str, units: Units) -> _Read:
+def _from_netcdf(path: Path, kind: str, units: Units) -> ReadGrid:
     import xarray
 
     try:
@@ -262,20 +251,13 @@ def _from_netcdf(path: Path, kind: str, units: Units) -> _Read:
     place = float(longitude.mean()), float(latitude.mean())
     require_wgs84(dataset.variables, variable, place, path)
     is_height_anomaly = kind == "geoid" and _HEIGHT_ANOMALY.search(called) is not None
-    return _Read(latitude, longitude, values, remarks, None, is_height_anomaly)
+    return ReadGrid(latitude, longitude, values, remarks, None, is_height_anomaly)
 
 
-def _from_gdf(path: Path, kind: str, units: Units) -> _Read:
-    grid = read_icgem(path, kind)
-    values, remarks = _in_si(path, grid.values, grid.unit, units)
-    return _Read(
-        grid.latitude,
-        grid.longitude,
-        values,
-        (*remarks, *filter(None, [grid.remark])),
-        grid.height_m,
-        grid.is_height_anomaly,
-    )
+def _from_gdf(path: Path, kind: str, units: Units) -> ReadGrid:
+    grid, unit = read_icgem(path, kind)
+    values, remarks = _in_si(path, grid.values, unit, units)
+    return grid._replace(values=values, remarks=(*remarks, *grid.remarks))
 
 
 def _in_si(path: Path, written: Array, unit: str, units: Units) -> tuple[Array, tuple[str, ...]]:

@@ -23,30 +23,30 @@ _KINDS = {
 """What a map can be made of, by ICGEM's names of functionals."""
 
 
-class IcgemGrid(NamedTuple):
-    """A grid as it is in the file.
+class ReadGrid(NamedTuple):
+    """What a file holds.
 
     Attributes
     ----------
-    latitude, longitude : of the nodes (n_lat,), (n_lon,) [deg].
+    latitude, longitude : of the nodes (n_lat,), (n_lon,) [deg], in any order.
     values : (n_lat, n_lon), NaN for gaps.
-    unit : of the values, empty if the header names none.
-    height_m : above the ellipsoid, where gravity holds.
-    is_height_anomaly : whether the header says so.
-    remark : what to say of the header, or empty.
+    remarks : what to say of it.
+    height_m : above the ellipsoid, where gravity holds; None if the file does not say it.
+    is_height_anomaly : whether the file says so.
     """
 
     latitude: Array
     longitude: Array
     values: Array
-    unit: str
-    height_m: float
-    is_height_anomaly: bool
-    remark: str
+    remarks: tuple[str, ...] = ()
+    height_m: float | None = None
+    is_height_anomaly: bool = False
 
 
-def read_icgem(path: Path, kind: str) -> IcgemGrid:
-    """Return the grid in a ``.gdf`` file: a ``geoid``, ``anomaly`` or ``disturbance``.
+def read_icgem(path: Path, kind: str) -> tuple[ReadGrid, str]:
+    """Return the ``geoid``, ``anomaly`` or ``disturbance`` in a ``.gdf`` file, and its unit.
+
+    The unit is empty if the header names none.
 
     Raises MapError if it is no such file, or its header says that it holds another quantity.
     """
@@ -74,15 +74,15 @@ def read_icgem(path: Path, kind: str) -> IcgemGrid:
             f"{path} has values at heights that vary, on the topography; they must hold at one "
             "height above the ellipsoid."
         )
-    return IcgemGrid(
-        latitude=grid[:, 0, 1],
-        longitude=grid[0, :, 0],
-        values=np.where(grid[:, :, -1] == gap, np.nan, grid[:, :, -1]),
-        unit=header.get("unit", ""),
-        height_m=height,
-        is_height_anomaly=functional.startswith("height_anomaly"),
-        remark="" if functional else f"{path.name} names no functional: taken as --{kind}",
+    found = ReadGrid(
+        grid[:, 0, 1],
+        grid[0, :, 0],
+        np.where(grid[:, :, -1] == gap, np.nan, grid[:, :, -1]),
+        () if functional else (f"{path.name} names no functional: taken as --{kind}",),
+        height,
+        functional.startswith("height_anomaly"),
     )
+    return found, header.get("unit", "")
 
 
 def _require_kind(path: Path, functional: str, kind: str) -> None:
