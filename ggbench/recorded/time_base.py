@@ -18,8 +18,8 @@ _EXACT = 1e-6
 """Share of a period within which times are those of the samples."""
 _LONGEST = 1e10
 """Beyond any clock that counts seconds [s]: it would be milliseconds."""
-_UNIT_SLIP = 0.2
-"""Relative difference of the found period from the named one that is no difference of clocks."""
+_PERIOD_SLIP = 0.2
+"""Relative difference of the found period from the named one beyond which one of them is wrong."""
 
 
 @dataclass(frozen=True)
@@ -110,6 +110,19 @@ def clocked(columns: Columns, offset: float) -> np.ndarray:
     return np.asarray(times + offset)
 
 
+def require_period(
+    columns: Columns, times: np.ndarray, period: float, rows: str, table: str
+) -> float:
+    """Return the usual interval of rows [s]; raise FlightError if their table says another."""
+    usual = float(np.median(np.diff(times)))
+    if abs(usual - period) > _PERIOD_SLIP * period:
+        raise columns.error(
+            f"its {rows} are {usual:.6g} s apart (median), and {table}.period_s is {period:g} s; "
+            "time_s is read in seconds"
+        )
+    return usual
+
+
 def time_base(
     columns: Columns,
     times: np.ndarray,
@@ -139,12 +152,7 @@ def time_base(
     if len(times) < 3:
         raise columns.error(f"has {len(times)} rows, and an INS's record needs at least 3")
     steps = np.diff(times)
-    usual = float(np.median(steps))
-    if abs(usual - dt) > _UNIT_SLIP * dt:
-        raise columns.error(
-            f"its rows are {usual:.6g} s apart (median), and imu.period_s is {dt:g} s; time_s is "
-            "read in seconds"
-        )
+    usual = require_period(columns, times, dt, "rows", "imu")
     longest = _USUAL_GAP * max(dt, usual) if max_gap is None else max_gap
     if steps.max() > longest:
         row = int(steps.argmax()) + 1
