@@ -46,7 +46,6 @@ from .inertial import Inertial, inertial
 from .motion import (
     ATTITUDE,
     POSITION,
-    Recorded,
     attitudes_in,
     positions_of,
     require_consistent,
@@ -263,9 +262,8 @@ def _reference(
     if there.any():
         first = positions[there][0, 1]
         positions[:, 1] += turns(first, problem.track.positions[0, 1], math.tau)
-    motion = Recorded(positions, velocities, attitudes)
     if velocities is not None and table.frame is not None:
-        require_consistent(columns, times, motion, table.frame, noise)
+        require_consistent(columns, times, positions, velocities, table.frame, noise)
     at, since = problem.times, times - base.start
     row, share, there = _places(at, since, base.tolerance)
     if not there.any():
@@ -274,7 +272,7 @@ def _reference(
             f"{base.start + base.dt * base.count:.17g} s; clock_offset_s is added to its times"
         )
     nothing = np.full((len(at), 3), np.nan)
-    positions = _between(motion.positions, row, share, there)
+    positions = _between(positions, row, share, there)
     true = Motion(
         positions,
         nothing if velocities is None else _between(velocities, row, share, there),

@@ -23,7 +23,6 @@ from .columns import Columns
 from .motion import (
     ATTITUDE,
     POSITION,
-    Recorded,
     attitudes_in,
     positions_of,
     require_consistent,
@@ -118,16 +117,13 @@ def _of_solution(spec: FlightSpec, record: InsRecord, folder: Path, field: Field
         folder / record.file, (*POSITION, *velocity_columns(record.frame), *ATTITUDE)
     )
     times = clocked(columns, record.clock_offset_s)
-    motion = Recorded(
-        positions_of(columns), velocities_of(columns, record.frame), attitudes_in(columns)
-    )
+    positions, velocities = positions_of(columns), velocities_of(columns, record.frame)
+    attitudes = attitudes_in(columns)
     base, exact = time_base(
         columns, times, spec.imu.period_s, record.max_gap_s, record.time_tolerance_s
     )
     _require_few(base, columns)
-    require_consistent(columns, times, motion, record.frame)
-    positions, velocities, attitudes = motion
-    assert velocities is not None and attitudes is not None
+    require_consistent(columns, times, positions, velocities, record.frame)
     if not exact:
         at, since = base.times, times - base.start
         before = np.clip(np.searchsorted(since, at, side="right") - 1, 0, len(since) - 2)

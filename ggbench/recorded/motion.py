@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
 
@@ -32,21 +31,6 @@ _SLOW = 0.3
 """Speed below which a displacement says nothing of a frame [m/s]."""
 _JUMP = 100.0
 """How far a position may be from where the velocity leads, from row to row [m]."""
-
-
-class Recorded(NamedTuple):
-    """Motion at the rows of a file (N, .), ENU and SI; None for what the file does not have.
-
-    Attributes
-    ----------
-    positions : latitude, longitude [rad] without jumps at 180°, height [m].
-    velocities : ENU [m/s].
-    attitudes : C_nb (N, 3, 3).
-    """
-
-    positions: np.ndarray
-    velocities: np.ndarray | None
-    attitudes: np.ndarray | None
 
 
 def velocity_columns(frame: Frame) -> tuple[str, ...]:
@@ -107,15 +91,18 @@ def track_columns(times: np.ndarray, motion: Motion) -> dict[str, np.ndarray]:
 
 
 def require_consistent(
-    columns: Columns, times: np.ndarray, motion: Recorded, frame: Frame, noise: float = 0.0
+    columns: Columns,
+    times: np.ndarray,
+    positions: np.ndarray,
+    velocities: np.ndarray,
+    frame: Frame,
+    noise: float = 0.0,
 ) -> None:
     """Raise FlightError unless the positions move as the velocities say.
 
     A sign, a frame, a unit or an order taken for another is found so, and named. Times (N,) are
     those of the rows [s], the frame is the user's, and ``noise`` is the RMS of a position [m].
     """
-    positions, velocities = motion.positions, motion.velocities
-    assert velocities is not None
     there = np.isfinite(positions).all(axis=1) & np.isfinite(velocities).all(axis=1)
     if np.count_nonzero(there) < 3:
         return

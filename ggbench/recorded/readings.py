@@ -24,7 +24,6 @@ from . import columns as files
 from .columns import Columns
 from .motion import (
     POSITION,
-    Recorded,
     positions_of,
     require_consistent,
     velocities_of,
@@ -121,8 +120,7 @@ def _of_receiver(columns: Columns, times: np.ndarray, table: RecordedGnss) -> np
         parts.append(velocities_of(columns, table.frame))
         if len(parts) == 2:
             noise = max(table.position_noise_m or 0.0, table.height_noise_m or 0.0)
-            motion = Recorded(parts[0], parts[1], None)
-            require_consistent(columns, times, motion, table.frame, noise)
+            require_consistent(columns, times, parts[0], parts[1], table.frame, noise)
     return np.concatenate(parts, axis=1)
 
 
