@@ -73,10 +73,8 @@ class VectorAutoregression:
     innovation_cov : (m, m) Σ [E²].
     provenance : where the model comes from, in words.
 
-    Raises
-    ------
-    ColouredNoiseError
-        If shapes do not fit, Σ is no covariance, or the process is not stable.
+    Raises ColouredNoiseError if shapes do not fit, Σ is no covariance, or the process is not
+    stable.
     """
 
     components: tuple[str, ...]

@@ -97,14 +97,7 @@ class Plane:
 
 @dataclass(frozen=True)
 class EquivalentSources:
-    """Point masses below an area.
-
-    Attributes
-    ----------
-    plane : of their coordinates.
-    places : east, north, up, (3, m) [m].
-    masses : (m,) [1e9 kg].
-    """
+    """Point masses (m,) [1e9 kg] below an area, at places east, north, up (3, m) [m] on a plane."""
 
     plane: Plane
     places: Array

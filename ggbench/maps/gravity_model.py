@@ -49,13 +49,7 @@ _SUFFIX = ".gfc"
 
 @dataclass(frozen=True)
 class GravityModel:
-    """Coefficients of the whole gravitational potential, fully normalised and tide-free.
-
-    Attributes
-    ----------
-    name : of the model.
-    coefficients : to the highest degree that was asked for.
-    """
+    """A model's name, and its whole potential to a degree, fully normalised and tide-free."""
 
     name: str
     coefficients: HarmonicCoefficients
