@@ -81,6 +81,15 @@ def _sigmas(mean: np.ndarray, cov: np.ndarray | None) -> np.ndarray:
     return np.sqrt(np.maximum(np.diagonal(cov, axis1=1, axis2=2)[:, :9], 0.0))
 
 
+def _whitened(errors: np.ndarray, cov: np.ndarray) -> np.ndarray:
+    """Return errors (K, m) in units of their covariances (K, m, m), by the Cholesky factor."""
+    try:
+        roots = np.linalg.cholesky(cov)
+    except np.linalg.LinAlgError:
+        raise EstimateError("the estimate's cov is not positive definite") from None
+    return np.linalg.solve(roots, errors[..., np.newaxis])[..., 0]
+
+
 @dataclass(frozen=True)
 class Residuals:
     """What the readings say to an estimate.
@@ -120,11 +129,7 @@ def residuals(problem: Problem, estimate: Estimate) -> Residuals:
         predicted = predict_along(problem.model, np.arange(problem.epochs), mean)
         found = z - predicted
         spreads = np.stack([problem.noise_of(k) for k in range(problem.epochs)])
-    try:
-        roots = np.linalg.cholesky(spreads)
-    except np.linalg.LinAlgError:
-        raise EstimateError("the estimate's cov is not positive definite") from None
-    whitened = np.linalg.solve(roots, found[..., np.newaxis])[..., 0]
+    whitened = _whitened(found, spreads)
     nis = np.full(problem.epochs, np.nan)
     if filters:
         any_there = there.any(axis=1)
@@ -197,12 +202,7 @@ def against(
     nees = np.full(len(times), np.nan)
     if cov is not None:
         claimed = cov[covered][:, :states, :states]
-        try:
-            roots = np.linalg.cholesky(claimed)
-        except np.linalg.LinAlgError:
-            raise EstimateError("the estimate's cov is not positive definite") from None
-        white = np.linalg.solve(roots, errors[:, :states, np.newaxis])[..., 0]
-        nees = np.sum(white**2, axis=1)
+        nees = np.sum(_whitened(errors[:, :states], claimed) ** 2, axis=1)
     spec = windows or WindowsSpec(settled_from_s=0.0, last_s=1.0)
     names = run_errors.WINDOWS if windows else ("whole",)
     figures = {}
