@@ -43,18 +43,11 @@ class _Coefficient:
 def static(path: Path, body: bytes, intervals: bool, epoch: datetime.date | None) -> bytes:
     """Return the lines of coefficients with those that vary with time reduced to an epoch.
 
-    Parameters
-    ----------
-    path : of the file, for messages.
-    body : the lines below the header.
-    intervals : whether each line has an interval of validity (icgem2.0).
-    epoch : None if none is asked for.
+    ``body`` are the lines below the header of a file; ``intervals`` says whether each of them has
+    an interval of validity (icgem2.0).
 
-    Raises
-    ------
-    MapError
-        If coefficients vary and there is no epoch, or none does and there is one; if a line cannot
-        be read, or the epoch lies outside all intervals.
+    Raises MapError if coefficients vary and there is no epoch, or none does and there is one; if a
+    line cannot be read, or the epoch lies outside all intervals.
     """
     lines = [found[0].decode("latin-1") for found in _VARYING.finditer(body)]
     if not lines:

@@ -61,19 +61,12 @@ def read_model(
     """Return the model in a ``.gfc`` file, perhaps packed, or in an ``.npz`` file.
 
     An ``.npz`` file holds ``cs``, rows (C, S) for n = 0... and, within n, m = 0..n, ``gm`` [m³/s²]
-    and ``r`` [m].
+    and ``r`` [m]. Degrees above the ``highest`` are left out; an ``epoch`` is for coefficients that
+    vary with time.
 
-    Parameters
-    ----------
-    path : of the file.
-    highest : degree up to which to read; by default all.
-    epoch : for which coefficients hold that vary with time.
-
-    Raises
-    ------
-    MapError
-        If the file cannot be read, is no such file, has coefficients twice or not at all, or does
-        not go to the degree; if it varies with time and has no epoch, or the other way round.
+    Raises MapError if the file cannot be read, is no such file, has coefficients twice or not at
+    all, or does not go to the degree; if it varies with time and has no epoch, or the other way
+    round.
     """
     try:
         content = path.read_bytes()
