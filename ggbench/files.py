@@ -7,8 +7,8 @@ import errno
 import hashlib
 import os
 import re
+import secrets
 import shutil
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -86,12 +86,11 @@ def _temporary_of(path: Path) -> Iterator[Path]:
     OSError
         Also in the place of a library's own error, if there is no space left.
     """
-    with tempfile.NamedTemporaryFile(
-        dir=path.parent, prefix=f".{path.name}.{os.getpid()}-", suffix=".tmp", delete=False
-    ) as file:
-        temporary = Path(file.name)
-        _temporary.add(temporary)
+    # Named before it is made: an interrupt between the two would leave it.
+    temporary = path.with_name(f".{path.name}.{os.getpid()}-{secrets.token_hex(4)}.tmp")
+    _temporary.add(temporary)
     try:
+        temporary.touch(mode=0o600, exist_ok=False)
         yield temporary
     except (OSError, GGBenchError):
         raise
