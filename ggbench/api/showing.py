@@ -37,7 +37,7 @@ class Shown:
         """Say what is compiled and built before the first run."""
         if self.display is None:
             return
-        cases = [*scenario.cases, *(case for study in scenario.assumptions for case in study.cases)]
+        cases = (case for _, case in scenario.every_case())
         for sentence in (*first_use("ins/strapdown.py", "in a minute or two"),
                          *maps_to_build(fields_of(cases))):  # fmt: skip
             self.display.console.out(sentence)

@@ -8,6 +8,7 @@ they are given is the same. Results are stored as they arrive, under keys of the
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 import math
 import os
@@ -58,22 +59,20 @@ def check(scenario: Scenario, seed: int = 0) -> Iterator[tuple[str, CaseSpec, Pr
     CampaignError
         If a map cannot be made, a flight leaves it, or a filter cannot be computed.
     """
-    for study, case in _cases(scenario):
-        try:
+    for study, case in scenario.every_case():
+        with case_named(scenario, study, case):
             problem = first_problem(case, seed)
-        except GGBenchError as error:
-            prefix = f"assumption {study}, " if study else ""
-            raise CampaignError(f"{scenario.name}, {prefix}case {case.name}: {error}") from None
         yield study, case, problem
 
 
-def _cases(scenario: Scenario) -> Iterator[tuple[str, CaseSpec]]:
-    """Yield every case with the name of the study it belongs to, "" for the cases themselves."""
-    for case in scenario.cases:
-        yield "", case
-    for study in scenario.assumptions:
-        for case in study.cases:
-            yield study.name, case
+@contextlib.contextmanager
+def case_named(scenario: Scenario, study: str, case: CaseSpec) -> Iterator[None]:
+    """Turn an error of the user's into a CampaignError that names the case."""
+    try:
+        yield
+    except GGBenchError as error:
+        prefix = f"assumption {study}, " if study else ""
+        raise CampaignError(f"{scenario.name}, {prefix}case {case.name}: {error}") from None
 
 
 @dataclass(frozen=True)
@@ -98,7 +97,7 @@ class Plan:
         """Return every study ("" for none) and case with its estimators and their keys."""
         return [
             (study, case, self._pairs(case, self.studied if study else self.estimators))
-            for study, case in _cases(self.scenario)
+            for study, case in self.scenario.every_case()
         ]
 
     def _pairs(self, case: CaseSpec, contents: Mapping[str, Mapping[str, Any]]) -> Pairs:
@@ -398,7 +397,7 @@ class Campaign:
             "shared": {
                 case.name: result_keys.case_key(case, self.seed) for case in plan.scenario.cases
             },
-            "inputs": input_files(case for _, case in _cases(plan.scenario)),
+            "inputs": input_files(case for _, case in plan.scenario.every_case()),
             "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
             "machine": {
                 "system": platform.system(),

@@ -7,16 +7,15 @@ borders. A flight that may leave its map is flown as in a run.
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, lru_cache
 
 import numpy as np
 
-from ..campaign.campaign import CampaignError, check
+from ..campaign.campaign import case_named
+from ..campaign.runner import first_problem
 from ..display.compiling import fields_of, tell_maps
-from ..errors import GGBenchError
 from ..maps import recipe
 from ..recorded.motion import angles_of
 from ..simulation.field_source import is_file, make_field, map_recipe
@@ -101,23 +100,12 @@ def examined(scenario: Scenario) -> Iterator[Examined]:
         If a map cannot be made, a flight leaves it, or a sensor cannot be computed, as
         :func:`.campaign.check` says it.
     """
-    cases = [("", case) for case in scenario.cases]
-    cases += [(study.name, case) for study in scenario.assumptions for case in study.cases]
-    for study, case in cases:
-        try:
+    for study, case in scenario.every_case():
+        with case_named(scenario, study, case):
             found = _examined(study, case)
-        except GGBenchError as error:
-            prefix = f"assumption {study}, " if study else ""
-            raise CampaignError(f"{scenario.name}, {prefix}case {case.name}: {error}") from None
-        if not _clear(found):
-            studies = [s for s in scenario.assumptions if s.name == study]
-            alone = replace(
-                scenario,
-                cases=() if study else (case,),
-                assumptions=tuple(replace(s, cases=(case,)) for s in studies),
-            )
-            tell_maps(fields_of([case]))
-            deque(check(alone), maxlen=0)
+            if not _clear(found):
+                tell_maps(fields_of([case]))
+                first_problem(case, 0)
         yield found
 
 

@@ -241,8 +241,7 @@ def _run_scenario(name: str, asked: _Asked, output: Path | None) -> Outcome:
         until.enter_context(compiling_ahead(work.labels, asked.first, asked.jobs))
         planned = work.plan.scenario
         flight_summary.warn(flight_limits.examined(planned))  # it tells of maps that it builds
-        flown = [*planned.cases, *(c for study in planned.assumptions for c in study.cases)]
-        tell_maps(fields_of(flown))
+        tell_maps(fields_of(case for _, case in planned.every_case()))
         if len(loaded.cases) > _MANY_CASES:
             click.echo(f"preparing {counted(len(loaded.cases), 'case')}")
         ended = running.run(work, asked.jobs, asked.cluster, progress.tell)

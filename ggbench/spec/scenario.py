@@ -16,7 +16,7 @@ import math
 import re
 import tomllib
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
 from html import escape
@@ -111,6 +111,14 @@ class Scenario:
             raise self._no_case(name, list(self._named))
         return self._named[name]
 
+    def every_case(self) -> Iterator[tuple[str, CaseSpec]]:
+        """Yield each study ("" for none) and case: the cases, then those of the assumptions."""
+        for case in self.cases:
+            yield "", case
+        for study in self.assumptions:
+            for case in study.cases:
+                yield study.name, case
+
     def find(self, name: str) -> tuple[str, CaseSpec]:
         """Return the study ("" for none) and the case that ``CASE`` or ``STUDY/CASE`` names.
 
@@ -119,10 +127,9 @@ class Scenario:
         ScenarioError
             If there is none of that name; the message says which there are.
         """
-        known = {case.name: ("", case) for case in self.cases} | {
-            f"{study.name}/{case.name}": (study.name, case)
-            for study in self.assumptions
-            for case in study.cases
+        known = {
+            f"{study}/{case.name}" if study else case.name: (study, case)
+            for study, case in self.every_case()
         }
         if name not in known:
             raise self._no_case(name, list(known))

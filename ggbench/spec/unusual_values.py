@@ -16,12 +16,11 @@ from .scenario import Scenario
 
 def unusual_values(scenario: Scenario) -> list[str]:
     """Return a sentence for each unusual value of the cases and studies, each value once."""
-    cases = [("", case) for case in scenario.cases]
-    cases += [(f"{study.name}/", case) for study in scenario.assumptions for case in study.cases]
     found: dict[tuple[str, float, str], list[str]] = {}
-    for study, case in cases:
+    for study, case in scenario.every_case():
+        name = f"{study}/{case.name}" if study else case.name
         for key, value, usual in unusual_in(case):
-            found.setdefault((key, value, usual), []).append(study + case.name)
+            found.setdefault((key, value, usual), []).append(name)
     return [
         f"{key} = {value:g} is unusual ({usual}), in case {names[0]}"
         + (f" and {len(names) - 1} more" if len(names) > 1 else "")
