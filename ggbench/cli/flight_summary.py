@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 
 import click
-from rich.console import Console
 
 from ..figures.numbers import short, some, span
 from ..spec.aiding import GnssSpec
@@ -14,6 +13,7 @@ from ..spec.named_sensors import aiding_of
 from ..trajectory.manoeuvres import BANK_GRAVITY
 from .flight_limits import Examined, Flown
 from .map_margins import length, narrow_margins
+from .screen import console
 
 MOST_BANK_DEG = 45.0
 """A level turn then weighs 1.4 g; surveys turn at 15° to 30°, airliners at 30°."""
@@ -32,7 +32,7 @@ SECOND_ORDER_M = 10.0
 _NAMED = 3
 
 
-def print_flights(found: Sequence[Examined], console: Console) -> None:
+def print_flights(found: Sequence[Examined]) -> None:
     """Print the flights of the cases and what is read on them; equal ones once."""
     cases = [each for each in found if not each.study]
     flights: dict[str, list[str]] = {}

@@ -1,18 +1,22 @@
-"""The whole library at once: run every scenario, report every results folder."""
+"""``ggbench report``, and the whole library at once: run every scenario, report every folder."""
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from rich.console import Console
+import click
 from rich.markup import escape
 
 from ..display.responsive_table import ResponsiveTable
 from ..errors import GGBenchError
 from ..figures.numbers import counted
+from .screen import console
+
+_EXIT_INCOMPLETE = 1
 
 
 class LibraryError(GGBenchError):
@@ -44,20 +48,10 @@ class Outcome:
     without_success: tuple[str, ...] = ()
 
 
-def run_all(
-    names: Sequence[str], run_one: Callable[[str], Outcome], console: Console
-) -> list[Outcome]:
+def run_all(names: Sequence[str], run_one: Callable[[str], Outcome]) -> list[Outcome]:
     """Run scenarios one after the other; one that fails does not stop the next.
 
-    Parameters
-    ----------
-    names : of the scenarios.
-    run_one : runs one of them.
-    console : where to say what comes.
-
-    Returns
-    -------
-    An outcome for each scenario that was begun: an interrupt ends the last one.
+    Return an outcome for each scenario that was begun: an interrupt ends the last one.
     """
     from ..campaign.runner import forget_flights
     from ..campaign.texts import exception_text
@@ -81,7 +75,7 @@ def run_all(
     return outcomes
 
 
-def print_outcomes(outcomes: Sequence[Outcome], output: Path, console: Console) -> None:
+def print_outcomes(outcomes: Sequence[Outcome], output: Path) -> None:
     """Print what became of every scenario, and what to do next."""
     from ..results.folder import as_argument
 
@@ -109,21 +103,37 @@ def print_outcomes(outcomes: Sequence[Outcome], output: Path, console: Console) 
     console.out(f"'{again}' writes the reports of what is done.")
 
 
-def report_all(folder: Path, output: Path, console: Console) -> bool:
-    """Write the report of every results folder in a folder, and their front page.
+@click.command()
+@click.argument("folder", type=click.Path(path_type=Path), required=False)
+@click.option(
+    "--all", "whole_library", is_flag=True,
+    help="Report every results folder in FOLDER [results], and write their front page.",
+)  # fmt: skip
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path),
+    help="Where to write [FOLDER/report; with --all: reports].",
+)  # fmt: skip
+def report(folder: Path | None, whole_library: bool, output: Path | None) -> None:
+    """Write the report of a results FOLDER: one page, its figure and all numbers as CSV.
+
+    With the extra 'page' installed, an HTML page with all tables is written next to it.
+    """
+    if folder is None and not whole_library:
+        raise click.UsageError("name a results FOLDER, or --all")
+    if whole_library:
+        complete = _report_all(folder or Path("results"), output or Path("reports"))
+        sys.exit(0 if complete else _EXIT_INCOMPLETE)
+    assert folder is not None
+    from ..report import render
+
+    for path in render.write(folder, output or folder / "report"):
+        click.echo(f"Wrote {path}")
+
+
+def _report_all(folder: Path, output: Path) -> bool:
+    """Report every results folder in a folder; return whether all of them could be reported.
 
     The front page lists every scenario whose report is in the output folder, of whatever day.
-
-    Returns
-    -------
-    Whether all of them could be reported.
-
-    Raises
-    ------
-    LibraryError
-        If the folder holds no results folders.
-    ReportError
-        If there is no report, or nothing can be written.
     """
     from ..report import library, render
 

@@ -7,7 +7,7 @@ import os
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 from rich.markup import escape
@@ -26,17 +26,16 @@ from .compile_ahead import compiling_ahead
 from .flights import estimate, record
 from .imu import imu
 from .keys import keys
+from .library import Outcome, print_outcomes, report, run_all
 from .maps import map_group
 from .new import new
 from .plan import plan
-from .reports import report
 from .score import score
 from .screen import console
 from .validate import note_unusual_values, validate
 
 if TYPE_CHECKING:
     from ..results.folder import Results
-    from .library import Outcome
 
 EXIT_WORSE = 1
 _MANY_CASES = 10
@@ -52,19 +51,11 @@ def main() -> None:
         os.environ.setdefault(variable, "1")
 
 
-main.add_command(map_group)
-main.add_command(advise)
-main.add_command(bound)
-main.add_command(check)
-main.add_command(imu)
-main.add_command(keys)
-main.add_command(new)
-main.add_command(estimate)
-main.add_command(plan)
-main.add_command(record)
-main.add_command(report)
-main.add_command(score)
-main.add_command(validate)
+for _command in (
+    map_group, advise, bound, check, imu, keys, new, estimate, plan, record, report, score,
+    validate,
+):  # fmt: skip
+    main.add_command(_command)
 
 
 @main.command("list")
@@ -147,17 +138,9 @@ def list_command() -> None:
 def run(
     scenario_name: str | None,
     whole_library: bool,
-    estimators: tuple[str, ...],
-    runs: int | None,
-    seed: int | None,
-    cases: tuple[str, ...],
-    assumptions: bool,
     output: Path | None,
-    resume: bool,
-    jobs: int | None,
-    cluster: str | None,
-    time_limit: float | None,
     one_run: int | None,
+    **options: Any,
 ) -> None:
     """Run a scenario: SCENARIO is the name of a shipped one or a path.
 
@@ -166,20 +149,17 @@ def run(
     Exit code 1 if every run of an estimator failed, 2 if it cannot be run as asked, 130 if it was
     interrupted.
     """
-    if cluster and jobs is not None:
+    asked = _Asked(**options)
+    if asked.cluster and asked.jobs is not None:
         raise click.UsageError("-j is for this machine and --cluster for others: give one of them")
-    if whole_library and (scenario_name or cases or one_run is not None):
+    if whole_library and (scenario_name or asked.cases or one_run is not None):
         raise click.UsageError("--all runs all cases of all scenarios: no SCENARIO, -c, --run")
     if scenario_name is None and not whole_library:
         raise click.UsageError("name a SCENARIO, or --all")
-    if one_run is not None and (
-        runs or output or not resume or jobs is not None or cluster or time_limit or assumptions
-    ):
+    alone = _Asked(asked.estimators, seed=asked.seed, cases=asked.cases)
+    if one_run is not None and (output or asked != alone):
         raise click.UsageError("--run goes with -e, -c and --seed only: it stores nothing")
-    first = tell_first_use("ins/strapdown.py", "in a minute or two")
-    asked = _Asked(
-        estimators, runs, seed, cases, assumptions, resume, jobs, cluster, time_limit, first
-    )
+    asked = replace(asked, first=tell_first_use("ins/strapdown.py", "in a minute or two"))
     if scenario_name is None:
         sys.exit(_run_library(asked, output or Path("results")))
     if one_run is not None:
@@ -194,15 +174,15 @@ def run(
 class _Asked:
     """The options of a campaign, as the user gave them."""
 
-    estimators: tuple[str, ...]
-    runs: int | None
-    seed: int | None
-    cases: tuple[str, ...]
-    assumptions: bool
-    resume: bool
-    jobs: int | None
-    cluster: str | None
-    time_limit: float | None
+    estimators: tuple[str, ...] = ()
+    runs: int | None = None
+    seed: int | None = None
+    cases: tuple[str, ...] = ()
+    assumptions: bool = False
+    resume: bool = True
+    jobs: int | None = None
+    cluster: str | None = None
+    time_limit: float | None = None
     first: bool = False
     """Whether nothing has been compiled before."""
 
@@ -220,7 +200,7 @@ def _repeat(name: str, asked: _Asked, number: int) -> bool:
     choices = registry.choose_all(asked.estimators or loaded.campaign.estimators)
     seed = loaded.campaign.seed if asked.seed is None else asked.seed
     labels = [choice.label for choice in choices]
-    return run_view.repeat_run(loaded, asked.cases, labels, seed, number, console)
+    return run_view.repeat_run(loaded, asked.cases, labels, seed, number)
 
 
 def _run_scenario(name: str, asked: _Asked, output: Path | None) -> Outcome:
@@ -260,7 +240,6 @@ def _run_library(asked: _Asked, output: Path) -> int:
     """Run every shipped scenario, whatever becomes of the others; return the exit code."""
     from ..campaign import registry
     from ..spec import scenario
-    from . import library
 
     registry.choose_all(asked.estimators)  # a wrong name is wrong in all of them
 
@@ -268,8 +247,8 @@ def _run_library(asked: _Asked, output: Path) -> int:
         studied = asked.assumptions and bool(scenario.load(name).assumptions)
         return _run_scenario(name, replace(asked, assumptions=studied), output / name)
 
-    outcomes = library.run_all(scenario.shipped(), run_one, console)
-    library.print_outcomes(outcomes, output, console)
+    outcomes = run_all(scenario.shipped(), run_one)
+    print_outcomes(outcomes, output)
     if any(outcome.interrupted for outcome in outcomes):
         return EXIT_INTERRUPTED
     lost = any(outcome.error or outcome.without_success for outcome in outcomes)
@@ -279,7 +258,6 @@ def _run_library(asked: _Asked, output: Path) -> int:
 def _finish(results: Results, interrupted: bool, took: str) -> Outcome:
     """Write the tables of what is stored, print the figures, say how to go on."""
     from ..results.folder import as_argument, write_tables
-    from .library import Outcome
     from .terminal import print_figures
 
     figures = write_tables(results)
@@ -325,9 +303,9 @@ def show(folder: Path, number: int | None, case: str | None) -> None:
     results = Results(folder)
     chosen, which, reason = run_view.choose_run(results, case, number)
     if number is None:
-        run_view.overview(results, console)
+        run_view.overview(results)
     console.out(f"Shown: {reason}")
-    run_view.show_run(results, chosen, which, console)
+    run_view.show_run(results, chosen, which)
 
 
 @main.command()

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from rich.console import Console
 from rich.markup import escape
 
 from ..campaign import result_keys
@@ -19,6 +18,7 @@ from ..figures.numbers import counted
 from ..judging.bounds import squared_bounds
 from ..results.store import kept_epochs
 from ..spec.scenario import Scenario
+from .screen import console
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -51,7 +51,7 @@ class RunView:
     command: str
 
 
-def overview(results: Results, console: Console) -> None:
+def overview(results: Results) -> None:
     """Print what a results folder holds, what failed in it, and its largest errors."""
     manifest, table = results.manifest, results.runs()
     console.print(f"[bold]{escape(manifest['title'])}[/]")
@@ -115,7 +115,7 @@ def choose_run(results: Results, case: str | None, run: int | None = None) -> tu
     return row["case"], int(row["run"]), f"{reason} {row['estimator']}"
 
 
-def show_run(results: Results, case_name: str, run: int, console: Console) -> None:
+def show_run(results: Results, case_name: str, run: int) -> None:
     """Print one run of a case as it is stored."""
     views = [
         RunView(
@@ -130,17 +130,12 @@ def show_run(results: Results, case_name: str, run: int, console: Console) -> No
     ]
     arrays = results.arrays(case_name)
     title = results.scenario.case(case_name).title
-    _print(title, run, arrays["times"][arrays["kept"]],
-           arrays["bound-filter"][arrays["kept"]], views, console)  # fmt: skip
+    kept = arrays["kept"]
+    _print(title, run, arrays["times"][kept], arrays["bound-filter"][kept], views)
 
 
 def repeat_run(
-    scenario: Scenario,
-    case_names: Sequence[str],
-    labels: Sequence[str],
-    seed: int,
-    run: int,
-    console: Console,
+    scenario: Scenario, case_names: Sequence[str], labels: Sequence[str], seed: int, run: int
 ) -> bool:
     """Run one run again in this process, print it, and store nothing; return whether it went well.
 
@@ -158,15 +153,14 @@ def repeat_run(
         flight = flight_of(case)
         kept = kept_epochs(len(flight.times))
         bound = np.stack(squared_bounds(flight.bound.filtering), axis=-1)[kept]
-        _print(case.title, run, flight.times[kept], bound, views, console)
+        _print(case.title, run, flight.times[kept], bound, views)
         good &= all(view.record["status"] == "ok" for view in views)
     return good
 
 
 def _print(
-    title: str, run: int, times: np.ndarray, bound: np.ndarray, views: Sequence[RunView],
-    console: Console,
-) -> None:  # fmt: skip
+    title: str, run: int, times: np.ndarray, bound: np.ndarray, views: Sequence[RunView]
+) -> None:
     """Print the figures of a run, its errors against time, and how to repeat it."""
     console.print(f"\n[bold]{escape(title)}, run {run}[/]")
     headings = ["settled m", "m/s", "final m", "NEES", "diverged", "converged s", "ms"]
@@ -203,7 +197,7 @@ def _print(
             console.out(f"{view.label} {view.record['remark']}")
         if view.record.get("info"):
             console.out(f"{view.label} says: {info_text(view.record['info'])}")
-    _print_errors(times, bound, [view for view in views if view.series is not None], console)
+    _print_errors(times, bound, views)
     commands = [view for view in views if view.command]
     if commands:
         console.print("To repeat it, without storing anything:")
@@ -228,13 +222,11 @@ def _convergence(record: Mapping[str, Any]) -> str:
     return "[red]false fix[/]" if record["false_fix"] else "never"
 
 
-def _print_errors(
-    times: np.ndarray, bound: np.ndarray, views: Sequence[RunView], console: Console
-) -> None:
+def _print_errors(times: np.ndarray, bound: np.ndarray, views: Sequence[RunView]) -> None:
     """Print position errors against time: as bars on one logarithmic scale, and as numbers."""
-    if not views:
-        return
     curves = {view.label: view.series[:, 0] for view in views if view.series is not None}
+    if not curves:
+        return
     curves["bound (rms)"] = np.sqrt(bound[:, 0])
     logs = {label: np.log10(np.maximum(curve, 1e-12)) for label, curve in curves.items()}
     low = min(float(values.min()) for values in logs.values())

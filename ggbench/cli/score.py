@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from rich.console import Console
 
 from ..display.compiling import tell_first_use
 from ..display.progress import Progress
@@ -102,7 +101,7 @@ def score(
             f"Interrupted. The runs that finished are in {folder}; the same command goes on."
         )
         sys.exit(_EXIT_INTERRUPTED)
-    print_card(found.card, console)
+    _print_card(found.card)
     _print_failures(found)
     if old is None:
         cards.write(found.card, folder / "card.json")
@@ -111,7 +110,7 @@ def score(
     sys.exit(_verdict(found.card, old, previous))
 
 
-def print_card(card: Card, console: Console) -> None:
+def _print_card(card: Card) -> None:
     """Print a card: a row for each question, and the verdicts in a sentence."""
     from ..score import page
 

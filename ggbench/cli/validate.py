@@ -38,7 +38,7 @@ def validate(file: str) -> None:
         f"{counted(len(loaded.assumptions), 'assumption')}, "
         f"{counted(len(loaded.provenance), 'value')} with provenance"
     )
-    flight_summary.print_flights(found, console)
+    flight_summary.print_flights(found)
     flight_summary.warn(found)
 
 
