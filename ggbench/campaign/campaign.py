@@ -22,18 +22,11 @@ import numpy as np
 
 from ..errors import GGBenchError
 from ..problem import Problem
-from ..results.store import (
-    FORMAT,
-    Store,
-    StoreError,
-    read_manifest,
-    require_ours,
-)
+from ..results.store import FORMAT, Store, StoreError, read_manifest, require_ours
 from ..spec.case import CaseSpec
 from ..spec.scenario import Scenario
 from ..spec.unusual_values import unusual_values
 from . import result_keys
-from .inputs import input_files
 from .records import lag_epochs, shared_arrays
 from .registry import choose, choose_all
 from .runner import Pairs, Task, by_block_size, first_problem, flight_of
@@ -176,8 +169,7 @@ class Tasks:
         self._at_once: list[_Open] = []
         self._one_by_one: list[_Open] = []
         for cell in cells:
-            # Read again, not as this process chose it once: a file may change between campaigns.
-            sides = (cell.pairs, ()) if cell.case.drawn else by_block_size(cell.pairs, choose)
+            sides = (cell.pairs, ()) if cell.case.drawn else by_block_size(cell.pairs)
             for cells_of, pairs in zip((self._at_once, self._one_by_one), sides, strict=True):
                 where = [cell.pairs.index(pair) for pair in pairs]
                 cells_of.append(cell._replace(pairs=pairs, missing=cell.missing[where]))
@@ -323,7 +315,7 @@ class Campaign:
 
     def _leave_out(self) -> list[str]:
         """Leave estimators out that cannot take a problem (``skip``); return why."""
-        reasons: dict[str, str] = {}
+        left_out: dict[str, str] = {}
         estimators = {label: choose(label).estimator for label in self.labels}
         for study, _, problem in check(self.plan.scenario, self.seed):
             for label, estimator in estimators.items() if not study else ():
@@ -332,15 +324,13 @@ class Campaign:
                 except Exception as error:
                     reason = f"its skip raises {exception_text(error)}"
                 if reason:
-                    reasons.setdefault(label, f"{label} is left out: {reason}")
-        self.left_out = {label: text.partition(": ")[2] for label, text in reasons.items()}
-        kept = {k: v for k, v in self.plan.estimators.items() if k not in reasons}
-        self.plan = replace(self.plan, estimators=kept)
+                    left_out.setdefault(label, reason)
+        remarks = [f"{label} is left out: {reason}" for label, reason in left_out.items()]
+        kept = {k: v for k, v in self.plan.estimators.items() if k not in left_out}
+        self.left_out, self.plan = left_out, replace(self.plan, estimators=kept)
         if not kept:
-            raise CampaignError(
-                "no estimator can take this scenario: " + "; ".join(reasons.values())
-            )
-        return list(reasons.values())
+            raise CampaignError("no estimator can take this scenario: " + "; ".join(remarks))
+        return remarks
 
     def _seeking(self) -> list[str]:
         """Return remarks on estimators whose source looks where truth could be found."""
@@ -397,7 +387,7 @@ class Campaign:
             "shared": {
                 case.name: result_keys.case_key(case, self.seed) for case in plan.scenario.cases
             },
-            "inputs": input_files(case for _, case in plan.scenario.every_case()),
+            "inputs": result_keys.input_files(case for _, case in plan.scenario.every_case()),
             "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
             "machine": {
                 "system": platform.system(),

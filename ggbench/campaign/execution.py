@@ -9,7 +9,7 @@ import itertools
 import math
 import time
 from collections import deque
-from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from multiprocessing.connection import wait
 
@@ -131,18 +131,12 @@ class _Queue:
         self._next.extendleft(reversed(attempts))
 
 
-def group_by_missing(missing: Mapping[str, Collection[int]]) -> dict[tuple[str, ...], list[int]]:
-    """Return runs by the labels that miss them, so that each run is simulated once for all.
-
-    ``missing`` holds, by label, the runs that are missing.
-    """
-    labels: dict[int, tuple[str, ...]] = {}
-    for label, runs in missing.items():
-        for run in runs:
-            labels[run] = (*labels.get(run, ()), label)
+def _group_by_missing(missing: Mapping[str, set[int]]) -> dict[tuple[str, ...], list[int]]:
+    """Return runs by the labels that miss them, so that each run is simulated once for all."""
     groups: dict[tuple[str, ...], list[int]] = {}
-    for run in sorted(labels):
-        groups.setdefault(labels[run], []).append(run)
+    for run in sorted(set().union(*missing.values())):
+        labels = tuple(label for label, runs in missing.items() if run in runs)
+        groups.setdefault(labels, []).append(run)
     return groups
 
 
@@ -250,12 +244,12 @@ class WorkerSlot:
         self._restart()
 
     def _retry(
-        self, left: Mapping[str, Collection[int]], one_by_one: bool = False, second: bool = False
+        self, left: Mapping[str, set[int]], one_by_one: bool = False, second: bool = False
     ) -> list[Attempt]:
         """Return the attempts at what is left of the task."""
         assert self.attempt is not None
         attempts = []
-        for labels, runs in group_by_missing(left).items():
+        for labels, runs in _group_by_missing(left).items():
             pairs = tuple((label, self._keys[label]) for label in labels)
             for some in ([run] for run in runs) if one_by_one else [runs]:
                 task = replace(self.attempt.task, runs=some, estimators=pairs)
@@ -263,7 +257,7 @@ class WorkerSlot:
         return attempts
 
     def _lost(
-        self, blamed: Mapping[str, Collection[int]], reason: str, retry_above: float
+        self, blamed: Mapping[str, set[int]], reason: str, retry_above: float
     ) -> list[Result]:
         assert self.attempt is not None
         return self._with_output(

@@ -1,4 +1,4 @@
-"""Content-based keys of stored runs.
+"""Content-based keys of stored runs, and the files that runs depend on.
 
 A run's key is a hash of everything that its result depends on (the content of its case and map,
 the estimator with its parameters and source, the seed, the versions of results and libraries) and
@@ -11,12 +11,12 @@ import hashlib
 import importlib.metadata
 import json
 import platform
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cache
 from typing import Any
 
 from ..numerics.source import VERSION
-from ..simulation.field_source import map_content
+from ..simulation.field_source import map_content, map_files
 from ..simulation.instruments import noise_files
 from ..spec.case import CaseSpec
 
@@ -90,6 +90,26 @@ def run_key(case: CaseSpec, estimator: Mapping[str, Any], seed: int) -> str:
 
 def _hash(content: Any) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def input_files(cases: Iterable[CaseSpec]) -> list[dict[str, str]]:
+    """Return the role, the name and the SHA-256 of each file that cases are made of, once.
+
+    Names are without folders: what counts is the content. Raise MapError, TrajectoryError or
+    ColouredNoiseError if one cannot be read.
+    """
+    found: dict[tuple[str, str, str], None] = {}
+    for case in cases:
+        for side in ("truth", "model"):
+            found |= dict.fromkeys(map_files(case.side(side).field))
+        flown = zip(case.trajectory.files(), case.trajectory.file_hashes(), strict=True)
+        for path, key in flown:
+            role = "track" if not case.trajectory.lines else "survey lines"
+            role = role if str(path) == case.trajectory.file else "terrain of the flight"
+            found[role, path.name, key] = None
+        for path, key in noise_files(case):
+            found["model of coloured noise", path.name, key] = None
+    return [{"role": role, "name": name, "sha256": key} for role, name, key in found]
 
 
 _map_content = cache(map_content)

@@ -198,12 +198,10 @@ def _blocks(task: Task, size: int) -> Iterator[Sequence[int]]:
             yield runs[start : start + size]
 
 
-def by_block_size(pairs: Pairs, find: Callable[[str], Choice]) -> tuple[Pairs, Pairs]:
-    """Return those of the estimators that take many runs at once, and those that take one.
-
-    ``find`` returns the estimator of a label.
-    """
-    together = tuple(p for p in pairs if isinstance(find(p[0]).estimator, BlockEstimator))
+def by_block_size(pairs: Pairs) -> tuple[Pairs, Pairs]:
+    """Return those of the estimators that take many runs at once, and those that take one."""
+    # Read again, not as this process chose it once: a file may change between campaigns.
+    together = tuple(p for p in pairs if isinstance(choose(p[0]).estimator, BlockEstimator))
     return together, tuple(pair for pair in pairs if pair not in together)
 
 
@@ -331,21 +329,6 @@ def failure(
     return Result(key, record, retry_above=retry_above)
 
 
-@contextlib.contextmanager
-def _own_surroundings() -> Iterator[None]:
-    """Undo what an estimator changes for all that run in its process after it.
-
-    NumPy's treatment of floating-point errors, warning filters and the working directory; not what
-    it may do to modules.
-    """
-    folder = Path.cwd()
-    try:
-        with np.errstate(), warnings.catch_warnings():
-            yield
-    finally:
-        os.chdir(folder)
-
-
 def _estimate(
     block: ProblemBlock,
     problems: Sequence[Problem],
@@ -395,11 +378,19 @@ def _estimate(
 
 
 def _timed(work: Callable[[], Any]) -> tuple[Any, float]:
-    """Return what an estimator returns, and how long it took [s]."""
-    with _own_surroundings():
-        start = time.perf_counter()
-        found = work()
-        return found, time.perf_counter() - start
+    """Return what an estimator returns, and how long it took [s].
+
+    What it changes for all that run in its process after it is undone: NumPy's treatment of
+    floating-point errors, warning filters and the working directory; not what it may do to modules.
+    """
+    folder = Path.cwd()
+    try:
+        with np.errstate(), warnings.catch_warnings():
+            start = time.perf_counter()
+            found = work()
+            return found, time.perf_counter() - start
+    finally:
+        os.chdir(folder)
 
 
 def _columns(info: Mapping[str, Any], runs: int) -> tuple[list[dict[str, Any]], list[int]]:

@@ -126,10 +126,6 @@ class Worker:
             return f"its process was killed by {signal.Signals(-code).name}"
         return f"its process ended with exit code {code}"
 
-    def _end_group(self) -> None:
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.killpg(self._process.pid, signal.SIGKILL)
-
     def _let_go(self) -> None:
         self._process.wait()
         self._socket.close()
@@ -146,7 +142,8 @@ def kill(workers: Collection[Worker]) -> None:
 
 def _end(workers: Collection[Worker]) -> None:
     for worker in workers:
-        worker._end_group()
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(worker._process.pid, signal.SIGKILL)
     orphan_processes.kill_marked([worker._mark for worker in workers])
 
 
