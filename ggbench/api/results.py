@@ -23,9 +23,9 @@ _SUMMARY = ("case", "estimator", "runs", "failed", "rms_m", "efficiency", "succe
 class Results(folder.Results):
     """What a results folder holds: tables, and figures of its cases.
 
-    ``runs()``, ``figures()``, ``pairs()``, ``cases()`` and ``failures()`` are tables (pandas); each
-    ``plot_...()`` returns a Matplotlib figure, which a notebook shows and ``savefig`` writes. A
-    case that is not named is the first.
+    ``runs()``, ``figures()``, ``pairs()``, ``cases()`` and ``failures()`` are tables (pandas),
+    the caller's own; each ``plot_...()`` returns a Matplotlib figure, which a notebook shows and
+    ``savefig`` writes. A case that is not named is the first.
 
     Parameters
     ----------

@@ -89,16 +89,6 @@ def component_errors(results: Results, case: str, label: str, quantity: Quantity
     return errors.component_errors(times, aided, ins, first, unit, label)
 
 
-def has_map(results: Results, case: str) -> bool:
-    """Return whether a case flies over a map, and not over the normal field alone."""
-    return "map_vertical" in results.arrays(case)
-
-
-def has_gradients(results: Results, case: str) -> bool:
-    """Return whether a gradiometer is on board in a case."""
-    return "gradient_times" in results.arrays(case)
-
-
 def field_map(results: Results, case: str) -> Drawing:
     """Draw the map that a case flies over, at flight height, with the track.
 
@@ -107,9 +97,10 @@ def field_map(results: Results, case: str) -> Drawing:
     ResultsError
         If it has none.
     """
-    if not has_map(results, case):
+    arrays = results.arrays(case)
+    if "map_vertical" not in arrays:
         raise ResultsError(f"case {case} flies over the normal field: it has no map to draw")
-    return field.field_map(results.arrays(case))
+    return field.field_map(arrays)
 
 
 def track_gradient(results: Results, case: str) -> Drawing:
@@ -120,6 +111,7 @@ def track_gradient(results: Results, case: str) -> Drawing:
     ResultsError
         If there is no gradiometer on board.
     """
-    if not has_gradients(results, case):
+    arrays = results.arrays(case)
+    if "gradient_times" not in arrays:
         raise ResultsError(f"case {case} flies without a gradiometer: it has no readings to draw")
-    return field.gradient_along_track(results.arrays(case), results.scenario.case(case).title)
+    return field.gradient_along_track(arrays, results.scenario.case(case).title)

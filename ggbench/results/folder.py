@@ -52,7 +52,7 @@ class Cell(NamedTuple):
 
 
 class Results:
-    """A results folder, finished or stopped.
+    """A results folder, finished or stopped; its tables are the caller's own, to be changed.
 
     Parameters
     ----------
@@ -106,8 +106,7 @@ class Results:
     @cached_property
     def estimators(self) -> dict[str, dict[str, Any]]:
         """What the results of each estimator depend on: class, parameters, hash of its source."""
-        held: dict[str, dict[str, Any]] = self.manifest["estimators"]
-        return held
+        return dict(self.manifest["estimators"])
 
     @property
     def seeking(self) -> dict[str, str]:
@@ -168,12 +167,6 @@ class Results:
             raise StoreError(f"a time series of case {case} in {self.folder} is damaged")
         return found
 
-    def _runs_of(self, case: str, estimator: str) -> pd.Series:
-        """Return which rows of the table of runs are an estimator's on a case."""
-        table = self._runs
-        own = (table["assumption"] == "") & (table["case"] == case)
-        return own & (table["estimator"] == estimator)
-
     def counters(self) -> pd.DataFrame:
         """Return what estimators counted of themselves: medians over the runs that finished.
 
@@ -210,12 +203,12 @@ class Results:
 
         A row for each estimator that makes fixes, on each case.
         """
-        rows = []
+        rows, table = [], self._cases_runs
         for (case, estimator), tried in self.fixes.items():
-            own = self._runs_of(case, estimator)
-            limit = float(self._runs.loc[own, "required_m"].median())
-            named = {"case": case, "estimator": estimator, "runs": int(own.sum())}
-            rows.append(named | fix_metrics.figures(tried, int(own.sum()), limit))
+            own = table[(table["case"] == case) & (table["estimator"] == estimator)]
+            named = {"case": case, "estimator": estimator, "runs": len(own)}
+            limit = float(own["required_m"].median())
+            rows.append(named | fix_metrics.figures(tried, len(own), limit))
         return pd.DataFrame(rows)
 
     def arrays(self, case: str) -> dict[str, np.ndarray]:
@@ -229,7 +222,6 @@ class Results:
         """Return the table of runs: one row per run and estimator, the cases first, then studies.
 
         :data:`RUN_COLUMNS`, then for each window its mean squared errors, NEES, NIS and coverage.
-        The table is the caller's own, to be changed at will.
         """
         return self._runs.copy()
 
@@ -246,39 +238,26 @@ class Results:
     def _tables_of(self, cell: Cell) -> Iterator[pd.DataFrame]:
         """Yield the table of the runs of one estimator on one case, piece by piece."""
         command = self.command(cell, 0).removesuffix("0")
+        case = self.whole_scenario.case(cell.case)
         records = self._records_of(cell)
         while piece := list(itertools.islice(records, _PIECE)):
             common = cell._asdict() | {
-                "draw": [self._draw(cell.case, record["run"]) for record in piece],
+                "draw": [case.cluster(record["run"]) for record in piece],
                 "reason": [record.get("reason", "") for record in piece],
                 "remark": [record.get("remark", "") for record in piece],
                 "command": [f"{command}{record['run']}" for record in piece],
             }
             yield summary.runs_table(piece, RUN_COLUMNS, common)
 
-    def _draw(self, case: str, run: int) -> int:
-        """Return the number of the track or map error that a run shares with others."""
-        return self.scenario.case(case).cluster(run)
-
     def command(self, cell: Cell, run: int) -> str:
         """Return the command that runs one run again, alone, in one process."""
         case = f"{cell.assumption}/{cell.case}" if cell.assumption else cell.case
-        words = [
-            "--case",
-            case,
-            "-e",
-            cell.estimator,
-            "--seed",
-            str(self.manifest["seed"]),
-        ]
-        name = as_argument(self.manifest["argument"])
-        return f"ggbench run {name} {shlex.join([*words, '--run', str(run)])}"
+        options = {"--case": case, "-e": cell.estimator, "--seed": self.manifest["seed"]}
+        words = [f"{option} {shlex.quote(str(value))}" for option, value in options.items()]
+        return f"ggbench run {as_argument(self.manifest['argument'])} {' '.join(words)} --run {run}"
 
     def figures(self) -> pd.DataFrame:
-        """Return a row per case, estimator and window (:func:`.summary.figures`).
-
-        The table is the caller's own.
-        """
+        """Return a row per case, estimator and window (:func:`.summary.figures`)."""
         return self._figures.copy()
 
     @cached_property
@@ -314,10 +293,7 @@ class Results:
         return cases.verdicts(self._cases_runs, self._unjudged)
 
     def pairs(self) -> pd.DataFrame:
-        """Return every two estimators of a kind in each case (:func:`.pairs.pairs`).
-
-        The table is the caller's own.
-        """
+        """Return every two estimators of a kind in each case (:func:`.pairs.pairs`)."""
         return self._pairs.copy()
 
     @cached_property
@@ -325,10 +301,7 @@ class Results:
         return pairs.pairs(self._cases_runs)
 
     def cases(self) -> pd.DataFrame:
-        """Return a row per case: set-up, bounds and verdicts (:func:`.cases.cases`).
-
-        The table is the caller's own.
-        """
+        """Return a row per case: set-up, bounds and verdicts (:func:`.cases.cases`)."""
         return self._cases.copy()
 
     @cached_property

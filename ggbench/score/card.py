@@ -10,11 +10,9 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ..files import written_whole
-from ..judging.statistics import EQUIVALENT
 from .stored_runs import ScoreError
 
 FORMAT = 1
-AS_GOOD = "as good"
 _DIGITS = 6
 
 Verdict = Literal["better", "as good", "worse", "undecided"]
@@ -122,17 +120,6 @@ def rounded(value: float) -> float | None:
     return float(f"{value:.{_DIGITS}g}") if np.isfinite(value) else None
 
 
-def verdict_of(verdict: str) -> Verdict:
-    """Return the verdict of a pair as cards word it."""
-    found: Verdict = AS_GOOD if verdict == EQUIVALENT else verdict  # type: ignore[assignment]
-    return found
-
-
-def text(card: Card) -> str:
-    """Return a card as JSON."""
-    return json.dumps(card.model_dump(mode="json"), indent=1, ensure_ascii=False) + "\n"
-
-
 def schema_text() -> str:
     """Return the JSON Schema of cards."""
     return json.dumps(Card.model_json_schema(), indent=1, ensure_ascii=False) + "\n"
@@ -147,7 +134,8 @@ def write(card: Card, path: Path) -> None:
         If it cannot be written.
     """
     with written_whole(path, ScoreError) as temporary:
-        temporary.write_text(text(card), encoding="utf-8")
+        text = json.dumps(card.model_dump(mode="json"), indent=1, ensure_ascii=False)
+        temporary.write_text(f"{text}\n", encoding="utf-8")
 
 
 def read(path: Path) -> Card:

@@ -15,6 +15,7 @@ from ..campaign.registry import Choice, choose
 from ..campaign.result_keys import RESULTS_VERSION
 from ..campaign.runner import first_problem
 from ..judging.pairs import Flown, compared, judged, kind
+from ..judging.statistics import EQUIVALENT
 from ..judging.summary import succeeded
 from ..judging.verdicts import require_equal_runs
 from ..results.folder import Results, write_tables
@@ -28,6 +29,10 @@ QUICK_RUNS = 20
 """Runs of a case in a quick score: one of each map error."""
 _HALVES: Mapping[Judged, tuple[int, ...]] = {"all": (0, 1), "even": (0,), "odd": (1,)}
 _OWN = "(scored)"
+_NUMBERS = (
+    "rms_m", "rms_lo", "rms_hi", "bound_m", "efficiency", "success", "nees", "coverage",
+)  # fmt: skip
+"""Numbers of a question that are columns of the table of figures."""
 
 
 @dataclass(frozen=True)
@@ -106,17 +111,14 @@ def score(
         if ended.missing:
             raise ScoreError(f"{ended.missing} runs gave no result; the same command goes on")
         others = stored.runs if public else flown
-        half = _HALVES[judged_runs]
+        others = others[others["run"] < count]
         matches = {
             name: _Match(
-                own[own["case"] == name],
-                others[others["case"] == name],
-                opponents[name],
-                count,
-                half,
+                own[own["case"] == name], others[others["case"] == name], opponents[name],
+                _HALVES[judged_runs],
             )
             for name in taken
-        }
+        }  # fmt: skip
         questions = _questions(suite, results, matches, skipped)
     finally:
         ended.store.close()
@@ -149,10 +151,8 @@ def score(
 def _require_version(stored: StoredRuns, suite: Scenario) -> None:
     """Raise ScoreError unless the stored runs are of this suite and version of results."""
     header = stored.header
-    if (header["scenario_hash"], header["results_version"]) != (
-        suite.content_hash,
-        RESULTS_VERSION,
-    ):
+    here = suite.content_hash, RESULTS_VERSION
+    if (header["scenario_hash"], header["results_version"]) != here:
         raise ScoreError(
             "the stored runs are of another suite or version of results; 'make suite' renews them"
         )
@@ -160,11 +160,11 @@ def _require_version(stored: StoredRuns, suite: Scenario) -> None:
 
 def _skipped(choice: Choice, suite: Scenario, seed: int) -> dict[str, str]:
     """Return why an estimator cannot take cases, by case."""
-    found = {}
-    for case in suite.cases:
-        if reason := choice.estimator.skip(first_problem(case, seed)):
-            found[case.name] = reason
-    return found
+    return {
+        case.name: reason
+        for case in suite.cases
+        if (reason := choice.estimator.skip(first_problem(case, seed)))
+    }
 
 
 def _opponents(stored: StoredRuns, side: str) -> dict[str, dict[Role, str]]:
@@ -186,20 +186,18 @@ class _Match:
     ----------
     own, others : tables of runs.
     opponents : label by role.
-    count : runs that are flown.
     half : remainders modulo 2 of the runs that are judged.
     """
 
     own: pd.DataFrame
     others: pd.DataFrame
     opponents: Mapping[Role, str]
-    count: int
     half: tuple[int, ...]
 
     def chosen(self, label: str | None = None) -> pd.DataFrame:
         """Return the runs that are judged, of an opponent or of the estimator itself."""
         runs = self.own if label is None else self.others[self.others["estimator"] == label]
-        return runs[(runs["run"] < self.count) & (runs["run"] % 2).isin(self.half)]
+        return runs[(runs["run"] % 2).isin(self.half)]
 
 
 def _questions(
@@ -235,19 +233,7 @@ def _question(
     name: str, title: str, row: pd.Series, match: _Match, against: list[Opponent]
 ) -> Question:
     own = match.own.sort_values("run")
-    numbers: dict[str, Any] = {
-        key: rounded(row[key])
-        for key in (
-            "rms_m",
-            "rms_lo",
-            "rms_hi",
-            "bound_m",
-            "efficiency",
-            "success",
-            "nees",
-            "coverage",
-        )
-    }
+    numbers: dict[str, Any] = {key: rounded(row[key]) for key in _NUMBERS}
     return Question(
         case=name,
         title=title,
@@ -274,5 +260,5 @@ def _opponent(role: Role, runs: pd.DataFrame, pair: Mapping[str, Any]) -> Oppone
         hi=rounded(pair["hi"]),
         only_scored=pair["first_only"],
         only_other=pair["second_only"],
-        verdict=cards.verdict_of(pair["verdict"]),
+        verdict="as good" if pair["verdict"] == EQUIVALENT else pair["verdict"],
     )

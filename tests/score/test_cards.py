@@ -50,7 +50,7 @@ def test_a_card_is_read_as_it_was_written(tmp_path):
     cards.write(card(), tmp_path / "card.json")
     assert cards.read(tmp_path / "card.json") == card()
     schema = json.loads(cards.schema_text())
-    assert set(json.loads(cards.text(card()))) <= set(schema["properties"])
+    assert set(card().model_dump(mode="json")) <= set(schema["properties"])
 
 
 @pytest.mark.parametrize(
