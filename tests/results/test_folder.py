@@ -114,6 +114,18 @@ def test_a_study_is_set_beside_the_same_runs_without_it(results):
     assert declared.tolist() == same.tolist()
 
 
+def test_a_study_is_read_without_the_run_of_its_case(tmp_path):
+    """Assumptions are studied on the cases with published numbers, whichever cases are run."""
+    loaded = small(tmp_path, STUDIED)
+    found = ran(
+        tmp_path, labels=("ins",), runs=1, cases=("noisy",), assumptions=True, scenario=loaded
+    )
+    runs = found.runs()
+    assert set(zip(runs["assumption"], runs["case"], strict=True)) == {
+        ("", "noisy"), ("louder", "base"), ("without-effect", "base"),
+    }  # fmt: skip
+
+
 def test_records_are_of_the_cases_or_of_one_study(results):
     """The cases' runs are not mixed with a study's of the same case."""
     assert sum(1 for _ in results.records()) == 2 * len(KINDS) * 3
