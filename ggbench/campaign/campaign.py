@@ -245,12 +245,8 @@ class Campaign:
     def open(self) -> tuple[Store, list[str]]:
         """Return the results folder, made or found again, and remarks for the user.
 
-        Raises
-        ------
-        StoreError
-            If the folder holds something else, or results of another scenario.
-        CampaignError
-            If a case cannot be flown, or no estimator can take the scenario.
+        Raise StoreError if the folder holds something else, or results of another scenario;
+        CampaignError if a case cannot be flown, or no estimator can take the scenario.
         """
         self._require_folder()
         left_out = self._leave_out()
@@ -410,10 +406,7 @@ def planned(
 ) -> Campaign:
     """Return the campaign that is asked for; what is not said is as the scenario has it.
 
-    Raises
-    ------
-    EstimatorError, ScenarioError
-        If an estimator or a case is named wrongly.
+    Raise EstimatorError or ScenarioError if an estimator or a case is named wrongly.
     """
     settings = scenario.campaign
     texts = [*(estimators or settings.estimators)]

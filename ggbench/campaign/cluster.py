@@ -51,13 +51,8 @@ def on_cluster(
 
     A task whose Dask worker dies is given to another one by Dask; if its workers die again and
     again (``distributed.scheduler.allowed-failures``), its runs are tried one by one, and that a
-    single one's do is its result.
-
-    Raises
-    ------
-    ClusterError
-        If Dask is not installed, the scheduler cannot be reached or goes away, or a worker has
-        another version or source than this process.
+    single one's do is its result. Raise ClusterError if Dask is not installed, the scheduler cannot
+    be reached or goes away, or a worker has another version or source than this process.
     """
     try:
         from distributed import Client

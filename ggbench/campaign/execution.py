@@ -42,14 +42,9 @@ def in_processes(tasks: Iterable[Task], jobs: int, limit: float) -> Generator[li
 
     A run whose process dies is tried once more, alone; if that process dies too, the death is its
     result. A run of more than ``limit`` seconds is killed, and that is its result; several runs at
-    once that take as long are tried again one by one.
-
-    Raises
-    ------
-    ExecutionError
-        If processes die before they are ready.
-    GGBenchError
-        If a worker finds that it would run something else than was planned.
+    once that take as long are tried again one by one. Raise ExecutionError if processes die before
+    they are ready; GGBenchError if a worker finds that it would run something else than was
+    planned.
     """
     pool: list[WorkerSlot] = []
     source = iter(tasks)

@@ -36,10 +36,7 @@ class Inbox:
     def take(self, piece: bytes) -> Iterator[Any]:
         """Yield the messages that a piece completes.
 
-        Raises
-        ------
-        GarbledError
-            If something else than messages has arrived.
+        Raise GarbledError if something else than messages has arrived.
         """
         self._held += piece
         while len(self._held) >= _HEADER.size:

@@ -227,13 +227,8 @@ def remarks(info: Any) -> dict[str, Any]:
     """Return an estimate's remarks as a stored record can hold them.
 
     Halves of characters (lone surrogates, as in names of files of other bytes) become ``?``: they
-    are no reason to lose a run.
-
-    Raises
-    ------
-    ValueError
-        If they are too long to be stored with every run, or could not be read again: nested
-        beyond all measure, numbers of thousands of digits.
+    are no reason to lose a run. Raise ValueError if they are too long to be stored with every run,
+    or could not be read again: nested beyond all measure, numbers of thousands of digits.
     """
     text = json.dumps(dict(info), default=float, ensure_ascii=False)
     text = text.encode(errors="replace").decode()
@@ -241,10 +236,9 @@ def remarks(info: Any) -> dict[str, Any]:
         raise ValueError(f"the estimate's info has {len(text)} characters, over {_LONGEST_INFO}")
     try:
         # By what reads records, and as deep in one as it will be.
-        record: dict[str, Any] = from_json(f'[{{"info":{text}}}]')[0]
+        found: dict[str, Any] = from_json(f'[{{"info":{text}}}]')[0]["info"]
     except ValueError as error:
         raise ValueError(f"the estimate's info cannot be stored: {error}") from None
-    found: dict[str, Any] = record["info"]
     return found
 
 
@@ -256,11 +250,7 @@ def lag_epochs(case: CaseSpec, lag: float) -> int:
 def shared_arrays(flight: Flight, seed: int, lags: Sequence[int]) -> dict[str, np.ndarray]:
     """Return what all runs of a case share: bounds, its readings, and the signals of figures.
 
-    Parameters
-    ----------
-    flight : the case.
-    seed : the campaign's.
-    lags : fixed lags in use [epochs].
+    ``lags`` are the fixed lags in use [epochs].
     """
     arrays = {
         "times": flight.times,

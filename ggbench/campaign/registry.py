@@ -40,13 +40,7 @@ class EstimatorError(GGBenchError):
 
 @dataclass(frozen=True)
 class Choice:
-    """An estimator as chosen: the instance, and the spec that names it.
-
-    Attributes
-    ----------
-    spec : name and parameters that differ from the defaults.
-    estimator : the instance.
-    """
+    """An estimator as chosen; ``spec`` has its name and what differs from the defaults."""
 
     spec: EstimatorSpec
     estimator: Estimator
@@ -78,10 +72,7 @@ class Choice:
 def registered() -> dict[str, type[Estimator]]:
     """Return the registered estimator classes by name.
 
-    Raises
-    ------
-    EstimatorError
-        If an installed entry point cannot be imported.
+    Raise EstimatorError if an installed entry point cannot be imported.
     """
     return {name: _load(point) for name, point in _points().items()}
 
@@ -109,10 +100,8 @@ def _load(point: importlib.metadata.EntryPoint) -> type[Estimator]:
 def choose(text: str) -> Choice:
     """Return the estimator that a text names.
 
-    Raises
-    ------
-    EstimatorError
-        If the text, the name, the file or a parameter is wrong; the message says what is allowed.
+    Raise EstimatorError if the text, the name, the file or a parameter is wrong; the message says
+    what is allowed.
     """
     if not _is_unicode(text):
         raise EstimatorError(
@@ -178,11 +167,8 @@ def _spec(name: str, values: Mapping[str, Any], known: Mapping[str, Parameter]) 
 def spec_of(estimator: Estimator) -> EstimatorSpec:
     """Return the spec that names an estimator, ``ukf[points=merwe]``.
 
-    Raises
-    ------
-    EstimatorError
-        If there is none: its class is neither registered nor from a file that :func:`choose` has
-        read, the file has changed since, or a parameter cannot be written.
+    Raise EstimatorError if its class is neither registered nor from a file that :func:`choose` has
+    read, the file has changed since, or a parameter cannot be written.
     """
     cls = type(estimator)
     file = getattr(sys.modules.get(cls.__module__), "__file__", None)
@@ -212,12 +198,8 @@ def spec_of(estimator: Estimator) -> EstimatorSpec:
 def choose_all(texts: Iterable[str]) -> list[Choice]:
     """Return the estimators that texts name, each content once, under its first label.
 
-    ``@NAME`` means the estimators of a roster.
-
-    Raises
-    ------
-    EstimatorError
-        As :func:`choose`, or if there is no such roster.
+    ``@NAME`` means the estimators of a roster. Raise EstimatorError as :func:`choose`, or if there
+    is no such roster.
     """
     chosen: list[Choice] = []
     try:

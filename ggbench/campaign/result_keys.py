@@ -46,10 +46,7 @@ def environment() -> dict[str, Any]:
 def problem_key(case: CaseSpec, seed: int) -> str:
     """Return the key of the simulated problem, without the versions that simulate it.
 
-    Raises
-    ------
-    MapError
-        If the case's map file cannot be read.
+    Raise MapError if the case's map file cannot be read.
     """
     # A file is its content: where it lies, and how that is spelt, is no part of the problem.
     placeless: dict[str, Any] = {

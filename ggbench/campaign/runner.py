@@ -337,11 +337,8 @@ def _estimate(
 ) -> TimedEstimates:
     """Let an estimator estimate a block, or one of its problems, and see that it keeps its word.
 
-    Raises
-    ------
-    TypeError, ValueError
-        If it is no estimate, is of another causality than its estimator declares, has a wrong
-        shape, complex numbers, or remarks that cannot be stored.
+    Raise TypeError or ValueError if it is no estimate, is of another causality than its estimator
+    declares, has a wrong shape, complex numbers, or remarks that cannot be stored.
     """
     # A new instance each time: what one run leaves in it cannot reach the next.
     estimator = dataclasses.replace(choice.estimator)
@@ -396,10 +393,7 @@ def _timed(work: Callable[[], Any]) -> tuple[Any, float]:
 def _columns(info: Mapping[str, Any], runs: int) -> tuple[list[dict[str, Any]], list[int]]:
     """Return the remarks of each run of a block, and its evaluations of the map.
 
-    Raises
-    ------
-    ValueError
-        If the info is not one number of each run, or has no map_evaluations.
+    Raise ValueError if the info is not one number of each run, or has no map_evaluations.
     """
     for name, values in info.items():
         run_errors.require_plain(f"info {name}", values)

@@ -24,9 +24,7 @@ _NAMES = {
 class HiddenArray:
     """An array that is no object of this process until it is looked at.
 
-    Parameters
-    ----------
-    array : it is filled with NaN when it has been put away: memory is used again.
+    What is put away is filled with NaN: memory is used again.
     """
 
     def __init__(self, array: np.ndarray) -> None:

@@ -89,12 +89,8 @@ class Worker:
     def receive(self) -> Iterator[Any]:
         """Yield the messages that have come: what ``run_task`` yields, ``Ready``, or an error.
 
-        The error is one of the user's (:class:`GGBenchError`).
-
-        Raises
-        ------
-        WorkerDiedError
-            If the process has ended and nothing is left to receive, or has sent what is no message.
+        The error is one of the user's (:class:`GGBenchError`). Raise WorkerDiedError if the process
+        has ended and nothing is left to receive, or has sent what is no message.
         """
         # Asked first. The pipe alone does not say so: a process that it started may still hold it.
         ended = self._process.poll() is not None
@@ -150,10 +146,7 @@ def _end(workers: Collection[Worker]) -> None:
 def kill_surely(workers: Collection[Worker]) -> None:
     """End worker processes, whatever interrupts that: it is begun again, and the interrupt kept.
 
-    Raises
-    ------
-    KeyboardInterrupt
-        When nothing is left alive, if there was one.
+    Raise KeyboardInterrupt when nothing is left alive, if there was one.
     """
     interrupt: KeyboardInterrupt | None = None
     while True:

@@ -95,12 +95,8 @@ def examined(
     """Yield each check with its verdict (passed, failed, refused) and a sentence.
 
     In a process of its own, and in another one after a check that ends it or does not return. If
-    the first check fails, the others are not asked.
-
-    Raises
-    ------
-    CheckError
-        If the estimator cannot be made.
+    the first check fails, the others are not asked. Raise CheckError if the estimator cannot be
+    made.
     """
     waiting = list(checks)
     while waiting:

@@ -54,9 +54,7 @@ def compiling_ahead(names: Sequence[str], first: bool, jobs: int | None = None) 
 def compile_estimators(names: Sequence[str]) -> None:
     """Compile the measurement model, estimators and judgement by use on a small linear problem.
 
-    Parameters
-    ----------
-    names : of estimators; one that takes no such problem is compiled when it flies.
+    An estimator that takes no such problem is compiled when it flies.
     """
     import numpy as np
 

@@ -94,11 +94,8 @@ class Examined:
 def examined(scenario: Scenario) -> Iterator[Examined]:
     """Yield what is found of every case of a scenario and of its assumptions.
 
-    Raises
-    ------
-    CampaignError
-        If a map cannot be made, a flight leaves it, or a sensor cannot be computed, as
-        :func:`.campaign.check` says it.
+    Raise CampaignError as :func:`.campaign.check`: if a map cannot be made, a flight leaves it, or
+    a sensor cannot be computed.
     """
     for study, case in scenario.every_case():
         with case_named(scenario, study, case):
@@ -186,10 +183,7 @@ def _ins_error_once(
 def flown_of(case: CaseSpec) -> Flown:
     """Return the extremes of the flight of a case.
 
-    Raises
-    ------
-    TrajectoryError
-        If it cannot be flown, or a file that it is made of cannot be used.
+    Raise TrajectoryError if it cannot be flown, or a file that it is made of cannot be used.
     """
     spec, trajectory = case.trajectory, _trajectory(case)
     velocities, heights = trajectory.velocities, trajectory.positions[:, 2]

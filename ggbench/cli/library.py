@@ -29,12 +29,8 @@ class Outcome:
 
     Attributes
     ----------
-    scenario : its name.
-    results : number of records in its folder.
-    failed, diverged : of these.
-    interrupted : whether the user stopped it.
+    results, failed, diverged : numbers of records in its folder.
     error : why it ended without all of its results, "" if it did not.
-    seconds : how long it took.
     without_success : estimators of which every run failed.
     """
 

@@ -130,12 +130,8 @@ def estimator(name: str, output: Path) -> None:
 def _flight_over(own_map: Path, terrain: Path | None, clearance: float) -> str:
     """Return the table of a straight flight to the east in the middle of a map.
 
-    With a terrain it follows that, and stays inside the map by what a barometer errs.
-
-    Raises
-    ------
-    MapError
-        If the file is no map.
+    With a terrain it follows that, and stays inside the map by what a barometer errs. Raise
+    MapError if the file is no map.
     """
     import numpy as np  # not at the top: --help loads no numbers
 
@@ -173,13 +169,7 @@ def _flight_through(waypoints: Path, own_map: Path) -> str:
     """Return the table of a level flight through the places of a file, over a map.
 
     It is slow enough for turns of a quarter of the shortest leg, and no faster than an airliner.
-
-    Raises
-    ------
-    TrajectoryError
-        If the file has no waypoints.
-    MapError
-        If the other one is no map.
+    Raise TrajectoryError if the file has no waypoints; MapError if the other one is no map.
     """
     import numpy as np  # not at the top: --help loads no numbers
 
@@ -234,11 +224,8 @@ def _begun(
     """Write the template of a kind of file under a name, with words replaced; return the path.
 
     ``tables`` are new contents of tables of a scenario, which end at the next comment of their own.
-
-    Raises
-    ------
-    NewFileError
-        If the name is none for a file and a class, the file is there, or cannot be written.
+    Raise NewFileError if the name is none for a file and a class, the file is there, or cannot be
+    written.
     """
     if not _NAME.fullmatch(name) or len(name) > _LONGEST:
         ending = f"; the ending {suffix} is added to it" if name.endswith(suffix) else ""

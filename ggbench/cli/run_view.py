@@ -35,15 +35,7 @@ _LONGEST_VALUE = 60
 
 @dataclass(frozen=True)
 class RunView:
-    """Result of one estimator in a run.
-
-    Attributes
-    ----------
-    label : name of the estimator.
-    record : its record.
-    series : (K', 4), its errors over time, or None.
-    command : command that repeats it, "" for none.
-    """
+    """Result of one estimator in a run; ``series`` are its errors over time, (K', 4)."""
 
     label: str
     record: Mapping[str, Any]
@@ -79,12 +71,8 @@ def _where(row: pd.Series) -> str:
 def choose_run(results: Results, case: str | None, run: int | None = None) -> tuple[str, int, str]:
     """Return case and number of the run that most deserves a look, and why.
 
-    Of one case, or of one run number only, if they are given.
-
-    Raises
-    ------
-    ResultsError
-        If the folder holds no such run.
+    Of one case, or of one run number only, if they are given. Raise ResultsError if the folder
+    holds no such run.
     """
     from ..results.folder import ResultsError  # not at the top: to repeat a run needs no tables
 

@@ -27,10 +27,7 @@ def require_suffix(path: Path | None, suffix: str) -> None:
 def write_csv(table: pd.DataFrame, path: Path) -> None:
     """Write a table, whole or not at all, and say so.
 
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
+    Raise OutputError if the file cannot be written.
     """
     with written_whole(path, OutputError, "the table ") as temporary:
         table.to_csv(temporary, index=False, float_format="%.8g")

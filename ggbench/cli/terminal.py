@@ -29,12 +29,7 @@ _HEADINGS = ("RMS m", "95 %", "× bound", "success", "NEES", "", "RMS m/s", "fai
 def print_figures(
     figures: pd.DataFrame, runs: pd.DataFrame, scenario: Scenario, console: Console
 ) -> None:
-    """Print the settled window of every case: causal estimators by RMS error, then smoothers.
-
-    Parameters
-    ----------
-    figures, runs : tables of a results folder.
-    """
+    """Print the settled window of every case: causal estimators by RMS error, then smoothers."""
     shown = scenario.cases[:_MOST_CASES]
     warm = set(runs[(runs["status"] == "ok") & ~runs["cold"]].groupby(["case", "estimator"]).groups)
     starred = False

@@ -24,14 +24,9 @@ _LATELY_S = 30.0
 
 
 def tell_first_use(module: str, scope: str) -> bool:
-    """Say that code is going to be compiled, if that of a module of the package is not there.
+    """Say that code is going to be compiled, if that of a module is not there; return whether.
 
-    Return whether it is.
-
-    Parameters
-    ----------
-    module : that the command compiles early, ``ins/strapdown.py``.
-    scope : how long it all takes.
+    ``module`` is one that the command compiles early, ``scope`` how long it all takes.
     """
     sentences = first_use(module, scope)
     _echo(sentences)

@@ -28,13 +28,8 @@ class Progress(progress.Progress):
     """Progress of a campaign: a live table in a terminal, a plain line now and then elsewhere.
 
     Compilation before the campaign is shown, too. Results that the folder already holds count in
-    the errors.
-
-    Parameters
-    ----------
-    console : where to show it.
-    title : name of the campaign until it begins.
-    live : whether what is shown can be changed; by default in a terminal.
+    the errors. ``title`` is the name of the campaign until it begins; ``live`` says whether what is
+    shown can be changed, by default in a terminal.
     """
 
     def __init__(self, console: Console, title: str, live: bool | None = None) -> None:

@@ -25,10 +25,7 @@ _EDGES = 2
 class ResponsiveTable:
     """A table of names, numbers and sentences for a terminal of any width.
 
-    Parameters
-    ----------
-    title : printed above the table.
-    columns : heading and kind of each column, names first.
+    ``columns`` are heading and kind of each column, names first.
     """
 
     def __init__(self, title: str, columns: Sequence[tuple[str, Kind]]) -> None:

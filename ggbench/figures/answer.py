@@ -45,14 +45,8 @@ class Panel(NamedTuple):
 def over_cases(names: Sequence[str], panel: Panel) -> Drawing:
     """Draw RMS errors by case, a row for each, with the bound and the INS as lines.
 
-    A second column shows success rates if any is below 100 %.
-
-    Parameters
-    ----------
-    names : sequence of str, length n
-        Titles of the cases, from the top.
-    panel : Panel
-        Errors of the cases; its abscissae are not used.
+    A second column shows success rates if any is below 100 %. ``names`` are the titles of the n
+    cases, from the top; the abscissae of the panel are not used.
     """
     curves, count = panel.curves, len(names)
     columns = _columns(panel)
@@ -100,16 +94,8 @@ def over_cases(names: Sequence[str], panel: Panel) -> Drawing:
 def over_axis(panels: Sequence[Panel], label: str, log: bool) -> Drawing:
     """Draw RMS errors against the axis of a sweep, with the bound and the INS as lines.
 
-    A second row shows success rates if any is below 100 %.
-
-    Parameters
-    ----------
-    panels : sequence of Panel
-        Parts of the sweep, from left to right.
-    label : str
-        Label of the abscissae.
-    log : bool
-        Whether the abscissae are logarithmic.
+    A second row shows success rates if any is below 100 %. Panels are the parts of the sweep, from
+    left to right; ``label`` and ``log`` are of the abscissae.
     """
     rows = max(map(_columns, panels))
     figure, grid = subplots(

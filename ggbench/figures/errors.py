@@ -22,10 +22,8 @@ def error_over_time(
 ) -> Drawing:
     """Draw RMS position and velocity errors over runs against time, and the bounds.
 
-    Parameters
-    ----------
-    panels : sequence of (title, times, curves, bounds), at most three
-        Times (K,); RMS errors of position and velocity by label, and bounds by name, each (K, 2).
+    At most three panels: title; times (K,); RMS errors of position and velocity by label, and
+    bounds by name, each (K, 2).
     """
     count = len(panels)
     figure, grid = subplots(2, count, figsize=(7.3, 5.2), sharex="col", squeeze=False)
@@ -102,13 +100,9 @@ def component_errors(
 
 @styled()
 def with_deviations(times: np.ndarray, components: np.ndarray, sigmas: np.ndarray) -> Drawing:
-    """Draw ENU errors of position and velocity over time with their reported ±3σ.
+    """Draw errors of position and velocity over time with their reported ±3σ.
 
-    Parameters
-    ----------
-    times : (K,) [s].
-    components : (K, 6) errors of position [m] and velocity [m/s].
-    sigmas : (K, 6) their reported standard deviations, NaN without covariances.
+    Errors and ``sigmas`` are (K, 6), ENU [m, m/s]; without covariances σ is NaN.
     """
     figure, axes = subplots(3, 2, figsize=(8.0, 6.0), sharex=True)
     for column in range(6):

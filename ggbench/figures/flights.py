@@ -83,11 +83,7 @@ def whitened(
 ) -> Drawing:
     """Draw what the readings say to an estimate, a panel for each sensor, in units of its σ.
 
-    Parameters
-    ----------
-    times : (K,) [s].
-    label : of the estimator.
-    sensors : name, names of channels and whitened residuals (K, m), NaN for none, of each.
+    ``sensors`` : name, names of channels and whitened residuals (K, m), NaN for none, of each.
     """
     count = len(sensors)
     figure, axes = subplots(count, 1, figsize=(7.0, 1.2 + 1.8 * count), sharex=True, squeeze=False)

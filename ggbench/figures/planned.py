@@ -29,13 +29,9 @@ _COLOURS = {"east": "tab:blue", "north": "tab:orange", "up": "tab:green"}
 
 @styled()
 def planned_bound(bounds: pd.DataFrame, field: Field, title: str) -> Drawing:
-    """Draw the bound along a track and over time.
+    """Draw the bound of :func:`ggbench.judging.planned.planned` along a track and over time.
 
-    Parameters
-    ----------
-    bounds : of :func:`ggbench.judging.planned.planned`.
-    field : over which the flight goes; its disturbing Γ_UU is drawn at the mean height of the
-        track.
+    The disturbing Γ_UU of the field is drawn at the mean height of the track.
     """
     figure = Drawing(figsize=(11.0, 5.2), layout="constrained")
     parts: Any = figure.subfigures(1, 2, width_ratios=(4, 5))
@@ -117,10 +113,7 @@ def _plan(figure: SubFigure, bounds: pd.DataFrame, field: Field) -> None:
 def planned_tracks(tracks: pd.DataFrame, title: str) -> Drawing:
     """Draw the bound of tracks: an arrow at each start for each heading, coloured by the bound.
 
-    Parameters
-    ----------
-    tracks : of :func:`ggbench.judging.planned.tracks`.
-    title : of the case.
+    ``tracks`` are of :func:`ggbench.judging.planned.tracks`.
     """
     able = tracks[tracks["reason"] == ""]
     heading = np.radians(able["heading_deg"].to_numpy())

@@ -22,20 +22,16 @@ _BOUNDS = {"bound-batch": "smoother", "bound-fixed-lag": "fixed lag"}
 
 
 def error_over_time(results: Results, shown: Mapping[str, Sequence[str]]) -> Drawing:
-    """Draw the RMS errors over all runs against time, and the bounds.
+    """Draw the RMS errors over all runs against time, and the bounds: a panel for each case.
 
-    Parameters
-    ----------
-    results : Results
-        The folder.
-    shown : mapping
-        Estimators by the name of a case; each case is a panel.
+    ``shown`` are the estimators by the name of a case.
     """
-    panels = []
-    for name, labels in shown.items():
-        title = results.scenario.case(name).title
-        panels.append((title, *errors_over_time(results, name, labels)))
-    return errors.error_over_time(panels)
+    return errors.error_over_time(
+        [
+            (results.scenario.case(name).title, *errors_over_time(results, name, labels))
+            for name, labels in shown.items()
+        ]
+    )
 
 
 def errors_over_time(
@@ -70,10 +66,8 @@ def bound_name(key: str) -> str:
 def component_errors(results: Results, case: str, label: str, quantity: Quantity) -> Drawing:
     """Draw the ENU errors of the detailed run with their claimed ±3σ, and the pure INS's.
 
-    Raises
-    ------
-    ResultsError
-        If this run of the estimator failed or has not been run; if the quantity is another one.
+    Raise ResultsError if this run of the estimator failed or has not been run; if the quantity is
+    another one.
     """
     if quantity not in _COLUMNS:
         raise ResultsError(f"the quantity is {quantity!r} and must be one of {', '.join(_COLUMNS)}")
@@ -92,10 +86,7 @@ def component_errors(results: Results, case: str, label: str, quantity: Quantity
 def field_map(results: Results, case: str) -> Drawing:
     """Draw the map that a case flies over, at flight height, with the track.
 
-    Raises
-    ------
-    ResultsError
-        If it has none.
+    Raise ResultsError if it has none.
     """
     arrays = results.arrays(case)
     if "map_vertical" not in arrays:
@@ -106,10 +97,7 @@ def field_map(results: Results, case: str) -> Drawing:
 def track_gradient(results: Results, case: str) -> Drawing:
     """Draw the vertical gradient along the track of a case: true, noisy and filtered.
 
-    Raises
-    ------
-    ResultsError
-        If there is no gradiometer on board.
+    Raise ResultsError if there is no gradiometer on board.
     """
     arrays = results.arrays(case)
     if "gradient_times" not in arrays:

@@ -93,11 +93,8 @@ def panels(
 ) -> tuple[Drawing, list[Axes]]:
     """Return a figure of so many panels, three in a row at most, and their axes.
 
-    Parameters
-    ----------
-    size : of a panel [in].
-    least : width of the figure [in] at least.
-    labels : of the abscissae, below the lowest panels, and of the ordinates, left of the first.
+    ``size`` is of a panel, ``least`` the least width of the figure [in]; ``labels`` are of the
+    abscissae, below the lowest panels, and of the ordinates, left of the first.
     """
     columns = min(count, 3)
     rows = -(-count // columns)
@@ -142,10 +139,7 @@ def legend_below(figure: Figure, handles: Mapping[str, Any]) -> None:
 def save(figure: Figure, path: Path) -> None:
     """Write a figure, the same bytes for the same content; its folder is made if need be.
 
-    Raises
-    ------
-    FigureError
-        If the file cannot be written.
+    Raise FigureError if the file cannot be written.
     """
     with written_whole(path, FigureError, "the figure ") as temporary:
         kind = path.suffix[1:] or None

@@ -63,10 +63,7 @@ class Digest:
 def write(results: Results, folder: Path) -> None:
     """Write the digest of a results folder into a folder, which is made if need be.
 
-    Raises
-    ------
-    OSError
-        If it cannot be written.
+    Raise OSError if it cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
     figures, cases = results.figures(), results.cases()
@@ -99,10 +96,7 @@ def write_csv(table: pd.DataFrame, path: Path) -> None:
 def read(folder: Path) -> Digest:
     """Return the digest in a folder.
 
-    Raises
-    ------
-    StoreError
-        If a file is missing or damaged.
+    Raise StoreError if a file is missing or damaged.
     """
     try:
         manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))

@@ -357,12 +357,7 @@ def write_tables(results: Results) -> pd.DataFrame:
 
     ``figures.csv``, ``pairs.csv``, ``cases.csv``, ``failures.csv``, ``runs.parquet`` (the table of
     runs; without pyarrow ``runs.csv``), if assumptions were studied ``assumptions.csv``, and if
-    matchers made fixes ``fixes.csv``.
-
-    Raises
-    ------
-    StoreError
-        If a file cannot be written.
+    matchers made fixes ``fixes.csv``. Raise StoreError if a file cannot be written.
     """
     figures = results.figures()
     tables = {

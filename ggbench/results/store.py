@@ -179,10 +179,7 @@ class Store:
     def add(self, results: Iterable[Result]) -> None:
         """Store results in one transaction.
 
-        Raises
-        ------
-        StoreError
-            If they cannot be written (a full disk): then none of them is.
+        Raise StoreError if they cannot be written (a full disk): then none of them is.
         """
         self._write(
             "INSERT OR REPLACE INTO records VALUES (?, ?, ?, ?, ?, ?)",
@@ -388,10 +385,7 @@ def require_ours(folder: Path) -> None:
 def read_manifest(folder: Path) -> dict[str, Any]:
     """Return the manifest of a results folder.
 
-    Raises
-    ------
-    StoreError
-        If it cannot be read, is damaged or of another format.
+    Raise StoreError if it cannot be read, is damaged or of another format.
     """
     path = folder / "manifest.json"
     try:

@@ -29,14 +29,7 @@ _SENSORS = {"gravimeter": "noise_mgal", "gnss": "position_noise_m", "velocity_lo
 
 @dataclass(frozen=True)
 class Limit:
-    """What the bound gains if one cause of error is halved.
-
-    Attributes
-    ----------
-    cause : in words.
-    bound_m : Cramér–Rao bound then [m].
-    gain : relative decrease of the bound.
-    """
+    """The bound [m] if one cause of error is halved, and its relative decrease."""
 
     cause: str
     bound_m: float
@@ -49,12 +42,10 @@ class Advice:
 
     Attributes
     ----------
-    case : the case.
     bound_m : Cramér–Rao bound of the RMS position error in the settled window [m].
     limits : causes of error, the one that gains most first.
     noise : noise of the gradiometer that reaches the target, NaN if none does or none is sought.
     unit : of that noise; "" without a gradiometer.
-    results : the runs that were flown.
     """
 
     case: CaseSpec
@@ -81,22 +72,10 @@ def advise(
     jobs: int | None = None,
     progress: Callable[[running.CampaignProgress], None] = lambda step: None,
 ) -> Advice:
-    """Fly a few runs of a case, and compute what its bound gains.
+    """Fly a few runs of a case of a scenario, and compute what its bound gains.
 
-    Parameters
-    ----------
-    scenario : that the case is of.
-    case : the case.
-    folder : results folder of the runs.
-    target_m : RMS position error that is wanted [m].
-    runs : number of runs.
-    jobs : number of worker processes, by default one for each processor.
-    progress : called at every step.
-
-    Raises
-    ------
-    GGBenchError
-        If the case cannot be flown.
+    ``target_m`` is the RMS position error that is wanted [m]. Raise GGBenchError if the case cannot
+    be flown.
     """
     bound = bound_of(case)
     limits = [
@@ -168,17 +147,9 @@ def _halved(case: CaseSpec) -> Iterator[tuple[str, CaseSpec]]:
 
 
 def needed(case: CaseSpec, key: str, target_m: float) -> float:
-    """Return the largest noise of the gradiometer with which the bound reaches a target.
+    """Return the largest noise of the gradiometer with which the bound reaches a target [m].
 
-    Parameters
-    ----------
-    case : the case.
-    key : dotted key of the noise.
-    target_m : RMS position error that is wanted [m].
-
-    Returns
-    -------
-    NaN if no noise between 1e-6 and 1e4 does.
+    ``key`` is the dotted key of the noise. NaN if no noise between 1e-6 and 1e4 reaches it.
     """
     low, high = math.log(_FINEST), math.log(_COARSEST)
     if bound_of(case.changed(key, _FINEST)) > target_m:

@@ -126,26 +126,14 @@ def schema_text() -> str:
 
 
 def write(card: Card, path: Path) -> None:
-    """Write a card as JSON.
-
-    Raises
-    ------
-    ScoreError
-        If it cannot be written.
-    """
+    """Write a card as JSON; raise ScoreError if it cannot be written."""
     with written_whole(path, ScoreError) as temporary:
         text = json.dumps(card.model_dump(mode="json"), indent=1, ensure_ascii=False)
         temporary.write_text(f"{text}\n", encoding="utf-8")
 
 
 def read(path: Path) -> Card:
-    """Read a card.
-
-    Raises
-    ------
-    ScoreError
-        If it is no card, or of another format.
-    """
+    """Read a card; raise ScoreError if it is no card, or of another format."""
     try:
         loaded = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:

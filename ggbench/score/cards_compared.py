@@ -62,12 +62,7 @@ def worse(old: Card, new: Card) -> list[str]:
     """Return in which questions a new card is surely worse than an old one, a sentence each.
 
     On the runs that both flew; p-values by Holm over the card, so that of estimators that do not
-    differ at most 5% are called worse anywhere.
-
-    Raises
-    ------
-    ScoreError
-        If the cards are of other runs.
+    differ at most 5% are called worse anywhere. Raise ScoreError if the cards are of other runs.
     """
     if (old.seed, old.suite, old.results_version) != (new.seed, new.suite, new.results_version):
         raise ScoreError(

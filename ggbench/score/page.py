@@ -74,16 +74,8 @@ def _metres(value: float | None) -> str:
 def write(card: Card, failures: pd.DataFrame, folder: Path) -> list[Path]:
     """Write ``card.md`` and ``card.html`` into a folder and return their paths.
 
-    Parameters
-    ----------
-    card : the card.
-    failures : table of failed and diverged runs: case, run, reason, command.
-    folder : where to write.
-
-    Raises
-    ------
-    ScoreError
-        If they cannot be written.
+    ``failures`` is the table of failed and diverged runs: case, run, reason, command. Raise
+    ScoreError if the pages cannot be written.
     """
     values = {
         "card": card,

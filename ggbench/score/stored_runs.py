@@ -64,10 +64,7 @@ class StoredRuns:
 def write(results: Results, path: Path) -> None:
     """Write the runs of a results folder of the suite.
 
-    Raises
-    ------
-    ScoreError
-        If estimators have not flown the same runs, or the file cannot be written.
+    Raise ScoreError if estimators have not flown the same runs, or the file cannot be written.
     """
     runs, figures, cases = results.runs(), results.figures(), results.cases()
     names, labels = [case.name for case in results.scenario.cases], results.labels
@@ -132,10 +129,7 @@ def _recommended(row: Any) -> dict[str, dict[str, Any]]:
 def header() -> dict[str, Any]:
     """Return the header of the shipped runs, without the runs.
 
-    Raises
-    ------
-    ScoreError
-        If the file cannot be read.
+    Raise ScoreError if the file cannot be read.
     """
     found, _ = _stored(_shipped(), ())
     return found
@@ -144,10 +138,7 @@ def header() -> dict[str, Any]:
 def read(file: Traversable | Path | None = None) -> StoredRuns:
     """Return the shipped runs, or those of a file.
 
-    Raises
-    ------
-    ScoreError
-        If the file cannot be read.
+    Raise ScoreError if the file cannot be read.
     """
     found, parts = _stored(file or _shipped(), ("figures", "truths", "shared"))
     return StoredRuns(found, _table(found, **parts))
