@@ -87,12 +87,10 @@ def component_errors(
         limit = 1.05 * np.percentile(np.fmax(3 * sigma, np.abs(error)), 98)
         if limit > 0.0:
             right.set_ylim(-limit, limit)
-    axes[0, 0].set_title("with the pure INS")
-    axes[0, 1].set_title(
-        "aided, with its claimed ±3σ" if claims else "aided; it claims no deviation"
-    )
-    axes[0, 0].legend()
-    axes[0, 1].legend()
+    claim = "aided, with its claimed ±3σ" if claims else "aided; it claims no deviation"
+    for axis, title in zip(axes[0], ("with the pure INS", claim), strict=True):
+        axis.set_title(title)
+        axis.legend()
     for axis in axes[-1]:
         axis.set_xlabel("time [s]")
     return figure

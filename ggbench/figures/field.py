@@ -26,9 +26,8 @@ def field_map(arrays: Mapping[str, np.ndarray]) -> Drawing:
     axis.plot(track[0, 1], track[0, 0], "o", color="k", ms=6, mfc="w")
     axis.annotate("start", (track[0, 1], track[0, 0]), (-4, 6), textcoords="offset points",
                   ha="right")  # fmt: skip
+    axis.set(xlabel="longitude [° E]", ylabel="latitude [° N]")
     axis.set_aspect(1.0 / np.cos(np.radians(latitude.mean())))
-    axis.set_xlabel("longitude [° E]")
-    axis.set_ylabel("latitude [° N]")
     axis.ticklabel_format(useOffset=False)
     axis.grid(False)
     figure.colorbar(mesh, label="disturbing Γ_UU [E]", shrink=0.8)
@@ -57,10 +56,8 @@ def gradient_along_track(arrays: Mapping[str, np.ndarray], title: str) -> Drawin
         middle.set_ylabel("difference [E]")
         middle.legend()
     top.plot(times, true, "k--", lw=0.8, label="true")
-    top.set_title(title)
-    top.set_ylabel("Γ_UU [E]")
-    bottom.set_ylabel("noise [E]")
-    bottom.set_xlabel("time [s]")
+    top.set(title=title, ylabel="Γ_UU [E]")
+    bottom.set(xlabel="time [s]", ylabel="noise [E]")
     top.legend()
     bottom.margins(y=0.25)
     bottom.legend(ncols=2)

@@ -100,12 +100,9 @@ def _plan(figure: SubFigure, bounds: pd.DataFrame, field: Field) -> None:
         line, ax=axis, location="bottom", shrink=0.8, label="bound of the position [m]",
         ticks=LogLocator(subs=subs), format=lambda value, _: f"{value:g}",
     ).minorticks_off()  # fmt: skip
-    axis.set_xlim(low[0], high[0])
-    axis.set_ylim(low[1], high[1])
-    axis.set_aspect(stretch)
+    axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect=stretch)
+    axis.set(xlabel="longitude [°]", ylabel="latitude [°]")
     axis.ticklabel_format(useOffset=False)
-    axis.set_xlabel("longitude [°]")
-    axis.set_ylabel("latitude [°]")
     axis.grid(visible=False)
 
 
@@ -132,7 +129,6 @@ def planned_tracks(tracks: pd.DataFrame, title: str) -> Drawing:
     ).minorticks_off()  # fmt: skip
     axis.margins(0.25)
     axis.set_aspect("equal", adjustable="datalim")
-    axis.set_xlabel("start, east [km]")
-    axis.set_ylabel("start, north [km]")
+    axis.set(xlabel="start, east [km]", ylabel="start, north [km]")
     axis.set_title(f"Where to fly: {title}", fontsize=9, wrap=True)
     return figure
