@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import shutil
 import tempfile
@@ -92,7 +93,7 @@ def run(
                 warnings.warn(remark, stacklevel=4)
             shown.tell(step)
 
-        with shown:
+        with shown.display or contextlib.nullcontext():
             work = campaign.planned(
                 loaded, Path(kept or str(output)), texts, count, start,
                 listed(cases, str, "cases") or chosen_cases, assumptions, time_limit, fresh,

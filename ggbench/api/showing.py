@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib.util
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from types import TracebackType
 
 from rich.console import Console
 
@@ -21,17 +20,6 @@ class Shown:
 
     display: Progress | None = None
     called: Callable[[int, int], object] | None = None
-
-    def __enter__(self) -> None:
-        if self.display is not None:
-            self.display.start()
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:  # fmt: skip
-        if self.display is not None:
-            self.display.stop()
 
     def tell_first_use(self, scenario: Scenario) -> None:
         """Say what is compiled and built before the first run."""

@@ -13,7 +13,7 @@ import datetime
 import math
 import os
 import platform
-from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -129,20 +129,6 @@ class Plan:
         joined = replace(self, scenario=shown, estimators=held | dict(self.estimators))
         stored = {key for _, _, pairs in joined.cells() for _, key in pairs} & finished
         return replace(joined, runs=max(old["runs"], self.runs)) if stored else joined
-
-
-def _each_once(
-    cells: Iterable[tuple[str, CaseSpec, Pairs]],
-) -> list[tuple[str, CaseSpec, Pairs]]:
-    """Return cells without what another one before them runs: two names of one content."""
-    seen: set[str] = set()
-    once = []
-    for study, case, estimators in cells:
-        new = tuple(pair for pair in estimators if pair[1] not in seen)
-        seen.update(key for _, key in new)
-        if new:
-            once.append((study, case, new))
-    return once
 
 
 class _Open(NamedTuple):
@@ -284,7 +270,11 @@ class Campaign:
 
     def _tasks(self, finished: Mapping[str, np.ndarray]) -> Tasks:
         cells = []
-        for study, case, pairs in _each_once(self.plan.cells()):
+        seen: set[str] = set()
+        for study, case, estimators in self.plan.cells():
+            # Two names of one content are run once.
+            pairs = tuple(pair for pair in estimators if pair[1] not in seen)
+            seen.update(key for _, key in pairs)
             runs = self.scenario.campaign.runs_of(study, self.runs)
             missing = np.ones((len(pairs), runs), dtype=bool)
             for row, (_, key) in zip(missing, pairs, strict=True):

@@ -103,10 +103,12 @@ def choose(text: str) -> Choice:
     Raise EstimatorError if the text, the name, the file or a parameter is wrong; the message says
     what is allowed.
     """
-    if not _is_unicode(text):
+    try:
+        text.encode()
+    except UnicodeEncodeError:  # halves of characters, as file names of other bytes have them
         raise EstimatorError(
             f"{text!a} names an estimator with characters that are no Unicode: rename its file"
-        )
+        ) from None
     try:
         given = EstimatorSpec.parse(text)
     except ValueError as error:
@@ -232,15 +234,6 @@ def _require_interface(cls: type[Estimator], name: str) -> None:
                 f"{name}: the parameter '{key}' is {default!r}; it must be a number, a text or a "
                 "truth value"
             )
-
-
-def _is_unicode(text: str) -> bool:
-    """Return whether a text has no halves of characters, as file names of other bytes have."""
-    try:
-        text.encode()
-    except UnicodeEncodeError:
-        return False
-    return True
 
 
 @cache

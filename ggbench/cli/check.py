@@ -10,6 +10,7 @@ import subprocess
 import sys
 import textwrap
 import time
+from collections import Counter
 from collections.abc import Iterator
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
@@ -59,16 +60,14 @@ def check(estimator: str, time_limit: float) -> None:
     tell_first_use("ins/strapdown.py", "in a minute or two")
     from ..contract.catalogue import CHECKS
 
-    verdicts: dict[str, str] = {}
+    verdicts: Counter[str] = Counter()
     for asked, verdict, text in examined(estimator, CHECKS, time_limit):
-        verdicts[asked.name] = verdict
+        verdicts[verdict] += 1
         _tell(asked, verdict, text)
-    failed = sum(verdict == "failed" for verdict in verdicts.values())
-    if "passed" not in verdicts.values() and not failed:
+    passed, failed, refused = (verdicts[verdict] for verdict in _SHOWN)
+    if not passed and not failed:
         raise CheckError(f"{estimator} takes none of the problems that the contract is asked on")
-    left = len(CHECKS) - len(verdicts)
-    passed = sum(verdict == "passed" for verdict in verdicts.values())
-    refused = len(verdicts) - passed - failed
+    left = len(CHECKS) - verdicts.total()
     unasked = f", {refused} not asked" if refused else ""
     untried = f"; {left} not tried without an estimate" if left else ""
     click.echo(
@@ -150,16 +149,10 @@ def _isolated(
 ) -> Iterator[tuple[subprocess.Popen[bytes], Connection]]:
     """Start a process that asks; whatever it has started ends with it."""
     answers, theirs = Pipe(duplex=False)
-    command = [
-        sys.executable,
-        "-P",
-        "-m",
-        "ggbench.cli.isolated_check",
-        str(theirs.fileno()),
-        estimator,
-    ]
+    module, pipe = "ggbench.cli.isolated_check", theirs.fileno()
     process = subprocess.Popen(
-        [*command, *names], pass_fds=[theirs.fileno()], start_new_session=True,
+        [sys.executable, "-P", "-m", module, str(pipe), estimator, *names],
+        pass_fds=[pipe], start_new_session=True,
         stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
     )  # fmt: skip
     theirs.close()

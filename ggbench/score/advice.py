@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from operator import attrgetter
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 
 from ..campaign import campaign, running
@@ -84,9 +84,7 @@ def advise(
         if (halved := bound_of(change)) > 0.0
     ]
     key = _noise_key(case)
-    noise = math.nan
-    if target_m is not None and key:
-        noise = needed(case, key, target_m)
+    noise = needed(case, key, target_m) if target_m is not None and key else math.nan
     work = campaign.planned(scenario, folder, estimators(), runs, cases=[case.name])
     ended = running.run(work, jobs, None, progress)
     results = Results(folder, ended.store)
@@ -109,11 +107,7 @@ def _noise_key(case: CaseSpec) -> str:
 
 
 def _value(case: CaseSpec, key: str) -> float:
-    found: object = case
-    for name in key.split("."):
-        found = getattr(found, name)
-    assert isinstance(found, float | int)
-    return float(found)
+    return float(attrgetter(key)(case))
 
 
 def _scaled(case: CaseSpec, keys: list[str], factor: float) -> CaseSpec:
@@ -172,5 +166,4 @@ def recommended(advice: Advice) -> tuple[str, bool]:
 def table(advice: Advice) -> pd.DataFrame:
     """Return the settled figures of the estimators that were flown, by RMS error."""
     figures = advice.results.figures()
-    settled = figures[figures["window"] == "settled"]
-    return settled.iloc[np.argsort(settled["rms_m"].to_numpy(), kind="stable")]
+    return figures[figures["window"] == "settled"].sort_values("rms_m", kind="stable")

@@ -71,25 +71,24 @@ def worse(old: Card, new: Card) -> list[str]:
         )
     suite = scenario.load(SUITE)
     before = {question.case: question for question in old.questions if not question.skipped}
-    pairs = []
+    pairs, skipped = [], []
     for question in new.questions:
         other = before.get(question.case)
         if other is None:
             continue
         if question.skipped:
-            pairs.append({"case": question.case, "skipped": question.skipped})
+            skipped.append(f"{question.case}: skipped, {question.skipped}")
             continue
         spec = suite.case(question.case)
         flown = _flown(question, spec), _flown(other, spec)
         pairs.append({"case": question.case} | compared(*flown))
-    tested = [pair for pair in pairs if "skipped" not in pair]
     found = [
         f"{pair['case']}: errors are {pair['error_ratio']:.3g} times as large, "
         f"{pair['second_only']} runs succeed no more and {pair['first_only']} newly"
-        for pair in judged(tested)
+        for pair in judged(pairs)
         if pair["verdict"] == WORSE
     ]
-    return found + [f"{p['case']}: skipped, {p['skipped']}" for p in pairs if "skipped" in p]
+    return found + skipped
 
 
 def _flown(question: Question, spec: CaseSpec) -> Flown:
