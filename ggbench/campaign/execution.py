@@ -179,7 +179,7 @@ class WorkerSlot:
             self._current, self.deadline = message, time.monotonic() + self.limit
         elif isinstance(message, list) and self._current and self._is_of(message, self._current):
             results += self._with_output(message)
-            self._leave(self._current)
+            self._taken_out(self._current)
             self._current, self.deadline = None, math.inf
         elif isinstance(message, Ready) and not self._left:
             self.idle, self.attempt, self._false_starts = True, None, 0
@@ -194,11 +194,12 @@ class WorkerSlot:
                  r.key == self._keys[started.label]]  # fmt: skip
         return len(found) == len(message) and found == list(started.runs)
 
-    def _leave(self, part: Started) -> None:
-        """Take a part out of what is left of the task."""
+    def _taken_out(self, part: Started) -> dict[str, set[int]]:
+        """Take a part out of what is left of the task; return its runs by label."""
         self._left[part.label] -= set(part.runs)
         if not self._left[part.label]:
             del self._left[part.label]
+        return {part.label: set(part.runs)}
 
     def _handle_death(self, death: str, results: list[Result], again: list[Attempt]) -> None:
         """See to what a worker that died was at, and start another one."""
@@ -211,13 +212,10 @@ class WorkerSlot:
                     + (f"; the last that they printed: {last}" if last else "")
                 )
         else:
-            # Between two runs it died by chance, or of what all of them share.
-            blamed = {label: set(runs) for label, runs in self._left.items()}
             if self._current is not None:
-                blamed = {self._current.label: set(self._current.runs)}
-                self._leave(self._current)
-            else:
-                self._left = {}
+                blamed = self._taken_out(self._current)
+            else:  # between two runs it died by chance, or of what all of them share
+                blamed, self._left = self._left, {}
             if self.attempt.second:
                 results += self._lost(blamed, f"{death}, twice", 0.0)
             else:
@@ -228,8 +226,7 @@ class WorkerSlot:
     def _stop(self, results: list[Result], again: list[Attempt]) -> None:
         """Kill a worker that is over its time limit: the result of the run that it is at."""
         assert self._current is not None  # the clock runs in a run only
-        blamed = {self._current.label: set(self._current.runs)}
-        self._leave(self._current)
+        blamed = self._taken_out(self._current)
         if len(self._current.runs) > 1:
             again += self._retry(blamed, one_by_one=True)
         else:

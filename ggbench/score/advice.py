@@ -106,38 +106,34 @@ def _noise_key(case: CaseSpec) -> str:
     return f"gradiometer.{names[0]}" if names else ""
 
 
-def _value(case: CaseSpec, key: str) -> float:
-    return float(attrgetter(key)(case))
-
-
-def _scaled(case: CaseSpec, keys: list[str], factor: float) -> CaseSpec:
+def _with_half(case: CaseSpec, keys: list[str]) -> CaseSpec:
     for key in keys:
-        case = case.changed(key, factor * _value(case, key))
+        case = case.changed(key, 0.5 * attrgetter(key)(case))
     return case
 
 
 def _halved(case: CaseSpec) -> Iterator[tuple[str, CaseSpec]]:
     """Yield each cause of error with the case in which it is half as large."""
     if key := _noise_key(case):
-        yield "noise of the gradiometer", _scaled(case, [key], 0.5)
+        yield "noise of the gradiometer", _with_half(case, [key])
     for sensor, name in _SENSORS.items():
         spec = getattr(case, sensor)
         if spec is not None and getattr(spec, name) is not None:
             words = sensor.replace("_", " ").replace("gnss", "GNSS receiver")
-            yield f"noise of the {words}", _scaled(case, [f"{sensor}.{name}"], 0.5)
+            yield f"noise of the {words}", _with_half(case, [f"{sensor}.{name}"])
     if case.model.field.standard_error:
         yield "error of the map (removed)", case.changed("model.field.standard_error", False)
     prior = [f"initial_error.{name}" for name in ("position_m", "velocity_mps", "attitude_arcmin")]
-    yield "initial uncertainty", _scaled(case, prior, 0.5)
+    yield "initial uncertainty", _with_half(case, prior)
     imu = [
         f"imu.{name}"
         for name in (
             "gyro_bias_deg_per_h", "gyro_noise_deg_per_sqrt_h", "accelerometer_bias_ug",
             "accelerometer_noise_ug_per_sqrt_hz",
         )
-        if _value(case, f"imu.{name}") > 0.0
+        if getattr(case.imu, name) > 0.0
     ]  # fmt: skip
-    yield "errors of the inertial sensors", _scaled(case, imu, 0.5)
+    yield "errors of the inertial sensors", _with_half(case, imu)
 
 
 def needed(case: CaseSpec, key: str, target_m: float) -> float:

@@ -78,9 +78,10 @@ def write(results: Results, path: Path) -> None:
     index = pd.MultiIndex.from_product([names, labels, range(count)], names=ordered.index.names)
     table = ordered.loc[index]
     shape = (len(names), len(labels), count, -1)
-    bound_of = {label: table.xs(label, level="estimator")["bound"].iloc[0] for label in labels}
-    kinds = sorted(set(bound_of.values()))
-    owners = [labels.index(next(name for name in labels if bound_of[name] == k)) for k in kinds]
+    made = table.groupby(level="estimator")[["name", "parameters", "causality", "bound"]].first()
+    bounds = made["bound"][labels].tolist()
+    kinds = sorted(set(bounds))
+    owners = [bounds.index(kind) for kind in kinds]
     truths = [table["status"] == "ok", *(table[name] for name in TRUTHS)]
     settled = figures[figures["window"] == "settled"].set_index(["case", "estimator"])
     header = {
@@ -91,13 +92,7 @@ def write(results: Results, path: Path) -> None:
         "runs": count,
         "cases": names,
         "bounds": kinds,
-        "estimators": {
-            label: {
-                key: str(table.xs(label, level="estimator")[key].iloc[0])
-                for key in ("name", "parameters", "causality", "bound")
-            }
-            for label in labels
-        },
+        "estimators": made.loc[labels].to_dict("index"),
         "recommended": {row.case: _recommended(row) for row in cases.itertuples()},
         # One digit: the times of one machine.
         "seconds": {
