@@ -41,16 +41,9 @@ class CampaignError(GGBenchError):
 
 
 def check(scenario: Scenario, seed: int = 0) -> Iterator[tuple[str, CaseSpec, Problem]]:
-    """Fly every case and every assumption's, before anything is written.
+    """Yield each study ("" for none) and case with the problem of its first run.
 
-    Yields
-    ------
-    The study ("" for none), the case and the problem of its first run.
-
-    Raises
-    ------
-    CampaignError
-        If a map cannot be made, a flight leaves it, or a filter cannot be computed.
+    Raise CampaignError if a map cannot be made, a flight leaves it, or a filter cannot be computed.
     """
     for study, case in scenario.every_case():
         with case_named(scenario, study, case):
@@ -189,13 +182,10 @@ class Campaign:
 
     Parameters
     ----------
-    scenario : the whole scenario.
     argument : the text by which the user named it.
     labels : estimators as chosen, ``ukf[points=merwe]``.
     runs, seed : number of runs per case, and the seed from which all randomness comes.
     plan : what is asked for, made of the above.
-    assumptions : also study the scenario's assumptions.
-    folder : where results go.
     cases : names of the cases to run; none: all.
     limit : longest time of one run of one estimator [s].
     fresh : discard what the folder holds of an earlier campaign.

@@ -167,16 +167,9 @@ _warm: set[str] = set()
 def run_task(task: Task) -> Iterator[Started | list[Result]]:
     """Simulate runs and judge every estimator on them; a failure is a record.
 
-    Yields
-    ------
-    For each estimator ``Started``, then the results of these runs; or, if they cannot be run
-    together, ``Started`` again for each of them.
-
-    Raises
-    ------
-    OtherSourceError
-        If a version, an estimator's source or a map file is not what the task's keys were made
-        with.
+    Yield for each estimator ``Started``, then the results of these runs; or, if they cannot be run
+    together, ``Started`` again for each of them. Raise OtherSourceError if a version, an
+    estimator's source or a map file is not what the task's keys were made with.
     """
     for label, key in task.estimators:
         if _key(task.case, label, task.seed) != key:

@@ -53,20 +53,15 @@ def run(
 ) -> CampaignOutcome:
     """Run what a campaign's folder does not hold yet. Ctrl-C while runs are running ends it early.
 
+    Raise StoreError or CampaignError as :meth:`Campaign.open`, ExecutionError if the runs cannot be
+    run at all.
+
     Parameters
     ----------
-    work : the campaign.
     jobs : number of worker processes, by default one for each processor; 0: none, all runs are run
         in this process, without time limit.
     cluster : address of the Dask scheduler to run on instead.
     progress : is called at every step, first when the folder is open.
-
-    Raises
-    ------
-    StoreError, CampaignError
-        As :meth:`Campaign.open`.
-    ExecutionError
-        If the runs cannot be run at all.
     """
     store, remarks = work.open()
     try:

@@ -54,15 +54,8 @@ class Cell(NamedTuple):
 class Results:
     """A results folder, finished or stopped; its tables are the caller's own, to be changed.
 
-    Parameters
-    ----------
-    folder : where it is.
-    store : the open folder, if it is open already.
-
-    Raises
-    ------
-    StoreError
-        If it is no results folder or is damaged.
+    ``store`` is the open folder, if it is open already. Raise StoreError if it is no results folder
+    or is damaged.
     """
 
     def __init__(self, folder: Path | str, store: Store | None = None) -> None:

@@ -104,18 +104,10 @@ def kept_epochs(epochs: int) -> np.ndarray:
 
 
 class Store:
-    """A results folder.
+    """A results folder; raise StoreError if it does not exist or is damaged.
 
-    Parameters
-    ----------
-    folder : where it is.
-    create : make it (and its database) if it does not exist, and keep other processes out.
-    fresh : first remove the files of an earlier campaign, and nothing else.
-
-    Raises
-    ------
-    StoreError
-        If it does not exist or is damaged.
+    ``create`` : make it (and its database) if it does not exist, and keep other processes out.
+    ``fresh`` : first remove the files of an earlier campaign, and nothing else.
     """
 
     def __init__(self, folder: Path, create: bool = False, fresh: bool = False) -> None:

@@ -37,12 +37,9 @@ _NUMBERS = (
 
 @dataclass(frozen=True)
 class Score:
-    """What a score ended with.
+    """What a score ended with; without a card if it was interrupted.
 
-    Attributes
-    ----------
-    card : the card, None if the score was interrupted.
-    failures : runs that failed or diverged: case, run, reason, and the command that repeats it.
+    ``failures`` : runs that failed or diverged: case, run, reason, and the command that repeats it.
     """
 
     card: Card | None
@@ -61,6 +58,9 @@ def score(
 ) -> Score:
     """Fly the suite with an estimator and return its card.
 
+    Raise GGBenchError if the estimator or a case is named wrongly, it takes no case, or the stored
+    runs are of another version.
+
     Parameters
     ----------
     estimator : text that names it.
@@ -71,12 +71,6 @@ def score(
     cases : names of those to fly, by default all.
     jobs : number of worker processes, by default one for each processor.
     progress : called at every step.
-
-    Raises
-    ------
-    GGBenchError
-        If the estimator or a case is named wrongly, it takes no case, or the stored runs
-        are of another version.
     """
     stored, suite = read(), scenario.load(SUITE)
     _require_version(stored, suite)
