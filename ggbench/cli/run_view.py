@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from rich.markup import escape
@@ -33,8 +32,7 @@ _LONGEST_VALUE = 60
 """Characters of a value of ``Estimate.info`` that are shown."""
 
 
-@dataclass(frozen=True)
-class RunView:
+class RunView(NamedTuple):
     """Result of one estimator in a run; ``series`` are its errors over time, (K', 4)."""
 
     label: str

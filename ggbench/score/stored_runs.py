@@ -126,8 +126,7 @@ def header() -> dict[str, Any]:
 
     Raise ScoreError if the file cannot be read.
     """
-    found, _ = _stored(_shipped(), ())
-    return found
+    return _stored(None, ())[0]
 
 
 def read(file: Traversable | Path | None = None) -> StoredRuns:
@@ -135,18 +134,15 @@ def read(file: Traversable | Path | None = None) -> StoredRuns:
 
     Raise ScoreError if the file cannot be read.
     """
-    found, parts = _stored(file or _shipped(), ("figures", "truths", "shared"))
+    found, parts = _stored(file, ("figures", "truths", "shared"))
     return StoredRuns(found, _table(found, **parts))
 
 
-def _shipped() -> Traversable:
-    return importlib.resources.files("ggbench.scenarios") / FILE
-
-
 def _stored(
-    file: Traversable | Path, names: Iterable[str]
+    file: Traversable | Path | None, names: Iterable[str]
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Return the header of a file and some of its arrays."""
+    """Return the header of a file, the shipped one by default, and some of its arrays."""
+    file = file or importlib.resources.files("ggbench.scenarios") / FILE
     try:
         with file.open("rb") as opened, np.load(opened) as stored:
             return json.loads(stored["header"].tobytes()), {name: stored[name] for name in names}
