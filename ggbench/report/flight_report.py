@@ -294,7 +294,7 @@ def _by_sensor(problem: Problem, found: Residuals) -> list[tuple[str, list[str],
 def made_of(inputs: Sequence[Mapping[str, str]]) -> list[str]:
     """Return a line that names the input files with the first digits of their SHA-256.
 
-    Of each its ``role``, ``name`` and ``sha256``, as :func:`ggbench.campaign.inputs.input_files`
+    Of each its ``role``, ``name`` and ``sha256``, as :func:`.result_keys.input_files`
     has them; no line without any.
     """
     named = [f"{i['role']} `{_plain(i['name'])}` {i['sha256'][:16]}" for i in inputs]

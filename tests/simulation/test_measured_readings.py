@@ -12,7 +12,7 @@ from small_cases import blank_map, small_case
 from small_noise import LINES, NOISE, SECONDS, survey
 
 from ggbench.campaign import result_keys, runner
-from ggbench.campaign.inputs import input_files
+from ggbench.campaign.result_keys import input_files
 from ggbench.campaign.runner import Task
 from ggbench.errors import GGBenchError
 from ggbench.gravity.ellipsoid import metres_per_radian
