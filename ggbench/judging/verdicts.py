@@ -25,6 +25,12 @@ RECOMMENDED_RATIO = 1.10
 """Ratio of RMS errors to the best estimator's within which one is recommended."""
 
 
+FEWEST_RUNS = 10
+"""Runs of a case below which no estimator is recommended: half of them choose, half compare."""
+ALIKE_TIMES = 2.0
+"""Ratio of times of a run up to which they are alike: they differ between machines and loads."""
+
+
 class Verdict(NamedTuple):
     """The verdict on the estimators of one kind in a case.
 
@@ -32,7 +38,7 @@ class Verdict(NamedTuple):
     ----------
     best : the estimator of least RMS error among the consistent ones, else among all; "" if none
         was compared.
-    recommended : labels of those recommended, cheapest first.
+    recommended : labels of those recommended: first those as cheap as any, in the campaign's order.
     consistent : number of consistent estimators.
     gain : verdict on the best against the INS, "" without an INS.
     """
@@ -77,7 +83,7 @@ def verdict(runs: pd.DataFrame, figures: pd.DataFrame, of: str = "causal") -> Ve
     An estimator is *recommended* if it is consistent or conservative, does not succeed surely less
     often than another one, and its RMS error is surely within 10 % of the best one's. These
     comparisons are on the runs of odd number. None is where the best one is not surely better than
-    the INS.
+    the INS, if that flew, or where there are fewer than ten runs.
 
     Parameters
     ----------
@@ -102,9 +108,11 @@ def verdict(runs: pd.DataFrame, figures: pd.DataFrame, of: str = "causal") -> Ve
     best = str((squares[squares.index.isin(consistent)] if consistent else squares).idxmin())
     flown = {str(label): Flown.of(own) for label, own in odd.groupby("estimator", sort=False)}
     gain = _gain(runs, flown[best])
-    near = _surely_near(flown, best, consistent) if gain in ("", BETTER) else []
-    # To one digit: times differ between machines, and the first of equals is named.
-    cheapest = sorted(near, key=lambda label: float(f"{table.loc[label, 'seconds_per_run']:.0e}"))
+    enough = aided["run"].nunique() >= FEWEST_RUNS
+    near = _surely_near(flown, best, consistent) if enough and gain in ("", BETTER) else []
+    seconds = table["seconds_per_run"]
+    limit = ALIKE_TIMES * min((seconds[label] for label in near), default=0.0)
+    cheapest = sorted(near, key=lambda label: max(seconds[label], limit))
     return Verdict(best, tuple(cheapest), len(consistent), gain)
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import pandas as pd
 
 from ..judging.judgement import OUTSIDE
+from ..judging.verdicts import FEWEST_RUNS
 from ..results.folder import Results
 from . import published, sweeps, views
 
@@ -39,6 +40,8 @@ def answer(results: Results) -> dict[str, Any]:
         "inconsistent": views.not_consistent(figures),
         "targets": pd.DataFrame(),
         "axis": "",
+        "runs": int(figures["runs"].max()) if len(figures) else 0,
+        "fewest": FEWEST_RUNS,
         "recovered": [],
         "outside": left_the_map(results.runs()),
         "allowed": published.allowed(figures),

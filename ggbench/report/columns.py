@@ -137,8 +137,10 @@ COLUMNS: dict[str, Column] = {
     ),
     "recommended": Column(
         "recommended",
-        definition="Consistent or conservative, surely better than the INS, succeeds as often as "
-        "any other, and surely within 10% of the least RMS error; of these the cheapest is named.",
+        definition="Consistent or conservative, surely better than the INS if that flew, succeeds "
+        "as often as any other, and surely within 10% of the least RMS error, in ten runs or more: "
+        "even ones choose the best, odd ones compare. Of these the cheapest is named; times within "
+        "a factor of 2 are alike.",
     ),
     "seconds_per_run": Column("time a run", "s", "time", "Median time of a run, in one process."),
     "map_evaluations": Column(
@@ -197,7 +199,10 @@ COLUMNS: dict[str, Column] = {
         "best causal", definition="Causal estimator of the least RMS error, consistent if any is."
     ),
     "best_smoother": Column("best smoother", definition="Smoother of the least RMS error."),
-    "gain": Column("gain", definition="Verdict of the best causal estimator against the INS."),
+    "gain": Column(
+        "gain",
+        definition="Verdict of the best causal estimator against the INS, on runs of odd number.",
+    ),
     "consistent": Column(
         "consistent", form="count", definition="Number of consistent causal estimators."
     ),

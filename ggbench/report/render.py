@@ -165,6 +165,7 @@ def page(results: Results, folder: Path) -> str:
         seeking=results.seeking,
         failed=int(results.figures().groupby(["case", "estimator"])["failed"].first().sum()),
         left_out=views.left_out(results.figures(), shown),
+        below_bound=views.below_bound(results.figures(), shown),
         claims_caption=said,
         claims=claims.iloc[: tables.MOST_ROWS],
         hidden_claims=max(0, len(claims) - tables.MOST_ROWS),

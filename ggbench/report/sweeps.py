@@ -78,8 +78,9 @@ def label_of(scenario: Scenario) -> str:
 def reached(scenario: Scenario, figures: pd.DataFrame, cases: pd.DataFrame) -> pd.DataFrame:
     """Return for each target the values of the first axis that reach it, part by part.
 
-    Of the bound and of the EKF. ``3.2 E`` means up to there, which is interpolated: only where no
-    error is surely smaller than the one before, else the values themselves are listed.
+    Of the bound and of the EKF, for which the interval of its errors leads to one in parentheses.
+    ``3.2 E`` means up to there, which is interpolated: only where no error is surely smaller than
+    the one before, else the values themselves are listed.
     """
     assert scenario.sweep is not None
     axis = scenario.sweep.axes[0]
@@ -104,7 +105,11 @@ def _reach(axis: Axis, target: float, errors: np.ndarray, low: np.ndarray, high:
     met = errors <= target
     falls = bool((high[1:] < low[:-1]).any())
     if not met.any() or (not falls and not met[int(met.argmin()) :].any()) or met.all():
-        return _limit(largest_within(axis, errors, target), axis.unit)
+        reached, *ends = (largest_within(axis, of, target) for of in (errors, high, low))
+        text = _limit(reached, axis.unit)
+        if ends[0] < ends[1] and np.isfinite(ends).all() and math.isfinite(reached):
+            text += f" ({columns.ratio(ends[0])}–{columns.ratio(ends[1])})"
+        return text
     values = ", ".join(f"{value:g}" for value in np.asarray(axis.values)[met])
     return f"{LISTED} {values} {axis.unit}".rstrip()
 

@@ -51,6 +51,13 @@ def left_out(figures: pd.DataFrame, cases: pd.DataFrame) -> list[str]:
     return [label for label in rows["estimator"].unique() if label not in set(kept)]
 
 
+def below_bound(figures: pd.DataFrame, cases: pd.DataFrame) -> bool:
+    """Return whether an error is surely below a bound, which is then not that of the truth."""
+    rows = figures[(figures["window"] == "settled") & figures["case"].isin(cases["case"])]
+    rows = rows[rows["efficiency"].isna() & (rows["causality"] != "batch")]
+    return bool((rows["rms_hi"] < rows["bound_m"]).any())
+
+
 def few_cases(cases: pd.DataFrame, most: int = MOST_CASES) -> pd.DataFrame:
     """Return at most so many cases, evenly spread in the order of the file, both ends included."""
     if len(cases) <= most:
@@ -87,7 +94,8 @@ def answer_table(figures: pd.DataFrame, pairs: pd.DataFrame, cases: pd.DataFrame
         table = table.drop(columns=heads["recommended"])
         plain = (cases["recommended"] != "").to_numpy()
         table["EKF"] = table["EKF"].where(plain, "*" + table["EKF"] + "*")
-        table = table.rename(columns={"EKF": "EKF (recommended)"})
+        kind = "recommended" if plain.any() else "best"
+        table = table.rename(columns={"EKF": f"EKF ({kind})"})
     return table
 
 

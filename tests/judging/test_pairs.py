@@ -207,6 +207,23 @@ def test_where_the_best_is_no_better_than_the_ins_none_is_recommended():
     assert verdict(flown({"ins": base, "aided": 0.25 * base})).recommended == ("aided",)
 
 
+@pytest.mark.parametrize(("runs", "recommended"), [(8, ()), (10, ("a",))])
+def test_few_runs_recommend_nothing(runs, recommended):
+    """Half of them choose the best and half compare it; without an INS as well."""
+    base = np.random.default_rng(3).chisquare(3, runs)
+    assert verdict(flown({"a": base, "b": 100.0 * base})).recommended == recommended
+
+
+@pytest.mark.parametrize(("ratio", "first"), [(0.6, "a"), (0.4, "b")])
+def test_of_equals_the_first_is_named_unless_another_is_surely_cheaper(ratio, first):
+    """Times differ between machines: they are alike within a factor of two."""
+    base = np.random.default_rng(3).chisquare(3, 40)
+    runs = flown({"a": base, "b": base})
+    runs.loc[runs["estimator"] == "a", "seconds"] = 1e-3
+    runs.loc[runs["estimator"] == "b", "seconds"] = ratio * 1e-3
+    assert verdict(runs).recommended[0] == first
+
+
 def test_who_succeeds_surely_less_often_is_not_recommended():
     """B ends outside the required error in a tenth of the runs, with the same RMS error."""
     base = np.full(200, 4.0)

@@ -46,7 +46,7 @@ def test_a_target_is_reached_where_a_power_law_reaches_it():
     loaded = grid(NOISE, targets=(10.0**0.5, 1e3, 1e-3))
     found = sweeps.reached(loaded, pd.DataFrame(rows, columns=[*FIGURES]), cases(3))
     assert found[["bound", "EKF"]].to_numpy().tolist() == [
-        ["none", "none"], ["0.063 E", "0.032 E"], ["any", "any"]
+        ["none", "none"], ["0.063 E", "0.032 E (0.029–0.035)"], ["any", "any"]
     ]  # fmt: skip
 
 
@@ -56,8 +56,8 @@ HEADING = Axis("heading", "heading", "°", "linear", (0.0, 45.0, 90.0, 135.0))
 @pytest.mark.parametrize(
     ("errors", "said"),
     [
-        ((10.0, 20.0, 80.0, 160.0), "75 °"),  # 50 m on the way from 20 to 80 m
-        ((10.0, 9.5, 80.0, 160.0), "80 °"),  # a fall within the intervals of 10%
+        ((10.0, 20.0, 80.0, 160.0), "75 ° (72–78)"),  # 50 m on the way from 20 to 80 m
+        ((10.0, 9.5, 80.0, 160.0), "80 ° (78–82)"),  # a fall within the intervals of 10%
         ((10.0, 40.0, 90.0, 30.0), "at 0, 45, 135 °"),  # one heading misses
         ((90.0, 40.0, 30.0, 20.0), "at 45, 90, 135 °"),
         ((40.0, 10.0, 90.0, 90.0), "at 0, 45 °"),  # surely smaller than before

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pandas as pd
 import pytest
 from reporting import CAUSALITY, cases, figure, figures, pairs, scenario
@@ -60,6 +62,19 @@ def test_the_recommended_ekf_is_one_column():
 def test_the_best_is_in_italics_where_none_is_recommended():
     shown = views.answer_table(figures(), pairs(), cases(recommended=""))
     assert shown["recommended: `gaussian-sum`"].tolist() == ["*4.00 (×1.0)*", "*8.00 (×1.0)*"]
+
+
+def test_the_ekf_alone_is_called_the_best_where_it_is_not_recommended():
+    shown = views.answer_table(figures(), pairs(), cases(recommended="", best="ekf"))
+    assert shown["EKF (best)"].tolist() == ["*5.00 (×1.2)*", "*10.0 (×1.2)*"]
+
+
+def test_an_error_surely_below_a_bound_is_remarked_where_the_model_is_wrong():
+    """Not where the model is right: there the page has the ratio."""
+    right, wrong = figures(), figures().assign(efficiency=math.nan)
+    assert not views.below_bound(right.assign(rms_hi=0.5 * right["bound_m"]), cases())
+    assert not views.below_bound(wrong.assign(rms_hi=wrong["bound_m"]), cases())
+    assert views.below_bound(wrong.assign(rms_hi=0.5 * wrong["bound_m"]), cases())
 
 
 def test_cells_that_agree_within_one_per_cent_are_said_to_be_equal():
