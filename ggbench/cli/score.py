@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from ..score.card import Card
     from ..score.scoring import Score
 
+_CARD = "card.json"
 _EXIT_WORSE, _EXIT_INTERRUPTED = 1, 130
 _MOST_LISTED = 5
 _COLOURS = {"better": "green", "worse": "red"}
@@ -89,10 +90,12 @@ def score(
         cases, judge = tuple(question.case for question in old.questions), old.judged
     if estimator is None:
         raise click.UsageError("name an ESTIMATOR, or a card by --check")
+    folder = output or Path("results") / "score" / (re.sub(r"\W+", "-", estimator).strip("-"))
+    if before:
+        _require_another_file(before, folder / _CARD)
     previous = cards.read(before) if before else None
     if quick:
         runs = scoring.QUICK_RUNS
-    folder = output or Path("results") / "score" / (re.sub(r"\W+", "-", estimator).strip("-"))
     with Progress(console, "suite") as progress, compiling_ahead([estimator], first, jobs):
         half: Any = judge  # one of the choices
         found = scoring.score(estimator, folder, runs, seed, half, cases, jobs, progress.tell)
@@ -104,10 +107,23 @@ def score(
     _print_card(found.card)
     _print_failures(found)
     if old is None:
-        cards.write(found.card, folder / "card.json")
-        written = [folder / "card.json", *page.write(found.card, found.failures, folder)]
+        cards.write(found.card, folder / _CARD)
+        written = [folder / _CARD, *page.write(found.card, found.failures, folder)]
         click.echo(f"It took {start.since()}. Wrote {', '.join(map(str, written))}.")
     sys.exit(_verdict(found.card, old, previous))
+
+
+def _require_another_file(before: Path, written: Path) -> None:
+    """Raise UsageError if the card to compare with is the one that would be written."""
+    try:
+        same = before.samefile(written)
+    except OSError:
+        return  # one of them does not exist
+    if same:
+        raise click.UsageError(
+            f"--against {before} is the card that this command writes: compare with a copy of it "
+            "elsewhere, or name another folder by -o"
+        )
 
 
 def _print_card(card: Card) -> None:

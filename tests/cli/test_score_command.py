@@ -44,7 +44,8 @@ def test_its_card_is_reproduced_and_no_worse(folder):
     done = invoke(["score", "--check", str(card), "-o", "again", "-j", "0"], folder)
     assert done.returncode == 0, done.stdout
     assert "The card is reproduced." in done.stdout
-    same = invoke(["score", "my_filter.py", *CASES, "--against", str(card)], folder)
+    shutil.copy(card, folder / "older.json")
+    same = invoke(["score", "my_filter.py", *CASES, "--against", "older.json"], folder)
     assert same.returncode == 0
     assert "No question is worse." in same.stdout
     changed = json.loads(card.read_text(encoding="utf-8"))
@@ -88,3 +89,24 @@ def test_bad_input_is_a_sentence(arguments, said, tmp_path):
     assert done.returncode == 2
     assert said in done.stderr
     assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("output", [[], ["-o", "mine"]])
+def test_the_card_to_compare_with_is_not_written_over(output, tmp_path):
+    """Nothing is flown, whatever way the path is written; the card of another folder is read."""
+    written = tmp_path / (output[1] if output else "results/score/ekf")
+    written.mkdir(parents=True)
+    (written / "card.json").write_text("{}")
+    (tmp_path / "link.json").symlink_to(written / "card.json")
+    shutil.copy(written / "card.json", tmp_path / "copy.json")
+    for before in (written.relative_to(tmp_path) / "card.json", written / "card.json", "link.json"):
+        done = invoke(["score", "ekf", "--quick", "--against", str(before), *output], tmp_path)
+        assert done.returncode == 2
+        assert f"--against {before} is the card that this command writes" in done.stderr
+        assert "a copy of it elsewhere" in done.stderr and "another folder by -o" in done.stderr
+        assert [path.name for path in written.iterdir()] == ["card.json"]
+    other = [str(written / "card.json"), "-o", "other"]
+    for allowed in (["copy.json", *output], other):
+        done = invoke(["score", "ekf", "--quick", "--against", *allowed], tmp_path)
+        assert done.returncode == 2
+        assert f"{allowed[0]} is no card" in done.stderr
