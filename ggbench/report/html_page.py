@@ -16,7 +16,7 @@ import pandas as pd
 from ..figures import stored
 from ..files import written_whole
 from ..results.folder import Results
-from . import charts, columns, libraries, render, views
+from . import charts, columns, libraries, links, render, views
 from .answers import answer
 from .conditions import conditions
 from .libraries import PageError
@@ -48,7 +48,7 @@ def write(results: Results, path: Path) -> Path:
     """
     content = b""
     for most_tables in _SIZES:
-        content = text(results, *most_tables).encode()
+        content = text(results, path.parent, *most_tables).encode()
         if len(content) <= MOST_BYTES:
             break
     else:
@@ -61,8 +61,11 @@ def write(results: Results, path: Path) -> Path:
     return path
 
 
-def text(results: Results, with_pairs: bool = True, all_windows: bool = True) -> str:
-    """Return the page, if asked for without pairs or with the settled window alone."""
+def text(results: Results, folder: Path, with_pairs: bool = True, all_windows: bool = True) -> str:
+    """Return the page for a folder; with fewer tables if asked for.
+
+    Without pairs, or with the settled window alone.
+    """
     loaded, cases, figures = results.scenario, results.cases(), results.figures()
     pairs = results.pairs()
     windows = _WINDOWS if all_windows else _WINDOWS[:1]
@@ -98,7 +101,7 @@ def text(results: Results, with_pairs: bool = True, all_windows: bool = True) ->
         chart_script=scripts[0], script=script,
         title=loaded.title,
         answer=parser.render(said),
-        notes=parser.enable("table").render(loaded.notes),
+        notes=parser.enable("table").render(links.without_dead(loaded.notes, folder)),
         conditions=conditions(loaded.cases, cases).to_dict("records"),
         definitions=[columns.COLUMNS[key] for key in columns.DEFINED],
         command=render.command(results),

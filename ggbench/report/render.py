@@ -18,7 +18,7 @@ from ..figures.numbers import counted, span
 from ..files import reason_of
 from ..results import digest
 from ..results.folder import Results, as_argument
-from . import columns, libraries, pictures, published, tables, views
+from . import columns, libraries, links, pictures, published, tables, views
 from .answers import answer
 from .conditions import conditions
 from .findings import SUITE
@@ -171,7 +171,7 @@ def page(results: Results, folder: Path) -> str:
         hidden_claims=max(0, len(claims) - tables.MOST_ROWS),
         conditions=conditions(loaded.cases, cases),
         titles={case.name: case.title for case in loaded.cases},
-        notes=loaded.notes.strip(),
+        notes=links.without_dead(loaded.notes.strip(), folder.parent),
         command=command(results),
         manifest=results.manifest,
         # The standard suite's page, where it is among the pages, has the one column of costs.

@@ -19,6 +19,7 @@ from ggbench.report import columns, html_page, libraries, library, render
 from ggbench.results.folder import Results
 
 LABELS = ("ins", "ekf", "ukf", "factor-graph[mode=batch]")
+NOTES = "## Set-up\n\nIt is [short](../docs/short.md#why), and [wide](wide_prior.md) is another.\n"
 HOSTILE = "</script><script>alert(1)</script>"
 
 
@@ -26,7 +27,9 @@ HOSTILE = "</script><script>alert(1)</script>"
 def output(tmp_path_factory) -> Path:
     """A folder of the reports of a small campaign."""
     folder = tmp_path_factory.mktemp("pages")
-    loaded = small(folder, SMALL.replace("as it is", f"as it is | {HOSTILE}"))
+    (folder / "small_notes.md").write_text(NOTES)
+    text = 'notes = "small_notes.md"\n' + SMALL.replace("as it is", f"as it is | {HOSTILE}")
+    loaded = small(folder, text)
     ran(folder, labels=LABELS, runs=6, scenario=loaded).store.close()
     render.write(folder / "out", folder / "reports")
     return folder / "reports"
@@ -78,10 +81,32 @@ def test_a_page_has_its_parts_in_order(page):
     assert places == sorted(places)
 
 
-def test_links_of_a_page_lead_somewhere(page, output):
-    links = re.findall(r"\]\(([^)#]+)\)", page)
-    assert len(links) >= 3
-    assert [link for link in links if not (output / link).exists()] == []
+def links_of(text: str) -> list[str]:
+    """The relative links of a page, of markdown or HTML, without places within pages."""
+    above = text.partition('<script type="application/json"')[0]
+    found = re.findall(r"\]\(([^)#]+)|<a [^>]*href=\"([^\"#]+)", above)
+    return [link for pair in found for link in pair if link and "://" not in link]
+
+
+def dead(text: str, folder: Path) -> list[str]:
+    """The relative links of a page in a folder that lead nowhere."""
+    return [link for link in links_of(text) if not (folder / link).exists()]
+
+
+@pytest.mark.parametrize("name", ["small.md", "small.html"])
+def test_links_of_a_page_lead_somewhere(output, name):
+    """Notes that link to what is not there keep their words."""
+    text = (output / name).read_text(encoding="utf-8")
+    assert dead(text, output) == []
+    assert "It is short, and wide is another." in text
+
+
+def test_a_dead_link_is_found(page, output):
+    """Negative controls: the notes as written, in both languages; a page has links."""
+    assert len(links_of(page)) >= 3
+    written = ["../docs/short.md", "wide_prior.md"]
+    html_notes = libraries.package("markdown_it").MarkdownIt("commonmark").render(NOTES)
+    assert dead(NOTES, output) == dead(html_notes, output) == written
 
 
 def test_numbers_of_a_page_are_those_of_the_data(page, output):
@@ -142,7 +167,7 @@ def test_the_html_page_is_small_and_loads_nothing(output):
 def test_a_page_that_is_too_large_loses_pairs_then_windows(output, monkeypatch, tmp_path):
     """What is left out is in the data; a page that is too large even so is refused."""
     results = Results(output.parent / "out")
-    sizes = [len(html_page.text(results, *size).encode()) for size in html_page._SIZES]
+    sizes = [len(html_page.text(results, tmp_path, *size).encode()) for size in html_page._SIZES]
     assert sizes == sorted(sizes, reverse=True) and sizes[0] > sizes[2]
     monkeypatch.setattr(html_page, "MOST_BYTES", sizes[2])
     data = data_of(html_page.write(results, tmp_path / "page.html"))

@@ -1,0 +1,28 @@
+"""Relative links of a text that is written into several folders."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from urllib.parse import unquote
+
+_LINK = re.compile(r"`[^`]*`|!?\[(?P<text>[^\]]*)\]\((?P<target>[^)\s]*)[^)]*\)")
+"""A link or a picture of markdown; or code, in which nothing is a link."""
+_ABSOLUTE = re.compile(r"[a-zA-Z][\w+.-]*:")
+
+
+def without_dead(text: str, folder: Path) -> str:
+    """Return markdown with the text alone of relative links that lead nowhere from a folder.
+
+    Notes of shipped scenarios link to pages next to ``reports/`` and to other reports. A report
+    that is written elsewhere has neither.
+    """
+
+    def kept(found: re.Match[str]) -> str:
+        target = found["target"]
+        if target is None or _ABSOLUTE.match(target):
+            return found[0]
+        path = unquote(target.partition("#")[0])
+        return found[0] if (folder / path).exists() else str(found["text"])
+
+    return _LINK.sub(kept, text)
