@@ -134,8 +134,8 @@ def outage(of: Figures) -> str:
     if not ins >= 2.0 * aided:
         return ""
     return (
-        f"Three hours after GNSS is jammed a gradiometer of 1 E leaves a ship {metres(aided)} m; "
-        f"without it the INS has {metres(ins)} m."
+        f"From 1.5 to 3.5 h after GNSS is jammed, a ship's RMS error is {metres(ins)} m. A "
+        f"gradiometer of 1 E reduces it to {metres(aided)} m."
     )
 
 

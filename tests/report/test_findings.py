@@ -15,8 +15,10 @@ from ggbench.report.findings import (
     SUITE,
     Figures,
     findings,
+    outage,
 )
 from ggbench.results import digest
+from ggbench.spec import scenario
 
 REPORTS = Path(__file__).parents[2] / "reports"
 ROWS = {
@@ -72,6 +74,15 @@ def test_a_finding_is_printed_where_its_figures_support_it(finding):
     assert sentence.endswith(".")
     assert all(len(part.split()) <= 30 for part in sentence.split(". "))
     assert finding(Figures(pd.DataFrame([{"case": "x", "estimator": "y"}]))) == ""
+
+
+def test_the_times_of_the_outage_are_those_of_the_suite():
+    """Its figures are of the settled window, which begins and ends some time after the jamming."""
+    case = scenario.load(SUITE).case("gnss-outage")
+    jammed = case.truth.gnss.dropouts_s[0][0]
+    end = sum(part.duration_s for part in case.trajectory.segment)
+    hours = [(time - jammed) / 3600.0 for time in (case.windows.settled_from_s, end)]
+    assert outage(figures()).startswith("From {} to {} h after GNSS is jammed".format(*hours))
 
 
 @pytest.mark.parametrize(("name", "where", "change"), BREAKS)
