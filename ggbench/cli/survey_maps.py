@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -86,7 +87,7 @@ def planned(options: dict[str, Any], wishes: Any, command: str) -> Any:
     """Return the plan of a map of survey lines; write the model of their noise, if asked for."""
     from ..gravity.gradient_map import MapError
     from ..maps.survey_fit import Wanted
-    from ..maps.survey_plan import SurveyInputs, fit_survey, plan_survey
+    from ..maps.survey_plan import SurveyInputs, doubts, fit_survey, plan_survey
 
     if options["noise"] is not None and options["noise"].suffix != ".json":
         raise MapError(f"the file of noise {options['noise']} must be named *.json.")
@@ -105,6 +106,8 @@ def planned(options: dict[str, Any], wishes: Any, command: str) -> Any:
     fit = fit_survey(inputs, click.echo)
     click.echo(f"Chosen: {fit.settings}.")
     made = plan_survey(inputs, fit, wishes, command)
+    if doubt := doubts(fit):
+        click.echo(f"Warning: {doubt}.")
     _print_errors(made.errors, fit.lines.quantity)
     if options["noise"] is not None:
         _write_noise(options["noise"], inputs, fit)
@@ -112,15 +115,30 @@ def planned(options: dict[str, Any], wishes: Any, command: str) -> Any:
 
 
 def _print_errors(errors: Any, quantity: str) -> None:
-    """Print the map's standard error and its correlation."""
+    """Print the map's standard error and its correlation, or that they are not known."""
     names, factor, unit = ("EE", "EN", "EU", "NN", "NU", "UU", "E", "N", "U"), 1.0, "E"
     shown = range(6)
     if quantity == "disturbance":
         shown, factor, unit = range(6, 9), 1e5, "mGal"
     text = ", ".join(
-        f"{names[k]} {factor * errors[0][k]:.2f} {unit} over {errors[1][k]:.0f} m" for k in shown
+        f"{names[k]} {_error(factor * errors[0][k], errors[1][k], unit)}" for k in shown
     )
     click.echo(f"Standard error of the map, and the distance of its correlation: {text}.")
+    click.echo(
+        "It leaves out the unknown constant of each line, which residuals without a mean do not "
+        "show and which may be much larger."
+    )
+    if not all(math.isfinite(errors[0][k]) for k in shown):
+        click.echo(
+            "Where it is not known, lines held back have no larger residuals than lines in the map."
+        )
+
+
+def _error(error: float, metres: float, unit: str) -> str:
+    if not math.isfinite(error):
+        return "not known"
+    distance = f"{metres:.0f} m" if math.isfinite(metres) else "an unknown distance"
+    return f"{error:.2f} {unit} over {distance}"
 
 
 def _write_noise(path: Path, inputs: Any, fit: Any) -> None:

@@ -11,6 +11,9 @@ of the survey and as far from them as the next line. The distance at which it fa
 
 Components that no line measured get the error of an isotropic field, in which the variances of EE,
 EN, EU, NN, NU and UU are as 3 : 1 : 4 : 3 : 4 : 8.
+
+Half a difference that is not positive says nothing of the error, which is then not known. Residuals
+have no mean along a line, so the error leaves out the unknown constant of each line.
 """
 
 from __future__ import annotations
@@ -44,7 +47,8 @@ def map_error(fit: SurveyFit) -> tuple[Array, Array]:
     """Return the standard error of the nine components of a map, and its correlation distance.
 
     (9,) of the tensor [EE, EN, EU, NN, NU, UU] [E] and of gravity [m/s²]; (9,) [m]. NaN of gravity
-    where gradients were measured, and of gradients where gravity was.
+    where gradients were measured, and of gradients where gravity was. Both are NaN, too, where the
+    residuals of lines held back are no larger than those of lines in the map.
     """
     measured = weights_of(fit.lines)
     basis = np.vstack([measured, _TRACE]) if fit.lines.quantity == "gradient" else measured
@@ -55,17 +59,22 @@ def map_error(fit: SurveyFit) -> tuple[Array, Array]:
     covariance = _autocovariance(fit)
     isotropic = _isotropic()
     shares = np.diag(measured @ isotropic @ measured.T)
-    scale = np.mean(np.clip(np.diag(covariance[0]), 0.0, None) / shares)
+    scale = np.mean(_positive(np.diag(covariance[0])) / shares)
     of_gravity = np.arange(9) >= 6
     alike = of_gravity == (fit.lines.quantity == "disturbance")
     variance = np.where(alike, scale * np.diag(isotropic), np.nan)
     of_components = np.einsum("ck,lcd,dk->lk", mixing, covariance, mixing)
-    variance[known] = np.clip(of_components[0, known], 0.0, None)
+    variance[known] = _positive(of_components[0, known])
     metres = np.mean([_step(fit, index) for index in fit.held_back])
     distance = np.full(9, np.nan)
     distance[known] = [metres * _fall(of_components[:, k]) for k in np.flatnonzero(known)]
     mean = metres * _fall(np.einsum("lcc->l", covariance / shares[:, np.newaxis]))
     return np.sqrt(variance), np.where(np.isfinite(variance) & ~known, mean, distance)
+
+
+def _positive(variance: Array) -> Array:
+    """Variances; NaN where one is not positive and so not known."""
+    return np.where(variance > 0.0, variance, np.nan)
 
 
 def _autocovariance(fit: SurveyFit) -> Array:

@@ -68,6 +68,14 @@ class SurveyFit:
         """Reading minus map of the same lines, the map made of all."""
         return {index: residuals(self.sources, self.lines, index) for index in self.held_back}
 
+    @cached_property
+    def rms(self) -> tuple[Array, Array]:
+        """RMS on lines held back, of residuals and of readings, each without a line's mean."""
+        readings = [self.lines.values[self.lines.samples(index)] for index in self.held_back]
+        left = np.concatenate(list(self.held_back.values()))
+        read = np.concatenate([rows - rows.mean(axis=0) for rows in readings])
+        return np.sqrt(np.mean(left**2, axis=0)), np.sqrt(np.mean(read**2, axis=0))
+
 
 def fit(
     lines: SurveyLines, wanted: Wanted, progress: Callable[[str], None] = lambda _: None

@@ -21,6 +21,7 @@ from .survey_fit import SurveyFit, Wanted, fit
 from .survey_lines import Quantity
 
 _STEP_M = 10.0  # to which default heights are rounded
+_DOUBTFUL = 0.7  # of the readings: the map then predicts less than half of the variance
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,7 +66,7 @@ def plan_survey(inputs: SurveyInputs, fit: SurveyFit, wishes: Wishes, command: s
     nodes, remarks = nodes_for([reach], wishes)
     left_out = f", without {', '.join(inputs.leave_out)}" if inputs.leave_out else ""
     errors = map_error(fit)
-    rms = np.sqrt(np.mean(np.concatenate(list(fit.held_back.values())) ** 2, axis=0))
+    rms, readings = fit.rms
     found = ", ".join(
         f"{name} {value:.2f}" for name, value in zip(lines.components, rms, strict=True)
     )
@@ -85,12 +86,32 @@ def plan_survey(inputs: SurveyInputs, fit: SurveyFit, wishes: Wishes, command: s
                 "components": list(lines.components),
                 "line_means": "removed",
                 "held_back_rms": [round(float(value), 3) for value in rms],
+                "readings_rms": [round(float(value), 3) for value in readings],
             }
         ),
         "comment": "disturbing field of survey lines: normal field of WGS84 removed, and what is "
-        "longer than the lines or was corrected for",
+        "longer than the lines or was corrected for; standard errors leave out the unknown "
+        "constant of each line",
     }
     return Plan((fit.sources,), nodes, attributes, tuple(remarks), errors)
+
+
+def doubts(fit: SurveyFit) -> str:
+    """Return a warning if the map hardly predicts lines held back; empty if it does.
+
+    Wrong axes and noise above the field both bring residuals to the RMS of the readings.
+    """
+    unit = fit.lines.unit
+    found = ", ".join(
+        f"{name} {left:.2f} {unit} and {read:.2f} {unit}"
+        for name, left, read in zip(fit.lines.components, *fit.rms, strict=True)
+        if left > _DOUBTFUL * read
+    )
+    return found and (
+        "the map predicts less than half of the variance of lines held back; RMS residual and RMS "
+        f"reading are {found}. Check the axes (--axes), the signs, the units and marks of missing "
+        "values; if they are right, the noise is as large as the field"
+    )
 
 
 def _reach(fit: SurveyFit) -> Reach:

@@ -69,8 +69,9 @@ def channel_errors(spec: FieldSpec, channels: Sequence[str]) -> tuple[float, ...
     error = make_field(spec).standard_error[:6]
     if not np.isfinite(error).all():
         raise MapError(
-            f'model.field.standard_error: the map "{spec.source}" states no standard error; '
-            "'ggbench map build --lines' stores it"
+            f'model.field.standard_error: the map "{spec.source}" states no standard error'
+            + (" of some components" if np.isfinite(error).any() else "")
+            + "; 'ggbench map build --lines' stores it where lines held back show it"
         )
     return tuple(float(np.linalg.norm(COMPONENTS[name] * error)) for name in channels)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import netCDF4
 import numpy as np
@@ -11,7 +12,10 @@ from click.testing import CliRunner
 from made_surveys import survey
 
 from ggbench.cli.main import main
+from ggbench.gravity.gradient_map import MapError
 from ggbench.maps.recipe import Path, read, write
+from ggbench.simulation.field_source import channel_errors
+from ggbench.spec.sensors import FieldSpec
 
 SETTINGS = ["--depth", "600", "--source-spacing", "500", "--damping", "0.1"]
 COLUMNS = ("time_s", "latitude_deg", "longitude_deg", "height_m")
@@ -20,13 +24,16 @@ COLUMNS = ("time_s", "latitude_deg", "longitude_deg", "height_m")
 @pytest.fixture(autouse=True)
 def inside(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    lines = survey(noise=1.0, repeats=(2, 5))
+    write_csv(survey(noise=1.0, repeats=(2, 5)), "s.csv")
+
+
+def write_csv(lines, name):
     rows = ["line,kind,time_s,latitude_deg,longitude_deg,height_m," + ",".join(lines.components)]
     for n, line in enumerate(lines.line):
         at = [getattr(lines, key)[n] for key in COLUMNS]
         numbers = [f"{value:.7f}" for value in (*at, *lines.values[n])]
         rows.append(",".join([lines.names[line], lines.kinds[line], *numbers]))
-    Path("s.csv").write_text("\n".join(rows))
+    Path(name).write_text("\n".join(rows))
 
 
 def run(*words, code=0):
@@ -52,6 +59,61 @@ def test_a_map_is_stored_with_its_error_and_the_noise_of_the_readings():
     noise = json.loads(Path("n.json").read_text())
     assert noise["components"] == ["xx", "xy", "xz", "yy", "yz"]
     assert "12 lines of s.csv" in noise["provenance"] and "not repeat" in noise["provenance"]
+
+
+def turned(lines):
+    """Axes east, north, down."""
+    lines.values[:, [lines.components.index("xz"), lines.components.index("yz")]] *= -1.0
+
+
+def exchanged(lines):
+    """Axes north, east, up."""
+    lines.values[:] = lines.values[
+        :, [lines.components.index(c) for c in ("yy", "xy", "yz", "xx", "xz")]
+    ]
+
+
+def marked(lines):
+    """A missing value with a mark that is not declared."""
+    lines.values[100, 0] = -99999.0
+
+
+@pytest.mark.parametrize("spoil", [turned, exchanged, marked])
+def test_a_survey_that_no_field_fits_gets_a_warning(spoil):
+    """It names components with both numbers. As a control, the right survey gets none."""
+    lines = survey()
+    write_csv(lines, "right.csv")
+    assert "Warning" not in run("--lines", "right.csv", *SETTINGS, "-o", "m.nc")
+    spoil(lines)
+    write_csv(lines, "wrong.csv")
+    said = run("--lines", "wrong.csv", *SETTINGS, "-o", "m.nc")
+    warning = said[said.index("Warning: ") : said.index("Standard error")]
+    found = re.findall(r"(x[xyz]|y[yz]) ([\d.]+) E and ([\d.]+) E", warning)
+    assert found and all(float(left) > 0.7 * float(read) for _, left, read in found)
+    assert "Check the axes (--axes), the signs, the units and marks of missing values" in warning
+
+
+def test_an_error_that_cannot_be_computed_is_neither_stated_nor_stored():
+    """As a control, errors that are known are stored, and all are of a right survey (above)."""
+    lines = survey()
+    turned(lines)
+    write_csv(lines, "wrong.csv")
+    said = run("--lines", "wrong.csv", *SETTINGS, "-o", "m.nc")
+    assert "EN not known" in said and "nan" not in said and " 0.00 E over" not in said
+    error = read("m.nc").standard_error[:6]
+    assert np.isnan(error[1]) and error[0] > 0.0
+    assert np.isnan(read("m.nc").error_distance[1])
+    with netCDF4.Dataset("m.nc") as file:
+        assert "standard_error" not in file["gradient_en"].ncattrs()
+    with pytest.raises(MapError, match="states no standard error of some components"):
+        channel_errors(FieldSpec(source=str(Path("m.nc").resolve())), ["xx"])
+
+
+def test_what_the_standard_error_leaves_out_is_said_and_stored():
+    said = run("--lines", "s.csv", *SETTINGS, "-o", "m.nc")
+    assert "It leaves out the unknown constant of each line" in said
+    with netCDF4.Dataset("m.nc") as file:
+        assert "leave out the unknown constant of each line" in file.comment
 
 
 @pytest.mark.parametrize(
