@@ -67,7 +67,7 @@ def a_figure():
 
 def a_page(path, monkeypatch):
     monkeypatch.setattr(html_page, "text", lambda *_: "x" * 100_000)
-    html_page.write(None, path)
+    html_page.write(None, path, "")
 
 
 WRITERS = {

@@ -141,9 +141,10 @@ def _report_all(folder: Path, output: Path) -> bool:
         raise LibraryError(f"{folder} holds no results folders; 'ggbench run --all' makes them")
     chosen, unread, doubles = _one_for_each(found)
     remarks = list(unread)
-    for path in chosen:
+    pages = {f"{name}.md" for name in chosen}
+    for path in sorted(chosen.values()):
         try:
-            for written in render.write(path, output):
+            for written in render.write(path, output, pages):
                 console.out(f"Wrote {written}")
         except GGBenchError as error:
             remarks.append(str(error))
@@ -155,8 +156,8 @@ def _report_all(folder: Path, output: Path) -> bool:
     return complete
 
 
-def _one_for_each(folders: Sequence[Path]) -> tuple[list[Path], list[str], list[str]]:
-    """Return one results folder for each scenario; what cannot be read; what is there twice.
+def _one_for_each(folders: Sequence[Path]) -> tuple[dict[str, Path], list[str], list[str]]:
+    """Return a results folder by scenario; what cannot be read; what is there twice.
 
     Of two of one scenario the one that is named like it, else the newer.
     """
@@ -172,9 +173,10 @@ def _one_for_each(folders: Sequence[Path]) -> tuple[list[Path], list[str], list[
             continue
         name = manifest["scenario"]
         held.setdefault(name, []).append((path.name == name, str(manifest["date"]), path))
-    chosen, doubles = [], []
-    for group in held.values():
-        *others, best = (path for _, _, path in sorted(group))
-        chosen.append(best)
-        doubles += [f"{path} is left out: {best} is of the same scenario" for path in others]
-    return sorted(chosen), unread, doubles
+    chosen, doubles = {}, []
+    for name, group in held.items():
+        *others, chosen[name] = (path for _, _, path in sorted(group))
+        doubles += [
+            f"{path} is left out: {chosen[name]} is of the same scenario" for path in others
+        ]
+    return chosen, unread, doubles

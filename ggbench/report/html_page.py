@@ -16,7 +16,7 @@ import pandas as pd
 from ..figures import stored
 from ..files import written_whole
 from ..results.folder import Results
-from . import charts, columns, libraries, links, render, views
+from . import charts, columns, libraries, render, views
 from .answers import answer
 from .conditions import conditions
 from .libraries import PageError
@@ -36,8 +36,8 @@ _DROPPED = ("name", "parameters")
 """Columns of the figures that repeat the estimator's label."""
 
 
-def write(results: Results, path: Path) -> Path:
-    """Write the page of a results folder and return its path.
+def write(results: Results, path: Path, notes: str) -> Path:
+    """Write the page of a results folder, with notes in markdown, and return its path.
 
     A page that would be too large has no pairs; if need be, figures of the settled window alone.
 
@@ -48,7 +48,7 @@ def write(results: Results, path: Path) -> Path:
     """
     content = b""
     for most_tables in _SIZES:
-        content = text(results, path.parent, *most_tables).encode()
+        content = text(results, notes, *most_tables).encode()
         if len(content) <= MOST_BYTES:
             break
     else:
@@ -61,8 +61,8 @@ def write(results: Results, path: Path) -> Path:
     return path
 
 
-def text(results: Results, folder: Path, with_pairs: bool = True, all_windows: bool = True) -> str:
-    """Return the page for a folder; with fewer tables if asked for.
+def text(results: Results, notes: str, with_pairs: bool = True, all_windows: bool = True) -> str:
+    """Return the page with notes in markdown; with fewer tables if asked for.
 
     Without pairs, or with the settled window alone.
     """
@@ -101,7 +101,7 @@ def text(results: Results, folder: Path, with_pairs: bool = True, all_windows: b
         chart_script=scripts[0], script=script,
         title=loaded.title,
         answer=parser.render(said),
-        notes=parser.enable("table").render(links.without_dead(loaded.notes, folder)),
+        notes=parser.enable("table").render(notes),
         conditions=conditions(loaded.cases, cases).to_dict("records"),
         definitions=[columns.COLUMNS[key] for key in columns.DEFINED],
         command=render.command(results),

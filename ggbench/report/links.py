@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Set
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -11,11 +12,11 @@ _LINK = re.compile(r"`[^`]*`|!?\[(?P<text>[^\]]*)\]\((?P<target>[^)\s]*)[^)]*\)"
 _ABSOLUTE = re.compile(r"[a-zA-Z][\w+.-]*:")
 
 
-def without_dead(text: str, folder: Path) -> str:
+def without_dead(text: str, folder: Path, coming: Set[str] = frozenset()) -> str:
     """Return markdown with the text alone of relative links that lead nowhere from a folder.
 
     Notes of shipped scenarios link to pages next to ``reports/`` and to other reports. A report
-    that is written elsewhere has neither.
+    that is written elsewhere has neither. Files of the folder that are still ``coming`` count.
     """
 
     def kept(found: re.Match[str]) -> str:
@@ -23,6 +24,6 @@ def without_dead(text: str, folder: Path) -> str:
         if target is None or _ABSOLUTE.match(target):
             return found[0]
         path = unquote(target.partition("#")[0])
-        return found[0] if (folder / path).exists() else str(found["text"])
+        return found[0] if path in coming or (folder / path).exists() else str(found["text"])
 
     return _LINK.sub(kept, text)

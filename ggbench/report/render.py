@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -59,7 +59,7 @@ def markdown(template: str, templates: Path = TEMPLATES, **values: Any) -> str:
     return re.sub(r"\n{3,}", "\n\n", text).strip() + "\n"
 
 
-def write(folder: Path, output: Path) -> list[Path]:
+def write(folder: Path, output: Path, pages: Set[str] = frozenset()) -> list[Path]:
     """Write the report of a results folder: ``NAME.md``, its figures and data, ``NAME.html``.
 
     Parameters
@@ -68,6 +68,8 @@ def write(folder: Path, output: Path) -> list[Path]:
         Results of ``ggbench run``, finished or interrupted.
     output : Path
         Folder to write to; made if it does not exist.
+    pages : set of str
+        Files in it to which a page may link, besides those that are there: they come later.
 
     Returns
     -------
@@ -84,15 +86,17 @@ def write(folder: Path, output: Path) -> list[Path]:
         raise ReportError(f"{folder} holds no finished run to report")
     name = results.scenario.name
     path = output / f"{name}.md"
+    notes = links.without_dead(results.scenario.notes.strip(), output, pages)
+    with_cost = name != SUITE and (f"{SUITE}.md" in pages or (output / f"{SUITE}.md").exists())
     try:
         write_data(results, output / name / digest.FOLDER)
-        path.write_text(page(results, output / name), encoding="utf-8")
+        path.write_text(page(results, output / name, notes, with_cost), encoding="utf-8")
         write_definitions(output)
         written = [path]
         if libraries.installed():
             from . import html_page
 
-            written.append(html_page.write(results, output / f"{name}.html"))
+            written.append(html_page.write(results, output / f"{name}.html", notes))
     except OSError as error:
         raise ReportError(f"cannot write to {output}: {reason_of(error)}") from None
     results.store.close()
@@ -143,8 +147,12 @@ def definitions() -> str:
     return markdown("definitions.md.j2", columns=[columns.COLUMNS[key] for key in columns.DEFINED])
 
 
-def page(results: Results, folder: Path) -> str:
-    """Return the page of a scenario as markdown, and draw its figures into a folder."""
+def page(results: Results, folder: Path, notes: str, with_cost: bool) -> str:
+    """Return the page of a scenario as markdown, and draw its figures into a folder.
+
+    ``with_cost`` says whether the page of the standard suite, which has the one column of costs, is
+    next to it.
+    """
     loaded, cases = results.scenario, results.cases()
     flown = cases[cases["case"].isin(results.figures()["case"])]
     shown = views.few_cases(_of_parts(results, flown))
@@ -171,11 +179,10 @@ def page(results: Results, folder: Path) -> str:
         hidden_claims=max(0, len(claims) - tables.MOST_ROWS),
         conditions=conditions(loaded.cases, cases),
         titles={case.name: case.title for case in loaded.cases},
-        notes=links.without_dead(loaded.notes.strip(), folder.parent),
+        notes=notes,
         command=command(results),
         manifest=results.manifest,
-        # The standard suite's page, where it is among the pages, has the one column of costs.
-        with_cost=loaded.name != SUITE and (folder.parent / f"{SUITE}.md").exists(),
+        with_cost=with_cost,
         **_published(results, found["allowed"], folder),
     )
     return _by_name(text, results.figures())

@@ -30,3 +30,9 @@ def test_notes_of_shipped_scenarios_fit_any_folder(name, tmp_path):
     notes = scenario.load(name).notes
     assert without_dead(notes, REPORTS) == notes
     assert "](" not in without_dead(notes, tmp_path)
+
+
+def test_a_page_that_is_written_later_counts(tmp_path):
+    """Of several pages that are written together."""
+    text = "[a](a.md) and [b](b.md)"
+    assert without_dead(text, tmp_path, {"a.md"}) == "[a](a.md) and b"

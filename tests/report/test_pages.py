@@ -167,14 +167,14 @@ def test_the_html_page_is_small_and_loads_nothing(output):
 def test_a_page_that_is_too_large_loses_pairs_then_windows(output, monkeypatch, tmp_path):
     """What is left out is in the data; a page that is too large even so is refused."""
     results = Results(output.parent / "out")
-    sizes = [len(html_page.text(results, tmp_path, *size).encode()) for size in html_page._SIZES]
+    sizes = [len(html_page.text(results, "", *size).encode()) for size in html_page._SIZES]
     assert sizes == sorted(sizes, reverse=True) and sizes[0] > sizes[2]
     monkeypatch.setattr(html_page, "MOST_BYTES", sizes[2])
-    data = data_of(html_page.write(results, tmp_path / "page.html"))
+    data = data_of(html_page.write(results, tmp_path / "page.html", ""))
     assert held_texts(data, "figures", "window") == {"settled"}
     monkeypatch.setattr(html_page, "MOST_BYTES", sizes[2] - 1)
     with pytest.raises(libraries.PageError, match="report fewer cases or estimators"):
-        html_page.write(results, tmp_path / "page.html")
+        html_page.write(results, tmp_path / "page.html", "")
     results.store.close()
 
 
@@ -182,7 +182,7 @@ def test_a_page_warns_of_an_estimator_that_may_have_seen_the_truth(output, monke
     """Above all numbers."""
     monkeypatch.setattr(Results, "seeking", {"spy.py": "gc"})
     results = Results(output.parent / "out")
-    text = render.page(results, tmp_path / "small")
+    text = render.page(results, tmp_path / "small", "", with_cost=False)
     results.store.close()
     assert 0 < text.index("**Read with care.** `spy.py` uses gc and may") < text.index("\n|")
 
