@@ -54,8 +54,9 @@ _COLOURS = {"better": "green", "worse": "red"}
     help="Compare with an older card; exit code 1 if a question is surely worse.",
 )  # fmt: skip
 @click.option(
-    "-o", "--output", type=click.Path(path_type=Path), help="Folder [results/score/ESTIMATOR]."
-)
+    "-o", "--output", type=click.Path(path_type=Path),
+    help="Folder [results/score/ESTIMATOR; with --check: ESTIMATOR-again].",
+)  # fmt: skip
 @click.option("-j", "--jobs", type=click.IntRange(0), help="Worker processes [all processors].")
 def score(
     estimator: str | None,
@@ -90,9 +91,18 @@ def score(
         cases, judge = tuple(question.case for question in old.questions), old.judged
     if estimator is None:
         raise click.UsageError("name an ESTIMATOR, or a card by --check")
-    folder = output or Path("results") / "score" / (re.sub(r"\W+", "-", estimator).strip("-"))
-    if before:
-        _require_another_file(before, folder / _CARD)
+    name = re.sub(r"\W+", "-", estimator).strip("-") + ("-again" if checked else "")
+    folder = output or Path("results") / "score" / name
+    if checked and _same(checked, folder / _CARD):
+        raise click.UsageError(
+            f"{folder} has the runs of {checked}, and --check flies them again: name another "
+            "folder by -o"
+        )
+    if before and _same(before, folder / _CARD):
+        raise click.UsageError(
+            f"--against {before} is the card that this command writes: compare with a copy of it "
+            "elsewhere, or name another folder by -o"
+        )
     previous = cards.read(before) if before else None
     if quick:
         runs = scoring.QUICK_RUNS
@@ -113,17 +123,12 @@ def score(
     sys.exit(_verdict(found.card, old, previous))
 
 
-def _require_another_file(before: Path, written: Path) -> None:
-    """Raise UsageError if the card to compare with is the one that would be written."""
+def _same(one: Path, other: Path) -> bool:
+    """Return whether two paths are one file that exists."""
     try:
-        same = before.samefile(written)
+        return one.samefile(other)
     except OSError:
-        return  # one of them does not exist
-    if same:
-        raise click.UsageError(
-            f"--against {before} is the card that this command writes: compare with a copy of it "
-            "elsewhere, or name another folder by -o"
-        )
+        return False
 
 
 def _print_card(card: Card) -> None:

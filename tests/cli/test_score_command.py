@@ -44,6 +44,9 @@ def test_its_card_is_reproduced_and_no_worse(folder):
     done = invoke(["score", "--check", str(card), "-o", "again", "-j", "0"], folder)
     assert done.returncode == 0, done.stdout
     assert "The card is reproduced." in done.stdout
+    done = invoke(["score", "--check", str(card), "-o", str(card.parent)], folder)
+    assert done.returncode == 2
+    assert "--check flies them again: name another folder by -o" in " ".join(done.stderr.split())
     shutil.copy(card, folder / "older.json")
     same = invoke(["score", "my_filter.py", *CASES, "--against", "older.json"], folder)
     assert same.returncode == 0
