@@ -9,6 +9,7 @@ import os
 import re
 import secrets
 import shutil
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -22,6 +23,8 @@ _NO_SPACE = {
 _SMALLEST_SHARE = 0.25
 """Of its size without compression, which a file of measured numbers needs at least."""
 _PROBE = bytes(1 << 20)
+asked_to_end = threading.Event()
+"""Whether this process is asked to end: netCDF4 may swallow the KeyboardInterrupt that says so."""
 _temporary: set[Path] = set()
 """What this process writes at the moment."""
 
@@ -42,7 +45,7 @@ def written_whole(
     size : bytes that it needs without compression; 0 if that is not known. A disk with less than
         a quarter of it is refused before anything is written.
     """
-    free = 0
+    free, asked_before = 0, asked_to_end.is_set()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         _remove_left_behind(path)
@@ -51,6 +54,8 @@ def written_whole(
             raise OSError(errno.ENOSPC, "")
         with _temporary_of(path) as temporary:
             yield temporary
+            if not asked_before:  # else it belongs to what is summed up at the end
+                end_if_asked()
             temporary.chmod(0o644)
             temporary.replace(path)
     except OSError as failure:
@@ -68,6 +73,12 @@ def out_of_space(failure: OSError) -> bool:
 def reason_of(failure: OSError) -> str:
     """Return in words why a file cannot be read or written."""
     return _NO_SPACE.get(failure.errno or 0) or failure.strerror or str(failure)
+
+
+def end_if_asked() -> None:
+    """Raise KeyboardInterrupt if this process was asked to end and goes on all the same."""
+    if asked_to_end.is_set():
+        raise KeyboardInterrupt
 
 
 def remove_temporary() -> None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import stat
 from pathlib import Path
 
 import pytest
 
 from ggbench.errors import GGBenchError
-from ggbench.files import written_whole
+from ggbench.files import asked_to_end, written_whole
 
 
 def test_a_file_takes_its_place_when_it_is_whole(tmp_path):
@@ -31,6 +32,26 @@ def test_what_ends_on_the_way_leaves_what_was_there(tmp_path, error):
             temporary.write_text("half")
             raise error
     assert path.read_text() == "old"
+    assert [*tmp_path.iterdir()] == [path]
+
+
+@pytest.mark.parametrize(("asked_before", "kept"), [(False, "old"), (True, "new")])
+def test_an_interrupt_that_a_library_swallows_ends_the_file(tmp_path, asked_before, kept):
+    """As netCDF4 may; but what is written after a request to end, such as a summary, is whole."""
+    path = tmp_path / "map.nc"
+    path.write_text("old")
+    try:
+        if asked_before:
+            asked_to_end.set()
+        with (
+            contextlib.suppress(KeyboardInterrupt),
+            written_whole(path, GGBenchError) as temporary,
+        ):
+            temporary.write_text("new")
+            asked_to_end.set()
+    finally:
+        asked_to_end.clear()
+    assert path.read_text() == kept
     assert [*tmp_path.iterdir()] == [path]
 
 

@@ -9,7 +9,7 @@ import sys
 import threading
 from collections.abc import Iterator
 
-from ..files import remove_temporary
+from ..files import asked_to_end, remove_temporary
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _SHOW_CURSOR = b"\x1b[?25h"
@@ -32,6 +32,7 @@ def requests_to_end(exit_code: int) -> Iterator[None]:
         if asked:
             _end_at_once(exit_code)
         asked = True
+        asked_to_end.set()
         raise KeyboardInterrupt
 
     before = {
@@ -42,6 +43,7 @@ def requests_to_end(exit_code: int) -> Iterator[None]:
     try:
         yield
     finally:
+        asked_to_end.clear()
         if not asked:  # else the process is about to end: it does so as it was asked to
             for each, handler in before.items():
                 signal.signal(each, handler)

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..files import written_whole
+from ..files import end_if_asked, written_whole
 from ..gravity.ellipsoid import FLATTENING, SEMI_MAJOR_AXIS
 from ..gravity.gradient_map import GradientMap, MapError
 from ..numerics.source import VERSION
@@ -172,6 +172,7 @@ def _write_layers(file: Any, nodes: Nodes, layers: Iterable[Layer], dtype: str) 
     """Write the values of all heights into a file that has its variables."""
     count = 0
     for index, (tensor, disturbance) in enumerate(_ahead(layers)):
+        end_if_asked()
         for prefix, names, values in (
             ("gradient_", TENSOR, tensor),
             ("disturbance_", VECTOR, disturbance),
