@@ -122,10 +122,7 @@ class Scenario:
     def find(self, name: str) -> tuple[str, CaseSpec]:
         """Return the study ("" for none) and the case that ``CASE`` or ``STUDY/CASE`` names.
 
-        Raises
-        ------
-        ScenarioError
-            If there is none of that name; the message says which there are.
+        Raise ScenarioError if there is none of that name; the message says which there are.
         """
         known = {
             f"{study}/{case.name}" if study else case.name: (study, case)
