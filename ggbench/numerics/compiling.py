@@ -17,7 +17,7 @@ import contextlib
 import gc
 import pickle
 from collections.abc import Iterator
-from functools import update_wrapper
+from functools import cached_property, update_wrapper
 from pathlib import Path
 from typing import Any
 
@@ -37,15 +37,26 @@ class Kernel:
     def __init__(self, function: Any, jit: Any) -> None:
         """Prepare a function for the compiler; ``jit`` takes numba's options."""
         update_wrapper(self, function)
-        self.py_func = function
-        self._entry = _kept_on_disk(jit()(function), Locator)
-        self._part = _kept_on_disk(jit(no_cpython_wrapper=True)(function), PartLocator)
-        # Where numba looks for the option of functions to be inlined.
-        self.targetoptions = self._part.targetoptions
+        self.py_func, self._jit = function, jit
+        # Named by the source as it is imported, not as it is when code is first needed.
+        code_folder(Path(function.__code__.co_filename).resolve())
+
+    @cached_property
+    def _entry(self) -> Any:
+        return _kept_on_disk(self._jit()(self.py_func), Locator)
+
+    @cached_property
+    def _part(self) -> Any:
+        return _kept_on_disk(self._jit(no_cpython_wrapper=True)(self.py_func), PartLocator)
 
     def __call__(self, *arguments: Any) -> Any:
         """Return what the compiled function does."""
         return self._entry(*arguments)
+
+    @property
+    def targetoptions(self) -> Any:
+        """By this name numba finds the option of functions to be inlined."""
+        return self._part.targetoptions
 
     @property
     def signatures(self) -> list[Any]:
