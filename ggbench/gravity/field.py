@@ -145,7 +145,7 @@ def gradients(
     coefficients: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Fill the full tensors (6, N) [E] at N points, faster.
+    """Fill the full tensors (6, N) [E] at N points, without derivatives.
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ import numpy as np
 
 from ...numerics.rotations import rotation_matrix
 from ..processes import bursts, gauss_markov, random_walk
-from .instrument import Gradiometer
+from .instrument import Gradiometer, rotate_tensors
 
 _TIMING = 1e-9
 """Within which times are equal [s]."""
@@ -84,7 +84,7 @@ class Faults:
         turn = np.empty((3, 3))
         rotation_matrix(angles, turn)
         scale = 1.0 + self.scale_factor * rng.standard_normal(len(channels))
-        return np.asarray(scale * (_turned(tensors, turn) @ channels.T))
+        return np.asarray(scale * (rotate_tensors(turn, tensors) @ channels.T))
 
     def tilted(
         self, tensors: np.ndarray, times: np.ndarray, rng: np.random.Generator
@@ -95,7 +95,7 @@ class Faults:
         turns = np.empty((len(times), 3, 3))
         for angle, turn in zip(angles, turns, strict=True):
             rotation_matrix(angle, turn)
-        return _turned(tensors, turns)
+        return rotate_tensors(turns, tensors)
 
     def drifted(self, times: np.ndarray, width: int, rng: np.random.Generator) -> np.ndarray:
         """Return by what the scale factors' walks multiply readings (K, width)."""
@@ -156,9 +156,3 @@ def biases(
     """Return the biases (K, m) of a run at its epochs [E]: constant at the start, then a walk."""
     start = gradiometer.bias_eotvos * rng.standard_normal(channels)
     return np.asarray(start + random_walk(times, gradiometer.drift, channels, rng))
-
-
-def _turned(tensors: np.ndarray, turns: np.ndarray) -> np.ndarray:
-    """Return tensors (K, 6) in axes that are turned, by one rotation or by each its own."""
-    full = tensors[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
-    return np.asarray((turns @ full @ turns.swapaxes(-1, -2))[:, *np.triu_indices(3)])
