@@ -25,13 +25,11 @@ def requests_to_end(exit_code: int) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    asked = False
+    asked_to_end.clear()
 
     def ask(number: int, frame: object) -> None:
-        nonlocal asked
-        if asked:
+        if asked_to_end.is_set():
             _end_at_once(exit_code)
-        asked = True
         asked_to_end.set()
         raise KeyboardInterrupt
 
@@ -43,8 +41,8 @@ def requests_to_end(exit_code: int) -> Iterator[None]:
     try:
         yield
     finally:
-        asked_to_end.clear()
-        if not asked:  # else the process is about to end: it does so as it was asked to
+        # Else the process is about to end: it does so as it was asked to.
+        if not asked_to_end.is_set():
             for each, handler in before.items():
                 signal.signal(each, handler)
 
