@@ -50,7 +50,7 @@ class Wild(Estimator):
             os.setsid()
             os.execlp("sleep", "sleep", "SECONDS")
         if self.way == "scribble":
-            for name in range(3, 100):
+            for name in range(3, 10_000):
                 with contextlib.suppress(OSError):
                     if stat.S_ISSOCK(os.fstat(name).st_mode):
                         os.write(name, b"hello world, hello world, hello world!")
