@@ -27,10 +27,10 @@ from .ellipsoid import (
 from .gradient_map import GradientMap, unknown
 from .spline import (
     TENSOR_WORK,
-    spline_at,
     spline_coefficients,
     spline_tensor_slopes,
     spline_tensors,
+    vector_at,
 )
 
 
@@ -150,7 +150,7 @@ def gradients(
     Parameters
     ----------
     positions : (3, N) latitudes, longitudes [rad], heights [m].
-    origin, step, coefficients : the map, as in :func:`spline_at`; of size zero for none.
+    origin, step, coefficients : the map, as in :func:`vector_at`; of size zero for none.
     out : (6, N) output; NaN where a position is.
     """
     count = positions.shape[1]
@@ -168,7 +168,7 @@ def gradients(
 
 
 @compiled
-def _spline_at_all(
+def _vectors_at(
     positions: np.ndarray,
     origin: np.ndarray,
     step: np.ndarray,
@@ -178,7 +178,7 @@ def _spline_at_all(
     """Evaluate the value of the spline at (n, 3) positions."""
     derivative = np.empty((coefficients.shape[3], 3))
     for n in range(positions.shape[0]):
-        spline_at(positions[n], origin, step, coefficients, values[n], derivative)
+        vector_at(positions[n], origin, step, coefficients, values[n], derivative)
 
 
 _ROUNDING = 5e-7
@@ -322,7 +322,7 @@ class Field:
         values = np.zeros((len(positions), 3))
         if self.has_map:
             self.require_inside(positions)
-            _spline_at_all(positions, self.origin, self.step, self.disturbance_coefficients, values)
+            _vectors_at(positions, self.origin, self.step, self.disturbance_coefficients, values)
         return (values + self.constant_disturbance).reshape(*shape, 3)
 
     @staticmethod

@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from ..numerics.kernels import compiled, copied, inlined
+from ..numerics.vectors import load_from, splat, store_from
 
 
 def spline_coefficients(values: np.ndarray, axis: int) -> np.ndarray:
@@ -88,58 +89,6 @@ def _four_slopes(t: float) -> tuple[float, float, float, float]:
     return -0.5 * u * u, t * (1.5 * t - 2.0), u * (2.0 - 1.5 * u), 0.5 * t * t
 
 
-@inlined
-def _weights(t: float, weight: np.ndarray) -> None:
-    """Fill the four weights."""
-    weight[0], weight[1], weight[2], weight[3] = _four_weights(t)
-
-
-_UNSIGNED = np.uint64
-"""An index that cannot be negative: one that could be would keep a loop from running on vectors."""
-
-
-@copied
-def _sum_columns(
-    flat: np.ndarray,
-    size: int,
-    start: int,
-    row: int,
-    column: int,
-    first: np.ndarray,
-    second: np.ndarray,
-    out: np.ndarray,
-) -> None:
-    """Sum the 16 columns of nodes around a cell with the weights ``first`` ⊗ ``second``.
-
-    The four nodes of a column, with all their components, are contiguous, so that ``out`` is one
-    sum of ``size`` numbers. ``start`` is where the first column begins in the flat coefficients,
-    ``row`` and ``column`` how far it is to the next one along the first and the second axis.
-    """
-    for a in range(4):
-        c_0 = _UNSIGNED(start + a * row)
-        c_1, c_2 = c_0 + _UNSIGNED(column), c_0 + _UNSIGNED(2 * column)
-        c_3 = c_0 + _UNSIGNED(3 * column)
-        w_0, w_1 = first[a] * second[0], first[a] * second[1]
-        w_2, w_3 = first[a] * second[2], first[a] * second[3]
-        for c in range(_UNSIGNED(size)):
-            total = (
-                w_0 * flat[c_0 + c] + w_1 * flat[c_1 + c]
-                + w_2 * flat[c_2 + c] + w_3 * flat[c_3 + c]
-            )  # fmt: skip
-            out[c] = total if a == 0 else out[c] + total
-
-
-@inlined
-def _along(columns: np.ndarray, weight: np.ndarray, m: int, count: int) -> float:
-    """Return the sum along a column of component ``m`` of ``count``."""
-    return (
-        weight[0] * columns[m]
-        + weight[1] * columns[count + m]
-        + weight[2] * columns[2 * count + m]
-        + weight[3] * columns[3 * count + m]
-    )
-
-
 _SUMS = 24
 """Where in the scratch of a point the sums along columns begin, after the weights of its axes."""
 
@@ -152,36 +101,53 @@ def _put_weights(t: float, scale: float, at: int, work: np.ndarray) -> None:
         work[at + i], work[at + 4 + i] = weights[i], scale * slopes[i]
 
 
+@inlined
+def _sum_columns(flat: np.ndarray, start: int, row: int, column: int, work: np.ndarray) -> None:
+    """Sum the 16 columns of nodes around a cell with the scratch's weights of the first two axes.
+
+    The four nodes of a column, with all their components, are contiguous: 24 numbers, whose sums
+    begin at :data:`_SUMS`. ``start`` is where the first column begins in the flat coefficients,
+    ``row`` and ``column`` how far it is to the next one along the first and the second axis.
+    """
+    s_0 = s_1 = s_2 = splat(0.0)
+    for a in range(4):
+        for b in range(4):
+            at, weight = start + a * row + b * column, splat(work[a] * work[8 + b])
+            s_0 = s_0 + weight * load_from(flat, at)
+            s_1 = s_1 + weight * load_from(flat, at + 8)
+            s_2 = s_2 + weight * load_from(flat, at + 16)
+    store_from(work, _SUMS, s_0)
+    store_from(work, _SUMS + 8, s_1)
+    store_from(work, _SUMS + 16, s_2)
+
+
 @copied
 def _sum_columns_and_slopes(
-    flat: np.ndarray, start: int, row: int, column: int, size: int, work: np.ndarray
+    flat: np.ndarray, start: int, row: int, column: int, work: np.ndarray
 ) -> None:
     """Do :func:`_sum_columns` with the scratch's weights, and for the slopes of the first two axes.
 
-    The three sums of ``size`` numbers follow each other from :data:`_SUMS` on. One array for all
-    that is read and written here: to make views of it would cost as much as the sums.
+    The three sums of 24 numbers, three vectors each, follow each other from :data:`_SUMS` on.
     """
-    x_0, x_1, x_2, x_3 = work[8], work[9], work[10], work[11]
-    y_0, y_1, y_2, y_3 = work[12], work[13], work[14], work[15]
+    s_0 = s_1 = s_2 = n_0 = n_1 = n_2 = e_0 = e_1 = e_2 = splat(0.0)
     for a in range(4):
-        c_0 = _UNSIGNED(start + a * row)
-        c_1, c_2 = c_0 + _UNSIGNED(column), c_0 + _UNSIGNED(2 * column)
-        c_3 = c_0 + _UNSIGNED(3 * column)
-        weight, slope = work[a], work[4 + a]
-        for c in range(_UNSIGNED(size)):
-            f_0, f_1, f_2, f_3 = flat[c_0 + c], flat[c_1 + c], flat[c_2 + c], flat[c_3 + c]
-            across = x_0 * f_0 + x_1 * f_1 + x_2 * f_2 + x_3 * f_3
-            slope_across = y_0 * f_0 + y_1 * f_1 + y_2 * f_2 + y_3 * f_3
-            s_0 = c + _UNSIGNED(_SUMS)
-            s_1, s_2 = s_0 + _UNSIGNED(size), s_0 + _UNSIGNED(2 * size)
-            if a == 0:
-                work[s_0] = weight * across
-                work[s_1] = slope * across
-                work[s_2] = weight * slope_across
-            else:
-                work[s_0] += weight * across
-                work[s_1] += slope * across
-                work[s_2] += weight * slope_across
+        for b in range(4):
+            at = start + a * row + b * column
+            f_0, f_1, f_2 = load_from(flat, at), load_from(flat, at + 8), load_from(flat, at + 16)
+            weight = splat(work[a] * work[8 + b])
+            north, east = splat(work[4 + a] * work[8 + b]), splat(work[a] * work[12 + b])
+            s_0, s_1, s_2 = s_0 + weight * f_0, s_1 + weight * f_1, s_2 + weight * f_2
+            n_0, n_1, n_2 = n_0 + north * f_0, n_1 + north * f_1, n_2 + north * f_2
+            e_0, e_1, e_2 = e_0 + east * f_0, e_1 + east * f_1, e_2 + east * f_2
+    store_from(work, _SUMS, s_0)
+    store_from(work, _SUMS + 8, s_1)
+    store_from(work, _SUMS + 16, s_2)
+    store_from(work, _SUMS + 24, n_0)
+    store_from(work, _SUMS + 32, n_1)
+    store_from(work, _SUMS + 40, n_2)
+    store_from(work, _SUMS + 48, e_0)
+    store_from(work, _SUMS + 56, e_1)
+    store_from(work, _SUMS + 64, e_2)
 
 
 @inlined
@@ -195,57 +161,16 @@ def _up(work: np.ndarray, weights: int, sums: int, m: int, count: int) -> float:
     )
 
 
-@copied
-def _evaluate(
-    latitude: float,
-    longitude: float,
-    height: float,
-    origin: np.ndarray,
-    step: np.ndarray,
-    coefficients: np.ndarray,
-    flat: np.ndarray,
-    work: np.ndarray,
-    count: int,
-) -> bool:
-    """Evaluate the spline of ``count`` components at a point; see :func:`spline_at`.
-
-    ``work`` (24 + 16 count,) is scratch, whose last 4 count numbers are then the values and the
-    three derivatives of each. ``flat`` are the coefficients in one row.
-    """
-    shape, size = coefficients.shape, 4 * count
-    result = _SUMS + 3 * size
-    i, t_0, in_0 = _locate(latitude, origin[0], step[0], shape[0])
-    j, t_1, in_1 = _locate(longitude, origin[1], step[1], shape[1])
-    k, t_2, in_2 = _locate(height, origin[2], step[2], shape[2])
-    if i < 0 or j < 0 or k < 0:
-        for m in range(size):
-            work[result + m] = math.nan
-        return False
-    _put_weights(t_0, 1.0 / step[0] if in_0 else 0.0, 0, work)
-    _put_weights(t_1, 1.0 / step[1] if in_1 else 0.0, 8, work)
-    _put_weights(t_2, 1.0 / step[2] if in_2 else 0.0, 16, work)
-    column = shape[2] * count
-    row = shape[1] * column
-    _sum_columns_and_slopes(flat, i * row + j * column + k * count, row, column, size, work)
-    for m in range(count):
-        work[result + m] = _up(work, 16, _SUMS, m, count)
-        at = result + count + 3 * m
-        work[at] = _up(work, 16, _SUMS + size, m, count)
-        work[at + 1] = _up(work, 16, _SUMS + 2 * size, m, count)
-        work[at + 2] = _up(work, 20, _SUMS, m, count)
-    return in_0 and in_1 and in_2
-
-
 @compiled
-def spline_at(
+def vector_at(
     position: np.ndarray,
     origin: np.ndarray,
     step: np.ndarray,
     coefficients: np.ndarray,
     value: np.ndarray,
     derivative: np.ndarray,
-) -> bool:
-    """Evaluate the spline and its derivatives at one (latitude, longitude, height).
+) -> None:
+    """Evaluate a spline of three components at one (latitude, longitude, height).
 
     Outside the grid the value at its border is kept and the derivative across it is zero: an
     estimator's trial point must have a number, and this one is continuous.
@@ -253,27 +178,69 @@ def spline_at(
     Parameters
     ----------
     position, origin, step : (3,) in the units of the grid's three axes.
-    coefficients : (n0 + 2, n1 + 2, n2 + 2, m).
-    value : (m,) output.
-    derivative : (m, 3) output, per unit of each axis.
-
-    Returns
-    -------
-    Whether the position lies inside the grid.
+    coefficients : (n0 + 2, n1 + 2, n2 + 2, 3).
+    value : (3,) output.
+    derivative : (3, 3) output, per unit of each axis.
     """
-    count = coefficients.shape[3]
-    work, flat = np.empty(_SUMS + 16 * count), coefficients.reshape(-1)
-    inside = _evaluate(
-        position[0], position[1], position[2], origin, step, coefficients, flat, work, count
-    )
-    for m in range(count):
-        value[m] = work[_SUMS + 12 * count + m]
-        for axis in range(3):
-            derivative[m, axis] = work[_SUMS + 13 * count + 3 * m + axis]
-    return inside
+    work, flat = np.empty(_SUMS + 36), coefficients.reshape(-1)
+    i, j, k = _weigh(position[0], position[1], position[2], origin, step, coefficients, work)
+    if i < 0:
+        value[:] = math.nan
+        derivative[:] = math.nan
+        return
+    column = 3 * coefficients.shape[2]
+    row = column * coefficients.shape[1]
+    # A column of four nodes has twelve numbers: two vectors of eight that overlap.
+    low = high = north_low = north_high = east_low = east_high = splat(0.0)
+    for a in range(4):
+        for b in range(4):
+            at = (i + a) * row + (j + b) * column + 3 * k
+            first, last = load_from(flat, at), load_from(flat, at + 4)
+            weight = splat(work[a] * work[8 + b])
+            north, east = splat(work[4 + a] * work[8 + b]), splat(work[a] * work[12 + b])
+            low, high = low + weight * first, high + weight * last
+            north_low, north_high = north_low + north * first, north_high + north * last
+            east_low, east_high = east_low + east * first, east_high + east * last
+    store_from(work, _SUMS, low)
+    store_from(work, _SUMS + 4, high)
+    store_from(work, _SUMS + 12, north_low)
+    store_from(work, _SUMS + 16, north_high)
+    store_from(work, _SUMS + 24, east_low)
+    store_from(work, _SUMS + 28, east_high)
+    for m in range(3):
+        value[m] = _up(work, 16, _SUMS, m, 3)
+        derivative[m, 0] = _up(work, 16, _SUMS + 12, m, 3)
+        derivative[m, 1] = _up(work, 16, _SUMS + 24, m, 3)
+        derivative[m, 2] = _up(work, 20, _SUMS, m, 3)
 
 
-TENSOR_WORK = _SUMS + 16 * 6
+@inlined
+def _weigh(
+    latitude: float,
+    longitude: float,
+    height: float,
+    origin: np.ndarray,
+    step: np.ndarray,
+    coefficients: np.ndarray,
+    work: np.ndarray,
+) -> tuple[int, int, int]:
+    """Return the cell that a point is in, and fill ``work`` with the weights of its three axes.
+
+    Of each axis four weights and four derivatives. The cell of NaN is (−1, −1, −1).
+    """
+    shape = coefficients.shape
+    i, t_0, in_0 = _locate(latitude, origin[0], step[0], shape[0])
+    j, t_1, in_1 = _locate(longitude, origin[1], step[1], shape[1])
+    k, t_2, in_2 = _locate(height, origin[2], step[2], shape[2])
+    if i < 0 or j < 0 or k < 0:
+        return -1, -1, -1
+    _put_weights(t_0, 1.0 / step[0] if in_0 else 0.0, 0, work)
+    _put_weights(t_1, 1.0 / step[1] if in_1 else 0.0, 8, work)
+    _put_weights(t_2, 1.0 / step[2] if in_2 else 0.0, 16, work)
+    return i, j, k
+
+
+TENSOR_WORK = _SUMS + 3 * 24
 """Length of the scratch of :func:`spline_tensor_slopes`."""
 
 
@@ -292,19 +259,26 @@ def spline_tensor_slopes(
     Parameters
     ----------
     positions : (3, N), of which the first ``count`` are evaluated.
-    origin, step, coefficients : as in :func:`spline_at`, of six components.
+    origin, step, coefficients : as in :func:`vector_at`, of six components.
     work : (:data:`TENSOR_WORK`,) scratch.
     out : output.
     """
     flat = coefficients.reshape(-1)
+    column = 6 * coefficients.shape[2]
+    row = column * coefficients.shape[1]
     for p in range(count):
-        # Sizes that are constants make loops of known length.
-        _evaluate(
-            positions[0, p], positions[1, p], positions[2, p], origin, step, coefficients, flat,
-            work, 6,
-        )  # fmt: skip
-        for m in range(24):
-            out[m, p] = work[_SUMS + 72 + m]
+        i, j, k = _weigh(
+            positions[0, p], positions[1, p], positions[2, p], origin, step, coefficients, work
+        )
+        if i < 0:
+            out[:, p] = math.nan
+            continue
+        _sum_columns_and_slopes(flat, i * row + j * column + 6 * k, row, column, work)
+        for m in range(6):
+            out[m, p] = _up(work, 16, _SUMS, m, 6)
+            out[6 + 3 * m, p] = _up(work, 16, _SUMS + 24, m, 6)
+            out[7 + 3 * m, p] = _up(work, 16, _SUMS + 48, m, 6)
+            out[8 + 3 * m, p] = _up(work, 20, _SUMS, m, 6)
 
 
 @compiled
@@ -318,25 +292,18 @@ def spline_tensors(
 ) -> None:
     """Fill the tensors (6, N) at the first ``count`` of N positions (3, N), without derivatives.
 
-    NaN where a position is; else as :func:`spline_at` has them.
+    NaN where a position is; else as :func:`vector_at` has them.
     """
-    flat = coefficients.reshape(-1)
-    weights = np.empty((3, 4))
-    columns = np.empty(24)
-    shape = coefficients.shape
-    column = shape[2] * 6
-    row = shape[1] * column
+    flat, work = coefficients.reshape(-1), np.empty(_SUMS + 24)
+    column = 6 * coefficients.shape[2]
+    row = column * coefficients.shape[1]
     for p in range(count):
-        i, t_0, _ = _locate(positions[0, p], origin[0], step[0], shape[0])
-        j, t_1, _ = _locate(positions[1, p], origin[1], step[1], shape[1])
-        k, t_2, _ = _locate(positions[2, p], origin[2], step[2], shape[2])
-        if i < 0 or j < 0 or k < 0:
+        i, j, k = _weigh(
+            positions[0, p], positions[1, p], positions[2, p], origin, step, coefficients, work
+        )
+        if i < 0:
             out[:, p] = math.nan
             continue
-        _weights(t_0, weights[0])
-        _weights(t_1, weights[1])
-        _weights(t_2, weights[2])
-        start = i * row + j * column + k * 6
-        _sum_columns(flat, 24, start, row, column, weights[0], weights[1], columns)
+        _sum_columns(flat, i * row + j * column + 6 * k, row, column, work)
         for m in range(6):
-            out[m, p] = _along(columns, weights[2], m, 6)
+            out[m, p] = _up(work, 16, _SUMS, m, 6)

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..gravity.ellipsoid import normal_gravity_of
 from ..gravity.field import DisturbanceMap
-from ..gravity.spline import spline_at
+from ..gravity.spline import vector_at
 from ..numerics.kernels import compiled, copied, inlined
 from ..numerics.lane_algebra import copy
 from ..numerics.lanes import in_lanes, lanes, out_of_lanes, unfilled
@@ -296,7 +296,7 @@ def _look_up(
         place[0] = latitude + 0.5 * dt * north
         place[1] = track[n, 1, r] + 0.5 * dt * east
         place[2] = height + 0.5 * dt * track[n, 5, r]
-        spline_at(place, gravity.origin, gravity.step, gravity.coefficients, value, derivative)
+        vector_at(place, gravity.origin, gravity.step, gravity.coefficients, value, derivative)
         for i in range(3):
             disturbance[0, i, r] = value[i]
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from ..gravity.ellipsoid import normal_gravity_of, radii_derivatives_of
 from ..gravity.field import DisturbanceMap
-from ..gravity.spline import spline_at
-from ..numerics.kernels import copied, inlined
+from ..gravity.spline import vector_at
+from ..numerics.kernels import compiled, copied, inlined
 from ..numerics.vectors import load, store
 from .known_gravity import KnownGravity
 from .local_level import frame_rates_of, place_of
@@ -163,7 +163,7 @@ def _middle(track: np.ndarray, n: int, i: int) -> float:
     return 0.5 * (load(track, n, i) + load(track, n + 1, i))
 
 
-@copied
+@compiled
 def entries_between(
     track: np.ndarray,
     increments: np.ndarray,
@@ -239,7 +239,7 @@ def _add_gradient(
     for r in range(track.shape[2]):
         for axis in range(3):
             place[axis] = 0.5 * (track[n, axis, r] + track[n + 1, axis, r])
-        spline_at(place, gravity.origin, gravity.step, gravity.coefficients, value, slope)
+        vector_at(place, gravity.origin, gravity.step, gravity.coefficients, value, slope)
         for i in range(3):
             out[m, VELOCITY + 5 * i, r] += slope[i, 0]
             out[m, LONGITUDE + i, r] = slope[i, 1]

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..gravity.ellipsoid import metres_per_radian_of
 from ..gravity.field import DisturbanceMap
-from ..gravity.spline import spline_at
+from ..gravity.spline import vector_at
 from ..numerics import lanes
 from ..numerics.kernels import compiled, copied, inlined
 from ..numerics.records import record
@@ -82,7 +82,7 @@ def disturbance_at(
     at[1] = place[1] - error[0] / per_east
     at[2] = place[2] - error[2]
     along = np.empty((3, 3))
-    spline_at(at, aiding.map.origin, aiding.map.step, aiding.map.coefficients, value, along)
+    vector_at(at, aiding.map.origin, aiding.map.step, aiding.map.coefficients, value, along)
     for i in range(3):
         slope[i, 0] = -along[i, 1] / per_east
         slope[i, 1] = -along[i, 0] / per_north

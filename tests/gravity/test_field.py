@@ -14,7 +14,12 @@ from ggbench.gravity.field import (
     gradients_and_slopes,
 )
 from ggbench.gravity.gradient_map import GradientMap
-from ggbench.gravity.spline import spline_at, spline_coefficients
+from ggbench.gravity.spline import (
+    TENSOR_WORK,
+    spline_coefficients,
+    spline_tensor_slopes,
+    vector_at,
+)
 
 ORIGIN = np.array([0.58, 1.88, 9000.0])
 STEP = np.array([4e-4, 5e-4, 500.0])
@@ -39,12 +44,19 @@ def inside(count: int, seed: int) -> np.ndarray:
     return np.random.default_rng(seed).uniform(ORIGIN, UPPER, (count, 3))
 
 
-def spline(field: Field, position: np.ndarray) -> tuple[np.ndarray, np.ndarray, bool]:
-    value, derivative = np.empty(6), np.empty((6, 3))
-    within = spline_at(
-        position, field.origin, field.step, field.tensor_coefficients, value, derivative
+def spline(field: Field, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return of_tensors(field.tensor_coefficients, position, field.origin, field.step)
+
+
+def of_tensors(
+    coefficients: np.ndarray, position: np.ndarray, origin: np.ndarray, step: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the tensor (6,) and its derivatives (6, 3) at a position."""
+    found = np.empty((24, 1))
+    spline_tensor_slopes(
+        position[:, np.newaxis], 1, origin, step, coefficients, np.empty(TENSOR_WORK), found
     )
-    return value, derivative, within
+    return found[:6, 0], found[6:, 0].reshape(6, 3)
 
 
 def kernel(field: Field, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -81,12 +93,16 @@ def test_spline_reproduces_cubic_polynomials():
         coefficients = spline_coefficients(coefficients, axis)
     corners = np.array(list(itertools.product(*((0.0, n / 2 - 0.5, n - 1.0) for n in NODES))))
     points = np.concatenate([rng.uniform(0.0, np.array(NODES) - 1.0, (300, 3)), corners])
+    three = np.ascontiguousarray(coefficients[..., :3])
     for point in points:
-        value, derivative = np.empty(6), np.empty((6, 3))
-        assert spline_at(point, np.zeros(3), np.ones(3), coefficients, value, derivative)
+        value, derivative = of_tensors(coefficients, point, np.zeros(3), np.ones(3))
         np.testing.assert_allclose(value, evaluate(point), rtol=0.0, atol=1e-12)
         slopes = [evaluate(point, orders) for orders in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
         np.testing.assert_allclose(derivative, np.stack(slopes, axis=-1), rtol=0.0, atol=1e-12)
+        vector, along = np.empty(3), np.empty((3, 3))
+        vector_at(point, np.zeros(3), np.ones(3), three, vector, along)
+        np.testing.assert_allclose(vector, value[:3], rtol=0.0, atol=1e-14)
+        np.testing.assert_allclose(along, derivative[:3], rtol=0.0, atol=1e-14)
 
 
 def test_map_nodes_and_normal_field_add_up():
@@ -112,7 +128,7 @@ def test_continuous_with_its_derivative_across_cells(rough, axis):
                 at = point.copy()
                 at[axis] = ORIGIN[axis] + STEP[axis] * (node + side)
                 sides.append(spline(rough, at))
-            (below, slope_below, _), (above, slope_above, _) = sides
+            (below, slope_below), (above, slope_above) = sides
             np.testing.assert_allclose(below, above, rtol=0.0, atol=1e-7)
             np.testing.assert_allclose(slope_below * STEP, slope_above * STEP, rtol=0.0, atol=1e-7)
             # Piecewise constants or lines through these nodes would fail: they vary by this much.
@@ -207,9 +223,8 @@ def test_kernel_continues_the_border_outside(rough, distance):
             border[axis] = UPPER[axis] if side > 0.0 else ORIGIN[axis]
             beyond = border.copy()
             beyond[axis] += side * distance * STEP[axis]
-            value, slope, within = spline(rough, beyond)
-            at_border, slope_at_border, _ = spline(rough, border)
-            assert not within
+            value, slope = spline(rough, beyond)
+            at_border, slope_at_border = spline(rough, border)
             np.testing.assert_allclose(value, at_border, rtol=0.0, atol=1e-12)
             along = [other for other in range(3) if other != axis]
             np.testing.assert_array_equal(slope[:, axis], 0.0)
@@ -226,8 +241,7 @@ def test_kernel_survives_any_number(rough, axis, number):
     point[axis] = number
     kernel(rough, point)
     stored = rough.tensor_coefficients
-    disturbing, _, within = spline(rough, point)
-    assert not within
+    disturbing, _ = spline(rough, point)
     # Weights of a spline are positive and sum to one: its values lie within the coefficients.
     assert disturbing.min() >= stored.min()
     assert disturbing.max() <= stored.max()
