@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -30,6 +31,16 @@ class Noise:
     damped: bool
     wandering: bool
     disturbance: np.ndarray
+
+    def over(self, interval: float) -> Noise:
+        """Return the noise that gathers over an interval [s]."""
+        root = math.sqrt(interval)
+        return replace(
+            self,
+            roots=self.roots * root,
+            altimeter=self.altimeter * root,
+            disturbance=self.disturbance * root,
+        )
 
 
 def noise_roots(noise: np.ndarray, decaying: bool, disturbance: tuple[float, ...] = ()) -> Noise:

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..gravity.coloured_noise import Whitening
 from ..gravity.field import DisturbanceMap, Field
+from ..ins.delayed_rows import MOVED, delayed_rows_lanes
 from ..ins.error_model import (
     ACCELEROMETER_BIAS,
     ATTITUDE,
@@ -377,13 +378,19 @@ class SensorSuite:
         dt : [s].
         gravity : what the mechanization adds to normal gravity.
         transition, process_cov : output.
-        rows : (R, K, 6, 15) of :func:`.transitions.transitions_lanes`, output.
+        rows : (R, K, 6, 15) of :func:`.delayed_rows.delayed_rows_lanes`, output.
         """
         constant, noise = self._constants
         transitions_lanes(
-            track, increments, epochs, delays, dt, constant, gravity, noise, transition,
-            process_cov, rows,
+            track, increments, epochs, dt, constant, gravity, noise.over(dt), transition,
+            process_cov,
         )  # fmt: skip
+        if delays.any():
+            delayed_rows_lanes(
+                track, increments, epochs, delays, dt, constant, gravity, transition, rows
+            )
+        else:
+            rows[:] = np.eye(STATES)[list(MOVED)]
         self._add_biases(epochs, dt, transition, process_cov)
 
     def _add_biases(

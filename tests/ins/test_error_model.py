@@ -14,9 +14,9 @@ from scipy.stats import chi2
 from thinning import thinned
 
 from ggbench.ins import adjoint, error_model, strapdown
+from ggbench.ins.delayed_rows import intervals_of
 from ggbench.ins.noise import noise_roots
 from ggbench.ins.system_matrix import sparse
-from ggbench.ins.transitions import intervals_of
 from ggbench.numerics.lanes import in_lanes, lanes
 from ggbench.trajectory.truth import Segment, Trajectory, fly
 

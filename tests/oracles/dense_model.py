@@ -10,11 +10,12 @@ import numpy as np
 
 from ggbench.gravity.ellipsoid import metres_per_radian
 from ggbench.ins.adjoint import OVER, forward, over, series_terms
+from ggbench.ins.delayed_rows import MOVED, intervals_of
 from ggbench.ins.error_model import GYRO_BIAS
 from ggbench.ins.known_gravity import NORMAL_GRAVITY, KnownGravity
 from ggbench.ins.noise import noise_roots
 from ggbench.ins.system_matrix import ENTRIES, STATES, dense, entries_between, sparse
-from ggbench.ins.transitions import NO_DELAYS, _as_row, _unit_columns, compose, intervals_of
+from ggbench.ins.transitions import as_row, compose, unit_columns
 from ggbench.numerics.kernels import compiled
 from ggbench.numerics.lanes import in_lanes, lanes, out_of_lanes, unfilled
 
@@ -86,14 +87,14 @@ def transitions(
     transition, process_cov : (K, 15, 15) each, from epoch k − 1 to epoch k.
     """
     entries = in_lanes(sparse(matrices)[np.newaxis])
-    roots = noise_roots(noise, bool(matrices[:, GYRO_BIAS.start :, GYRO_BIAS.start :].any()))
+    decaying = bool(matrices[:, GYRO_BIAS.start :, GYRO_BIAS.start :].any())
+    roots = noise_roots(noise, decaying).over(dt)
     transition, process_cov = np.empty((2, 1, len(epochs), STATES, STATES))
-    nowhere = np.empty((1, 0, 6, STATES))
     start = 0
     for k, end in enumerate(epochs):
         compose(
             entries[start:end], dt, roots, _metres(positions[start]), _metres(positions[end]),
-            transition[:, k], process_cov[:, k], unfilled(0, STATES), 0, NO_DELAYS, nowhere,
+            transition[:, k], process_cov[:, k],
         )  # fmt: skip
         start = end
     return transition[0], process_cov[0]
@@ -134,7 +135,7 @@ def _delayed(
 ) -> None:
     """Fill B (R, 6, n) of one epoch: position [m] and attitude error at t − τ are B x(t).
 
-    Interval by interval, as :func:`transitions_lanes` must have it, too.
+    Interval by interval, as :func:`.delayed_rows_lanes` must have it, too.
 
     Parameters
     ----------
@@ -145,10 +146,10 @@ def _delayed(
     rows : output, of the group's R runs.
     """
     columns, terms, f = lanes(6, STATES), series_terms(), lanes(1, OVER)
-    _unit_columns(then, np.array([0, 1, 2, 6, 7, 8]), columns)
+    unit_columns(then, np.array(MOVED), columns)
     for n in range(entries.shape[0]):
         over(entries, n, -(part if n == 0 else dt), f)
         forward(f, columns, terms)
     for run in range(rows.shape[0]):
         for i in range(6):
-            _as_row(columns, i, now, run, rows[run, i])
+            as_row(columns, i, now, run, rows[run, i])

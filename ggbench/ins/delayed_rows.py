@@ -1,0 +1,129 @@
+"""Rows that take an INS error at an epoch back to a delayed reading, for several runs at once."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..numerics.kernels import compiled, copied
+from ..numerics.lanes import gather_rows, lanes, members
+from ..numerics.vectors import load, store
+from .adjoint import OVER, forward, over, series_terms
+from .known_gravity import KnownGravity
+from .system_matrix import ENTRIES, NAVIGATION_STATES, STATES, entries_between
+from .transitions import as_row, metres_at, unit_columns
+
+MOVED = (0, 1, 2, 6, 7, 8)
+"""Position and attitude error among the states."""
+
+
+@compiled
+def delayed_rows_lanes(
+    track: np.ndarray,
+    increments: np.ndarray,
+    epochs: np.ndarray,
+    delays: np.ndarray,
+    dt: float,
+    constant: np.ndarray,
+    gravity: KnownGravity,
+    transition: np.ndarray,
+    rows: np.ndarray,
+) -> None:
+    """Fill B: position [m] and attitude error [rad] at t_k − τ_k are B_k x(t_k).
+
+    Rows of Φ(t_k, t_k − τ_k)⁻¹; process noise within the delay (millimetres) is neglected.
+
+    Parameters
+    ----------
+    track, increments, epochs, dt, constant, gravity : as in :func:`.transitions.transitions_lanes`.
+    delays : (K,) [s].
+    transition : (R, K, n, n) Φ between the epochs.
+    rows : (R, K, 6, 15) output.
+    """
+    group = members(0, transition.shape[0])
+    columns, terms, f = lanes(len(MOVED), STATES), series_terms(), lanes(1, OVER)
+    late, phi = lanes(len(MOVED), STATES), lanes(STATES, transition.shape[3])
+    longest = epochs[0]
+    for k in range(1, epochs.shape[0]):
+        longest = max(longest, epochs[k] - epochs[k - 1])
+    entries, metres, which = lanes(longest, ENTRIES), lanes(1, 2), np.array(MOVED)
+    for k in range(epochs.shape[0]):
+        first, part, nearest = intervals_of(delays[k], epochs[k], dt)
+        within = k  # the interval between epochs in which the delay begins
+        while within > 0 and epochs[within - 1] > first:
+            within -= 1
+        last = epochs[within]
+        entries_between(track, increments, first, last, dt, constant, gravity, entries)
+        metres_at(track, nearest, metres)
+        unit_columns(metres, which, columns)
+        for n in range(last - first):
+            over(entries, n, -(part if n == 0 else dt), f)
+            forward(f, columns, terms)
+        metres_at(track, last, metres)
+        for run in range(rows.shape[0]):
+            for i in range(len(MOVED)):
+                as_row(columns, i, metres, run, rows[run, k, i])
+        if within == k:
+            continue
+        for i in range(len(MOVED)):
+            for j in range(STATES):
+                for lane in range(group.shape[0]):
+                    late[i, j, lane] = rows[group[lane], k, i, j]
+        for i in range(within + 1, k + 1):
+            gather_rows(transition, group, i, STATES, phi)
+            _undo(late, phi)
+        for run in range(rows.shape[0]):
+            for i in range(len(MOVED)):
+                for j in range(STATES):
+                    rows[run, k, i, j] = late[i, j, run]
+
+
+@copied
+def _undo(rows: np.ndarray, phi: np.ndarray) -> None:
+    """Replace rows Y (6, 15) by Y Φ⁻¹ of Φ (15, .), whose first 15 columns are overwritten.
+
+    By triangular factors of the navigation state's part without pivots: it is nearly an upper
+    triangle of ones and what adds up in the delay. Biases feel nothing but themselves. What the
+    disturbance of gravity adds in a delay, if it is a state, is neglected.
+    """
+    nav = NAVIGATION_STATES
+    for k in range(nav):
+        inverse = 1.0 / load(phi, k, k)
+        for i in range(k + 1, nav):
+            factor = load(phi, i, k) * inverse
+            store(phi, i, k, factor)
+            for j in range(k + 1, nav):
+                store(phi, i, j, load(phi, i, j) - factor * load(phi, k, j))
+        store(phi, k, k, inverse)
+    for row in range(rows.shape[0]):
+        for j in range(nav):
+            total = load(rows, row, j)
+            for k in range(j):
+                total -= load(rows, row, k) * load(phi, k, j)
+            store(rows, row, j, total * load(phi, j, j))
+        for j in range(nav - 2, -1, -1):
+            total = load(rows, row, j)
+            for k in range(j + 1, nav):
+                total -= load(rows, row, k) * load(phi, k, j)
+            store(rows, row, j, total)
+        for j in range(nav, STATES):
+            total = load(rows, row, j)
+            for k in range(nav):
+                total -= load(rows, row, k) * load(phi, k, j)
+            store(rows, row, j, total / load(phi, j, j))
+
+
+@compiled
+def intervals_of(delay: float, epoch: int, dt: float) -> tuple[int, float, int]:
+    """Return what a delay before an epoch spans.
+
+    The first IMU interval in it, how much of that one [s], and the sample next to its beginning.
+    """
+    steps = delay / dt
+    whole = math.ceil(steps - 1e-9)
+    return (
+        max(epoch - whole, 0),
+        dt * (steps - (whole - 1)),
+        max(epoch - round(steps), 0),
+    )
