@@ -6,7 +6,7 @@ import numpy as np
 
 from ..problem import Problem
 from ..sensors.model import SensorModel
-from ..sensors.model_kernels import jacobians, predictions
+from ..sensors.model_kernels import linearised
 
 
 def innovations(
@@ -29,8 +29,7 @@ def innovations(
     rows = np.zeros((epochs, channels, problem.dimension))
     if isinstance(problem.model, SensorModel):
         arrays = problem.model.arrays.as_block()
-        found[there] = predictions(arrays, there, predicted[there])
-        rows[there] = jacobians(arrays, there, predicted[there])
+        found[there], rows[there] = linearised(arrays, there, predicted[there])
     else:
         for k in map(int, there):
             found[k] = problem.model.predict(k, predicted[k])

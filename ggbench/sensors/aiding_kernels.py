@@ -257,8 +257,13 @@ def predict_aiding(aiding: Aiding, k: int, states: np.ndarray, out: np.ndarray) 
 
 
 @copied
-def aiding_jacobian(aiding: Aiding, k: int, state: np.ndarray, out: np.ndarray) -> None:
-    """Fill the last e rows of H (m, n) at a state (n,), of a block of one run."""
+def linearise_aiding_of_run(
+    aiding: Aiding, k: int, state: np.ndarray, predicted: np.ndarray, out: np.ndarray
+) -> None:
+    """Add h without its offset to the last e channels of ``predicted`` (m,); fill their H (m, n).
+
+    At a state (n,), of a block of one run.
+    """
     channels = aiding.bias.shape[0]
     first = out.shape[0] - channels
     value, along = np.empty(3), np.empty((3, 3))
@@ -272,7 +277,10 @@ def aiding_jacobian(aiding: Aiding, k: int, state: np.ndarray, out: np.ndarray) 
             out[first + c, j] = aiding.rows[0, k, c, j]
         for j in range(INS_STATES, state.shape[0]):
             out[first + c, j] = column_of(aiding, 0, k, c, j)
+        for j in range(state.shape[0]):
+            predicted[first + c] += out[first + c, j] * state[j]
         if weighs:
             for i in range(3):
+                predicted[first + c] += aiding.gravity[c, i] * value[i]
                 for j in range(3):
                     out[first + c, j] += aiding.gravity[c, i] * along[i, j]

@@ -16,7 +16,7 @@ from .gradiometer.instrument import INSTRUMENTS, STRAPDOWN, Gradiometer, reading
 from .gradiometer.lowpass import Prefilter
 from .gradiometer.mounting import as_strapdown
 from .model_arrays import ModelArrays
-from .model_kernels import jacobian, jacobians, predict, predictions
+from .model_kernels import linearise, linearised, predict
 
 NO_GRADIOMETER = Gradiometer(1.0, None, (), "local-level")
 """An instrument without channels."""
@@ -236,22 +236,21 @@ class SensorModel:
         states = self._states(k, x)
         points = states.reshape(-1, states.shape[-1])
         self._evaluations += len(points)
-        out = np.empty((len(points), self.arrays.offset.shape[-1], points.shape[-1]))
-        jacobian(self._block, k, points, out)
+        predicted = np.empty((len(points), self.arrays.offset.shape[-1]))
+        out = np.empty((*predicted.shape, points.shape[-1]))
+        linearise(self._block, k, points, predicted, out)
         return out.reshape(*states.shape[:-1], *out.shape[1:])
 
     def predict_along(self, at: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Return h (N, m) at epochs ``at`` (N,) for a state of each, x (N, n)."""
-        epochs, states = self._along(at, x)
-        return predictions(self._block, epochs, states)
+        return self._along(at, x)[0]
 
     def jacobian_along(self, at: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Return H (N, m, n) at epochs ``at`` (N,) for a state of each, x (N, n)."""
-        epochs, states = self._along(at, x)
-        return jacobians(self._block, epochs, states)
+        return self._along(at, x)[1]
 
     def _along(self, at: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return epochs and their states ready for the kernels, and count them."""
+        """Return h and H at epochs for a state of each, and count these."""
         epochs = np.ascontiguousarray(at, dtype=np.int64)
         self._states(int(epochs.min(initial=0)), x)
         states = self._states(int(epochs.max(initial=0)), x)
@@ -261,7 +260,8 @@ class SensorModel:
                 f" and the states are {states.shape}"
             )
         self._evaluations += len(states)
-        return epochs, states
+        h, slopes = linearised(self._block, epochs, states)
+        return h, slopes
 
     def _states(self, k: int, x: np.ndarray) -> np.ndarray:
         """Return states ready for the kernels, which check nothing."""

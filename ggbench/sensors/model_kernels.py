@@ -17,7 +17,7 @@ from ..numerics import lanes
 from ..numerics.kernels import compiled, copied, inlined
 from ..numerics.rotations import Matrix, left_jacobian, multiply, sine_cosine, small_turn, transpose
 from ..numerics.vectors import load, store
-from .aiding_kernels import aiding_jacobian, predict_aiding
+from .aiding_kernels import linearise_aiding_of_run, predict_aiding
 from .gradiometer.instrument import (
     LOCAL_LEVEL,
     PLATFORM,
@@ -356,29 +356,22 @@ def predict(model: ModelArrays, k: int, states: np.ndarray) -> np.ndarray:
     return out
 
 
-@compiled
-def predictions(model: ModelArrays, at: np.ndarray, states: np.ndarray) -> np.ndarray:
-    """Return h (N, m) of states (N, n) at epochs (N,); ``model`` is a block of one run."""
-    out = np.empty((states.shape[0], model.offset.shape[2]))
-    for i in range(states.shape[0]):
-        value = predict(model, at[i], states[i : i + 1])
-        for c in range(out.shape[1]):
-            out[i, c] = value[0, c]
-    return out
-
-
 @copied
-def jacobian(model: ModelArrays, k: int, states: np.ndarray, out: np.ndarray) -> None:
-    """Fill H (N, m, n) of states (N, n) at an epoch; ``model`` is a block of one run."""
+def linearise(
+    model: ModelArrays, k: int, states: np.ndarray, predicted: np.ndarray, out: np.ndarray
+) -> None:
+    """Fill h (N, m) and H (N, m, n) of states (N, n) at an epoch; a block of one run."""
     rows, moving = model.rows[0, k], moving_errors(model)
     out[:] = 0.0
     for i in range(states.shape[0]):
-        aiding_jacobian(model.aiding, k, states[i], out[i])
+        for c in range(predicted.shape[1]):
+            predicted[i, c] = model.offset[0, k, c]
+        linearise_aiding_of_run(model.aiding, k, states[i], predicted[i], out[i])
     g = model.channels.shape[0]
     if g == 0 or model.gain[0, k] == 0.0:
         return
     context, errors, points = epoch_context(model), lanes.lanes(6, 1), point_scratch(1)
-    predicted, slope = lanes.lanes(1, g), lanes.lanes(g, 6)
+    found, slope = lanes.lanes(1, g), lanes.lanes(g, 6)
     load_epoch(model, lanes.members(0, 1), k, context)
     for first in lanes.starts(states.shape[0]):
         count = lanes.count_from(first, states.shape[0])
@@ -387,20 +380,26 @@ def jacobian(model: ModelArrays, k: int, states: np.ndarray, out: np.ndarray) ->
                 errors[i, 0, r] = 0.0
                 for j in range(rows.shape[1]):
                     errors[i, 0, r] += rows[i, j] * states[first + r, j]
-        linearise_reading(model, k, context, errors, count, points, predicted, slope)
+        linearise_reading(model, k, context, errors, count, points, found, slope)
         for r in range(count):
             for c in range(g):
+                predicted[first + r, c] = found[0, c, r]
                 for j in range(moving):
                     for i in range(rows.shape[1]):
                         out[first + r, c, i] += slope[c, j, r] * rows[j, i]
                 if model.bias >= 0:
-                    out[first + r, c, model.bias + c] += model.gain[0, k]
+                    bias = model.bias + c
+                    predicted[first + r, c] += model.gain[0, k] * states[first + r, bias]
+                    out[first + r, c, bias] += model.gain[0, k]
 
 
 @compiled
-def jacobians(model: ModelArrays, at: np.ndarray, states: np.ndarray) -> np.ndarray:
-    """Return H (N, m, n) of states (N, n) at epochs (N,); ``model`` is a block of one run."""
-    out = np.empty((states.shape[0], model.offset.shape[2], states.shape[1]))
-    for i in range(states.shape[0]):
-        jacobian(model, at[i], states[i : i + 1], out[i : i + 1])
-    return out
+def linearised(
+    model: ModelArrays, at: np.ndarray, states: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return h (N, m) and H (N, m, n) of states (N, n) at epochs (N,); a block of one run."""
+    count, m = states.shape[0], model.offset.shape[2]
+    predicted, out = np.empty((count, m)), np.empty((count, m, states.shape[1]))
+    for i in range(count):
+        linearise(model, at[i], states[i : i + 1], predicted[i : i + 1], out[i : i + 1])
+    return predicted, out
