@@ -51,7 +51,10 @@ def series(count: int, rows: int, columns: int) -> np.ndarray:
 @compiled
 def starts(runs: int) -> np.ndarray:
     """Return with which run each group of up to LANES runs begins."""
-    return np.arange(0, runs, LANES)
+    first = np.empty((runs + LANES - 1) // LANES, dtype=np.int64)
+    for i in range(first.shape[0]):
+        first[i] = i * LANES
+    return first
 
 
 @compiled
@@ -130,7 +133,9 @@ def _departure(
     """
     epochs, n = transition.shape[1], transition.shape[2]
     size = n * n
-    identity = np.eye(n)
+    identity = np.zeros(size)
+    for i in range(n):
+        identity[i * (n + 1)] = 1.0
     one, total = splat(1.0), splat(0.0)
     for r in range(LANES):
         start = (group[r] * epochs + k) * size
