@@ -7,85 +7,110 @@ the same types on a small linear problem.
 from __future__ import annotations
 
 import contextlib
+import json
 import os
+import queue
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 _MOST_PROCESSES = 4
 """More would wait for each other: estimators share most of what is compiled."""
 
 
 @contextlib.contextmanager
-def compiling_ahead(names: Sequence[str], first: bool, jobs: int | None = None) -> Iterator[None]:
-    """Return a context in which registered estimators are compiled by other processes.
+def compiling_ahead(
+    first: bool, jobs: int | None = None
+) -> Iterator[Callable[[Sequence[str]], None]]:
+    """Return a context with a function that has registered estimators compiled by processes.
+
+    One process begins at once, with the measurement model. The function takes names with
+    parameters; those of files are passed over.
 
     Parameters
     ----------
-    names : of estimators, with parameters; those of files are passed over.
     first : whether nothing has been compiled before; else there are no processes.
     jobs : number of processes that the user allows; None: of all processors.
     """
-    if not first or jobs in (0, 1):
-        yield
-        return
-    processes = []
-    count = min(jobs or os.cpu_count() or 1, len(names), _MOST_PROCESSES)
-    with contextlib.suppress(OSError):  # they are a help, and no more
-        for number in range(count):
-            processes.append(
-                subprocess.Popen(
-                    [sys.executable, "-P", "-m", __name__, *names[number::count]],
-                    stdin=subprocess.PIPE,
-                    stdout=subprocess.DEVNULL,
-                    stderr=subprocess.DEVNULL,
-                    start_new_session=True,  # Ctrl-C reaches it through its parent only
-                )
-            )
+    processes: list[subprocess.Popen[str]] = []
+
+    def compile_them(names: Sequence[str]) -> None:
+        if not processes:
+            return
+        count = min(jobs or os.cpu_count() or 1, len(names), _MOST_PROCESSES)
+        with contextlib.suppress(OSError):  # they are a help, and no more
+            while len(processes) < count:
+                processes.append(_started())
+            for number, process in enumerate(processes):
+                print(json.dumps(names[number :: len(processes)]), file=process.stdin, flush=True)
+
+    if first and jobs not in (0, 1):
+        with contextlib.suppress(OSError):
+            processes.append(_started())
     try:
-        yield
+        yield compile_them
     finally:
         for process in processes:
             process.kill()
             process.communicate()
 
 
-def compile_estimators(names: Sequence[str]) -> None:
+def _started() -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-P", "-m", __name__],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        start_new_session=True,  # Ctrl-C reaches it through its parent only
+    )
+
+
+def compile_estimators(names: Iterable[str]) -> None:
     """Compile the measurement model, estimators and judgement by use on a small linear problem.
 
     An estimator that takes no such problem is compiled when it flies.
     """
     import numpy as np
 
-    from ..campaign import registry
     from ..contract.references import linear_sensor_problem
-    from ..judging.run_errors import evaluate_block
-    from ..problem import jacobian_along, predict_along
+    from ..problem import jacobian_along
 
     problem = linear_sensor_problem(0, 3)
     states = np.zeros((problem.epochs, problem.dimension))
     # The first process has begun with the error model.
-    epochs = np.arange(problem.epochs)
-    jacobian_along(problem.model, epochs, states)
+    jacobian_along(problem.model, np.arange(problem.epochs), states)
+
+    from ..campaign import registry
+
     for name in names:
         with contextlib.suppress(Exception):
             registry.choose(name).estimator.estimate(problem, np.random.default_rng(0))
-    predict_along(problem.model, epochs, states)
+
+    from ..judging.run_errors import evaluate_block
+
     cov = np.array(problem.process_cov[np.newaxis])  # an estimator's is its own, and not read-only
     evaluate_block(states[np.newaxis], states[np.newaxis], cov)
 
 
-def _end_with_parent() -> None:
-    """End this process when its parent closes the pipe, as it does when it ends."""
+def _asked_for() -> Iterator[str]:
+    """Yield the names that the parent asks for; end this process when the parent ends."""
+    asked: queue.SimpleQueue[str] = queue.SimpleQueue()
 
     def watch() -> None:
-        sys.stdin.buffer.read()
+        asked.put(sys.stdin.readline())
+        sys.stdin.read()
         os._exit(0)
 
+    # At once, and not when the first name is wanted.
     threading.Thread(target=watch, daemon=True).start()
+
+    def names() -> Iterator[str]:
+        yield from (name for name in json.loads(asked.get()) if ".py" not in name)
+
+    return names()
 
 
 if __name__ == "__main__":
-    _end_with_parent()
-    compile_estimators([name for name in sys.argv[1:] if ".py" not in name])
+    compile_estimators(_asked_for())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import sys
 from dataclasses import dataclass, replace
@@ -206,7 +205,10 @@ def _repeat(name: str, asked: _Asked, number: int) -> bool:
 def _run_scenario(name: str, asked: _Asked, output: Path | None) -> Outcome:
     """Run a scenario, into results/SCENARIO without an output; return how it ended."""
     start = Moment.now()
-    with Progress(console, name) as progress, contextlib.ExitStack() as until:
+    with (
+        Progress(console, name) as progress,
+        compiling_ahead(asked.first, asked.jobs) as compile_them,
+    ):
         # All of it here: an interrupt is not to meet an import once runs are running.
         from ..campaign import campaign, running
         from ..results.folder import Results
@@ -218,7 +220,7 @@ def _run_scenario(name: str, asked: _Asked, output: Path | None) -> Outcome:
             loaded, output or Path("results") / loaded.name, asked.estimators, asked.runs,
             asked.seed, asked.cases, asked.assumptions, asked.time_limit, not asked.resume,
         )  # fmt: skip
-        until.enter_context(compiling_ahead(work.labels, asked.first, asked.jobs))
+        compile_them(work.labels)
         planned = work.plan.scenario
         flight_summary.warn(flight_limits.examined(planned))  # it tells of maps that it builds
         tell_maps(fields_of(case for _, case in planned.every_case()))

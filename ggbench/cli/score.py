@@ -106,7 +106,8 @@ def score(
     previous = cards.read(before) if before else None
     if quick:
         runs = scoring.QUICK_RUNS
-    with Progress(console, "suite") as progress, compiling_ahead([estimator], first, jobs):
+    with Progress(console, "suite") as progress, compiling_ahead(first, jobs) as compile_them:
+        compile_them([estimator])
         half: Any = judge  # one of the choices
         found = scoring.score(estimator, folder, runs, seed, half, cases, jobs, progress.tell)
     if found.card is None:

@@ -47,11 +47,13 @@ def test_an_estimator_that_cannot_be_made_is_passed_over():
 def test_the_process_ends_with_its_context():
     """Nothing runs on after a command, whatever it was at."""
     before = psutil.Process().children()
-    with compiling_ahead(["ekf"], first=True):
+    with compiling_ahead(first=True) as compile_them:
+        compile_them(["ekf"])
         (process,) = set(psutil.Process().children()) - set(before)
     assert not process.is_running()
-    for context in (compiling_ahead(["ekf"], first=False), compiling_ahead(["ekf"], True, 1)):
-        with context:
+    for context in (compiling_ahead(first=False), compiling_ahead(True, 1)):
+        with context as compile_them:
+            compile_them(["ekf"])
             assert set(psutil.Process().children()) <= set(before)
 
 
@@ -61,7 +63,7 @@ def test_the_process_ends_with_its_parent():
     script = (
         "from ggbench.cli.compile_ahead import compiling_ahead\n"
         "import psutil, time\n"
-        "with compiling_ahead(['ukf'], first=True):\n"
+        "with compiling_ahead(first=True):\n"
         "    print(psutil.Process().children()[0].pid, flush=True)\n"
         "    time.sleep(600)"
     )
