@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 from campaigns import assert_equal, small
 from command import invoke
@@ -224,6 +225,23 @@ def test_progress_is_shown_where_somebody_looks(scenario, monkeypatch, capsys):
     monkeypatch.setenv("FORCE_COLOR", "1")  # by which rich takes the output for a terminal
     assert "4 of 4 runs" in shown()
     assert shown(progress=False) == ""
+
+
+def test_a_first_use_compiles_ahead(scenario, monkeypatch):
+    """In a process that is there while runs are prepared, and ends with the call."""
+    helpers = []
+
+    def look(*_: object) -> None:
+        helpers.extend(
+            c for c in psutil.Process().children() if "compile_ahead" in str(c.cmdline())
+        )
+
+    for first in (["First use."], []):
+        helpers.clear()
+        monkeypatch.setattr("ggbench.api.running.first_use", lambda *_, first=first: first)
+        gg.run(scenario, "ins", runs=1, jobs=2, progress=look)
+        assert len({process.pid for process in helpers}) == len(first)
+        assert not any(process.is_running() for process in helpers)
 
 
 def test_progress_in_a_notebook_needs_no_widgets(scenario, monkeypatch, recwarn):

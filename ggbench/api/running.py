@@ -14,6 +14,8 @@ from typing import Any
 
 from ..campaign import campaign, registry, running
 from ..campaign.campaign import CampaignError
+from ..campaign.compile_ahead import compiling_ahead
+from ..display.compiling import first_use
 from ..problem import Estimator
 from ..results import folder
 from ..results.store import Store
@@ -93,12 +95,17 @@ def run(
                 warnings.warn(remark, stacklevel=4)
             shown.tell(step)
 
-        with shown.display or contextlib.nullcontext():
+        compiled = first_use("ins/strapdown.py", "in a minute or two")
+        with (
+            shown.display or contextlib.nullcontext(),
+            compiling_ahead(bool(compiled), processes) as compile_them,
+        ):
             work = campaign.planned(
                 loaded, Path(kept or str(output)), texts, count, start,
                 listed(cases, str, "cases") or chosen_cases, assumptions, time_limit, fresh,
             )  # fmt: skip
-            shown.tell_first_use(work.plan.scenario)
+            compile_them(work.labels)
+            shown.tell_first_use(compiled, work.plan.scenario)
             ended = running.run(work, processes, cluster, reported)
         results = Results(work.folder, ended.store)
         if kept is not None:

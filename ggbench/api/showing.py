@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from rich.console import Console
 
 from ..campaign.running import CampaignProgress
-from ..display.compiling import fields_of, first_use, maps_to_build
+from ..display.compiling import fields_of, maps_to_build
 from ..display.progress import Progress
 from ..spec.scenario import Scenario
 
@@ -21,13 +21,12 @@ class Shown:
     display: Progress | None = None
     called: Callable[[int, int], object] | None = None
 
-    def tell_first_use(self, scenario: Scenario) -> None:
-        """Say what is compiled and built before the first run."""
+    def tell_first_use(self, compiled: Sequence[str], scenario: Scenario) -> None:
+        """Say what is compiled, by sentences, and built before the first run."""
         if self.display is None:
             return
         cases = (case for _, case in scenario.every_case())
-        for sentence in (*first_use("ins/strapdown.py", "in a minute or two"),
-                         *maps_to_build(fields_of(cases))):  # fmt: skip
+        for sentence in (*compiled, *maps_to_build(fields_of(cases))):
             self.display.console.out(sentence)
 
     def tell(self, step: CampaignProgress) -> None:

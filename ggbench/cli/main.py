@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from rich.markup import escape
 
+from ..campaign.compile_ahead import compiling_ahead
 from ..display.compiling import fields_of, tell_first_use, tell_maps
 from ..display.progress import Progress
 from ..display.responsive_table import ResponsiveTable
@@ -21,7 +22,6 @@ from .advise import advise
 from .bound import bound
 from .check import check
 from .commands import EXIT_INTERRUPTED, Commands
-from .compile_ahead import compiling_ahead
 from .flights import estimate, record
 from .imu import imu
 from .keys import keys

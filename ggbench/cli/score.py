@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..campaign.compile_ahead import compiling_ahead
 from ..display.compiling import tell_first_use
 from ..display.progress import Progress
 from ..display.responsive_table import Kind, ResponsiveTable
 from ..display.timing import Moment
 from ..figures.numbers import counted
 from ..spec.limits import MOST_RUNS, MOST_SEED
-from .compile_ahead import compiling_ahead
 from .screen import console
 
 if TYPE_CHECKING:

@@ -82,7 +82,7 @@ def compile_estimators(names: Iterable[str]) -> None:
     # The first process has begun with the error model.
     jacobian_along(problem.model, np.arange(problem.epochs), states)
 
-    from ..campaign import registry
+    from . import registry
 
     for name in names:
         with contextlib.suppress(Exception):

@@ -7,11 +7,11 @@ import textwrap
 import psutil
 import pytest
 
-from ggbench.cli.compile_ahead import compile_estimators, compiling_ahead
+from ggbench.campaign.compile_ahead import compile_estimators, compiling_ahead
 
 COMPARE = textwrap.dedent("""
     import numpy as np
-    from ggbench.cli.compile_ahead import compile_estimators
+    from ggbench.campaign.compile_ahead import compile_estimators
     from ggbench.campaign import registry
     from ggbench.contract.catalogue import flight
     from ggbench.engines import filters, whitened_measurements
@@ -61,7 +61,7 @@ def test_the_process_ends_with_its_context():
 def test_the_process_ends_with_its_parent():
     """A command that is killed leaves no compiler behind."""
     script = (
-        "from ggbench.cli.compile_ahead import compiling_ahead\n"
+        "from ggbench.campaign.compile_ahead import compiling_ahead\n"
         "import psutil, time\n"
         "with compiling_ahead(first=True):\n"
         "    print(psutil.Process().children()[0].pid, flush=True)\n"
