@@ -12,7 +12,7 @@ from ..numerics.vectors import load, store
 from .adjoint import OVER, forward, over, series_terms
 from .known_gravity import KnownGravity
 from .system_matrix import ENTRIES, NAVIGATION_STATES, STATES, entries_between
-from .transitions import as_row, metres_at, unit_columns
+from .transitions import metres_at, unit_columns
 
 MOVED = (0, 1, 2, 6, 7, 8)
 """Position and attitude error among the states."""
@@ -50,27 +50,31 @@ def delayed_rows_lanes(
     entries, metres, which = lanes(longest, ENTRIES), lanes(1, 2), np.array(MOVED)
     for k in range(epochs.shape[0]):
         first, part, nearest = intervals_of(delays[k], epochs[k], dt)
-        within = k  # the interval between epochs in which the delay begins
-        while within > 0 and epochs[within - 1] > first:
-            within -= 1
-        last = epochs[within]
-        entries_between(track, increments, first, last, dt, constant, gravity, entries)
+        later = k  # the epoch that follows the moment
+        while later > 0 and epochs[later - 1] > first:
+            later -= 1
+        begun, end = epochs[later - 1] if later > 0 else 0, epochs[later]
         metres_at(track, nearest, metres)
         unit_columns(metres, which, columns)
-        for n in range(last - first):
-            over(entries, n, -(part if n == 0 else dt), f)
+        # To the nearer one of the epochs about the moment, and from there by Φ between epochs.
+        earlier = 2 * first < begun + end
+        low, high = (begun, first + 1) if earlier else (first, end)
+        entries_between(track, increments, low, high, dt, constant, gravity, entries)
+        for n in range(high - low):
+            if earlier:
+                over(entries, high - low - 1 - n, dt if n > 0 else dt - part, f)
+            else:
+                over(entries, n, -dt if n > 0 else -part, f)
             forward(f, columns, terms)
-        metres_at(track, last, metres)
-        for run in range(rows.shape[0]):
-            for i in range(len(MOVED)):
-                as_row(columns, i, metres, run, rows[run, k, i])
-        if within == k:
-            continue
+        metres_at(track, begun if earlier else end, metres)
         for i in range(len(MOVED)):
-            for j in range(STATES):
-                for lane in range(group.shape[0]):
-                    late[i, j, lane] = rows[group[lane], k, i, j]
-        for i in range(within + 1, k + 1):
+            store(late, i, 0, load(columns, i, 1) / load(metres, 0, 1))
+            store(late, i, 1, load(columns, i, 0) / load(metres, 0, 0))
+            for j in range(2, STATES):
+                store(late, i, j, load(columns, i, j))
+        if not earlier:
+            later += 1
+        for i in range(later, k + 1):
             gather_rows(transition, group, i, STATES, phi)
             _undo(late, phi)
         for run in range(rows.shape[0]):
