@@ -88,7 +88,7 @@ def text(results: Results, notes: str, with_pairs: bool = True, all_windows: boo
         "ensure_ascii": False, "separators": (",", ":"), "allow_nan": False,
     }  # fmt: skip
     table_script, table_style = libraries.datatables()
-    script = (render.TEMPLATES / "page.js").read_text(encoding="utf-8")
+    script = (columns.TEMPLATES / "page.js").read_text(encoding="utf-8")
     scripts = libraries.vega(), script
     allowed = " ".join(libraries.script_hash(part) for part in scripts)
     said = render.environment().get_template("answer.j2").render(answer=answer(results))
@@ -96,7 +96,7 @@ def text(results: Results, notes: str, with_pairs: bool = True, all_windows: boo
     return environment.get_template("scenario.html.j2").render(
         policy=f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; "
         f"script-src {allowed} 'unsafe-eval' blob:",
-        style=(render.TEMPLATES / "page.css").read_text(encoding="utf-8"),
+        style=(columns.TEMPLATES / "page.css").read_text(encoding="utf-8"),
         table_style=table_style, table_script=table_script,
         chart_script=scripts[0], script=script,
         title=loaded.title,

@@ -20,6 +20,7 @@ from ..results import digest
 from ..results.folder import Results, as_argument
 from . import columns, libraries, links, pictures, published, tables, views
 from .answers import answer
+from .columns import TEMPLATES
 from .conditions import conditions
 from .findings import SUITE
 
@@ -30,7 +31,6 @@ _ON_GRAVITY = (
     "otherwise perfect INS that the disturbance causes"
 )
 _ON_ESTIMATORS = "Claims of the source on pairs of estimators"
-TEMPLATES = Path(__file__).parent / "templates"
 
 
 class ReportError(GGBenchError):

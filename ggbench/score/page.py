@@ -8,7 +8,7 @@ import pandas as pd
 
 from ..files import written_whole
 from ..report import columns, tables
-from ..report.render import TEMPLATES, environment, markdown
+from ..report.render import environment, markdown
 from .card import VERDICTS, Card, Opponent, Question
 from .stored_runs import ScoreError
 
@@ -86,7 +86,7 @@ def write(card: Card, failures: pd.DataFrame, folder: Path) -> list[Path]:
         "failures": failures[["case", "run", "reason", "command"]].iloc[:MOST_FAILURES],
     }
     table = tables.markdown(HEAD, values["rows"])
-    style = (TEMPLATES / "page.css").read_text(encoding="utf-8")
+    style = (columns.TEMPLATES / "page.css").read_text(encoding="utf-8")
     html = environment(html=True).get_template("card.html.j2")
     texts = {
         "card.md": markdown("card.md.j2", table=table, **values),
