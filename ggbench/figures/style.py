@@ -88,30 +88,6 @@ def subplots(
     return figure, figure.subplots(rows, columns, **options)
 
 
-def panels(
-    count: int, size: tuple[float, float], least: float, labels: tuple[str, str], **options: Any
-) -> tuple[Drawing, list[Axes]]:
-    """Return a figure of so many panels, three in a row at most, and their axes.
-
-    ``size`` is of a panel, ``least`` the least width of the figure [in]; ``labels`` are of the
-    abscissae, below the lowest panels, and of the ordinates, left of the first.
-    """
-    columns = min(count, 3)
-    rows = -(-count // columns)
-    width, height = size
-    figure, grid = subplots(
-        rows, columns, squeeze=False, sharey=True,
-        figsize=(max(width * columns + 0.3, least), height * rows + 0.2), **options,
-    )  # fmt: skip
-    for axis in grid.flat[count:]:
-        axis.set_visible(False)
-    for column in range(columns):
-        grid[(count - 1 - column) // columns, column].set_xlabel(labels[0])
-    for axis in grid[:, 0]:
-        axis.set_ylabel(labels[1])
-    return figure, list(grid.flat[:count])
-
-
 def plain_numbers(axes: Axes, which: Literal["x", "y"] = "y") -> None:
     """Label a logarithmic axis with plain numbers, between the decades too if there are few."""
     low, high = axes.get_xlim() if which == "x" else axes.get_ylim()
