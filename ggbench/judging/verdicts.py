@@ -23,8 +23,6 @@ MOST_FAILED = 0.05
 """Share of failed runs above which an estimator is not compared."""
 RECOMMENDED_RATIO = 1.10
 """Ratio of RMS errors to the best estimator's within which one is recommended."""
-
-
 FEWEST_RUNS = 10
 """Runs of a case below which no estimator is recommended: half of them choose, half compare."""
 ALIKE_TIMES = 2.0
@@ -64,17 +62,10 @@ def require_equal_runs(runs: pd.DataFrame) -> None:
 
 def with_equal_runs(runs: pd.DataFrame) -> pd.DataFrame:
     """Return the runs of those estimators that flew all runs of a case and seldom failed."""
-    kept = []
-    for _, group in runs.groupby("case", sort=False):
-        most = group.groupby("estimator", sort=False)["run"].nunique().max()
-        kept += [
-            own
-            for _, own in group.groupby("estimator", sort=False)
-            if len(own) == most and (own["status"] != "ok").mean() <= MOST_FAILED
-        ]
-    import pandas as pd
-
-    return pd.concat(kept) if kept else runs.iloc[:0]
+    own = [runs["case"], runs["estimator"]]
+    flown = runs["run"].groupby(own).transform("count")
+    failed = (runs["status"] != "ok").groupby(own).transform("mean")
+    return runs[(flown == flown.groupby(runs["case"]).transform("max")) & (failed <= MOST_FAILED)]
 
 
 def verdict(runs: pd.DataFrame, figures: pd.DataFrame, of: str = "causal") -> Verdict:
