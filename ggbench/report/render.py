@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Sequence, Set
+from collections.abc import Set
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -242,13 +242,3 @@ def command(results: Results) -> str:
         flags += "".join(f" -c {shlex.quote(name)}" for name in m["cases"])
     flags += " --assumptions" if m["assumptions"] else ""
     return f"ggbench run {as_argument(m['argument'])} -n {m['runs']} --seed {m['seed']}{flags}"
-
-
-def pages_in(output: Path) -> Sequence[Path]:
-    """Return the markdown pages of a folder that have this layout."""
-    marker = f"<!-- ggbench page {PAGE_VERSION} -->"
-    return [
-        path
-        for path in sorted(output.glob("*.md"))
-        if path.read_text(encoding="utf-8").startswith(marker)
-    ]

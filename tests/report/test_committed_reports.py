@@ -17,7 +17,11 @@ from ggbench.spec import scenario
 
 REPORTS = Path(__file__).parents[2] / "reports"
 MOST_WORDS, MOST_BYTES = 12_000, 8_000_000
-PAGES = render.pages_in(REPORTS)
+PAGES = [
+    path
+    for path in sorted(REPORTS.glob("*.md"))
+    if path.read_text(encoding="utf-8").startswith(f"<!-- ggbench page {render.PAGE_VERSION} -->")
+]
 CURRENT = bool(PAGES) and (REPORTS / "README.md") in PAGES
 """Whether the whole library is of today's layout."""
 MANIFESTS = [
