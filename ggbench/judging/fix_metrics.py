@@ -15,7 +15,7 @@ import numpy as np
 from ..problem import Fixes
 from .convergence import median_interval
 from .run_errors import real_array
-from .statistics import nees_band, wilson
+from .statistics import mean_band, wilson
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -115,6 +115,6 @@ def figures(fixes: pd.DataFrame, runs: int, right_m: float) -> dict[str, float]:
         len(fixes), len(accepted), int((~right).sum()),
         *wilson(hits, runs), *wilson(misses, runs), *wilson(runs - len(first), runs),
         *median_interval(when.to_numpy()), *radii,
-        float(accepted["nees"].mean()), *nees_band(len(first), HORIZONTAL),
+        float(accepted["nees"].mean()), *mean_band(len(first), HORIZONTAL),
     )  # fmt: skip
     return dict(zip(COLUMNS, found, strict=True))

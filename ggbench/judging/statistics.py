@@ -192,33 +192,19 @@ def wilson(hits: float, runs: float) -> tuple[float, float, float]:
     return share, 0.0 if share == 0.0 else centre - half, 1.0 if share == 1.0 else centre + half
 
 
-def nees_band(runs: int, dimension: int) -> tuple[float, float]:
-    """Return the 95 % band of the mean NEES of a consistent estimator over ``runs`` runs.
+def mean_band(samples: int, dimension: float) -> tuple[float, float]:
+    """Return the 95 % band of the mean NEES or NIS of a consistent estimator; NaN without samples.
 
-    χ² with runs × dimension degrees of freedom (Bar-Shalom et al. 2001, § 5.4.2), as if each run
-    were a single epoch (its epochs are strongly correlated): the false-alarm rate of a window's
-    mean is 5 % at most. NaN without runs.
-    """
-    return _mean_band(runs, dimension)
-
-
-def nis_band(runs: int, epochs: int, components: float) -> tuple[float, float]:
-    """Return the 95 % band of the mean NIS of a consistent filter over a window and its runs.
-
-    Its innovations are white, so the NIS adds up to χ² with runs × epochs × components degrees of
-    freedom (the time-average test of Bar-Shalom et al. 2001, § 5.4.2): the false-alarm rate is
-    5 %. NaN without a reading.
+    χ² with samples × dimension degrees of freedom (Bar-Shalom et al. 2001, § 5.4.2). For the NEES a
+    run is one sample, as if it were a single epoch (its epochs are strongly correlated): the
+    false-alarm rate of a window's mean is 5 % at most. The innovations of a filter are white: every
+    epoch of every run is a sample, and the false-alarm rate is 5 %.
 
     Parameters
     ----------
-    runs, epochs : number of runs, and of the window's epochs with a reading in one run.
-    components : mean number of channels of a reading.
+    samples : number of runs, or of all their epochs with a reading.
+    dimension : number of states, or the mean number of channels of a reading.
     """
-    return _mean_band(runs * epochs, components)
-
-
-def _mean_band(samples: int, dimension: float) -> tuple[float, float]:
-    """Return the 95 % band of the mean of independent χ² variables; NaN without any."""
     if samples == 0:
         return math.nan, math.nan
     low, high = chdtri(samples * dimension, [1.0 - ALPHA / 2.0, ALPHA / 2.0]) / samples

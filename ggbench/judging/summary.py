@@ -6,6 +6,7 @@ map error form a cluster; intervals are over clusters.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -16,13 +17,7 @@ from . import references
 from .convergence import median_interval
 from .run_errors import COVERAGE, JUDGED, WINDOWS
 from .run_errors import FIGURES as ERRORS
-from .statistics import (
-    coverage_band,
-    nees_band,
-    nis_band,
-    root_ratio_intervals,
-    share_interval,
-)
+from .statistics import coverage_band, mean_band, root_ratio_intervals, share_interval
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -141,6 +136,7 @@ def figures(
     for cell, group in groups.items():
         good, first = finished[cell], group.iloc[0]
         case, label = cell
+        position, velocity = published.get(case, (math.nan, math.nan))
         common = {
             "case": case,
             "estimator": label,
@@ -152,8 +148,8 @@ def figures(
             "diverged": int(good["diverged"].sum()),
             "draws": group["draw"].nunique(),
             "recommended": False,
-            "published_m": published.get(case, (math.nan, math.nan))[0],
-            "published_mps": published.get(case, (math.nan, math.nan))[1],
+            "published_m": position,
+            "published_mps": velocity,
         } | _of_the_end(group)
         for window in WINDOWS:
             row = common | {"window": window}
@@ -170,18 +166,22 @@ def _of_the_end(group: pd.DataFrame) -> dict[str, Any]:
     hits = succeeded(group)
     success = share_interval(hits, group["draw"].to_numpy())
     when = median_interval(group.loc[hits, "converged_s"].dropna().to_numpy())
-    found = dict(zip(("success", "success_lo", "success_hi"), success, strict=True))
-    found |= dict(zip(("converged_s", "converged_lo", "converged_hi"), when, strict=True))
+    found = _with_ends("success", "success", success) | _with_ends("converged_s", "converged", when)
     return found | {"false_fixes": float(group["false_fix"].mean())}
 
 
+def _with_ends(key: str, stem: str, values: Sequence[float]) -> dict[str, float]:
+    """Return a figure and the ends of its interval or band, by the names of their columns."""
+    return dict(zip((key, f"{stem}_lo", f"{stem}_hi"), values, strict=True))
+
+
 _RATIOS = {
-    ("rms_m", "rms_lo", "rms_hi"): ("position_ms", ""),
-    ("velocity_rms_mps", "velocity_rms_lo", "velocity_rms_hi"): ("velocity_ms", ""),
-    ("efficiency", "efficiency_lo", "efficiency_hi"): ("position_ms", "bound_position_ms"),
-    ("oracle_ratio", "oracle_lo", "oracle_hi"): ("position_ms", "oracle_position_ms"),
+    ("rms_m", "rms"): ("position_ms", ""),
+    ("velocity_rms_mps", "velocity_rms"): ("velocity_ms", ""),
+    ("efficiency", "efficiency"): ("position_ms", "bound_position_ms"),
+    ("oracle_ratio", "oracle"): ("position_ms", "oracle_position_ms"),
 }
-"""Figures with their intervals: root of the ratio of two means; "" is one."""
+"""Figures, and stems of the ends of their intervals: root of the ratio of two means; "" is one."""
 
 
 def _ratios(
@@ -198,15 +198,11 @@ def _ratios(
             # Where the assumed model is not the true one, no bound says what can be reached.
             below = np.where(right, below, math.nan) if second else below
             groups.append((good[f"{window}_{first}"].to_numpy(), below, good["draw"].to_numpy()))
-    values = iter(root_ratio_intervals(groups))
-    return {
-        name: {
-            column: value
-            for columns in _RATIOS
-            for column, value in zip(columns, next(values), strict=True)
-        }
-        for name in names
-    }
+    found: dict[tuple[str, str, str], dict[str, float]] = {name: {} for name in names}
+    wanted = itertools.product(names, _RATIOS)
+    for (name, columns), values in zip(wanted, root_ratio_intervals(groups), strict=True):
+        found[name] |= _with_ends(*columns, values)
+    return found
 
 
 def _window_row(good: pd.DataFrame, window: str, measurements: tuple[int, float]) -> dict[str, Any]:
@@ -215,28 +211,22 @@ def _window_row(good: pd.DataFrame, window: str, measurements: tuple[int, float]
     def column(key: str) -> np.ndarray:
         return good[f"{window}_{key}"].to_numpy()
 
-    draws = good["draw"].nunique()
-    nees_lo, nees_hi = nees_band(draws, JUDGED)
-    coverage_lo, coverage_hi = coverage_band(draws, COVERAGE)
-    innovations = column("nis")
+    draws, (epochs, channels) = good["draw"].nunique(), measurements
+    nees, coverage, innovations = column("nees"), column("coverage"), column("nis")
     present = innovations[~np.isnan(innovations)]  # a run may have no measurement in the window
     nis = float(present.mean()) if len(present) else math.nan
     # Only a filter has innovations: without a mean there is no band.
-    nis_lo, nis_hi = nis_band(0 if math.isnan(nis) else len(good), *measurements)
+    read = len(good) * epochs if len(present) else 0
     return {
         "bound_m": math.sqrt(float(column("bound_position_ms").mean())),
         "velocity_bound_mps": math.sqrt(float(column("bound_velocity_ms").mean())),
-        "nees": float(column("nees").mean()),
-        "nees_lo": nees_lo,
-        "nees_hi": nees_hi,
-        "coverage": float(column("coverage").mean()),
-        "coverage_lo": coverage_lo,
-        "coverage_hi": coverage_hi,
-        "nis": nis,
-        "nis_lo": nis_lo,
-        "nis_hi": nis_hi,
         "seconds_per_run": _median_seconds(good),
         "map_evaluations": float(good["map_evaluations"].mean()),
+        **_with_ends("nees", "nees", (float(nees.mean()), *mean_band(draws, JUDGED))),
+        **_with_ends(
+            "coverage", "coverage", (float(coverage.mean()), *coverage_band(draws, COVERAGE))
+        ),
+        **_with_ends("nis", "nis", (nis, *mean_band(read, channels))),
     }
 
 
@@ -264,7 +254,7 @@ def consistency(row: Mapping[str, Any]) -> str:
     return CONSERVATIVE if row["nees"] < row["nees_lo"] else CONSISTENT
 
 
-MARKS = {OVERCONFIDENT: " †", UNSAFE: " ‡"}
+MARKS = {OVERCONFIDENT: "†", UNSAFE: "‡"}
 """What marks an estimator in a table."""
 
 

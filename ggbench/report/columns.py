@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ..judging.summary import MARKS
+
 TEMPLATES = Path(__file__).parent / "templates"
 
 
@@ -66,7 +68,7 @@ DEFINED = (
 )  # fmt: skip
 """Columns on the page of definitions."""
 
-SYMBOLS = {"overconfident": "†", "unsafe": "‡"}
+SYMBOLS = MARKS
 """Symbols of estimators that are not consistent."""
 NONE = "–"
 """A cell without a value."""

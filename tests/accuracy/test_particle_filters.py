@@ -18,7 +18,7 @@ from ggbench.engines.cloud import Cloud
 from ggbench.engines.moves import Moves
 from ggbench.engines.particles import filtered
 from ggbench.engines.window_search import section
-from ggbench.judging.statistics import nees_band
+from ggbench.judging.statistics import mean_band
 from ggbench.problem import Problem
 
 ALIVE = estimator("rao-blackwellised").moves
@@ -143,6 +143,6 @@ def test_the_default_locks_is_near_the_bound_and_consistent(case):
     found = flown(case, 40)
     assert np.mean(found["last"] < LOCK) >= 0.95
     assert np.sqrt(found["squares"].mean()) < 1.5 * settled_bound(case)
-    low, high = nees_band(40, 6)
+    low, high = mean_band(40, 6)
     assert low < found["nees"].mean() < high
     assert found["least"].min() > 0.2

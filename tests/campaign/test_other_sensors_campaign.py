@@ -10,7 +10,7 @@ from problems import SMALL
 from small_cases import ON_BOARD
 
 import ggbench as gg
-from ggbench.judging.statistics import nis_band
+from ggbench.judging.statistics import mean_band
 from ggbench.report import render
 from ggbench.results.folder import Results
 
@@ -59,7 +59,7 @@ def test_the_band_of_the_nis_counts_the_channels_that_come(results):
     table = results.figures()
     row = table[(table["window"] == "whole") & (table["estimator"] == "ekf")].iloc[0]
     numbers = 40 + 2 * 10 + 6 * 12
-    assert (row["nis_lo"], row["nis_hi"]) == pytest.approx(nis_band(30, 40, numbers / 40))
+    assert (row["nis_lo"], row["nis_hi"]) == pytest.approx(mean_band(30 * 40, numbers / 40))
     assert row["nis"] == pytest.approx(numbers / 40, rel=0.2)
 
 

@@ -23,7 +23,7 @@ from thinning import thinned
 
 from ggbench.judging.references import CaseBound, References
 from ggbench.judging.run_errors import WINDOWS, evaluate_block, window_mask
-from ggbench.judging.statistics import nis_band
+from ggbench.judging.statistics import mean_band
 from ggbench.problem import Problem, jacobian_along, predict_along
 from ggbench.simulation.bound import posterior_bound
 from ggbench.simulation.flight_bounds import unfiltered_bound
@@ -132,7 +132,7 @@ def test_innovations_of_a_whitened_filter_are_in_their_band(window):
     """Of 60 runs of the EKF behind the low-pass; a band is left by one seed in twenty."""
     made = flight(CASES[0])
     nis = compared(CASES[0])[2][:, window_mask(made.times, made.case.windows, window)]
-    low, high = nis_band(RUNS, nis.shape[1], 6.0)
+    low, high = mean_band(RUNS * nis.shape[1], 6.0)
     assert low < nis.mean() < high
 
 

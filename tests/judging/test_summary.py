@@ -252,7 +252,7 @@ def test_figures_on_hand_numbers():
         assert row["false_fixes"] == 0.25
         assert row["converged_s"] == 4.0
         assert row["nees"] == 6.0
-        assert (row["nees_lo"], row["nees_hi"]) == statistics.nees_band(3, 6)
+        assert (row["nees_lo"], row["nees_hi"]) == statistics.mean_band(3, 6)
         assert row["seconds_per_run"] == pytest.approx(0.2)
         assert row["consistency"] == "unsafe"  # a quarter of false fixes
         assert math.isnan(row["times_ins"])
@@ -293,7 +293,7 @@ def test_errors_over_the_ins_are_of_common_runs():
     ],
 )
 def test_consistency_on_hand_numbers(nees, coverage, false, verdict):
-    low, high = statistics.nees_band(200, 6)
+    low, high = statistics.mean_band(200, 6)
     row = {"nees": nees, "coverage": coverage, "false_fixes": false}
     assert consistency(row | {"nees_lo": low, "nees_hi": high}) == verdict
 
@@ -306,7 +306,7 @@ def test_false_alarms_of_consistency():
     three of them. The control claims 0.8 of its variances and is found in most.
     """
     generator = np.random.default_rng(3)
-    low, high = statistics.nees_band(50, 6)
+    low, high = statistics.mean_band(50, 6)
     called = {"right": 0, "overconfident": 0}
     for _ in range(2000):
         nees = generator.chisquare(6, 50)
@@ -366,7 +366,7 @@ def test_runs_that_share_a_draw_are_one_cluster():
     row = table_of(records, draws=2).iloc[0]
     assert row["draws"] == 2
     assert (row["rms_lo"], row["rms_hi"]) == pytest.approx((2.0, math.sqrt(5.0)))
-    assert (row["nees_lo"], row["nees_hi"]) == statistics.nees_band(2, 6)
+    assert (row["nees_lo"], row["nees_hi"]) == statistics.mean_band(2, 6)
 
 
 def test_the_band_of_the_innovations_counts_the_measurements():
@@ -376,7 +376,7 @@ def test_the_band_of_the_innovations_counts_the_measurements():
     table = table_of(records, {}, sizes).set_index("window")
     for window, epochs in (("whole", 20), ("settled", 10)):
         band = tuple(table.loc[window, ["nis_lo", "nis_hi"]])
-        assert band == statistics.nis_band(2, epochs, 5)
+        assert band == statistics.mean_band(2 * epochs, 5)
     assert math.isnan(table.loc["last20", "nis_lo"])
     for entry in records:
         entry["windows"]["whole"]["nis"] = math.nan

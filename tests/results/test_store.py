@@ -374,7 +374,7 @@ def test_the_band_of_innovations_is_of_the_readings_that_are_expected(tmp_path):
     rows = results.figures().set_index(["case", "window"]).loc["base"]
     for window, readings in (("whole", 8), ("settled", 4)):
         band = tuple(rows.loc[window, ["nis_lo", "nis_hi"]])
-        assert band == statistics.nis_band(3, readings, 6)
+        assert band == statistics.mean_band(3 * readings, 6)
 
 
 def test_a_results_folder_says_what_made_it(results):
