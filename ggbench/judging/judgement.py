@@ -28,7 +28,7 @@ class JudgingError(GGBenchError):
 
 
 @dataclass(frozen=True, repr=False)
-class Judgement:
+class Judgement(run_errors.Evaluation):
     """How good one estimate is. Every array is immutable; K epochs, errors are estimated − true.
 
     Attributes
@@ -46,12 +46,6 @@ class Judgement:
     """
 
     times: np.ndarray
-    position_error: np.ndarray
-    velocity_error: np.ndarray
-    nees: np.ndarray
-    nis: np.ndarray
-    components: np.ndarray
-    sigmas: np.ndarray
     windows: Mapping[str, Mapping[str, float]]
 
     def __post_init__(self) -> None:
@@ -117,7 +111,7 @@ def judge(
     spec = windows or WindowsSpec(settled_from_s=0.0, last_s=1.0)
     figures = run_errors.window_figures(found, problem.times, spec)
     named = {name: _named(figures[name]) for name in (figures if windows else (_WHOLE,))}
-    return Judgement(problem.times, **vars(found), windows=named)
+    return Judgement(**vars(found), times=problem.times, windows=named)
 
 
 def _named(figures: Mapping[str, float]) -> Mapping[str, float]:

@@ -149,11 +149,6 @@ def judged(found: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return rows
 
 
-def opposite(verdict: str) -> str:
-    """Return a verdict as seen from the other estimator of a pair."""
-    return {BETTER: WORSE, WORSE: BETTER}.get(verdict, verdict)
-
-
 def pair_of(table: pd.DataFrame, case: str, first: str, second: str) -> dict[str, Any] | None:
     """Return the comparison of two estimators as seen from the first, None without one."""
     chosen = table[table["case"] == case]
@@ -179,5 +174,5 @@ def _swapped(pair: dict[str, Any]) -> dict[str, Any]:
         "hi": inverse(pair["lo"]),
         "first_only": pair["second_only"],
         "second_only": pair["first_only"],
-        "verdict": opposite(pair["verdict"]),
+        "verdict": {BETTER: WORSE, WORSE: BETTER}.get(pair["verdict"], pair["verdict"]),
     }

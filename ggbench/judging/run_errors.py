@@ -7,7 +7,7 @@ is said of a run depends on no other run of its block: the kernels go through th
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -248,26 +248,19 @@ def evaluate(problem: Problem, estimate: Estimate, truth: Truth) -> Evaluation:
     cov = estimate.cov
     if cov is not None:
         cov = real_array("cov", cov, (*shape, problem.dimension))
-    found, flaws = evaluate_block(
+    block, flaws = evaluate_block(
         np.ascontiguousarray(truth.error_state)[None],
         mean[None],
         None if cov is None else cov[None],
     )
     if flaws[0]:
         raise ValueError(flaws[0])
-    nis = np.full(problem.epochs, np.nan)
+    found = Evaluation(**{name: values[0] for name, values in vars(block).items()})
     if estimate.causality == "filter" and estimate.nis is not None:
-        nis = real_array("nis", estimate.nis, (problem.epochs,))
-    elif estimate.causality == "filter" and cov is not None:
-        nis = innovations_squared(problem, mean, cov)
-    return Evaluation(
-        position_error=found.position_error[0],
-        velocity_error=found.velocity_error[0],
-        nees=found.nees[0],
-        nis=nis,
-        components=found.components[0],
-        sigmas=found.sigmas[0],
-    )
+        return replace(found, nis=real_array("nis", estimate.nis, (problem.epochs,)))
+    if estimate.causality == "filter" and cov is not None:
+        return replace(found, nis=innovations_squared(problem, mean, cov))
+    return found
 
 
 def window_means(evaluation: Evaluation, times: np.ndarray, windows: WindowsSpec) -> np.ndarray:
