@@ -51,14 +51,10 @@ def cases(
 
     Parameters
     ----------
-    specs : list of CaseSpec
-        The cases.
-    arrays : dict
-        Case to the arrays that all of its runs share; of a case with draws they are of run 0.
-    figures : DataFrame
-        The figures of the campaign.
-    verdicts : dict
-        By kind of estimators and case.
+    specs : the cases.
+    arrays : case to the arrays that all of its runs share; of a case with draws they are of run 0.
+    figures : the figures of the campaign.
+    verdicts : by kind of estimators and case.
     """
     import pandas as pd
 

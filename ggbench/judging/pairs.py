@@ -45,8 +45,7 @@ def pairs(runs: pd.DataFrame) -> pd.DataFrame:
 
     Parameters
     ----------
-    runs : DataFrame
-        Table of runs with a column ``draw``, the number of the cluster.
+    runs : table of runs with a column ``draw``, the number of the cluster.
 
     Returns
     -------

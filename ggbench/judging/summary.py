@@ -67,12 +67,9 @@ def runs_table(
 
     Parameters
     ----------
-    records : list of dict
-        Stored records.
-    columns : list of str
-        Names of the first columns; those that figures need come after them.
-    common : dict
-        Columns that do not come from the records: a value for all, or one for each.
+    records : stored records.
+    columns : names of the first columns; those that figures need come after them.
+    common : columns that do not come from the records: a value for all, or one for each.
 
     Returns
     -------
@@ -116,13 +113,10 @@ def figures(
 
     Parameters
     ----------
-    runs : DataFrame
-        Table of runs (:func:`runs_table`) with a column ``draw``, the number of the cluster.
-    published : dict
-        Case to published RMS errors of position [m] and velocity [m/s].
-    measurements : dict
-        Case to window to (epochs, channels): its epochs with a measurement in one run, and the mean
-        number of channels then. Where absent, the mean NIS has no band.
+    runs : table of runs (:func:`runs_table`) with a column ``draw``, the number of the cluster.
+    published : case to published RMS errors of position [m] and velocity [m/s].
+    measurements : case to window to (epochs, channels): its epochs with a measurement in one run,
+        and the mean number of channels then. Where absent, the mean NIS has no band.
     """
     import pandas as pd
 

@@ -78,12 +78,9 @@ def verdict(runs: pd.DataFrame, figures: pd.DataFrame, of: str = "causal") -> Ve
 
     Parameters
     ----------
-    runs : DataFrame
-        Table of runs of one case with a column ``draw``, the number of the cluster.
-    figures : DataFrame
-        Their figures (:func:`.summary.figures`).
-    of : str
-        "causal" or "smoother".
+    runs : table of runs of one case with a column ``draw``, the number of the cluster.
+    figures : their figures (:func:`.summary.figures`).
+    of : "causal" or "smoother".
     """
     runs = with_equal_runs(runs)
     aided = runs[(runs["causality"] != "none") & (runs["causality"].map(kind) == of)]

@@ -22,14 +22,10 @@ class Column:
 
     Attributes
     ----------
-    heading : str
-        Heading, without the unit.
-    unit : str
-        Unit of the values; may be empty.
-    form : str
-        How a value is written: "text", or a key of :data:`_FORMS`.
-    definition : str
-        Definition in one sentence; empty for the ends of an interval.
+    heading : without the unit.
+    unit : of the values; may be empty.
+    form : how a value is written: "text", or a key of :data:`_FORMS`.
+    definition : in one sentence; empty for the ends of an interval.
     """
 
     heading: str
@@ -128,10 +124,8 @@ def cell(key: str, value: Any) -> str:
 
     Parameters
     ----------
-    key : str
-        Key of the column.
-    value : object
-        A number, a text or a truth value; NaN and None are shown as a dash.
+    key : of the column.
+    value : a number, a text or a truth value; NaN and None are shown as a dash.
     """
     if isinstance(value, str):
         return value

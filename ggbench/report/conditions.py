@@ -24,10 +24,8 @@ def conditions(cases: Sequence[CaseSpec], shared: pd.DataFrame) -> pd.DataFrame:
 
     Parameters
     ----------
-    cases : sequence of CaseSpec
-        Cases of the scenario.
-    shared : DataFrame
-        Table of cases, for speed, height and duration of the flights.
+    cases : cases of the scenario.
+    shared : table of cases, for speed, height and duration of the flights.
     """
     rows = [
         ("INS", _ins(cases)),

@@ -26,8 +26,7 @@ def write(output: Path) -> tuple[Path, list[str]]:
 
     Parameters
     ----------
-    output : Path
-        Folder of the reports of the scenarios, each with its digest.
+    output : folder of the reports of the scenarios, each with its digest.
 
     Returns
     -------

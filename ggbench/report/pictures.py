@@ -46,12 +46,9 @@ def draw(results: Results, shown: pd.DataFrame, folder: Path) -> str:
 
     Parameters
     ----------
-    results : Results
-        The folder.
-    shown : DataFrame
-        Cases of the page's table.
-    folder : Path
-        Folder of the figure.
+    results : the folder.
+    shown : cases of the page's table.
+    folder : folder of the figure.
     """
     figures = results.figures()
     labels = families(figures, shown)

@@ -64,12 +64,9 @@ def write(folder: Path, output: Path, pages: Set[str] = frozenset()) -> list[Pat
 
     Parameters
     ----------
-    folder : Path
-        Results of ``ggbench run``, finished or interrupted.
-    output : Path
-        Folder to write to; made if it does not exist.
-    pages : set of str
-        Files in it to which a page may link, besides those that are there: they come later.
+    folder : results of ``ggbench run``, finished or interrupted.
+    output : folder to write to; made if it does not exist.
+    pages : files in it to which a page may link, besides those that are there: they come later.
 
     Returns
     -------

@@ -104,10 +104,8 @@ class _Cells:
 
     Parameters
     ----------
-    case : str
-        Name of the case.
-    figures, pairs : DataFrame
-        Tables of the scenario.
+    case : name of the case.
+    figures, pairs : tables of the scenario.
     """
 
     def __init__(self, case: str, figures: pd.DataFrame, pairs: pd.DataFrame) -> None:
@@ -175,10 +173,8 @@ def together(labels: Sequence[str], values: pd.DataFrame) -> list[list[str]]:
 
     Parameters
     ----------
-    labels : sequence of str
-        Estimators.
-    values : DataFrame
-        Their positive numbers: a row for each estimator, a column for each number.
+    labels : estimators.
+    values : their positive numbers: a row for each estimator, a column for each number.
     """
     groups: list[list[str]] = []
     logs = np.log(values.loc[list(labels)])
