@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache, partial
 
@@ -105,23 +105,16 @@ def _exact(estimator: Estimator) -> _Asked:
             yield where, partial(demands.as_exact, estimator, problem)
 
 
-def _exact_or_any(problem: Callable[[], Problem], where: str) -> Callable[[Estimator], _Asked]:
-    """Return the question whether an estimator is exact on a problem, if it is at all."""
+def _exact_or_any(problems: Mapping[str, Callable[[], Problem]]) -> Callable[[Estimator], _Asked]:
+    """Return the question whether an estimator is exact on each problem, if it is at all."""
 
     def questions(estimator: Estimator) -> _Asked:
         ask: Callable[[Estimator, Problem], object]
         ask = demands.as_exact if estimator.exact_if_linear_gaussian else demands.answer
-        yield where, partial(ask, estimator, problem())
+        for where, problem in problems.items():
+            yield f"on a linear problem {where}", partial(ask, estimator, problem())
 
     return questions
-
-
-def _short(estimator: Estimator) -> _Asked:
-    ask: Callable[[Estimator, Problem], object]
-    ask = demands.as_exact if estimator.exact_if_linear_gaussian else demands.answer
-    for m in (1, 2):
-        where = f"on a linear problem of a single reading of {m}"
-        yield where, partial(ask, estimator, linear_sensor_problem(m, 1, m))
 
 
 CHECKS = (
@@ -171,25 +164,26 @@ CHECKS = (
         "noise",
         "a reading counts for as much as the noise that is declared for its own epoch",
         "noise_cov may be (K, m, m): problem.noise_of(k) is R of epoch k.",
-        _exact_or_any(
-            lambda: graded(linear_sensor_problem(6)),
-            "on a linear problem with noise that varies",
-        ),
+        _exact_or_any({"with noise that varies": lambda: graded(linear_sensor_problem(6))}),
     ),
     Check(
         "gaps",
         "a channel that delivers nothing changes nothing",
         "sensors fail: where present is false, the measurement, h and H are zero.",
         _exact_or_any(
-            lambda: with_sensor_model(gappy(linear_problem(3))),
-            "on a linear problem with readings missing",
+            {"with readings missing": lambda: with_sensor_model(gappy(linear_problem(3)))}
         ),
     ),
     Check(
         "short",
         "a problem of a single reading, and of a single channel, is one like any other",
         "squeezed arrays of one element lose their axes.",
-        _short,
+        _exact_or_any(
+            {
+                "of a single reading of 1": lambda: linear_sensor_problem(1, 1, 1),
+                "of a single reading of 2": lambda: linear_sensor_problem(2, 1, 2),
+            }
+        ),
     ),
 )
 """All checks; the first is asked first, and the others only if it holds."""
