@@ -109,31 +109,23 @@ def reduced(problem: Problem, states: Sequence[int], noise: np.ndarray) -> Reduc
     if noise.shape != (problem.epochs, count, count):
         raise ValueError(f"noise must be ({problem.epochs}, {count}, {count}), not {noise.shape}")
     mean, cov = _unaided(problem)
-    block = np.ix_(range(problem.epochs), chosen, chosen)
-    units = {i: b.unit for b in problem.layout for i in range(*b.slice.indices(n))}
-    names = {i: b.name for b in problem.layout for i in range(*b.slice.indices(n))}
-    layout = tuple(
-        StateBlock(names.get(state, "state"), slice(i, i + 1), units.get(state, "1"))
-        for i, state in enumerate(chosen)
-    )
-    return Reduction(
-        Problem(
-            times=problem.times,
-            measurements=problem.measurements,
-            noise_cov=problem.noise_cov,
-            transition=problem.transition[block],
-            process_cov=problem.process_cov[block] + noise,
-            prior_mean=np.zeros(count),
-            prior_cov=problem.prior_cov[np.ix_(chosen, chosen)],
-            model=_model(problem, chosen, mean),
-            layout=layout,
-            present=problem.present,
-            channels=problem.channels,
-            track=problem.track,
-            map=problem.map,
+    chosen_block = np.ix_(range(problem.epochs), chosen, chosen)
+    unnamed = StateBlock("state", slice(0), "1")
+    blocks = {i: block for block in problem.layout for i in range(*block.slice.indices(n))}
+    flat = replace(
+        problem,
+        transition=problem.transition[chosen_block],
+        process_cov=problem.process_cov[chosen_block] + noise,
+        prior_mean=np.zeros(count),
+        prior_cov=problem.prior_cov[np.ix_(chosen, chosen)],
+        model=_model(problem, chosen, mean),
+        layout=tuple(
+            replace(blocks.get(state, unnamed), slice=slice(i, i + 1))
+            for i, state in enumerate(chosen)
         ),
-        chosen, mean, cov,
-    )  # fmt: skip
+        replay=None,
+    )
+    return Reduction(flat, chosen, mean, cov)
 
 
 def _model(problem: Problem, states: tuple[int, ...], mean: np.ndarray) -> MeasurementModel:
