@@ -119,6 +119,11 @@ _FORMS = {
 }
 
 
+def marked(text: str, consistency: str) -> str:
+    """Return a text with the symbol of an estimator that is not consistent."""
+    return f"{text} {SYMBOLS.get(consistency, '')}".rstrip()
+
+
 def cell(key: str, value: Any) -> str:
     """Return a value as a table shows it.
 

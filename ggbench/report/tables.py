@@ -44,14 +44,13 @@ def error_cell(row: Mapping[str, Any]) -> str:
     The INS has its RMS error, and a success rate if any run succeeds by chance.
     """
     parts = columns.cell("rms_m", row["rms_m"])
-    if row["causality"] == "none":
+    if row.get("causality") == "none":
         return f"{parts}, {columns.share(row['success'])}" if row["success"] > 0.0 else parts
     if pd.notna(row["efficiency"]):
         parts += f" (×{columns.ratio(row['efficiency'])})"
     if row["success"] < 1.0:
         parts += f", {columns.share(row['success'])}"
-    symbol = columns.SYMBOLS.get(row["consistency"], "")
-    return f"{parts} {symbol}".rstrip()
+    return columns.marked(parts, row["consistency"])
 
 
 def names(labels: Sequence[str], most: int = 3) -> str:

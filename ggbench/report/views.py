@@ -122,11 +122,11 @@ class _Cells:
             return columns.NONE
         if row["runs"] == self.most:
             return error_cell(row)
-        symbol = columns.SYMBOLS.get(row["consistency"], "")
-        ratio, runs = self._against("ekf", label)
-        if ratio is None:
-            return f"{row['runs']} runs {symbol}".rstrip()
-        return f"{columns.ratio(ratio)} × EKF ({runs} runs) {symbol}".rstrip()
+        pair = pair_of(self.pairs, self.case, label, "ekf")
+        if pair is None or pd.isna(pair["error_ratio"]):
+            return columns.marked(f"{row['runs']} runs", row["consistency"])
+        text = f"{columns.ratio(pair['error_ratio'])} × EKF ({pair['runs']:.0f} runs)"
+        return columns.marked(text, row["consistency"])
 
     def alike(self, label: str, other: str) -> bool:
         """Return whether the cells of two estimators agree, errors within 1%."""
@@ -135,12 +135,6 @@ class _Cells:
             return False
         same = (one["success"], one["consistency"]) == (two["success"], two["consistency"])
         return same and 1.0 / ALIKE <= one["rms_m"] / two["rms_m"] <= ALIKE
-
-    def _against(self, other: str, label: str) -> tuple[float | None, int]:
-        pair = pair_of(self.pairs, self.case, label, other)
-        if pair is None or pd.isna(pair["error_ratio"]):
-            return None, 0
-        return float(pair["error_ratio"]), int(pair["runs"])
 
 
 def families(figures: pd.DataFrame, cases: pd.DataFrame, most: int = MOST_FAMILIES) -> list[str]:

@@ -42,33 +42,20 @@ def _row(question: Question) -> tuple[str, ...]:
     rival = by_role.get("recommended") or by_role.get("best")
     return (
         question.title,
-        _metres(question.bound_m),
-        _scored(question),
-        _metres(ekf.rms_m),
+        columns.cell("bound_m", question.bound_m),
+        tables.error_cell(vars(question)),
+        columns.cell("rms_m", ekf.rms_m),
         ekf.verdict,
         _named(rival),
         rival.verdict if rival else columns.NONE,
     )
 
 
-def _scored(question: Question) -> str:
-    text = _metres(question.rms_m)
-    if question.efficiency is not None:
-        text += f" (×{columns.ratio(question.efficiency)})"
-    if question.success is not None and question.success < 1.0:
-        text += f", {columns.share(question.success)}"
-    return f"{text} {columns.SYMBOLS.get(question.consistency, '')}".rstrip()
-
-
 def _named(rival: Opponent | None) -> str:
     if rival is None:
         return columns.NONE
-    text = f"{rival.label} {_metres(rival.rms_m)}"
+    text = f"{rival.label} {columns.cell('rms_m', rival.rms_m)}"
     return text if rival.role == "recommended" else f"({text})"
-
-
-def _metres(value: float | None) -> str:
-    return columns.NONE if value is None else columns.metres(value)
 
 
 def write(card: Card, failures: pd.DataFrame, folder: Path) -> list[Path]:
