@@ -17,10 +17,10 @@ from pydantic_core import from_json
 from ..engines.innovations import innovations_squared
 from ..gravity.field import Field
 from ..ins.system_matrix import STATES
-from ..judging import convergence, fix_metrics, run_errors
+from ..judging import convergence, fix_metrics, references, run_errors
 from ..judging.bounds import squared_bounds
 from ..judging.judgement import OUTSIDE
-from ..judging.references import FIGURES, CaseBound, References
+from ..judging.references import FIGURES, CaseBound
 from ..problem import Causality, Fixes, Problem
 from ..results.store import DETAILED_RUN, SERIES_RUNS, Result, kept_epochs
 from ..sensors.gradiometer.instrument import COMPONENTS, Gradiometer
@@ -99,7 +99,7 @@ def evaluate_runs(
     flight: Flight,
     error_state: np.ndarray,
     estimated: TimedEstimates,
-    references: References,
+    bound: CaseBound,
     problems: Sequence[Problem],
 ) -> list[Result]:
     """Return the results of runs that were estimated; one that is no estimate has failed.
@@ -110,7 +110,7 @@ def evaluate_runs(
     key : of the results.
     flight : the case.
     error_state : (R, K, n) the truth of the runs.
-    references : bound and oracle of the runs.
+    bound : of the flight.
     problems : of the runs.
     """
     case, times, filters = flight.case, flight.times, estimated.causality == "filter"
@@ -124,15 +124,15 @@ def evaluate_runs(
     means = run_errors.window_means(evaluation, times, case.windows).tolist()
     final = evaluation.position_error[:, -1].tolist()
     ins = np.sqrt((error_state[:, -1, :3] ** 2).sum(axis=1)).tolist()
-    required = references.bound.required_m
+    required = bound.required_m
     converged, false = convergence.judge(
         evaluation.position_error, evaluation.sigmas[:, -1, :3], times, required
     )
-    bound = _bound_of(case, estimated.causality, estimated.lag)
-    compared = references.windows(bound).tolist()
+    name = _bound_of(case, estimated.causality, estimated.lag)
+    compared = references.figures(name, flight, bound, problems, error_state).tolist()
     common = {
         "status": "ok",
-        "bound": bound,
+        "bound": name,
         "required_m": required,
         "peak_memory_mb": peak_memory_mb(),
     }
@@ -152,7 +152,7 @@ def evaluate_runs(
             "map_evaluations": estimated.evaluations[r],
             "final_position_error_m": final[r],
             "final_ins_error_m": ins[r],
-            "diverged": run_errors.has_diverged(final[r], references.bound.final_m, ins[r]),
+            "diverged": run_errors.has_diverged(final[r], bound.final_m, ins[r]),
             "converged_s": None if math.isnan(converged[r]) else float(converged[r]),
             "false_fix": bool(false[r]),
             "windows": {

@@ -28,7 +28,7 @@ from .. import estimation
 from ..block import BlockEstimator, EstimateBlock, ProblemBlock
 from ..errors import GGBenchError
 from ..judging import fix_metrics, run_errors
-from ..judging.references import CaseBound, References
+from ..judging.references import CaseBound
 from ..problem import CountingModel, Estimate, Estimator, Problem
 from ..results.store import DETAILED_RUN, Result
 from ..simulation.error_free_flight import Flight, prepare
@@ -288,11 +288,10 @@ def _evaluated(
         for some in alike:
             of_runs, states = case.of_run(blanks[some.start]["run"]), whole[part][some]
             flight = flight_of(of_runs)
-            references = References(flight, case_bounds([of_runs])[0], problems[some], states)
+            (bound,) = case_bounds([of_runs])
             results += evaluate_runs(
-                blanks[some], key, flight, states, estimated.of_runs(some), references,
-                problems[some],
-            )  # fmt: skip
+                blanks[some], key, flight, states, estimated.of_runs(some), bound, problems[some]
+            )
     return results
 
 

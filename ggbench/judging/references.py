@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import cached_property
 
 import numpy as np
 
@@ -34,8 +33,7 @@ class CaseBound:
     def squares(self, name: str) -> np.ndarray:
         """Return bounds (K, 2) on the squared position and velocity error."""
         if name not in self._squares:
-            causality, lag = parts(name)
-            cov = bound_for(self.bound, causality, lag)
+            cov = bound_for(self.bound, *parts(name))
             self._squares[name] = np.stack(squared_bounds(cov), axis=-1)
         return self._squares[name]
 
@@ -57,54 +55,49 @@ class CaseBound:
         return DEFAULT_RATIO * math.sqrt(float(last))
 
 
-class References:
-    """Bound and oracle of runs of one flight.
+def figures(
+    name: str,
+    flight: Flight,
+    bound: CaseBound,
+    problems: Sequence[Problem],
+    error_state: np.ndarray,
+) -> np.ndarray:
+    """Return :data:`FIGURES` of each run and window (R, W, 4).
 
     Parameters
     ----------
-    flight : of the runs.
-    bound : of the flight.
+    name : of the bound that their estimates are compared with.
+    flight, bound : of the runs.
     problems : of the R runs.
     error_state : (R, K, n) the truth.
     """
+    found = np.full((len(problems), len(WINDOWS), len(FIGURES)), np.nan)
+    found[:, :, :2] = bound.means(name)
+    case, times = flight.case, flight.times
+    if is_right_model(case):
+        errors = error_state - np.swapaxes(_oracle(name, bound.bound, problems, error_state), 0, 1)
+        squares = np.stack(
+            [(errors[:, :, part] ** 2).sum(axis=2) for part in (POSITION, VELOCITY)], axis=2
+        )
+        for r, of_run in enumerate(squares):
+            found[r, :, 2:] = _window_means(of_run, times, case.windows)
+    return found
 
-    def __init__(
-        self, flight: Flight, bound: CaseBound, problems: Sequence[Problem], error_state: np.ndarray
-    ) -> None:
-        self.bound = bound
-        self._flight, self._problems, self._truth = flight, problems, error_state
 
-    def windows(self, name: str) -> np.ndarray:
-        """Return :data:`FIGURES` of each run and window (R, W, 4), for a kind of estimate."""
-        found = np.full((len(self._problems), len(WINDOWS), len(FIGURES)), np.nan)
-        found[:, :, :2] = self.bound.means(name)
-        case, times = self._flight.case, self._flight.times
-        if is_right_model(case):
-            errors = self._truth - np.swapaxes(self._oracle(name), 0, 1)
-            squares = np.stack(
-                [(errors[:, :, part] ** 2).sum(axis=2) for part in (POSITION, VELOCITY)], axis=2
-            )
-            for r, of_run in enumerate(squares):
-                found[r, :, 2:] = _window_means(of_run, times, case.windows)
-        return found
-
-    def _oracle(self, name: str) -> np.ndarray:
-        causality, lag = parts(name)
-        filtered, predicted = self._filtered
-        if causality == "filter":
-            return filtered
-        bound = self.bound.bound
-        return bound.oracle_smoothed(filtered, predicted, bound.whole if lag is None else lag)
-
-    @cached_property
-    def _filtered(self) -> tuple[np.ndarray, np.ndarray]:
-        epochs = np.arange(len(self._flight.times))
-        residuals = [
-            problem.measurements - predict_along(problem.model, epochs, state)
-            for problem, state in zip(self._problems, self._truth, strict=True)
-        ]
-        transition = np.stack([problem.transition for problem in self._problems])
-        return self.bound.bound.oracle(np.stack(residuals), self._truth, transition)
+def _oracle(
+    name: str, bound: Bound, problems: Sequence[Problem], error_state: np.ndarray
+) -> np.ndarray:
+    """Return the states (K, R, n) that an estimator linearised at the truth finds."""
+    residuals = [
+        problem.measurements - predict_along(problem.model, np.arange(problem.epochs), state)
+        for problem, state in zip(problems, error_state, strict=True)
+    ]
+    transition = np.stack([problem.transition for problem in problems])
+    filtered, predicted = bound.oracle(np.stack(residuals), error_state, transition)
+    causality, lag = parts(name)
+    if causality == "filter":
+        return filtered
+    return bound.oracle_smoothed(filtered, predicted, bound.whole if lag is None else lag)
 
 
 def parts(name: str) -> tuple[str, int | None]:

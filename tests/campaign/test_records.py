@@ -21,7 +21,7 @@ from ggbench.campaign import records as recording
 from ggbench.campaign import registry, result_keys, runner
 from ggbench.engines.innovations import innovations_squared
 from ggbench.estimator_spec import EstimatorSpec
-from ggbench.judging.references import CaseBound, References
+from ggbench.judging.references import CaseBound
 from ggbench.results.store import DETAILED_RUN, MOST_KEPT, SERIES_RUNS, Result
 from ggbench.simulation.error_free_flight import Flight
 from ggbench.simulation.runs import simulate, simulate_block
@@ -111,8 +111,8 @@ def judged(
     )
     problems = [simulate(flight, 1, 0)[0]] * runs
     blanks = [recording.new_record(registry.choose("ekf"), run, 1) for run in range(runs)]
-    compared = References(flight, CaseBound(flight, flight.bound), problems, states)
-    return recording.evaluate_runs(blanks, "key", flight, states, made, compared, problems)
+    bound = CaseBound(flight, flight.bound)
+    return recording.evaluate_runs(blanks, "key", flight, states, made, bound, problems)
 
 
 def test_a_run_has_diverged_if_the_ins_alone_ends_nearer():
@@ -162,8 +162,8 @@ def recorded(flight: Flight, runs: range, **changes: object) -> list[Result]:
     made = recording.TimedEstimates(**(given | changes))
     blanks = [recording.new_record(registry.choose("ekf"), run, 1) for run in runs]
     problems = [simulate(flight, 1, run)[0] for run in runs]
-    compared = References(flight, CaseBound(flight, flight.bound), problems, states)
-    return recording.evaluate_runs(blanks, "key", flight, states, made, compared, problems)
+    bound = CaseBound(flight, flight.bound)
+    return recording.evaluate_runs(blanks, "key", flight, states, made, bound, problems)
 
 
 def test_series_and_details_are_what_their_columns_say():
