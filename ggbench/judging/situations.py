@@ -41,7 +41,7 @@ def situation_of(case: CaseSpec, correlation_m: float = math.nan) -> str:
     correlation_m : the field's correlation length along the track [m]; NaN where it is not known:
         the prior then counts as narrow.
     """
-    if _is_measured(case):
+    if case.measured_sensors():
         return "measured"
     wrong = _set_apart(case)
     receivers = ["gnss", *(name for name, spec in case.sensor if isinstance(spec, GnssSpec))]
@@ -71,21 +71,12 @@ def is_right_model(case: CaseSpec) -> bool:
 
     Gaps at known times are no error of the model. The truth of measured readings is not known.
     """
-    if _is_measured(case):
+    spec = case.gradiometer
+    white = spec is not None and spec.filter != "none" and spec.filter_treatment == "delayed"
+    if case.measured_sensors() or white:  # the noise behind a filter is coloured
         return False
     wrong = {key for key in _set_apart(case) - _OF_GRAVITY if not key.endswith(".dropouts_s")}
-    return not wrong and not _unknown_gravity(case) and not _assumes_white(case)
-
-
-def _is_measured(case: CaseSpec) -> bool:
-    """Return whether readings of a sensor were measured."""
-    return bool(case.measured_sensors())
-
-
-def _assumes_white(case: CaseSpec) -> bool:
-    """Return whether coloured noise of a filter is assumed to be white."""
-    spec = case.gradiometer
-    return spec is not None and spec.filter != "none" and spec.filter_treatment == "delayed"
+    return not wrong and not _unknown_gravity(case)
 
 
 _OF_GRAVITY = {
