@@ -20,7 +20,7 @@ from ..ins.system_matrix import STATES
 from ..judging import convergence, fix_metrics, references, run_errors
 from ..judging.bounds import squared_bounds
 from ..judging.judgement import OUTSIDE
-from ..judging.references import FIGURES, CaseBound
+from ..judging.references import CaseBound
 from ..problem import Causality, Fixes, Problem
 from ..results.store import DETAILED_RUN, SERIES_RUNS, Result, kept_epochs
 from ..sensors.gradiometer.instrument import COMPONENTS, Gradiometer
@@ -32,6 +32,7 @@ from ..spec.case import CaseSpec
 from .registry import Choice
 
 _LONGEST_INFO = 100_000
+_FIGURES = (*run_errors.FIGURES, *references.FIGURES)
 BORDER = 0.1
 """How far outside a map is still its border, in distances of its nodes."""
 
@@ -121,7 +122,7 @@ def evaluate_runs(
         for r in (r for r, flaw in enumerate(flaws) if not flaw):
             mean, cov = estimated.mean[r], estimated.cov[r]
             evaluation.nis[r] = innovations_squared(problems[r], mean, cov)
-    means = run_errors.window_means(evaluation, times, case.windows).tolist()
+    means = run_errors.window_means(evaluation, times, case.windows)
     final = evaluation.position_error[:, -1].tolist()
     ins = np.sqrt((error_state[:, -1, :3] ** 2).sum(axis=1)).tolist()
     required = bound.required_m
@@ -129,13 +130,9 @@ def evaluate_runs(
         evaluation.position_error, evaluation.sigmas[:, -1, :3], times, required
     )
     name = _bound_of(case, estimated.causality, estimated.lag)
-    compared = references.figures(name, flight, bound, problems, error_state).tolist()
-    common = {
-        "status": "ok",
-        "bound": name,
-        "required_m": required,
-        "peak_memory_mb": peak_memory_mb(),
-    }
+    compared = references.figures(name, flight, bound, problems, error_state)
+    windows = np.concatenate([means, compared], axis=2).tolist()
+    peak = peak_memory_mb()
     kept = kept_epochs(len(times))
     outside = np.zeros(len(blanks), dtype=bool)
     if estimated.causality != "none":  # else no map was asked
@@ -146,8 +143,11 @@ def evaluate_runs(
         if flaws[r]:
             results.append(Result(key, record | {"reason": f"ValueError: {flaws[r]}"}))
             continue
-        record |= common
         record |= {
+            "status": "ok",
+            "bound": name,
+            "required_m": required,
+            "peak_memory_mb": peak,
             "info": estimated.info[r],
             "map_evaluations": estimated.evaluations[r],
             "final_position_error_m": final[r],
@@ -155,12 +155,7 @@ def evaluate_runs(
             "diverged": run_errors.has_diverged(final[r], bound.final_m, ins[r]),
             "converged_s": None if math.isnan(converged[r]) else float(converged[r]),
             "false_fix": bool(false[r]),
-            "windows": {
-                window: figures | dict(zip(FIGURES, values, strict=True))
-                for (window, figures), values in zip(
-                    run_errors.named_figures(means[r]).items(), compared[r], strict=True
-                )
-            },
+            "windows": run_errors.named_figures(windows[r], _FIGURES),
         }
         if estimated.fixes is not None:
             record["fixes"] = fix_metrics.judge(estimated.fixes, error_state[r], times)

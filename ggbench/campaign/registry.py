@@ -13,7 +13,7 @@ import inspect
 import sys
 import types
 import typing
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import MISSING, dataclass
 from functools import cache
 from pathlib import Path
@@ -21,7 +21,7 @@ from typing import Any
 
 from ..errors import GGBenchError
 from ..estimator_spec import EstimatorSpec
-from ..parameters import Parameter, parameters_of
+from ..parameters import parameters_of
 from ..problem import Causality, Estimator
 from ..spec.rosters import expanded
 from .truth_isolation import suspicious_names
@@ -133,7 +133,8 @@ def choose(text: str) -> Choice:
 def _made(cls: type[Estimator], given: EstimatorSpec) -> tuple[EstimatorSpec, Estimator]:
     """Return the spec and the instance of an estimator with the parameters that a text states."""
     name, known = given.name, parameters_of(cls)
-    values = {key: parameter.default for key, parameter in known.items()}
+    defaults = {key: parameter.default for key, parameter in known.items()}
+    values = dict(defaults)
     for key, text in given.parameters.items():
         if key not in known:
             allowed = ", ".join(known) or "it has none"
@@ -144,7 +145,7 @@ def _made(cls: type[Estimator], given: EstimatorSpec) -> tuple[EstimatorSpec, Es
             raise EstimatorError(
                 f"{name}: parameter '{key}' is '{text}' and must be {known[key].allowed()}"
             ) from None
-    spec = _spec(name, values, known)
+    spec = EstimatorSpec.changed(name, values, defaults)
     try:
         estimator = cls(**values)
         causality = estimator.causality
@@ -159,11 +160,6 @@ def _made(cls: type[Estimator], given: EstimatorSpec) -> tuple[EstimatorSpec, Es
     if causality == "fixed-lag" and "lag" not in known:
         raise EstimatorError(f"{name}: a fixed-lag estimator needs a parameter 'lag' [s]")
     return spec, estimator
-
-
-def _spec(name: str, values: Mapping[str, Any], known: Mapping[str, Parameter]) -> EstimatorSpec:
-    """Return the spec of complete values of an estimator's known parameters."""
-    return EstimatorSpec.changed(name, values, {key: item.default for key, item in known.items()})
 
 
 def spec_of(estimator: Estimator) -> EstimatorSpec:
@@ -186,9 +182,9 @@ def spec_of(estimator: Estimator) -> EstimatorSpec:
                 "runs one by one"
             )
         name = names[0]
-    known = parameters_of(cls)
-    values = {key: getattr(estimator, key) for key in known}
-    spec = _spec(name, values, known)
+    defaults = {key: parameter.default for key, parameter in parameters_of(cls).items()}
+    values = {key: getattr(estimator, key) for key in defaults}
+    spec = EstimatorSpec.changed(name, values, defaults)
     if choose(str(spec)).estimator != estimator:
         raise EstimatorError(
             f"the text '{spec}' does not give the estimator {estimator!r}: its file has changed "

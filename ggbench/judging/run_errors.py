@@ -7,6 +7,7 @@ is said of a run depends on no other run of its block: the kernels go through th
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -318,10 +319,12 @@ def window_figures(
     return named_figures(window_means(block, times, windows)[0].tolist())
 
 
-def named_figures(means: list[list[float]]) -> dict[str, dict[str, float]]:
-    """Return the figures (W, 5) of one run by the names of window and figure."""
+def named_figures(
+    means: list[list[float]], names: Sequence[str] = FIGURES
+) -> dict[str, dict[str, float]]:
+    """Return figures (W, F) of one run by the names of window and figure."""
     return {
-        window: dict(zip(FIGURES, values, strict=True))
+        window: dict(zip(names, values, strict=True))
         for window, values in zip(WINDOWS, means, strict=True)
     }
 
