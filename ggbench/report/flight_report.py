@@ -74,12 +74,11 @@ def write(flight: RecordedFlight, estimates: Mapping[str, Estimate], output: Pat
     problem, start = flight.problem, flight.start
     told = {label: residuals(problem, estimate) for label, estimate in estimates.items()}
     tracks = {label: corrected(problem, found, start) for label, found in estimates.items()}
-    judged = {}
-    if flight.reference is not None:
-        judged = {
-            label: against(problem, found, flight.reference, flight.spec.windows)
-            for label, found in estimates.items()
-        }
+    judged = {
+        label: against(problem, found, flight.reference, flight.spec.windows)
+        for label, found in estimates.items()
+        if flight.reference is not None
+    }
     for label, found in told.items():
         folder = output / folder_of(label)
         files.write(folder / "corrected.csv", tracks[label])
@@ -112,8 +111,7 @@ def _what_there_is(flight: RecordedFlight) -> str:
     assert problem.map is not None  # a recorded flight has one, be it the normal field's
     has_map = "a map" if np.isfinite(problem.map.lower).all() else "no map"
     rows = []
-    for sensor in dict.fromkeys(channel.sensor for channel in problem.channels):
-        own = [j for j, channel in enumerate(problem.channels) if channel.sensor == sensor]
+    for sensor, own in _sensors(problem).items():
         there = problem.present[:, own]
         epochs = np.flatnonzero(there.any(axis=1))
         table = sensors_of(spec)[sensor]
@@ -132,6 +130,14 @@ def _what_there_is(flight: RecordedFlight) -> str:
         f"{counted(problem.epochs, 'epoch')} until {problem.times[-1]:g} s after the start.\n\n"
         + markdown(head, rows)
     )
+
+
+def _sensors(problem: Problem) -> dict[str, list[int]]:
+    """Return the numbers of the channels of each sensor."""
+    found: dict[str, list[int]] = {}
+    for j, channel in enumerate(problem.channels):
+        found.setdefault(channel.sensor, []).append(j)
+    return found
 
 
 def _estimators(
@@ -178,9 +184,8 @@ def _errors(flight: RecordedFlight, judged: Mapping[str, AgainstReference]) -> l
     """Return the errors against the reference in windows, if there is one."""
     if not judged:
         return []
-    names = list(next(iter(judged.values())).windows)
     some = next(iter(judged.values()))
-    rows = []
+    names, rows = list(some.windows), []
     for label, found in judged.items():
         cells = []
         for name in names:
@@ -220,11 +225,12 @@ def _figures(
     problem = flight.problem
     shown: list[str] = ["## Figures"]
 
-    def show(name: str, caption: str) -> None:
+    def show(name: str, figure: Drawing, caption: str) -> None:
+        save(figure, output / "figures" / name)
         shown.append(f"![{caption}](figures/{name})\n\n*{caption}*")
 
-    save(_tracks(flight, estimates), output / "figures" / "track.png")
-    show("track.png", "Tracks from above, relative to where the INS begins, and their heights.")
+    caption = "Tracks from above, relative to where the INS begins, and their heights."
+    show("track.png", _tracks(flight, estimates), caption)
     claimed = {
         label: np.sqrt(np.diagonal(found.cov, axis1=1, axis2=2)[:, :6])
         for label, found in estimates.items()
@@ -232,14 +238,12 @@ def _figures(
     }
     if claimed:
         figure = flights.deviations(problem.times, claimed)
-        save(figure, output / "figures" / "deviations.png")
-        show("deviations.png", "Spherical standard deviations that the estimates claim.")
+        show("deviations.png", figure, "Spherical standard deviations that the estimates claim.")
     aided = [label for label, found in estimates.items() if found.causality != "none"]
     label = next((name for name in aided if told[name].innovations), next(iter(estimates)))
     figure = flights.whitened(problem.times, _by_sensor(problem, told[label]), label)
-    save(figure, output / "figures" / "residuals.png")
     kind = "Whitened innovations" if told[label].innovations else "Residuals in units of the noise"
-    show("residuals.png", f"{kind} of `{label}`; the band is ±2σ.")
+    show("residuals.png", figure, f"{kind} of `{label}`; the band is ±2σ.")
     if judged:
         label = aided[0] if aided else next(iter(judged))
         found = judged[label]
@@ -250,8 +254,7 @@ def _figures(
         figure = errors.component_errors(
             found.times, np.hstack([found.components, found.sigmas]), pure, 0, "m", label
         )
-        save(figure, output / "figures" / "errors.png")
-        show("errors.png", f"Position errors of `{label}` against the reference.")
+        show("errors.png", figure, f"Position errors of `{label}` against the reference.")
     return "\n\n".join(shown)
 
 
@@ -280,12 +283,8 @@ def _local(positions: np.ndarray, origin: np.ndarray) -> np.ndarray:
 
 def _by_sensor(problem: Problem, found: Residuals) -> list[tuple[str, list[str], np.ndarray]]:
     out = []
-    for sensor in dict.fromkeys(channel.sensor for channel in problem.channels):
-        own = [
-            j
-            for j, channel in enumerate(problem.channels)
-            if channel.sensor == sensor and problem.present[:, j].any()
-        ]
+    for sensor, channels in _sensors(problem).items():
+        own = [j for j in channels if problem.present[:, j].any()]
         names = [problem.channels[j].name.removeprefix("gradient ") for j in own]
         out.append((sensor.replace("_", " "), names, found.whitened[:, own]))
     return out
