@@ -32,25 +32,21 @@ def answer(results: Results) -> dict[str, Any]:
     recommended = cases["recommended"][cases["recommended"] != ""]
     key = "recommended" if len(recommended) else "best"
     named = cases[key][cases[key] != ""]
+    sweep, of_the_prior = results.scenario.sweep, sweeps.is_of_the_prior(results.scenario)
     found: dict[str, Any] = {
         "total": len(cases),
         "recommended": len(recommended),
         "label": "",
         "without": cases.loc[cases["recommended"] == "", "title"].tolist(),
         "inconsistent": views.not_consistent(figures),
-        "targets": pd.DataFrame(),
-        "axis": "",
+        "targets": sweeps.reached(results.scenario, figures, cases),
+        "axis": sweep.axes[0].label if sweep else "",
         "runs": int(figures["runs"].max()) if len(figures) else 0,
         "fewest": FEWEST_RUNS,
-        "recovered": [],
+        "recovered": sweeps.recovered(figures, cases) if of_the_prior else [],
         "outside": left_the_map(results.runs()),
         "allowed": published.allowed(figures),
     }
-    if results.scenario.sweep is not None:
-        found["targets"] = sweeps.reached(results.scenario, figures, cases)
-        found["axis"] = results.scenario.sweep.axes[0].label
-        if sweeps.is_of_the_prior(results.scenario):
-            found["recovered"] = sweeps.recovered(figures, cases)
     if named.empty:
         return found
     label = named.value_counts().index[0]

@@ -18,7 +18,7 @@ from ..figures.numbers import counted, span
 from ..files import reason_of
 from ..results import digest
 from ..results.folder import Results, as_argument
-from . import columns, libraries, links, pictures, published, tables, views
+from . import columns, libraries, links, pictures, published, sweeps, tables, views
 from .answers import answer
 from .columns import TEMPLATES
 from .conditions import conditions
@@ -197,8 +197,6 @@ def _of_parts(results: Results, cases: pd.DataFrame) -> pd.DataFrame:
     """Return the cases that a page may list: of a sweep, those of its figure."""
     if results.scenario.sweep is None:
         return cases
-    from . import sweeps
-
     names = [name for part in sweeps.parts(results.scenario, cases) for name in part.cases]
     return cases.set_index("case").loc[names].reset_index()
 

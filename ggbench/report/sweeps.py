@@ -80,9 +80,10 @@ def reached(scenario: Scenario, figures: pd.DataFrame, cases: pd.DataFrame) -> p
 
     Of the bound and of the EKF, for which the interval of its errors leads to one in parentheses.
     ``3.2 E`` means up to there, which is interpolated: only where no error is surely smaller than
-    the one before, else the values themselves are listed.
+    the one before, else the values themselves are listed. Empty without a sweep.
     """
-    assert scenario.sweep is not None
+    if scenario.sweep is None:
+        return pd.DataFrame()
     axis = scenario.sweep.axes[0]
     settled = figures[figures["window"] == "settled"].set_index(["estimator", "case"])
     rows = []
