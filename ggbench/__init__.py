@@ -62,26 +62,20 @@ if TYPE_CHECKING:
 __version__ = VERSION
 cache.use_versioned_numba_cache()
 
-_MODULES = {
-    "Estimate": "problem",
-    "Estimator": "problem",
-    "GGBenchError": "errors",
-    "Judgement": "api.problems",
-    "Problem": "problem",
-    "Results": "api.results",
-    "Scenario": "spec.scenario",
-    "Truth": "simulation.runs",
-    "corrected": "api.problems",
-    "estimate": "api.problems",
-    "estimator": "api.problems",
-    "judge": "api.problems",
-    "load": "api.problems",
-    "read_flight": "api.problems",
-    "run": "api.running",
-    "simulate": "api.problems",
-    "sweep": "api.running",
-}
-"""Where the public names are; each module is loaded when one of them is first used."""
+_NAMES = {
+    "api.problems": (
+        "Judgement", "corrected", "estimate", "estimator", "judge", "load", "read_flight",
+        "simulate",
+    ),
+    "api.results": ("Results",),
+    "api.running": ("run", "sweep"),
+    "errors": ("GGBenchError",),
+    "problem": ("Estimate", "Estimator", "Problem"),
+    "simulation.runs": ("Truth",),
+    "spec.scenario": ("Scenario",),
+}  # fmt: skip
+"""The public names by their module, which is loaded when one of them is first used."""
+_MODULES = {name: module for module, names in _NAMES.items() for name in names}
 
 
 def __getattr__(name: str) -> Any:
