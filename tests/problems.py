@@ -17,7 +17,6 @@ from ggbench.campaign import registry
 from ggbench.contract.references import CONSTANT as CONSTANT
 from ggbench.contract.references import UNITS as UNITS
 from ggbench.contract.references import LinearModel as LinearModel
-from ggbench.contract.references import changed as changed
 from ggbench.contract.references import deviation as deviation
 from ggbench.contract.references import exact as exact
 from ggbench.contract.references import graded as graded
@@ -40,6 +39,8 @@ CASES = (
     "0.001E-1Hz-unfiltered",
 )
 SEED = 2013
+changed = dataclasses.replace
+"""The problem with other values of some attributes."""
 PLUGIN_VARIABLE = "GGBENCH_TEST_ESTIMATOR"
 """Environment variable with estimators of one's own, ``my.py;my.py[size=3]``, to be tested too."""
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..judging import fix_metrics as matchers
 from ..problem import Estimate, Estimator, Fixes, Problem
-from .references import changed, deviation, exact
+from .references import deviation, exact
 from .within import arrays_within
 
 EXACT = 1e-9
@@ -176,7 +176,7 @@ def causal(estimator: Estimator, problem: Problem, exactly: bool = True) -> None
     shift = _SHIFT * np.sqrt(np.diag(problem.noise_of(0))) * problem.present
     measurements[last_same + 1 :] += shift[last_same + 1 :]
     first = answer(estimator, problem)
-    second = answer(estimator, changed(problem, measurements=measurements))
+    second = answer(estimator, dataclasses.replace(problem, measurements=measurements))
     sigma = np.sqrt(np.diag(problem.prior_cov))
     moved = (np.abs(np.asarray(second.mean) - first.mean) / sigma).max(axis=1)
     told = f"readings after epoch {last_same} were changed by {_SHIFT:g} deviations"
@@ -289,7 +289,8 @@ def rounding(estimator: Estimator, problem: Problem, posterior_cov: np.ndarray) 
     for ulps in range(_ROUNDINGS):
         factor = 1.0 + ulps * np.finfo(float).eps
         mean, cov = problem.prior_mean * factor, problem.prior_cov * factor
-        answers.append(answer(estimator, changed(problem, prior_mean=mean, prior_cov=cov), True))
+        moved = dataclasses.replace(problem, prior_mean=mean, prior_cov=cov)
+        answers.append(answer(estimator, moved, gaussian=True))
     sigma = np.sqrt(np.diagonal(posterior_cov, axis1=1, axis2=2))
     means = np.ptp([each.mean for each in answers], axis=0) / sigma
     covs = np.ptp([np.asarray(each.cov) for each in answers], axis=0)

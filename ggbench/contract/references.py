@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -107,15 +105,10 @@ def noisy_problem(seed: int, epochs: int = 40, n: int = 3, m: int = 2) -> Proble
     )
 
 
-def changed(problem: Problem, **changes: Any) -> Problem:
-    """The problem with other values of some attributes."""
-    return dataclasses.replace(problem, **changes)
-
-
 def graded(problem: Problem) -> Problem:
     """The problem with noise declared for each epoch, up to three times as large or small."""
     factors = 9.0 ** np.sin(np.arange(1.0, problem.epochs + 1.0))
-    return changed(problem, noise_cov=problem.noise_cov * factors[:, None, None])
+    return replace(problem, noise_cov=problem.noise_cov * factors[:, None, None])
 
 
 def gappy(problem: Problem) -> Problem:
@@ -128,7 +121,7 @@ def gappy(problem: Problem) -> Problem:
     present[4:10] = False
     model = problem.model
     assert isinstance(model, LinearModel)
-    return changed(
+    return replace(
         problem,
         measurements=np.where(present, problem.measurements, 0.0),
         noise_cov=np.diag(np.diag(problem.noise_cov)),
@@ -169,7 +162,7 @@ def with_sensor_model(problem: Problem) -> Problem:
         field.tensor_coefficients, problem.times, places, np.tile(np.eye(3), (epochs, 1, 1)),
         errors, np.zeros((epochs, m)), problem.present.any(axis=1).astype(float), aiding,
     )  # fmt: skip
-    return changed(problem, model=SensorModel(arrays))
+    return replace(problem, model=SensorModel(arrays))
 
 
 def linear_sensor_problem(seed: int, epochs: int = 40, m: int = 2) -> Problem:
