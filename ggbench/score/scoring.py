@@ -215,31 +215,26 @@ def _questions(
             questions.append(Question(case=case.name, title=case.title, skipped=skipped[case.name]))
             continue
         match = matches[case.name]
-        against = [
-            _opponent(role, match.chosen(label), found[case.name, label])
-            for role, label in match.opponents.items()
-        ]
-        questions.append(_question(case.name, case.title, settled.loc[case.name], match, against))
+        row, own = settled.loc[case.name], match.own.sort_values("run")
+        numbers: dict[str, Any] = {key: rounded(row[key]) for key in _NUMBERS}
+        questions.append(
+            Question(
+                case=case.name,
+                title=case.title,
+                runs=int(row["runs"]),
+                failed=int(row["failed"]),
+                diverged=int(row["diverged"]),
+                consistency=row["consistency"] if isinstance(row["consistency"], str) else "",
+                against=[
+                    _opponent(role, match.chosen(label), found[case.name, label])
+                    for role, label in match.opponents.items()
+                ],
+                errors_m=[rounded(math.sqrt(square)) for square in own["settled_position_ms"]],
+                succeeded=succeeded(own).tolist(),
+                **numbers,
+            )
+        )
     return questions
-
-
-def _question(
-    name: str, title: str, row: pd.Series, match: _Match, against: list[Opponent]
-) -> Question:
-    own = match.own.sort_values("run")
-    numbers: dict[str, Any] = {key: rounded(row[key]) for key in _NUMBERS}
-    return Question(
-        case=name,
-        title=title,
-        runs=int(row["runs"]),
-        failed=int(row["failed"]),
-        diverged=int(row["diverged"]),
-        consistency=row["consistency"] if isinstance(row["consistency"], str) else "",
-        against=against,
-        errors_m=[rounded(math.sqrt(square)) for square in own["settled_position_ms"]],
-        succeeded=succeeded(own).tolist(),
-        **numbers,
-    )
 
 
 def _opponent(role: Role, runs: pd.DataFrame, pair: Mapping[str, Any]) -> Opponent:
