@@ -13,7 +13,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from ..gravity.ellipsoid import SEMI_MAJOR_AXIS
 from ..gravity.field import Field
-from .style import BOUND, Drawing, styled
+from .style import BOUND, Drawing, styled, subplots
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -114,8 +114,7 @@ def planned_tracks(tracks: pd.DataFrame, title: str) -> Drawing:
     """
     able = tracks[tracks["reason"] == ""]
     heading = np.radians(able["heading_deg"].to_numpy())
-    figure = Drawing(figsize=(6.4, 5.6), layout="constrained")
-    axis = figure.subplots()
+    figure, axis = subplots(figsize=(6.4, 5.6))
     bounds = able["bound_m"].to_numpy()
     smallest, largest = (bounds.min(), bounds.max()) if len(bounds) else (1.0, 1.0)
     arrows = axis.quiver(

@@ -104,6 +104,5 @@ def _shape(labels: Sequence[str]) -> Spec:
 
 
 def _tip(field: str, title: str, form: str = "") -> Spec:
-    if form:
-        return {"field": field, "title": title, "type": "quantitative", "format": form}
-    return {"field": field, "title": title}
+    number = {"type": "quantitative", "format": form} if form else {}
+    return {"field": field, "title": title} | number
