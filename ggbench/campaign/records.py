@@ -134,6 +134,9 @@ def evaluate_runs(
     windows = np.concatenate([means, compared], axis=2).tolist()
     peak = peak_memory_mb()
     kept = kept_epochs(len(times))
+    curves = (
+        evaluation.position_error, evaluation.velocity_error, evaluation.nees, evaluation.nis
+    )  # fmt: skip
     outside = np.zeros(len(blanks), dtype=bool)
     if estimated.causality != "none":  # else no map was asked
         outside = _outside(flight, evaluation.components)
@@ -163,7 +166,7 @@ def evaluate_runs(
             record["remark"] = OUTSIDE
         series = detail = None
         if record["run"] < SERIES_RUNS:
-            series = _series(evaluation, r, kept)
+            series = _narrowed(np.stack([values[r, kept] for values in curves], axis=-1))
         if record["run"] == DETAILED_RUN:
             detail = _narrowed(_detail(flight, error_state[r], estimated, evaluation, r))
         results.append(Result(key, record, series, detail))
@@ -192,14 +195,6 @@ def _outside(flight: Flight, errors: np.ndarray) -> np.ndarray:
     """Return which estimates (R,) leave the estimators' map, from their errors (R, K, 6), ENU."""
     believed = flight.trajectory.positions[flight.epochs] + errors[:, :, [1, 0, 2]] / flight.metres
     return np.asarray(~flight.model_field.covers(believed, BORDER).all(axis=1))
-
-
-def _series(evaluation: run_errors.Evaluation, r: int, kept: np.ndarray) -> np.ndarray:
-    """Return (K', 4) float32 of a run: position and velocity error [m, m/s], NEES, NIS."""
-    columns = (
-        evaluation.position_error, evaluation.velocity_error, evaluation.nees, evaluation.nis
-    )  # fmt: skip
-    return _narrowed(np.stack([values[r, kept] for values in columns], axis=-1))
 
 
 def _narrowed(array: np.ndarray) -> np.ndarray:

@@ -161,7 +161,10 @@ def _estimator_rng(seed: int, run: int, choice: Choice) -> np.random.Generator:
 
 
 _warm: set[str] = set()
-"""Labels of the estimators that this process has run: their first run compiles and imports."""
+"""Labels of the estimators that this process has run.
+
+The time of a first run holds compilation and imports: summaries leave it out.
+"""
 
 
 def run_task(task: Task) -> Iterator[Started | list[Result]]:
@@ -241,7 +244,8 @@ def _run_estimator(
     """Let an estimator run ``runs``, a part of a simulated block; should that fail, one by one."""
     yield Started(label, runs)
     choice = chosen(label)
-    cold = {"cold": _is_cold(label)}
+    cold = {"cold": label not in _warm}
+    _warm.add(label)
     blanks = [new_record(choice, run, task.seed) | cold for run in runs]
     problems = [block.problem(r) for r in range(part.start, part.stop)]
     try:
@@ -293,16 +297,6 @@ def _evaluated(
                 blanks[some], key, flight, states, estimated.of_runs(some), bound, problems[some]
             )
     return results
-
-
-def _is_cold(label: str) -> bool:
-    """Return whether this is an estimator's first run in this process.
-
-    Its time holds compilation and imports: summaries leave it out.
-    """
-    cold = label not in _warm
-    _warm.add(label)
-    return cold
 
 
 def failure(
