@@ -29,6 +29,9 @@ _LIMITS = {
 }
 
 
+_adapter = cache(TypeAdapter[Any])
+
+
 class Parameter(NamedTuple):
     """Type and default of a parameter; the default of one that has none is ``MISSING``."""
 
@@ -50,6 +53,7 @@ class Parameter(NamedTuple):
         return _adapter(self.annotation).validate_python(value)
 
 
+@cache
 def parameters_of(cls: type) -> Mapping[str, Parameter]:
     """Return the parameters of an estimator class by name: its own, then those that it shares."""
     hints = typing.get_type_hints(cls, include_extras=True)
@@ -60,7 +64,9 @@ def parameters_of(cls: type) -> Mapping[str, Parameter]:
 def require_valid(estimator: Any) -> None:
     """Raise ValueError, with a sentence, for a parameter that is beyond its limits."""
     cls: type = type(estimator)
-    for name, parameter in _checked(cls).items():
+    for name, parameter in parameters_of(cls).items():
+        if parameter.default is MISSING:
+            continue
         value = getattr(estimator, name)
         try:
             parameter.validate(value)
@@ -69,19 +75,6 @@ def require_valid(estimator: Any) -> None:
                 f"{estimator.name}: parameter '{name}' is '{value}' and must be "
                 f"{parameter.allowed()}"
             ) from None
-
-
-@cache
-def _checked(cls: type) -> Mapping[str, Parameter]:
-    found = parameters_of(cls)
-    return {
-        name: parameter for name, parameter in found.items() if parameter.default is not MISSING
-    }
-
-
-@cache
-def _adapter(annotation: Any) -> TypeAdapter[Any]:
-    return TypeAdapter(annotation)
 
 
 def _described(annotation: Any) -> str:
