@@ -65,14 +65,9 @@ class TimedEstimates:
 
     def of_runs(self, some: slice) -> TimedEstimates:
         """Return the estimates of some of the runs."""
-        return replace(
-            self,
-            mean=self.mean[some],
-            cov=None if self.cov is None else self.cov[some],
-            nis=None if self.nis is None else self.nis[some],
-            info=self.info[some],
-            evaluations=self.evaluations[some],
-        )
+        held = {name: getattr(self, name) for name in ("mean", "cov", "nis", "info", "evaluations")}
+        cut = {name: values[some] for name, values in held.items() if values is not None}
+        return replace(self, **cut)
 
 
 def peak_memory_mb() -> float:
