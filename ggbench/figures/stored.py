@@ -17,8 +17,8 @@ _COLUMNS: dict[Quantity, tuple[int, str]] = {"position": (0, "m"), "velocity": (
 """First column of an error's components in a detailed run, and its unit."""
 
 
-_BOUNDS = {"bound-batch": "smoother", "bound-fixed-lag": "fixed lag"}
-"""Words for bounds whose stored name is another."""
+_BOUNDS = {"bound-filter": "filter", "bound-batch": "smoother", "bound-fixed-lag": "fixed lag"}
+"""Words for the bounds that are drawn, by their stored names without a lag."""
 
 
 def error_over_time(results: Results, shown: Mapping[str, Sequence[str]]) -> Drawing:
@@ -49,18 +49,14 @@ def errors_over_time(
             curves[label] = np.sqrt(np.mean(series[:, :, :2] ** 2, axis=0))
     stored = results.arrays(case)
     kept = stored["kept"]
-    bounds = {
-        bound_name(key): np.sqrt(value[kept])
-        for key, value in stored.items()
-        if key.startswith("bound-") and key != "bound-unfiltered"
-    }
+    bounds = {name: np.sqrt(stored[key][kept]) for key, name in drawn_bounds(stored).items()}
     return stored["times"][kept], curves, bounds
 
 
-def bound_name(key: str) -> str:
-    """Return the name of a bound in a legend, from its key among the arrays of a case."""
-    kind = key.rstrip("-0123456789")
-    return f"bound, {_BOUNDS.get(kind, kind.removeprefix('bound-'))}"
+def drawn_bounds(arrays: Iterable[str]) -> dict[str, str]:
+    """Return the bounds that are drawn over time: key among the arrays of a case to its name."""
+    keys = [key for key in arrays if key.startswith("bound-") and key != "bound-unfiltered"]
+    return {key: f"bound, {_BOUNDS[key.rstrip('-0123456789')]}" for key in keys}
 
 
 def component_errors(results: Results, case: str, label: str, quantity: Quantity) -> Drawing:

@@ -5,6 +5,7 @@ The data are in the page as numbers. Its script formats, sorts and draws them, a
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -171,8 +172,8 @@ def _charts(results: Results, figures: pd.DataFrame, cases: pd.DataFrame) -> dic
     shown = views.few_cases(cases)
     on = ["ins", *views.families(figures, shown)]
     labels: Sequence[str] = results.labels
-    lags = [key for case in cases["case"][:1] for key in results.arrays(case)]
-    bounds = [stored.bound_name(key) for key in lags if key.startswith("bound-")]
+    drawn = (stored.drawn_bounds(results.arrays(case)).values() for case in cases["case"])
+    bounds = list(dict.fromkeys(itertools.chain.from_iterable(drawn)))
     return {
         "byCase": charts.by_case([*labels, *bounds[:1]], [*on, *bounds[:1]]),
         "bound": bounds[0] if bounds else "",

@@ -86,8 +86,8 @@ class Result(NamedTuple):
         None.
     detail : (K, 18) float32, errors and their σ of a run kept in detail, see :meth:`Store.detail`;
         or None.
-    retry_above : None if the result is final; else the time limit [s] above which a run that was
-        that its surroundings ended (it died, it was too slow) is worth another attempt.
+    retry_above : None if the result is final; else the time limit [s] above which another attempt
+        is worth it, of a run that died or was too slow.
     """
 
     key: str

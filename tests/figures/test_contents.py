@@ -26,7 +26,8 @@ def test_errors_over_time_are_root_mean_squares_over_runs():
     series = np.random.default_rng(1).uniform(1.0, 3.0, (5, 4, 4))
     kept = np.array([0, 2, 5, 7])
     bound = np.random.default_rng(2).uniform(1.0, 9.0, (8, 2))
-    arrays = {"times": TIMES, "kept": kept, "bound-filter": bound, "bound-batch": 2 * bound}
+    arrays = {"times": TIMES, "kept": kept, "bound-filter": bound, "bound-batch": 2 * bound,
+              "bound-unfiltered": bound}  # fmt: skip
     results = SimpleNamespace(
         series=lambda case, label: series if label == "ekf" else np.empty((0, 0, 4)),
         arrays=lambda case: arrays,
@@ -42,6 +43,8 @@ def test_errors_over_time_are_root_mean_squares_over_runs():
         assert axis.get_ylabel().endswith(unit) and axis.get_yscale() == "log"
         assert axis.get_lines()[0].get_xdata() == pytest.approx(TIMES[kept])
     assert figure.axes[0].get_title() == "A case"
+    lag = {"bound-fixed-lag-10": "bound, fixed lag"}
+    assert stored.drawn_bounds({"bound-unfiltered": bound, **lag}) == lag
 
 
 def a_curve(seed: int, success: float = 1.0) -> Curve:

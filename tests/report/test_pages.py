@@ -142,6 +142,8 @@ def test_the_html_page_has_all_windows_and_their_numbers(output):
     windows = held_texts(data, "figures", "window")
     assert windows == {"settled", "whole", "last20"}
     assert set(data["curves"]) == {"base", "noisy"}
+    encoding = data["charts"]["overTime"]["layer"][0]["encoding"]
+    assert set(encoding["color"]["scale"]["domain"]) == set(data["curves"]["base"]["lines"])
     assert {case["title"] for case in data["cases"]} >= {"with ten times the noise"}
     results.store.close()
 
