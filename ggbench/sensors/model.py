@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -10,8 +12,8 @@ from ..gravity.coloured_noise import Whitening
 from ..gravity.field import DisturbanceMap, Field
 from ..numerics.frozen import frozen, read_only
 from ..numerics.records import fields_of
-from . import aiding_kernels
-from .aiding_kernels import Aiding
+from .aiding import Motion
+from .aiding_kernels import MOVED, Aiding
 from .gradiometer.instrument import INSTRUMENTS, STRAPDOWN, Gradiometer, readings_along
 from .gradiometer.lowpass import Prefilter
 from .gradiometer.mounting import as_strapdown
@@ -22,24 +24,37 @@ NO_GRADIOMETER = Gradiometer(1.0, None, (), "local-level")
 """An instrument without channels."""
 
 
+class Taken(NamedTuple):
+    """Where an INS believes to have been when the readings of its epochs were taken.
+
+    Attributes
+    ----------
+    delays : (K,) τ_k, by which they are older than their epochs [s].
+    positions, attitudes : (..., K, 3), (..., K, 3, 3) as :class:`.aiding.Motion` has them, then.
+    rows : (..., K, 6, 15) B_k: from x(t_k) to the position error [m] and the attitude error [rad]
+        then.
+    """
+
+    delays: np.ndarray
+    positions: np.ndarray
+    attitudes: np.ndarray
+    rows: np.ndarray
+
+
 def model_arrays(
     field: Field,
     gradiometer: Gradiometer | None,
     times: np.ndarray,
-    positions: np.ndarray,
-    attitudes: np.ndarray,
-    delayed_positions: np.ndarray,
-    delayed_attitudes: np.ndarray,
-    delays: np.ndarray,
-    rows: np.ndarray,
+    ins: Motion,
+    taken: Taken,
     treatment: Prefilter,
-    missing: np.ndarray | None = None,
-    at: np.ndarray | None = None,
-    others: tuple[Aiding, np.ndarray] | None = None,
-    dimension: int | None = None,
-    bias: int | None = None,
-    whitening: Whitening | None = None,
-    mounting: int = -1,
+    missing: np.ndarray,
+    at: np.ndarray,
+    others: tuple[Aiding, np.ndarray],
+    dimension: int,
+    bias: int,
+    whitening: Whitening | None,
+    mounting: int,
 ) -> ModelArrays:
     """Return the measurement model along an INS track, or along the tracks of a block of runs.
 
@@ -47,92 +62,78 @@ def model_arrays(
     ----------
     field, gradiometer : the map and the instrument, if there is one, as the estimators know them.
     times : (K,) measurement epochs [s].
-    positions : (..., K, 3) INS positions at the epochs [rad, rad, m]; (...) is () or (R,).
-    attitudes : (..., K, 3, 3) INS attitudes C_nb at the epochs.
-    delayed_positions, delayed_attitudes : the same at t_k − τ_k.
-    delays : (K,) τ_k [s].
-    rows : (..., K, 6, 15) B_k: from x(t_k) to the position error [m] and the attitude error [rad]
-        at t_k − τ_k.
+    ins : what the INS indicates at the epochs (..., K, .); (...) is () or (R,).
+    taken : what it indicates when readings are taken.
     treatment : the prefilter of the G outputs of the instrument.
-    missing : (..., G) which of its readings dropped out; none if not given.
-    at : (G,) at which epochs the gradiometer is read; at all of them if not given.
-    others : the channels of the other sensors, and their offset (..., K, e); none if not given.
-    dimension : number of states; if not given, those of ``rows`` and the gradiometer's biases.
-    bias : the first state that is one of them, −1 for none; if not given, that behind ``rows``.
+    missing : (..., G) which of its readings dropped out.
+    at : (G,) at which epochs the gradiometer is read.
+    others : the channels of the other sensors, and their offset (..., K, e).
+    dimension : number of states.
+    bias : the first state that is a bias of the gradiometer; −1 for none.
     whitening : of the G readings, if their noise is coloured; they have no low-pass then, and come
         without delay.
     mounting : the first of three states that are the instrument's mounting angles; −1 for none.
     """
-    if others is None:
-        others = without_aiding(field, positions)
-    aiding, offsets = others
     if gradiometer is None:
-        gradiometer, at = NO_GRADIOMETER, np.zeros(0, dtype=int)
-    if at is None:
-        at = np.arange(len(times))
-    instrument = INSTRUMENTS.index(gradiometer.instrument)
-    channels = gradiometer.channels
+        gradiometer = NO_GRADIOMETER
+    aiding, offsets = others
+    instrument, channels = INSTRUMENTS.index(gradiometer.instrument), gradiometer.channels
+    epochs, then, rows = ins.positions.shape[:-1], times - taken.delays, taken.rows
+    attitudes, delayed_attitudes = ins.attitudes, taken.attitudes
     if instrument != STRAPDOWN:  # no other reading depends on them
-        attitudes = delayed_attitudes = np.broadcast_to(np.eye(3), (*positions.shape, 3))
+        attitudes = delayed_attitudes = np.broadcast_to(np.eye(3), (*epochs, 3, 3))
 
-    def readings(places: np.ndarray, at: np.ndarray, c_nb: np.ndarray) -> np.ndarray:
-        return np.asarray(readings_along(instrument, places, at, c_nb, field) @ channels.T)
+    def readings(positions: np.ndarray, times: np.ndarray, c_nb: np.ndarray) -> np.ndarray:
+        some = positions[..., at, :], times[at], c_nb[..., at, :, :]
+        return np.asarray(readings_along(instrument, *some, field) @ channels.T)
 
-    gain = np.broadcast_to(treatment.gain, (*positions.shape[:-2], len(at)))
-    if missing is not None:
-        gain = np.where(missing, 0.0, gain)
-    offset = np.zeros((*gain.shape, len(channels)))
+    gain, offset = np.zeros(epochs), np.zeros((*epochs, len(channels)))
+    gain[..., at] = np.where(missing, 0.0, treatment.gain)
     if gradiometer.lowpass is not None:  # else h is what is read at the delayed place, no more
-        predicted = readings(positions[..., at, :], times[at], attitudes[..., at, :, :])
-        predicted = treatment.apply(gradiometer.lowpass.apply(predicted))
-        if missing is not None:
-            predicted = np.where(missing[..., np.newaxis], 0.0, predicted)
-        at_reference = readings(
-            delayed_positions[..., at, :], (times - delays)[at], delayed_attitudes[..., at, :, :]
-        )
-        offset = predicted - gain[..., np.newaxis] * at_reference
-    if len(at) < len(times):
-        read_offset, read_gain = offset, gain
-        offset, gain = (
-            np.zeros((*positions.shape[:-1], len(channels))),
-            np.zeros(positions.shape[:-1]),
-        )
-        offset[..., at, :], gain[..., at] = read_offset, read_gain
-    if bias is None:
-        bias = rows.shape[-1] if gradiometer.biased else -1
-    if dimension is None:
-        dimension = rows.shape[-1] + (len(channels) if gradiometer.biased else 0)
+        predicted = gradiometer.lowpass.apply(readings(ins.positions, times, attitudes))
+        predicted = np.where(missing[..., np.newaxis], 0.0, treatment.apply(predicted))
+        at_reference = readings(taken.positions, then, delayed_attitudes)
+        offset[..., at, :] = predicted - gain[..., at][..., np.newaxis] * at_reference
     if mounting >= 0:
         delayed_attitudes, rows = as_strapdown(
-            instrument, delayed_positions, times - delays, delayed_attitudes, rows, mounting
+            instrument, taken.positions, then, delayed_attitudes, rows, mounting
         )
         instrument = STRAPDOWN
-    return ModelArrays(
+    arrays = ModelArrays(
         dimension,
         instrument,
-        read_only(channels),
+        channels,
         *_combined(channels, whitening, at, len(times)),
         bias,
         field.origin,
         field.step,
         field.tensor_coefficients,
-        read_only(times - delays),
-        read_only(delayed_positions),
-        read_only(delayed_attitudes),
-        read_only(rows),
-        read_only(np.concatenate([offset, offsets], axis=-1)),
-        read_only(gain),
-        replace(
-            aiding,
-            rows=read_only(aiding.rows),
-            bias=_immutable(aiding.bias),
-            arm=_immutable(aiding.arm),
-            by_arm=read_only(aiding.by_arm),
-            gravity=read_only(aiding.gravity),
-            places=read_only(aiding.places),
-            present=read_only(aiding.present),
-        ),
+        then,
+        taken.positions,
+        delayed_attitudes,
+        rows,
+        np.concatenate([offset, offsets], axis=-1),
+        gain,
+        aiding,
     )
+    found: ModelArrays = _unchangeable(arrays, read_only)
+    return found
+
+
+def _unchangeable(arrays: Any, kept: Callable[[np.ndarray], np.ndarray]) -> Any:
+    """Return a record whose arrays cannot be written, as ``kept`` makes them; maps are not copied.
+
+    Kernels of arrays that can be written would be compiled again.
+    """
+    changed: dict[str, Any] = {}
+    for name, value in zip(arrays.__dataclass_fields__, fields_of(arrays), strict=True):
+        if name in ("origin", "step", "coefficients"):
+            changed[name] = read_only(value)
+        elif isinstance(value, np.ndarray):
+            changed[name] = _immutable(value) if value.dtype.kind == "i" else kept(value)
+        elif isinstance(value, Aiding | DisturbanceMap):
+            changed[name] = _unchangeable(value, kept)
+    return replace(arrays, **changed)
 
 
 def _combined(
@@ -148,7 +149,7 @@ def _combined(
     epochs : number of epochs.
     """
     if whitening is None:
-        return read_only(channels[np.newaxis, np.newaxis]), _immutable(np.zeros((1, 1), dtype=int))
+        return channels[np.newaxis, np.newaxis], np.zeros((1, 1), dtype=int)
     taps = whitening.weights.shape[1]
     lags = np.full((epochs, taps), -1)
     lags[:, 0] = 0
@@ -157,14 +158,14 @@ def _combined(
     for tap in range(1, taps):
         used = np.flatnonzero(whitening.weights[:, tap].any(axis=(1, 2)))
         lags[at[used], tap] = at[used] - at[used - tap]
-    return read_only(combined), _immutable(lags)
+    return combined, lags
 
 
 def without_aiding(field: Field, positions: np.ndarray) -> tuple[Aiding, np.ndarray]:
     """Return the channels of no sensor at INS positions (..., K, 3), and their offsets."""
     epochs, nowhere = positions.shape[:-1], np.zeros(0, dtype=np.int64)
     return Aiding(
-        np.zeros((*epochs, 0, aiding_kernels.MOVED)), nowhere, nowhere, np.zeros((*epochs, 0, 3)),
+        np.zeros((*epochs, 0, MOVED)), nowhere, nowhere, np.zeros((*epochs, 0, 3)),
         np.zeros((0, 3)), -1, positions, np.zeros((*epochs, 0)), field.disturbance_map,
     ), np.zeros((*epochs, 0))  # fmt: skip
 
@@ -196,25 +197,7 @@ class SensorModel:
     """
 
     def __init__(self, arrays: ModelArrays) -> None:
-        aiding = arrays.aiding
-        # All of them: kernels of arrays that can be written would be compiled again.
-        self.arrays = replace(
-            arrays,
-            origin=read_only(arrays.origin),
-            step=read_only(arrays.step),
-            coefficients=read_only(arrays.coefficients),
-            channels=frozen(arrays.channels),
-            combined=frozen(arrays.combined),
-            lags=_immutable(arrays.lags),
-            times=frozen(arrays.times),
-            aiding=replace(
-                aiding,
-                gravity=frozen(aiding.gravity),
-                bias=_immutable(aiding.bias),
-                arm=_immutable(aiding.arm),
-                map=DisturbanceMap(*map(read_only, fields_of(aiding.map))),
-            ),
-        ).mapped(frozen)
+        self.arrays: ModelArrays = _unchangeable(arrays, frozen)
         self._block = self.arrays.as_block()
         self._evaluations = 0
 

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..ins.error_model import STATES
 from ..numerics.lanes import groups
 from ..sensors.aiding import Motion
-from ..sensors.gradiometer.instrument import Gradiometer
-from ..sensors.model import SensorModel, model_arrays
+from ..sensors.model import SensorModel, Taken
 from .aiding import aiding_about
 from .bound import Bound, posterior_bound
+from .formulation import arrays_along
 from .sensor_suite import SensorSuite
 
 if TYPE_CHECKING:
@@ -63,84 +63,65 @@ def require_together(first: Flight, other: Flight) -> None:
         raise ValueError("flights of other epochs or maps cannot be flown together")
 
 
-class _System(NamedTuple):
-    """Φ, Q (K, n, n) along the truth, and rows (K, 6, 15) over the delays (K,) of readings."""
-
-    transition: np.ndarray
-    process_cov: np.ndarray
-    rows: np.ndarray
-    delays: np.ndarray
-
-
 def _bounds(flights: Sequence[Flight], true: SensorSuite) -> list[Bound]:
     found = []
     for some in groups(len(flights)):
-        systems = _systems(flights[some], true)
-        found += [_bound(f, true, s) for f, s in zip(flights[some], systems, strict=True)]
+        systems = zip(flights[some], *_systems(flights[some], true), strict=True)
+        found += [_bound(flight, true, *system) for flight, *system in systems]
     return found
 
 
-def _systems(flights: Sequence[Flight], true: SensorSuite) -> list[_System]:
-    """Return the systems of a group of flights."""
+def _systems(flights: Sequence[Flight], true: SensorSuite) -> tuple[np.ndarray, ...]:
+    """Return Φ, Q (R, K, n, n) and rows over delays (R, K, 6, 15) along the truth, of a group."""
     first = flights[0]
     for flight in flights:
         require_together(first, flight)
     count, epochs, n = len(flights), len(first.epochs), true.dimension
-    delays = first.schedule.delays(true)
     transition, process_cov = np.empty((2, count, epochs, n, n))
     rows = np.empty((count, epochs, 6, STATES))
     exact, missing = zip(*(flight.exact_gradients for flight in flights), strict=True)
     true.systems(
         [Motion.of(flight.trajectory) for flight in flights],
         [flight.delta_velocities for flight in flights],
-        first.epochs, delays, first.trajectory.dt,
+        first.epochs, first.schedule.delays(true), first.trajectory.dt,
         first.added_gravity(first.field, (np.concatenate(exact), np.concatenate(missing))),
         transition, process_cov, rows,
     )  # fmt: skip
-    return [_System(*arrays, delays) for arrays in zip(transition, process_cov, rows, strict=True)]
+    return transition, process_cov, rows
 
 
-def _bound(flight: Flight, true: SensorSuite, system: _System) -> Bound:
-    instrument = true.gradiometer
-    motion, at, delays = flight.motion_at_epochs, flight.gradient_epochs, system.delays
-    positions, attitudes = motion.positions, motion.attitudes
+def _bound(
+    flight: Flight,
+    true: SensorSuite,
+    transition: np.ndarray,
+    process_cov: np.ndarray,
+    rows: np.ndarray,
+) -> Bound:
+    when, motion = flight.schedule, flight.motion_at_epochs
+    delays, positions, attitudes = when.delays(true), motion.positions, motion.attitudes
     if delays.any():
-        positions, attitudes = flight.trajectory.at(flight.times - delays)
+        positions, attitudes = flight.trajectory.at(when.times - delays)
     model = SensorModel(
-        model_arrays(
-            flight.field,
-            instrument,
-            flight.times,
-            motion.positions,
-            motion.attitudes,
-            positions,
-            attitudes,
-            delays,
-            system.rows,
-            true.treatment(len(at)),
-            at=at,
-            others=aiding_about(
-                true, true.weighed(flight.field), flight.aiding_epochs, motion, flight.turning
-            ),
-            dimension=true.dimension,
-            bias=true.gradient_bias,
-            whitening=true.whitening(flight.times[at], flight.absent),
-            mounting=true.mounting,
+        arrays_along(
+            true, flight.field, when, motion, Taken(delays, positions, attitudes, rows),
+            np.zeros(len(when.gradients), dtype=bool),
+            aiding_about(true, true.weighed(flight.field), when.aiding, motion, flight.turning),
+            true.whitening(when.times[when.gradients], flight.absent),
         )
-    )
+    )  # fmt: skip
     epochs = len(flight.epochs)
     jacobians = model.jacobian_along(np.arange(epochs), np.zeros((epochs, true.dimension)))
     jacobians *= np.sqrt(flight.expected)[:, :, np.newaxis]
     return posterior_bound(
-        system.transition, system.process_cov, true.prior_cov, jacobians,
-        _noise_cov(flight, true, instrument), flight.ticks,
+        transition, process_cov, true.prior_cov, jacobians,
+        _noise_cov(flight, true), flight.ticks,
     )  # fmt: skip
 
 
-def _noise_cov(flight: Flight, true: SensorSuite, instrument: Gradiometer | None) -> np.ndarray:
+def _noise_cov(flight: Flight, true: SensorSuite) -> np.ndarray:
     """The measurements' noise, of the gradiometer by what its tails tell more."""
     noise_cov = true.noise_cov.copy()
-    if instrument is not None and flight.faults.information > 1.0:
+    if true.gradiometer is not None and flight.faults.information > 1.0:
         own, known = np.arange(true.gradients), 1.0 - 1.0 / flight.faults.information
-        noise_cov[own, own] -= known * instrument.noise_eotvos**2
+        noise_cov[own, own] -= known * true.gradiometer.noise_eotvos**2
     return noise_cov

@@ -22,7 +22,9 @@ from ..ins.strapdown import TRACK
 from ..numerics.lanes import in_lanes, out_of_lanes
 from ..numerics.rotations import between
 from ..sensors.aiding import Motion
-from ..sensors.model import model_arrays
+from ..sensors.aiding_kernels import Aiding
+from ..sensors.model import Taken, model_arrays
+from ..sensors.model_arrays import ModelArrays
 from .aiding import aiding_about
 from .sensor_suite import SensorSuite
 
@@ -110,6 +112,10 @@ class InsSolution(NamedTuple):
     def motion(self) -> Motion:
         """What the INS indicates at the epochs (R, K, .)."""
         return motion_of(self.states)
+
+    def taken(self, delays: np.ndarray) -> Taken:
+        """Return what the INS indicates when readings with delays (K,) are taken."""
+        return Taken(delays, self.delayed_positions, self.delayed_attitudes, self.rows)
 
 
 def motion_of(states: np.ndarray) -> Motion:
@@ -254,31 +260,34 @@ def build_problems(
         process_cov=ins.process_cov,
         prior_mean=np.zeros(model.dimension),
         prior_cov=model.prior_cov,
-        model=model_arrays(
-            field,
-            model.gradiometer,
-            times,
-            motion.positions,
-            motion.attitudes,
-            ins.delayed_positions,
-            ins.delayed_attitudes,
-            when.delays(model),
-            ins.rows,
-            treatment,
-            read.missing,
-            at,
-            (aiding, offset),
-            model.dimension,
-            model.gradient_bias,
-            whitening,
-            model.mounting,
+        model=arrays_along(
+            model, field, when, motion, ins.taken(when.delays(model)), read.missing,
+            (aiding, offset), whitening,
         ),
         layout=model.layout,
         present=np.concatenate([there, read.present], axis=2),
         channels=model.channels,
         tracks=ins.states,
         map=field,
-    )
+    )  # fmt: skip
+
+
+def arrays_along(
+    model: SensorSuite,
+    field: Field,
+    when: MeasurementTimes,
+    ins: Motion,
+    taken: Taken,
+    missing: np.ndarray,
+    others: tuple[Aiding, np.ndarray],
+    whitening: Whitening | None,
+) -> ModelArrays:
+    """Return h of a suite's sensors and states: :func:`.sensors.model.model_arrays` of them."""
+    treatment = model.treatment(len(when.gradients))
+    return model_arrays(
+        field, model.gradiometer, when.times, ins, taken, treatment, missing, when.gradients,
+        others, model.dimension, model.gradient_bias, whitening, model.mounting,
+    )  # fmt: skip
 
 
 def _whitening(model: SensorSuite, times: np.ndarray, missing: np.ndarray) -> Whitening | None:

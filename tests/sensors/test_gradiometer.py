@@ -12,6 +12,7 @@ from scipy.stats import chi2
 
 from ggbench.gravity import ellipsoid
 from ggbench.gravity.field import Field, OutsideMapError
+from ggbench.sensors.aiding import Motion
 from ggbench.sensors.gradiometer.instrument import (
     COMPONENTS,
     Gradiometer,
@@ -22,7 +23,7 @@ from ggbench.sensors.gradiometer.instrument import (
     rotate_tensors,
 )
 from ggbench.sensors.gradiometer.lowpass import prefilter
-from ggbench.sensors.model import SensorModel, model_arrays
+from ggbench.sensors.model import SensorModel, Taken, model_arrays, without_aiding
 from ggbench.simulation.error_free_flight import Flight
 from ggbench.simulation.runs import simulate
 
@@ -43,18 +44,22 @@ def chain(request, wang) -> tuple[Flight, object, object]:
 def plain_model(field: Field, positions: np.ndarray, times: np.ndarray, components=COMPONENTS):
     """The model of an unfiltered gradiometer whose state is the position error alone, (3,) [m]."""
     count = len(times)
+    level, still = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))
     return SensorModel(
         model_arrays(
             field,
             Gradiometer(0.01, None, components),
             times,
-            positions,
-            np.tile(np.eye(3), (count, 1, 1)),
-            positions,
-            np.tile(np.eye(3), (count, 1, 1)),
-            np.zeros(count),
-            np.tile(np.eye(6, 3), (count, 1, 1)),
+            Motion(positions, still, level),
+            Taken(np.zeros(count), positions, level, np.tile(np.eye(6, 3), (count, 1, 1))),
             prefilter(None, count, "whitened", 0.0),
+            missing=np.zeros(count, dtype=bool),
+            at=np.arange(count),
+            others=without_aiding(field, positions),
+            dimension=3,
+            bias=-1,
+            whitening=None,
+            mounting=-1,
         )
     )
 
