@@ -54,19 +54,6 @@ class Motion(NamedTuple):
         return cls(track.positions, track.velocities, track.attitudes)
 
 
-class About(NamedTuple):
-    """Channels as functions of the error state about an INS track, see :class:`.Aiding`.
-
-    Attributes
-    ----------
-    offset : (..., K, e).
-    rows : (..., K, e, 9).
-    """
-
-    offset: np.ndarray
-    rows: np.ndarray
-
-
 @dataclass(frozen=True)
 class AidingSensor(ABC):
     """What all of these sensors have.
@@ -107,8 +94,11 @@ class AidingSensor(ABC):
         """Return what the channels deliver without errors of their own (..., K, e)."""
 
     @abstractmethod
-    def about(self, ins: Motion) -> About:
-        """Return the channels, but for the map's gravity, as functions of the INS's errors."""
+    def about(self, ins: Motion) -> tuple[np.ndarray, np.ndarray]:
+        """Return the channels, but for the map's gravity, as functions of the INS's errors.
+
+        Offset (..., K, e) and rows (..., K, e, 9), see :class:`.Aiding`.
+        """
 
     def seen_from(self, readings: np.ndarray, old: Motion, new: Motion) -> np.ndarray:
         """Return readings (..., K, e) as they are if the INS indicates another motion.
@@ -181,7 +171,7 @@ class VelocityLog(AidingSensor):
             found = np.einsum("...ji,...j->...i", truth.attitudes, found)
         return np.broadcast_to(found, ins.velocities.shape)[..., self._axes]
 
-    def about(self, ins: Motion) -> About:
+    def about(self, ins: Motion) -> tuple[np.ndarray, np.ndarray]:
         """Return Ĉ_bn (v̂ − δv + v̂ × φ), or v̂ − δv."""
         rows = np.zeros((*ins.positions.shape[:-1], 3, MOVED))
         offset = ins.velocities
@@ -192,7 +182,7 @@ class VelocityLog(AidingSensor):
             rows[..., 6:9] = c_bn @ cross_matrix(ins.velocities)
         else:
             rows[..., np.arange(3), np.arange(3, 6)] = -1.0
-        return About(offset[..., self._axes], rows[..., self._axes, :])
+        return offset[..., self._axes], rows[..., self._axes, :]
 
 
 @dataclass(frozen=True)
@@ -210,11 +200,11 @@ class Barometer(AidingSensor):
         """Return the true height."""
         return np.broadcast_to(truth.positions, ins.positions.shape)[..., 2:]
 
-    def about(self, ins: Motion) -> About:
+    def about(self, ins: Motion) -> tuple[np.ndarray, np.ndarray]:
         """Return ĥ − δh."""
         rows = np.zeros((*ins.positions.shape[:-1], 1, MOVED))
         rows[..., 0, 2] = -1.0
-        return About(ins.positions[..., 2:], rows)
+        return ins.positions[..., 2:], rows
 
 
 @dataclass(frozen=True)
@@ -273,7 +263,7 @@ class Gravimeter(AidingSensor):
         again = reduced - np.einsum("...ij,...j->...i", turn, felt)
         return np.asarray((MGAL * _SIGNS * again)[..., self._axes])
 
-    def about(self, ins: Motion) -> About:
+    def about(self, ins: Motion) -> tuple[np.ndarray, np.ndarray]:
         """Return what the INS's errors make of the reduction, linearised."""
         rows = np.zeros((*ins.positions.shape[:-1], 3, MOVED))
         for j, step in ((1, 100.0), (2, 100.0), (3, 1.0), (4, 1.0), (5, 1.0)):
@@ -288,9 +278,7 @@ class Gravimeter(AidingSensor):
             rows[..., j] = (ahead - behind) / step
         rows[..., 6:9] = -cross_matrix(self.steady_force(ins.positions, ins.velocities))
         rows *= MGAL * _SIGNS[:, np.newaxis]
-        return About(
-            np.zeros((*ins.positions.shape[:-1], len(self._axes))), rows[..., self._axes, :]
-        )
+        return np.zeros((*ins.positions.shape[:-1], len(self._axes))), rows[..., self._axes, :]
 
 
 _SIGNS = np.array([1.0, 1.0, -1.0])

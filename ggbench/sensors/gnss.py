@@ -8,7 +8,7 @@ import numpy as np
 
 from ..gravity.field import Field
 from ..problem import Channel
-from .aiding import About, AidingSensor, Motion, cross_matrix, metres_of, position_error
+from .aiding import AidingSensor, Motion, cross_matrix, metres_of, position_error
 from .aiding_kernels import MOVED
 from .false_positions import FalsePositions
 
@@ -74,7 +74,7 @@ class Gnss(AidingSensor):
             parts.append(np.broadcast_to(truth.velocities, ins.velocities.shape))
         return np.concatenate(parts, axis=-1)
 
-    def about(self, ins: Motion) -> About:
+    def about(self, ins: Motion) -> tuple[np.ndarray, np.ndarray]:
         """Return −δr + Ĉ_nb l + φ × Ĉ_nb l and v̂ − δv."""
         selected = self._selected
         rows = np.zeros((*ins.positions.shape[:-1], len(selected), MOVED))
@@ -83,7 +83,7 @@ class Gnss(AidingSensor):
         if self.position:
             rows[..., :3, 6:9] = -cross_matrix(antenna)
         offset = np.concatenate([antenna, ins.velocities], axis=-1)
-        return About(offset[..., selected], rows)
+        return offset[..., selected], rows
 
     @property
     def _selected(self) -> np.ndarray:
