@@ -6,7 +6,7 @@ import functools
 
 from ggbench.block import ProblemBlock
 from ggbench.simulation.error_free_flight import Flight, prepare
-from ggbench.simulation.runs import TruthBlock, simulate_block
+from ggbench.simulation.runs import Truth, simulate_block
 from ggbench.spec import scenario
 
 
@@ -17,6 +17,6 @@ def wide(case: str) -> Flight:
 
 
 @functools.cache
-def lost(case: str, runs: int) -> tuple[ProblemBlock, TruthBlock]:
+def lost(case: str, runs: int) -> tuple[ProblemBlock, Truth]:
     """Its first runs, and their truth."""
     return simulate_block(wide(case), 4, range(runs))

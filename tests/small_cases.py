@@ -15,7 +15,7 @@ from ggbench.gravity.degraded_map import MapDegradation, degrade
 from ggbench.gravity.gradient_map import GradientMap
 from ggbench.maps.recipe import write
 from ggbench.simulation.error_free_flight import Flight, prepare
-from ggbench.simulation.runs import TruthBlock
+from ggbench.simulation.runs import Truth
 from ggbench.spec import scenario
 from ggbench.spec.case import CaseSpec
 from ggbench.spec.sensors import FieldSpec, ModelField, TrueField
@@ -141,7 +141,7 @@ def over_the_normal_field(case: CaseSpec) -> CaseSpec:
     )
 
 
-def residuals_at_the_truth(block: ProblemBlock, truth: TruthBlock) -> tuple[np.ndarray, np.ndarray]:
+def residuals_at_the_truth(block: ProblemBlock, truth: Truth) -> tuple[np.ndarray, np.ndarray]:
     """Sum of the squares (m,) that the truth leaves of each channel, over R; how many there are."""
     squares, count = np.zeros(block.measurements.shape[2]), np.zeros(block.measurements.shape[2])
     for run in range(block.runs):

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..gravity.field import DisturbanceMap, Field
+from ..gravity.field import DisturbanceMap
 from ..ins.strapdown import steady_force
 from ..sensors.aiding import AidingSensor, Barometer, Gravimeter, Motion, VelocityLog
 from ..sensors.aiding_kernels import MOVED, Aiding
@@ -26,6 +26,10 @@ from ..spec.aiding import (
 from ..spec.named_sensors import aiding_of
 from ..spec.sensors import Side, TruthSpec
 from .random_streams import RandomStreams
+from .sensor_suite import SensorSuite
+
+if TYPE_CHECKING:
+    from .error_free_flight import Flight
 
 
 def on_board(side: Side, truth: TruthSpec | None) -> tuple[AidingSensor, ...]:
@@ -138,7 +142,8 @@ class AidingReadings(NamedTuple):
     ----------
     measurements : (R, K, e); whatever ``present`` denies is no reading.
     present : (R, K, e).
-    states : (R, K, b) true biases and errors of lever arms, those that estimators have as states.
+    states : (R, K, n) true biases and errors of lever arms, those that estimators have as states;
+        zero for the other states.
     """
 
     measurements: np.ndarray
@@ -147,56 +152,34 @@ class AidingReadings(NamedTuple):
 
 
 def aiding_readings(
-    true: Sequence[AidingSensor],
-    model: Sequence[AidingSensor],
-    field: Field,
-    times: np.ndarray,
-    read_at: Sequence[np.ndarray],
-    truth: Motion,
-    ins: Motion,
-    turning: np.ndarray,
-    streams: Sequence[RandomStreams],
-    measured: Mapping[str, np.ndarray],
+    flight: Flight, streams: Sequence[RandomStreams], ins: Motion
 ) -> AidingReadings:
-    """Return the readings of the sensors in R runs.
-
-    Parameters
-    ----------
-    true, model : the sensors as they are and as the estimators know them.
-    field : the true one.
-    times : (K,) epochs [s].
-    read_at : indices of the epochs at which each sensor is read.
-    truth : true motion at the epochs (K, .).
-    ins : what the INS of each run indicates (R, K, .).
-    turning : (K, 3) true angular rate about the body's axes [rad/s].
-    streams : the generators of the runs.
-    measured : errors (G,) of the sensors whose readings were measured; NaN where one is missing.
-        Their biases are not known.
-    """
+    """Return the readings of R runs, whose INSs indicate a motion (R, K, .) at the epochs."""
+    true, times, truth = flight.true, flight.times, flight.motion_at_epochs
     runs, epochs = ins.positions.shape[:2]
-    channels = sum(len(sensor.channels) for sensor in true)
-    z, first, states = np.zeros((runs, epochs, channels)), 0, []
+    z = np.zeros((runs, epochs, len(true.aiding_biases)))
     present = np.zeros(z.shape, dtype=bool)
-    for sensor, known, at in zip(true, model, read_at, strict=True):
-        width = len(sensor.channels)
-        some = slice(first, first + width)
-        first += width
-        z[:, at, some] = sensor.exact(_at(truth, at), _at(ins, at), field)
-        wrong, by_arm = np.zeros(3), sensor.by_arm(_at(truth, at), turning[at])
+    states = np.zeros((runs, epochs, flight.model.dimension))
+    for sensor, some, (known, biases, lever), at in zip(
+        true.aiding, true.columns, flight.model.aiding_states, flight.aiding_epochs, strict=True
+    ):
+        now, turning, width = _at(truth, at), flight.turning[at], len(sensor.channels)
+        z[:, at, some] = sensor.exact(now, _at(ins, at), flight.field)
+        wrong, by_arm = np.zeros(3), sensor.by_arm(now, turning)
         if isinstance(sensor, Gnss) and isinstance(known, Gnss):
             wrong = np.array(sensor.lever) - np.array(known.lever)
-            z[:, at, some] += _false(sensor, wrong, times[at], truth.attitudes[at], turning[at])
+            z[:, at, some] += _false(sensor, wrong, times[at], now.attitudes, turning)
         present[:, at, some] = True
-        if sensor.name in measured:
-            errors = measured[sensor.name][:, np.newaxis]
+        if sensor.name in flight.measured_errors:
+            # Their biases are not known.
+            errors = flight.measured_errors[sensor.name][:, np.newaxis]
             z[:, at, some] += np.nan_to_num(errors)
             present[:, at, some] = ~np.isnan(errors)
-            states += [np.zeros((epochs, known.biased))] * runs
             continue
         for r, of_run in enumerate(streams):
             drawn, arm = _lasting(sensor, times, of_run)
-            off = np.tile(wrong + arm, (epochs, 1))
-            states.append(np.hstack([drawn[:, : known.biased], off[:, : known.armed]]))
+            states[r, :, biases] = drawn[:, : known.biased]
+            states[r, :, lever] = (wrong + arm)[: known.armed]
             noise = of_run.of_sensor(sensor.name).standard_normal((len(at), width))
             z[r, at, some] += drawn[at] + by_arm @ arm + np.array(sensor.noise) * noise
             if sensor.faults.outlier_share > 0.0:
@@ -207,31 +190,11 @@ def aiding_readings(
             if sensor.faults.dropout_share > 0.0:
                 lost = sensor.faults.missing(times[at], of_run.of_sensor(sensor.name, "dropouts"))
             present[r, at[lost], some] = False
-    return AidingReadings(z, present, _stacked(states, runs, epochs))
-
-
-class OnBoard(Protocol):
-    """The part of :class:`.sensor_suite.SensorSuite` that is used here."""
-
-    @property
-    def aiding(self) -> tuple[AidingSensor, ...]:
-        """The sensors."""
-
-    @property
-    def aiding_biases(self) -> np.ndarray:
-        """Which state is the bias of each channel (e,); −1 for none."""
-
-    @property
-    def aiding_arms(self) -> np.ndarray:
-        """The first state of the lever arm of each channel (e,); −1 for none."""
-
-    @property
-    def gravity_state(self) -> int:
-        """The first state of the gravity disturbance; −1 for none."""
+    return AidingReadings(z, present, states)
 
 
 def aiding_about(
-    model: OnBoard,
+    model: SensorSuite,
     weighed: DisturbanceMap,
     read_at: Sequence[np.ndarray],
     motion: Motion,
@@ -247,21 +210,17 @@ def aiding_about(
     motion : at the epochs.
     turning : (..., K, 3) angular rates about the body's axes there [rad/s].
     """
-    sensors = model.aiding
-    epochs = motion.positions.shape[:-1]
-    total, first = len(model.aiding_biases), 0
+    epochs, total = motion.positions.shape[:-1], len(model.aiding_biases)
     offset, present = np.zeros((2, *epochs, total))
     rows = np.zeros((*epochs, total, MOVED))
     by_arm = np.zeros((*epochs, total if (model.aiding_arms >= 0).any() else 0, 3))
-    for sensor, at in zip(sensors, read_at, strict=True):
+    for sensor, some, at in zip(model.aiding, model.columns, read_at, strict=True):
         now = _at(motion, at)
-        some = slice(first, first + len(sensor.channels))
         offset[..., at, some], rows[..., at, some, :] = sensor.about(now)
         if sensor.armed:
             by_arm[..., at, some, :] = sensor.by_arm(now, turning[..., at, :])
         present[..., at, some] = 1.0
-        first = some.stop
-    weights = np.concatenate([np.zeros((0, 3)), *(sensor.weights for sensor in sensors)])
+    weights = np.concatenate([np.zeros((0, 3)), *(sensor.weights for sensor in model.aiding)])
     aiding = Aiding(
         rows, model.aiding_biases, model.aiding_arms, by_arm, weights, model.gravity_state,
         motion.positions, present, weighed,
@@ -275,9 +234,3 @@ def _at(motion: Motion, epochs: np.ndarray) -> Motion:
         motion.positions[..., epochs, :], motion.velocities[..., epochs, :],
         motion.attitudes[..., epochs, :, :],
     )  # fmt: skip
-
-
-def _stacked(states: list[np.ndarray], runs: int, epochs: int) -> np.ndarray:
-    """Return the states (R, K, b) of sensors that were drawn sensor by sensor, run by run."""
-    sensors = [np.stack(states[i : i + runs]) for i in range(0, len(states), runs)]
-    return np.concatenate([np.zeros((runs, epochs, 0)), *sensors], axis=-1)

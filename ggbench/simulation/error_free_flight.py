@@ -265,13 +265,12 @@ class Flight:
         """The share of runs (K, m) in which each of the measurements is there."""
         true, times = self.true, self.times
         found = np.zeros((len(times), len(true.channels)))
-        at, first = self.gradient_epochs, true.gradients
-        found[at, :first] = self.faults.expected_share(times[at])[:, np.newaxis]
-        found[at[self.absent], :first] = 0.0
-        for sensor, at in zip(true.aiding, self.aiding_epochs, strict=True):
-            last = first + len(sensor.channels)
-            found[at, first:last] = sensor.faults.expected_share(times[at])[:, np.newaxis]
-            first = last
+        gradients, others = np.split(found, [true.gradients], axis=1)
+        at = self.gradient_epochs
+        gradients[at] = self.faults.expected_share(times[at])[:, np.newaxis]
+        gradients[at[self.absent]] = 0.0
+        for sensor, some, at in zip(true.aiding, true.columns, self.aiding_epochs, strict=True):
+            others[at, some] = sensor.faults.expected_share(times[at])[:, np.newaxis]
         return found
 
 

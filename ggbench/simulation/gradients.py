@@ -30,12 +30,8 @@ class Gradients(NamedTuple):
     biases: np.ndarray
     mounting: np.ndarray
 
-    def of_runs(self, some: slice) -> tuple[np.ndarray, np.ndarray]:
-        """Return output and what is missing of some of the runs."""
-        return self.output[some], self.missing[some]
-
-    def of_part(self, some: slice) -> Gradients:
-        """Return all of some of the runs."""
+    def of_runs(self, some: slice) -> Gradients:
+        """Return the arrays of some of the runs."""
         return Gradients(*(array[some] for array in self))
 
     @classmethod

@@ -54,61 +54,55 @@ class Recording(NamedTuple):
         )
 
 
-class Replays(Sequence["Replay"]):
-    """The replays of a block of runs, each made when it is asked for.
-
-    Parameters
-    ----------
-    model, field, when, gravity : as :func:`.formulation.propagate_errors` and
-        :func:`.formulation.build_problems` take them.
-    recordings : of each group of runs.
-    runs : how many there are.
-    """
-
-    def __init__(
-        self,
-        model: SensorSuite,
-        field: Field,
-        when: MeasurementTimes,
-        gravity: KnownGravity,
-        recordings: Sequence[Recording],
-        runs: int,
-    ) -> None:
-        self._given = model, field, when, gravity
-        self._recordings, self._runs = recordings, runs
-
-    def __len__(self) -> int:
-        return self._runs
-
-    def __getitem__(self, run: Any) -> Any:
-        if not 0 <= run < len(self):
-            raise IndexError(f"there is no run {run} in a block of {len(self)}")
-        group, lane = place(run)
-        return Replay(*self._given, self._recordings[group].of_run(lane))
-
-
+@dataclasses.dataclass(frozen=True, eq=False)
 class Replay:
     """What is needed to navigate a run again, from any epoch on.
 
-    Parameters
+    Attributes
     ----------
-    model, field, when, gravity, recording : of :class:`Replays`, of one run.
+    model, field, when, gravity : as :func:`.formulation.propagate_errors` and
+        :func:`.formulation.build_problems` take them.
+    recording : of the run, as a group of its own.
     """
 
-    def __init__(
-        self,
-        model: SensorSuite,
-        field: Field,
-        when: MeasurementTimes,
-        gravity: KnownGravity,
-        recording: Recording,
-    ) -> None:
-        self.model, self.field, self.when, self.gravity = model, field, when, gravity
-        self.recording = recording
+    model: SensorSuite
+    field: Field
+    when: MeasurementTimes
+    gravity: KnownGravity
+    recording: Recording
 
     def start(self, problem: Problem) -> Loop:
         """Return a closed loop that stands at the start of the flight of a problem."""
         return Loop(self, problem)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Replays(Sequence[Replay]):
+    """The replays of a block of runs, each made when it is asked for.
+
+    Attributes
+    ----------
+    model, field, when, gravity : of each :class:`Replay`.
+    recordings : of each group of runs.
+    runs : how many there are.
+    """
+
+    model: SensorSuite
+    field: Field
+    when: MeasurementTimes
+    gravity: KnownGravity
+    recordings: Sequence[Recording]
+    runs: int
+
+    def __len__(self) -> int:
+        return self.runs
+
+    def __getitem__(self, run: Any) -> Any:
+        if not 0 <= run < self.runs:
+            raise IndexError(f"there is no run {run} in a block of {self.runs}")
+        group, lane = place(run)
+        recording = self.recordings[group].of_run(lane)
+        return Replay(self.model, self.field, self.when, self.gravity, recording)
 
 
 class Loop:
@@ -157,11 +151,9 @@ class Loop:
         model, problem = self._replay.model, self._problem
         z, there = problem.measurements[np.newaxis, epochs], problem.present[np.newaxis, epochs]
         old = Motion(*(array[np.newaxis, epochs] for array in self._open))
-        others, column = z[..., model.gradients :].copy(), 0
-        for sensor in model.aiding:
-            columns = slice(column, column + len(sensor.channels))
+        others = z[..., model.gradients :].copy()
+        for sensor, columns in zip(model.aiding, model.columns, strict=True):
             others[..., columns] = sensor.seen_from(others[..., columns], old, ins)
-            column = columns.stop
         gradients = z[:, when.gradients, : model.gradients]
         missing = np.logical_not(there[:, when.gradients, : model.gradients].all(axis=2))
         return Readings(gradients, missing, others, there[..., model.gradients :])

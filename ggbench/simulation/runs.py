@@ -27,7 +27,7 @@ from ..ins.error_model import (
 )
 from ..ins.known_gravity import KnownGravity
 from ..ins.strapdown import TRACK, navigate_lanes
-from ..numerics.lanes import groups, in_lanes, out_of_lanes, place, together, unfilled
+from ..numerics.lanes import groups, in_lanes, out_of_lanes, together, unfilled
 from ..numerics.rotations import rotation_matrix
 from ..problem import Problem
 from ..sensors.aiding import Motion
@@ -43,34 +43,20 @@ from .replay import Recording, Replays
 
 @dataclass(frozen=True)
 class Truth:
-    """What the runner knows and no estimator may see.
+    """What the runner knows and no estimator may see, of a run or of a block of R runs.
 
     Attributes
     ----------
     times : (K,) measurement epochs [s].
-    error_state : (K, n) true INS error at the epochs, in the state's units.
+    error_state : (K, n) or (R, K, n) true INS errors at the epochs, in the state's units.
     """
 
     times: np.ndarray
     error_state: np.ndarray
 
     def __repr__(self) -> str:
-        epochs, states = self.error_state.shape
+        epochs, states = self.error_state.shape[-2:]
         return f"Truth({epochs} epochs of {states} states)"
-
-
-@dataclass(frozen=True)
-class TruthBlock:
-    """The truth behind a block of runs.
-
-    Attributes
-    ----------
-    times : (K,) measurement epochs [s].
-    error_state : (R, K, n) true INS errors at the epochs, in the state's units.
-    """
-
-    times: np.ndarray
-    error_state: np.ndarray
 
 
 def simulate(flight: Flight, seed: int, run: int) -> tuple[Problem, Truth]:
@@ -85,9 +71,7 @@ def simulate(flight: Flight, seed: int, run: int) -> tuple[Problem, Truth]:
     return block.problem(0), Truth(truth.times, truth.error_state[0])
 
 
-def simulate_block(
-    flight: Flight, seed: int, runs: Sequence[int]
-) -> tuple[ProblemBlock, TruthBlock]:
+def simulate_block(flight: Flight, seed: int, runs: Sequence[int]) -> tuple[ProblemBlock, Truth]:
     """Return the estimation problems of several runs, and the truth that they hide.
 
     A run is the same, bit by bit, in whatever block.
@@ -102,7 +86,7 @@ def simulate_block(
 
 def simulate_flights(
     flights: Sequence[Flight], seed: int, runs: Sequence[int]
-) -> tuple[ProblemBlock, TruthBlock]:
+) -> tuple[ProblemBlock, Truth]:
     """Return what :func:`simulate_block` does, of runs with a flight of one case each.
 
     Raises
@@ -124,45 +108,36 @@ def simulate_flights(
     recordings: list[Recording] = []
     scratch = _Scratch.of(first)
     for some in groups(len(streams)):
-        gravity = first.added_gravity(first.model_field, seen.of_runs(some))
+        gravity = first.added_gravity(first.model_field, seen.of_runs(some)[:2])
         imu_biases[some], recorded = _navigate(flights[some], streams[some], gravity, scratch)
         propagate_errors(model, when, gravity, scratch.track, scratch.increments, ins.of_runs(some))
         if not model.remembers:
             recordings.append(recorded._replace(increments=recorded.increments.copy()))
     finished = []
     for part in parts:
-        flight, of_part = flights[part.start], ins.of_runs(part)
-        of_sensors = seen.of_part(part)
+        flight, of_part, of_sensors = flights[part.start], ins.of_runs(part), seen.of_runs(part)
         read, states = _readings(flight, streams[part], of_sensors, of_part.motion)
+        _add_states(flight, of_part, imu_biases[part], of_sensors, states)
         problems = build_problems(model, flight.model_field, when, of_part, read)
-        if not model.remembers:
-            kept = recordings if len(parts) == 1 else [_recording_of(recordings, part.start)]
-            replays = Replays(
-                model, flight.model_field, when, flight.added_gravity(flight.model_field), kept,
-                part.stop - part.start,
-            )  # fmt: skip
-            problems = dataclasses.replace(problems, replays=replays)
-        truth = _error_states(flight, of_part, imu_biases[part], of_sensors, states)
-        finished.append((problems, truth))
+        finished.append((problems, states))
     blocks, truths = zip(*finished, strict=True)
-    return joined(blocks), TruthBlock(when.times, np.concatenate(truths))
+    block = joined(blocks)
+    if not model.remembers:
+        gravity = first.added_gravity(first.model_field)
+        replays = Replays(model, first.model_field, when, gravity, recordings, len(runs))
+        block = dataclasses.replace(block, replays=replays)
+    return block, Truth(when.times, np.concatenate(truths))
 
 
-def _recording_of(recordings: Sequence[Recording], run: int) -> Recording:
-    group, lane = place(run)
-    return recordings[group].of_run(lane)
-
-
-def _error_states(
+def _add_states(
     flight: Flight,
     ins: InsSolution,
     imu_biases: np.ndarray,
     seen: Gradients,
-    states: np.ndarray,
-) -> np.ndarray:
-    """Return the true error states (R, K, n) of runs of one flight."""
+    error_state: np.ndarray,
+) -> None:
+    """Fill true error states (R, K, n) of runs of one flight, but for those of other sensors."""
     model, truth, epochs = flight.model, flight.trajectory, flight.epochs
-    error_state = np.empty((*ins.states.shape[:2], model.dimension))
     navigation_errors(
         ins.states, truth.positions[epochs], truth.velocities[epochs], truth.attitudes[epochs],
         error_state,
@@ -170,13 +145,10 @@ def _error_states(
     error_state[:, :, GYRO_BIAS.start : STATES] = imu_biases
     if model.disturbance is not None:
         error_state[:, :, STATES : model.disturbed] = flight.unknown_to_a_map - ins.integrated
-    first = model.dimension - states.shape[2]
     if model.mounting >= 0:
         error_state[:, :, model.mounting : model.mounting + 3] = seen.mounting[:, np.newaxis]
-    if model.gradient_bias >= 0:
-        error_state[:, :, model.gradient_bias : first] = seen.biases
-    error_state[:, :, first:] = states
-    return error_state
+    if (bias := model.gradient_bias) >= 0:
+        error_state[:, :, bias : bias + model.gradients] = seen.biases
 
 
 class Record(NamedTuple):
@@ -208,7 +180,7 @@ def record(flight: Flight, seed: int, run: int) -> Record:
     """
     streams = [random_streams(seed, run)]
     seen = gradients(flight, streams)
-    gravity = flight.added_gravity(flight.model_field, seen.of_runs(slice(1)))
+    gravity = flight.added_gravity(flight.model_field, seen[:2])
     scratch = _Scratch.of(flight)
     _, recorded = _navigate([flight], streams, gravity, scratch)
     track = scratch.track
@@ -221,14 +193,8 @@ def record(flight: Flight, seed: int, run: int) -> Record:
 def _readings(
     flight: Flight, streams: Sequence[RandomStreams], seen: Gradients, ins: Motion
 ) -> tuple[Readings, np.ndarray]:
-    """Return what the sensors of R runs deliver, and their true states at all epochs.
-
-    Of the sensors other than the gradiometer those that the model knows.
-    """
-    others = aiding_readings(
-        flight.true.aiding, flight.model.aiding, flight.field, flight.times, flight.aiding_epochs,
-        flight.motion_at_epochs, ins, flight.turning, streams, flight.measured_errors,
-    )  # fmt: skip
+    """Return what the sensors of R runs deliver, and the true states (R, K, n) of the others."""
+    others = aiding_readings(flight, streams, ins)
     return Readings(seen.output, seen.missing, others.measurements, others.present), others.states
 
 

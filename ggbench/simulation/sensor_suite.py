@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -45,12 +46,22 @@ _LAYOUT = (
 )
 
 
+_GRAVITY, _MOUNTING = "gravity disturbance ENU", "gradiometer mounting error"
+_GRADIENT_BIAS = "gradiometer bias"
+
+
 class AidingStates(NamedTuple):
     """States of an aiding sensor: biases, and errors of its lever arm; either may be none."""
 
     sensor: AidingSensor
     biases: slice
     arm: slice
+
+
+def _states_of(sensor: AidingSensor) -> tuple[str, str]:
+    """Return the names of its biases and of its lever arm's errors in a layout."""
+    name = sensor.name.replace("_", " ")
+    return f"{name} bias", f"{name} lever arm error"
 
 
 @dataclass(frozen=True)
@@ -98,9 +109,10 @@ class SensorSuite:
         Feedback would change that track.
         """
         sensor = self.gradiometer
-        if sensor is not None and (sensor.lowpass is not None or sensor.colour is not None):
-            return True
-        return self.integrates or (sensor is not None and sensor.latency > 0.0)
+        return self.integrates or (
+            sensor is not None
+            and (sensor.lowpass is not None or sensor.colour is not None or sensor.latency > 0.0)
+        )
 
     @property
     def gradients(self) -> int:
@@ -115,39 +127,49 @@ class SensorSuite:
         return (*gradients, *(channel for sensor in self.aiding for channel in sensor.channels))
 
     @cached_property
+    def columns(self) -> list[slice]:
+        """The channels of each of the other sensors, counted behind the gradiometer's."""
+        ends = np.cumsum([0, *(len(sensor.channels) for sensor in self.aiding)]).tolist()
+        return [slice(first, last) for first, last in itertools.pairwise(ends)]
+
+    @cached_property
     def layout(self) -> tuple[StateBlock, ...]:
         """The states: the INS's, and gravity, mounting angles, biases and lever arms if unknown."""
         found = list(_LAYOUT)
-        first = self.disturbed
-        if self.disturbance is not None:
-            found.append(StateBlock("gravity disturbance ENU", slice(STATES, first), "m/s²"))
-        if self.mounting >= 0:
-            found.append(StateBlock("gradiometer mounting error", slice(first, first + 3), "rad"))
-            first += 3
-        if self.gradient_bias >= 0:
-            found.append(StateBlock("gradiometer bias", slice(first, first + self.gradients), "E"))
-        for sensor, biases, arm in self._of_aiding:
-            name = sensor.name.replace("_", " ")
-            if sensor.biased:
-                found.append(StateBlock(f"{name} bias", biases, sensor.channels[0].unit))
-            if sensor.armed:
-                found.append(StateBlock(f"{name} lever arm error", arm, "m"))
+
+        def add(name: str, count: int, unit: str) -> None:
+            if count > 0:
+                first = found[-1].slice.stop
+                found.append(StateBlock(name, slice(first, first + count), unit))
+
+        add(_GRAVITY, self.disturbed - STATES, "m/s²")
+        if (gradiometer := self.gradiometer) is not None:
+            add(_MOUNTING, 3 if gradiometer.mounting_sigma > 0.0 else 0, "rad")
+            add(_GRADIENT_BIAS, self.gradients if gradiometer.biased else 0, "E")
+        for sensor in self.aiding:
+            bias, arm = _states_of(sensor)
+            add(bias, sensor.biased, sensor.channels[0].unit)
+            add(arm, sensor.armed, "m")
         return tuple(found)
 
+    def _states(self, name: str) -> slice | None:
+        """Return the states of a block of the layout, None if it has no such block."""
+        return next((block.slice for block in self.layout if block.name == name), None)
+
+    def _first(self, name: str) -> int:
+        """Return the first state of a block of the layout; −1 if it has no such block."""
+        found = self._states(name)
+        return -1 if found is None else int(found.start)
+
     @cached_property
-    def _of_aiding(self) -> list[AidingStates]:
+    def aiding_states(self) -> list[AidingStates]:
         """The states of each of the aiding sensors, behind all others."""
-        found, first = [], self.disturbed
-        if self.mounting >= 0:
-            first += 3
-        if self.gradient_bias >= 0:
-            first += self.gradients
-        for sensor in self.aiding:
-            biases = slice(first, first + sensor.biased)
-            arm = slice(biases.stop, biases.stop + sensor.armed)
-            found.append(AidingStates(sensor, biases, arm))
-            first = arm.stop
-        return found
+        return [
+            AidingStates(
+                sensor, *(self._states(name) or slice(0, 0) for name in _states_of(sensor))
+            )
+            for sensor in self.aiding
+        ]
 
     @property
     def disturbed(self) -> int:
@@ -157,20 +179,17 @@ class SensorSuite:
     @property
     def gravity_state(self) -> int:
         """The first state of the gravity disturbance; −1 if it is none."""
-        return -1 if self.disturbance is None else STATES
+        return self._first(_GRAVITY)
 
     @property
     def mounting(self) -> int:
         """The first of three states that are mounting angles of the gradiometer; −1 for none."""
-        turned = self.gradiometer is not None and self.gradiometer.mounting_sigma > 0.0
-        return self.disturbed if turned else -1
+        return self._first(_MOUNTING)
 
     @property
     def gradient_bias(self) -> int:
         """The first state that is a bias of the gradiometer; −1 without any."""
-        if self.gradiometer is None or not self.gradiometer.biased:
-            return -1
-        return self.disturbed if self.mounting < 0 else self.mounting + 3
+        return self._first(_GRADIENT_BIAS)
 
     @property
     def dimension(self) -> int:
@@ -181,7 +200,7 @@ class SensorSuite:
     def aiding_biases(self) -> np.ndarray:
         """Which state is the bias of each channel behind the gradiometer's (e,); −1 for none."""
         found: list[int] = []
-        for sensor, biases, _ in self._of_aiding:
+        for sensor, biases, _ in self.aiding_states:
             found += range(biases.start, biases.stop)
             found += [-1] * (len(sensor.channels) - sensor.biased)
         return np.array(found, dtype=np.int64)
@@ -190,7 +209,7 @@ class SensorSuite:
     def aiding_arms(self) -> np.ndarray:
         """The first state of the lever arm of each of these channels (e,); −1 for none."""
         found: list[int] = []
-        for sensor, _, arm in self._of_aiding:
+        for sensor, _, arm in self.aiding_states:
             found += [arm.start if sensor.armed else -1] * len(sensor.channels)
         return np.array(found, dtype=np.int64)
 
@@ -266,7 +285,7 @@ class SensorSuite:
             sigma[self.disturbed :] = max(self.gradiometer.bias_eotvos, 1e-2 * walk, 1e-9)
             if self.mounting >= 0:
                 sigma[self.mounting : self.mounting + 3] = self.gradiometer.mounting_sigma
-        for sensor, biases, arm in self._of_aiding:
+        for sensor, biases, arm in self.aiding_states:
             sigma[biases], sigma[arm] = sensor.bias, sensor.arm_sigma
         return np.diag(sigma**2)
 
@@ -406,7 +425,7 @@ class SensorSuite:
             own = np.arange(self.gradient_bias, self.gradient_bias + self.gradients)
             walk = self.gradiometer.drift**2 * np.diff(epochs, prepend=0) * dt
             process_cov[:, :, own, own] = walk[:, np.newaxis]
-        for sensor, biases, _ in self._of_aiding:
+        for sensor, biases, _ in self.aiding_states:
             own, decay = np.arange(biases.start, biases.stop), sensor.decay(epochs * dt)
             transition[:, :, own, own] = decay[:, np.newaxis]
             process_cov[:, :, own, own] = (sensor.bias**2 * (1.0 - decay**2))[:, np.newaxis]

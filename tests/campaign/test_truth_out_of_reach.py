@@ -16,7 +16,7 @@ import numpy as np
 from ggbench.block import BlockEstimator, EstimateBlock
 from ggbench.problem import Estimate, Estimator
 
-TRUE = {"Truth", "TruthBlock", "Flight", "Trajectory"}
+TRUE = {"Truth", "Flight", "Trajectory"}
 
 
 def found(shape):

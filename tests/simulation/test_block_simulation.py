@@ -21,7 +21,7 @@ from ggbench.numerics.lanes import in_lanes, lanes
 from ggbench.problem import Problem
 from ggbench.simulation.error_free_flight import Flight, prepare
 from ggbench.simulation.random_streams import RandomStreams, random_streams
-from ggbench.simulation.runs import TruthBlock, simulate, simulate_block
+from ggbench.simulation.runs import Truth, simulate, simulate_block
 from ggbench.spec import scenario
 
 SEED = 5
@@ -65,7 +65,7 @@ FAULTS: dict[str, dict[str, Any]] = {
 }  # fmt: skip
 
 
-def arrays(block: ProblemBlock, truth: TruthBlock, run: int) -> dict[str, np.ndarray]:
+def arrays(block: ProblemBlock, truth: Truth, run: int) -> dict[str, np.ndarray]:
     """All numbers of one run of a block."""
     problem = block.problem(run)
     return numbers_of(problem) | {"error": truth.error_state[run]}

@@ -13,7 +13,7 @@ from ggbench.errors import GGBenchError
 from ggbench.gravity.ellipsoid import metres_along
 from ggbench.numerics.rotations import rotation_matrix
 from ggbench.sensors.gradiometer.instrument import readings
-from ggbench.simulation.runs import TruthBlock, simulate, simulate_block
+from ggbench.simulation.runs import Truth, simulate, simulate_block
 
 TURNING = {
     "trajectory.vehicle": "ship",  # which does not bank
@@ -174,11 +174,11 @@ def test_residuals_at_the_truth_are_noise_if_the_arm_is_a_state():
     assert (squares > 10.0 * count)[:5].all()
 
 
-def flown(changes: dict[str, object]) -> tuple[ProblemBlock, TruthBlock]:
+def flown(changes: dict[str, object]) -> tuple[ProblemBlock, Truth]:
     return simulate_block(small_flight(WINDING | changes), 5, range(RUNS))
 
 
-def nees(block: ProblemBlock, truth: TruthBlock, states: list[int]) -> np.ndarray:
+def nees(block: ProblemBlock, truth: Truth, states: list[int]) -> np.ndarray:
     """NEES of some states at the end of each run (R,), by the EKF."""
     found = estimator("ekf").estimate_block(block)
     off = (found.mean - truth.error_state[..., : block.dimension])[:, -1][:, states]

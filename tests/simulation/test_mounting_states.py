@@ -13,7 +13,7 @@ from small_cases import GRAVIMETER, ON_BOARD, TINY, rough_map, small_case, small
 from ggbench.block import ProblemBlock
 from ggbench.errors import GGBenchError
 from ggbench.simulation.error_free_flight import Flight
-from ggbench.simulation.runs import TruthBlock, simulate_block
+from ggbench.simulation.runs import Truth, simulate_block
 
 SIGMA = 3.0
 UNKNOWN = {"gradiometer.mounting_sigma_arcmin": SIGMA}
@@ -35,7 +35,7 @@ def flown(rough: str, mount: str, changes: dict[str, object]) -> Flight:
     return small_flight(TURNING | own | UNKNOWN | changes)
 
 
-def worst_residual(block: ProblemBlock, truth: TruthBlock, but: slice = slice(0)) -> float:
+def worst_residual(block: ProblemBlock, truth: Truth, but: slice = slice(0)) -> float:
     """The largest of run 0 at the truth, some states taken as zero."""
     problem, states = block.problem(0), truth.error_state[0].copy()
     states[:, but] = 0.0
@@ -138,7 +138,7 @@ LEFT = {
 """RMS error of the angles at the end, over that of the prior."""
 
 
-def nees(block: ProblemBlock, truth: TruthBlock, states: list[int]) -> np.ndarray:
+def nees(block: ProblemBlock, truth: Truth, states: list[int]) -> np.ndarray:
     """NEES of some states at the end of each run (R,), by the EKF."""
     found = estimator("ekf").estimate_block(block)
     off = (found.mean - truth.error_state[..., : block.dimension])[:, -1][:, states]
