@@ -9,7 +9,6 @@ the runs last, see :mod:`ggbench.numerics.lanes`.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -17,7 +16,9 @@ from ..numerics.kernels import compiled, copied, inlined
 from ..numerics.lanes import unfilled
 from ..numerics.vectors import load, store
 from .known_gravity import COMPONENT
+from .local_level import Vector
 from .noise import Noise
+from .strapdown import keep, three
 from .system_matrix import (
     ATTITUDE,
     BODY,
@@ -53,8 +54,6 @@ comes back is an error of the height, with 1.8e-3 s⁻¹."""
 TIME = ENTRIES
 OVER = ENTRIES + 1
 """Numbers of F over an interval: its entries and, last, the interval itself, of δh' = δv_U."""
-Triple = tuple[Any, Any, Any]
-"""Three numbers of a column, or vectors of them."""
 DISTURBANCE = STATES
 """The first of three states that come after the others where the gravity disturbance is one."""
 _HEIGHT = STATES + 3
@@ -79,7 +78,7 @@ def is_slow(entries: np.ndarray, dt: float, noise: Noise) -> bool:
 
 
 @inlined
-def _position_of(f: np.ndarray, p: Triple, v: Triple, a: Triple) -> Triple:
+def _position_of(f: np.ndarray, p: Vector, v: Vector, a: Vector) -> Vector:
     """Return the position's numbers of Fᵀ y of y = (p, v, a, ...)."""
     latitude = load(f, 0, 0) * p[0] + load(f, 0, 3) * p[1]
     height = load(f, 0, 1) * p[0] + load(f, 0, 4) * p[1] + load(f, 0, DAMPING) * p[2]
@@ -95,7 +94,7 @@ def _position_of(f: np.ndarray, p: Triple, v: Triple, a: Triple) -> Triple:
 
 
 @inlined
-def _velocity_of(f: np.ndarray, p: Triple, v: Triple, a: Triple) -> Triple:
+def _velocity_of(f: np.ndarray, p: Vector, v: Vector, a: Vector) -> Vector:
     """Return the velocity's numbers."""
     return (
         load(f, 0, 5) * p[1]
@@ -109,10 +108,10 @@ def _velocity_of(f: np.ndarray, p: Triple, v: Triple, a: Triple) -> Triple:
 
 
 @inlined
-def _attitude_of(f: np.ndarray, v: Triple, a: Triple) -> Triple:
+def _attitude_of(f: np.ndarray, v: Vector, a: Vector) -> Vector:
     """Return the attitude's numbers."""
-    f_0, f_1, f_2 = load(f, 0, FORCE), load(f, 0, FORCE + 1), load(f, 0, FORCE + 2)
-    w_0, w_1, w_2 = load(f, 0, TURN), load(f, 0, TURN + 1), load(f, 0, TURN + 2)
+    f_0, f_1, f_2 = three(f, 0, FORCE)
+    w_0, w_1, w_2 = three(f, 0, TURN)
     return (
         (f_2 * v[1] - f_1 * v[2]) + (w_1 * a[2] - w_2 * a[1]),
         (f_0 * v[2] - f_2 * v[0]) + (w_2 * a[0] - w_0 * a[2]),
@@ -121,7 +120,7 @@ def _attitude_of(f: np.ndarray, v: Triple, a: Triple) -> Triple:
 
 
 @inlined
-def _in_body(f: np.ndarray, n: Triple) -> Triple:
+def _in_body(f: np.ndarray, n: Vector) -> Vector:
     """Return C_bn n."""
     return (
         entries_dot(f, 0, BODY, 3, n[0], n[1], n[2]),
@@ -130,24 +129,10 @@ def _in_body(f: np.ndarray, n: Triple) -> Triple:
     )
 
 
-@inlined
-def _three(rows: np.ndarray, i: int, j: int) -> Triple:
-    """Return three numbers of a row, from ``j`` on."""
-    return load(rows, i, j), load(rows, i, j + 1), load(rows, i, j + 2)
-
-
-@inlined
-def _keep(rows: np.ndarray, i: int, j: int, numbers: Triple) -> None:
-    """Set three numbers of a row, from ``j`` on."""
-    store(rows, i, j, numbers[0])
-    store(rows, i, j + 1, numbers[1])
-    store(rows, i, j + 2, numbers[2])
-
-
 @copied
 def _transpose_biases(f: np.ndarray, terms: np.ndarray, k: int) -> None:
     """Fill the biases' numbers of term k + 1."""
-    pushed, turned = _in_body(f, _three(terms, k, 3)), _in_body(f, _three(terms, k, 6))
+    pushed, turned = _in_body(f, three(terms, k, 3)), _in_body(f, three(terms, k, 6))
     d_g, d_a = load(f, 0, DECAY), load(f, 0, DECAY + 1)
     for axis in range(3):
         store(terms, k + 1, 9 + axis, d_g * load(terms, k, 9 + axis) - turned[axis])
@@ -162,15 +147,16 @@ def _transpose_disturbance(f: np.ndarray, terms: np.ndarray, k: int) -> None:
     gradients are integrated along the indicated velocity, δg' = −T δv − ω_en × δg + w.
     """
     decay = load(f, 0, DISTANCE)
-    g_0, g_1 = load(terms, k, DISTURBANCE), load(terms, k, DISTURBANCE + 1)
-    g_2 = load(terms, k, DISTURBANCE + 2)
-    w_0, w_1 = load(f, 0, TRANSPORT), load(f, 0, TRANSPORT + 1)
-    w_2 = load(f, 0, TRANSPORT + 2)
+    g_0, g_1, g_2 = three(terms, k, DISTURBANCE)
+    w_0, w_1, w_2 = three(f, 0, TRANSPORT)
     time = load(f, 0, TIME)
     v_0, v_1, v_2 = time * load(terms, k, 3), time * load(terms, k, 4), time * load(terms, k, 5)
-    store(terms, k + 1, DISTURBANCE, decay * g_0 - v_0 + (w_1 * g_2 - w_2 * g_1))
-    store(terms, k + 1, DISTURBANCE + 1, decay * g_1 - v_1 + (w_2 * g_0 - w_0 * g_2))
-    store(terms, k + 1, DISTURBANCE + 2, decay * g_2 - v_2 + (w_0 * g_1 - w_1 * g_0))
+    disturbance = (
+        decay * g_0 - v_0 + (w_1 * g_2 - w_2 * g_1),
+        decay * g_1 - v_1 + (w_2 * g_0 - w_0 * g_2),
+        decay * g_2 - v_2 + (w_0 * g_1 - w_1 * g_0),
+    )
+    keep(terms, k + 1, DISTURBANCE, disturbance)
     for axis in range(3):
         a, b, c = COMPONENT[axis, 0], COMPONENT[axis, 1], COMPONENT[axis, 2]
         pulled = load(f, 0, SENSED + a) * g_0 + load(f, 0, SENSED + b) * g_1
@@ -193,10 +179,10 @@ def _series(f: np.ndarray, columns: np.ndarray, i: int, terms: np.ndarray) -> No
     for j in range(columns.shape[1]):
         store(terms, 0, j, load(columns, i, j))
     for k in range(_LAST):
-        p, v, a = _three(terms, k, 0), _three(terms, k, 3), _three(terms, k, 6)
-        _keep(terms, k + 1, 0, _position_of(f, p, v, a))
-        _keep(terms, k + 1, 3, _velocity_of(f, p, v, a))
-        _keep(terms, k + 1, 6, _attitude_of(f, v, a))
+        p, v, a = three(terms, k, 0), three(terms, k, 3), three(terms, k, 6)
+        keep(terms, k + 1, 0, _position_of(f, p, v, a))
+        keep(terms, k + 1, 3, _velocity_of(f, p, v, a))
+        keep(terms, k + 1, 6, _attitude_of(f, v, a))
         _transpose_biases(f, terms, k)
         if columns.shape[1] > STATES:
             _transpose_disturbance(f, terms, k)
@@ -317,13 +303,13 @@ def forward(f: np.ndarray, columns: np.ndarray, terms: np.ndarray) -> None:
 
 
 @inlined
-def _sum(one: Triple, weight: float, two: Triple) -> Triple:
+def _sum(one: Vector, weight: float, two: Vector) -> Vector:
     """Return one + weight · two."""
     return one[0] + weight * two[0], one[1] + weight * two[1], one[2] + weight * two[2]
 
 
 @inlined
-def _times(roots: np.ndarray, first: int, numbers: Triple) -> Triple:
+def _times(roots: np.ndarray, first: int, numbers: Vector) -> Vector:
     """Return three numbers by three roots, from the ``first`` one on."""
     return (
         roots[first] * numbers[0], roots[first + 1] * numbers[1], roots[first + 2] * numbers[2],
@@ -336,11 +322,11 @@ def _put_sums(
     first: int,
     noise: Noise,
     j: int,
-    terms: tuple[Triple, ...],
+    terms: tuple[Vector, ...],
     factors: np.ndarray,
     row: int,
     i: int,
-) -> Triple:
+) -> Vector:
     """Fill factors with the roots' multiples of a sum of weighted terms, and return the sum."""
     last = len(terms) - 1
     w = weights[last]
@@ -362,7 +348,7 @@ def back_slowly(f: np.ndarray, noise: Noise, columns: np.ndarray, factors: np.nd
     y_ε' = −C_bn y_φ, y_∇' = C_bn y_v.
     """
     for i in range(columns.shape[0]):
-        p_0, v_0, a_0 = _three(columns, i, 0), _three(columns, i, 3), _three(columns, i, 6)
+        p_0, v_0, a_0 = three(columns, i, 0), three(columns, i, 3), three(columns, i, 6)
         p_1, v_1 = _position_of(f, p_0, v_0, a_0), _velocity_of(f, p_0, v_0, a_0)
         a_1 = _attitude_of(f, v_0, a_0)
         p_2, v_2 = _position_of(f, p_1, v_1, a_1), _velocity_of(f, p_1, v_1, a_1)
@@ -376,10 +362,10 @@ def back_slowly(f: np.ndarray, noise: Noise, columns: np.ndarray, factors: np.nd
         mean_a = _put_sums(_MEAN, 0, noise, 6, a, factors, 6, i)
         _put_sums(_SLOPE, 1, noise, 6, a, factors, 9, i)
         _put_sums(_CURVE, 2, noise, 6, a, factors, 12, i)
-        _keep(columns, i, 0, _sum(_sum(_sum(p_0, 1.0, p_1), _END[2], p_2), _END[3], p_3))
-        _keep(columns, i, 3, _sum(_sum(_sum(v_0, 1.0, v_1), _END[2], v_2), _END[3], v_3))
+        keep(columns, i, 0, _sum(_sum(_sum(p_0, 1.0, p_1), _END[2], p_2), _END[3], p_3))
+        keep(columns, i, 3, _sum(_sum(_sum(v_0, 1.0, v_1), _END[2], v_2), _END[3], v_3))
         total = _sum(_sum(_sum(a_0, 1.0, a_1), _END[2], a_2), _END[3], a_3)
-        _keep(columns, i, 6, _sum(total, _END[4], a_4))
-        _keep(columns, i, 9, _sum(_three(columns, i, 9), -1.0, _in_body(f, mean_a)))
-        _keep(columns, i, 12, _sum(_three(columns, i, 12), 1.0, _in_body(f, mean_v)))
+        keep(columns, i, 6, _sum(total, _END[4], a_4))
+        keep(columns, i, 9, _sum(three(columns, i, 9), -1.0, _in_body(f, mean_a)))
+        keep(columns, i, 12, _sum(three(columns, i, 12), 1.0, _in_body(f, mean_v)))
     return 15

@@ -6,9 +6,14 @@ from ..gravity.ellipsoid import ROTATION_RATE, radii_of_sine
 from ..numerics.kernels import inlined
 from ..numerics.rotations import sine_cosine
 
+Vector = tuple[float, float, float]
+"""Three numbers in axes ENU or of the body, or three vectors of the numbers of a group of runs."""
+Place = tuple[float, float, float, float]
+"""What :func:`place_of` returns."""
+
 
 @inlined
-def place_of(latitude: float, height: float) -> tuple[float, float, float, float]:
+def place_of(latitude: float, height: float) -> Place:
     """Return sin L, cos L, R_M + h and R_N + h [m] of a position."""
     sine, cosine = sine_cosine(latitude)
     meridian, prime_vertical = radii_of_sine(sine)
@@ -17,7 +22,7 @@ def place_of(latitude: float, height: float) -> tuple[float, float, float, float
 
 @inlined
 def frame_rates_of(
-    place: tuple[float, float, float, float], v_e: float, v_n: float
+    place: Place, v_e: float, v_n: float
 ) -> tuple[float, float, float, float, float]:
     """Return the earth rate ω_ie (N, U; E is zero), the transport rate ω_en (E, N, U) [rad/s]."""
     sine, cosine, r_m, r_n = place
@@ -26,9 +31,7 @@ def frame_rates_of(
 
 
 @inlined
-def position_rate_of(
-    place: tuple[float, float, float, float], v_e: float, v_n: float
-) -> tuple[float, float]:
+def position_rate_of(place: Place, v_e: float, v_n: float) -> tuple[float, float]:
     """Return L' and λ' [rad/s]."""
     _, cosine, r_m, r_n = place
     return v_n / r_m, v_e / (r_n * cosine)

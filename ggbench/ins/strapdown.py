@@ -31,19 +31,14 @@ from ..numerics.rotations import (
 )
 from ..numerics.vectors import load, store
 from .known_gravity import NORMAL_GRAVITY, KnownGravity, extrapolate, integrate
-from .local_level import frame_rates_of, place_of, position_rate_of
+from .local_level import Place, Vector, frame_rates_of, place_of, position_rate_of
 
 TRACK = 15
 """Numbers of a navigation state: position, velocity and C_nb, row by row."""
 
 
 @inlined
-def velocity_rate_of(
-    place: tuple[float, float, float, float],
-    height: float,
-    v: tuple[float, float, float],
-    f: tuple[float, float, float],
-) -> tuple[float, float, float]:
+def velocity_rate_of(place: Place, height: float, v: Vector, f: Vector) -> Vector:
     """Return v' [m/s²] for a specific force in n axes: f^n − (2ω_ie + ω_en) × v + (0, 0, −γ)."""
     ie_n, ie_u, x, en_n, en_u = frame_rates_of(place, v[0], v[1])
     y, z = 2.0 * ie_n + en_n, 2.0 * ie_u + en_u
@@ -56,12 +51,7 @@ def velocity_rate_of(
 
 
 @inlined
-def advance_position_of(
-    position: tuple[float, float, float],
-    v: tuple[float, float, float],
-    next_v: tuple[float, float, float],
-    dt: float,
-) -> tuple[float, float, float]:
+def advance_position_of(position: Vector, v: Vector, next_v: Vector, dt: float) -> Vector:
     """Return the position after a step with the mean of the two velocities (midpoint rule)."""
     v_e, v_n, v_u = 0.5 * (v[0] + next_v[0]), 0.5 * (v[1] + next_v[1]), 0.5 * (v[2] + next_v[2])
     north, _ = position_rate_of(place_of(position[0], position[2]), v_e, v_n)
@@ -71,9 +61,7 @@ def advance_position_of(
 
 
 @inlined
-def frame_turn(
-    place: tuple[float, float, float, float], v: tuple[float, float, float], time: float
-) -> Matrix:
+def frame_turn(place: Place, v: Vector, time: float) -> Matrix:
     """Return the rotation by which n turns back against inertial space in a time [s]."""
     ie_n, ie_u, en_e, en_n, en_u = frame_rates_of(place, v[0], v[1])
     return small_turn(-time * en_e, -time * (ie_n + en_n), -time * (ie_u + en_u))
@@ -81,14 +69,14 @@ def frame_turn(
 
 @inlined
 def step(
-    position: tuple[float, float, float],
-    v: tuple[float, float, float],
+    position: Vector,
+    v: Vector,
     c_nb: Matrix,
-    angle: tuple[float, float, float],
-    dv: tuple[float, float, float],
-    disturbance: tuple[float, float, float],
+    angle: Vector,
+    dv: Vector,
+    disturbance: Vector,
     dt: float,
-) -> tuple[tuple[float, float, float], tuple[float, float, float], Matrix]:
+) -> tuple[Vector, Vector, Matrix]:
     """Return the navigation state (position, velocity, C_nb) after an IMU interval.
 
     Of numbers, or of vectors of a group of runs.
@@ -171,7 +159,7 @@ def advance_position(
 
 
 @inlined
-def _numbers(vector: np.ndarray) -> tuple[float, float, float]:
+def _numbers(vector: np.ndarray) -> Vector:
     """Return the numbers of a vector (3,)."""
     return vector[0], vector[1], vector[2]
 
@@ -302,13 +290,13 @@ def _look_up(
 
 
 @inlined
-def _three(rows: np.ndarray, n: int, i: int) -> tuple[float, float, float]:
+def three(rows: np.ndarray, n: int, i: int) -> Vector:
     """Return three numbers of a row, from ``i`` on."""
     return load(rows, n, i), load(rows, n, i + 1), load(rows, n, i + 2)
 
 
 @inlined
-def _keep(rows: np.ndarray, n: int, i: int, numbers: tuple[float, float, float]) -> None:
+def keep(rows: np.ndarray, n: int, i: int, numbers: Vector) -> None:
     """Set three numbers of a row, from ``i`` on."""
     store(rows, n, i, numbers[0])
     store(rows, n, i + 1, numbers[1])
@@ -324,19 +312,19 @@ def _step_lanes(
     With row ``n`` of the increments (., 6, LANES), and one disturbance (1, 3, LANES).
     """
     position, velocity, c_nb = step(
-        _three(track, n, 0),
-        _three(track, n, 3),
-        (*_three(track, n, 6), *_three(track, n, 9), *_three(track, n, 12)),
-        _three(increments, n, 0),
-        _three(increments, n, 3),
-        _three(disturbance, 0, 0),
+        three(track, n, 0),
+        three(track, n, 3),
+        (*three(track, n, 6), *three(track, n, 9), *three(track, n, 12)),
+        three(increments, n, 0),
+        three(increments, n, 3),
+        three(disturbance, 0, 0),
         dt,
     )
-    _keep(track, n + 1, 0, position)
-    _keep(track, n + 1, 3, velocity)
-    _keep(track, n + 1, 6, c_nb[:3])
-    _keep(track, n + 1, 9, c_nb[3:6])
-    _keep(track, n + 1, 12, c_nb[6:])
+    keep(track, n + 1, 0, position)
+    keep(track, n + 1, 3, velocity)
+    keep(track, n + 1, 6, c_nb[:3])
+    keep(track, n + 1, 9, c_nb[3:6])
+    keep(track, n + 1, 12, c_nb[6:])
 
 
 @compiled

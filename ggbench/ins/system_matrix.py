@@ -15,7 +15,8 @@ from ..gravity.spline import vector_at
 from ..numerics.kernels import compiled, copied, inlined
 from ..numerics.vectors import load, store
 from .known_gravity import KnownGravity
-from .local_level import frame_rates_of, place_of
+from .local_level import Vector, frame_rates_of, place_of
+from .strapdown import keep, three
 
 STATES = 15
 NAVIGATION_STATES = 9
@@ -85,8 +86,8 @@ def entries_dot(f: np.ndarray, n: int, j: int, stride: int, x: float, y: float, 
 def _fill(
     latitude: float,
     height: float,
-    v: tuple[float, float, float],
-    f: tuple[float, float, float],
+    v: Vector,
+    f: Vector,
     out: np.ndarray,
     m: int,
 ) -> None:
@@ -112,12 +113,9 @@ def _fill(
     en_u_l = v[0] * secant * secant * c_n + en_u_h * d_n
     en_n_e, en_u_e, en_e_n = c_n, tangent * c_n, -c_m
     # Position.
-    store(out, m, 0, -en_e_l)
-    store(out, m, 1, -en_e_h)
-    store(out, m, 2, c_m)
-    store(out, m, 3, v[0] * secant * c_n * (tangent - d_n * c_n))
-    store(out, m, 4, en_n_h * secant)
-    store(out, m, 5, secant * c_n)
+    keep(out, m, 0, (-en_e_l, -en_e_h, c_m))
+    longitude = v[0] * secant * c_n * (tangent - d_n * c_n), en_n_h * secant, secant * c_n
+    keep(out, m, 3, longitude)
     # Velocity: −(∂(2ω_ie + ω_en) × v) − (2ω_ie + ω_en) × ∂v + ∂g.
     x_l, y_l, z_l = en_e_l, en_n_l - 2.0 * ie_u, en_u_l + 2.0 * ie_n
     x, y, z = en_e, en_n + 2.0 * ie_n, en_u + 2.0 * ie_u
@@ -136,21 +134,12 @@ def _fill(
     store(out, m, VELOCITY + 12, en_n_e * v[0] + y)
     store(out, m, VELOCITY + 13, -en_e_n * v[1] - x)
     store(out, m, VELOCITY + 14, 0.0)
-    for axis in range(3):
-        store(out, m, FORCE + axis, f[axis])
+    keep(out, m, FORCE, f)
     # Attitude: ∂ω_in − ω_in × φ.
-    store(out, m, ATTITUDE, en_e_l)
-    store(out, m, ATTITUDE + 1, en_e_h)
-    store(out, m, ATTITUDE + 2, en_e_n)
-    store(out, m, ATTITUDE + 3, en_n_l - ie_u)
-    store(out, m, ATTITUDE + 4, en_n_h)
-    store(out, m, ATTITUDE + 5, en_n_e)
-    store(out, m, ATTITUDE + 6, en_u_l + ie_n)
-    store(out, m, ATTITUDE + 7, en_u_h)
-    store(out, m, ATTITUDE + 8, en_u_e)
-    store(out, m, TURN, en_e)
-    store(out, m, TURN + 1, ie_n + en_n)
-    store(out, m, TURN + 2, ie_u + en_u)
+    keep(out, m, ATTITUDE, (en_e_l, en_e_h, en_e_n))
+    keep(out, m, ATTITUDE + 3, (en_n_l - ie_u, en_n_h, en_n_e))
+    keep(out, m, ATTITUDE + 6, (en_u_l + ie_n, en_u_h, en_u_e))
+    keep(out, m, TURN, (en_e, ie_n + en_n, ie_u + en_u))
 
 
 @inlined
@@ -190,8 +179,8 @@ def entries_between(
     rate = 1.0 / dt
     for n in range(first, last):
         m = n - first
-        a_0, a_1 = rate * load(increments, n, 3), rate * load(increments, n, 4)
-        a_2 = rate * load(increments, n, 5)
+        a_0, a_1, a_2 = three(increments, n, 3)
+        a_0, a_1, a_2 = rate * a_0, rate * a_1, rate * a_2
         for i in range(9):
             store(out, m, BODY + i, _middle(track, n, 6 + i))
         force = (
@@ -221,9 +210,7 @@ def entries_between(
                 store(out, m, SENSED + i, load(gravity.readings.held, known, i))
             place = place_of(_middle(track, n, 0), _middle(track, n, 2))
             _, _, en_e, en_n, en_u = frame_rates_of(place, velocity[0], velocity[1])
-            store(out, m, TRANSPORT, en_e)
-            store(out, m, TRANSPORT + 1, en_n)
-            store(out, m, TRANSPORT + 2, en_u)
+            keep(out, m, TRANSPORT, (en_e, en_n, en_u))
         else:
             store(out, m, DRIVEN, math.sqrt(-constant[DISTANCE] * speed))
             for i in range(SENSED, ENTRIES):
