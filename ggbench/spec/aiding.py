@@ -12,9 +12,8 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from . import quantities as q
-from .tables import Listed, Section, changes
+from .tables import Listed, Section, Three, changes
 
-LeverArm = Annotated[Listed[q.LeverArm], Field(min_length=3, max_length=3)]
 Interval = Annotated[Listed[q.Moment], Field(min_length=2, max_length=2)]
 
 _HOW_OUTLIERS_COME = ("outlier_share", "outlier_burst_s", "outlier_channels")
@@ -75,7 +74,7 @@ class GnssSpec(PeriodicSpec):
     """
     position_bias_time_s: q.TimeConstant | None = None
     """Correlation time of this error (first-order Gauss–Markov). Without it: a constant."""
-    lever_arm_m: LeverArm = (0.0, 0.0, 0.0)
+    lever_arm_m: Three[q.LeverArm] = (0.0, 0.0, 0.0)
     """Right, forward, up: from the INS to the antenna. Estimators correct for the one they know."""
     lever_arm_sigma_m: q.LeverArmSigma = 0.0
     """Standard deviation of the error of each part of `lever_arm_m`, drawn once per run.
@@ -96,11 +95,9 @@ class GnssSpec(PeriodicSpec):
         return self
 
 
-@changes(GnssSpec, but=("kind", "period_s"))
+@changes(GnssSpec, but=("period_s",))
 class GnssChange(Section):
     """``[model.gnss]``: the GNSS receiver that the estimators assume."""
-
-    kind: Literal["gnss"] = "gnss"
 
 
 class TrueGnss(GnssChange, Interruptions):
@@ -110,13 +107,11 @@ class TrueGnss(GnssChange, Interruptions):
     """Standard deviation of what an outlier adds to each axis of a position."""
     outlier_mps: q.Outlier = 0.0
     """Standard deviation of what an outlier adds to each axis of a velocity."""
-    ramp_mps: Annotated[Listed[q.VelocityComponent], Field(min_length=3, max_length=3)] = (
-        0.0, 0.0, 0.0,
-    )  # fmt: skip
+    ramp_mps: Three[q.VelocityComponent] = (0.0, 0.0, 0.0)
     """East, north, up: by which an error of the positions grows from `ramp_from_s` on."""
     ramp_from_s: q.Moment = 0.0
     """When the ramp begins."""
-    jump_m: Annotated[Listed[q.PositionJump], Field(min_length=3, max_length=3)] = (0.0, 0.0, 0.0)
+    jump_m: Three[q.PositionJump] = (0.0, 0.0, 0.0)
     """East, north, up: added to the positions from `jump_from_s` on."""
     jump_from_s: q.Moment = 0.0
     """First time at which positions have the jump."""
@@ -158,11 +153,9 @@ class LogSpec(PeriodicSpec):
         return self
 
 
-@changes(LogSpec, but=("kind", "period_s", "frame", "components"))
+@changes(LogSpec, but=("period_s", "frame", "components"))
 class LogChange(Section):
     """``[model.velocity_log]``: the log that the estimators assume."""
-
-    kind: Literal["velocity_log"] = "velocity_log"
 
 
 class TrueLog(LogChange, Interruptions):
@@ -184,11 +177,9 @@ class BarometerSpec(PeriodicSpec):
     """Correlation time of the bias (first-order Gauss–Markov). Without it: a constant."""
 
 
-@changes(BarometerSpec, but=("kind", "period_s"))
+@changes(BarometerSpec, but=("period_s",))
 class BarometerChange(Section):
     """``[model.barometer]``: the barometer that the estimators assume."""
-
-    kind: Literal["barometer"] = "barometer"
 
 
 class TrueBarometer(BarometerChange, Interruptions):
@@ -226,11 +217,9 @@ class GravimeterSpec(PeriodicSpec):
         return self
 
 
-@changes(GravimeterSpec, but=("kind", "period_s", "components", "readings"))
+@changes(GravimeterSpec, but=("period_s", "components", "readings"))
 class GravimeterChange(Section):
     """``[model.gravimeter]``: the gravimeter that the estimators assume."""
-
-    kind: Literal["gravimeter"] = "gravimeter"
 
 
 class TrueGravimeter(GravimeterChange, Interruptions):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from . import quantities as q
@@ -64,6 +65,20 @@ class AxisSpec(Section):
             change = {part: change}
         return dict(change)
 
+    @property
+    def title(self) -> str:
+        """Label and unit, as they stand on an axis."""
+        return f"{self.label} [{self.unit}]" if self.unit else self.label
+
+    def at(self, index: int) -> str:
+        """Return a coordinate with its unit, ``0.01 E``."""
+        return f"{number(self.values[index])} {self.unit}".rstrip()
+
+    def coordinates(self) -> np.ndarray:
+        """Return the values (n,) as they are spaced on the axis: log10 of a logarithmic one's."""
+        values = np.array(self.values, dtype=float)
+        return np.log10(values) if self.scale == "log" else values
+
     def changed_keys(self) -> set[str]:
         """Return the dotted keys that the axis changes."""
         return {key for i in range(len(self.values)) for key in _dotted(self.change(i))}
@@ -87,6 +102,15 @@ class SweepSpec(Section):
                 if f"{key}.".startswith(f"{other_key}.") or f"{other_key}.".startswith(f"{key}."):
                     raise ValueError(f"axes '{one.name}' and '{other.name}' both change {key}")
         return self
+
+
+def number(value: float) -> str:
+    """Return a number as case names and tables write it: short, exact, ``0.0001``, ``3e-6``."""
+    short = f"{value:g}"
+    if float(short) != value:
+        short = repr(value)
+    mantissa, e, exponent = short.partition("e")
+    return f"{mantissa}e{int(exponent)}" if e else short
 
 
 def _dotted(table: dict[str, Any]) -> list[str]:

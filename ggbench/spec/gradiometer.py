@@ -13,9 +13,9 @@ from pydantic import Field, model_validator
 
 from ..sensors.gradiometer.rotating import RotatingGradiometer, RotatingGradiometerError
 from . import quantities as q
-from .aiding import Interruptions, LeverArm, PeriodicSpec
+from .aiding import Interruptions, PeriodicSpec
 from .presets import NOISES, PublishedGradiometer, expanded
-from .tables import Listed, Section, changes
+from .tables import Listed, Section, Three, changes
 
 Component = Literal["xx", "xy", "xz", "yy", "yz", "zz", "xx-yy", "yy-zz", "zz-xx"]
 
@@ -209,13 +209,9 @@ class TrueGradiometer(GradiometerChange, Interruptions):
     """Random walk of each channel's scale factor, from the value that was drawn."""
     misalignment_arcmin: q.Arcmin = 0.0
     """Standard deviation, drawn once per run and axis: of the mount, which turns the tensor."""
-    mounting_error_arcmin: Annotated[Listed[q.MountingError], Field(min_length=3, max_length=3)] = (
-        0.0,
-        0.0,
-        0.0,
-    )
+    mounting_error_arcmin: Three[q.MountingError] = (0.0, 0.0, 0.0)
     """Fixed angles about x, y, z of the mount by which it is not mounted as estimators believe."""
-    lever_arm_error_m: LeverArm = (0.0, 0.0, 0.0)
+    lever_arm_error_m: Three[q.LeverArm] = (0.0, 0.0, 0.0)
     """Right, forward, up: from where estimators believe the instrument to where it is.
 
     A lever arm that is known has no effect: the map is read where the instrument is.

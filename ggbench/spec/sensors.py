@@ -17,7 +17,7 @@ from . import quantities as q
 from .gradiometer import GradiometerChange, GradiometerSpec, TrueGradiometer
 from .named_sensors import NamedSensors
 from .presets import NOISES, Grade, expanded, replaced
-from .tables import Listed, Section, changes
+from .tables import Section, Three, changes
 
 FEWEST_STEPS = 10.0
 """Fewest IMU periods in a time constant: in fewer, discrete steps are no longer the process."""
@@ -188,9 +188,7 @@ class TrueField(FieldChange):
 
     gravity_disturbance: bool | None = None
     """Whether the true accelerometers feel the gravity disturbance."""
-    constant_disturbance_mgal: Annotated[
-        Listed[q.Disturbance], Field(min_length=3, max_length=3)
-    ] = (0.0, 0.0, 0.0)
+    constant_disturbance_mgal: Three[q.Disturbance] = (0.0, 0.0, 0.0)
     """East, north, up: felt in addition to the map's; needs `gravity_disturbance = true`."""
 
 

@@ -14,40 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from .axes import SweepSpec
+from .axes import AxisSpec, SweepSpec, number
 
-
-@dataclass(frozen=True)
-class Axis:
-    """One axis of the grid.
-
-    Attributes
-    ----------
-    name, label : short name; what a figure writes, without the unit.
-    unit : of the values; may be empty.
-    scale : "linear" or "log".
-    values : (n,) coordinates, strictly increasing [unit].
-    """
-
-    name: str
-    label: str
-    unit: str
-    scale: str
-    values: tuple[float, ...]
-
-    @property
-    def title(self) -> str:
-        """Label and unit, as they stand on an axis."""
-        return f"{self.label} [{self.unit}]" if self.unit else self.label
-
-    def at(self, index: int) -> str:
-        """Return a coordinate with its unit, ``0.01 E``."""
-        return f"{number(self.values[index])} {self.unit}".rstrip()
-
-    def coordinates(self) -> np.ndarray:
-        """Return the values (n,) as they are spaced on the axis: log10 of a logarithmic one's."""
-        values = np.array(self.values, dtype=float)
-        return np.log10(values) if self.scale == "log" else values
+Axis = AxisSpec
+"""An axis of the grid is its table."""
 
 
 @dataclass(frozen=True)
@@ -86,37 +56,25 @@ class Cell:
     changes: tuple[dict[str, Any], ...]
 
 
-def number(value: float) -> str:
-    """Return a number as case names and tables write it: short, exact, ``0.0001``, ``3e-6``."""
-    short = f"{value:g}"
-    if float(short) != value:
-        short = repr(value)
-    mantissa, e, exponent = short.partition("e")
-    return f"{mantissa}e{int(exponent)}" if e else short
-
-
 def lay_out(spec: SweepSpec, bases: Mapping[str, str]) -> tuple[Sweep, list[Cell]]:
     """Return the grid of a ``[sweep]`` table and its points, case by case, the last axis fastest.
 
     ``bases`` is name to title of the cases to vary; without any, the base of the file is varied.
     A point is named after its coordinates, and after its case if there are several.
     """
-    axes = tuple(
-        Axis(axis.name, axis.label, axis.unit, axis.scale, axis.values) for axis in spec.axis
-    )
     bases = bases or {"": ""}
     points, cells = {}, []
     for base, base_title in bases.items():
-        for indices in itertools.product(*(range(len(axis.values)) for axis in axes)):
-            places = list(zip(axes, indices, strict=True))
+        for indices in itertools.product(*(range(len(axis.values)) for axis in spec.axis)):
+            places = list(zip(spec.axis, indices, strict=True))
             name = "_".join(f"{axis.name}-{number(axis.values[i])}" for axis, i in places)
             title = ", ".join(f"{axis.name} {axis.at(i)}" for axis, i in places)
             if len(bases) > 1:
                 name, title = f"{base}_{name}", f"{base_title}: {title}"
-            changes = tuple(axis.change(i) for axis, i in zip(spec.axis, indices, strict=True))
+            changes = tuple(axis.change(i) for axis, i in places)
             points[name] = Point(base, indices)
             cells.append(Cell(base, name, title, changes))
-    return Sweep(axes, spec.targets_m, bases, points), cells
+    return Sweep(spec.axis, spec.targets_m, bases, points), cells
 
 
 def largest_within(axis: Axis, errors: np.ndarray, target: float) -> float:

@@ -21,6 +21,8 @@ S = TypeVar("S", bound="Section")
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Listed = Annotated[tuple[T, ...], Field(strict=False)]
 """A list of a file, kept as a tuple."""
+Three = Annotated[tuple[T, ...], Field(strict=False, min_length=3, max_length=3)]
+"""A list of three."""
 
 
 class Section(BaseModel):
@@ -49,7 +51,8 @@ class Section(BaseModel):
 def changes(spec: type[Section], but: Sequence[str] = ()) -> Callable[[type[S]], type[S]]:
     """Return a decorator that gives a table the keys of another one, all of them optional.
 
-    Types, limits and descriptions are those of the other table; the default of each key is None.
+    Types, limits and descriptions are those of the other table; the default of each key is None,
+    but of ``kind``, which cannot be changed.
 
     Parameters
     ----------
@@ -60,7 +63,9 @@ def changes(spec: type[Section], but: Sequence[str] = ()) -> Callable[[type[S]],
     """
     hints = get_type_hints(spec, include_extras=True)
     fields: dict[str, Any] = {
-        key: (hints[key] | None, Field(default=None, description=field.description))
+        key: (hints[key], field)
+        if key == "kind"
+        else (hints[key] | None, Field(default=None, description=field.description))
         for key, field in spec.model_fields.items()
         if key not in but
     }

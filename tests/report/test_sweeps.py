@@ -11,8 +11,8 @@ from ggbench.judging.summary import FIGURES
 from ggbench.report import sweeps
 from ggbench.spec.sweep import Axis, Point, Sweep
 
-NOISE = Axis("noise", "noise", "E", "log", (0.01, 0.1, 1.0))
-RATE = Axis("rate", "rate", "Hz", "log", (0.1, 1.0, 10.0))
+NOISE = Axis(name="noise", label="noise", unit="E", scale="log", values=(0.01, 0.1, 1.0), key="k")
+RATE = Axis(name="rate", label="rate", unit="Hz", scale="log", values=(0.1, 1.0, 10.0), key="k")
 
 
 def grid(*axes: Axis, bases: tuple[str, ...] = ("",), targets: tuple[float, ...] = ()):
@@ -50,7 +50,14 @@ def test_a_target_is_reached_where_a_power_law_reaches_it():
     ]  # fmt: skip
 
 
-HEADING = Axis("heading", "heading", "°", "linear", (0.0, 45.0, 90.0, 135.0))
+HEADING = Axis(
+    name="heading",
+    label="heading",
+    unit="°",
+    scale="linear",
+    values=(0.0, 45.0, 90.0, 135.0),
+    key="k",
+)
 
 
 @pytest.mark.parametrize(

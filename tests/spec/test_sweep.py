@@ -201,8 +201,8 @@ def test_what_cases_share_is_made_once_and_changes_nothing(tmp_path):
             assert np.array_equal(value, vars(shared.trajectory)[name])
 
 
-DECADES = Axis("noise", "noise", "E", "log", (0.01, 0.1, 1.0))
-STEPS = Axis("age", "age", "h", "linear", (0.0, 1.0, 3.0))
+DECADES = Axis(name="noise", label="noise", unit="E", scale="log", values=(0.01, 0.1, 1.0), key="k")
+STEPS = Axis(name="age", label="age", unit="h", scale="linear", values=(0.0, 1.0, 3.0), key="k")
 
 
 @pytest.mark.parametrize(
