@@ -13,7 +13,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import ClassVar, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
@@ -52,6 +52,26 @@ class Motion(NamedTuple):
     def of(cls, track: _Track) -> Motion:
         """Return that of a track, indicated or true."""
         return cls(track.positions, track.velocities, track.attitudes)
+
+    @classmethod
+    def of_states(cls, states: np.ndarray) -> Motion:
+        """Return the motion of navigation states (..., 15): the inverse of :attr:`states`."""
+        c_nb = states[..., 6:].reshape(*states.shape[:-1], 3, 3)
+        return cls(states[..., :3], states[..., 3:6], c_nb)
+
+    @property
+    def states(self) -> np.ndarray:
+        """Position, velocity and C_nb, row by row (..., 15)."""
+        c_nb = self.attitudes.reshape(*self.positions.shape[:-1], 9)
+        return np.concatenate([self.positions, self.velocities, c_nb], axis=-1)
+
+    def at(self, epochs: Any) -> Motion:
+        """Return that of some of the epochs K."""
+        return Motion(
+            self.positions[..., epochs, :],
+            self.velocities[..., epochs, :],
+            self.attitudes[..., epochs, :, :],
+        )
 
 
 @dataclass(frozen=True)

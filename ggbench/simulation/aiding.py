@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -135,26 +135,16 @@ def _faults(changes: Interruptions | None, *outliers: float) -> Faults:
     )
 
 
-class AidingReadings(NamedTuple):
-    """What the other sensors deliver in R runs.
-
-    Attributes
-    ----------
-    measurements : (R, K, e); whatever ``present`` denies is no reading.
-    present : (R, K, e).
-    states : (R, K, n) true biases and errors of lever arms, those that estimators have as states;
-        zero for the other states.
-    """
-
-    measurements: np.ndarray
-    present: np.ndarray
-    states: np.ndarray
-
-
 def aiding_readings(
     flight: Flight, streams: Sequence[RandomStreams], ins: Motion
-) -> AidingReadings:
-    """Return the readings of R runs, whose INSs indicate a motion (R, K, .) at the epochs."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the readings of R runs, whose INSs indicate a motion (R, K, .) at the epochs.
+
+    Returns
+    -------
+    measurements (R, K, e), of which some are no readings; which are (R, K, e); true states
+    (R, K, n): biases and errors of lever arms that estimators have as states, and zeros.
+    """
     true, times, truth = flight.true, flight.times, flight.motion_at_epochs
     runs, epochs = ins.positions.shape[:2]
     z = np.zeros((runs, epochs, len(true.aiding_biases)))
@@ -163,8 +153,8 @@ def aiding_readings(
     for sensor, some, (known, biases, lever), at in zip(
         true.aiding, true.columns, flight.model.aiding_states, flight.aiding_epochs, strict=True
     ):
-        now, turning, width = _at(truth, at), flight.turning[at], len(sensor.channels)
-        z[:, at, some] = sensor.exact(now, _at(ins, at), flight.field)
+        now, turning, width = truth.at(at), flight.turning[at], len(sensor.channels)
+        z[:, at, some] = sensor.exact(now, ins.at(at), flight.field)
         wrong, by_arm = np.zeros(3), sensor.by_arm(now, turning)
         if isinstance(sensor, Gnss) and isinstance(known, Gnss):
             wrong = np.array(sensor.lever) - np.array(known.lever)
@@ -190,7 +180,7 @@ def aiding_readings(
             if sensor.faults.dropout_share > 0.0:
                 lost = sensor.faults.missing(times[at], of_run.of_sensor(sensor.name, "dropouts"))
             present[r, at[lost], some] = False
-    return AidingReadings(z, present, states)
+    return z, present, states
 
 
 def aiding_about(
@@ -215,7 +205,7 @@ def aiding_about(
     rows = np.zeros((*epochs, total, MOVED))
     by_arm = np.zeros((*epochs, total if (model.aiding_arms >= 0).any() else 0, 3))
     for sensor, some, at in zip(model.aiding, model.columns, read_at, strict=True):
-        now = _at(motion, at)
+        now = motion.at(at)
         offset[..., at, some], rows[..., at, some, :] = sensor.about(now)
         if sensor.armed:
             by_arm[..., at, some, :] = sensor.by_arm(now, turning[..., at, :])
@@ -226,11 +216,3 @@ def aiding_about(
         motion.positions, present, weighed,
     )  # fmt: skip
     return aiding, offset
-
-
-def _at(motion: Motion, epochs: np.ndarray) -> Motion:
-    """Return a motion (..., K, .) at some of the epochs."""
-    return Motion(
-        motion.positions[..., epochs, :], motion.velocities[..., epochs, :],
-        motion.attitudes[..., epochs, :, :],
-    )  # fmt: skip

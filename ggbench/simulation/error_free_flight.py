@@ -106,8 +106,7 @@ class Flight:
     @property
     def motion_at_epochs(self) -> Motion:
         """Where the truth is at the epochs, and how it moves."""
-        truth, at = self.trajectory, self.epochs
-        return Motion(truth.positions[at], truth.velocities[at], truth.attitudes[at])
+        return Motion.of(self.trajectory).at(self.epochs)
 
     @cached_property
     def true(self) -> SensorSuite:
@@ -190,11 +189,9 @@ class Flight:
             truth.positions[0], truth.velocities[0], truth.attitudes[0], self.delta_angles,
             self.delta_velocities, truth.dt, heights, gains, gravity,
         )  # fmt: skip
-        position, velocity, attitude = (array[self.epochs] for array in found)
-        at = self.motion_at_epochs
-        states = np.hstack([position, velocity, attitude.reshape(-1, 9)])
+        at, states = self.motion_at_epochs, Motion(*found).at(self.epochs).states
         errors = np.empty((1, len(states), 9))
-        navigation_errors(states[np.newaxis], at.positions, at.velocities, at.attitudes, errors)
+        navigation_errors(states[np.newaxis], *at, errors)
         errors[0, :, 6:] = np.einsum("kji,kj->ki", at.attitudes, errors[0, :, 6:])
         added = np.zeros((len(states), 3))
         if self.model.integrates:

@@ -16,7 +16,7 @@ from ..block import ProblemBlock
 from ..errors import GGBenchError
 from ..gravity.coloured_noise import Whitening
 from ..gravity.field import Field
-from ..ins.error_model import POSITION, STATES, VELOCITY
+from ..ins.error_model import STATES
 from ..ins.known_gravity import NORMAL_GRAVITY, KnownGravity, of_map, of_readings
 from ..ins.strapdown import TRACK
 from ..numerics.lanes import in_lanes, out_of_lanes
@@ -111,20 +111,11 @@ class InsSolution(NamedTuple):
     @property
     def motion(self) -> Motion:
         """What the INS indicates at the epochs (R, K, .)."""
-        return motion_of(self.states)
+        return Motion.of_states(self.states)
 
     def taken(self, delays: np.ndarray) -> Taken:
         """Return what the INS indicates when readings with delays (K,) are taken."""
         return Taken(delays, self.delayed_positions, self.delayed_attitudes, self.rows)
-
-
-def motion_of(states: np.ndarray) -> Motion:
-    """Return the motion (..., .) of navigation states (..., 15)."""
-    return Motion(
-        states[..., POSITION],
-        states[..., VELOCITY],
-        states[..., 6:].reshape(*states.shape[:-1], 3, 3),
-    )
 
 
 class Readings(NamedTuple):

@@ -150,7 +150,7 @@ class Loop:
         """Return the readings of some epochs as they are from another track."""
         model, problem = self._replay.model, self._problem
         z, there = problem.measurements[np.newaxis, epochs], problem.present[np.newaxis, epochs]
-        old = Motion(*(array[np.newaxis, epochs] for array in self._open))
+        old = Motion(*(array[np.newaxis] for array in self._open.at(epochs)))
         others = z[..., model.gradients :].copy()
         for sensor, columns in zip(model.aiding, model.columns, strict=True):
             others[..., columns] = sensor.seen_from(others[..., columns], old, ins)
@@ -173,12 +173,9 @@ class Loop:
         assert track is not None
         corrected = corrected_motion(Motion.of(track), mean)
         epochs = slice(self._first, self._first + len(mean))
-        states = [np.reshape(array[epochs], (len(mean), -1)) for array in self._open]
-        errors = np.empty((1, len(mean), FED_BACK))
-        navigation_errors(
-            np.hstack(states)[np.newaxis], *map(np.ascontiguousarray, corrected), errors
-        )
-        self._state = np.concatenate([np.ravel(array[-1]) for array in corrected])
+        states, errors = self._open.at(epochs).states, np.empty((1, len(mean), FED_BACK))
+        navigation_errors(states[np.newaxis], *map(np.ascontiguousarray, corrected), errors)
+        self._state = corrected.at(-1).states
         self._mean = mean[-1].copy()
         self._mean[:FED_BACK] = 0.0
         self._cov = cov[-1]

@@ -35,7 +35,7 @@ from ..trajectory.truth import Trajectory
 from .aiding import aiding_readings
 from .error_free_flight import Flight
 from .flight_bounds import require_together
-from .formulation import InsSolution, Readings, build_problems, motion_of, propagate_errors
+from .formulation import InsSolution, Readings, build_problems, propagate_errors
 from .gradients import Gradients, gradients
 from .random_streams import RandomStreams, random_streams
 from .replay import Recording, Replays
@@ -137,11 +137,8 @@ def _add_states(
     error_state: np.ndarray,
 ) -> None:
     """Fill true error states (R, K, n) of runs of one flight, but for those of other sensors."""
-    model, truth, epochs = flight.model, flight.trajectory, flight.epochs
-    navigation_errors(
-        ins.states, truth.positions[epochs], truth.velocities[epochs], truth.attitudes[epochs],
-        error_state,
-    )  # fmt: skip
+    model = flight.model
+    navigation_errors(ins.states, *flight.motion_at_epochs, error_state)
     error_state[:, :, GYRO_BIAS.start : STATES] = imu_biases
     if model.disturbance is not None:
         error_state[:, :, STATES : model.disturbed] = flight.unknown_to_a_map - ins.integrated
@@ -184,7 +181,7 @@ def record(flight: Flight, seed: int, run: int) -> Record:
     scratch = _Scratch.of(flight)
     _, recorded = _navigate([flight], streams, gravity, scratch)
     track = scratch.track
-    motion = motion_of(out_of_lanes(track[flight.epochs], 1))
+    motion = Motion.of_states(out_of_lanes(track[flight.epochs], 1))
     read, _ = _readings(flight, streams, seen, motion)
     increments, heights = recorded.increments[:, :, 0], recorded.heights[:, 0, 0]
     return Record(track[0, :, 0], increments, heights, motion, read)
@@ -194,8 +191,8 @@ def _readings(
     flight: Flight, streams: Sequence[RandomStreams], seen: Gradients, ins: Motion
 ) -> tuple[Readings, np.ndarray]:
     """Return what the sensors of R runs deliver, and the true states (R, K, n) of the others."""
-    others = aiding_readings(flight, streams, ins)
-    return Readings(seen.output, seen.missing, others.measurements, others.present), others.states
+    measurements, present, states = aiding_readings(flight, streams, ins)
+    return Readings(seen.output, seen.missing, measurements, present), states
 
 
 class _Scratch(NamedTuple):

@@ -347,14 +347,7 @@ class SensorSuite:
         motions, delta_velocities : at N + 1 IMU samples, and (N, 3) increments [m/s], of R tracks.
         epochs, delays, dt, gravity, transition, process_cov, rows : as :meth:`along` has them.
         """
-        track = in_lanes(
-            np.stack(
-                [
-                    np.hstack([m.positions, m.velocities, m.attitudes.reshape(-1, 9)])
-                    for m in motions
-                ]
-            )
-        )
+        track = in_lanes(np.stack([motion.states for motion in motions]))
         if self.integrates:
             receive_all(gravity.readings, track)
         increments = in_lanes(
