@@ -18,6 +18,8 @@ import numpy as np
 from ..gravity.ellipsoid import metres_per_radian
 from ..numerics.kernels import compiled
 from ..numerics.rotations import product, rotation_vector
+from .imu import Imu
+from .system_matrix import DAMPING, DECAY, ENTRIES, SINKING
 from .system_matrix import STATES as STATES
 
 POSITION, VELOCITY, ATTITUDE = slice(0, 3), slice(3, 6), slice(6, 9)
@@ -71,33 +73,30 @@ def noise_psd(accelerometer_psd: float, gyro_psd: float) -> np.ndarray:
     return noise
 
 
-def add_bias_decay(
-    matrices: np.ndarray, noise: np.ndarray, block: slice, sigma: float, time: float
-) -> None:
-    """Make a bias a Gauss–Markov process: b' = −b/T + w of stationary standard deviation σ.
+def added_by(
+    imu: Imu, altimeter: tuple[tuple[float, float], float] | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return what sensors add to F, by its entries (ENTRIES,), and their G q Gᵀ (15, 15).
+
+    Biases that are Gauss–Markov processes, b' = −b/T + w, and an altimeter of noise e that damps
+    the vertical channel, δh' −= k₁ (δh − e), δv_U' −= k₂ (δh − e).
 
     Parameters
     ----------
-    matrices, noise : (N, 15, 15) F and (15, 15) G q Gᵀ, changed in place.
-    block : :data:`GYRO_BIAS` or :data:`ACCELEROMETER_BIAS`.
-    sigma : [its unit].
-    time : T [s].
+    imu : the inertial sensors.
+    altimeter : gains k₁ [1/s], k₂ [1/s²], from :func:`ggbench.ins.strapdown.altimeter_gains`, and
+        the PSD of e [m²/Hz]; None without one.
     """
-    matrices[:, block, block] -= np.eye(3) / time
-    noise[block, block] += 2.0 * sigma**2 / time * np.eye(3)
-
-
-def add_altimeter(
-    matrices: np.ndarray, noise: np.ndarray, gains: tuple[float, float], psd: float
-) -> None:
-    """Add the damping of the vertical channel: δh' −= k₁ (δh − e), δv_U' −= k₂ (δh − e).
-
-    Parameters
-    ----------
-    matrices, noise : (N, 15, 15) F and (15, 15) G q Gᵀ, changed in place.
-    gains : k₁ [1/s], k₂ [1/s²], from :func:`ggbench.ins.strapdown.altimeter_gains`.
-    psd : of the altimeter's white noise e [m²/Hz].
-    """
-    vertical = np.array([2, 5])
-    matrices[:, vertical, 2] -= gains
-    noise[np.ix_(vertical, vertical)] += psd * np.outer(gains, gains)
+    entries = np.zeros(ENTRIES)
+    noise = noise_psd(imu.accelerometer_root_psd**2, imu.gyro_root_psd**2)
+    for i, block, sigma, time in (
+        (DECAY, GYRO_BIAS, imu.gyro_bias, imu.gyro_bias_time),
+        (DECAY + 1, ACCELEROMETER_BIAS, imu.accelerometer_bias, imu.accelerometer_bias_time),
+    ):
+        entries[i] -= 1.0 / time
+        noise[block, block] += 2.0 * sigma**2 / time * np.eye(3)
+    if altimeter is not None:
+        gains, psd = altimeter
+        entries[[DAMPING, SINKING]] -= gains
+        noise[np.ix_([2, 5], [2, 5])] += psd * np.outer(gains, gains)
+    return entries, noise

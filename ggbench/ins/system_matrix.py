@@ -24,6 +24,7 @@ NAVIGATION_STATES = 9
 # 0 to 5: (L; L, h, v_N), (λ; L, h, v_E)
 DAMPING = 6  # (h; h)
 VELOCITY = 7  # (v_i; L, h, v_E, v_N, v_U) of each i
+SINKING = VELOCITY + 11  # (v_U; h)
 FORCE = 22  # f^n, of [f^n ×]
 ATTITUDE = 25  # (φ_i; L, h, v_E or v_N) of each i
 TURN = 34  # ω_in, of −[ω_in ×]
@@ -36,44 +37,6 @@ DRIVEN = 52  # root of what drives it, √(|v|/D); |v| of what is left when grad
 SENSED = 53  # T, by which an error of the velocity enters what is integrated
 TRANSPORT = 59  # ω_en, of −[ω_en ×], by which what is left turns against the local level
 ENTRIES = 62
-
-
-def _places() -> list[tuple[int, int, int, float]]:
-    """Return (row, column, entry, sign) of all of F but its constant (h; v_U) = 1."""
-    places = [(0, 0, 0, 1.0), (0, 2, 1, 1.0), (0, 4, 2, 1.0)]
-    places += [(1, 0, 3, 1.0), (1, 2, 4, 1.0), (1, 3, 5, 1.0), (2, 2, DAMPING, 1.0)]
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        for at, column in enumerate((0, 2, 3, 4, 5)):
-            places.append((3 + i, column, VELOCITY + 5 * i + at, 1.0))
-        places.append((3 + i, 1, LONGITUDE + i, 1.0))
-        for at, column in enumerate((0, 2, 4 if i == 0 else 3)):
-            places.append((6 + i, column, ATTITUDE + 3 * i + at, 1.0))
-        places += [(3 + i, 6 + k, FORCE + j, 1.0), (3 + i, 6 + j, FORCE + k, -1.0)]
-        places += [(6 + i, 6 + k, TURN + j, -1.0), (6 + i, 6 + j, TURN + k, 1.0)]
-        for axis in range(3):
-            places.append((6 + i, 9 + axis, BODY + 3 * i + axis, -1.0))
-            places.append((3 + i, 12 + axis, BODY + 3 * i + axis, 1.0))
-        places += [(9 + i, 9 + i, DECAY, 1.0), (12 + i, 12 + i, DECAY + 1, 1.0)]
-    return places
-
-
-_ROWS, _COLUMNS, _WHICH, _SIGNS = (np.array(column) for column in zip(*_places(), strict=True))
-
-
-def dense(entries: np.ndarray) -> np.ndarray:
-    """Return F (N, 15, 15) of its entries (N, 62), without those of the gravity disturbance."""
-    matrices = np.zeros((len(entries), STATES, STATES))
-    matrices[:, _ROWS, _COLUMNS] = _SIGNS * entries[:, _WHICH]
-    matrices[:, 2, 5] = 1.0
-    return matrices
-
-
-def sparse(matrices: np.ndarray) -> np.ndarray:
-    """Return the entries (N, 62) of F (N, 15, 15)."""
-    entries = np.zeros((len(matrices), ENTRIES))
-    entries[:, _WHICH] = _SIGNS * matrices[:, _ROWS, _COLUMNS]
-    return entries
 
 
 @inlined
@@ -191,7 +154,7 @@ def entries_between(
         velocity = _middle(track, n, 3), _middle(track, n, 4), _middle(track, n, 5)
         _fill(_middle(track, n, 0), _middle(track, n, 2), velocity, force, out, m)
         store(out, m, DAMPING, constant[DAMPING])
-        store(out, m, VELOCITY + 11, load(out, m, VELOCITY + 11) + constant[VELOCITY + 11])
+        store(out, m, SINKING, load(out, m, SINKING) + constant[SINKING])
         store(out, m, DECAY, constant[DECAY])
         store(out, m, DECAY + 1, constant[DECAY + 1])
         speed = math.sqrt(

@@ -20,14 +20,12 @@ from ..ins.error_model import (
     GYRO_BIAS,
     POSITION,
     VELOCITY,
-    add_altimeter,
-    add_bias_decay,
-    noise_psd,
+    added_by,
 )
 from ..ins.imu import Imu
 from ..ins.known_gravity import NO_MAP, NORMAL_GRAVITY, KnownGravity, receive_all
 from ..ins.noise import Noise, noise_roots
-from ..ins.system_matrix import DISTANCE, STATES, sparse
+from ..ins.system_matrix import DECAY, DISTANCE, STATES
 from ..ins.transitions import transitions_lanes
 from ..numerics.lanes import in_lanes
 from ..problem import Channel, StateBlock
@@ -289,20 +287,6 @@ class SensorSuite:
             sigma[biases], sigma[arm] = sensor.bias, sensor.arm_sigma
         return np.diag(sigma**2)
 
-    def complete(self, matrices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return F (N, 15, 15), changed in place, and G q Gᵀ (15, 15) of these sensors."""
-        imu = self.imu
-        noise = noise_psd(imu.accelerometer_root_psd**2, imu.gyro_root_psd**2)
-        for block, sigma, time in (
-            (GYRO_BIAS, imu.gyro_bias, imu.gyro_bias_time),
-            (ACCELEROMETER_BIAS, imu.accelerometer_bias, imu.accelerometer_bias_time),
-        ):
-            if math.isfinite(time):
-                add_bias_decay(matrices, noise, block, sigma, time)
-        if self.altimeter is not None:
-            add_altimeter(matrices, noise, *self.altimeter)
-        return matrices, noise
-
     def system(
         self,
         motion: Motion,
@@ -358,9 +342,8 @@ class SensorSuite:
     @cached_property
     def _constants(self) -> tuple[np.ndarray, Noise]:
         """What these sensors add to F, by its entries, and what drives the error model."""
-        added, noise = self.complete(np.zeros((1, STATES, STATES)))
-        decaying = bool(added[:, GYRO_BIAS.start :, GYRO_BIAS.start :].any())
-        entries = sparse(added)[0]
+        entries, noise = added_by(self.imu, self.altimeter)
+        decaying = bool(entries[[DECAY, DECAY + 1]].any())
         if self.disturbance is None:
             return entries, noise_roots(noise, decaying)
         entries[DISTANCE] = -1.0 / self.disturbance.distance

@@ -53,11 +53,10 @@ def test_the_vertical_channel_has_two_poles_at_the_time_constant(time_constant):
 
     flown = np.stack([(end(5.0, 0.0) - end(-5.0, 0.0)) / 10.0,
                       (end(0.0, 0.5) - end(0.0, -0.5)) / 1.0], axis=-1)  # fmt: skip
-    matrices, noise = flight.model.complete(
-        dense_model.system_matrices(
-            truth.positions, truth.velocities, truth.attitudes, flight.delta_velocities, dt
-        )
+    plain = dense_model.system_matrices(
+        truth.positions, truth.velocities, truth.attitudes, flight.delta_velocities, dt
     )
+    matrices, noise = dense_model.completed(plain, flight.model.imu, flight.model.altimeter)
     phi, _ = dense_model.transitions(
         matrices, truth.positions, np.array([len(truth.times) - 1]), dt, noise
     )

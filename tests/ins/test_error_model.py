@@ -16,7 +16,6 @@ from thinning import thinned
 from ggbench.ins import adjoint, error_model, strapdown
 from ggbench.ins.delayed_rows import intervals_of
 from ggbench.ins.noise import noise_roots
-from ggbench.ins.system_matrix import sparse
 from ggbench.numerics.lanes import in_lanes, lanes
 from ggbench.trajectory.truth import Segment, Trajectory, fly
 
@@ -153,7 +152,7 @@ def test_fewer_orders_do_where_errors_are_slow():
     plain = noise_roots(error_model.noise_psd(1e-6, 1e-12), False)
     longest = 0.0
     for state in random_states(20, seed=4):
-        entries = in_lanes(sparse(system_matrix(*state[:4])[np.newaxis])[np.newaxis])
+        entries = in_lanes(dense_model.sparse(system_matrix(*state[:4])[np.newaxis])[np.newaxis])
         dt = max(dt for dt in np.geomspace(1e-3, 1.0, 200) if adjoint.is_slow(entries, dt, plain))
         longest = max(longest, dt)
         assert not adjoint.is_slow(entries, 1.1 * dt, plain)

@@ -63,7 +63,7 @@ def test_transitions_are_van_loans(distance, walk, wandering):
     if walk is not None:
         gravity, tensors = read_at(np.array([5, 12, 20]), truth)
     transition, process_cov = suite.system(motion, flight.delta_velocities, epochs, dt, gravity)
-    matrices, driving = suite.complete(plain.copy())
+    matrices, driving = dense_model.completed(plain, suite.imu, suite.altimeter)
     start = 0
     for k, end in enumerate(epochs):
         phi, q = np.eye(18), np.zeros((18, 18))

@@ -14,7 +14,6 @@ from scipy.linalg import block_diag, expm
 from scipy.stats import chi2
 from small_cases import QUIET, TINY, small_flight
 
-from ggbench.ins import error_model
 from ggbench.ins.imu import Imu, SensorErrors
 from ggbench.numerics.lanes import out_of_lanes, unfilled
 from ggbench.sensors.aiding import Motion
@@ -134,9 +133,8 @@ def test_a_bias_of_the_shortest_time_is_exact_over_an_interval():
     """
     dt = 0.1
     time = FEWEST_STEPS * dt
-    matrices, noise = np.zeros((1, 15, 15)), np.zeros((15, 15))
-    for block, sigma in ((slice(9, 12), GYRO), (slice(12, 15), ACCELEROMETER)):
-        error_model.add_bias_decay(matrices, noise, block, sigma, time)
+    imu = Imu(GYRO, ACCELEROMETER, 0.0, 0.0, False, time, time)
+    matrices, noise = dense_model.completed(np.zeros((1, 15, 15)), imu)
     here = np.array([[0.6, 0.1, 1e3]] * 2)
     transition, process_cov = dense_model.transitions(matrices, here, np.array([1]), dt, noise)
     np.testing.assert_allclose(np.diag(transition[0])[9:], math.exp(-dt / time), rtol=3e-9)

@@ -11,13 +11,74 @@ import numpy as np
 from ggbench.gravity.ellipsoid import metres_per_radian
 from ggbench.ins.adjoint import OVER, forward, over, series_terms
 from ggbench.ins.delayed_rows import MOVED, intervals_of
-from ggbench.ins.error_model import GYRO_BIAS
+from ggbench.ins.error_model import GYRO_BIAS, added_by
+from ggbench.ins.imu import Imu
 from ggbench.ins.known_gravity import NORMAL_GRAVITY, KnownGravity
 from ggbench.ins.noise import noise_roots
-from ggbench.ins.system_matrix import ENTRIES, STATES, dense, entries_between, sparse
+from ggbench.ins.system_matrix import (
+    ATTITUDE,
+    BODY,
+    DAMPING,
+    DECAY,
+    ENTRIES,
+    FORCE,
+    LONGITUDE,
+    STATES,
+    TURN,
+    VELOCITY,
+    entries_between,
+)  # fmt: skip
 from ggbench.ins.transitions import as_row, compose, unit_columns
 from ggbench.numerics.kernels import compiled
 from ggbench.numerics.lanes import in_lanes, lanes, out_of_lanes, unfilled
+
+
+def _places() -> list[tuple[int, int, int, float]]:
+    """Return (row, column, entry, sign) of all of F but its constant (h; v_U) = 1."""
+    places = [(0, 0, 0, 1.0), (0, 2, 1, 1.0), (0, 4, 2, 1.0)]
+    places += [(1, 0, 3, 1.0), (1, 2, 4, 1.0), (1, 3, 5, 1.0), (2, 2, DAMPING, 1.0)]
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        for at, column in enumerate((0, 2, 3, 4, 5)):
+            places.append((3 + i, column, VELOCITY + 5 * i + at, 1.0))
+        places.append((3 + i, 1, LONGITUDE + i, 1.0))
+        for at, column in enumerate((0, 2, 4 if i == 0 else 3)):
+            places.append((6 + i, column, ATTITUDE + 3 * i + at, 1.0))
+        places += [(3 + i, 6 + k, FORCE + j, 1.0), (3 + i, 6 + j, FORCE + k, -1.0)]
+        places += [(6 + i, 6 + k, TURN + j, -1.0), (6 + i, 6 + j, TURN + k, 1.0)]
+        for axis in range(3):
+            places.append((6 + i, 9 + axis, BODY + 3 * i + axis, -1.0))
+            places.append((3 + i, 12 + axis, BODY + 3 * i + axis, 1.0))
+        places += [(9 + i, 9 + i, DECAY, 1.0), (12 + i, 12 + i, DECAY + 1, 1.0)]
+    return places
+
+
+_ROWS, _COLUMNS, _WHICH, _SIGNS = (np.array(column) for column in zip(*_places(), strict=True))
+
+
+def dense(entries: np.ndarray) -> np.ndarray:
+    """Return F (N, 15, 15) of its entries (N, 62), without those of the gravity disturbance."""
+    matrices = np.zeros((len(entries), STATES, STATES))
+    matrices[:, _ROWS, _COLUMNS] = _SIGNS * entries[:, _WHICH]
+    matrices[:, 2, 5] = 1.0
+    return matrices
+
+
+def sparse(matrices: np.ndarray) -> np.ndarray:
+    """Return the entries (N, 62) of F (N, 15, 15)."""
+    entries = np.zeros((len(matrices), ENTRIES))
+    entries[:, _WHICH] = _SIGNS * matrices[:, _ROWS, _COLUMNS]
+    return entries
+
+
+def completed(
+    matrices: np.ndarray, imu: Imu, altimeter: tuple[tuple[float, float], float] | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return F (N, 15, 15) with what sensors add to it, and their G q Gᵀ (15, 15)."""
+    entries, noise = added_by(imu, altimeter)
+    added = dense(entries[np.newaxis])
+    added[:, 2, 5] = 0.0
+    return matrices + added, noise
 
 
 def system_matrix(

@@ -209,9 +209,8 @@ def test_error_model_along_tracks_is_that_of_each_track(what, tmp_path):
             increments[:, :3, run], increments[:, 3:, run], dt, gravity=gravity,
         )  # fmt: skip
         np.testing.assert_array_equal(one[0], track[:, :3, run])
-        matrices, noise = model.complete(
-            dense_model.system_matrices(*one, increments[:, 3:, run], dt, gravity)
-        )
+        plain = dense_model.system_matrices(*one, increments[:, 3:, run], dt, gravity)
+        matrices, noise = dense_model.completed(plain, model.imu, model.altimeter)
         expected = dense_model.transitions(matrices, one[0], epochs, dt, noise)
         # Of the disturbance of gravity as a state no other one's Φ knows, but their Q does.
         phi = transition[run, :, :15, :15]

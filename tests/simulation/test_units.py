@@ -31,6 +31,8 @@ from thinning import thinned
 
 from ggbench.gravity import parker
 from ggbench.gravity.ellipsoid import metres_per_radian
+from ggbench.ins.error_model import added_by
+from ggbench.ins.system_matrix import DECAY
 from ggbench.judging import convergence
 from ggbench.judging.run_errors import window_mask
 from ggbench.maps import recipe
@@ -96,15 +98,15 @@ Row = tuple[Any, Read] | tuple[Any, Read, dict[str, Any]]
 
 def root(psd: Callable[[np.ndarray], float]) -> Read:
     """A root of the noise that drives the error model."""
-    return lambda f, e: math.sqrt(psd(e.complete(np.zeros((1, 15, 15)))[1]))
+    return lambda f, e: math.sqrt(psd(added_by(e.imu, e.altimeter)[1]))
 
 
 def prior(state: int) -> Read:
     return lambda f, e: math.sqrt(e.prior_cov[state, state])
 
 
-def decay(state: int) -> Read:
-    return lambda f, e: -1.0 / e.complete(np.zeros((1, 15, 15)))[0][0, state, state]
+def decay(triad: int) -> Read:
+    return lambda f, e: -1.0 / added_by(e.imu, e.altimeter)[0][DECAY + triad]
 
 
 def noise(f: Flight, e: SensorSuite) -> float:
@@ -195,8 +197,8 @@ SHARED: dict[str, Row] = {
     "imu.gyro_noise_deg_per_sqrt_h": (0.2, root(lambda q: q[6, 6])),
     "imu.accelerometer_bias_ug": (700.0, prior(12)),
     "imu.accelerometer_noise_ug_per_sqrt_hz": (70.0, root(lambda q: q[3, 3])),
-    "imu.gyro_bias_time_s": (40.0, decay(9)),
-    "imu.accelerometer_bias_time_s": (60.0, decay(12)),
+    "imu.gyro_bias_time_s": (40.0, decay(0)),
+    "imu.accelerometer_bias_time_s": (60.0, decay(1)),
     "altimeter.noise_m_per_sqrt_hz": (4.0, lambda f, e: math.sqrt(e.altimeter[1])),
     # Two poles at −1/T.
     "altimeter.time_constant_s": (50.0, lambda f, e: 2.0 / e.altimeter[0][0], ALTIMETER),
