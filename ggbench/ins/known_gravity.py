@@ -45,12 +45,6 @@ class GradientReadings:
     held: np.ndarray
     total: np.ndarray
 
-    @classmethod
-    def of(cls, tensors: np.ndarray, samples: np.ndarray, count: int) -> GradientReadings:
-        """Return those of tensors (G, 6, LANES) that come at ``samples`` (G,) of ``count``."""
-        latest = np.searchsorted(samples, np.arange(count), side="right")
-        return cls(tensors, latest, lanes(len(tensors) + 1, 6), lanes(count, 3))
-
 
 @record
 class KnownGravity:
@@ -66,7 +60,7 @@ class KnownGravity:
     readings: GradientReadings
 
 
-_NO_READINGS = GradientReadings.of(lanes(0, 6), np.zeros(0, dtype=np.int64), 0)
+_NO_READINGS = GradientReadings(lanes(0, 6), np.zeros(0, dtype=np.int64), lanes(1, 6), lanes(0, 3))
 NO_MAP = Field.normal().disturbance_map
 NORMAL_GRAVITY = KnownGravity(NO_MAP, _NO_READINGS)
 """Of a mechanization that knows nothing of the disturbance."""
@@ -86,7 +80,9 @@ def of_readings(tensors: np.ndarray, samples: np.ndarray, count: int) -> KnownGr
     samples : (G,) of the INS at which they are read.
     count : of its samples, N + 1.
     """
-    return KnownGravity(NO_MAP, GradientReadings.of(tensors, samples, count))
+    latest = np.searchsorted(samples, np.arange(count), side="right")
+    held = lanes(len(tensors) + 1, 6)
+    return KnownGravity(NO_MAP, GradientReadings(tensors, latest, held, lanes(count, 3)))
 
 
 @compiled

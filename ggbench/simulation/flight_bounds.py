@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..ins.error_model import STATES
 from ..numerics.lanes import groups
 from ..sensors.aiding import Motion
 from ..sensors.model import SensorModel, Taken
@@ -76,18 +75,13 @@ def _systems(flights: Sequence[Flight], true: SensorSuite) -> tuple[np.ndarray, 
     first = flights[0]
     for flight in flights:
         require_together(first, flight)
-    count, epochs, n = len(flights), len(first.epochs), true.dimension
-    transition, process_cov = np.empty((2, count, epochs, n, n))
-    rows = np.empty((count, epochs, 6, STATES))
     exact, missing = zip(*(flight.exact_gradients for flight in flights), strict=True)
-    true.systems(
+    return true.systems(
         [Motion.of(flight.trajectory) for flight in flights],
         [flight.delta_velocities for flight in flights],
         first.epochs, first.schedule.delays(true), first.trajectory.dt,
         first.added_gravity(first.field, (np.concatenate(exact), np.concatenate(missing))),
-        transition, process_cov, rows,
     )  # fmt: skip
-    return transition, process_cov, rows
 
 
 def _bound(

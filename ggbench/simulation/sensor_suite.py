@@ -305,12 +305,8 @@ class SensorSuite:
         dt : [s].
         gravity : as in :meth:`along`.
         """
-        transition, process_cov = np.empty((2, 1, len(epochs), self.dimension, self.dimension))
-        self.systems(
-            [motion], [delta_velocities], epochs, np.empty(0), dt, gravity, transition,
-            process_cov, np.empty((1, 0, 6, STATES)),
-        )  # fmt: skip
-        return transition[0], process_cov[0]
+        found = self.systems([motion], [delta_velocities], epochs, np.empty(0), dt, gravity)
+        return found[0][0], found[1][0]
 
     def systems(
         self,
@@ -320,16 +316,13 @@ class SensorSuite:
         delays: np.ndarray,
         dt: float,
         gravity: KnownGravity,
-        transition: np.ndarray,
-        process_cov: np.ndarray,
-        rows: np.ndarray,
-    ) -> None:
-        """Run :meth:`along` for the motions of a group, whatever they come from.
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return what :meth:`along` fills, for the motions of a group, whatever they come from.
 
         Parameters
         ----------
         motions, delta_velocities : at N + 1 IMU samples, and (N, 3) increments [m/s], of R tracks.
-        epochs, delays, dt, gravity, transition, process_cov, rows : as :meth:`along` has them.
+        epochs, delays, dt, gravity : as :meth:`along` has them.
         """
         track = in_lanes(np.stack([motion.states for motion in motions]))
         if self.integrates:
@@ -337,7 +330,11 @@ class SensorSuite:
         increments = in_lanes(
             np.stack([np.hstack([np.zeros_like(v), v]) for v in delta_velocities])
         )
+        shape = len(motions), len(epochs)
+        transition, process_cov = np.empty((2, *shape, self.dimension, self.dimension))
+        rows = np.empty((*shape, 6, STATES))
         self.along(track, increments, epochs, delays, dt, gravity, transition, process_cov, rows)
+        return transition, process_cov, rows
 
     @cached_property
     def _constants(self) -> tuple[np.ndarray, Noise]:

@@ -40,7 +40,11 @@ def of_run(case: CaseSpec, run: int) -> CaseSpec:
     draw = case.draw
     change: dict[str, Any] = {"draw": DrawSpec()}
     if draw.tracks > 1:
-        change["trajectory"] = _moved(case.trajectory, draw, run % draw.tracks)
+        rng = np.random.default_rng([_SEED, run % draw.tracks])
+        east, north, turn = rng.uniform(-1.0, 1.0, 3).tolist()
+        change["trajectory"] = moved(
+            case.trajectory, draw.start_km * east, draw.start_km * north, draw.heading_deg * turn
+        )
     if lines := case.trajectory.drawn_lines:
         line = lines[run % len(lines)]
         change["trajectory"] = case.trajectory.model_copy(update={"lines": (line,)})
@@ -50,12 +54,6 @@ def of_run(case: CaseSpec, run: int) -> CaseSpec:
         field = tables.field.model_copy(update={"error": seeded})
         change[side or "field"] = tables.model_copy(update={"field": field}) if side else field
     return case.model_copy(update=change)
-
-
-def _moved(spec: TrajectorySpec, draw: DrawSpec, track: int) -> TrajectorySpec:
-    """Return a flight whose start and heading are those of a track."""
-    east, north, turn = np.random.default_rng([_SEED, track]).uniform(-1.0, 1.0, 3).tolist()
-    return moved(spec, draw.start_km * east, draw.start_km * north, draw.heading_deg * turn)
 
 
 def moved(spec: TrajectorySpec, east_km: float, north_km: float, turn_deg: float) -> TrajectorySpec:
