@@ -345,22 +345,3 @@ def test_noise_of_a_channel(instrument, samples, readings):
 def test_an_instrument_that_cannot_be(values, words):
     with pytest.raises(GGBenchError, match=words):
         RotatingGradiometer(*values)
-
-
-@pytest.mark.parametrize(
-    ("values", "words"),
-    [
-        ({"scale_factor": float("nan")}, "the error scale_factor is nan"),
-        ({"angular_rate_error": (0.0, float("inf"), 0.0)}, "angular_rate_error"),
-        ({"accelerometer_root_psd": -1e-9}, "must not be negative"),
-    ],
-)
-def test_errors_that_cannot_be(values, words):
-    with pytest.raises(GGBenchError, match=words):
-        RotatingErrors(**values)
-
-
-@pytest.mark.parametrize("force", [np.zeros((2, 3)), np.zeros(3), np.full((3, 3), np.nan)])
-def test_a_vibration_that_cannot_be(force):
-    with pytest.raises(GGBenchError, match="must be 3 harmonics by 3 axes of finite numbers"):
-        Vibration(specific_force_sin=force)

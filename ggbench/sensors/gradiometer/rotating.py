@@ -39,7 +39,7 @@ Tensors are vectors [xx, xy, xz, yy, yz, zz] in E, forces, rates and tensors in 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -60,7 +60,7 @@ SPIN_CHANNELS = {
 
 
 class RotatingGradiometerError(GGBenchError):
-    """An instrument, an error, a vibration or a record of a signal that cannot be."""
+    """An instrument that cannot be."""
 
 
 @dataclass(frozen=True)
@@ -132,11 +132,6 @@ class RotatingErrors:
         in disk axes [rad/s].
     accelerometer_root_psd : white noise of each accelerometer [m/s²/√Hz], such that its mean over
         T has the standard deviation root_psd/√T (as for the inertial sensors).
-
-    Raises
-    ------
-    RotatingGradiometerError
-        If a value is not finite, or the noise is negative.
     """
 
     scale_factor: float = 0.0
@@ -158,20 +153,6 @@ class RotatingErrors:
     angular_rate_error: tuple[float, float, float] = (0.0, 0.0, 0.0)
     accelerometer_root_psd: float = 0.0
 
-    def __post_init__(self) -> None:
-        """Refuse what is no number."""
-        for entry in fields(self):
-            value = getattr(self, entry.name)
-            if not np.all(np.isfinite(value)):
-                raise RotatingGradiometerError(
-                    f"rotating gradiometer: the error {entry.name} is {value}, but must be finite"
-                )
-        if self.accelerometer_root_psd < 0.0:
-            raise RotatingGradiometerError(
-                "rotating gradiometer: accelerometer_root_psd is "
-                f"{self.accelerometer_root_psd} m/s²/√Hz, but must not be negative"
-            )
-
 
 @dataclass(frozen=True)
 class Vibration:
@@ -188,17 +169,6 @@ class Vibration:
     specific_force_sin: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
     spin_rate_cos: float = 0.0
     spin_rate_sin: float = 0.0
-
-    def __post_init__(self) -> None:
-        """Refuse what is no vibration."""
-        for name in ("specific_force_cos", "specific_force_sin"):
-            value = np.asarray(getattr(self, name), dtype=float)
-            if value.shape != (3, 3) or not np.all(np.isfinite(value)):
-                raise RotatingGradiometerError(
-                    f"rotating gradiometer: the vibration's {name}, of shape {value.shape},"
-                    " must be 3 harmonics by 3 axes of finite numbers"
-                )
-            object.__setattr__(self, name, frozen(value))
 
 
 def centrifugal_channels(angular_rate: np.ndarray) -> np.ndarray:
