@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from . import quantities as q
-from .tables import Listed, Section, Three, changes
+from .tables import Listed, Section, Several, Three, changes, distinct
 
 Interval = Annotated[Listed[q.Moment], Field(min_length=2, max_length=2)]
 
@@ -144,13 +144,8 @@ class LogSpec(PeriodicSpec):
     """Correlation time of the bias (first-order Gauss–Markov). Without it: a constant."""
     frame: Literal["body", "local-level"] = "body"
     """`"body"`: right, forward, up; `"local-level"`: east, north, up."""
-    components: Annotated[Listed[Literal["x", "y", "z"]], Field(min_length=1)] = ("x", "y")
+    components: Annotated[Several[Literal["x", "y", "z"]], distinct("an axis")] = ("x", "y")
     """Axes that are read."""
-
-    @model_validator(mode="after")
-    def _check(self) -> LogSpec:
-        self.require_distinct("components", "an axis")
-        return self
 
 
 @changes(LogSpec, but=("period_s", "frame", "components"))
@@ -202,7 +197,7 @@ class GravimeterSpec(PeriodicSpec):
     """Standard deviation of a bias of each channel; where estimators assume one, it is a state."""
     bias_time_s: q.TimeConstant | None = None
     """Correlation time of the bias (first-order Gauss–Markov). Without it: a constant."""
-    components: Annotated[Listed[Literal["scalar", "east", "north"]], Field(min_length=1)] = (
+    components: Annotated[Several[Literal["scalar", "east", "north"]], distinct("a component")] = (
         "scalar",
     )
     """`"scalar"`: the size of the disturbance; `"east"`, `"north"`: its components."""
@@ -211,7 +206,6 @@ class GravimeterSpec(PeriodicSpec):
 
     @model_validator(mode="after")
     def _check(self) -> GravimeterSpec:
-        self.require_distinct("components", "a component")
         if self.readings == "measured" and self.components != ("scalar",):
             raise ValueError('readings = "measured" are of components = ["scalar"]')
         return self

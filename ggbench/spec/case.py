@@ -109,10 +109,14 @@ class CampaignSpec(Section):
         return min(runs, self.assumption_runs) if study else runs
 
 
-def require_no_gravimeter(tables: Any) -> None:
-    """Raise ValueError if a gravimeter is among sensors that have no map to read."""
+def require_sensors(tables: Any, mapless: bool) -> None:
+    """Raise ValueError without a sensor on board, or with a gravimeter that has no map to read."""
+    if not sensors_of(tables):
+        raise ValueError(
+            f"no sensor is on board: give at least one of gradiometer, {', '.join(AIDING)}, sensor"
+        )
     for name, spec in aiding_of(tables).items():
-        if isinstance(spec, GravimeterSpec):
+        if mapless and isinstance(spec, GravimeterSpec):
             raise ValueError(
                 f'{table_of(name)} needs a map: source = "normal" has no disturbance to read'
             )
@@ -177,12 +181,8 @@ class CaseSpec(Section):
     def _check(self) -> CaseSpec:
         for name in ("truth", "model"):
             self.side(name)  # raises if what it changes breaks a rule
-        if not self.periods:
-            raise ValueError(
-                "no sensor is on board: give at least one of gradiometer, "
-                f"{', '.join(AIDING)}, sensor"
-            )
         felt = self.side("truth").field
+        require_sensors(self, felt.source == "normal")
         constant = any(self.truth.field.constant_disturbance_mgal)
         if felt.gravity_disturbance and felt.source == "normal" and not constant:
             raise ValueError('gravity_disturbance needs a map: source = "normal" has none to feel')
@@ -217,8 +217,6 @@ class CaseSpec(Section):
         if true is not None and assumed is not None:
             self.truth.gradiometer.require_possible(true)
             assumed.require_tractable()
-        if felt.source == "normal":
-            require_no_gravimeter(self)
         for name, period in self.periods.items():
             steps = period / self.imu.period_s
             if abs(steps - round(steps)) > 1e-6 or round(steps) < 1:

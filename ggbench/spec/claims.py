@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from . import quantities as q
 from .case import CaseName
-from .tables import Listed, Section, Title
+from .tables import Section, Several, Title
 
 GravityQuantity = Literal[
     "east position", "north position", "up position",
@@ -62,7 +62,7 @@ class ComparisonSpec(Section):
     """The position error, run by run, or the time of a run."""
     second: Title
     """Another estimator of the campaign."""
-    values: Annotated[Listed[Title], Field(min_length=1)] = ("",)
+    values: Several[Title] = ("",)
     """Texts for `{}`: values of a parameter that the source leaves open."""
 
     @model_validator(mode="after")

@@ -15,11 +15,11 @@ from pydantic import Field, model_validator
 
 from ..errors import GGBenchError
 from . import quantities as q
-from .aiding import AIDING, BarometerSpec, GnssSpec, GravimeterSpec, LogSpec
-from .case import WindowsSpec, require_no_gravimeter
+from .aiding import BarometerSpec, GnssSpec, GravimeterSpec, LogSpec
+from .case import WindowsSpec, require_sensors
 from .gradiometer import GradiometerSpec
-from .named_sensors import NamedSensors, sensors_of
-from .scenario import read_toml, strip_provenance
+from .named_sensors import NamedSensors
+from .scenario import read_text, read_toml, strip_provenance
 from .sensors import (
     AltimeterSpec,
     DisturbanceSpec,
@@ -227,11 +227,8 @@ class FlightSpec(Section):
                 "give exactly one of [ins], the solution of an INS, and [imu_record], increments "
                 "or rates to be mechanised here"
             )
-        if not sensors_of(self):
-            raise ValueError(
-                "no sensor is on board: give at least one of gradiometer, "
-                f"{', '.join(AIDING)}, sensor"
-            )
+        mapless = self.field.source == "normal"
+        require_sensors(self, mapless)
         if self.field.gravity_disturbance:
             raise ValueError(
                 "field.gravity_disturbance is of a simulated truth: recorded accelerometers felt "
@@ -251,13 +248,10 @@ class FlightSpec(Section):
                     "disturbance.integrate_gradients needs [imu_record]: the solution of [ins] was "
                     "made without the gradients"
                 )
-        mapless = self.field.source == "normal"
         if self.field.compensate and mapless:
             raise ValueError(
                 'field.compensate needs a map: source = "normal" has no disturbance to add'
             )
-        if mapless:
-            require_no_gravimeter(self)
         if self.altimeter is not None:
             if self.imu_record is not None and self.altimeter.file is None:
                 raise ValueError("altimeter.file is missing: the mechanization runs here")
@@ -296,13 +290,8 @@ def load(path: Path | str) -> FlightSpec:
     """
     path = Path(path)
     try:
-        text = path.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise FlightError(f"{path}: is not UTF-8 text") from None
-    except OSError as error:
-        raise FlightError(f"{path}: cannot be read: {error.strerror}") from None
-    try:
-        content = strip_provenance(read_toml(text, str(path)), "", {}, str(path))
+        content = read_toml(read_text(path, str(path)), str(path))
+        content = strip_provenance(content, "", {}, str(path))
         return validate(FlightSpec, content, str(path))
     except ScenarioError as error:
         raise FlightError(str(error)) from None

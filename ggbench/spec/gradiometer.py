@@ -7,6 +7,7 @@ changes it for the estimators alone.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Annotated, Any, Literal, get_args
 
 from pydantic import Field, model_validator
@@ -15,7 +16,7 @@ from ..sensors.gradiometer.rotating import RotatingGradiometer, RotatingGradiome
 from . import quantities as q
 from .aiding import Interruptions, PeriodicSpec
 from .presets import NOISES, PublishedGradiometer, expanded
-from .tables import Listed, Section, Three, changes
+from .tables import Section, Several, Three, changes, distinct
 
 Component = Literal["xx", "xy", "xz", "yy", "yz", "zz", "xx-yy", "yy-zz", "zz-xx"]
 
@@ -27,15 +28,10 @@ class RotatingSpec(Section):
     """Distance of opposite accelerometers."""
     rotation_hz: q.Spin
     """Turns per second; a reading lasts a whole number of half turns."""
-    spin_axes: Annotated[Listed[Literal["x", "y", "z"]], Field(min_length=1)] = ("x", "y", "z")
+    spin_axes: Annotated[Several[Literal["x", "y", "z"]], distinct("an axis")] = ("x", "y", "z")
     """Axes of the mount, a disk about each; for z it measures (xx − yy)/2 and xy."""
     accelerometer_noise_ng_per_sqrt_hz: q.DiskNoise | None = None
     """White noise of each accelerometer, from which that of the channels follows."""
-
-    @model_validator(mode="after")
-    def _check(self) -> RotatingSpec:
-        self.require_distinct("spin_axes", "an axis")
-        return self
 
 
 class GradiometerSpec(PeriodicSpec):
@@ -62,7 +58,7 @@ class GradiometerSpec(PeriodicSpec):
 
     Where estimators assume one, the three angles are states.
     """
-    components: Annotated[Listed[Component], Field(min_length=1)] = (
+    components: Annotated[Several[Component], distinct("a component")] = (
         "xx", "xy", "xz", "yy", "yz", "zz",
     )  # fmt: skip
     """Channels; `"xx-yy"` is (xx − yy)/2, and so on."""
@@ -89,10 +85,7 @@ class GradiometerSpec(PeriodicSpec):
     With a filter, only the truth may have one.
     """
 
-    @model_validator(mode="before")
-    @classmethod
-    def _expanded(cls, content: Any) -> Any:
-        return expanded("gradiometer", content)
+    _expanded = model_validator(mode="before")(partial(expanded, "gradiometer"))
 
     @model_validator(mode="after")
     def _check(self) -> GradiometerSpec:
@@ -110,7 +103,6 @@ class GradiometerSpec(PeriodicSpec):
                 )
             except RotatingGradiometerError as error:
                 raise ValueError(str(error)) from None
-        self.require_distinct("components", "a component")
         if self.rotating is not None and self.components != get_args(Component)[:6]:
             raise ValueError(
                 "components must not be given with [gradiometer.rotating]: its spin_axes say "

@@ -246,7 +246,7 @@ def values(source: str) -> dict[str, Any]:
 
 def _read(file: Traversable, name: str, origin: str) -> Scenario:
     """Read and validate a scenario file; ``origin`` names it in messages."""
-    source = _text(file, origin)
+    source = read_text(file, origin)
     document = read_toml(source, origin)
     notes_name = document.pop("notes", None)
     notes = ""
@@ -255,11 +255,11 @@ def _read(file: Traversable, name: str, origin: str) -> Scenario:
             raise ScenarioError(f"{origin}: notes must name a file next to the scenario")
         folder = importlib.resources.files("ggbench.scenarios")
         beside = file.parent if isinstance(file, Path) else folder
-        notes = _text(beside / notes_name, f"{origin}: notes {notes_name}")
+        notes = read_text(beside / notes_name, f"{origin}: notes {notes_name}")
     return parse(document, name, origin, source, notes)
 
 
-def _text(file: Traversable, origin: str) -> str:
+def read_text(file: Traversable, origin: str) -> str:
     """Return the content of a text file, or raise ScenarioError with a sentence."""
     try:
         return file.read_bytes().decode("utf-8-sig")

@@ -8,6 +8,7 @@ models; ``[model.imu]`` and its like change them for the estimators alone.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 from pydantic import Field, model_validator
@@ -45,10 +46,7 @@ class ImuSpec(Section):
     accelerometer_bias_time_s: q.TimeConstant | None = None
     """Correlation time of accelerometer biases (first-order Gauss–Markov). Without it: constant."""
 
-    @model_validator(mode="before")
-    @classmethod
-    def _expanded(cls, content: Any) -> Any:
-        return expanded("imu", content)
+    _expanded = model_validator(mode="before")(partial(expanded, "imu"))
 
     @model_validator(mode="after")
     def _check(self) -> ImuSpec:
@@ -72,10 +70,7 @@ class ImuSpec(Section):
 class ImuChange(Section):
     """``[model.imu]``: the inertial sensors that the estimators assume."""
 
-    @model_validator(mode="before")
-    @classmethod
-    def _expanded(cls, content: Any) -> Any:
-        return expanded("imu", content)
+    _expanded = model_validator(mode="before")(partial(expanded, "imu"))
 
 
 class TrueImu(ImuChange):
@@ -326,15 +321,13 @@ def merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]
         inner: Any = found.get(key)
         tables = isinstance(value, Mapping) and isinstance(inner, Mapping)
         found[key] = merged(inner, value) if tables else value
-    if any(noise in change for noise in NOISES):
-        for noise in set(NOISES) - set(change):
-            found.pop(noise, None)
-    of_disks = "accelerometer_noise_ng_per_sqrt_hz"
+    of_disks, stated = "accelerometer_noise_ng_per_sqrt_hz", any(n in change for n in NOISES)
     disks, changed_disks = found.get("rotating"), change.get("rotating")
-    if isinstance(changed_disks, Mapping) and of_disks in changed_disks:
+    by_disks = isinstance(changed_disks, Mapping) and of_disks in changed_disks
+    if stated or by_disks:
         for noise in set(NOISES) - set(change):
             found.pop(noise, None)
-    elif isinstance(disks, Mapping) and any(noise in change for noise in NOISES):
+    if stated and not by_disks and isinstance(disks, Mapping):
         found["rotating"] = {key: value for key, value in disks.items() if key != of_disks}
     return found
 

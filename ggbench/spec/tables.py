@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Annotated, Any, TypeVar, get_type_hints
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
@@ -23,6 +24,8 @@ Listed = Annotated[tuple[T, ...], Field(strict=False)]
 """A list of a file, kept as a tuple."""
 Three = Annotated[tuple[T, ...], Field(strict=False, min_length=3, max_length=3)]
 """A list of three."""
+Several = Annotated[tuple[T, ...], Field(strict=False, min_length=1)]
+"""A list that is not empty."""
 
 
 class Section(BaseModel):
@@ -41,11 +44,16 @@ class Section(BaseModel):
         # Equal tables share what a process keeps of them, so they must mean the same to a bit.
         return 0.0 if isinstance(value, float) and value == 0.0 else value
 
-    def require_distinct(self, key: str, item: str) -> None:
-        """Raise ValueError if a list, whose members are called ``item``, has a member twice."""
-        values = getattr(self, key)
+
+def distinct(item: str) -> AfterValidator:
+    """Return a check that a list, whose members are called ``item``, has none of them twice."""
+
+    def check(values: tuple[Any, ...]) -> tuple[Any, ...]:
         if len(set(values)) != len(values):
-            raise ValueError(f"{key} names {item} twice")
+            raise ValueError(f"names {item} twice")
+        return values
+
+    return AfterValidator(check)
 
 
 def changes(spec: type[Section], but: Sequence[str] = ()) -> Callable[[type[S]], type[S]]:

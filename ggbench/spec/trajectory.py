@@ -15,7 +15,7 @@ from ..trajectory.manoeuvres import Manoeuvre, State, TrajectoryError, plan
 from ..trajectory.terrain_following import TerrainFollowing, terrain_path
 from . import quantities as q
 from .segments import SegmentSpec, keys_given
-from .tables import Listed, Section
+from .tables import Listed, Section, distinct
 
 if TYPE_CHECKING:
     from ..trajectory.survey_lines import SurveyLine
@@ -61,7 +61,7 @@ class TrajectorySpec(Section):
 
     With `lines` it holds survey lines and their readings (CSV, also packed by gzip).
     """
-    lines: Listed[LineName] = ()
+    lines: Annotated[Listed[LineName], distinct("a line")] = ()
     """Survey lines of the file: run r flies line r modulo their number."""
     made_up_turns: bool = False
     """Survey lines: each run flies all of them, by their times, with turns made up between."""
@@ -85,7 +85,6 @@ class TrajectorySpec(Section):
                         "remove one of them"
                     )
             if self.lines:
-                self.require_distinct("lines", "a line")
                 if len(self.drawn_lines) > 1 and self.middle_s is None:
                     raise ValueError(
                         "middle_s is missing: results need equal flights of all lines, so that "

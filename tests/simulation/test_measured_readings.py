@@ -261,7 +261,7 @@ def test_gravity_that_cannot_be_read_is_refused_in_a_sentence(gravity, changes, 
     [
         ({"gradiometer.components": ["xx", "xy"]}, "has no column xy"),
         ({"trajectory.lines": ["31.1"]}, "there is no line '31.1'; its lines: 10, 20.1, 30"),
-        ({"trajectory.lines": ["10", "10"]}, "lines names a line twice"),
+        ({"trajectory.lines": ["10", "10"]}, "lines: names a line twice"),
         ({"trajectory.lines": []}, "'middle_s' belongs to survey lines"),
         ({"trajectory.middle_s": 26.0}, f"line 10 lasts {SECONDS} s, and middle_s is 26"),
         ({"trajectory.middle_s": 19.5}, "must be a multiple of the interval"),

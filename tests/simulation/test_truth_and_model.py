@@ -351,7 +351,7 @@ BAD = {
         GRADIOMETER,
         '[gradiometer.rotating]\nbaseline_m = 0.5\nrotation_hz = 0.5\nspin_axes = ["x", "x"]\n'
         + GRADIOMETER,
-        r"gradiometer.rotating: spin_axes names an axis twice",
+        r"gradiometer.rotating.spin_axes: names an axis twice",
     ),
     "unknown mount": (
         GRADIOMETER, f'{GRADIOMETER}\ninstrument = "gimballed"',
