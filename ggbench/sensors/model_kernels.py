@@ -125,70 +125,45 @@ def read(
     points : scratch for S.
     out : (g, S, lanes) output.
     """
+    places, tensors, reference = points.places, points.tensors, context.references
     at = min(k, model.lags.shape[0] - 1)
     for i in range(model.lags.shape[1]):
-        if model.lags[at, i] >= 0:
-            _add_reading(
-                model, k - model.lags[at, i], i, model.combined[at, i], context, errors, vectors,
-                count, points, out,
+        if model.lags[at, i] < 0:
+            continue
+        epoch, channels = k - model.lags[at, i], model.combined[at, i]
+        latitude, longitude, height = (
+            load(reference, i, 0), load(reference, i, 1), load(reference, i, 2),
+        )  # fmt: skip
+        for s in range(vectors):
+            place = _displaced(
+                latitude, longitude, height,
+                load(errors, 0, s), load(errors, 1, s), load(errors, 2, s),
             )  # fmt: skip
-
-
-@copied
-def _add_reading(
-    model: ModelArrays,
-    epoch: int,
-    i: int,
-    channels: np.ndarray,
-    context: EpochContext,
-    errors: np.ndarray,
-    vectors: int,
-    count: int,
-    points: PointScratch,
-    out: np.ndarray,
-) -> None:
-    """Add the gradients that are read at an epoch to h of points; the first also the offset.
-
-    Parameters
-    ----------
-    epoch : at which they are read.
-    i : number of these readings among those that are combined.
-    channels : (g, 6) S_ki.
-    model, context, errors, vectors, count, points, out : as in :func:`read`.
-    """
-    places, tensors, reference = points.places, points.tensors, context.references
-    latitude, longitude, height = (
-        load(reference, i, 0), load(reference, i, 1), load(reference, i, 2),
-    )  # fmt: skip
-    for s in range(vectors):
-        place = _displaced(
-            latitude, longitude, height, load(errors, 0, s), load(errors, 1, s), load(errors, 2, s)
-        )
-        store(places, 0, s, place[0])
-        store(places, 1, s, place[1])
-        store(places, 2, s, place[2])
-    if model.coefficients.size > 0:
-        size = places.shape[1] * places.shape[2]
-        spline_tensors(
-            places.reshape((3, size)), count, model.origin, model.step, model.coefficients,
-            tensors.reshape((24, size)),
-        )  # fmt: skip
-    gain, turned = load(context.gain, 0, 0), ROTATION_RATE * model.times[epoch]
-    for s in range(vectors):
-        sine, cosine = sine_cosine(_near_zero(load(places, 0, s)))
-        ee, nn, nu, uu = normal_gradient_of(sine, cosine, load(places, 2, s))
-        t = (
-            load(tensors, 0, s) + ee, load(tensors, 1, s), load(tensors, 2, s),
-            load(tensors, 3, s) + nn, load(tensors, 4, s) + nu, load(tensors, 5, s) + uu,
-        )  # fmt: skip
-        if model.instrument == PLATFORM:
-            sine_a, cosine_a = sine_cosine(_near_zero(load(places, 1, s) + turned))
-            t = rotated(inertial_matrix(sine, cosine, sine_a, cosine_a), t)
-        elif model.instrument == STRAPDOWN:
-            t = rotated(_body_matrix(_attitude(context), _attitude_error(errors, s)), t)
-        for c in range(out.shape[0]):
-            before = load(context.offset, 0, c) if i == 0 else load(out, c, s)
-            store(out, c, s, before + gain * _combined(channels[c], t))
+            store(places, 0, s, place[0])
+            store(places, 1, s, place[1])
+            store(places, 2, s, place[2])
+        if model.coefficients.size > 0:
+            size = places.shape[1] * places.shape[2]
+            spline_tensors(
+                places.reshape((3, size)), count, model.origin, model.step, model.coefficients,
+                tensors.reshape((24, size)),
+            )  # fmt: skip
+        gain, turned = load(context.gain, 0, 0), ROTATION_RATE * model.times[epoch]
+        for s in range(vectors):
+            sine, cosine = sine_cosine(_near_zero(load(places, 0, s)))
+            ee, nn, nu, uu = normal_gradient_of(sine, cosine, load(places, 2, s))
+            t = (
+                load(tensors, 0, s) + ee, load(tensors, 1, s), load(tensors, 2, s),
+                load(tensors, 3, s) + nn, load(tensors, 4, s) + nu, load(tensors, 5, s) + uu,
+            )  # fmt: skip
+            if model.instrument == PLATFORM:
+                sine_a, cosine_a = sine_cosine(_near_zero(load(places, 1, s) + turned))
+                t = rotated(inertial_matrix(sine, cosine, sine_a, cosine_a), t)
+            elif model.instrument == STRAPDOWN:
+                t = rotated(_body_matrix(_attitude(context), _attitude_error(errors, s)), t)
+            for c in range(out.shape[0]):
+                before = load(context.offset, 0, c) if i == 0 else load(out, c, s)
+                store(out, c, s, before + gain * _combined(channels[c], t))
 
 
 @inlined
@@ -230,85 +205,61 @@ def linearise_reading(
     out : (g, 6, lanes) output [E/m; E/rad], by the error; the last three columns of a strapdown
         instrument only.
     """
+    places, found, reference = points.places, points.tensors, context.references
     at = min(k, model.lags.shape[0] - 1)
     for i in range(model.lags.shape[1]):
-        if model.lags[at, i] >= 0:
-            _add_linearised(
-                model, k - model.lags[at, i], i, model.combined[at, i], context, errors, count,
-                points, predicted, out,
-            )  # fmt: skip
-
-
-@copied
-def _add_linearised(
-    model: ModelArrays,
-    epoch: int,
-    i: int,
-    channels: np.ndarray,
-    context: EpochContext,
-    errors: np.ndarray,
-    count: int,
-    points: PointScratch,
-    predicted: np.ndarray,
-    out: np.ndarray,
-) -> None:
-    """Add the gradients that are read at an epoch to h and its derivative.
-
-    Parameters
-    ----------
-    epoch, i, channels : as in :func:`_add_reading`.
-    model, context, errors, count, points, predicted, out : as in :func:`linearise_reading`.
-    """
-    places, found, reference = points.places, points.tensors, context.references
-    latitude, longitude, height, per_north, per_east = _displaced(
-        load(reference, i, 0), load(reference, i, 1), load(reference, i, 2),
-        load(errors, 0, 0), load(errors, 1, 0), load(errors, 2, 0),
-    )  # fmt: skip
-    if model.coefficients.size > 0:
-        store(places, 0, 0, latitude)
-        store(places, 1, 0, longitude)
-        store(places, 2, 0, height)
-        size = places.shape[1] * places.shape[2]
-        spline_tensor_slopes(
-            places.reshape((3, size)), count, model.origin, model.step, model.coefficients,
-            points.work, found.reshape((24, size)),
+        if model.lags[at, i] < 0:
+            continue
+        epoch, channels = k - model.lags[at, i], model.combined[at, i]
+        latitude, longitude, height, per_north, per_east = _displaced(
+            load(reference, i, 0), load(reference, i, 1), load(reference, i, 2),
+            load(errors, 0, 0), load(errors, 1, 0), load(errors, 2, 0),
         )  # fmt: skip
-    sine, cosine = sine_cosine(_near_zero(latitude))
-    t, slopes, north, east = gradient_of(
-        sine, cosine, height,
-        (
-            load(found, 0, 0), load(found, 1, 0), load(found, 2, 0),
-            load(found, 3, 0), load(found, 4, 0), load(found, 5, 0),
-        ),
-        (_along(found, 6), _along(found, 7), _along(found, 8)),
-    )  # fmt: skip
-    d_e, d_n, d_u = slopes
-    gain, error = load(context.gain, 0, 0), _attitude_error(errors, 0)
-    if model.instrument != LOCAL_LEVEL:
-        if model.instrument == PLATFORM:
-            turned = longitude + ROTATION_RATE * model.times[epoch]
-            sine_a, cosine_a = sine_cosine(_near_zero(turned))
-            c = inertial_matrix(sine, cosine, sine_a, cosine_a)
-            # The local level turns for a metre to the east and to the north.
-            d_e = sum_of(d_e, turn_of(t, 0.0, cosine / east, sine / east))
-            d_n = sum_of(d_n, turn_of(t, -1.0 / north, 0.0, 0.0))
-        else:
-            c = _body_matrix(_attitude(context), error)
-        d_e, d_n, d_u = rotated(c, d_e), rotated(c, d_n), rotated(c, d_u)
-        if model.instrument == STRAPDOWN:
-            # The mount turns with the body, so the tensor turns against it.
-            j = left_jacobian(error[0], error[1], error[2])
-            for axis in range(3):
-                turn = turn_of(t, -j[axis], -j[3 + axis], -j[6 + axis])
-                _put_column(channels, rotated(c, turn), gain, i, 3 + axis, out)
-        t = rotated(c, t)
-    for m in range(channels.shape[0]):
-        before = load(context.offset, 0, m) if i == 0 else load(predicted, 0, m)
-        store(predicted, 0, m, before + gain * _combined(channels[m], t))
-    # The error's metres are measured at the reference, the slope's at the displaced point.
-    _put_column(channels, d_e, -gain * east / per_east, i, 0, out)
-    _put_column(channels, d_n, -gain * north / per_north, i, 1, out)
-    _put_column(channels, d_u, -gain, i, 2, out)
+        if model.coefficients.size > 0:
+            store(places, 0, 0, latitude)
+            store(places, 1, 0, longitude)
+            store(places, 2, 0, height)
+            size = places.shape[1] * places.shape[2]
+            spline_tensor_slopes(
+                places.reshape((3, size)), count, model.origin, model.step, model.coefficients,
+                points.work, found.reshape((24, size)),
+            )  # fmt: skip
+        sine, cosine = sine_cosine(_near_zero(latitude))
+        t, slopes, north, east = gradient_of(
+            sine, cosine, height,
+            (
+                load(found, 0, 0), load(found, 1, 0), load(found, 2, 0),
+                load(found, 3, 0), load(found, 4, 0), load(found, 5, 0),
+            ),
+            (_along(found, 6), _along(found, 7), _along(found, 8)),
+        )  # fmt: skip
+        d_e, d_n, d_u = slopes
+        gain, error = load(context.gain, 0, 0), _attitude_error(errors, 0)
+        if model.instrument != LOCAL_LEVEL:
+            if model.instrument == PLATFORM:
+                turned = longitude + ROTATION_RATE * model.times[epoch]
+                sine_a, cosine_a = sine_cosine(_near_zero(turned))
+                c = inertial_matrix(sine, cosine, sine_a, cosine_a)
+                # The local level turns for a metre to the east and to the north.
+                d_e = sum_of(d_e, turn_of(t, 0.0, cosine / east, sine / east))
+                d_n = sum_of(d_n, turn_of(t, -1.0 / north, 0.0, 0.0))
+            else:
+                c = _body_matrix(_attitude(context), error)
+            d_e, d_n, d_u = rotated(c, d_e), rotated(c, d_n), rotated(c, d_u)
+            if model.instrument == STRAPDOWN:
+                # The mount turns with the body, so the tensor turns against it.
+                j = left_jacobian(error[0], error[1], error[2])
+                for axis in range(3):
+                    turn = turn_of(t, -j[axis], -j[3 + axis], -j[6 + axis])
+                    _put_column(channels, rotated(c, turn), gain, i, 3 + axis, out)
+            t = rotated(c, t)
+        for m in range(channels.shape[0]):
+            before = load(context.offset, 0, m) if i == 0 else load(predicted, 0, m)
+            store(predicted, 0, m, before + gain * _combined(channels[m], t))
+        # The error's metres are measured at the reference, the slope's at the displaced point.
+        _put_column(channels, d_e, -gain * east / per_east, i, 0, out)
+        _put_column(channels, d_n, -gain * north / per_north, i, 1, out)
+        _put_column(channels, d_u, -gain, i, 2, out)
 
 
 @inlined
