@@ -162,17 +162,13 @@ class Prefilter:
         return np.concatenate(parts, axis=-2).reshape(output.shape)
 
 
-@dataclass(frozen=True)
-class _Head:
-    """A and W of the first H outputs, and how many outputs back the last of their rows reach."""
+def _head(
+    lowpass: LowPass, count: int, treatment: Treatment, rho: float
+) -> tuple[np.ndarray | None, np.ndarray, int]:
+    """Return A and W of ``count`` outputs, and how many outputs back the last of their rows reach.
 
-    matrix: np.ndarray | None
-    chain: np.ndarray
-    reach: int
-
-
-def _head(lowpass: LowPass, count: int, treatment: Treatment, rho: float) -> _Head:
-    """Return A and W of ``count`` outputs; the reach is ``count`` if the start is not forgotten."""
+    That is ``count`` if the start is not forgotten.
+    """
     identity = np.eye(count)
     response = lowpass.apply(identity)
     matrix = None
@@ -188,7 +184,7 @@ def _head(lowpass: LowPass, count: int, treatment: Treatment, rho: float) -> _He
         matrix = solve_triangular(factor, identity, trans="T")
         chain = matrix @ response
     known = [chain] if matrix is None else [matrix, chain]
-    return _Head(matrix, chain, max(map(_reach, known)))
+    return matrix, chain, max(map(_reach, known))
 
 
 def _reach(rows: np.ndarray) -> int:
@@ -233,21 +229,21 @@ def prefilter(lowpass: LowPass | None, count: int, treatment: Treatment, rho: fl
             f"farther from 0 and from the Nyquist frequency, {0.5 * lowpass.rate_hz:g} Hz"
         )
     size = min(count, _SHORT)
-    head = _head(lowpass, size, treatment, rho)
-    while size < count and head.reach == size:
+    matrix, chain, reach = _head(lowpass, size, treatment, rho)
+    while size < count and reach == size:
         size = min(count, 2 * size)
-        head = _head(lowpass, size, treatment, rho)
+        matrix, chain, reach = _head(lowpass, size, treatment, rho)
     samples = np.arange(size)
-    gain = head.chain.sum(axis=1)
+    gain = chain.sum(axis=1)
     # The first outputs may extrapolate: to before the first reading, or beyond their own.
-    delay = np.clip(samples - head.chain @ samples / gain, 0.0, samples)
-    matrix, later = head.matrix, nothing
+    delay = np.clip(samples - chain @ samples / gain, 0.0, samples)
+    later = nothing
     if matrix is not None and size < count:
-        lags = matrix[-1, size - head.reach :]
-        rows = max(head.reach, _ROWS)
-        later = np.zeros((rows, rows + head.reach - 1))
+        lags = matrix[-1, size - reach :]
+        rows = max(reach, _ROWS)
+        later = np.zeros((rows, rows + reach - 1))
         for row in range(rows):
-            later[row, row : row + head.reach] = lags
+            later[row, row : row + reach] = lags
     on = (0, count - size)
     return Prefilter(
         None if matrix is None else frozen(matrix),
