@@ -299,30 +299,27 @@ def prepare(case: CaseSpec) -> Flight:
         for sensor, stride in case.strides.items()
     }
     epochs = functools.reduce(np.union1d, read_at.values())
-    noise_free, measured, needed = np.zeros((0, 6)), None, epochs
+    at = read_at.get("gradiometer", np.zeros(0, dtype=int))
+    taken, attitudes = trajectory.times[at], trajectory.attitudes[at]
+    positions, needed = trajectory.positions[at], epochs
+    if true.gradiometer is not None and true.gradiometer.latency_s > 0.0:
+        taken = np.maximum(taken - true.gradiometer.latency_s, 0.0)
+        positions, attitudes = trajectory.at(taken)
+    measured, there = measured_readings(case, positions), np.ones(len(at), dtype=bool)
+    if measured is not None:
+        # Where nothing was measured, as in a turn, no map is needed.
+        there = ~np.isnan(measured).any(axis=1)
+        if case.gravimeter is None:
+            needed = np.setdiff1d(epochs, at[~there])
+    require_within((field, model_field), trajectory.positions[needed], case.trajectory)
+    noise_free = np.zeros((len(at), 6))
     if case.gradiometer is not None:
-        at = read_at["gradiometer"]
-        taken, attitudes = trajectory.times[at], trajectory.attitudes[at]
-        positions = trajectory.positions[at]
-        if true.gradiometer is not None and true.gradiometer.latency_s > 0.0:
-            taken = np.maximum(taken - true.gradiometer.latency_s, 0.0)
-            positions, attitudes = trajectory.at(taken)
-        measured, there = measured_readings(case, positions), np.ones(len(at), dtype=bool)
-        if measured is not None:
-            # Where nothing was measured, as in a turn, no map is needed.
-            there = ~np.isnan(measured).any(axis=1)
-            if case.gravimeter is None:
-                needed = np.setdiff1d(epochs, at[~there])
-        require_within((field, model_field), trajectory.positions[needed], case.trajectory)
-        noise_free = np.zeros((len(at), 6))
         places = gradiometer_places(case, positions, attitudes)
         noise_free[there] = readings(
             field, places[there], taken[there], attitudes[there], case.gradiometer.instrument
         )
         altimeter = math.inf if case.altimeter is None else case.altimeter.time_constant_s
         require_short_delays(suite_of_case(case, "model"), altimeter, len(at))
-    else:
-        require_within((field, model_field), trajectory.positions[needed], case.trajectory)
     errors = measured_errors(
         case, field, {sensor: trajectory.positions[at] for sensor, at in read_at.items()}
     )

@@ -53,10 +53,12 @@ class RandomStreams:
         if source not in self.SOURCES:
             raise AttributeError(f"there is no source of errors {source!r}")
         # The child that SeedSequence.spawn would give in this place.
-        child = np.random.SeedSequence(self._entropy, spawn_key=(self.SOURCES.index(source),))
-        generator = np.random.default_rng(child)
+        generator = self._generator(self.SOURCES.index(source))
         setattr(self, source, generator)
         return generator
+
+    def _generator(self, *key: int) -> np.random.Generator:
+        return np.random.default_rng(np.random.SeedSequence(self._entropy, spawn_key=key))
 
     def of_sensor(self, sensor: str, source: Source = "") -> np.random.Generator:
         """Return the generator of an aiding sensor, of its noise or another source.
@@ -69,8 +71,7 @@ class RandomStreams:
         if (sensor, source) not in self._named:
             digest = hashlib.sha256(f"{sensor}/{source}".encode()).digest()
             key = np.frombuffer(digest, dtype="<u4", count=_KEY_WORDS)
-            child = np.random.SeedSequence(self._entropy, spawn_key=tuple(key.tolist()))
-            self._named[sensor, source] = np.random.default_rng(child)
+            self._named[sensor, source] = self._generator(*key.tolist())
         return self._named[sensor, source]
 
 

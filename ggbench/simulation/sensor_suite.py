@@ -206,10 +206,12 @@ class SensorSuite:
     @cached_property
     def aiding_arms(self) -> np.ndarray:
         """The first state of the lever arm of each of these channels (e,); −1 for none."""
-        found: list[int] = []
-        for sensor, _, arm in self.aiding_states:
-            found += [arm.start if sensor.armed else -1] * len(sensor.channels)
-        return np.array(found, dtype=np.int64)
+        states = [
+            arm.start if sensor.armed else -1
+            for sensor, _, arm in self.aiding_states
+            for _ in sensor.channels
+        ]
+        return np.array(states, dtype=np.int64)
 
     @cached_property
     def noise_cov(self) -> np.ndarray:
