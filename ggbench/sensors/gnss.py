@@ -10,7 +10,35 @@ from ..gravity.field import Field
 from ..problem import Channel
 from .aiding import AidingSensor, Motion, cross_matrix, metres_of, position_error
 from .aiding_kernels import MOVED
-from .false_positions import FalsePositions
+
+_TIMING = 1e-9
+"""Within which times are equal [s]."""
+
+
+@dataclass(frozen=True)
+class FalsePositions:
+    """Errors of a receiver's positions that follow the clock, the same in all runs.
+
+    As if it were jammed, spoofed or misled by its corrections.
+
+    Attributes
+    ----------
+    ramp : ENU [m/s], by which the error grows from ``ramp_from`` [s] on.
+    jump : ENU [m], between the two times of ``jump_within`` [s].
+    """
+
+    ramp: tuple[float, ...] = (0.0, 0.0, 0.0)
+    ramp_from: float = 0.0
+    jump: tuple[float, ...] = (0.0, 0.0, 0.0)
+    jump_within: tuple[float, float] = (0.0, np.inf)
+
+    def at(self, times: np.ndarray) -> np.ndarray:
+        """Return the errors (K, 3) ENU [m] of positions at some times (K,) [s]."""
+        first, last = self.jump_within
+        jumped = (times > first - _TIMING) & (times < last + _TIMING)
+        grown = np.maximum(times - self.ramp_from, 0.0)
+        return grown[:, np.newaxis] * np.array(self.ramp) + np.outer(jumped, self.jump)
+
 
 _TRUE_POSITIONS = FalsePositions()
 
@@ -44,14 +72,10 @@ class Gnss(AidingSensor):
     @property
     def channels(self) -> tuple[Channel, ...]:
         """Position ENU relative to the INS's [m], velocity ENU [m/s]; those that there are."""
-        found = []
-        for there, what, unit in (
-            (self.position, "position", "m"),
-            (self.velocity, "velocity", "m/s"),
-        ):
-            if there:
-                found += [Channel(f"{what} {axis}", unit, self.name) for axis in "ENU"]
-        return tuple(found)
+        kinds = [("position", "m")] * self.position + [("velocity", "m/s")] * self.velocity
+        return tuple(
+            Channel(f"{what} {axis}", unit, self.name) for what, unit in kinds for axis in "ENU"
+        )
 
     @property
     def biased(self) -> int:

@@ -12,8 +12,7 @@ from ..gravity.field import DisturbanceMap
 from ..ins.strapdown import steady_force
 from ..sensors.aiding import AidingSensor, Barometer, Gravimeter, Motion, VelocityLog
 from ..sensors.aiding_kernels import MOVED, Aiding
-from ..sensors.false_positions import FalsePositions
-from ..sensors.gnss import Gnss
+from ..sensors.gnss import FalsePositions, Gnss
 from ..sensors.gradiometer.faults import Faults
 from ..spec.aiding import (
     BarometerSpec,
@@ -40,14 +39,17 @@ def on_board(side: Side, truth: TruthSpec | None) -> tuple[AidingSensor, ...]:
     side : the tables.
     truth : dropouts and outliers of the true readings; None for the estimators' sensors.
     """
-    changes = {} if truth is None else aiding_of(truth)
+    nothing = TruthSpec()
+    changes = aiding_of(truth or nothing)
     return tuple(
-        _sensor(spec, changes.get(name), "" if name == spec.kind else name)
+        _sensor(
+            spec, changes.get(name, getattr(nothing, spec.kind)), "" if name == spec.kind else name
+        )
         for name, spec in aiding_of(side).items()
     )
 
 
-def _sensor(spec: Any, changes: Interruptions | None, label: str) -> AidingSensor:
+def _sensor(spec: Any, changes: Any, label: str) -> AidingSensor:
     if isinstance(spec, GnssSpec):
         position, velocity = spec.position_noise_m is not None, spec.velocity_noise_mps is not None
         noise, outliers = _of_gnss(spec, changes)
@@ -60,34 +62,32 @@ def _sensor(spec: Any, changes: Interruptions | None, label: str) -> AidingSenso
     if isinstance(spec, LogSpec):
         return VelocityLog(
             spec.period_s, (spec.noise_mps,) * len(spec.components), spec.bias_mps, bias_time,
-            _faults(changes, getattr(changes, "outlier_mps", 0.0)),
+            _faults(changes, changes.outlier_mps),
             spec.components, spec.frame == "body", label=label,
         )  # fmt: skip
     if isinstance(spec, BarometerSpec):
         return Barometer(
             spec.period_s, (spec.noise_m,), spec.bias_m, bias_time,
-            _faults(changes, getattr(changes, "outlier_m", 0.0)), label=label,
+            _faults(changes, changes.outlier_m), label=label,
         )  # fmt: skip
     assert isinstance(spec, GravimeterSpec)
     return Gravimeter(
         spec.period_s, (spec.noise_mgal,) * len(spec.components), spec.bias_mgal, bias_time,
-        _faults(changes, getattr(changes, "outlier_mgal", 0.0)),
+        _faults(changes, changes.outlier_mgal),
         spec.components, steady_force=steady_force, label=label,
     )  # fmt: skip
 
 
-def _of_gnss(
-    spec: GnssSpec, changes: Interruptions | None
-) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def _of_gnss(spec: GnssSpec, changes: TrueGnss) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Return the noise and the size of outliers of each channel."""
     noise: list[float] = []
     outliers: list[float] = []
     if spec.position_noise_m is not None:
         noise += [spec.position_noise_m] * 2 + [spec.height_noise_m or spec.position_noise_m]
-        outliers += [getattr(changes, "outlier_m", 0.0)] * 3
+        outliers += [changes.outlier_m] * 3
     if spec.velocity_noise_mps is not None:
         noise += [spec.velocity_noise_mps] * 3
-        outliers += [getattr(changes, "outlier_mps", 0.0)] * 3
+        outliers += [changes.outlier_mps] * 3
     return tuple(noise), tuple(outliers)
 
 
@@ -116,16 +116,12 @@ def _lasting(
     return drawn, arm
 
 
-def _false_positions(changes: Interruptions | None) -> FalsePositions:
-    if not isinstance(changes, TrueGnss):
-        return FalsePositions()
+def _false_positions(changes: TrueGnss) -> FalsePositions:
     within = changes.jump_from_s, changes.jump_until_s or math.inf
     return FalsePositions(changes.ramp_mps, changes.ramp_from_s, changes.jump_m, within)
 
 
-def _faults(changes: Interruptions | None, *outliers: float) -> Faults:
-    if changes is None:
-        return Faults()
+def _faults(changes: Interruptions, *outliers: float) -> Faults:
     return Faults(
         outlier_share=changes.outlier_share,
         outlier=outliers,
