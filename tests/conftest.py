@@ -15,7 +15,6 @@ import pytest
 from oracles import points
 
 from ggbench.gravity import ellipsoid
-from ggbench.ins import strapdown
 from ggbench.numerics import rotations
 from ggbench.simulation.error_free_flight import Flight, prepare
 from ggbench.spec import scenario
@@ -148,7 +147,7 @@ def mechanization_jacobian(
         rotations.rotation_matrix(-error[6:9], turn)
         attitude = turn @ c_nb
         points.position_rate(here, moving, out[0])
-        strapdown.velocity_rate(here, moving, attitude @ (force + error[12:15]), out[1])
+        points.velocity_rate(here, moving, attitude @ (force + error[12:15]), out[1])
         points.attitude_rate(here, moving, attitude, rate + error[9:12], out[2])
         # C_nb C̃_nbᵀ = exp([φ×]) = E, so E' = [ω×] E − E [ω̃×], whose skew part is [φ'×].
         skew = cross_matrix(true_rate) @ turn.T - turn.T @ cross_matrix(out[2])

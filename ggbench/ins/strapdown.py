@@ -111,19 +111,6 @@ def step(
     return advance_position_of(position, v, next_v, dt), next_v, next_c_nb
 
 
-@compiled
-def velocity_rate(
-    position: np.ndarray, velocity: np.ndarray, specific_force: np.ndarray, out: np.ndarray
-) -> None:
-    """Fill v' [m/s²] for a specific force in n axes, as :func:`velocity_rate_of` gives it."""
-    out[0], out[1], out[2] = velocity_rate_of(
-        place_of(position[0], position[2]),
-        position[2],
-        _numbers(velocity),
-        _numbers(specific_force),
-    )
-
-
 def steady_force(positions: np.ndarray, velocities: np.ndarray) -> np.ndarray:
     """Return the specific force (..., 3), ENU [m/s²], that keeps a velocity in normal gravity.
 
@@ -136,11 +123,11 @@ def steady_force(positions: np.ndarray, velocities: np.ndarray) -> np.ndarray:
 @compiled
 def _steady_forces(positions: np.ndarray, velocities: np.ndarray) -> np.ndarray:
     out = np.empty(positions.shape)
-    nothing = np.zeros(3)
     for k in range(positions.shape[0]):
-        velocity_rate(positions[k], velocities[k], nothing, out[k])
+        place = place_of(positions[k, 0], positions[k, 2])
+        rate = velocity_rate_of(place, positions[k, 2], _numbers(velocities[k]), (0.0, 0.0, 0.0))
         for i in range(3):
-            out[k, i] = -out[k, i]
+            out[k, i] = -rate[i]
     return out
 
 

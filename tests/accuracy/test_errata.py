@@ -17,7 +17,6 @@ from oracles import points
 from ggbench.gravity import ellipsoid
 from ggbench.gravity.ellipsoid import EOTVOS, ROTATION_RATE
 from ggbench.gravity.field import Field
-from ggbench.ins import strapdown
 from ggbench.numerics import rotations
 
 POSITION = np.array([np.radians(33.5), np.radians(108.0), 10000.0])
@@ -194,7 +193,7 @@ def test_eq9_noise_blocks():
         position, velocity, attitude = np.empty((3, 3))
         points.position_rate(POSITION, VELOCITY, position)
         force = C_NB @ (C_NB.T @ FORCE_N + force_error)
-        strapdown.velocity_rate(POSITION, VELOCITY, force, velocity)
+        points.velocity_rate(POSITION, VELOCITY, force, velocity)
         points.attitude_rate(POSITION, VELOCITY, C_NB, RATE_B + rate_error, attitude)
         return np.concatenate([position, velocity, -attitude])  # φ' is minus the excess turn
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from ggbench.gravity.ellipsoid import normal_gradient_of, normal_gradient_slopes_of
 from ggbench.ins.local_level import frame_rates_of, place_of, position_rate_of
+from ggbench.ins.strapdown import velocity_rate_of
 from ggbench.numerics.kernels import compiled
 
 
@@ -28,6 +29,16 @@ def position_rate(position: np.ndarray, velocity: np.ndarray, out: np.ndarray) -
     """Fill (L', λ', h') of a position [rad, rad, m] and an ENU velocity [m/s]."""
     out[0], out[1] = position_rate_of(place_of(position[0], position[2]), velocity[0], velocity[1])
     out[2] = velocity[2]
+
+
+@compiled
+def velocity_rate(
+    position: np.ndarray, velocity: np.ndarray, specific_force: np.ndarray, out: np.ndarray
+) -> None:
+    """Fill v' [m/s²] for a specific force in n axes."""
+    v, f = (velocity[0], velocity[1], velocity[2]), specific_force
+    place = place_of(position[0], position[2])
+    out[0], out[1], out[2] = velocity_rate_of(place, position[2], v, (f[0], f[1], f[2]))
 
 
 @compiled
