@@ -337,16 +337,7 @@ def corrected_motion(indicated: Motion, errors: np.ndarray) -> Motion:
 
 def cross_matrix(vectors: np.ndarray) -> np.ndarray:
     """Return [v×] (..., 3, 3) of vectors (..., 3)."""
-    x, y, z = np.moveaxis(vectors, -1, 0)
-    zero = np.zeros_like(x)
-    return np.stack(
-        [
-            np.stack([zero, -z, y], axis=-1),
-            np.stack([z, zero, -x], axis=-1),
-            np.stack([-y, x, zero], axis=-1),
-        ],
-        axis=-2,
-    )
+    return np.cross(np.eye(3), vectors[..., np.newaxis, :])
 
 
 def metres_of(positions: np.ndarray) -> np.ndarray:
