@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from . import quantities as q
-from .tables import Finite, FreeTable, Listed, Section, Title
+from .tables import Finite, FreeTable, Listed, Section, Title, nested
 
 AxisName = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9.]*$", max_length=20)]
 MOST_POINTS = 10_000
@@ -60,10 +60,7 @@ class AxisSpec(Section):
         if self.changes is not None:
             return dict(self.changes[index].content())
         assert self.key is not None  # checked above
-        change: Any = self.values[index]
-        for part in reversed(self.key.split(".")):
-            change = {part: change}
-        return dict(change)
+        return nested(self.key, self.values[index])
 
     @property
     def title(self) -> str:

@@ -46,7 +46,7 @@ from .sensors import (
     changed,
     merged,
 )
-from .tables import Listed, Section, Title
+from .tables import Listed, Section, Title, nested
 from .trajectory import TrajectorySpec
 from .validation_messages import ScenarioError, validate
 
@@ -288,10 +288,7 @@ class CaseSpec(Section):
         ScenarioError
             If there is no such key, or the case would break a rule.
         """
-        change: Any = value
-        for part in reversed(key.split(".")):
-            change = {part: change}
-        whole = merged(self.model_dump(warnings=False), change)
+        whole = merged(self.model_dump(warnings=False), nested(key, value))
         return validate(CaseSpec, whole, f"case '{self.name}' with {key} = {value!r}")
 
     def model_copy(

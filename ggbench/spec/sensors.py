@@ -222,43 +222,41 @@ class DisturbanceSpec(Section):
 
     def require_integrable(self, gradiometer: GradiometerSpec | None, compensate: bool) -> None:
         """Raise ValueError if gradients are to be integrated and cannot be."""
-        if not self.integrate_gradients:
-            return
-        said = "disturbance.integrate_gradients"
+        why = self._why_not(gradiometer, compensate) if self.integrate_gradients else ""
+        if why:
+            raise ValueError(f"disturbance.integrate_gradients {why}")
+
+    def _why_not(self, gradiometer: GradiometerSpec | None, compensate: bool) -> str:
+        """Return why gradients cannot be integrated, or nothing."""
         if self.distance_km is not None:
-            raise ValueError(
-                f"{said} leaves a walk of the readings' noise: distance_km must not be given"
-            )
+            return "leaves a walk of the readings' noise: distance_km must not be given"
         if compensate:
-            raise ValueError(
-                f"{said} and field.compensate exclude each other: the INS would add the gravity "
+            return (
+                "and field.compensate exclude each other: the INS would add the gravity "
                 "disturbance twice"
             )
         if gradiometer is None:
-            raise ValueError(f"{said} needs a gradiometer, and none is on board")
+            return "needs a gradiometer, and none is on board"
         if gradiometer.instrument != "local-level":
-            raise ValueError(
-                f'{said} needs gradients east, north and up: gradiometer.instrument = "local-level"'
+            return (
+                'needs gradients east, north and up: gradiometer.instrument = "local-level"'
                 f', found "{gradiometer.instrument}"'
             )
         if gradiometer.filter != "none" or gradiometer.latency_s > 0.0:
-            raise ValueError(
-                f'{said} needs readings without delay: gradiometer.filter = "none" and no latency_s'
-            )
+            return 'needs readings without delay: gradiometer.filter = "none" and no latency_s'
         if gradiometer.coloured_noise is not None:
-            raise ValueError(
-                f"{said} makes a walk of white noise: gradiometer.coloured_noise must not be given"
-            )
+            return "makes a walk of white noise: gradiometer.coloured_noise must not be given"
         if gradiometer.bias_eotvos > 0.0 or gradiometer.drift_eotvos_per_sqrt_h > 0.0:
-            raise ValueError(
-                f"{said} has no states for the integral of a gradiometer bias: "
-                "bias_eotvos and drift_eotvos_per_sqrt_h must be 0 for the estimators"
+            return (
+                "has no states for the integral of a gradiometer bias: bias_eotvos and "
+                "drift_eotvos_per_sqrt_h must be 0 for the estimators"
             )
         if gradiometer.mounting_sigma_arcmin > 0.0:
-            raise ValueError(
-                f"{said} integrates gradients as they are read: mounting_sigma_arcmin must be 0 "
-                "for the estimators"
+            return (
+                "integrates gradients as they are read: mounting_sigma_arcmin must be 0 for the "
+                "estimators"
             )
+        return ""
 
 
 class TruthSpec(Section):

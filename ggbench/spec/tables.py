@@ -87,6 +87,13 @@ def changes(spec: type[Section], but: Sequence[str] = ()) -> Callable[[type[S]],
     return decorated
 
 
+def nested(key: str, value: Any) -> dict[str, Any]:
+    """Return nested tables that hold a value at a dotted key."""
+    for part in reversed(key.split(".")):
+        value = {part: value}
+    return dict(value)
+
+
 class Table(tuple[tuple[str, Any], ...]):
     """A free table, hashable: its keys with their values, sorted."""
 
