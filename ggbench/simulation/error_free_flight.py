@@ -31,8 +31,7 @@ from .instruments import faults, spinning_disks
 from .measured import measured_errors, measured_readings
 from .sensor_suite import SensorSuite
 from .suites import suite_of_case
-from .true_motion import error_free_motion
-from .within_map import require_within
+from .true_motion import error_free_motion, require_within
 
 
 @dataclass(frozen=True)

@@ -49,19 +49,15 @@ def gradients(flight: Flight, streams: Sequence[RandomStreams]) -> Gradients:
         output = np.tile(np.nan_to_num(flight.measured), (runs, 1, 1))
         return Gradients(output, np.tile(flight.absent, (runs, 1)), unknown, unturned)
     if flight.true.gradiometer is not None:
-        output, biases, turned = _gradiometer_output(flight, flight.true.gradiometer, streams)
-        return Gradients(output, _missing(flight, streams), biases, turned)
+        return _with_errors(flight, flight.true.gradiometer, streams)
     none = np.zeros((runs, 0), dtype=bool)
     return Gradients(np.zeros((runs, 0, width)), none, unknown, unturned)
 
 
-def _gradiometer_output(
+def _with_errors(
     flight: Flight, instrument: Gradiometer, streams: Sequence[RandomStreams]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return what the instruments deliver, biases at all epochs [E], and mounting angles [rad].
-
-    (R, G, g) for G readings, before they drop out, (R, K, g), and (R, 3).
-    """
+) -> Gradients:
+    """Return what the instruments deliver where readings are simulated."""
     faults, at = flight.faults, flight.gradient_epochs
     times = flight.times[at]
     channels = instrument.channels
@@ -104,7 +100,7 @@ def _gradiometer_output(
     if instrument.noise_behind_filter > 0.0:
         for run, of_run in enumerate(streams):
             output[run] += instrument.noise_behind(len(times), of_run.behind_filter)
-    return output, biases, turned
+    return Gradients(output, _missing(flight, streams), biases, turned)
 
 
 def _missing(flight: Flight, streams: Sequence[RandomStreams]) -> np.ndarray:

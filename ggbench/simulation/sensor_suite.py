@@ -49,7 +49,7 @@ _GRADIENT_BIAS = "gradiometer bias"
 
 
 class AidingStates(NamedTuple):
-    """States of an aiding sensor: biases, and errors of its lever arm; either may be none."""
+    """States of an aiding sensor: biases, and errors of its lever arm; none begin at −1."""
 
     sensor: AidingSensor
     biases: slice
@@ -150,23 +150,15 @@ class SensorSuite:
             add(arm, sensor.armed, "m")
         return tuple(found)
 
-    def _states(self, name: str) -> slice | None:
-        """Return the states of a block of the layout, None if it has no such block."""
-        return next((block.slice for block in self.layout if block.name == name), None)
-
-    def _first(self, name: str) -> int:
-        """Return the first state of a block of the layout; −1 if it has no such block."""
-        found = self._states(name)
-        return -1 if found is None else int(found.start)
+    def _states(self, name: str) -> slice:
+        """Return the states of a block of the layout; none, beginning at −1, if it has no such."""
+        return next((block.slice for block in self.layout if block.name == name), slice(-1, -1))
 
     @cached_property
     def aiding_states(self) -> list[AidingStates]:
         """The states of each of the aiding sensors, behind all others."""
         return [
-            AidingStates(
-                sensor, *(self._states(name) or slice(0, 0) for name in _states_of(sensor))
-            )
-            for sensor in self.aiding
+            AidingStates(sensor, *map(self._states, _states_of(sensor))) for sensor in self.aiding
         ]
 
     @property
@@ -177,17 +169,17 @@ class SensorSuite:
     @property
     def gravity_state(self) -> int:
         """The first state of the gravity disturbance; −1 if it is none."""
-        return self._first(_GRAVITY)
+        return int(self._states(_GRAVITY).start)
 
     @property
     def mounting(self) -> int:
         """The first of three states that are mounting angles of the gradiometer; −1 for none."""
-        return self._first(_MOUNTING)
+        return int(self._states(_MOUNTING).start)
 
     @property
     def gradient_bias(self) -> int:
         """The first state that is a bias of the gradiometer; −1 without any."""
-        return self._first(_GRADIENT_BIAS)
+        return int(self._states(_GRADIENT_BIAS).start)
 
     @property
     def dimension(self) -> int:
@@ -206,12 +198,10 @@ class SensorSuite:
     @cached_property
     def aiding_arms(self) -> np.ndarray:
         """The first state of the lever arm of each of these channels (e,); −1 for none."""
-        states = [
-            arm.start if sensor.armed else -1
-            for sensor, _, arm in self.aiding_states
-            for _ in sensor.channels
-        ]
-        return np.array(states, dtype=np.int64)
+        return np.array(
+            [arm.start for sensor, _, arm in self.aiding_states for _ in sensor.channels],
+            dtype=np.int64,
+        )
 
     @cached_property
     def noise_cov(self) -> np.ndarray:
