@@ -346,14 +346,12 @@ def error_free_increments(
     # The state is kept where navigation keeps it, and advances by its instructions: the same
     # formula compiled once more, for numbers, might round otherwise.
     pair, felt, disturbance = lanes(2, TRACK), lanes(1, 6), lanes(1, 3)
+    keep(pair, 0, 0, _numbers(positions[0]))
+    keep(pair, 0, 3, _numbers(velocities[0]))
     for i in range(3):
-        store(pair, 0, i, positions[0, i])
-        store(pair, 0, 3 + i, velocities[0, i])
-        for j in range(3):
-            store(pair, 0, 6 + 3 * i + j, attitudes[0, i, j])
+        keep(pair, 0, 6 + 3 * i, _numbers(attitudes[0, i]))
     for n in range(count):
-        for i in range(3):
-            store(disturbance, 0, i, disturbances[n, i])
+        keep(disturbance, 0, 0, _numbers(disturbances[n]))
         felt[:] = 0.0
         _step_lanes(pair, felt, disturbance, 0, dt)
         for _ in range(6):
@@ -367,8 +365,8 @@ def error_free_increments(
                 for j in range(3):
                     missing = velocities[n + 1, j] - pair[1, 3 + j, 0]
                     delta_velocities[n, i] += c_nb[j, i] * missing
-                store(felt, 0, i, delta_angles[n, i])
-                store(felt, 0, 3 + i, delta_velocities[n, i])
+            keep(felt, 0, 0, _numbers(delta_angles[n]))
+            keep(felt, 0, 3, _numbers(delta_velocities[n]))
             _step_lanes(pair, felt, disturbance, 0, dt)
         for i in range(TRACK):
             store(pair, 0, i, load(pair, 1, i))

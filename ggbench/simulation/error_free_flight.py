@@ -11,12 +11,11 @@ from functools import cached_property
 
 import numpy as np
 
-from ..gravity.ellipsoid import metres_along
 from ..gravity.field import Field
 from ..ins import strapdown
 from ..ins.error_model import navigation_errors
 from ..ins.known_gravity import KnownGravity
-from ..sensors.aiding import Motion, corrected_positions
+from ..sensors.aiding import Motion, corrected_positions, metres_of
 from ..sensors.gradiometer.faults import Faults
 from ..sensors.gradiometer.instrument import inertial_from_local, readings
 from ..sensors.gradiometer.spinning_disks import SpinningDisks
@@ -125,8 +124,7 @@ class Flight:
     @cached_property
     def metres(self) -> np.ndarray:
         """What latitude, longitude and height are worth at the epochs (K, 3) [m/rad, m/rad, 1]."""
-        east_and_north = metres_along(self.trajectory.positions[self.epochs])
-        return np.hstack([east_and_north[:, ::-1], np.ones((len(self.epochs), 1))])
+        return metres_of(self.motion_at_epochs.positions)[:, [1, 0, 2]]
 
     def added_gravity(
         self, field: Field, seen: tuple[np.ndarray, np.ndarray] | None = None
