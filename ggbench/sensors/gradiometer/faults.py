@@ -3,13 +3,13 @@
 In this order: tilt of the mount, its misalignment and the scale factors, the errors of its rotating
 disks, what the scale factors have drifted by, bias and drift, white noise, outliers, the low-pass,
 the noise behind it; then readings drop out. When readings are taken at wrong times,
-:mod:`ggbench.simulation.runs` takes the tensor there.
+:mod:`ggbench.simulation.gradients` takes the tensor there.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -137,13 +137,12 @@ class Faults:
     def in_dropouts(self, times: np.ndarray) -> np.ndarray:
         """Return which times (K,) lie in the intervals without readings."""
         on, off = self.duty
+        lost = np.zeros(len(times), dtype=bool)
         if off > 0.0:
-            since = (times - _TIMING) % (on + off)  # a reading at the end of "on" is still there
-            return np.asarray((since > on) | replace(self, duty=(0.0, 0.0)).in_dropouts(times))
-        inside = [
-            (times > start - _TIMING) & (times < end + _TIMING) for start, end in self.dropouts
-        ]
-        return np.logical_or.reduce([np.zeros(len(times), dtype=bool), *inside])
+            lost |= (times - _TIMING) % (on + off) > on  # a reading at the end of "on" is there
+        for start, end in self.dropouts:
+            lost |= (times > start - _TIMING) & (times < end + _TIMING)
+        return lost
 
     def expected_share(self, times: np.ndarray) -> np.ndarray:
         """Return the share of all runs (K,) in which each of the readings is there."""
