@@ -17,21 +17,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ..block import ProblemBlock, joined
-from ..gravity.ellipsoid import metres_per_radian
-from ..ins.error_model import (
-    ATTITUDE,
-    GYRO_BIAS,
-    STATES,
-    VELOCITY,
-    navigation_errors,
-)
+from ..ins.error_model import GYRO_BIAS, STATES, navigation_errors
 from ..ins.known_gravity import KnownGravity
 from ..ins.strapdown import TRACK, navigate_lanes
 from ..numerics.lanes import groups, in_lanes, out_of_lanes, together, unfilled
-from ..numerics.rotations import rotation_matrix
 from ..problem import Problem
-from ..sensors.aiding import Motion
-from ..trajectory.truth import Trajectory
+from ..sensors.aiding import Motion, corrected_motion
 from .aiding import aiding_readings
 from .error_free_flight import Flight
 from .flight_bounds import require_together
@@ -233,10 +224,12 @@ def _navigate(
     true, increments = flights[0].true, scratch.increments
     biases = _inertial_readings(flights, streams, scratch.noise, increments)
     sigma = np.sqrt(np.diag(true.prior_cov)[:STATES])
-    initial = np.stack(
+    errors = [sigma * of_run.initial.standard_normal((1, STATES)) for of_run in streams]
+    starts = [Motion.of(flight.trajectory).at([0]) for flight in flights]
+    initial = np.concatenate(
         [
-            _perturbed(flight.trajectory, sigma * of_run.initial.standard_normal(STATES))
-            for flight, of_run in zip(flights, streams, strict=True)
+            corrected_motion(start, -error).states
+            for start, error in zip(starts, errors, strict=True)
         ]
     )
     heights, gains = _altimeter_readings(flights, streams)
@@ -294,14 +287,3 @@ def _altimeter_readings(
         for flight, of_run in zip(flights, streams, strict=True)
     ]
     return in_lanes(np.stack(heights)[:, :, np.newaxis]), gains
-
-
-def _perturbed(truth: Trajectory, error: np.ndarray) -> np.ndarray:
-    """Return the INS state (15,) at the start: truth plus a (15,) error state."""
-    position = truth.positions[0].copy()
-    north, east = metres_per_radian(position)
-    position += np.array([error[1] / north, error[0] / east, error[2]])
-    turn = np.empty((3, 3))
-    rotation_matrix(-error[ATTITUDE], turn)
-    velocity = truth.velocities[0] + error[VELOCITY]
-    return np.concatenate([position, velocity, np.ravel(turn @ truth.attitudes[0])])
