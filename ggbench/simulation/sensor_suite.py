@@ -42,8 +42,6 @@ _LAYOUT = (
     StateBlock("gyro bias", GYRO_BIAS, "rad/s"),
     StateBlock("accelerometer bias", ACCELEROMETER_BIAS, "m/s²"),
 )
-
-
 _GRAVITY, _MOUNTING = "gravity disturbance ENU", "gradiometer mounting error"
 _GRADIENT_BIAS = "gradiometer bias"
 

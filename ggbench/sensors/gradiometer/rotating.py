@@ -77,7 +77,7 @@ class RotatingGradiometer:
     Raises
     ------
     RotatingGradiometerError
-        If a value is not positive, or the period is not a whole number of half turns.
+        If the period is not a whole number of half turns.
     """
 
     baseline: float
@@ -86,12 +86,6 @@ class RotatingGradiometer:
 
     def __post_init__(self) -> None:
         """Refuse what is no instrument."""
-        for name, unit in (("baseline", "m"), ("rotation_rate_hz", "Hz"), ("period", "s")):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise RotatingGradiometerError(
-                    f"rotating gradiometer: {name} is {value} {unit}, but must be positive"
-                )
         halves = 2.0 * self.rotation_rate_hz * self.period
         if round(halves) < 1 or abs(halves - round(halves)) > 1e-9 * halves:
             raise RotatingGradiometerError(
