@@ -13,17 +13,16 @@ from ..ins.strapdown import steady_force
 from ..sensors.aiding import AidingSensor, Barometer, Gravimeter, Motion, VelocityLog
 from ..sensors.aiding_kernels import MOVED, Aiding
 from ..sensors.gnss import FalsePositions, Gnss
-from ..sensors.gradiometer.faults import Faults
 from ..spec.aiding import (
     BarometerSpec,
     GnssSpec,
     GravimeterSpec,
-    Interruptions,
     LogSpec,
     TrueGnss,
 )
 from ..spec.named_sensors import aiding_of
 from ..spec.sensors import Side, TruthSpec
+from .instruments import interruptions
 from .random_streams import RandomStreams
 from .sensor_suite import SensorSuite
 
@@ -55,25 +54,25 @@ def _sensor(spec: Any, changes: Any, label: str) -> AidingSensor:
         noise, outliers = _of_gnss(spec, changes)
         return Gnss(
             spec.period_s, noise, spec.position_bias_m, spec.position_bias_time_s or math.inf,
-            _faults(changes, *outliers), position, velocity, _false_positions(changes),
+            interruptions(changes, outliers), position, velocity, _false_positions(changes),
             spec.lever_arm_m, arm_sigma=spec.lever_arm_sigma_m, label=label,
         )  # fmt: skip
     bias_time = spec.bias_time_s or math.inf
     if isinstance(spec, LogSpec):
         return VelocityLog(
             spec.period_s, (spec.noise_mps,) * len(spec.components), spec.bias_mps, bias_time,
-            _faults(changes, changes.outlier_mps),
+            interruptions(changes, (changes.outlier_mps,)),
             spec.components, spec.frame == "body", label=label,
         )  # fmt: skip
     if isinstance(spec, BarometerSpec):
         return Barometer(
             spec.period_s, (spec.noise_m,), spec.bias_m, bias_time,
-            _faults(changes, changes.outlier_m), label=label,
+            interruptions(changes, (changes.outlier_m,)), label=label,
         )  # fmt: skip
     assert isinstance(spec, GravimeterSpec)
     return Gravimeter(
         spec.period_s, (spec.noise_mgal,) * len(spec.components), spec.bias_mgal, bias_time,
-        _faults(changes, changes.outlier_mgal),
+        interruptions(changes, (changes.outlier_mgal,)),
         spec.components, steady_force=steady_force, label=label,
     )  # fmt: skip
 
@@ -119,16 +118,6 @@ def _lasting(
 def _false_positions(changes: TrueGnss) -> FalsePositions:
     within = changes.jump_from_s, changes.jump_until_s or math.inf
     return FalsePositions(changes.ramp_mps, changes.ramp_from_s, changes.jump_m, within)
-
-
-def _faults(changes: Interruptions, *outliers: float) -> Faults:
-    return Faults(
-        outlier_share=changes.outlier_share,
-        outlier=outliers,
-        dropout_share=changes.dropout_share,
-        dropouts=tuple((start, end) for start, end in changes.dropouts_s),
-        duty=(changes.duty_on_s, changes.duty_off_s),
-    )
 
 
 def aiding_readings(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,6 +19,7 @@ from ..sensors.gradiometer.instrument import Gradiometer, noise_rms, parse_compo
 from ..sensors.gradiometer.lowpass import LowPass
 from ..sensors.gradiometer.rotating import RotatingGradiometer, channel_noise_eotvos
 from ..sensors.gradiometer.spinning_disks import DISK_CHANNELS, SpinningDisks
+from ..spec.aiding import Interruptions
 from ..spec.case import CaseSpec
 from ..spec.gradiometer import GradiometerSpec, TrueGradiometer
 from ..spec.sensors import (
@@ -174,9 +176,21 @@ def spinning_disks(case: CaseSpec) -> SpinningDisks | None:
     )
 
 
+def interruptions(spec: Interruptions, outlier: float | tuple[float, ...]) -> Faults:
+    """Return the dropouts of any sensor, and outliers of such a size [unit of the channel]."""
+    return Faults(
+        outlier_share=spec.outlier_share,
+        outlier=outlier,
+        dropout_share=spec.dropout_share,
+        dropouts=tuple((start, end) for start, end in spec.dropouts_s),
+        duty=(spec.duty_on_s, spec.duty_off_s),
+    )
+
+
 def faults(spec: TrueGradiometer) -> Faults:
     """Return the errors of the true gradiometer beyond noise and biases."""
-    return Faults(
+    return replace(
+        interruptions(spec, spec.outlier_eotvos),
         scale_factor=1e-6 * spec.scale_factor_ppm,
         scale_drift=1e-6 * spec.scale_drift_ppm_per_sqrt_h / 60.0,
         misalignment=math.radians(spec.misalignment_arcmin / 60.0),
@@ -188,13 +202,8 @@ def faults(spec: TrueGradiometer) -> Faults:
             spec.noise_doubles_at_mps2 or math.inf,
         ),
         freedom=spec.noise_freedom or math.inf,
-        outlier_share=spec.outlier_share,
-        outlier=spec.outlier_eotvos,
         burst=spec.outlier_burst_s,
         together=spec.outlier_channels == "all",
-        dropout_share=spec.dropout_share,
-        dropouts=tuple((start, end) for start, end in spec.dropouts_s),
-        duty=(spec.duty_on_s, spec.duty_off_s),
         clock=spec.clock_error_s,
         jitter=spec.timing_jitter_s,
     )
