@@ -253,7 +253,7 @@ def test_progress_in_a_notebook_needs_no_widgets(scenario, monkeypatch, recwarn)
 
 def test_what_is_built_is_said(scenario, monkeypatch, capsys):
     """A map that is not in the cache, and code that is not compiled yet."""
-    monkeypatch.setattr("ggbench.api.showing.first_use", lambda *_: ["First use."])
+    monkeypatch.setattr("ggbench.api.running.first_use", lambda *_: ["First use."])
     monkeypatch.setattr("ggbench.api.showing.maps_to_build", lambda fields: ["Building a map."])
     gg.run(scenario, "ins", runs=1, jobs=0, progress=True)
     assert "First use.\nBuilding a map.\n" in capsys.readouterr().err
