@@ -126,13 +126,13 @@ _define_of_one(math.floor, lambda builder, args: _call(builder, "floor", args))
 
 
 def _address(context: Any, builder: Any, kind: Any, value: Any, places: Any) -> Any:
-    """Return the address of the vector at some places of an array's leading axes."""
+    """Return the address of a vector of an array: (i, j), or a place in memory order."""
     array = context.make_array(kind)(context, builder, value)
-    shape = cgutils.unpack_tuple(builder, array.shape, kind.ndim)
-    offset: Any = None
-    for place, length in zip(places, shape[:-1], strict=True):
-        offset = place if offset is None else builder.add(builder.mul(offset, length), place)
-    offset = builder.mul(offset, ir.Constant(offset.type, LANES))
+    offset = places[-1]
+    if len(places) == 2:
+        _, columns, _ = cgutils.unpack_tuple(builder, array.shape, 3)
+        offset = builder.add(builder.mul(places[0], columns), offset)
+        offset = builder.mul(offset, ir.Constant(offset.type, LANES))
     start = builder.gep(array.data, [offset], inbounds=True)
     return builder.bitcast(start, _DOUBLES.as_pointer())
 
@@ -144,26 +144,36 @@ def _call(builder: Any, name: str, args: Any) -> Any:
     return builder.call(cgutils.get_or_insert_function(builder.module, kind, full), args)
 
 
-def _places(count: int) -> tuple[Any, ...]:
-    return (types.intp,) * count
-
-
-def _accepts(array: Any, count: int) -> bool:
-    """Return whether an array has ``count`` leading axes and is contiguous."""
-    return isinstance(array, types.Array) and array.ndim == count + 1 and array.layout == "C"
-
-
-@intrinsic
-def load(typing: Any, array: Any, i: Any, j: Any) -> Any:
-    """Return the vector ``array[i, j]`` of a contiguous array (., ., LANES); no negative index."""
-    if not _accepts(array, 2):
-        return None
+def _loading(array: Any, places: int) -> Any:
+    """Return the types and the code of reading a vector at (i, j), or at one place in memory."""
 
     def code(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         where = _address(context, builder, sig.args[0], args[0], args[1:])
         return builder.load(where, align=_ALIGNMENT)
 
-    return _vector(array, *_places(2)), code
+    return _vector(array, *(types.intp,) * places), code
+
+
+def _storing(array: Any, places: int, value: Any) -> Any:
+    """Return the types and the code of writing a vector, or a number to all of its lanes."""
+
+    def code(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        where = _address(context, builder, sig.args[0], args[0], args[1:-1])
+        vector = args[-1] if isinstance(value, _Vector) else _spread(builder, args[-1])
+        builder.store(vector, where, align=_ALIGNMENT)
+        return context.get_dummy_value()
+
+    return types.void(array, *(types.intp,) * places, value), code
+
+
+def _is_contiguous(array: Any) -> bool:
+    return isinstance(array, types.Array) and array.layout == "C"
+
+
+@intrinsic
+def load(typing: Any, array: Any, i: Any, j: Any) -> Any:
+    """Return the vector ``array[i, j]`` of a contiguous array (., ., LANES); no negative index."""
+    return _loading(array, 2) if _is_contiguous(array) and array.ndim == 3 else None
 
 
 @intrinsic
@@ -172,16 +182,9 @@ def store(typing: Any, array: Any, i: Any, j: Any, value: Any) -> Any:
 
     No index may be negative.
     """
-    if not _accepts(array, 2) or not (isinstance(value, _Vector) or value == types.float64):
+    if not (isinstance(value, _Vector) or value == types.float64):
         return None
-
-    def code(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        where = _address(context, builder, sig.args[0], args[0], args[1:3])
-        vector = args[3] if isinstance(value, _Vector) else _spread(builder, args[3])
-        builder.store(vector, where, align=_ALIGNMENT)
-        return context.get_dummy_value()
-
-    return types.void(array, *_places(2), value), code
+    return _storing(array, 2, value) if _is_contiguous(array) and array.ndim == 3 else None
 
 
 @intrinsic
@@ -221,30 +224,13 @@ def with_sign(typing: Any, size: Any, sign: Any) -> Any:
 @intrinsic
 def load_from(typing: Any, array: Any, start: Any) -> Any:
     """Return LANES neighbouring numbers of a contiguous array, from a place in memory order."""
-    if not isinstance(array, types.Array) or array.layout != "C":
-        return None
-
-    def code(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        data = context.make_array(sig.args[0])(context, builder, args[0]).data
-        where = builder.bitcast(builder.gep(data, [args[1]]), _DOUBLES.as_pointer())
-        return builder.load(where, align=_ALIGNMENT)
-
-    return _vector(array, types.intp), code
+    return _loading(array, 1) if _is_contiguous(array) else None
 
 
 @intrinsic
 def store_from(typing: Any, array: Any, start: Any, value: Any) -> Any:
     """Set LANES neighbouring numbers of a contiguous array, from a place in memory order."""
-    if not isinstance(array, types.Array) or array.layout != "C":
-        return None
-
-    def code(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        data = context.make_array(sig.args[0])(context, builder, args[0]).data
-        where = builder.bitcast(builder.gep(data, [args[1]]), _DOUBLES.as_pointer())
-        builder.store(args[2], where, align=_ALIGNMENT)
-        return context.get_dummy_value()
-
-    return types.void(array, types.intp, value), code
+    return _storing(array, 1, value) if _is_contiguous(array) else None
 
 
 @intrinsic
