@@ -16,34 +16,25 @@ import numpy as np
 from ..block import ProblemBlock
 from ..numerics import lane_algebra, lanes
 from ..numerics.kernels import compiled
-from .robust_weights import NONE, number_of
-from .smoother_passes import (
+from .linear_problems import (
     Costs,
-    Path,
-    Work,
-    costs_of,
-    covariances,
-    filter_epoch,
-    gather_motion,
-    go_back,
-    judge,
-    path_of,
+    Problems,
+    gather_motions,
+    linearise_track,
     put_back,
-    set_damping,
+    smoother_of,
     take_trial,
-    with_damping,
-    work_of,
 )
+from .robust_weights import number_of
+from .smoother_passes import covariances, filter_track, go_back, set_damping
 from .step_rules import FIRST_DAMPING, LEAST_FELT, arrived, decide, is_last_step
-from .whitened_measurements import Batch, batch_of, linearise, readings_of
+from .whitened_measurements import batch_of
 
 
 @compiled
 def _smooth(
-    batch: Batch,
+    problems: Problems,
     most: int,
-    loss: int,
-    threshold: float,
     mean: np.ndarray,
     cov: np.ndarray,
     iterations: np.ndarray,
@@ -51,12 +42,9 @@ def _smooth(
     evaluations: np.ndarray,
 ) -> None:
     """Solve the problems of a block, see :func:`smoother`."""
-    runs, epochs, n = batch.transition.shape[:3]
-    expected = lanes.moving_states(batch.transition, batch.process_cov)
-    reading = readings_of(batch, loss != NONE)
-    m = reading.rows.shape[0]
-    path, work, damping_work = path_of(epochs, n, m), work_of(n, m), work_of(n, n)
-    costs = costs_of()
+    runs, epochs = problems.batch.measurements.shape[:2]
+    solver = smoother_of(problems, True)
+    path, work, costs = solver.path, solver.work, solver.costs
     cost, unexplained, linear = lanes.numbers(0.0), lanes.numbers(0.0), lanes.numbers(0.0)
     base = lanes.numbers(0.0)  # the cost by the linear problem: with a loss another one
     damping, felt = lanes.numbers(0.0), lanes.numbers(0.0)
@@ -66,27 +54,20 @@ def _smooth(
         active[:] = False
         active[:count] = True
         damping[:] = FIRST_DAMPING
-        lanes.spread(batch.prior_mean, work.x)
+        gather_motions(solver, group)
         # The undisturbed motion from the prior's mean.
+        lanes.spread(problems.batch.prior_mean, work.x)
         for k in range(epochs):
-            gather_motion(batch, group, k, expected, path)
             lane_algebra.move(path.phi[k], path.moving[k], work.x, work.scratch)
             lane_algebra.copy(work.x, path.trial[k])
         costs.motion[:] = 0.0
         begun = damped = False
         while active.any():
-            costs.unexplained[:] = 0.0
-            costs.explained[:] = 0.0
-            costs.weighted[:] = 0.0
-            for k in range(epochs):
-                linearise(batch, group, count, k, path.trial[k], reading)
-                judge(path, reading, k, loss, threshold, costs)
-                for r in range(count):
-                    if not active[r]:
-                        put_back(path, k, r)
+            linearise_track(solver, group, count)
             felt[:] = 0.0
             for r in range(count):
                 if not active[r]:
+                    put_back(path, r)
                     continue
                 run = first + r
                 evaluations[run] += epochs
@@ -105,26 +86,24 @@ def _smooth(
                         iterations[run] += 1
                         final |= iterations[run] >= most
                 else:
-                    for k in range(epochs):
-                        put_back(path, k, r)
+                    put_back(path, r)
                 active[r] = not final
                 if active[r] and damping[r] >= LEAST_FELT:
                     felt[r] = damping[r]
             begun = True
             damped = bool(felt.any())
-            if damped and path.damping.gains.shape[0] == 0:
-                path = with_damping(path)
-            _filter(batch, path, felt, work, damping_work)
+            if damped:
+                set_damping(solver, felt)
+            filter_track(solver, damped)
             if active.any():
-                go_back(path, batch.prior_cov, damped, work, damping_work, costs)
+                go_back(solver, damped)
                 for r in range(count):
                     linear[r] = _linear_cost(costs, unexplained[r], r)
                     active[r] &= not arrived(base[r], linear[r])
         if damped:  # what is kept of the filter is undamped
-            felt[:] = 0.0
-            _filter(batch, path, felt, work, damping_work)
+            filter_track(solver, False)
         # The filter has gone along the final trajectories: one step more, too small to be judged.
-        go_back(path, batch.prior_cov, False, work, damping_work, costs)
+        go_back(solver, False)
         for r in range(count):
             errors[first + r] = cost[r]
             if is_last_step(base[r], _linear_cost(costs, unexplained[r], r)):
@@ -137,18 +116,6 @@ def _smooth(
 def _linear_cost(costs: Costs, unexplained: float, r: int) -> float:
     """Return the cost of a run's trial by its linear problem."""
     return 0.5 * (costs.motion[0, 0, r] + unexplained + costs.promised[0, 0, r])
-
-
-@compiled
-def _filter(batch: Batch, path: Path, damping: np.ndarray, work: Work, damping_work: Work) -> None:
-    """Filter the linear problems of a group, each run with its own damping λ (lanes,)."""
-    damped = bool(damping.any())
-    if damped:
-        set_damping(path, damping, batch.prior_cov)
-    lanes.spread(batch.prior_mean, work.x)
-    lanes.spread(batch.prior_cov, work.p)
-    for k in range(path.rows.shape[0]):
-        filter_epoch(path, k, damped, work, damping_work)
 
 
 def smoother(
@@ -170,9 +137,7 @@ def smoother(
     mean, cov = np.empty((runs, epochs, n)), np.empty((runs, epochs, n, n))
     iterations, evaluations = np.zeros(runs, dtype=np.int64), np.zeros(runs, dtype=np.int64)
     error = np.zeros(runs)
-    _smooth(
-        batch_of(block), most, number_of(loss, threshold), threshold,
-        mean, cov, iterations, error, evaluations,
-    )  # fmt: skip
+    problems = Problems(batch_of(block), number_of(loss, threshold), threshold)
+    _smooth(problems, most, mean, cov, iterations, error, evaluations)
     mean[(iterations == 0) & (error > 0.0)] = np.nan  # it gave up
     return mean, cov, {"iterations": iterations, "error": error, "map_evaluations": evaluations}

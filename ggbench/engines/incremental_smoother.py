@@ -22,29 +22,17 @@ import numpy as np
 from ..block import ProblemBlock
 from ..numerics import lane_algebra, lanes
 from ..numerics.kernels import compiled
-from .robust_weights import NONE, number_of
-from .smoother_passes import (
-    Path,
-    costs_of,
-    covariances,
-    filter_epoch,
-    gather_motion,
-    judge,
-    path_of,
-    resume,
-    smooth_back,
-    work_of,
-)
-from .whitened_measurements import Batch, batch_of, linearise, readings_of
+from .linear_problems import Path, Problems, gather_motion, judge, smoother_of
+from .robust_weights import number_of
+from .smoother_passes import covariances, filter_epoch, resume, smooth_back
+from .whitened_measurements import batch_of, linearise
 
 
 @compiled
 def _smooth(
-    batch: Batch,
+    problems: Problems,
     limits: np.ndarray,
     leaving: np.ndarray,
-    loss: int,
-    threshold: float,
     mean: np.ndarray,
     cov: np.ndarray,
     relinearized: np.ndarray,
@@ -56,11 +44,9 @@ def _smooth(
     limits, leaving : see :func:`smoother`; empty without a window.
     mean, cov, relinearized : (R, K, n), (R, K, n, n), (R,) output.
     """
-    runs, epochs, n = batch.transition.shape[:3]
-    expected = lanes.moving_states(batch.transition, batch.process_cov)
-    reading = readings_of(batch, loss != NONE)
-    m = reading.rows.shape[0]
-    path, work, undamped, costs = path_of(epochs, n, m), work_of(n, m), work_of(n, 0), costs_of()
+    runs, epochs = problems.batch.measurements.shape[:2]
+    solver = smoother_of(problems, False)
+    path, work = solver.path, solver.work
     windowed = leaving.shape[0] > 0
     for first in lanes.starts(runs):
         count, group = lanes.count_from(first, runs), lanes.members(first, runs)
@@ -70,9 +56,9 @@ def _smooth(
                 covariances(
                     path, path.trial, k - 1, oldest, leaving[k] - 1, first, count, mean, cov
                 )
-            gather_motion(batch, group, k, expected, path)
+            gather_motion(solver, group, k)
             if k == 0:
-                lanes.spread(batch.prior_mean, work.x)
+                lanes.spread(problems.batch.prior_mean, work.x)
             else:
                 lane_algebra.copy(path.trial[k - 1], work.x)
             lane_algebra.move(path.phi[k], path.moving[k], work.x, work.scratch)
@@ -82,21 +68,17 @@ def _smooth(
             for j in range(k, oldest - 1, -1):
                 fixed = j == oldest and oldest > 0
                 if j == k or (not fixed and _moved(path, j, limits, group, count, relinearized)):
-                    linearise(batch, group, count, j, path.trial[j], reading)
-                    judge(path, reading, j, loss, threshold, costs)
+                    linearise(problems.batch, group, count, j, path.trial[j], solver.reading)
+                    judge(solver, j)
                     begin = j
-            if begin == 0:
-                lanes.spread(batch.prior_mean, work.x)
-                lanes.spread(batch.prior_cov, work.p)
-            else:
-                resume(path, begin - 1, work)
+            resume(solver, begin - 1)
             for j in range(begin, k + 1):
-                filter_epoch(path, j, False, work, undamped)
+                filter_epoch(solver, j, False)
             if windowed:
                 oldest = leaving[k]
             else:
                 lanes.scatter(work.x, work.p, first, count, k, mean, cov)
-            smooth_back(path, k, oldest, work)
+            smooth_back(solver, k, oldest)
         if windowed:
             last = epochs - 1
             covariances(path, path.trial, last, oldest, last, first, count, mean, cov)
@@ -154,9 +136,7 @@ def smoother(
     relinearized = np.zeros(runs, dtype=np.int64)
     if leaving is None:
         leaving = np.empty(0, dtype=np.int64)
-    _smooth(
-        batch_of(block), limits, leaving, number_of(loss, threshold), threshold,
-        mean, cov, relinearized,
-    )  # fmt: skip
+    problems = Problems(batch_of(block), number_of(loss, threshold), threshold)
+    _smooth(problems, limits, leaving, mean, cov, relinearized)
     evaluations = relinearized + epochs
     return mean, cov, {"relinearized": relinearized, "map_evaluations": evaluations}

@@ -20,20 +20,18 @@ from ..numerics.kernels import compiled
 from ..numerics.records import record
 from ..numerics.vectors import load, splat, store
 from .iterated_smoother import CONVERGED, HALVINGS
-from .robust_weights import NONE, loss_of
-from .smoother_passes import (
+from .linear_problems import (
     Costs,
     Path,
-    Work,
-    costs_of,
-    covariances,
-    filter_epoch,
-    gather_motion,
-    go_back,
+    Problems,
+    Smoother,
+    gather_motions,
     judge,
-    path_of,
-    work_of,
+    linearise_track,
+    smoother_of,
 )
+from .robust_weights import NONE, loss_of
+from .smoother_passes import covariances, filter_epoch, filter_track, go_back, resume
 from .whitened_measurements import (
     Batch,
     Readings,
@@ -42,15 +40,6 @@ from .whitened_measurements import (
     take_readings,
     whiten_residuals,
 )
-
-
-@record
-class Problems:
-    """A block of runs, and the loss of whitened residuals, see :mod:`.robust_weights`."""
-
-    batch: Batch
-    loss: int
-    threshold: float
 
 
 @record
@@ -101,48 +90,9 @@ class _Slots:
 
 
 @compiled
-def _gather_motion(batch: Batch, group: np.ndarray, expected: int, path: Path) -> None:
-    """Fill Φ and Q of a group of runs (lanes,) at all epochs."""
-    for k in range(path.moving.shape[0]):
-        gather_motion(batch, group, k, expected, path)
-
-
-@compiled
-def _begin(batch: Batch, work: Work) -> None:
-    """Begin a filter."""
-    lanes.spread(batch.prior_mean, work.x)
-    lanes.spread(batch.prior_cov, work.p)
-
-
-@compiled
-def _linearise(
-    problems: Problems,
-    group: np.ndarray,
-    count: int,
-    path: Path,
-    reading: Readings,
-    costs: Costs,
-) -> None:
-    """Linearise about the trial trajectories of a group."""
-    costs.unexplained[:] = 0.0
-    costs.explained[:] = 0.0
-    costs.weighted[:] = 0.0
-    for k in range(path.moving.shape[0]):
-        linearise(problems.batch, group, count, k, path.trial[k], reading)
-        judge(path, reading, k, problems.loss, problems.threshold, costs)
-
-
-@compiled
-def _filter(batch: Batch, path: Path, work: Work) -> None:
-    """Filter the linear problems of a group."""
-    _begin(batch, work)
-    for k in range(path.moving.shape[0]):
-        filter_epoch(path, k, False, work, work)
-
-
-@compiled
-def _evaluate(problems: Problems, path: Path, count: int, reading: Readings, slots: _Slots) -> None:
+def _evaluate(smoother: Smoother, count: int, slots: _Slots) -> None:
     """Fill what is left of the readings along what ``count`` slots try."""
+    problems, path, reading = smoother.problems, smoother.path, smoother.reading
     n = path.states.shape[2]
     slots.left[:] = 0.0
     for k in range(path.moving.shape[0]):
@@ -229,11 +179,9 @@ def _out_of_lanes(values: np.ndarray, first: int, count: int, tracks: np.ndarray
 @compiled
 def search(problems: Problems, most: int, found: Searches) -> None:
     """Follow the searches to their ends, in at most so many steps each."""
-    batch, (searches, epochs, n) = problems.batch, found.states.shape
-    expected = lanes.moving_states(batch.transition, batch.process_cov)
-    reading = readings_of(batch, problems.loss != NONE)
-    m = reading.rows.shape[0]
-    path, work, costs = path_of(epochs, n, m), work_of(n, m), costs_of()
+    searches, epochs, n = found.states.shape
+    smoother = smoother_of(problems, False)
+    path, work, costs = smoother.path, smoother.work, smoother.costs
     mixed, cost, moved = lanes.lanes(1, 1), lanes.numbers(0.0), lanes.numbers(0.0)
     share, before = lanes.numbers(0.0), lanes.numbers(0.0)
     slots = _Slots(
@@ -248,8 +196,8 @@ def search(problems: Problems, most: int, found: Searches) -> None:
             group[r], moved[r] = found.runs[own[r]], found.motion[own[r]]
         _to_lanes(found.states, own, path.states)
         _to_lanes(found.states, own, path.trial)
-        _gather_motion(batch, group, expected, path)
-        _linearise(problems, group, count, path, reading, costs)
+        gather_motions(smoother, group)
+        linearise_track(smoother, group, count)
         for r in lanes.each():
             cost[r] = 0.5 * moved[r] + _left(costs, r)
             seeking[r] = r < count and np.isfinite(cost[r])
@@ -260,12 +208,12 @@ def search(problems: Problems, most: int, found: Searches) -> None:
             if not fresh:
                 for k in range(epochs):
                     lane_algebra.copy(path.states[k], path.trial[k])
-                _linearise(problems, group, count, path, reading, costs)
-            _filter(batch, path, work)
-            go_back(path, batch.prior_cov, False, work, work, costs)
+                linearise_track(smoother, group, count)
+            filter_track(smoother, False)
+            go_back(smoother, False)
             _mixed_motion(path, costs, mixed)
             # Most often the whole step is taken: its end is where h is to be linearised next.
-            _linearise(problems, group, count, path, reading, costs)
+            linearise_track(smoother, group, count)
             for r in lanes.each():
                 before[r], share[r], halved[r] = cost[r], 0.0, 1
                 new = 0.5 * costs.motion[0, 0, r] + _left(costs, r)
@@ -275,7 +223,7 @@ def search(problems: Problems, most: int, found: Searches) -> None:
             fresh = not trying.any()
             while trying.any():
                 used = _deal(trying, halved, group, slots)
-                _evaluate(problems, path, used, reading, slots)
+                _evaluate(smoother, used, slots)
                 for s in range(used):
                     r, part = slots.lane[s], slots.share[s]
                     if not trying[r]:
@@ -345,24 +293,22 @@ def undisturbed(batch: Batch, found: Searches) -> None:
 def filtered_tracks(batch: Batch, found: Searches) -> None:
     """Fill the smoothed tracks of an extended Kalman filter of all runs."""
     runs, epochs, n = found.states.shape
-    expected = lanes.moving_states(batch.transition, batch.process_cov)
-    reading = readings_of(batch)
-    m = reading.rows.shape[0]
-    path, work, costs = path_of(epochs, n, m), work_of(n, m), costs_of()
+    smoother = smoother_of(Problems(batch, NONE, np.inf), False)
+    path, work = smoother.path, smoother.work
     for first in lanes.starts(runs):
         count, group = lanes.count_from(first, runs), lanes.members(first, runs)
-        _gather_motion(batch, group, expected, path)
-        _begin(batch, work)
+        gather_motions(smoother, group)
+        resume(smoother, -1)
         for k in range(epochs):
             predicted = path.trial[k]
             lane_algebra.copy(work.x, predicted)
             lane_algebra.move(path.phi[k], path.moving[k], predicted, work.scratch)
-            linearise(batch, group, count, k, predicted, reading)
-            judge(path, reading, k, NONE, np.inf, costs)
-            filter_epoch(path, k, False, work, work)
-        go_back(path, batch.prior_cov, False, work, work, costs)
+            linearise(batch, group, count, k, predicted, smoother.reading)
+            judge(smoother, k)
+            filter_epoch(smoother, k, False)
+        go_back(smoother, False)
         for r in range(count):
-            found.motion[first + r] = costs.motion[0, 0, r]
+            found.motion[first + r] = smoother.costs.motion[0, 0, r]
             for j in range(n):
                 found.start[first + r, j] = work.back[0, j, r]
         _out_of_lanes(path.trial, first, count, found.states)
@@ -371,11 +317,9 @@ def filtered_tracks(batch: Batch, found: Searches) -> None:
 @compiled
 def answer(problems: Problems, found: Searches, mean: np.ndarray, cov: np.ndarray) -> None:
     """Fill mean (J, K, n) and smoothed covariance (J, K, n, n), linearised as the search was."""
-    batch, (searches, epochs, n) = problems.batch, found.states.shape
-    expected = lanes.moving_states(batch.transition, batch.process_cov)
-    reading = readings_of(batch, problems.loss != NONE)
-    m = reading.rows.shape[0]
-    path, work, costs = path_of(epochs, n, m), work_of(n, m), costs_of()
+    searches, last = found.states.shape[0], found.states.shape[1] - 1
+    smoother = smoother_of(problems, False)
+    path = smoother.path
     group = lanes.integers()
     for first in lanes.starts(searches):
         count, own = lanes.count_from(first, searches), lanes.members(first, searches)
@@ -383,10 +327,9 @@ def answer(problems: Problems, found: Searches, mean: np.ndarray, cov: np.ndarra
             group[r] = found.runs[own[r]]
         _to_lanes(found.states, own, path.states)
         _to_lanes(found.about, own, path.trial)
-        _gather_motion(batch, group, expected, path)
-        _linearise(problems, group, count, path, reading, costs)
-        _filter(batch, path, work)
-        last = epochs - 1
+        gather_motions(smoother, group)
+        linearise_track(smoother, group, count)
+        filter_track(smoother, False)
         covariances(path, path.states, last, 0, last, first, count, mean, cov)
 
 

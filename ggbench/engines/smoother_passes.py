@@ -4,9 +4,6 @@ A Kalman filter forwards and multipliers backwards (Bryson & Frazier; Bierman 19
 problem exactly: x = x_f + P_f r with r ← Hᵀ S⁻¹ y + (I − K H)ᵀ r at a reading and r ← Φᵀ r between
 two. Neither P nor Q is inverted, so a singular Q is exact, and the cost of the motion is that of
 the multipliers, ½ Σ rᵀ Q r.
-
-Damping with λ is one more reading of every state, in units of the prior's deviation and with the
-variance 1/λ: whitened, rows of √λ/σ. Where nothing is damped they are zero, and change nothing.
 """
 
 from __future__ import annotations
@@ -17,220 +14,17 @@ import numpy as np
 
 from ..numerics import lane_algebra, lanes
 from ..numerics.kernels import compiled
-from ..numerics.records import record
 from ..numerics.vectors import load, splat, store
-from .robust_weights import NONE, loss_of, weight_of
-from .whitened_measurements import Batch, Readings
-
-
-@record
-class Updates:
-    """What updates with the readings of all epochs leave for the way back.
-
-    Attributes
-    ----------
-    gains, lower, pulls : (K, m, n, lanes), (K, m, m, lanes), (K, m, 1, lanes): Kᵀ, the root of S
-        (see :func:`.lane_algebra.factorise`) and S⁻¹ y.
-    """
-
-    gains: np.ndarray
-    lower: np.ndarray
-    pulls: np.ndarray
-
-
-@record
-class Path:
-    """The linear problems of a group about its trajectories, and what the filter leaves of them.
-
-    Attributes
-    ----------
-    moving : (K,) how many states Φ moves.
-    phi, q : (K, n, n, lanes) their rows of Φ and Q.
-    rows, target : (K, m, n, lanes), (K, 1, m, lanes): H x = target + noise of unit variance.
-    old_rows, old_target : those of the step before.
-    states, trial : (K, 1, n, lanes) the trajectory and the one that is tried.
-    filtered, half_cov : (K, 1, n, lanes), (K, 1, n (n + 1) / 2, lanes): x_f and P_f, half of it.
-    updates : with the readings.
-    damping_rows : (n, n, lanes) √λ/σ on the diagonal.
-    damping : updates with the readings of the states; of no epoch as long as nothing is damped.
-    """
-
-    moving: np.ndarray
-    phi: np.ndarray
-    q: np.ndarray
-    rows: np.ndarray
-    target: np.ndarray
-    old_rows: np.ndarray
-    old_target: np.ndarray
-    states: np.ndarray
-    trial: np.ndarray
-    filtered: np.ndarray
-    half_cov: np.ndarray
-    updates: Updates
-    damping_rows: np.ndarray
-    damping: Updates
-
-
-@record
-class Work:
-    """Scratch for one epoch and readings of m equations, named as what it holds for a while."""
-
-    x: np.ndarray
-    p: np.ndarray
-    scratch: np.ndarray
-    other: np.ndarray
-    hp: np.ndarray
-    half: np.ndarray
-    change: np.ndarray
-    s: np.ndarray
-    innovation: np.ndarray
-    white: np.ndarray
-    back: np.ndarray
-
-
-@record
-class Costs:
-    """Sums along the trial trajectories, (1, 1, lanes) each.
-
-    Attributes
-    ----------
-    unexplained : squares of what no state explains.
-    explained : squares of the other residuals, or twice the loss of each.
-    weighted : their squares with the weights that a loss gives them; without one ``explained``.
-    promised : what the linear problem said of these.
-    motion : the cost of the motion, twice.
-    """
-
-    unexplained: np.ndarray
-    explained: np.ndarray
-    weighted: np.ndarray
-    promised: np.ndarray
-    motion: np.ndarray
+from .linear_problems import Path, Smoother, Updates, Work, work_of
 
 
 @compiled
-def updates_of(epochs: int, n: int, m: int) -> Updates:
-    """Return arrays for updates of n states with m equations."""
-    new = lanes.series
-    return Updates(new(epochs, m, n), new(epochs, m, m), new(epochs, m, 1))
-
-
-@compiled
-def path_of(epochs: int, n: int, m: int) -> Path:
-    """Return the arrays of a group; rows and targets before the first step are zero."""
-    new = lanes.series
-    path = Path(
-        np.zeros(epochs, dtype=np.int64), new(epochs, n, n), new(epochs, n, n),
-        new(epochs, m, n), new(epochs, 1, m), new(epochs, m, n),
-        new(epochs, 1, m), new(epochs, 1, n), new(epochs, 1, n),
-        new(epochs, 1, n), new(epochs, 1, n * (n + 1) // 2), updates_of(epochs, n, m),
-        lanes.lanes(n, n), updates_of(0, n, n),
-    )  # fmt: skip
-    path.rows[:] = 0.0
-    path.target[:] = 0.0
-    return path
-
-
-@compiled
-def with_damping(path: Path) -> Path:
-    """Return a path that has room for updates with damping."""
-    epochs, n = path.states.shape[0], path.states.shape[2]
-    return Path(
-        path.moving, path.phi, path.q, path.rows, path.target, path.old_rows, path.old_target,
-        path.states, path.trial, path.filtered, path.half_cov, path.updates, path.damping_rows,
-        updates_of(epochs, n, n),
-    )  # fmt: skip
-
-
-@compiled
-def work_of(n: int, m: int) -> Work:
-    """Return the scratch for n states and m equations."""
-    new = lanes.lanes
-    return Work(
-        new(1, n), new(n, n), new(n, n), new(n, n), new(m, n), new(m, n), new(m, n), new(m, m),
-        new(1, m), new(1, m), new(1, n),
-    )  # fmt: skip
-
-
-@compiled
-def costs_of() -> Costs:
-    """Return costs of nothing."""
-    new = lanes.lanes
-    return Costs(new(1, 1), new(1, 1), new(1, 1), new(1, 1), new(1, 1))
-
-
-@compiled
-def gather_motion(batch: Batch, group: np.ndarray, k: int, expected: int, path: Path) -> None:
-    """Fill Φ and Q of a group of runs (lanes,) at an epoch; ``expected`` as in lanes.gather."""
-    path.moving[k] = lanes.gather(
-        batch.transition, batch.process_cov, group, k, expected, path.phi[k], path.q[k]
-    )
-
-
-@compiled
-def put_back(path: Path, k: int, r: int) -> None:
-    """Give a run the linear problem of the step before, at an epoch."""
-    for c in range(path.rows.shape[1]):
-        path.target[k, 0, c, r] = path.old_target[k, 0, c, r]
-        for j in range(path.rows.shape[2]):
-            path.rows[k, c, j, r] = path.old_rows[k, c, j, r]
-
-
-@compiled
-def take_trial(path: Path, r: int) -> None:
-    """Make the trial of a run its trajectory."""
-    for k in range(path.states.shape[0]):
-        for i in range(path.states.shape[2]):
-            path.states[k, 0, i, r] = path.trial[k, 0, i, r]
-
-
-@compiled
-def judge(path: Path, reading: Readings, k: int, loss: int, threshold: float, costs: Costs) -> None:
-    """Replace the linear problem of an epoch by the one about the trial; add up the costs.
-
-    Equations of a reading are multiplied with the roots of the weights that a loss gives them.
-    """
-    rows, target, trial = path.rows[k], path.target[k], path.trial[k]
-    m, n = rows.shape[0], rows.shape[1]
-    if loss != NONE:
-        _weigh(reading, loss, threshold, costs)
-    weighted = load(costs.weighted, 0, 0)
-    for c in range(m):
-        new = load(reading.innovation, 0, c)
-        weighted += new * new
-        for j in range(n):
-            new += load(reading.rows, c, j) * load(trial, 0, j)
-        store(path.old_target[k], 0, c, load(target, 0, c))
-        store(target, 0, c, new)
-    store(costs.weighted, 0, 0, weighted)
-    if loss == NONE:
-        store(costs.explained, 0, 0, weighted)
-    total = load(costs.unexplained, 0, 0) + load(reading.squared, 0, 0)
-    store(costs.unexplained, 0, 0, total)
-    lane_algebra.copy(rows, path.old_rows[k])
-    lane_algebra.copy(reading.rows, rows)
-
-
-@compiled
-def _weigh(reading: Readings, loss: int, threshold: float, costs: Costs) -> None:
-    """Multiply equations with the roots of their weights; add up twice their losses."""
-    m, n = reading.rows.shape[0], reading.rows.shape[1]
-    for r in lanes.each():
-        for c in range(m):
-            residual = reading.innovation[0, c, r]
-            costs.explained[0, 0, r] += 2.0 * loss_of(residual, loss, threshold)
-            root = math.sqrt(weight_of(residual, loss, threshold))
-            reading.innovation[0, c, r] *= root
-            for j in range(n):
-                reading.rows[c, j, r] *= root
-
-
-@compiled
-def set_damping(path: Path, damping: np.ndarray, prior_cov: np.ndarray) -> None:
+def set_damping(smoother: Smoother, damping: np.ndarray) -> None:
     """Fill the rows of damping of λ (lanes,), in units of the prior's deviations."""
+    prior_cov, rows = smoother.problems.batch.prior_cov, smoother.path.damping_rows
     for i in range(prior_cov.shape[0]):
         for r in range(damping.shape[0]):
-            path.damping_rows[i, i, r] = math.sqrt(damping[r] / prior_cov[i, i])
+            rows[i, i, r] = math.sqrt(damping[r] / prior_cov[i, i])
 
 
 @compiled
@@ -257,8 +51,17 @@ def _update(
 
 
 @compiled
-def filter_epoch(path: Path, k: int, damped: bool, work: Work, damping_work: Work) -> None:
+def filter_track(smoother: Smoother, damped: bool) -> None:
+    """Filter the linear problems of a group."""
+    resume(smoother, -1)
+    for k in range(smoother.path.moving.shape[0]):
+        filter_epoch(smoother, k, damped)
+
+
+@compiled
+def filter_epoch(smoother: Smoother, k: int, damped: bool) -> None:
     """Predict to an epoch, update with its readings and the damping; keep x_f and P_f."""
+    path, work, damping_work = smoother.path, smoother.work, smoother.damping_work
     lane_algebra.predict(path.phi[k], path.q[k], path.moving[k], work.x, work.p, work.scratch)
     _update(path.rows[k], path.target[k], path.updates, k, work.p, work)
     if damped:
@@ -326,15 +129,21 @@ def _back_in_time(phi: np.ndarray, moving: int, back: np.ndarray, scratch: np.nd
 
 
 @compiled
-def resume(path: Path, k: int, work: Work) -> None:
-    """Stand where the filter stood after an epoch."""
-    lane_algebra.copy(path.filtered[k], work.x)
-    _whole(path.half_cov[k], work.p)
+def resume(smoother: Smoother, k: int) -> None:
+    """Stand where the filter stood after an epoch; at the prior before the first, after −1."""
+    batch, path, work = smoother.problems.batch, smoother.path, smoother.work
+    if k < 0:
+        lanes.spread(batch.prior_mean, work.x)
+        lanes.spread(batch.prior_cov, work.p)
+    else:
+        lane_algebra.copy(path.filtered[k], work.x)
+        _whole(path.half_cov[k], work.p)
 
 
 @compiled
-def smooth_back(path: Path, newest: int, oldest: int, work: Work) -> None:
+def smooth_back(smoother: Smoother, newest: int, oldest: int) -> None:
     """Fill the trial trajectories from an epoch, the filter's newest, back to another."""
+    path, work = smoother.path, smoother.work
     back = work.back
     for j in range(back.shape[1]):
         store(back, 0, j, splat(0.0))
@@ -358,11 +167,11 @@ def _whole(half: np.ndarray, matrix: np.ndarray) -> None:
 
 
 @compiled
-def go_back(
-    path: Path, prior_cov: np.ndarray, damped: bool, work: Work, damping_work: Work, costs: Costs
-) -> None:
+def go_back(smoother: Smoother, damped: bool) -> None:
     """Fill the trial trajectories, x_f + P_f r; what their motion and, linearly, readings cost."""
-    epochs, m, n = path.rows.shape[0], path.rows.shape[1], path.rows.shape[2]
+    path, work, damping_work = smoother.path, smoother.work, smoother.damping_work
+    prior_cov, costs = smoother.problems.batch.prior_cov, smoother.costs
+    epochs, m, n = path.rows.shape[:3]
     back, x = work.back, work.x
     zero, two = splat(0.0), splat(2.0)
     for j in range(n):

@@ -1,0 +1,269 @@
+"""The linear problems of eight runs about their trajectories, and what smooths them.
+
+Damping with λ is one more reading of every state, in units of the prior's deviation and with the
+variance 1/λ: whitened, rows of √λ/σ. Where nothing is damped they are zero, and change nothing.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..numerics import lane_algebra, lanes
+from ..numerics.kernels import compiled
+from ..numerics.records import record
+from ..numerics.vectors import load, store
+from .robust_weights import NONE, loss_of, weight_of
+from .whitened_measurements import Batch, Readings, linearise, readings_of
+
+
+@record
+class Problems:
+    """A block of runs, and the loss of whitened residuals, see :mod:`.robust_weights`."""
+
+    batch: Batch
+    loss: int
+    threshold: float
+
+
+@record
+class Updates:
+    """What updates with the readings of all epochs leave for the way back.
+
+    Attributes
+    ----------
+    gains, lower, pulls : (K, m, n, lanes), (K, m, m, lanes), (K, m, 1, lanes): Kᵀ, the root of S
+        (see :func:`.lane_algebra.factorise`) and S⁻¹ y.
+    """
+
+    gains: np.ndarray
+    lower: np.ndarray
+    pulls: np.ndarray
+
+
+@record
+class Path:
+    """The linear problems of a group about its trajectories, and what the filter leaves of them.
+
+    Attributes
+    ----------
+    moving : (K,) how many states Φ moves.
+    phi, q : (K, n, n, lanes) their rows of Φ and Q.
+    rows, target : (K, m, n, lanes), (K, 1, m, lanes): H x = target + noise of unit variance.
+    old_rows, old_target : those of the step before.
+    states, trial : (K, 1, n, lanes) the trajectory and the one that is tried.
+    filtered, half_cov : (K, 1, n, lanes), (K, 1, n (n + 1) / 2, lanes): x_f and P_f, half of it.
+    updates : with the readings.
+    damping_rows : (n, n, lanes) √λ/σ on the diagonal.
+    damping : updates with the readings of the states; of no epoch where nothing is ever damped.
+    """
+
+    moving: np.ndarray
+    phi: np.ndarray
+    q: np.ndarray
+    rows: np.ndarray
+    target: np.ndarray
+    old_rows: np.ndarray
+    old_target: np.ndarray
+    states: np.ndarray
+    trial: np.ndarray
+    filtered: np.ndarray
+    half_cov: np.ndarray
+    updates: Updates
+    damping_rows: np.ndarray
+    damping: Updates
+
+
+@record
+class Work:
+    """Scratch for one epoch and readings of m equations, named as what it holds for a while."""
+
+    x: np.ndarray
+    p: np.ndarray
+    scratch: np.ndarray
+    other: np.ndarray
+    hp: np.ndarray
+    half: np.ndarray
+    change: np.ndarray
+    s: np.ndarray
+    innovation: np.ndarray
+    white: np.ndarray
+    back: np.ndarray
+
+
+@record
+class Costs:
+    """Sums along the trial trajectories, (1, 1, lanes) each.
+
+    Attributes
+    ----------
+    unexplained : squares of what no state explains.
+    explained : squares of the other residuals, or twice the loss of each.
+    weighted : their squares with the weights that a loss gives them; without one ``explained``.
+    promised : what the linear problem said of these.
+    motion : the cost of the motion, twice.
+    """
+
+    unexplained: np.ndarray
+    explained: np.ndarray
+    weighted: np.ndarray
+    promised: np.ndarray
+    motion: np.ndarray
+
+
+@record
+class Smoother:
+    """What smooths one group of runs after the other.
+
+    Attributes
+    ----------
+    problems : of all runs.
+    expected : how many states move, see :func:`.lanes.gather`.
+    reading : the latest to be linearised.
+    path, costs : of the group.
+    work, damping_work : scratch for the equations of readings, and of damping.
+    """
+
+    problems: Problems
+    expected: int
+    reading: Readings
+    path: Path
+    costs: Costs
+    work: Work
+    damping_work: Work
+
+
+@compiled
+def _updates_of(epochs: int, n: int, m: int) -> Updates:
+    """Return arrays for updates of n states with m equations."""
+    new = lanes.series
+    return Updates(new(epochs, m, n), new(epochs, m, m), new(epochs, m, 1))
+
+
+@compiled
+def work_of(n: int, m: int) -> Work:
+    """Return the scratch for n states and m equations."""
+    new = lanes.lanes
+    return Work(
+        new(1, n), new(n, n), new(n, n), new(n, n), new(m, n), new(m, n), new(m, n), new(m, m),
+        new(1, m), new(1, m), new(1, n),
+    )  # fmt: skip
+
+
+@compiled
+def smoother_of(problems: Problems, damped: bool) -> Smoother:
+    """Return the arrays of a group, with those of damping if some steps may be damped.
+
+    Rows and targets before the first step are zero.
+    """
+    batch, new, one = problems.batch, lanes.series, lanes.lanes
+    epochs, n = batch.transition.shape[1:3]
+    reading = readings_of(batch, problems.loss != NONE)
+    m = reading.rows.shape[0]
+    path = Path(
+        np.zeros(epochs, dtype=np.int64), new(epochs, n, n), new(epochs, n, n),
+        new(epochs, m, n), new(epochs, 1, m), new(epochs, m, n),
+        new(epochs, 1, m), new(epochs, 1, n), new(epochs, 1, n),
+        new(epochs, 1, n), new(epochs, 1, n * (n + 1) // 2), _updates_of(epochs, n, m),
+        one(n, n), _updates_of(epochs if damped else 0, n, n),
+    )  # fmt: skip
+    path.rows[:] = 0.0
+    path.target[:] = 0.0
+    return Smoother(
+        problems, lanes.moving_states(batch.transition, batch.process_cov), reading, path,
+        Costs(one(1, 1), one(1, 1), one(1, 1), one(1, 1), one(1, 1)),
+        work_of(n, m), work_of(n, n if damped else 0),
+    )  # fmt: skip
+
+
+@compiled
+def gather_motion(smoother: Smoother, group: np.ndarray, k: int) -> None:
+    """Fill Φ and Q of a group of runs (lanes,) at an epoch."""
+    batch, path = smoother.problems.batch, smoother.path
+    path.moving[k] = lanes.gather(
+        batch.transition, batch.process_cov, group, k, smoother.expected, path.phi[k], path.q[k]
+    )
+
+
+@compiled
+def gather_motions(smoother: Smoother, group: np.ndarray) -> None:
+    """Fill Φ and Q of a group of runs (lanes,) at all epochs."""
+    for k in range(smoother.path.moving.shape[0]):
+        gather_motion(smoother, group, k)
+
+
+@compiled
+def put_back(path: Path, r: int) -> None:
+    """Give a run the linear problems of the step before."""
+    epochs, m, n = path.rows.shape[:3]
+    for k in range(epochs):
+        for c in range(m):
+            path.target[k, 0, c, r] = path.old_target[k, 0, c, r]
+            for j in range(n):
+                path.rows[k, c, j, r] = path.old_rows[k, c, j, r]
+
+
+@compiled
+def take_trial(path: Path, r: int) -> None:
+    """Make the trial of a run its trajectory."""
+    for k in range(path.states.shape[0]):
+        for i in range(path.states.shape[2]):
+            path.states[k, 0, i, r] = path.trial[k, 0, i, r]
+
+
+@compiled
+def linearise_track(smoother: Smoother, group: np.ndarray, count: int) -> None:
+    """Linearise about the trial trajectories of a group, of which ``count`` runs differ."""
+    path, costs = smoother.path, smoother.costs
+    costs.unexplained[:] = 0.0
+    costs.explained[:] = 0.0
+    costs.weighted[:] = 0.0
+    for k in range(path.moving.shape[0]):
+        linearise(smoother.problems.batch, group, count, k, path.trial[k], smoother.reading)
+        judge(smoother, k)
+
+
+@compiled
+def judge(smoother: Smoother, k: int) -> None:
+    """Replace the linear problem of an epoch by the one about the trial; add up the costs.
+
+    Equations of a reading are multiplied with the roots of the weights that a loss gives them.
+    """
+    problems, reading = smoother.problems, smoother.reading
+    path, costs = smoother.path, smoother.costs
+    rows, target, trial = path.rows[k], path.target[k], path.trial[k]
+    m, n = rows.shape[0], rows.shape[1]
+    if problems.loss != NONE:
+        _weigh(smoother)
+    weighted = load(costs.weighted, 0, 0)
+    for c in range(m):
+        new = load(reading.innovation, 0, c)
+        weighted += new * new
+        for j in range(n):
+            new += load(reading.rows, c, j) * load(trial, 0, j)
+        store(path.old_target[k], 0, c, load(target, 0, c))
+        store(target, 0, c, new)
+    store(costs.weighted, 0, 0, weighted)
+    if problems.loss == NONE:
+        store(costs.explained, 0, 0, weighted)
+    total = load(costs.unexplained, 0, 0) + load(reading.squared, 0, 0)
+    store(costs.unexplained, 0, 0, total)
+    lane_algebra.copy(rows, path.old_rows[k])
+    lane_algebra.copy(reading.rows, rows)
+
+
+@compiled
+def _weigh(smoother: Smoother) -> None:
+    """Multiply equations with the roots of their weights; add up twice their losses."""
+    problems, reading, costs = smoother.problems, smoother.reading, smoother.costs
+    loss, threshold = problems.loss, problems.threshold
+    m, n = reading.rows.shape[0], reading.rows.shape[1]
+    for r in lanes.each():
+        for c in range(m):
+            residual = reading.innovation[0, c, r]
+            costs.explained[0, 0, r] += 2.0 * loss_of(residual, loss, threshold)
+            root = math.sqrt(weight_of(residual, loss, threshold))
+            reading.innovation[0, c, r] *= root
+            for j in range(n):
+                reading.rows[c, j, r] *= root
