@@ -14,10 +14,15 @@ from typing import Literal
 import numpy as np
 
 from ..block import block_of
-from ..engines import filters
 from ..parameters import Positive
 from ..problem import Estimate, Estimator, Problem
+from .ekf import ExtendedKalmanFilter
 from .ukf import UnscentedKalmanFilter
+
+_FILTERS = {
+    "ekf": ExtendedKalmanFilter(),
+    "ukf": UnscentedKalmanFilter(points="cubature"),
+}
 
 
 @dataclass(frozen=True)
@@ -52,17 +57,11 @@ class ClosedLoop(Estimator):
         means, covs, nis = [], [], []
         evaluations = 0
         for last in self._ends(problem.times):
-            block = block_of(loop.ahead(last))
-            if self.filter == "ekf":
-                mean, cov, squares, _ = filters.extended(block)
-                evaluations += block.epochs
-            else:
-                found = UnscentedKalmanFilter(points="cubature").estimate_block(block)
-                mean, cov, squares = found.mean, found.cov, np.asarray(found.nis)
-                evaluations += int(found.info["map_evaluations"][0])
-            means.append(loop.correct(mean[0], cov[0]))
-            covs.append(cov[0])
-            nis.append(squares[0])
+            found = _FILTERS[self.filter].estimate_block(block_of(loop.ahead(last)))
+            evaluations += int(found.info["map_evaluations"][0])
+            means.append(loop.correct(found.mean[0], found.cov[0]))
+            covs.append(found.cov[0])
+            nis.append(np.asarray(found.nis)[0])
         return Estimate(
             np.concatenate(means), np.concatenate(covs), self.causality,
             info={"corrections": len(means), "map_evaluations": evaluations},

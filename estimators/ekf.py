@@ -60,18 +60,8 @@ class ExtendedKalmanFilter(GatedUpdate):
     ) -> EstimateBlock:
         """Filter all runs of a block."""
         if self.iterations == 1 and self.loss == "none" and not self.noise_memory:
-            mean, cov, nis, rejected = filters.extended(block, self.gate, self.underweighting)
-            linearisations = evaluations = np.full(block.runs, block.epochs)
-        else:
-            rejected = np.zeros(block.runs, dtype=int)
-            mean, cov, nis, counts = iterated(
-                block, self.iterations, self.loss, self.limit, self.noise_memory
-            )
-            linearisations, evaluations = counts.T
-        info = {"linearisations": linearisations, "map_evaluations": evaluations}
-        if self.gate:
-            info["rejected"] = rejected
-        return EstimateBlock(mean, cov, self.causality, nis=nis, info=info)
+            return filters.extended(block, self.gate, self.underweighting)
+        return iterated(block, self.iterations, self.loss, self.limit, self.noise_memory)
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
         """Filter one run; of a model without kernels by :mod:`.textbook`."""

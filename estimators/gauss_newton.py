@@ -1,10 +1,6 @@
 """Batch maximum a posteriori by Gauss–Newton as an iterated Kalman smoother, from many starts.
 
-Each step linearises h about the whole trajectory and solves the linear problem with a Kalman
-filter and smoother (Bell 1994), and goes only as far towards its solution as the cost falls: the
-line-search iterated extended Kalman smoother of Särkkä & Svensson 2020. The process noise may be
-singular: a trajectory is carried with its Lagrange multipliers, x_0 = prior_mean + P_0 λ and
-x_k = Φ_k x_{k−1} + Q_k r_k, in which the cost of the motion is ½ λᵀ P_0 λ + ½ Σ r_kᵀ Q_k r_k.
+The steps are those of :mod:`ggbench.engines.iterated_smoother`.
 
 A field of gravity gradients looks alike in many places, and Gauss–Newton finds the nearest. So the
 cost is looked at from many starts across the prior of the position, and the best are refined.
@@ -65,8 +61,7 @@ class GaussNewton(RobustLoss, BlockEstimator):
     ) -> EstimateBlock:
         """Refine the best starts of all runs of a block; the mean is NaN where none has a cost."""
         window = self.window if self.starts > 1 else 0
-        mean, cov, info = multistart(
+        return multistart(
             block, self.starts, self.refine, window, self.spacing_m, self.max_iterations,
             self.loss, self.limit,
         )  # fmt: skip
-        return EstimateBlock(mean, cov, self.causality, info=info)

@@ -65,7 +65,4 @@ class GaussianSum(RobustLoss, BlockEstimator):
         """Filter all runs of a block."""
         loss = number_of(self.loss, self.limit)
         rules = Rules(self.iterations, HALVINGS, loss, self.limit, False)
-        mean, cov, info = gaussian_sum(
-            block, self.spacing_m, self.most, WIDTH, rules, NEGLIGIBLE, SAME
-        )
-        return EstimateBlock(mean, cov, self.causality, info=info)
+        return gaussian_sum(block, self.spacing_m, self.most, WIDTH, rules, NEGLIGIBLE, SAME)

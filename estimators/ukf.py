@@ -74,11 +74,7 @@ class UnscentedKalmanFilter(SigmaPoints, GatedUpdate):
             scale *= self.alpha**2
             more = 1.0 - self.alpha**2 + self.beta
         centre = 1.0 - n / scale
-        mean, cov, nis, counts, rejected = filters.unscented(
-            block, math.sqrt(scale), centre + more, 0.5 / scale,
-            self.loss, self.limit, self.gate, self.underweighting,
-        )  # fmt: skip
-        info = {"covariance_repairs": counts[:, 0], "map_evaluations": counts[:, 1]}
-        if self.gate:
-            info["rejected"] = rejected
-        return EstimateBlock(mean, cov, self.causality, nis=nis, info=info)
+        weights = filters.SigmaWeights(math.sqrt(scale), centre + more, 0.5 / scale)
+        return filters.unscented(
+            block, weights, self.loss, self.limit, self.gate, self.underweighting
+        )

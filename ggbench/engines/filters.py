@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import objmode
 
-from ..block import ProblemBlock
+from ..block import EstimateBlock, ProblemBlock
 from ..numerics import lane_algebra, lanes
 from ..numerics.kernels import compiled, interpreted
 from ..numerics.positive import nearest_root
@@ -264,39 +264,34 @@ def _innovations(bias: int, x: np.ndarray, reading: Readings, offset: np.ndarray
         store(reading.z, 0, c, total)
 
 
-def extended(
-    block: ProblemBlock, gate: float = 0.0, underweighting: float = 0.0
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Run the extended Kalman filter.
+def extended(block: ProblemBlock, gate: float, underweighting: float) -> EstimateBlock:
+    """Run the extended Kalman filter. The NIS is of all readings, with the given noise.
 
     Parameters
     ----------
     block : the runs.
     gate, underweighting : see :mod:`.innovation_gating`; 0 for none.
-
-    Returns
-    -------
-    mean (R, K, n), cov (R, K, n, n), NIS (R, K), and how many readings were rejected (R,). The NIS
-    is of all readings, with the given noise.
     """
     runs, epochs, n = block.runs, block.epochs, block.dimension
     mean, cov = np.empty((runs, epochs, n)), np.empty((runs, epochs, n, n))
     nis, rejected = np.empty((runs, epochs)), np.zeros(runs, dtype=np.int64)
     gating = gate_options(block, gate, underweighting)
     _extended(batch_of(block), gating, mean, cov, nis, rejected)
-    return mean, cov, nis, rejected
+    once = np.full(runs, epochs)
+    info = {"linearisations": once, "map_evaluations": once}
+    if gate:
+        info["rejected"] = rejected
+    return EstimateBlock(mean, cov, "filter", nis=nis, info=info)
 
 
 def unscented(
     block: ProblemBlock,
-    spread: float,
-    centre_cov: float,
-    weight: float,
-    loss: str = "none",
-    threshold: float = np.inf,
-    gate: float = 0.0,
-    underweighting: float = 0.0,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    weights: SigmaWeights,
+    loss: str,
+    threshold: float,
+    gate: float,
+    underweighting: float,
+) -> EstimateBlock:
     """Run the unscented Kalman filter.
 
     Sigma points that displace the instrument by less than a centimetre (and turn it by less than
@@ -307,23 +302,19 @@ def unscented(
     Parameters
     ----------
     block : the runs.
-    spread : by how much the rows of the root of P are stretched.
-    centre_cov, weight : of the centre in covariances, of all others. Weights in means add up to 1.
+    weights : of the sigma points; those in means add up to 1.
     loss, threshold : on each whitened component of a reading, see :mod:`.robust_weights`.
     gate, underweighting : see :mod:`.innovation_gating`; 0 for none. Not with a loss.
-
-    Returns
-    -------
-    mean (R, K, n), cov (R, K, n, n), NIS (R, K), counts (R, 2): how often a covariance was
-    repaired, and at how many points the map was evaluated; how many readings were rejected (R,).
     """
     runs, epochs, n = block.runs, block.epochs, block.dimension
     mean, cov = np.empty((runs, epochs, n)), np.empty((runs, epochs, n, n))
     nis, counts = np.empty((runs, epochs)), np.zeros((runs, 2), dtype=np.int64)
     rejected = np.zeros(runs, dtype=np.int64)
     number, gating = number_of(loss, threshold), gate_options(block, gate, underweighting)
-    weights = SigmaWeights(spread, centre_cov, weight)
     _unscented(
         batch_of(block), weights, number, threshold, gating, mean, cov, nis, counts, rejected
     )
-    return mean, cov, nis, counts, rejected
+    info = {"covariance_repairs": counts[:, 0], "map_evaluations": counts[:, 1]}
+    if gate:
+        info["rejected"] = rejected
+    return EstimateBlock(mean, cov, "filter", nis=nis, info=info)

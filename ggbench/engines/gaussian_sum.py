@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from ..block import ProblemBlock
+from ..block import EstimateBlock, ProblemBlock
 from ..numerics import lane_algebra, lanes
 from ..numerics.kernels import compiled
 from ..numerics.records import record
@@ -65,6 +65,7 @@ def _filter(
     m = reading.rows.shape[0]
     search = search_of(n, m)
     now = Hypotheses(np.empty(most), np.empty((most, n)), np.empty((most, n, n)))
+    everyone = np.zeros(most, dtype=np.int64)
     for run in range(runs):
         group = lanes.members(run, run + 1)
         spent = np.zeros((len(group), 2), dtype=np.int64)
@@ -102,7 +103,7 @@ def _filter(
                 break
             count = _merged(now, count, same)
             total += count
-            _moments(now, count, mean[run, k], cov[run, k])
+            _moments(now, everyone[:count], 0, 0.0, mean[run, k], cov[run, k])
         counts[run], sizes[run] = spent[:, 1].sum(), total / epochs
 
 
@@ -202,26 +203,12 @@ def _merged(now: Hypotheses, count: int, same: float) -> int:
         return count
     heads = order[leader[order] == order]
     new = len(heads)
-    merged = Hypotheses(np.empty(new), np.zeros((new, n)), np.zeros((new, n, n)))
+    merged = Hypotheses(np.empty(new), np.empty((new, n)), np.empty((new, n, n)))
     for place in range(new):
-        first, total = heads[place], 0.0
-        for j in range(count):
-            if leader[j] == first:
-                share = math.exp(weights[j] - weights[first])
-                total += share
-                for a in range(n):
-                    merged.means[place, a] += share * means[j, a]
-        for a in range(n):
-            merged.means[place, a] /= total
-        for j in range(count):
-            if leader[j] == first:
-                share = math.exp(weights[j] - weights[first]) / total
-                for a in range(n):
-                    for b in range(n):
-                        apart = (means[j, a] - merged.means[place, a]) * (
-                            means[j, b] - merged.means[place, b]
-                        )
-                        merged.covs[place, a, b] += share * (covs[j, a, b] + apart)
+        first = heads[place]
+        total = _moments(
+            now, leader, first, weights[first], merged.means[place], merged.covs[place]
+        )
         merged.weights[place] = weights[first] + math.log(total)
     for place in range(new):
         _copy(merged, place, now, place)
@@ -240,26 +227,39 @@ def _root(matrix: np.ndarray, root: np.ndarray) -> None:
 
 
 @compiled
-def _moments(now: Hypotheses, count: int, mean: np.ndarray, cov: np.ndarray) -> None:
-    """Fill mean (n,) and covariance (n, n) of the mixture."""
+def _moments(
+    now: Hypotheses,
+    leader: np.ndarray,
+    first: int,
+    log_unit: float,
+    mean: np.ndarray,
+    cov: np.ndarray,
+) -> float:
+    """Fill mean (n,) and covariance (n, n) of the hypotheses whose leader (J,) is ``first``.
+
+    Return what they weigh together, in a unit of which the logarithm is given.
+    """
     weights, means, covs = now.weights, now.means, now.covs
     n = means.shape[1]
     total = 0.0
     mean[:] = 0.0
     cov[:] = 0.0
-    for j in range(count):
-        share = math.exp(weights[j])
-        total += share
-        for a in range(n):
-            mean[a] += share * means[j, a]
+    for j in range(len(leader)):
+        if leader[j] == first:
+            share = math.exp(weights[j] - log_unit)
+            total += share
+            for a in range(n):
+                mean[a] += share * means[j, a]
     for a in range(n):
         mean[a] /= total
-    for j in range(count):
-        share = math.exp(weights[j]) / total
-        for a in range(n):
-            for b in range(n):
-                apart = (means[j, a] - mean[a]) * (means[j, b] - mean[b])
-                cov[a, b] += share * (covs[j, a, b] + apart)
+    for j in range(len(leader)):
+        if leader[j] == first:
+            share = math.exp(weights[j] - log_unit) / total
+            for a in range(n):
+                for b in range(n):
+                    apart = (means[j, a] - mean[a]) * (means[j, b] - mean[b])
+                    cov[a, b] += share * (covs[j, a, b] + apart)
+    return total
 
 
 def gaussian_sum(
@@ -270,7 +270,7 @@ def gaussian_sum(
     rules: Rules,
     negligible: float,
     same: float,
-) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+) -> EstimateBlock:
     """Run the filter.
 
     Parameters
@@ -280,10 +280,6 @@ def gaussian_sum(
     rules : of each update.
     negligible : weight against the largest one below which a hypothesis is dropped.
     same : squared Mahalanobis distance below which two are one.
-
-    Returns
-    -------
-    mean (R, K, n), cov (R, K, n, n) of the mixture; counters.
     """
     runs, epochs, n = block.runs, block.epochs, block.dimension
     mean, cov = np.empty((runs, epochs, n)), np.empty((runs, epochs, n, n))
@@ -294,4 +290,4 @@ def gaussian_sum(
     _filter(batch_of(block), prior, rules, negligible, same, mean, cov, counts, sizes)
     started = np.full(runs, len(weights))
     info = {"hypotheses": started, "mean_hypotheses": sizes, "map_evaluations": counts}
-    return mean, cov, info
+    return EstimateBlock(mean, cov, "filter", info=info)

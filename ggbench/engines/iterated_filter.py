@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..block import ProblemBlock
+from ..block import EstimateBlock, ProblemBlock
 from ..numerics import lane_algebra, lanes
 from ..numerics.kernels import compiled
 from .adaptive_noise import adaptive_noise_of, begin, believe, learn
@@ -75,7 +75,7 @@ def _iterated(
 
 def iterated(
     block: ProblemBlock, iterations: int, loss: str, threshold: float, memory: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+) -> EstimateBlock:
     """Run the filter.
 
     Parameters
@@ -84,15 +84,11 @@ def iterated(
     iterations : most linearisations of h per epoch.
     loss, threshold : on each whitened component of a reading, see :mod:`.robust_weights`.
     memory : readings from which the noise is estimated, see :mod:`.adaptive_noise`; 0 for none.
-
-    Returns
-    -------
-    mean (R, K, n), cov (R, K, n, n), NIS (R, K), and counts (R, 2) of linearisations and of
-    evaluations of h.
     """
     runs, epochs, n = block.runs, block.epochs, block.dimension
     mean, cov = np.empty((runs, epochs, n)), np.empty((runs, epochs, n, n))
     nis, counts = np.empty((runs, epochs)), np.zeros((runs, 2), dtype=np.int64)
     rules = Rules(iterations, _HALVINGS, number_of(loss, threshold), threshold, True)
     _iterated(batch_of(block), rules, memory, mean, cov, nis, counts)
-    return mean, cov, nis, counts
+    info = {"linearisations": counts[:, 0], "map_evaluations": counts[:, 1]}
+    return EstimateBlock(mean, cov, "filter", nis=nis, info=info)

@@ -10,19 +10,12 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import ndtri
 
-from ..block import ProblemBlock
+from ..block import EstimateBlock, ProblemBlock
 from ..numerics import lanes
 from ..numerics.records import fields_of
 from ..problem import Problem
-from .line_search import (
-    Problems,
-    Searches,
-    answer,
-    filtered_tracks,
-    screen,
-    search,
-    undisturbed,
-)
+from .line_search import Searches, answer, filtered_tracks, screen, search, undisturbed
+from .linear_problems import Problems
 from .position_grid import states_in_metres
 from .robust_weights import number_of
 from .whitened_measurements import batch_of
@@ -85,10 +78,10 @@ def multistart(
     window: int,
     spacing_m: float,
     most: int,
-    loss: str = "none",
-    threshold: float = np.inf,
-) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-    """Find the most probable trajectory of every run.
+    loss: str,
+    threshold: float,
+) -> EstimateBlock:
+    """Find the most probable trajectory of every run; its mean is NaN where no start has a cost.
 
     Parameters
     ----------
@@ -97,11 +90,6 @@ def multistart(
     window, spacing_m : of :func:`window_search`; 0 epochs for none.
     most : limit of the steps from each start.
     loss, threshold : on each whitened component of a reading, see :mod:`.robust_weights`.
-
-    Returns
-    -------
-    mean (R, K, n), NaN where no start has a finite cost; cov (R, K, n, n) given all readings;
-    counters.
     """
     smoother = _Smoother(block, loss, threshold)
     # Kind by kind, so that those that go through the lanes together need about as many steps.
@@ -125,7 +113,7 @@ def multistart(
         "refined": np.bincount(searches.runs),
         "map_evaluations": smoother.evaluations,
     }
-    return mean, cov, info
+    return EstimateBlock(mean, cov, "batch", info=info)
 
 
 def _chosen(searches: Searches, which: np.ndarray) -> Searches:
