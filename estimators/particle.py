@@ -52,9 +52,10 @@ class CloudFilter(Estimator):
     exact_if_linear_gaussian = False  # the answer scatters with the random numbers
 
     @property
-    @abstractmethod
     def moves(self) -> Moves:
-        """How the cloud is kept alive."""
+        """How the cloud is kept alive: as the parameters say."""
+        given = vars(self)
+        return Moves(**{name: given[name] for name in Moves._fields if name in given})
 
     @abstractmethod
     def drawn(self, problem: Problem) -> int:
@@ -70,8 +71,7 @@ class CloudFilter(Estimator):
 
     def estimate(self, problem: Problem, rng: np.random.Generator) -> Estimate:
         """Filter one run of any model."""
-        found = filtered(problem, self.drawn(problem), self.moves, rng)
-        return Estimate(found.mean, found.cov, self.causality, info=found.info, nis=found.nis)
+        return filtered(problem, self.drawn(problem), self.moves, rng)
 
 
 @dataclass(frozen=True)
@@ -101,14 +101,6 @@ class ParticleFilter(CloudFilter):
     regularisation: NonNegative = 0.0
 
     name = "particle"
-
-    @property
-    def moves(self) -> Moves:
-        """As the parameters say."""
-        return Moves(
-            self.particles, self.resampling, self.threshold, self.tempering, self.kernel,
-            roughening=self.roughening, regularisation=self.regularisation,
-        )  # fmt: skip
 
     def drawn(self, problem: Problem) -> int:
         """All states."""

@@ -36,7 +36,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..engines.linear_states import POSITION, mixing
-from ..engines.moves import Moves
 from ..engines.resampling import Resampling
 from ..parameters import AtLeastOne, NonNegative, Share
 from ..problem import Problem
@@ -70,14 +69,6 @@ class RaoBlackwellisedFilter(CloudFilter):
     start: AtLeastOne = 32
 
     name = "rao-blackwellised"
-
-    @property
-    def moves(self) -> Moves:
-        """As the parameters say."""
-        return Moves(
-            self.particles, self.resampling, self.threshold, self.tempering,
-            jitter=self.jitter, straight=self.straight, start=self.start,
-        )  # fmt: skip
 
     def skip(self, problem: Problem) -> str | None:
         """Refuse measurements that bend with other states than the position."""

@@ -8,34 +8,22 @@ the bootstrap filter of Gordon, Salmond & Smith (1993), with none the Kalman fil
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
-
 import numpy as np
 
-from ..problem import Problem
+from ..problem import Estimate, Problem
 from .cloud import Cloud
 from .moves import Moves
 
 
-class Filtered(NamedTuple):
-    """The filter's results: mean (K, n), cov (K, n, n), nis (K,), counters and evidence of the run.
-
-    NIS is that of the Gaussian: innovation against the mean of h, covariance of h over it plus R.
-    It is NaN where there is a cloud. The evidence is ln p(z) of all readings, by which models of
-    one flight may be compared; what blurs a cloud (``Moves``) biases it.
-    """
-
-    mean: np.ndarray
-    cov: np.ndarray
-    nis: np.ndarray
-    info: dict[str, Any]
-
-
-def filtered(problem: Problem, drawn: int, moves: Moves, rng: np.random.Generator) -> Filtered:
+def filtered(problem: Problem, drawn: int, moves: Moves, rng: np.random.Generator) -> Estimate:
     """Run the filter, with the first ``drawn`` of the n states as particles.
 
     h must be linear in the other states with coefficients that depend on none of them; see
     :func:`.linear_states.mixing`.
+
+    NIS is that of the Gaussian: innovation against the mean of h, covariance of h over it plus R.
+    It is NaN where there is a cloud. The evidence is ln p(z) of all readings, by which models of
+    one flight may be compared; what blurs a cloud (``Moves``) biases it.
     """
     epochs, n = problem.epochs, problem.dimension
     mean, cov, nis = np.empty((epochs, n)), np.empty((epochs, n, n)), np.full(epochs, np.nan)
@@ -59,4 +47,4 @@ def filtered(problem: Problem, drawn: int, moves: Moves, rng: np.random.Generato
         "map_evaluations": cloud.evaluations,
         "log_evidence": cloud.evidence,
     }
-    return Filtered(mean, cov, nis, info)
+    return Estimate(mean, cov, "filter", info=info, nis=nis)

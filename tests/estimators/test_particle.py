@@ -29,15 +29,15 @@ from small_cases import GRAVIMETER, ON_BOARD, rough_map, small_flight
 from thinning import thinned
 
 from ggbench.engines.moves import Moves
-from ggbench.engines.particles import Filtered, filtered
+from ggbench.engines.particles import filtered
 from ggbench.engines.resampling import FLOOR
-from ggbench.problem import Problem, StateBlock
+from ggbench.problem import Estimate, Problem, StateBlock
 from ggbench.simulation.runs import simulate
 
 PLAIN = Moves(4000)
 
 
-def apart(found: Filtered, problem: Problem) -> float:
+def apart(found: Estimate, problem: Problem) -> float:
     """Rms difference of the mean from Kalman's, in its deviations."""
     mean, cov, _, _ = kalman(problem)
     return float(np.sqrt(np.mean((found.mean - mean) ** 2 / np.diagonal(cov, axis1=1, axis2=2))))

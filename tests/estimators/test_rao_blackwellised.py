@@ -14,7 +14,7 @@ from problems import changed, estimator
 from rough_field import drifting_position
 
 from ggbench.engines.moves import Moves
-from ggbench.engines.particles import Filtered, filtered
+from ggbench.engines.particles import filtered
 from ggbench.estimators.point_mass import PointMass
 from ggbench.problem import Estimate, Problem
 
@@ -32,7 +32,7 @@ def exact(seed: int, axes: int, sigma: float) -> tuple[Problem, Estimate]:
     return problem, grid.estimate(problem, np.random.default_rng(0))
 
 
-def off(found: Filtered, grid: Estimate) -> float:
+def off(found: Estimate, grid: Estimate) -> float:
     """Mean square distance of the mean from the grid's, in its deviations."""
     variance = np.diagonal(grid.cov, axis1=1, axis2=2)
     return float(np.mean((found.mean - grid.mean) ** 2 / variance))
