@@ -120,7 +120,9 @@ class Correlation(Estimator):
         found = [
             (mismatch[index], place)
             for index in search.best(self.keep)
-            for place in refined(smoother, [search.start(index)], search.spacing)
+            for place in refined(
+                smoother, [search.multipliers(search.points[index])], search.spacing
+            )
         ]
         if not found:
             return None

@@ -31,11 +31,6 @@ class Bank:
         self.means = self.means @ phi.T
         self.covs = phi @ self.covs @ phi.T + self.process_cov[k]
 
-    def moments(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return mean (n,) and covariance (n, n) of the mixture."""
-        share = np.exp(self.weights)
-        return mixture(share / share.sum(), self.means, self.covs)
-
 
 def mixture(
     share: np.ndarray, means: np.ndarray, covs: np.ndarray

@@ -96,27 +96,6 @@ class IteratedSmoother:
             states[k] = x
         return Trajectory(states, start, np.zeros_like(states))
 
-    def from_filter(self) -> Trajectory:
-        """Return the smoothed track of an extended Kalman filter."""
-        problem = self.problem
-        n, m = problem.dimension, problem.measurements.shape[1]
-        rows, target = np.empty((problem.epochs, m, n)), np.empty((problem.epochs, m))
-        x, p = self.prior_mean, self.prior_cov
-        for k, (phi, q) in enumerate(zip(self.transition, self.process_cov, strict=True)):
-            x, p = phi @ x, phi @ p @ phi.T + q
-            state = x * self.scale
-            innovation = problem.measurements[k] - problem.model.predict(k, state)
-            white = np.linalg.solve(self.noise_root[k], innovation)
-            h = np.linalg.solve(self.noise_root[k], problem.model.jacobian(k, state) * self.scale)
-            rows[k], target[k] = h, white + h @ x
-            gain = np.linalg.solve(h @ p @ h.T + np.eye(m), h @ p).T
-            keep = np.eye(n) - gain @ h
-            x, p = x + gain @ white, keep @ p @ keep.T + gain @ gain.T
-        *solution, _ = _smooth(
-            self.transition, self.process_cov, self.prior_mean, self.prior_cov, rows, target
-        )
-        return Trajectory(*solution)
-
     def residuals(self, states: np.ndarray) -> np.ndarray:
         """Return the whitened residuals (K, m) of a trajectory's states (K, n)."""
         problem = self.problem
@@ -148,7 +127,7 @@ class IteratedSmoother:
             target = residuals + np.einsum("kmi,ki->km", rows, trajectory.states)
             weight = np.sqrt(self.weights(residuals))
             rows *= weight[:, :, None]
-            *solution, filtered_cov = _smooth(
+            *solution, filtered_cov = smooth(
                 self.transition, self.process_cov, self.prior_mean, self.prior_cov,
                 rows, weight * target,
             )  # fmt: skip
@@ -166,7 +145,7 @@ class IteratedSmoother:
 
 
 @compiled
-def _smooth(
+def smooth(
     transition: np.ndarray,
     process_cov: np.ndarray,
     prior_mean: np.ndarray,

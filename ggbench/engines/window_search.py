@@ -273,7 +273,7 @@ class Search:
         return found
 
     def starts(self, count: int) -> list[np.ndarray]:
-        """Return the best places as multipliers λ (n,), as :class:`.IteratedSmoother` has them.
+        """Return the best places as :meth:`multipliers`.
 
         The lowest points of so many hollows, each looked at in finer steps.
         """
@@ -282,7 +282,7 @@ class Search:
             return []
         split = np.ptp(self.points, axis=0) > 0.0
         if not split.any():
-            return [self._multipliers(point) for point in hollows]
+            return [self.multipliers(point) for point in hollows]
         fine = self.spacing / _FINER
         side = fine * np.arange(-_AROUND * _FINER, _AROUND * _FINER + 1)
         sides = [side if axis else np.zeros(1) for axis in split]
@@ -300,13 +300,10 @@ class Search:
         minima = np.flatnonzero(_lowest(np.hstack([apart, steps]), values))
         minima = minima[np.lexsort((values[minima], own[minima]))]
         rank = np.arange(len(minima)) - np.searchsorted(own[minima], own[minima])
-        return [self._multipliers(point) for point in within.points[minima[rank < _DEEPEST]]]
+        return [self.multipliers(point) for point in within.points[minima[rank < _DEEPEST]]]
 
-    def start(self, index: int) -> np.ndarray:
-        """Return the multipliers λ (n,) of a point, as :class:`.IteratedSmoother` has them."""
-        return self._multipliers(self.points[index])
-
-    def _multipliers(self, point: np.ndarray) -> np.ndarray:
+    def multipliers(self, point: np.ndarray) -> np.ndarray:
+        """Return the multipliers λ (n,) of a displacement, as :class:`.IteratedSmoother` has."""
         start = np.zeros(self.problem.dimension)
         axes = self._axes
         start[axes.states] = axes.vectors @ (point / axes.variances)

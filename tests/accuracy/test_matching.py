@@ -154,7 +154,7 @@ def matched(window: Problem) -> np.ndarray:
         points = search.points[search.best(1)[0]] + around.reshape(-1, len(free))
         search = Search(window, step, 50_000, points=points)
         search.take(window.epochs)
-    start = search.start(search.best(1)[0]) / search.scale
+    start = search.multipliers(search.points[search.best(1)[0]]) / search.scale
     return (window.prior_cov @ start)[:2]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ggbench.engines.iterated_smoother import IteratedSmoother, Minimum, Trajectory
+from ggbench.engines.iterated_smoother import IteratedSmoother, Minimum, Trajectory, smooth
 from ggbench.engines.multistart import NO_RIVAL, across_prior, shown_epochs, window_search
 from ggbench.engines.window_search import refined
 from ggbench.estimators import robust
@@ -49,6 +49,27 @@ class _Smoother(IteratedSmoother):
             return [self.from_prior(starts[0])]
         order = np.argsort(self._screen(starts), kind="stable")
         return [self.from_prior(starts[i]) for i in order[:keep]]
+
+    def from_filter(self) -> Trajectory:
+        """Return the smoothed track of an extended Kalman filter."""
+        problem = self.problem
+        n, m = problem.dimension, problem.measurements.shape[1]
+        rows, target = np.empty((problem.epochs, m, n)), np.empty((problem.epochs, m))
+        x, p = self.prior_mean, self.prior_cov
+        for k, (phi, q) in enumerate(zip(self.transition, self.process_cov, strict=True)):
+            x, p = phi @ x, phi @ p @ phi.T + q
+            state = x * self.scale
+            innovation = problem.measurements[k] - problem.model.predict(k, state)
+            white = np.linalg.solve(self.noise_root[k], innovation)
+            h = np.linalg.solve(self.noise_root[k], problem.model.jacobian(k, state) * self.scale)
+            rows[k], target[k] = h, white + h @ x
+            gain = np.linalg.solve(h @ p @ h.T + np.eye(m), h @ p).T
+            keep = np.eye(n) - gain @ h
+            x, p = x + gain @ white, keep @ p @ keep.T + gain @ gain.T
+        *solution, _ = smooth(
+            self.transition, self.process_cov, self.prior_mean, self.prior_cov, rows, target
+        )
+        return Trajectory(*solution)
 
     def from_window(self, count: int, spacing_m: float, keep: int) -> list[Trajectory]:
         """Return the motions that fit the first readings, the most probable first.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ggbench.engines.banks import Bank, updated_covs
+from ggbench.engines.banks import Bank, mixture, updated_covs
 from ggbench.estimators import robust
 from ggbench.estimators.gaussian_sum import HALVINGS, NEGLIGIBLE, SAME, WIDTH, GaussianSum
 from ggbench.estimators.robust import Loss
@@ -25,7 +25,8 @@ def estimate(filter: GaussianSum, problem: Problem) -> Estimate:
     for k in range(problem.epochs):
         bank.predict(k)
         bank.update(k, filter.iterations)
-        mean[k], cov[k] = bank.moments()
+        share = np.exp(bank.weights)
+        mean[k], cov[k] = mixture(share / share.sum(), bank.means, bank.covs)
         counts.append(len(bank.weights))
     info = {"hypotheses": started, "mean_hypotheses": float(np.mean(counts))}
     scale = bank.scale
