@@ -18,18 +18,9 @@ from pydantic import Field
 
 from ..block import BlockEstimator, EstimateBlock, ProblemBlock
 from ..engines.gaussian_sum import gaussian_sum
-from ..engines.iterated_update import Rules
-from ..engines.robust_weights import number_of
 from ..parameters import AtLeastOne, Positive
 from .robust import RobustLoss
 
-WIDTH = 0.6
-"""Standard deviation of a Gaussian over the grid's spacing: their sum ripples by less than 1 %."""
-NEGLIGIBLE = 1e-6
-"""Weight against the largest one below which a hypothesis is dropped."""
-SAME = 1.0
-"""Squared Mahalanobis distance of the means below which two hypotheses are one."""
-HALVINGS = 6
 _MOST = 100_000
 """Hypotheses that fit in memory."""
 
@@ -63,6 +54,6 @@ class GaussianSum(RobustLoss, BlockEstimator):
         self, block: ProblemBlock, rngs: Sequence[np.random.Generator] = ()
     ) -> EstimateBlock:
         """Filter all runs of a block."""
-        loss = number_of(self.loss, self.limit)
-        rules = Rules(self.iterations, HALVINGS, loss, self.limit, False)
-        return gaussian_sum(block, self.spacing_m, self.most, WIDTH, rules, NEGLIGIBLE, SAME)
+        return gaussian_sum(
+            block, self.spacing_m, self.most, self.iterations, self.loss, self.limit
+        )

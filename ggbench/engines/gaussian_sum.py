@@ -16,8 +16,16 @@ from ..numerics.kernels import compiled
 from ..numerics.records import record
 from .banks import split_prior
 from .iterated_update import Rules, minimise, search_of, update
-from .robust_weights import NONE
+from .robust_weights import NONE, number_of
 from .whitened_measurements import Batch, batch_of, linearise, readings_of
+
+WIDTH = 0.6
+"""Standard deviation of a Gaussian over the grid's spacing: their sum ripples by less than 1 %."""
+NEGLIGIBLE = 1e-6
+"""Weight against the largest one below which a hypothesis is dropped."""
+SAME = 1.0
+"""Squared Mahalanobis distance of the means below which two hypotheses are one."""
+HALVINGS = 6
 
 
 @record
@@ -41,8 +49,6 @@ def _filter(
     batch: Batch,
     prior: Hypotheses,
     rules: Rules,
-    negligible: float,
-    same: float,
     mean: np.ndarray,
     cov: np.ndarray,
     counts: np.ndarray,
@@ -96,12 +102,12 @@ def _filter(
                     for c in range(m):
                         now.weights[first + r] += math.log(search.s[c, c, r])
                 _unpack(x, p, first, used, now)
-            count = _dropped(now, count, negligible)
+            count = _dropped(now, count)
             if count == 0:
                 mean[run, k:] = np.nan
                 cov[run, k:] = np.nan
                 break
-            count = _merged(now, count, same)
+            count = _merged(now, count)
             total += count
             _moments(now, everyone[:count], 0, 0.0, mean[run, k], cov[run, k])
         counts[run], sizes[run] = spent[:, 1].sum(), total / epochs
@@ -142,7 +148,7 @@ def _copy(source: Hypotheses, j: int, out: Hypotheses, place: int) -> None:
 
 
 @compiled
-def _dropped(now: Hypotheses, count: int, negligible: float) -> int:
+def _dropped(now: Hypotheses, count: int) -> int:
     """Keep the hypotheses that weigh something against the heaviest; return how many."""
     weights, largest = now.weights, -math.inf
     for j in range(count):
@@ -150,7 +156,7 @@ def _dropped(now: Hypotheses, count: int, negligible: float) -> int:
             largest = weights[j]
     kept = 0
     for j in range(count):
-        if weights[j] - largest > math.log(negligible):
+        if weights[j] - largest > math.log(NEGLIGIBLE):
             weights[j] -= largest
             if kept < j:
                 _copy(now, j, now, kept)
@@ -159,7 +165,7 @@ def _dropped(now: Hypotheses, count: int, negligible: float) -> int:
 
 
 @compiled
-def _merged(now: Hypotheses, count: int, same: float) -> int:
+def _merged(now: Hypotheses, count: int) -> int:
     """Merge hypotheses whose means are the same (Salmond 1990); return how many are left.
 
     From the heaviest on, each takes in the lighter ones within its deviations, so that mean and
@@ -183,7 +189,7 @@ def _merged(now: Hypotheses, count: int, same: float) -> int:
             near = True
             for i in range(n):  # d² ≥ off² / P_ii: most pairs need no more than this
                 off[i] = means[other, i] - means[first, i]
-                if off[i] * off[i] > same * covs[first, i, i]:
+                if off[i] * off[i] > SAME * covs[first, i, i]:
                     near = False
                     break
             if not near:
@@ -197,7 +203,7 @@ def _merged(now: Hypotheses, count: int, same: float) -> int:
                     off[i] -= root[i, j] * off[j]
                 off[i] /= root[i, i]
                 distance += off[i] * off[i]
-            if distance < same:
+            if distance < SAME:
                 leader[other] = first
     if (leader == np.arange(count)).all():
         return count
@@ -263,31 +269,25 @@ def _moments(
 
 
 def gaussian_sum(
-    block: ProblemBlock,
-    spacing_m: float,
-    most: int,
-    width: float,
-    rules: Rules,
-    negligible: float,
-    same: float,
+    block: ProblemBlock, spacing_m: float, most: int, iterations: int, loss: str, threshold: float
 ) -> EstimateBlock:
     """Run the filter.
 
     Parameters
     ----------
     block : the runs.
-    spacing_m, most, width : of the prior's Gaussians, see :func:`.split_prior`.
-    rules : of each update.
-    negligible : weight against the largest one below which a hypothesis is dropped.
-    same : squared Mahalanobis distance below which two are one.
+    spacing_m, most : of the prior's Gaussians, see :func:`.split_prior`.
+    iterations : linearisations of h in each update of a hypothesis.
+    loss, threshold : on each whitened component of a reading, see :mod:`.robust_weights`.
     """
     runs, epochs, n = block.runs, block.epochs, block.dimension
     mean, cov = np.empty((runs, epochs, n)), np.empty((runs, epochs, n, n))
-    weights, means, covs = split_prior(block.problem(0), spacing_m, most, width)
+    weights, means, covs = split_prior(block.problem(0), spacing_m, most, WIDTH)
     scale = np.sqrt(np.diag(block.prior_cov))
     counts, sizes = np.zeros(runs, dtype=np.int64), np.zeros(runs)
     prior = Hypotheses(weights, means * scale, covs[:1] * np.outer(scale, scale))
-    _filter(batch_of(block), prior, rules, negligible, same, mean, cov, counts, sizes)
+    rules = Rules(iterations, HALVINGS, number_of(loss, threshold), threshold, False)
+    _filter(batch_of(block), prior, rules, mean, cov, counts, sizes)
     started = np.full(runs, len(weights))
     info = {"hypotheses": started, "mean_hypotheses": sizes, "map_evaluations": counts}
     return EstimateBlock(mean, cov, "filter", info=info)

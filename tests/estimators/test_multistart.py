@@ -28,7 +28,7 @@ from scipy.stats import chi2
 from thinning import thinned
 
 from ggbench.engines.banks import split_prior
-from ggbench.estimators.gaussian_sum import WIDTH
+from ggbench.engines.gaussian_sum import WIDTH
 from ggbench.problem import Estimate, Problem, StateBlock
 
 RUNS = 10

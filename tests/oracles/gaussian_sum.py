@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ggbench.engines.banks import Bank, mixture, updated_covs
+from ggbench.engines.gaussian_sum import HALVINGS, NEGLIGIBLE, SAME, WIDTH
 from ggbench.estimators import robust
-from ggbench.estimators.gaussian_sum import HALVINGS, NEGLIGIBLE, SAME, WIDTH, GaussianSum
+from ggbench.estimators.gaussian_sum import GaussianSum
 from ggbench.estimators.robust import Loss
 from ggbench.numerics.kernels import compiled
 from ggbench.problem import Estimate, Problem
