@@ -29,6 +29,7 @@ from .factor_graph import (
 )
 from .robust import Loss
 
+_Error = partial[np.ndarray]
 _NO_NOISE = 1e-13
 """Eigenvalue of a correlation matrix below which a direction of Q counts as free of noise."""
 
@@ -96,7 +97,7 @@ class GtsamSmoother(GraphParameters):
         times = scaled.problem.times
         oldest = self.oldest_nodes(times)
         mean, cov = scaled.empty()
-        newest, _ = scaled.empty()
+        newest = np.empty_like(mean)
         kept = 0  # nodes before this one have left the window and are final
         for k, factors in enumerate(scaled.factors()):
             while kept < oldest[k]:
@@ -187,12 +188,14 @@ class _ScaledProblem:
 
     def _gradient_factor(self, k: int) -> gtsam.NonlinearFactor:
         """Return the custom factor h(k, x_k) − z_k."""
+        noise = gtsam.noiseModel.Gaussian.Covariance(self.problem.noise_of(k))
+        return gtsam.CustomFactor(noise, [k], self._error(k))
+
+    def _error(self, k: int) -> _Error:
         # A partial of a module-level function: a callback that owned its factor would leak.
-        error = partial(
+        return partial(
             _gradient_error, self.problem.model, self.problem.measurements[k], self.scale, k
         )
-        noise = gtsam.noiseModel.Gaussian.Covariance(self.problem.noise_of(k))
-        return gtsam.CustomFactor(noise, [k], error)
 
     def _robust_factors(self, k: int) -> list[gtsam.NonlinearFactor]:
         """Return a custom factor with a robust loss for each component of the whitened residual.
@@ -206,7 +209,7 @@ class _ScaledProblem:
             robustness = estimators.Cauchy.Create(self.threshold)
         noise = gtsam.noiseModel.Robust.Create(robustness, gtsam.noiseModel.Unit.Create(1))
         root = np.linalg.cholesky(self.problem.noise_of(k))
-        reading = _Reading(self.problem.model, self.problem.measurements[k], self.scale, root, k)
+        reading = _Reading(self._error(k), root)
         return [
             gtsam.CustomFactor(noise, [k], partial(_component_error, reading, c))
             for c in range(len(root))
@@ -241,16 +244,8 @@ class _Reading:
     The components of a reading are asked for one by one, all at the same state.
     """
 
-    def __init__(
-        self,
-        model: MeasurementModel,
-        measurement: np.ndarray,
-        scale: np.ndarray,
-        noise_root: np.ndarray,
-        k: int,
-    ) -> None:
-        self._evaluate = partial(_gradient_error, model, measurement, scale, k)
-        self._root = noise_root
+    def __init__(self, error: _Error, noise_root: np.ndarray) -> None:
+        self._error, self._root = error, noise_root
         self._at = b""
         self.residual = self.jacobian = np.empty(0)
 
@@ -260,7 +255,7 @@ class _Reading:
         if state == self._at:
             return
         jacobians = [np.empty(0)]
-        residual = self._evaluate(factor, values, jacobians)
+        residual = self._error(factor, values, jacobians)
         self.residual = np.linalg.solve(self._root, residual)
         self.jacobian = np.linalg.solve(self._root, jacobians[0])
         self._at = state

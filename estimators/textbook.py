@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..problem import Estimate, MeasurementModel, Problem
+from ..problem import Estimate, Problem
 from . import robust
 from .robust import Loss
 
@@ -32,9 +32,7 @@ def extended(problem: Problem, iterations: int, loss: Loss, threshold: float) ->
     linearisations = 0
     for k, (phi, q) in enumerate(zip(problem.transition, problem.process_cov, strict=True)):
         x, cov = phi @ x, phi @ cov @ phi.T + q
-        update = Update(
-            problem.model, k, problem.measurements[k], x, cov, problem.noise_of(k), loss, threshold
-        )
+        update = Update(problem, k, x, cov, problem.noise_of(k), loss, threshold)
         if iterations > 1:
             update.minimise(iterations)
         linearisations += update.linearisations
@@ -53,21 +51,20 @@ class Update:
 
     def __init__(
         self,
-        model: MeasurementModel,
+        problem: Problem,
         k: int,
-        measurement: np.ndarray,
         predicted: np.ndarray,
         cov: np.ndarray,
         noise_cov: np.ndarray,
         loss: Loss,
         threshold: float,
     ) -> None:
-        self.model, self.k, self.measurement = model, k, measurement
+        self.model, self.k, self.measurement = problem.model, k, problem.measurements[k]
         self.predicted, self.cov, self.given = predicted, cov, noise_cov
         self.loss, self.threshold = loss, threshold
         self.linearisations = 0
         self.x, self.dual = predicted, np.zeros(len(predicted))
-        self.h = model.predict(k, predicted)
+        self.h = self.model.predict(k, predicted)
         self._linearise()
 
     def _linearise(self) -> None:

@@ -28,11 +28,8 @@ def estimate(filter: ExtendedKalmanFilter, problem: Problem) -> Estimate:
     for k in range(problem.epochs):
         ekf.F, ekf.Q = problem.transition[k], problem.process_cov[k]
         ekf.predict()
-        update = Gated(
-            problem.model, k, problem.measurements[k], ekf.x, ekf.P,
-            noise.of(problem.noise_of(k)),
-            filter.loss, threshold,
-        )  # fmt: skip
+        believed = noise.of(problem.noise_of(k))
+        update = Gated(problem, k, ekf.x, ekf.P, believed, filter.loss, threshold)
         if filter.iterations > 1:
             update.minimise(filter.iterations)
         linearisations += update.linearisations
