@@ -2,21 +2,98 @@
 
 The equations are those of :class:`ggbench.estimators.ekf.ExtendedKalmanFilter` with filterpy, which
 remains the reference: a test holds both together.
+
+The measurement noise may be estimated from the residuals of updates, a variance of each component
+of a whitened reading (Mohamed & Schwarz 1999, with the forgetting of Sage & Husa 1969).
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
 from ..block import EstimateBlock, ProblemBlock
 from ..numerics import lane_algebra, lanes
 from ..numerics.kernels import compiled
-from .adaptive_noise import adaptive_noise_of, begin, believe, learn
-from .iterated_update import Rules, minimise, search_of, update
+from ..numerics.records import record
+from .iterated_update import Rules, Search, minimise, search_of, update
 from .robust_weights import NONE, number_of
-from .whitened_measurements import Batch, batch_of, linearise, readings_of, scatter_squares
+from .whitened_measurements import (
+    Batch,
+    Readings,
+    batch_of,
+    linearise,
+    readings_of,
+    scale_equations,
+    scatter_squares,
+)
 
 _HALVINGS = 12
+
+
+@record
+class AdaptiveNoise:
+    """What is believed of the noise of eight runs.
+
+    Attributes
+    ----------
+    memory : number of readings that count; 0 believes the given noise.
+    variances : (1, m, lanes) of components in units of the given noise.
+    taken : (1, m, lanes) readings that have been taken in, and one for what was given.
+    """
+
+    memory: int
+    variances: np.ndarray
+    taken: np.ndarray
+
+
+@compiled
+def believe(noise: AdaptiveNoise, reading: Readings) -> None:
+    """Whiten a whole reading by what is believed, and all that are linearised after it."""
+    for c in range(reading.precision.shape[1]):
+        for r in range(reading.precision.shape[2]):
+            reading.precision[0, c, r] = 1.0 / math.sqrt(noise.variances[0, c, r])
+    scale_equations(reading)
+
+
+@compiled
+def learn(
+    noise: AdaptiveNoise,
+    present: np.ndarray,
+    group: np.ndarray,
+    count: int,
+    k: int,
+    p: np.ndarray,
+    search: Search,
+    reading: Readings,
+) -> None:
+    """Take in the residuals after an update: their expected squares are R − H P⁺ Hᵀ.
+
+    Parameters
+    ----------
+    present : (R, K, m) which channels there were.
+    group, count, k : runs and epoch.
+    p : (n, n, lanes) P⁺.
+    search : the update.
+    reading : linearised after it, by the given noise.
+    """
+    lane_algebra.products_of_rows(search.rows, search.rows.shape[0], p, search.hp)
+    for r in range(count):
+        there = present[group[r], k]
+        for c in range(there.shape[0]):
+            if not there[c]:
+                continue
+            certain = 0.0
+            for j in range(p.shape[0]):
+                certain += search.hp[c, j, r] * search.rows[c, j, r]
+            # A component that a robust loss holds for an outlier counts as little as it did there.
+            variance, weight = noise.variances[0, c, r], search.weights[0, c, r]
+            residual = reading.innovation[0, c, r]
+            new = weight * residual * residual + certain * variance / weight
+            taken = min(noise.taken[0, c, r] + 1.0, float(noise.memory))
+            noise.taken[0, c, r] = taken
+            noise.variances[0, c, r] = variance + (new - variance) / taken
 
 
 @compiled
@@ -36,7 +113,7 @@ def _iterated(
     x, p, scratch = lanes.lanes(1, n), lanes.lanes(n, n), lanes.lanes(n, n)
     reading = readings_of(batch, rules.loss != NONE or memory > 0)
     m = reading.rows.shape[0]
-    noise = adaptive_noise_of(m, memory)
+    noise = AdaptiveNoise(memory, lanes.lanes(1, m), lanes.lanes(1, m))
     search = search_of(n, m)
     unexplained = lanes.lanes(1, 1)
     hp, s, white = search.hp, search.s, search.white
@@ -45,7 +122,8 @@ def _iterated(
         lanes.spread(batch.prior_mean, x)
         lanes.spread(batch.prior_cov, p)
         spent = np.zeros((len(group), 2), dtype=np.int64)
-        begin(noise)
+        noise.variances[:] = 1.0
+        noise.taken[:] = 1.0
         for k in range(epochs):
             moving = lanes.gather(batch.transition, batch.process_cov, group, k, expected, phi, q)
             lane_algebra.predict(phi, q, moving, x, p, scratch)
@@ -83,7 +161,7 @@ def iterated(
     block : the runs.
     iterations : most linearisations of h per epoch.
     loss, threshold : on each whitened component of a reading, see :mod:`.robust_weights`.
-    memory : readings from which the noise is estimated, see :mod:`.adaptive_noise`; 0 for none.
+    memory : readings from which the noise is estimated, 0 for none.
     """
     runs, epochs, n = block.runs, block.epochs, block.dimension
     mean, cov = np.empty((runs, epochs, n)), np.empty((runs, epochs, n, n))
