@@ -15,13 +15,7 @@ from ..numerics import lane_algebra, lanes
 from ..numerics.kernels import compiled, interpreted
 from ..numerics.positive import nearest_root
 from ..numerics.vectors import load, splat, store
-from .innovation_gating import (
-    GateOptions,
-    gate_options,
-    reject,
-    underweight,
-    underweight_unwhitened,
-)
+from .innovation_gating import GateOptions, gate_options, reject, underweight
 from .robust_weights import NONE, number_of, reweigh_unwhitened
 from .sigma_points import SigmaPoints, read_sigma_points, sigma_points_of
 from .whitened_measurements import (
@@ -55,7 +49,8 @@ def _extended(
     m = reading.rows.shape[0]
     hp, gain, change = lanes.lanes(m, n), lanes.lanes(m, n), lanes.lanes(m, n)
     s, white = lanes.lanes(m, m), lanes.lanes(1, m)
-    weighed, squared = lanes.lanes(m, m), lanes.lanes(1, 1)
+    weighed, spread, squared = lanes.lanes(m, m), lanes.lanes(m, m), lanes.lanes(1, 1)
+    noise_cov = np.eye(m)
     for first in lanes.starts(runs):
         count, group = lanes.count_from(first, runs), lanes.members(first, runs)
         lanes.spread(batch.prior_mean, x)
@@ -66,7 +61,8 @@ def _extended(
             linearise(batch, group, count, k, x, reading)
             lane_algebra.project(reading.rows, p, m, hp, s)
             if gating.underweighting > 0.0:
-                underweight(s, m, gating.underweighting, weighed)
+                lane_algebra.copy(s, weighed)
+                underweight(weighed, noise_cov, gating.underweighting, spread)
             lane_algebra.copy(reading.squared, squared)
             lane_algebra.factorise(s, m, s)
             lane_algebra.whiten(s, m, reading.innovation, white)
@@ -215,7 +211,7 @@ def _unscented(
                 root = batch.noise_inverse[at]
                 reweigh_unwhitened(s, reading.z, r_k, root, count, loss, threshold, reweighed)
             if gating.underweighting > 0.0:
-                underweight_unwhitened(s, r_k, gating.underweighting, h_cov)
+                underweight(s, r_k, gating.underweighting, h_cov)
             lane_algebra.factorise(s, m, s)
             lane_algebra.whiten(s, m, reading.z, white)
             lane_algebra.solve_lower(s, m, cross, cross)

@@ -58,18 +58,7 @@ def gate_limits(gate: float, present: np.ndarray) -> np.ndarray:
 
 
 @compiled
-def underweight(s: np.ndarray, m: int, underweighting: float, out: np.ndarray) -> None:
-    """Fill the lower half of (1 + β) H P Hᵀ + 1 (m, m) from that of H P Hᵀ + 1."""
-    beta, one = splat(underweighting), splat(1.0)
-    for c in range(m):
-        for d in range(c + 1):
-            value = load(s, c, d)
-            spread = value - one if c == d else value
-            store(out, c, d, value + beta * spread)
-
-
-@compiled
-def underweight_unwhitened(
+def underweight(
     s: np.ndarray, noise_cov: np.ndarray, underweighting: float, spread: np.ndarray
 ) -> None:
     """Add β times its part of the prior to the lower half of S (m, m), and fill that part whole.

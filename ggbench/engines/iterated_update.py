@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..numerics import lane_algebra
-from ..numerics.kernels import compiled
+from ..numerics.kernels import compiled, inlined
 from ..numerics.lanes import each, flags, lanes, numbers
 from ..numerics.records import record
 from ..numerics.vectors import load, splat, store
@@ -229,11 +229,7 @@ def _descend(
                 # One that has found its x is evaluated there again.
                 moved = part * out.step[0, j, r] if out.trying[r] else 0.0
                 out.tried[0, j, r] = out.dual[0, j, r] + moved
-        for i in range(n):
-            total = splat(0.0)
-            for j in range(n):
-                total += load(p, i, j) * load(out.tried, 0, j)
-            store(x, 0, i, load(out.start, 0, i) + total)
+        _place(out.start, p, out.tried, x)
         linearise(batch, group, count, k, x, reading)
         for r in each():
             if out.trying[r]:
@@ -250,11 +246,17 @@ def _descend(
         if not out.trying.any():
             break
         part *= 0.5
-    for i in range(n):
-        total = splat(0.0)
-        for j in range(n):
-            total += load(p, i, j) * load(out.dual, 0, j)
-        store(x, 0, i, load(out.start, 0, i) + total)
+    _place(out.start, p, out.dual, x)
     for r in each():
         if before[r] - out.cost[r] < _CONVERGED:
             out.seeking[r] = False
+
+
+@inlined
+def _place(start: np.ndarray, p: np.ndarray, dual: np.ndarray, x: np.ndarray) -> None:
+    """Fill x (1, n) with x⁻ + P λ."""
+    for i in range(p.shape[0]):
+        total = splat(0.0)
+        for j in range(p.shape[0]):
+            total += load(p, i, j) * load(dual, 0, j)
+        store(x, 0, i, load(start, 0, i) + total)

@@ -110,14 +110,9 @@ def residues(weights: np.ndarray, places: np.ndarray, ancestors: np.ndarray) -> 
                 j += 1
 
 
-@compiled
 def unique(ancestors: np.ndarray) -> int:
     """Return how many different particles there are among ancestors (N,) in ascending order."""
-    count = 1
-    for j in range(1, ancestors.shape[0]):
-        if ancestors[j] != ancestors[j - 1]:
-            count += 1
-    return count
+    return int(np.count_nonzero(np.diff(ancestors))) + 1
 
 
 def resample(
