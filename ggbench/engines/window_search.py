@@ -133,9 +133,7 @@ class Search:
     evaluations : how often h was evaluated so far.
     """
 
-    _kept: tuple[str, ...] = (
-        "points", "_sums", "_crossed", "_squares", "_totals", "_own_squares", "_own_totals"
-    )  # fmt: skip
+    _kept: tuple[str, ...] = ("points", "_sums", "_crossed", "_squares", "_totals")
     """What has a row for each point, and loses those of points that leave the map."""
 
     def __init__(
@@ -161,8 +159,7 @@ class Search:
         self._sums = np.zeros(len(self.points))
         channels = problem.measurements.shape[1]
         self._crossed, self._squares, self._totals = np.zeros((3, len(self.points), channels))
-        self._own_squares, self._own_totals = np.zeros((2, len(self.points), channels))
-        self._counts = np.zeros(channels)
+        self._own_squares, self._own_totals, self._counts = np.zeros((3, channels))
 
     def _lay(self) -> None:
         """Lay the grid, as far as the map goes at the first epoch."""
@@ -253,7 +250,7 @@ class Search:
         total = crossed.sum(axis=1)
         if self.criterion == "cor":
             return np.asarray(-total / max(self._count, 1.0))
-        size = np.sqrt(np.maximum(squares.sum(axis=1) * own.sum(axis=1), 0.0))
+        size = np.sqrt(np.maximum(squares.sum(axis=1) * own.sum(), 0.0))
         return np.asarray(-np.divide(total, size, out=np.zeros_like(total), where=size > 0.0))
 
     def best(self, count: int) -> list[int]:
