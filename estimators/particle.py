@@ -25,7 +25,6 @@ particles (rms), and 0.01 to 0.14 with 100,000.
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -57,9 +56,9 @@ class CloudFilter(Estimator):
         given = vars(self)
         return Moves(**{name: given[name] for name in Moves._fields if name in given})
 
-    @abstractmethod
     def drawn(self, problem: Problem) -> int:
-        """Return how many of the states, from the first on, are drawn."""
+        """Return how many of the states, from the first on, are drawn: all."""
+        return problem.dimension
 
     def conflict(self) -> str | None:
         """Refuse more particles than fit in memory."""
@@ -101,7 +100,3 @@ class ParticleFilter(CloudFilter):
     regularisation: NonNegative = 0.0
 
     name = "particle"
-
-    def drawn(self, problem: Problem) -> int:
-        """All states."""
-        return problem.dimension
