@@ -34,7 +34,7 @@ from ..engines.window_search import (
 from ..parameters import AtLeastOne, Positive
 from ..problem import Estimate, Problem
 from ..reduced import horizontal
-from . import robust, textbook
+from . import textbook
 from .robust import RobustLoss
 
 _ITERATIONS = 5
@@ -108,13 +108,12 @@ class Tercom(RobustLoss):
         problem, before = flight.problem, flight.before(last)
         longest = section(problem, last + 1, read[-1] + 1, *before)
         search = Search(longest, self.spacing_m, self.most, self.criterion)
-        losses = robust.of_residuals(self.loss, self.limit)
         end = last
         for size in range(self.window, len(read) + 1, self.window):
             end = int(read[size - 1])
             search.take(end - last)
             window = section(problem, last + 1, end + 1, *before)
-            smoother = IteratedSmoother(window, *losses)
+            smoother = IteratedSmoother(window, self.loss, self.limit)
             places = refined(smoother, search.starts(self.refine), search.spacing)
             if not places:
                 continue

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..engines.robust_weights import losses, reweighted_noise
 from ..problem import Estimate, Problem
-from . import robust
 from .robust import Loss
 
 _HALVINGS = 12
@@ -74,7 +74,7 @@ class Update:
         self.noise_cov = self.given
         if self.loss != "none":
             innovation, spread = self.innovation()
-            self.noise_cov = robust.reweighted_noise(
+            self.noise_cov = reweighted_noise(
                 innovation, spread, self.given, self.loss, self.threshold
             )
 
@@ -85,7 +85,7 @@ class Update:
 
     def _cost(self, dual: np.ndarray, h: np.ndarray) -> float:
         white = np.linalg.solve(np.linalg.cholesky(self.given), self.measurement - h)
-        left = robust.losses(white, self.loss, self.threshold)
+        left = losses(white, self.loss, self.threshold)
         return float(0.5 * dual @ self.cov @ dual + left.sum())
 
     def minimise(self, iterations: int) -> None:

@@ -9,27 +9,17 @@ x_k = Φ_k x_{k−1} + Q_k r_k, in which the cost of the motion is ½ λᵀ P_0 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..numerics.kernels import compiled
 from ..problem import Problem, jacobian_along, predict_along
+from .robust_weights import losses, weights
 
 HALVINGS = 15
 CONVERGED = 1e-6
 """Decrease of the cost below which a search has ended: a thousandth of a standard deviation."""
-OfResiduals = Callable[[np.ndarray], np.ndarray]
-"""What is said of each residual in standard deviations."""
-
-
-def _half_square(residuals: np.ndarray) -> np.ndarray:
-    return 0.5 * residuals**2
-
-
-def _one(residuals: np.ndarray) -> np.ndarray:
-    return np.ones_like(residuals)
 
 
 @dataclass(frozen=True)
@@ -64,20 +54,17 @@ class IteratedSmoother:
     Parameters
     ----------
     problem : to be solved.
-    losses, weights : of residuals in standard deviations of the noise, element by element: the loss
-        ρ(r) and ρ'(r) / r; those of least squares if not given.
+    loss, threshold : on each whitened component of a reading, see :mod:`.robust_weights`.
 
     Attributes
     ----------
     scale : (n,) the units of all states below.
     """
 
-    def __init__(
-        self, problem: Problem, losses: OfResiduals = _half_square, weights: OfResiduals = _one
-    ) -> None:
+    def __init__(self, problem: Problem, loss: str = "none", threshold: float = np.inf) -> None:
         self.problem = problem
         self._epochs = np.arange(problem.epochs)
-        self.losses, self.weights = losses, weights
+        self.loss, self.threshold = loss, threshold
         self.scale = scale = np.sqrt(np.diag(problem.prior_cov))
         self.transition = problem.transition * scale / scale[:, None]
         self.process_cov = problem.process_cov / np.outer(scale, scale)
@@ -107,7 +94,7 @@ class IteratedSmoother:
         """Return the cost of a trajectory with its whitened residuals (K, m): −log density."""
         start, motion = trajectory.start, trajectory.motion
         moving = np.einsum("ki,kij,kj->", motion, self.process_cov, motion)
-        left = self.losses(residuals).sum()
+        left = losses(residuals, self.loss, self.threshold).sum()
         return float(0.5 * (start @ self.prior_cov @ start + moving) + left)
 
     def search(self, trajectory: Trajectory, max_iterations: int) -> Minimum:
@@ -125,7 +112,7 @@ class IteratedSmoother:
             rows = jacobian_along(problem.model, self._epochs, states)
             rows = np.linalg.solve(self.noise_root, rows * self.scale)
             target = residuals + np.einsum("kmi,ki->km", rows, trajectory.states)
-            weight = np.sqrt(self.weights(residuals))
+            weight = np.sqrt(weights(residuals, self.loss, self.threshold))
             rows *= weight[:, :, None]
             *solution, filtered_cov = smooth(
                 self.transition, self.process_cov, self.prior_mean, self.prior_cov,

@@ -14,7 +14,8 @@ from rough_field import rough_flight
 from scipy.optimize import minimize
 from thinning import thinned
 
-from ggbench.estimators import robust
+from ggbench.engines.robust_weights import losses, reweighted_noise, weights
+from ggbench.estimators.robust import THRESHOLDS
 from ggbench.problem import Problem
 
 WITH_LOSS = (
@@ -252,7 +253,7 @@ def test_a_reading_informs_as_much_as_it_weighs(label):
     root = np.linalg.cholesky(problem.noise_cov)
     rows = np.linalg.solve(root, problem.model.jacobian(0, found.mean[0]) * units)
     left = problem.measurements[0] - problem.model.predict(0, found.mean[0])
-    weight = robust.weights(np.linalg.solve(root, left), "huber", 1.345)
+    weight = weights(np.linalg.solve(root, left), "huber", 1.345)
     assert weight.min() < 0.5
     information = np.linalg.inv(cov / np.outer(units, units)) + (rows.T * weight) @ rows
     assert found.cov[0] / np.outer(units, units) == pytest.approx(
@@ -395,8 +396,8 @@ def test_adaptive_noise_does_not_learn_from_outliers():
 def test_losses_and_weights_belong_together(loss):
     """w(r) r is the derivative of ρ(r), by central differences, on both sides of the threshold."""
     r = np.linspace(-9.0, 9.0, 50)
-    slope = (robust.losses(r + 1e-5, loss, 2.0) - robust.losses(r - 1e-5, loss, 2.0)) / 2e-5
-    assert np.abs(slope - r * robust.weights(r, loss, 2.0)).max() < 1e-8
+    slope = (losses(r + 1e-5, loss, 2.0) - losses(r - 1e-5, loss, 2.0)) / 2e-5
+    assert np.abs(slope - r * weights(r, loss, 2.0)).max() < 1e-8
 
 
 @pytest.mark.parametrize("loss", ["huber", "cauchy"])
@@ -404,7 +405,7 @@ def test_the_usual_threshold_costs_five_percent_of_variance(loss):
     """Of Gaussian residuals r with ψ = w r: (E r ψ)² / E ψ² is the efficiency, and is 95 %."""
     r = np.linspace(-9.0, 9.0, 20_001)
     density = np.exp(-0.5 * r**2) / np.exp(-0.5 * r**2).sum()
-    psi = r * robust.weights(r, loss, robust.THRESHOLDS[loss])
+    psi = r * weights(r, loss, THRESHOLDS[loss])
     assert (density @ (r * psi)) ** 2 / (density @ psi**2) == pytest.approx(0.95, abs=5e-4)
 
 
@@ -413,7 +414,7 @@ def test_a_set_of_sigma_points_may_claim_a_negative_spread(loss):
     """Its centre weight is negative. The weights stay numbers, and an outlier has less of one."""
     noise = np.diag([1e-4, 4e-4])
     spread = np.diag([-2e-4, 1e-4])
-    found = robust.reweighted_noise(np.array([0.5, 0.01]), spread, noise, loss, 2.0)
+    found = reweighted_noise(np.array([0.5, 0.01]), spread, noise, loss, 2.0)
     assert np.isfinite(found).all()
     assert found[0, 0] > 10.0 * noise[0, 0]
     assert found[1, 1] < 2.0 * noise[1, 1]

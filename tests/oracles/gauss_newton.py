@@ -6,10 +6,9 @@ import numpy as np
 
 from ggbench.engines.iterated_smoother import IteratedSmoother, Minimum, Trajectory, smooth
 from ggbench.engines.multistart import NO_RIVAL, across_prior, shown_epochs, window_search
+from ggbench.engines.robust_weights import losses
 from ggbench.engines.window_search import refined
-from ggbench.estimators import robust
 from ggbench.estimators.gauss_newton import GaussNewton
-from ggbench.estimators.robust import Loss
 from ggbench.numerics.positive import MatrixSquareRoot
 from ggbench.problem import Estimate, Problem
 
@@ -37,10 +36,6 @@ def estimate(search: GaussNewton, problem: Problem) -> Estimate:
 
 class _Smoother(IteratedSmoother):
     """The search of a problem's minimum with a loss, and where it is begun."""
-
-    def __init__(self, problem: Problem, loss: Loss, threshold: float) -> None:
-        super().__init__(problem, *robust.of_residuals(loss, threshold))
-        self.loss = loss
 
     def best_starts(self, count: int, keep: int) -> list[Trajectory]:
         """Return the undisturbed motions of lowest costs from positions across the prior."""
@@ -83,7 +78,7 @@ class _Smoother(IteratedSmoother):
         search = window_search(self.problem, count, spacing_m, self.loss)
         if search is None:
             return []
-        smoother = IteratedSmoother(search.problem, self.losses, self.weights)
+        smoother = IteratedSmoother(search.problem, self.loss, self.threshold)
         places = refined(smoother, search.starts(keep), search.spacing)[:keep]
         return [
             self.from_prior(place.start)
@@ -105,7 +100,7 @@ class _Smoother(IteratedSmoother):
                     k, states.T * self.scale
                 )
                 white = np.linalg.solve(self.noise_root[k], residuals.T)
-                left = self.losses(white).sum(axis=0)
+                left = losses(white, self.loss, self.threshold).sum(axis=0)
                 costs += problem.epochs / len(shown) * left
         return costs
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from ggbench.engines.banks import Bank, mixture, updated_covs
 from ggbench.engines.gaussian_sum import HALVINGS, NEGLIGIBLE, SAME, WIDTH
-from ggbench.estimators import robust
+from ggbench.engines.robust_weights import losses, weights
 from ggbench.estimators.gaussian_sum import GaussianSum
 from ggbench.estimators.robust import Loss
 from ggbench.numerics.kernels import compiled
@@ -58,9 +58,9 @@ class _Hypotheses(Bank):
         for iteration in range(iterations):
             if iteration:
                 rows[active] = self._white_rows(k, x[active])
-            # At first the innovation may be large because the prior is wide: see robust.py.
+            # At first the innovation may be large because the prior is wide: see robust_weights.
             spread = 0.0 if iteration else np.einsum("jma,jab,jmb->jm", rows, cov, rows)
-            weight = robust.weights(white / np.sqrt(1.0 + spread), self.loss, self.threshold)
+            weight = weights(white / np.sqrt(1.0 + spread), self.loss, self.threshold)
             weighted = np.sqrt(weight)[..., None] * rows
             projected = weighted @ cov
             s = projected @ weighted.transpose(0, 2, 1) + np.eye(rows.shape[1])
@@ -105,7 +105,7 @@ class _Hypotheses(Bank):
         residual = self.problem.measurements[k] - self.problem.model.predict(k, x * self.scale)
         white = np.linalg.solve(np.linalg.cholesky(self.problem.noise_of(k)), residual.T).T
         prior = np.einsum("ja,jab,jb->j", dual, cov, dual)
-        return white, 0.5 * prior + robust.losses(white, self.loss, self.threshold).sum(axis=1)
+        return white, 0.5 * prior + losses(white, self.loss, self.threshold).sum(axis=1)
 
     def _white_rows(self, k: int, x: np.ndarray) -> np.ndarray:
         """Jacobians (J, m, n) of the whitened reading."""

@@ -17,7 +17,7 @@ from filterpy.kalman import (
 )
 
 from ggbench.engines.innovation_gating import gate_limits
-from ggbench.estimators import robust
+from ggbench.engines.robust_weights import reweighted_noise
 from ggbench.estimators.robust import Loss
 from ggbench.estimators.ukf import UnscentedKalmanFilter as Compiled
 from ggbench.numerics.positive import MatrixSquareRoot
@@ -44,7 +44,7 @@ class VectorizedUKF(UnscentedKalmanFilter):
         predicted, self.S = unscented_transform(self.sigmas_h, self.Wm, self.Wc, self.R)
         if self.loss != "none":
             _, spread = unscented_transform(self.sigmas_h, self.Wm, self.Wc)
-            self.S = spread + robust.reweighted_noise(
+            self.S = spread + reweighted_noise(
                 z - predicted, spread, self.R, self.loss, self.threshold
             )
         if self.underweighting:
