@@ -50,7 +50,9 @@ def _extended(
     hp, gain, change = lanes.lanes(m, n), lanes.lanes(m, n), lanes.lanes(m, n)
     s, white = lanes.lanes(m, m), lanes.lanes(1, m)
     weighed, spread, squared = lanes.lanes(m, m), lanes.lanes(m, m), lanes.lanes(1, 1)
-    noise_cov = np.eye(m)
+    noise_cov = np.zeros((m, m))
+    for c in range(m):
+        noise_cov[c, c] = 1.0
     for first in lanes.starts(runs):
         count, group = lanes.count_from(first, runs), lanes.members(first, runs)
         lanes.spread(batch.prior_mean, x)

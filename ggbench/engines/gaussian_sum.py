@@ -69,12 +69,12 @@ def _filter(
     x, p, scratch = lanes.lanes(1, n), lanes.lanes(n, n), lanes.lanes(n, n)
     reading = readings_of(batch, rules.loss != NONE)
     m = reading.rows.shape[0]
-    search = search_of(n, m)
+    search = search_of(batch, rules, reading)
     now = Hypotheses(np.empty(most), np.empty((most, n)), np.empty((most, n, n)))
     everyone = np.zeros(most, dtype=np.int64)
     for run in range(runs):
         group = lanes.members(run, run + 1)
-        spent = np.zeros((len(group), 2), dtype=np.int64)
+        search.counts[:] = 0
         count = most
         for j in range(most):
             now.weights[j] = prior.weights[j]
@@ -90,8 +90,8 @@ def _filter(
                 _pack(now, first, used, x, p)
                 lane_algebra.predict(phi, q, moving, x, p, scratch)
                 linearise(batch, group, used, k, x, reading)
-                minimise(batch, group, used, k, rules, x, p, reading, search, spent)
-                update(rules, x, p, search, scratch)
+                minimise(search, group, used, k, x, p)
+                update(search, x, p, scratch)
                 if rules.iterations == 1:
                     lane_algebra.add_squares(search.white, m, reading.squared)
                     for r in range(used):
@@ -110,7 +110,7 @@ def _filter(
             count = _merged(now, count)
             total += count
             _moments(now, everyone[:count], 0, 0.0, mean[run, k], cov[run, k])
-        counts[run], sizes[run] = spent[:, 1].sum(), total / epochs
+        counts[run], sizes[run] = search.counts[:, 1].sum(), total / epochs
 
 
 @compiled

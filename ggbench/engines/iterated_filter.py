@@ -59,25 +59,17 @@ def believe(noise: AdaptiveNoise, reading: Readings) -> None:
 
 @compiled
 def learn(
-    noise: AdaptiveNoise,
-    present: np.ndarray,
-    group: np.ndarray,
-    count: int,
-    k: int,
-    p: np.ndarray,
-    search: Search,
-    reading: Readings,
+    noise: AdaptiveNoise, search: Search, group: np.ndarray, count: int, k: int, p: np.ndarray
 ) -> None:
     """Take in the residuals after an update: their expected squares are R − H P⁺ Hᵀ.
 
     Parameters
     ----------
-    present : (R, K, m) which channels there were.
+    search : the update; its reading is linearised after it, by the given noise.
     group, count, k : runs and epoch.
     p : (n, n, lanes) P⁺.
-    search : the update.
-    reading : linearised after it, by the given noise.
     """
+    present, reading = search.batch.present, search.reading
     lane_algebra.products_of_rows(search.rows, search.rows.shape[0], p, search.hp)
     for r in range(count):
         there = present[group[r], k]
@@ -114,14 +106,14 @@ def _iterated(
     reading = readings_of(batch, rules.loss != NONE or memory > 0)
     m = reading.rows.shape[0]
     noise = AdaptiveNoise(memory, lanes.lanes(1, m), lanes.lanes(1, m))
-    search = search_of(n, m)
+    search = search_of(batch, rules, reading)
     unexplained = lanes.lanes(1, 1)
     hp, s, white = search.hp, search.s, search.white
     for first in lanes.starts(runs):
         count, group = lanes.count_from(first, runs), lanes.members(first, runs)
         lanes.spread(batch.prior_mean, x)
         lanes.spread(batch.prior_cov, p)
-        spent = np.zeros((len(group), 2), dtype=np.int64)
+        search.counts[:] = 0
         noise.variances[:] = 1.0
         noise.taken[:] = 1.0
         for k in range(epochs):
@@ -139,16 +131,17 @@ def _iterated(
             lane_algebra.copy(unexplained, reading.squared)
             if memory > 0:
                 believe(noise, reading)
-            minimise(batch, group, count, k, rules, x, p, reading, search, spent)
-            update(rules, x, p, search, scratch)
+            minimise(search, group, count, k, x, p)
+            update(search, x, p, scratch)
             lanes.scatter(x, p, first, count, k, mean, cov)
             if memory > 0:
                 reading.precision[:] = 1.0
                 linearise(batch, group, count, k, x, reading)
-                learn(noise, batch.present, group, count, k, p, search, reading)
-                spent[:, 1] += 1
+                learn(noise, search, group, count, k, p)
+                search.counts[:, 1] += 1
         for r in range(count):
-            counts[first + r, 0], counts[first + r, 1] = spent[r, 0], spent[r, 1]
+            counts[first + r, 0] = search.counts[r, 0]
+            counts[first + r, 1] = search.counts[r, 1]
 
 
 def iterated(

@@ -48,6 +48,8 @@ class Search:
 
     Attributes
     ----------
+    batch, rules : of all runs.
+    reading : linearised at x; whole with a loss.
     start : (1, n, lanes) x⁻.
     dual : λ with x = x⁻ + P λ.
     step : of λ.
@@ -60,8 +62,12 @@ class Search:
     seeking, trying : (lanes,) whether a run has not arrived; still halves.
     weights : (1, equations, lanes) that a loss gave the equations; ones without any.
     weight : (equations,) scratch.
+    counts : (lanes, 2) of linearisations and evaluations of h so far.
     """
 
+    batch: Batch
+    rules: Rules
+    reading: Readings
     start: np.ndarray
     dual: np.ndarray
     step: np.ndarray
@@ -78,58 +84,49 @@ class Search:
     trying: np.ndarray
     weights: np.ndarray
     weight: np.ndarray
+    counts: np.ndarray
 
 
 @compiled
-def search_of(n: int, equations: int) -> Search:
-    """Return the arrays of a search among n states by so many equations."""
+def search_of(batch: Batch, rules: Rules, reading: Readings) -> Search:
+    """Return the arrays of searches by readings."""
+    n, equations = batch.prior_cov.shape[0], reading.rows.shape[0]
     weights = lanes(1, equations)
     weights[:] = 1.0
+    seeking = flags()
     return Search(
-        lanes(1, n), lanes(1, n), lanes(1, n), lanes(1, n), lanes(equations, n),
-        lanes(1, equations), lanes(equations, n), lanes(equations, equations), lanes(1, equations),
-        lanes(equations, n), lanes(equations, n), numbers(0.0), flags(), flags(), weights,
-        np.zeros(equations),
+        batch, rules, reading, lanes(1, n), lanes(1, n), lanes(1, n), lanes(1, n),
+        lanes(equations, n), lanes(1, equations), lanes(equations, n), lanes(equations, equations),
+        lanes(1, equations), lanes(equations, n), lanes(equations, n), numbers(0.0), seeking,
+        flags(), weights, np.zeros(equations), np.zeros((len(seeking), 2), dtype=np.int64),
     )  # fmt: skip
 
 
 @compiled
 def minimise(
-    batch: Batch,
-    group: np.ndarray,
-    count: int,
-    k: int,
-    rules: Rules,
-    x: np.ndarray,
-    p: np.ndarray,
-    reading: Readings,
-    out: Search,
-    counts: np.ndarray,
+    out: Search, group: np.ndarray, count: int, k: int, x: np.ndarray, p: np.ndarray
 ) -> None:
     """Move x from the prediction to the most probable state; fill the equations of the update.
 
     Parameters
     ----------
-    batch, group, count, k : as :func:`.linearise` has them.
-    rules : of the search.
+    out : the search; its reading is linearised at x, and overwritten.
+    group, count, k : as :func:`.linearise` has them.
     x, p : (1, n, lanes), (n, n, lanes) of the prediction.
-    reading : linearised at x; overwritten.
-    out : the search.
-    counts : (lanes, 2) to which linearisations and evaluations of h are added.
     """
-    m = out.rows.shape[0]
+    rules, m = out.rules, out.rows.shape[0]
     lane_algebra.copy(x, out.start)
     for j in range(x.shape[1]):
         store(out.dual, 0, j, splat(0.0))
     for r in each():
         out.seeking[r] = r < count
         out.trying[r] = False
-        out.cost[r] = _left(reading, r, rules)
-        counts[r, 1] += 1
+        out.cost[r] = _left(out, r)
+        out.counts[r, 1] += 1
     for iteration in range(rules.iterations):
-        _take(reading, x, p, rules, iteration == 0, out)
+        _take(out, x, p, iteration == 0)
         for r in each():
-            counts[r, 0] += out.seeking[r]
+            out.counts[r, 0] += out.seeking[r]
         if rules.iterations == 1:
             return
         lane_algebra.project(out.rows, p, m, out.hp, out.s)
@@ -139,28 +136,29 @@ def minimise(
         for j in range(x.shape[1]):
             store(out.step, 0, j, splat(0.0) - load(out.dual, 0, j))
         lane_algebra.correct(out.half, out.white, m, out.step)
-        _descend(batch, group, count, k, rules, x, p, reading, out, counts)
+        _descend(out, group, count, k, x, p)
         if not out.seeking.any():
             return
 
 
 @compiled
-def update(rules: Rules, x: np.ndarray, p: np.ndarray, out: Search, scratch: np.ndarray) -> None:
+def update(out: Search, x: np.ndarray, p: np.ndarray, scratch: np.ndarray) -> None:
     """Update P with the equations of a search, and x if that was left to the linear update.
 
     ``scratch`` (n, n, lanes) is overwritten.
     """
     m = out.rows.shape[0]
     lane_algebra.kalman_gain(out.rows, p, m, out.hp, out.s, out.half, out.gain)
-    if rules.iterations == 1:
+    if out.rules.iterations == 1:
         lane_algebra.whiten(out.s, m, out.innovation, out.white)
         lane_algebra.correct(out.half, out.white, m, x)
     lane_algebra.joseph(out.gain, out.hp, out.rows, m, p, scratch, out.half)
 
 
 @compiled
-def _left(reading: Readings, r: int, rules: Rules) -> float:
+def _left(out: Search, r: int) -> float:
     """Return Σ ρ of a run's residuals at the state of its reading."""
+    reading, rules = out.reading, out.rules
     total = 0.5 * reading.squared[0, 0, r]
     for c in range(reading.innovation.shape[1]):
         total += loss_of(reading.innovation[0, c, r], rules.loss, rules.threshold)
@@ -168,10 +166,9 @@ def _left(reading: Readings, r: int, rules: Rules) -> float:
 
 
 @compiled
-def _take(
-    reading: Readings, x: np.ndarray, p: np.ndarray, rules: Rules, first: bool, out: Search
-) -> None:
+def _take(out: Search, x: np.ndarray, p: np.ndarray, first: bool) -> None:
     """Take the equations of a reading at x, seen from x⁻, for the runs that still seek."""
+    reading, rules = out.reading, out.rules
     m, n = out.rows.shape[0], out.rows.shape[1]
     for r in each():
         if out.seeking[r]:
@@ -204,40 +201,31 @@ def _take(
 
 @compiled
 def _descend(
-    batch: Batch,
-    group: np.ndarray,
-    count: int,
-    k: int,
-    rules: Rules,
-    x: np.ndarray,
-    p: np.ndarray,
-    reading: Readings,
-    out: Search,
-    counts: np.ndarray,
+    out: Search, group: np.ndarray, count: int, k: int, x: np.ndarray, p: np.ndarray
 ) -> None:
     """Take as much of the step as lets the cost fall; who gains too little by it has arrived.
 
-    At the end ``reading`` is linearised at x for all runs that still seek.
+    At the end the reading is linearised at x for all runs that still seek.
     """
     n = x.shape[1]
     before = out.cost.copy()
     out.trying[:] = out.seeking
     part = 1.0
-    for _ in range(rules.halvings):
+    for _ in range(out.rules.halvings):
         for j in range(n):
             for r in each():
                 # One that has found its x is evaluated there again.
                 moved = part * out.step[0, j, r] if out.trying[r] else 0.0
                 out.tried[0, j, r] = out.dual[0, j, r] + moved
         _place(out.start, p, out.tried, x)
-        linearise(batch, group, count, k, x, reading)
+        linearise(out.batch, group, count, k, x, out.reading)
         for r in each():
             if out.trying[r]:
-                counts[r, 1] += 1
+                out.counts[r, 1] += 1
                 total = 0.0
                 for j in range(n):
                     total += out.tried[0, j, r] * (x[0, j, r] - out.start[0, j, r])
-                cost = 0.5 * total + _left(reading, r, rules)
+                cost = 0.5 * total + _left(out, r)
                 if cost < out.cost[r]:
                     out.cost[r] = cost
                     out.trying[r] = False
