@@ -42,7 +42,7 @@ def record(cls: _Class) -> _Class:
 
     # Kept on disk with the code of the class's own module.
     hold.__qualname__ = f"{made.__qualname__}.hold"
-    hold.__code__ = hold.__code__.replace(co_filename=_file_of(made))
+    hold.__code__ = hold.__code__.replace(co_filename=str(sys.modules[made.__module__].__file__))
     held = compiled(hold)
     computed = {
         "_memory": lambda value: held(fields_of(value)),
@@ -58,10 +58,6 @@ def record(cls: _Class) -> _Class:
     # Without what is computed: an address means nothing to another process.
     made.__getstate__ = lambda value: dict(zip(names, fields_of(value), strict=True))
     return made
-
-
-def _file_of(made: type) -> str:
-    return str(sys.modules[made.__module__].__file__)
 
 
 def fields_of(value: Any) -> tuple[Any, ...]:

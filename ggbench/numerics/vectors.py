@@ -16,6 +16,8 @@ from __future__ import annotations
 
 import math
 import operator
+from functools import partial
+from itertools import product
 from typing import Any
 
 from llvmlite import ir
@@ -57,7 +59,7 @@ def _spread(builder: Any, number: Any) -> Any:
     return builder.shuffle_vector(first, undefined, mask)
 
 
-def _arithmetic(builder: Any, name: str, left: Any, right: Any) -> Any:
+def _arithmetic(name: str, builder: Any, left: Any, right: Any) -> Any:
     """Return the result of an instruction; a product in a sum becomes ``llvm.fma``."""
     if name in ("fadd", "fsub"):
         if getattr(right, "opname", "") == "fmul":
@@ -70,30 +72,31 @@ def _arithmetic(builder: Any, name: str, left: Any, right: Any) -> Any:
     return getattr(builder, name)(left, right)
 
 
-def _define(operation: Any, instruction: str) -> None:
-    """Define an operator on two vectors, or a vector and a number, by an LLVM instruction."""
+def _define(function: Any, count: int, code: Any) -> None:
+    """Define a function of ``count`` vectors, of which one may be a number.
+
+    ``code`` makes its instructions, from a builder and the vectors.
+    """
 
     class Typing(AbstractTemplate):
         def generic(self, args: Any, kws: Any) -> Any:
-            if (
-                len(args) == 2
-                and any(isinstance(arg, _Vector) for arg in args)
-                and all(isinstance(arg, _Vector) or arg == types.float64 for arg in args)
-            ):
-                return signature(_vector, *args)
-            return None
+            vectors = [arg for arg in args if isinstance(arg, _Vector)]
+            others = [arg for arg in args if not isinstance(arg, _Vector)]
+            fits = len(args) == count and vectors and others in ([], [types.float64])
+            return signature(_vector, *args) if fits else None
 
-    infer_global(operation)(Typing)
+    infer_global(function)(Typing)
 
-    @lower_builtin(operation, _Vector, _Vector)
-    @lower_builtin(operation, _Vector, types.float64)
-    @lower_builtin(operation, types.float64, _Vector)
     def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         vectors = (
             arg if isinstance(kind, _Vector) else _spread(builder, arg)
             for kind, arg in zip(sig.args, args, strict=True)
         )
-        return _arithmetic(builder, instruction, *vectors)
+        return code(builder, *vectors)
+
+    for kinds in product((_Vector, types.float64), repeat=count):
+        if _Vector in kinds:
+            lower_builtin(function, *kinds)(lower)
 
 
 for _operation, _inplace, _instruction in (
@@ -102,27 +105,11 @@ for _operation, _inplace, _instruction in (
     (operator.mul, operator.imul, "fmul"),
     (operator.truediv, operator.itruediv, "fdiv"),
 ):
-    _define(_operation, _instruction)
-    _define(_inplace, _instruction)
-
-
-def _define_of_one(function: Any, code: Any) -> None:
-    """Define a function of one number on a vector; ``code`` makes its instructions."""
-
-    class Typing(AbstractTemplate):
-        def generic(self, args: Any, kws: Any) -> Any:
-            return signature(_vector, *args) if args == (_vector,) else None
-
-    infer_global(function)(Typing)
-
-    @lower_builtin(function, _Vector)
-    def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return code(builder, args)
-
-
-_define_of_one(operator.neg, lambda builder, args: builder.fneg(args[0]))
-_define_of_one(math.sqrt, lambda builder, args: _call(builder, "sqrt", args))
-_define_of_one(math.floor, lambda builder, args: _call(builder, "floor", args))
+    _define(_operation, 2, partial(_arithmetic, _instruction))
+    _define(_inplace, 2, partial(_arithmetic, _instruction))
+_define(operator.neg, 1, lambda builder, vector: builder.fneg(vector))
+_define(math.sqrt, 1, lambda builder, vector: _call(builder, "sqrt", [vector]))
+_define(math.floor, 1, lambda builder, vector: _call(builder, "floor", [vector]))
 
 
 def _address(context: Any, builder: Any, kind: Any, value: Any, places: Any) -> Any:
