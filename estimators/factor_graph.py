@@ -48,12 +48,7 @@ class GraphParameters(RobustLoss):
     @property
     def causality(self) -> Causality:
         """That of the mode."""
-        modes: dict[str, Causality] = {
-            "batch": "batch",
-            "isam2": "filter",
-            "fixed-lag": "fixed-lag",
-        }
-        return modes[self.mode]
+        return "filter" if self.mode == "isam2" else self.mode
 
     @property
     def fixed_lag(self) -> float | None:
