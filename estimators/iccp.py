@@ -24,7 +24,7 @@ import numpy as np
 from pydantic import Field
 
 from ..engines.contours import Contour, contour, feet, fitted_transform, track_metres
-from ..engines.fix_fusion import Attempts, Carried
+from ..engines.fix_fusion import Attempt, Carried, listed
 from ..parameters import Positive
 from ..problem import Estimate, Estimator, Problem
 from ..reduced import horizontal
@@ -85,7 +85,8 @@ class Iccp(Estimator):
         channel = _channel(problem, self.channel)
         assert channel is not None  # else it would have been skipped
         matcher = _Matcher(self, problem, channel)
-        estimate, unaided, attempts = Carried(problem), Carried(problem), Attempts()
+        estimate, unaided = Carried(problem), Carried(problem)
+        attempts: list[Attempt] = []
         window: list[int] = []
         contours: list[Contour] = []
         iterations = []
@@ -98,7 +99,7 @@ class Iccp(Estimator):
             window, contours = window[-self.window :], contours[-self.window :]
             fix = matcher.match(window, contours, mean, cov)
             iterations.append(fix.iterations)
-            attempts.add(k, fix.mean, fix.cov, fix.accepted, -fix.misfit)
+            attempts.append((k, fix.mean, fix.cov, fix.accepted, -fix.misfit))
             if self.fusion == "none":
                 mean, cov = unaided.at(k)
             else:
@@ -106,7 +107,7 @@ class Iccp(Estimator):
             if fix.accepted:
                 estimate.put(k, *_updated(mean, cov, matcher.position, fix.mean, fix.cov))
         mean, cov = estimate.whole()
-        fixes = attempts.listed()
+        fixes = listed(attempts)
         info = {
             "channel": problem.channels[channel].name,
             "fixes_tried": len(fixes),

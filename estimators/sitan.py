@@ -31,7 +31,7 @@ import numpy as np
 from pydantic import Field
 
 from ..engines.banks import Bank, fitting_spacing, updated_covs
-from ..engines.fix_fusion import Attempts
+from ..engines.fix_fusion import Attempt, listed
 from ..engines.position_grid import position_axes
 from ..parameters import AtLeastOne, Positive
 from ..problem import Estimate, Estimator, Problem
@@ -86,7 +86,8 @@ class Sitan(Estimator):
         mean = np.empty((problem.epochs, problem.dimension))
         cov = np.empty((problem.epochs, problem.dimension, problem.dimension))
         nis = np.full(problem.epochs, np.nan)
-        attempts, accepted_at = Attempts(), np.nan
+        attempts: list[Attempt] = []
+        accepted_at = np.nan
         for k in range(problem.epochs):
             filters.predict(k)
             squares = filters.update(k, self.readings)
@@ -98,7 +99,7 @@ class Sitan(Estimator):
                     continue
                 best, statistic = filters.best(self.largest)
                 accepted = statistic > self.ratio
-                attempts.add(k, *filters.place(best), accepted, statistic)
+                attempts.append((k, *filters.place(best), accepted, statistic))
                 if not accepted:
                     continue
                 accepted_at = float(problem.times[k])
@@ -111,7 +112,7 @@ class Sitan(Estimator):
             info |= {"accepted": bool(np.isfinite(accepted_at)), "accepted_at_s": accepted_at}
         return Estimate(
             mean * scale, cov * np.outer(scale, scale), self.causality, info=info, nis=nis,
-            fixes=attempts.listed() if started > 1 and tuple(filters.places) == (0, 1) else None,
+            fixes=listed(attempts) if started > 1 and tuple(filters.places) == (0, 1) else None,
         )  # fmt: skip
 
 

@@ -66,30 +66,22 @@ class Carried:
         return self.mean, self.cov
 
 
-class Attempts:
-    """The fixes of a flight as they are tried."""
+Attempt = tuple[int, np.ndarray, np.ndarray, bool, float]
+"""Epoch, position errors (d,), covariance (d, d), acceptance, statistic of a fix, see Fixes."""
 
-    def __init__(self) -> None:
-        self._rows: list[tuple[int, np.ndarray, np.ndarray, bool, float]] = []
 
-    def add(
-        self, epoch: int, mean: np.ndarray, cov: np.ndarray, accepted: bool, statistic: float
-    ) -> None:
-        """Note a fix: of position errors (d,) with covariance (d, d); see :class:`.Fixes`."""
-        self._rows.append((epoch, mean, cov, accepted, statistic))
-
-    def listed(self) -> Fixes:
-        """Return all of them; of two dimensions where there is none."""
-        if not self._rows:
-            empty = np.zeros(0)
-            return Fixes(
-                empty.astype(int), np.zeros((0, 2)), np.zeros((0, 2, 2)), empty.astype(bool), empty
-            )
-        epochs, means, covs, accepted, statistics = zip(*self._rows, strict=True)
+def listed(attempts: Sequence[Attempt]) -> Fixes:
+    """Return the fixes of a flight; of two dimensions where there is none."""
+    if not attempts:
+        empty = np.zeros(0)
         return Fixes(
-            np.array(epochs), np.array(means), np.array(covs), np.array(accepted),
-            np.array(statistics),
-        )  # fmt: skip
+            empty.astype(int), np.zeros((0, 2)), np.zeros((0, 2, 2)), empty.astype(bool), empty
+        )
+    epochs, means, covs, accepted, statistics = zip(*attempts, strict=True)
+    return Fixes(
+        np.array(epochs), np.array(means), np.array(covs), np.array(accepted),
+        np.array(statistics),
+    )  # fmt: skip
 
 
 class Fused:
@@ -112,11 +104,8 @@ class Fused:
     ) -> None:
         self.problem, self.fusion, self.found = problem, fusion, False
         self._hands_over = hands_over
-        self._estimate, self._unaided, self._attempts = (
-            Carried(problem),
-            Carried(problem),
-            Attempts(),
-        )
+        self._estimate, self._unaided = Carried(problem), Carried(problem)
+        self._attempts: list[Attempt] = []
         self._position, self._last = list(position), -1
 
     def before(self, last: int) -> tuple[np.ndarray, np.ndarray]:
@@ -128,7 +117,7 @@ class Fused:
     ) -> None:
         """Note a fix of all states at an epoch; one that is accepted is the estimate from there."""
         at = self._position
-        self._attempts.add(epoch, mean[at], cov[np.ix_(at, at)], accepted, statistic)
+        self._attempts.append((epoch, mean[at], cov[np.ix_(at, at)], accepted, statistic))
         if accepted:
             self._estimate.put(epoch, mean, cov)
             self.found, self._last = self._hands_over, epoch
@@ -142,6 +131,6 @@ class Fused:
             assert found.cov is not None  # a Kalman filter has one
             self._estimate.put(self._last + 1, found.mean, found.cov)
         mean, cov = self._estimate.whole()
-        fixes = self._attempts.listed()
+        fixes = listed(self._attempts)
         info = {"fixes_tried": len(fixes), "fixes_accepted": int(fixes.accepted.sum())}
         return Estimate(mean, cov, "filter", info=info, fixes=fixes)
