@@ -1,6 +1,6 @@
 """Extended and unscented Kalman filters on many runs at once, compiled.
 
-The same equations as filterpy's, which remain the reference: a test holds both together.
+A test holds them to filterpy.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """The Gaussian-sum filter on many runs, compiled: the hypotheses of a run are its lanes.
 
-The equations are those of :class:`ggbench.estimators.gaussian_sum.GaussianSum` with NumPy, which
-remains the reference: a test holds both together.
+A test holds it to the same equations in NumPy.
 """
 
 from __future__ import annotations

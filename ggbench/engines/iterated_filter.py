@@ -1,7 +1,6 @@
 """Extended Kalman filter with iterated, robust, adaptive updates on many runs at once, compiled.
 
-The equations are those of :class:`ggbench.estimators.ekf.ExtendedKalmanFilter` with filterpy, which
-remains the reference: a test holds both together.
+A test holds it to the same equations with filterpy and NumPy.
 
 The measurement noise may be estimated from the residuals of updates, a variance of each component
 of a whitened reading (Mohamed & Schwarz 1999, with the forgetting of Sage & Husa 1969).

@@ -1,8 +1,6 @@
 """The most probable trajectory from many starts: where searches of whole flights are begun.
 
-The same starts for the reference, :class:`ggbench.estimators.gauss_newton.GaussNewton` with NumPy,
-and for its compiled engine, in which the searches of all runs of a block go on at once
-(:mod:`.line_search`).
+The searches of all runs of a block go on at once (:mod:`.line_search`).
 """
 
 from __future__ import annotations
