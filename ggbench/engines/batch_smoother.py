@@ -24,6 +24,7 @@ from .linear_problems import (
     put_back,
     smoother_of,
     take_trial,
+    with_damping,
 )
 from .robust_weights import number_of
 from .smoother_passes import covariances, filter_track, go_back, set_damping
@@ -43,7 +44,7 @@ def _smooth(
 ) -> None:
     """Solve the problems of a block, see :func:`smoother`."""
     runs, epochs = problems.batch.measurements.shape[:2]
-    solver = smoother_of(problems, True)
+    solver = smoother_of(problems)
     path, work, costs = solver.path, solver.work, solver.costs
     cost, unexplained, linear = lanes.numbers(0.0), lanes.numbers(0.0), lanes.numbers(0.0)
     base = lanes.numbers(0.0)  # the cost by the linear problem: with a loss another one
@@ -93,6 +94,9 @@ def _smooth(
             begun = True
             damped = bool(felt.any())
             if damped:
+                if path.damping.gains.shape[0] == 0:
+                    solver = with_damping(solver)
+                    path = solver.path
                 set_damping(solver, felt)
             filter_track(solver, damped)
             if active.any():

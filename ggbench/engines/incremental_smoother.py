@@ -45,7 +45,7 @@ def _smooth(
     mean, cov, relinearized : (R, K, n), (R, K, n, n), (R,) output.
     """
     runs, epochs = problems.batch.measurements.shape[:2]
-    solver = smoother_of(problems, False)
+    solver = smoother_of(problems)
     path, work = solver.path, solver.work
     windowed = leaving.shape[0] > 0
     for first in lanes.starts(runs):

@@ -180,7 +180,7 @@ def _out_of_lanes(values: np.ndarray, first: int, count: int, tracks: np.ndarray
 def search(problems: Problems, most: int, found: Searches) -> None:
     """Follow the searches to their ends, in at most so many steps each."""
     searches, epochs, n = found.states.shape
-    smoother = smoother_of(problems, False)
+    smoother = smoother_of(problems)
     path, work, costs = smoother.path, smoother.work, smoother.costs
     mixed, cost, moved = lanes.lanes(1, 1), lanes.numbers(0.0), lanes.numbers(0.0)
     share, before = lanes.numbers(0.0), lanes.numbers(0.0)
@@ -293,7 +293,7 @@ def undisturbed(batch: Batch, found: Searches) -> None:
 def filtered_tracks(batch: Batch, found: Searches) -> None:
     """Fill the smoothed tracks of an extended Kalman filter of all runs."""
     runs, epochs, n = found.states.shape
-    smoother = smoother_of(Problems(batch, NONE, np.inf), False)
+    smoother = smoother_of(Problems(batch, NONE, np.inf))
     path, work = smoother.path, smoother.work
     for first in lanes.starts(runs):
         count, group = lanes.count_from(first, runs), lanes.members(first, runs)
@@ -318,7 +318,7 @@ def filtered_tracks(batch: Batch, found: Searches) -> None:
 def answer(problems: Problems, found: Searches, mean: np.ndarray, cov: np.ndarray) -> None:
     """Fill mean (J, K, n) and smoothed covariance (J, K, n, n), linearised as the search was."""
     searches, last = found.states.shape[0], found.states.shape[1] - 1
-    smoother = smoother_of(problems, False)
+    smoother = smoother_of(problems)
     path = smoother.path
     group = lanes.integers()
     for first in lanes.starts(searches):

@@ -56,7 +56,7 @@ class Path:
     filtered, half_cov : (K, 1, n, lanes), (K, 1, n (n + 1) / 2, lanes): x_f and P_f, half of it.
     updates : with the readings.
     damping_rows : (n, n, lanes) √λ/σ on the diagonal.
-    damping : updates with the readings of the states; of no epoch where nothing is ever damped.
+    damping : updates with the readings of the states; of no epoch as long as nothing is damped.
     """
 
     moving: np.ndarray
@@ -152,8 +152,8 @@ def work_of(n: int, m: int) -> Work:
 
 
 @compiled
-def smoother_of(problems: Problems, damped: bool) -> Smoother:
-    """Return the arrays of a group, with those of damping if some steps may be damped.
+def smoother_of(problems: Problems) -> Smoother:
+    """Return the arrays of a group, without those of damping.
 
     Rows and targets before the first step are zero.
     """
@@ -166,14 +166,33 @@ def smoother_of(problems: Problems, damped: bool) -> Smoother:
         new(epochs, m, n), new(epochs, 1, m), new(epochs, m, n),
         new(epochs, 1, m), new(epochs, 1, n), new(epochs, 1, n),
         new(epochs, 1, n), new(epochs, 1, n * (n + 1) // 2), _updates_of(epochs, n, m),
-        one(n, n), _updates_of(epochs if damped else 0, n, n),
+        one(n, n), _updates_of(0, n, n),
     )  # fmt: skip
     path.rows[:] = 0.0
     path.target[:] = 0.0
     return Smoother(
         problems, lanes.moving_states(batch.transition, batch.process_cov), reading, path,
         Costs(one(1, 1), one(1, 1), one(1, 1), one(1, 1), one(1, 1)),
-        work_of(n, m), work_of(n, n if damped else 0),
+        work_of(n, m), work_of(n, n),
+    )  # fmt: skip
+
+
+@compiled
+def with_damping(smoother: Smoother) -> Smoother:
+    """Return one that has room for damping, too: memory that seldom serves costs a fifth of a run.
+
+    More than the C library keeps is given back after each run, and its pages are made again.
+    """
+    old = smoother.path
+    epochs, n = old.rows.shape[0], old.rows.shape[2]
+    path = Path(
+        old.moving, old.phi, old.q, old.rows, old.target, old.old_rows, old.old_target,
+        old.states, old.trial, old.filtered, old.half_cov, old.updates, old.damping_rows,
+        _updates_of(epochs, n, n),
+    )  # fmt: skip
+    return Smoother(
+        smoother.problems, smoother.expected, smoother.reading, path, smoother.costs,
+        smoother.work, smoother.damping_work,
     )  # fmt: skip
 
 
