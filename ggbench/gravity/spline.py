@@ -106,8 +106,7 @@ def _sum_columns(flat: np.ndarray, start: int, row: int, column: int, work: np.n
     """Sum the 16 columns of nodes around a cell with the scratch's weights of the first two axes.
 
     The four nodes of a column, with all their components, are contiguous: 24 numbers, whose sums
-    begin at :data:`_SUMS`. ``start`` is where the first column begins in the flat coefficients,
-    ``row`` and ``column`` how far it is to the next one along the first and the second axis.
+    begin at :data:`_SUMS`. ``start``, ``row`` and ``column`` are those of :func:`_weigh`.
     """
     s_0 = s_1 = s_2 = splat(0.0)
     for a in range(4):
@@ -183,18 +182,18 @@ def vector_at(
     derivative : (3, 3) output, per unit of each axis.
     """
     work, flat = np.empty(_SUMS + 36), coefficients.reshape(-1)
-    i, j, k = _weigh(position[0], position[1], position[2], origin, step, coefficients, work)
-    if i < 0:
+    start, row, column = _weigh(
+        position[0], position[1], position[2], origin, step, coefficients, work
+    )
+    if start < 0:
         value[:] = math.nan
         derivative[:] = math.nan
         return
-    column = 3 * coefficients.shape[2]
-    row = column * coefficients.shape[1]
     # A column of four nodes has twelve numbers: two vectors of eight that overlap.
     low = high = north_low = north_high = east_low = east_high = splat(0.0)
     for a in range(4):
         for b in range(4):
-            at = (i + a) * row + (j + b) * column + 3 * k
+            at = start + a * row + b * column
             first, last = load_from(flat, at), load_from(flat, at + 4)
             weight = splat(work[a] * work[8 + b])
             north, east = splat(work[4 + a] * work[8 + b]), splat(work[a] * work[12 + b])
@@ -224,20 +223,24 @@ def _weigh(
     coefficients: np.ndarray,
     work: np.ndarray,
 ) -> tuple[int, int, int]:
-    """Return the cell that a point is in, and fill ``work`` with the weights of its three axes.
+    """Return where the columns of nodes around a point are; fill the weights of its three axes.
 
-    Of each axis four weights and four derivatives. The cell of NaN is (−1, −1, −1).
+    Of each axis ``work`` gets four weights and four derivatives. The first column begins at the
+    first number returned in the flat coefficients, −1 for NaN; the others are how far it is from
+    there to the next one along the first and the second axis.
     """
     shape = coefficients.shape
+    column = shape[2] * shape[3]
+    row = shape[1] * column
     i, t_0, in_0 = _locate(latitude, origin[0], step[0], shape[0])
     j, t_1, in_1 = _locate(longitude, origin[1], step[1], shape[1])
     k, t_2, in_2 = _locate(height, origin[2], step[2], shape[2])
     if i < 0 or j < 0 or k < 0:
-        return -1, -1, -1
+        return -1, row, column
     _put_weights(t_0, 1.0 / step[0] if in_0 else 0.0, 0, work)
     _put_weights(t_1, 1.0 / step[1] if in_1 else 0.0, 8, work)
     _put_weights(t_2, 1.0 / step[2] if in_2 else 0.0, 16, work)
-    return i, j, k
+    return i * row + j * column + k * shape[3], row, column
 
 
 TENSOR_WORK = _SUMS + 3 * 24
@@ -264,16 +267,14 @@ def spline_tensor_slopes(
     out : output.
     """
     flat = coefficients.reshape(-1)
-    column = 6 * coefficients.shape[2]
-    row = column * coefficients.shape[1]
     for p in range(count):
-        i, j, k = _weigh(
+        start, row, column = _weigh(
             positions[0, p], positions[1, p], positions[2, p], origin, step, coefficients, work
         )
-        if i < 0:
+        if start < 0:
             out[:, p] = math.nan
             continue
-        _sum_columns_and_slopes(flat, i * row + j * column + 6 * k, row, column, work)
+        _sum_columns_and_slopes(flat, start, row, column, work)
         for m in range(6):
             out[m, p] = _up(work, 16, _SUMS, m, 6)
             out[6 + 3 * m, p] = _up(work, 16, _SUMS + 24, m, 6)
@@ -295,15 +296,13 @@ def spline_tensors(
     NaN where a position is; else as :func:`vector_at` has them.
     """
     flat, work = coefficients.reshape(-1), np.empty(_SUMS + 24)
-    column = 6 * coefficients.shape[2]
-    row = column * coefficients.shape[1]
     for p in range(count):
-        i, j, k = _weigh(
+        start, row, column = _weigh(
             positions[0, p], positions[1, p], positions[2, p], origin, step, coefficients, work
         )
-        if i < 0:
+        if start < 0:
             out[:, p] = math.nan
             continue
-        _sum_columns(flat, i * row + j * column + 6 * k, row, column, work)
+        _sum_columns(flat, start, row, column, work)
         for m in range(6):
             out[m, p] = _up(work, 16, _SUMS, m, 6)
