@@ -11,8 +11,8 @@ from ..numerics.lanes import gather_rows, lanes, members
 from ..numerics.vectors import load, store
 from .adjoint import OVER, forward, over, series_terms
 from .known_gravity import KnownGravity
-from .system_matrix import ENTRIES, NAVIGATION_STATES, STATES, entries_between
-from .transitions import metres_at, unit_columns
+from .system_matrix import NAVIGATION_STATES, STATES, entries_between
+from .transitions import entries_of, metres_at, unit_columns
 
 MOVED = (0, 1, 2, 6, 7, 8)
 """Position and attitude error among the states."""
@@ -44,10 +44,7 @@ def delayed_rows_lanes(
     group = members(0, transition.shape[0])
     columns, terms, f = lanes(len(MOVED), STATES), series_terms(), lanes(1, OVER)
     late, phi = lanes(len(MOVED), STATES), lanes(STATES, transition.shape[3])
-    longest = epochs[0]
-    for k in range(1, epochs.shape[0]):
-        longest = max(longest, epochs[k] - epochs[k - 1])
-    entries, metres, which = lanes(longest, ENTRIES), lanes(1, 2), np.array(MOVED)
+    entries, metres, which = entries_of(epochs), lanes(1, 2), np.array(MOVED)
     for k in range(epochs.shape[0]):
         first, part, nearest = intervals_of(delays[k], epochs[k], dt)
         later = k  # the epoch that follows the moment

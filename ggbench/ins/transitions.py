@@ -103,6 +103,15 @@ def compose(
 
 
 @compiled
+def entries_of(epochs: np.ndarray) -> np.ndarray:
+    """Return an array for the entries of F (N, ENTRIES, LANES) between any two of the epochs."""
+    longest = epochs[0]
+    for k in range(1, epochs.shape[0]):
+        longest = max(longest, epochs[k] - epochs[k - 1])
+    return lanes(longest, ENTRIES)
+
+
+@compiled
 def transitions_lanes(
     track: np.ndarray,
     increments: np.ndarray,
@@ -127,10 +136,7 @@ def transitions_lanes(
     noise : that drives the state, over an IMU interval.
     transition, process_cov : (R, K, n, n) of R runs, output, as :func:`compose` fills them.
     """
-    longest = epochs[0]
-    for k in range(1, epochs.shape[0]):
-        longest = max(longest, epochs[k] - epochs[k - 1])
-    entries, start, end = lanes(longest, ENTRIES), lanes(1, 2), lanes(1, 2)
+    entries, start, end = entries_of(epochs), lanes(1, 2), lanes(1, 2)
     first = 0
     metres_at(track, 0, start)
     for k in range(epochs.shape[0]):
