@@ -94,23 +94,19 @@ def compile_estimators(names: Iterable[str]) -> None:
     evaluate_block(states[np.newaxis], states[np.newaxis], cov)
 
 
-def _asked_for() -> Iterator[str]:
-    """Yield the names that the parent asks for; end this process when the parent ends."""
-    asked: queue.SimpleQueue[str] = queue.SimpleQueue()
+def _listen(asked: queue.SimpleQueue[str]) -> None:
+    """Take what the parent asks for; end this process when the parent ends."""
+    asked.put(sys.stdin.readline())
+    sys.stdin.read()
+    os._exit(0)
 
-    def watch() -> None:
-        asked.put(sys.stdin.readline())
-        sys.stdin.read()
-        os._exit(0)
 
-    # At once, and not when the first name is wanted.
-    threading.Thread(target=watch, daemon=True).start()
-
-    def names() -> Iterator[str]:
-        yield from (name for name in json.loads(asked.get()) if ".py" not in name)
-
-    return names()
+def _names(asked: queue.SimpleQueue[str]) -> Iterator[str]:
+    """Yield the names that the parent asks for, once it has."""
+    yield from (name for name in json.loads(asked.get()) if ".py" not in name)
 
 
 if __name__ == "__main__":
-    compile_estimators(_asked_for())
+    parent: queue.SimpleQueue[str] = queue.SimpleQueue()
+    threading.Thread(target=_listen, args=(parent,), daemon=True).start()
+    compile_estimators(_names(parent))
