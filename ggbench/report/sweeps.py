@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from ..spec.axes import AxisSpec
 from ..spec.scenario import Scenario
-from ..spec.sweep import Axis, largest_within
+from ..spec.sweep import largest_within
 from . import columns
 from .views import comparable, few_cases
 
@@ -98,7 +99,9 @@ def reached(scenario: Scenario, figures: pd.DataFrame, cases: pd.DataFrame) -> p
     return pd.DataFrame(rows, columns=["RMS error [m]", "case", "bound", "EKF"])
 
 
-def _reach(axis: Axis, target: float, errors: np.ndarray, low: np.ndarray, high: np.ndarray) -> str:
+def _reach(
+    axis: AxisSpec, target: float, errors: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> str:
     """Return up to which value of an axis errors (n,) reach a target, or the values that do.
 
     ``low`` and ``high`` are the ends of their intervals.

@@ -16,9 +16,6 @@ import numpy as np
 
 from .axes import AxisSpec, SweepSpec, number
 
-Axis = AxisSpec
-"""An axis of the grid is its table."""
-
 
 @dataclass(frozen=True)
 class Point:
@@ -40,7 +37,7 @@ class Sweep:
     points : name of every case of the scenario to its place in the grid.
     """
 
-    axes: tuple[Axis, ...]
+    axes: tuple[AxisSpec, ...]
     targets_m: tuple[float, ...]
     bases: Mapping[str, str] = field(hash=False)
     points: Mapping[str, Point] = field(hash=False)
@@ -77,7 +74,7 @@ def lay_out(spec: SweepSpec, bases: Mapping[str, str]) -> tuple[Sweep, list[Cell
     return Sweep(spec.axis, spec.targets_m, bases, points), cells
 
 
-def largest_within(axis: Axis, errors: np.ndarray, target: float) -> float:
+def largest_within(axis: AxisSpec, errors: np.ndarray, target: float) -> float:
     """Return the largest value of an axis up to which an error stays within a target.
 
     Between two grid points the logarithm of the error is linear in the axis's coordinate (a power

@@ -9,13 +9,16 @@ from reporting import cases, figure, scenario
 
 from ggbench.judging.summary import FIGURES
 from ggbench.report import sweeps
-from ggbench.spec.sweep import Axis, Point, Sweep
+from ggbench.spec.axes import AxisSpec
+from ggbench.spec.sweep import Point, Sweep
 
-NOISE = Axis(name="noise", label="noise", unit="E", scale="log", values=(0.01, 0.1, 1.0), key="k")
-RATE = Axis(name="rate", label="rate", unit="Hz", scale="log", values=(0.1, 1.0, 10.0), key="k")
+NOISE = AxisSpec(
+    name="noise", label="noise", unit="E", scale="log", values=(0.01, 0.1, 1.0), key="k"
+)
+RATE = AxisSpec(name="rate", label="rate", unit="Hz", scale="log", values=(0.1, 1.0, 10.0), key="k")
 
 
-def grid(*axes: Axis, bases: tuple[str, ...] = ("",), targets: tuple[float, ...] = ()):
+def grid(*axes: AxisSpec, bases: tuple[str, ...] = ("",), targets: tuple[float, ...] = ()):
     shape = [len(axis.values) for axis in axes]
     places = [(base, indices) for base in bases for indices in np.ndindex(*shape)]
     points = {f"c{n}": Point(base, indices) for n, (base, indices) in enumerate(places)}
@@ -50,7 +53,7 @@ def test_a_target_is_reached_where_a_power_law_reaches_it():
     ]  # fmt: skip
 
 
-HEADING = Axis(
+HEADING = AxisSpec(
     name="heading",
     label="heading",
     unit="°",

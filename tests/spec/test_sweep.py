@@ -18,8 +18,9 @@ from ggbench.cli.main import main
 from ggbench.simulation import true_motion
 from ggbench.simulation.error_free_flight import prepare
 from ggbench.spec import scenario, sweep
+from ggbench.spec.axes import AxisSpec
 from ggbench.spec.scenario import Scenario, ScenarioError
-from ggbench.spec.sweep import Axis, largest_within
+from ggbench.spec.sweep import largest_within
 
 BASE = SMALL[: SMALL.index("[[case]]")]
 SWEEP = """
@@ -201,8 +202,10 @@ def test_what_cases_share_is_made_once_and_changes_nothing(tmp_path):
             assert np.array_equal(value, vars(shared.trajectory)[name])
 
 
-DECADES = Axis(name="noise", label="noise", unit="E", scale="log", values=(0.01, 0.1, 1.0), key="k")
-STEPS = Axis(name="age", label="age", unit="h", scale="linear", values=(0.0, 1.0, 3.0), key="k")
+DECADES = AxisSpec(
+    name="noise", label="noise", unit="E", scale="log", values=(0.01, 0.1, 1.0), key="k"
+)
+STEPS = AxisSpec(name="age", label="age", unit="h", scale="linear", values=(0.0, 1.0, 3.0), key="k")
 
 
 @pytest.mark.parametrize(
