@@ -79,7 +79,7 @@ def assert_filterpy_agrees(block: ProblemBlock, name: str) -> None:
 
     To a millionth of the prior. An iterated update ends within a thousandth of a deviation of the
     most probable state, where the last halving of a step is decided by rounding: to a ten
-    thousandth. Its covariance, which follows the state's slopes, to a hundred thousandth.
+    thousandth. Its covariance, which follows the state's slopes, to two millionths.
     """
     limit = 1e-4 if "iterations" in name else 1e-6
     found = registry.choose(name).estimator.estimate_block(block)
@@ -89,7 +89,7 @@ def assert_filterpy_agrees(block: ProblemBlock, name: str) -> None:
         expected = expected_of.estimate(block.problem(run))
         assert np.abs((found.mean[run] - expected.mean) / sigma).max() < limit
         scale = np.outer(sigma, sigma)
-        assert np.abs((found.cov[run] - expected.cov) / scale).max() < min(limit, 1e-5)
+        assert np.abs((found.cov[run] - expected.cov) / scale).max() < min(limit, 2e-6)
         nis = innovations_squared(block.problem(run), found.mean[run], found.cov[run])
         np.testing.assert_allclose(found.nis[run], nis, rtol=1e-6)
         if "linearisations" in expected.info:
