@@ -5,11 +5,11 @@ from __future__ import annotations
 import ast
 import dataclasses
 import gc
+import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import psutil
 import pytest
 from campaigns import assert_equal, small
 from command import invoke
@@ -18,7 +18,7 @@ from problems import SMALL
 from small_cases import blank_map, rough_map
 
 import ggbench as gg
-from ggbench.campaign import registry
+from ggbench.campaign import compile_ahead, registry
 from ggbench.judging.run_errors import WINDOWS
 from ggbench.results.store import DETAILED_RUN
 from ggbench.spec import scenario as scenarios
@@ -228,20 +228,20 @@ def test_progress_is_shown_where_somebody_looks(scenario, monkeypatch, capsys):
 
 
 def test_a_first_use_compiles_ahead(scenario, monkeypatch):
-    """In a process that is there while runs are prepared, and ends with the call."""
-    helpers = []
+    """In a process of its own, which ends with the call; there is none when nothing is new."""
+    helpers, start = [], compile_ahead._started
 
-    def look(*_: object) -> None:
-        helpers.extend(
-            c for c in psutil.Process().children() if "compile_ahead" in str(c.cmdline())
-        )
+    def started() -> subprocess.Popen[str]:
+        helpers.append(start())
+        return helpers[-1]
 
+    monkeypatch.setattr(compile_ahead, "_started", started)
     for first in (["First use."], []):
         helpers.clear()
         monkeypatch.setattr("ggbench.api.running.first_use", lambda *_, first=first: first)
-        gg.run(scenario, "ins", runs=1, jobs=2, progress=look)
-        assert len({process.pid for process in helpers}) == len(first)
-        assert not any(process.is_running() for process in helpers)
+        gg.run(scenario, "ins", runs=1, jobs=2)
+        assert len(helpers) == len(first)
+        assert all(process.returncode is not None for process in helpers)
 
 
 def test_progress_in_a_notebook_needs_no_widgets(scenario, monkeypatch, recwarn):
