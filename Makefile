@@ -114,7 +114,7 @@ format: $(INSTALLED)
 typecheck: $(INSTALLED)
 	rm -rf build/typecheck
 	mkdir -p build/typecheck/ggbench
-	cd build/typecheck/ggbench && ln -s $(addprefix ../../../,$(filter-out %/__pycache__,$(wildcard ggbench/*)) estimators matchability scenarios) .
+	cd build/typecheck/ggbench && ln -s $(addprefix ../../../,$(filter-out %/__pycache__,$(wildcard ggbench/*)) estimators scenarios) .
 	$(BIN)/mypy -p ggbench
 
 keys: $(INSTALLED)
@@ -159,7 +159,8 @@ $(INSTALLED): pyproject.toml requirements.lock
 lock:
 	rm -rf build/lock
 	"$(PYTHON)" -m venv build/lock
-	build/lock/bin/python -m pip install --quiet ".[test,docs,dev]"
+	build/lock/bin/python -m pip install --quiet --upgrade "pip>=25.1"
+	build/lock/bin/python -m pip install --quiet . --group test --group docs --group dev
 	{ echo "# Exact versions for the make targets; renewed by: make lock"; \
 	  build/lock/bin/python -m pip freeze --all --exclude pip --exclude ggbench; } \
 		>build/requirements.lock
@@ -168,4 +169,4 @@ lock:
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache
-	find benchmarks ggbench estimators matchability scenarios studies tests -name __pycache__ -prune -exec rm -rf {} +
+	find benchmarks ggbench estimators scenarios studies tests -name __pycache__ -prune -exec rm -rf {} +

@@ -35,19 +35,15 @@ strangers = {t for t in top_level if t != "ggbench" and not t.endswith(".dist-in
 if strangers:
     sys.exit(f"check_wheel: at the top level of the wheel: {sorted(strangers)}")
 
-installed_as = {"docs": "ggbench/docs", "ggbench": "ggbench", "estimators": "ggbench/estimators", "matchability": "ggbench/matchability", "scenarios": "ggbench/scenarios"}
+installed_as = {"ggbench": "ggbench", "estimators": "ggbench/estimators", "scenarios": "ggbench/scenarios"}
 wanted = {
     f"{package}/{path.relative_to(repo / folder).as_posix()}"
     for folder, package in installed_as.items()
     for path in (repo / folder).rglob("*")
     if path.suffix in {".py", ".toml", ".npz", ".md", ".png", ".html", ".css", ".js", ".j2"} or path.name == "py.typed"
-    if not {"generated", "scripts", "examples"} & {*path.relative_to(repo).parts}  # they make the site
 }
 if missing := wanted - names:
     sys.exit(f"check_wheel: not in the wheel: {sorted(missing)}")
-# What results depend on is hashed over all modules: those of the documentation are none of them.
-if modules := [name for name in names if name.startswith("ggbench/docs/") and name.endswith(".py")]:
-    sys.exit(f"check_wheel: modules of the documentation are in the wheel: {modules}")
 print(f"{wheel.name}: {len(names)} files, {wheel.stat().st_size / 1e6:.1f} MB")
 EOF
 
@@ -56,7 +52,7 @@ EOF
     --constraint "$repo/requirements.lock" "$work"/dist/*.whl
 
 site_packages=$("$work/venv/bin/python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
-for name in benchmarks docs estimators matchability scenarios studies tests; do
+for name in benchmarks docs estimators scenarios studies tests; do
     [[ ! -e $site_packages/$name ]] || fail "site-packages holds a top-level $name"
 done
 # docs/start.md says where it goes.

@@ -74,10 +74,8 @@ def violations(root: Path) -> list[str]:
     """Imports that the table does not allow, as sentences."""
     floor = {room: n for n, rooms in enumerate(FLOORS) for room in rooms}
     found = []
-    files = [*(root / "ggbench").rglob("*.py"), *(root / "matchability").rglob("*.py")]
-    for file in sorted(files):
-        place = file.relative_to(root)
-        place = place.relative_to("ggbench") if place.parts[0] == "ggbench" else place
+    for file in sorted((root / "ggbench").rglob("*.py")):
+        place = file.relative_to(root / "ggbench")
         mine = place.parts[0].removesuffix(".py")
         if mine == "__init__":
             continue
@@ -115,14 +113,14 @@ def test_rooms_know_only_what_stands_above_them():
         ("ggbench/numerics/lanes.py", "from .. import block\n"),
         ("ggbench/attic.py", "import numpy\n"),
         ("ggbench/judging/field_scale.py", "from ..matchability import statistics\n"),
-        ("matchability/score.py", "from ..cli import maps\n"),
+        ("ggbench/matchability/score.py", "from ..cli import maps\n"),
         ("estimators/ekf.py", "from ..simulation.runs import simulate\n"),
         ("estimators/ins.py", "from ggbench.results import store\n"),
     ],
 )
 def test_an_import_that_climbs_is_seen(tmp_path, place, line):
     """The guard fails where it should: one planted line is one violation."""
-    for folder in ("ggbench", "estimators", "matchability"):
+    for folder in ("ggbench", "estimators"):
         shutil.copytree(ROOT / folder, tmp_path / folder, ignore=shutil.ignore_patterns("*.pyc"))
     file = tmp_path / place
     before = file.read_text(encoding="utf-8") if file.exists() else ""
@@ -189,5 +187,5 @@ def test_every_room_is_installed():
         for file in (ROOT / "ggbench").rglob("__init__.py")
     }
     listed = project["tool"]["setuptools"]["packages"]
-    apart = {"ggbench.docs", "ggbench.estimators", "ggbench.matchability", "ggbench.scenarios"}
+    apart = {"ggbench.estimators", "ggbench.scenarios"}
     assert sorted(listed) == sorted(rooms | apart)

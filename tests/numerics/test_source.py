@@ -81,9 +81,7 @@ def as_python_reads(file: Path, place: Path | None = None) -> set[Path]:
                 places = base / f"{name.name}.py", base / name.name / "__init__.py"
                 places += base.with_suffix(".py"), base / "__init__.py"
                 here = [path for path in places if path.is_file()]
-                # Estimators and matchability are elsewhere in a checkout, and not found here.
-                apart = "matchability" in (node.module or "")
-                assert here or apart or place != file, (file, name.name)
+                assert here or place != file, (file, name.name)
                 found.update(here[:1])
     return found
 
